@@ -1,0 +1,56 @@
+"""Slots of the two float64 vectors that every plant body shares: ``inputs`` and ``outputs``.
+
+Axes: x forward, y left, z up; roll > 0 lifts the left side; bank > 0 is a road whose left side is
+higher; wheels in the order front left, front right, rear left, rear right. SI units throughout.
+"""
+
+# What drives a body. A slot for four wheels names the first of four consecutive ones.
+STEER = 0  # road-wheel angle of the front axle, > 0 left (rad)
+DRIVE_FORCE = 1  # sum of traction at the driven wheels, < 0 brakes evenly (N)
+BRAKE_FORCE = 2  # braking force demanded at each wheel, >= 0 (N), 4
+CORNER_FORCE = 6  # actuator force on the body at each corner, upwards, reaction on the wheel (N), 4
+BAR_MOMENT_FRONT = 10  # moment on the body, > 0 lifts the left side, reaction on the wheels (N·m)
+BAR_MOMENT_REAR = 11
+VALVE_CURRENT_FRONT = 12  # servo-valve current of the electro-hydraulic bars (A)
+VALVE_CURRENT_REAR = 13
+ROAD_HEIGHT = 14  # road height under each wheel (m), 4
+BANK = 18  # road bank angle (rad)
+GRADE = 19  # road grade, > 0 uphill (rad)
+FRICTION = 20  # road friction, scales the tyre's peak
+LATERAL_ACCELERATION = 21  # prescribed a_y (m/s²) for the roll-only plant; NaN: from the tyres
+N_INPUTS = 22
+
+# What a body tells.
+X = 0  # position of the CG on the road plane (m)
+Y = 1
+YAW = 2  # heading (rad)
+VX = 3  # velocity of the CG in the car's heading frame (m/s)
+VY = 4
+AX = 5  # acceleration of the CG along the road plane, heading frame (m/s²)
+AY = 6
+YAW_RATE = 7
+YAW_ACC = 8
+ROLL = 9  # of the body relative to the road (rad)
+ROLL_RATE = 10
+ROLL_ACC = 11
+PITCH = 12  # > 0 nose down (rad)
+PITCH_RATE = 13
+PITCH_ACC = 14
+HEAVE = 15  # of the sprung CG from its static height (m)
+HEAVE_RATE = 16
+HEAVE_ACC = 17
+WHEEL_LOAD = 18  # vertical tyre load (N), 4
+TRAVEL = 22  # suspension travel from static, extension > 0 (m), 4
+TRAVEL_RATE = 26  # (m/s), 4
+WHEEL_SPEED = 30  # spin (rad/s), 4
+WHEEL_HEIGHT = 34  # height of each wheel over the road from static, > 0.05 is a lift (m), 4
+LATERAL_FORCE = 38  # tyre force of each wheel along the car's left (N), 4
+PATH_ERROR = 42  # lateral distance from the driver's path, left > 0 (m); the driver fills it
+ROLLOVER = 43  # 1 once the car has rolled over: an end state
+TWO_WHEEL_LIFT = 44  # 1 while both wheels of one side are off the road
+BAR_MOMENT = (
+    45  # moment on the body from integrated electro-hydraulic bars, front and rear (N·m), 2
+)
+BAR_ANGLE = 47  # shaft angle of their hydromotors (rad), 2
+BAR_PRESSURE = 49  # their load pressure (Pa), 2
+N_OUTPUTS = 51

@@ -1,0 +1,131 @@
+"""Refuses what no vehicle can be: each check names the key and says what is wrong."""
+
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from math import isfinite
+from typing import Any
+
+from vehicles.model import RollModel, Vehicle
+
+SIGNED = ("imu_position", "imu_misalignment", "bias", "roll_centre_height", "tyre.curvature")
+"""Keys whose numbers may be negative; every other number of a vehicle must not be."""
+
+MAY_BE_ZERO = (
+    "noise_density",
+    "latency",
+    "rolling_resistance",
+    "friction_load_slope",
+    "cornering_load_slope",
+    "leakage",
+    "spring_rate",
+    "lane_offset",
+    "soft_force",
+    "firm_force",
+    "dampers.rate",
+)
+
+
+def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:  # noqa: ANN401
+    if is_dataclass(value):
+        for field in fields(value):
+            yield from _numbers(
+                getattr(value, field.name), f"{path}.{field.name}" if path else field.name
+            )
+    elif isinstance(value, dict):
+        for key, item in value.items():
+            yield from _numbers(item, f"{path}.{key}")
+    elif isinstance(value, tuple):
+        for item in value:
+            yield from _numbers(item, path)
+    elif isinstance(value, float):
+        yield path, value
+
+
+def _signs(vehicle: Vehicle) -> Iterator[str]:
+    for path, value in _numbers(vehicle, ""):
+        if not isfinite(value):
+            yield f"{path} = {value}: not a finite number"
+        elif value < 0 and not any(key in path for key in SIGNED):
+            yield f"{path} = {value:g}: must not be negative"
+        elif value == 0 and not any(key in path for key in SIGNED + MAY_BE_ZERO):
+            yield f"{path} = 0: must be positive"
+
+
+def _roll_model(model: RollModel, part: str) -> Iterator[str]:
+    if model.effective_stiffness <= 0:
+        yield (
+            f"{part}.roll_stiffness = {model.roll_stiffness:g}: does not hold the body up, "
+            f"it must exceed m g h = {model.roll_stiffness - model.effective_stiffness:.0f} N·m/rad"
+        )
+    elif model.inertia_about_cg <= 0:
+        yield (
+            f"{part}.roll_inertia = {model.roll_inertia:g}: taken about the roll axis it must "
+            f"exceed m h² = {model.roll_inertia - model.inertia_about_cg:.0f} kg·m²"
+        )
+
+
+def _inertia(vehicle: Vehicle) -> Iterator[str]:
+    """Each principal moment of a rigid body is at most the sum of the other two."""
+    mass, geometry = vehicle.mass, vehicle.geometry
+    axles = (
+        mass.unsprung_front * (geometry.cg_to_front_axle**2 + geometry.half_track_front**2)
+        + mass.unsprung_rear * (geometry.cg_to_rear_axle**2 + geometry.half_track_rear**2)
+        + vehicle.plant.sprung_mass * vehicle.sprung_cg_offset**2
+    )
+    roll, pitch = vehicle.plant.inertia_about_cg, mass.pitch_inertia
+    yaw = mass.yaw_inertia - axles
+    if yaw <= 0:
+        yield (
+            f"mass.yaw_inertia = {mass.yaw_inertia:g}: less than the wheels alone bring about "
+            f"the centre of gravity, {axles:.0f} kg·m²"
+        )
+        return
+    names = (("roll", roll), ("pitch", pitch), ("yaw", yaw))
+    for name, moment in names:
+        others = roll + pitch + yaw - moment
+        if moment > others:
+            yield (
+                f"mass: impossible inertia, no rigid body has a {name} moment of {moment:.0f} "
+                f"above the sum of the other two, {others:.0f} kg·m² (sprung body about its CG)"
+            )
+
+
+def _consistency(vehicle: Vehicle) -> Iterator[str]:
+    for key in ("roll_stiffness_front_share", "roll_damping_front_share", "high_speed_ratio"):
+        value = getattr(vehicle.suspension, key)
+        if not 0 < value < 1 and not (key == "high_speed_ratio" and value == 1):
+            yield f"suspension.{key} = {value:g}: a share lies between 0 and 1"
+    tyre = vehicle.tyre
+    for key in ("friction_load_slope", "cornering_load_slope"):
+        if getattr(tyre, key) >= 0.5:
+            yield f"tyre.{key} = {getattr(tyre, key):g}: must stay below 0.5, or force falls with load"
+    if not 1 <= tyre.shape < 2:
+        yield f"tyre.shape = {tyre.shape:g}: the magic formula's C lies in [1, 2)"
+    if tyre.curvature > 1:
+        yield f"tyre.curvature = {tyre.curvature:g}: the magic formula's E is at most 1"
+    dampers = vehicle.actuators.dampers
+    count = len(dampers.rate)
+    if count < 2 or len(dampers.soft_force) != count or len(dampers.firm_force) != count:
+        yield "actuators.dampers: rate, soft_force and firm_force need the same length, at least 2"
+    elif dampers.rate[0] != 0 or any(
+        b <= a for a, b in zip(dampers.rate, dampers.rate[1:], strict=False)
+    ):
+        yield "actuators.dampers.rate: must start at 0 and increase"
+    elif any(s > f for s, f in zip(dampers.soft_force, dampers.firm_force, strict=True)):
+        yield "actuators.dampers: soft_force must nowhere exceed firm_force"
+    if vehicle.geometry.width < 2 * 0.8 * vehicle.geometry.half_track_front:
+        yield f"geometry.width = {vehicle.geometry.width:g}: narrower than the track"
+
+
+def problems(vehicle: Vehicle) -> Iterator[str]:
+    """What makes ``vehicle`` impossible, one line each; nothing for a possible one."""
+    signs = list(_signs(vehicle))
+    yield from signs
+    if signs:
+        return
+    yield from _roll_model(vehicle.design, "design")
+    plant = list(_roll_model(vehicle.plant, "plant"))
+    yield from plant
+    if not plant:
+        yield from _inertia(vehicle)
+    yield from _consistency(vehicle)

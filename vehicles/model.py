@@ -1,0 +1,335 @@
+"""A vehicle as frozen dataclasses: what a design needs, what a plant needs, in SI units.
+
+Axes: x forward, y left, z up. Wheels: front left, front right, rear left, rear right.
+"""
+
+from dataclasses import dataclass
+from math import degrees, sqrt
+
+GRAVITY = 9.81
+"""Standard gravity as every paper of the presets uses it (m/s²)."""
+
+
+@dataclass(frozen=True, slots=True)
+class RollModel:
+    """I φ'' + C φ' + (K − m g h) φ = m h a_y + M, the 1-DOF roll model about the roll axis.
+
+    Units: kg·m², N·m·s/rad, N·m/rad, kg, m. ``roll_stiffness`` is K, gravity not yet taken off.
+    """
+
+    roll_inertia: float
+    roll_damping: float
+    roll_stiffness: float
+    sprung_mass: float
+    cg_height_above_roll_axis: float
+
+    @property
+    def roll_arm(self) -> float:
+        """m h (kg·m): the moment on the body per unit of lateral acceleration."""
+        return self.sprung_mass * self.cg_height_above_roll_axis
+
+    @property
+    def effective_stiffness(self) -> float:
+        """K − m g h (N·m/rad): what resists roll once gravity has taken its part."""
+        return self.roll_stiffness - self.roll_arm * GRAVITY
+
+    @property
+    def natural_frequency(self) -> float:
+        """Undamped natural frequency (rad/s)."""
+        return sqrt(self.effective_stiffness / self.roll_inertia)
+
+    @property
+    def damping_ratio(self) -> float:
+        """Share of critical damping."""
+        return self.roll_damping / (2 * sqrt(self.effective_stiffness * self.roll_inertia))
+
+    @property
+    def roll_gradient_deg_per_g(self) -> float:
+        """Steady roll angle per lateral acceleration (degrees per g)."""
+        return degrees(self.roll_arm * GRAVITY / self.effective_stiffness)
+
+    @property
+    def inertia_about_cg(self) -> float:
+        """Roll inertia of the sprung mass about its own centre of gravity (kg·m²)."""
+        return self.roll_inertia - self.roll_arm * self.cg_height_above_roll_axis
+
+
+@dataclass(frozen=True, slots=True)
+class Geometry:
+    """Lengths in m; heights above the road. Distances to the axles are from the whole car's CG."""
+
+    cg_to_front_axle: float
+    cg_to_rear_axle: float
+    half_track_front: float
+    half_track_rear: float
+    roll_centre_height_front: float
+    roll_centre_height_rear: float
+    width: float
+
+    @property
+    def wheelbase(self) -> float:
+        """Distance between the axles (m)."""
+        return self.cg_to_front_axle + self.cg_to_rear_axle
+
+
+@dataclass(frozen=True, slots=True)
+class Mass:
+    """Unsprung masses by axle (kg) and the sprung body's inertia about its own CG (kg·m²).
+
+    The roll inertia comes from the plant's roll model; ``yaw_inertia`` is that of the whole car.
+    """
+
+    unsprung_front: float
+    unsprung_rear: float
+    pitch_inertia: float
+    yaw_inertia: float
+
+
+@dataclass(frozen=True, slots=True)
+class Suspension:
+    """Wheel rates and dampers; anti-roll bars take what the springs leave of the roll stiffness.
+
+    Spring rates per corner at the wheel (N/m). Shares are the front axle's part of the plant's roll
+    stiffness and damping. Dampers are bilinear: rebound over bump ratio, and above ``knee_speed``
+    (m/s) ``high_speed_ratio`` of the slope. Bump stops: clearance (m), quadratic rate (N/m²).
+    """
+
+    spring_rate_front: float
+    spring_rate_rear: float
+    roll_stiffness_front_share: float
+    roll_damping_front_share: float
+    rebound_bump_ratio: float
+    knee_speed: float
+    high_speed_ratio: float
+    bump_clearance: float
+    rebound_clearance: float
+    bump_stop_rate: float
+
+
+@dataclass(frozen=True, slots=True)
+class Tyre:
+    """Tyres of both axles. Cornering stiffnesses per axle at the static load (N/rad).
+
+    ``friction`` is the peak friction coefficient at the static load on a road of friction 1;
+    ``friction_load_slope`` is its fall per relative overload; ``cornering_load_slope`` the fall of
+    cornering stiffness over load. ``shape`` and ``curvature`` are the magic formula's C and E.
+    Radius (m), stiffness (N/m) and damping (N·s/m) per wheel, wheel inertia (kg·m²).
+    """
+
+    cornering_stiffness_front: float
+    cornering_stiffness_rear: float
+    longitudinal_stiffness: float
+    friction: float
+    friction_load_slope: float
+    cornering_load_slope: float
+    shape: float
+    curvature: float
+    relaxation_length: float
+    vertical_stiffness: float
+    vertical_damping: float
+    radius: float
+    wheel_inertia: float
+    rolling_resistance: float
+
+
+@dataclass(frozen=True, slots=True)
+class Steering:
+    """Steering-wheel to road-wheel ratio, and limits at the road wheels (rad, rad/s)."""
+
+    ratio: float
+    angle_limit: float
+    rate_limit: float
+
+
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """Preview driver tuned on the passive car.
+
+    ``preview_time`` (s), ``lag`` of the arms (s), and the lateral acceleration (m/s²) beyond
+    which this driver turns the wheel no further.
+    """
+
+    preview_time: float
+    lag: float
+    lateral_acceleration_limit: float
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveSuspension:
+    """Four-corner active suspension: one force actuator a corner.
+
+    First-order lag (s), force limit (N), rate limit (N/s) and power limit (W), each per corner.
+    """
+
+    lag: float
+    force_limit: float
+    force_rate_limit: float
+    power_limit: float
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveBars:
+    """Active anti-roll bars: one torque actuator an axle. Lag (s), limits (N·m, N·m/s) per axle."""
+
+    lag: float
+    torque_limit: float
+    torque_rate_limit: float
+
+
+@dataclass(frozen=True, slots=True)
+class SemiActiveDampers:
+    """Continuously variable dampers: force over stroke rate at the softest and firmest current.
+
+    ``rate`` (m/s, increasing, from 0), ``soft_force`` and ``firm_force`` (N) at those rates for
+    extension; compression mirrors them. ``current_limit`` (A) is the firmest setting.
+    """
+
+    lag: float
+    current_limit: float
+    rate: tuple[float, ...]
+    soft_force: tuple[float, ...]
+    firm_force: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ElectroHydraulicBars:
+    """Servo-valve and hydromotor in each anti-roll bar (Vu 2020, eqs. 1 to 7 and Table 1).
+
+    Spool: ``valve_frequency`` (rad/s), ``valve_damping``, ``valve_gain`` (m/A), flow gain (m²/s),
+    pressure coefficient (m³/(s·Pa)). Motor: bulk modulus (Pa), volumes (m³, m³/rad), leakage
+    (m³/(s·Pa)) and leakage by rotation (m³/rad), inertia (kg·m²), damping (N·m·s/rad).
+    ``bar_stiffness`` (N·m/rad) is the bar's twist at the motor shaft, ``lever_ratio`` body roll
+    to shaft angle; limits of current (A), pressure (Pa) and shaft angle (rad).
+    """
+
+    valve_frequency: float
+    valve_damping: float
+    valve_gain: float
+    flow_gain: float
+    pressure_coefficient: float
+    bulk_modulus: float
+    volume: float
+    displacement: float
+    leakage: float
+    leakage_by_rotation: float
+    motor_inertia: float
+    motor_damping: float
+    bar_stiffness: float
+    lever_ratio: float
+    current_limit: float
+    supply_pressure: float
+    angle_limit: float
+
+
+@dataclass(frozen=True, slots=True)
+class Actuators:
+    """Data of every kind of roll actuator that the vehicle can be fitted with."""
+
+    suspension: ActiveSuspension
+    bars: ActiveBars
+    dampers: SemiActiveDampers
+    valves: ElectroHydraulicBars
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One sensor signal: SI units of the signal, per √Hz, per K; filter (Hz) and latency (s)."""
+
+    noise_density: float
+    bias: float
+    bias_per_kelvin: float
+    range: float
+    bandwidth: float
+    latency: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sensors:
+    """Mounting of the IMU and its channels, and the chassis sensors.
+
+    ``imu_position``: m from the sprung CG (x, y, z); ``imu_misalignment``: rad about x, y, z.
+    """
+
+    imu_position: tuple[float, float, float]
+    imu_misalignment: tuple[float, float, float]
+    roll_rate: Channel
+    yaw_rate: Channel
+    lateral_acceleration: Channel
+    longitudinal_acceleration: Channel
+    suspension_travel: Channel
+    suspension_rate: Channel
+    speed: Channel
+    steering_wheel: Channel
+
+
+@dataclass(frozen=True, slots=True)
+class Vehicle:
+    """Everything known about one vehicle.
+
+    ``design`` is what a controller may know; ``plant`` is the roll model of the simulated vehicle,
+    calibrated apart from it. ``speeds`` holds a default speed (m/s) by manoeuvre name and
+    ``lane_offset`` the lateral offset (m) of the double lane change. ``sources`` maps a section or
+    ``section.key`` to where its numbers come from.
+    """
+
+    name: str
+    title: str
+    basis: str
+    design: RollModel
+    plant: RollModel
+    geometry: Geometry
+    mass: Mass
+    suspension: Suspension
+    tyre: Tyre
+    steering: Steering
+    driver: Driver
+    actuators: Actuators
+    sensors: Sensors
+    speeds: dict[str, float]
+    lane_offset: float
+    sources: dict[str, str]
+
+    @property
+    def total_mass(self) -> float:
+        """Sprung and unsprung mass together (kg)."""
+        return self.plant.sprung_mass + self.mass.unsprung_front + self.mass.unsprung_rear
+
+    @property
+    def sprung_cg_offset(self) -> float:
+        """How far the sprung CG lies ahead of the whole car's (m)."""
+        moment = (
+            self.mass.unsprung_rear * self.geometry.cg_to_rear_axle
+            - self.mass.unsprung_front * self.geometry.cg_to_front_axle
+        )
+        return moment / self.plant.sprung_mass
+
+    @property
+    def sprung_cg_height(self) -> float:
+        """Height of the sprung CG above the road (m): roll axis there plus the plant's h."""
+        geometry = self.geometry
+        ahead = geometry.cg_to_rear_axle + self.sprung_cg_offset
+        slope = geometry.roll_centre_height_front - geometry.roll_centre_height_rear
+        roll_axis = geometry.roll_centre_height_rear + slope * ahead / geometry.wheelbase
+        return roll_axis + self.plant.cg_height_above_roll_axis
+
+    @property
+    def cg_height(self) -> float:
+        """Height of the whole car's CG above the road (m), unsprung masses at wheel height."""
+        unsprung = self.mass.unsprung_front + self.mass.unsprung_rear
+        moment = self.plant.sprung_mass * self.sprung_cg_height + unsprung * self.tyre.radius
+        return moment / self.total_mass
+
+    @property
+    def static_stability_factor(self) -> float:
+        """Mean half track over CG height: the lateral acceleration in g that tips a rigid car."""
+        geometry = self.geometry
+        return (geometry.half_track_front + geometry.half_track_rear) / (2 * self.cg_height)
+
+    def source(self, key: str) -> str:
+        """Where the number at ``section.key`` comes from: the longest matching source entry."""
+        parts = key.split(".")
+        for length in range(len(parts), 0, -1):
+            text = self.sources.get(".".join(parts[:length]))
+            if text is not None:
+                return text
+        return ""
