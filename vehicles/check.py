@@ -98,7 +98,7 @@ def _consistency(vehicle: Vehicle) -> Iterator[str]:
     tyre = vehicle.tyre
     for key in ("friction_load_slope", "cornering_load_slope"):
         if getattr(tyre, key) >= 0.5:
-            yield f"tyre.{key} = {getattr(tyre, key):g}: must stay below 0.5, or force falls with load"
+            yield f"tyre.{key} = {getattr(tyre, key):g}: from 0.5 on, grip would fall with load"
     if not 1 <= tyre.shape < 2:
         yield f"tyre.shape = {tyre.shape:g}: the magic formula's C lies in [1, 2)"
     if tyre.curvature > 1:

@@ -1,0 +1,51 @@
+"""The plant bodies by name: what steps them and what builds their state and parameters."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import UnknownNameError
+from plant_sim import ports, roll1
+from vehicles import Vehicle
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """One plant body.
+
+    ``step(state, inputs, parameters, outputs, dt)`` is a numba C function: it advances ``state``
+    in place and fills ``outputs``. ``build(vehicle, speed)`` gives the state on a straight road
+    at ``speed`` (m/s) and the parameter vector.
+    """
+
+    name: str
+    title: str
+    step: Any
+    build: Callable[[Vehicle, float], tuple[Vector, Vector]]
+
+
+BODIES: dict[str, Body] = {
+    body.name: body
+    for body in (Body("roll1", "1-DOF roll model with a linear bicycle", roll1.step, roll1.build),)
+}
+
+
+def body(name: str) -> Body:
+    """The body of that name; :class:`UnknownNameError` suggests the nearest for another."""
+    if name not in BODIES:
+        raise UnknownNameError("plant", name, BODIES)
+    return BODIES[name]
+
+
+def initial_inputs() -> Vector:
+    """Inputs of a car on a flat, dry road with nothing applied."""
+    inputs = np.zeros(ports.N_INPUTS)
+    inputs[ports.FRICTION] = 1.0
+    inputs[ports.LATERAL_ACCELERATION] = np.nan
+    return inputs
+

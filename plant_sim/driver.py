@@ -1,0 +1,164 @@
+"""The preview driver and the open-loop steering robot: one kernel that fills a body's inputs.
+
+The driver predicts where the car will be one preview time ahead if it goes on as it moves now,
+compares that with the path, and asks for the lateral acceleration that closes the gap in that
+time, a = 2 e / T². Knowing that the car answers late it asks for more as long as it feels less
+than that. It turns the wheel by the bicycle model's steady gain, through the lag of the arms
+and the limits of the steering, never asking for more than it dares.
+"""
+
+from math import cos, floor, hypot, sin
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim import ports
+from plant_sim.jit import njit
+
+FOLLOW_PATH = 0
+STEER_TABLE = 1
+ACCELERATION_TABLE = 2
+
+(
+    D_PREVIEW_TIME,
+    D_LAG,
+    D_ACCELERATION_LIMIT,
+    D_WHEELBASE,
+    D_UNDERSTEER,
+    D_STEER_LIMIT,
+    D_STEER_RATE,
+    D_SPEED,
+    D_SPEED_GAIN,
+    D_RELEASE_TIME,
+    D_PATH_STEP,
+    D_TABLE_STEP,
+    D_FRICTION,
+    D_ROAD_STEP,
+    D_FRONT,
+    D_REAR,
+    D_TIME_STEP,
+    D_ANSWER_LAG,
+) = range(18)
+N_DRIVER = 18
+
+(M_STATION, M_STEER, M_TRAVELLED) = range(3)
+N_MEMORY = 3
+
+
+class Drive(NamedTuple):
+    """What drives a manoeuvre, as arrays for the kernels. ``memory`` belongs to one run only."""
+
+    kind: int
+    """FOLLOW_PATH, STEER_TABLE (road-wheel angle over time) or ACCELERATION_TABLE (a_y)."""
+    parameters: NDArray[np.float64]
+    path_x: NDArray[np.float64]
+    """Path at equal steps of arc length (m)."""
+    path_y: NDArray[np.float64]
+    table: NDArray[np.float64]
+    """Steering angle (rad) or lateral acceleration (m/s²) at equal steps of time."""
+    bank: NDArray[np.float64]
+    """Road bank (rad) at equal steps of distance travelled."""
+    road_left: NDArray[np.float64]
+    """Road height (m) under the left and the right wheels, at the same steps."""
+    road_right: NDArray[np.float64]
+    memory: NDArray[np.float64]
+
+
+@njit
+def sample(table: Any, position: float) -> float:  # noqa: ANN401
+    """Linear interpolation in ``table`` at ``position`` (in steps), held at its ends."""
+    last = table.size - 1
+    if position <= 0.0:
+        return float(table[0])
+    if position >= last:
+        return float(table[last])
+    i = int(floor(position))
+    part = position - i
+    return float(table[i] * (1.0 - part) + table[i + 1] * part)
+
+
+@njit
+def _path_point(drive: Any, station: float) -> tuple[float, float, float, float]:  # noqa: ANN401
+    """Point and unit tangent of the path at ``station`` (m); straight on beyond its ends."""
+    step = drive.parameters[D_PATH_STEP]
+    last = drive.path_x.size - 2
+    i = min(max(int(floor(station / step)), 0), last)
+    dx = drive.path_x[i + 1] - drive.path_x[i]
+    dy = drive.path_y[i + 1] - drive.path_y[i]
+    length = hypot(dx, dy)
+    part = station / step - i
+    return drive.path_x[i] + part * dx, drive.path_y[i] + part * dy, dx / length, dy / length
+
+
+@njit
+def _follow(outputs: Any, drive: Any) -> float:  # noqa: ANN401
+    """Road-wheel angle the driver wants (rad); keeps the station and reports the path error."""
+    parameters, memory = drive.parameters, drive.memory
+    heading = outputs[ports.YAW]
+    velocity_x = outputs[ports.VX] * cos(heading) - outputs[ports.VY] * sin(heading)
+    velocity_y = outputs[ports.VX] * sin(heading) + outputs[ports.VY] * cos(heading)
+    speed = max(hypot(velocity_x, velocity_y), 1.0)
+
+    x, y, tx, ty = _path_point(drive, memory[M_STATION])
+    away_x, away_y = outputs[ports.X] - x, outputs[ports.Y] - y
+    memory[M_STATION] += min(max(away_x * tx + away_y * ty, 0.0), 1.0)
+    outputs[ports.PATH_ERROR] = away_y * tx - away_x * ty
+
+    preview = parameters[D_PREVIEW_TIME]
+    target_x, target_y, _, _ = _path_point(drive, memory[M_STATION] + speed * preview)
+    gap_x = target_x - outputs[ports.X] - velocity_x * preview
+    gap_y = target_y - outputs[ports.Y] - velocity_y * preview
+    lag = parameters[D_ANSWER_LAG]
+    haste = 2.0 * lag * (preview - 0.5 * lag) / preview**2
+    gap = (gap_y * velocity_x - gap_x * velocity_y) / speed
+    limit = parameters[D_ACCELERATION_LIMIT]
+    closing = 2.0 * gap / preview**2
+    wanted = min(max((1.0 + haste) * closing - haste * outputs[ports.AY], -limit), limit)
+    return wanted * (parameters[D_WHEELBASE] / speed**2 + parameters[D_UNDERSTEER])
+
+
+@njit
+def drive(t_ns: int, outputs: Any, inputs: Any, drive: Any) -> None:  # noqa: ANN401
+    """Fill ``inputs`` for the step that starts at ``t_ns``, from the ``outputs`` of the last one.
+
+    Writes steering, drive force, bank, friction, road heights or prescribed acceleration, and the
+    path error into ``outputs``; leaves the actuator slots alone.
+    """
+    parameters, memory = drive.parameters, drive.memory
+    time = t_ns * 1e-9
+    dt = parameters[D_TIME_STEP]
+    if drive.kind == ACCELERATION_TABLE:
+        inputs[ports.LATERAL_ACCELERATION] = sample(drive.table, time / parameters[D_TABLE_STEP])
+    else:
+        if drive.kind == FOLLOW_PATH:
+            wanted = _follow(outputs, drive)
+            change = (wanted - memory[M_STEER]) * dt / (parameters[D_LAG] + dt)
+        else:
+            change = sample(drive.table, time / parameters[D_TABLE_STEP]) - memory[M_STEER]
+        most = parameters[D_STEER_RATE] * dt
+        steer = memory[M_STEER] + min(max(change, -most), most)
+        memory[M_STEER] = min(
+            max(steer, -parameters[D_STEER_LIMIT]), parameters[D_STEER_LIMIT]
+        )
+        inputs[ports.STEER] = memory[M_STEER]
+
+    if time < parameters[D_RELEASE_TIME]:
+        inputs[ports.DRIVE_FORCE] = parameters[D_SPEED_GAIN] * (
+            parameters[D_SPEED] - outputs[ports.VX]
+        )
+    else:
+        inputs[ports.DRIVE_FORCE] = 0.0
+    inputs[ports.FRICTION] = parameters[D_FRICTION]
+
+    memory[M_TRAVELLED] += max(outputs[ports.VX], 0.0) * dt
+    step = parameters[D_ROAD_STEP]
+    travelled = memory[M_TRAVELLED]
+    inputs[ports.BANK] = sample(drive.bank, travelled / step)
+    if drive.road_left.size > 1:
+        front = (travelled + parameters[D_FRONT]) / step
+        rear = (travelled - parameters[D_REAR]) / step
+        inputs[ports.ROAD_HEIGHT] = sample(drive.road_left, front)
+        inputs[ports.ROAD_HEIGHT + 1] = sample(drive.road_right, front)
+        inputs[ports.ROAD_HEIGHT + 2] = sample(drive.road_left, rear)
+        inputs[ports.ROAD_HEIGHT + 3] = sample(drive.road_right, rear)

@@ -1,0 +1,85 @@
+"""The plant alone, without sensors, bus or controller: for tuning, limits and checks."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim import ports
+from plant_sim.bodies import Body, initial_inputs
+from plant_sim.driver import drive as apply_drive
+from plant_sim.jit import njit
+from plant_sim.maneuvers import STEP_NS, Maneuver
+from vehicles import Vehicle
+
+
+@njit
+def advance(
+    step: Any,  # noqa: ANN401
+    state: Any,  # noqa: ANN401
+    inputs: Any,  # noqa: ANN401
+    parameters: Any,  # noqa: ANN401
+    outputs: Any,  # noqa: ANN401
+    dt: float,
+) -> None:
+    """One step of the body whose C function is ``step``, callable from Python."""
+    step(state, inputs, parameters, outputs, dt)
+
+
+@njit
+def _run(
+    step: Any,  # noqa: ANN401
+    drive: Any,  # noqa: ANN401
+    state: Any,  # noqa: ANN401
+    inputs: Any,  # noqa: ANN401
+    parameters: Any,  # noqa: ANN401
+    outputs: Any,  # noqa: ANN401
+    record: Any,  # noqa: ANN401
+    steer: Any,  # noqa: ANN401
+    step_ns: int,
+) -> int:
+    """Run until the record is full or the car has rolled over; how many steps were recorded."""
+    for k in range(record.shape[0]):
+        apply_drive(k * step_ns, outputs, inputs, drive)
+        step(state, inputs, parameters, outputs, step_ns * 1e-9)
+        record[k] = outputs
+        steer[k] = inputs[ports.STEER]
+        if outputs[ports.ROLLOVER] != 0.0:
+            return k + 1
+    return int(record.shape[0])
+
+
+def run_passive(
+    vehicle: Vehicle, body: Body, maneuver: Maneuver
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Drive ``maneuver`` with all actuators off.
+
+    Returns
+    -------
+    outputs
+        One row a millisecond, columns as in :mod:`plant_sim.ports`; ends early on a rollover.
+    steer
+        The road-wheel angle of each row (rad).
+    """
+    state, parameters = body.build(vehicle, maneuver.speed)
+    inputs = initial_inputs()
+    outputs = np.zeros(ports.N_OUTPUTS)
+    advance(body.step, state, inputs, parameters, outputs, 0.0)
+    steps = maneuver.duration_ns // STEP_NS
+    record = np.empty((steps, ports.N_OUTPUTS))
+    steer = np.empty(steps)
+    count = _run(
+        body.step, maneuver.drive, state, inputs, parameters, outputs, record, steer, STEP_NS
+    )
+    return record[:count], steer[:count]
+
+
+def load_transfer(outputs: NDArray[np.float64], axle: int) -> NDArray[np.float64]:
+    """Normalised load transfer (F_zR − F_zL)/(F_zR + F_zL) of axle 0 (front) or 1 (rear).
+
+    ``outputs``: rows as :func:`run_passive` gives them. 0 where the whole axle is off the road.
+    """
+    left = outputs[:, ports.WHEEL_LOAD + 2 * axle]
+    right = outputs[:, ports.WHEEL_LOAD + 2 * axle + 1]
+    total = left + right
+    return np.divide(right - left, total, out=np.zeros_like(total), where=total > 0)
