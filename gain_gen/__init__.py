@@ -1,0 +1,1 @@
+"""Vehicle design models to verified, quantised gains."""

@@ -1,0 +1,127 @@
+"""The firmware's controller as a float64 linear system, stage by stage as the ECU runs it."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from gain_gen.observer import Observer
+from gain_gen.plant import Matrix
+
+INPUTS = ("roll_rate", "lateral_acceleration", "roll", "delivered_moment")
+Y_RATE, Y_LATERAL, Y_ROLL, Y_MOMENT = range(4)
+
+
+@dataclass(frozen=True, slots=True)
+class Compensator:
+    """ξ⁺ = A ξ + B y + E u_saturated, u = C ξ + D y with y = [roll, roll rate, a_y, steering a_y].
+
+    Attributes:
+        a: (n, n), n ≤ 8.
+        b: (n, 4).
+        e: (n, outputs); zero unless the observer form needs the saturated output.
+        c: (outputs, n).
+        d: (outputs, 4).
+    """
+
+    a: Matrix
+    b: Matrix
+    e: Matrix
+    c: Matrix
+    d: Matrix
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """Everything between the received samples and the moment command, in SI units.
+
+    Exactly one of state feedback (``feedback`` with an observer), output feedback and compensator
+    is in use.
+
+    Attributes:
+        tick: period, s.
+        observer: constant-gain observer, or None where the true state is received.
+        feedback: K of u = −K x̂ on the five observer states, (5,).
+        feedforward: likewise, what acts on the disturbance states, (5,).
+        output_gain: K of u = K [roll rate, a_y, roll], (3,), or None.
+        compensator: or None.
+        predict_steps: ticks the state is predicted over.
+        actuator_rate: share of the way to its command that the actuator goes in a tick.
+    """
+
+    tick: float
+    observer: Observer
+    feedback: Matrix
+    feedforward: Matrix
+    output_gain: Matrix | None = None
+    compensator: Compensator | None = None
+    predict_steps: int = 0
+    actuator_rate: float = 1.0
+
+    @property
+    def order(self) -> int:
+        """Number of states of :func:`step`: observer, ring of past commands, compensator."""
+        if self.compensator is not None:
+            return len(self.compensator.a)
+        if self.output_gain is not None:
+            return 0
+        return 5 + self.predict_steps
+
+
+def correct(observer: Observer, x: Matrix, y: Matrix) -> Matrix:
+    """Return the state after the scalar corrections, in the order of the measurements."""
+    for row in observer.measurements:
+        innovation = y[row] - observer.model.output[row] @ x
+        x = x + np.outer(observer.correction[row], innovation).reshape(x.shape)
+    return x
+
+
+def predict(controller: Controller, x: Matrix, ring: Matrix, moment: Matrix) -> Matrix:
+    """Return the state ``predict_steps`` ticks ahead under the past commands, oldest first."""
+    model = controller.observer.model
+    for command in ring:
+        moment = moment + controller.actuator_rate * (command - moment)
+        x = model.phi @ x + np.multiply.outer(model.gamma[:, 0], moment)
+    return x
+
+
+def step(controller: Controller, state: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
+    """Advance by one tick.
+
+    Args:
+        controller: its gains.
+        state: (order,) or (order, columns): columns are independent copies.
+        y: the four :data:`INPUTS`, (4,) or (4, columns).
+
+    Returns:
+        The next state and the moment command.
+    """
+    if controller.compensator is not None:
+        c = controller.compensator
+        inputs = np.stack([y[Y_ROLL], y[Y_RATE], y[Y_LATERAL], np.zeros_like(y[0])])
+        u = c.c @ state + c.d @ inputs
+        return c.a @ state + c.b @ inputs + c.e @ u, u.sum(axis=0)
+    if controller.output_gain is not None:
+        return state, controller.output_gain @ y[:3]
+    model = controller.observer.model
+    x = model.phi @ state[:5] + np.multiply.outer(model.gamma[:, 0], y[Y_MOMENT])
+    x = correct(controller.observer, x, y)
+    ring = state[5:]
+    ahead = predict(controller, x, ring, y[Y_MOMENT])
+    u = -(controller.feedback + controller.feedforward) @ ahead
+    if controller.predict_steps:
+        ring = np.concatenate([ring[1:], u[None]])
+    return np.concatenate([x, ring]), u
+
+
+def matrices(controller: Controller) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """Return A, B, C, D of the controller from y to u by passing unit vectors through it."""
+    n = controller.order
+    identity = np.eye(n + 4)
+    following, u = step(controller, identity[:n], identity[n:])
+    u = np.atleast_2d(u)
+    return following[:, :n], following[:, n:], u[:, :n], u[:, n:]
+
+
+def without_feedforward(controller: Controller) -> Controller:
+    """Return the controller with its disturbance feedforward off."""
+    return replace(controller, feedforward=np.zeros(5))

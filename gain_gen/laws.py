@@ -1,0 +1,63 @@
+"""The laws by name, and the one way from a task to a verified design."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from canroll.errors import CanrollError, UnknownNameError, VerdictError
+from gain_gen.design import Design, Solution, Task
+from gain_gen.state_laws import (
+    design_ay_feedforward,
+    design_lqg_delay,
+    design_lqr,
+    design_smc,
+    sensor_noise,
+)
+from gain_gen.verify import verify
+
+LAWS: dict[str, Callable[[Task], Solution]] = {
+    "lqg_delay": design_lqg_delay,
+    "lqr": design_lqr,
+    "smc": design_smc,
+    "ay_feedforward": design_ay_feedforward,
+}
+
+OBSERVERS = ("two_sensors", "one_sensor", "propagated", "reference")
+
+
+def design(law: str, task: Task) -> Design:
+    """Return the verified design of ``law`` for ``task``.
+
+    Raises:
+        UnknownNameError: no such law or observer.
+        CanrollError: a tick or delay that cannot be.
+        VerdictError: infeasible, or a computed design failed a check: it is not to be used.
+    """
+    if law not in LAWS:
+        raise UnknownNameError("law", law, LAWS)
+    if task.observer not in OBSERVERS:
+        raise UnknownNameError("observer", task.observer, OBSERVERS)
+    if not 0.001 <= task.tick <= 0.020:
+        raise CanrollError(f"a tick of {1e3 * task.tick:g} ms is outside 1 to 20 ms")
+    if not 0.0 <= task.delay.least <= task.delay.nominal <= task.delay.most:
+        raise CanrollError("the delay must not be negative and its bounds must be in order")
+    task = replace(task, noise=sensor_noise(task.vehicle))
+    answer = verify(law, task, LAWS[law](task))
+    if task.gains == "computed" and not answer.is_verified:
+        raise VerdictError(_refusal(answer))
+    return answer
+
+
+def _refusal(answer: Design) -> str:
+    """Say which check failed and what would pass."""
+    name, check = next(iter(answer.failures.items()))
+    delay = answer.task.delay
+    hint = (
+        f"; the delay of {1e3 * delay.most:.0f} ms is beyond the {1e3 * answer.max_delay:.0f} ms "
+        f"that the gains admit"
+        if delay.most >= answer.max_delay
+        else ""
+    )
+    return (
+        f"{answer.law} for {answer.task.vehicle.name}: check {name} failed, "
+        f"{check.value:.4g} against {check.limit:.4g}{hint}; nothing is written"
+    )
