@@ -1,0 +1,99 @@
+"""CAN that behaves like CAN: segments, arbitration, queues, errors, gateways, traffic.
+
+A network is made in Python and worked on by kernels, in Python or in other kernels alike::
+
+    network = make_network(load_profile("gateway_50ms"), seed=1)
+    enqueue(network, IMU, t_ns, 0xA0, 8, payload)   # payload: uint8 array, copied
+    advance(network, until_ns)                      # everything up to and including until_ns
+    entries, cursor, missed = drain(network, cursor)
+
+Conventions: times are int64 nanoseconds. A frame occupies the bus from SOF to the end of the
+three-bit interframe space, where its response time ends (``t_end − t_queued``); receivers take it
+at the end of the last-but-one EOF bit (``t_received``). A frame queued at the very instant of a
+start of frame takes part in that arbitration. Whatever is queued ends in the log exactly once as
+delivered, superseded or lost with its reason (``OUTCOMES``); an entry with outcome ``ERROR`` is a
+destroyed attempt of a frame that is still under way. ``account`` proves the sum.
+
+In a kernel, entry number k of ``logged(network)`` is ``network.log[k % len(network.log)]``; a
+consumer on a segment takes those with ``outcome == DELIVERED`` and its own ``segment`` and skips
+its own ``sender``. A gateway sends what it forwards from its own node on the other segment;
+``t_origin`` keeps the time at which the first sender queued it.
+"""
+
+from plant_sim.can_bus.layout import (
+    DELIVERED,
+    ERROR,
+    LOGGED,
+    NOW,
+    OUTCOMES,
+    SUPERSEDED,
+    Network,
+    log_dtype,
+    logged,
+)
+from plant_sim.can_bus.network import (
+    Account,
+    Fault,
+    Gateway,
+    NetworkSpec,
+    Node,
+    Segment,
+    Source,
+    account,
+    build_network,
+    drain,
+    load,
+)
+from plant_sim.can_bus.profiles import (
+    ACTUATOR,
+    CHASSIS,
+    ECU,
+    IMU,
+    NODES,
+    PROFILES,
+    REFERENCE,
+    SUSPENSION,
+    BusProfile,
+    load_profile,
+    make_network,
+    profile_spec,
+)
+from plant_sim.can_bus.queues import enqueue
+from plant_sim.can_bus.scheduler import advance
+
+__all__ = [
+    "ACTUATOR",
+    "CHASSIS",
+    "DELIVERED",
+    "ECU",
+    "ERROR",
+    "IMU",
+    "LOGGED",
+    "NODES",
+    "NOW",
+    "OUTCOMES",
+    "PROFILES",
+    "REFERENCE",
+    "SUPERSEDED",
+    "SUSPENSION",
+    "Account",
+    "BusProfile",
+    "Fault",
+    "Gateway",
+    "Network",
+    "NetworkSpec",
+    "Node",
+    "Segment",
+    "Source",
+    "account",
+    "advance",
+    "build_network",
+    "drain",
+    "enqueue",
+    "load",
+    "load_profile",
+    "log_dtype",
+    "logged",
+    "make_network",
+    "profile_spec",
+]

@@ -1,0 +1,315 @@
+"""The arrays a bus network lives in, and the numbers that give their entries a meaning."""
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.jit import njit
+
+Records = NDArray[Any]
+
+DELIVERED: Final = 0
+SUPERSEDED: Final = 1
+ERROR: Final = 2
+LOST_OVERFLOW: Final = 3
+LOST_BUS_OFF: Final = 4
+LOST_NODE_DOWN: Final = 5
+LOST_PARTITION: Final = 6
+LOST_ONE_SHOT: Final = 7
+OUTCOMES: Final = (
+    "delivered",
+    "superseded",
+    "error",
+    "lost: queue full",
+    "lost: bus-off",
+    "lost: node down",
+    "lost: partition",
+    "lost: single shot",
+)
+"""Names of the outcomes. ``ERROR`` ends an attempt, every other one ends a frame."""
+
+PRIORITY: Final = 0
+FIFO: Final = 1
+REPLACE: Final = 2
+
+ERROR_ACTIVE: Final = 0
+ERROR_PASSIVE: Final = 1
+BUS_OFF: Final = 2
+
+# what disturbs an attempt
+NO_ERROR: Final = 0
+BIT_ERROR: Final = 1
+COLLISION: Final = 2
+ACKNOWLEDGE_ERROR: Final = 3
+
+# kinds of faults
+NODE_DOWN: Final = 0
+NODE_DELAY: Final = 1
+GATEWAY_DOWN: Final = 2
+DISTURB: Final = 3
+OVERLOAD: Final = 4
+
+# latency distributions of gateways
+FIXED: Final = 0
+UNIFORM: Final = 1
+EXPONENTIAL: Final = 2
+
+# slots of Network.clock
+NOW: Final = 0
+SEQUENCE: Final = 1
+LOGGED: Final = 2
+FREE_FRAME: Final = 3
+RELEASES: Final = 4
+MESSAGES: Final = 5
+DRAWS: Final = 6
+SEED: Final = 7
+SEGMENT_COUNT: Final = 8
+NODE_COUNT: Final = 9
+SOURCE_COUNT: Final = 10
+GATEWAY_COUNT: Final = 11
+FAULT_COUNT: Final = 12
+
+# room in every network; one layout for all, so that the kernels are compiled once
+MAX_SEGMENTS: Final = 8
+MAX_NODES: Final = 128
+MAX_MESSAGES: Final = 2048
+MAX_FRAMES: Final = 4096
+MAX_SOURCES: Final = 1024
+MAX_GATEWAYS: Final = 16
+MAX_ROUTES: Final = 256
+MAX_FAULTS: Final = 64
+MAX_PAYLOAD: Final = 64
+
+OFFERED: Final = len(OUTCOMES)
+"""Column of ``Network.totals`` behind the outcomes: frames queued at all."""
+
+_SEGMENT: Final = np.dtype(
+    [
+        ("bitrate", "i8"),
+        ("data_bitrate", "i8"),
+        ("propagation_ns", "i8"),
+        ("bit_error_rate", "f8"),
+        ("free_ns", "i8"),
+        ("wake_ns", "i8"),
+        ("pending", "i8"),
+        ("in_flight", "i8"),
+        ("twin", "i8"),
+        ("start_ns", "i8"),
+        ("done_ns", "i8"),
+        ("end_ns", "i8"),
+        ("disturbance", "i8"),
+        ("culprit", "i8"),
+        ("busy_ns", "i8"),
+        ("transmissions", "i8"),
+        ("overloads", "i8"),
+        ("disturbed", "i8"),
+        ("bus_off", "i8"),
+        ("idle_from_ns", "i8"),
+    ]
+)
+_NODE: Final = np.dtype(
+    [
+        ("segment", "i8"),
+        ("policy", "i8"),
+        ("capacity", "i8"),
+        ("pending", "i8"),
+        ("single_shot", "i8"),
+        ("recovers", "i8"),
+        ("drift", "f8"),
+        ("transmit_errors", "i8"),
+        ("receive_errors", "i8"),
+        ("state", "i8"),
+        ("suspended_ns", "i8"),
+        ("recovery_left", "i8"),
+        ("bus_offs", "i8"),
+        ("delayed_ns", "i8"),
+    ]
+)
+_MESSAGE: Final = np.dtype(
+    [
+        ("key", "i8"),
+        ("ident", "i8"),
+        ("flags", "i8"),
+        ("node", "i8"),
+        ("gateways", "i8"),
+        ("offered", "i8"),
+        ("delivered", "i8"),
+        ("superseded", "i8"),
+        ("lost", "i8"),
+        ("attempts", "i8"),
+        ("response_sum", "i8"),
+        ("response_min", "i8"),
+        ("response_max", "i8"),
+    ]
+)
+_QUEUE: Final = np.dtype([("head", "i8"), ("tail", "i8"), ("waiting", "i8")])
+_FRAME: Final = np.dtype(
+    [
+        ("next", "i8"),
+        ("message", "i8"),
+        ("node", "i8"),
+        ("ident", "i8"),
+        ("flags", "i8"),
+        ("length", "i8"),
+        ("attempts", "i8"),
+        ("t_origin", "i8"),
+        ("t_queued", "i8"),
+    ]
+)
+_SOURCE: Final = np.dtype(
+    [
+        ("node", "i8"),
+        ("ident", "i8"),
+        ("flags", "i8"),
+        ("length", "i8"),
+        ("period_ns", "f8"),
+        ("offset_ns", "i8"),
+        ("jitter_ns", "i8"),
+        ("until_ns", "i8"),
+        ("random_payload", "i8"),
+        ("sent", "i8"),
+    ]
+)
+_GATEWAY: Final = np.dtype(
+    [
+        ("from_node", "i8"),
+        ("to_node", "i8"),
+        ("distribution", "i8"),
+        ("low_ns", "i8"),
+        ("high_ns", "i8"),
+        ("mean_ns", "f8"),
+        ("routes", "i8"),
+        ("last_ns", "i8"),
+        ("forwarded", "i8"),
+    ]
+)
+_FAULT: Final = np.dtype(
+    [
+        ("kind", "i8"),
+        ("target", "i8"),
+        ("from_ns", "i8"),
+        ("until_ns", "i8"),
+        ("ident", "i8"),
+        ("value", "i8"),
+        ("left", "i8"),
+    ]
+)
+
+
+def log_dtype() -> np.dtype[np.void]:
+    """Return the dtype of one log entry.
+
+    Times are nanoseconds: ``t_origin`` when the first sender queued it (gateways keep it),
+    ``t_queued``, ``t_start`` of the successful or last attempt (−1: never sent), ``t_received``
+    (the instant of reception, or of the loss or error) and ``t_end`` of the interframe space.
+    """
+    return np.dtype(
+        [
+            ("t_origin", "i8"),
+            ("t_queued", "i8"),
+            ("t_start", "i8"),
+            ("t_received", "i8"),
+            ("t_end", "i8"),
+            ("ident", "u4"),
+            ("sender", "i2"),
+            ("segment", "u1"),
+            ("flags", "u1"),
+            ("length", "u1"),
+            ("outcome", "u1"),
+            ("attempts", "u2"),
+            ("payload", "u1", (64,)),
+        ]
+    )
+
+
+_QUEUES: Final = MAX_NODES + MAX_MESSAGES
+_CALENDAR: Final = MAX_FRAMES + MAX_SOURCES
+_STATE: Final = np.dtype(
+    [
+        ("clock", "i8", (16,)),
+        ("totals", "i8", (MAX_SEGMENTS, OFFERED + 1)),
+        ("segments", _SEGMENT, (MAX_SEGMENTS,)),
+        ("nodes", _NODE, (MAX_NODES,)),
+        ("messages", _MESSAGE, (MAX_MESSAGES,)),
+        ("message_table", "i8", (2 * MAX_MESSAGES,)),
+        ("queues", _QUEUE, (_QUEUES,)),
+        ("frames", _FRAME, (MAX_FRAMES,)),
+        ("payloads", "u1", (MAX_FRAMES, MAX_PAYLOAD)),
+        ("release_times", "i8", (_CALENDAR,)),
+        ("release_ties", "i8", (_CALENDAR,)),
+        ("releases", "i8", (_CALENDAR,)),
+        ("pending_keys", "i8", (MAX_SEGMENTS, _QUEUES)),
+        ("pending_ties", "i8", (MAX_SEGMENTS, _QUEUES)),
+        ("pending", "i8", (MAX_SEGMENTS, _QUEUES)),
+        ("sources", _SOURCE, (MAX_SOURCES,)),
+        ("source_payloads", "u1", (MAX_SOURCES, MAX_PAYLOAD)),
+        ("gateways", _GATEWAY, (MAX_GATEWAYS,)),
+        ("routes", "i8", (MAX_GATEWAYS, MAX_ROUTES)),
+        ("faults", _FAULT, (MAX_FAULTS,)),
+        ("aside", "i8", (_QUEUES,)),
+        ("scratch", "u1", (2, 1024)),
+    ]
+)
+
+
+class Network(NamedTuple):
+    """One or more bus segments with all that is on them; kernels work on it in place.
+
+    ``state`` holds one record with everything but the log; its parts are there as properties.
+    ``log`` is a ring (see ``log_dtype``): entry number k sits at ``log[k % len(log)]``, and
+    ``logged(network)`` counts the entries ever written. In a kernel: ``network.state[0]``.
+    """
+
+    state: Records
+    log: Records
+
+    @property
+    def clock(self) -> NDArray[np.int64]:
+        """Single counters: ``NOW``, ``LOGGED``, …"""
+        return self.part("clock")
+
+    @property
+    def totals(self) -> NDArray[np.int64]:
+        """Frames by segment and outcome; the last column counts all that were queued."""
+        return self.part("totals")
+
+    @property
+    def segments(self) -> Records:
+        """Records of the segments."""
+        return self.part("segments")[: self.clock[SEGMENT_COUNT]]
+
+    @property
+    def nodes(self) -> Records:
+        """Records of the nodes: error counters, state, …"""
+        return self.part("nodes")[: self.clock[NODE_COUNT]]
+
+    @property
+    def messages(self) -> Records:
+        """Records of the messages seen so far, one for each identifier and sender."""
+        return self.part("messages")[: self.clock[MESSAGES]]
+
+    def part(self, name: str) -> Records:
+        """Return one part of the state at its full room."""
+        part: Records = self.state[name][0]
+        return part
+
+
+@njit
+def logged(network: Network) -> int:
+    """Return how many entries have ever been written to the log."""
+    count: int = network.state[0].clock[LOGGED]
+    return count
+
+
+def empty(*, log: int, seed: int) -> Network:
+    """Return a network with nothing on it at time 0 and room for ``log`` log entries."""
+    network = Network(np.zeros(1, _STATE), np.zeros(log, log_dtype()))
+    queues = network.part("queues")
+    queues["head"] = queues["tail"] = -1
+    network.part("frames")["next"] = np.append(np.arange(1, MAX_FRAMES), -1)
+    network.part("message_table")[:] = -1
+    segments = network.part("segments")
+    segments["in_flight"] = segments["twin"] = -1
+    network.clock[SEED] = seed
+    return network

@@ -1,0 +1,190 @@
+"""Named bus profiles: what the roll-control ECU and the vehicle's nodes are connected by."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import dbc
+from canroll.errors import UnknownNameError
+from plant_sim.can_bus.background import OwnMessage, background_sources
+from plant_sim.can_bus.layout import Network
+from plant_sim.can_bus.network import (
+    Fault,
+    Gateway,
+    NetworkSpec,
+    Node,
+    Segment,
+    build_network,
+)
+
+MS: Final = 1_000_000
+NODES: Final = ("RollControl", "Imu", "Chassis", "Suspension", "Actuator", "Reference")
+"""Nodes of the bus contract, in the order of their numbers on every profile."""
+ECU, IMU, CHASSIS, SUSPENSION, ACTUATOR, REFERENCE = range(6)
+DEFAULT_COMMAND: Final = "SuspensionForceCommand"
+
+
+@dataclass(frozen=True, slots=True)
+class BusProfile:
+    """A bus by its figures.
+
+    ``load`` is the total, own messages at their cycle times included; background traffic fills
+    the rest, ``above`` of it with identifiers of higher priority than all own messages.
+    ``gateway_ms`` (least and greatest latency each way): the ECU has a segment of its own,
+    joined to the vehicle's by a gateway.
+    """
+
+    name: str
+    bitrate: int
+    load: float
+    above: float = 0.5
+    gateway_ms: tuple[float, float] | None = None
+
+    @property
+    def segments(self) -> int:
+        """Number of bus segments."""
+        return 1 if self.gateway_ms is None else 2
+
+
+PROFILES: Final = {
+    profile.name: profile
+    for profile in (
+        BusProfile("500k", 500_000, 0.50),
+        BusProfile("125k_busy", 125_000, 0.85),
+        BusProfile("gateway_20ms", 500_000, 0.50, gateway_ms=(5.0, 10.0)),
+        BusProfile("gateway_50ms", 500_000, 0.50, gateway_ms=(50.0, 50.0)),
+    )
+}
+
+
+def load_profile(name: str) -> BusProfile:
+    """Return the bus profile ``name``.
+
+    Raises:
+        UnknownNameError: there is no such profile.
+    """
+    if name not in PROFILES:
+        raise UnknownNameError("bus profile", name, PROFILES)
+    return PROFILES[name]
+
+
+def own_messages(command: str = DEFAULT_COMMAND) -> tuple[OwnMessage, ...]:
+    """Return the messages of the bus contract that are in use with actuator command ``command``."""
+    commands = {m.name for m in dbc.load().messages if m.name.endswith("Command")}
+    if command not in commands:
+        raise UnknownNameError("command message", command, commands)
+    return tuple(
+        OwnMessage(
+            message.name,
+            message.frame_id,
+            message.length,
+            (message.cycle_time or 100) * MS,
+            message.senders[0],
+            tuple(sorted(message.receivers)),
+        )
+        for message in dbc.load().messages
+        if message.name not in commands - {command}
+    )
+
+
+def _segment_of(profile: BusProfile, node: str) -> int:
+    return 0 if node == "RollControl" or profile.segments == 1 else 1
+
+
+def _crosses(profile: BusProfile, message: OwnMessage) -> bool:
+    home = _segment_of(profile, message.sender)
+    receivers = [r for r in message.receivers if r in NODES]
+    return any(_segment_of(profile, receiver) != home for receiver in receivers)
+
+
+def profile_spec(
+    profile: BusProfile,
+    *,
+    seed: int = 0,
+    command: str = DEFAULT_COMMAND,
+    background: bool = True,
+    faults: Sequence[Fault] = (),
+    bit_error_rate: float = 0.0,
+    policy: str = "replace",
+    log_capacity: int = 1 << 14,
+) -> NetworkSpec:
+    """Return the network of a profile: nodes 0 to 5 are ``NODES``; see ``make_network``."""
+    nodes = [Node(name, _segment_of(profile, name), policy) for name in NODES]
+    own = own_messages(command)
+    sources = []
+    gateways: tuple[Gateway, ...] = ()
+    for segment in range(profile.segments):
+        suffix = "" if segment == 0 else f"{segment + 1}"
+        nodes.append(Node(f"Background{suffix}", segment, "replace"))
+        here = [m for m in own if _segment_of(profile, m.sender) == segment or _crosses(profile, m)]
+        if background:
+            sources += background_sources(
+                here,
+                node=f"Background{suffix}",
+                bitrate=profile.bitrate,
+                load=profile.load,
+                above=profile.above,
+                seed=seed * 2 + segment,
+            )
+    if profile.gateway_ms is not None:
+        nodes += [Node("Gateway", 0, "priority"), Node("Gateway2", 1, "priority")]
+        low, high = (int(latency * MS) for latency in profile.gateway_ms)
+        crossing = [m for m in own if _crosses(profile, m)]
+        gateways = tuple(
+            Gateway(
+                *ports,
+                low,
+                high,
+                "fixed" if low == high else "uniform",
+                idents=tuple(
+                    (m.ident, 0) for m in crossing if _segment_of(profile, m.sender) == segment
+                ),
+            )
+            for segment, ports in enumerate((("Gateway", "Gateway2"), ("Gateway2", "Gateway")))
+        )
+    return NetworkSpec(
+        segments=(Segment(profile.bitrate, bit_error_rate=bit_error_rate),) * profile.segments,
+        nodes=tuple(nodes),
+        sources=tuple(sources),
+        gateways=gateways,
+        faults=tuple(faults),
+        seed=seed,
+        log_capacity=log_capacity,
+    )
+
+
+def make_network(
+    profile: BusProfile,
+    *,
+    seed: int = 0,
+    command: str = DEFAULT_COMMAND,
+    background: bool = True,
+    faults: Sequence[Fault] = (),
+    bit_error_rate: float = 0.0,
+    policy: str = "replace",
+    log_capacity: int = 1 << 14,
+) -> Network:
+    """Return the network of a bus profile at time 0.
+
+    Args:
+        profile: of ``load_profile``.
+        seed: seeds background payloads and offsets, gateway latencies and bit errors.
+        command: the actuator command message in use.
+        background: False leaves the bus to the own messages.
+        faults: scripted faults.
+        bit_error_rate: probability that a bit on the wire is disturbed.
+        policy: transmit queues of the own nodes: ``replace``, ``priority`` or ``fifo``.
+        log_capacity: entries in the ring log; a consumer drains at least that often.
+    """
+    return build_network(
+        profile_spec(
+            profile,
+            seed=seed,
+            command=command,
+            background=background,
+            faults=faults,
+            bit_error_rate=bit_error_rate,
+            policy=policy,
+            log_capacity=log_capacity,
+        )
+    )

@@ -1,0 +1,308 @@
+# ruff: noqa: PLR0917
+"""Transmit queues of the nodes, and the account of every frame that enters one."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.can_bus.heap import push
+from plant_sim.can_bus.layout import (
+    BUS_OFF,
+    DELIVERED,
+    FAULT_COUNT,
+    FIFO,
+    FREE_FRAME,
+    GATEWAY_COUNT,
+    GATEWAY_DOWN,
+    LOGGED,
+    LOST_BUS_OFF,
+    LOST_NODE_DOWN,
+    LOST_OVERFLOW,
+    LOST_PARTITION,
+    MAX_MESSAGES,
+    MAX_NODES,
+    MESSAGES,
+    NODE_DELAY,
+    NODE_DOWN,
+    NOW,
+    OFFERED,
+    RELEASES,
+    REPLACE,
+    SEQUENCE,
+    SUPERSEDED,
+    Network,
+)
+from plant_sim.can_bus.wire import REMOTE, arbitration_key
+from plant_sim.jit import njit
+
+
+@njit
+def enqueue(
+    network: Network,
+    node: int,
+    t_ns: int,
+    ident: int,
+    length: int,
+    payload: NDArray[np.uint8],
+    flags: int = 0,
+) -> bool:
+    """Hand a frame to the transmit queue of ``node`` at ``t_ns``.
+
+    Args:
+        network: of ``make_network`` or ``build_network``.
+        node: index of the sending node.
+        t_ns: when the frame is queued; at or after the time of the last ``advance``.
+        ident: identifier, 29-bit with the flag ``EXTENDED``.
+        length: payload bytes.
+        payload: one-dimensional array of at least ``length`` bytes; copied.
+        flags: ``EXTENDED``, ``REMOTE``, ``FD``, ``BIT_RATE_SWITCH`` or 0.
+
+    Returns:
+        False where the network's store of frames is full: the frame is lost and accounted for.
+
+    Raises:
+        ValueError: ``t_ns`` lies before the last ``advance``.
+    """
+    bus = network.state[0]
+    if t_ns < bus.clock[NOW]:
+        raise ValueError("frame queued before the time the bus has been advanced to")
+    return store(network, node, t_ns, t_ns, ident, length, payload, flags)
+
+
+@njit
+def store(
+    network: Network,
+    node: int,
+    t_ns: int,
+    t_origin: int,
+    ident: int,
+    length: int,
+    payload: NDArray[np.uint8],
+    flags: int,
+) -> bool:
+    """Copy a frame into the store, to be released into its queue at ``t_ns``."""
+    bus = network.state[0]
+    clock = bus.clock
+    slot = clock[FREE_FRAME]
+    if slot < 0:
+        message = message_of(network, node, ident, flags)
+        segment = bus.nodes[node].segment
+        bus.totals[segment, OFFERED] += 1
+        bus.totals[segment, LOST_OVERFLOW] += 1
+        bus.messages[message].offered += 1
+        bus.messages[message].lost += 1
+        return False
+    frame = bus.frames[slot]
+    clock[FREE_FRAME] = frame.next
+    frame.next = -1
+    frame.message = -1
+    frame.node = node
+    frame.ident = ident
+    frame.flags = flags
+    frame.length = length
+    frame.attempts = 0
+    frame.t_origin = t_origin
+    frame.t_queued = t_ns
+    stored = bus.payloads[slot]
+    for index in range(length if flags & REMOTE == 0 else 0):
+        stored[index] = payload[index]
+    schedule(network, t_ns, slot)
+    return True
+
+
+@njit
+def schedule(network: Network, t_ns: int, value: int) -> None:
+    """Put a release into the calendar: a frame's slot, or −1 − the number of a source."""
+    bus = network.state[0]
+    clock = bus.clock
+    push(
+        bus.release_times,
+        bus.release_ties,
+        bus.releases,
+        clock[RELEASES],
+        t_ns,
+        clock[SEQUENCE],
+        value,
+    )
+    clock[RELEASES] += 1
+    clock[SEQUENCE] += 1
+
+
+@njit
+def message_of(network: Network, node: int, ident: int, flags: int) -> int:
+    """Return the number of the message ``ident`` of ``node``, entering it when first seen."""
+    bus = network.state[0]
+    key = arbitration_key(ident, flags)
+    table = bus.message_table
+    mask = len(table) - 1
+    place = (key * 0x9E3779B1 + node * 0x85EBCA6B) >> 7 & mask
+    while table[place] >= 0:
+        known = bus.messages[table[place]]
+        if known.key == key and known.node == node:
+            return table[place]
+        place = place + 1 & mask
+    number = bus.clock[MESSAGES]
+    if number >= MAX_MESSAGES:
+        raise ValueError("more different messages than the network was made for")
+    bus.clock[MESSAGES] = number + 1
+    table[place] = number
+    message = bus.messages[number]
+    message.key = key
+    message.ident = ident
+    message.flags = flags
+    message.node = node
+    message.response_min = np.int64(2**62)
+    gateways = 0
+    for index in range(bus.clock[GATEWAY_COUNT]):
+        gateway = bus.gateways[index]
+        same = bus.nodes[gateway.from_node].segment == bus.nodes[node].segment
+        if same and node != gateway.from_node:
+            routed = gateway.routes < 0
+            for route in range(gateway.routes):
+                routed = routed or bus.routes[index, route] == key
+            if routed:
+                gateways |= 1 << index
+    message.gateways = gateways
+    return number
+
+
+@njit
+def fault_active(network: Network, kind: int, target: int, t_ns: int) -> int:
+    """Return the number of the fault of ``kind`` that hits ``target`` at ``t_ns``, or −1."""
+    bus = network.state[0]
+    for index in range(bus.clock[FAULT_COUNT]):
+        fault = bus.faults[index]
+        if fault.kind == kind and fault.target == target and fault.from_ns <= t_ns < fault.until_ns:
+            return index
+    return -1
+
+
+@njit
+def release(network: Network, slot: int, now: int) -> None:
+    """Let the frame in ``slot`` enter the transmit queue of its node."""
+    bus = network.state[0]
+    frame = bus.frames[slot]
+    node = bus.nodes[frame.node]
+    if bus.clock[FAULT_COUNT] > 0 and frame.t_queued == frame.t_origin:
+        index = fault_active(network, NODE_DELAY, frame.node, now)
+        if index >= 0 or now < node.delayed_ns:
+            late = now if index < 0 else now + bus.faults[index].value
+            node.delayed_ns = max(node.delayed_ns, late)
+            if node.delayed_ns > now:
+                frame.t_queued = node.delayed_ns
+                schedule(network, node.delayed_ns, slot)
+                return
+    frame.message = message_of(network, frame.node, frame.ident, frame.flags)
+    bus.totals[node.segment, OFFERED] += 1
+    bus.messages[frame.message].offered += 1
+    if node.state == BUS_OFF:
+        finish(network, slot, LOST_BUS_OFF, -1, now, now)
+        return
+    if bus.clock[FAULT_COUNT] > 0:
+        if fault_active(network, NODE_DOWN, frame.node, now) >= 0:
+            finish(network, slot, LOST_NODE_DOWN, -1, now, now)
+            return
+        for index in range(bus.clock[GATEWAY_COUNT]):
+            through = bus.gateways[index].to_node == frame.node
+            if through and fault_active(network, GATEWAY_DOWN, index, now) >= 0:
+                finish(network, slot, LOST_PARTITION, -1, now, now)
+                return
+    number = frame.node if node.policy == FIFO else MAX_NODES + frame.message
+    queue = bus.queues[number]
+    if node.policy == REPLACE and queue.head >= 0:
+        stale = queue.head
+        frame.next = bus.frames[stale].next
+        queue.head = slot
+        if queue.tail == stale:
+            queue.tail = slot
+        finish(network, stale, SUPERSEDED, -1, now, now)
+        return
+    if node.pending >= node.capacity:
+        finish(network, slot, LOST_OVERFLOW, -1, now, now)
+        return
+    node.pending += 1
+    if queue.head < 0:
+        queue.head = slot
+    else:
+        bus.frames[queue.tail].next = slot
+    queue.tail = slot
+    offer(network, number)
+
+
+@njit
+def offer(network: Network, number: int) -> None:
+    """Let the head of a queue take part in arbitration."""
+    bus = network.state[0]
+    queue = bus.queues[number]
+    if queue.head < 0 or queue.waiting:
+        return
+    queue.waiting = 1
+    frame = bus.frames[queue.head]
+    which = bus.nodes[frame.node].segment
+    segment = bus.segments[which]
+    key = bus.messages[frame.message].key
+    push(
+        bus.pending_keys[which],
+        bus.pending_ties[which],
+        bus.pending[which],
+        segment.pending,
+        key,
+        number,
+        number,
+    )
+    segment.pending += 1
+    segment.wake_ns = 0
+
+
+@njit
+def finish(
+    network: Network, slot: int, outcome: int, t_start: int, t_received: int, t_end: int
+) -> None:
+    """Log the end of a frame, count it and free its slot."""
+    bus = network.state[0]
+    write_log(network, slot, outcome, t_start, t_received, t_end)
+    frame = bus.frames[slot]
+    message = bus.messages[frame.message]
+    message.attempts += frame.attempts
+    if outcome == DELIVERED:
+        message.delivered += 1
+        response = t_end - frame.t_queued
+        message.response_sum += response
+        message.response_min = min(message.response_min, response)
+        message.response_max = max(message.response_max, response)
+    elif outcome == SUPERSEDED:
+        message.superseded += 1
+    else:
+        message.lost += 1
+    frame.next = bus.clock[FREE_FRAME]
+    bus.clock[FREE_FRAME] = slot
+
+
+@njit
+def write_log(
+    network: Network, slot: int, outcome: int, t_start: int, t_received: int, t_end: int
+) -> None:
+    """Append what happened to a frame to the ring log and to the segment's totals."""
+    bus = network.state[0]
+    frame = bus.frames[slot]
+    segment = bus.nodes[frame.node].segment
+    bus.totals[segment, outcome] += 1
+    total = bus.clock[LOGGED]
+    entry = network.log[total % len(network.log)]
+    entry.t_origin = frame.t_origin
+    entry.t_queued = frame.t_queued
+    entry.t_start = t_start
+    entry.t_received = t_received
+    entry.t_end = t_end
+    entry.ident = frame.ident
+    entry.sender = frame.node
+    entry.segment = segment
+    entry.flags = frame.flags
+    entry.length = frame.length
+    entry.outcome = outcome
+    entry.attempts = frame.attempts
+    stored = bus.payloads[slot]
+    for index in range(frame.length):
+        entry.payload[index] = stored[index]
+    for index in range(frame.length, 8):
+        entry.payload[index] = 0
+    bus.clock[LOGGED] = total + 1

@@ -1,0 +1,353 @@
+"""What happens on the bus: releases, arbitration, transmissions and their ends, in time order.
+
+Events at one instant are taken in this order: ends of transmissions, releases into queues,
+arbitrations; so a frame queued at the very instant of a start of frame still takes part. A
+transmission is never pre-empted. Identifiers decide bit by bit: the lowest of all frames that are
+queued when the bus is free wins.
+"""
+
+import numpy as np
+
+from plant_sim.can_bus.error_confinement import (
+    acknowledged,
+    count_error,
+    count_idle,
+    count_recessive,
+    count_success,
+    error_times,
+    first_difference,
+    purge,
+    random_error,
+    scripted_error,
+)
+from plant_sim.can_bus.heap import pop
+from plant_sim.can_bus.layout import (
+    ACKNOWLEDGE_ERROR,
+    BIT_ERROR,
+    BUS_OFF,
+    COLLISION,
+    DELIVERED,
+    ERROR,
+    ERROR_PASSIVE,
+    EXPONENTIAL,
+    FAULT_COUNT,
+    FIFO,
+    GATEWAY_COUNT,
+    LOST_BUS_OFF,
+    LOST_NODE_DOWN,
+    LOST_ONE_SHOT,
+    MAX_NODES,
+    NO_ERROR,
+    NODE_DOWN,
+    NOW,
+    OVERLOAD,
+    RELEASES,
+    REPLACE,
+    SEED,
+    SEGMENT_COUNT,
+    SUPERSEDED,
+    UNIFORM,
+    Network,
+)
+from plant_sim.can_bus.queues import (
+    fault_active,
+    finish,
+    offer,
+    release,
+    schedule,
+    store,
+    write_log,
+)
+from plant_sim.can_bus.randomness import random_bits, uniform
+from plant_sim.can_bus.wire import (
+    INTERFRAME_BITS,
+    OVERLOAD_BITS,
+    RECEPTION_BITS_BEFORE_END,
+    SUSPEND_BITS,
+    duration_ns,
+    frame_bits,
+)
+from plant_sim.jit import njit
+
+_JITTER_STREAM = 1 << 41
+_PAYLOAD_STREAM = 1 << 42
+_LATENCY_STREAM = 1 << 43
+_END, _RELEASE, _ARBITRATION = 0, 1, 2
+
+
+@njit
+def advance(network: Network, until_ns: int) -> None:
+    """Let everything happen on all segments up to and including ``until_ns``.
+
+    Ends of frames are appended to ``network.log``; see ``Network``.
+    """
+    bus = network.state[0]
+    clock = bus.clock
+    segments = bus.segments
+    while True:
+        best = until_ns + 1
+        kind = _END
+        which = 0
+        for index in range(bus.clock[SEGMENT_COUNT]):
+            segment = segments[index]
+            if segment.in_flight >= 0 and segment.done_ns < best:
+                best, which = segment.done_ns, index
+        if clock[RELEASES] > 0 and bus.release_times[0] < best:
+            best, kind = bus.release_times[0], _RELEASE
+        for index in range(bus.clock[SEGMENT_COUNT]):
+            segment = segments[index]
+            if segment.in_flight < 0 and segment.pending > 0:
+                start = max(segment.free_ns, segment.wake_ns, clock[NOW])
+                if start < best:
+                    best, kind, which = start, _ARBITRATION, index
+        if best > until_ns:
+            break
+        clock[NOW] = best
+        if kind == _END:
+            _end(network, which, best)
+        elif kind == _RELEASE:
+            value = pop(bus.release_times, bus.release_ties, bus.releases, clock[RELEASES])
+            clock[RELEASES] -= 1
+            if value < 0:
+                _generate(network, -1 - value, best)
+            else:
+                which = bus.nodes[bus.frames[value].node].segment
+                count_idle(network, which, best)
+                release(network, value, best)
+        else:
+            _arbitrate(network, which, best)
+    clock[NOW] = max(clock[NOW], until_ns)
+    for index in range(bus.clock[SEGMENT_COUNT]):
+        count_idle(network, index, clock[NOW])
+
+
+@njit
+def schedule_source(network: Network, number: int, now: int) -> None:
+    """Put the next release of a periodic source into the calendar."""
+    bus = network.state[0]
+    source = bus.sources[number]
+    drift = bus.nodes[source.node].drift
+    nominal = source.offset_ns + np.int64(np.rint(source.sent * source.period_ns * (1.0 + drift)))
+    if nominal >= source.until_ns:
+        return
+    if source.jitter_ns > 0:
+        draw = uniform(bus.clock[SEED], _JITTER_STREAM + number, source.sent)
+        nominal += np.int64(draw * (source.jitter_ns + 1))
+    schedule(network, max(nominal, now), -1 - number)
+
+
+@njit
+def _generate(network: Network, number: int, now: int) -> None:
+    bus = network.state[0]
+    source = bus.sources[number]
+    payload = bus.source_payloads[number]
+    if source.random_payload:
+        bits = np.uint64(0)
+        for index in range(source.length):
+            if index % 8 == 0:
+                counter = source.sent * 8 + index // 8
+                bits = random_bits(bus.clock[SEED], _PAYLOAD_STREAM + number, counter)
+            payload[index] = np.uint8(bits & np.uint64(0xFF))
+            bits >>= np.uint64(8)
+    store(network, source.node, now, now, source.ident, source.length, payload, source.flags)
+    source.sent += 1
+    schedule_source(network, number, now)
+
+
+@njit
+def _take(network: Network, which: int) -> int:
+    bus = network.state[0]
+    segment = bus.segments[which]
+    number = pop(
+        bus.pending_keys[which],
+        bus.pending_ties[which],
+        bus.pending[which],
+        segment.pending,
+    )
+    segment.pending -= 1
+    return number
+
+
+@njit
+def _detach(network: Network, number: int) -> int:
+    """Take the head out of a queue; the queue stays marked as waiting while it is sent."""
+    bus = network.state[0]
+    queue = bus.queues[number]
+    slot = queue.head
+    queue.head = bus.frames[slot].next
+    if queue.head < 0:
+        queue.tail = -1
+    bus.frames[slot].next = -1
+    return slot
+
+
+@njit
+def _arbitrate(network: Network, which: int, now: int) -> None:
+    bus = network.state[0]
+    segment = bus.segments[which]
+    count_idle(network, which, now)
+    aside, winner, wake = 0, -1, np.int64(2**62)
+    while segment.pending > 0:
+        number = _take(network, which)
+        sender = bus.frames[bus.queues[number].head].node
+        node = bus.nodes[sender]
+        if bus.clock[FAULT_COUNT] > 0 and fault_active(network, NODE_DOWN, sender, now) >= 0:
+            slot = _detach(network, number)
+            node.pending -= 1
+            finish(network, slot, LOST_NODE_DOWN, -1, now, now)
+            bus.queues[number].waiting = 0
+            offer(network, number)
+        elif node.suspended_ns > now:
+            bus.aside[aside] = number
+            aside += 1
+            wake = min(wake, node.suspended_ns)
+        else:
+            winner = number
+            break
+    for index in range(aside):
+        bus.queues[bus.aside[index]].waiting = 0
+        offer(network, bus.aside[index])
+    if winner < 0:
+        segment.wake_ns = wake
+        return
+    slot = _detach(network, winner)
+    twin = -1
+    key = bus.messages[bus.frames[slot].message].key
+    if segment.pending > 0 and bus.pending_keys[which, 0] == key:
+        rival = bus.queues[bus.pending[which, 0]].head
+        if bus.nodes[bus.frames[rival].node].suspended_ns <= now:
+            twin = _detach(network, _take(network, which))
+    _start(network, which, slot, twin, now)
+
+
+@njit
+def _start(network: Network, which: int, slot: int, twin: int, now: int) -> None:
+    bus = network.state[0]
+    segment = bus.segments[which]
+    frame = bus.frames[slot]
+    nominal, data = frame_bits(frame.ident, frame.flags, frame.length, bus.payloads[slot])
+    rate = segment.data_bitrate if segment.data_bitrate else segment.bitrate
+    fast = duration_ns(data, rate) if data else 0
+    taken = duration_ns(nominal - RECEPTION_BITS_BEFORE_END, segment.bitrate)
+    segment.in_flight = slot
+    segment.twin = twin
+    segment.start_ns = now
+    segment.done_ns = now + fast + taken + segment.propagation_ns
+    segment.end_ns = now + fast + duration_ns(nominal, segment.bitrate)
+    segment.disturbance = NO_ERROR
+    segment.transmissions += 1
+    frame.attempts += 1
+    bits = nominal + data - INTERFRAME_BITS
+    position, kind = -1, NO_ERROR
+    if twin >= 0:
+        bus.frames[twin].attempts += 1
+        position, kind = first_difference(network, slot, twin), COLLISION
+    if position < 0 and segment.bit_error_rate > 0.0:
+        position, kind = random_error(network, which, bits), BIT_ERROR
+    if position < 0 and bus.clock[FAULT_COUNT] > 0:
+        position, kind = scripted_error(network, slot, bits, now), BIT_ERROR
+    if position < 0 and twin < 0 and not acknowledged(network, which, frame.node, now):
+        position, kind = bits - 9, ACKNOWLEDGE_ERROR
+    if position >= 0:
+        segment.disturbance = kind
+        segment.done_ns, segment.end_ns = error_times(network, which, slot, position, kind, now)
+    elif bus.clock[FAULT_COUNT] > 0:
+        index = fault_active(network, OVERLOAD, which, now)
+        if index >= 0 and bus.faults[index].left != 0:
+            bus.faults[index].left -= 1
+            segment.overloads += 1
+            segment.end_ns += duration_ns(OVERLOAD_BITS, segment.bitrate)
+
+
+@njit
+def _end(network: Network, which: int, now: int) -> None:
+    bus = network.state[0]
+    segment = bus.segments[which]
+    slot, twin, kind = segment.in_flight, segment.twin, segment.disturbance
+    segment.busy_ns += segment.end_ns - segment.start_ns
+    segment.free_ns = segment.idle_from_ns = segment.end_ns
+    segment.in_flight = segment.twin = -1
+    sender = bus.frames[slot].node
+    other = bus.frames[twin].node if twin >= 0 else -1
+    if segment.bus_off > 0:
+        count_recessive(network, which, 1)
+    if kind == NO_ERROR:
+        count_success(network, which, sender)
+    else:
+        count_error(network, which, sender, other, kind)
+    _settle(network, which, slot, kind, now)
+    if twin >= 0:
+        _settle(network, which, twin, kind, now)
+    if kind != NO_ERROR:
+        for index in (sender, other):
+            if index >= 0 and bus.nodes[index].state == BUS_OFF:
+                purge(network, which, index, now)
+
+
+@njit
+def _settle(network: Network, which: int, slot: int, kind: int, now: int) -> None:
+    """Decide what becomes of a frame after its attempt: done, sent again, or lost."""
+    bus = network.state[0]
+    segment = bus.segments[which]
+    frame = bus.frames[slot]
+    sender = frame.node
+    node = bus.nodes[sender]
+    number = sender if node.policy == FIFO else MAX_NODES + frame.message
+    queue = bus.queues[number]
+    queue.waiting = 0
+    if node.state == ERROR_PASSIVE:
+        node.suspended_ns = segment.end_ns + duration_ns(SUSPEND_BITS, segment.bitrate)
+    outcome = DELIVERED
+    if kind != NO_ERROR:
+        write_log(network, slot, ERROR, segment.start_ns, now, segment.end_ns)
+        if node.state == BUS_OFF:
+            outcome = LOST_BUS_OFF
+        elif node.single_shot:
+            outcome = LOST_ONE_SHOT
+        elif node.policy == REPLACE and queue.head >= 0:
+            outcome = SUPERSEDED
+        else:
+            frame.next = queue.head
+            queue.head = slot
+            if queue.tail < 0:
+                queue.tail = slot
+            offer(network, number)
+            return
+    elif bus.messages[frame.message].gateways:
+        _forward(network, slot, now)
+    node.pending -= 1
+    finish(network, slot, outcome, segment.start_ns, now, segment.end_ns)
+    offer(network, number)
+
+
+@njit
+def _forward(network: Network, slot: int, now: int) -> None:
+    bus = network.state[0]
+    frame = bus.frames[slot]
+    mask = bus.messages[frame.message].gateways
+    for index in range(bus.clock[GATEWAY_COUNT]):
+        if not mask >> index & 1:
+            continue
+        gateway = bus.gateways[index]
+        latency = gateway.low_ns
+        spread = gateway.high_ns - gateway.low_ns
+        if gateway.distribution != 0:
+            draw = uniform(bus.clock[SEED], _LATENCY_STREAM + index, gateway.forwarded)
+            if gateway.distribution == UNIFORM:
+                latency += np.int64(draw * (spread + 1))
+            elif gateway.distribution == EXPONENTIAL:
+                # truncated at high_ns by inversion of the distribution function
+                share = -np.expm1(-spread / gateway.mean_ns)
+                latency += np.int64(-gateway.mean_ns * np.log1p(-draw * share))
+        gateway.forwarded += 1
+        gateway.last_ns = max(gateway.last_ns, now + latency)
+        store(
+            network,
+            gateway.to_node,
+            gateway.last_ns,
+            frame.t_origin,
+            frame.ident,
+            frame.length,
+            bus.payloads[slot],
+            frame.flags,
+        )
