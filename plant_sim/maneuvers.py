@@ -120,7 +120,7 @@ def make_drive(
 def _double_lane_change(
     vehicle: Vehicle, speed: float, _seed: int, *, preview_time: float | None = None
 ) -> tuple[float, Drive]:
-    approach, run_out = 20.0, 20.0
+    approach, run_out = 15.0, 15.0
     xy = path.double_lane_change(approach, vehicle.lane_offset, run_out + 3.0 * speed)
     drive = make_drive(
         vehicle, kind=driver.FOLLOW_PATH, speed=speed, path_xy=xy, preview_time=preview_time
@@ -132,7 +132,7 @@ def _double_lane_change(
 def _roundabout(
     vehicle: Vehicle, speed: float, _seed: int, *, preview_time: float | None = None
 ) -> tuple[float, Drive]:
-    radius, approach, easing, turn = 22.0, 15.0, 8.0, pi
+    radius, approach, easing, turn = 22.0, 30.0, 8.0, pi
     arc = radius * turn - easing
     sections = [
         (approach, 0.0),
