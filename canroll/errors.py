@@ -1,0 +1,29 @@
+"""The one exception family: every error a user can cause, in one line that says what to do."""
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+class CanrollError(Exception):
+    """What is wrong and what to do, in one line; the command line prints it and exits.
+
+    ``exit_code`` is 2 where the input was wrong and 1 where a verdict failed.
+    """
+
+    exit_code = 2
+
+
+class VerdictError(CanrollError):
+    """The input was understood, and the answer is no: infeasible, unverified, over budget."""
+
+    exit_code = 1
+
+
+class UnknownNameError(CanrollError):
+    """A name that is not among the choices; the message suggests the nearest."""
+
+    def __init__(self, what: str, name: str, choices: Iterable[str]) -> None:
+        known = sorted(choices)
+        near = get_close_matches(name, known, n=1)
+        hint = f"did you mean '{near[0]}'?" if near else f"choose from {', '.join(known)}"
+        super().__init__(f"unknown {what} '{name}': {hint}")

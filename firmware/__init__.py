@@ -1,0 +1,1 @@
+"""The ECU loop, written once in the integer subset: the same bytes in CPython, C99, Cortex-M."""

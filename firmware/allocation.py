@@ -1,0 +1,149 @@
+"""Allocation of the moment over the actuators.
+
+Four corners: F_fl = -F_fr = u s / (2 t_f), F_rl = -F_rr = u (1 - s) / (2 t_r), with s the front
+share and t the half track (Redondo 2021, force split with s = l_r / l), so that the sum of y F
+is u. What an axle can't give, its other corner and then the other axle take, within the share
+that keeps the car's steering balance. Dampers follow the four-condition rule of Yim 2020, (25) to
+(28).
+"""
+
+from firmware.calibration import BARS, DAMPERS, STATE_MAX, SUSPENSION, Calibration
+from firmware.state import Ecu
+from firmware.subset import clamp, i32, i64, rsh, tdiv
+
+LEFT = 0
+RIGHT = 1
+FRONT = 0
+REAR = 1
+SOFT = 0
+FIRM = 1
+SIDE_SIGN: tuple[i32, ...] = (1, -1, 1, -1)
+
+
+def corner_limit(ecu: Ecu, cal: Calibration, corner: i32) -> i32:
+    """Return the largest force of a corner, none where it is stuck or floating."""
+    if ecu.failed[corner] == 1:
+        return 0
+    return cal.force_max[corner]
+
+
+def split_axle(ecu: Ecu, cal: Calibration, axle: i32, moment: i32) -> i32:
+    """Split an axle's moment over its corners; return the moment they give."""
+    arm: i32 = cal.arm_front
+    track: i32 = cal.track_front
+    if axle == REAR:
+        arm = cal.arm_rear
+        track = cal.track_rear
+    left: i32 = 2 * axle
+    limit_left: i32 = corner_limit(ecu, cal, left)
+    limit_right: i32 = corner_limit(ecu, cal, left + 1)
+    want: i32 = clamp(rsh(moment * arm, 28), -STATE_MAX, STATE_MAX)
+    up: i32 = clamp(want, -limit_left, limit_left)
+    down: i32 = clamp(2 * want - up, -limit_right, limit_right)
+    up = clamp(2 * want - down, -limit_left, limit_left)
+    ecu.force[left] = up
+    ecu.force[left + 1] = -down
+    return clamp(rsh((up + down) * track, 29), -STATE_MAX, STATE_MAX)
+
+
+def front_moment(ecu: Ecu, moment: i32) -> i32:
+    """Return the scheduled front part of a moment."""
+    return clamp(rsh(moment * ecu.front_share, 30), -STATE_MAX, STATE_MAX)
+
+
+def slack(cal: Calibration, moment: i32) -> i32:
+    """Return how much of a moment may move from one axle to the other."""
+    size: i32 = moment
+    if size < 0:
+        size = -size
+    return clamp(rsh(size * cal.share_slack, 30), 0, STATE_MAX)
+
+
+def allocate_suspension(ecu: Ecu, cal: Calibration, moment: i32) -> None:
+    """Four corner forces for a moment."""
+    front: i32 = front_moment(ecu, moment)
+    room: i32 = slack(cal, moment)
+    given: i32 = split_axle(ecu, cal, FRONT, front)
+    rear: i32 = clamp(moment - front + clamp(front - given, -room, room), -STATE_MAX, STATE_MAX)
+    given_rear: i32 = split_axle(ecu, cal, REAR, rear)
+    lack: i32 = clamp(moment - front - given_rear, -room, room)
+    if moment - front != given_rear and front == given:
+        split_axle(ecu, cal, FRONT, clamp(front + lack, -STATE_MAX, STATE_MAX))
+
+
+def bar_limit(ecu: Ecu, cal: Calibration, axle: i32) -> i32:
+    """Return the largest moment of a bar, none where one of its corners has failed."""
+    if ecu.failed[2 * axle] == 1 or ecu.failed[2 * axle + 1] == 1:
+        return 0
+    return cal.bar_max[axle]
+
+
+def allocate_bars(ecu: Ecu, cal: Calibration, moment: i32) -> None:
+    """Front and rear bar moments: of a law with one output by share, of one with two its own."""
+    front: i32 = front_moment(ecu, moment)
+    rear: i32 = clamp(moment - front, -STATE_MAX, STATE_MAX)
+    if cal.compensator_outputs == 2:
+        front = ecu.outputs[0]
+        rear = ecu.outputs[1]
+    room: i32 = slack(cal, moment)
+    limit_front: i32 = bar_limit(ecu, cal, FRONT)
+    limit_rear: i32 = bar_limit(ecu, cal, REAR)
+    lack_front: i32 = front - clamp(front, -limit_front, limit_front)
+    lack_rear: i32 = rear - clamp(rear, -limit_rear, limit_rear)
+    front = front + clamp(lack_rear, -room, room)
+    rear = rear + clamp(lack_front, -room, room)
+    ecu.bar[FRONT] = clamp(front, -limit_front, limit_front)
+    ecu.bar[REAR] = clamp(rear, -limit_rear, limit_rear)
+
+
+def damper_force(cal: Calibration, speed: i32, setting: i32) -> i32:
+    """Return the force of the SOFT or FIRM setting at a stroke speed >= 0 (Q27), as Q14."""
+    knee: i32 = cal.damper_speed[setting]
+    if speed < knee:
+        return clamp(tdiv(cal.damper_force[setting] * speed, knee), 0, STATE_MAX)
+    beyond: i64 = rsh(cal.damper_slope[setting] * (speed - knee), 27)
+    return clamp(cal.damper_force[setting] + beyond, 0, STATE_MAX)
+
+
+def allocate_dampers(ecu: Ecu, cal: Calibration, moment: i32) -> None:
+    """Damper currents: firm as far as a damper's force has the wanted direction, else soft."""
+    front: i32 = front_moment(ecu, moment)
+    rear: i32 = clamp(moment - front, -STATE_MAX, STATE_MAX)
+    for corner in range(4):
+        wanted: i64 = rsh(front * cal.arm_front, 28)
+        if corner >= 2:
+            wanted = rsh(rear * cal.arm_rear, 28)
+        force: i32 = clamp(SIDE_SIGN[corner] * wanted, -STATE_MAX, STATE_MAX)
+        speed: i32 = ecu.stroke_rate[corner]
+        # an extending damper pulls the body down
+        if speed < 0:
+            speed = -speed
+            force = -force
+        force = -force
+        soft: i32 = damper_force(cal, speed, SOFT)
+        firm: i32 = damper_force(cal, speed, FIRM)
+        span: i32 = clamp(firm - soft, 1, STATE_MAX)
+        share: i64 = clamp(tdiv((force - soft) * (1 << 28), span), 0, 1 << 28)
+        ecu.current[corner] = clamp(rsh(share * cal.current_max, 28), 0, cal.current_max)
+
+
+def allocate(ecu: Ecu, cal: Calibration) -> None:
+    """Turn the command that is sent into the quantities of its frame."""
+    if cal.actuator == SUSPENSION:
+        allocate_suspension(ecu, cal, ecu.moment)
+    elif cal.actuator == BARS:
+        allocate_bars(ecu, cal, ecu.moment)
+    elif cal.actuator == DAMPERS:
+        allocate_dampers(ecu, cal, ecu.moment)
+    else:
+        for axle in range(2):
+            ecu.current[axle] = clamp(ecu.outputs[axle], -cal.current_max, cal.current_max)
+
+
+def init_allocation(ecu: Ecu) -> None:
+    """Start with nothing commanded."""
+    for corner in range(4):
+        ecu.force[corner] = 0
+        ecu.current[corner] = 0
+    for axle in range(2):
+        ecu.bar[axle] = 0

@@ -1,0 +1,252 @@
+"""The calibration record: everything a design decides, in one fixed layout for all laws.
+
+Formats of the quantities the coefficients meet are fixed: roll angle Q30 rad, rates Q27 rad/s,
+accelerations Q24 m/s², moments Q14 N·m. A coefficient row shares one shift n: the products are
+summed in 64 bits and come out through ``rsh(sum, n)``. For a row whose result has format Qr and
+a column whose factor has format Qc, the stored coefficient is ``round(value * 2**(n + r - c))``.
+States stay within 2**30 and coefficients within 2**29, so that no row's sum of up to fifteen
+products leaves 64 bits, whatever the calibration.
+"""
+
+from typing import Annotated
+
+from firmware.subset import F, i32, record, u8
+
+# laws
+STATE_FEEDBACK = 0
+OUTPUT_FEEDBACK = 1
+COMPENSATOR = 2
+# actuators
+SUSPENSION = 0
+BARS = 1
+DAMPERS = 2
+VALVES = 3
+# observers
+BYPASS = 0
+CONSTANT_GAIN = 1
+PROPAGATED_COVARIANCE = 2
+
+N_STATES = 5
+N_MEASUREMENTS = 3
+N_RX = 6
+N_POINTS = 8
+N_ORDER = 8
+N_RING = 32
+
+Q_ANGLE = 30
+Q_RATE = 27
+Q_ACCELERATION = 24
+Q_MOMENT = 14
+Q_UNIT = 30
+Q_SPEED = 20
+
+STATE_MAX = 1 << 30
+ONE = 1 << 30
+COEFFICIENT = 1 << 29
+LARGE = (1 << 31) - 1
+
+
+@record
+class Calibration:
+    """Const memory of the ECU; written by the gain generator, never by the loop."""
+
+    id: Annotated[i32, F(0, LARGE, 0, "", "identifies the calibration")]
+    tick_us: Annotated[i32, F(1000, 20000, 0, "us", "period of the loop")]
+
+    law: Annotated[u8, F(0, 2, 0, "", "0 state feedback, 1 output feedback, 2 compensator")]
+    actuator: Annotated[u8, F(0, 3, 0, "", "0 suspension, 1 bars, 2 dampers, 3 valves")]
+    observer: Annotated[u8, F(0, 2, 0, "", "0 bypass, 1 constant gain, 2 covariance")]
+    measurements: Annotated[u8, F(1, 3, 0, "", "bit 0 roll rate, bit 1 lateral acceleration")]
+    identification: Annotated[u8, F(0, 1, 0, "", "1: roll stiffness and damping are identified")]
+    offset_learning: Annotated[u8, F(0, 1, 0, "", "1: sensor offsets are learnt when straight")]
+    event_trigger: Annotated[u8, F(0, 1, 0, "", "0: a command every tick, 1: when it matters")]
+    e2e: Annotated[u8, F(0, 1, 0, "", "1: frames carry and need E2E profile 1")]
+
+    # supervision, per received message
+    timeout_ticks: Annotated[list[i32], N_RX, F(0, 100000, 0, "ticks", "0: not needed")]
+    e2e_max_delta: Annotated[list[u8], N_RX, F(1, 14, 0, "", "largest counter step accepted")]
+    e2e_max_repeated: Annotated[list[u8], N_RX, F(0, 14, 0, "", "repetitions before a resync")]
+    e2e_sync: Annotated[list[u8], N_RX, F(0, 14, 0, "", "good frames that a resync takes")]
+    init_ticks: Annotated[i32, F(1, 100000, 0, "ticks", "good inputs before ACTIVE")]
+    recovery_ticks: Annotated[i32, F(1, 100000, 0, "ticks", "good inputs before SAFE ends")]
+    ramp_ticks: Annotated[i32, F(1, 100000, 0, "ticks", "ramp of the authority to and from 0")]
+    stuck_ticks: Annotated[i32, F(1, 100000, 0, "ticks", "an unchanging sample counter is stuck")]
+    roll_rate_max: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "plausible roll rate")]
+    acceleration_max: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "plausible lateral acceleration")
+    ]
+
+    # observer: states are roll, roll rate, effective a_y, its rate, gyro bias
+    phi: Annotated[
+        list[list[i32]], N_STATES, N_STATES, F(-COEFFICIENT, COEFFICIENT, 0, "", "transition")
+    ]
+    gamma: Annotated[
+        list[i32], N_STATES, F(-COEFFICIENT, COEFFICIENT, 0, "", "input: delivered moment")
+    ]
+    gamma_steering: Annotated[
+        list[i32], N_STATES, F(-COEFFICIENT, COEFFICIENT, 0, "", "input: a_y told by steering")
+    ]
+    phi_shift: Annotated[list[u8], N_STATES, F(1, 62, 0, "", "shift of each transition row")]
+    output: Annotated[
+        list[list[i32]],
+        N_MEASUREMENTS,
+        N_STATES,
+        F(-COEFFICIENT, COEFFICIENT, 0, "", "roll rate, a_y, roll angle from the state"),
+    ]
+    output_moment: Annotated[
+        list[i32], N_MEASUREMENTS, F(-COEFFICIENT, COEFFICIENT, 0, "", "and from the moment")
+    ]
+    output_shift: Annotated[list[u8], N_MEASUREMENTS, F(1, 62, 0, "", "shift of each output row")]
+    correction: Annotated[
+        list[list[i32]],
+        N_MEASUREMENTS,
+        N_STATES,
+        F(-COEFFICIENT, COEFFICIENT, 0, "", "Kalman gain, a row a measurement"),
+    ]
+    correction_shift: Annotated[
+        list[list[u8]], N_MEASUREMENTS, N_STATES, F(1, 62, 0, "", "shift of each gain")
+    ]
+    correction_single: Annotated[
+        list[i32],
+        N_STATES,
+        F(-COEFFICIENT, COEFFICIENT, 0, "", "roll-rate gain when a_y is lost"),
+    ]
+    correction_single_shift: Annotated[list[u8], N_STATES, F(1, 62, 0, "", "its shifts")]
+    bias_max: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "largest gyro bias believed")]
+
+    # propagated covariance of the states, each in units of its own power of two
+    covariance_phi: Annotated[
+        list[list[i32]], N_STATES, N_STATES, F(-COEFFICIENT, COEFFICIENT, 24, "", "scaled phi")
+    ]
+    covariance_output: Annotated[
+        list[list[i32]], 2, N_STATES, F(-COEFFICIENT, COEFFICIENT, 24, "", "scaled output rows")
+    ]
+    covariance_gain_shift: Annotated[
+        list[list[u8]], 2, N_STATES, F(1, 62, 0, "", "gain Q24 times innovation to the state")
+    ]
+    process_noise: Annotated[list[i32], N_STATES, F(0, STATE_MAX, 24, "", "added a tick")]
+    measurement_noise: Annotated[list[i32], 2, F(1, STATE_MAX, 24, "", "variance")]
+    covariance_start: Annotated[list[i32], N_STATES, F(1, STATE_MAX, 24, "", "initial variance")]
+    covariance_max: Annotated[list[i32], N_STATES, F(1, STATE_MAX, 24, "", "cap of a variance")]
+
+    # prediction over the delay
+    predict_steps: Annotated[u8, F(0, N_RING, 0, "ticks", "from the sample to the actuation")]
+    actuator_rate: Annotated[
+        i32, F(0, ONE, Q_UNIT, "", "share of the way to the command the actuator goes a tick")
+    ]
+
+    # identification of roll stiffness and damping, relative to nominal: theta [int phi, d phi] =
+    # int(M + m h a_y) - I_x d phi', all over a window of ten steps and divided by 100 N·m·s
+    rls_forgetting: Annotated[i32, F(ONE // 2, ONE, Q_UNIT, "", "forgetting factor a step")]
+    rls_gate: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "least roll rate that teaches")]
+    rls_trace_max: Annotated[i32, F(1, 1 << 25, 20, "", "no forgetting above this trace")]
+    rls_start: Annotated[i32, F(1, 1 << 24, 20, "", "initial variance of each ratio")]
+    rls_lo: Annotated[list[i32], 2, F(1, STATE_MAX, 28, "", "least stiffness, damping ratio")]
+    rls_hi: Annotated[list[i32], 2, F(1, STATE_MAX, 28, "", "largest stiffness, damping ratio")]
+    rls_decimation: Annotated[u8, F(1, 20, 0, "ticks", "ticks an identification step takes")]
+    rls_moment: Annotated[i32, F(0, COEFFICIENT, 30, "", "Q14 moment to its impulse a step, Q20")]
+    rls_lateral: Annotated[i32, F(0, COEFFICIENT, 30, "", "Q24 a_y to m h a_y a step, Q20")]
+    rls_inertia: Annotated[i32, F(0, COEFFICIENT, 30, "", "Q27 rate to I_x rate, Q20")]
+    rls_stiffness: Annotated[i32, F(0, COEFFICIENT, 30, "", "Q30 roll to T0 roll a step, Q20")]
+    rls_damping: Annotated[i32, F(0, COEFFICIENT, 20, "", "C0 / (T0 step)")]
+    model_stiffness: Annotated[i32, F(0, COEFFICIENT, 30, "", "T0 tick**2 / I_x, nominal")]
+    model_damping: Annotated[i32, F(0, COEFFICIENT, 30, "", "C0 tick / I_x, nominal")]
+    model_scale: Annotated[
+        list[list[i32]],
+        2,
+        4,
+        F(-COEFFICIENT, COEFFICIENT, 0, "", "roll, rate, a_y, moment: to the rows of phi, gamma"),
+    ]
+
+    # control laws; the moment is minus the sum for state feedback, plus for output feedback
+    feedback: Annotated[
+        list[i32], N_STATES, F(-COEFFICIENT, COEFFICIENT, 0, "", "u = -(feedback) x")
+    ]
+    feedback_shift: Annotated[u8, F(1, 62, 0, "", "shift of the feedback row")]
+    feedforward: Annotated[
+        list[i32], N_STATES, F(-COEFFICIENT, COEFFICIENT, 0, "", "u -= (feedforward) x")
+    ]
+    feedforward_shift: Annotated[u8, F(1, 62, 0, "", "shift of the feedforward row")]
+    output_gain: Annotated[
+        list[i32],
+        N_MEASUREMENTS,
+        F(-COEFFICIENT, COEFFICIENT, 0, "", "u = (gain) [roll rate, a_y, roll]"),
+    ]
+    output_gain_shift: Annotated[u8, F(1, 62, 0, "", "shift of the output-feedback row")]
+    compensator_order: Annotated[u8, F(0, N_ORDER, 0, "", "number of compensator states")]
+    compensator_outputs: Annotated[u8, F(1, 2, 0, "", "1 moment, or front and rear")]
+    compensator_a: Annotated[
+        list[list[i32]], N_ORDER, N_ORDER, F(-COEFFICIENT, COEFFICIENT, 0, "", "states Q24")
+    ]
+    compensator_b: Annotated[
+        list[list[i32]],
+        N_ORDER,
+        4,
+        F(-COEFFICIENT, COEFFICIENT, 0, "", "inputs: roll, roll rate, a_y, a_y by steering"),
+    ]
+    compensator_e: Annotated[
+        list[list[i32]],
+        N_ORDER,
+        2,
+        F(-COEFFICIENT, COEFFICIENT, 0, "", "inputs: the saturated outputs"),
+    ]
+    compensator_shift: Annotated[list[u8], N_ORDER, F(1, 62, 0, "", "shift of each state row")]
+    compensator_c: Annotated[
+        list[list[i32]], 2, N_ORDER, F(-COEFFICIENT, COEFFICIENT, 0, "", "outputs Q14")
+    ]
+    compensator_d: Annotated[
+        list[list[i32]], 2, 4, F(-COEFFICIENT, COEFFICIENT, 0, "", "from the inputs")
+    ]
+    compensator_output_shift: Annotated[list[u8], 2, F(1, 62, 0, "", "shift of each output")]
+    moment_max: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "largest moment commanded")]
+    slew_max: Annotated[i32, F(1, STATE_MAX, Q_MOMENT, "N·m", "largest change of it a tick")]
+
+    # speed schedule and fading
+    schedule_points: Annotated[u8, F(1, N_POINTS, 0, "", "points of the speed schedule")]
+    schedule_speed: Annotated[
+        list[i32], N_POINTS, F(0, 200 << Q_SPEED, Q_SPEED, "m/s", "ascending")
+    ]
+    schedule_gain: Annotated[list[i32], N_POINTS, F(0, ONE, 28, "", "factor on the moment")]
+    schedule_front_share: Annotated[
+        list[i32], N_POINTS, F(0, ONE, Q_UNIT, "", "share of the front axle")
+    ]
+    schedule_steering: Annotated[
+        list[i32], N_POINTS, F(-STATE_MAX, STATE_MAX, 20, "m/s2/rad", "a_y a rad of the wheel")
+    ]
+    fade_low: Annotated[i32, F(0, 200 << Q_SPEED, Q_SPEED, "m/s", "no authority below")]
+    fade_high: Annotated[i32, F(1, 200 << Q_SPEED, Q_SPEED, "m/s", "full authority above")]
+
+    # offset learning
+    straight_steering: Annotated[i32, F(0, STATE_MAX, 24, "rad", "wheel angle that is straight")]
+    straight_yaw_rate: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "and yaw rate")]
+    offset_shift: Annotated[u8, F(1, 20, 0, "", "offset += error >> shift a tick")]
+    offset_rate_max: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "largest roll-rate offset")]
+    offset_acceleration_max: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "largest lateral-acceleration offset")
+    ]
+
+    # event trigger: send when e**2 > epsilon**2 u**2 + floor**2
+    trigger_epsilon_squared: Annotated[i32, F(0, 1 << 20, 20, "", "relative threshold, squared")]
+    trigger_floor: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "absolute threshold")]
+    heartbeat_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "a command at the latest after")]
+    acknowledge_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "the echo is due after")]
+    status_ticks: Annotated[i32, F(1, 10000, 0, "ticks", "between two status frames")]
+
+    # allocation
+    arm_front: Annotated[i32, F(0, 4 << 28, 28, "1/m", "1 / (2 half track), front")]
+    arm_rear: Annotated[i32, F(0, 4 << 28, 28, "1/m", "1 / (2 half track), rear")]
+    track_front: Annotated[i32, F(1, 4 << 28, 28, "m", "2 half track, front")]
+    track_rear: Annotated[i32, F(1, 4 << 28, 28, "m", "2 half track, rear")]
+    force_max: Annotated[list[i32], 4, F(0, 4090 << Q_MOMENT, Q_MOMENT, "N", "of each corner")]
+    share_slack: Annotated[
+        i32, F(0, ONE, Q_UNIT, "", "how far redistribution may move the front share")
+    ]
+    bar_max: Annotated[list[i32], 2, F(0, 8191 << Q_MOMENT, Q_MOMENT, "N·m", "of each bar")]
+    damper_speed: Annotated[list[i32], 2, F(1, STATE_MAX, Q_RATE, "m/s", "knee: soft, firm")]
+    damper_force: Annotated[list[i32], 2, F(0, STATE_MAX, Q_MOMENT, "N", "at the knee")]
+    damper_slope: Annotated[list[i32], 2, F(0, STATE_MAX, Q_MOMENT, "N·s/m", "beyond it")]
+    current_max: Annotated[i32, F(0, 16382 << Q_MOMENT, Q_MOMENT, "mA", "damper or valve")]
+
+    budget_instructions: Annotated[i32, F(0, LARGE, 0, "", "a tick on the target, 0: none")]
+    budget_tick_us: Annotated[i32, F(0, LARGE, 0, "us", "p99 tick duration, 0: none")]
+    crc: Annotated[i32, F(-LARGE - 1, LARGE, 0, "", "CRC-32 of the fields before it")]

@@ -1,0 +1,124 @@
+"""The control laws: state feedback with feedforward, static output feedback, LTI compensator.
+
+u = -K x - K_ff a_y is the shared form of LQR, H-infinity and sliding mode (Yim 2020, (13), (19),
+(40) with the sign that stabilises); u = K y is Redondo 2021, (5), and Viadero 2022. The compensator
+is in observer form on the saturated output, so that it does not wind up.
+"""
+
+from firmware.calibration import (
+    COMPENSATOR,
+    N_STATES,
+    OUTPUT_FEEDBACK,
+    STATE_MAX,
+    Calibration,
+)
+from firmware.state import ACTIVE, DEGRADED, ROLL, ROLL_RATE, Ecu
+from firmware.subset import clamp, i32, i64, rsh, sat32
+
+
+def rate_input(ecu: Ecu) -> i32:
+    """Return the roll rate as measured, without its learnt offset (Q27)."""
+    return clamp(ecu.roll_rate - ecu.offset_rate, -STATE_MAX, STATE_MAX)
+
+
+def lateral_input(ecu: Ecu) -> i32:
+    """Return the lateral acceleration as measured, without its learnt offset (Q24)."""
+    return clamp(ecu.lateral_acceleration - ecu.offset_acceleration, -STATE_MAX, STATE_MAX)
+
+
+def state_feedback(ecu: Ecu, cal: Calibration) -> i64:
+    """Return u = -(feedback) x - (feedforward) x from the predicted estimate, Q14."""
+    acc: i64 = 0
+    for j in range(N_STATES):
+        acc += cal.feedback[j] * ecu.ahead[j]
+    u: i64 = -rsh(acc, cal.feedback_shift)
+    if ecu.lateral_lost == 0:
+        acc = 0
+        for j in range(N_STATES):
+            acc += cal.feedforward[j] * ecu.ahead[j]
+        u -= rsh(acc, cal.feedforward_shift)
+    return u
+
+
+def output_feedback(ecu: Ecu, cal: Calibration) -> i64:
+    """Return u = K [roll rate, lateral acceleration, roll angle], Q14."""
+    acc: i64 = cal.output_gain[0] * rate_input(ecu)
+    acc += cal.output_gain[1] * lateral_input(ecu)
+    acc += cal.output_gain[2] * ecu.x[ROLL]
+    return rsh(acc, cal.output_gain_shift)
+
+
+def compensator_output(ecu: Ecu, cal: Calibration, output: i32) -> i64:
+    """Return one output of the compensator before limits, Q14."""
+    acc: i64 = cal.compensator_d[output][0] * ecu.x[ROLL]
+    acc += cal.compensator_d[output][1] * ecu.x[ROLL_RATE]
+    acc += cal.compensator_d[output][2] * lateral_input(ecu)
+    acc += cal.compensator_d[output][3] * ecu.steering_acceleration
+    for j in range(cal.compensator_order):
+        acc += cal.compensator_c[output][j] * ecu.compensator_x[j]
+    return rsh(acc, cal.compensator_output_shift[output])
+
+
+def advance_compensator(ecu: Ecu, cal: Calibration) -> None:
+    """Advance the compensator's state with its inputs and the outputs that were really given."""
+    for i in range(cal.compensator_order):
+        acc: i64 = cal.compensator_b[i][0] * ecu.x[ROLL]
+        acc += cal.compensator_b[i][1] * ecu.x[ROLL_RATE]
+        acc += cal.compensator_b[i][2] * lateral_input(ecu)
+        acc += cal.compensator_b[i][3] * ecu.steering_acceleration
+        for k in range(2):
+            acc += cal.compensator_e[i][k] * ecu.outputs[k]
+        for j in range(cal.compensator_order):
+            acc += cal.compensator_a[i][j] * ecu.compensator_x[j]
+        ecu.compensator_next[i] = clamp(rsh(acc, cal.compensator_shift[i]), -STATE_MAX, STATE_MAX)
+    for i in range(cal.compensator_order):
+        ecu.compensator_x[i] = ecu.compensator_next[i]
+
+
+def limited(ecu: Ecu, cal: Calibration, wanted: i64, last: i32, elapsed: i32) -> i32:
+    """Apply schedule, authority, moment limit and slew limit to a wanted output."""
+    u: i64 = rsh(clamp(wanted, -STATE_MAX, STATE_MAX) * ecu.gain_factor, 28)
+    u = rsh(clamp(u, -STATE_MAX, STATE_MAX) * ecu.authority, 30)
+    u = clamp(u, -cal.moment_max, cal.moment_max)
+    step: i32 = sat32(elapsed * cal.slew_max)
+    return clamp(clamp(u - last, -step, step) + last, -STATE_MAX, STATE_MAX)
+
+
+def control(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
+    """Compute the moment of this tick; in INIT and SAFE it only ramps to zero."""
+    if ecu.mode != ACTIVE and ecu.mode != DEGRADED:
+        held: i64 = rsh(ecu.last_moment * ecu.authority, 30)
+        ecu.moment = clamp(held, -STATE_MAX, STATE_MAX)
+        for k in range(2):
+            held = rsh(ecu.last_outputs[k] * ecu.authority, 30)
+            ecu.outputs[k] = clamp(held, -STATE_MAX, STATE_MAX)
+        for i in range(cal.compensator_order):
+            ecu.compensator_x[i] = 0
+        return
+    if cal.law == COMPENSATOR:
+        for k in range(cal.compensator_outputs):
+            wanted: i64 = compensator_output(ecu, cal, k)
+            ecu.outputs[k] = limited(ecu, cal, wanted, ecu.outputs[k], elapsed)
+        ecu.moment = clamp(ecu.outputs[0] + ecu.outputs[1], -STATE_MAX, STATE_MAX)
+        advance_compensator(ecu, cal)
+        return
+    u: i64 = 0
+    if cal.law == OUTPUT_FEEDBACK:
+        u = output_feedback(ecu, cal)
+    else:
+        u = state_feedback(ecu, cal)
+    ecu.moment = limited(ecu, cal, u, ecu.moment, elapsed)
+    ecu.outputs[0] = ecu.moment
+
+
+def init_control(ecu: Ecu, cal: Calibration) -> None:
+    """Start with no moment."""
+    ecu.moment = 0
+    for k in range(2):
+        ecu.outputs[k] = 0
+        ecu.last_outputs[k] = 0
+    for i in range(8):
+        ecu.compensator_x[i] = 0
+        ecu.compensator_next[i] = 0
+    ecu.gain_factor = 0
+    ecu.front_share = cal.schedule_front_share[0]

@@ -1,0 +1,71 @@
+"""Run-time Riccati recursion of the observer, for gains that follow what is really measured.
+
+Each state is in units of its own power of two, so that all variances are near one; they are kept
+in Q24, symmetric, with a floor and a cap. The cap on the lateral acceleration's variance keeps
+roll angle and lateral acceleration from winding each other up while they can't be told apart.
+"""
+
+from firmware.calibration import N_STATES, STATE_MAX, Calibration
+from firmware.state import Ecu
+from firmware.subset import clamp, i32, i64, rsh, tdiv
+
+Q_COVARIANCE = 24
+
+
+def bounded(ecu: Ecu, cal: Calibration) -> None:
+    """Keep the variances between their floor and their cap."""
+    for i in range(N_STATES):
+        ecu.covariance[i][i] = clamp(ecu.covariance[i][i], 1, cal.covariance_max[i])
+
+
+def propagate(ecu: Ecu, cal: Calibration) -> None:
+    """P = Phi P Phi' + M over one tick."""
+    acc: i64 = 0
+    for i in range(N_STATES):
+        for k in range(N_STATES):
+            acc = 0
+            for j in range(N_STATES):
+                acc += cal.covariance_phi[i][j] * ecu.covariance[j][k]
+            ecu.product[i][k] = clamp(rsh(acc, Q_COVARIANCE), -STATE_MAX, STATE_MAX)
+    for i in range(N_STATES):
+        for k in range(i + 1):
+            acc = 0
+            for j in range(N_STATES):
+                acc += ecu.product[i][j] * cal.covariance_phi[k][j]
+            ecu.covariance[i][k] = clamp(rsh(acc, Q_COVARIANCE), -STATE_MAX, STATE_MAX)
+            ecu.covariance[k][i] = ecu.covariance[i][k]
+        ecu.covariance[i][i] = clamp(
+            ecu.covariance[i][i] + cal.process_noise[i], -STATE_MAX, STATE_MAX
+        )
+    bounded(ecu, cal)
+
+
+def update(ecu: Ecu, cal: Calibration, measured: i32, innovation: i32) -> None:
+    """Correct state and covariance by one scalar innovation."""
+    variance: i64 = 0
+    acc: i64 = 0
+    for i in range(N_STATES):
+        acc = 0
+        for j in range(N_STATES):
+            acc += ecu.covariance[i][j] * cal.covariance_output[measured][j]
+        ecu.work[i] = clamp(rsh(acc, Q_COVARIANCE), -STATE_MAX, STATE_MAX)
+        variance += cal.covariance_output[measured][i] * ecu.work[i]
+    total: i64 = clamp(rsh(variance, Q_COVARIANCE), 0, STATE_MAX) + cal.measurement_noise[measured]
+    for i in range(N_STATES):
+        gain: i32 = clamp(tdiv(ecu.work[i] * (1 << Q_COVARIANCE), total), -STATE_MAX, STATE_MAX)
+        step: i64 = rsh(gain * innovation, cal.covariance_gain_shift[measured][i])
+        ecu.x[i] = clamp(ecu.x[i] + step, -STATE_MAX, STATE_MAX)
+        for j in range(i + 1):
+            left: i64 = ecu.covariance[i][j] - rsh(gain * ecu.work[j], Q_COVARIANCE)
+            ecu.covariance[i][j] = clamp(left, -STATE_MAX, STATE_MAX)
+            ecu.covariance[j][i] = ecu.covariance[i][j]
+    bounded(ecu, cal)
+
+
+def init_covariance(ecu: Ecu, cal: Calibration) -> None:
+    """Start from the calibrated variances."""
+    for i in range(N_STATES):
+        for j in range(N_STATES):
+            ecu.covariance[i][j] = 0
+            ecu.product[i][j] = 0
+        ecu.covariance[i][i] = cal.covariance_start[i]

@@ -1,0 +1,98 @@
+"""The three entry points of the ECU: ``init``, ``receive``, ``tick``.
+
+The caller owns both records. It calls ``receive`` for every frame, from an interrupt if it likes,
+``tick`` once a period with the number of periods gone by, and then sends every slot whose
+``tx_pending`` is 1 and clears it.
+"""
+
+from firmware.allocation import allocate, init_allocation
+from firmware.calibration import Calibration
+from firmware.check import check
+from firmware.control_law import control, init_control
+from firmware.event_trigger import init_trigger, trigger
+from firmware.identification import identify, init_identification
+from firmware.mailbox import init_mailboxes, read_inputs, receive
+from firmware.observer import init_observer, learn_offsets, look_ahead, observe
+from firmware.schedule import schedule
+from firmware.state import Ecu
+from firmware.subset import I32_MAX, clamp, i32, i64, narrow
+from firmware.supervisor import TROUBLE_CALIBRATION, init_supervisor, supervise, trouble
+from firmware.transmit import init_transmit, transmit
+
+__all__ = ["init", "receive", "tick"]
+
+ELAPSED_MAX = 16
+WRAP = 1 << 32
+
+
+def init(ecu: Ecu, cal: Calibration) -> i32:
+    """Start the ECU; return 0, or the rule of ``check`` that refuses the calibration.
+
+    A refused calibration never runs: every later tick does nothing.
+    """
+    init_supervisor(ecu)
+    ecu.refused = check(cal)
+    if ecu.refused != 0:
+        trouble(ecu, TROUBLE_CALIBRATION, 1)
+        return ecu.refused
+    init_mailboxes(ecu, cal)
+    init_inputs(ecu)
+    init_observer(ecu, cal)
+    init_identification(ecu, cal)
+    init_control(ecu, cal)
+    init_trigger(ecu)
+    init_allocation(ecu)
+    init_transmit(ecu)
+    ecu.time = 0
+    ecu.law = cal.law
+    return 0
+
+
+def init_inputs(ecu: Ecu) -> None:
+    """Clear all received values."""
+    ecu.roll_rate = 0
+    ecu.lateral_acceleration = 0
+    ecu.yaw_rate = 0
+    ecu.imu_sample = 0
+    ecu.speed = 0
+    ecu.steering = 0
+    ecu.longitudinal_acceleration = 0
+    ecu.motion_sample = 0
+    ecu.rate_sample = 0
+    ecu.travel_sample = 0
+    for corner in range(4):
+        ecu.stroke_rate[corner] = 0
+        ecu.travel[corner] = 0
+        ecu.status[corner] = 0
+    for axle in range(2):
+        ecu.delivered[axle] = 0
+    ecu.enabled = 0
+    ecu.command_held = 0
+    ecu.accepted_counter = 0
+    ecu.actuator_sample = 0
+    ecu.reference_roll = 0
+    ecu.reference_rate = 0
+    ecu.reference_acceleration = 0
+    ecu.reference_sample = 0
+
+
+def tick(ecu: Ecu, cal: Calibration, elapsed_ticks: i32) -> None:
+    """Run one period of the loop; ``elapsed_ticks`` is more than 1 where ticks were missed."""
+    if ecu.refused != 0:
+        return
+    elapsed: i32 = clamp(elapsed_ticks, 1, ELAPSED_MAX)
+    read_inputs(ecu, cal, elapsed)
+    supervise(ecu, cal, elapsed)
+    schedule(ecu, cal)
+    learn_offsets(ecu, cal)
+    observe(ecu, cal, elapsed)
+    identify(ecu, cal, elapsed)
+    look_ahead(ecu, cal)
+    control(ecu, cal, elapsed)
+    trigger(ecu, cal, elapsed)
+    allocate(ecu, cal)
+    transmit(ecu, cal, elapsed)
+    time: i64 = ecu.time + elapsed
+    if time > I32_MAX:
+        time -= WRAP
+    ecu.time = narrow(time)

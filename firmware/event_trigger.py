@@ -1,0 +1,106 @@
+"""Event trigger: a command goes out only when it has moved enough, or the heartbeat is due.
+
+Viadero 2022: send when e' Omega e > epsilon**2 u' Omega u, with e the difference to the command the
+actuators follow; an absolute floor keeps sensor noise from firing it near zero. The actuators echo
+the counter of the command they accepted, so that a lost frame is sent again.
+"""
+
+from firmware.calibration import BARS, DAMPERS, N_RING, SUSPENSION, Calibration
+from firmware.state import (
+    AGE_MAX,
+    RX_ACTUATOR_STATE,
+    TX_ANTI_ROLL_BAR,
+    TX_DAMPER,
+    TX_SUSPENSION_FORCE,
+    TX_VALVE,
+    Ecu,
+)
+from firmware.subset import I32_MAX, byte, clamp, i32, i64, rsh, u8
+
+NOTHING = 0
+TRIGGERED = 1
+HEARTBEAT = 2
+# squares are taken of quarter newton metres
+COARSE = 12
+
+
+def command_slot(cal: Calibration) -> u8:
+    """Return the transmit slot of the calibrated actuator's command."""
+    if cal.actuator == SUSPENSION:
+        return TX_SUSPENSION_FORCE
+    if cal.actuator == BARS:
+        return TX_ANTI_ROLL_BAR
+    if cal.actuator == DAMPERS:
+        return TX_DAMPER
+    return TX_VALVE
+
+
+def acknowledge(ecu: Ecu, cal: Calibration) -> None:
+    """Take note of the echo: the last command sent is the one the actuators follow."""
+    if ecu.waiting == 0 or ecu.fresh[RX_ACTUATOR_STATE] == 0 or ecu.command_held == 0:
+        return
+    if ecu.accepted_counter == ecu.tx_counter[command_slot(cal)]:
+        ecu.waiting = 0
+        ecu.unacknowledged = 0
+        for k in range(2):
+            ecu.held[k] = ecu.sent[k]
+
+
+def moved(ecu: Ecu, cal: Calibration) -> i32:
+    """Return 1 where the new outputs differ enough from the command that counts."""
+    error: i64 = 0
+    size: i64 = 0
+    for k in range(2):
+        reference: i32 = ecu.held[k]
+        if ecu.waiting == 1:
+            reference = ecu.sent[k]
+        e: i64 = rsh(ecu.outputs[k] - reference, COARSE)
+        r: i64 = rsh(reference, COARSE)
+        error += e * e
+        size += r * r
+    floor: i64 = rsh(cal.trigger_floor, COARSE)
+    threshold: i64 = cal.trigger_epsilon_squared * size + floor * floor * (1 << 20)
+    if error * (1 << 20) > threshold:
+        return 1
+    return 0
+
+
+def trigger(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
+    """Decide whether this tick sends a command; note the one that is under way."""
+    acknowledge(ecu, cal)
+    ecu.since_sent = clamp(ecu.since_sent + elapsed, 0, AGE_MAX)
+    if ecu.waiting == 1:
+        ecu.unacknowledged = clamp(ecu.unacknowledged + elapsed, 0, AGE_MAX)
+    ecu.triggered = NOTHING
+    if cal.event_trigger == 0 or cal.actuator == DAMPERS:
+        ecu.triggered = TRIGGERED
+    elif moved(ecu, cal) == 1:
+        ecu.triggered = TRIGGERED
+    elif ecu.waiting == 1 and ecu.since_sent >= cal.acknowledge_ticks:
+        ecu.triggered = TRIGGERED
+    elif ecu.since_sent >= cal.heartbeat_ticks:
+        ecu.triggered = HEARTBEAT
+    if ecu.triggered != NOTHING:
+        ecu.since_sent = 0
+        ecu.waiting = 1
+        ecu.commands_sent = clamp(ecu.commands_sent + 1, 0, I32_MAX)
+        if ecu.triggered == HEARTBEAT:
+            ecu.heartbeats_sent = clamp(ecu.heartbeats_sent + 1, 0, I32_MAX)
+        for k in range(2):
+            ecu.sent[k] = ecu.outputs[k]
+    for _ in range(elapsed):
+        ecu.ring_head = byte((ecu.ring_head + 1) & (N_RING - 1))
+        ecu.ring[ecu.ring_head] = clamp(ecu.sent[0] + ecu.sent[1], -(1 << 30), 1 << 30)
+
+
+def init_trigger(ecu: Ecu) -> None:
+    """Start with nothing sent."""
+    for k in range(2):
+        ecu.sent[k] = 0
+        ecu.held[k] = 0
+    ecu.waiting = 0
+    ecu.unacknowledged = 0
+    ecu.since_sent = AGE_MAX
+    ecu.triggered = NOTHING
+    ecu.commands_sent = 0
+    ecu.heartbeats_sent = 0

@@ -1,0 +1,149 @@
+"""Recursive least squares of roll stiffness and damping, and the model that follows from them.
+
+Yim 2020, section III.D, in integral form: over a window of ten steps
+theta_1 T0 int(phi) + theta_2 C0 d(phi) = int(M + m h a_y) - I_x d(phi'), with theta relative to
+nominal and T = K - m g h. The lateral acceleration is the sensor's: taken from the model itself
+the equation would hold for any theta. Only a moving body teaches, so a gate on the roll rate
+stops the forgetting where there is nothing to learn.
+"""
+
+from firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
+from firmware.observer import acting_moment
+from firmware.state import ROLL, RX_IMU, WINDOW_MAX, Ecu
+from firmware.subset import byte, clamp, i32, i64, rsh, sat32, tdiv
+
+WINDOW = 10
+STIFFNESS = 0
+INERTIA = 1
+IMPULSE = 2
+RATIO_ONE = 1 << 28
+REGRESSOR_MAX = 1 << 24
+Q20_ONE = 1 << 20
+ONE_Q30 = 1 << 30
+HALF_Q30 = 1 << 29
+SIXTH_Q30 = 178956971
+GRAVITY_Q10 = 10042
+
+
+def product(a: i64, b: i64) -> i32:
+    """Return the product of two Q30 numbers of magnitude below two, as Q30."""
+    return sat32(rsh(sat32(a) * sat32(b), 30))
+
+
+def remember(ecu: Ecu, quantity: i32, value: i64) -> i32:
+    """Put ``value`` in the window; return the change over the window."""
+    kept: i32 = clamp(value, -WINDOW_MAX, WINDOW_MAX)
+    change: i32 = kept - ecu.rls_history[quantity][ecu.rls_index]
+    ecu.rls_history[quantity][ecu.rls_index] = kept
+    return change
+
+
+def adapt_model(ecu: Ecu, cal: Calibration) -> None:
+    """Recompute the roll and roll-rate rows by the third-order Taylor series of [A B]."""
+    a: i32 = sat32(rsh(ecu.theta[0] * cal.model_stiffness, 28))
+    b: i32 = sat32(rsh(ecu.theta[1] * cal.model_damping, 28))
+    ab: i32 = product(a, b)
+    square: i32 = sat32(product(b, b) - a)
+    roll_roll: i32 = sat32(ONE_Q30 - rsh(a, 1) + product(ab, SIXTH_Q30))
+    roll_rate: i32 = sat32(ONE_Q30 - rsh(b, 1) + product(square, SIXTH_Q30))
+    rate_roll: i32 = sat32(rsh(ab, 1) - a - product(product(a, square), SIXTH_Q30))
+    cubic: i64 = ab - product(b, square)
+    rate_rate: i32 = sat32(ONE_Q30 - b + rsh(square, 1) + product(cubic, SIXTH_Q30))
+    roll_input: i32 = sat32(HALF_Q30 - product(b, SIXTH_Q30))
+    ecu.model[0][0] = clamp(rsh(roll_roll * cal.model_scale[0][0], 30), -COEFFICIENT, COEFFICIENT)
+    ecu.model[0][1] = clamp(rsh(roll_rate * cal.model_scale[0][1], 30), -COEFFICIENT, COEFFICIENT)
+    ecu.model[1][0] = clamp(rsh(rate_roll * cal.model_scale[1][0], 30), -COEFFICIENT, COEFFICIENT)
+    ecu.model[1][1] = clamp(rsh(rate_rate * cal.model_scale[1][1], 30), -COEFFICIENT, COEFFICIENT)
+    for j in range(2, 4):
+        ecu.model[0][j] = clamp(
+            rsh(roll_input * cal.model_scale[0][j], 30), -COEFFICIENT, COEFFICIENT
+        )
+        ecu.model[1][j] = clamp(
+            rsh(roll_rate * cal.model_scale[1][j], 30), -COEFFICIENT, COEFFICIENT
+        )
+
+
+def learn(ecu: Ecu, cal: Calibration, f0: i32, f1: i32, y: i64) -> None:
+    """One recursive least-squares step for the regressor [f0, f1] and the target y, all Q20."""
+    g0: i64 = rsh(ecu.rls_covariance[0] * f0 + ecu.rls_covariance[1] * f1, 20)
+    g0 = clamp(g0, -STATE_MAX, STATE_MAX)
+    g1: i64 = rsh(ecu.rls_covariance[1] * f0 + ecu.rls_covariance[2] * f1, 20)
+    g1 = clamp(g1, -STATE_MAX, STATE_MAX)
+    forgetting: i64 = rsh(cal.rls_forgetting, 10)
+    total: i64 = clamp(rsh(f0 * g0 + f1 * g1, 20), 0, STATE_MAX) + clamp(forgetting, 1, Q20_ONE)
+    k0: i32 = sat32(tdiv(g0 * Q20_ONE, total))
+    k1: i32 = sat32(tdiv(g1 * Q20_ONE, total))
+    told: i64 = rsh(ecu.theta[0] * f0 + ecu.theta[1] * f1, 28)
+    error: i32 = clamp(y - told, -REGRESSOR_MAX, REGRESSOR_MAX)
+    ecu.theta[0] = clamp(ecu.theta[0] + rsh(k0 * error, 12), cal.rls_lo[0], cal.rls_hi[0])
+    ecu.theta[1] = clamp(ecu.theta[1] + rsh(k1 * error, 12), cal.rls_lo[1], cal.rls_hi[1])
+    p0: i64 = clamp(ecu.rls_covariance[0] - rsh(k0 * g0, 20), 1, STATE_MAX)
+    p1: i64 = clamp(ecu.rls_covariance[1] - rsh(k0 * g1, 20), -STATE_MAX, STATE_MAX)
+    p2: i64 = clamp(ecu.rls_covariance[2] - rsh(k1 * g1, 20), 1, STATE_MAX)
+    if p0 + p2 < cal.rls_trace_max:
+        p0 = tdiv(p0 * ONE_Q30, cal.rls_forgetting)
+        p1 = tdiv(p1 * ONE_Q30, cal.rls_forgetting)
+        p2 = tdiv(p2 * ONE_Q30, cal.rls_forgetting)
+    ecu.rls_covariance[0] = clamp(p0, 1, STATE_MAX)
+    ecu.rls_covariance[1] = clamp(p1, -STATE_MAX, STATE_MAX)
+    ecu.rls_covariance[2] = clamp(p2, 1, STATE_MAX)
+
+
+def restart(ecu: Ecu) -> None:
+    """Empty the window; what was learnt stays."""
+    ecu.rls_filled = 0
+    ecu.rls_index = 0
+    ecu.rls_integrals[0] = 0
+    ecu.rls_integrals[1] = 0
+    for quantity in range(3):
+        for k in range(WINDOW):
+            ecu.rls_history[quantity][k] = 0
+
+
+def identify(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
+    """Take one identification step where one is due, and adapt the observer's model."""
+    if cal.identification == 0:
+        return
+    if elapsed > 1 or ecu.lateral_lost == 1 or ecu.age[RX_IMU] > cal.rls_decimation:
+        restart(ecu)
+        return
+    ecu.rls_count = byte(clamp(ecu.rls_count + 1, 0, 20))
+    if ecu.rls_count < cal.rls_decimation:
+        return
+    ecu.rls_count = 0
+    rate: i32 = sat32(ecu.roll_rate - ecu.offset_rate - ecu.x[4])
+    gravity: i64 = rsh(ecu.x[ROLL] * GRAVITY_Q10, 16)
+    lateral: i32 = sat32(ecu.lateral_acceleration - ecu.offset_acceleration - gravity)
+    impulse: i64 = rsh(acting_moment(ecu) * cal.rls_moment, 30) + rsh(lateral * cal.rls_lateral, 30)
+    stiffness: i32 = remember(ecu, STIFFNESS, rsh(ecu.x[ROLL] * cal.rls_stiffness, 30))
+    momentum: i32 = remember(ecu, INERTIA, rsh(rate * cal.rls_inertia, 30))
+    pushed: i32 = remember(ecu, IMPULSE, impulse)
+    # the running sums of roll and impulse change by what enters and what leaves the window
+    ecu.rls_integrals[0] = clamp(ecu.rls_integrals[0] + stiffness, -STATE_MAX, STATE_MAX)
+    ecu.rls_integrals[1] = clamp(ecu.rls_integrals[1] + pushed, -STATE_MAX, STATE_MAX)
+    ecu.rls_index = byte(ecu.rls_index + 1)
+    if ecu.rls_index >= WINDOW:
+        ecu.rls_index = 0
+    ecu.rls_filled = byte(clamp(ecu.rls_filled + 1, 0, WINDOW))
+    if ecu.rls_filled < WINDOW or (rate < cal.rls_gate and rate > -cal.rls_gate):
+        return
+    damping: i64 = rsh(stiffness * cal.rls_damping, 20)
+    learn(
+        ecu,
+        cal,
+        clamp(ecu.rls_integrals[0], -REGRESSOR_MAX, REGRESSOR_MAX),
+        clamp(damping, -REGRESSOR_MAX, REGRESSOR_MAX),
+        ecu.rls_integrals[1] - momentum,
+    )
+    adapt_model(ecu, cal)
+
+
+def init_identification(ecu: Ecu, cal: Calibration) -> None:
+    """Start from the nominal parameters."""
+    ecu.theta[0] = clamp(RATIO_ONE, cal.rls_lo[0], cal.rls_hi[0])
+    ecu.theta[1] = clamp(RATIO_ONE, cal.rls_lo[1], cal.rls_hi[1])
+    ecu.rls_covariance[0] = cal.rls_start
+    ecu.rls_covariance[1] = 0
+    ecu.rls_covariance[2] = cal.rls_start
+    ecu.rls_count = 0
+    restart(ecu)

@@ -1,0 +1,101 @@
+"""Mailboxes: what the bus hands over, and what the tick takes from it.
+
+``receive`` may run in an interrupt. It only ever writes the side of a slot that ``rx_side`` names;
+the tick turns ``rx_side`` over by one byte store and then owns the other side. The last frame wins.
+"""
+
+from typing import Annotated
+
+from firmware import e2e, signals
+from firmware.calibration import N_RX, Calibration
+from firmware.state import (
+    AGE_MAX,
+    RX_ACTUATOR_STATE,
+    RX_IMU,
+    RX_SUSPENSION_RATE,
+    RX_SUSPENSION_TRAVEL,
+    RX_VEHICLE_MOTION,
+    Ecu,
+)
+from firmware.subset import byte, clamp, i32, u8
+
+NO_SAMPLE = 16
+
+
+def receive(ecu: Ecu, message: i32, payload: Annotated[list[u8], 8], length: i32) -> None:
+    """Store a frame of ``message`` (RX_…); the only writer of the receive slots."""
+    if message < 0 or message >= N_RX:
+        return
+    slot: i32 = 2 * message + ecu.rx_side[message]
+    for k in range(8):
+        ecu.rx_payload[slot][k] = payload[k]
+    ecu.rx_length[slot] = byte(clamp(length, 0, 255))
+    ecu.rx_fresh[slot] = 1
+
+
+def sample_counter(ecu: Ecu, message: i32) -> u8:
+    """Return the sample counter that the last frame of ``message`` brought."""
+    if message == RX_IMU:
+        return ecu.imu_sample
+    if message == RX_VEHICLE_MOTION:
+        return ecu.motion_sample
+    if message == RX_SUSPENSION_RATE:
+        return ecu.rate_sample
+    if message == RX_SUSPENSION_TRAVEL:
+        return ecu.travel_sample
+    if message == RX_ACTUATOR_STATE:
+        return ecu.actuator_sample
+    return ecu.reference_sample
+
+
+def take(ecu: Ecu, cal: Calibration, message: i32) -> i32:
+    """Read the newest frame of ``message``; return 1 where it brought a new valid sample."""
+    side: u8 = ecu.rx_side[message]
+    ecu.rx_side[message] = 1 - side
+    slot: i32 = 2 * message + side
+    if ecu.rx_fresh[slot] == 0:
+        e2e.missed(ecu, message)
+        return 0
+    ecu.rx_fresh[slot] = 0
+    if ecu.rx_length[slot] < signals.RX_LENGTHS[message]:
+        return 0
+    if cal.e2e == 1:
+        if e2e.check(ecu, cal, message, ecu.rx_payload[slot], signals.RX_DATA_IDS[message]) == 0:
+            return 0
+    ecu.age[message] = 0
+    signals.unpack(ecu, message, slot)
+    sample: u8 = sample_counter(ecu, message)
+    if sample == ecu.last_sample[message]:
+        return 0
+    ecu.last_sample[message] = sample
+    ecu.unchanged[message] = 0
+    return 1
+
+
+def read_inputs(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
+    """Take every mailbox, and count how old each input is."""
+    for message in range(N_RX):
+        ecu.age[message] = clamp(ecu.age[message] + elapsed, 0, AGE_MAX)
+        ecu.unchanged[message] = clamp(ecu.unchanged[message] + elapsed, 0, AGE_MAX)
+        ecu.fresh[message] = byte(take(ecu, cal, message))
+
+
+def init_mailboxes(ecu: Ecu, cal: Calibration) -> None:
+    """Empty all slots and start the E2E receivers."""
+    for slot in range(2 * N_RX):
+        ecu.rx_fresh[slot] = 0
+        ecu.rx_length[slot] = 0
+        for k in range(8):
+            ecu.rx_payload[slot][k] = 0
+    for message in range(N_RX):
+        ecu.rx_side[message] = 0
+        ecu.e2e_waiting[message] = 1
+        ecu.e2e_last[message] = 0
+        ecu.e2e_delta[message] = cal.e2e_max_delta[message]
+        ecu.e2e_repeated[message] = 0
+        ecu.e2e_resync[message] = 0
+        ecu.fresh[message] = 0
+        ecu.age[message] = 0
+        ecu.valid[message] = 0
+        ecu.last_sample[message] = NO_SAMPLE
+        ecu.unchanged[message] = 0

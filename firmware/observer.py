@@ -1,0 +1,159 @@
+"""Kalman disturbance observer of roll, roll rate, effective lateral acceleration, gyro bias.
+
+Every tick predicts with the delivered moment; every fresh measurement corrects, one scalar at a
+time (the third state and why two measurements are needed: Yim 2020, section III, where roll rate
+alone leaves [roll, a_y] unobservable). ``look_ahead`` then carries the estimate from the sample to
+the instant at which the command will act, through the ring of commands that are under way.
+"""
+
+from typing import Annotated
+
+from firmware.calibration import (
+    BYPASS,
+    N_MEASUREMENTS,
+    N_RING,
+    N_STATES,
+    PROPAGATED_COVARIANCE,
+    STATE_MAX,
+    Calibration,
+)
+from firmware.covariance import init_covariance, propagate, update
+from firmware.state import (
+    GYRO_BIAS,
+    LATERAL,
+    ROLL,
+    ROLL_RATE,
+    RX_IMU,
+    RX_ROLL_REFERENCE,
+    Ecu,
+)
+from firmware.subset import byte, clamp, i32, i64, rsh, sat32, u8
+from firmware.supervisor import BAD_ACCELERATION, BAD_ROLL_RATE, beyond
+
+MEASURED_ROLL_RATE = 0
+MEASURED_ACCELERATION = 1
+N_IDENTIFIED = 2
+
+
+def advance(
+    ecu: Ecu, cal: Calibration, z: Annotated[list[i32], N_STATES], moment: i32, steering: i32
+) -> None:
+    """Advance the state ``z`` by one tick under a moment (Q14) and an a_y by steering (Q24)."""
+    for i in range(N_STATES):
+        acc: i64 = cal.gamma_steering[i] * steering
+        if i < N_IDENTIFIED:
+            acc += ecu.model[i][3] * moment
+            for j in range(3):
+                acc += ecu.model[i][j] * z[j]
+            for j in range(3, N_STATES):
+                acc += cal.phi[i][j] * z[j]
+        else:
+            acc += cal.gamma[i] * moment
+            for j in range(N_STATES):
+                acc += cal.phi[i][j] * z[j]
+        ecu.work[i] = clamp(rsh(acc, cal.phi_shift[i]), -STATE_MAX, STATE_MAX)
+    for i in range(N_STATES):
+        z[i] = ecu.work[i]
+
+
+def acting_moment(ecu: Ecu) -> i32:
+    """Return the moment that acts: the delivered one, or the commanded where that is unknown."""
+    if ecu.moment_unknown == 1:
+        return clamp(ecu.sent[0] + ecu.sent[1], -STATE_MAX, STATE_MAX)
+    return clamp(ecu.delivered[0] + ecu.delivered[1], -STATE_MAX, STATE_MAX)
+
+
+def correct(ecu: Ecu, cal: Calibration, measured: i32, y: i32, moment: i32) -> None:
+    """Correct the estimate by one scalar measurement ``y``, in that measurement's format."""
+    acc: i64 = cal.output_moment[measured] * moment
+    for j in range(N_STATES):
+        acc += cal.output[measured][j] * ecu.x[j]
+    innovation: i32 = sat32(y - rsh(acc, cal.output_shift[measured]))
+    ecu.innovation[measured] = innovation
+    if cal.observer == PROPAGATED_COVARIANCE:
+        update(ecu, cal, measured, innovation)
+        return
+    for i in range(N_STATES):
+        gain: i32 = cal.correction[measured][i]
+        shift: u8 = cal.correction_shift[measured][i]
+        if measured == MEASURED_ROLL_RATE and ecu.lateral_lost == 1:
+            gain = cal.correction_single[i]
+            shift = cal.correction_single_shift[i]
+        ecu.x[i] = clamp(ecu.x[i] + rsh(gain * innovation, shift), -STATE_MAX, STATE_MAX)
+
+
+def observe(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
+    """Predict over the elapsed ticks, then correct by what is fresh and good."""
+    if cal.observer == BYPASS:
+        if ecu.fresh[RX_ROLL_REFERENCE] == 1:
+            ecu.x[ROLL] = ecu.reference_roll
+            ecu.x[ROLL_RATE] = ecu.reference_rate
+            ecu.x[LATERAL] = ecu.reference_acceleration
+        return
+    moment: i32 = acting_moment(ecu)
+    for _ in range(elapsed):
+        advance(ecu, cal, ecu.x, moment, ecu.steering_acceleration)
+        if cal.observer == PROPAGATED_COVARIANCE:
+            propagate(ecu, cal)
+    if ecu.fresh[RX_IMU] == 1:
+        if (cal.measurements & 1) != 0 and ecu.bad_ticks[BAD_ROLL_RATE] == 0:
+            rate: i32 = sat32(ecu.roll_rate - ecu.offset_rate)
+            correct(ecu, cal, MEASURED_ROLL_RATE, rate, moment)
+        if (cal.measurements & 2) != 0 and ecu.bad_ticks[BAD_ACCELERATION] == 0:
+            lateral: i32 = sat32(ecu.lateral_acceleration - ecu.offset_acceleration)
+            correct(ecu, cal, MEASURED_ACCELERATION, lateral, moment)
+    ecu.x[GYRO_BIAS] = clamp(ecu.x[GYRO_BIAS], -cal.bias_max, cal.bias_max)
+
+
+def look_ahead(ecu: Ecu, cal: Calibration) -> None:
+    """Predict from the sample to the actuation, through the commands that are under way."""
+    moment: i32 = acting_moment(ecu)
+    for i in range(N_STATES):
+        ecu.ahead[i] = ecu.x[i]
+    for step in range(cal.predict_steps):
+        command: i32 = ecu.ring[(ecu.ring_head + N_RING + 1 - cal.predict_steps + step) & 31]
+        pull: i64 = rsh(cal.actuator_rate * (command - moment), 30)
+        moment = clamp(moment + pull, -STATE_MAX, STATE_MAX)
+        advance(ecu, cal, ecu.ahead, moment, ecu.steering_acceleration)
+
+
+def learn_offsets(ecu: Ecu, cal: Calibration) -> None:
+    """Let the sensor offsets follow what the sensors read at standstill or straight ahead."""
+    if cal.offset_learning == 0 or ecu.fresh[RX_IMU] == 0:
+        return
+    if ecu.bad_ticks[BAD_ROLL_RATE] > 0 or ecu.bad_ticks[BAD_ACCELERATION] > 0:
+        return
+    turning: i32 = beyond(ecu.steering, cal.straight_steering) | beyond(
+        ecu.yaw_rate, cal.straight_yaw_rate
+    )
+    if ecu.speed > 0 and (turning == 1 or ecu.speed < cal.fade_high):
+        return
+    rate: i64 = rsh(ecu.roll_rate - ecu.offset_rate, cal.offset_shift)
+    ecu.offset_rate = clamp(ecu.offset_rate + rate, -cal.offset_rate_max, cal.offset_rate_max)
+    lateral: i64 = rsh(ecu.lateral_acceleration - ecu.offset_acceleration, cal.offset_shift)
+    ecu.offset_acceleration = clamp(
+        ecu.offset_acceleration + lateral,
+        -cal.offset_acceleration_max,
+        cal.offset_acceleration_max,
+    )
+
+
+def init_observer(ecu: Ecu, cal: Calibration) -> None:
+    """Start at rest, with the calibrated model."""
+    for i in range(N_STATES):
+        ecu.x[i] = 0
+        ecu.ahead[i] = 0
+        ecu.work[i] = 0
+    for m in range(N_MEASUREMENTS):
+        ecu.innovation[m] = 0
+    for i in range(N_IDENTIFIED):
+        for j in range(3):
+            ecu.model[i][j] = cal.phi[i][j]
+        ecu.model[i][3] = cal.gamma[i]
+    for k in range(N_RING):
+        ecu.ring[k] = 0
+    ecu.ring_head = byte(0)
+    ecu.offset_rate = 0
+    ecu.offset_acceleration = 0
+    ecu.steering_acceleration = 0
+    init_covariance(ecu, cal)

@@ -1,0 +1,33 @@
+"""Speed schedule: gain factor, front share and steering gain, and the fade at walking pace."""
+
+from firmware.calibration import STATE_MAX, Calibration
+from firmware.state import Ecu
+from firmware.subset import clamp, i32, rsh, tdiv
+
+Q28_ONE = 1 << 28
+
+
+def between(low: i32, high: i32, share: i32) -> i32:
+    """Return the value a ``share`` (Q28, 0 to 1) of the way from ``low`` to ``high``."""
+    return clamp(low + rsh((high - low) * share, 28), -STATE_MAX, STATE_MAX)
+
+
+def schedule(ecu: Ecu, cal: Calibration) -> None:
+    """Interpolate the schedule at the vehicle's speed, constant beyond its ends."""
+    point: i32 = 0
+    for k in range(1, cal.schedule_points):
+        if ecu.speed >= cal.schedule_speed[k]:
+            point = k
+    after: i32 = clamp(point + 1, 0, cal.schedule_points - 1)
+    width: i32 = clamp(cal.schedule_speed[after] - cal.schedule_speed[point], 1, STATE_MAX)
+    gone: i32 = clamp(ecu.speed - cal.schedule_speed[point], 0, STATE_MAX)
+    share: i32 = clamp(tdiv(gone * Q28_ONE, width), 0, Q28_ONE)
+    gain: i32 = between(cal.schedule_gain[point], cal.schedule_gain[after], share)
+    front: i32 = between(cal.schedule_front_share[point], cal.schedule_front_share[after], share)
+    ecu.front_share = clamp(front, 0, 1 << 30)
+    steering: i32 = between(cal.schedule_steering[point], cal.schedule_steering[after], share)
+    ecu.steering_acceleration = clamp(rsh(steering * ecu.steering, 20), -STATE_MAX, STATE_MAX)
+    span: i32 = clamp(cal.fade_high - cal.fade_low, 1, STATE_MAX)
+    beyond_low: i32 = clamp(ecu.speed - cal.fade_low, 0, STATE_MAX)
+    fade: i32 = clamp(tdiv(beyond_low * Q28_ONE, span), 0, Q28_ONE)
+    ecu.gain_factor = clamp(rsh(gain * fade, 28), 0, 1 << 30)

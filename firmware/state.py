@@ -1,0 +1,214 @@
+"""The state record of the ECU: everything the loop remembers from one tick to the next.
+
+Bounds are narrower than 32 bits and hold at every store, so that sums of products stay inside
+64 bits; ``codegen.prove`` shows that a tick keeps them from any state inside them.
+"""
+
+from typing import Annotated
+
+from firmware.calibration import (
+    COEFFICIENT,
+    N_MEASUREMENTS,
+    N_ORDER,
+    N_RING,
+    N_RX,
+    N_STATES,
+    ONE,
+    Q_ACCELERATION,
+    Q_ANGLE,
+    Q_MOMENT,
+    Q_RATE,
+    Q_SPEED,
+    Q_UNIT,
+    STATE_MAX,
+)
+from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
+
+# modes
+INIT = 0
+ACTIVE = 1
+DEGRADED = 2
+SAFE = 3
+
+# received messages
+RX_IMU = 0
+RX_VEHICLE_MOTION = 1
+RX_SUSPENSION_RATE = 2
+RX_SUSPENSION_TRAVEL = 3
+RX_ACTUATOR_STATE = 4
+RX_ROLL_REFERENCE = 5
+
+# transmitted messages
+N_TX = 6
+TX_SUSPENSION_FORCE = 0
+TX_ANTI_ROLL_BAR = 1
+TX_DAMPER = 2
+TX_VALVE = 3
+TX_STATUS = 4
+TX_DIAGNOSTICS = 5
+
+# observer states
+ROLL = 0
+ROLL_RATE = 1
+LATERAL = 2
+LATERAL_RATE = 3
+GYRO_BIAS = 4
+
+N_TROUBLES = 24
+AGE_MAX = 1 << 20
+STROKE_MAX = 1 << 29
+WINDOW_MAX = 1 << 26
+
+
+@record
+class Ecu:
+    """State and mailboxes of one ECU; the caller owns it, ``init`` fills it."""
+
+    # mailboxes: receive() writes one side of a slot, tick() reads the other
+    rx_payload: Annotated[list[list[u8]], 2 * N_RX, 8, F(0, 255, 0, "", "slot 2 m + side", True)]
+    rx_length: Annotated[list[u8], 2 * N_RX, F(0, 255, 0, "", "bytes received", True)]
+    rx_fresh: Annotated[list[u8], 2 * N_RX, F(0, 1, 0, "", "1: not read yet", True)]
+    rx_side: Annotated[list[u8], N_RX, F(0, 1, 0, "", "side that receive() writes", True)]
+    tx_payload: Annotated[list[list[u8]], N_TX, 8, F(0, 255, 0, "", "bytes to send")]
+    tx_pending: Annotated[list[u8], N_TX, F(0, 1, 0, "", "1: to be sent; the sender clears it")]
+    tx_counter: Annotated[list[u8], N_TX, F(0, 14, 0, "", "E2E counter of the last frame")]
+
+    # E2E profile 1 receivers
+    e2e_waiting: Annotated[list[u8], N_RX, F(0, 1, 0, "", "1: no frame checked yet")]
+    e2e_last: Annotated[list[u8], N_RX, F(0, 14, 0, "", "last valid counter")]
+    e2e_delta: Annotated[list[u8], N_RX, F(0, 14, 0, "", "counter step accepted now")]
+    e2e_repeated: Annotated[list[u8], N_RX, F(0, 14, 0, "", "checks without new data")]
+    e2e_resync: Annotated[list[u8], N_RX, F(0, 14, 0, "", "good frames a resync still takes")]
+
+    # inputs: the last valid ones, in internal formats
+    fresh: Annotated[list[u8], N_RX, F(0, 1, 0, "", "1: a valid frame came this tick")]
+    age: Annotated[list[i32], N_RX, F(0, AGE_MAX, 0, "ticks", "since the last valid frame")]
+    valid: Annotated[list[u8], N_RX, F(0, 255, 0, "", "bit i: signal i carries a value")]
+    roll_rate: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "gyro, as received")]
+    lateral_acceleration: Annotated[
+        i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "accelerometer, as received")
+    ]
+    yaw_rate: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "as received")]
+    imu_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the Imu frame")]
+    speed: Annotated[i32, F(0, 200 << Q_SPEED, Q_SPEED, "m/s", "vehicle speed")]
+    steering: Annotated[i32, F(-STATE_MAX, STATE_MAX, 24, "rad", "steering-wheel angle")]
+    longitudinal_acceleration: Annotated[
+        i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "as received")
+    ]
+    motion_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of VehicleMotion")]
+    stroke_rate: Annotated[
+        list[i32], 4, F(-STROKE_MAX, STROKE_MAX, Q_RATE, "m/s", "of each corner, extension +")
+    ]
+    rate_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of SuspensionRate")]
+    travel: Annotated[
+        list[i32], 4, F(-STROKE_MAX, STROKE_MAX, Q_ANGLE, "m", "of each corner, extension +")
+    ]
+    travel_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of SuspensionTravel")]
+    delivered: Annotated[
+        list[i32], 2, F(-STATE_MAX // 2, STATE_MAX // 2, Q_MOMENT, "N·m", "front, rear moment")
+    ]
+    status: Annotated[list[u8], 4, F(0, 3, 0, "", "corner: 0 ok 1 limited 2 stuck 3 floating")]
+    enabled: Annotated[u8, F(0, 1, 0, "", "1: the actuators follow commands")]
+    command_held: Annotated[u8, F(0, 1, 0, "", "1: the actuators hold a command")]
+    accepted_counter: Annotated[u8, F(0, 15, 0, "", "echo of the accepted command")]
+    actuator_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of ActuatorState")]
+    reference_roll: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_ANGLE, "rad", "true roll angle")]
+    reference_rate: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "true roll rate")]
+    reference_acceleration: Annotated[
+        i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "true lateral acceleration")
+    ]
+    reference_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of RollReference")]
+
+    # supervision
+    last_sample: Annotated[list[u8], N_RX, F(0, 16, 0, "", "sample counter, 16: none yet")]
+    unchanged: Annotated[list[i32], N_RX, F(0, AGE_MAX, 0, "ticks", "sample counter unchanged")]
+    bad_ticks: Annotated[list[i32], 6, F(0, AGE_MAX, 0, "ticks", "a watched value is bad since")]
+    mode: Annotated[u8, F(0, 3, 0, "", "0 INIT 1 ACTIVE 2 DEGRADED 3 SAFE")]
+    refused: Annotated[i32, F(0, 1000, 0, "", "rule that refused the calibration, 0: none")]
+    lateral_lost: Annotated[u8, F(0, 1, 0, "", "1: do without the lateral acceleration")]
+    moment_unknown: Annotated[u8, F(0, 1, 0, "", "1: do without the delivered moment")]
+    failed: Annotated[list[u8], 4, F(0, 1, 0, "", "1: the corner is stuck or floating")]
+    good_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "all needed inputs good since")]
+    authority: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the command, 0 in SAFE")]
+    trouble_active: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i is active")]
+    trouble_latched: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i has occurred")]
+    trouble_count: Annotated[list[u8], N_TROUBLES, F(0, 255, 0, "", "occurrences")]
+    trouble_number: Annotated[u8, F(0, 15, 0, "", "active codes, 15 for more")]
+    law: Annotated[u8, F(0, 2, 0, "", "of the calibration, for the status frame")]
+    time: Annotated[i32, F(I32_MIN, I32_MAX, 0, "ticks", "since init, wraps")]
+
+    # observer
+    x: Annotated[list[i32], N_STATES, F(-STATE_MAX, STATE_MAX, 0, "", "corrected estimate")]
+    work: Annotated[list[i32], N_STATES, F(-STATE_MAX, STATE_MAX, 0, "", "scratch")]
+    ahead: Annotated[list[i32], N_STATES, F(-STATE_MAX, STATE_MAX, 0, "", "predicted estimate")]
+    covariance: Annotated[
+        list[list[i32]], N_STATES, N_STATES, F(-STATE_MAX, STATE_MAX, 24, "", "symmetric")
+    ]
+    product: Annotated[
+        list[list[i32]], N_STATES, N_STATES, F(-STATE_MAX, STATE_MAX, 24, "", "scratch")
+    ]
+    innovation: Annotated[list[i32], N_MEASUREMENTS, F(I32_MIN, I32_MAX, 0, "", "last ones")]
+    ring: Annotated[
+        list[i32], N_RING, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "N·m", "moments commanded")
+    ]
+    ring_head: Annotated[u8, F(0, N_RING - 1, 0, "", "newest entry of the ring")]
+    offset_rate: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "learnt, roll rate")]
+    offset_acceleration: Annotated[
+        i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "learnt, lateral acceleration")
+    ]
+    steering_acceleration: Annotated[
+        i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "a_y told by speed and steering")
+    ]
+    gain_factor: Annotated[i32, F(0, ONE, 28, "", "of the schedule at this speed, with fading")]
+    front_share: Annotated[i32, F(0, ONE, Q_UNIT, "", "of the schedule at this speed")]
+
+    # identification
+    theta: Annotated[list[i32], 2, F(1, STATE_MAX, 28, "", "stiffness, damping over nominal")]
+    rls_covariance: Annotated[list[i32], 3, F(-STATE_MAX, STATE_MAX, 20, "", "11, 12, 22")]
+    rls_integrals: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, 20, "", "stiffness, impulse")]
+    rls_history: Annotated[
+        list[list[i32]], 3, 10, F(-WINDOW_MAX, WINDOW_MAX, 20, "", "stiffness, inertia, impulse")
+    ]
+    rls_index: Annotated[u8, F(0, 9, 0, "", "oldest entry of the history")]
+    rls_count: Annotated[u8, F(0, 20, 0, "ticks", "since the last identification step")]
+    rls_filled: Annotated[u8, F(0, 10, 0, "", "steps in the window")]
+    model: Annotated[
+        list[list[i32]],
+        2,
+        4,
+        F(-COEFFICIENT, COEFFICIENT, 0, "", "roll, rate, a_y, moment: identified phi, gamma"),
+    ]
+
+    # control
+    compensator_x: Annotated[list[i32], N_ORDER, F(-STATE_MAX, STATE_MAX, 24, "", "state")]
+    compensator_next: Annotated[list[i32], N_ORDER, F(-STATE_MAX, STATE_MAX, 24, "", "scratch")]
+    moment: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "N·m", "before trigger and split")]
+    last_moment: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "N·m", "when SAFE began")]
+    outputs: Annotated[
+        list[i32], 2, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "", "of a law with two outputs")
+    ]
+
+    last_outputs: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "", "when SAFE began")]
+
+    # trigger
+    sent: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "", "last command sent")]
+    held: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "", "last acknowledged")]
+    waiting: Annotated[u8, F(0, 1, 0, "", "1: the last command is not acknowledged yet")]
+    unacknowledged: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "no acknowledgement since")]
+    since_sent: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last command")]
+    triggered: Annotated[u8, F(0, 2, 0, "", "this tick: 0 nothing, 1 trigger, 2 heartbeat")]
+    commands_sent: Annotated[i32, F(0, I32_MAX, 0, "", "commands sent, saturates")]
+    heartbeats_sent: Annotated[i32, F(0, I32_MAX, 0, "", "of them heartbeats, saturates")]
+    since_status: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last status frame")]
+    diagnostics_page: Annotated[u8, F(0, 4, 0, "", "next page of the diagnostics")]
+
+    # allocation
+    force: Annotated[
+        list[i32], 4, F(-4090 << Q_MOMENT, 4090 << Q_MOMENT, Q_MOMENT, "N", "of each corner")
+    ]
+    bar: Annotated[
+        list[i32], 2, F(-8191 << Q_MOMENT, 8191 << Q_MOMENT, Q_MOMENT, "N·m", "of each bar")
+    ]
+    current: Annotated[
+        list[i32], 4, F(-16382 << Q_MOMENT, 16382 << Q_MOMENT, Q_MOMENT, "mA", "dampers, valves")
+    ]

@@ -1,0 +1,119 @@
+"""What CPython needs to run the integer subset: its types, its records and its few intrinsics.
+
+The subset is Python as a microcontroller could have it. A module of it holds integer constants,
+constant tables, records and functions; a function holds annotated locals, assignments, ``if``,
+``for … in range(…)``, ``return`` and calls. There are no floats, no allocation, no recursion, no
+``//`` and no ``%``. ``codegen.emit_c`` translates it to C99 and refuses everything else; this
+module itself is not translated: the C prelude has the same intrinsics.
+
+Arithmetic is exact. A value is stored in an ``i32`` only where it fits: through :func:`sat32`,
+:func:`clamp`, :func:`narrow` or because its range shows it.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
+
+i32 = int
+"""A signed 32-bit integer."""
+i64 = int
+"""A signed 64-bit integer."""
+u8 = int
+"""An unsigned 8-bit integer."""
+
+I32_MIN, I32_MAX = -(2**31), 2**31 - 1
+I64_MIN, I64_MAX = -(2**63), 2**63 - 1
+
+Record = TypeVar("Record")
+
+
+@dataclass(frozen=True, slots=True)
+class F:
+    """What a record says of one field: its range, Q format, unit and meaning.
+
+    ``q`` is the number of fractional bits: a stored integer n stands for n / 2**q ``unit``.
+    Every store keeps ``lo <= n <= hi``. ``volatile`` marks what an interrupt may write.
+    """
+
+    lo: int
+    hi: int
+    q: int
+    unit: str
+    meaning: str
+    volatile: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """One row of a record's field table; ``shape`` is () for a scalar, ``kind`` i32 or u8."""
+
+    name: str
+    kind: str
+    shape: tuple[int, ...]
+    f: F
+
+
+def fields(record_class: type) -> tuple[Field, ...]:
+    """Return the field table of a record class, in the order of its memory layout.
+
+    A ``u8`` is told from an ``i32`` by its range, as both are ``int`` to CPython.
+    """
+    table = []
+    for name, hint in get_type_hints(record_class, include_extras=True).items():
+        if get_origin(hint) is not Annotated:
+            raise TypeError(f"{record_class.__name__}.{name} lacks its field description")
+        *shape, f = get_args(hint)[1:]
+        kind = "u8" if 0 <= f.lo and f.hi <= 255 else "i32"
+        table.append(Field(name, kind, tuple(shape), f))
+    return tuple(table)
+
+
+def record(record_class: type[Record]) -> type[Record]:
+    """Give a class of annotated fields its one constructor: every field zero, or its minimum."""
+    table = fields(record_class)
+
+    def filled(shape: tuple[int, ...], value: int) -> Any:  # noqa: ANN401
+        return [filled(shape[1:], value) for _ in range(shape[0])] if shape else value
+
+    def construct(self: Record) -> None:
+        for field in table:
+            setattr(self, field.name, filled(field.shape, min(max(0, field.f.lo), field.f.hi)))
+
+    record_class.__init__ = construct  # type: ignore[assignment]
+    return record_class
+
+
+def sat32(v: i64) -> i32:
+    """Return ``v`` limited to the range of an i32."""
+    return clamp(v, I32_MIN, I32_MAX)
+
+
+def clamp(v: i64, lo: i32, hi: i32) -> i32:
+    """Return ``v`` limited to [lo, hi]."""
+    if v > hi:
+        return hi
+    if v < lo:
+        return lo
+    return v
+
+
+def rsh(v: i64, n: i32) -> i64:
+    """Return v / 2**n, rounded to nearest, halves upwards; 1 <= n <= 62."""
+    return (v + (1 << (n - 1))) >> n
+
+
+def tdiv(a: i64, b: i64) -> i64:
+    """Return a / b rounded towards zero, as C divides; ``b`` is not zero."""
+    q = abs(a) // abs(b)
+    return -q if (a < 0) != (b < 0) else q
+
+
+def byte(v: i32) -> u8:
+    """Return the low eight bits of ``v``."""
+    return v & 255
+
+
+def narrow(v: i64) -> i32:
+    """Return ``v``, which is known to fit an i32: checked here and by the prover, a cast in C."""
+    if not I32_MIN <= v <= I32_MAX:
+        raise OverflowError(f"{v} does not fit 32 bits")
+    return v

@@ -1,0 +1,285 @@
+"""Modes, plausibility, timeouts and trouble codes.
+
+INIT waits for good inputs. ACTIVE runs the law. DEGRADED does without one input: the lateral
+acceleration (one-sensor observer, no feedforward), the delivered moment (the commanded one is used)
+or one corner (its moment moves). SAFE ramps the command to zero and keeps the heartbeat. Both end
+by themselves when all is well for the calibrated time.
+"""
+
+from firmware.calibration import (
+    BYPASS,
+    COMPENSATOR,
+    DAMPERS,
+    ONE,
+    OUTPUT_FEEDBACK,
+    Calibration,
+)
+from firmware.mailbox import NO_SAMPLE
+from firmware.state import (
+    ACTIVE,
+    AGE_MAX,
+    DEGRADED,
+    INIT,
+    RX_ACTUATOR_STATE,
+    RX_IMU,
+    RX_ROLL_REFERENCE,
+    RX_SUSPENSION_RATE,
+    RX_VEHICLE_MOTION,
+    SAFE,
+    Ecu,
+)
+from firmware.subset import byte, clamp, i32, tdiv, u8
+
+# trouble codes; 0 to 5: no valid frame of message m in time
+TROUBLE_ROLL_RATE = 6
+TROUBLE_ACCELERATION = 7
+TROUBLE_STUCK = 8
+TROUBLE_REFERENCE = 9
+TROUBLE_SPEED = 10
+TROUBLE_STROKE = 11
+TROUBLE_MOMENT = 12
+TROUBLE_CORNER_STUCK = 13
+TROUBLE_CORNER_FLOATING = 14
+TROUBLE_COMMAND = 15
+TROUBLE_TICK_MISSED = 16
+TROUBLE_CALIBRATION = 17
+
+# fmt: off
+TROUBLE_BIT: tuple[i32, ...] = (
+    1, 1 << 1, 1 << 2, 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7,
+    1 << 8, 1 << 9, 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14, 1 << 15,
+    1 << 16, 1 << 17, 1 << 18, 1 << 19, 1 << 20, 1 << 21, 1 << 22, 1 << 23,
+)
+# fmt: on
+ALL_TROUBLES = 16777215
+
+# what a finding does to the mode
+GOOD = 0
+DEGRADING = 1
+UNSAFE = 2
+
+# corner states of ActuatorState
+STUCK = 2
+FLOATING = 3
+
+# inputs whose values are watched: indices of bad_ticks
+BAD_ROLL_RATE = 0
+BAD_ACCELERATION = 1
+BAD_SPEED = 2
+BAD_STROKE = 3
+BAD_MOMENT = 4
+BAD_REFERENCE = 5
+
+OVERDUE = 8
+
+
+def trouble(ecu: Ecu, code: i32, present: i32) -> None:
+    """Note whether trouble ``code`` is there; latch and count it when it appears."""
+    bit: i32 = TROUBLE_BIT[code]
+    active: i32 = ecu.trouble_active & bit
+    if present == 0:
+        if active != 0:
+            ecu.trouble_active = ecu.trouble_active & (ALL_TROUBLES ^ bit)
+            ecu.trouble_number = byte(clamp(ecu.trouble_number - 1, 0, 15))
+        return
+    if active == 0:
+        ecu.trouble_active = ecu.trouble_active | bit
+        ecu.trouble_latched = ecu.trouble_latched | bit
+        ecu.trouble_number = byte(clamp(ecu.trouble_number + 1, 0, 15))
+        ecu.trouble_count[code] = byte(clamp(ecu.trouble_count[code] + 1, 0, 255))
+
+
+def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:
+    """Return 1 where a needed message is late; INIT waits for the first one without trouble."""
+    if cal.timeout_ticks[message] == 0:
+        return 0
+    late: i32 = 0
+    if ecu.age[message] > cal.timeout_ticks[message]:
+        late = 1
+    trouble(ecu, message, late)
+    if ecu.last_sample[message] == NO_SAMPLE:
+        late = 1
+    return late
+
+
+def lasting(ecu: Ecu, watched: i32, timeout: i32, bad: i32, elapsed: i32) -> i32:
+    """Count how long an input has been ``bad``; return 1 beyond its timeout, if it has one."""
+    if bad == 0 or timeout == 0:
+        ecu.bad_ticks[watched] = 0
+        return 0
+    ecu.bad_ticks[watched] = clamp(ecu.bad_ticks[watched] + elapsed, 0, AGE_MAX)
+    if ecu.bad_ticks[watched] > timeout:
+        return 1
+    return 0
+
+
+def lacking(ecu: Ecu, message: i32, needed: u8) -> i32:
+    """Return 1 where a signal among the bits ``needed`` carries an error code."""
+    if (ecu.valid[message] & needed) == needed:
+        return 0
+    return 1
+
+
+def beyond(value: i32, limit: i32) -> i32:
+    """Return 1 where the magnitude of ``value`` exceeds ``limit``."""
+    if value > limit or value < -limit:
+        return 1
+    return 0
+
+
+def watch_motion(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
+    """Judge the inputs that tell the roll motion; return what they do to the mode."""
+    severity: i32 = GOOD
+    late: i32 = silence(ecu, cal, RX_IMU)
+    bad_rate: i32 = lacking(ecu, RX_IMU, 1) | beyond(ecu.roll_rate, cal.roll_rate_max)
+    bad_rate = lasting(ecu, BAD_ROLL_RATE, cal.timeout_ticks[RX_IMU], bad_rate, elapsed)
+    trouble(ecu, TROUBLE_ROLL_RATE, bad_rate)
+    bad_lateral: i32 = lacking(ecu, RX_IMU, 2) | beyond(
+        ecu.lateral_acceleration, cal.acceleration_max
+    )
+    bad_lateral = lasting(ecu, BAD_ACCELERATION, cal.timeout_ticks[RX_IMU], bad_lateral, elapsed)
+    trouble(ecu, TROUBLE_ACCELERATION, bad_lateral)
+    stuck: i32 = 0
+    if cal.timeout_ticks[RX_IMU] > 0 and late == 0 and ecu.unchanged[RX_IMU] > cal.stuck_ticks:
+        stuck = 1
+    trouble(ecu, TROUBLE_STUCK, stuck)
+    if (late | bad_rate | stuck) != 0:
+        severity = UNSAFE
+    ecu.lateral_lost = byte(bad_lateral)
+    if bad_lateral == 1 and severity == GOOD:
+        severity = DEGRADING
+        if cal.law == COMPENSATOR:
+            severity = UNSAFE
+        if cal.law == OUTPUT_FEEDBACK and cal.output_gain[1] != 0:
+            severity = UNSAFE
+
+    late = silence(ecu, cal, RX_ROLL_REFERENCE)
+    bad: i32 = lacking(ecu, RX_ROLL_REFERENCE, 7)
+    bad = lasting(ecu, BAD_REFERENCE, cal.timeout_ticks[RX_ROLL_REFERENCE], bad, elapsed)
+    trouble(ecu, TROUBLE_REFERENCE, bad)
+    if cal.observer == BYPASS and (late | bad) != 0:
+        severity = UNSAFE
+
+    late = silence(ecu, cal, RX_VEHICLE_MOTION)
+    bad = lacking(ecu, RX_VEHICLE_MOTION, 3)
+    bad = lasting(ecu, BAD_SPEED, cal.timeout_ticks[RX_VEHICLE_MOTION], bad, elapsed)
+    trouble(ecu, TROUBLE_SPEED, bad)
+    if (late | bad) != 0 and severity == GOOD:
+        severity = DEGRADING
+    return severity
+
+
+def watch_corners(ecu: Ecu) -> i32:
+    """Judge the status of the four corners; return what it does to the mode."""
+    stuck: i32 = 0
+    floating: i32 = 0
+    for corner in range(4):
+        ecu.failed[corner] = 0
+        if ecu.status[corner] == STUCK:
+            ecu.failed[corner] = 1
+            stuck += 1
+        if ecu.status[corner] == FLOATING:
+            ecu.failed[corner] = 1
+            floating += 1
+    trouble(ecu, TROUBLE_CORNER_STUCK, clamp(stuck, 0, 1))
+    trouble(ecu, TROUBLE_CORNER_FLOATING, clamp(floating, 0, 1))
+    return clamp(stuck + floating, GOOD, UNSAFE)
+
+
+def watch_actuators(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
+    """Judge what the actuators say of themselves; return what it does to the mode."""
+    late: i32 = silence(ecu, cal, RX_ACTUATOR_STATE)
+    bad: i32 = lacking(ecu, RX_ACTUATOR_STATE, 3)
+    bad = lasting(ecu, BAD_MOMENT, cal.timeout_ticks[RX_ACTUATOR_STATE], bad, elapsed)
+    trouble(ecu, TROUBLE_MOMENT, bad)
+    ecu.moment_unknown = byte(late | bad)
+    severity: i32 = watch_corners(ecu)
+    if cal.timeout_ticks[RX_ACTUATOR_STATE] == 0:
+        ecu.moment_unknown = 1
+    elif ecu.moment_unknown == 1:
+        if cal.actuator == DAMPERS:
+            severity = UNSAFE
+        elif severity == GOOD:
+            severity = DEGRADING
+    overdue: i32 = 0
+    if ecu.waiting == 1 and ecu.unacknowledged > OVERDUE * cal.acknowledge_ticks:
+        overdue = 1
+    trouble(ecu, TROUBLE_COMMAND, overdue)
+
+    late = silence(ecu, cal, RX_SUSPENSION_RATE)
+    bad = lacking(ecu, RX_SUSPENSION_RATE, 15)
+    bad = lasting(ecu, BAD_STROKE, cal.timeout_ticks[RX_SUSPENSION_RATE], bad, elapsed)
+    trouble(ecu, TROUBLE_STROKE, bad)
+    if cal.actuator == DAMPERS and (late | bad) != 0:
+        severity = UNSAFE
+    return severity
+
+
+def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
+    """Move between the modes; the way back up takes good inputs for the calibrated time."""
+    if severity == UNSAFE:
+        ecu.good_ticks = 0
+        if ecu.mode == ACTIVE or ecu.mode == DEGRADED:
+            ecu.last_moment = ecu.moment
+            for k in range(2):
+                ecu.last_outputs[k] = ecu.outputs[k]
+            ecu.mode = SAFE
+        return
+    if ecu.mode == ACTIVE:
+        if severity == DEGRADING:
+            ecu.mode = DEGRADED
+            ecu.good_ticks = 0
+        return
+    if ecu.mode == DEGRADED:
+        if severity == DEGRADING:
+            ecu.good_ticks = 0
+        elif ecu.good_ticks >= cal.recovery_ticks:
+            ecu.mode = ACTIVE
+        return
+    needed: i32 = cal.init_ticks
+    if ecu.mode == SAFE:
+        needed = cal.recovery_ticks
+    if ecu.good_ticks >= needed:
+        ecu.mode = ACTIVE
+        if severity == DEGRADING:
+            ecu.mode = DEGRADED
+        ecu.good_ticks = 0
+
+
+def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
+    """Judge all inputs, set the mode and move the authority along its ramp."""
+    motion: i32 = watch_motion(ecu, cal, elapsed)
+    actuators: i32 = watch_actuators(ecu, cal, elapsed)
+    missed: i32 = 0
+    if elapsed > 1:
+        missed = 1
+    trouble(ecu, TROUBLE_TICK_MISSED, missed)
+    ecu.good_ticks = clamp(ecu.good_ticks + elapsed, 0, AGE_MAX)
+    severity: i32 = motion
+    if actuators > severity:
+        severity = actuators
+    change_mode(ecu, cal, severity)
+    step: i32 = clamp(tdiv(ONE, cal.ramp_ticks), 1, ONE)
+    if ecu.mode == ACTIVE or ecu.mode == DEGRADED:
+        ecu.authority = clamp(ecu.authority + elapsed * step, 0, ONE)
+    else:
+        ecu.authority = clamp(ecu.authority - elapsed * step, 0, ONE)
+
+
+def init_supervisor(ecu: Ecu) -> None:
+    """Start in INIT with no authority and no trouble."""
+    ecu.mode = INIT
+    ecu.good_ticks = 0
+    ecu.authority = 0
+    ecu.last_moment = 0
+    ecu.lateral_lost = 0
+    ecu.moment_unknown = 1
+    ecu.trouble_active = 0
+    ecu.trouble_latched = 0
+    ecu.trouble_number = 0
+    for code in range(24):
+        ecu.trouble_count[code] = 0
+    for corner in range(4):
+        ecu.failed[corner] = 0
+    for watched in range(6):
+        ecu.bad_ticks[watched] = 0

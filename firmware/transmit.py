@@ -1,0 +1,52 @@
+"""Frames of the ECU: the command where one is triggered, status and diagnostics in turn."""
+
+from firmware import e2e, signals
+from firmware.calibration import Calibration
+from firmware.event_trigger import NOTHING, command_slot
+from firmware.state import (
+    AGE_MAX,
+    N_TX,
+    TX_DIAGNOSTICS,
+    TX_STATUS,
+    Ecu,
+)
+from firmware.subset import byte, clamp, i32
+
+
+def queue(ecu: Ecu, cal: Calibration, slot: i32) -> None:
+    """Protect the frame in ``slot`` and mark it for sending."""
+    if cal.e2e == 1:
+        counter: i32 = ecu.tx_counter[slot] + 1
+        if counter >= e2e.COUNTERS:
+            counter = 0
+        ecu.tx_counter[slot] = byte(clamp(counter, 0, 14))
+        e2e.protect(ecu.tx_payload[slot], signals.TX_DATA_IDS[slot], ecu.tx_counter[slot])
+    ecu.tx_pending[slot] = 1
+
+
+def transmit(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
+    """Fill and queue the frames that are due."""
+    if ecu.triggered != NOTHING:
+        signals.pack(ecu, command_slot(cal))
+        queue(ecu, cal, command_slot(cal))
+    ecu.since_status = clamp(ecu.since_status + elapsed, 0, AGE_MAX)
+    if ecu.since_status >= cal.status_ticks:
+        ecu.since_status = 0
+        signals.pack(ecu, TX_STATUS)
+        queue(ecu, cal, TX_STATUS)
+        signals.pack(ecu, TX_DIAGNOSTICS)
+        queue(ecu, cal, TX_DIAGNOSTICS)
+        ecu.diagnostics_page = byte(ecu.diagnostics_page + 1)
+        if ecu.diagnostics_page > 4:
+            ecu.diagnostics_page = 0
+
+
+def init_transmit(ecu: Ecu) -> None:
+    """Start with empty slots."""
+    for slot in range(N_TX):
+        ecu.tx_pending[slot] = 0
+        ecu.tx_counter[slot] = 14
+        for k in range(8):
+            ecu.tx_payload[slot][k] = 0
+    ecu.since_status = 0
+    ecu.diagnostics_page = 0

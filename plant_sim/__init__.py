@@ -1,0 +1,1 @@
+"""Everything outside the ECU: vehicle, actuators, sensors, driver, road and the CAN bus."""

@@ -1,0 +1,43 @@
+"""Numba decorators with one cache that is keyed by the source it was compiled from.
+
+Numba's own cache only watches the file of the outermost function, so a changed callee would go
+on running as it was. The cache folder is named by a hash of the whole package instead.
+"""
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def _cache_folder() -> Path:
+    digest = hashlib.sha256(f"{numba.__version__}".encode())
+    for source in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(source.read_bytes())
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    folder = home / "canroll" / f"numba-{digest.hexdigest()[:16]}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        folder = Path(tempfile.gettempdir()) / f"canroll-{os.getuid()}" / folder.name
+        folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+numba.config.CACHE_DIR = str(_cache_folder())
+
+njit: Callable[[Function], Function] = partial(numba.njit, cache=True)
+"""Compile to machine code, cached between processes; exact IEEE arithmetic (no fastmath)."""
+
+
+def cfunc(signature: Any) -> Callable[[Function], Function]:  # noqa: ANN401
+    """Compile as a first-class function: kernels that take one are compiled once for all."""
+    decorated: Callable[[Function], Function] = numba.cfunc(signature, cache=True)
+    return decorated
