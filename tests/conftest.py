@@ -1,0 +1,19 @@
+"""What all tests share: where nothing may be skipped, a skip fails the run."""
+
+import os
+
+import pytest
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    skipped = terminalreporter.stats.get("skipped", [])
+    if os.environ.get("CANROLL_NO_SKIP") and skipped:
+        for report in skipped:
+            reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
+            terminalreporter.write_line(f"skipped where nothing may be: {report.nodeid}: {reason}")
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    reporter = session.config.pluginmanager.get_plugin("terminalreporter")
+    if os.environ.get("CANROLL_NO_SKIP") and reporter and reporter.stats.get("skipped"):
+        session.exitstatus = 1
