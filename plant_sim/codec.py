@@ -127,6 +127,12 @@ def signal_names(message: str) -> list[str]:
     return [signal.name for signal in _messages()[message].signals]
 
 
+def unit(message: str, signal: str) -> str:
+    """Unit of a signal as the DBC writes it, empty where it has none."""
+    signal_index(message, signal)
+    return _messages()[message].get_signal_by_name(signal).unit or ""
+
+
 def _field(signal: Signal, first: int, names: list[str]) -> list[int]:
     if signal.byte_order != "little_endian" or signal.is_float:
         raise CanrollError(f"signal '{signal.name}' in {dbc.PATH.name}: use Intel-order integers")
