@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from canroll.errors import UnknownNameError
 from plant_sim import ports, roll1
+from plant_sim.integrate import Vector
 from vehicles import Vehicle
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,4 +46,3 @@ def initial_inputs() -> Vector:
     inputs[ports.FRICTION] = 1.0
     inputs[ports.LATERAL_ACCELERATION] = np.nan
     return inputs
-

@@ -8,12 +8,10 @@ and the limits of the steering, never asking for more than it dares.
 """
 
 from math import cos, floor, hypot, sin
-from typing import Any, NamedTuple
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 from plant_sim import ports
+from plant_sim.integrate import Vector
 from plant_sim.jit import njit
 
 FOLLOW_PATH = 0
@@ -51,39 +49,39 @@ class Drive(NamedTuple):
 
     kind: int
     """FOLLOW_PATH, STEER_TABLE (road-wheel angle over time) or ACCELERATION_TABLE (a_y)."""
-    parameters: NDArray[np.float64]
-    path_x: NDArray[np.float64]
+    parameters: Vector
+    path_x: Vector
     """Path at equal steps of arc length (m)."""
-    path_y: NDArray[np.float64]
-    table: NDArray[np.float64]
+    path_y: Vector
+    table: Vector
     """Steering angle (rad) or lateral acceleration (m/s²) at equal steps of time."""
-    bank: NDArray[np.float64]
+    bank: Vector
     """Road bank (rad) at equal steps of distance travelled."""
-    road_left: NDArray[np.float64]
+    road_left: Vector
     """Road height (m) under the left and the right wheels, at the same steps."""
-    road_right: NDArray[np.float64]
-    memory: NDArray[np.float64]
+    road_right: Vector
+    memory: Vector
 
 
 @njit
-def sample(table: Any, position: float) -> float:  # noqa: ANN401
+def sample(table: Vector, position: float) -> float:
     """Linear interpolation in ``table`` at ``position`` (in steps), held at its ends."""
     last = table.size - 1
     if position <= 0.0:
         return float(table[0])
     if position >= last:
         return float(table[last])
-    i = int(floor(position))
+    i = floor(position)
     part = position - i
     return float(table[i] * (1.0 - part) + table[i + 1] * part)
 
 
 @njit
-def _path_point(drive: Any, station: float) -> tuple[float, float, float, float]:  # noqa: ANN401
+def _path_point(drive: Drive, station: float) -> tuple[float, float, float, float]:
     """Point and unit tangent of the path at ``station`` (m); straight on beyond its ends."""
     step = drive.parameters[D_PATH_STEP]
     last = drive.path_x.size - 2
-    i = min(max(int(floor(station / step)), 0), last)
+    i = min(max(floor(station / step), 0), last)
     dx = drive.path_x[i + 1] - drive.path_x[i]
     dy = drive.path_y[i + 1] - drive.path_y[i]
     length = hypot(dx, dy)
@@ -92,7 +90,7 @@ def _path_point(drive: Any, station: float) -> tuple[float, float, float, float]
 
 
 @njit
-def _follow(outputs: Any, drive: Any) -> float:  # noqa: ANN401
+def _follow(outputs: Vector, drive: Drive) -> float:
     """Road-wheel angle the driver wants (rad); keeps the station and reports the path error."""
     parameters, memory = drive.parameters, drive.memory
     heading = outputs[ports.YAW]
@@ -115,11 +113,11 @@ def _follow(outputs: Any, drive: Any) -> float:  # noqa: ANN401
     limit = parameters[D_ACCELERATION_LIMIT]
     closing = 2.0 * gap / preview**2
     wanted = min(max((1.0 + haste) * closing - haste * outputs[ports.AY], -limit), limit)
-    return wanted * (parameters[D_WHEELBASE] / speed**2 + parameters[D_UNDERSTEER])
+    return float(wanted * (parameters[D_WHEELBASE] / speed**2 + parameters[D_UNDERSTEER]))
 
 
 @njit
-def drive(t_ns: int, outputs: Any, inputs: Any, drive: Any) -> None:  # noqa: ANN401
+def drive(t_ns: int, outputs: Vector, inputs: Vector, drive: Drive) -> None:
     """Fill ``inputs`` for the step that starts at ``t_ns``, from the ``outputs`` of the last one.
 
     Writes steering, drive force, bank, friction, road heights or prescribed acceleration, and the
@@ -138,9 +136,7 @@ def drive(t_ns: int, outputs: Any, inputs: Any, drive: Any) -> None:  # noqa: AN
             change = sample(drive.table, time / parameters[D_TABLE_STEP]) - memory[M_STEER]
         most = parameters[D_STEER_RATE] * dt
         steer = memory[M_STEER] + min(max(change, -most), most)
-        memory[M_STEER] = min(
-            max(steer, -parameters[D_STEER_LIMIT]), parameters[D_STEER_LIMIT]
-        )
+        memory[M_STEER] = min(max(steer, -parameters[D_STEER_LIMIT]), parameters[D_STEER_LIMIT])
         inputs[ports.STEER] = memory[M_STEER]
 
     if time < parameters[D_RELEASE_TIME]:

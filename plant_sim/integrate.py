@@ -1,11 +1,13 @@
 """One classical Runge-Kutta step for every plant body."""
 
 from collections.abc import Callable
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim.jit import njit
+
+Vector = NDArray[np.float64]
 
 
 def rk4(derivative: Callable[..., None]) -> Callable[..., None]:
@@ -16,7 +18,7 @@ def rk4(derivative: Callable[..., None]) -> Callable[..., None]:
     """
 
     @njit
-    def advance(state: Any, inputs: Any, parameters: Any, dt: float) -> None:  # noqa: ANN401
+    def advance(state: Vector, inputs: Vector, parameters: Vector, dt: float) -> None:
         n = state.size
         work = np.empty((3, n))
         trial, rate, total = work[0], work[1], work[2]

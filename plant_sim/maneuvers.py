@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from math import inf, pi
 
 import numpy as np
-from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim import driver, path
 from plant_sim.driver import Drive
+from plant_sim.integrate import Vector
 from vehicles import Vehicle
 
 STEP_NS = 1_000_000
@@ -20,8 +20,6 @@ YAW_LAG = 0.15
 
 SLOWEST_KMH = 5.0
 """Slowest speed that the tyre and bicycle models make sense at (km/h)."""
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

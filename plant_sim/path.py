@@ -1,9 +1,8 @@
 """Paths for the driver: points at equal steps of arc length, built from lanes or curvature."""
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from plant_sim.integrate import Vector
 
 STEP = 0.25
 """Arc length between the points of a path (m)."""
@@ -18,7 +17,7 @@ def double_lane_change(approach: float, offset: float, run_out: float) -> tuple[
     ``approach`` (m) lies before the first lane, ``run_out`` after the last; ``offset`` is the side
     lane's (3.5 m in the standard). The changes are half cosines over the standard's 30 and 25 m.
     """
-    lane, out, side, back, *last = DOUBLE_LANE_CHANGE_LENGTHS
+    lane, out, side, back, *_ = DOUBLE_LANE_CHANGE_LENGTHS
     x = np.arange(0.0, approach + sum(DOUBLE_LANE_CHANGE_LENGTHS) + run_out, 0.05)
     first = np.clip((x - approach - lane) / out, 0.0, 1.0)
     second = np.clip((x - approach - lane - out - side) / back, 0.0, 1.0)

@@ -5,14 +5,12 @@ Yim 2020, eq. 1). The speed is constant. Wheel loads follow from the moment bala
 what springs, dampers and actuators pass on, plus roll-centre and unsprung terms.
 """
 
-from math import cos, sin
-from typing import Any
+from math import cos, isnan, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
 from plant_sim import ports
-from plant_sim.integrate import rk4
+from plant_sim.integrate import Vector, rk4
 from plant_sim.jit import cfunc, njit
 from vehicles import GRAVITY, Vehicle
 
@@ -47,7 +45,7 @@ ROLLOVER_ANGLE = 0.8
 """Roll angle (rad) beyond which no vehicle comes back."""
 
 
-def build(vehicle: Vehicle, speed: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def build(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
     """State at rest on a straight road at ``speed`` (m/s), and the parameter vector."""
     geometry, mass, plant, tyre = vehicle.geometry, vehicle.mass, vehicle.plant, vehicle.tyre
     parameters = np.zeros(N_PARAMETERS)
@@ -75,10 +73,10 @@ def build(vehicle: Vehicle, speed: float) -> tuple[NDArray[np.float64], NDArray[
 
 
 @njit
-def axle_forces(state: Any, inputs: Any, parameters: Any) -> tuple[float, float]:  # noqa: ANN401
+def axle_forces(state: Vector, inputs: Vector, parameters: Vector) -> tuple[float, float]:
     """Lateral forces of the front and the rear axle (N), linear in the slip angles."""
     prescribed = inputs[ports.LATERAL_ACCELERATION]
-    if prescribed == prescribed:
+    if not isnan(prescribed):
         total = parameters[P_MASS] * (prescribed + GRAVITY * sin(inputs[ports.BANK]))
         wheelbase = parameters[P_FRONT] + parameters[P_REAR]
         return (
@@ -95,7 +93,7 @@ def axle_forces(state: Any, inputs: Any, parameters: Any) -> tuple[float, float]
 
 
 @njit
-def actuator_moments(inputs: Any, parameters: Any) -> tuple[float, float]:  # noqa: ANN401
+def actuator_moments(inputs: Vector, parameters: Vector) -> tuple[float, float]:
     """Moment of the actuators on the body at the front and the rear axle (N·m)."""
     corner = ports.CORNER_FORCE
     front = parameters[P_TRACK_FRONT] * (inputs[corner] - inputs[corner + 1])
@@ -104,15 +102,14 @@ def actuator_moments(inputs: Any, parameters: Any) -> tuple[float, float]:  # no
 
 
 @njit
-def derivative(state: Any, inputs: Any, parameters: Any, rate: Any) -> None:  # noqa: ANN401
+def derivative(state: Vector, inputs: Vector, parameters: Vector, rate: Vector) -> None:
     """Fill ``rate`` with the time derivative of ``state``."""
     front, rear = axle_forces(state, inputs, parameters)
     bank = GRAVITY * sin(inputs[ports.BANK])
     lateral = (front + rear) / parameters[P_MASS] - bank
     yaw_rate = state[YAW_RATE]
     speed = parameters[P_SPEED]
-    prescribed = inputs[ports.LATERAL_ACCELERATION] == inputs[ports.LATERAL_ACCELERATION]
-    if prescribed:
+    if not isnan(inputs[ports.LATERAL_ACCELERATION]):
         rate[VY] = 0.0
         rate[YAW_RATE] = 0.0
     else:
@@ -135,7 +132,7 @@ def derivative(state: Any, inputs: Any, parameters: Any, rate: Any) -> None:  # 
 
 
 @njit
-def _observe(state: Any, inputs: Any, parameters: Any, outputs: Any) -> None:  # noqa: ANN401
+def _observe(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector) -> None:
     rate = np.empty(N_STATES)
     derivative(state, inputs, parameters, rate)
     front, rear = axle_forces(state, inputs, parameters)
@@ -204,7 +201,7 @@ _advance = rk4(derivative)
 
 
 @cfunc("void(f8[::1], f8[::1], f8[::1], f8[::1], f8)")
-def step(state: Any, inputs: Any, parameters: Any, outputs: Any, dt: float) -> None:  # noqa: ANN401
+def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt: float) -> None:
     """Advance ``state`` by ``dt`` (s) and fill ``outputs`` (slots of :mod:`plant_sim.ports`)."""
     _advance(state, inputs, parameters, dt)
     _observe(state, inputs, parameters, outputs)

@@ -1,52 +1,53 @@
 """The plant alone, without sensors, bus or controller: for tuning, limits and checks."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim import ports
 from plant_sim.bodies import Body, initial_inputs
+from plant_sim.driver import Drive
 from plant_sim.driver import drive as apply_drive
+from plant_sim.integrate import Vector
 from plant_sim.jit import njit
 from plant_sim.maneuvers import STEP_NS, Maneuver
 from vehicles import Vehicle
 
 
 @njit
-def advance(
+def advance(  # noqa: PLR0917
     step: Any,  # noqa: ANN401
-    state: Any,  # noqa: ANN401
-    inputs: Any,  # noqa: ANN401
-    parameters: Any,  # noqa: ANN401
-    outputs: Any,  # noqa: ANN401
+    state: Vector,
+    inputs: Vector,
+    parameters: Vector,
+    outputs: Vector,
     dt: float,
 ) -> None:
     """One step of the body whose C function is ``step``, callable from Python."""
     step(state, inputs, parameters, outputs, dt)
 
 
+class _Run(NamedTuple):
+    state: Vector
+    inputs: Vector
+    parameters: Vector
+    outputs: Vector
+    record: NDArray[np.float64]
+    steer: Vector
+
+
 @njit
-def _run(
-    step: Any,  # noqa: ANN401
-    drive: Any,  # noqa: ANN401
-    state: Any,  # noqa: ANN401
-    inputs: Any,  # noqa: ANN401
-    parameters: Any,  # noqa: ANN401
-    outputs: Any,  # noqa: ANN401
-    record: Any,  # noqa: ANN401
-    steer: Any,  # noqa: ANN401
-    step_ns: int,
-) -> int:
+def _drive_through(step: Any, drive: Drive, run: _Run, step_ns: int) -> int:  # noqa: ANN401
     """Run until the record is full or the car has rolled over; how many steps were recorded."""
-    for k in range(record.shape[0]):
-        apply_drive(k * step_ns, outputs, inputs, drive)
-        step(state, inputs, parameters, outputs, step_ns * 1e-9)
-        record[k] = outputs
-        steer[k] = inputs[ports.STEER]
-        if outputs[ports.ROLLOVER] != 0.0:
+    for k in range(run.record.shape[0]):
+        apply_drive(k * step_ns, run.outputs, run.inputs, drive)
+        step(run.state, run.inputs, run.parameters, run.outputs, step_ns * 1e-9)
+        run.record[k] = run.outputs
+        run.steer[k] = run.inputs[ports.STEER]
+        if run.outputs[ports.ROLLOVER] != 0.0:
             return k + 1
-    return int(record.shape[0])
+    return int(run.record.shape[0])
 
 
 def run_passive(
@@ -67,11 +68,9 @@ def run_passive(
     advance(body.step, state, inputs, parameters, outputs, 0.0)
     steps = maneuver.duration_ns // STEP_NS
     record = np.empty((steps, ports.N_OUTPUTS))
-    steer = np.empty(steps)
-    count = _run(
-        body.step, maneuver.drive, state, inputs, parameters, outputs, record, steer, STEP_NS
-    )
-    return record[:count], steer[:count]
+    run = _Run(state, inputs, parameters, outputs, record, np.empty(steps))
+    count = _drive_through(body.step, maneuver.drive, run, STEP_NS)
+    return run.record[:count], run.steer[:count]
 
 
 def load_transfer(outputs: NDArray[np.float64], axle: int) -> NDArray[np.float64]:
