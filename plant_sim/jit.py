@@ -8,7 +8,6 @@ import hashlib
 import os
 import tempfile
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -33,8 +32,23 @@ def _cache_folder() -> Path:
 
 numba.config.CACHE_DIR = str(_cache_folder())
 
-njit: Callable[[Function], Function] = partial(numba.njit, cache=True)
-"""Compile to machine code, cached between processes; exact IEEE arithmetic (no fastmath)."""
+
+def njit(function: Function) -> Function:
+    """Compile to machine code, cached between processes; exact IEEE arithmetic (no fastmath).
+
+    Calls with literal arguments use the general version: Numba would compile one a literal, and
+    with every caller's callees again the whole plant more than twice as long.
+    """
+    compiled: Any = numba.njit(cache=True)(function)
+    resolve = compiled.get_call_template
+
+    def resolve_general(args: Any, kws: Any) -> Any:  # noqa: ANN401
+        general = tuple(numba.types.unliteral(a) for a in args)
+        return resolve(general, {k: numba.types.unliteral(a) for k, a in kws.items()})
+
+    compiled.get_call_template = resolve_general
+    result: Function = compiled
+    return result
 
 
 def cfunc(signature: Any) -> Callable[[Function], Function]:  # noqa: ANN401
