@@ -187,16 +187,15 @@ class World:
         """Let everything happen up to ``until_ns``; frames (``FRAME``) the ECU received since."""
         if until_ns < self.now_ns:
             raise CanrollError(f"the world is at {self.now_ns} ns and cannot go back to {until_ns}")
+        self._reserve(until_ns)
         parts = self._parts
-        clock = parts.clock
         chunks = []
         while True:
             target = min(until_ns, self.now_ns + _CHUNK_NS)
-            self._reserve(target)
             advance(self._step, parts, target)
             self.now_ns = target
             self._drain()
-            chunks.append(parts.received[: clock[RECEIVED]].copy())
+            chunks.append(parts.received[: parts.clock[RECEIVED]].copy())
             if target == until_ns:
                 return chunks[0] if len(chunks) == 1 else np.concatenate(chunks)
 
