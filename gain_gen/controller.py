@@ -6,6 +6,7 @@ import numpy as np
 
 from gain_gen.observer import Observer
 from gain_gen.plant import Matrix
+from vehicles import GRAVITY
 
 INPUTS = ("roll_rate", "lateral_acceleration", "roll", "delivered_moment")
 Y_RATE, Y_LATERAL, Y_ROLL, Y_MOMENT = range(4)
@@ -103,8 +104,14 @@ def step(controller: Controller, state: Matrix, y: Matrix) -> tuple[Matrix, Matr
     if controller.output_gain is not None:
         return state, controller.output_gain @ y[:3]
     model = controller.observer.model
-    x = model.phi @ state[:5] + np.multiply.outer(model.gamma[:, 0], y[Y_MOMENT])
-    x = correct(controller.observer, x, y)
+    if controller.observer.bypass:
+        # the true lateral acceleration is received: what the accelerometer reads without gravity
+        lateral = y[Y_LATERAL] - GRAVITY * y[Y_ROLL]
+        nothing = np.zeros_like(lateral)
+        x = np.stack([y[Y_ROLL], y[Y_RATE], lateral, nothing, nothing])
+    else:
+        x = model.phi @ state[:5] + np.multiply.outer(model.gamma[:, 0], y[Y_MOMENT])
+        x = correct(controller.observer, x, y)
     ring = state[5:]
     ahead = predict(controller, x, ring, y[Y_MOMENT])
     u = -(controller.feedback + controller.feedforward) @ ahead

@@ -58,6 +58,7 @@ class ObserverModel:
     Attributes:
         phi: (5, 5).
         gamma: input column of the moment held over a tick, (5, 1).
+        gamma_steering: input column of the lateral acceleration that the steering tells, (5, 1).
         output: rows y = [roll rate, a_y] from the state, (2, 5).
         process_noise: covariance added a tick, (5, 5).
         measurement_noise: variances, (2,).
@@ -65,6 +66,7 @@ class ObserverModel:
 
     phi: Matrix
     gamma: Matrix
+    gamma_steering: Matrix
     output: Matrix
     process_noise: Matrix
     measurement_noise: Matrix
@@ -80,6 +82,7 @@ class Observer:
         correction: gain of each measurement, (2, 5); zero rows where it is not used.
         correction_single: gain of the roll rate when the lateral acceleration is lost, (5,).
         warnings: what a user has to know about it.
+        bypass: the true state is received instead.
     """
 
     model: ObserverModel
@@ -87,6 +90,7 @@ class Observer:
     correction: Matrix
     correction_single: Matrix
     warnings: tuple[str, ...] = ()
+    bypass: bool = False
 
 
 def continuous_model(roll: RollModel, lateral: LateralModel) -> tuple[Matrix, Matrix]:
@@ -133,6 +137,7 @@ def observer_model(
     return ObserverModel(
         phi=phi,
         gamma=gamma,
+        gamma_steering=np.zeros((5, 1)),
         output=np.array([[0.0, 1.0, 0.0, 0.0, 1.0], [GRAVITY, 0.0, 1.0, 0.0, 0.0]]),
         process_noise=sampled_noise(a, density, tick),
         measurement_noise=np.array([noise.roll_rate**2, noise.lateral**2]),

@@ -1,5 +1,6 @@
 """Laws on the observed state: LQR, sliding mode, feedforward alone, LQG with the exact delay."""
 
+from dataclasses import replace
 from math import exp, pi, sqrt
 
 import numpy as np
@@ -52,7 +53,8 @@ def observer_of(task: Task) -> Observer:
     """Return the constant-gain observer that the task asks for."""
     model = observer_model(task.vehicle.design, task.tick, lateral=task.lateral, noise=task.noise)
     measurements = (0,) if task.observer == "one_sensor" else (0, 1)
-    return kalman(model, measurements=measurements)
+    observer = kalman(model, measurements=measurements)
+    return replace(observer, bypass=task.observer == "reference")
 
 
 def actuator_rate(task: Task) -> float:

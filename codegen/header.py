@@ -1,0 +1,112 @@
+"""canroll_gains.h: one calibration as a C99 initialiser, with its type, formats and meanings."""
+
+from collections.abc import Iterable, Mapping
+
+from firmware.calibration import Calibration
+from firmware.subset import Field, fields
+
+C_TYPES = {"i32": "int32_t", "u8": "uint8_t"}
+WIDTH = 96
+TYPE_GUARD = "CANROLL_CALIBRATION_TYPE"
+TYPE_NAME = "canroll_calibration"
+
+
+def gains_header(
+    record: Calibration,
+    *,
+    title: Iterable[str],
+    physical: Mapping[str, str] | None = None,
+) -> str:
+    """Return the header's text.
+
+    Args:
+        record: the calibration.
+        title: lines for the comment at the top: law, vehicle, verdict.
+        physical: what a field stands for in SI units, by field name, where its Q format alone
+            does not tell.
+
+    Returns:
+        C99 that compiles alone: the type of the record (behind a guard, so that it can stand
+        beside the firmware's own headers) and ``CANROLL_CALIBRATION_INITIALISER``.
+    """
+    table = fields(Calibration)
+    physical = physical or {}
+    lines = ["/*"]
+    lines += [f" * {comment(line)}".rstrip() for line in title]
+    lines += [
+        " *",
+        " * Written by 'canroll design'. A value n of format Qq stands for n / 2^q of its unit.",
+        " * Use: static const canroll_calibration gains = CANROLL_CALIBRATION_INITIALISER;",
+        " */",
+        "#ifndef CANROLL_GAINS_H",
+        "#define CANROLL_GAINS_H",
+        "",
+        "#include <stdint.h>",
+        "",
+        f"#ifndef {TYPE_GUARD}",
+        f"#define {TYPE_GUARD}",
+        "typedef struct {",
+    ]
+    lines += [f"    {_declaration(field)} /* {_meaning(field)} */" for field in table]
+    lines += [f"}} {TYPE_NAME};", "#endif", "", "#define CANROLL_CALIBRATION_INITIALISER { \\"]
+    for field in table:
+        lines += _initialiser(field, getattr(record, field.name), physical.get(field.name, ""))
+    lines += ["}", "", "#endif /* CANROLL_GAINS_H */", ""]
+    return "\n".join(lines)
+
+
+def comment(text: str) -> str:
+    """Return ``text`` as it may stand inside a C comment."""
+    return text.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("\n", " ")
+
+
+def _declaration(field: Field) -> str:
+    shape = "".join(f"[{length}]" for length in field.shape)
+    return f"{C_TYPES[field.kind]} {field.name}{shape};"
+
+
+def _meaning(field: Field) -> str:
+    """Say unit, format and meaning of a field in the words of the field table."""
+    unit = f"{field.f.unit}, " if field.f.unit else ""
+    q = f"Q{field.f.q}, " if field.f.q else ""
+    return comment(f"{unit}{q}{field.f.meaning}")
+
+
+def _value_in_units(field: Field, value: object) -> str:
+    """Return the physical value of a field whose format is fixed."""
+    if not field.f.q:
+        return ""
+    unit = f" {field.f.unit}" if field.f.unit else ""
+    if isinstance(value, int):
+        return f"{value / 2**field.f.q:.6g}{unit}"
+    if isinstance(value, list) and value and isinstance(value[0], int):
+        return ", ".join(f"{item / 2**field.f.q:.6g}" for item in value) + unit
+    return ""
+
+
+def _initialiser(field: Field, value: object, physical: str) -> list[str]:
+    """Return the lines of one member: a comment with its physical value, then its integers."""
+    said = physical or _value_in_units(field, value)
+    note = comment(f"{field.name} = {said}" if said else field.name)
+    open_comment = f"    /* {note} */ \\"
+    return [open_comment, *(f"{line} \\" for line in _wrapped(f"{_literal(value)},"))]
+
+
+def _literal(value: object) -> str:
+    """Return a C initialiser; INT32_MIN has no literal of its own type."""
+    if isinstance(value, list):
+        return "{ " + ", ".join(_literal(item) for item in value) + " }"
+    assert isinstance(value, int)
+    return "(-2147483647 - 1)" if value == -(2**31) else str(value)
+
+
+def _wrapped(text: str) -> list[str]:
+    """Break ``text`` at spaces to the line width."""
+    lines: list[str] = []
+    line = "   "
+    for word in text.split(" "):
+        if len(line) + 1 + len(word) > WIDTH:
+            lines.append(line)
+            line = "   "
+        line += f" {word}"
+    return [*lines, line]

@@ -1,0 +1,27 @@
+"""What the C header says of the design: title lines, and rows in physical units."""
+
+from firmware.calibration import Calibration
+from gain_gen.dequantise import physical_rows
+from gain_gen.design import Design
+
+
+def title(design: Design) -> list[str]:
+    """Return the lines at the top of the header."""
+    task = design.task
+    verdict = "every check of the design holds"
+    if not design.is_verified:
+        verdict = f"NOT VERIFIED: fails {', '.join(sorted(design.failures))}"
+    return [
+        f"canroll gains: {design.law} for {task.vehicle.name} ({task.actuator}), {task.gains}",
+        f"tick {1e3 * task.tick:g} ms, designed for {1e3 * task.delay.nominal:g} ms from sample "
+        f"to force, admits {1e3 * design.max_delay:.4g} ms",
+        verdict,
+    ]
+
+
+def physical_notes(record: Calibration) -> dict[str, str]:
+    """Return the coefficient rows in SI units, as comments by field."""
+    return {
+        name: "; ".join(" ".join(f"{value:.6g}" for value in row) for row in rows)
+        for name, rows in physical_rows(record).items()
+    }

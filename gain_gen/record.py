@@ -1,0 +1,71 @@
+"""The ECU's calibration record from plain values, sealed with id and CRC."""
+
+import zlib
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from canroll.errors import CanrollError
+from firmware.calibration import Calibration
+from firmware.subset import fields
+
+IDENTITY = "id"
+RESERVED = "crc"
+
+
+def fill(values: Mapping[str, Any]) -> Calibration:
+    """Return a record with ``values``; fields that are not named keep their least value.
+
+    Raises:
+        CanrollError: a value that its field cannot hold.
+    """
+    record = Calibration()
+    table = {field.name: field for field in fields(Calibration)}
+    for name, value in values.items():
+        field = table[name]
+        for item in flatten(value):
+            if not field.f.lo <= item <= field.f.hi:
+                unit = f" {field.f.unit}" if field.f.unit else ""
+                raise CanrollError(
+                    f"{name}: {item * 2.0**-field.f.q:.6g}{unit} is outside "
+                    f"{field.f.lo * 2.0**-field.f.q:.6g} to {field.f.hi * 2.0**-field.f.q:.6g}"
+                )
+        setattr(record, name, copied(value))
+    return record
+
+
+def copied(value: Any) -> Any:  # noqa: ANN401
+    """Return ``value`` with its lists copied: records must not share them."""
+    return [copied(item) for item in value] if isinstance(value, list) else value
+
+
+def flatten(value: Any) -> Iterator[int]:  # noqa: ANN401
+    """Yield the integers of a scalar, list or list of lists in memory order."""
+    if isinstance(value, list):
+        for item in value:
+            yield from flatten(item)
+    else:
+        yield value
+
+
+def packed(record: Calibration) -> bytes:
+    """Return the fields before the CRC, each value as four little-endian bytes."""
+    return b"".join(
+        (item & 0xFFFFFFFF).to_bytes(4, "little")
+        for field in fields(Calibration)
+        if field.name != RESERVED
+        for item in flatten(getattr(record, field.name))
+    )
+
+
+def seal(record: Calibration) -> Calibration:
+    """Set the CRC-32 of the fields before it, as a signed 32-bit number; return ``record``."""
+    checksum = zlib.crc32(packed(record))
+    setattr(record, RESERVED, checksum - (1 << 32) if checksum >> 31 else checksum)
+    return record
+
+
+def identify(record: Calibration) -> Calibration:
+    """Set the id from the content and seal the record; return ``record``."""
+    setattr(record, IDENTITY, 0)
+    setattr(record, IDENTITY, zlib.crc32(b"canroll" + packed(record)) & 0x7FFFFFFF)
+    return seal(record)

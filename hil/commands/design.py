@@ -1,0 +1,151 @@
+"""``canroll design``: a law for a vehicle, verified and frozen into calibration.toml and C."""
+
+import argparse
+import json
+from pathlib import Path
+
+from canroll.errors import CanrollError
+from codegen.header import gains_header
+from gain_gen import calibration
+from gain_gen.design import Delay, Design, Task
+from gain_gen.header_notes import physical_notes, title
+from gain_gen.laws import LAWS, OBSERVERS, design
+from gain_gen.quantise import ACTUATOR_NUMBER, Options
+from gain_gen.tables import calibrate, summary
+from vehicles import load
+
+DEFAULT_DELAY_MS = 20.0
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "design", help="design, verify and quantise a controller; write calibration.toml and C"
+    )
+    add_design_options(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out"), help="folder for the files (default: %(default)s)"
+    )
+    parser.set_defaults(run=run)
+
+
+def add_design_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what to design."""
+    parser.add_argument(
+        "--law", default="lqg_delay", help=f"one of {', '.join(LAWS)} (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--vehicle", default="van_real", help="preset name or vehicle file (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--actuator",
+        choices=tuple(ACTUATOR_NUMBER),
+        default="suspension",
+        help="what moves the body (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--delay",
+        type=float,
+        metavar="MS",
+        help=f"delay from sample to force (default: {DEFAULT_DELAY_MS:g})",
+    )
+    parser.add_argument(
+        "--delay-min", type=float, metavar="MS", help="least delay, where it varies"
+    )
+    parser.add_argument("--tick", type=float, metavar="MS", default=10.0, help="default: 10")
+    parser.add_argument(
+        "--observer",
+        default="two_sensors",
+        help=f"one of {', '.join(OBSERVERS)} (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--gains",
+        choices=("computed", "as_printed"),
+        default="computed",
+        help="as_printed: the paper's own numbers, written unverified (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--no-feedforward",
+        dest="feedforward",
+        action="store_false",
+        help="without the disturbance feedforward",
+    )
+    parser.add_argument("--matrices", default="", metavar="FILE", help="gains of --law custom")
+    parser.add_argument(
+        "--identification",
+        action="store_true",
+        help="identify roll stiffness and damping at run time",
+    )
+    parser.add_argument(
+        "--every-tick",
+        dest="event_trigger",
+        action="store_false",
+        help="send a command every tick instead of when it matters",
+    )
+
+
+def task_of(args: argparse.Namespace) -> Task:
+    """Return the design task that the options describe.
+
+    Raises:
+        CanrollError: an unknown vehicle, or delays that cannot be.
+    """
+    most = 1e-3 * (DEFAULT_DELAY_MS if args.delay is None else args.delay)
+    least = most if args.delay_min is None else 1e-3 * args.delay_min
+    if not 0.0 <= least <= most:
+        raise CanrollError(f"--delay {1e3 * most:g} must not be negative nor below --delay-min")
+    return Task(
+        vehicle=load(args.vehicle),
+        delay=Delay(0.5 * (least + most), least, most),
+        tick=1e-3 * args.tick,
+        actuator=args.actuator,
+        observer=args.observer,
+        feedforward=args.feedforward,
+        gains=args.gains,
+        matrices=args.matrices,
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Design, write and report; 0 where every check holds, 1 for an unverified as-printed law."""
+    answer = design(args.law, task_of(args))
+    options = Options(identification=args.identification, event_trigger=args.event_trigger)
+    record, tables = calibrate(answer, options)
+    files = [args.out / "calibration.toml", args.out / "canroll_gains.h"]
+    calibration.save(files[0], record, tables)
+    header = gains_header(record, title=title(answer), physical=physical_notes(record))
+    try:
+        files[1].write_text(header, encoding="utf-8")
+    except OSError as error:
+        raise CanrollError(f"cannot write {files[1]}: {error.strerror}") from error
+    if args.json:
+        print(json.dumps(summary(answer) | {"files": [str(path) for path in files]}))
+    else:
+        print("\n".join(report(answer)))
+        print(f"written: {', '.join(str(path) for path in files)}")
+    return 0 if answer.is_verified else 1
+
+
+def report(answer: Design) -> list[str]:
+    """Return the design as lines for a terminal."""
+    task = answer.task
+    lines = [
+        f"{answer.law} for {task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, "
+        f"delay {1e3 * task.delay.nominal:g} ms"
+    ]
+    gains = summary(answer)["gain"]
+    for row in gains:
+        lines.append(f"  gain    {'  '.join(f'{value:.6g}' for value in row)}")
+    for name, value in answer.margins.items():
+        lines.append(f"  {name:<34} {value:.4g}")
+    for name, value in answer.solution.extra.items():
+        lines.append(f"  {name:<34} {value:.6g}")
+    lines.append("checks")
+    for name, check in answer.verified.items():
+        verdict = "ok" if check.ok else "FAILS"
+        lines.append(f"  {name:<34} {check.value:.4g} against {check.limit:.4g}  {verdict}")
+    if not answer.is_verified:
+        lines.append("NOT VERIFIED: written for comparison only")
+    lines += [f"warning: {text}" for text in answer.warnings]
+    return lines
