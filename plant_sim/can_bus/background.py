@@ -1,33 +1,22 @@
+# ruff: noqa: PLR0917
 """Background traffic: periodic messages that bring a bus to a wanted total load."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.network import Source
+from plant_sim.can_bus.messages import BusMessage
 from plant_sim.can_bus.randomness import random_bits
 from plant_sim.can_bus.wire import duration_ns, frame_bits
 
 MS: Final = 1_000_000
-PERIODS_MS: Final = (10, 20, 20, 50, 50, 100)
-"""Periods the generated messages take in turn, as sets of vehicle traffic have them."""
+PERIODS_ABOVE_MS: Final = (10, 10, 20)
+PERIODS_BELOW_MS: Final = (20, 50, 100)
+"""Periods the generated messages take in turn: the urgent ones are the frequent ones."""
 _SAMPLES: Final = 32
 _SMALLEST_SHARE: Final = 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class OwnMessage:
-    """A message that is on the bus anyway: identifier, bytes, cycle time (ns), who is concerned."""
-
-    name: str
-    ident: int
-    length: int
-    period_ns: int
-    sender: str
-    receivers: tuple[str, ...] = ()
 
 
 def mean_frame_ns(ident: int, length: int, bitrate: int, *, seed: int = 0) -> float:
@@ -41,21 +30,21 @@ def mean_frame_ns(ident: int, length: int, bitrate: int, *, seed: int = 0) -> fl
     return float(duration_ns(total, bitrate)) / _SAMPLES
 
 
-def utilisation(messages: Sequence[OwnMessage], bitrate: int) -> float:
+def utilisation(messages: Sequence[BusMessage], bitrate: int) -> float:
     """Return the mean share of time that periodic messages keep the bus busy."""
     return sum(mean_frame_ns(m.ident, m.length, bitrate) / m.period_ns for m in messages)
 
 
-def background_sources(
-    own: Sequence[OwnMessage],
+def background_messages(
+    own: Sequence[BusMessage],
     *,
     node: str,
     bitrate: int,
     load: float,
     above: float = 0.5,
     seed: int = 0,
-) -> list[Source]:
-    """Return periodic sources that fill a bus up to ``load``.
+) -> list[BusMessage]:
+    """Return periodic messages that fill a bus up to ``load``.
 
     Args:
         own: messages that are on the bus anyway; their mean load counts towards ``load``.
@@ -79,19 +68,29 @@ def background_sources(
     used = {message.ident for message in own}
     highest = [i for i in range(0x10, min(used, default=0x400)) if i not in used]
     lowest = [i for i in range(max(used, default=0x400) + 1, 0x700) if i not in used]
-    sources: list[Source] = []
-    for share, idents in ((above, highest), (1.0 - above, lowest)):
-        sources += _fill((load - taken) * share, idents, node, bitrate, seed)
-    return sources
+    messages: list[BusMessage] = []
+    for share, idents, periods_ms in (
+        (above, highest, PERIODS_ABOVE_MS),
+        (1.0 - above, lowest, PERIODS_BELOW_MS),
+    ):
+        messages += _fill((load - taken) * share, idents, periods_ms, node, bitrate, seed)
+    return messages
 
 
-def _fill(load: float, idents: list[int], node: str, bitrate: int, seed: int) -> list[Source]:
+def _fill(
+    load: float,
+    idents: list[int],
+    periods_ms: tuple[int, ...],
+    node: str,
+    bitrate: int,
+    seed: int,
+) -> list[BusMessage]:
     """Spread messages of 8 bytes over ``idents`` that together take ``load``."""
     frame = mean_frame_ns(idents[len(idents) // 2], 8, bitrate)
     periods: list[float] = []
     left = load
     while left > 1e-9:
-        period = float(PERIODS_MS[len(periods) % len(PERIODS_MS)] * MS)
+        period = float(periods_ms[len(periods) % len(periods_ms)] * MS)
         share = frame / period
         if share > left or left - share < _SMALLEST_SHARE * load:
             # the last message takes what is left, exactly
@@ -100,11 +99,13 @@ def _fill(load: float, idents: list[int], node: str, bitrate: int, seed: int) ->
         left -= frame / period
     chosen = np.linspace(0, len(idents) - 1, len(periods) + 2)[1:-1].astype(int)
     order = np.argsort(periods, kind="stable")
-    sources = []
+    messages = []
     for place, index in zip(chosen, order, strict=True):
         ident = idents[int(place)]
         # the period makes up for this identifier's own stuff bits
         period = periods[int(index)] * mean_frame_ns(ident, 8, bitrate) / frame
         offset = int(random_bits(seed, ident, 1 << 20)) % int(period)
-        sources.append(Source(node, ident, 8, period, offset))
-    return sources
+        messages.append(
+            BusMessage(f"Background{ident:03X}", ident, 8, period, node, offset_ns=offset)
+        )
+    return messages

@@ -29,14 +29,13 @@ def _put(out: NDArray[np.uint8], at: int, value: int, width: int) -> int:
 
 @njit
 def _crc(bits: NDArray[np.uint8], count: int, crc: int, polynomial: int, width: int) -> int:
-    top = 1 << (width - 1)
     mask = (1 << width) - 1
     for index in range(count):
         invert = (crc >> (width - 1) ^ bits[index]) & 1
         crc = crc << 1 & mask
         if invert:
             crc ^= polynomial & mask
-    return crc & (mask | top)
+    return crc
 
 
 @njit
@@ -102,10 +101,10 @@ def wire_bits(
         width = 17 if count <= 16 else 21
         polynomial = _CRC17 if count <= 16 else _CRC21
         # the checksum covers the stuffed bits and the stuff count, not the fixed stuff bits
-        checked = np.empty(end + 4, np.uint8)
-        checked[:end] = out[:end]
-        _put(checked, end, field, 4)
-        field = field << width | _crc(checked, end + 4, 1 << (width - 1), polynomial, width)
+        head = end
+        end = _put(out, end, field, 4)
+        field = field << width | _crc(out, end, 1 << (width - 1), polynomial, width)
+        end = head
         for index in range(width + 4):
             if index % 4 == 0:
                 out[end] = 1 - out[end - 1]

@@ -73,7 +73,8 @@ def random_error(network: Network, which: int, bits: int) -> int:
     draw = uniform(bus.clock[SEED], _DRAW_STREAM + which, bus.clock[DRAWS])
     if draw >= -np.expm1((bits - 1) * np.log1p(-rate)):
         return -1
-    return min(np.int64(np.log1p(-draw) / np.log1p(-rate)), bits - 2)
+    position = int(np.log1p(-draw) / np.log1p(-rate))
+    return min(position, bits - 2)
 
 
 @njit
@@ -92,7 +93,8 @@ def scripted_error(network: Network, slot: int, bits: int, now: int) -> int:
             and (fault.ident < 0 or fault.ident == frame.ident)
         ):
             fault.left -= 1
-            return min(fault.value, bits - 2)
+            position: int = fault.value
+            return min(position, bits - 2)
     return -1
 
 

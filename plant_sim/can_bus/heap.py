@@ -31,7 +31,7 @@ def push(
 @njit
 def pop(keys: Column, ties: Column, values: Column, size: int) -> int:
     """Remove the least entry from the heap of ``size`` entries and return its value."""
-    result = values[0]
+    result: int = values[0]
     last = size - 1
     key, tie, value = keys[last], ties[last], values[last]
     parent = 0

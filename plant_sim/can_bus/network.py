@@ -62,6 +62,7 @@ class Source:
     """Frames that a node queues periodically: offset + k·period + jitter·U[0, 1].
 
     ``payload`` None: random bytes in every frame. Active from ``offset_ns`` until ``until_ns``.
+    ``bits`` above 0 gives every frame that length, interframe space included, whatever it holds.
     """
 
     node: str
@@ -73,6 +74,7 @@ class Source:
     flags: int = 0
     payload: bytes | None = None
     until_ns: int = NEVER
+    bits: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,7 +208,16 @@ def build_network(spec: NetworkSpec) -> Network:
     for i, source in enumerate(spec.sources):
         record = network.part("sources")[i : i + 1]
         record["node"] = _number(names, source.node)
-        for key in ("ident", "flags", "length", "period_ns", "offset_ns", "jitter_ns", "until_ns"):
+        for key in (
+            "ident",
+            "flags",
+            "length",
+            "bits",
+            "period_ns",
+            "offset_ns",
+            "jitter_ns",
+            "until_ns",
+        ):
             record[key] = getattr(source, key)
         record["random_payload"] = source.payload is None
         if source.payload is not None:

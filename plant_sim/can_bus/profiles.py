@@ -6,8 +6,9 @@ from typing import Final
 
 import dbc
 from canroll.errors import UnknownNameError
-from plant_sim.can_bus.background import OwnMessage, background_sources
+from plant_sim.can_bus.background import background_messages
 from plant_sim.can_bus.layout import Network
+from plant_sim.can_bus.messages import BusMessage
 from plant_sim.can_bus.network import (
     Fault,
     Gateway,
@@ -68,13 +69,13 @@ def load_profile(name: str) -> BusProfile:
     return PROFILES[name]
 
 
-def own_messages(command: str = DEFAULT_COMMAND) -> tuple[OwnMessage, ...]:
+def own_messages(command: str = DEFAULT_COMMAND) -> tuple[BusMessage, ...]:
     """Return the messages of the bus contract that are in use with actuator command ``command``."""
     commands = {m.name for m in dbc.load().messages if m.name.endswith("Command")}
     if command not in commands:
         raise UnknownNameError("command message", command, commands)
     return tuple(
-        OwnMessage(
+        BusMessage(
             message.name,
             message.frame_id,
             message.length,
@@ -87,14 +88,41 @@ def own_messages(command: str = DEFAULT_COMMAND) -> tuple[OwnMessage, ...]:
     )
 
 
-def _segment_of(profile: BusProfile, node: str) -> int:
+def segment_of(profile: BusProfile, node: str) -> int:
+    """Return the segment that a node of the bus contract sits on."""
     return 0 if node == "RollControl" or profile.segments == 1 else 1
 
 
-def _crosses(profile: BusProfile, message: OwnMessage) -> bool:
-    home = _segment_of(profile, message.sender)
+def crosses(profile: BusProfile, message: BusMessage) -> bool:
+    """Return whether a receiver of ``message`` sits on the other side of the gateway."""
+    home = segment_of(profile, message.sender)
     receivers = [r for r in message.receivers if r in NODES]
-    return any(_segment_of(profile, receiver) != home for receiver in receivers)
+    return any(segment_of(profile, receiver) != home for receiver in receivers)
+
+
+def own_on_segment(
+    profile: BusProfile, segment: int, command: str = DEFAULT_COMMAND
+) -> list[BusMessage]:
+    """Return the own messages on a segment, those that a gateway brings there too."""
+    return [
+        m
+        for m in own_messages(command)
+        if segment_of(profile, m.sender) == segment or crosses(profile, m)
+    ]
+
+
+def background_of(
+    profile: BusProfile, segment: int, *, command: str = DEFAULT_COMMAND, seed: int = 0
+) -> list[BusMessage]:
+    """Return the background traffic of a segment of a profile."""
+    return background_messages(
+        own_on_segment(profile, segment, command),
+        node="Background" if segment == 0 else f"Background{segment + 1}",
+        bitrate=profile.bitrate,
+        load=profile.load,
+        above=profile.above,
+        seed=seed * 2 + segment,
+    )
 
 
 def profile_spec(
@@ -109,27 +137,20 @@ def profile_spec(
     log_capacity: int = 1 << 14,
 ) -> NetworkSpec:
     """Return the network of a profile: nodes 0 to 5 are ``NODES``; see ``make_network``."""
-    nodes = [Node(name, _segment_of(profile, name), policy) for name in NODES]
+    nodes = [Node(name, segment_of(profile, name), policy) for name in NODES]
     own = own_messages(command)
     sources = []
     gateways: tuple[Gateway, ...] = ()
     for segment in range(profile.segments):
         suffix = "" if segment == 0 else f"{segment + 1}"
         nodes.append(Node(f"Background{suffix}", segment, "replace"))
-        here = [m for m in own if _segment_of(profile, m.sender) == segment or _crosses(profile, m)]
         if background:
-            sources += background_sources(
-                here,
-                node=f"Background{suffix}",
-                bitrate=profile.bitrate,
-                load=profile.load,
-                above=profile.above,
-                seed=seed * 2 + segment,
-            )
+            traffic = background_of(profile, segment, command=command, seed=seed)
+            sources += [message.source() for message in traffic]
     if profile.gateway_ms is not None:
         nodes += [Node("Gateway", 0, "priority"), Node("Gateway2", 1, "priority")]
         low, high = (int(latency * MS) for latency in profile.gateway_ms)
-        crossing = [m for m in own if _crosses(profile, m)]
+        crossing = [m for m in own if crosses(profile, m)]
         gateways = tuple(
             Gateway(
                 *ports,
@@ -137,7 +158,7 @@ def profile_spec(
                 high,
                 "fixed" if low == high else "uniform",
                 idents=tuple(
-                    (m.ident, 0) for m in crossing if _segment_of(profile, m.sender) == segment
+                    (m.ident, 0) for m in crossing if segment_of(profile, m.sender) == segment
                 ),
             )
             for segment, ports in enumerate((("Gateway", "Gateway2"), ("Gateway2", "Gateway")))

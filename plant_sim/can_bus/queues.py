@@ -65,7 +65,7 @@ def enqueue(
     bus = network.state[0]
     if t_ns < bus.clock[NOW]:
         raise ValueError("frame queued before the time the bus has been advanced to")
-    return store(network, node, t_ns, t_ns, ident, length, payload, flags)
+    return store(network, node, t_ns, t_ns, ident, length, payload, flags) >= 0
 
 
 @njit
@@ -78,8 +78,8 @@ def store(
     length: int,
     payload: NDArray[np.uint8],
     flags: int,
-) -> bool:
-    """Copy a frame into the store, to be released into its queue at ``t_ns``."""
+) -> int:
+    """Copy a frame into the store, to be released into its queue at ``t_ns``; −1: no room."""
     bus = network.state[0]
     clock = bus.clock
     slot = clock[FREE_FRAME]
@@ -90,7 +90,7 @@ def store(
         bus.totals[segment, LOST_OVERFLOW] += 1
         bus.messages[message].offered += 1
         bus.messages[message].lost += 1
-        return False
+        return -1
     frame = bus.frames[slot]
     clock[FREE_FRAME] = frame.next
     frame.next = -1
@@ -99,6 +99,7 @@ def store(
     frame.ident = ident
     frame.flags = flags
     frame.length = length
+    frame.bits = 0
     frame.attempts = 0
     frame.t_origin = t_origin
     frame.t_queued = t_ns
@@ -106,7 +107,8 @@ def store(
     for index in range(length if flags & REMOTE == 0 else 0):
         stored[index] = payload[index]
     schedule(network, t_ns, slot)
-    return True
+    taken: int = slot
+    return taken
 
 
 @njit
@@ -138,9 +140,10 @@ def message_of(network: Network, node: int, ident: int, flags: int) -> int:
     while table[place] >= 0:
         known = bus.messages[table[place]]
         if known.key == key and known.node == node:
-            return table[place]
+            found: int = table[place]
+            return found
         place = place + 1 & mask
-    number = bus.clock[MESSAGES]
+    number: int = bus.clock[MESSAGES]
     if number >= MAX_MESSAGES:
         raise ValueError("more different messages than the network was made for")
     bus.clock[MESSAGES] = number + 1

@@ -149,7 +149,9 @@ def _generate(network: Network, number: int, now: int) -> None:
                 bits = random_bits(bus.clock[SEED], _PAYLOAD_STREAM + number, counter)
             payload[index] = np.uint8(bits & np.uint64(0xFF))
             bits >>= np.uint64(8)
-    store(network, source.node, now, now, source.ident, source.length, payload, source.flags)
+    slot = store(network, source.node, now, now, source.ident, source.length, payload, source.flags)
+    if slot >= 0:
+        bus.frames[slot].bits = source.bits
     source.sent += 1
     schedule_source(network, number, now)
 
@@ -173,7 +175,7 @@ def _detach(network: Network, number: int) -> int:
     """Take the head out of a queue; the queue stays marked as waiting while it is sent."""
     bus = network.state[0]
     queue = bus.queues[number]
-    slot = queue.head
+    slot: int = queue.head
     queue.head = bus.frames[slot].next
     if queue.head < 0:
         queue.tail = -1
@@ -225,7 +227,10 @@ def _start(network: Network, which: int, slot: int, twin: int, now: int) -> None
     bus = network.state[0]
     segment = bus.segments[which]
     frame = bus.frames[slot]
-    nominal, data = frame_bits(frame.ident, frame.flags, frame.length, bus.payloads[slot])
+    nominal: int = frame.bits
+    data = 0
+    if nominal == 0:
+        nominal, data = frame_bits(frame.ident, frame.flags, frame.length, bus.payloads[slot])
     rate = segment.data_bitrate if segment.data_bitrate else segment.bitrate
     fast = duration_ns(data, rate) if data else 0
     taken = duration_ns(nominal - RECEPTION_BITS_BEFORE_END, segment.bitrate)

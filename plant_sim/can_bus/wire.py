@@ -141,7 +141,7 @@ def _fd_bits(ident: int, flags: int, length: int, payload: NDArray[np.uint8]) ->
         head = (ident >> 18) << 24 | 3 << 22 | (ident & 0x3FFFF) << 4 | 2 << 1 | switch
         padded, bits, nominal = 0b0101 << 36 | head, 40, 36
     else:
-        head = ident << 6 | 2 << 1 | switch
+        head = ident << 5 | 2 << 1 | switch
         padded, bits, nominal = 0b1010101 << 17 | head, 24, 17
     state, stuffed = 4, 0
     for shift in range(bits - 8, -8, -8):
