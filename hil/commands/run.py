@@ -1,0 +1,107 @@
+"""``canroll run``: a manoeuvre in virtual time, without and with control, and what came of it."""
+
+import argparse
+import json
+from pathlib import Path
+
+from canroll.errors import CanrollError
+
+DEFAULT_OUT = Path("out")
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "run",
+        help="drive a manoeuvre in virtual time, without and with control",
+        description="Drive a manoeuvre in virtual time, without and with control, and report.",
+    )
+    parser.add_argument("scenario", help="double_lane_change, roundabout, …")
+    add_run_options(parser)
+    parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
+    parser.add_argument("--log", type=Path, metavar="FILE", help="bus log: .asc .blf .log .mf4")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for report, log, header (default: out)"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object; files only with --out"
+    )
+    parser.set_defaults(run=run)
+
+
+def add_run_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says which controller drives which vehicle over which bus."""
+    parser.add_argument("--vehicle", help="preset or TOML file (default: van_real)")
+    parser.add_argument("--law", help="control law, or passive (default: lqg_delay)")
+    parser.add_argument(
+        "--calibration", type=Path, metavar="FILE", help="of canroll design; instead of a law"
+    )
+    parser.add_argument("--actuator", help="suspension, bars, dampers, valves")
+    parser.add_argument("--observer", help="two_sensors, one_sensor, propagated, reference")
+    parser.add_argument("--plant", help="vehicle model that is simulated (default: roll1)")
+    parser.add_argument("--speed", type=float, metavar="KMH", help="default: the vehicle's own")
+    parser.add_argument("--bus", help="500k, 125k_busy, gateway_20ms, gateway_50ms")
+    parser.add_argument("--tick", type=float, metavar="MS", help="period of the loop (default: 10)")
+    parser.add_argument("--trigger", help="event or every (default: event)")
+    parser.add_argument("--backend", help="what runs the firmware")
+    parser.add_argument("--seed", type=int, default=0, help="default: 0")
+
+
+def run_keywords(args: argparse.Namespace) -> dict[str, object]:
+    """Return the keywords of :func:`hil.run` that the options ask for."""
+    given = {
+        "vehicle": args.vehicle,
+        "law": args.law,
+        "calibration": args.calibration,
+        "actuator": args.actuator,
+        "observer": args.observer,
+        "plant": args.plant,
+        "speed_kmh": args.speed,
+        "bus": args.bus,
+        "tick_ms": args.tick,
+        "trigger": args.trigger,
+        "backend": args.backend,
+        "seed": args.seed,
+    }
+    return {name: value for name, value in given.items() if value is not None}
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run, report and write; 0 whatever the verdict, which is part of the answer."""
+    from hil import experiment, terminal  # noqa: PLC0415 - loads compiled kernels
+    from hil.files import usable_folder, write_files  # noqa: PLC0415
+    from hil.logs import check_suffix, write_log  # noqa: PLC0415
+    from hil.virtual import Interrupted  # noqa: PLC0415
+
+    out = args.out or (None if args.json else DEFAULT_OUT)
+    if args.log is not None:
+        usable_folder(check_suffix(args.log).parent)
+        if args.log.is_dir():
+            raise CanrollError(f"cannot write {args.log}: it is a folder")
+    if out is not None:
+        usable_folder(out)
+    try:
+        with terminal.progress(quiet=args.json) as progress:
+            result = experiment.run(
+                args.scenario,
+                duration=args.duration,
+                progress=progress,
+                **run_keywords(args),  # type: ignore[arg-type]
+            )
+    except Interrupted as stopped:
+        if args.log is not None:
+            write_log(args.log, stopped.trace.frames)
+        if out is not None:
+            write_log(out / "bus.asc", stopped.trace.frames)
+        raise
+    if args.log is not None:
+        seen = result.passive if result.controlled is None else result.controlled
+        write_log(args.log, seen.frames)
+        result = experiment.with_files(result, {"bus log": str(args.log)})
+    if out is not None:
+        result = write_files(result, out)
+    if args.json:
+        print(json.dumps(result.to_json()))
+    else:
+        terminal.show(result)
+    return 0

@@ -1,0 +1,133 @@
+"""The controller of a run: designed on the spot, or read from a calibration file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import vehicles
+from canroll.errors import CanrollError, UnknownNameError
+from firmware.calibration import Calibration
+from gain_gen.calibration import LoadedCalibration, load
+from gain_gen.design import Task
+from gain_gen.laws import LAWS, OBSERVERS, design
+from gain_gen.quantise import Options
+from gain_gen.tables import calibrate
+from hil.delays import COMMANDS, sample_to_force
+from plant_sim.can_bus import load_profile
+from vehicles import Vehicle
+
+PASSIVE = "passive"
+DEFAULT_VEHICLE = "van_real"
+DEFAULT_LAW = "lqg_delay"
+TRIGGERS = {"event": True, "every": False}
+LAW_OF_PASSIVE = "lqr"
+"""Without control the frames go on all the same, so some law must fill them."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Request:
+    """What controller is asked for; None: the default, or what the calibration says.
+
+    Attributes:
+        vehicle: name or TOML file.
+        law: name, or "passive".
+        calibration: file of ``canroll design``; excludes all the others.
+        actuator: "suspension", "bars", "dampers" or "valves".
+        observer: "two_sensors", "one_sensor", "propagated" or "reference".
+        tick_ms: period of the loop.
+        trigger: "event" or "every".
+    """
+
+    vehicle: str | None = None
+    law: str | None = None
+    calibration: str | Path | None = None
+    actuator: str | None = None
+    observer: str | None = None
+    tick_ms: float | None = None
+    trigger: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """A calibration and what it is for; ``warnings`` concern the bus it was asked for."""
+
+    vehicle: Vehicle
+    law: str
+    actuator: str
+    observer: str
+    trigger: str
+    tick: float
+    record: Calibration
+    tables: Mapping[str, Any]
+    warnings: tuple[str, ...]
+
+
+def choose(what: str, name: str, known: Mapping[str, Any] | tuple[str, ...]) -> str:
+    """Return ``name`` if it is known; the error suggests the nearest."""
+    if name not in known:
+        raise UnknownNameError(what, name, known)
+    return name
+
+
+def prepare(request: Request, *, bus: str) -> Controller:
+    """Return the controller that was asked for.
+
+    Raises:
+        CanrollError: unknown names, contradicting requests, an unreadable calibration.
+        VerdictError: a design that fails its own checks.
+    """
+    if request.calibration is None:
+        return _designed(request, bus)
+    given = [
+        name
+        for name in ("vehicle", "law", "actuator", "observer", "tick_ms", "trigger")
+        if getattr(request, name) is not None and (name, request.law) != ("law", PASSIVE)
+    ]
+    if given:
+        option = given[0].removesuffix("_ms")
+        raise CanrollError(f"--calibration fixes the {option}: leave --{option} out")
+    return _loaded(load(request.calibration), request, bus)
+
+
+def _designed(request: Request, bus: str) -> Controller:
+    law = request.law or DEFAULT_LAW
+    choose("law", law, {**LAWS, PASSIVE: None})
+    vehicle = vehicles.load(request.vehicle or DEFAULT_VEHICLE)
+    actuator = choose("actuator", request.actuator or "suspension", COMMANDS)
+    observer = choose("observer", request.observer or "two_sensors", OBSERVERS)
+    trigger = choose("trigger", request.trigger or "event", TRIGGERS)
+    tick = 1e-3 * (request.tick_ms if request.tick_ms is not None else 10.0)
+    if not 0.001 <= tick <= 0.020 or round(tick * 1e9) % 1000:
+        raise CanrollError(f"--tick {1e3 * tick:g}: the loop runs every 1 to 20 ms, whole µs")
+    task = Task(
+        vehicle=vehicle,
+        delay=sample_to_force(vehicle, actuator, load_profile(bus), tick=tick),
+        tick=tick,
+        actuator=actuator,
+        observer=observer,
+    )
+    answer = design(LAW_OF_PASSIVE if law == PASSIVE else law, task)
+    record, tables = calibrate(answer, Options(event_trigger=TRIGGERS[trigger]))
+    warnings = () if law == PASSIVE else answer.warnings
+    return Controller(
+        vehicle, law, actuator, observer, trigger, tick, record, tables, tuple(warnings)
+    )
+
+
+def _loaded(calibration: LoadedCalibration, request: Request, bus: str) -> Controller:
+    vehicle = vehicles.load(calibration.vehicle)
+    delay = sample_to_force(vehicle, calibration.actuator, load_profile(bus), tick=calibration.tick)
+    warnings = [line for line in calibration.warnings if "expect a limit cycle" not in line]
+    beyond = calibration.delay_warning(delay.most)
+    return Controller(
+        vehicle=vehicle,
+        law=request.law or calibration.law,
+        actuator=calibration.actuator,
+        observer=str(calibration.tables["design"].get("observer", "")),
+        trigger="event" if calibration.record.event_trigger else "every",
+        tick=calibration.tick,
+        record=calibration.record,
+        tables=calibration.tables,
+        warnings=(*warnings, *([beyond] if beyond else [])),
+    )

@@ -1,0 +1,208 @@
+"""One manoeuvre, without and with control, in virtual time."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import inf
+from pathlib import Path
+
+from canroll.errors import CanrollError, UnknownNameError
+from firmware.calibration import ONE
+from hil import limit_cycle, metrics
+from hil.controller import PASSIVE, Controller, Request, choose, prepare
+from hil.delays import sample_to_force
+from hil.ecu import BACKENDS, open_ecu
+from hil.result import Result, Settings
+from hil.trace import Trace
+from hil.virtual import RUN_TIME_NS, closed_loop
+from plant_sim import maneuvers
+from plant_sim.bodies import body
+from plant_sim.can_bus import load_profile
+from plant_sim.world import World
+
+DEFAULT_BUS = "500k"
+DEFAULT_PLANT = "roll1"
+DEFAULT_BACKEND = "python"
+SEEDS = 2**31
+
+Report = Callable[[str, float], None]
+
+
+def run(
+    scenario: str,
+    *,
+    vehicle: str | None = None,
+    law: str | None = None,
+    calibration: str | Path | None = None,
+    actuator: str | None = None,
+    observer: str | None = None,
+    plant: str = DEFAULT_PLANT,
+    speed_kmh: float | None = None,
+    bus: str = DEFAULT_BUS,
+    tick_ms: float | None = None,
+    trigger: str | None = None,
+    backend: str = DEFAULT_BACKEND,
+    seed: int = 0,
+    duration: float | None = None,
+    progress: Report | None = None,
+) -> Result:
+    """Drive a manoeuvre without and with control and return what came of it.
+
+    Args:
+        scenario: name of the manoeuvre, such as "double_lane_change" or "roundabout".
+        vehicle: name or TOML file; "van_real" by default.
+        law: control law; "lqg_delay" by default; "passive" for no control at all.
+        calibration: file of ``canroll design`` instead of vehicle, law, actuator, observer, tick
+            and trigger.
+        actuator: "suspension", "bars", "dampers" or "valves".
+        observer: "two_sensors", "one_sensor", "propagated" or "reference".
+        plant: what is simulated: "roll1" and the other plants of ``plant_sim.bodies``.
+        speed_kmh: entry speed; by default the vehicle's own for this manoeuvre.
+        bus: profile: "500k", "125k_busy", "gateway_20ms" or "gateway_50ms".
+        tick_ms: period of the ECU's loop, 1 to 20.
+        trigger: "event" sends a command when it matters, "every" in each tick.
+        backend: what runs the firmware.
+        seed: of sensor noise, bias, phases and background traffic; the same seed, the same bytes.
+        duration: s, where shorter than the manoeuvre.
+        progress: called with "passive" or "controlled" and the share done.
+
+    Raises:
+        CanrollError: a name, number or file that cannot be; the message says what to do.
+        VerdictError: the design fails its own checks.
+        Interrupted: Ctrl-C; it carries the trace so far.
+    """
+    request = Request(
+        vehicle=vehicle,
+        law=law,
+        calibration=calibration,
+        actuator=actuator,
+        observer=observer,
+        tick_ms=tick_ms,
+        trigger=trigger,
+    )
+    # names are refused before anything slow is done
+    _check(scenario, {"speed (km/h)": speed_kmh, "duration (s)": duration})
+    body(plant)
+    load_profile(bus)
+    choose("backend", backend, BACKENDS)
+    if not 0 <= seed < SEEDS:
+        raise CanrollError(f"seed {seed}: it must be 0 to {SEEDS - 1}")
+    controller = prepare(request, bus=bus)
+    if speed_kmh is None:
+        speed = maneuvers.default_speed(scenario, controller.vehicle)
+    else:
+        speed = speed_kmh / 3.6
+    settings = Settings(
+        scenario=scenario,
+        vehicle=controller.vehicle,
+        law=controller.law,
+        actuator=controller.actuator,
+        observer=controller.observer,
+        plant=plant,
+        bus=bus,
+        backend=backend,
+        trigger=controller.trigger,
+        seed=seed,
+        speed=speed,
+        tick=controller.tick,
+        run_time=RUN_TIME_NS * 1e-9,
+    )
+    return simulate(settings, controller, duration=duration, progress=progress)
+
+
+def simulate(
+    settings: Settings,
+    controller: Controller,
+    *,
+    duration: float | None = None,
+    progress: Report | None = None,
+    passive: Trace | None = None,
+) -> Result:
+    """Run ``controller`` under ``settings``; ``passive`` saves driving the same run twice."""
+    if passive is None:
+        passive = drive(settings, controller, enabled=False, duration=duration, progress=progress)
+    controlled = None
+    if settings.law != PASSIVE:
+        controlled = drive(settings, controller, enabled=True, duration=duration, progress=progress)
+    return assess(settings, controller, passive, controlled)
+
+
+def drive(
+    settings: Settings,
+    controller: Controller,
+    *,
+    enabled: bool,
+    duration: float | None = None,
+    progress: Report | None = None,
+) -> Trace:
+    """Drive the manoeuvre once; without control the actuators are disabled, the frames go on."""
+    world = World(
+        vehicle=settings.vehicle,
+        body=settings.plant,
+        actuator=settings.actuator,
+        maneuver=maneuvers.build(
+            settings.scenario, settings.vehicle, settings.speed, settings.seed
+        ),
+        profile=load_profile(settings.bus),
+        seed=settings.seed,
+        enabled=enabled,
+    )
+    stage = "controlled" if enabled else "passive"
+    return closed_loop(
+        world,
+        open_ecu(settings.backend, controller.record),
+        tick_ns=round(settings.tick * 1e9),
+        duration_ns=None if duration is None else round(duration * 1e9),
+        progress=None if progress is None else lambda share: progress(stage, share),
+    )
+
+
+def assess(
+    settings: Settings, controller: Controller, passive: Trace, controlled: Trace | None
+) -> Result:
+    """Return the figures of a pair of runs."""
+    seen = passive if controlled is None else controlled
+    delay = sample_to_force(
+        settings.vehicle, settings.actuator, load_profile(settings.bus), tick=settings.tick
+    )
+    cycle = None
+    if controlled is not None:
+        cycle = limit_cycle.detect(
+            controlled.ticks["t"],
+            controlled.ticks["moment"],
+            passive.signals["time"],
+            passive.signals["roll"],
+        )
+    warnings = list(controller.warnings)
+    if cycle is not None:
+        warnings.append(str(cycle))
+    return Result(
+        settings=settings,
+        record=controller.record,
+        tables=controller.tables,
+        delay=delay,
+        passive=passive,
+        controlled=controlled,
+        passive_metrics=metrics.judge(passive),
+        controlled_metrics=None if controlled is None else metrics.judge(controlled),
+        without_roll=metrics.load_transfer_without_roll(
+            passive, settings.vehicle, controller.record.schedule_front_share[0] / ONE
+        ),
+        can=metrics.can(seen),
+        trigger=metrics.trigger(seen, heartbeat_ticks=controller.record.heartbeat_ticks),
+        limit_cycle=cycle,
+        warnings=tuple(warnings),
+    )
+
+
+def with_files(result: Result, files: dict[str, str]) -> Result:
+    """Return the result with the files that were written of it."""
+    return replace(result, files=files)
+
+
+def _check(scenario: str, settings: Mapping[str, float | None]) -> None:
+    """Refuse an unknown scenario and numbers that cannot be."""
+    if scenario not in maneuvers.names():
+        raise UnknownNameError("scenario", scenario, maneuvers.names())
+    for name, value in settings.items():
+        if value is not None and not 0 < value < inf:
+            raise CanrollError(f"{name} {value:g}: it must be above 0")

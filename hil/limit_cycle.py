@@ -1,0 +1,126 @@
+"""A limit cycle told from control: the command swings on although the manoeuvre does not."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+HALF_CYCLES_MIN = 6
+SHARE_OF_PEAK = 0.1
+LEAST_MOMENT = 50.0
+DECAY = 0.7
+EVENNESS = 0.45
+EXCITED = 0.6
+AVERAGES = (0.0, 1.0, 0.5)
+"""Lengths of the moving averages taken off, s."""
+
+Vector = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True)
+class LimitCycle:
+    """A sustained oscillation of the command: Hz, N·m either side of its middle, s."""
+
+    frequency: float
+    amplitude: float
+    start: float
+    end: float
+
+    def __str__(self) -> str:
+        return (
+            f"limit cycle: the command swings by ±{self.amplitude:.0f} N·m at "
+            f"{self.frequency:.1f} Hz from {self.start:.1f} s to {self.end:.1f} s"
+        )
+
+
+def turning_points(values: Vector, hysteresis: float) -> NDArray[np.int64]:
+    """Return where ``values`` turns, ignoring wiggles smaller than ``hysteresis``; alternating."""
+    turns: list[int] = []
+    low = high = 0
+    rising: bool | None = None
+    for i, value in enumerate(values):
+        if value > values[high]:
+            high = i
+        if value < values[low]:
+            low = i
+        if rising is not False and values[high] - value > hysteresis:
+            turns.append(high)
+            rising, low = False, i
+        elif rising is not True and value - values[low] > hysteresis:
+            turns.append(low)
+            rising, high = True, i
+        elif rising is True:
+            low = i
+        elif rising is False:
+            high = i
+    return np.array(turns, dtype=np.int64)
+
+
+def detect(
+    t: Vector, command: Vector, t_passive: Vector, roll_passive: Vector
+) -> LimitCycle | None:
+    """Return the longest limit cycle of ``command``, or None.
+
+    Swings count as one as long as they do not decay, take equally long, and go on for three
+    periods. They are looked for in the command as it is, and in what is left of it without its
+    moving average, for a limit cycle rides on what the manoeuvre asks for. A manoeuvre that itself
+    swings as often in that time, told by the passive roll angle, is no limit cycle.
+
+    Args:
+        t, command: of the controlled run at equal steps, s and N·m.
+        t_passive, roll_passive: of the same manoeuvre without control, s and rad.
+    """
+    if len(t) < 3:
+        return None
+    threshold = max(SHARE_OF_PEAK * float(np.max(np.abs(command))), LEAST_MOMENT)
+    step = float(t[1] - t[0])
+    found = [
+        cycle
+        for window in AVERAGES
+        for cycle in _cycles(t, _without_average(command, round(window / step)), threshold)
+        if not _excited(cycle, t_passive, roll_passive)
+    ]
+    return max(found, key=lambda cycle: cycle.end - cycle.start, default=None)
+
+
+def _without_average(values: Vector, count: int) -> Vector:
+    """Return ``values`` less their average over ``count`` neighbours; 0 leaves them."""
+    if count < 2:
+        return values
+    ones = np.ones(count)
+    return values - np.convolve(values, ones, "same") / np.convolve(
+        np.ones(len(values)), ones, "same"
+    )
+
+
+def _cycles(t: Vector, values: Vector, threshold: float) -> Iterator[LimitCycle]:
+    """Yield every stretch of even swings that do not decay and go on for three periods."""
+    turns = turning_points(values, threshold)
+    swings = np.abs(np.diff(values[turns]))
+    spans = np.diff(t[turns])
+    first = 0
+    for last in range(1, len(swings) + 1):
+        if last < len(swings) and _goes_on(swings[first : last + 1], spans[first : last + 1]):
+            continue
+        if last - first >= HALF_CYCLES_MIN:
+            start, end = float(t[turns[first]]), float(t[turns[last]])
+            amplitude = float(np.mean(swings[first:last])) / 2
+            yield LimitCycle((last - first) / 2 / (end - start), amplitude, start, end)
+        first = last
+
+
+def _goes_on(swings: Vector, spans: Vector) -> bool:
+    """Whether the newest swing continues the ones before it."""
+    usual = float(np.median(spans[:-1]))
+    return bool(swings[-1] >= DECAY * np.max(swings) and abs(spans[-1] - usual) <= EVENNESS * usual)
+
+
+def _excited(cycle: LimitCycle, t: Vector, roll: Vector) -> bool:
+    """Whether the manoeuvre itself swings as often while the command does."""
+    inside = roll[(t >= cycle.start) & (t <= cycle.end)]
+    if not len(inside):
+        return False
+    turns = turning_points(inside, SHARE_OF_PEAK * float(np.max(np.abs(roll))))
+    return len(turns) >= EXCITED * 2 * cycle.frequency * (cycle.end - cycle.start)

@@ -1,0 +1,1 @@
+"""The report: one self-contained page with interactive plots, and a picture."""

@@ -1,0 +1,275 @@
+"""The plots of runs: every run gets the same ones, so that several lie over each other."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.metrics import axle_load_transfer, moment, response_times
+from hil.report.figure import (
+    DASH_DOTTED,
+    DASHED,
+    DOTTED,
+    SOLID,
+    Figure,
+    Series,
+    distribution,
+    histogram,
+)
+from hil.trace import Trace
+from plant_sim.recording import WHEELS
+
+PASSIVE_COLOUR = 0
+LOAD_WINDOW = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """One run on the page: its name in legends, its colour, and whether the ECU was in control."""
+
+    name: str
+    trace: Trace
+    colour: int
+    controlled: bool
+
+
+Vector = NDArray[Any]
+Signal = Callable[[Trace], Vector]
+
+
+def signal(name: str, scale: float = 1.0) -> Signal:
+    """Return what picks a recorded signal, times ``scale``."""
+    return lambda trace: trace.signals[name] * scale
+
+
+def _over_time(runs: Sequence[Shown], id: str, title: str, ylabel: str, pick: Signal) -> Figure:
+    dashes = {run.name: DASHED if not run.controlled else SOLID for run in runs}
+    curves = [
+        Series(run.name, run.trace.signals["time"], pick(run.trace), run.colour, dashes[run.name])
+        for run in runs
+    ]
+    return Figure(id, title, "time (s)", ylabel, curves, unit="s")
+
+
+def motion(runs: Sequence[Shown]) -> list[Figure]:
+    """Return roll angle and rate, lateral acceleration, load transfer of each axle."""
+    degrees = float(np.degrees(1))
+    plots = [
+        ("roll", "Roll angle", "deg", signal("roll", degrees)),
+        ("roll-rate", "Roll rate", "deg/s", signal("roll_rate", degrees)),
+        ("nlt-front", "Load transfer, front axle", "−1 to 1", lambda t: axle_load_transfer(t)[0]),
+        ("nlt-rear", "Load transfer, rear axle", "−1 to 1", lambda t: axle_load_transfer(t)[1]),
+        ("ay", "Lateral acceleration", "m/s²", signal("ay")),
+        ("steer", "Steering at the road wheels", "deg", signal("steer", degrees)),
+    ]
+    return [_over_time(runs, id, title, unit, pick) for id, title, unit, pick in plots]
+
+
+def control(runs: Sequence[Shown]) -> list[Figure]:
+    """Return moments, forces and the estimate of each controlled run."""
+    plots: list[Figure] = []
+    active = [run for run in runs if run.controlled]
+    if not active:
+        return plots
+    moments: list[Series] = []
+    for row, run in enumerate(active):
+        ticks, more = run.trace.ticks, f", {run.name}" if len(active) > 1 else ""
+        moments += [
+            Series(f"commanded{more}", ticks["t"], ticks["moment"], run.colour, DOTTED, "step"),
+            Series(
+                f"delivered{more}",
+                run.trace.signals["time"],
+                moment(run.trace),
+                run.colour if len(active) > 1 else 2,
+            ),
+        ]
+        instants = ticks["t"][ticks["triggered"] == 1]
+        beats = ticks["t"][ticks["triggered"] == 2]
+        moments.append(_marks(f"sent on trigger{more}", instants, run.colour, 2 * row))
+        moments.append(_marks(f"heartbeat{more}", beats, 5, 2 * row + 1))
+    plots.append(
+        Figure(
+            "moment",
+            "Anti-roll moment",
+            "time (s)",
+            "N·m",
+            moments,
+            unit="s",
+            group="control",
+            note="marks at the foot: commands put on the bus",
+        )
+    )
+    for run in active:
+        more = f", {run.name}" if len(active) > 1 else ""
+        suffix = f"-{run.colour}" if len(active) > 1 else ""
+        plots += [_forces(run, more, suffix), _loads(run, more, suffix)]
+        plots += [_estimate(run, more, suffix)]
+    return plots
+
+
+def _marks(name: str, instants: Vector, colour: int, row: int) -> Series:
+    return Series(name, instants, np.zeros(len(instants)), colour, kind="marks", row=row)
+
+
+def _wheels(run: Shown, prefix: str) -> list[Series]:
+    dashes = (SOLID, DASHED, DOTTED, DASH_DOTTED)
+    time = run.trace.signals["time"]
+    return [
+        Series(wheel.replace("_", " "), time, run.trace.signals[f"{prefix}_{wheel}"], colour, dash)
+        for wheel, colour, dash in zip(WHEELS, (1, 2, 6, 4), dashes, strict=True)
+    ]
+
+
+def _forces(run: Shown, more: str, suffix: str) -> Figure:
+    curves = _wheels(run, "corner_force")
+    return Figure(
+        f"forces{suffix}",
+        f"Actuator forces{more}",
+        "time (s)",
+        "N",
+        curves,
+        unit="s",
+        group="control",
+    )
+
+
+def _loads(run: Shown, more: str, suffix: str) -> Figure:
+    curves = _wheels(run, "wheel_load")
+    return Figure(
+        f"loads{suffix}",
+        f"Wheel loads{more}",
+        "time (s)",
+        "N",
+        curves,
+        unit="s",
+        group="control",
+        zero=True,
+    )
+
+
+def _estimate(run: Shown, more: str, suffix: str) -> Figure:
+    ticks, signals = run.trace.ticks, run.trace.signals
+    degrees = float(np.degrees(1))
+    curves = [
+        Series("true", signals["time"], signals["roll"] * degrees, PASSIVE_COLOUR),
+        Series("estimated", ticks["t"], ticks["roll"] * degrees, run.colour, DASHED, "step"),
+    ]
+    return Figure(
+        f"estimate{suffix}",
+        f"Roll angle, true and estimated{more}",
+        "time (s)",
+        "deg",
+        curves,
+        unit="s",
+        group="control",
+    )
+
+
+def path(runs: Sequence[Shown]) -> list[Figure]:
+    """Return the paths from above."""
+    curves = [
+        Series(
+            run.name,
+            run.trace.signals["x"],
+            run.trace.signals["y"],
+            run.colour,
+            SOLID if run.controlled else DASHED,
+        )
+        for run in runs
+    ]
+    return [
+        Figure(
+            "path", "Path", "forward (m)", "left (m)", curves, unit="m", linked=False, equal=True
+        )
+    ]
+
+
+def bus(runs: Sequence[Shown]) -> list[Figure]:
+    """Return load of the bus over time, response times and sample-to-force ages.
+
+    Of the runs the last is shown: the frames of the others differ in payload alone.
+    """
+    run = runs[-1]
+    loads = [
+        Series(
+            f"segment {segment}" if segment else "bus of the controller",
+            *_load(run, segment),
+            colour,
+            dash,
+        )
+        for segment, colour, dash in zip(
+            np.unique(run.trace.frames["segment"]),
+            range(1, 8),
+            (SOLID, DASHED, DOTTED) * 3,
+            strict=False,
+        )
+    ]
+    plots = [
+        Figure(
+            "bus-load",
+            "Bus load",
+            "time (s)",
+            "%",
+            loads,
+            unit="s",
+            group="bus",
+            zero=True,
+            note=f"share of each {LOAD_WINDOW * 1000:.0f} ms that the bus is busy",
+        )
+    ]
+    times = response_times(run.trace)
+    if times:
+        curves = [
+            distribution(name, values, colour=1 + i % 7, dash=i // 2 % 4)
+            for i, (name, values) in enumerate(times.items())
+        ]
+        plots.append(
+            Figure(
+                "response",
+                "Response times",
+                "ms",
+                "% of frames within x",
+                curves,
+                unit="ms",
+                group="bus",
+                linked=False,
+                zero=True,
+                note="from the queue to the end of the frame",
+            )
+        )
+    ages = [
+        histogram(shown.name, shown.trace.ages * 1e-6, colour=shown.colour)
+        for shown in runs
+        if shown.controlled and len(shown.trace.ages)
+    ]
+    if ages:
+        plots.append(
+            Figure(
+                "age",
+                "Age of the sample when its force begins",
+                "ms",
+                "% of commands",
+                ages,
+                unit="ms",
+                group="bus",
+                linked=False,
+                zero=True,
+            )
+        )
+    return plots
+
+
+def _load(run: Shown, segment: int) -> tuple[Vector, Vector]:
+    frames = run.trace.frames
+    on = frames[(frames["segment"] == segment) & (frames["t_start"] >= 0)]
+    edges = np.arange(0.0, run.trace.duration + LOAD_WINDOW / 2, LOAD_WINDOW)
+    busy = (on["t_end"] - on["t_start"]) * 1e-9
+    sums, _ = np.histogram(on["t_start"] * 1e-9, bins=edges, weights=busy)
+    return edges[:-1], 100 * sums / LOAD_WINDOW
+
+
+def all_figures(runs: Sequence[Shown]) -> list[Figure]:
+    """Return every plot of the page, in order."""
+    return [*motion(runs), *path(runs), *control(runs), *bus(runs)]

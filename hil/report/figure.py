@@ -1,0 +1,111 @@
+"""A plot as data: what ``plot.js`` draws, packed small enough to sit in the page."""
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+POINTS_MAX = 4000
+SOLID, DASHED, DOTTED, DASH_DOTTED = range(4)
+
+
+def pack(values: ArrayLike) -> str:
+    """Return values as base64 of little-endian float32."""
+    return base64.b64encode(np.asarray(values, dtype="<f4").tobytes()).decode("ascii")
+
+
+def thin(x: NDArray[Any], y: NDArray[Any], points: int = POINTS_MAX) -> tuple[Any, Any]:
+    """Return at most ``points`` of a curve: of each stretch its smallest and largest value."""
+    stride = -(-2 * len(x) // points)
+    if stride <= 2:
+        return x, y
+    whole = len(x) // stride * stride
+    blocks = np.reshape(y[:whole], (-1, stride))
+    ends = np.stack([np.argmin(blocks, axis=1), np.argmax(blocks, axis=1)], axis=1)
+    picks = (np.sort(ends, axis=1) + np.arange(len(blocks))[:, None] * stride).ravel()
+    picks = np.unique(np.append(picks, [0, len(x) - 1]))
+    return x[picks], y[picks]
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One curve, or marks, or bars.
+
+    ``kind``: "line", "step" (held until the next x), "marks" (instants along the axis, ``row``
+    above each other) or "bars" (from x to x + ``width``). ``colour`` 0 to 7 of the page's palette,
+    ``dash`` one of the patterns, so that curves differ in more than colour.
+    """
+
+    name: str
+    x: NDArray[Any]
+    y: NDArray[Any]
+    colour: int
+    dash: int = SOLID
+    kind: str = "line"
+    width: float = 0.0
+    row: int = 0
+
+    def data(self) -> dict[str, object]:
+        """Return what the page needs."""
+        x, y = thin(self.x, self.y) if self.kind == "line" else (self.x, self.y)
+        return {
+            "name": self.name,
+            "x": pack(x),
+            "y": pack(y),
+            "colour": self.colour,
+            "dash": self.dash,
+            "kind": self.kind,
+            "width": self.width,
+            "row": self.row,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One plot. ``linked`` ones share range and cursor; ``equal`` ones are maps, not functions."""
+
+    id: str
+    title: str
+    xlabel: str
+    ylabel: str
+    series: Sequence[Series]
+    unit: str = ""
+    note: str = ""
+    group: str = "motion"
+    linked: bool = True
+    equal: bool = False
+    zero: bool = False
+
+    def data(self) -> dict[str, object]:
+        """Return what the page needs."""
+        return {
+            "id": self.id,
+            "title": self.title,
+            "xlabel": self.xlabel,
+            "ylabel": self.ylabel,
+            "series": [series.data() for series in self.series],
+            "unit": self.unit,
+            "note": self.note,
+            "group": self.group,
+            "linked": self.linked,
+            "equal": self.equal,
+            "zero": self.zero,
+        }
+
+
+def histogram(
+    name: str, values: NDArray[Any], *, colour: int, bins: int = 40, dash: int = SOLID
+) -> Series:
+    """Return the share of values (%) in each of ``bins`` equal stretches, as bars."""
+    counts, edges = np.histogram(values, bins=bins)
+    share = 100 * counts / max(len(values), 1)
+    return Series(name, edges[:-1], share, colour, dash, "bars", float(edges[1] - edges[0]))
+
+
+def distribution(name: str, values: NDArray[Any], *, colour: int, dash: int = SOLID) -> Series:
+    """Return the share of values (%) that do not exceed x, as a step curve of 201 quantiles."""
+    share = np.linspace(0, 100, 201)
+    return Series(name, np.percentile(values, share), share, colour, dash, "step")

@@ -1,0 +1,143 @@
+"""The report page: verdict on top, plots between, parameters and provenance at the end."""
+
+import html
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from importlib.resources import files
+
+from hil.report.figure import Figure
+
+GROUPS = {
+    "motion": "Motion",
+    "control": "Control",
+    "bus": "Bus",
+    "timing": "Timing",
+    "trade": "Trade-offs",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """The answer in a few words: ``good`` True, False, or None where nothing was judged."""
+
+    good: bool | None
+    headline: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A number in a table, with the place in the JSON object that it comes from."""
+
+    text: str
+    value: float | None = None
+    key: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A titled table; cells are text or numbers with their provenance."""
+
+    title: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str | Cell]]
+    note: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """All that goes on a report page. ``result`` is embedded whole and can be saved from it."""
+
+    title: str
+    subtitle: str
+    verdict: Verdict
+    warnings: Sequence[str]
+    tables: Sequence[Table]
+    figures: Sequence[Figure]
+    playback: Mapping[str, object] | None
+    parameters: Sequence[tuple[str, str]]
+    provenance: Sequence[tuple[str, str]]
+    result: Mapping[str, object] = field(default_factory=dict)
+
+
+def _text(value: object) -> str:
+    return html.escape(str(value))
+
+
+def _embedded(value: object) -> str:
+    """JSON that cannot end the script element it stands in."""
+    return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+
+
+def _cell(cell: str | Cell) -> str:
+    if isinstance(cell, str):
+        return f"<td>{_text(cell)}</td>"
+    data = f' data-key="{_text(cell.key)}" data-value="{cell.value!r}"' if cell.key else ""
+    return f"<td{data}>{_text(cell.text)}</td>"
+
+
+def _table(table: Table) -> str:
+    head = "".join(f'<th scope="col">{_text(name)}</th>' for name in table.head)
+    rows = "".join(f"<tr>{''.join(_cell(cell) for cell in row)}</tr>" for row in table.rows)
+    note = f'<p class="soft">{_text(table.note)}</p>' if table.note else ""
+    return (
+        f'<h2>{_text(table.title)}</h2><div class="scroll"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{rows}</tbody></table></div>{note}"
+    )
+
+
+def _pairs(title: str, pairs: Sequence[tuple[str, str]]) -> str:
+    rows = "".join(f"<tr><td>{_text(k)}</td><td>{_text(v)}</td></tr>" for k, v in pairs)
+    return (
+        f'<h2>{_text(title)}</h2><div class="scroll"><table class="parameters"><tbody>{rows}'
+        "</tbody></table></div>"
+    )
+
+
+def _groups(figures: Sequence[Figure]) -> str:
+    present = {figure.group for figure in figures}
+    return "".join(
+        f'<h2>{title}</h2><div class="grid" data-figures="{name}"></div>'
+        for name, title in GROUPS.items()
+        if name in present
+    )
+
+
+def render(page: Page) -> str:
+    """Return the page as one HTML document that needs nothing else, not even a network."""
+    assets = files("hil.report")
+    style = (assets / "page.css").read_text(encoding="utf-8")
+    names = ("plot.js", "playback.js", "page.js")
+    scripts = [(assets / name).read_text(encoding="utf-8") for name in names]
+    data = {"figures": [figure.data() for figure in page.figures], "playback": page.playback}
+    mark = {True: "good", False: "bad", None: "none"}[page.verdict.good]
+    warnings = "".join(f"<li>{_text(warning)}</li>" for warning in page.warnings)
+    tables = "".join(_table(table) for table in page.tables)
+    player = '<h2>Playback</h2><section class="playback" id="playback"></section>'
+    return "\n".join(
+        [
+            '<!doctype html><html lang="en"><head><meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<title>{_text(page.title)}</title>",
+            '<link rel="icon" href="data:,">',
+            f"<style>{style}</style></head><body>",
+            f"<h1>{_text(page.title)}</h1>",
+            f'<p class="soft">{_text(page.subtitle)}</p>',
+            f'<div class="verdict {mark}"><strong>{_text(page.verdict.headline)}</strong>'
+            f"{_text(page.verdict.text)}</div>",
+            f'<ul class="warnings">{warnings}</ul>' if warnings else "",
+            tables,
+            player if page.playback else "",
+            '<p class="soft">Drag across a plot to zoom, double-click to see all of it again; '
+            "names in a legend switch curves off and on.</p>",
+            _groups(page.figures),
+            _pairs("Parameters", page.parameters),
+            _pairs("Provenance", page.provenance),
+            '<p><a id="save-json" download="result.json">Save these numbers as JSON</a></p>',
+            f'<script type="application/json" id="result">{_embedded(page.result)}</script>',
+            f'<script type="application/json" id="data">{_embedded(data)}</script>',
+            *(f"<script>{script}</script>" for script in scripts),
+            "</body></html>",
+        ]
+    )

@@ -1,0 +1,47 @@
+"""A picture of a run for a README or a mail: roll, moment and load transfer over time."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from matplotlib.figure import Figure
+
+from canroll.errors import CanrollError
+from hil.metrics import axle_load_transfer, moment
+from hil.report.run_page import shown
+from hil.result import Result
+from hil.trace import Trace
+
+COLOURS = ("#4d4d4d", "#0072b2")
+STYLES = ("--", "-")
+
+
+def draw_picture(result: Result, path: Path) -> Path:
+    """Write roll angle, moment and front load transfer of both runs as a PNG; return ``path``.
+
+    Raises:
+        CanrollError: the file cannot be written.
+    """
+    panels: tuple[tuple[str, Callable[[Trace], np.ndarray]], ...] = (
+        ("roll angle (deg)", lambda trace: np.degrees(trace.signals["roll"])),
+        ("anti-roll moment (N·m)", moment),
+        ("load transfer, front axle", lambda trace: axle_load_transfer(trace)[0]),
+    )
+    with matplotlib.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
+        figure = Figure(figsize=(8, 6.5), layout="constrained")
+        axes = figure.subplots(len(panels), 1, sharex=True)
+        for axis, (label, pick) in zip(axes, panels, strict=True):
+            for run, colour, style in zip(shown(result), COLOURS, STYLES, strict=False):
+                time = run.trace.signals["time"]
+                axis.plot(time, pick(run.trace), style, color=colour, label=run.name)
+            axis.set_ylabel(label)
+        axes[0].set_title(result.verdict, fontsize=10, loc="left", wrap=True)
+        axes[0].legend(loc="upper right")
+        axes[-1].set_xlabel("time (s)")
+        try:
+            # without metadata the same run gives the same bytes
+            figure.savefig(path, dpi=120, metadata={"Software": None})
+        except OSError as error:
+            raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+    return path

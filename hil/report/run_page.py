@@ -1,0 +1,117 @@
+"""The report page of one run."""
+
+import platform
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
+
+from hil.report.curves import Shown, all_figures
+from hil.report.page import Page, Table, Verdict, render
+from hil.report.playback import playback
+from hil.report.rows import can_rows, metric_rows
+from hil.result import Result
+
+HEAD = ("", "without control", "with control", "change", "no roll at all")
+NO_ROLL = (
+    "NLT: normalised load transfer (F right − F left)/(F right + F left) of an axle, 1 with a "
+    "wheel in the air. No roll at all: what is left of it if the body stays upright. Roll control cannot "
+    "take away more: the tyres must carry the lateral acceleration in any case."
+)
+
+
+def shown(result: Result) -> list[Shown]:
+    """Return the runs of a result as the plots show them."""
+    runs = [Shown("without control", result.passive, 0, controlled=False)]
+    if result.controlled is not None:
+        runs.append(Shown("with control", result.controlled, 1, controlled=True))
+    return runs
+
+
+def verdict(result: Result) -> Verdict:
+    """Return the verdict on top: headline, and what it rests on."""
+    headline, _, text = result.verdict.partition(": ")
+    return Verdict(result.helps, headline, text[:1].upper() + text[1:])
+
+
+def parameters(result: Result) -> list[tuple[str, str]]:
+    """Return the settings of a run as pairs of text."""
+    settings, delay = result.settings, result.delay
+    rows = [
+        ("manoeuvre", f"{settings.scenario}, {settings.speed * 3.6:g} km/h"),
+        ("vehicle", f"{settings.vehicle.name}: {settings.vehicle.title}"),
+        ("plant", settings.plant),
+        ("actuator", settings.actuator),
+        ("law", settings.law),
+        ("observer", settings.observer),
+        ("bus", settings.bus),
+        ("loop", f"every {settings.tick * 1e3:g} ms, frames after {settings.run_time * 1e6:g} µs"),
+        ("commands", "when they matter" if settings.trigger == "event" else "every tick"),
+        ("firmware run by", settings.backend),
+        ("seed", str(settings.seed)),
+        (
+            "sample to force",
+            f"{delay.least * 1e3:.1f} to {delay.most * 1e3:.1f} ms by the bounds of this bus",
+        ),
+    ]
+    return rows + [(f"gains: {k}", _plain(v)) for k, v in result.tables["gains"].items()]
+
+
+def provenance(result: Result) -> list[tuple[str, str]]:
+    """Return where the numbers come from."""
+    vehicle = result.settings.vehicle
+    sources = [(f"vehicle: {key}", text) for key, text in vehicle.sources.items()]
+    return [
+        ("canroll", version("canroll")),
+        ("Python", platform.python_version()),
+        ("calibration id", f"{result.record.id:#010x}"),
+        ("vehicle data", vehicle.basis),
+        *sources,
+    ]
+
+
+def _plain(value: Any) -> str:  # noqa: ANN401
+    if isinstance(value, list):
+        return "[" + ", ".join(_plain(item) for item in value) + "]"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{key} {_plain(item)}" for key, item in value.items())
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def run_page(result: Result) -> str:
+    """Return the report page of a run as one HTML document."""
+    settings = result.settings
+    runs = shown(result)
+    trigger = result.trigger
+    rates = (
+        f"Bus load {100 * result.can.load:.1f} %. {trigger.sent} commands in {trigger.samples} "
+        f"ticks: transmission rate {100 * trigger.transmission_rate:.1f} %, "
+        f"{100 * trigger.transmission_rate_triggered:.1f} % without heartbeats; heartbeats alone "
+        f"take {100 * trigger.floor:.0f} %."
+    )
+    tables = [
+        Table("Figures", HEAD, [(row.name, *row.numbers) for row in metric_rows(result)], NO_ROLL),
+        Table(
+            "Times on the bus",
+            ("", "least", "mean", "most"),
+            [(row.name, *row.numbers) for row in can_rows(result)],
+            rates,
+        ),
+    ]
+    scenario = settings.scenario.replace("_", " ")
+    return render(
+        Page(
+            title=f"{scenario[:1].upper()}{scenario[1:]}, {settings.vehicle.title}",
+            subtitle=(
+                f"{settings.vehicle.name} at {settings.speed * 3.6:.0f} km/h, {settings.law} with "
+                f"{settings.actuator} over {settings.bus}"
+            ),
+            verdict=verdict(result),
+            warnings=result.warnings,
+            tables=tables,
+            figures=all_figures(runs),
+            playback=playback(runs, settings.vehicle),
+            parameters=parameters(result),
+            provenance=provenance(result),
+            result=result.to_json(),
+        )
+    )

@@ -1,0 +1,146 @@
+"""The outcome of a run: traces, figures, settings, and the object that ``--json`` prints."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from firmware.calibration import Calibration
+from gain_gen.design import Delay
+from hil.limit_cycle import LimitCycle
+from hil.metrics import Can, Metrics, Trigger
+from hil.trace import Trace
+from vehicles import Vehicle
+
+FIGURES = (
+    "roll_rms_deg",
+    "roll_max_deg",
+    "roll_rate_rms_deg_s",
+    "roll_rate_max_deg_s",
+    "nlt_front_max",
+    "nlt_rear_max",
+    "moment_rms_nm",
+    "moment_max_nm",
+)
+"""The metrics that every table shows, in order."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What was run. ``speed`` in m/s, ``tick`` in s; ``sources`` tells where the design is from."""
+
+    scenario: str
+    vehicle: Vehicle
+    law: str
+    actuator: str
+    observer: str
+    plant: str
+    bus: str
+    backend: str
+    trigger: str
+    seed: int
+    speed: float
+    tick: float
+    run_time: float
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One manoeuvre driven without and with control.
+
+    Attributes:
+        settings: what was run.
+        record: the integers that the ECU ran.
+        tables: what the calibration says beside them.
+        delay: bounds of the sample-to-force delay on this bus, s.
+        passive: trace without control.
+        controlled: trace with control, None for the law "passive".
+        passive_metrics: figures of the passive run.
+        controlled_metrics: figures of the controlled run or None.
+        without_roll: load transfer that is left if the body does not roll at all, by metric.
+        can: bus figures, of the controlled run where there is one.
+        trigger: transmission figures, of the controlled run where there is one.
+        limit_cycle: of the command, or None.
+        warnings: one line each.
+    """
+
+    settings: Settings
+    record: Calibration
+    tables: Mapping[str, Any]
+    delay: Delay
+    passive: Trace
+    controlled: Trace | None
+    passive_metrics: Metrics
+    controlled_metrics: Metrics | None
+    without_roll: Mapping[str, float]
+    can: Can
+    trigger: Trigger
+    limit_cycle: LimitCycle | None
+    warnings: tuple[str, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def reduction(self) -> float | None:
+        """How much smaller control makes the largest roll angle, as share; None without control."""
+        if self.controlled_metrics is None:
+            return None
+        return 1 - self.controlled_metrics.roll_max_deg / self.passive_metrics.roll_max_deg
+
+    @property
+    def helps(self) -> bool | None:
+        """Whether RMS and largest roll angle both fell, without a limit cycle or a rollover."""
+        if self.controlled_metrics is None:
+            return None
+        active, passive = self.controlled_metrics, self.passive_metrics
+        return (
+            active.roll_max_deg < passive.roll_max_deg
+            and active.roll_rms_deg < passive.roll_rms_deg
+            and not active.rollover
+            and self.limit_cycle is None
+        )
+
+    @property
+    def verdict(self) -> str:
+        """The answer in one line."""
+        passive, active = self.passive_metrics, self.controlled_metrics
+        if active is None:
+            return f"Without control the largest roll angle is {passive.roll_max_deg:.2f}°"
+        change = 100 * (active.roll_max_deg / passive.roll_max_deg - 1)
+        text = (
+            f"largest roll angle {active.roll_max_deg:.2f}° instead of "
+            f"{passive.roll_max_deg:.2f}° ({change:+.0f} %)".replace("-", "−")
+        )
+        if active.rollover:
+            return f"Control does not help: the vehicle rolls over; {text}"
+        if self.limit_cycle is not None:
+            return f"The loop is not stable, {self.limit_cycle}; {text}"
+        return f"Control {'helps' if self.helps else 'does not help'}: {text}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the run as plain data: what ``canroll run --json`` prints."""
+        settings = self.settings
+        return {
+            "scenario": settings.scenario,
+            "vehicle": settings.vehicle.name,
+            "law": settings.law,
+            "actuator": settings.actuator,
+            "observer": settings.observer,
+            "plant": settings.plant,
+            "bus": settings.bus,
+            "backend": settings.backend,
+            "seed": settings.seed,
+            "speed_kmh": round(settings.speed * 3.6, 9),
+            "tick_ms": round(settings.tick * 1e3, 9),
+            "duration_s": self.passive.duration,
+            "calibration_id": self.record.id,
+            "passive": asdict(self.passive_metrics),
+            "controlled": asdict(self.controlled_metrics) if self.controlled_metrics else None,
+            "without_roll": dict(self.without_roll),
+            "can": asdict(self.can),
+            "trigger": asdict(self.trigger),
+            "delay_ms": {name: 1e3 * value for name, value in asdict(self.delay).items()},
+            "limit_cycle": asdict(self.limit_cycle) if self.limit_cycle else None,
+            "helps": self.helps,
+            "verdict": self.verdict,
+            "warnings": list(self.warnings),
+            "files": dict(self.files),
+        }
