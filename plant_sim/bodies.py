@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import UnknownNameError
-from plant_sim import nonlinear, ports, roll1
+from plant_sim import fullcar, nonlinear, ports, roll1
 from plant_sim.integrate import Vector
 from vehicles import Vehicle
 
@@ -31,6 +31,13 @@ BODIES: dict[str, Body] = {
     body.name: body
     for body in (
         Body("roll1", "1-DOF roll model with a linear bicycle", roll1.step, roll1.build),
+        Body("fullcar", "linear full car", fullcar.step, fullcar.build),
+        Body(
+            "fullcar_hydraulic",
+            "linear full car with electro-hydraulic bars",
+            fullcar.step,
+            fullcar.build_hydraulic,
+        ),
         Body("nonlinear", "14-DOF nonlinear car", nonlinear.step, nonlinear.build),
     )
 }

@@ -1,0 +1,293 @@
+"""The linear full car with electro-hydraulic anti-roll bars: 26 states (Vu 2020).
+
+The matrices of the paper are lost in print; they are derived here from its equations 1 to 12 in
+the project's axes (z up, roll > 0 lifts the left side) and wheel order (front left, front right,
+rear left, rear right; the paper counts front left, rear left, rear right, front right).
+
+    s_i = z − x_i θ + y_i φ − Z_i,   F_i = −c_i s_i − k_i s_i'          (c stiffness, k damping)
+    m_s z'' = ΣF_i                   (I_y + m_s h_p²) θ'' = −Σ x_i F_i + m_s g h_p θ
+    (I_x + m_s h²) φ'' − m_s h v (β' + r) = Σ y_i F_i + m_s g h φ − M_f − M_r
+    m_i Z_i'' = −F_i − k_t (Z_i − q_i) ± M/(2 t) ± lateral transfer at the roll centre
+    m v (β' + r) − m_s h φ'' = F_yf + F_yr,   I_z r' = a F_yf − b F_yr
+    Xv''/ω² + 2ζ/ω Xv' + Xv = Kv u,  V/(4E) ΔP' = Kq Xv − Kc ΔP − (D − l2) ψ' − l1 ΔP
+    J ψ'' = D ΔP − d ψ' − T,  T = k_b (N φ_susp + ψ),  M = N T
+
+Sums run over the corner forces F_i with the passive bars and the actuators added to them.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vehicles.model import GRAVITY, ElectroHydraulicBars, Vehicle
+
+STATES = (
+    *("heave", "pitch", "roll", "hop_fl", "hop_fr", "hop_rl", "hop_rr"),
+    *("heave_rate", "pitch_rate", "roll_rate"),
+    *("hop_rate_fl", "hop_rate_fr", "hop_rate_rl", "hop_rate_rr"),
+    *("sideslip", "yaw_rate"),
+    *("spool_front", "spool_rate_front", "pressure_front", "angle_front", "angle_rate_front"),
+    *("spool_rear", "spool_rate_rear", "pressure_rear", "angle_rear", "angle_rate_rear"),
+)
+"""Names of the 26 states in order."""
+
+INPUTS = (
+    "steer",
+    *("road_fl", "road_fr", "road_rl", "road_rr"),
+    *("current_front", "current_rear"),
+    *("force_fl", "force_fr", "force_rl", "force_rr"),
+    *("moment_front", "moment_rear"),
+    "bank",
+)
+"""Names of the inputs in order: rad, m, A, N on the body, N·m on the body, rad."""
+
+_Z, _ZR, _BETA, _YAW, _OIL = 0, 7, 14, 15, 16
+
+Matrix = NDArray[np.float64]
+Pair = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class FullCar:
+    """Parameters of the linear full car; pairs are (front, rear).
+
+    ``spring``, ``damping`` and ``unsprung`` per corner, ``cornering`` per axle, ``bar`` the passive
+    bar's roll stiffness (N·m/rad), ``distance`` of the axles from the CG and ``body_distance`` from
+    the sprung CG, both positive forward. ``roll_inertia`` about the sprung CG. Without ``valves``
+    the bars have no hydraulics.
+    """
+
+    mass: float
+    sprung_mass: float
+    roll_inertia: float
+    pitch_inertia: float
+    yaw_inertia: float
+    roll_height: float
+    pitch_height: float
+    distance: Pair
+    body_distance: Pair
+    half_track: Pair
+    unsprung: Pair
+    spring: Pair
+    damping: Pair
+    bar: Pair
+    cornering: Pair
+    tyre_stiffness: float
+    roll_centre_height: Pair
+    wheel_radius: float
+    valves: ElectroHydraulicBars | None
+
+
+_TABLE_1 = ElectroHydraulicBars(
+    valve_frequency=200.0,
+    valve_damping=0.71,
+    valve_gain=0.523,
+    flow_gain=11.02,
+    pressure_coefficient=4.2e-11,
+    bulk_modulus=6.89e6,
+    volume=0.0014,
+    displacement=1.95e-4,
+    leakage=7.85e-15,
+    leakage_by_rotation=3.14e-6,
+    motor_inertia=5.0,
+    motor_damping=1000.0,
+    bar_stiffness=150.0,
+    lever_ratio=7.6,
+    current_limit=10.0,
+    supply_pressure=1.0e7,
+    angle_limit=1.0471975511965976,
+)
+
+AS_PRINTED = FullCar(
+    mass=943.0 + 2 * (50.0 + 75.0),
+    sprung_mass=943.0,
+    roll_inertia=960.0,
+    pitch_inertia=720.0,
+    yaw_inertia=4520.0,
+    roll_height=0.2,
+    pitch_height=0.1,
+    distance=(1.1, -1.5),
+    body_distance=(1.1, -1.5),
+    half_track=(0.76, 0.76),
+    unsprung=(50.0, 75.0),
+    spring=(15500.0, 17000.0),
+    damping=(2290.0, 1420.0),
+    bar=(0.0, 0.0),
+    cornering=(36000.0, 36000.0),
+    tyre_stiffness=25000.0,
+    roll_centre_height=(0.0, 0.0),
+    wheel_radius=0.0,
+    valves=_TABLE_1,
+)
+"""Vu 2020, Tables 1 and 2, number by number; the bar's own stiffness is not printed."""
+
+REPAIRED = replace(
+    AS_PRINTED,
+    roll_inertia=375.0,
+    pitch_inertia=1150.0,
+    yaw_inertia=1750.0,
+    tyre_stiffness=250000.0,
+    valves=replace(
+        _TABLE_1,
+        valve_damping=0.707,
+        valve_gain=0.523 / 60000,
+        bulk_modulus=6.89e8,
+        motor_inertia=0.05,
+        motor_damping=20.0,
+    ),
+)
+"""The same car made possible: inertias of a rigid body, a tyre that deflects by 1 cm, oil."""
+
+
+def from_vehicle(
+    vehicle: Vehicle, *, suspension_stiffness: float, hydraulic: bool = False
+) -> FullCar:
+    """Linearise ``vehicle`` about straight running.
+
+    ``suspension_stiffness`` is the roll stiffness of springs and bars (N·m/rad). With ``hydraulic``
+    the electro-hydraulic bars stand in for that part of the passive bars that they are as stiff as.
+    """
+    geometry, mass, plant = vehicle.geometry, vehicle.mass, vehicle.plant
+    suspension, valves = vehicle.suspension, vehicle.actuators.valves
+    tracks = geometry.half_track_front, geometry.half_track_rear
+    springs = suspension.spring_rate_front, suspension.spring_rate_rear
+    share = suspension.roll_stiffness_front_share
+    damping_share = suspension.roll_damping_front_share
+    replaced = valves.bar_stiffness * valves.lever_ratio**2 if hydraulic else 0.0
+
+    def bar(part: float, spring: float, track: float) -> float:
+        return max(part * suspension_stiffness - 2 * spring * track**2 - replaced, 0.0)
+
+    def damping(part: float, track: float) -> float:
+        return part * plant.roll_damping / (2 * track**2)
+
+    offset = vehicle.sprung_cg_offset
+    front, rear = geometry.cg_to_front_axle, -geometry.cg_to_rear_axle
+    return FullCar(
+        mass=vehicle.total_mass,
+        sprung_mass=plant.sprung_mass,
+        roll_inertia=plant.inertia_about_cg,
+        pitch_inertia=mass.pitch_inertia,
+        yaw_inertia=mass.yaw_inertia,
+        roll_height=plant.cg_height_above_roll_axis,
+        pitch_height=0.0,
+        distance=(front, rear),
+        body_distance=(front - offset, rear - offset),
+        half_track=tracks,
+        unsprung=(mass.unsprung_front / 2, mass.unsprung_rear / 2),
+        spring=springs,
+        damping=(damping(damping_share, tracks[0]), damping(1 - damping_share, tracks[1])),
+        bar=(bar(share, springs[0], tracks[0]), bar(1 - share, springs[1], tracks[1])),
+        cornering=(
+            vehicle.tyre.cornering_stiffness_front,
+            vehicle.tyre.cornering_stiffness_rear,
+        ),
+        tyre_stiffness=vehicle.tyre.vertical_stiffness,
+        roll_centre_height=(geometry.roll_centre_height_front, geometry.roll_centre_height_rear),
+        wheel_radius=vehicle.tyre.radius,
+        valves=valves if hydraulic else None,
+    )
+
+
+def _hydraulics(valves: ElectroHydraulicBars, e: Matrix, a: Matrix, b: Matrix) -> None:
+    """Rows of both bars' spool, pressure and motor, but for the twist of the bar."""
+    for axle in range(2):
+        i = _OIL + 5 * axle
+        a[i, i + 1] = 1.0
+        a[i + 1, i] = -(valves.valve_frequency**2)
+        a[i + 1, i + 1] = -2 * valves.valve_damping * valves.valve_frequency
+        b[i + 1, 5 + axle] = valves.valve_frequency**2 * valves.valve_gain
+        e[i + 2, i + 2] = valves.volume / (4 * valves.bulk_modulus)
+        a[i + 2, i] = valves.flow_gain
+        a[i + 2, i + 2] = -valves.pressure_coefficient - valves.leakage
+        a[i + 2, i + 4] = -(valves.displacement - valves.leakage_by_rotation)
+        a[i + 3, i + 4] = 1.0
+        e[i + 4, i + 4] = valves.motor_inertia
+        a[i + 4, i + 2] = valves.displacement
+        a[i + 4, i + 4] = -valves.motor_damping
+
+
+def state_matrices(car: FullCar, speed: float) -> tuple[Matrix, Matrix]:
+    """A (26, 26) and B (26, 14) of x' = A x + B u at a constant ``speed`` (m/s).
+
+    States and inputs in the order of :data:`STATES` and :data:`INPUTS`. Without valves the ten
+    states of the hydraulics stay at zero.
+    """
+    n, m = len(STATES), len(INPUTS)
+    e, a, b = np.eye(n), np.zeros((n, n)), np.zeros((n, m))
+    a[_Z : _Z + 7, _ZR : _ZR + 7] = np.eye(7)
+    if car.valves is not None:
+        _hydraulics(car.valves, e, a, b)
+
+    # Lateral forces of the axles, and the acceleration that they push the car with.
+    axle_x, axle_u = np.zeros((2, n)), np.zeros((2, m))
+    for axle in range(2):
+        axle_x[axle, _BETA] = -car.cornering[axle]
+        axle_x[axle, _YAW] = -car.cornering[axle] * car.distance[axle] / speed
+    axle_u[0, 0] = car.cornering[0]
+    pushed_x, pushed_u = axle_x.sum(axis=0) / car.mass, axle_u.sum(axis=0) / car.mass
+
+    heave, pitch, roll = _ZR, _ZR + 1, _ZR + 2
+    coupling = car.sprung_mass * car.roll_height
+    e[heave, heave] = car.sprung_mass
+    e[pitch, pitch] = car.pitch_inertia + car.sprung_mass * car.pitch_height**2
+    e[roll, roll] = car.roll_inertia + coupling * car.roll_height
+    e[roll, _BETA] = -coupling * speed
+    e[_BETA, _BETA] = car.mass * speed
+    e[_BETA, roll] = -coupling
+    e[_YAW, _YAW] = car.yaw_inertia
+    a[pitch, 1] += car.sprung_mass * GRAVITY * car.pitch_height
+    a[roll, 2] += coupling * GRAVITY
+    a[roll, _YAW] += coupling * speed
+    b[roll, 13] += coupling * GRAVITY
+    a[_BETA] += axle_x.sum(axis=0)
+    a[_BETA, _YAW] -= car.mass * speed
+    b[_BETA] += axle_u.sum(axis=0)
+    b[_BETA, 13] -= car.mass * GRAVITY
+    for axle in range(2):
+        a[_YAW] += car.distance[axle] * axle_x[axle]
+        b[_YAW] += car.distance[axle] * axle_u[axle]
+
+    for axle in range(2):
+        track, x = car.half_track[axle], car.body_distance[axle]
+        travel = np.zeros((2, n))
+        for side, sign in enumerate((1.0, -1.0)):
+            travel[side, [0, 1, 2, 3 + 2 * axle + side]] = 1.0, -x, sign * track, -1.0
+        twist = (travel[0] - travel[1]) / (2 * track)
+        moment_x, moment_u = -car.bar[axle] * twist, np.zeros(m)
+        moment_u[11 + axle] = 1.0
+        if car.valves is not None:
+            motor = _OIL + 5 * axle + 3
+            torque = car.valves.bar_stiffness * car.valves.lever_ratio * twist
+            torque[motor] += car.valves.bar_stiffness
+            moment_x -= car.valves.lever_ratio * torque
+            a[motor + 1] -= torque
+
+        unsprung = car.unsprung[axle]
+        held = car.roll_centre_height[axle]
+        inertia = 2 * unsprung * (car.wheel_radius - held)
+        lateral_x = (held * axle_x[axle] + inertia * pushed_x) / (2 * track)
+        lateral_u = (held * axle_u[axle] + inertia * pushed_u) / (2 * track)
+        for side, sign in enumerate((1.0, -1.0)):
+            wheel = 2 * axle + side
+            stroke = np.zeros(n)
+            stroke[_ZR : _ZR + 7] = travel[side, :7]
+            force_x = -car.spring[axle] * travel[side] - car.damping[axle] * stroke
+            force_x += sign * moment_x / (2 * track)
+            force_u = sign * moment_u / (2 * track)
+            force_u[7 + wheel] = 1.0
+            a[heave] += force_x
+            b[heave] += force_u
+            a[roll] += sign * track * force_x
+            b[roll] += sign * track * force_u
+            a[pitch] -= x * force_x
+            b[pitch] -= x * force_u
+            row = _ZR + 3 + wheel
+            e[row, row] = unsprung
+            a[row] += -force_x + sign * lateral_x
+            a[row, 3 + wheel] -= car.tyre_stiffness
+            b[row] += -force_u + sign * lateral_u
+            b[row, 1 + wheel] += car.tyre_stiffness
+    inverse = np.linalg.inv(e).astype(np.float64)
+    return inverse @ a, inverse @ b
