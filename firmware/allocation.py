@@ -60,15 +60,16 @@ def slack(cal: Calibration, moment: i32) -> i32:
 
 
 def allocate_suspension(ecu: Ecu, cal: Calibration, moment: i32) -> None:
-    """Four corner forces for a moment."""
+    """Four corner forces for a moment: each axle takes what the other lacks, within the slack."""
     front: i32 = front_moment(ecu, moment)
+    rear: i32 = clamp(moment - front, -STATE_MAX, STATE_MAX)
     room: i32 = slack(cal, moment)
     given: i32 = split_axle(ecu, cal, FRONT, front)
-    rear: i32 = clamp(moment - front + clamp(front - given, -room, room), -STATE_MAX, STATE_MAX)
-    given_rear: i32 = split_axle(ecu, cal, REAR, rear)
-    lack: i32 = clamp(moment - front - given_rear, -room, room)
-    if moment - front != given_rear and front == given:
-        split_axle(ecu, cal, FRONT, clamp(front + lack, -STATE_MAX, STATE_MAX))
+    lack: i64 = clamp(front - given, -room, room)
+    given_rear: i32 = split_axle(ecu, cal, REAR, clamp(rear + lack, -STATE_MAX, STATE_MAX))
+    lack = clamp(rear - given_rear, -room, room)
+    given = split_axle(ecu, cal, FRONT, clamp(front + lack, -STATE_MAX, STATE_MAX))
+    ecu.given = clamp(given + given_rear, -STATE_MAX, STATE_MAX)
 
 
 def bar_limit(ecu: Ecu, cal: Calibration, axle: i32) -> i32:
@@ -94,6 +95,7 @@ def allocate_bars(ecu: Ecu, cal: Calibration, moment: i32) -> None:
     rear = rear + clamp(lack_front, -room, room)
     ecu.bar[FRONT] = clamp(front, -limit_front, limit_front)
     ecu.bar[REAR] = clamp(rear, -limit_rear, limit_rear)
+    ecu.given = ecu.bar[FRONT] + ecu.bar[REAR]
 
 
 def damper_force(cal: Calibration, speed: i32, setting: i32) -> i32:
@@ -113,6 +115,9 @@ def allocate_dampers(ecu: Ecu, cal: Calibration, moment: i32) -> None:
         wanted: i64 = rsh(front * cal.arm_front, 28)
         if corner >= 2:
             wanted = rsh(rear * cal.arm_rear, 28)
+        if ecu.failed[corner ^ 1] == 1:
+            # its other side does nothing, or nothing that is asked
+            wanted = 2 * wanted
         force: i32 = clamp(SIDE_SIGN[corner] * wanted, -STATE_MAX, STATE_MAX)
         speed: i32 = ecu.stroke_rate[corner]
         # an extending damper pulls the body down
@@ -128,7 +133,7 @@ def allocate_dampers(ecu: Ecu, cal: Calibration, moment: i32) -> None:
 
 
 def allocate(ecu: Ecu, cal: Calibration) -> None:
-    """Turn the command that is sent into the quantities of its frame."""
+    """Turn the outputs of the law into the quantities of their frame."""
     if cal.actuator == SUSPENSION:
         allocate_suspension(ecu, cal, ecu.moment)
     elif cal.actuator == BARS:
@@ -138,10 +143,13 @@ def allocate(ecu: Ecu, cal: Calibration) -> None:
     else:
         for axle in range(2):
             ecu.current[axle] = clamp(ecu.outputs[axle], -cal.current_max, cal.current_max)
+            if (ecu.failed[2 * axle] | ecu.failed[2 * axle + 1]) == 1:
+                ecu.current[axle] = 0
 
 
 def init_allocation(ecu: Ecu) -> None:
     """Start with nothing commanded."""
+    ecu.given = 0
     for corner in range(4):
         ecu.force[corner] = 0
         ecu.current[corner] = 0

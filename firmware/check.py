@@ -1,6 +1,7 @@
 """What a calibration must fulfil before it may run."""
 
 from firmware.calibration import (
+    BARS,
     BYPASS,
     COMPENSATOR,
     DAMPERS,
@@ -8,7 +9,13 @@ from firmware.calibration import (
     Calibration,
 )
 from firmware.limits import check_ranges
-from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE
+from firmware.state import (
+    RX_ACTUATOR_STATE,
+    RX_IMU,
+    RX_ROLL_REFERENCE,
+    RX_SUSPENSION_RATE,
+    RX_VEHICLE_MOTION,
+)
 from firmware.subset import i32
 
 RULE_SCHEDULE = 501
@@ -20,6 +27,7 @@ RULE_IMU = 506
 RULE_REFERENCE = 507
 RULE_STROKE = 508
 RULE_DELIVERED = 509
+RULE_MOTION = 510
 
 
 def check(cal: Calibration) -> i32:
@@ -28,7 +36,8 @@ def check(cal: Calibration) -> i32:
     501 schedule speeds do not ascend; 502 the fade's ends are not in order; 503 the bounds of an
     identified ratio exclude one another; 504 valves need a compensator with two outputs; 505 two
     outputs need a compensator that drives bars or valves; 506 the Imu has no timeout; 507 bypass
-    needs RollReference; 508 dampers need SuspensionRate; 509 dampers need ActuatorState.
+    needs RollReference; 508 dampers need SuspensionRate; 509 dampers and valves need ActuatorState;
+    510 the speed, which fades the command, needs VehicleMotion.
     """
     field: i32 = check_ranges(cal)
     if field != 0:
@@ -44,16 +53,17 @@ def check(cal: Calibration) -> i32:
     if cal.actuator == VALVES and cal.compensator_outputs != 2:
         return RULE_VALVES
     if cal.compensator_outputs == 2:
-        if cal.law != COMPENSATOR or cal.actuator == DAMPERS:
+        if cal.law != COMPENSATOR or (cal.actuator != BARS and cal.actuator != VALVES):
             return RULE_OUTPUTS
     if cal.observer == BYPASS:
         if cal.timeout_ticks[RX_ROLL_REFERENCE] == 0:
             return RULE_REFERENCE
     elif cal.timeout_ticks[RX_IMU] == 0:
         return RULE_IMU
-    if cal.actuator == DAMPERS:
-        if cal.timeout_ticks[RX_SUSPENSION_RATE] == 0:
-            return RULE_STROKE
-        if cal.timeout_ticks[RX_ACTUATOR_STATE] == 0:
-            return RULE_DELIVERED
+    if cal.actuator == DAMPERS and cal.timeout_ticks[RX_SUSPENSION_RATE] == 0:
+        return RULE_STROKE
+    if cal.actuator >= DAMPERS and cal.timeout_ticks[RX_ACTUATOR_STATE] == 0:
+        return RULE_DELIVERED
+    if cal.timeout_ticks[RX_VEHICLE_MOTION] == 0:
+        return RULE_MOTION
     return 0

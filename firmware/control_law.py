@@ -6,24 +6,29 @@ is in observer form on the saturated output, so that it does not wind up.
 """
 
 from firmware.calibration import (
+    BYPASS,
     COMPENSATOR,
     N_STATES,
     OUTPUT_FEEDBACK,
     STATE_MAX,
     Calibration,
 )
-from firmware.state import ACTIVE, DEGRADED, ROLL, ROLL_RATE, Ecu
+from firmware.state import ACTIVE, DEGRADED, LATERAL, ROLL, ROLL_RATE, Ecu
 from firmware.subset import clamp, i32, i64, rsh, sat32
 
 
-def rate_input(ecu: Ecu) -> i32:
+def rate_input(ecu: Ecu, cal: Calibration) -> i32:
     """Return the roll rate as measured, without its learnt offset (Q27)."""
-    return clamp(ecu.roll_rate - ecu.offset_rate, -STATE_MAX, STATE_MAX)
+    if cal.observer == BYPASS:
+        return ecu.x[ROLL_RATE]
+    return clamp(ecu.rate_good - ecu.offset_rate, -STATE_MAX, STATE_MAX)
 
 
-def lateral_input(ecu: Ecu) -> i32:
+def lateral_input(ecu: Ecu, cal: Calibration) -> i32:
     """Return the lateral acceleration as measured, without its learnt offset (Q24)."""
-    return clamp(ecu.lateral_acceleration - ecu.offset_acceleration, -STATE_MAX, STATE_MAX)
+    if cal.observer == BYPASS:
+        return ecu.x[LATERAL]
+    return clamp(ecu.acceleration_good - ecu.offset_acceleration, -STATE_MAX, STATE_MAX)
 
 
 def state_feedback(ecu: Ecu, cal: Calibration) -> i64:
@@ -42,8 +47,8 @@ def state_feedback(ecu: Ecu, cal: Calibration) -> i64:
 
 def output_feedback(ecu: Ecu, cal: Calibration) -> i64:
     """Return u = K [roll rate, lateral acceleration, roll angle], Q14."""
-    acc: i64 = cal.output_gain[0] * rate_input(ecu)
-    acc += cal.output_gain[1] * lateral_input(ecu)
+    acc: i64 = cal.output_gain[0] * rate_input(ecu, cal)
+    acc += cal.output_gain[1] * lateral_input(ecu, cal)
     acc += cal.output_gain[2] * ecu.x[ROLL]
     return rsh(acc, cal.output_gain_shift)
 
@@ -52,7 +57,7 @@ def compensator_output(ecu: Ecu, cal: Calibration, output: i32) -> i64:
     """Return one output of the compensator before limits, Q14."""
     acc: i64 = cal.compensator_d[output][0] * ecu.x[ROLL]
     acc += cal.compensator_d[output][1] * ecu.x[ROLL_RATE]
-    acc += cal.compensator_d[output][2] * lateral_input(ecu)
+    acc += cal.compensator_d[output][2] * lateral_input(ecu, cal)
     acc += cal.compensator_d[output][3] * ecu.steering_acceleration
     for j in range(cal.compensator_order):
         acc += cal.compensator_c[output][j] * ecu.compensator_x[j]
@@ -64,7 +69,7 @@ def advance_compensator(ecu: Ecu, cal: Calibration) -> None:
     for i in range(cal.compensator_order):
         acc: i64 = cal.compensator_b[i][0] * ecu.x[ROLL]
         acc += cal.compensator_b[i][1] * ecu.x[ROLL_RATE]
-        acc += cal.compensator_b[i][2] * lateral_input(ecu)
+        acc += cal.compensator_b[i][2] * lateral_input(ecu, cal)
         acc += cal.compensator_b[i][3] * ecu.steering_acceleration
         for k in range(2):
             acc += cal.compensator_e[i][k] * ecu.outputs[k]
@@ -75,16 +80,16 @@ def advance_compensator(ecu: Ecu, cal: Calibration) -> None:
         ecu.compensator_x[i] = ecu.compensator_next[i]
 
 
-def limited(ecu: Ecu, cal: Calibration, wanted: i64, last: i32, elapsed: i32) -> i32:
+def limited(ecu: Ecu, cal: Calibration, wanted: i64, last: i32, steps: i32) -> i32:
     """Apply schedule, authority, moment limit and slew limit to a wanted output."""
     u: i64 = rsh(clamp(wanted, -STATE_MAX, STATE_MAX) * ecu.gain_factor, 28)
     u = rsh(clamp(u, -STATE_MAX, STATE_MAX) * ecu.authority, 30)
     u = clamp(u, -cal.moment_max, cal.moment_max)
-    step: i32 = sat32(elapsed * cal.slew_max)
+    step: i32 = sat32(steps * cal.slew_max)
     return clamp(clamp(u - last, -step, step) + last, -STATE_MAX, STATE_MAX)
 
 
-def control(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
+def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
     """Compute the moment of this tick; in INIT and SAFE it only ramps to zero."""
     if ecu.mode != ACTIVE and ecu.mode != DEGRADED:
         held: i64 = rsh(ecu.last_moment * ecu.authority, 30)
@@ -98,16 +103,17 @@ def control(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if cal.law == COMPENSATOR:
         for k in range(cal.compensator_outputs):
             wanted: i64 = compensator_output(ecu, cal, k)
-            ecu.outputs[k] = limited(ecu, cal, wanted, ecu.outputs[k], elapsed)
+            ecu.outputs[k] = limited(ecu, cal, wanted, ecu.outputs[k], steps)
         ecu.moment = clamp(ecu.outputs[0] + ecu.outputs[1], -STATE_MAX, STATE_MAX)
-        advance_compensator(ecu, cal)
+        for _ in range(steps):
+            advance_compensator(ecu, cal)
         return
     u: i64 = 0
     if cal.law == OUTPUT_FEEDBACK:
         u = output_feedback(ecu, cal)
     else:
         u = state_feedback(ecu, cal)
-    ecu.moment = limited(ecu, cal, u, ecu.moment, elapsed)
+    ecu.moment = limited(ecu, cal, u, ecu.moment, steps)
     ecu.outputs[0] = ecu.moment
 
 

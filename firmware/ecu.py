@@ -14,25 +14,27 @@ from firmware.identification import identify, init_identification
 from firmware.mailbox import init_mailboxes, read_inputs, receive
 from firmware.observer import init_observer, learn_offsets, look_ahead, observe
 from firmware.schedule import schedule
-from firmware.state import Ecu
+from firmware.state import AGE_MAX, SAFE, Ecu
 from firmware.subset import I32_MAX, clamp, i32, i64, narrow
 from firmware.supervisor import TROUBLE_CALIBRATION, init_supervisor, supervise, trouble
 from firmware.transmit import init_transmit, transmit
 
 __all__ = ["init", "receive", "tick"]
 
-ELAPSED_MAX = 16
+STEPS_MAX = 16
 WRAP = 1 << 32
 
 
 def init(ecu: Ecu, cal: Calibration) -> i32:
     """Start the ECU; return 0, or the rule of ``check`` that refuses the calibration.
 
-    A refused calibration never runs: every later tick does nothing.
+    A refused calibration never runs: the mode is SAFE and every later tick does nothing.
     """
     init_supervisor(ecu)
+    init_transmit(ecu)
     ecu.refused = check(cal)
     if ecu.refused != 0:
+        ecu.mode = SAFE
         trouble(ecu, TROUBLE_CALIBRATION, 1)
         return ecu.refused
     init_mailboxes(ecu, cal)
@@ -42,7 +44,6 @@ def init(ecu: Ecu, cal: Calibration) -> i32:
     init_control(ecu, cal)
     init_trigger(ecu)
     init_allocation(ecu)
-    init_transmit(ecu)
     ecu.time = 0
     ecu.law = cal.law
     return 0
@@ -77,20 +78,24 @@ def init_inputs(ecu: Ecu) -> None:
 
 
 def tick(ecu: Ecu, cal: Calibration, elapsed_ticks: i32) -> None:
-    """Run one period of the loop; ``elapsed_ticks`` is more than 1 where ticks were missed."""
+    """Run one period of the loop; ``elapsed_ticks`` is more than 1 where ticks were missed.
+
+    Ages count all of them; estimate and compensator make up for at most ``STEPS_MAX``.
+    """
     if ecu.refused != 0:
         return
-    elapsed: i32 = clamp(elapsed_ticks, 1, ELAPSED_MAX)
+    elapsed: i32 = clamp(elapsed_ticks, 1, AGE_MAX)
+    steps: i32 = clamp(elapsed, 1, STEPS_MAX)
     read_inputs(ecu, cal, elapsed)
     supervise(ecu, cal, elapsed)
     schedule(ecu, cal)
     learn_offsets(ecu, cal)
-    observe(ecu, cal, elapsed)
+    observe(ecu, cal, steps)
     identify(ecu, cal, elapsed)
     look_ahead(ecu, cal)
-    control(ecu, cal, elapsed)
-    trigger(ecu, cal, elapsed)
+    control(ecu, cal, steps)
     allocate(ecu, cal)
+    trigger(ecu, cal, elapsed)
     transmit(ecu, cal, elapsed)
     time: i64 = ecu.time + elapsed
     if time > I32_MAX:

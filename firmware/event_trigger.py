@@ -1,8 +1,10 @@
 """Event trigger: a command goes out only when it has moved enough, or the heartbeat is due.
 
-Viadero 2022: send when e' Omega e > epsilon**2 u' Omega u, with e the difference to the command the
-actuators follow; an absolute floor keeps sensor noise from firing it near zero. The actuators echo
-the counter of the command they accepted, so that a lost frame is sent again.
+Viadero 2022: send when e' Omega e > epsilon**2 u' Omega u, with e the difference to the command
+sent last; an absolute floor keeps sensor noise from firing it near zero. The actuators echo the
+counter of the command they accepted: what was sent last counts as theirs until its echo is overdue,
+then it is sent again. Over a network the echo may lag several commands behind; as long as it moves,
+nothing is wrong.
 """
 
 from firmware.calibration import BARS, DAMPERS, N_RING, SUSPENSION, Calibration
@@ -36,26 +38,24 @@ def command_slot(cal: Calibration) -> u8:
 
 
 def acknowledge(ecu: Ecu, cal: Calibration) -> None:
-    """Take note of the echo: the last command sent is the one the actuators follow."""
+    """Take note of the echo of the command that the actuators follow."""
     if ecu.waiting == 0 or ecu.fresh[RX_ACTUATOR_STATE] == 0 or ecu.command_held == 0:
         return
+    if ecu.accepted_counter != ecu.echo:
+        ecu.echo = ecu.accepted_counter
+        ecu.unacknowledged = 0
     if ecu.accepted_counter == ecu.tx_counter[command_slot(cal)]:
         ecu.waiting = 0
         ecu.unacknowledged = 0
-        for k in range(2):
-            ecu.held[k] = ecu.sent[k]
 
 
 def moved(ecu: Ecu, cal: Calibration) -> i32:
-    """Return 1 where the new outputs differ enough from the command that counts."""
+    """Return 1 where the new outputs differ enough from those sent last."""
     error: i64 = 0
     size: i64 = 0
     for k in range(2):
-        reference: i32 = ecu.held[k]
-        if ecu.waiting == 1:
-            reference = ecu.sent[k]
-        e: i64 = rsh(ecu.outputs[k] - reference, COARSE)
-        r: i64 = rsh(reference, COARSE)
+        e: i64 = rsh(ecu.outputs[k] - ecu.sent[k], COARSE)
+        r: i64 = rsh(ecu.sent[k], COARSE)
         error += e * e
         size += r * r
     floor: i64 = rsh(cal.trigger_floor, COARSE)
@@ -82,23 +82,28 @@ def trigger(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         ecu.triggered = HEARTBEAT
     if ecu.triggered != NOTHING:
         ecu.since_sent = 0
-        ecu.waiting = 1
+        # without counters there is no echo to wait for
+        ecu.waiting = cal.e2e
         ecu.commands_sent = clamp(ecu.commands_sent + 1, 0, I32_MAX)
         if ecu.triggered == HEARTBEAT:
             ecu.heartbeats_sent = clamp(ecu.heartbeats_sent + 1, 0, I32_MAX)
         for k in range(2):
             ecu.sent[k] = ecu.outputs[k]
-    for _ in range(elapsed):
+    under_way: i32 = ecu.ring[ecu.ring_head]
+    if ecu.triggered != NOTHING:
+        under_way = ecu.given
+    steps: i32 = clamp(elapsed, 1, N_RING)
+    for _ in range(steps):
         ecu.ring_head = byte((ecu.ring_head + 1) & (N_RING - 1))
-        ecu.ring[ecu.ring_head] = clamp(ecu.sent[0] + ecu.sent[1], -(1 << 30), 1 << 30)
+        ecu.ring[ecu.ring_head] = under_way
 
 
 def init_trigger(ecu: Ecu) -> None:
     """Start with nothing sent."""
     for k in range(2):
         ecu.sent[k] = 0
-        ecu.held[k] = 0
     ecu.waiting = 0
+    ecu.echo = 15
     ecu.unacknowledged = 0
     ecu.since_sent = AGE_MAX
     ecu.triggered = NOTHING

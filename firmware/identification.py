@@ -11,6 +11,7 @@ from firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
 from firmware.observer import acting_moment
 from firmware.state import ROLL, RX_IMU, WINDOW_MAX, Ecu
 from firmware.subset import byte, clamp, i32, i64, rsh, sat32, tdiv
+from firmware.supervisor import BAD_ACCELERATION, BAD_ROLL_RATE
 
 WINDOW = 10
 STIFFNESS = 0
@@ -104,17 +105,22 @@ def identify(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Take one identification step where one is due, and adapt the observer's model."""
     if cal.identification == 0:
         return
-    if elapsed > 1 or ecu.lateral_lost == 1 or ecu.age[RX_IMU] > cal.rls_decimation:
+    if elapsed > 1 or ecu.age[RX_IMU] > cal.rls_decimation or ecu.moment_unknown == 1:
+        restart(ecu)
+        return
+    if (ecu.bad_ticks[BAD_ROLL_RATE] | ecu.bad_ticks[BAD_ACCELERATION]) != 0:
         restart(ecu)
         return
     ecu.rls_count = byte(clamp(ecu.rls_count + 1, 0, 20))
     if ecu.rls_count < cal.rls_decimation:
         return
     ecu.rls_count = 0
-    rate: i32 = sat32(ecu.roll_rate - ecu.offset_rate - ecu.x[4])
+    rate: i32 = sat32(ecu.rate_good - ecu.offset_rate - ecu.x[4])
     gravity: i64 = rsh(ecu.x[ROLL] * GRAVITY_Q10, 16)
-    lateral: i32 = sat32(ecu.lateral_acceleration - ecu.offset_acceleration - gravity)
-    impulse: i64 = rsh(acting_moment(ecu) * cal.rls_moment, 30) + rsh(lateral * cal.rls_lateral, 30)
+    lateral: i32 = sat32(ecu.acceleration_good - ecu.offset_acceleration - gravity)
+    impulse: i64 = rsh(acting_moment(ecu, cal) * cal.rls_moment, 30) + rsh(
+        lateral * cal.rls_lateral, 30
+    )
     stiffness: i32 = remember(ecu, STIFFNESS, rsh(ecu.x[ROLL] * cal.rls_stiffness, 30))
     momentum: i32 = remember(ecu, INERTIA, rsh(rate * cal.rls_inertia, 30))
     pushed: i32 = remember(ecu, IMPULSE, impulse)
@@ -124,16 +130,19 @@ def identify(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     ecu.rls_index = byte(ecu.rls_index + 1)
     if ecu.rls_index >= WINDOW:
         ecu.rls_index = 0
-    ecu.rls_filled = byte(clamp(ecu.rls_filled + 1, 0, WINDOW))
-    if ecu.rls_filled < WINDOW or (rate < cal.rls_gate and rate > -cal.rls_gate):
+    if ecu.rls_filled < WINDOW:
+        ecu.rls_filled = byte(ecu.rls_filled + 1)
+        return
+    if rate < cal.rls_gate and rate > -cal.rls_gate:
         return
     damping: i64 = rsh(stiffness * cal.rls_damping, 20)
+    # the trapezoidal rule takes half of each end; whole steps would pass for damping
     learn(
         ecu,
         cal,
-        clamp(ecu.rls_integrals[0], -REGRESSOR_MAX, REGRESSOR_MAX),
+        clamp(ecu.rls_integrals[0] - rsh(stiffness, 1), -REGRESSOR_MAX, REGRESSOR_MAX),
         clamp(damping, -REGRESSOR_MAX, REGRESSOR_MAX),
-        ecu.rls_integrals[1] - momentum,
+        ecu.rls_integrals[1] - rsh(pushed, 1) - momentum,
     )
     adapt_model(ecu, cal)
 

@@ -10,6 +10,7 @@ from typing import Annotated
 
 from firmware.calibration import (
     BYPASS,
+    DAMPERS,
     N_MEASUREMENTS,
     N_RING,
     N_STATES,
@@ -56,10 +57,16 @@ def advance(
         z[i] = ecu.work[i]
 
 
-def acting_moment(ecu: Ecu) -> i32:
-    """Return the moment that acts: the delivered one, or the commanded where that is unknown."""
+def acting_moment(ecu: Ecu, cal: Calibration) -> i32:
+    """Return the moment that acts: the delivered one, or the commanded where that is unknown.
+
+    What dampers and valves are commanded is no moment, and believing it one feeds back on itself:
+    where their moment is unknown, it counts as none.
+    """
     if ecu.moment_unknown == 1:
-        return clamp(ecu.sent[0] + ecu.sent[1], -STATE_MAX, STATE_MAX)
+        if cal.actuator >= DAMPERS:
+            return 0
+        return ecu.ring[ecu.ring_head]
     return clamp(ecu.delivered[0] + ecu.delivered[1], -STATE_MAX, STATE_MAX)
 
 
@@ -73,25 +80,29 @@ def correct(ecu: Ecu, cal: Calibration, measured: i32, y: i32, moment: i32) -> N
     if cal.observer == PROPAGATED_COVARIANCE:
         update(ecu, cal, measured, innovation)
         return
+    single: i32 = 0
+    if measured == MEASURED_ROLL_RATE and ecu.lateral_lost == 1:
+        if ecu.bad_ticks[BAD_ACCELERATION] > 0:
+            single = 1
     for i in range(N_STATES):
         gain: i32 = cal.correction[measured][i]
         shift: u8 = cal.correction_shift[measured][i]
-        if measured == MEASURED_ROLL_RATE and ecu.lateral_lost == 1:
+        if single == 1:
             gain = cal.correction_single[i]
             shift = cal.correction_single_shift[i]
         ecu.x[i] = clamp(ecu.x[i] + rsh(gain * innovation, shift), -STATE_MAX, STATE_MAX)
 
 
-def observe(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
-    """Predict over the elapsed ticks, then correct by what is fresh and good."""
+def observe(ecu: Ecu, cal: Calibration, steps: i32) -> None:
+    """Predict over ``steps`` ticks, then correct by what is fresh and good."""
     if cal.observer == BYPASS:
         if ecu.fresh[RX_ROLL_REFERENCE] == 1:
             ecu.x[ROLL] = ecu.reference_roll
             ecu.x[ROLL_RATE] = ecu.reference_rate
             ecu.x[LATERAL] = ecu.reference_acceleration
         return
-    moment: i32 = acting_moment(ecu)
-    for _ in range(elapsed):
+    moment: i32 = acting_moment(ecu, cal)
+    for _ in range(steps):
         advance(ecu, cal, ecu.x, moment, ecu.steering_acceleration)
         if cal.observer == PROPAGATED_COVARIANCE:
             propagate(ecu, cal)
@@ -106,20 +117,29 @@ def observe(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
 
 
 def look_ahead(ecu: Ecu, cal: Calibration) -> None:
-    """Predict from the sample to the actuation, through the commands that are under way."""
-    moment: i32 = acting_moment(ecu)
+    """Predict from the sample to the actuation, through the commands that are under way.
+
+    The moment of dampers and valves doesn't go to what they are commanded: it is kept.
+    """
+    moment: i32 = acting_moment(ecu, cal)
+    rate: i32 = cal.actuator_rate
+    if cal.actuator >= DAMPERS:
+        rate = 0
     for i in range(N_STATES):
         ecu.ahead[i] = ecu.x[i]
     for step in range(cal.predict_steps):
         command: i32 = ecu.ring[(ecu.ring_head + N_RING + 1 - cal.predict_steps + step) & 31]
-        pull: i64 = rsh(cal.actuator_rate * (command - moment), 30)
+        pull: i64 = rsh(rate * (command - moment), 30)
         moment = clamp(moment + pull, -STATE_MAX, STATE_MAX)
         advance(ecu, cal, ecu.ahead, moment, ecu.steering_acceleration)
 
 
 def learn_offsets(ecu: Ecu, cal: Calibration) -> None:
-    """Let the sensor offsets follow what the sensors read at standstill or straight ahead."""
-    if cal.offset_learning == 0 or ecu.fresh[RX_IMU] == 0:
+    """Let the sensor offsets follow what the sensors read at standstill or straight ahead.
+
+    At standstill only the gyro learns: the lateral acceleration there is the ground's slope.
+    """
+    if cal.offset_learning == 0 or ecu.fresh[RX_IMU] == 0 or ecu.motion_lost == 1:
         return
     if ecu.bad_ticks[BAD_ROLL_RATE] > 0 or ecu.bad_ticks[BAD_ACCELERATION] > 0:
         return
@@ -130,6 +150,8 @@ def learn_offsets(ecu: Ecu, cal: Calibration) -> None:
         return
     rate: i64 = rsh(ecu.roll_rate - ecu.offset_rate, cal.offset_shift)
     ecu.offset_rate = clamp(ecu.offset_rate + rate, -cal.offset_rate_max, cal.offset_rate_max)
+    if ecu.speed == 0:
+        return
     lateral: i64 = rsh(ecu.lateral_acceleration - ecu.offset_acceleration, cal.offset_shift)
     ecu.offset_acceleration = clamp(
         ecu.offset_acceleration + lateral,

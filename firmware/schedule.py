@@ -1,7 +1,7 @@
 """Speed schedule: gain factor, front share and steering gain, and the fade at walking pace."""
 
 from firmware.calibration import STATE_MAX, Calibration
-from firmware.state import Ecu
+from firmware.state import LATERAL, Ecu
 from firmware.subset import clamp, i32, rsh, tdiv
 
 Q28_ONE = 1 << 28
@@ -27,6 +27,9 @@ def schedule(ecu: Ecu, cal: Calibration) -> None:
     ecu.front_share = clamp(front, 0, 1 << 30)
     steering: i32 = between(cal.schedule_steering[point], cal.schedule_steering[after], share)
     ecu.steering_acceleration = clamp(rsh(steering * ecu.steering, 20), -STATE_MAX, STATE_MAX)
+    if ecu.motion_lost == 1:
+        # an old steering angle would pull the estimate its way: the estimate itself pulls nowhere
+        ecu.steering_acceleration = ecu.x[LATERAL]
     span: i32 = clamp(cal.fade_high - cal.fade_low, 1, STATE_MAX)
     beyond_low: i32 = clamp(ecu.speed - cal.fade_low, 0, STATE_MAX)
     fade: i32 = clamp(tdiv(beyond_low * Q28_ONE, span), 0, Q28_ONE)

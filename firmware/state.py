@@ -122,12 +122,19 @@ class Ecu:
     # supervision
     last_sample: Annotated[list[u8], N_RX, F(0, 16, 0, "", "sample counter, 16: none yet")]
     unchanged: Annotated[list[i32], N_RX, F(0, AGE_MAX, 0, "ticks", "sample counter unchanged")]
+    stuck: Annotated[u8, F(0, 1, 0, "", "1: a needed message repeats one sample")]
     bad_ticks: Annotated[list[i32], 6, F(0, AGE_MAX, 0, "ticks", "a watched value is bad since")]
     mode: Annotated[u8, F(0, 3, 0, "", "0 INIT 1 ACTIVE 2 DEGRADED 3 SAFE")]
     refused: Annotated[i32, F(0, 1000, 0, "", "rule that refused the calibration, 0: none")]
+    rate_good: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "last plausible gyro")]
+    acceleration_good: Annotated[
+        i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "last plausible accelerometer")
+    ]
     lateral_lost: Annotated[u8, F(0, 1, 0, "", "1: do without the lateral acceleration")]
+    motion_lost: Annotated[u8, F(0, 1, 0, "", "1: do without speed and steering")]
     moment_unknown: Annotated[u8, F(0, 1, 0, "", "1: do without the delivered moment")]
     failed: Annotated[list[u8], 4, F(0, 1, 0, "", "1: the corner is stuck or floating")]
+    lateral_good: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "lateral acceleration is good since")]
     good_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "all needed inputs good since")]
     authority: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the command, 0 in SAFE")]
     trouble_active: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i is active")]
@@ -149,7 +156,9 @@ class Ecu:
     ]
     innovation: Annotated[list[i32], N_MEASUREMENTS, F(I32_MIN, I32_MAX, 0, "", "last ones")]
     ring: Annotated[
-        list[i32], N_RING, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "N·m", "moments commanded")
+        list[i32],
+        N_RING,
+        F(-STATE_MAX, STATE_MAX, Q_MOMENT, "N·m", "moments that the commands sent give"),
     ]
     ring_head: Annotated[u8, F(0, N_RING - 1, 0, "", "newest entry of the ring")]
     offset_rate: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "learnt, roll rate")]
@@ -192,9 +201,9 @@ class Ecu:
 
     # trigger
     sent: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "", "last command sent")]
-    held: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "", "last acknowledged")]
     waiting: Annotated[u8, F(0, 1, 0, "", "1: the last command is not acknowledged yet")]
-    unacknowledged: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "no acknowledgement since")]
+    echo: Annotated[u8, F(0, 15, 0, "", "counter acknowledged last, 15: none")]
+    unacknowledged: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "waiting without a new echo since")]
     since_sent: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last command")]
     triggered: Annotated[u8, F(0, 2, 0, "", "this tick: 0 nothing, 1 trigger, 2 heartbeat")]
     commands_sent: Annotated[i32, F(0, I32_MAX, 0, "", "commands sent, saturates")]
@@ -203,6 +212,9 @@ class Ecu:
     diagnostics_page: Annotated[u8, F(0, 4, 0, "", "next page of the diagnostics")]
 
     # allocation
+    given: Annotated[
+        i32, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "N·m", "moment within the actuators' limits")
+    ]
     force: Annotated[
         list[i32], 4, F(-4090 << Q_MOMENT, 4090 << Q_MOMENT, Q_MOMENT, "N", "of each corner")
     ]

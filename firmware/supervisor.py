@@ -1,17 +1,21 @@
 """Modes, plausibility, timeouts and trouble codes.
 
 INIT waits for good inputs. ACTIVE runs the law. DEGRADED does without one input: the lateral
-acceleration (one-sensor observer, no feedforward), the delivered moment (the commanded one is used)
-or one corner (its moment moves). SAFE ramps the command to zero and keeps the heartbeat. Both end
-by themselves when all is well for the calibrated time.
+acceleration (one-sensor observer, no feedforward), speed and steering (the last ones are kept), the
+delivered moment (the commanded one is used) or one corner or bar (its moment moves). SAFE ramps the
+command to zero and keeps the heartbeat. Both end by themselves when all is well for the calibrated
+time.
 """
 
 from firmware.calibration import (
+    BARS,
     BYPASS,
     COMPENSATOR,
     DAMPERS,
+    N_ORDER,
     ONE,
     OUTPUT_FEEDBACK,
+    VALVES,
     Calibration,
 )
 from firmware.mailbox import NO_SAMPLE
@@ -90,16 +94,25 @@ def trouble(ecu: Ecu, code: i32, present: i32) -> None:
 
 
 def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:
-    """Return 1 where a needed message is late; INIT waits for the first one without trouble."""
+    """Return 1 where a needed message is late, or repeats one sample.
+
+    The first one may come as late as INIT lasts at least before that is a trouble.
+    """
     if cal.timeout_ticks[message] == 0:
         return 0
+    patience: i32 = cal.timeout_ticks[message]
+    waiting: i32 = 0
+    if ecu.last_sample[message] == NO_SAMPLE:
+        waiting = 1
+        patience += cal.init_ticks
     late: i32 = 0
-    if ecu.age[message] > cal.timeout_ticks[message]:
+    if ecu.age[message] > patience:
         late = 1
     trouble(ecu, message, late)
-    if ecu.last_sample[message] == NO_SAMPLE:
+    if ecu.unchanged[message] > cal.stuck_ticks and (late | waiting) == 0:
+        ecu.stuck = 1
         late = 1
-    return late
+    return late | waiting
 
 
 def lasting(ecu: Ecu, watched: i32, timeout: i32, bad: i32, elapsed: i32) -> i32:
@@ -114,7 +127,12 @@ def lasting(ecu: Ecu, watched: i32, timeout: i32, bad: i32, elapsed: i32) -> i32
 
 
 def lacking(ecu: Ecu, message: i32, needed: u8) -> i32:
-    """Return 1 where a signal among the bits ``needed`` carries an error code."""
+    """Return 1 where a signal among the bits ``needed`` carries an error code.
+
+    A message that has not come yet lacks nothing: :func:`silence` judges that.
+    """
+    if ecu.last_sample[message] == NO_SAMPLE:
+        return 0
     if (ecu.valid[message] & needed) == needed:
         return 0
     return 1
@@ -127,33 +145,70 @@ def beyond(value: i32, limit: i32) -> i32:
     return 0
 
 
-def watch_motion(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
-    """Judge the inputs that tell the roll motion; return what they do to the mode."""
-    severity: i32 = GOOD
-    late: i32 = silence(ecu, cal, RX_IMU)
-    bad_rate: i32 = lacking(ecu, RX_IMU, 1) | beyond(ecu.roll_rate, cal.roll_rate_max)
-    bad_rate = lasting(ecu, BAD_ROLL_RATE, cal.timeout_ticks[RX_IMU], bad_rate, elapsed)
-    trouble(ecu, TROUBLE_ROLL_RATE, bad_rate)
-    bad_lateral: i32 = lacking(ecu, RX_IMU, 2) | beyond(
-        ecu.lateral_acceleration, cal.acceleration_max
-    )
-    bad_lateral = lasting(ecu, BAD_ACCELERATION, cal.timeout_ticks[RX_IMU], bad_lateral, elapsed)
-    trouble(ecu, TROUBLE_ACCELERATION, bad_lateral)
-    stuck: i32 = 0
-    if cal.timeout_ticks[RX_IMU] > 0 and late == 0 and ecu.unchanged[RX_IMU] > cal.stuck_ticks:
-        stuck = 1
-    trouble(ecu, TROUBLE_STUCK, stuck)
-    if (late | bad_rate | stuck) != 0:
-        severity = UNSAFE
-    ecu.lateral_lost = byte(bad_lateral)
-    if bad_lateral == 1 and severity == GOOD:
-        severity = DEGRADING
-        if cal.law == COMPENSATOR:
-            severity = UNSAFE
-        if cal.law == OUTPUT_FEEDBACK and cal.output_gain[1] != 0:
-            severity = UNSAFE
+def law_needs_lateral(cal: Calibration) -> i32:
+    """Return 1 where the law itself reads the lateral acceleration: it can't do without."""
+    if cal.law == OUTPUT_FEEDBACK and cal.output_gain[1] != 0:
+        return 1
+    if cal.law == COMPENSATOR:
+        for i in range(N_ORDER):
+            if cal.compensator_b[i][2] != 0:
+                return 1
+        for k in range(2):
+            if cal.compensator_d[k][2] != 0:
+                return 1
+    return 0
 
-    late = silence(ecu, cal, RX_ROLL_REFERENCE)
+
+def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
+    """Judge the lateral acceleration; return what it does to the mode.
+
+    The observer takes it again with the first good sample, the feedforward only after
+    ``recovery_ticks`` of them.
+    """
+    bad: i32 = lacking(ecu, RX_IMU, 2) | beyond(ecu.lateral_acceleration, cal.acceleration_max)
+    if bad == 0:
+        ecu.acceleration_good = ecu.lateral_acceleration
+    bad = lasting(ecu, BAD_ACCELERATION, cal.timeout_ticks[RX_IMU], bad, elapsed)
+    trouble(ecu, TROUBLE_ACCELERATION, bad)
+    ecu.lateral_good = clamp(ecu.lateral_good + elapsed, 0, AGE_MAX)
+    if ecu.bad_ticks[BAD_ACCELERATION] > 0:
+        ecu.lateral_good = 0
+        bad = bad | ecu.lateral_lost
+    if bad == 1:
+        ecu.lateral_lost = 1
+    elif ecu.lateral_good >= cal.recovery_ticks:
+        ecu.lateral_lost = 0
+    if bad == 0:
+        return GOOD
+    if law_needs_lateral(cal) == 1:
+        return UNSAFE
+    if (cal.measurements & 2) == 0 and cal.identification == 0:
+        return GOOD
+    if (cal.measurements & 1) == 0:
+        return UNSAFE
+    return DEGRADING
+
+
+def watch_imu(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
+    """Judge the inertial measurement; return what it does to the mode."""
+    late: i32 = silence(ecu, cal, RX_IMU)
+    bad: i32 = lacking(ecu, RX_IMU, 1) | beyond(ecu.roll_rate, cal.roll_rate_max)
+    if bad == 0:
+        ecu.rate_good = ecu.roll_rate
+    bad = lasting(ecu, BAD_ROLL_RATE, cal.timeout_ticks[RX_IMU], bad, elapsed)
+    trouble(ecu, TROUBLE_ROLL_RATE, bad)
+    severity: i32 = watch_lateral(ecu, cal, elapsed)
+    if cal.observer == BYPASS:
+        return GOOD
+    if (late | bad) != 0:
+        return UNSAFE
+    return severity
+
+
+def watch_motion(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
+    """Judge the inputs that tell the vehicle's motion; return what they do to the mode."""
+    severity: i32 = watch_imu(ecu, cal, elapsed)
+    late: i32 = silence(ecu, cal, RX_ROLL_REFERENCE)
     bad: i32 = lacking(ecu, RX_ROLL_REFERENCE, 7)
     bad = lasting(ecu, BAD_REFERENCE, cal.timeout_ticks[RX_ROLL_REFERENCE], bad, elapsed)
     trouble(ecu, TROUBLE_REFERENCE, bad)
@@ -164,13 +219,17 @@ def watch_motion(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     bad = lacking(ecu, RX_VEHICLE_MOTION, 3)
     bad = lasting(ecu, BAD_SPEED, cal.timeout_ticks[RX_VEHICLE_MOTION], bad, elapsed)
     trouble(ecu, TROUBLE_SPEED, bad)
-    if (late | bad) != 0 and severity == GOOD:
+    ecu.motion_lost = byte(late | bad)
+    if ecu.motion_lost == 1 and severity == GOOD:
         severity = DEGRADING
     return severity
 
 
-def watch_corners(ecu: Ecu) -> i32:
-    """Judge the status of the four corners; return what it does to the mode."""
+def watch_corners(ecu: Ecu, cal: Calibration) -> i32:
+    """Judge the status of the four corners; return what it does to the mode.
+
+    One failed corner degrades, as does one failed bar, which spans both corners of its axle.
+    """
     stuck: i32 = 0
     floating: i32 = 0
     for corner in range(4):
@@ -183,6 +242,8 @@ def watch_corners(ecu: Ecu) -> i32:
             floating += 1
     trouble(ecu, TROUBLE_CORNER_STUCK, clamp(stuck, 0, 1))
     trouble(ecu, TROUBLE_CORNER_FLOATING, clamp(floating, 0, 1))
+    if cal.actuator == BARS or cal.actuator == VALVES:
+        return (ecu.failed[0] | ecu.failed[1]) + (ecu.failed[2] | ecu.failed[3])
     return clamp(stuck + floating, GOOD, UNSAFE)
 
 
@@ -193,11 +254,11 @@ def watch_actuators(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     bad = lasting(ecu, BAD_MOMENT, cal.timeout_ticks[RX_ACTUATOR_STATE], bad, elapsed)
     trouble(ecu, TROUBLE_MOMENT, bad)
     ecu.moment_unknown = byte(late | bad)
-    severity: i32 = watch_corners(ecu)
+    severity: i32 = watch_corners(ecu, cal)
     if cal.timeout_ticks[RX_ACTUATOR_STATE] == 0:
         ecu.moment_unknown = 1
     elif ecu.moment_unknown == 1:
-        if cal.actuator == DAMPERS:
+        if cal.actuator >= DAMPERS:
             severity = UNSAFE
         elif severity == GOOD:
             severity = DEGRADING
@@ -223,6 +284,8 @@ def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
             ecu.last_moment = ecu.moment
             for k in range(2):
                 ecu.last_outputs[k] = ecu.outputs[k]
+            # the ramp starts at what was given last, wherever the way up had come to
+            ecu.authority = ONE
             ecu.mode = SAFE
         return
     if ecu.mode == ACTIVE:
@@ -248,8 +311,10 @@ def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
 
 def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Judge all inputs, set the mode and move the authority along its ramp."""
+    ecu.stuck = 0
     motion: i32 = watch_motion(ecu, cal, elapsed)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
+    trouble(ecu, TROUBLE_STUCK, ecu.stuck)
     missed: i32 = 0
     if elapsed > 1:
         missed = 1
@@ -272,7 +337,12 @@ def init_supervisor(ecu: Ecu) -> None:
     ecu.good_ticks = 0
     ecu.authority = 0
     ecu.last_moment = 0
+    ecu.stuck = 0
+    ecu.rate_good = 0
+    ecu.acceleration_good = 0
     ecu.lateral_lost = 0
+    ecu.lateral_good = 0
+    ecu.motion_lost = 1
     ecu.moment_unknown = 1
     ecu.trouble_active = 0
     ecu.trouble_latched = 0
