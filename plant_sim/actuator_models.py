@@ -4,7 +4,6 @@ Forces act on the body, upwards, with their reaction on the wheel; moments lift 
 Force over a step is the mean of its values at both ends, so that a lag costs no half step.
 """
 
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -82,7 +81,9 @@ def refer(node: Actuators, channel: int, demand: float) -> bool:
 
 
 @njit
-def settle(node: Actuators, channel: int, corner: int, target: float, bound: bool, t_ns: int) -> None:
+def settle(
+    node: Actuators, channel: int, corner: int, target: float, bound: bool, t_ns: int
+) -> None:
     """Follow ``target`` with the lag, unless a fault of ``corner`` has it otherwise."""
     state = node.state
     status = STATUS_LIMITED if bound else STATUS_OK

@@ -103,7 +103,9 @@ def _approach(lag: float) -> float:
     return 1 - math.exp(-1e-3 / lag) if lag > 0 else 1.0
 
 
-def _settings(vehicle: Vehicle, kind: str, options: ActuatorOptions, integrated: bool) -> list[float]:
+def _settings(
+    vehicle: Vehicle, kind: str, options: ActuatorOptions, integrated: bool
+) -> list[float]:
     """Lag, limit, rate, power of one channel with oil and supply taken in; inf where unlimited."""
     data = vehicle.actuators
     cold = thickening(options.oil_temperature)
@@ -213,4 +215,3 @@ def build(
         fault_value=np.array([fault.value for fault in options.faults], dtype=np.float64),
         supervision=options.supervision,
     )
-

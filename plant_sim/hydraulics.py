@@ -92,9 +92,7 @@ def _derivative(x: Vector, p: Vector, current: float, roll: float, rate: Vector)
 
 
 @njit
-def advance(
-    motor: Vector, p: Vector, current: float, roll: float, rate: float, free: bool
-) -> bool:
+def advance(motor: Vector, p: Vector, current: float, roll: float, rate: float, free: bool) -> bool:
     """Advance one axle by 1 ms (RK4); whether supply pressure or stroke bound it.
 
     ``roll`` and ``rate``: roll of the suspension at the start of the step. ``free`` opens the

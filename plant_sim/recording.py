@@ -101,6 +101,8 @@ def record(
     row[ACTUATOR + 8] = node.flag[actuators.HELD]
 
 
-def signals(rows: NDArray[np.float64], times: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+def signals(
+    rows: NDArray[np.float64], times: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
     """Recorded signals by name, ``time`` (s) first; views of ``rows``."""
     return {"time": times, **{name: rows[:, column] for name, column in SIGNALS.items()}}

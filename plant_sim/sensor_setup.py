@@ -151,7 +151,9 @@ def _channel(
     warming = data.bias_per_kelvin * options.temperature
     row[sensors.BIAS] = options.bias * (data.bias + abs(warming)) * draws.uniform(-1, 1)
     row[sensors.DRIFT_STEP] = options.drift * options.bias * data.bias * math.sqrt(period)
-    row[sensors.NOISE] = options.noise * data.noise_density * math.sqrt(math.pi / 2 * data.bandwidth)
+    row[sensors.NOISE] = (
+        options.noise * data.noise_density * math.sqrt(math.pi / 2 * data.bandwidth)
+    )
     row[sensors.NOISE_MEMORY] = math.exp(-2 * math.pi * data.bandwidth * period)
     row[sensors.RANGE] = data.range
     return row
@@ -188,7 +190,9 @@ def build(vehicle: Vehicle, *, options: SensorOptions, seed: int) -> Sensors:
         row[sensors.CHANNELS] = len(names)
         row[sensors.PERIOD] = period
         row[sensors.LATENCY] = round(latency * 1e9)
-        row[sensors.NEXT] = round(options.phases[message] * 1e9) if message in options.phases else drawn
+        row[sensors.NEXT] = (
+            round(options.phases[message] * 1e9) if message in options.phases else drawn
+        )
         row[sensors.SAMPLE_SIGNAL] = codec.signal_index(message, "SampleCounter")
         for name, member in zip(names, members, strict=True):
             signals.append(codec.signal_index(message, name))

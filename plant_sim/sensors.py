@@ -94,9 +94,7 @@ def _low_pass(row: NDArray[np.float64], value: float) -> None:
 
 
 @njit
-def _feel(
-    row: NDArray[np.float64], axis: NDArray[np.float64], vector: NDArray[np.float64]
-) -> None:
+def _feel(row: NDArray[np.float64], axis: NDArray[np.float64], vector: NDArray[np.float64]) -> None:
     _low_pass(row, axis[0] * vector[0] + axis[1] * vector[1] + axis[2] * vector[2])
 
 

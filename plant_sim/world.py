@@ -174,7 +174,9 @@ class World:
         The sample that the frame can know of is the last that ``advance`` has returned.
         """
         if t_ns < self.now_ns:
-            raise CanrollError(f"frame 0x{ident:X} submitted at {t_ns} ns, in the past of the world")
+            raise CanrollError(
+                f"frame 0x{ident:X} submitted at {t_ns} ns, in the past of the world"
+            )
         clock = self._parts.clock
         count = clock[OUTBOX]
         if count == _OUTBOX_CAPACITY:
@@ -259,8 +261,6 @@ class World:
             entries, self._drained, missed = can_bus.drain(self._parts.network, self._drained)
             assert missed == 0
             self._log.append(entries)
-
-
 
 
 def _ident(message: str) -> int:
