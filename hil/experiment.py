@@ -70,6 +70,48 @@ def run(
         VerdictError: the design fails its own checks.
         Interrupted: Ctrl-C; it carries the trace so far.
     """
+    settings, controller = plan(
+        scenario,
+        vehicle=vehicle,
+        law=law,
+        calibration=calibration,
+        actuator=actuator,
+        observer=observer,
+        plant=plant,
+        speed_kmh=speed_kmh,
+        bus=bus,
+        tick_ms=tick_ms,
+        trigger=trigger,
+        backend=backend,
+        seed=seed,
+        duration=duration,
+    )
+    return simulate(settings, controller, duration=duration, progress=progress)
+
+
+def plan(
+    scenario: str,
+    *,
+    vehicle: str | None = None,
+    law: str | None = None,
+    calibration: str | Path | None = None,
+    actuator: str | None = None,
+    observer: str | None = None,
+    plant: str = DEFAULT_PLANT,
+    speed_kmh: float | None = None,
+    bus: str = DEFAULT_BUS,
+    tick_ms: float | None = None,
+    trigger: str | None = None,
+    backend: str = DEFAULT_BACKEND,
+    seed: int = 0,
+    duration: float | None = None,
+) -> tuple[Settings, Controller]:
+    """Return what :func:`run` would drive with the same arguments: settings and controller.
+
+    Raises:
+        CanrollError: a name, number or file that cannot be; the message says what to do.
+        VerdictError: the design fails its own checks.
+    """
     request = Request(
         vehicle=vehicle,
         law=law,
@@ -106,7 +148,7 @@ def run(
         tick=controller.tick,
         run_time=RUN_TIME_NS * 1e-9,
     )
-    return simulate(settings, controller, duration=duration, progress=progress)
+    return settings, controller
 
 
 def simulate(
@@ -135,7 +177,19 @@ def drive(
     progress: Report | None = None,
 ) -> Trace:
     """Drive the manoeuvre once; without control the actuators are disabled, the frames go on."""
-    world = World(
+    stage = "controlled" if enabled else "passive"
+    return closed_loop(
+        build_world(settings, enabled=enabled),
+        open_ecu(settings.backend, controller.record),
+        tick_ns=round(settings.tick * 1e9),
+        duration_ns=None if duration is None else round(duration * 1e9),
+        progress=None if progress is None else lambda share: progress(stage, share),
+    )
+
+
+def build_world(settings: Settings, *, enabled: bool) -> World:
+    """Return the world that ``settings`` describe, at time 0."""
+    return World(
         vehicle=settings.vehicle,
         body=settings.plant,
         actuator=settings.actuator,
@@ -145,14 +199,6 @@ def drive(
         profile=load_profile(settings.bus),
         seed=settings.seed,
         enabled=enabled,
-    )
-    stage = "controlled" if enabled else "passive"
-    return closed_loop(
-        world,
-        open_ecu(settings.backend, controller.record),
-        tick_ns=round(settings.tick * 1e9),
-        duration_ns=None if duration is None else round(duration * 1e9),
-        progress=None if progress is None else lambda share: progress(stage, share),
     )
 
 
