@@ -170,17 +170,40 @@ def delay_bounds(
                 f"bus profile '{profile.name}': {name} has no response bound:"
                 " lower the load or raise the bit rate"
             )
-    tick = tick_ms * 1e-3
+    return total_delay(
+        paths[sensor],
+        paths[command],
+        sensor_period_s=periods[sensor],
+        tick_s=tick_ms * 1e-3,
+        filter_delay_s=filter_delay_s,
+        actuator_period_s=actuator_period_s,
+        n_lost=n_lost,
+    )
+
+
+def total_delay(
+    sensor: Path,
+    command: Path,
+    *,
+    sensor_period_s: float,
+    tick_s: float,
+    filter_delay_s: float = 0.0,
+    actuator_period_s: float = 1e-3,
+    n_lost: int = 0,
+) -> DelayBounds:
+    """Return the bounds of the total delay over two messages; see ``delay_bounds``.
+
+    The command's greatest time runs from the nominal tick: run time and jitter are in it.
+    """
     # a tick between two samples uses the older one: it waits a sensor period, not only a tick
-    waiting = max(tick, periods[sensor]) + n_lost * periods[sensor]
-    age_min = paths[sensor].least + paths[command].least
-    # the command's bound runs from the nominal tick, so run time and jitter are in it
-    age_max = paths[sensor].greatest + waiting + paths[command].greatest + actuator_period_s
+    waiting = max(tick_s, sensor_period_s) + n_lost * sensor_period_s
+    age_min = sensor.least + command.least
+    age_max = sensor.greatest + waiting + command.greatest + actuator_period_s
     return DelayBounds(
         tau_min=filter_delay_s + age_min,
-        tau_max=filter_delay_s + age_max + tick,
+        tau_max=filter_delay_s + age_max + tick_s,
         age_min=age_min,
         age_max=age_max,
-        sensor=paths[sensor],
-        command=paths[command],
+        sensor=sensor,
+        command=command,
     )

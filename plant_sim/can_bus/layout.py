@@ -70,6 +70,9 @@ SOURCE_COUNT: Final = 10
 GATEWAY_COUNT: Final = 11
 FAULT_COUNT: Final = 12
 
+NEVER: Final = 2**62
+"""A time that never comes."""
+
 # room in every network; one layout for all, so that the kernels are compiled once
 MAX_SEGMENTS: Final = 8
 MAX_NODES: Final = 128

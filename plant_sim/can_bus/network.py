@@ -8,9 +8,9 @@ import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.can_bus import layout
+from plant_sim.can_bus.arrivals import schedule_source
 from plant_sim.can_bus.layout import Network
 from plant_sim.can_bus.queues import message_of
-from plant_sim.can_bus.scheduler import schedule_source
 from plant_sim.can_bus.wire import EXTENDED, FD, arbitration_key
 
 POLICIES: Final = {"priority": layout.PRIORITY, "fifo": layout.FIFO, "replace": layout.REPLACE}
@@ -26,7 +26,8 @@ FAULTS: Final = {
     "disturb": layout.DISTURB,
     "overload": layout.OVERLOAD,
 }
-NEVER: Final = 2**62
+NEVER: Final = layout.NEVER
+MAX_CAPACITY: Final = layout.MAX_FRAMES
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +189,6 @@ def build_network(spec: NetworkSpec) -> Network:
     network = layout.empty(log=spec.log_capacity, seed=spec.seed)
     clock = network.clock
     clock[layout.SEGMENT_COUNT] = len(spec.segments)
-    clock[layout.NODE_COUNT] = len(spec.nodes)
     clock[layout.SOURCE_COUNT] = len(spec.sources)
     clock[layout.GATEWAY_COUNT] = len(spec.gateways)
     clock[layout.FAULT_COUNT] = len(spec.faults)
@@ -196,13 +196,8 @@ def build_network(spec: NetworkSpec) -> Network:
         for key in ("bitrate", "data_bitrate", "propagation_ns", "bit_error_rate"):
             network.segments[key][i] = getattr(segment, key)
     names = [node.name for node in spec.nodes]
-    for i, node in enumerate(spec.nodes):
-        network.nodes["segment"][i] = node.segment
-        network.nodes["policy"][i] = _code("queue policy", POLICIES, node.policy)
-        network.nodes["capacity"][i] = node.capacity
-        network.nodes["drift"][i] = node.drift_ppm * 1e-6
-        network.nodes["single_shot"][i] = node.single_shot
-        network.nodes["recovers"][i] = node.recovers
+    for node in spec.nodes:
+        add_node(network, node)
     _add_gateways(network, spec, names)
     _add_faults(network, spec, names)
     for i, source in enumerate(spec.sources):
@@ -226,6 +221,26 @@ def build_network(spec: NetworkSpec) -> Network:
         message_of(network, int(record["node"][0]), source.ident, source.flags)
         schedule_source(network, i, 0)
     return network
+
+
+def add_node(network: Network, node: Node) -> int:
+    """Put another node on a network, at any time, and return its number.
+
+    Raises:
+        CanrollError: there is no room for another node.
+    """
+    number = int(network.clock[layout.NODE_COUNT])
+    if number >= layout.MAX_NODES:
+        raise CanrollError(f"a network has room for {layout.MAX_NODES} nodes, not for another")
+    network.clock[layout.NODE_COUNT] = number + 1
+    record = network.nodes[number : number + 1]
+    record["segment"] = node.segment
+    record["policy"] = _code("queue policy", POLICIES, node.policy)
+    record["capacity"] = node.capacity
+    record["drift"] = node.drift_ppm * 1e-6
+    record["single_shot"] = node.single_shot
+    record["recovers"] = node.recovers
+    return number
 
 
 def _add_gateways(network: Network, spec: NetworkSpec, names: Sequence[str]) -> None:

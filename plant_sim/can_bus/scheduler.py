@@ -6,8 +6,8 @@ transmission is never pre-empted. Identifiers decide bit by bit: the lowest of a
 queued when the bus is free wins.
 """
 
-import numpy as np
 
+from plant_sim.can_bus.arrivals import forward, generate
 from plant_sim.can_bus.error_confinement import (
     acknowledged,
     count_error,
@@ -29,24 +29,21 @@ from plant_sim.can_bus.layout import (
     DELIVERED,
     ERROR,
     ERROR_PASSIVE,
-    EXPONENTIAL,
     FAULT_COUNT,
     FIFO,
-    GATEWAY_COUNT,
     LOST_BUS_OFF,
     LOST_NODE_DOWN,
     LOST_ONE_SHOT,
     MAX_NODES,
+    NEVER,
     NO_ERROR,
     NODE_DOWN,
     NOW,
     OVERLOAD,
     RELEASES,
     REPLACE,
-    SEED,
     SEGMENT_COUNT,
     SUPERSEDED,
-    UNIFORM,
     Network,
 )
 from plant_sim.can_bus.queues import (
@@ -54,11 +51,8 @@ from plant_sim.can_bus.queues import (
     finish,
     offer,
     release,
-    schedule,
-    store,
     write_log,
 )
-from plant_sim.can_bus.randomness import random_bits, uniform
 from plant_sim.can_bus.wire import (
     INTERFRAME_BITS,
     OVERLOAD_BITS,
@@ -69,10 +63,36 @@ from plant_sim.can_bus.wire import (
 )
 from plant_sim.jit import njit
 
-_JITTER_STREAM = 1 << 41
-_PAYLOAD_STREAM = 1 << 42
-_LATENCY_STREAM = 1 << 43
 _END, _RELEASE, _ARBITRATION = 0, 1, 2
+
+
+@njit
+def _next(network: Network) -> tuple[int, int, int]:
+    """Return time, kind and segment of the next event; a time of 2⁶² where there is none."""
+    bus = network.state[0]
+    clock = bus.clock
+    best: int = NEVER
+    kind = _END
+    which = 0
+    for index in range(clock[SEGMENT_COUNT]):
+        segment = bus.segments[index]
+        if segment.in_flight >= 0 and segment.done_ns < best:
+            best, which = segment.done_ns, index
+    if clock[RELEASES] > 0 and bus.release_times[0] < best:
+        best, kind = bus.release_times[0], _RELEASE
+    for index in range(clock[SEGMENT_COUNT]):
+        segment = bus.segments[index]
+        if segment.in_flight < 0 and segment.pending > 0:
+            start = max(segment.free_ns, segment.wake_ns, clock[NOW])
+            if start < best:
+                best, kind, which = start, _ARBITRATION, index
+    return best, kind, which
+
+
+@njit
+def next_event_ns(network: Network) -> int:
+    """Return when the next thing happens on any segment, 2⁶² where nothing ever will."""
+    return _next(network)[0]
 
 
 @njit
@@ -83,77 +103,27 @@ def advance(network: Network, until_ns: int) -> None:
     """
     bus = network.state[0]
     clock = bus.clock
-    segments = bus.segments
     while True:
-        best = until_ns + 1
-        kind = _END
-        which = 0
-        for index in range(bus.clock[SEGMENT_COUNT]):
-            segment = segments[index]
-            if segment.in_flight >= 0 and segment.done_ns < best:
-                best, which = segment.done_ns, index
-        if clock[RELEASES] > 0 and bus.release_times[0] < best:
-            best, kind = bus.release_times[0], _RELEASE
-        for index in range(bus.clock[SEGMENT_COUNT]):
-            segment = segments[index]
-            if segment.in_flight < 0 and segment.pending > 0:
-                start = max(segment.free_ns, segment.wake_ns, clock[NOW])
-                if start < best:
-                    best, kind, which = start, _ARBITRATION, index
+        best, kind, which = _next(network)
         if best > until_ns:
             break
         clock[NOW] = best
         if kind == _END:
             _end(network, which, best)
-        elif kind == _RELEASE:
+        elif kind == _ARBITRATION:
+            _arbitrate(network, which, best)
+        else:
             value = pop(bus.release_times, bus.release_ties, bus.releases, clock[RELEASES])
             clock[RELEASES] -= 1
             if value < 0:
-                _generate(network, -1 - value, best)
+                generate(network, -1 - value, best)
             else:
                 which = bus.nodes[bus.frames[value].node].segment
                 count_idle(network, which, best)
                 release(network, value, best)
-        else:
-            _arbitrate(network, which, best)
     clock[NOW] = max(clock[NOW], until_ns)
-    for index in range(bus.clock[SEGMENT_COUNT]):
+    for index in range(clock[SEGMENT_COUNT]):
         count_idle(network, index, clock[NOW])
-
-
-@njit
-def schedule_source(network: Network, number: int, now: int) -> None:
-    """Put the next release of a periodic source into the calendar."""
-    bus = network.state[0]
-    source = bus.sources[number]
-    drift = bus.nodes[source.node].drift
-    nominal = source.offset_ns + np.int64(np.rint(source.sent * source.period_ns * (1.0 + drift)))
-    if nominal >= source.until_ns:
-        return
-    if source.jitter_ns > 0:
-        draw = uniform(bus.clock[SEED], _JITTER_STREAM + number, source.sent)
-        nominal += np.int64(draw * (source.jitter_ns + 1))
-    schedule(network, max(nominal, now), -1 - number)
-
-
-@njit
-def _generate(network: Network, number: int, now: int) -> None:
-    bus = network.state[0]
-    source = bus.sources[number]
-    payload = bus.source_payloads[number]
-    if source.random_payload:
-        bits = np.uint64(0)
-        for index in range(source.length):
-            if index % 8 == 0:
-                counter = source.sent * 8 + index // 8
-                bits = random_bits(bus.clock[SEED], _PAYLOAD_STREAM + number, counter)
-            payload[index] = np.uint8(bits & np.uint64(0xFF))
-            bits >>= np.uint64(8)
-    slot = store(network, source.node, now, now, source.ident, source.length, payload, source.flags)
-    if slot >= 0:
-        bus.frames[slot].bits = source.bits
-    source.sent += 1
-    schedule_source(network, number, now)
 
 
 @njit
@@ -188,7 +158,7 @@ def _arbitrate(network: Network, which: int, now: int) -> None:
     bus = network.state[0]
     segment = bus.segments[which]
     count_idle(network, which, now)
-    aside, winner, wake = 0, -1, np.int64(2**62)
+    aside, winner, wake = 0, -1, NEVER
     while segment.pending > 0:
         number = _take(network, which)
         sender = bus.frames[bus.queues[number].head].node
@@ -319,40 +289,7 @@ def _settle(network: Network, which: int, slot: int, kind: int, now: int) -> Non
             offer(network, number)
             return
     elif bus.messages[frame.message].gateways:
-        _forward(network, slot, now)
+        forward(network, slot, now)
     node.pending -= 1
     finish(network, slot, outcome, segment.start_ns, now, segment.end_ns)
     offer(network, number)
-
-
-@njit
-def _forward(network: Network, slot: int, now: int) -> None:
-    bus = network.state[0]
-    frame = bus.frames[slot]
-    mask = bus.messages[frame.message].gateways
-    for index in range(bus.clock[GATEWAY_COUNT]):
-        if not mask >> index & 1:
-            continue
-        gateway = bus.gateways[index]
-        latency = gateway.low_ns
-        spread = gateway.high_ns - gateway.low_ns
-        if gateway.distribution != 0:
-            draw = uniform(bus.clock[SEED], _LATENCY_STREAM + index, gateway.forwarded)
-            if gateway.distribution == UNIFORM:
-                latency += np.int64(draw * (spread + 1))
-            elif gateway.distribution == EXPONENTIAL:
-                # truncated at high_ns by inversion of the distribution function
-                share = -np.expm1(-spread / gateway.mean_ns)
-                latency += np.int64(-gateway.mean_ns * np.log1p(-draw * share))
-        gateway.forwarded += 1
-        gateway.last_ns = max(gateway.last_ns, now + latency)
-        store(
-            network,
-            gateway.to_node,
-            gateway.last_ns,
-            frame.t_origin,
-            frame.ident,
-            frame.length,
-            bus.payloads[slot],
-            frame.flags,
-        )

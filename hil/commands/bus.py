@@ -1,0 +1,258 @@
+"""``canroll bus``: load, worst-case and simulated response times, a server for a traffic set."""
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+
+from canroll.errors import CanrollError, VerdictError
+from plant_sim.can_bus.analysis import (
+    ErrorModel,
+    ResponseBound,
+    response_bounds,
+    worst_case_utilisation,
+)
+from plant_sim.can_bus.delay_bounds import DelayBounds, total_delay
+from plant_sim.can_bus.delay_bounds import Path as DelayPath
+from plant_sim.can_bus.network import build_network
+from plant_sim.can_bus.serving import serve_network
+from plant_sim.can_bus.simulation import Loop, Simulation, simulate, simulate_ages, traffic_spec
+from plant_sim.can_bus.socketcand import DEFAULT_PORT
+from plant_sim.can_bus.traffic import Traffic, load_traffic
+
+_MS = 1e-6
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "bus",
+        help="bus load, response times and a bus server",
+        description="Worst-case response times of a traffic set beside simulated ones.",
+    )
+    parser.add_argument("file", metavar="FILE", type=Path, help="traffic set, .dbc or .toml")
+    parser.add_argument("-b", "--bitrate", type=int, metavar="B", help="bit/s; default: the file's")
+    parser.add_argument(
+        "--simulate",
+        type=float,
+        default=10.0,
+        metavar="S",
+        help="simulated seconds, 0: none (default: %(default)g)",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of payloads and jitter (default: 0)")
+    parser.add_argument(
+        "--worst-case-lengths",
+        action="store_true",
+        help="simulate every frame with the most stuff bits it can have",
+    )
+    parser.add_argument(
+        "--error-interval",
+        type=float,
+        metavar="MS",
+        help="the bounds allow for one disturbed frame in every MS milliseconds",
+    )
+    parser.add_argument("--sensor", default="Imu", help="sensor message (default: %(default)s)")
+    parser.add_argument(
+        "--command",
+        default="SuspensionForceCommand",
+        help="command message (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--tick", type=float, default=10.0, metavar="MS", help="control tick (default: 10)"
+    )
+    parser.add_argument(
+        "--serve",
+        nargs="?",
+        type=int,
+        const=DEFAULT_PORT,
+        metavar="PORT",
+        help="run the traffic in real time and let python-can connect with interface=socketcand"
+        f" (default port: {DEFAULT_PORT})",
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="with --serve (default: %(default)s)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Analyse, simulate and print; or serve until interrupted."""
+    for option in ("simulate", "tick", "error_interval"):
+        value = getattr(args, option)
+        least = 0.0 if option == "simulate" else 1e-3
+        if value is not None and not (value >= least and math.isfinite(value)):
+            raise CanrollError(f"--{option.replace('_', '-')} {value:g}: at least {least:g}")
+    traffic = load_traffic(args.file, bitrate=args.bitrate)
+    if args.serve is not None:
+        network = build_network(
+            traffic_spec(
+                traffic.messages,
+                bitrate=traffic.bitrate,
+                data_bitrate=traffic.data_bitrate,
+                seed=args.seed,
+            )
+        )
+        serve_network(network, host=args.host, port=args.serve, announce=Console().print)
+        return 0
+    errors = None if args.error_interval is None else ErrorModel(round(args.error_interval * 1e6))
+    bounds = response_bounds(
+        traffic.messages,
+        bitrate=traffic.bitrate,
+        data_bitrate=traffic.data_bitrate,
+        errors=errors,
+    )
+    simulation = None
+    if args.simulate > 0.0:
+        simulation = simulate(
+            traffic.messages,
+            bitrate=traffic.bitrate,
+            duration_s=args.simulate,
+            data_bitrate=traffic.data_bitrate,
+            seed=args.seed,
+            worst_case_lengths=args.worst_case_lengths,
+        )
+    delay = _delay(traffic, bounds, args)
+    if args.json:
+        print(json.dumps(_as_json(traffic, bounds, simulation, delay), indent=2))
+    else:
+        _print(traffic, bounds, simulation, delay, args)
+    return 0
+
+
+def _delay(
+    traffic: Traffic, bounds: list[ResponseBound], args: argparse.Namespace
+) -> tuple[DelayBounds, tuple[float, float]] | None:
+    """Bounds of the total delay over the sensor and command, and the simulated extreme ages."""
+    found = {b.message.name: b for b in bounds}
+    if args.sensor not in found or args.command not in found:
+        return None
+    sensor, command = found[args.sensor], found[args.command]
+    if sensor.bound_ns is None or command.bound_ns is None:
+        return None
+    total = total_delay(
+        DelayPath(sensor.best_ns * 1e-9, sensor.bound_ns * 1e-9),
+        DelayPath(command.best_ns * 1e-9, command.bound_ns * 1e-9),
+        sensor_period_s=sensor.message.period_ns * 1e-9,
+        tick_s=args.tick * 1e-3,
+    )
+    others = [m for m in traffic.messages if m.name not in {args.sensor, args.command}]
+    if args.simulate <= 0.0 or not others:
+        return total, (math.nan, math.nan)
+    spec = traffic_spec(others, bitrate=traffic.bitrate, seed=args.seed)
+    ecu = len(spec.nodes) - 1
+    loop = Loop(
+        sensor_node=0,
+        sensor_ident=sensor.message.ident,
+        command_node=ecu,
+        command_ident=command.message.ident,
+        actuator_node=0,
+        sensor_ns=int(sensor.message.period_ns),
+        tick_ns=round(args.tick * 1e6),
+        tick_offset_ns=round(args.tick * 1e6) // 3,
+    )
+    ages = simulate_ages(build_network(spec), loop, duration_ns=round(args.simulate * 1e9))
+    if not len(ages):
+        return total, (math.nan, math.nan)
+    if ages.max() * 1e-9 > total.age_max:
+        raise VerdictError(
+            f"simulated age {ages.max() * _MS:.3f} ms above its bound {total.age_max * 1e3:.3f} ms"
+        )
+    return total, (float(ages.min()), float(ages.max()))
+
+
+def _milliseconds(value: float | None) -> float | None:
+    return None if value is None or math.isnan(value) else round(value * _MS, 6)
+
+
+def _extremes(simulation: Simulation | None, name: str) -> tuple[float, float, float]:
+    """Least, mean and greatest simulated response, ns; not a number where there is none."""
+    if simulation is None or not len(simulation.responses[name].responses):
+        return math.nan, math.nan, math.nan
+    seen = simulation.responses[name].responses
+    return float(seen.min()), float(seen.mean()), float(seen.max())
+
+
+def _as_json(
+    traffic: Traffic,
+    bounds: list[ResponseBound],
+    simulation: Simulation | None,
+    delay: tuple[DelayBounds, tuple[float, float]] | None,
+) -> dict[str, Any]:
+    messages = {}
+    for bound in bounds:
+        name = bound.message.name
+        least, mean, greatest = _extremes(simulation, name)
+        messages[name] = {
+            "response_bound_ms": _milliseconds(bound.bound_ns),
+            "response_min_ms": _milliseconds(least),
+            "response_mean_ms": _milliseconds(mean),
+            "response_max_ms": _milliseconds(greatest),
+        }
+    result: dict[str, Any] = {
+        "utilisation": worst_case_utilisation(
+            traffic.messages, bitrate=traffic.bitrate, data_bitrate=traffic.data_bitrate
+        ),
+        "messages": messages,
+    }
+    if simulation:
+        result["simulated_load"] = simulation.load
+    if delay:
+        total, (least, greatest) = delay
+        result["delay"] = {
+            "tau_min_ms": total.tau_min * 1e3,
+            "tau_max_ms": total.tau_max * 1e3,
+            "age_bound_ms": total.age_max * 1e3,
+            "age_min_ms": _milliseconds(least),
+            "age_max_ms": _milliseconds(greatest),
+        }
+    return result
+
+
+def _print(
+    traffic: Traffic,
+    bounds: list[ResponseBound],
+    simulation: Simulation | None,
+    delay: tuple[DelayBounds, tuple[float, float]] | None,
+    args: argparse.Namespace,
+) -> None:
+    console = Console()
+    table = Table(
+        title=f"{args.file.name} at {traffic.bitrate / 1000:g} kbit/s: response times, ms"
+    )
+    for heading in ("message", "id", "period", "bound", "min", "mean", "99 %", "max"):
+        table.add_column(heading, justify="left" if heading == "message" else "right")
+    for bound in sorted(bounds, key=lambda b: b.message.ident):
+        message = bound.message
+        limit = bound.reason if bound.bound_ns is None else f"{bound.bound_ns * _MS:.3f}"
+        cells = ["–"] * 4
+        if simulation and len(simulation.responses[message.name].responses):
+            least, mean, greatest = _extremes(simulation, message.name)
+            values = (least, mean, simulation.responses[message.name].quantile(0.99), greatest)
+            cells = [f"{value * _MS:.3f}" for value in values]
+        period = f"{message.period_ns * _MS:g}"
+        table.add_row(message.name, f"{message.ident:X}", period, limit, *cells)
+    console.print(table)
+    used = worst_case_utilisation(
+        traffic.messages, bitrate=traffic.bitrate, data_bitrate=traffic.data_bitrate
+    )
+    line = f"load with the longest frames {used:.1%}"
+    if simulation:
+        line += f", simulated {simulation.load:.1%} ({simulation.frames} frames)"
+    console.print(line)
+    if traffic.left_out:
+        console.print(f"without a cycle time, left out: {', '.join(traffic.left_out)}")
+    if delay:
+        total, (least, greatest) = delay
+        console.print(
+            f"{args.sensor} to {args.command} at a tick of {args.tick:g} ms: total delay"
+            f" {total.tau_min * 1e3:.2f} to {total.tau_max * 1e3:.2f} ms,"
+            f" sample-to-force age at most {total.age_max * 1e3:.2f} ms"
+            + (
+                ""
+                if math.isnan(least)
+                else f", simulated {least * _MS:.2f} to {greatest * _MS:.2f}"
+            )
+        )
