@@ -58,7 +58,8 @@ class Task:
         noise: of the sensors.
         matrices: file of a custom law, or empty.
         order: order of a reduced compensator.
-        robust: parameter box of a robust design, as share, or zero.
+        gamma_target: H∞ level that must be certified, or zero for the least.
+        softness: how often a law that does not know of the delay was asked for a gentler gain.
     """
 
     vehicle: Vehicle
@@ -72,7 +73,8 @@ class Task:
     noise: SensorNoise = field(default_factory=SensorNoise)
     matrices: str = ""
     order: int = 4
-    robust: float = 0.0
+    gamma_target: float = 0.0
+    softness: int = 0
 
     @property
     def lag(self) -> float:
