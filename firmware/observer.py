@@ -119,7 +119,8 @@ def observe(ecu: Ecu, cal: Calibration, steps: i32) -> None:
 def look_ahead(ecu: Ecu, cal: Calibration) -> None:
     """Predict from the sample to the actuation, through the commands that are under way.
 
-    The moment of dampers and valves doesn't go to what they are commanded: it is kept.
+    Over a tick the moment counts with the mean of its ends. That of dampers and valves doesn't go to
+    what they are commanded: it is kept.
     """
     moment: i32 = acting_moment(ecu, cal)
     rate: i32 = cal.actuator_rate
@@ -130,8 +131,10 @@ def look_ahead(ecu: Ecu, cal: Calibration) -> None:
     for step in range(cal.predict_steps):
         command: i32 = ecu.ring[(ecu.ring_head + N_RING + 1 - cal.predict_steps + step) & 31]
         pull: i64 = rsh(rate * (command - moment), 30)
-        moment = clamp(moment + pull, -STATE_MAX, STATE_MAX)
-        advance(ecu, cal, ecu.ahead, moment, ecu.steering_acceleration)
+        reached: i32 = clamp(moment + pull, -STATE_MAX, STATE_MAX)
+        mean: i32 = clamp(rsh(moment + reached, 1), -STATE_MAX, STATE_MAX)
+        advance(ecu, cal, ecu.ahead, mean, ecu.steering_acceleration)
+        moment = reached
 
 
 def learn_offsets(ecu: Ecu, cal: Calibration) -> None:

@@ -80,8 +80,9 @@ def predict(controller: Controller, x: Matrix, ring: Matrix, moment: Matrix) -> 
     """Return the state ``predict_steps`` ticks ahead under the past commands, oldest first."""
     model = controller.observer.model
     for command in ring:
-        moment = moment + controller.actuator_rate * (command - moment)
-        x = model.phi @ x + np.multiply.outer(model.gamma[:, 0], moment)
+        reached = moment + controller.actuator_rate * (command - moment)
+        x = model.phi @ x + np.multiply.outer(model.gamma[:, 0], 0.5 * (moment + reached))
+        moment = reached
     return x
 
 
