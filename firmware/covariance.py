@@ -10,12 +10,24 @@ from firmware.state import Ecu
 from firmware.subset import clamp, i32, i64, rsh, tdiv
 
 Q_COVARIANCE = 24
+ONE = 1 << Q_COVARIANCE
 
 
 def bounded(ecu: Ecu, cal: Calibration) -> None:
-    """Keep the variances between their floor and their cap."""
+    """Keep the variances between their floor and their cap.
+
+    A capped variance takes its covariances down with it, by the same factor: the matrix stays
+    positive semidefinite, which capping the diagonal alone would not leave it.
+    """
     for i in range(N_STATES):
-        ecu.covariance[i][i] = clamp(ecu.covariance[i][i], 1, cal.covariance_max[i])
+        variance: i32 = ecu.covariance[i][i]
+        if variance > cal.covariance_max[i]:
+            share: i32 = clamp(tdiv(cal.covariance_max[i] * ONE, variance), 0, ONE)
+            for j in range(N_STATES):
+                shrunk: i64 = rsh(ecu.covariance[i][j] * share, Q_COVARIANCE)
+                ecu.covariance[i][j] = clamp(shrunk, -STATE_MAX, STATE_MAX)
+                ecu.covariance[j][i] = ecu.covariance[i][j]
+        ecu.covariance[i][i] = clamp(variance, 1, cal.covariance_max[i])
 
 
 def propagate(ecu: Ecu, cal: Calibration) -> None:
