@@ -1,0 +1,121 @@
+"""``canroll hil``: ECU and plant as two programs in real time, and the report of a run."""
+
+import argparse
+import json
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from canroll.errors import CanrollError
+from hil.commands.run import add_run_options, run_keywords
+from hil.realtime.link import add_bus_arguments, has_bus
+
+DEFAULT_OUT = Path("out")
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "hil",
+        help="run ECU and plant as two processes in real time",
+        description="Drive a manoeuvre in real time: ECU and vehicle are programs of their own.",
+    )
+    parser.add_argument("scenario", help="double_lane_change, roundabout, …")
+    add_bus_arguments(parser)
+    add_run_options(parser)
+    parser.add_argument(
+        "--passive",
+        choices=("virtual", "hil"),
+        default="virtual",
+        help="how the run without control is made (default: %(default)s time)",
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        metavar="S",
+        help="where longer than the manoeuvre only the timing counts it",
+    )
+    parser.add_argument("--log", type=Path, metavar="FILE", help="bus log: .asc .blf .log .mf4")
+    parser.add_argument("--signals", type=Path, metavar="FILE", help="the signals as .mf4")
+    parser.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder for report, traces, … (default: out)"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object; files only with --out"
+    )
+    parser.set_defaults(run=run)
+
+
+def bus_options(args: argparse.Namespace) -> list[str]:
+    """Return python-can's options as they were given, for the programs that open the bus.
+
+    Raises:
+        CanrollError: an interface that only one process can see.
+    """
+    if not has_bus(args):
+        return []
+    if getattr(args, "interface", "") == "virtual":
+        raise CanrollError("-i virtual stays inside one process: leave -i out for the plant's bus")
+    options = []
+    for name in ("interface", "channel", "bitrate", "data_bitrate"):
+        if name in args:
+            options += [f"--{name.replace('_', '-')}", str(getattr(args, name))]
+    if getattr(args, "fd", False):
+        options.append("--fd")
+    if "bus_kwargs" in args:
+        options += ["--bus-kwargs", *(f"{key}={value}" for key, value in args.bus_kwargs.items())]
+    return options
+
+
+def run(args: argparse.Namespace) -> int:
+    """Drive, report and write; 0 whatever the verdict, which is part of the answer."""
+    from hil.files import usable_folder, write_files  # noqa: PLC0415 - loads compiled kernels
+    from hil.logs import check_suffix, write_log  # noqa: PLC0415
+    from hil.realtime import hil_run, signals_mf4  # noqa: PLC0415
+    from hil.virtual import Interrupted  # noqa: PLC0415
+
+    out = args.out or (None if args.json else DEFAULT_OUT)
+    if args.log is not None:
+        usable_folder(check_suffix(args.log).parent)
+    if args.signals is not None:
+        signals_mf4.check(args.signals)
+    with tempfile.TemporaryDirectory(prefix="canroll-") as scratch:
+        folder = Path(scratch) if out is None else usable_folder(out)
+        try:
+            result, timing = hil_run.run(
+                args.scenario,
+                bus_options=bus_options(args),
+                folder=folder,
+                passive_in_real_time=args.passive == "hil",
+                duration=args.duration,
+                **run_keywords(args),
+            )
+        except Interrupted as stopped:
+            if out is not None:
+                write_log(out / "bus.asc", stopped.trace.frames)
+            raise
+        seen = result.passive if result.controlled is None else result.controlled
+        if args.log is not None:
+            write_log(args.log, seen.frames)
+        if args.signals is not None:
+            signals_mf4.write(args.signals, seen.signals)
+        if out is not None:
+            result = write_files(result, out)
+            path = out / "timing.json"
+            path.write_text(json.dumps(timing.pop("jitterdebugger"), indent=1), encoding="utf-8")
+            files = {**result.files, "timing": str(path), "ticks": str(out / "ticks.npz")}
+            result = hil_run.with_files(result, files)
+        report(result.to_json() | {"timing": timing}, args, result)
+    return 0
+
+
+def report(answer: dict[str, Any], args: argparse.Namespace, result: Any) -> None:  # noqa: ANN401
+    """Print the answer as JSON or as a table."""
+    from hil import terminal  # noqa: PLC0415
+    from hil.realtime.show import show_timing  # noqa: PLC0415
+
+    if args.json:
+        print(json.dumps(answer))
+        return
+    terminal.show(result)
+    show_timing(answer["timing"])

@@ -1,0 +1,87 @@
+"""The timing budget of a calibration, held against what was measured."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from canroll.errors import CanrollError
+from firmware.calibration import Calibration
+
+KEYS = ("instructions", "tick_p99_us", "latency_p99_us", "misses")
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """What a tick may cost; None: not limited.
+
+    Attributes:
+        instructions: of one tick on the target.
+        tick_p99_us: 99th percentile of the tick's duration on the host.
+        latency_p99_us: 99th percentile of the time from sample to force.
+        misses: ticks that may be skipped in a run.
+    """
+
+    instructions: int | None = None
+    tick_p99_us: float | None = None
+    latency_p99_us: float | None = None
+    misses: int | None = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """One limit against one measurement."""
+
+    name: str
+    limit: float
+    value: float | None
+
+    @property
+    def ok(self) -> bool:
+        """Whether it was measured and holds."""
+        return self.value is not None and self.value <= self.limit
+
+    def __str__(self) -> str:
+        value = "not measured" if self.value is None else f"{self.value:g}"
+        return f"{'PASS' if self.ok else 'FAIL'}  {self.name:<16} {value}, budget {self.limit:g}"
+
+
+def budget_of(record: Calibration, tables: Mapping[str, Any]) -> Budget:
+    """Return the budget that a calibration sets: its table ``[budget]``, else the record's fields.
+
+    Raises:
+        CanrollError: an unknown key, or a limit that is no number above or at 0.
+    """
+    given = dict(tables.get("budget", {}))
+    for key, value in given.items():
+        if key not in KEYS:
+            raise CanrollError(f"[budget] unknown key '{key}': it has {', '.join(KEYS)}")
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
+            raise CanrollError(f"[budget] {key} = {value!r}: a number, not negative")
+    if record.budget_instructions:
+        given.setdefault("instructions", record.budget_instructions)
+    if record.budget_tick_us:
+        given.setdefault("tick_p99_us", record.budget_tick_us)
+    return Budget(**given)
+
+
+def judge_host(budget: Budget, timing: Mapping[str, Any]) -> list[Verdict]:
+    """Hold the ``timing`` object of a run in real time against the limits for the host.
+
+    ``timing["judged"]`` False (fewer than two cores) leaves nothing to judge: an empty list.
+    """
+    if not timing["judged"]:
+        return []
+    tick, latency = timing["tick_us"] or {}, timing["latency_us"] or {}
+    measured = (
+        ("misses", budget.misses, timing["deadline_misses"]),
+        ("tick_p99_us", budget.tick_p99_us, tick.get("p99")),
+        ("latency_p99_us", budget.latency_p99_us, latency.get("p99")),
+    )
+    return [Verdict(name, limit, value) for name, limit, value in measured if limit is not None]
+
+
+def judge_target(budget: Budget, instructions: int) -> list[Verdict]:
+    """Hold the most instructions that a tick took on the target against the budget."""
+    if budget.instructions is None:
+        return []
+    return [Verdict("instructions", budget.instructions, instructions)]

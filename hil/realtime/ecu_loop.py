@@ -1,0 +1,121 @@
+"""The ECU's loop at absolute deadlines.
+
+Tick k is due at a fixed instant on the monotonic clock, so lateness never adds up. A tick that
+would start a whole period late, or that runs into the next deadline, makes the loop skip: the
+firmware is told how many periods went by, as on a microcontroller whose timer kept counting, and
+nothing is caught up. Inside a tick nothing is logged, nothing waits and no collection runs.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from firmware.calibration import Calibration
+from firmware.event_trigger import command_slot
+from firmware.signals import RX_IDS, TX_IDS, TX_LENGTHS, pack
+from firmware.state import SAFE, Ecu
+from firmware.transmit import queue
+from hil.ecu import Backend
+from hil.realtime.link import Frame, Link
+from hil.realtime.process import Stop, collector_off
+from hil.realtime.tick_trace import Recorder
+
+STOPPED, PEER_LOST, DURATION = "stopped", "peer lost", "duration over"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How a loop ended: why, ticks run, ticks skipped, and the mode the firmware was in."""
+
+    reason: str
+    ticks: int
+    misses: int
+    mode: int
+
+
+def run(
+    ecu: Backend,
+    link: Link,
+    recorder: Recorder,
+    calibration: Calibration,
+    *,
+    stop: Stop,
+    duration_ns: int | None = None,
+    peer_timeout_ns: int | None = None,
+) -> Outcome:
+    """Run ``ecu`` on ``link`` until it is told to stop, the vehicle is lost or the time is over.
+
+    At the end the actuators are commanded zero, before anything else is done.
+
+    Args:
+        ecu: initialised from ``calibration``.
+        link: the bus.
+        recorder: takes the trace.
+        calibration: names the period and the command message.
+        stop: looked at once a tick.
+        duration_ns: end after this time.
+        peer_timeout_ns: end when the vehicle, once heard, is silent for as long; None: never.
+    """
+    clock, sleep = time.monotonic_ns, time.sleep
+    period = calibration.tick_us * 1000
+    command_id, command = TX_IDS[command_slot(calibration)], bytes(8)
+    ours = frozenset(RX_IDS)
+    number = ticks = last_heard = 0
+    elapsed = 1
+    with collector_off():
+        link.receive()  # what has piled up before the first tick is stale
+        began = clock()
+        deadline = began + period
+        while True:
+            while (wait := deadline - clock()) > 0:
+                sleep(wait * 1e-9)
+            start = clock()
+            late = (start - deadline) // period
+            elapsed += late
+            number += elapsed
+            for ident, payload in link.receive():
+                if ident in ours:
+                    data = np.frombuffer(payload.ljust(8, b"\0"), np.uint8)
+                    ecu.receive(ident, data, len(payload))
+                    recorder.consumed(ident, payload)
+                    last_heard = start
+            for ident, payload in ecu.tick(elapsed):
+                link.send(ident, payload)
+                recorder.sent(ident, payload)
+                if ident == command_id:
+                    command = payload
+            end = clock()
+            recorder.tick(number, elapsed, deadline, start, end)
+            ticks += 1
+            if stop.requested:
+                reason = STOPPED
+                break
+            if duration_ns is not None and end - began >= duration_ns:
+                reason = DURATION
+                break
+            if peer_timeout_ns is not None and 0 < last_heard < end - peer_timeout_ns:
+                reason = PEER_LOST
+                break
+            due = deadline + (late + 1) * period
+            skipped = max(0, -(-(end - due) // period))
+            elapsed = 1 + skipped
+            deadline = due + skipped * period
+        link.send(*zero_command(calibration, command))
+    return Outcome(reason, ticks, number - ticks, ecu.state.mode)
+
+
+def zero_command(calibration: Calibration, last: bytes) -> Frame:
+    """Return the command frame that asks the actuators for nothing, in mode SAFE.
+
+    Args:
+        calibration: names the command message and whether it is protected.
+        last: payload of the last command sent; its counter goes on.
+    """
+    ecu = Ecu()
+    slot = command_slot(calibration)
+    ecu.mode = SAFE
+    ecu.tx_counter[slot] = last[1] & 15
+    pack(ecu, slot)
+    queue(ecu, calibration, slot)
+    return TX_IDS[slot], bytes(ecu.tx_payload[slot][: TX_LENGTHS[slot]])

@@ -1,0 +1,78 @@
+"""A manoeuvre in real time, judged as a run in virtual time is."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hil import experiment
+from hil.controller import PASSIVE
+from hil.experiment import with_files
+from hil.realtime import session
+from hil.result import Result
+from hil.trace import Trace
+from plant_sim import maneuvers
+
+__all__ = ["run", "with_files"]
+
+
+def run(
+    scenario: str,
+    *,
+    bus_options: Sequence[str] = (),
+    folder: Path,
+    passive_in_real_time: bool = False,
+    duration: float | None = None,
+    **keywords: Any,  # noqa: ANN401
+) -> tuple[Result, dict[str, Any]]:
+    """Drive a manoeuvre in real time and return the result and its ``timing`` object.
+
+    Args:
+        scenario: name of the manoeuvre.
+        bus_options: python-can's options, as on the command line; empty: the plant's own bus.
+        folder: where calibration and traces of both programs are left.
+        passive_in_real_time: drive the run without control in real time too.
+        duration: s; beyond the manoeuvre only the timing counts.
+        keywords: of :func:`hil.experiment.plan`.
+
+    Raises:
+        CanrollError: a name, number or bus that cannot be; the message says what to do.
+        Interrupted: Ctrl-C; both programs have ended.
+    """
+    settings, controller = experiment.plan(scenario, duration=duration, **keywords)
+    whole = maneuvers.build(scenario, settings.vehicle, settings.speed, settings.seed).duration_ns
+    judged = whole * 1e-9 if duration is None else min(duration, whole * 1e-9)
+    setup = session.Setup(
+        bus_options=bus_options,
+        folder=folder,
+        cores=session.choose_cores(),
+        duration=duration,
+    )
+    timing: dict[str, Any] = {}
+    controlled = None
+    if settings.law != PASSIVE:
+        trace, timing = session.drive(settings, controller, setup, enabled=True)
+        controlled = cut(trace, judged)
+    if passive_in_real_time or controlled is None:
+        trace, passive_timing = session.drive(settings, controller, setup, enabled=False)
+        passive = cut(trace, judged)
+        timing = timing or passive_timing
+    else:
+        passive = experiment.drive(settings, controller, enabled=False, duration=duration)
+    return experiment.assess(settings, controller, passive, controlled), timing
+
+
+def cut(trace: Trace, duration: float) -> Trace:
+    """Return what lies within the first ``duration`` seconds of a trace."""
+    if trace.duration <= duration:
+        return trace
+    kept = trace.signals["time"] <= duration + 1e-9
+    return replace(
+        trace,
+        signals={name: np.asarray(values[kept]) for name, values in trace.signals.items()},
+        frames=trace.frames[trace.frames["t_end"] <= duration * 1e9],
+        ticks=trace.ticks[trace.ticks["t"] <= duration],
+        duration=duration,
+    )

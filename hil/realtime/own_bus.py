@@ -1,0 +1,68 @@
+"""The plant's own bus: a socketcand server that hands the world's frames to python-can programs.
+
+Connect with ``-i socketcand``: the ECU, ``canroll watch``, can_logger and can_viewer, several at a
+time. Every client gets every frame but its own, as on vcan.
+"""
+
+import time
+
+from canroll.errors import CanrollError
+from hil.realtime.link import Frame
+from plant_sim.can_bus.socketcand import DEFAULT_PORT, SocketcandServer
+
+CHANNEL = "plant"
+
+
+class OwnBus:
+    """A link whose far side are the clients of a server."""
+
+    def __init__(self, server: SocketcandServer) -> None:
+        self._server = server
+        self.sent = self.received = 0
+
+    @property
+    def failed(self) -> int:
+        """Frames that slow clients did not get."""
+        return self._server.lost
+
+    @property
+    def options(self) -> str:
+        """What python-can is to be told to connect."""
+        host, port = self._server.address
+        return f"-i socketcand -c {CHANNEL} --bus-kwargs host={host} port={port}"
+
+    def receive(self) -> list[Frame]:
+        """Return the frames that clients have sent; the other clients get them too."""
+        taken = self._server.take()
+        for frame in taken:
+            self._server.publish(
+                frame.ident,
+                frame.flags,
+                frame.payload,
+                length=frame.length,
+                time_s=time.time(),
+                sender=frame.client,
+            )
+        self.received += len(taken)
+        return [(frame.ident, frame.payload) for frame in taken]
+
+    def send(self, ident: int, payload: bytes) -> None:
+        """Hand a frame to every client."""
+        self._server.publish(ident, 0, payload, length=len(payload), time_s=time.time())
+        self.sent += 1
+
+    def close(self) -> None:
+        """End all connections."""
+        self._server.close()
+
+
+def serve(address: str) -> OwnBus:
+    """Open the bus at ``HOST:PORT``; port 0 takes a free one.
+
+    Raises:
+        CanrollError: the address is wrong or taken.
+    """
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit() or int(port) > 65535:
+        raise CanrollError(f"--serve {address}: give HOST:PORT, such as 127.0.0.1:{DEFAULT_PORT}")
+    return OwnBus(SocketcandServer(channel=CHANNEL, host=host, port=int(port)))

@@ -1,0 +1,95 @@
+"""The plant's loop: the world in step with the wall clock, its frames on a real bus.
+
+The world models the bus with all its delays; the real one only carries. What the modelled bus
+delivers to the ECU by now is sent, what the ECU sends is queued at the modelled controller on the
+spot. A loop that comes late lets the world catch up in one go: plant time is never anything but
+the wall clock's.
+"""
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware.signals import TX_IDS
+from hil.realtime.link import Link
+from hil.realtime.process import Stop, collector_off
+from plant_sim.world import World
+
+FINISHED, STOPPED, PEER_LOST, NO_PEER = "finished", "stopped", "peer lost", "no ECU"
+
+STEP_NS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How the loop ended: why, the monotonic instant of plant time 0, each period's instants.
+
+    ``loop``: lateness of every period against its deadline and its duration, ns, shape (n, 2).
+    """
+
+    reason: str
+    start_ns: int
+    loop: NDArray[np.int64]
+
+
+def wait_for_ecu(link: Link, *, stop: Stop, timeout: float) -> bool:
+    """Wait until the ECU is heard; False where ``timeout`` seconds pass or a stop is asked for."""
+    until = time.monotonic() + timeout
+    while not stop.requested and time.monotonic() < until:
+        if any(ident in TX_IDS for ident, _ in link.receive()):
+            return True
+        time.sleep(0.005)
+    return False
+
+
+def run(
+    world: World,
+    link: Link,
+    *,
+    stop: Stop,
+    duration_ns: int,
+    step_ns: int = STEP_NS,
+    peer_timeout_ns: int | None = None,
+) -> Outcome:
+    """Keep ``world`` in step with the clock until the manoeuvre is over.
+
+    Args:
+        world: at time 0.
+        link: the bus.
+        stop: looked at once a period.
+        duration_ns: length of the run.
+        step_ns: period of the loop; frames are handed on as often.
+        peer_timeout_ns: end when the ECU, once heard, is silent for as long; None: never.
+    """
+    clock, sleep = time.monotonic_ns, time.sleep
+    idents = frozenset(TX_IDS)
+    loop = np.zeros((duration_ns // step_ns + 2, 2), dtype=np.int64)
+    world.advance(0)
+    reason = FINISHED
+    last_heard = done = 0
+    with collector_off():
+        began = deadline = clock()
+        while world.now_ns < duration_ns and not world.rolled_over:
+            while (wait := deadline - clock()) > 0:
+                sleep(wait * 1e-9)
+            start = clock()
+            now = min(start - began, duration_ns)
+            for ident, payload in link.receive():
+                if ident in idents:
+                    world.submit(now, ident, payload)
+                    last_heard = start
+            for frame in world.advance(now):
+                link.send(int(frame["ident"]), frame["payload"][: frame["length"]].tobytes())
+            end = clock()
+            loop[done] = start - deadline, end - start
+            done += 1
+            if stop.requested:
+                reason = STOPPED
+                break
+            if peer_timeout_ns is not None and 0 < last_heard < end - peer_timeout_ns:
+                reason = PEER_LOST
+                break
+            deadline += step_ns * max(1, -(-(end - deadline) // step_ns))
+    return Outcome(reason, began, loop[:done])

@@ -1,0 +1,93 @@
+"""What a process can do to meet its deadlines: a core, a priority, locked memory, no collector."""
+
+import ctypes
+import gc
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+
+ECU_PRIORITY = 60
+PLANT_PRIORITY = 50
+"""SCHED_FIFO priorities: where both share a core, the ECU goes first."""
+
+_MCL_CURRENT, _MCL_FUTURE = 1, 2
+
+
+def cores() -> list[int]:
+    """Return the cores this process may run on, ascending."""
+    if sys.platform == "linux":
+        return sorted(os.sched_getaffinity(0))
+    return list(range(os.cpu_count() or 1))
+
+
+def prepare(*, cpu: int | None, priority: int) -> list[str]:
+    """Ask the system for what a loop with deadlines needs; return a note on each refusal.
+
+    Args:
+        cpu: core to stay on; None: wherever the scheduler puts it.
+        priority: of SCHED_FIFO, 1 to 99.
+    """
+    if sys.platform != "linux":
+        return ["no core of its own, real-time priority or locked memory: Linux only"]
+    notes = []
+    if cpu is not None:
+        try:
+            os.sched_setaffinity(0, {cpu})
+        except OSError as error:
+            notes.append(f"not pinned to core {cpu}: {error.strerror}")
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError as error:
+        notes.append(f"no real-time priority ({error.strerror}): run as root or 'ulimit -r 99'")
+        # timers of ordinary processes are late by 50 us unless they ask for better
+        slack = Path("/proc/self/timerslack_ns")
+        if slack.exists():
+            slack.write_text("1", encoding="ascii")
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE):
+        reason = os.strerror(ctypes.get_errno())
+        notes.append(f"memory not locked ({reason}): run as root or 'ulimit -l unlimited'")
+    return notes
+
+
+@contextmanager
+def collector_off() -> Iterator[None]:
+    """Keep the garbage collector out of the loop inside; what there is by then is left alone."""
+    was_on = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        if was_on:
+            gc.enable()
+
+
+@dataclass(slots=True)
+class Stop:
+    """Set by SIGINT or SIGTERM; a loop looks at ``requested`` once a period."""
+
+    requested: bool = False
+
+
+@contextmanager
+def stop_on_signals() -> Iterator[Stop]:
+    """Turn SIGINT and SIGTERM into a request to stop."""
+    stop = Stop()
+
+    def request(_number: int, _frame: FrameType | None) -> None:
+        stop.requested = True
+
+    before = {number: signal.signal(number, request) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

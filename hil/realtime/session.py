@@ -1,0 +1,301 @@
+"""A run in real time: plant and ECU started as two programs, watched, stopped and put together."""
+
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from canroll.errors import CanrollError
+from gain_gen import calibration
+from hil.controller import Controller
+from hil.realtime import plant_file, process, tick_trace, timing
+from hil.realtime.plant_file import PlantRecord
+from hil.realtime.tick_trace import TickTrace
+from hil.result import Settings
+from hil.trace import Trace
+from hil.virtual import Interrupted
+
+START = 120.0
+"""Time a child may take to be ready, s: a plant that was never run compiles first."""
+GRACE = 1.0
+"""Time a child may take to end after it was asked to, s; then it is killed."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """How the two programs are run.
+
+    Attributes:
+        bus_options: python-can's options of both; empty: the plant's own bus.
+        folder: where calibration, traces and results are put.
+        cores: of plant and ECU; None: not pinned.
+        duration: s, None: the manoeuvre's.
+    """
+
+    bus_options: Sequence[str]
+    folder: Path
+    cores: tuple[int, int] | None
+    duration: float | None
+
+
+@dataclass(slots=True)
+class Child:
+    """A program that was started, and what it has said so far."""
+
+    name: str
+    running: subprocess.Popen[str]
+    lines: list[str] = field(default_factory=list)
+
+    def ask_to_stop(self) -> None:
+        """Send SIGTERM where it still runs."""
+        if self.running.poll() is None:
+            self.running.send_signal(signal.SIGTERM)
+
+    def last_words(self) -> str:
+        """Return its last line on stderr, without the program's name."""
+        assert self.running.stderr is not None
+        lines = self.running.stderr.read().strip().splitlines()
+        return lines[-1].removeprefix("canroll: ") if lines else "no reason given"
+
+
+def choose_cores() -> tuple[int, int] | None:
+    """Return a core each for plant and ECU, None where there is only one."""
+    cores = process.cores()
+    return (cores[-2], cores[-1]) if len(cores) > 1 else None
+
+
+def drive(
+    settings: Settings, controller: Controller, setup: Setup, *, enabled: bool
+) -> tuple[Trace, dict[str, Any]]:
+    """Drive the manoeuvre once in real time; return its trace and the ``timing`` object.
+
+    Raises:
+        CanrollError: a program could not start or fell over; its own words.
+        Interrupted: Ctrl-C; both have ended.
+    """
+    folder = setup.folder
+    gains = folder / "calibration.toml"
+    calibration.save(gains, controller.record, controller.tables)
+    # what an earlier run left behind must not be taken for this one's
+    record, ticks = folder / "plant.npz", folder / "ticks.npz"
+    for old in (record, ticks):
+        old.unlink(missing_ok=True)
+    children: list[Child] = []
+    try:
+        plant = _start(children, "plant", _plant_arguments(settings, controller, setup, enabled))
+        bus = list(setup.bus_options)
+        if not bus:
+            bus = _wait_for(plant, "serving ").split()[1:]
+        _wait_for(plant, "plant waits")
+        arguments = ["ecu", "--calibration", str(gains), "--backend", settings.backend]
+        arguments += ["--trace", str(ticks), *_core(setup, 1), *bus]
+        ecu = _start(children, "ECU", arguments)
+        _wait_for(plant, "plant ends", ecu)
+        ecu.ask_to_stop()
+        for child in children:
+            child.running.wait()
+            if child.running.returncode:
+                raise CanrollError(f"{child.name}: {child.last_words()}")
+    except KeyboardInterrupt:
+        _stop(children)
+        if record.exists() and ticks.exists():
+            trace, _ = assemble(
+                plant_file.load(record), tick_trace.load(ticks), settings, setup, complete=False
+            )
+            raise Interrupted(trace) from None
+        raise
+    finally:
+        _stop(children)
+    return assemble(plant_file.load(record), tick_trace.load(ticks), settings, setup)
+
+
+def _plant_arguments(
+    settings: Settings, controller: Controller, setup: Setup, enabled: bool
+) -> list[str]:
+    arguments = ["plant", settings.scenario, *setup.bus_options]
+    if not setup.bus_options:
+        arguments += ["--serve", "127.0.0.1:0"]
+    options = {
+        "vehicle": controller.tables["design"]["vehicle"],
+        "actuator": settings.actuator,
+        "command": settings.command,
+        "plant": settings.plant,
+        "speed": repr(settings.speed * 3.6),
+        "bus": settings.bus,
+        "seed": settings.seed,
+        "record": setup.folder / "plant.npz",
+    }
+    for name, value in options.items():
+        arguments += [f"--{name}", str(value)]
+    if setup.duration is not None:
+        arguments += ["--duration", str(setup.duration)]
+    if not enabled:
+        arguments.append("--passive")
+    return arguments + _core(setup, 0)
+
+
+def _core(setup: Setup, which: int) -> list[str]:
+    return [] if setup.cores is None else ["--cpu", str(setup.cores[which])]
+
+
+def _start(children: list[Child], name: str, arguments: list[str]) -> Child:
+    """Start a program in a session of its own: a terminal's Ctrl-C reaches only us."""
+    child = Child(
+        name,
+        subprocess.Popen(
+            [sys.executable, "-m", "hil.cli", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        ),
+    )
+    assert child.running.stdout is not None
+    os.set_blocking(child.running.stdout.fileno(), False)
+    children.append(child)
+    return child
+
+
+def _wait_for(child: Child, start: str, other: Child | None = None) -> str:
+    """Return the first line of ``child`` that begins with ``start``.
+
+    Raises:
+        CanrollError: it, or ``other``, has ended instead.
+    """
+    stdout = child.running.stdout
+    assert stdout is not None
+    with selectors.DefaultSelector() as selector:
+        selector.register(stdout, selectors.EVENT_READ)
+        until = time.monotonic() + START
+        while True:
+            for line in stdout:
+                child.lines.append(line.rstrip())
+            for line in child.lines:
+                if line.startswith(start):
+                    return line
+            for ended in (child, other):
+                if ended is not None and ended.running.poll() is not None:
+                    if ended is child and any(line.startswith(start) for line in child.lines):
+                        continue
+                    raise CanrollError(f"{ended.name}: {ended.last_words()}")
+            if other is None and time.monotonic() > until:
+                raise CanrollError(f"{child.name}: not ready within {START:g} s")
+            selector.select(0.1)
+
+
+def _stop(children: list[Child]) -> None:
+    """End what still runs: the ECU first, so that the plant still hears its last command."""
+    for child in reversed(children):
+        child.ask_to_stop()
+        try:
+            child.running.wait(GRACE)
+        except subprocess.TimeoutExpired:
+            child.running.kill()
+            child.running.wait()
+        for pipe in (child.running.stdout, child.running.stderr):
+            if pipe is not None:
+                pipe.close()
+
+
+def assemble(
+    plant: PlantRecord,
+    ecu: TickTrace,
+    settings: Settings,
+    setup: Setup,
+    *,
+    complete: bool = True,
+) -> tuple[Trace, dict[str, Any]]:
+    """Return a run's trace and its ``timing`` object from what both programs left.
+
+    The ECU's estimates come from running its tick trace again, which has to give the same frames.
+
+    Raises:
+        CanrollError: it does not.
+    """
+    start = int(plant.about["start_ns"])
+    again = tick_trace.replay(ecu, settings.backend, start_ns=start)
+    if again.difference is not None:
+        raise CanrollError(f"the tick trace does not replay: {again.difference}")
+    length = float(plant.signals["time"][-1])
+    ages = timing.latencies(
+        ecu,
+        plant.commands,
+        plant.frames,
+        start_ns=start,
+        sensor_latency_ns=_sensor_latency_ns(settings),
+    )
+    during = (again.rows["t"] >= 0) & (again.rows["t"] <= length)
+    trace = Trace(
+        signals=plant.signals,
+        frames=plant.frames,
+        ages=ages,
+        ticks=again.rows[during],
+        duration=length,
+        complete=complete,
+    )
+    return trace, timing_object(plant, ecu, ages, during, setup)
+
+
+def _sensor_latency_ns(settings: Settings) -> int:
+    sensors = settings.vehicle.sensors
+    channels = (sensors.roll_rate, sensors.lateral_acceleration, sensors.yaw_rate)
+    return round(max(channel.latency for channel in channels) * 1e9)
+
+
+def timing_object(
+    plant: PlantRecord,
+    ecu: TickTrace,
+    ages: timing.Times,
+    during: np.ndarray[Any, np.dtype[np.bool_]],
+    setup: Setup,
+) -> dict[str, Any]:
+    """Return what ``canroll hil --json`` prints under "timing"; only ticks of the run count."""
+    ran = TickTrace(ecu.calibration, ecu.ticks[during], ecu.frames, ecu.about)
+    notes = [*plant.about["notes"], *ecu.about["notes"]]
+    if setup.cores is None:
+        notes.append("one core for both programs: not pinned, misses are not judged")
+    if ecu.about["full"]:
+        notes.append("the tick trace was full before the end")
+    return {
+        "deadline_misses": timing.misses(ran),
+        "ticks": len(ran.ticks),
+        "start_jitter_us": timing.quantiles(timing.start_jitter(ran)),
+        "tick_us": timing.quantiles(timing.durations(ran)),
+        "latency_us": timing.quantiles(ages),
+        "plant_jitter_us": timing.quantiles(plant.loop[:, 0]),
+        "plant_step_us": timing.quantiles(plant.loop[:, 1]),
+        "frames_lost": frames_lost(plant, ecu),
+        "cores": dict(zip(("plant", "ecu"), setup.cores, strict=True)) if setup.cores else None,
+        "judged": setup.cores is not None,
+        "notes": sorted(set(notes)),
+        "histograms": {
+            "start_jitter": timing.histogram(timing.start_jitter(ran)),
+            "tick": timing.histogram(timing.durations(ran)),
+            "latency": timing.histogram(ages),
+        },
+        "jitterdebugger": timing.jitterdebugger(
+            {
+                (setup.cores or (0, 0))[0]: plant.loop[:, 0],
+                (setup.cores or (0, 0))[1]: timing.start_jitter(ran),
+            }
+        ),
+    }
+
+
+def frames_lost(plant: PlantRecord, ecu: TickTrace) -> int:
+    """Return how many frames one side sent and the other never saw, send failures included."""
+    end = int(plant.about["start_ns"]) + int(plant.loop[:, :2].sum(axis=1).size) * 1_000_000
+    to_ecu = max(0, int(plant.about["sent"]) - int(ecu.about["received"]))
+    early = ecu.ticks["start_ns"] < end - 10_000_000
+    last = int(ecu.ticks["frames"][early].sum())
+    to_plant = max(0, int(ecu.frames["sent"][:last].sum()) - int(plant.about["received"]))
+    return to_ecu + to_plant

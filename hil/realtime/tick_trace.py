@@ -1,0 +1,183 @@
+"""The trace of an ECU's ticks: everything the firmware was given, and what it answered.
+
+Tick number, ticks elapsed and frames consumed determine the loop completely, so the trace replays
+on a desk what happened in real time: through any backend, to the same frames byte for byte. The
+tick writes into memory set aside beforehand; the file is written after the run.
+"""
+
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError
+from firmware.calibration import Calibration
+from firmware.subset import fields
+from gain_gen.record import fill
+from hil.ecu import Backend, open_ecu, record_tick
+from hil.realtime.link import Frame
+from hil.trace import TICK
+
+TICKS = np.dtype(
+    [
+        ("number", "i8"),
+        ("elapsed", "i4"),
+        ("frames", "i4"),
+        ("deadline_ns", "i8"),
+        ("start_ns", "i8"),
+        ("end_ns", "i8"),
+    ]
+)
+"""One tick: its number (skipped ticks counted), periods since the last one, frames in and out, and
+its instants on the system's monotonic clock."""
+FRAMES = np.dtype(
+    [("ident", "u4"), ("sent", "u1"), ("length", "u1"), ("_", "u2"), ("payload", "u1", (8,))]
+)
+"""One frame: ``sent`` 0 consumed, 1 sent; a tick's frames in order, the consumed ones first."""
+
+_TICK = struct.Struct("<qiiqqq")
+_FRAME = struct.Struct("<IBBxx8s")
+
+
+class Recorder:
+    """Memory for ``ticks`` ticks and ``frames`` frames; when it is full, recording ends."""
+
+    def __init__(self, *, ticks: int, frames: int) -> None:
+        self._ticks = bytearray(_TICK.size * ticks)
+        self._frames = bytearray(_FRAME.size * frames)
+        self._tick_end = self._frame_end = self._frame_done = 0
+        self.full = False
+
+    def consumed(self, ident: int, payload: bytes) -> None:
+        """Note a frame that the tick was given."""
+        self._frame(ident, 0, payload)
+
+    def sent(self, ident: int, payload: bytes) -> None:
+        """Note a frame that the tick sent."""
+        self._frame(ident, 1, payload)
+
+    def tick(self, number: int, elapsed: int, deadline: int, start: int, end: int) -> None:
+        """Close a tick: the frames noted since the last one are its own."""
+        if self._tick_end == len(self._ticks):
+            self.full = True
+        if self.full:
+            return
+        count = (self._frame_end - self._frame_done) // _FRAME.size
+        _TICK.pack_into(self._ticks, self._tick_end, number, elapsed, count, deadline, start, end)
+        self._tick_end += _TICK.size
+        self._frame_done = self._frame_end
+
+    def _frame(self, ident: int, sent: int, payload: bytes) -> None:
+        if self.full or self._frame_end == len(self._frames):
+            self.full = True
+            return
+        _FRAME.pack_into(self._frames, self._frame_end, ident, sent, len(payload), payload)
+        self._frame_end += _FRAME.size
+
+    def ticks(self) -> NDArray[np.void]:
+        """Return the closed ticks."""
+        return np.frombuffer(bytes(self._ticks[: self._tick_end]), TICKS)
+
+    def frames(self) -> NDArray[np.void]:
+        """Return the frames of the closed ticks."""
+        return np.frombuffer(bytes(self._frames[: self._frame_done]), FRAMES)
+
+
+@dataclass(frozen=True, slots=True)
+class TickTrace:
+    """A recorded run: calibration, ticks (:data:`TICKS`), frames (:data:`FRAMES`), what else."""
+
+    calibration: Calibration
+    ticks: NDArray[np.void]
+    frames: NDArray[np.void]
+    about: Mapping[str, Any]
+
+
+def save(path: Path, trace: TickTrace) -> None:
+    """Write a trace as a NumPy archive.
+
+    Raises:
+        CanrollError: the file cannot be written.
+    """
+    integers = {field.name: getattr(trace.calibration, field.name) for field in fields(Calibration)}
+    try:
+        with path.open("wb") as file:
+            np.savez_compressed(
+                file,
+                ticks=trace.ticks,
+                frames=trace.frames,
+                calibration=np.array(json.dumps(integers)),
+                about=np.array(json.dumps(dict(trace.about))),
+            )
+    except OSError as error:
+        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+
+
+def load(path: Path) -> TickTrace:
+    """Read a trace.
+
+    Raises:
+        CanrollError: there is none in the file.
+    """
+    try:
+        with np.load(path) as archive:
+            return TickTrace(
+                calibration=fill(json.loads(str(archive["calibration"]))),
+                ticks=archive["ticks"],
+                frames=archive["frames"],
+                about=json.loads(str(archive["about"])),
+            )
+    except OSError as error:
+        raise CanrollError(f"cannot read {path}: {error.strerror or error}") from error
+    except (KeyError, ValueError) as error:
+        raise CanrollError(f"{path}: not a tick trace; 'canroll ecu --trace' writes one") from error
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """What a backend made of a trace: one row a tick (:data:`hil.trace.TICK`), first difference."""
+
+    rows: NDArray[np.void]
+    difference: str | None
+
+
+def replay(trace: TickTrace, backend: str, *, start_ns: int = 0) -> Replay:
+    """Run a trace through ``backend`` and hold every frame sent against the recorded one.
+
+    Args:
+        trace: of a run from the start of its ECU.
+        backend: what runs the firmware.
+        start_ns: monotonic instant that is time 0 of the rows.
+    """
+    ecu = open_ecu(backend, trace.calibration)
+    rows = np.zeros(len(trace.ticks), TICK)
+    difference = None
+    first = 0
+    for row, tick in zip(rows, trace.ticks, strict=True):
+        frames = trace.frames[first : first + int(tick["frames"])]
+        first += len(frames)
+        answer = _replay_tick(ecu, frames, int(tick["elapsed"]))
+        recorded = [_frame(frame) for frame in frames[frames["sent"] == 1]]
+        if difference is None and answer != recorded:
+            difference = f"tick {int(tick['number'])}: {_text(answer)}, not {_text(recorded)}"
+        record_tick(row, (int(tick["start_ns"]) - start_ns) * 1e-9, ecu.state)
+    return Replay(rows, difference)
+
+
+def _replay_tick(ecu: Backend, frames: NDArray[np.void], elapsed: int) -> list[Frame]:
+    for frame in frames[frames["sent"] == 0]:
+        ecu.receive(int(frame["ident"]), frame["payload"], int(frame["length"]))
+    return list(ecu.tick(elapsed))
+
+
+def _frame(entry: np.void) -> Frame:
+    return int(entry["ident"]), bytes(entry["payload"][: int(entry["length"])])
+
+
+def _text(frames: list[Frame]) -> str:
+    return ", ".join(f"{ident:03X}#{payload.hex().upper()}" for ident, payload in frames) or "none"

@@ -1,0 +1,139 @@
+"""Timing figures of a real-time run: quantiles, histograms, sample-to-force latency, losses."""
+
+import os
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from firmware.event_trigger import command_slot
+from firmware.signals import TX_IDS
+from hil.realtime.tick_trace import TickTrace
+from plant_sim.can_bus import DELIVERED, ECU
+
+QUANTILES = {"min": 0.0, "p50": 0.5, "p99": 0.99, "p99.9": 0.999, "max": 1.0}
+IMU = 0xA0
+
+Times = NDArray[np.int64]
+
+
+def quantiles(values_ns: Times) -> dict[str, float] | None:
+    """Return the figures of ``values_ns`` in µs by name (:data:`QUANTILES`), None of nothing.
+
+    A quantile is a value that occurred: the smallest with at least that share at or below it.
+    """
+    if not len(values_ns):
+        return None
+    found = np.quantile(values_ns, list(QUANTILES.values()), method="inverted_cdf")
+    return {name: float(value) / 1e3 for name, value in zip(QUANTILES, found, strict=True)}
+
+
+def histogram(values_ns: Times) -> dict[str, Any]:
+    """Return what jitterdebugger notes of one core: counts by whole µs, min, max, avg."""
+    values = values_ns // 1000
+    bins, counts = np.unique(values, return_counts=True)
+    return {
+        "histogram": {str(int(b)): int(c) for b, c in zip(bins, counts, strict=True)},
+        "count": len(values),
+        "min": int(values.min(initial=0)) if len(values) else 0,
+        "max": int(values.max(initial=0)),
+        "avg": float(values.mean()) if len(values) else 0.0,
+    }
+
+
+def jitterdebugger(cores: Mapping[int, Times]) -> dict[str, Any]:
+    """Return the wake-up latencies of each core as jitterdebugger's ``results.json`` has them."""
+    name = os.uname()
+    return {
+        "version": 3,
+        "sysinfo": {
+            "sysname": name.sysname,
+            "nodename": name.nodename,
+            "release": name.release,
+            "version": name.version,
+            "machine": name.machine,
+            "cpus_online": os.cpu_count() or 1,
+        },
+        "cpu": {str(core): histogram(values) for core, values in sorted(cores.items())},
+    }
+
+
+def start_jitter(trace: TickTrace) -> Times:
+    """Return how long after its deadline each tick started, ns."""
+    jitter: Times = trace.ticks["start_ns"] - trace.ticks["deadline_ns"]
+    return jitter
+
+
+def durations(trace: TickTrace) -> Times:
+    """Return how long each tick took, frames read and sent included, ns."""
+    took: Times = trace.ticks["end_ns"] - trace.ticks["start_ns"]
+    return took
+
+
+def misses(trace: TickTrace) -> int:
+    """Return the number of ticks that were skipped."""
+    return int(np.sum(trace.ticks["elapsed"].astype(np.int64) - 1))
+
+
+def latencies(
+    trace: TickTrace,
+    commands: NDArray[np.void],
+    frames: NDArray[np.void],
+    *,
+    start_ns: int,
+    sensor_latency_ns: int,
+) -> Times:
+    """Return the time from sample to force of each applied command, ns.
+
+    From the tick that sent the command it is known which Imu frame the firmware had read last, and
+    from the plant's log when that one was sampled: a frame that arrived while the tick ran is not
+    mistaken for the one it used.
+
+    Args:
+        trace: of the ECU.
+        commands: applied commands of the plant (``plant_sim.recording.COMMAND``).
+        frames: the plant's bus log.
+        start_ns: monotonic instant of plant time 0.
+        sensor_latency_ns: from the sample to the Imu frame in its queue.
+    """
+    sent, read = _commands_and_samples(trace)
+    imu = frames[(frames["ident"] == IMU) & (frames["outcome"] == DELIVERED)]
+    imu = imu[imu["segment"] == _ecu_segment(frames)]
+    sampled: dict[bytes, list[tuple[int, int]]] = {}
+    for entry in imu:
+        instants = (int(entry["t_received"]), int(entry["t_origin"]) - sensor_latency_ns)
+        sampled.setdefault(entry["payload"][:8].tobytes(), []).append(instants)
+    ages = []
+    for command in commands:
+        t_submitted = int(command["t_submitted"]) + start_ns
+        last = int(np.searchsorted(sent["t_ns"], t_submitted, side="right")) - 1
+        while last >= 0 and sent["counter"][last] != command["counter"]:
+            last -= 1
+        if last < 0 or not read[last]:
+            continue
+        before = int(sent["t_ns"][last]) - start_ns
+        known = [sample for received, sample in sampled.get(read[last], []) if received <= before]
+        if known:
+            ages.append(int(command["t_applied"]) - known[-1])
+    return np.array(ages, dtype=np.int64)
+
+
+def _ecu_segment(frames: NDArray[np.void]) -> int:
+    own = frames[frames["sender"] == ECU]
+    return int(own["segment"][0]) if len(own) else 0
+
+
+def _commands_and_samples(trace: TickTrace) -> tuple[NDArray[np.void], list[bytes]]:
+    """Return each command's start of tick and counter, and the Imu payload it was made of."""
+    command_id = TX_IDS[command_slot(trace.calibration)]
+    rows, read, newest, first = [], [], b"", 0
+    for tick in trace.ticks:
+        for frame in trace.frames[first : first + int(tick["frames"])]:
+            if frame["ident"] == IMU and not frame["sent"]:
+                newest = frame["payload"].tobytes()
+            elif frame["ident"] == command_id and frame["sent"]:
+                rows.append((int(tick["start_ns"]), int(frame["payload"][1]) & 15))
+                read.append(newest)
+        first += int(tick["frames"])
+    return np.array(rows, dtype=[("t_ns", "i8"), ("counter", "i8")]), read
