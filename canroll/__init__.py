@@ -1,1 +1,55 @@
-"""From a roll-stability control law to code on an ECU that talks CAN, proved on the way."""
+"""From a roll-stability control law to code on an ECU that talks CAN, proved on the way.
+
+The public interface in one place; what is heavy is loaded when it is first used:
+
+* :func:`run` drives a manoeuvre without and with control and returns a :class:`Result`,
+* :func:`load_vehicle` reads a preset or a vehicle file,
+* :func:`load_calibration` reads what ``canroll design`` wrote,
+* :func:`design` finds and verifies a control law.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from canroll.errors import CanrollError, UnknownNameError, VerdictError
+
+if TYPE_CHECKING:
+    from gain_gen.calibration import load as load_calibration
+    from gain_gen.design import Delay, Design, Task
+    from gain_gen.laws import design
+    from hil.experiment import run
+    from hil.result import Result
+    from vehicles import load as load_vehicle
+
+__all__ = [
+    "CanrollError",
+    "Delay",
+    "Design",
+    "Result",
+    "Task",
+    "UnknownNameError",
+    "VerdictError",
+    "design",
+    "load_calibration",
+    "load_vehicle",
+    "run",
+]
+
+_HOMES = {
+    "Delay": ("gain_gen.design", "Delay"),
+    "Design": ("gain_gen.design", "Design"),
+    "Result": ("hil.result", "Result"),
+    "Task": ("gain_gen.design", "Task"),
+    "design": ("gain_gen.laws", "design"),
+    "load_calibration": ("gain_gen.calibration", "load"),
+    "load_vehicle": ("vehicles", "load"),
+    "run": ("hil.experiment", "run"),
+}
+
+
+def __getattr__(name: str) -> Any:  # noqa: ANN401
+    """Load a name of the public interface from where it lives."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'canroll' has no attribute '{name}'")
+    module, attribute = _HOMES[name]
+    return getattr(import_module(module), attribute)

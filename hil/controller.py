@@ -1,22 +1,30 @@
 """The controller of a run: designed on the spot, or read from a calibration file."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import vehicles
 from canroll.errors import CanrollError, UnknownNameError
+from firmware import calibration as fw
 from firmware.calibration import Calibration
 from gain_gen.calibration import LoadedCalibration, load
 from gain_gen.design import Task
 from gain_gen.laws import LAWS, OBSERVERS, design
-from gain_gen.quantise import Options
+from gain_gen.quantise import ACTUATOR_NUMBER, Options, law_kind
 from gain_gen.tables import calibrate
-from hil.delays import COMMANDS, sample_to_force
+from hil.delays import sample_to_force
 from plant_sim.can_bus import load_profile
 from vehicles import Vehicle
 
+COMMANDS = {
+    fw.SUSPENSION: "SuspensionForceCommand",
+    fw.BARS: "AntiRollBarCommand",
+    fw.DAMPERS: "DamperCommand",
+    fw.VALVES: "ValveCommand",
+}
+"""Message that a calibration's actuator is commanded by."""
 PASSIVE = "passive"
 DEFAULT_VEHICLE = "van_real"
 DEFAULT_LAW = "lqg_delay"
@@ -62,6 +70,11 @@ class Controller:
     tables: Mapping[str, Any]
     warnings: tuple[str, ...]
 
+    @property
+    def command(self) -> str:
+        """Message that commands the actuators."""
+        return COMMANDS[self.record.actuator]
+
 
 def choose(what: str, name: str, known: Mapping[str, Any] | tuple[str, ...]) -> str:
     """Return ``name`` if it is known; the error suggests the nearest."""
@@ -94,7 +107,7 @@ def _designed(request: Request, bus: str) -> Controller:
     law = request.law or DEFAULT_LAW
     choose("law", law, {**LAWS, PASSIVE: None})
     vehicle = vehicles.load(request.vehicle or DEFAULT_VEHICLE)
-    actuator = choose("actuator", request.actuator or "suspension", COMMANDS)
+    actuator = choose("actuator", request.actuator or "suspension", ACTUATOR_NUMBER)
     observer = choose("observer", request.observer or "two_sensors", OBSERVERS)
     trigger = choose("trigger", request.trigger or "event", TRIGGERS)
     tick = 1e-3 * (request.tick_ms if request.tick_ms is not None else 10.0)
@@ -102,12 +115,17 @@ def _designed(request: Request, bus: str) -> Controller:
         raise CanrollError(f"--tick {1e3 * tick:g}: the loop runs every 1 to 20 ms, whole µs")
     task = Task(
         vehicle=vehicle,
-        delay=sample_to_force(vehicle, actuator, load_profile(bus), tick=tick),
+        delay=sample_to_force(
+            vehicle, COMMANDS[ACTUATOR_NUMBER[actuator]], load_profile(bus), tick=tick
+        ),
         tick=tick,
         actuator=actuator,
         observer=observer,
     )
     answer = design(LAW_OF_PASSIVE if law == PASSIVE else law, task)
+    if actuator == "valves" and law_kind(answer) != "dynamic":
+        # a moment law drives the bars' own torque loop, for a current is the rate of a moment
+        answer = replace(answer, task=replace(task, actuator="bars"))
     record, tables = calibrate(answer, Options(event_trigger=TRIGGERS[trigger]))
     warnings = () if law == PASSIVE else answer.warnings
     return Controller(
@@ -117,7 +135,8 @@ def _designed(request: Request, bus: str) -> Controller:
 
 def _loaded(calibration: LoadedCalibration, request: Request, bus: str) -> Controller:
     vehicle = vehicles.load(calibration.vehicle)
-    delay = sample_to_force(vehicle, calibration.actuator, load_profile(bus), tick=calibration.tick)
+    command = COMMANDS[calibration.record.actuator]
+    delay = sample_to_force(vehicle, command, load_profile(bus), tick=calibration.tick)
     warnings = [line for line in calibration.warnings if "expect a limit cycle" not in line]
     beyond = calibration.delay_warning(delay.most)
     return Controller(

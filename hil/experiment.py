@@ -122,7 +122,7 @@ def plan(
         trigger=trigger,
     )
     # names are refused before anything slow is done
-    _check(scenario, {"speed (km/h)": speed_kmh, "duration (s)": duration})
+    _check(scenario, {"speed {:g} km/h": speed_kmh, "duration {:g} s": duration})
     body(plant)
     load_profile(bus)
     choose("backend", backend, BACKENDS)
@@ -138,6 +138,7 @@ def plan(
         vehicle=controller.vehicle,
         law=controller.law,
         actuator=controller.actuator,
+        command=controller.command,
         observer=controller.observer,
         plant=plant,
         bus=bus,
@@ -199,6 +200,7 @@ def build_world(settings: Settings, *, enabled: bool) -> World:
         profile=load_profile(settings.bus),
         seed=settings.seed,
         enabled=enabled,
+        command=settings.command,
     )
 
 
@@ -208,7 +210,7 @@ def assess(
     """Return the figures of a pair of runs."""
     seen = passive if controlled is None else controlled
     delay = sample_to_force(
-        settings.vehicle, settings.actuator, load_profile(settings.bus), tick=settings.tick
+        settings.vehicle, settings.command, load_profile(settings.bus), tick=settings.tick
     )
     cycle = None
     if controlled is not None:
@@ -251,4 +253,4 @@ def _check(scenario: str, settings: Mapping[str, float | None]) -> None:
         raise UnknownNameError("scenario", scenario, maneuvers.names())
     for name, value in settings.items():
         if value is not None and not 0 < value < inf:
-            raise CanrollError(f"{name} {value:g}: it must be above 0")
+            raise CanrollError(f"{name.format(value)}: it must be above 0")

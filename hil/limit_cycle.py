@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 HALF_CYCLES_MIN = 6
+SECONDS_MIN = 1.0
 SHARE_OF_PEAK = 0.1
 LEAST_MOMENT = 50.0
 DECAY = 0.7
@@ -64,9 +65,9 @@ def detect(
     """Return the longest limit cycle of ``command``, or None.
 
     Swings count as one as long as they do not decay, take equally long, and go on for three
-    periods. They are looked for in the command as it is, and in what is left of it without its
-    moving average, for a limit cycle rides on what the manoeuvre asks for. A manoeuvre that itself
-    swings as often in that time, told by the passive roll angle, is no limit cycle.
+    periods and a second. They are looked for in the command as it is, and in what is left of it
+    without its moving average, for a limit cycle rides on what the manoeuvre asks for. A manoeuvre
+    that itself swings as often in that time, told by the passive roll angle, is no limit cycle.
 
     Args:
         t, command: of the controlled run at equal steps, s and N·m.
@@ -104,8 +105,8 @@ def _cycles(t: Vector, values: Vector, threshold: float) -> Iterator[LimitCycle]
     for last in range(1, len(swings) + 1):
         if last < len(swings) and _goes_on(swings[first : last + 1], spans[first : last + 1]):
             continue
-        if last - first >= HALF_CYCLES_MIN:
-            start, end = float(t[turns[first]]), float(t[turns[last]])
+        start, end = float(t[turns[first]]), float(t[turns[last]])
+        if last - first >= HALF_CYCLES_MIN and end - start >= SECONDS_MIN:
             amplitude = float(np.mean(swings[first:last])) / 2
             yield LimitCycle((last - first) / 2 / (end - start), amplitude, start, end)
         first = last

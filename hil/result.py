@@ -26,12 +26,13 @@ FIGURES = (
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What was run. ``speed`` in m/s, ``tick`` in s; ``sources`` tells where the design is from."""
+    """What was run. ``speed`` in m/s, ``tick`` and ``run_time`` in s; ``command``: the message."""
 
     scenario: str
     vehicle: Vehicle
     law: str
     actuator: str
+    command: str
     observer: str
     plant: str
     bus: str

@@ -5,13 +5,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.delays import RUN_TIME
 from hil.ecu import Backend, record_tick
 from hil.trace import TICK, Trace
 from plant_sim.world import World
 
-RUN_TIME_NS = 200_000
-"""Time from the start of a tick to its frames in the controller's queue: the run time of the loop
-on the target with room to spare (a Cortex-M0 at 48 MHz takes 10 k to 20 k instructions)."""
+RUN_TIME_NS = round(RUN_TIME * 1e9)
 
 Progress = Callable[[float], None]
 

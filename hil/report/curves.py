@@ -62,6 +62,7 @@ def motion(runs: Sequence[Shown]) -> list[Figure]:
         ("nlt-front", "Load transfer, front axle", "−1 to 1", lambda t: axle_load_transfer(t)[0]),
         ("nlt-rear", "Load transfer, rear axle", "−1 to 1", lambda t: axle_load_transfer(t)[1]),
         ("ay", "Lateral acceleration", "m/s²", signal("ay")),
+        ("path-error", "Distance from the driver's path", "m", signal("path_error")),
         ("steer", "Steering at the road wheels", "deg", signal("steer", degrees)),
     ]
     return [_over_time(runs, id, title, unit, pick) for id, title, unit, pick in plots]
@@ -264,7 +265,8 @@ def bus(runs: Sequence[Shown]) -> list[Figure]:
 def _load(run: Shown, segment: int) -> tuple[Vector, Vector]:
     frames = run.trace.frames
     on = frames[(frames["segment"] == segment) & (frames["t_start"] >= 0)]
-    edges = np.arange(0.0, run.trace.duration + LOAD_WINDOW / 2, LOAD_WINDOW)
+    windows = max(int(run.trace.duration / LOAD_WINDOW), 1)
+    edges = LOAD_WINDOW * np.arange(windows + 1)
     busy = (on["t_end"] - on["t_start"]) * 1e-9
     sums, _ = np.histogram(on["t_start"] * 1e-9, bins=edges, weights=busy)
     return edges[:-1], 100 * sums / LOAD_WINDOW

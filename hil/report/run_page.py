@@ -14,8 +14,8 @@ from hil.result import Result
 HEAD = ("", "without control", "with control", "change", "no roll at all")
 NO_ROLL = (
     "NLT: normalised load transfer (F right − F left)/(F right + F left) of an axle, 1 with a "
-    "wheel in the air. No roll at all: what is left of it if the body stays upright. Roll control cannot "
-    "take away more: the tyres must carry the lateral acceleration in any case."
+    "wheel in the air. No roll at all: what is left of it if the body stays upright. Roll control "
+    "cannot take away more: the tyres must carry the lateral acceleration in any case."
 )
 
 

@@ -1,0 +1,163 @@
+"""The report page, as a browser without a network sees it."""
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+from hil import experiment
+from hil.report.figure import Series, distribution, histogram, thin
+from hil.report.run_page import run_page
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--enable-logging=stderr",
+    "--virtual-time-budget=2000",
+    "--dump-dom",
+]
+
+
+@pytest.fixture(scope="module")
+def result():
+    return experiment.run("double_lane_change", law="lqr", bus="gateway_20ms")
+
+
+@pytest.fixture(scope="module")
+def page(result):
+    return run_page(result)
+
+
+@pytest.fixture(scope="module")
+def browser(page, tmp_path_factory):
+    """Return the page's document after its scripts ran, and what the console said."""
+    if CHROMIUM is None:
+        pytest.skip("needs chromium")
+    folder = tmp_path_factory.mktemp("page")
+    (folder / "report.html").write_text(page, encoding="utf-8")
+    profile = f"--user-data-dir={folder / 'profile'}"
+    process = subprocess.run(
+        [CHROMIUM, *FLAGS, profile, f"file://{folder / 'report.html'}"],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    return process.stdout, process.stderr
+
+
+class Numbers(HTMLParser):
+    """Collects the table cells that say where in the JSON they come from."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.found = {}
+        self._key = None
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        attrs = dict(attrs)
+        self._key = attrs.get("data-key")
+        if self._key:
+            self.found[self._key] = (float(attrs["data-value"]), "")
+
+    def handle_data(self, data):
+        if self._key:
+            self.found[self._key] = (self.found[self._key][0], data)
+            self._key = None
+
+
+def lookup(data, key):
+    for part in key.split("."):
+        data = data[part]
+    return data
+
+
+def test_every_number_in_the_tables_is_that_of_the_json(page, result):
+    embedded = re.search(r'id="result">(.*?)</script>', page).group(1)
+    data = json.loads(embedded)
+    assert data == json.loads(json.dumps(result.to_json()))
+    numbers = Numbers(page).found
+    assert len(numbers) > 40
+    for key, (value, text) in numbers.items():
+        assert value == lookup(data, key), key
+        assert float(text.replace("−", "-")) == pytest.approx(value, abs=0.5 + 1e-9), key
+
+
+def test_the_page_needs_nothing_from_outside(page):
+    assert not re.search(r"""(src|href)=["']?(https?:)?//""", page)
+    assert "@import" not in page and "url(http" not in page
+
+
+def test_verdict_comes_first_and_provenance_last(page, result):
+    order = [page.index(text) for text in ('class="verdict', "<h2>Figures", "<h2>Provenance")]
+    assert order == sorted(order)
+    assert result.settings.vehicle.basis in page
+
+
+def test_names_cannot_break_out_of_the_page(result):
+    warned = replace(result, warnings=("</script><b>bold</b>",))
+    text = run_page(warned)
+    assert "<b>bold</b>" not in text
+
+
+def test_loads_without_console_errors(browser):
+    _, console = browser
+    assert not [line for line in console.splitlines() if "CONSOLE" in line]
+
+
+def test_every_plot_is_drawn(browser):
+    document, _ = browser
+    assert 'data-ready="true"' in document
+    points = re.findall(r'<figure[^>]*id="figure-([\w-]+)"[^>]*data-points="(\d+)"', document)
+    points += re.findall(r'<figure[^>]*data-points="(\d+)"[^>]*id="figure-([\w-]+)"', document)
+    drawn = dict(points)
+    expected = {
+        "roll", "roll-rate", "nlt-front", "nlt-rear", "ay", "steer", "path-error", "path",
+        "moment", "forces", "loads", "estimate", "bus-load", "response", "age",
+    }  # fmt: skip
+    assert set(drawn) == expected
+    assert all(int(count) > 0 for count in drawn.values()), drawn
+    assert int(drawn["roll"]) > 400
+
+
+def test_the_playback_shows_the_largest_roll_angle_first(browser, result):
+    document, _ = browser
+    signals = result.passive.signals
+    instant = signals["time"][np.argmax(np.abs(signals["roll"]))]
+    shown = re.search(r'class="controls".*?<span[^>]*>([\d.]+) s</span>', document, re.S).group(1)
+    assert float(shown) == pytest.approx(instant, abs=0.02)
+
+
+def test_thinning_keeps_peaks():
+    x = np.arange(100_000.0)
+    y = np.sin(x / 9000)
+    y[51_234] = 7.0
+    thinned_x, thinned_y = thin(x, y, points=400)
+    assert len(thinned_x) <= 402
+    assert thinned_y.max() == 7.0 and thinned_x[0] == 0 and thinned_x[-1] == x[-1]
+
+
+def test_histogram_and_distribution_count_everything():
+    values = np.random.default_rng(0).normal(size=999)
+    assert histogram("n", values, colour=0).y.sum() == pytest.approx(100)
+    curve = distribution("n", values, colour=0)
+    assert curve.x[0] == values.min() and curve.x[-1] == values.max() and curve.y[-1] == 100
+
+
+def test_a_series_packs_to_float32():
+    data = Series("n", np.arange(3), np.arange(3), 0).data()
+    assert np.frombuffer(base64.b64decode(data["x"]), "<f4").tolist() == [0, 1, 2]
