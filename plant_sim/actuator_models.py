@@ -71,7 +71,7 @@ def clip(value: float, limit: float) -> float:
 
 @njit
 def refer(node: Actuators, channel: int, demand: float) -> bool:
-    """Move a channel's reference towards ``demand`` within limit and rate; whether they bound it."""
+    """Move a channel's reference towards ``demand``; whether limit or rate bound it."""
     setting, state = node.setting, node.state
     kept = clip(demand, setting[LIMIT])
     change = setting[RATE] if node.flag[HELD] else setting[RAMP]
@@ -81,7 +81,7 @@ def refer(node: Actuators, channel: int, demand: float) -> bool:
 
 
 @njit
-def settle(
+def settle(  # noqa: PLR0917
     node: Actuators, channel: int, corner: int, target: float, bound: bool, t_ns: int
 ) -> None:
     """Follow ``target`` with the lag, unless a fault of ``corner`` has it otherwise."""
@@ -148,12 +148,12 @@ def span(curve: Vector, rate: float) -> float:
     share = (rate - curve[0, k - 1]) / (curve[0, k] - curve[0, k - 1])
     low = curve[2, k - 1] - curve[1, k - 1]
     high = curve[2, k] - curve[1, k]
-    return max(low + share * (high - low), 0.0)
+    return float(max(low + share * (high - low), 0.0))
 
 
 @njit
 def semi_active_setting(curve: Vector, force: float, stroke_rate: float) -> float:
-    """Damper setting (0 soft to 1 firm) for the ``force`` wanted on the body on top of the soft one.
+    """Damper setting (0 soft to 1 firm) for ``force`` (N) on the body on top of the soft one.
 
     The four conditions of Yim 2020 (25) to (28), one corner at a time: a damper only opposes its
     stroke, so a force along the stroke gets the softest setting.

@@ -1,14 +1,15 @@
 """Actuator options, and the node made of them for one vehicle."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim import actuators, codec, e2e, hydraulics
 from plant_sim.actuators import Actuators
-from vehicles.model import Vehicle
+from vehicles.model import SemiActiveDampers, Vehicle
 
 KINDS = {
     "suspension": actuators.SUSPENSION,
@@ -89,7 +90,7 @@ class ActuatorOptions:
     estimate_lag: float = 0.005
     oil_temperature: float = NOMINAL_TEMPERATURE
     supply: float = NOMINAL_SUPPLY
-    supervision: e2e.Supervision = e2e.Supervision()
+    supervision: e2e.Supervision = field(default_factory=e2e.Supervision)
     faults: tuple[ActuatorFault, ...] = ()
 
 
@@ -149,6 +150,8 @@ def _check(kind: str, options: ActuatorOptions, timeout_ms: float) -> None:
         raise CanrollError("actuators: estimate_error must lie within -0.2 and 0.2")
     if not timeout_ms > 0:
         raise CanrollError("actuators: the command timeout must be positive")
+    if len(options.faults) > actuators.FAULTS:
+        raise CanrollError(f"actuators: at most {actuators.FAULTS} faults in a run")
     for fault in options.faults:
         if fault.corner not in CORNERS:
             raise UnknownNameError("corner", fault.corner, CORNERS)
@@ -156,6 +159,33 @@ def _check(kind: str, options: ActuatorOptions, timeout_ms: float) -> None:
             raise UnknownNameError("actuator fault", fault.kind, FAULTS)
         if not 0 <= fault.start < fault.end:
             raise CanrollError(f"actuator fault at {fault.corner}: start must be before end")
+
+
+def _curve(data: SemiActiveDampers) -> NDArray[np.float64]:
+    """Rates, soft and firm forces (3, n), the last slope carried on to fill the table."""
+    curve = np.array([data.rate, data.soft_force, data.firm_force])
+    if curve.shape[1] > actuators.CURVE_POINTS:
+        raise CanrollError(f"dampers: at most {actuators.CURVE_POINTS} points in their map")
+    slope = curve[:, -1] - curve[:, -2]
+    missing = np.arange(1, actuators.CURVE_POINTS - curve.shape[1] + 1)
+    return np.hstack([curve, curve[:, -1:] + slope[:, None] * missing])
+
+
+def _fault_tables(
+    faults: tuple[ActuatorFault, ...],
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    table = np.full((actuators.FAULTS, 4), -1, dtype=np.int64)
+    value = np.zeros(actuators.FAULTS)
+    for number, fault in enumerate(faults):
+        end = fault.end * 1e9 if math.isfinite(fault.end) else 2**62
+        table[number] = (
+            CORNERS.index(fault.corner),
+            FAULTS[fault.kind],
+            round(fault.start * 1e9),
+            round(end),
+        )
+        value[number] = fault.value
+    return table, value
 
 
 def build(
@@ -175,8 +205,10 @@ def build(
     flag[actuators.POWERED] = options.supply >= LOWEST_SUPPLY
     flag[actuators.COUNTER] = actuators.NO_COUNTER
     flag[actuators.TIMEOUT] = round(timeout_ms * 1e6)
-    commands = COMMANDS[kind]
-    dampers = vehicle.actuators.dampers
+    message = np.full((actuators.MESSAGES, 3), -1, dtype=np.int64)
+    for row, (name, first, channels) in zip(message, COMMANDS[kind], strict=False):
+        row[:] = codec.message_index(name), codec.signal_index(name, first), channels
+    fault, value = _fault_tables(options.faults)
     return Actuators(
         setting=np.concatenate(
             [
@@ -186,32 +218,15 @@ def build(
                 ),
             ]
         ),
-        curve=np.array([dampers.rate, dampers.soft_force, dampers.firm_force]),
+        curve=_curve(vehicle.actuators.dampers),
         state=np.zeros(actuators.N_STATE),
         flag=flag,
-        message=np.array(
-            [
-                (codec.message_index(message), codec.signal_index(message, first), channels)
-                for message, first, channels in commands
-            ],
-            dtype=np.int64,
-        ),
-        receiver=np.array([e2e.receiver_state(options.supervision) for _ in commands]),
+        message=message,
+        receiver=np.array([e2e.receiver_state(options.supervision)] * actuators.MESSAGES),
         report=np.array(
             [codec.signal_index("ActuatorState", name) for name in _REPORT], dtype=np.int64
         ),
-        fault=np.array(
-            [
-                (
-                    CORNERS.index(fault.corner),
-                    FAULTS[fault.kind],
-                    round(fault.start * 1e9),
-                    round(fault.end * 1e9) if math.isfinite(fault.end) else 2**62,
-                )
-                for fault in options.faults
-            ],
-            dtype=np.int64,
-        ).reshape(-1, 4),
-        fault_value=np.array([fault.value for fault in options.faults], dtype=np.float64),
+        fault=fault,
+        fault_value=value,
         supervision=options.supervision,
     )

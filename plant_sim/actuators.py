@@ -48,6 +48,9 @@ N_STATE = HYDRAULICS + 10
 # Columns of Actuators.message.
 MESSAGE, FIRST_SIGNAL, CHANNELS = range(3)
 
+# Room in the node's tables: accepted messages, points of the damper map, faults.
+MESSAGES, CURVE_POINTS, FAULTS = 2, 8, 8
+
 
 class Actuators(NamedTuple):
     """One actuator node: configuration, state, accepted messages with their E2E receivers."""
@@ -67,8 +70,9 @@ class Actuators(NamedTuple):
 @njit
 def listens(node: Actuators, tables: Codec, ident: int) -> int:
     """Which of the node's messages carries ``ident``; -1 for none."""
-    for which in range(len(node.message)):
-        if tables.message[node.message[which, MESSAGE], codec.IDENT] == ident:
+    for which in range(MESSAGES):
+        message = node.message[which, MESSAGE]
+        if message >= 0 and tables.message[message, codec.IDENT] == ident:
             return which
     return -1
 
@@ -109,12 +113,12 @@ def supervise(node: Actuators, t_ns: int) -> None:
 def fault_of(node: Actuators, corner: int, t_ns: int) -> int:
     """Row of the fault that corner ``corner`` has at ``t_ns``, the worst first; -1 for none."""
     found = -1
-    for number in range(len(node.fault)):
-        fault = node.fault[number]
-        active = fault[FAULT_START] <= t_ns < fault[FAULT_END]
-        if active and fault[FAULT_CORNER] == corner:
-            if found < 0 or fault[FAULT_KIND] < node.fault[found, FAULT_KIND]:
-                found = number
+    for number in range(FAULTS):
+        if node.fault[number, FAULT_CORNER] != corner:
+            continue
+        active = node.fault[number, FAULT_START] <= t_ns < node.fault[number, FAULT_END]
+        if active and (found < 0 or node.fault[number, FAULT_KIND] < node.fault[found, FAULT_KIND]):
+            found = number
     return found
 
 

@@ -60,7 +60,7 @@ def parameters(data: ElectroHydraulicBars, *, thickening: float) -> Vector:
 
 @njit
 def moment(motor: Vector, p: Vector, roll: float) -> float:
-    """Moment on the body (N·m), > 0 lifts the left side, at suspension roll angle ``roll`` (rad)."""
+    """Moment on the body (N·m), > 0 lifts the left, at suspension roll angle ``roll`` (rad)."""
     return float(-p[LEVER] * p[BAR_STIFFNESS] * (p[LEVER] * roll + motor[ANGLE]))
 
 
@@ -92,7 +92,9 @@ def _derivative(x: Vector, p: Vector, current: float, roll: float, rate: Vector)
 
 
 @njit
-def advance(motor: Vector, p: Vector, current: float, roll: float, rate: float, free: bool) -> bool:
+def advance(  # noqa: PLR0917
+    motor: Vector, p: Vector, current: float, roll: float, rate: float, free: bool
+) -> bool:
     """Advance one axle by 1 ms (RK4); whether supply pressure or stroke bound it.
 
     ``roll`` and ``rate``: roll of the suspension at the start of the step. ``free`` opens the

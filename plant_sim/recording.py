@@ -86,19 +86,22 @@ COMMAND = np.dtype(
 
 @njit
 def record(
-    row: NDArray[np.float64],
+    rows: NDArray[np.float64],
+    number: int,
     outputs: NDArray[np.float64],
     inputs: NDArray[np.float64],
     node: Actuators,
 ) -> None:
-    """Fill one row at the end of a step."""
-    row[:INPUTS] = outputs
-    row[INPUTS:ACTUATOR] = inputs
+    """Fill row ``number`` of ``rows`` at the end of a step."""
+    for i in range(INPUTS):
+        rows[number, i] = outputs[i]
+    for i in range(ports.N_INPUTS):
+        rows[number, INPUTS + i] = inputs[i]
     for i in range(4):
-        row[ACTUATOR + i] = node.state[actuators.DEMAND + i]
-        row[ACTUATOR + 4 + i] = node.state[actuators.DELIVERED + i]
-        row[ACTUATOR + 9 + i] = node.flag[actuators.STATUS + i]
-    row[ACTUATOR + 8] = node.flag[actuators.HELD]
+        rows[number, ACTUATOR + i] = node.state[actuators.DEMAND + i]
+        rows[number, ACTUATOR + 4 + i] = node.state[actuators.DELIVERED + i]
+        rows[number, ACTUATOR + 9 + i] = node.flag[actuators.STATUS + i]
+    rows[number, ACTUATOR + 8] = node.flag[actuators.HELD]
 
 
 def signals(

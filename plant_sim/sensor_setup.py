@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim import codec, sensors
+from plant_sim.kinematics import N_MOTION
 from plant_sim.sensors import Sensors
 from vehicles.model import Channel, Vehicle
 
@@ -198,14 +199,20 @@ def build(vehicle: Vehicle, *, options: SensorOptions, seed: int) -> Sensors:
             signals.append(codec.signal_index(message, name))
             unit = codec.unit(message, name)
             channels.append(_channel(member, unit, period * 1e-9, options, draws))
+    if len(options.faults) > sensors.FAULTS:
+        raise CanrollError(f"sensors: at most {sensors.FAULTS} faults in a run")
+    fault = np.full((sensors.FAULTS, 4), -1, dtype=np.int64)
+    value = np.zeros(sensors.FAULTS)
+    for number, entry in enumerate(options.faults):
+        fault[number], value[number] = _fault(entry), entry.value
     return Sensors(
         np.array(channels),
         np.array(signals, dtype=np.int64),
         node,
-        np.array([_fault(f) for f in options.faults], dtype=np.int64).reshape(-1, 4),
-        np.array([f.value for f in options.faults], dtype=np.float64),
-        np.concatenate(
-            [_rotation(vehicle.sensors.imu_misalignment).ravel(), vehicle.sensors.imu_position]
-        ),
-        np.array([vehicle.steering.ratio, *[0.0] * sensors.N_MOTION]),
+        fault,
+        value,
+        _rotation(vehicle.sensors.imu_misalignment).ravel(),
+        np.array(vehicle.sensors.imu_position),
+        np.zeros(N_MOTION),
+        np.array([vehicle.steering.ratio]),
     )

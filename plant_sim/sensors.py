@@ -16,7 +16,7 @@ from plant_sim import codec, e2e, ports
 from plant_sim.can_bus.randomness import uniform
 from plant_sim.codec import Codec
 from plant_sim.jit import njit
-from plant_sim.kinematics import FORCE, N_MOTION, RATE, specific_motion
+from plant_sim.kinematics import FORCE, RATE, specific_motion
 
 # Channels, in the order of the DBC's signals, node by node.
 ROLL_RATE, LATERAL, YAW_RATE = 0, 1, 2
@@ -61,13 +61,19 @@ N_CHANNELS = 17
 # Columns of Sensors.fault, and kinds of faults.
 FAULT_CHANNEL, FAULT_KIND, FAULT_START, FAULT_END = range(4)
 STUCK, OFFSET, DROPOUT, BURST, INVALID = range(5)
+# Room for faults; an unused row has channel -1.
+FAULTS = 16
 
 STEP = 1e-3
 STEP_NS = 1_000_000
 
 
 class Sensors(NamedTuple):
-    """Tables of every sensor node: channels, nodes, faults with values, mounting, streams."""
+    """Tables of every sensor node.
+
+    ``mounting`` (9) turns body axes into the IMU's, ``arm`` (3) is its place (m from the sprung
+    CG), ``motion`` (6) what it feels there.
+    """
 
     channel: NDArray[np.float64]
     signal: NDArray[np.int64]
@@ -75,7 +81,9 @@ class Sensors(NamedTuple):
     fault: NDArray[np.int64]
     fault_value: NDArray[np.float64]
     mounting: NDArray[np.float64]
-    scalars: NDArray[np.float64]
+    arm: NDArray[np.float64]
+    motion: NDArray[np.float64]
+    steering_ratio: NDArray[np.float64]
 
 
 @njit
@@ -86,40 +94,45 @@ def normal(seed: int, stream: int, count: int) -> float:
 
 
 @njit
-def _low_pass(row: NDArray[np.float64], value: float) -> None:
+def _low_pass(channel: NDArray[np.float64], index: int, value: float) -> None:
     # Exact for an input that is linear over the step.
+    row = channel[index]
     row[PREVIOUS] = row[FILTERED]
     row[FILTERED] = row[KEEP] * row[FILTERED] + row[OLD] * row[INPUT] + row[NEW] * value
     row[INPUT] = value
 
 
 @njit
-def _feel(row: NDArray[np.float64], axis: NDArray[np.float64], vector: NDArray[np.float64]) -> None:
-    _low_pass(row, axis[0] * vector[0] + axis[1] * vector[1] + axis[2] * vector[2])
+def _along(mounting: NDArray[np.float64], axis: int, vector: NDArray[np.float64], at: int) -> float:
+    total = 0.0
+    for k in range(3):
+        total += mounting[3 * axis + k] * vector[at + k]
+    return total
 
 
 @njit
 def observe(sensors: Sensors, inputs: NDArray[np.float64], outputs: NDArray[np.float64]) -> None:
     """Take in the plant's motion at the end of a step and advance the channels' low-passes."""
-    motion = sensors.scalars[1 : 1 + N_MOTION]
-    specific_motion(inputs, outputs, sensors.mounting[9:], motion)
-    channel = sensors.channel
-    _feel(channel[ROLL_RATE], sensors.mounting[0:3], motion[RATE : RATE + 3])
-    _feel(channel[YAW_RATE], sensors.mounting[6:9], motion[RATE : RATE + 3])
-    _feel(channel[LONGITUDINAL], sensors.mounting[0:3], motion[FORCE : FORCE + 3])
-    _feel(channel[LATERAL], sensors.mounting[3:6], motion[FORCE : FORCE + 3])
-    _low_pass(channel[SPEED], outputs[ports.VX])
-    _low_pass(channel[STEERING], inputs[ports.STEER] * sensors.scalars[0])
+    motion, turn, channel = sensors.motion, sensors.mounting, sensors.channel
+    specific_motion(inputs, outputs, sensors.arm, motion)
+    _low_pass(channel, ROLL_RATE, _along(turn, 0, motion, RATE))
+    _low_pass(channel, YAW_RATE, _along(turn, 2, motion, RATE))
+    _low_pass(channel, LONGITUDINAL, _along(turn, 0, motion, FORCE))
+    _low_pass(channel, LATERAL, _along(turn, 1, motion, FORCE))
+    _low_pass(channel, SPEED, outputs[ports.VX])
+    _low_pass(channel, STEERING, inputs[ports.STEER] * sensors.steering_ratio[0])
     for wheel in range(4):
-        _low_pass(channel[STROKE_RATE + wheel], outputs[ports.TRAVEL_RATE + wheel])
-        _low_pass(channel[TRAVEL + wheel], outputs[ports.TRAVEL + wheel])
-    _low_pass(channel[REFERENCE], outputs[ports.ROLL])
-    _low_pass(channel[REFERENCE + 1], outputs[ports.ROLL_RATE])
-    _low_pass(channel[REFERENCE + 2], outputs[ports.AY])
+        _low_pass(channel, STROKE_RATE + wheel, outputs[ports.TRAVEL_RATE + wheel])
+        _low_pass(channel, TRAVEL + wheel, outputs[ports.TRAVEL + wheel])
+    _low_pass(channel, REFERENCE, outputs[ports.ROLL])
+    _low_pass(channel, REFERENCE + 1, outputs[ports.ROLL_RATE])
+    _low_pass(channel, REFERENCE + 2, outputs[ports.AY])
 
 
 @njit
-def measure(sensors: Sensors, index: int, back: float, t_ns: int, count: int, seed: int) -> float:
+def measure(  # noqa: PLR0917
+    sensors: Sensors, index: int, back: float, t_ns: int, count: int, seed: int
+) -> float:
     """Value of a channel at a sample in the unit of the bus; nan where the sensor reports failure.
 
     ``back`` is how far the instant ``t_ns`` lies before the last step, as a share of a step.
@@ -133,7 +146,7 @@ def measure(sensors: Sensors, index: int, back: float, t_ns: int, count: int, se
     if row[DRIFT_STEP] > 0.0:
         row[DRIFT] += row[DRIFT_STEP] * normal(seed, N_CHANNELS + index, count)
     value += row[BIAS] + row[DRIFT]
-    for number in range(len(sensors.fault)):
+    for number in range(FAULTS):
         fault = sensors.fault[number]
         if fault[FAULT_CHANNEL] != index or not fault[FAULT_START] <= t_ns < fault[FAULT_END]:
             continue
@@ -156,7 +169,8 @@ def measure(sensors: Sensors, index: int, back: float, t_ns: int, count: int, se
 def silent(sensors: Sensors, node: int, t_ns: int) -> bool:
     """Whether a dropout keeps the node from sending its sample of ``t_ns``."""
     first = sensors.node[node, FIRST_CHANNEL]
-    for fault in sensors.fault:
+    for number in range(FAULTS):
+        fault = sensors.fault[number]
         ours = first <= fault[FAULT_CHANNEL] < first + sensors.node[node, CHANNELS]
         if ours and fault[FAULT_KIND] == DROPOUT and fault[FAULT_START] <= t_ns < fault[FAULT_END]:
             return True
@@ -164,7 +178,7 @@ def silent(sensors: Sensors, node: int, t_ns: int) -> bool:
 
 
 @njit
-def sample(
+def sample(  # noqa: PLR0917
     sensors: Sensors, tables: Codec, node: int, t_ns: int, now_ns: int, seed: int, word: int
 ) -> int:
     """Payload of the node's sample at ``t_ns``, protected; ``now_ns`` is the last step's end.

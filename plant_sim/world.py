@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numba import int64, typeof
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
@@ -25,6 +26,7 @@ from plant_sim.actuator_setup import ActuatorOptions
 from plant_sim.bodies import body as body_named
 from plant_sim.bodies import initial_inputs
 from plant_sim.maneuvers import Maneuver
+from plant_sim.records import to_record
 from plant_sim.sensor_setup import SensorOptions
 from plant_sim.sensors import LATENCY
 from plant_sim.world_kernel import (
@@ -39,12 +41,12 @@ from plant_sim.world_kernel import (
     N_OUTBOX,
     NOTHING,
     OUTBOX,
-    PLANT_NS,
     RECEIVED,
     ROWS,
     SEED,
     STATE_NODE,
     STEP_NS,
+    Memory,
     Parts,
     advance,
 )
@@ -146,25 +148,35 @@ class World:
         clock[SEED] = seed
         clock[STATE_NODE] = sensor_setup.NODES.index("ActuatorState")
         steps = self.duration_ns // STEP_NS + 1
+        memory = to_record(
+            Memory(
+                clock=clock,
+                outbox=np.zeros((_OUTBOX_CAPACITY, N_OUTBOX), dtype=np.int64),
+                flight=np.full((64, N_FLIGHT), NOTHING, dtype=np.int64),
+                listens=np.array([_ident(name) for name in sensor_setup.NODES], dtype=np.int64),
+                sensors=sensing,
+                actuators=node,
+                tables=codec.load(),
+            )
+        )
+        self._clock: NDArray[np.int64] = memory["clock"][0]
+        self._outbox: NDArray[np.int64] = memory["outbox"][0]
         self._parts = Parts(
-            clock=clock,
+            memory=memory,
             state=state,
             inputs=inputs,
             parameters=parameters,
             outputs=outputs,
             rows=np.zeros((steps, recording.N_COLUMNS)),
             commands=np.zeros((steps, recording.N_COMMAND), dtype=np.int64),
-            outbox=np.zeros((_OUTBOX_CAPACITY, N_OUTBOX), dtype=np.int64),
-            flight=np.full((64, N_FLIGHT), NOTHING, dtype=np.int64),
-            payload=np.zeros(8, dtype=np.uint8),
             received=np.zeros(_INBOX_CAPACITY, dtype=FRAME),
-            listens=np.array([_ident(name) for name in sensor_setup.NODES], dtype=np.int64),
+            payload=np.zeros(8, dtype=np.uint8),
             drive=maneuver.drive,
-            sensors=sensing,
-            actuators=node,
-            tables=codec.load(),
             network=network,
         )
+        # Called by its entry point: to type the arguments anew costs more than a step of the plant.
+        kernel: Any = advance
+        self._advance = kernel.compile((typeof(self._step), typeof(self._parts), int64))
         self._drained = 0
         self._log: list[NDArray[Any]] = []
 
@@ -177,13 +189,12 @@ class World:
             raise CanrollError(
                 f"frame 0x{ident:X} submitted at {t_ns} ns, in the past of the world"
             )
-        clock = self._parts.clock
-        count = clock[OUTBOX]
+        count = self._clock[OUTBOX]
         if count == _OUTBOX_CAPACITY:
             raise CanrollError(f"more than {_OUTBOX_CAPACITY} frames submitted in one tick")
         word = int.from_bytes(bytes(payload).ljust(8, b"\0"), "little", signed=True)
-        self._parts.outbox[count] = (t_ns, ident, len(payload), word)
-        clock[OUTBOX] = count + 1
+        self._outbox[count] = (t_ns, ident, len(payload), word)
+        self._clock[OUTBOX] = count + 1
 
     def advance(self, until_ns: int) -> NDArray[Any]:
         """Let everything happen up to ``until_ns``; frames (``FRAME``) the ECU received since."""
@@ -194,10 +205,10 @@ class World:
         chunks = []
         while True:
             target = min(until_ns, self.now_ns + _CHUNK_NS)
-            advance(self._step, parts, target)
+            self._advance(self._step, parts, target)
             self.now_ns = target
             self._drain()
-            chunks.append(parts.received[: parts.clock[RECEIVED]].copy())
+            chunks.append(parts.received[: self._clock[RECEIVED]].copy())
             if target == until_ns:
                 return chunks[0] if len(chunks) == 1 else np.concatenate(chunks)
 
@@ -214,8 +225,8 @@ class World:
     @property
     def signals(self) -> dict[str, NDArray[np.float64]]:
         """Signals by name (``recording.SIGNALS``), one value a millisecond, ``time`` in s."""
-        count = int(self._parts.clock[ROWS])
-        times = np.arange(1, count + 1) * (STEP_NS * 1e-9)
+        count = int(self._clock[ROWS])
+        times = np.arange(1, count + 1, dtype=np.float64) * (STEP_NS * 1e-9)
         return recording.signals(self._parts.rows[:count], times)
 
     @property
@@ -229,7 +240,7 @@ class World:
     @property
     def commands(self) -> NDArray[Any]:
         """Applied commands (``recording.COMMAND``), repeated heartbeats included."""
-        count = int(self._parts.clock[APPLIED_COMMANDS])
+        count = int(self._clock[APPLIED_COMMANDS])
         rows = np.ascontiguousarray(self._parts.commands[:count])
         return rows.view(recording.COMMAND)[:, 0]
 

@@ -49,53 +49,68 @@ OUT_TIME, OUT_IDENT, OUT_LENGTH, OUT_WORD, N_OUTBOX = range(5)
 FLIGHT_SUBMITTED, FLIGHT_SAMPLE, N_FLIGHT = range(3)
 
 
-class Parts(NamedTuple):
-    """Everything the loop works on, in place."""
+class Memory(NamedTuple):
+    """What the loop works on besides body, driver and bus; becomes one record."""
 
     clock: NDArray[np.int64]
+    outbox: NDArray[np.int64]
+    flight: NDArray[np.int64]
+    listens: NDArray[np.int64]
+    sensors: Sensors
+    actuators: Actuators
+    tables: Codec
+
+
+class Parts(NamedTuple):
+    """Everything the loop works on, in place; ``memory`` is a record of ``Memory``."""
+
+    memory: NDArray[Any]
     state: NDArray[np.float64]
     inputs: NDArray[np.float64]
     parameters: NDArray[np.float64]
     outputs: NDArray[np.float64]
     rows: NDArray[np.float64]
     commands: NDArray[np.int64]
-    outbox: NDArray[np.int64]
-    flight: NDArray[np.int64]
-    payload: NDArray[np.uint8]
     received: NDArray[Any]
-    listens: NDArray[np.int64]
+    payload: NDArray[np.uint8]
     drive: Drive
-    sensors: Sensors
-    actuators: Actuators
-    tables: Codec
     network: bus.Network
 
 
 @njit
 def word_of(payload: NDArray[np.uint8]) -> int:
     """Payload bytes as one 64-bit word, byte 0 lowest."""
-    word = np.int64(0)
+    word = 0
     for byte in range(8):
-        word |= np.int64(payload[byte]) << (8 * byte)
+        word |= int(payload[byte]) << (8 * byte)
     return word
 
 
 @njit
-def _send(parts: Parts, node: int, t_ns: int, ident: int, length: int, word: int) -> None:
+def _send(  # noqa: PLR0917
+    network: bus.Network,
+    payload: NDArray[np.uint8],
+    node: int,
+    t_ns: int,
+    ident: int,
+    length: int,
+    word: int,
+) -> None:
     for byte in range(8):
-        parts.payload[byte] = (word >> (8 * byte)) & 0xFF
-    bus.enqueue(parts.network, node, t_ns, ident, length, parts.payload, 0)
+        payload[byte] = (word >> (8 * byte)) & 0xFF
+    bus.enqueue(network, node, t_ns, ident, length, payload, 0)
 
 
 @njit
-def _post(parts: Parts) -> None:
+def _post(world: Memory, network: bus.Network, payload: NDArray[np.uint8]) -> None:
     """Queue what the ECU has submitted, and note which sample each command can know of."""
-    clock = parts.clock
+    clock = world.clock
     for k in range(clock[OUTBOX]):
-        out = parts.outbox[k]
-        _send(parts, bus.ECU, out[OUT_TIME], out[OUT_IDENT], out[OUT_LENGTH], out[OUT_WORD])
-        if actuators.listens(parts.actuators, parts.tables, out[OUT_IDENT]) >= 0:
-            flight = parts.flight[clock[SUBMISSIONS] % len(parts.flight)]
+        out = world.outbox[k]
+        ident = out[OUT_IDENT]
+        _send(network, payload, bus.ECU, out[OUT_TIME], ident, out[OUT_LENGTH], out[OUT_WORD])
+        if actuators.listens(world.actuators, world.tables, ident) >= 0:
+            flight = world.flight[clock[SUBMISSIONS] % len(world.flight)]
             flight[FLIGHT_SUBMITTED] = out[OUT_TIME]
             flight[FLIGHT_SAMPLE] = clock[IMU_SAMPLE]
             clock[SUBMISSIONS] += 1
@@ -103,105 +118,107 @@ def _post(parts: Parts) -> None:
 
 
 @njit
-def _accepted(parts: Parts, t_origin: int, t_received: int) -> None:
+def _accepted(world: Memory, row: NDArray[np.int64], t_origin: int, t_received: int) -> None:
     """Note a command that the actuators will apply in the next step."""
-    clock = parts.clock
-    row = parts.commands[clock[APPLIED_COMMANDS]]
+    clock = world.clock
     row[recording.SAMPLED] = NOTHING
-    for back in range(1, min(clock[SUBMISSIONS], len(parts.flight)) + 1):
-        flight = parts.flight[(clock[SUBMISSIONS] - back) % len(parts.flight)]
+    for back in range(1, min(clock[SUBMISSIONS], len(world.flight)) + 1):
+        flight = world.flight[(clock[SUBMISSIONS] - back) % len(world.flight)]
         if flight[FLIGHT_SUBMITTED] == t_origin:
             row[recording.SAMPLED] = flight[FLIGHT_SAMPLE]
             break
     row[recording.SUBMITTED] = t_origin
     row[recording.RECEIVED] = t_received
-    row[recording.COUNTER] = parts.actuators.flag[actuators.COUNTER]
+    row[recording.COUNTER] = world.actuators.flag[actuators.COUNTER]
     clock[PENDING] = 1
 
 
 @njit
-def _deliver(parts: Parts) -> None:
+def _deliver(
+    world: Memory,
+    network: bus.Network,
+    received: NDArray[Any],
+    commands: NDArray[np.int64],
+) -> None:
     """Hand frames that the bus has delivered since the last call to the actuators and the ECU."""
-    clock, log = parts.clock, parts.network.log
-    total = bus.logged(parts.network)
-    imu = parts.listens[0]
+    clock, log = world.clock, network.log
+    total = bus.logged(network)
     for number in range(clock[LOG_CURSOR], total):
         entry = log[number % len(log)]
         if entry.outcome != bus.DELIVERED:
             continue
-        ident = np.int64(entry.ident)
+        ident = int(entry.ident)
         if entry.segment == clock[ACTUATOR_SEGMENT]:
-            which = actuators.listens(parts.actuators, parts.tables, ident)
+            which = actuators.listens(world.actuators, world.tables, ident)
             if which >= 0 and actuators.receive(
-                parts.actuators, parts.tables, which, word_of(entry.payload), entry.t_received
+                world.actuators, world.tables, which, word_of(entry.payload), entry.t_received
             ):
-                _accepted(parts, entry.t_origin, entry.t_received)
+                row = commands[clock[APPLIED_COMMANDS]]
+                _accepted(world, row, entry.t_origin, entry.t_received)
         if entry.segment == clock[ECU_SEGMENT]:
-            for known in parts.listens:
-                if ident == known:
-                    frame = parts.received[clock[RECEIVED]]
+            for k in range(len(world.listens)):
+                if ident == world.listens[k]:
+                    frame = received[clock[RECEIVED]]
                     frame.t_ns = entry.t_received
                     frame.ident = entry.ident
                     frame.length = entry.length
                     for byte in range(8):
                         frame.payload[byte] = entry.payload[byte]
                     clock[RECEIVED] += 1
-                    if ident == imu:
+                    if k == 0:
                         clock[IMU_SAMPLE] = entry.t_origin - clock[IMU_LATENCY]
     clock[LOG_CURSOR] = total
 
 
 @njit
-def _sense(parts: Parts, now_ns: int) -> None:
-    """Let every sensor node whose clock has come queue its sample."""
-    node_table, clock = parts.sensors.node, parts.clock
-    sensors.observe(parts.sensors, parts.inputs, parts.outputs)
-    for number in range(len(node_table)):
-        node = node_table[number]
-        while node[sensors.NEXT] <= now_ns:
-            t_ns = node[sensors.NEXT]
-            word = 0
-            if number == clock[STATE_NODE]:
-                word = actuators.report(parts.actuators, parts.tables)
-            word = sensors.sample(
-                parts.sensors, parts.tables, number, t_ns, now_ns, clock[SEED], word
-            )
-            message = parts.tables.message[node[sensors.MESSAGE]]
-            if not sensors.silent(parts.sensors, number, t_ns):
-                t_queued = t_ns + node[sensors.LATENCY]
-                ident, length = message[codec.IDENT], message[codec.LENGTH]
-                _send(parts, node[sensors.BUS_NODE], t_queued, ident, length, word)
-            node[sensors.NEXT] += node[sensors.PERIOD]
-
-
-@njit
-def _step(step: Any, parts: Parts) -> None:  # noqa: ANN401
-    clock = parts.clock
-    t_ns = clock[PLANT_NS]
-    actuators.supervise(parts.actuators, t_ns)
-    act(parts.actuators, parts.outputs, parts.inputs, t_ns)
-    if clock[PENDING]:
-        parts.commands[clock[APPLIED_COMMANDS], recording.APPLIED] = t_ns
-        clock[APPLIED_COMMANDS] += 1
-        clock[PENDING] = 0
-    if parts.outputs[ports.ROLLOVER] == 0.0:
-        drive(t_ns, parts.outputs, parts.inputs, parts.drive)
-        step(parts.state, parts.inputs, parts.parameters, parts.outputs, 1e-3)
-    clock[PLANT_NS] = t_ns + STEP_NS
-    _sense(parts, clock[PLANT_NS])
-    recording.record(parts.rows[clock[ROWS]], parts.outputs, parts.inputs, parts.actuators)
-    clock[ROWS] += 1
+def _sense(
+    world: Memory, network: bus.Network, payload: NDArray[np.uint8], number: int, now_ns: int
+) -> None:
+    """Sample at every instant of the node's clock up to ``now_ns`` and queue the frames."""
+    clock = world.clock
+    node = world.sensors.node[number]
+    message = world.tables.message[node[sensors.MESSAGE]]
+    while node[sensors.NEXT] <= now_ns:
+        t_ns = node[sensors.NEXT]
+        word = 0
+        if number == clock[STATE_NODE]:
+            word = actuators.report(world.actuators, world.tables)
+        word = sensors.sample(world.sensors, world.tables, number, t_ns, now_ns, clock[SEED], word)
+        if not sensors.silent(world.sensors, number, t_ns):
+            t_queued = t_ns + node[sensors.LATENCY]
+            ident, length = message[codec.IDENT], message[codec.LENGTH]
+            _send(network, payload, node[sensors.BUS_NODE], t_queued, ident, length, word)
+        node[sensors.NEXT] += node[sensors.PERIOD]
 
 
 @njit
 def advance(step: Any, parts: Parts, until_ns: int) -> None:  # noqa: ANN401
     """Let everything happen up to and including ``until_ns``; the body ends on the next full ms."""
-    clock = parts.clock
+    world = parts.memory[0]
+    clock = world.clock
+    inputs, outputs = parts.inputs, parts.outputs
     clock[RECEIVED] = 0
-    _post(parts)
+    _post(world, parts.network, parts.payload)
     while clock[PLANT_NS] < until_ns:
-        bus.advance(parts.network, clock[PLANT_NS])
-        _deliver(parts)
-        _step(step, parts)
+        t_ns = clock[PLANT_NS]
+        bus.advance(parts.network, t_ns)
+        _deliver(world, parts.network, parts.received, parts.commands)
+        actuators.supervise(world.actuators, t_ns)
+        act(world.actuators, outputs, inputs, t_ns)
+        if clock[PENDING]:
+            parts.commands[clock[APPLIED_COMMANDS], recording.APPLIED] = t_ns
+            clock[APPLIED_COMMANDS] += 1
+            clock[PENDING] = 0
+        if outputs[ports.ROLLOVER] == 0.0:
+            drive(t_ns, outputs, inputs, parts.drive)
+            step(parts.state, inputs, parts.parameters, outputs, 1e-3)
+        t_ns += STEP_NS
+        clock[PLANT_NS] = t_ns
+        sensors.observe(world.sensors, inputs, outputs)
+        for number in range(len(world.sensors.node)):
+            if world.sensors.node[number, sensors.NEXT] <= t_ns:
+                _sense(world, parts.network, parts.payload, number, t_ns)
+        recording.record(parts.rows, clock[ROWS], outputs, inputs, world.actuators)
+        clock[ROWS] += 1
     bus.advance(parts.network, until_ns)
-    _deliver(parts)
+    _deliver(world, parts.network, parts.received, parts.commands)

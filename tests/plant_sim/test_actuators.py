@@ -410,16 +410,21 @@ def test_without_a_command_an_electro_hydraulic_bar_goes_slack():
     assert abs(rig.delivered[0]) < 20
 
 
+def fault(corner="rear_left", kind="weak"):
+    return {"faults": (ActuatorFault(corner=corner, kind=kind),)}
+
+
 @pytest.mark.parametrize(
     ("kind", "options", "error", "text"),
     [
         ("bar", {}, UnknownNameError, "bars"),
         ("bars", {"estimate_error": 0.3}, CanrollError, "0.2"),
         ("bars", {"timeout_ms": 0.0}, CanrollError, "timeout"),
-        ("bars", {"faults": (ActuatorFault(corner="left", kind="weak"),)}, UnknownNameError, "left"),
-        ("bars", {"faults": (ActuatorFault(corner="rear_left", kind="slow"),)}, UnknownNameError, "weak"),
+        ("bars", fault(corner="left"), UnknownNameError, "left"),
+        ("bars", fault(kind="slow"), UnknownNameError, "weak"),
+        ("bars", {"faults": fault()["faults"] * 9}, CanrollError, "at most 8"),
     ],
-)  # fmt: skip
+)
 def test_impossible_options_are_refused(kind, options, error, text):
     with pytest.raises(error, match=text):
         Rig(kind, **options)

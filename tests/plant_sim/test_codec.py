@@ -63,6 +63,7 @@ def test_encode_and_decode_agree_with_cantools(case):
             assert math.isnan(value)
 
 
+@settings(deadline=None)
 @given(st.floats(-1e4, 1e4), st.sampled_from(["RollRate", "LateralAcceleration", "YawRate"]))
 def test_rounds_to_nearest_and_clips_to_the_range_of_the_dbc(value, name):
     signal = dbc.load().get_message_by_name("Imu").get_signal_by_name(name)

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 from e2e import p01
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from plant_sim import e2e
@@ -20,6 +20,7 @@ def to_bytes(word: int) -> bytearray:
     return bytearray((word & (1 << 64) - 1).to_bytes(8, "little"))
 
 
+@settings(deadline=None)
 @given(words, data_ids, counters)
 def test_protect_equals_the_reference_library(word, data_id, counter):
     ours = to_bytes(e2e.protect(data_id, counter, word))
@@ -30,6 +31,7 @@ def test_protect_equals_the_reference_library(word, data_id, counter):
     assert p01.e2e_p01_check(ours, data_id, length=8)
 
 
+@settings(deadline=None)
 @given(words, data_ids)
 def test_check_accepts_a_checksum_exactly_when_the_reference_library_does(word, data_id):
     state = e2e.receiver_state(e2e.Supervision())
@@ -37,6 +39,7 @@ def test_check_accepts_a_checksum_exactly_when_the_reference_library_does(word, 
     assert accepted == p01.e2e_p01_check(to_bytes(word), data_id, length=8)
 
 
+@settings(deadline=None)
 @given(words, data_ids)
 def test_a_right_checksum_is_accepted_but_for_counter_15(word, data_id):
     word = word & ~0xFF | e2e.checksum(data_id, word)

@@ -26,13 +26,13 @@ def motion_of(inputs, outputs, arm):
 @settings(max_examples=60, deadline=None)
 @given(
     st.tuples(angle, angle, angle),
-    triple,
-    triple,
+    st.tuples(triple, triple),
     st.tuples(acceleration, acceleration, acceleration),
     st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1)),
     st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2)),
 )
-def test_equals_the_second_derivative_of_the_point(euler, rates, accelerations, linear, arm, road):
+def test_equals_the_second_derivative_of_the_point(euler, turning, linear, arm, road):
+    rates, accelerations = turning
     roll, pitch, yaw = euler
     bank, grade = road
 

@@ -127,9 +127,7 @@ def test_noise_has_the_stated_density_and_is_white_below_the_low_pass():
     dense = make(bias=0.0)
     row = dense.channel[sensors.LATERAL]
     row[sensors.NOISE_MEMORY] = math.exp(-2 * math.pi * data.bandwidth * 1e-3)
-    fast = np.array(
-        [sensors.measure(dense, sensors.LATERAL, 0.0, k, k, 5) for k in range(200_000)]
-    )
+    fast = np.array([sensors.measure(dense, sensors.LATERAL, 0.0, k, k, 5) for k in range(200_000)])
     frequency, power = sps.welch(fast, 1e3, nperseg=4096)
     low = power[(frequency > 0.5) & (frequency < 5)].mean()
     assert math.sqrt(low) == pytest.approx(data.noise_density, rel=0.05)
@@ -228,15 +226,20 @@ def test_misalignment_and_arm_are_felt():
     assert lateral == pytest.approx(-2.0 * arm[2] + gravity * math.sin(askew[0]), abs=1e-3)
 
 
+def fault(signal="Imu.RollRate", kind="stuck", **when):
+    return {"faults": (SensorFault(signal=signal, kind=kind, **when),)}
+
+
 @pytest.mark.parametrize(
     ("options", "error", "text"),
     [
-        ({"faults": (SensorFault(signal="Imu.RolRate", kind="stuck"),)}, UnknownNameError, "Imu.RollRate"),
-        ({"faults": (SensorFault(signal="Imu.RollRate", kind="stick"),)}, UnknownNameError, "stuck"),
-        ({"faults": (SensorFault(signal="Imu.RollRate", kind="stuck", start=2, end=1),)}, CanrollError, "start"),
+        (fault("Imu.RolRate"), UnknownNameError, "Imu.RollRate"),
+        (fault(kind="stick"), UnknownNameError, "stuck"),
+        (fault(start=2, end=1), CanrollError, "start"),
+        ({"faults": fault()["faults"] * 17}, CanrollError, "at most 16"),
         ({"phases": {"Imo": 0.0}}, UnknownNameError, "Imu"),
     ],
-)  # fmt: skip
+)
 def test_impossible_options_are_refused(options, error, text):
     with pytest.raises(error, match=text):
         make(**options)

@@ -211,7 +211,7 @@ def test_a_silent_ecu_is_let_go_after_the_timeout():
 def test_the_ecu_reads_its_acknowledgement_and_the_delivered_moment():
     world = make(actuators=ActuatorOptions(estimate_error=0.1))
     before = world.advance(5 * TICK)
-    payload = protect("SuspensionForceCommand", 9, **moment(1500))
+    payload = protect("SuspensionForceCommand", 9, Mode=9, **moment(1500))
     world.submit(5 * TICK, IDS["SuspensionForceCommand"], payload)
     after = world.advance(15 * TICK)
     states = [[f for f in part if f["ident"] == IDS["ActuatorState"]] for part in (before, after)]

@@ -1,0 +1,46 @@
+"""One record for many arrays: a kernel takes a single pointer instead of dozens of arrays.
+
+Numba passes every array of a tuple by its parts and counts its references at every call; a
+record's nested arrays cost nothing of that.
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def _fields(parts: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
+    return zip(parts._fields, parts, strict=True)
+
+
+def _dtype(parts: Any) -> np.dtype[np.void]:  # noqa: ANN401
+    columns: list[Any] = []
+    for name, value in _fields(parts):
+        if isinstance(value, np.ndarray):
+            columns.append((name, value.dtype, value.shape))
+        elif isinstance(value, tuple):
+            columns.append((name, _dtype(value)))
+        else:
+            columns.append((name, np.int64))
+    return np.dtype(columns, align=True)
+
+
+def _fill(record: Any, parts: Any) -> None:  # noqa: ANN401
+    for name, value in _fields(parts):
+        if isinstance(value, tuple):
+            _fill(record[name], value)
+        else:
+            record[name] = value
+
+
+def to_record(parts: Any) -> NDArray[Any]:  # noqa: ANN401
+    """Copy a named tuple of arrays, integers and named tuples into an array of one record.
+
+    The record's attributes are the tuple's, so that a kernel for the one takes the other; its type
+    is fixed by the shapes of all arrays in it.
+    """
+    result: NDArray[Any] = np.zeros(1, dtype=_dtype(parts))
+    _fill(result[0], parts)
+    return result
