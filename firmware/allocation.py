@@ -9,7 +9,7 @@ that keeps the car's steering balance. Dampers follow the four-condition rule of
 
 from firmware.calibration import BARS, DAMPERS, STATE_MAX, SUSPENSION, Calibration
 from firmware.state import Ecu
-from firmware.subset import clamp, i32, i64, rsh, tdiv
+from firmware.subset import clamp, i32, i64, rsh, sat32, tdiv
 
 LEFT = 0
 RIGHT = 1
@@ -91,8 +91,8 @@ def allocate_bars(ecu: Ecu, cal: Calibration, moment: i32) -> None:
     limit_rear: i32 = bar_limit(ecu, cal, REAR)
     lack_front: i32 = front - clamp(front, -limit_front, limit_front)
     lack_rear: i32 = rear - clamp(rear, -limit_rear, limit_rear)
-    front = front + clamp(lack_rear, -room, room)
-    rear = rear + clamp(lack_front, -room, room)
+    front = sat32(front + clamp(lack_rear, -room, room))
+    rear = sat32(rear + clamp(lack_front, -room, room))
     ecu.bar[FRONT] = clamp(front, -limit_front, limit_front)
     ecu.bar[REAR] = clamp(rear, -limit_rear, limit_rear)
     ecu.given = ecu.bar[FRONT] + ecu.bar[REAR]

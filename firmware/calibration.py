@@ -190,14 +190,14 @@ class Calibration:
         2,
         F(-COEFFICIENT, COEFFICIENT, 0, "", "inputs: the saturated outputs"),
     ]
-    compensator_shift: Annotated[list[u8], N_ORDER, F(1, 62, 0, "", "shift of each state row")]
+    compensator_shift: Annotated[list[u8], N_ORDER, F(1, 60, 0, "", "shift of each state row")]
     compensator_c: Annotated[
         list[list[i32]], 2, N_ORDER, F(-COEFFICIENT, COEFFICIENT, 0, "", "outputs Q14")
     ]
     compensator_d: Annotated[
         list[list[i32]], 2, 4, F(-COEFFICIENT, COEFFICIENT, 0, "", "from the inputs")
     ]
-    compensator_output_shift: Annotated[list[u8], 2, F(1, 62, 0, "", "shift of each output")]
+    compensator_output_shift: Annotated[list[u8], 2, F(1, 60, 0, "", "shift of each output")]
     moment_max: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "largest moment commanded")]
     slew_max: Annotated[i32, F(1, STATE_MAX, Q_MOMENT, "N·m", "largest change of it a tick")]
 

@@ -127,9 +127,10 @@ def identify(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     # the running sums of roll and impulse change by what enters and what leaves the window
     ecu.rls_integrals[0] = clamp(ecu.rls_integrals[0] + stiffness, -STATE_MAX, STATE_MAX)
     ecu.rls_integrals[1] = clamp(ecu.rls_integrals[1] + pushed, -STATE_MAX, STATE_MAX)
-    ecu.rls_index = byte(ecu.rls_index + 1)
-    if ecu.rls_index >= WINDOW:
-        ecu.rls_index = 0
+    index: i32 = ecu.rls_index + 1
+    if index >= WINDOW:
+        index = 0
+    ecu.rls_index = byte(index)
     if ecu.rls_filled < WINDOW:
         ecu.rls_filled = byte(ecu.rls_filled + 1)
         return

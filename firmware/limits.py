@@ -190,7 +190,7 @@ def check_ranges(cal: Calibration) -> i32:
             if outside(cal.compensator_e[i][j], -536870912, 536870912) == 1:
                 return 67
     for i in range(8):
-        if outside(cal.compensator_shift[i], 1, 62) == 1:
+        if outside(cal.compensator_shift[i], 1, 60) == 1:
             return 68
     for i in range(2):
         for j in range(8):
@@ -201,7 +201,7 @@ def check_ranges(cal: Calibration) -> i32:
             if outside(cal.compensator_d[i][j], -536870912, 536870912) == 1:
                 return 70
     for i in range(2):
-        if outside(cal.compensator_output_shift[i], 1, 62) == 1:
+        if outside(cal.compensator_output_shift[i], 1, 60) == 1:
             return 71
     if outside(cal.moment_max, 0, 1073741824) == 1:
         return 72

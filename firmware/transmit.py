@@ -12,6 +12,8 @@ from firmware.state import (
 )
 from firmware.subset import byte, clamp, i32
 
+LAST_PAGE = 4
+
 
 def queue(ecu: Ecu, cal: Calibration, slot: i32) -> None:
     """Protect the frame in ``slot`` and mark it for sending."""
@@ -36,9 +38,10 @@ def transmit(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         queue(ecu, cal, TX_STATUS)
         signals.pack(ecu, TX_DIAGNOSTICS)
         queue(ecu, cal, TX_DIAGNOSTICS)
-        ecu.diagnostics_page = byte(ecu.diagnostics_page + 1)
-        if ecu.diagnostics_page > 4:
-            ecu.diagnostics_page = 0
+        page: i32 = ecu.diagnostics_page + 1
+        if page > LAST_PAGE:
+            page = 0
+        ecu.diagnostics_page = byte(page)
 
 
 def init_transmit(ecu: Ecu) -> None:

@@ -19,7 +19,7 @@ Q_STATE = (Q_ANGLE, Q_RATE, Q_ACCELERATION, Q_ACCELERATION, Q_RATE)
 Q_MEASURED = (Q_RATE, Q_ACCELERATION, Q_ANGLE)
 """Fractional bits of the measurements: roll rate, lateral acceleration, roll angle."""
 
-MAX_SHIFT = 62
+MAX_SHIFT = 60
 MAX_SUM = 1 << 62
 
 

@@ -1,0 +1,632 @@
+"""The integer subset as C99 that reads like the source it came from.
+
+One .c and .h a module, ``canroll_`` before every name, comments and docstrings carried over,
+no state but the caller's records, no library call. Operations are done in 32 bits where
+:mod:`codegen.interpret` shows that they fit, else in 64; a 64-bit value goes into a narrower place
+only where it is shown to fit, so that no cast changes a value.
+"""
+
+import ast
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from codegen import rules
+from codegen.c_text import (
+    BOTH,
+    C_TYPES,
+    EITHER,
+    PRIMARY,
+    RUNTIME,
+    UNARY,
+    Expression,
+    binary,
+    broken,
+    comment,
+    converted,
+    fits,
+    literal,
+    plain,
+    widened,
+)
+from codegen.interpret import ARITHMETIC, Interpreter, local_kinds
+from codegen.intervals import Value
+from codegen.program import (
+    CONST_RECORD,
+    FIRMWARE,
+    Constant,
+    Function,
+    Module,
+    Program,
+    Record,
+    SubsetError,
+    calls,
+    evaluate,
+    load,
+)
+from codegen.prove import entry_points, prove
+
+# the gains header carries the calibration's type too, so that it compiles alone
+CALIBRATION_GUARD = "CANROLL_CALIBRATION_TYPE"
+COMPARISONS = {
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.Eq: "==",
+    ast.NotEq: "!=",
+}
+
+
+def emit(entry: str = "ecu", folder: Path = FIRMWARE) -> dict[str, str]:
+    """Translate the module ``entry`` and all it uses; return file names and their text.
+
+    Raises SubsetError, naming file and line, for what is outside the subset.
+    """
+    return Emitter(load(entry, folder)).files()
+
+
+class Emitter:
+    """Translates one program; the analysis behind it is done when it is made."""
+
+    def __init__(self, program: Program) -> None:
+        rules.check(program)
+        self.program = program
+        self.analysis = Interpreter(program, proof=False)
+        for function in program.functions():
+            self.analysis.run(function)
+        # whatever no entry point reaches is typed by its function alone
+        self.seen = {**self.analysis.seen, **prove(program).seen}
+        self.public = self._public()
+        self.reachable = self._reachable()
+        self.shared = self._shared()
+        self.volatile = self._volatile()
+
+    # what is visible where
+
+    def _public(self) -> dict[tuple[str, str], str]:
+        """Entry points by function, with the short C names that callers see."""
+        return {f.key: f"canroll_{f.name}" for f in entry_points(self.program)}
+
+    def _reachable(self) -> set[tuple[str, str]]:
+        todo = [f for f in self.program.functions() if f.key in self.public]
+        found = set()
+        while todo:
+            function = todo.pop()
+            if function.key not in found:
+                found.add(function.key)
+                todo += calls(self.program, function)
+        return found
+
+    def _shared(self) -> set[tuple[str, str]]:
+        """Functions and constants that more than their own module uses."""
+        found = set(self.public)
+        for module in self.program.modules.values():
+            for node in ast.walk(ast.Module(self._bodies(module), [])):
+                if isinstance(node, ast.Name | ast.Attribute):
+                    function = self.program.function(module, node)
+                    constant = self.program.constant(module, node)
+                    if function is not None and function.module != module.name:
+                        found.add(function.key)
+                    if constant is not None and constant.module != module.name:
+                        found.add((constant.module, constant.name))
+            if module.records:
+                found |= {(module.name, name) for name in module.constants}
+        return found
+
+    def _bodies(self, module: Module) -> list[ast.stmt]:
+        return [f.node for f in module.functions.values() if f.key in self.reachable]
+
+    def _volatile(self) -> set[tuple[tuple[str, str], str]]:
+        """Array parameters that are somewhere given a field an interrupt may write."""
+        found: set[tuple[tuple[str, str], str]] = set()
+        grown = True
+        while grown:
+            grown = False
+            for function in self.program.functions():
+                module = self.program.modules[function.module]
+                for node in ast.walk(function.node):
+                    called = (
+                        self.program.function(module, node.func)
+                        if isinstance(node, ast.Call)
+                        else None
+                    )
+                    if called is None or not isinstance(node, ast.Call):
+                        continue
+                    pairs = zip(called.parameters.items(), node.args, strict=True)
+                    for (name, its), argument in pairs:
+                        key = (called.key, name)
+                        fresh = bool(its.shape) and key not in found
+                        if fresh and self._is_volatile(function, argument, found):
+                            found.add(key)
+                            grown = True
+        return found
+
+    def _is_volatile(
+        self,
+        function: Function,
+        node: ast.expr,
+        found: set[tuple[tuple[str, str], str]],
+    ) -> bool:
+        while isinstance(node, ast.Subscript):
+            node = node.value
+        if isinstance(node, ast.Name):
+            return (function.key, node.id) in found
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            owner = function.parameters.get(node.value.id)
+            if owner is not None and owner.kind == "record":
+                return self.program.record(owner.record).fields[node.attr].volatile
+        return False
+
+    # names
+
+    def function_name(self, function: Function) -> str:
+        """The C name of a function."""
+        return self.public.get(function.key, f"canroll_{function.module}_{function.name}")
+
+    def constant_name(self, constant: Constant) -> str:
+        """The C name of a constant, with its module where another has the same."""
+        homes = [m for m in self.program.modules.values() if constant.name in m.constants]
+        middle = f"{constant.module}_" if len(homes) > 1 or constant.type.shape else ""
+        name = f"canroll_{middle}{constant.name}"
+        return name.lower() if constant.type.shape else name.upper()
+
+    # files
+
+    def files(self) -> dict[str, str]:
+        """All files, the runtime header and the public header among them."""
+        found = {"canroll_runtime.h": RUNTIME, "canroll.h": self._public_header()}
+        for module in self.program.modules.values():
+            found[f"canroll_{module.name}.h"] = self._header(module)
+            functions = [f for f in module.functions.values() if f.key in self.reachable]
+            tables = [c for c in module.constants.values() if c.type.shape]
+            if functions or any(self._where(c) == "header" for c in tables):
+                found[f"canroll_{module.name}.c"] = self._source(module, functions)
+        return found
+
+    def _public_header(self) -> str:
+        homes = dict.fromkeys(key[0] for key in self.public)
+        lines = comment("The roll-control ECU: its records and its entry points.")
+        lines += ["#ifndef CANROLL_H", "#define CANROLL_H", ""]
+        records = [m.name for m in self.program.modules.values() if m.records]
+        tables = [m.name for m in self.program.modules.values() if m.name == "signals"]
+        for name in dict.fromkeys([*records, *tables, *homes]):
+            lines.append(f'#include "canroll_{name}.h"')
+        return "\n".join([*lines, "", "#endif", ""])
+
+    def _header(self, module: Module) -> str:
+        guard = f"CANROLL_{module.name.upper()}_H"
+        lines = comment(module.doc or module.name)
+        lines += [f"#ifndef {guard}", f"#define {guard}", "", '#include "canroll_runtime.h"']
+        functions = [
+            f for f in module.functions.values() if f.key in self.reachable and f.key in self.shared
+        ]
+        needed = {its.record for f in functions for its in f.parameters.values() if its.record}
+        homes = {self.program.record(name).module for name in needed} - {module.name}
+        lines += [f'#include "canroll_{home}.h"' for home in sorted(homes)]
+        lines += self._constants(module, "header")
+        for record in module.records.values():
+            lines += ["", *self._record(module, record)]
+        if functions:
+            lines.append("")
+        for function in functions:
+            lines += broken(f"{self._prototype(function)};")
+        return "\n".join([*lines, "", "#endif", ""])
+
+    def _where(self, constant: Constant) -> str:
+        return "header" if (constant.module, constant.name) in self.shared else "source"
+
+    def _constants(self, module: Module, where: str) -> Iterator[str]:
+        group: list[str] = []
+        last = -2
+        for constant in module.constants.values():
+            table = bool(constant.type.shape)
+            public_table = table and (module.name == "signals" or self._where(constant) == "header")
+            if (self._where(constant) != where and not public_table) or (
+                public_table and where == "source"
+            ):
+                continue
+            if constant.line > last + 1 or constant.line - 1 in module.comments:
+                if group:
+                    yield from self._enumeration(group)
+                    group = []
+                yield ""
+                own, text = module.comments.get(constant.line - 1, (False, ""))
+                if own:
+                    yield from comment(text)
+            last = constant.line + max(0, self._height(module, constant) - 1)
+            name = self.constant_name(constant)
+            if table:
+                if group:
+                    yield from self._enumeration(group)
+                    group = []
+                storage = "extern const" if where == "header" else "static const"
+                yield from self._table(constant, storage, body=where == "source")
+            elif isinstance(constant.value, int) and fits(
+                Value(constant.value, constant.value), "i32"
+            ):
+                group.append(f"    {name} = {literal(constant.value).text},")
+            elif isinstance(constant.value, int):
+                yield f"#define {name} {literal(constant.value).text}"
+        if group:
+            yield from self._enumeration(group)
+
+    def _height(self, module: Module, constant: Constant) -> int:
+        for node in ast.parse(module.path.read_text(encoding="utf-8")).body:
+            if node.lineno == constant.line:
+                return (node.end_lineno or node.lineno) - node.lineno + 1
+        return 1
+
+    def _enumeration(self, group: list[str]) -> Iterator[str]:
+        yield "enum {"
+        yield from group
+        yield "};"
+
+    def _table(self, constant: Constant, storage: str, *, body: bool) -> Iterator[str]:
+        sizes = "".join(f"[{n}]" for n in constant.type.shape)
+        head = f"{storage} {C_TYPES[constant.type.kind]} {self.constant_name(constant)}{sizes}"
+        if not body:
+            yield f"{head};"
+            return
+        yield f"{head} = {{"
+        yield from _rows(constant.value)
+        yield "};"
+
+    def _record(self, module: Module, record: Record) -> Iterator[str]:
+        yield from comment(record.doc or record.name)
+        guarded = record.name == CONST_RECORD
+        if guarded:
+            yield f"#ifndef {CALIBRATION_GUARD}"
+            yield f"#define {CALIBRATION_GUARD}"
+        yield "typedef struct {"
+        last = 0
+        for its in record.fields.values():
+            for line in range(last + 1, its.line):
+                own, text = module.comments.get(line, (False, ""))
+                if own and last:
+                    yield from comment(text, "    ")
+            last = its.line
+            sizes = "".join(f"[{n}]" for n in its.type.shape)
+            qualifier = "volatile " if its.volatile else ""
+            yield f"    {qualifier}{C_TYPES[its.type.kind]} {its.name}{sizes};" + _described(
+                its.meaning, its.unit, its.q
+            )
+        yield f"}} {record_name(record.name)};"
+        if guarded:
+            yield "#endif"
+
+    def _prototype(self, function: Function) -> str:
+        written = self.analysis.writers.get(function.key, frozenset())
+        parameters = []
+        for name, its in function.parameters.items():
+            const = "" if name in written else "const "
+            if its.kind == "record":
+                parameters.append(f"{const}{record_name(its.record)} *{name}")
+            elif its.shape:
+                volatile = "volatile " if (function.key, name) in self.volatile else ""
+                sizes = "".join(f"[{n}]" for n in its.shape)
+                parameters.append(f"{const}{volatile}{C_TYPES[its.kind]} {name}{sizes}")
+            else:
+                parameters.append(f"{C_TYPES[its.kind]} {name}")
+        result = C_TYPES[function.result] if function.result else "void"
+        static = "" if function.key in self.shared else "static "
+        return f"{static}{result} {self.function_name(function)}({', '.join(parameters) or 'void'})"
+
+    def _source(self, module: Module, functions: list[Function]) -> str:
+        lines = [f"/* Generated from {module.path.name}. */"]
+        lines.append(f'#include "canroll_{module.name}.h"')
+        bodies = [self._function(module, function) for function in functions]
+        text = "\n".join(line for body in bodies for line in body)
+        used = [m for m in module.uses() if m in self.program.modules]
+        lines += [f'#include "canroll_{name}.h"' for name in sorted(set(used) - {module.name})]
+        lines += [line for line in self._constants(module, "source")]
+        for constant in module.constants.values():
+            if constant.type.shape and (
+                self._where(constant) == "header" or module.name == "signals"
+            ):
+                lines += ["", *self._table(constant, "const", body=True)]
+        early = self._called_early(functions)
+        if early:
+            lines.append("")
+        for function in early:
+            lines += broken(f"{self._prototype(function)};")
+        return "\n".join([*lines, "", text, ""]).replace("\n\n\n", "\n\n")
+
+    def _called_early(self, functions: list[Function]) -> list[Function]:
+        seen: set[tuple[str, str]] = set()
+        early: dict[tuple[str, str], Function] = {}
+        for function in functions:
+            for called in calls(self.program, function):
+                if called.key not in self.shared and called.key not in seen | {function.key}:
+                    early[called.key] = called
+            seen.add(function.key)
+        return list(early.values())
+
+    def _function(self, module: Module, function: Function) -> list[str]:
+        lines: list[str] = []
+        doc = ast.get_docstring(function.node)
+        if doc:
+            lines += comment(doc)
+        lines += broken(self._prototype(function))
+        lines.append("{")
+        body = _Body(self, module, function)
+        used = {n.id for n in ast.walk(function.node) if isinstance(n, ast.Name)}
+        lines += [f"    (void){name};" for name in function.parameters if name not in used]
+        lines += body.lines()
+        return [*lines, "}", ""]
+
+
+class _Body:
+    """The statements of one function."""
+
+    def __init__(self, emitter: Emitter, module: Module, function: Function) -> None:
+        self.emitter = emitter
+        self.program = emitter.program
+        self.module = module
+        self.function = function
+        self.kinds = local_kinds(function)
+        self.counters: dict[str, str] = {}
+        first = function.node.body[0]
+        self.line = first.lineno - 1
+        self.seen = emitter.seen
+
+    def lines(self) -> list[str]:
+        statements = self.function.node.body
+        if ast.get_docstring(self.function.node) is not None:
+            self.line = statements[0].end_lineno or self.line
+            statements = statements[1:]
+        return [part for line in self.block(statements, "    ") for part in broken(line)]
+
+    def block(self, statements: Iterable[ast.stmt], indent: str) -> Iterator[str]:
+        for node in statements:
+            for line in range(self.line + 1, node.lineno):
+                own, text = self.module.comments.get(line, (False, ""))
+                if own:
+                    yield from comment(text, indent)
+            self.line = node.lineno
+            texts = list(self.statement(node, indent))
+            own, text = self.module.comments.get(node.lineno, (True, ""))
+            if not own:
+                texts[0] += f" /* {plain(text)} */"
+            yield from texts
+            self.line = max(self.line, node.end_lineno or node.lineno)
+
+    def statement(self, node: ast.stmt, indent: str) -> Iterator[str]:
+        if isinstance(node, ast.AnnAssign):
+            assert isinstance(node.target, ast.Name) and node.value is not None
+            kind = ast.unparse(node.annotation)
+            text = self.stored(node, self.value(node.value), kind)
+            yield f"{indent}{C_TYPES[kind]} {node.target.id} = {text};"
+        elif isinstance(node, ast.Assign):
+            target, kind = self.target(node.targets[0])
+            yield f"{indent}{target} = {self.stored(node, self.value(node.value), kind)};"
+        elif isinstance(node, ast.AugAssign):
+            yield indent + self.augmented(node)
+        elif isinstance(node, ast.If):
+            yield from self.condition(node, indent, "if")
+        elif isinstance(node, ast.For):
+            yield from self.loop(node, indent)
+        elif isinstance(node, ast.Return):
+            if node.value is None:
+                yield f"{indent}return;"
+            else:
+                assert self.function.result is not None
+                text = self.stored(node, self.value(node.value), self.function.result)
+                yield f"{indent}return {text};"
+        else:
+            assert isinstance(node, ast.Expr)
+            result = self.value(node.value)
+            void = "(void)" if self.returns(node.value) else ""
+            yield f"{indent}{void}{result.text};"
+
+    def returns(self, node: ast.expr) -> bool:
+        if not isinstance(node, ast.Call):
+            return False
+        called = self.program.function(self.module, node.func)
+        return called is None or called.result is not None
+
+    def condition(self, node: ast.If, indent: str, keyword: str) -> Iterator[str]:
+        yield f"{indent}{keyword} ({self.truth(node.test).text}) {{"
+        yield from self.block(node.body, indent + "    ")
+        if len(node.orelse) == 1 and isinstance(node.orelse[0], ast.If):
+            for line in range(self.line + 1, node.orelse[0].lineno):
+                own, text = self.module.comments.get(line, (False, ""))
+                if own:
+                    yield from comment(text, indent + "    ")
+            self.line = node.orelse[0].lineno
+            yield from self.condition(node.orelse[0], indent, "} else if")
+            return
+        if node.orelse:
+            yield f"{indent}}} else {{"
+            yield from self.block(node.orelse, indent + "    ")
+        yield f"{indent}}}"
+
+    def loop(self, node: ast.For, indent: str) -> Iterator[str]:
+        assert isinstance(node.iter, ast.Call) and isinstance(node.target, ast.Name)
+        name = node.target.id
+        counter = name if name != "_" else f"turn{len(self.counters) or ''}"
+        bounds = [converted(self.value(bound), "i32") for bound in node.iter.args]
+        start, stop = (literal(0), bounds[0]) if len(bounds) == 1 else (bounds[0], bounds[1])
+        step = 1
+        if len(node.iter.args) == 3:
+            given = evaluate(self.program, self.module, node.iter.args[2])
+            assert isinstance(given, int)
+            step = given
+        advance = {1: f"{counter}++", -1: f"{counter}--"}.get(step, f"{counter} += {step}")
+        compare = "<" if step > 0 else ">"
+        yield (
+            f"{indent}for (int32_t {counter} = {start.text}; "
+            f"{counter} {compare} {stop.inside(UNARY)}; {advance}) {{"
+        )
+        self.counters[counter] = counter
+        yield from self.block(node.body, indent + "    ")
+        del self.counters[counter]
+        yield f"{indent}}}"
+
+    def augmented(self, node: ast.AugAssign) -> str:
+        target, kind = self.target(node.target)
+        before, operand = self.value(node.target), self.value(node.value)
+        operator = ARITHMETIC[type(node.op)]
+        value = self.seen[id(node)]
+        result = self.operation(operator, before, operand, value)
+        stored = self.stored(node, result, kind)
+        simple = operator in "+-*&|^" and kind != "u8" and not (kind == "i32" and result.wide)
+        if simple and operand.level <= PRIMARY + 5:
+            if kind == "i64" and operator == "*":
+                operand = widened(operand)
+            return f"{target} {operator}= {operand.text};"
+        return f"{target} = {stored};"
+
+    def stored(self, node: ast.AST, e: Expression, kind: str) -> str:
+        """``e`` as ``kind`` takes it, or a refusal where it may not fit."""
+        if not fits(e.value, kind):
+            rule = f"{e.value} may not fit {kind}: use clamp, sat32 or narrow"
+            raise SubsetError(self.module.path, node, rule)
+        return converted(e, kind).text
+
+    def target(self, node: ast.expr) -> tuple[str, str]:
+        if isinstance(node, ast.Name):
+            return node.id, self.kinds[node.id]
+        return self.place(node)
+
+    def place(self, node: ast.expr) -> tuple[str, str]:
+        """C text and element kind of a field, an element, an array or a row of one."""
+        if isinstance(node, ast.Subscript):
+            base, kind = self.place(node.value)
+            index = self.value(node.slice)
+            index = converted(index, "i32") if index.wide else index
+            return f"{base}[{index.text}]", kind
+        constant = self.program.constant(self.module, node)
+        if constant is not None:
+            return self.emitter.constant_name(constant), constant.type.kind
+        if isinstance(node, ast.Attribute):
+            assert isinstance(node.value, ast.Name)
+            record = self.program.record(self.function.parameters[node.value.id].record)
+            return f"{node.value.id}->{node.attr}", record.fields[node.attr].type.kind
+        assert isinstance(node, ast.Name)
+        return node.id, self.function.parameters[node.id].kind
+
+    # expressions
+
+    def truth(self, node: ast.expr) -> Expression:
+        either = Value(0, 1)
+        if isinstance(node, ast.BoolOp):
+            operator, level = ("&&", BOTH) if isinstance(node.op, ast.And) else ("||", EITHER)
+            parts = [f"({self.truth(part).text})" for part in node.values]
+            return Expression(f" {operator} ".join(parts), level, "i32", either)
+        if isinstance(node, ast.UnaryOp):
+            return Expression(f"!({self.truth(node.operand).text})", UNARY, "i32", either)
+        assert isinstance(node, ast.Compare)
+        left, right = self.value(node.left), self.value(node.comparators[0])
+        operator = COMPARISONS[type(node.ops[0])]
+        return binary(operator, left, right, either)
+
+    def value(self, node: ast.expr) -> Expression:
+        seen = self.seen.get(id(node), Value(0, 0))
+        if isinstance(node, ast.Constant):
+            return literal(int(node.value))  # type: ignore[arg-type]
+        if isinstance(node, ast.Name) and (node.id in self.kinds or node.id in self.counters):
+            return Expression(node.id, PRIMARY, self.kinds.get(node.id, "i32"), seen)
+        if isinstance(node, ast.Name | ast.Attribute):
+            limit = self.program.limit(self.module, node)
+            constant = self.program.constant(self.module, node)
+            if limit is not None:
+                name = ast.unparse(node).split(".")[-1]
+                wide = name.startswith("I64")
+                text = name.replace("I32", "INT32").replace("I64", "INT64")
+                return Expression(text, PRIMARY, "i64" if wide else "literal", seen)
+            if constant is not None and isinstance(constant.value, int):
+                exact = Value(constant.value, constant.value)
+                kind = "literal" if fits(exact, "i32") else "i64"
+                return Expression(self.emitter.constant_name(constant), PRIMARY, kind, exact)
+        if isinstance(node, ast.Attribute | ast.Subscript):
+            text, kind = self.place(node)
+            return Expression(text, PRIMARY, kind, seen)
+        if isinstance(node, ast.UnaryOp):
+            return self.negated(node, seen)
+        if isinstance(node, ast.BinOp):
+            operator = ARITHMETIC[type(node.op)]
+            return self.operation(operator, self.value(node.left), self.value(node.right), seen)
+        assert isinstance(node, ast.Call)
+        return self.call(node, seen)
+
+    def negated(self, node: ast.UnaryOp, seen: Value) -> Expression:
+        if isinstance(node.operand, ast.Constant):
+            return literal(-int(node.operand.value))  # type: ignore[arg-type]
+        operand = self.value(node.operand)
+        if not fits(seen, "i32"):
+            operand = widened(operand)
+        kind = "i64" if operand.wide else "i32"
+        inner = operand.inside(UNARY)
+        inner = f"({inner})" if inner.startswith("-") else inner
+        return Expression(f"-{inner}", UNARY, kind, seen)
+
+    def operation(self, operator: str, a: Expression, b: Expression, value: Value) -> Expression:
+        if operator == "<<" and (a.value.lo < 0 or not fits(value, "i32")):
+            count = f"((int64_t)1 << {b.inside(PRIMARY)})"
+            if a.kind == "literal" and a.value == Value(1, 1):
+                return Expression(count, PRIMARY, "i64", value)
+            factor = Expression(count, PRIMARY, "i64", Value(1 << b.value.lo, 1 << b.value.hi))
+            return binary("*", a, factor, value)
+        return binary(operator, a, b, value)
+
+    def call(self, node: ast.Call, seen: Value) -> Expression:
+        intrinsic = self.program.intrinsic(self.module, node.func)
+        if intrinsic is not None:
+            return self.intrinsic(node, intrinsic, [self.value(a) for a in node.args], seen)
+        called = self.program.function(self.module, node.func)
+        assert called is not None
+        texts = []
+        for argument, its in zip(node.args, called.parameters.values(), strict=True):
+            if its.kind == "record":
+                texts.append(ast.unparse(argument))
+            elif its.shape:
+                texts.append(self.place(argument)[0])
+            else:
+                texts.append(self.stored(argument, self.value(argument), its.kind))
+        name = self.emitter.function_name(called)
+        return Expression(f"{name}({', '.join(texts)})", PRIMARY, called.result or "i32", seen)
+
+    def intrinsic(self, node: ast.Call, name: str, a: list[Expression], seen: Value) -> Expression:
+        if name == "byte":
+            if fits(a[0].value, "u8"):
+                return converted(a[0], "u8")
+            masked = binary("&", a[0], literal(255), Value(0, 255))
+            return converted(masked, "u8")
+        if name == "narrow":
+            return converted(a[0], "i32")
+        if name == "tdiv":
+            return binary("/", a[0], a[1], seen)
+        if name == "sat32" and not a[0].wide:
+            return a[0]
+        if name == "rsh":
+            half = 1 << (max(a[1].value.hi, 1) - 1)
+            short = fits(Value(a[0].value.lo, a[0].value.hi + half), "i32") and not a[0].wide
+            count = self.stored(node, a[1], "i32")
+            text = f"canroll_rsh{'32' if short else ''}({a[0].text}, {count})"
+            return Expression(text, PRIMARY, "i32" if short else "i64", seen)
+        bounds = [self.stored(node, bound, "i32") for bound in a[1:]]
+        short = name == "clamp" and not a[0].wide
+        text = f"canroll_{name}{'32' if short else ''}({', '.join([a[0].text, *bounds])})"
+        return Expression(text, PRIMARY, "i32", seen)
+
+
+def record_name(name: str) -> str:
+    """The C type of a record class."""
+    return f"canroll_{name.lower()}"
+
+
+def _described(meaning: str, unit: str, q: int) -> str:
+    told = [meaning] if meaning else []
+    if unit or q:
+        told.append(" ".join(part for part in (unit, f"Q{q}" if q else "") if part))
+    return f" /* {plain(', '.join(told))} */" if told else ""
+
+
+def _rows(value: object) -> Iterator[str]:
+    assert isinstance(value, tuple)
+    if isinstance(value[0], tuple):
+        for row in value:
+            yield f"    {{{', '.join(str(element) for element in row)}}},"
+        return
+    for start in range(0, len(value), 16):
+        yield f"    {', '.join(str(element) for element in value[start : start + 16])},"
