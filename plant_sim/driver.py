@@ -13,10 +13,12 @@ from typing import NamedTuple
 from plant_sim import ports
 from plant_sim.integrate import Vector
 from plant_sim.jit import njit
+from vehicles import GRAVITY
 
 FOLLOW_PATH = 0
 STEER_TABLE = 1
 ACCELERATION_TABLE = 2
+FISHHOOK = 3
 
 (
     D_PREVIEW_TIME,
@@ -37,18 +39,42 @@ ACCELERATION_TABLE = 2
     D_REAR,
     D_TIME_STEP,
     D_ANSWER_LAG,
-) = range(18)
-N_DRIVER = 18
+    D_START,
+    D_AMPLITUDE,
+    D_HOLD,
+    D_RETURN,
+    D_CHASSIS_CONTROL,
+    D_MASS,
+    D_YAW_INERTIA,
+    D_TRACK,
+    D_CORNERING,
+) = range(27)
+N_DRIVER = 27
 
-(M_STATION, M_STEER, M_TRAVELLED) = range(3)
-N_MEMORY = 3
+(M_STATION, M_STEER, M_TRAVELLED, M_PHASE, M_SINCE, M_YAW_REFERENCE) = range(6)
+N_MEMORY = 6
+
+REVERSAL_ROLL_RATE = 0.0262
+"""Roll rate (rad/s, 1.5 degrees/s) below which the fishhook's countersteer begins (NHTSA)."""
+
+YAW_REFERENCE_LAG = 0.1
+"""Lag of the chassis control's yaw reference behind the linear car's steady yaw rate (s)."""
+
+YAW_GAIN = 6.0
+"""Yaw acceleration that the chassis control asks for per yaw-rate error (1/s)."""
+
+YAW_DEAD_BAND = 0.02
+"""Yaw-rate error (rad/s) that the chassis control leaves alone."""
+
+EXTRA_STEER_LIMIT = 0.035
+"""Angle (rad) that the chassis control may add to the driver's steering."""
 
 
 class Drive(NamedTuple):
     """What drives a manoeuvre, as arrays for the kernels. ``memory`` belongs to one run only."""
 
     kind: int
-    """FOLLOW_PATH, STEER_TABLE (road-wheel angle over time) or ACCELERATION_TABLE (a_y)."""
+    """FOLLOW_PATH, STEER_TABLE (road-wheel angle over time), ACCELERATION_TABLE or FISHHOOK."""
     parameters: Vector
     path_x: Vector
     """Path at equal steps of arc length (m)."""
@@ -117,6 +143,63 @@ def _follow(outputs: Vector, drive: Drive) -> float:
 
 
 @njit
+def _fishhook(time: float, outputs: Vector, drive: Drive) -> float:
+    """Road-wheel angle of NHTSA's roll-rate feedback fishhook (rad).
+
+    Steer to the amplitude, wait until the roll has built up, steer as far to the other side, hold,
+    and return. ``memory`` keeps the phase and its start.
+    """
+    parameters, memory = drive.parameters, drive.memory
+    amplitude = parameters[D_AMPLITUDE]
+    if memory[M_PHASE] == 0.0 and time >= parameters[D_START]:
+        memory[M_PHASE] = 1.0
+    elif memory[M_PHASE] == 1.0 and abs(memory[M_STEER] - amplitude) < 1e-9:
+        # The roll rate is far above the threshold here unless the car is already settling.
+        if abs(outputs[ports.ROLL_RATE]) < REVERSAL_ROLL_RATE:
+            memory[M_PHASE] = 2.0
+    elif memory[M_PHASE] == 2.0 and abs(memory[M_STEER] + amplitude) < 1e-9:
+        memory[M_PHASE], memory[M_SINCE] = 3.0, time
+    if memory[M_PHASE] == 0.0:
+        return 0.0
+    if memory[M_PHASE] == 1.0:
+        return float(amplitude)
+    if memory[M_PHASE] == 2.0:
+        return float(-amplitude)
+    back = (time - memory[M_SINCE] - parameters[D_HOLD]) / parameters[D_RETURN]
+    return float(-amplitude * min(max(1.0 - back, 0.0), 1.0))
+
+
+@njit
+def _stabilise(outputs: Vector, inputs: Vector, drive: Drive) -> None:
+    """Unified chassis control: half by one front brake, half by extra steering.
+
+    Asks for the yaw moment that brings the yaw rate to the linear car's, which never asks for more
+    lateral acceleration than the road gives; applied by the vehicle, whatever the roll law does.
+    """
+    parameters, memory = drive.parameters, drive.memory
+    speed = max(outputs[ports.VX], 3.0)
+    wanted = inputs[ports.STEER] * speed
+    wanted /= parameters[D_WHEELBASE] + parameters[D_UNDERSTEER] * speed**2
+    most = 0.85 * GRAVITY * parameters[D_FRICTION] / speed
+    wanted = min(max(wanted, -most), most)
+    dt = parameters[D_TIME_STEP]
+    memory[M_YAW_REFERENCE] += (wanted - memory[M_YAW_REFERENCE]) * dt / (YAW_REFERENCE_LAG + dt)
+    error = memory[M_YAW_REFERENCE] - outputs[ports.YAW_RATE]
+    error = max(error - YAW_DEAD_BAND, 0.0) + min(error + YAW_DEAD_BAND, 0.0)
+    moment = YAW_GAIN * parameters[D_YAW_INERTIA] * error
+    limit = 0.15 * parameters[D_MASS] * GRAVITY * parameters[D_FRICTION] * parameters[D_TRACK]
+    brake = min(max(0.5 * moment, -limit), limit) / parameters[D_TRACK]
+    for wheel in range(4):
+        inputs[ports.BRAKE_FORCE + wheel] = 0.0
+    if brake > 0.0:
+        inputs[ports.BRAKE_FORCE] = brake
+    else:
+        inputs[ports.BRAKE_FORCE + 1] = -brake
+    extra = 0.5 * moment / (parameters[D_CORNERING] * parameters[D_FRONT])
+    inputs[ports.STEER] += min(max(extra, -EXTRA_STEER_LIMIT), EXTRA_STEER_LIMIT)
+
+
+@njit
 def drive(t_ns: int, outputs: Vector, inputs: Vector, drive: Drive) -> None:
     """Fill ``inputs`` for the step that starts at ``t_ns``, from the ``outputs`` of the last one.
 
@@ -132,6 +215,8 @@ def drive(t_ns: int, outputs: Vector, inputs: Vector, drive: Drive) -> None:
         if drive.kind == FOLLOW_PATH:
             wanted = _follow(outputs, drive)
             change = (wanted - memory[M_STEER]) * dt / (parameters[D_LAG] + dt)
+        elif drive.kind == FISHHOOK:
+            change = _fishhook(time, outputs, drive) - memory[M_STEER]
         else:
             change = sample(drive.table, time / parameters[D_TABLE_STEP]) - memory[M_STEER]
         most = parameters[D_STEER_RATE] * dt
@@ -139,13 +224,15 @@ def drive(t_ns: int, outputs: Vector, inputs: Vector, drive: Drive) -> None:
         memory[M_STEER] = min(max(steer, -parameters[D_STEER_LIMIT]), parameters[D_STEER_LIMIT])
         inputs[ports.STEER] = memory[M_STEER]
 
+    inputs[ports.FRICTION] = parameters[D_FRICTION]
+    if parameters[D_CHASSIS_CONTROL] != 0.0:
+        _stabilise(outputs, inputs, drive)
     if time < parameters[D_RELEASE_TIME]:
         inputs[ports.DRIVE_FORCE] = parameters[D_SPEED_GAIN] * (
             parameters[D_SPEED] - outputs[ports.VX]
         )
     else:
         inputs[ports.DRIVE_FORCE] = 0.0
-    inputs[ports.FRICTION] = parameters[D_FRICTION]
 
     memory[M_TRAVELLED] += max(outputs[ports.VX], 0.0) * dt
     step = parameters[D_ROAD_STEP]

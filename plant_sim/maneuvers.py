@@ -1,22 +1,30 @@
-"""The manoeuvres by name: path or steering, road, speed and length of each."""
+"""The manoeuvres by name: what drives each, at which speeds, for how long."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from math import inf, pi
+from dataclasses import dataclass, replace
+from inspect import Parameter, signature
+from typing import Any
 
 import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim import driver, path
-from plant_sim.driver import Drive
+from plant_sim import path_maneuvers, steer_maneuvers
+from plant_sim.drive_setup import STEP_NS, understeer
+from plant_sim.driver import D_STEER_RATE, D_TABLE_STEP, N_MEMORY, STEER_TABLE, Drive
 from plant_sim.integrate import Vector
 from vehicles import Vehicle
 
-STEP_NS = 1_000_000
-"""Time between two calls of the driver and two steps of the plant (ns)."""
-
-YAW_LAG = 0.15
-"""What a driver takes the car to need from the wheel to the lateral acceleration (s)."""
+__all__ = [
+    "STEP_NS",
+    "Maneuver",
+    "build",
+    "default_speed",
+    "names",
+    "options",
+    "replay",
+    "title",
+    "understeer",
+]
 
 SLOWEST_KMH = 5.0
 """Slowest speed that the tyre and bicycle models make sense at (km/h)."""
@@ -47,113 +55,28 @@ class _Kind:
     """(vehicle, speed, seed, **options) to duration (s) and drive."""
 
 
-def understeer(vehicle: Vehicle) -> float:
-    """Understeer gradient of the linear bicycle (rad per m/s²): δ = l/R + K a_y."""
-    geometry, tyre = vehicle.geometry, vehicle.tyre
-    return (
-        vehicle.total_mass
-        / geometry.wheelbase
-        * (
-            geometry.cg_to_rear_axle / tyre.cornering_stiffness_front
-            - geometry.cg_to_front_axle / tyre.cornering_stiffness_rear
-        )
-    )
-
-
-def make_drive(
-    vehicle: Vehicle,
-    *,
-    kind: int,
-    speed: float,
-    path_xy: tuple[Vector, Vector] | None = None,
-    table: Vector | None = None,
-    table_step: float = STEP_NS * 1e-9,
-    bank: Vector | None = None,
-    road: tuple[Vector, Vector] | None = None,
-    road_step: float = 1.0,
-    friction: float = 1.0,
-    release_time: float = inf,
-    preview_time: float | None = None,
-) -> Drive:
-    """Collect what drives a manoeuvre into arrays for the kernels, with a fresh driver's memory.
-
-    ``release_time`` (s): the accelerator is let go from then on. ``preview_time`` (s) replaces the
-    vehicle's driver by one of another experience.
-    """
-    geometry, person = vehicle.geometry, vehicle.driver
-    parameters = np.zeros(driver.N_DRIVER)
-    parameters[driver.D_PREVIEW_TIME] = preview_time or person.preview_time
-    parameters[driver.D_LAG] = person.lag
-    parameters[driver.D_ACCELERATION_LIMIT] = person.lateral_acceleration_limit
-    parameters[driver.D_WHEELBASE] = geometry.wheelbase
-    parameters[driver.D_UNDERSTEER] = understeer(vehicle)
-    parameters[driver.D_STEER_LIMIT] = vehicle.steering.angle_limit
-    parameters[driver.D_STEER_RATE] = vehicle.steering.rate_limit
-    parameters[driver.D_SPEED] = speed
-    parameters[driver.D_SPEED_GAIN] = 2.0 * vehicle.total_mass
-    parameters[driver.D_RELEASE_TIME] = release_time
-    parameters[driver.D_PATH_STEP] = path.STEP
-    parameters[driver.D_TABLE_STEP] = table_step
-    parameters[driver.D_FRICTION] = friction
-    parameters[driver.D_ROAD_STEP] = road_step
-    parameters[driver.D_FRONT] = geometry.cg_to_front_axle
-    parameters[driver.D_REAR] = geometry.cg_to_rear_axle
-    parameters[driver.D_ANSWER_LAG] = person.lag + YAW_LAG
-    parameters[driver.D_TIME_STEP] = STEP_NS * 1e-9
-    x, y = path_xy if path_xy is not None else (np.array([0.0, path.STEP]), np.zeros(2))
-    left, right = road if road is not None else (np.zeros(1), np.zeros(1))
-    return Drive(
-        kind=kind,
-        parameters=parameters,
-        path_x=x,
-        path_y=y,
-        table=np.zeros(1) if table is None else table,
-        bank=np.zeros(1) if bank is None else bank,
-        road_left=left,
-        road_right=right,
-        memory=np.zeros(driver.N_MEMORY),
-    )
-
-
-def _double_lane_change(
-    vehicle: Vehicle, speed: float, _seed: int, *, preview_time: float | None = None
-) -> tuple[float, Drive]:
-    approach, run_out = 15.0, 15.0
-    xy = path.double_lane_change(approach, vehicle.lane_offset, run_out + 3.0 * speed)
-    drive = make_drive(
-        vehicle, kind=driver.FOLLOW_PATH, speed=speed, path_xy=xy, preview_time=preview_time
-    )
-    length = approach + sum(path.DOUBLE_LANE_CHANGE_LENGTHS) + run_out
-    return length / speed, drive
-
-
-def _roundabout(
-    vehicle: Vehicle, speed: float, _seed: int, *, preview_time: float | None = None
-) -> tuple[float, Drive]:
-    radius, approach, easing, turn = 22.0, 30.0, 8.0, pi
-    arc = radius * turn - easing
-    sections = [
-        (approach, 0.0),
-        (easing, 1 / radius),
-        (arc, 1 / radius),
-        (easing, 0.0),
-        (approach + 3.0 * speed, 0.0),
-    ]
-    drive = make_drive(
-        vehicle,
-        kind=driver.FOLLOW_PATH,
-        speed=speed,
-        path_xy=path.from_curvature(sections),
-        preview_time=preview_time,
-    )
-    return (2 * approach + 2 * easing + arc) / speed, drive
-
-
 _KINDS: dict[str, _Kind] = {
     "double_lane_change": _Kind(
-        "double lane change", 80.0, 160.0, "ISO 3888-1", _double_lane_change
+        "double lane change", 80.0, 160.0, "ISO 3888-1", path_maneuvers.double_lane_change
     ),
-    "roundabout": _Kind("roundabout of 22 m radius", 30.0, 120.0, "", _roundabout),
+    "moose": _Kind("obstacle avoidance", 80.0, 100.0, "ISO 3888-2", path_maneuvers.moose),
+    "roundabout": _Kind(
+        "roundabout of 22 m radius", 30.0, 120.0, "none", path_maneuvers.roundabout
+    ),
+    "constant_radius": _Kind(
+        "constant radius", 60.0, 160.0, "ISO 4138", path_maneuvers.constant_radius
+    ),
+    "banked_curve": _Kind("banked curve", 80.0, 160.0, "none", path_maneuvers.banked_curve),
+    "bumps": _Kind("one-sided bumps", 40.0, 120.0, "none", path_maneuvers.bumps),
+    "random_road": _Kind("random road", 80.0, 160.0, "ISO 8608", path_maneuvers.random_road),
+    "fishhook": _Kind(
+        "fishhook", 80.0, 120.0, "NHTSA roll-rate feedback fishhook", steer_maneuvers.fishhook
+    ),
+    "j_turn": _Kind("J-turn", 80.0, 120.0, "NHTSA J-turn", steer_maneuvers.j_turn),
+    "sine_with_dwell": _Kind(
+        "sine with dwell", 80.0, 120.0, "FMVSS 126", steer_maneuvers.sine_with_dwell
+    ),
+    "from_file": _Kind("signal of a file", 80.0, 200.0, "none", steer_maneuvers.from_file),
 }
 
 
@@ -162,11 +85,68 @@ def names() -> list[str]:
     return sorted(_KINDS)
 
 
-def default_speed(name: str, vehicle: Vehicle) -> float:
-    """Entry speed (m/s) of that manoeuvre: the vehicle's own where its file states one."""
+def _kind(name: str) -> _Kind:
     if name not in _KINDS:
         raise UnknownNameError("manoeuvre", name, _KINDS)
-    return vehicle.speeds.get(name, _KINDS[name].speed_kmh / 3.6)
+    return _KINDS[name]
+
+
+def title(name: str) -> str:
+    """What that manoeuvre is called in a report."""
+    return _kind(name).title
+
+
+def options(name: str) -> dict[str, Any]:
+    """The options of that manoeuvre with their defaults; a preview of 0 is the vehicle's own."""
+    parameters = signature(_kind(name).make).parameters.values()
+    return {item.name: item.default for item in parameters if item.kind is Parameter.KEYWORD_ONLY}
+
+
+def default_speed(name: str, vehicle: Vehicle) -> float:
+    """Entry speed (m/s) of that manoeuvre: the vehicle's own where its file states one."""
+    return vehicle.speeds.get(name, _kind(name).speed_kmh / 3.6)
+
+
+def _converted(value: Any, default: Any, what: str) -> Any:  # noqa: ANN401
+    """``value`` as the type of ``default``; values of a command line come as text."""
+    if isinstance(default, bool):
+        known = {"on": True, "true": True, "1": True, "off": False, "false": False, "0": False}
+        text = str(value).lower()
+        if text not in known:
+            raise CanrollError(f"{what}: {value!r} is neither on nor off")
+        return known[text]
+    if isinstance(default, str):
+        return str(value)
+    try:
+        number = float(value)
+    except (TypeError, ValueError) as error:
+        raise CanrollError(f"{what}: {value!r} is no number") from error
+    if not np.isfinite(number):
+        raise CanrollError(f"{what}: {value!r} is not finite")
+    return number
+
+
+def _checked(name: str, given: dict[str, Any]) -> dict[str, Any]:
+    known = options(name)
+    checked = {}
+    for key, value in given.items():
+        if value is None:
+            continue
+        if key not in known:
+            raise UnknownNameError(f"option of {name}", key, known)
+        checked[key] = _converted(value, known[key], f"option {key} of {name}")
+    friction = checked.get("friction", 1.0)
+    if not 0.05 <= friction <= 1.5:
+        raise CanrollError(f"friction {friction:g}: roads offer 0.05 to 1.5")
+    preview = checked.get("preview_time", 0.0)
+    if preview != 0.0 and not 0.3 <= preview <= 3.0:
+        raise CanrollError(f"preview time {preview:g} s: a driver looks 0.3 to 3 s ahead")
+    for key in ("radius", "length", "spacing", "duration", "scale"):
+        if key in checked and checked[key] <= 0:
+            raise CanrollError(f"option {key} of {name}: {checked[key]:g} must be positive")
+    if abs(checked.get("bank_deg", 0.0)) > 30:
+        raise CanrollError(f"bank {checked['bank_deg']:g} degrees: roads bank up to 30")
+    return checked
 
 
 def build(
@@ -174,8 +154,7 @@ def build(
     vehicle: Vehicle,
     speed: float | None = None,
     seed: int = 0,
-    *,
-    preview_time: float | None = None,
+    **given: Any,  # noqa: ANN401
 ) -> Maneuver:
     """Prepare one manoeuvre for one run.
 
@@ -187,31 +166,52 @@ def build(
         Entry speed in m/s; by default that of the vehicle or the manoeuvre.
     seed
         Of what is random in the manoeuvre, the road.
-    preview_time
-        Driver's preview in s instead of the vehicle's: 0.5 experienced, 0.75, 1.0 novice.
+    given
+        Options of :func:`options`; None leaves the default. Among them ``preview_time`` (s), the
+        driver's preview instead of the vehicle's: 0.5 experienced, 0.75, 1.0 novice; ``friction``
+        of the road; ``chassis_control``, the vehicle's own yaw control.
 
     Raises
     ------
     UnknownNameError
-        No manoeuvre has that name.
+        No manoeuvre or option has that name.
     CanrollError
-        The speed is outside of what the manoeuvre can be driven at, or the preview of 0.3 to 3 s.
+        A speed or an option is outside of what the manoeuvre can be driven at.
     """
+    kind = _kind(name)
     speed = default_speed(name, vehicle) if speed is None else speed
-    kind = _KINDS[name]
     if not SLOWEST_KMH <= speed * 3.6 <= kind.fastest_kmh + 1e-6:
         raise CanrollError(
             f"speed {speed * 3.6:g} km/h: the {kind.title} is driven at "
             f"{SLOWEST_KMH:g} to {kind.fastest_kmh:g} km/h"
         )
-    if preview_time is not None and not 0.3 <= preview_time <= 3.0:
-        raise CanrollError(f"preview time {preview_time:g} s: a driver looks 0.3 to 3 s ahead")
-    duration, drive = kind.make(vehicle, speed, seed, preview_time=preview_time)
+    duration, drive = kind.make(vehicle, speed, seed, **_checked(name, given))
+    standard = kind.standard
+    if name == "double_lane_change":
+        if speed * 3.6 > 80.5:
+            standard += ", non-standard: driven faster than 80 km/h"
+        if vehicle.lane_offset != 3.5:
+            standard += f", non-standard: lane offset {vehicle.lane_offset:g} m"
     return Maneuver(
         name=name,
         title=kind.title,
-        standard=kind.standard,
+        standard=standard,
         speed=speed,
         duration_ns=round(duration * 1e9 / STEP_NS) * STEP_NS,
         drive=drive,
     )
+
+
+def replay(maneuver: Maneuver, steer: Vector) -> Maneuver:
+    """The same manoeuvre with the steering of an earlier run played back, no driver in the loop.
+
+    ``steer``: road-wheel angle (rad), one value a step, as :func:`simulate.run_passive` gives it.
+    What a law changes then is the car alone, not what the driver makes of it.
+    """
+    parameters = maneuver.drive.parameters.copy()
+    parameters[D_TABLE_STEP] = STEP_NS * 1e-9
+    parameters[D_STEER_RATE] = np.inf
+    drive = maneuver.drive._replace(
+        kind=STEER_TABLE, parameters=parameters, table=steer.copy(), memory=np.zeros(N_MEMORY)
+    )
+    return replace(maneuver, title=f"{maneuver.title}, steering replayed", drive=drive)

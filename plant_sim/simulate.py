@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 from plant_sim import ports
 from plant_sim.bodies import Body, initial_inputs
+from plant_sim.drive_setup import STEP_NS
 from plant_sim.driver import Drive
 from plant_sim.driver import drive as apply_drive
 from plant_sim.integrate import Vector
 from plant_sim.jit import njit
-from plant_sim.maneuvers import STEP_NS, Maneuver
+from plant_sim.maneuvers import Maneuver
 from vehicles import Vehicle
 
 
