@@ -6,6 +6,8 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -25,6 +27,7 @@ from plant_sim.can_bus.socketcand import DEFAULT_PORT
 from plant_sim.can_bus.traffic import Traffic, load_traffic
 
 _MS = 1e-6
+_PHASES = 20
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -143,17 +146,26 @@ def _delay(
         return total, (math.nan, math.nan)
     spec = traffic_spec(others, bitrate=traffic.bitrate, seed=args.seed)
     ecu = len(spec.nodes) - 1
-    loop = Loop(
-        sensor_node=0,
-        sensor_ident=sensor.message.ident,
-        command_node=ecu,
-        command_ident=command.message.ident,
-        actuator_node=0,
-        sensor_ns=int(sensor.message.period_ns),
-        tick_ns=round(args.tick * 1e6),
-        tick_offset_ns=round(args.tick * 1e6) // 3,
-    )
-    ages = simulate_ages(build_network(spec), loop, duration_ns=round(args.simulate * 1e9))
+    duration = round(args.simulate * 1e9 / _PHASES)
+    tick = round(args.tick * 1e6)
+    parts = [
+        simulate_ages(
+            build_network(spec),
+            Loop(
+                sensor_node=0,
+                sensor_ident=sensor.message.ident,
+                command_node=ecu,
+                command_ident=command.message.ident,
+                actuator_node=0,
+                sensor_ns=int(sensor.message.period_ns),
+                tick_ns=tick,
+                tick_offset_ns=tick * phase // _PHASES,
+            ),
+            duration_ns=duration,
+        )
+        for phase in range(_PHASES)
+    ]
+    ages = np.concatenate(parts)
     if not len(ages):
         return total, (math.nan, math.nan)
     if ages.max() * 1e-9 > total.age_max:
@@ -219,9 +231,8 @@ def _print(
     args: argparse.Namespace,
 ) -> None:
     console = Console()
-    table = Table(
-        title=f"{args.file.name} at {traffic.bitrate / 1000:g} kbit/s: response times, ms"
-    )
+    title = f"{args.file.name} at {traffic.bitrate / 1000:g} kbit/s: response times, ms"
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     for heading in ("message", "id", "period", "bound", "min", "mean", "99 %", "max"):
         table.add_column(heading, justify="left" if heading == "message" else "right")
     for bound in sorted(bounds, key=lambda b: b.message.ident):

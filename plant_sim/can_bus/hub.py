@@ -28,18 +28,24 @@ from plant_sim.can_bus.queues import enqueue
 from plant_sim.can_bus.scheduler import advance, next_event_ns
 
 RECEIVE_QUEUE: Final = 1 << 16
+TRANSMIT_QUEUE: Final = 256
 _PIECE_NS: Final = 100_000_000
 _IDLE_S: Final = 0.05
 
 
 @dataclass(slots=True, eq=False)
 class Port:
-    """One program's node on a hub; ``lost`` counts frames it was too slow to take."""
+    """One program's node on a hub.
+
+    ``lost`` counts frames it was too slow to take, ``outstanding`` those it sent that are not at
+    their end.
+    """
 
     node: int
     receive_own: bool = False
     entries: deque[Any] = field(default_factory=deque)
     lost: int = 0
+    outstanding: int = 0
 
 
 class Hub:
@@ -106,12 +112,12 @@ class Hub:
         buffer = np.zeros(MAX_PAYLOAD, np.uint8)
         buffer[: len(payload)] = np.frombuffer(payload, np.uint8)
         with self._lock:
-            node = self.network.nodes[port.node]
-            if node["pending"] >= node["capacity"]:
+            if port.outstanding >= TRANSMIT_QUEUE:
                 return False
             # the thread may have brought the bus a little beyond this moment
             when = max(self.now_ns(), int(self.network.clock[NOW]))
             accepted = bool(enqueue(self.network, port.node, when, ident, length, buffer, flags))
+            port.outstanding += accepted
             self._changed.notify()
             return accepted
 
@@ -154,11 +160,12 @@ class Hub:
         for port in self.ports:
             port.lost += missed
         for entry in entries:
-            if entry["outcome"] not in (DELIVERED, ERROR):
-                continue
+            seen = entry["outcome"] in (DELIVERED, ERROR)
             for port in self.ports:
                 own = entry["sender"] == port.node
-                if own and not port.receive_own:
+                if own and entry["outcome"] != ERROR:
+                    port.outstanding -= 1
+                if not seen or (own and not port.receive_own):
                     continue
                 if len(port.entries) >= RECEIVE_QUEUE:
                     port.lost += 1

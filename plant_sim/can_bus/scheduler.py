@@ -6,7 +6,6 @@ transmission is never pre-empted. Identifiers decide bit by bit: the lowest of a
 queued when the bus is free wins.
 """
 
-
 from plant_sim.can_bus.arrivals import forward, generate
 from plant_sim.can_bus.error_confinement import (
     acknowledged,

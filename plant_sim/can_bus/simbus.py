@@ -140,6 +140,20 @@ class SimBus(can.BusABC):
             self.hub.let_pass(_POLL_S)
             left -= _POLL_S
 
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """Return the next frame, None after ``timeout`` seconds of the bus's own time.
+
+        In virtual time a bus on which nothing will ever happen again returns None at once.
+        """
+        if not self.hub.virtual_time:
+            return super().recv(timeout)
+        end = None if timeout is None else self.hub.now_ns() + round(timeout * 1e9)
+        while True:
+            left = None if end is None else max(0, end - self.hub.now_ns()) * 1e-9
+            message, _ = self._recv_internal(left)
+            if message is None or self._matches_filters(message):
+                return message
+
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._open:
             raise can.CanOperationError("recv on a bus that has been shut down")

@@ -65,8 +65,8 @@ def encode(ident, flags, payload):
         arbitration = text + ("1" if remote else "0")
     data = "" if remote else "".join(format(byte, "08b") for byte in payload)
     if not fd:
-        control = ("00" if extended else "00") + dlc
-        body = sof + arbitration + control + data
+        # two reserved or format bits, dominant: r1 and r0, or IDE and r0
+        body = sof + arbitration + "00" + dlc + data
         crc = divide(body, "1100010110011001", "0" * 15)
         return stuffed(body + crc) + "1" + "0" + "1" + "1" * 7, 0, 0
     switch = "1" if flags & BIT_RATE_SWITCH else "0"
@@ -78,7 +78,7 @@ def encode(ident, flags, payload):
     code = gray[count % 8]
     code += str(code.count("1") % 2)
     if len(payload) <= 16:
-        crc = divide(dynamic + code, "110110100001011011"[:0] + format(0x3685B, "018b"), "1" + "0" * 16)
+        crc = divide(dynamic + code, format(0x3685B, "018b"), "1" + "0" * 16)
     else:
         crc = divide(dynamic + code, format(0x302899, "022b"), "1" + "0" * 20)
     tail = dynamic
