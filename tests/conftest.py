@@ -3,6 +3,11 @@
 import os
 
 import pytest
+from hypothesis import settings
+
+# the same examples on every machine, however slow it is
+settings.register_profile("reproducible", derandomize=True, deadline=None)
+settings.load_profile("reproducible")
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
