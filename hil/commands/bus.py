@@ -21,6 +21,7 @@ from plant_sim.can_bus.analysis import (
 from plant_sim.can_bus.delay_bounds import DelayBounds, total_delay
 from plant_sim.can_bus.delay_bounds import Path as DelayPath
 from plant_sim.can_bus.network import build_network
+from plant_sim.can_bus.replay import Recording, load_recording
 from plant_sim.can_bus.serving import serve_network
 from plant_sim.can_bus.simulation import Loop, Simulation, simulate, simulate_ages, traffic_spec
 from plant_sim.can_bus.socketcand import DEFAULT_PORT
@@ -57,6 +58,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         type=float,
         metavar="MS",
         help="the bounds allow for one disturbed frame in every MS milliseconds",
+    )
+    parser.add_argument(
+        "--replay",
+        type=Path,
+        metavar="LOG",
+        help="replay a bus log (.asc .blf .log …) beside the set, identifiers of the set left out",
     )
     parser.add_argument("--sensor", default="Imu", help="sensor message (default: %(default)s)")
     parser.add_argument(
@@ -116,6 +123,7 @@ def run(args: argparse.Namespace) -> int:
             data_bitrate=traffic.data_bitrate,
             seed=args.seed,
             worst_case_lengths=args.worst_case_lengths,
+            recording=_recording(traffic, args.replay),
         )
     delay = _delay(traffic, bounds, args)
     if args.json:
@@ -123,6 +131,17 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print(traffic, bounds, simulation, delay, args)
     return 0
+
+
+def _recording(traffic: Traffic, path: Path | None) -> Recording | None:
+    if path is None:
+        return None
+    return load_recording(
+        path,
+        bitrate=traffic.bitrate,
+        data_bitrate=traffic.data_bitrate,
+        leave_out={m.ident for m in traffic.messages},
+    )
 
 
 def _delay(

@@ -20,6 +20,7 @@ its own ``sender``. A gateway sends what it forwards from its own node on the ot
 ``t_origin`` keeps the time at which the first sender queued it.
 """
 
+from plant_sim.can_bus.accounting import Account, account, drain, load
 from plant_sim.can_bus.layout import (
     DELIVERED,
     ERROR,
@@ -28,21 +29,16 @@ from plant_sim.can_bus.layout import (
     OUTCOMES,
     SUPERSEDED,
     Network,
-    log_dtype,
     logged,
 )
 from plant_sim.can_bus.network import (
-    Account,
     Fault,
     Gateway,
     NetworkSpec,
     Node,
     Segment,
     Source,
-    account,
     build_network,
-    drain,
-    load,
 )
 from plant_sim.can_bus.profiles import (
     ACTUATOR,
@@ -59,6 +55,7 @@ from plant_sim.can_bus.profiles import (
     profile_spec,
 )
 from plant_sim.can_bus.queues import enqueue
+from plant_sim.can_bus.records import log_dtype
 from plant_sim.can_bus.scheduler import advance
 
 __all__ = [

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from plant_sim.can_bus.wire import (
     BIT_RATE_SWITCH,
     CRC15,
+    ERROR_STATE,
     EXTENDED,
     FD,
     FD_LENGTHS,
@@ -71,7 +72,7 @@ def wire_bits(
     if fd:
         at = _put(plain, at, 1 if flags & BIT_RATE_SWITCH else 0, 1)
         switch_at = at if flags & BIT_RATE_SWITCH else switch_at
-        at = _put(plain, at, 0, 1)
+        at = _put(plain, at, 1 if flags & ERROR_STATE else 0, 1)
     code = length_code(length)
     at = _put(plain, at, code, 4)
     count = 0 if remote else _LENGTHS[code]

@@ -28,7 +28,8 @@ from plant_sim.can_bus.layout import (
     SEED,
     Network,
 )
-from plant_sim.can_bus.queues import fault_active, finish, offer
+from plant_sim.can_bus.ledger import finish
+from plant_sim.can_bus.queues import fault_active, offer
 from plant_sim.can_bus.randomness import uniform
 from plant_sim.can_bus.wire import (
     ERROR_DELIMITER_BITS,

@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from plant_sim.can_bus.accounting import drain
 from plant_sim.can_bus.layout import (
     BUS_OFF,
     DELIVERED,
@@ -23,7 +24,7 @@ from plant_sim.can_bus.layout import (
     NOW,
     Network,
 )
-from plant_sim.can_bus.network import Node, add_node, drain
+from plant_sim.can_bus.network import Node, add_node
 from plant_sim.can_bus.queues import enqueue
 from plant_sim.can_bus.scheduler import advance, next_event_ns
 

@@ -5,6 +5,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.can_bus import records
+from plant_sim.can_bus.records import log_dtype
 from plant_sim.jit import njit
 
 Records = NDArray[Any]
@@ -87,159 +89,18 @@ MAX_PAYLOAD: Final = 64
 OFFERED: Final = len(OUTCOMES)
 """Column of ``Network.totals`` behind the outcomes: frames queued at all."""
 
-_SEGMENT: Final = np.dtype(
-    [
-        ("bitrate", "i8"),
-        ("data_bitrate", "i8"),
-        ("propagation_ns", "i8"),
-        ("bit_error_rate", "f8"),
-        ("free_ns", "i8"),
-        ("wake_ns", "i8"),
-        ("pending", "i8"),
-        ("in_flight", "i8"),
-        ("twin", "i8"),
-        ("start_ns", "i8"),
-        ("done_ns", "i8"),
-        ("end_ns", "i8"),
-        ("disturbance", "i8"),
-        ("culprit", "i8"),
-        ("busy_ns", "i8"),
-        ("transmissions", "i8"),
-        ("overloads", "i8"),
-        ("disturbed", "i8"),
-        ("bus_off", "i8"),
-        ("idle_from_ns", "i8"),
-    ]
-)
-_NODE: Final = np.dtype(
-    [
-        ("segment", "i8"),
-        ("policy", "i8"),
-        ("capacity", "i8"),
-        ("pending", "i8"),
-        ("single_shot", "i8"),
-        ("recovers", "i8"),
-        ("drift", "f8"),
-        ("transmit_errors", "i8"),
-        ("receive_errors", "i8"),
-        ("state", "i8"),
-        ("suspended_ns", "i8"),
-        ("recovery_left", "i8"),
-        ("bus_offs", "i8"),
-        ("delayed_ns", "i8"),
-    ]
-)
-_MESSAGE: Final = np.dtype(
-    [
-        ("key", "i8"),
-        ("ident", "i8"),
-        ("flags", "i8"),
-        ("node", "i8"),
-        ("gateways", "i8"),
-        ("offered", "i8"),
-        ("delivered", "i8"),
-        ("superseded", "i8"),
-        ("lost", "i8"),
-        ("attempts", "i8"),
-        ("response_sum", "i8"),
-        ("response_min", "i8"),
-        ("response_max", "i8"),
-    ]
-)
-_QUEUE: Final = np.dtype([("head", "i8"), ("tail", "i8"), ("waiting", "i8")])
-_FRAME: Final = np.dtype(
-    [
-        ("next", "i8"),
-        ("message", "i8"),
-        ("node", "i8"),
-        ("ident", "i8"),
-        ("flags", "i8"),
-        ("length", "i8"),
-        ("bits", "i8"),
-        ("attempts", "i8"),
-        ("t_origin", "i8"),
-        ("t_queued", "i8"),
-    ]
-)
-_SOURCE: Final = np.dtype(
-    [
-        ("node", "i8"),
-        ("ident", "i8"),
-        ("flags", "i8"),
-        ("length", "i8"),
-        ("bits", "i8"),
-        ("period_ns", "f8"),
-        ("offset_ns", "i8"),
-        ("jitter_ns", "i8"),
-        ("until_ns", "i8"),
-        ("random_payload", "i8"),
-        ("sent", "i8"),
-    ]
-)
-_GATEWAY: Final = np.dtype(
-    [
-        ("from_node", "i8"),
-        ("to_node", "i8"),
-        ("distribution", "i8"),
-        ("low_ns", "i8"),
-        ("high_ns", "i8"),
-        ("mean_ns", "f8"),
-        ("routes", "i8"),
-        ("last_ns", "i8"),
-        ("forwarded", "i8"),
-    ]
-)
-_FAULT: Final = np.dtype(
-    [
-        ("kind", "i8"),
-        ("target", "i8"),
-        ("from_ns", "i8"),
-        ("until_ns", "i8"),
-        ("ident", "i8"),
-        ("value", "i8"),
-        ("left", "i8"),
-    ]
-)
-
-
-def log_dtype() -> np.dtype[np.void]:
-    """Return the dtype of one log entry.
-
-    Times are nanoseconds: ``t_origin`` when the first sender queued it (gateways keep it),
-    ``t_queued``, ``t_start`` of the successful or last attempt (−1: never sent), ``t_received``
-    (the instant of reception, or of the loss or error) and ``t_end`` of the interframe space.
-    """
-    return np.dtype(
-        [
-            ("t_origin", "i8"),
-            ("t_queued", "i8"),
-            ("t_start", "i8"),
-            ("t_received", "i8"),
-            ("t_end", "i8"),
-            ("ident", "u4"),
-            ("sender", "i2"),
-            ("segment", "u1"),
-            ("flags", "u1"),
-            ("length", "u1"),
-            ("outcome", "u1"),
-            ("attempts", "u2"),
-            ("payload", "u1", (64,)),
-        ]
-    )
-
-
 _QUEUES: Final = MAX_NODES + MAX_MESSAGES
 _CALENDAR: Final = MAX_FRAMES + MAX_SOURCES
 _STATE: Final = np.dtype(
     [
         ("clock", "i8", (16,)),
         ("totals", "i8", (MAX_SEGMENTS, OFFERED + 1)),
-        ("segments", _SEGMENT, (MAX_SEGMENTS,)),
-        ("nodes", _NODE, (MAX_NODES,)),
-        ("messages", _MESSAGE, (MAX_MESSAGES,)),
+        ("segments", records.SEGMENT, (MAX_SEGMENTS,)),
+        ("nodes", records.NODE, (MAX_NODES,)),
+        ("messages", records.MESSAGE, (MAX_MESSAGES,)),
         ("message_table", "i8", (2 * MAX_MESSAGES,)),
-        ("queues", _QUEUE, (_QUEUES,)),
-        ("frames", _FRAME, (MAX_FRAMES,)),
+        ("queues", records.QUEUE, (_QUEUES,)),
+        ("frames", records.FRAME, (MAX_FRAMES,)),
         ("payloads", "u1", (MAX_FRAMES, MAX_PAYLOAD)),
         ("release_times", "i8", (_CALENDAR,)),
         ("release_ties", "i8", (_CALENDAR,)),
@@ -247,11 +108,11 @@ _STATE: Final = np.dtype(
         ("pending_keys", "i8", (MAX_SEGMENTS, _QUEUES)),
         ("pending_ties", "i8", (MAX_SEGMENTS, _QUEUES)),
         ("pending", "i8", (MAX_SEGMENTS, _QUEUES)),
-        ("sources", _SOURCE, (MAX_SOURCES,)),
+        ("sources", records.SOURCE, (MAX_SOURCES,)),
         ("source_payloads", "u1", (MAX_SOURCES, MAX_PAYLOAD)),
-        ("gateways", _GATEWAY, (MAX_GATEWAYS,)),
+        ("gateways", records.GATEWAY, (MAX_GATEWAYS,)),
         ("routes", "i8", (MAX_GATEWAYS, MAX_ROUTES)),
-        ("faults", _FAULT, (MAX_FAULTS,)),
+        ("faults", records.FAULT, (MAX_FAULTS,)),
         ("aside", "i8", (_QUEUES,)),
         ("scratch", "u1", (2, 1024)),
     ]

@@ -7,13 +7,11 @@ from numpy.typing import NDArray
 from plant_sim.can_bus.heap import push
 from plant_sim.can_bus.layout import (
     BUS_OFF,
-    DELIVERED,
     FAULT_COUNT,
     FIFO,
     FREE_FRAME,
     GATEWAY_COUNT,
     GATEWAY_DOWN,
-    LOGGED,
     LOST_BUS_OFF,
     LOST_NODE_DOWN,
     LOST_OVERFLOW,
@@ -31,6 +29,7 @@ from plant_sim.can_bus.layout import (
     SUPERSEDED,
     Network,
 )
+from plant_sim.can_bus.ledger import finish
 from plant_sim.can_bus.wire import REMOTE, arbitration_key
 from plant_sim.jit import njit
 
@@ -254,58 +253,3 @@ def offer(network: Network, number: int) -> None:
     )
     segment.pending += 1
     segment.wake_ns = 0
-
-
-@njit
-def finish(
-    network: Network, slot: int, outcome: int, t_start: int, t_received: int, t_end: int
-) -> None:
-    """Log the end of a frame, count it and free its slot."""
-    bus = network.state[0]
-    write_log(network, slot, outcome, t_start, t_received, t_end)
-    frame = bus.frames[slot]
-    message = bus.messages[frame.message]
-    message.attempts += frame.attempts
-    if outcome == DELIVERED:
-        message.delivered += 1
-        response = t_end - frame.t_queued
-        message.response_sum += response
-        message.response_min = min(message.response_min, response)
-        message.response_max = max(message.response_max, response)
-    elif outcome == SUPERSEDED:
-        message.superseded += 1
-    else:
-        message.lost += 1
-    frame.next = bus.clock[FREE_FRAME]
-    bus.clock[FREE_FRAME] = slot
-
-
-@njit
-def write_log(
-    network: Network, slot: int, outcome: int, t_start: int, t_received: int, t_end: int
-) -> None:
-    """Append what happened to a frame to the ring log and to the segment's totals."""
-    bus = network.state[0]
-    frame = bus.frames[slot]
-    segment = bus.nodes[frame.node].segment
-    bus.totals[segment, outcome] += 1
-    total = bus.clock[LOGGED]
-    entry = network.log[total % len(network.log)]
-    entry.t_origin = frame.t_origin
-    entry.t_queued = frame.t_queued
-    entry.t_start = t_start
-    entry.t_received = t_received
-    entry.t_end = t_end
-    entry.ident = frame.ident
-    entry.sender = frame.node
-    entry.segment = segment
-    entry.flags = frame.flags
-    entry.length = frame.length
-    entry.outcome = outcome
-    entry.attempts = frame.attempts
-    stored = bus.payloads[slot]
-    for index in range(frame.length):
-        entry.payload[index] = stored[index]
-    for index in range(frame.length, 8):
-        entry.payload[index] = 0
-    bus.clock[LOGGED] = total + 1

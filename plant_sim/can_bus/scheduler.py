@@ -45,14 +45,11 @@ from plant_sim.can_bus.layout import (
     SUPERSEDED,
     Network,
 )
-from plant_sim.can_bus.queues import (
-    fault_active,
-    finish,
-    offer,
-    release,
-    write_log,
-)
+from plant_sim.can_bus.ledger import finish, write_log
+from plant_sim.can_bus.queues import fault_active, offer, release
 from plant_sim.can_bus.wire import (
+    ERROR_STATE,
+    FD,
     INTERFRAME_BITS,
     OVERLOAD_BITS,
     RECEPTION_BITS_BEFORE_END,
@@ -196,6 +193,9 @@ def _start(network: Network, which: int, slot: int, twin: int, now: int) -> None
     bus = network.state[0]
     segment = bus.segments[which]
     frame = bus.frames[slot]
+    if frame.flags & FD:
+        passive = bus.nodes[frame.node].state == ERROR_PASSIVE
+        frame.flags = frame.flags & ~ERROR_STATE | (ERROR_STATE if passive else 0)
     nominal: int = frame.bits
     data = 0
     if nominal == 0:

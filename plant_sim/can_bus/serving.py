@@ -6,8 +6,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from plant_sim.can_bus.accounting import drain
 from plant_sim.can_bus.layout import DELIVERED, MAX_PAYLOAD, NOW, Network
-from plant_sim.can_bus.network import Node, add_node, drain
+from plant_sim.can_bus.network import Node, add_node
 from plant_sim.can_bus.queues import enqueue
 from plant_sim.can_bus.scheduler import advance, next_event_ns
 from plant_sim.can_bus.socketcand import DEFAULT_PORT, MAX_CLIENTS, SocketcandServer

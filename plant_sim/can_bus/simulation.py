@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.can_bus.accounting import account, drain, load
 from plant_sim.can_bus.layout import DELIVERED, Network, logged
 from plant_sim.can_bus.messages import BusMessage
 from plant_sim.can_bus.network import (
@@ -14,12 +15,11 @@ from plant_sim.can_bus.network import (
     NetworkSpec,
     Node,
     Segment,
-    account,
+    add_node,
     build_network,
-    drain,
-    load,
 )
 from plant_sim.can_bus.queues import enqueue
+from plant_sim.can_bus.replay import Recording, feed
 from plant_sim.can_bus.scheduler import advance
 from plant_sim.can_bus.wire import worst_case_bits
 
@@ -94,6 +94,7 @@ def simulate(
     data_bitrate: int = 0,
     seed: int = 0,
     worst_case_lengths: bool = False,
+    recording: Recording | None = None,
 ) -> Simulation:
     """Simulate a traffic set and return the response time of every frame.
 
@@ -104,6 +105,7 @@ def simulate(
         data_bitrate: of FD frames with bit-rate switch, 0: as nominal.
         seed: of jitter and payloads.
         worst_case_lengths: send every classic frame with the most stuff bits it can have.
+        recording: replayed beside the set; its frames count towards load and account alone.
     """
     spec = traffic_spec(
         messages,
@@ -113,16 +115,21 @@ def simulate(
         worst_case_lengths=worst_case_lengths,
     )
     network = build_network(spec)
+    player = add_node(network, Node("Recording", policy="priority", capacity=MAX_CAPACITY))
+    replayed = 0
     names = {(m.sender, m.ident, m.flags): m.name for m in messages}
     nodes = [node.name for node in spec.nodes]
     collected: dict[str, list[NDArray[np.int64]]] = {m.name: [] for m in messages}
     cursor = frames = 0
     end = round(duration_s * 1e9)
     for now in range(_CHUNK_NS, end + _CHUNK_NS, _CHUNK_NS):
+        if recording is not None:
+            replayed = feed(network, recording, player, replayed, min(now, end))
         advance(network, min(now, end))
         entries, cursor, _ = drain(network, cursor)
         entries = entries[entries["outcome"] == DELIVERED]
         frames += len(entries)
+        entries = entries[entries["sender"] != player]
         response = entries["t_end"] - entries["t_queued"]
         keys = np.stack([entries[f].astype(np.int64) for f in ("sender", "ident", "flags")])
         for sender, ident, flags in np.unique(keys, axis=1).T:

@@ -17,6 +17,8 @@ EXTENDED: Final = 1
 REMOTE: Final = 2
 FD: Final = 4
 BIT_RATE_SWITCH: Final = 8
+ERROR_STATE: Final = 16
+"""An FD frame whose sender is error-passive: its ESI bit is recessive."""
 
 INTERFRAME_BITS: Final = 3
 ERROR_DELIMITER_BITS: Final = 8
@@ -93,7 +95,7 @@ def frame_bits(ident: int, flags: int, length: int, payload: NDArray[np.uint8]) 
 
     Args:
         ident: 11-bit identifier, or 29-bit with ``EXTENDED``.
-        flags: any of ``EXTENDED``, ``REMOTE``, ``FD``, ``BIT_RATE_SWITCH``.
+        flags: any of ``EXTENDED``, ``REMOTE``, ``FD``, ``BIT_RATE_SWITCH``, ``ERROR_STATE``.
         length: payload bytes (of a remote frame: the length it asks for).
         payload: at least ``length`` bytes; not read for remote frames.
     """
@@ -149,9 +151,10 @@ def _fd_bits(ident: int, flags: int, length: int, payload: NDArray[np.uint8]) ->
         state = step & _STUFF_MASK
         stuffed += step >> 3
     nominal_stuffed = stuffed
+    esi = 16 if flags & ERROR_STATE else 0
     last, run = state >> 2, (state & 3) + 1
     for position in range(4, -1, -1):
-        bit = code >> position & 1
+        bit = (esi | code) >> position & 1
         run = run + 1 if bit == last else 1
         last = bit
         # a fixed stuff bit follows the last bit before the stuff count in any case

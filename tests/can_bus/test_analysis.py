@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from plant_sim.can_bus.accounting import drain
 from plant_sim.can_bus.analysis import (
     ErrorModel,
     response_bound_1994,
@@ -10,10 +11,10 @@ from plant_sim.can_bus.analysis import (
     worst_case_utilisation,
 )
 from plant_sim.can_bus.messages import BusMessage
-from plant_sim.can_bus.network import NetworkSpec, Node, Segment, build_network, drain
+from plant_sim.can_bus.network import NetworkSpec, Node, Segment, Source, build_network
 from plant_sim.can_bus.scheduler import advance
 from plant_sim.can_bus.simulation import simulate
-from plant_sim.can_bus.wire import EXTENDED, worst_case_bits
+from plant_sim.can_bus.wire import EXTENDED, arbitration_key, worst_case_bits
 
 MS = 1_000_000
 
@@ -119,9 +120,6 @@ def critical_instant(messages, victim, bitrate, bounds):
     chosen = messages[victim]
     sources = []
     worst = [worst_case_bits(m.length, m.flags)[0] for m in messages]
-    from plant_sim.can_bus.network import Source
-    from plant_sim.can_bus.wire import arbitration_key
-
     key = arbitration_key(chosen.ident, chosen.flags)
     lower = [i for i, m in enumerate(messages) if arbitration_key(m.ident, m.flags) > key]
     blocker = max(lower, key=lambda i: worst[i], default=None)

@@ -6,6 +6,7 @@ import pytest
 from plant_sim.can_bus.bits import wire_bits
 from plant_sim.can_bus.wire import (
     BIT_RATE_SWITCH,
+    ERROR_STATE,
     EXTENDED,
     FD,
     FD_LENGTHS,
@@ -71,7 +72,7 @@ def encode(ident, flags, payload):
         return stuffed(body + crc) + "1" + "0" + "1" + "1" * 7, 0, 0
     switch = "1" if flags & BIT_RATE_SWITCH else "0"
     slow = sof + arbitration + ("" if extended else "0") + "10" + switch
-    fast = "0" + dlc + data
+    fast = ("1" if flags & ERROR_STATE else "0") + dlc + data
     dynamic = stuffed(slow + fast, leave_last=True)
     count = len(dynamic) - len(slow + fast)
     gray = {0: "000", 1: "001", 2: "011", 3: "010", 4: "110", 5: "111", 6: "101", 7: "100"}
@@ -109,7 +110,13 @@ def random_frame(rng, kinds):
 
 
 CLASSIC = [0, EXTENDED, REMOTE, EXTENDED | REMOTE]
-FLEXIBLE = [FD, FD | EXTENDED, FD | BIT_RATE_SWITCH, FD | EXTENDED | BIT_RATE_SWITCH]
+FLEXIBLE = [
+    FD,
+    FD | EXTENDED,
+    FD | BIT_RATE_SWITCH,
+    FD | EXTENDED | BIT_RATE_SWITCH,
+    FD | BIT_RATE_SWITCH | ERROR_STATE,
+]
 
 
 def compare(count, kinds, seed):
