@@ -1,13 +1,16 @@
 """What a run looks like on the terminal: a table, the verdict, and quiet progress."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
+import rich.table
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
-from rich.table import Table
+from rich.text import Text
 
-from hil.report.rows import Row, can_rows, metric_rows
+from hil.report.page import Cell, Table
+from hil.report.rows import can_rows, metric_rows
 from hil.result import Result
 
 
@@ -30,14 +33,32 @@ def progress(*, quiet: bool) -> Iterator[Callable[[str, float], None]]:
         yield report
 
 
-def _table(head: tuple[str, ...], rows: list[Row]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
+def _table(head: Sequence[str], rows: Iterable[Sequence[str | Cell]]) -> rich.table.Table:
+    table = rich.table.Table(box=None, pad_edge=False, header_style="bold")
     table.add_column(head[0], no_wrap=True)
     for name in head[1:]:
-        table.add_column(name, justify="right", no_wrap=True)
+        table.add_column(name, justify="right", overflow="fold")
     for row in rows:
-        table.add_row(row.name, *(number.text for number in row.numbers))
+        table.add_row(*(cell if isinstance(cell, str) else cell.text for cell in row))
     return table
+
+
+def show_table(table: Table) -> None:
+    """Print a table of a report page."""
+    Console(highlight=False).print(_table(table.head, table.rows))
+
+
+def show_warnings(warnings: Iterable[str]) -> None:
+    """Print warnings, one line each."""
+    console = Console(highlight=False)
+    for warning in warnings:
+        console.print(f"[yellow]warning:[/yellow] {escape(warning)}", soft_wrap=True)
+
+
+def show_files(files: Mapping[str, str]) -> None:
+    """Print what was written, one line each."""
+    if files:
+        print("\n" + "\n".join(f"{name:<12} {path}" for name, path in files.items()))
 
 
 def show(result: Result) -> None:
@@ -48,15 +69,15 @@ def show(result: Result) -> None:
         f"[bold]{settings.scenario.replace('_', ' ')}[/bold], {settings.vehicle.name} at "
         f"{settings.speed * 3.6:.0f} km/h, {settings.law} over {settings.bus}"
     )
-    colour = {True: "green", False: "red", None: "none"}[result.helps]
-    console.print(f"[{colour}]{result.verdict}[/{colour}]" if colour != "none" else result.verdict)
-    for warning in result.warnings:
-        console.print(f"[yellow]warning:[/yellow] {warning}", soft_wrap=True)
+    style = {True: "green", False: "red", None: ""}[result.helps]
+    console.print(Text(result.verdict, style=style), soft_wrap=True)
+    show_warnings(text for text in result.warnings if text not in result.verdict)
     console.print()
-    head = ("", "passive", "controlled", "change", "no roll at all")
-    console.print(_table(head, metric_rows(result)))
+    head: tuple[str, ...] = ("", "passive", "controlled", "change", "no roll at all")
+    console.print(_table(head, [(row.name, *row.numbers) for row in metric_rows(result)]))
     console.print()
-    console.print(_table(("", "least", "mean", "most"), can_rows(result)))
+    head = ("", "least", "mean", "most")
+    console.print(_table(head, [(row.name, *row.numbers) for row in can_rows(result)]))
     trigger = result.trigger
     console.print(
         f"bus load {100 * result.can.load:.1f} %; {trigger.sent} commands in {trigger.samples} "
@@ -65,5 +86,4 @@ def show(result: Result) -> None:
         f"(heartbeats alone: {100 * trigger.floor:.0f} %)",
         soft_wrap=True,
     )
-    if result.files:
-        console.print("\n" + "\n".join(f"{name:<12} {path}" for name, path in result.files.items()))
+    show_files(result.files)

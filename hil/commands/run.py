@@ -29,17 +29,26 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.set_defaults(run=run)
 
 
-def add_run_options(parser: argparse.ArgumentParser) -> None:
-    """Add what says which controller drives which vehicle over which bus."""
+def add_run_options(parser: argparse.ArgumentParser, *, speed_range: str = "") -> None:
+    """Add what says which controller drives which vehicle over which bus.
+
+    ``speed_range``: speeds and laws are lists, this being the default of the speeds.
+    """
     parser.add_argument("--vehicle", help="preset or TOML file (default: van_real)")
-    parser.add_argument("--law", help="control law, or passive (default: lqg_delay)")
+    several = ", several with commas" if speed_range else ", or passive"
+    parser.add_argument("--law", help=f"control law{several} (default: lqg_delay)")
     parser.add_argument(
         "--calibration", type=Path, metavar="FILE", help="of canroll design; instead of a law"
     )
     parser.add_argument("--actuator", help="suspension, bars, dampers, valves")
     parser.add_argument("--observer", help="two_sensors, one_sensor, propagated, reference")
     parser.add_argument("--plant", help="vehicle model that is simulated (default: roll1)")
-    parser.add_argument("--speed", type=float, metavar="KMH", help="default: the vehicle's own")
+    if speed_range:
+        parser.add_argument(
+            "--speed", metavar="FROM:TO:STEP", default=speed_range, help="default: %(default)s"
+        )
+    else:
+        parser.add_argument("--speed", type=float, metavar="KMH", help="default: the vehicle's own")
     parser.add_argument("--bus", help="500k, 125k_busy, gateway_20ms, gateway_50ms")
     parser.add_argument("--tick", type=float, metavar="MS", help="period of the loop (default: 10)")
     parser.add_argument("--trigger", help="event or every (default: event)")

@@ -152,10 +152,10 @@ class Playback {
     context.fillStyle = this.ink("--ink");
     context.font = "13px system-ui, sans-serif";
     context.textAlign = "center";
-    context.fillText(`${car.name}  ${((roll * 180) / Math.PI).toFixed(2)}°`, centre, 14);
+    context.fillText(`${car.name}  ${((roll * 180) / Math.PI).toFixed(2)}°`, centre, 14, cell - 8);
     context.fillStyle = this.ink("--soft");
     context.font = "11px system-ui, sans-serif";
-    context.fillText("wheel load", centre, ground + 14);
+    if (cell > 150) context.fillText("wheel load", centre, ground + 14);
   }
 
   drawTop(context) {

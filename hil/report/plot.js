@@ -139,7 +139,7 @@ class Plot {
   draw() {
     const width = Math.max(this.figure.clientWidth - 26, 200);
     const height = this.spec.equal ? Math.min(300, width * 0.6) : Math.min(250, width * 0.62);
-    const box = { left: 52, right: width - 8, top: 8, bottom: height - 36 };
+    const box = { left: 52, right: width - 16, top: 8, bottom: height - 36 };
     this.box = box;
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.svg.style.height = `${height}px`;
@@ -202,12 +202,17 @@ class Plot {
         d += `M${left.toFixed(1)} ${base.toFixed(1)}V${this.sy(y[i]).toFixed(1)}H${right.toFixed(1)}V${base.toFixed(1)}Z`;
         points++;
       }
+    } else if (kind === "points") {
+      for (let i = 0; i < x.length; i++) {
+        d += `M${(this.sx(x[i]) - 5).toFixed(1)} ${this.sy(y[i]).toFixed(1)}a5 5 0 1 0 10 0a5 5 0 1 0 -10 0Z`;
+        points++;
+      }
     } else {
       [d, points] = this.line(series, xr);
     }
     const node = element("path", { class: "series", d }, layer);
     node.style.stroke = this.colour(series);
-    if (kind === "bars") {
+    if (kind === "bars" || kind === "points") {
       node.style.fill = this.colour(series);
       node.style.fillOpacity = "0.55";
     }
@@ -337,7 +342,8 @@ class Plot {
     for (const series of this.series) {
       if (!series.shown || series.kind === "marks" || this.spec.equal || !series.x.length) continue;
       let i = nearest(series.x, x);
-      if (series.kind !== undefined && series.kind !== "line" && series.x[i] > x && i > 0) i--;
+      if (series.kind === "points" && Math.abs(this.sx(series.x[i]) - px) > 12) continue;
+      if ((series.kind === "step" || series.kind === "bars") && series.x[i] > x && i > 0) i--;
       const row = tag("div", "", this.tip);
       tag("i", "", row).style.background = this.colour(series);
       row.append(`${series.name}: ${readable(series.y[i])}`);

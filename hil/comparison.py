@@ -1,0 +1,131 @@
+"""Several runs held against each other: laws, buses, speeds, on one page and in one table."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from canroll.errors import CanrollError
+from gain_gen.laws import LAWS
+from hil.controller import PASSIVE, choose
+from hil.experiment import plan, simulate
+from hil.result import Result, Settings
+from hil.trace import Trace
+
+KEYS = {
+    "vehicle": str,
+    "law": str,
+    "calibration": str,
+    "actuator": str,
+    "observer": str,
+    "plant": str,
+    "speed": float,
+    "bus": str,
+    "tick": float,
+    "trigger": str,
+    "backend": str,
+    "seed": int,
+}
+"""What a run may be described by, as ``key=value``; the same names as the options of a run."""
+
+_KEYWORDS = {"speed": "speed_kmh", "tick": "tick_ms"}
+
+Report = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """One run of a comparison: how it was asked for, and what came of it."""
+
+    name: str
+    result: Result
+
+
+def describe(text: str) -> dict[str, Any]:
+    """Return the keywords of a run described as "lqr", "file.toml" or "law=lqr,bus=125k_busy".
+
+    Raises:
+        CanrollError: an unknown key or a value that is no number.
+        UnknownNameError: an unknown law or key.
+    """
+    if "=" not in text:
+        if text.endswith(".toml"):
+            return {"calibration": text}
+        return {"law": choose("law", text, {**LAWS, PASSIVE: None})}
+    keywords: dict[str, Any] = {}
+    for part in text.split(","):
+        key, _, value = part.partition("=")
+        choose("key of a run", key, KEYS)
+        try:
+            keywords[_KEYWORDS.get(key, key)] = KEYS[key](value)
+        except ValueError as error:
+            raise CanrollError(f"'{part}' in '{text}': {value!r} is no number") from error
+    return keywords
+
+
+def runs(
+    scenario: str,
+    wanted: Sequence[tuple[str, Mapping[str, Any]]],
+    *,
+    common: Mapping[str, Any] | None = None,
+    duration: float | None = None,
+    progress: Report | None = None,
+) -> Iterator[Named]:
+    """Drive ``scenario`` once for every description, and once more without control.
+
+    Runs that differ in their controller alone share the run without control.
+
+    Args:
+        scenario: name of the manoeuvre.
+        wanted: name and keywords of :func:`hil.run` for each.
+        common: keywords that hold for all where a description has no other.
+        duration: s, where shorter than the manoeuvre.
+        progress: called with the name of the run and the share done.
+    """
+    driven: list[tuple[Settings, Trace]] = []
+    # names are refused before anything slow is done
+    planned = [
+        (name, *plan(scenario, **_merged(common or {}, keywords), duration=duration))
+        for name, keywords in wanted
+    ]
+    for name, settings, controller in planned:
+        same = replace(settings, law="", observer="", trigger="")
+        result = simulate(
+            settings,
+            controller,
+            duration=duration,
+            passive=next((trace for other, trace in driven if other == same), None),
+            progress=None if progress is None else _named(progress, name),
+        )
+        driven.append((same, result.passive))
+        yield Named(name, result)
+
+
+def _merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keywords of one run; its own calibration replaces what all the others share."""
+    fixed = ("vehicle", "law", "actuator", "observer", "tick_ms", "trigger")
+    if "calibration" in own:
+        common = {key: value for key, value in common.items() if key not in fixed}
+    return {**common, **own}
+
+
+def _named(progress: Report, name: str) -> Report:
+    return lambda stage, share: progress(f"{name}, {stage}", share)
+
+
+def parse_range(text: str) -> list[float]:
+    """Return the numbers of "60:160:20" (from, to, step; the end included) or of "60,80,100".
+
+    Raises:
+        CanrollError: not a range of up to 1000 numbers.
+    """
+    try:
+        if ":" not in text:
+            return [float(part) for part in text.split(",")]
+        first, last, *rest = (float(part) for part in text.split(":"))
+        (step,) = rest or (10.0,)
+        count = round((last - first) / step * 1e9) // 10**9
+    except (ValueError, ZeroDivisionError, OverflowError) as error:
+        raise CanrollError(f"'{text}' is no range: write from:to:step, as 60:160:20") from error
+    if not 0 <= count < 1000:
+        raise CanrollError(f"'{text}' is no range of up to 1000 numbers: write from:to:step")
+    return [first + step * k for k in range(int(count) + 1)]
