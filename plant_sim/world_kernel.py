@@ -24,7 +24,7 @@ STEP_NS = 1_000_000
 FRAME = np.dtype([("t_ns", "i8"), ("ident", "u4"), ("length", "u1"), ("payload", "u1", (8,))])
 """A frame received at the ECU at ``t_ns``."""
 
-# Slots of Parts.clock.
+# Slots of Memory.clock.
 (
     PLANT_NS,
     ROWS,
@@ -44,7 +44,11 @@ FRAME = np.dtype([("t_ns", "i8"), ("ident", "u4"), ("length", "u1"), ("payload",
 ) = range(15)
 NOTHING = -1
 
-# Columns of Parts.outbox and of Parts.flight (commands on their way, a ring).
+# Memory.roles: who takes in a frame of each standard identifier.
+NOBODY, FOR_ACTUATOR, FOR_ECU, FOR_ECU_IMU = range(4)
+STANDARD_IDENT = 0x7FF
+
+# Columns of Memory.outbox and of Memory.flight (commands on their way, a ring).
 OUT_TIME, OUT_IDENT, OUT_LENGTH, OUT_WORD, N_OUTBOX = range(5)
 FLIGHT_SUBMITTED, FLIGHT_SAMPLE, N_FLIGHT = range(3)
 
@@ -55,7 +59,7 @@ class Memory(NamedTuple):
     clock: NDArray[np.int64]
     outbox: NDArray[np.int64]
     flight: NDArray[np.int64]
-    listens: NDArray[np.int64]
+    roles: NDArray[np.uint8]
     sensors: Sensors
     actuators: Actuators
     tables: Codec
@@ -109,7 +113,7 @@ def _post(world: Memory, network: bus.Network, payload: NDArray[np.uint8]) -> No
         out = world.outbox[k]
         ident = out[OUT_IDENT]
         _send(network, payload, bus.ECU, out[OUT_TIME], ident, out[OUT_LENGTH], out[OUT_WORD])
-        if actuators.listens(world.actuators, world.tables, ident) >= 0:
+        if world.roles[ident & STANDARD_IDENT] == FOR_ACTUATOR:
             flight = world.flight[clock[SUBMISSIONS] % len(world.flight)]
             flight[FLIGHT_SUBMITTED] = out[OUT_TIME]
             flight[FLIGHT_SAMPLE] = clock[IMU_SAMPLE]
@@ -145,28 +149,27 @@ def _deliver(
     total = bus.logged(network)
     for number in range(clock[LOG_CURSOR], total):
         entry = log[number % len(log)]
-        if entry.outcome != bus.DELIVERED:
+        role = world.roles[entry.ident & STANDARD_IDENT]
+        if role == NOBODY or entry.outcome != bus.DELIVERED or entry.flags != 0:
             continue
-        ident = int(entry.ident)
-        if entry.segment == clock[ACTUATOR_SEGMENT]:
-            which = actuators.listens(world.actuators, world.tables, ident)
-            if which >= 0 and actuators.receive(
-                world.actuators, world.tables, which, word_of(entry.payload), entry.t_received
-            ):
+        if role == FOR_ACTUATOR:
+            if entry.segment != clock[ACTUATOR_SEGMENT]:
+                continue
+            which = actuators.listens(world.actuators, world.tables, entry.ident)
+            word = word_of(entry.payload)
+            if actuators.receive(world.actuators, world.tables, which, word, entry.t_received):
                 row = commands[clock[APPLIED_COMMANDS]]
                 _accepted(world, row, entry.t_origin, entry.t_received)
-        if entry.segment == clock[ECU_SEGMENT]:
-            for k in range(len(world.listens)):
-                if ident == world.listens[k]:
-                    frame = received[clock[RECEIVED]]
-                    frame.t_ns = entry.t_received
-                    frame.ident = entry.ident
-                    frame.length = entry.length
-                    for byte in range(8):
-                        frame.payload[byte] = entry.payload[byte]
-                    clock[RECEIVED] += 1
-                    if k == 0:
-                        clock[IMU_SAMPLE] = entry.t_origin - clock[IMU_LATENCY]
+        elif entry.segment == clock[ECU_SEGMENT]:
+            frame = received[clock[RECEIVED]]
+            frame.t_ns = entry.t_received
+            frame.ident = entry.ident
+            frame.length = entry.length
+            for byte in range(8):
+                frame.payload[byte] = entry.payload[byte]
+            clock[RECEIVED] += 1
+            if role == FOR_ECU_IMU:
+                clock[IMU_SAMPLE] = entry.t_origin - clock[IMU_LATENCY]
     clock[LOG_CURSOR] = total
 
 

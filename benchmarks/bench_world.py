@@ -1,0 +1,74 @@
+"""The closed world beside the plant alone: how much sensors, actuators and bus add to a step.
+
+Prints, for every body, the rate of the plant alone and of the whole world with a command frame
+every 10 ms, both as multiples of real time, and their ratio. Best of several runs.
+"""
+
+import argparse
+import time
+
+import dbc
+import vehicles
+from plant_sim import bodies, can_bus, codec, e2e, maneuvers, simulate
+from plant_sim.world import World
+
+TICK_NS = 10_000_000
+COMMAND = "SuspensionForceCommand"
+
+
+def commands():
+    """One period of protected command frames, their counters in order."""
+    message = dbc.load().get_message_by_name(COMMAND)
+    plain = message.encode({signal.name: 0 for signal in message.signals}, strict=False)
+    word = int.from_bytes(plain, "little", signed=True)
+    data_id = dbc.data_id(message)
+    return message.frame_id, [
+        (e2e.protect(data_id, k, word) & (1 << 64) - 1).to_bytes(8, "little")
+        for k in range(e2e.COUNTERS)
+    ]
+
+
+def plant_alone(vehicle, body):
+    maneuver = maneuvers.build("double_lane_change", vehicle)
+    start = time.perf_counter()
+    simulate.run_passive(vehicle, bodies.body(body), maneuver)
+    return maneuver.duration_ns * 1e-9 / (time.perf_counter() - start)
+
+
+def whole_world(vehicle, body, bus):
+    ident, frames = commands()
+    world = World(
+        vehicle=vehicle,
+        body=body,
+        actuator="suspension",
+        maneuver=maneuvers.build("double_lane_change", vehicle),
+        profile=can_bus.load_profile(bus),
+    )
+    start = time.perf_counter()
+    for k, t_ns in enumerate(range(TICK_NS, world.duration_ns, TICK_NS)):
+        world.advance(t_ns)
+        world.submit(t_ns + 100_000, ident, frames[k % len(frames)])
+    return world.duration_ns * 1e-9 / (time.perf_counter() - start)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--vehicle", default="van_real")
+    parser.add_argument("--bus", default="500k")
+    parser.add_argument("--runs", type=int, default=15)
+    options = parser.parse_args()
+    vehicle = vehicles.load(options.vehicle)
+    codec.load()
+    for body in bodies.BODIES:
+        alone, world = 0.0, 0.0
+        for _ in range(options.runs):
+            alone = max(alone, plant_alone(vehicle, body))
+            world = max(world, whole_world(vehicle, body, options.bus))
+        print(
+            f"{body:10} alone {alone:7.0f} x real time, world {world:7.0f} x, "
+            f"ratio {world / alone:.2f}"
+        )
+
+
+if __name__ == "__main__":
+    main()

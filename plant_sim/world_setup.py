@@ -1,0 +1,156 @@
+"""What a world is made of: bodies, nodes and bus joined for one run."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import UnknownNameError
+from plant_sim import (
+    actuator_setup,
+    can_bus,
+    codec,
+    ports,
+    recording,
+    sensor_setup,
+    sensors,
+    simulate,
+)
+from plant_sim import world_kernel as kernel
+from plant_sim.actuator_setup import ActuatorOptions
+from plant_sim.bodies import Body, initial_inputs
+from plant_sim.maneuvers import Maneuver
+from plant_sim.records import to_record
+from plant_sim.sensor_setup import SensorOptions
+from plant_sim.world_kernel import Memory, Parts
+from vehicles.model import Vehicle
+
+LOG_CAPACITY = 1 << 15
+_OUTBOX_CAPACITY = 256
+_INBOX_CAPACITY = 8192
+_FLIGHT_CAPACITY = 64
+
+_SENDERS = {
+    "Imu": can_bus.IMU,
+    "VehicleMotion": can_bus.CHASSIS,
+    "SuspensionRate": can_bus.SUSPENSION,
+    "SuspensionTravel": can_bus.SUSPENSION,
+    "RollReference": can_bus.REFERENCE,
+    "ActuatorState": can_bus.ACTUATOR,
+}
+
+
+def _ident(message: str) -> int:
+    return int(codec.load().message[codec.message_index(message), codec.IDENT])
+
+
+def _command(actuator: str, command: str | None) -> str:
+    known = [name for name, _, _ in actuator_setup.COMMANDS[actuator]]
+    if command is not None and command not in known:
+        raise UnknownNameError(f"command of actuator '{actuator}'", command, known)
+    return command or known[0]
+
+
+def _roles(actuator: str) -> NDArray[np.uint8]:
+    """Who takes in a frame of each standard identifier."""
+    roles = np.full(kernel.STANDARD_IDENT + 1, kernel.NOBODY, dtype=np.uint8)
+    roles[[_ident(name) for name in sensor_setup.NODES]] = kernel.FOR_ECU
+    roles[_ident("Imu")] = kernel.FOR_ECU_IMU
+    commands = [_ident(name) for name, _, _ in actuator_setup.COMMANDS[actuator]]
+    roles[commands] = kernel.FOR_ACTUATOR
+    return roles
+
+
+def _sensors(
+    vehicle: Vehicle,
+    options: SensorOptions,
+    seed: int,
+    inputs: NDArray[np.float64],
+    outputs: NDArray[np.float64],
+) -> sensors.Sensors:
+    """Sensor nodes on their bus nodes, low-passes settled on the state that the run starts in."""
+    nodes = sensor_setup.build(vehicle, options=options, seed=seed)
+    for row, message in zip(nodes.node, sensor_setup.NODES, strict=True):
+        row[sensors.BUS_NODE] = _SENDERS[message]
+    sensors.observe(nodes, inputs, outputs)
+    for column in (sensors.FILTERED, sensors.PREVIOUS):
+        nodes.channel[:, column] = nodes.channel[:, sensors.INPUT]
+    return nodes
+
+
+def _clock(nodes: sensors.Sensors, network: can_bus.Network, seed: int) -> NDArray[np.int64]:
+    clock = np.zeros(kernel.N_CLOCK, dtype=np.int64)
+    clock[kernel.IMU_SAMPLE] = kernel.NOTHING
+    clock[kernel.IMU_LATENCY] = nodes.node[sensor_setup.NODES.index("Imu"), sensors.LATENCY]
+    clock[kernel.ECU_SEGMENT] = network.nodes["segment"][can_bus.ECU]
+    clock[kernel.ACTUATOR_SEGMENT] = network.nodes["segment"][can_bus.ACTUATOR]
+    clock[kernel.SEED] = seed
+    clock[kernel.STATE_NODE] = sensor_setup.NODES.index("ActuatorState")
+    return clock
+
+
+def record_room(steps: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Empty tables for the signals and the applied commands of ``steps`` milliseconds."""
+    rows = np.zeros((steps, recording.N_COLUMNS))
+    return rows, np.zeros((steps, recording.N_COMMAND), dtype=np.int64)
+
+
+def assemble(
+    *,
+    vehicle: Vehicle,
+    plant: Body,
+    actuator: str,
+    maneuver: Maneuver,
+    profile: can_bus.BusProfile,
+    seed: int,
+    enabled: bool,
+    command: str | None,
+    command_timeout_ms: float,
+    sensors: SensorOptions,
+    actuators: ActuatorOptions,
+    bus: dict[str, Any],
+) -> Parts:
+    """Everything the kernel works on, at time 0; the parameters are those of ``World``."""
+    node = actuator_setup.build(
+        vehicle,
+        actuator,
+        options=actuators,
+        enabled=enabled,
+        timeout_ms=command_timeout_ms,
+        integrated=actuator == "valves" and plant.name == "fullcar_hydraulic",
+    )
+    network = can_bus.make_network(
+        profile,
+        seed=seed,
+        command=_command(actuator, command),
+        log_capacity=LOG_CAPACITY,
+        **bus,
+    )
+    state, parameters = plant.build(vehicle, maneuver.speed)
+    inputs = initial_inputs()
+    outputs = np.zeros(ports.N_OUTPUTS)
+    simulate.advance(plant.step, state, inputs, parameters, outputs, 0.0)
+    nodes = _sensors(vehicle, sensors, seed, inputs, outputs)
+    memory = Memory(
+        clock=_clock(nodes, network, seed),
+        outbox=np.zeros((_OUTBOX_CAPACITY, kernel.N_OUTBOX), dtype=np.int64),
+        flight=np.full((_FLIGHT_CAPACITY, kernel.N_FLIGHT), kernel.NOTHING, dtype=np.int64),
+        roles=_roles(actuator),
+        sensors=nodes,
+        actuators=node,
+        tables=codec.load(),
+    )
+    rows, commands = record_room(maneuver.duration_ns // kernel.STEP_NS + 1)
+    return Parts(
+        memory=to_record(memory),
+        state=state,
+        inputs=inputs,
+        parameters=parameters,
+        outputs=outputs,
+        rows=rows,
+        commands=commands,
+        received=np.zeros(_INBOX_CAPACITY, dtype=kernel.FRAME),
+        payload=np.zeros(8, dtype=np.uint8),
+        drive=maneuver.drive,
+        network=network,
+    )
