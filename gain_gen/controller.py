@@ -59,13 +59,15 @@ class Controller:
     actuator_rate: float = 1.0
 
     @property
+    def observes(self) -> bool:
+        """Whether the observer has a part in the command: not for raw output feedback."""
+        return self.output_gain is None or bool(self.output_gain[Y_ROLL])
+
+    @property
     def order(self) -> int:
         """Number of states of :func:`step`: observer, ring of past commands, compensator."""
-        if self.compensator is not None:
-            return len(self.compensator.a)
-        if self.output_gain is not None:
-            return 0
-        return 5 + self.predict_steps
+        compensator = 0 if self.compensator is None else len(self.compensator.a)
+        return (5 if self.observes else 0) + self.predict_steps + compensator
 
 
 def correct(observer: Observer, x: Matrix, y: Matrix) -> Matrix:
@@ -74,6 +76,18 @@ def correct(observer: Observer, x: Matrix, y: Matrix) -> Matrix:
         innovation = y[row] - observer.model.output[row] @ x
         x = x + np.outer(observer.correction[row], innovation).reshape(x.shape)
     return x
+
+
+def observe(controller: Controller, x: Matrix, y: Matrix) -> Matrix:
+    """Return the estimate after a tick: prediction under the delivered moment, corrections."""
+    if controller.observer.bypass:
+        # the true lateral acceleration is received: what the accelerometer reads without gravity
+        lateral = y[Y_LATERAL] - GRAVITY * y[Y_ROLL]
+        nothing = np.zeros_like(lateral)
+        return np.stack([y[Y_ROLL], y[Y_RATE], lateral, nothing, nothing])
+    model = controller.observer.model
+    x = model.phi @ x + np.multiply.outer(model.gamma[:, 0], y[Y_MOMENT])
+    return correct(controller.observer, x, y)
 
 
 def predict(controller: Controller, x: Matrix, ring: Matrix, moment: Matrix) -> Matrix:
@@ -97,23 +111,21 @@ def step(controller: Controller, state: Matrix, y: Matrix) -> tuple[Matrix, Matr
     Returns:
         The next state and the moment command.
     """
+    if not controller.observes:
+        assert controller.output_gain is not None
+        return state, controller.output_gain @ y[:3]
+    x = observe(controller, state[:5], y)
+    lateral = x[2] if controller.observer.bypass else y[Y_LATERAL]
+    ring = state[5 : 5 + controller.predict_steps]
     if controller.compensator is not None:
         c = controller.compensator
-        inputs = np.stack([y[Y_ROLL], y[Y_RATE], y[Y_LATERAL], np.zeros_like(y[0])])
-        u = c.c @ state + c.d @ inputs
-        return c.a @ state + c.b @ inputs + c.e @ u, u.sum(axis=0)
+        inner = state[5:]
+        inputs = np.stack([x[0], x[1], lateral, np.zeros_like(y[0])])
+        outputs = c.c @ inner + c.d @ inputs
+        inner = c.a @ inner + c.b @ inputs + c.e @ outputs
+        return np.concatenate([x, inner]), outputs.sum(axis=0)
     if controller.output_gain is not None:
-        return state, controller.output_gain @ y[:3]
-    model = controller.observer.model
-    if controller.observer.bypass:
-        # the true lateral acceleration is received: what the accelerometer reads without gravity
-        lateral = y[Y_LATERAL] - GRAVITY * y[Y_ROLL]
-        nothing = np.zeros_like(lateral)
-        x = np.stack([y[Y_ROLL], y[Y_RATE], lateral, nothing, nothing])
-    else:
-        x = model.phi @ state[:5] + np.multiply.outer(model.gamma[:, 0], y[Y_MOMENT])
-        x = correct(controller.observer, x, y)
-    ring = state[5:]
+        return x, controller.output_gain @ np.stack([y[Y_RATE], lateral, x[0]])
     ahead = predict(controller, x, ring, y[Y_MOMENT])
     u = -(controller.feedback + controller.feedforward) @ ahead
     if controller.predict_steps:

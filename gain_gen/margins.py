@@ -47,7 +47,7 @@ def margins(loop: Loop) -> Margins:
         if real < 0.0:
             gain_db = min(gain_db, abs(20.0 * float(np.log10(-real))))
 
-    level = np.log(np.abs(gain))
+    level = np.log(np.maximum(np.abs(gain), np.finfo(float).tiny))
     phase_deg, crossover = inf, 0.0
     for i in np.flatnonzero(np.sign(level[1:]) != np.sign(level[:-1])):
         share = level[i] / (level[i] - level[i + 1])

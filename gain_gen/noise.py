@@ -1,10 +1,10 @@
 """How much of the command is sensor noise: what the event trigger has to stay above."""
 
 import numpy as np
-from scipy.linalg import solve_discrete_lyapunov
 
 from gain_gen.controller import matrices
 from gain_gen.design import Design
+from gain_gen.plant import stationary_covariance
 
 
 def command_noise(design: Design) -> float:
@@ -25,5 +25,5 @@ def command_noise(design: Design) -> float:
         for _ in range(500):
             covariance = a @ covariance @ a.T + b @ inputs @ b.T
     else:
-        covariance = solve_discrete_lyapunov(a, b @ inputs @ b.T, method="bilinear")
+        covariance = stationary_covariance(a, b @ inputs @ b.T)
     return float(np.sqrt(max((c @ covariance @ c.T + direct)[0, 0], 0.0)))

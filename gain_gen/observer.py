@@ -1,6 +1,6 @@
 """The disturbance observer [φ, φ', effective a_y, its rate, gyro bias]: model and Kalman gains."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.linalg import expm, solve_discrete_are
@@ -199,16 +199,19 @@ def kalman(model: ObserverModel, *, measurements: tuple[int, ...] = (0, 1)) -> O
 
 
 def _single_gain(model: ObserverModel) -> Matrix:
-    """Gain on the roll rate alone, the bias frozen, by iterating the filter to its steady gain.
+    """Gain on the roll rate alone, the bias frozen.
 
-    Iterated, not solved: with a_y as a random walk the pair is not detectable, the covariance
-    grows for ever along the unobservable direction and only the gain settles.
+    With a_y as a random walk the pair is not detectable, the covariance grows for ever along the
+    unobservable direction and only the gain settles: then it is iterated, not solved.
     """
     phi = model.phi.copy()
     phi[BIAS] = 0.0
     process = model.process_noise.copy()
     process[BIAS] = process[:, BIAS] = 0.0
     h = np.array([0.0, 1.0, 0.0, 0.0, 0.0])
+    if model.phi[JERK, JERK] > 0.0:
+        frozen = replace(model, phi=phi, process_noise=process, output=np.stack([h, h]))
+        return sequential_gains(steady_covariance(frozen, (0,)), frozen, (0,))[0]
     covariance = process.copy()
     gain = np.zeros(5)
     for _ in range(20000):

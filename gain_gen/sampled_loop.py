@@ -3,12 +3,18 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import solve_discrete_lyapunov
 
 from gain_gen.controller import Controller, matrices
 from gain_gen.delay_analysis import Complex
 from gain_gen.observer import LateralModel
-from gain_gen.plant import Matrix, lateral_input, moment_input, state_matrix, zero_order_hold
+from gain_gen.plant import (
+    Matrix,
+    lateral_input,
+    moment_input,
+    state_matrix,
+    stationary_covariance,
+    zero_order_hold,
+)
 from vehicles import GRAVITY, RollModel
 
 ROLL, RATE, MOMENT, LATERAL, JERK = range(5)
@@ -139,7 +145,7 @@ def roll_rms(loop: Loop) -> float:
     """Return the stationary standard deviation of the roll angle, rad; infinite if unstable."""
     if spectral_radius(loop) >= 1.0:
         return float("inf")
-    covariance = solve_discrete_lyapunov(loop.closed, loop.noise @ loop.noise.T, method="bilinear")
+    covariance = stationary_covariance(loop.closed, loop.noise @ loop.noise.T)
     return float(np.sqrt(max(covariance[ROLL, ROLL], 0.0)))
 
 
@@ -150,3 +156,24 @@ def loop_gain(loop: Loop, frequencies: Matrix) -> Complex:
     inputs = np.broadcast_to(loop.b, (len(z), *loop.b.shape)).astype(complex)
     gain = -(loop.c.astype(complex) @ np.linalg.solve(shifted, inputs))
     return np.asarray(gain[:, 0, 0], dtype=complex)
+
+
+def lateral_response(loop: Loop, frequencies: Matrix) -> Complex:
+    """Return the response of z = φ + φ' to the lateral acceleration, rad per m/s².
+
+    Both follow from the same noise; the lateral acceleration is not moved by the loop, so their
+    quotient is the closed loop's own response.
+    """
+    z = np.exp(1j * frequencies * loop.tick)
+    shifted = z[:, None, None] * np.eye(len(loop.a)) - loop.closed
+    columns = np.broadcast_to(loop.noise, (len(z), *loop.noise.shape)).astype(complex)
+    states = np.linalg.solve(shifted, columns)[:, :, 0]
+    return np.asarray((states[:, ROLL] + states[:, RATE]) / states[:, LATERAL], dtype=complex)
+
+
+def lateral_level(loop: Loop) -> float:
+    """Return the peak of :func:`lateral_response`; infinite where the loop is unstable."""
+    if spectral_radius(loop) >= 1.0:
+        return float("inf")
+    frequencies = np.geomspace(1e-2, 0.98 * np.pi / loop.tick, 400)
+    return float(np.abs(lateral_response(loop, frequencies)).max())

@@ -58,7 +58,12 @@ def observer_of(task: Task) -> Observer:
 
 
 def actuator_rate(task: Task) -> float:
-    """Return the share of the way to its command that the actuator goes in a tick."""
+    """Return the share of the way to its command that the actuator goes in a tick.
+
+    What dampers and valves are commanded is no moment: theirs is taken as it is delivered.
+    """
+    if task.actuator in ("dampers", "valves"):
+        return 0.0
     return 1.0 - exp(-task.tick / task.lag)
 
 

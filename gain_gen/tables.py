@@ -1,5 +1,6 @@
 """What a calibration file says beside its integers: design, gains, margins, verdicts, sources."""
 
+from dataclasses import replace
 from importlib.metadata import version
 from typing import Any
 
@@ -10,6 +11,7 @@ from firmware.calibration import Calibration
 from firmware.check import check
 from gain_gen.design import Design
 from gain_gen.plant import Matrix
+from gain_gen.quantisation import quantisation_checks
 from gain_gen.quantise import Options, Quantised, law_kind, quantise_design
 from gain_gen.record import fill, identify
 
@@ -30,7 +32,14 @@ def calibrate(design: Design, options: Options | None = None) -> tuple[Calibrati
     refused = check(record)
     if refused:
         raise CanrollError(f"the calibration breaks rule {refused} of the ECU's own check")
-    return record, design_tables(design, quantised)
+    checks = quantisation_checks(design, record)
+    for name, found in checks.items():
+        if not found.ok and not np.isinf(found.value):
+            raise CanrollError(
+                f"{design.law} for {design.task.vehicle.name}: {name} is {found.value:.3g}, more "
+                f"than {found.limit:g}: its coefficients do not fit the fixed-point formats"
+            )
+    return record, design_tables(replace(design, verified={**design.verified, **checks}), quantised)
 
 
 def design_tables(design: Design, quantised: Quantised) -> Tables:

@@ -119,6 +119,7 @@ def _identification(task: Task) -> dict[str, Value]:
 
     return {
         "rls_forgetting": _q(forgetting, 30),
+        "rls_washout": _q(0.99 ** (step / 0.01), 30),
         "rls_gate": _q(0.045, fw.Q_RATE),
         "rls_trace_max": 20 << 20,
         "rls_start": 1 << 20,

@@ -88,7 +88,7 @@ def _check_delays(
     passive = roll_rms(
         build(
             task.vehicle.design,
-            _passive(controller),
+            passive_controller(controller),
             delay=0.0,
             lag=task.lag,
             lateral=task.lateral,
@@ -121,14 +121,16 @@ def _check_box(
             continue
         active = build(model, controller, delay=delay.nominal, lag=task.lag, lateral=task.lateral)
         worst_radius = max(worst_radius, spectral_radius(active))
-        passive = build(model, _passive(controller), delay=0.0, lag=task.lag, lateral=task.lateral)
+        passive = build(
+            model, passive_controller(controller), delay=0.0, lag=task.lag, lateral=task.lateral
+        )
         worst_ratio = max(worst_ratio, roll_rms(active) / roll_rms(passive))
     checks["box_spectral_radius"] = below(worst_radius, 1.0)
     checks["box_roll_rms_ratio"] = below(worst_ratio, 1.0)
     report["box_roll_rms_ratio"] = worst_ratio
 
 
-def _passive(controller: Controller) -> Controller:
+def passive_controller(controller: Controller) -> Controller:
     """Return a controller that commands nothing."""
     return replace(
         controller,

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from math import isfinite
 from pathlib import Path
 
 from canroll.errors import CanrollError
@@ -12,7 +13,7 @@ from gain_gen.header_notes import physical_notes, title
 from gain_gen.laws import LAWS, OBSERVERS, design
 from gain_gen.quantise import ACTUATOR_NUMBER, Options
 from gain_gen.tables import calibrate, summary
-from vehicles import load
+from vehicles import Vehicle, load
 
 DEFAULT_DELAY_MS = 20.0
 
@@ -23,6 +24,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "design", help="design, verify and quantise a controller; write calibration.toml and C"
     )
     add_design_options(parser)
+    parser.add_argument(
+        "--compare", action="store_true", help="design every law for the vehicle, write nothing"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument(
         "--out", type=Path, default=Path("out"), help="folder for the files (default: %(default)s)"
@@ -52,6 +56,18 @@ def add_design_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--delay-min", type=float, metavar="MS", help="least delay, where it varies"
+    )
+    parser.add_argument(
+        "--delay-from-bus",
+        metavar="PROFILE",
+        help="take the bounds of the delay from a bus profile, such as 500k or gateway_50ms",
+    )
+    parser.add_argument(
+        "--gamma",
+        type=float,
+        default=0.0,
+        metavar="LEVEL",
+        help="H-infinity level that hinf_delay must certify (default: the least)",
     )
     parser.add_argument("--tick", type=float, metavar="MS", default=10.0, help="default: 10")
     parser.add_argument(
@@ -91,24 +107,43 @@ def task_of(args: argparse.Namespace) -> Task:
     Raises:
         CanrollError: an unknown vehicle, or delays that cannot be.
     """
-    most = 1e-3 * (DEFAULT_DELAY_MS if args.delay is None else args.delay)
-    least = most if args.delay_min is None else 1e-3 * args.delay_min
-    if not 0.0 <= least <= most:
-        raise CanrollError(f"--delay {1e3 * most:g} must not be negative nor below --delay-min")
+    vehicle = load(args.vehicle)
     return Task(
-        vehicle=load(args.vehicle),
-        delay=Delay(0.5 * (least + most), least, most),
+        vehicle=vehicle,
+        delay=delay_of(args, vehicle),
         tick=1e-3 * args.tick,
         actuator=args.actuator,
         observer=args.observer,
         feedforward=args.feedforward,
         gains=args.gains,
         matrices=args.matrices,
+        gamma_target=args.gamma,
     )
+
+
+def delay_of(args: argparse.Namespace, vehicle: Vehicle) -> Delay:
+    """Return the delay in ms that is given, or the bounds on the bus that is named."""
+    if args.delay_from_bus is not None:
+        if args.delay is not None or args.delay_min is not None:
+            raise CanrollError("--delay-from-bus excludes --delay and --delay-min")
+        from hil.controller import COMMANDS  # noqa: PLC0415 - loads compiled kernels
+        from hil.delays import sample_to_force  # noqa: PLC0415
+        from plant_sim.can_bus import load_profile  # noqa: PLC0415
+
+        command = COMMANDS[ACTUATOR_NUMBER[args.actuator]]
+        profile = load_profile(args.delay_from_bus)
+        return sample_to_force(vehicle, command, profile, tick=1e-3 * args.tick)
+    most = 1e-3 * (DEFAULT_DELAY_MS if args.delay is None else args.delay)
+    least = most if args.delay_min is None else 1e-3 * args.delay_min
+    if not 0.0 <= least <= most:
+        raise CanrollError(f"--delay {1e3 * most:g} must not be negative nor below --delay-min")
+    return Delay(0.5 * (least + most), least, most)
 
 
 def run(args: argparse.Namespace) -> int:
     """Design, write and report; 0 where every check holds, 1 for an unverified as-printed law."""
+    if args.compare:
+        return compare(args)
     answer = design(args.law, task_of(args))
     options = Options(identification=args.identification, event_trigger=args.event_trigger)
     record, tables = calibrate(answer, options)
@@ -149,3 +184,57 @@ def report(answer: Design) -> list[str]:
         lines.append("NOT VERIFIED: written for comparison only")
     lines += [f"warning: {text}" for text in answer.warnings]
     return lines
+
+
+def compare(args: argparse.Namespace) -> int:
+    """Design every law for one task and print one line or object each."""
+    task = task_of(args)
+    answers: dict[str, Design | CanrollError] = {}
+    for law in LAWS:
+        if law == "custom":
+            continue
+        try:
+            answers[law] = design(law, task)
+        except CanrollError as refused:
+            answers[law] = refused
+    if args.json:
+        print(
+            json.dumps(
+                [
+                    summary(answer)
+                    if isinstance(answer, Design)
+                    else {"law": law, "refused": str(answer)}
+                    for law, answer in answers.items()
+                ]
+            )
+        )
+        return 0
+    print(
+        f"{task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, delay "
+        f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms from sample to force"
+    )
+    columns = ("roll rms", "box", "gamma", "admits ms", "gain dB", "phase")
+    widths = (9, 7, 8, 10, 9, 7)
+    print(f"{'law':<16}" + "".join(f"{c:>{w}}" for c, w in zip(columns, widths, strict=True)))
+    for law, answer in answers.items():
+        if isinstance(answer, CanrollError):
+            print(f"{law:<16} refused: {answer}")
+            continue
+        print(_line(answer))
+    return 0
+
+
+def _line(answer: Design) -> str:
+    """Return one row of the comparison."""
+
+    def number(name: str, digits: int) -> str:
+        value = answer.margins.get(name, float("inf"))
+        return f"{value:.{digits}f}" if isfinite(value) else "any"
+
+    gamma = "" if answer.solution.gamma is None else f"{answer.solution.gamma:.3f}"
+    admits = f"{1e3 * answer.max_delay:.0f}" if isfinite(answer.max_delay) else "any"
+    return (
+        f"{answer.law:<16}{number('roll_rms_ratio_nominal_delay', 3):>9}"
+        f"{number('box_roll_rms_ratio', 3):>7}{gamma:>8}{admits:>10}{number('gain_db', 1):>9}"
+        f"{number('phase_deg', 0):>7}"
+    )
