@@ -8,6 +8,8 @@ import argparse
 import errno
 import logging
 import socket
+import time
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any, Protocol
 
@@ -21,6 +23,9 @@ __all__ = ["CanLink", "Frame", "Link", "add_bus_arguments", "has_bus", "open_lin
 Frame = tuple[int, bytes]
 RECEIVE_BUFFER = 1 << 20
 """A raw CAN socket left alone holds 278 frames by default and then drops silently."""
+
+RETRY = 0.5
+"""Time between two attempts to reach a server that went away, s."""
 
 
 class Link(Protocol):
@@ -47,14 +52,18 @@ class Link(Protocol):
 
 
 class CanLink:
-    """A link over a python-can bus."""
+    """A link over a python-can bus; one whose server went away is opened again when it is back.
 
-    def __init__(self, bus: can.BusABC) -> None:
+    Args:
+        bus: open.
+        reopen: opens it again; raises CanrollError while that fails. None: never.
+    """
+
+    def __init__(self, bus: can.BusABC, reopen: Callable[[], can.BusABC] | None = None) -> None:
         self.bus = bus
         self.sent = self.received = self._failed = 0
-        raw = getattr(bus, "socket", None)
-        if isinstance(raw, socket.socket):
-            raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+        self._reopen = reopen
+        self._retry_at = float("inf")
 
     @property
     def failed(self) -> int:
@@ -63,10 +72,14 @@ class CanLink:
 
     def receive(self) -> list[Frame]:
         """Return the data frames that wait; an interface gone down has none."""
+        if time.monotonic() > self._retry_at:
+            self._try_again()
         frames: list[Frame] = []
         with suppress(can.CanError, OSError):
             while (message := self.bus.recv(0)) is not None:
-                if not (message.is_error_frame or message.is_remote_frame):
+                if not (
+                    message.is_error_frame or message.is_remote_frame or message.is_extended_id
+                ):
                     frames.append((message.arbitration_id, bytes(message.data)))
         self.received += len(frames)
         return frames
@@ -75,10 +88,25 @@ class CanLink:
         """Send a frame with an 11-bit identifier."""
         try:
             self.bus.send(can.Message(arbitration_id=ident, data=payload, is_extended_id=False))
+        except ConnectionError:
+            self._failed += 1
+            self._retry_at = min(self._retry_at, time.monotonic() + RETRY)
         except (can.CanError, OSError):
             self._failed += 1
         else:
             self.sent += 1
+
+    def _try_again(self) -> None:
+        self._retry_at = float("inf")
+        if self._reopen is None:
+            return
+        try:
+            bus = self._reopen()
+        except CanrollError:
+            self._retry_at = time.monotonic() + RETRY
+        else:
+            self.bus.shutdown()
+            self.bus = bus
 
     def close(self) -> None:
         """Shut the bus down."""
@@ -102,15 +130,23 @@ def open_link(args: argparse.Namespace) -> CanLink:
         CanrollError: it cannot be opened; the message says which command mends it.
     """
     logging.getLogger("can").setLevel(logging.CRITICAL)
+    return CanLink(_open(args), lambda: _open(args))
+
+
+def _open(args: argparse.Namespace) -> can.BusABC:
     kwargs: dict[str, Any] = {}
     if getattr(args, "interface", None) == "socketcand":
         options = getattr(args, "bus_kwargs", {})
         _reachable(str(options.get("host", "")), int(options.get("port", 0)))
         kwargs = {"tcp_tune": True}
     try:
-        return CanLink(create_bus_from_namespace(args, **kwargs))
+        bus = create_bus_from_namespace(args, **kwargs)
     except argparse.ArgumentError as error:
         raise CanrollError(explain(error.__cause__ or error, args)) from error
+    raw = getattr(bus, "socket", None)
+    if isinstance(raw, socket.socket):
+        raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+    return bus
 
 
 def _reachable(host: str, port: int) -> None:

@@ -44,7 +44,7 @@ class OwnBus:
                 sender=frame.client,
             )
         self.received += len(taken)
-        return [(frame.ident, frame.payload) for frame in taken]
+        return [(frame.ident, frame.payload) for frame in taken if not frame.flags]
 
     def send(self, ident: int, payload: bytes) -> None:
         """Hand a frame to every client."""
