@@ -222,6 +222,7 @@ class Interpreter:
             kind = ast.unparse(statement.annotation)
             given = self._stored(statement, value, *KINDS[kind], kind)
             after = State({**state.names, statement.target.id: given}, end.known)
+            self._learn_arguments(statement.value, function, end, after)
             outcome = self._statement(following, after)
             if outcome is not None:
                 joined = outcome if joined is None else self._join(joined, outcome)
@@ -559,10 +560,7 @@ class Interpreter:
         results: list[State | None] = [None, None]
         for value, end in self._paths(function, names, state.known):
             after = State(dict(state.names), end.known)
-            for argument, name in zip(call.args, function.parameters, strict=True):
-                learnt = end.names.get(name)
-                if isinstance(learnt, Value) and name not in self.assigned[function.key]:
-                    self._learn(argument, learnt, after)
+            self._learn_arguments(call, function, end, after)
             assert value is not None
             self._record(call, value)
             limit = self.value(test.comparators[0], after)
@@ -571,6 +569,15 @@ class Interpreter:
                     earlier = results[i]
                     results[i] = after if earlier is None else self._join(earlier, after)
         return results[0], results[1]
+
+    def _learn_arguments(
+        self, call: ast.Call, function: Function, end: State, after: State
+    ) -> None:
+        """What a path of ``call`` found out about its parameters holds for the arguments."""
+        for argument, name in zip(call.args, function.parameters, strict=True):
+            learnt = end.names.get(name)
+            if isinstance(learnt, Value) and name not in self.assigned[function.key]:
+                self._learn(argument, learnt, after)
 
     def _narrowed(
         self, test: ast.Compare, op: type[ast.cmpop], a: Value, b: Value, state: State

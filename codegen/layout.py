@@ -1,0 +1,43 @@
+"""The two records as bytes, as every C compiler for the targets lays them out.
+
+Fields stand in the order of their table, each at a multiple of its size; padding is zero. The same
+bytes are read on the host and on a Cortex-M (both little-endian, 32-bit integers at multiples of
+four), so states can be compared byte for byte.
+"""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from firmware.subset import fields
+
+NUMPY = {"i32": "<i4", "u8": "u1"}
+
+
+@cache
+def dtype(record_class: type[Any]) -> np.dtype[Any]:
+    """The structured type of a record class, with C's padding."""
+    rows = [(field.name, NUMPY[field.kind], field.shape) for field in fields(record_class)]
+    return np.dtype(rows, align=True)
+
+
+def image(record: Any) -> bytes:  # noqa: ANN401
+    """The bytes of a record."""
+    packed = np.zeros((), dtype(record.__class__))
+    for name in packed.dtype.names or ():
+        packed[name] = getattr(record, name)
+    return packed.tobytes()
+
+
+def fill(record: Any, data: bytes) -> None:  # noqa: ANN401
+    """Set all fields of ``record`` from its bytes."""
+    packed = np.frombuffer(data, dtype(record.__class__), 1)[0]
+    for name in packed.dtype.names or ():
+        setattr(record, name, packed[name].tolist())
+
+
+def differences(record_class: type, one: bytes, other: bytes) -> list[str]:
+    """Names of the fields in which two images differ."""
+    a, b = (np.frombuffer(data, dtype(record_class), 1)[0] for data in (one, other))
+    return [name for name in a.dtype.names or () if not np.array_equal(a[name], b[name])]
