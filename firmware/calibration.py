@@ -138,6 +138,7 @@ class Calibration:
     # identification of roll stiffness and damping, relative to nominal: theta [int phi, d phi] =
     # int(M + m h a_y) - I_x d phi', all over a window of ten steps and divided by 100 N·m·s
     rls_forgetting: Annotated[i32, F(ONE // 2, ONE, Q_UNIT, "", "forgetting factor a step")]
+    rls_washout: Annotated[i32, F(ONE // 2, ONE, Q_UNIT, "", "washout kept of a signal a step")]
     rls_gate: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "least roll rate that teaches")]
     rls_trace_max: Annotated[i32, F(1, 1 << 25, 20, "", "no forgetting above this trace")]
     rls_start: Annotated[i32, F(1, 1 << 24, 20, "", "initial variance of each ratio")]

@@ -2,18 +2,21 @@
 
 Yim 2020, section III.D, in integral form: over a window of ten steps
 theta_1 T0 int(phi) + theta_2 C0 d(phi) = int(M + m h a_y) - I_x d(phi'), with theta relative to
-nominal and T = K - m g h. The lateral acceleration is the sensor's: taken from the model itself
-the equation would hold for any theta. Only a moving body teaches, so a gate on the roll rate
-stops the forgetting where there is nothing to learn.
+nominal and T = K - m g h. Nothing of it comes from the observer, whose own model would answer for
+itself: all signals are the sensors', each washed out twice. So the offsets of both sensors drop
+out, and the roll angle is the leaky integral of the gyro, which takes the place of one washout.
+Only a moving body teaches: a gate on the roll rate stops the forgetting where there is nothing to
+learn.
 """
 
 from firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
 from firmware.observer import acting_moment
-from firmware.state import ROLL, RX_IMU, WINDOW_MAX, Ecu
+from firmware.state import RX_IMU, WINDOW_MAX, Ecu
 from firmware.subset import byte, clamp, i32, i64, rsh, sat32, tdiv
 from firmware.supervisor import BAD_ACCELERATION, BAD_ROLL_RATE
 
 WINDOW = 10
+SETTLED = 200
 STIFFNESS = 0
 INERTIA = 1
 IMPULSE = 2
@@ -24,6 +27,14 @@ ONE_Q30 = 1 << 30
 HALF_Q30 = 1 << 29
 SIXTH_Q30 = 178956971
 GRAVITY_Q10 = 10042
+# half a microsecond, from Q27 to Q30, in Q30
+HALF_US = 4295
+# signals of rls_washed
+WASHED_RATE = 0
+WASHED_IMPULSE = 1
+TWICE_RATE = 2
+TWICE_IMPULSE = 3
+TWICE_ROLL = 4
 
 
 def product(a: i64, b: i64) -> i32:
@@ -90,8 +101,37 @@ def learn(ecu: Ecu, cal: Calibration, f0: i32, f1: i32, y: i64) -> None:
     ecu.rls_covariance[2] = clamp(p2, 1, STATE_MAX)
 
 
+def wash(ecu: Ecu, cal: Calibration, signal: i32, change: i64) -> i64:
+    """Return the change of a washed-out signal whose input has made a ``change``."""
+    before: i32 = ecu.rls_washed[signal]
+    kept: i64 = rsh(before * cal.rls_washout, 30)
+    ecu.rls_washed[signal] = clamp(kept + change, -STATE_MAX, STATE_MAX)
+    return ecu.rls_washed[signal] - before
+
+
+def wash_signals(ecu: Ecu, cal: Calibration) -> None:
+    """Take the sensors' newest values into the washout filters."""
+    rate: i32 = ecu.rate_good
+    impulse: i64 = rsh(acting_moment(ecu, cal) * cal.rls_moment, 30)
+    impulse += rsh(ecu.acceleration_good * cal.rls_lateral, 30)
+    if ecu.rls_filled == 0:
+        ecu.rls_last[0] = rate
+        ecu.rls_last[1] = clamp(impulse, -STATE_MAX, STATE_MAX)
+    change: i64 = wash(ecu, cal, WASHED_IMPULSE, impulse - ecu.rls_last[1])
+    wash(ecu, cal, TWICE_IMPULSE, change)
+    change = wash(ecu, cal, WASHED_RATE, rate - ecu.rls_last[0])
+    wash(ecu, cal, TWICE_RATE, change)
+    step_us: i32 = cal.rls_decimation * cal.tick_us
+    both_ends: i64 = 2 * ecu.rls_washed[WASHED_RATE] - change
+    wash(ecu, cal, TWICE_ROLL, rsh(both_ends * (step_us * HALF_US), 30))
+    ecu.rls_last[0] = rate
+    ecu.rls_last[1] = clamp(impulse, -STATE_MAX, STATE_MAX)
+
+
 def restart(ecu: Ecu) -> None:
-    """Empty the window; what was learnt stays."""
+    """Empty window and filters; what was learnt stays."""
+    for signal in range(5):
+        ecu.rls_washed[signal] = 0
     ecu.rls_filled = 0
     ecu.rls_index = 0
     ecu.rls_integrals[0] = 0
@@ -115,15 +155,14 @@ def identify(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if ecu.rls_count < cal.rls_decimation:
         return
     ecu.rls_count = 0
-    rate: i32 = sat32(ecu.rate_good - ecu.offset_rate - ecu.x[4])
-    gravity: i64 = rsh(ecu.x[ROLL] * GRAVITY_Q10, 16)
-    lateral: i32 = sat32(ecu.acceleration_good - ecu.offset_acceleration - gravity)
-    impulse: i64 = rsh(acting_moment(ecu, cal) * cal.rls_moment, 30) + rsh(
-        lateral * cal.rls_lateral, 30
-    )
-    stiffness: i32 = remember(ecu, STIFFNESS, rsh(ecu.x[ROLL] * cal.rls_stiffness, 30))
+    wash_signals(ecu, cal)
+    roll: i32 = ecu.rls_washed[TWICE_ROLL]
+    rate: i32 = ecu.rls_washed[TWICE_RATE]
+    # the accelerometer reads gravity where the body leans
+    leaning: i64 = rsh(rsh(roll * GRAVITY_Q10, 16) * cal.rls_lateral, 30)
+    stiffness: i32 = remember(ecu, STIFFNESS, rsh(roll * cal.rls_stiffness, 30))
     momentum: i32 = remember(ecu, INERTIA, rsh(rate * cal.rls_inertia, 30))
-    pushed: i32 = remember(ecu, IMPULSE, impulse)
+    pushed: i32 = remember(ecu, IMPULSE, ecu.rls_washed[TWICE_IMPULSE] - leaning)
     # the running sums of roll and impulse change by what enters and what leaves the window
     ecu.rls_integrals[0] = clamp(ecu.rls_integrals[0] + stiffness, -STATE_MAX, STATE_MAX)
     ecu.rls_integrals[1] = clamp(ecu.rls_integrals[1] + pushed, -STATE_MAX, STATE_MAX)
@@ -131,7 +170,7 @@ def identify(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if index >= WINDOW:
         index = 0
     ecu.rls_index = byte(index)
-    if ecu.rls_filled < WINDOW:
+    if ecu.rls_filled < SETTLED:
         ecu.rls_filled = byte(ecu.rls_filled + 1)
         return
     if rate < cal.rls_gate and rate > -cal.rls_gate:

@@ -119,8 +119,8 @@ def observe(ecu: Ecu, cal: Calibration, steps: i32) -> None:
 def look_ahead(ecu: Ecu, cal: Calibration) -> None:
     """Predict from the sample to the actuation, through the commands that are under way.
 
-    Over a tick the moment counts with the mean of its ends. That of dampers and valves doesn't go to
-    what they are commanded: it is kept.
+    Over a tick the moment counts with the mean of its ends. That of dampers and valves doesn't go
+    to what they are commanded: it is kept.
     """
     moment: i32 = acting_moment(ecu, cal)
     rate: i32 = cal.actuator_rate

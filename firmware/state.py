@@ -180,7 +180,11 @@ class Ecu:
     ]
     rls_index: Annotated[u8, F(0, 9, 0, "", "oldest entry of the history")]
     rls_count: Annotated[u8, F(0, 20, 0, "ticks", "since the last identification step")]
-    rls_filled: Annotated[u8, F(0, 10, 0, "", "steps in the window")]
+    rls_filled: Annotated[u8, F(0, 200, 0, "", "steps since the start of window and filters")]
+    rls_last: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, 0, "", "rate Q27, impulse Q20")]
+    rls_washed: Annotated[
+        list[i32], 5, F(-STATE_MAX, STATE_MAX, 0, "", "rate, impulse; twice: and roll")
+    ]
     model: Annotated[
         list[list[i32]],
         2,

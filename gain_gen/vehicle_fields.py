@@ -122,7 +122,7 @@ def _identification(task: Task) -> dict[str, Value]:
         "rls_washout": _q(0.99 ** (step / 0.01), 30),
         "rls_gate": _q(0.045, fw.Q_RATE),
         "rls_trace_max": 20 << 20,
-        "rls_start": 1 << 20,
+        "rls_start": 8 << 20,
         "rls_lo": [_q(0.5, 28), _q(0.4, 28)],
         "rls_hi": [_q(1.6, 28), _q(2.0, 28)],
         "rls_decimation": step_ticks,

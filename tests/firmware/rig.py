@@ -196,9 +196,10 @@ def fill_identification(cal: Calibration, vehicle: Vehicle, tick: float) -> None
     cal.rls_decimation = round(step / tick)
     unit = 100.0
     cal.rls_forgetting = round(0.998 * 2**30)
+    cal.rls_washout = round(np.exp(-step / 1.0) * 2**30)
     cal.rls_gate = round(0.045 * 2**27)
     cal.rls_trace_max = 20 << 20
-    cal.rls_start = 1 << 20
+    cal.rls_start = 8 << 20
     cal.rls_lo = [round(0.5 * 2**28), round(0.4 * 2**28)]
     cal.rls_hi = [round(1.6 * 2**28), round(2.0 * 2**28)]
     cal.rls_moment = round(step / unit * 2.0 ** (20 - 14 + 30))
@@ -426,9 +427,13 @@ class Bench:
                 due[name] = due[name] | values
         return due
 
-    def step(self, ay: float = 0.0, elapsed: int = 1) -> Ecu:
-        """Send the frames that are due, run one tick, move the plant on."""
-        due = self.inputs(ay)
+    def step(self, ay=0.0, elapsed: int = 1) -> Ecu:
+        """Send the frames that are due, run one tick, move the plant on.
+
+        ``ay`` is a number, or a function of time for an input that doesn't wait for ticks.
+        """
+        input_at = ay if callable(ay) else lambda t: ay
+        due = self.inputs(input_at(self.t))
         self.received = {}
         for name, values in due.items():
             data = self.sender.frame(name, new_sample=name not in self.frozen, **values)
@@ -450,14 +455,15 @@ class Bench:
             self.command, self.accepted, self.held = moments.sum(), arrived["Counter"], 1
             if self.command:
                 self.front_part = float(np.clip(moments[:2].sum() / self.command, 0.0, 1.0))
-        for _ in range(round(elapsed * self.tick / 0.001)):
-            self.x = self.phi @ self.x + self.gamma @ np.array([ay, self.command])
+        for step in range(round(elapsed * self.tick / 0.001)):
+            now = input_at(self.t + (step + 0.5) * 0.001)
+            self.x = self.phi @ self.x + self.gamma @ np.array([now, self.command])
         self.k += elapsed
         return self.ecu
 
     def run(self, seconds: float, ay=lambda t: 0.0) -> "Bench":
         for _ in range(round(seconds / self.tick)):
-            self.step(ay(self.t))
+            self.step(ay)
         return self
 
     def active(self) -> "Bench":
