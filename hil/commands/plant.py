@@ -109,6 +109,7 @@ def run(args: argparse.Namespace) -> int:
             about = {
                 "reason": outcome.reason,
                 "start_ns": outcome.start_ns,
+                "end_ns": outcome.end_ns,
                 "notes": notes,
                 "cpu": args.cpu,
                 "sent": link.sent,

@@ -18,7 +18,7 @@ from plant_sim.world import World
 class PlantRecord:
     """A plant's run: vehicle signals, bus log, applied commands, its loop's instants.
 
-    ``about``: reason, start_ns, sent, received, failed, cpu, notes.
+    ``about``: reason, start_ns, end_ns, sent, received, failed, cpu, notes.
     """
 
     signals: dict[str, NDArray[np.float64]]

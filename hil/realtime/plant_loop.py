@@ -24,13 +24,14 @@ STEP_NS = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How the loop ended: why, the monotonic instant of plant time 0, each period's instants.
+    """How the loop ended: why, the monotonic instants of plant time 0 and the end.
 
     ``loop``: lateness of every period against its deadline and its duration, ns, shape (n, 2).
     """
 
     reason: str
     start_ns: int
+    end_ns: int
     loop: NDArray[np.int64]
 
 
@@ -92,4 +93,4 @@ def run(
                 reason = PEER_LOST
                 break
             deadline += step_ns * max(1, -(-(end - deadline) // step_ns))
-    return Outcome(reason, began, loop[:done])
+    return Outcome(reason, began, clock(), loop[:done])

@@ -90,7 +90,9 @@ def drive(
         old.unlink(missing_ok=True)
     children: list[Child] = []
     try:
-        plant = _start(children, "plant", _plant_arguments(settings, controller, setup, enabled))
+        plant = _start(
+            children, "plant", plant_arguments(settings, controller, setup, enabled=enabled)
+        )
         bus = list(setup.bus_options)
         if not bus:
             bus = _wait_for(plant, "serving ").split()[1:]
@@ -117,9 +119,10 @@ def drive(
     return assemble(plant_file.load(record), tick_trace.load(ticks), settings, setup)
 
 
-def _plant_arguments(
-    settings: Settings, controller: Controller, setup: Setup, enabled: bool
+def plant_arguments(
+    settings: Settings, controller: Controller, setup: Setup, *, enabled: bool
 ) -> list[str]:
+    """Return the command line of the plant that ``settings`` describe."""
     arguments = ["plant", settings.scenario, *setup.bus_options]
     if not setup.bus_options:
         arguments += ["--serve", "127.0.0.1:0"]
@@ -293,7 +296,7 @@ def timing_object(
 
 def frames_lost(plant: PlantRecord, ecu: TickTrace) -> int:
     """Return how many frames one side sent and the other never saw, send failures included."""
-    end = int(plant.about["start_ns"]) + int(plant.loop[:, :2].sum(axis=1).size) * 1_000_000
+    end = int(plant.about["end_ns"])
     to_ecu = max(0, int(plant.about["sent"]) - int(ecu.about["received"]))
     early = ecu.ticks["start_ns"] < end - 10_000_000
     last = int(ecu.ticks["frames"][early].sum())

@@ -36,8 +36,8 @@ def histogram(values_ns: Times) -> dict[str, Any]:
     return {
         "histogram": {str(int(b)): int(c) for b, c in zip(bins, counts, strict=True)},
         "count": len(values),
-        "min": int(values.min(initial=0)) if len(values) else 0,
-        "max": int(values.max(initial=0)),
+        "min": int(bins[0]) if len(bins) else 0,
+        "max": int(bins[-1]) if len(bins) else 0,
         "avg": float(values.mean()) if len(values) else 0.0,
     }
 
