@@ -173,24 +173,26 @@ def comment(text: str, indent: str = "") -> list[str]:
     return [f"{indent}/*", *body, f"{indent} */"]
 
 
+OPERATORS = ("+", "-", "*", "/", "|", "||", "&&")
+
+
 def broken(line: str) -> list[str]:
-    """A line cut where it is too long: after a comma or before an operator, outermost first."""
+    """A line cut where it is too long: outermost comma or operator, else an opening bracket."""
     if len(line) <= WIDTH:
         return [line]
     indent = " " * (len(line) - len(line.lstrip()) + 4)
-    depth, best, best_depth = 0, 0, 99
+    depth, best, best_depth, bracket = 0, 0, 99, 0
     for i, letter in enumerate(line[:WIDTH]):
         depth += {"(": 1, ")": -1}.get(letter, 0)
+        if i <= len(indent):
+            continue
         after_comma = line[i - 1 : i + 1] == ", "
-        before_operator = letter == " " and line[i + 1 : i + 3].strip() in (
-            "+",
-            "-",
-            "|",
-            "||",
-            "&&",
-        )
-        if (after_comma or before_operator) and i > len(indent) and depth <= best_depth:
+        before_operator = letter == " " and line[i + 1 : i + 3].strip() in OPERATORS
+        if (after_comma or before_operator) and depth <= best_depth:
             best, best_depth = i, depth
+        if letter == "(":
+            bracket = i + 1
+    best = best or bracket
     if not best:
         return [line]
     return [line[:best].rstrip(), *broken(indent + line[best:].lstrip())]

@@ -278,11 +278,11 @@ class Emitter:
             yield f"#ifndef {CALIBRATION_GUARD}"
             yield f"#define {CALIBRATION_GUARD}"
         yield "typedef struct {"
-        last = 0
+        last = record.line
         for its in record.fields.values():
             for line in range(last + 1, its.line):
                 own, text = module.comments.get(line, (False, ""))
-                if own and last:
+                if own:
                     yield from comment(text, "    ")
             last = its.line
             sizes = "".join(f"[{n}]" for n in its.type.shape)

@@ -73,6 +73,7 @@ class Record:
     module: str
     name: str
     doc: str
+    line: int
     fields: Mapping[str, RecordField]
 
 
@@ -432,7 +433,7 @@ def _record(program: Program, module: Module, node: ast.ClassDef) -> Record:
             len(texts) > 2 and bool(texts[2]),
             statement.lineno,
         )
-    return Record(module.name, node.name, ast.get_docstring(node) or "", found)
+    return Record(module.name, node.name, ast.get_docstring(node) or "", node.lineno, found)
 
 
 def calls(program: Program, function: Function) -> list[Function]:
