@@ -56,13 +56,15 @@ def make_drive(
     preview_time: float = 0.0,
     chassis_control: bool = False,
     steer_rate: float = 0.0,
+    at_the_limit: bool = False,
     fishhook: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0),
 ) -> Drive:
     """A drive with a fresh driver's memory.
 
     ``release_time`` (s): the accelerator is let go from then on. ``preview_time`` (s) other than 0
     replaces the vehicle's driver by one of another experience, ``steer_rate`` (rad/s at the road
-    wheels) other than 0 the driver's arms by a steering robot. ``fishhook``: start (s), amplitude
+    wheels) other than 0 the driver's arms by a steering robot. ``at_the_limit``: a test driver, who
+    dares any lateral acceleration. ``fishhook``: start (s), amplitude
     (rad), hold (s), return (s).
     """
     geometry, person = vehicle.geometry, vehicle.driver
@@ -70,7 +72,8 @@ def make_drive(
     p[driver.D_PREVIEW_TIME] = preview_time or person.preview_time
     p[driver.D_LAG] = person.lag
     grip = GRIP_USED * friction * vehicle.tyre.friction * GRAVITY
-    p[driver.D_ACCELERATION_LIMIT] = min(person.lateral_acceleration_limit, grip)
+    dared = person.lateral_acceleration_limit
+    p[driver.D_ACCELERATION_LIMIT] = np.inf if at_the_limit else min(dared, grip)
     p[driver.D_WHEELBASE] = geometry.wheelbase
     p[driver.D_UNDERSTEER] = understeer(vehicle)
     p[driver.D_STEER_LIMIT] = vehicle.steering.angle_limit

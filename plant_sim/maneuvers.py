@@ -10,7 +10,14 @@ import numpy as np
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim import path_maneuvers, steer_maneuvers
 from plant_sim.drive_setup import STEP_NS, understeer
-from plant_sim.driver import D_STEER_RATE, D_TABLE_STEP, N_MEMORY, STEER_TABLE, Drive
+from plant_sim.driver import (
+    D_CHASSIS_CONTROL,
+    D_STEER_RATE,
+    D_TABLE_STEP,
+    N_MEMORY,
+    STEER_TABLE,
+    Drive,
+)
 from plant_sim.integrate import Vector
 from vehicles import Vehicle
 
@@ -206,9 +213,11 @@ def replay(maneuver: Maneuver, steer: Vector) -> Maneuver:
     """The same manoeuvre with the steering of an earlier run played back, no driver in the loop.
 
     ``steer``: road-wheel angle (rad), one value a step, as :func:`simulate.run_passive` gives it.
-    What a law changes then is the car alone, not what the driver makes of it.
+    What a law changes then is the car alone, not what the driver makes of it. The recorded angle
+    holds what the chassis control added, so that is off.
     """
     parameters = maneuver.drive.parameters.copy()
+    parameters[D_CHASSIS_CONTROL] = 0.0
     parameters[D_TABLE_STEP] = STEP_NS * 1e-9
     parameters[D_STEER_RATE] = np.inf
     drive = maneuver.drive._replace(

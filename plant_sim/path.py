@@ -52,17 +52,16 @@ def obstacle_avoidance(width: float) -> tuple[Lane, ...]:
     )
 
 
-def through(lanes: tuple[Lane, ...], *, approach: float, run_out: float, cut: float) -> XY:
+def through(lanes: tuple[Lane, ...], *, approach: float, run_out: float) -> XY:
     """The line a driver aims at: along each lane's centre, half cosines in between.
 
-    ``approach`` (m) lies before the first lane, so that x = ``approach`` at its start; the line
-    leaves each lane ``cut`` (m) before its end and settles as far into the next one.
+    ``approach`` (m) lies before the first lane, so that x = ``approach`` at its start.
     """
     x = np.arange(0.0, approach + lanes[-1].start + lanes[-1].length + run_out, 0.05)
     y = np.full_like(x, lanes[0].centre)
     for lane, following in pairwise(lanes):
-        leave = approach + lane.start + lane.length - cut
-        arrive = approach + following.start + cut
+        leave = approach + lane.start + lane.length
+        arrive = approach + following.start
         part = np.clip((x - leave) / (arrive - leave), 0.0, 1.0)
         y += (following.centre - lane.centre) * 0.5 * (1.0 - np.cos(np.pi * part))
     return resample(x, y)

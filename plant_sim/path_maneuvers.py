@@ -25,7 +25,7 @@ def double_lane_change(
     """ISO 3888-1 at held speed; the standard's lateral offset unless the vehicle states its own."""
     lanes = path.double_lane_change(vehicle.geometry.width, vehicle.lane_offset)
     end = lanes[-1].start + lanes[-1].length
-    xy = path.through(lanes, approach=APPROACH, run_out=APPROACH + 3 * speed, cut=0.0)
+    xy = path.through(lanes, approach=APPROACH, run_out=APPROACH + 3 * speed)
     drive = make_drive(
         vehicle,
         kind=FOLLOW_PATH,
@@ -47,10 +47,10 @@ def moose(
     preview_time: float = 0.0,
     chassis_control: bool = True,
 ) -> Made:
-    """ISO 3888-2: accelerator released 2 m into the first lane, the driver cuts the corners."""
+    """ISO 3888-2: accelerator released 2 m into the first lane."""
     lanes = path.obstacle_avoidance(vehicle.geometry.width)
     end = lanes[-1].start + lanes[-1].length
-    xy = path.through(lanes, approach=APPROACH, run_out=120.0, cut=3.0)
+    xy = path.through(lanes, approach=APPROACH, run_out=120.0)
     drive = make_drive(
         vehicle,
         kind=FOLLOW_PATH,
@@ -119,6 +119,7 @@ def constant_radius(
         path_xy=_circle(radius, speed, duration * speed),
         friction=friction,
         preview_time=preview_time,
+        at_the_limit=True,
     )
     return duration, drive
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim import ports
+from plant_sim import ports, recording
 from plant_sim.bodies import Body, initial_inputs
 from plant_sim.drive_setup import STEP_NS
 from plant_sim.driver import Drive
@@ -83,3 +83,16 @@ def load_transfer(outputs: NDArray[np.float64], axle: int) -> NDArray[np.float64
     right = outputs[:, ports.WHEEL_LOAD + 2 * axle + 1]
     total = left + right
     return np.divide(right - left, total, out=np.zeros_like(total), where=total > 0)
+
+
+def signals(
+    outputs: NDArray[np.float64], steer: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """The rows of :func:`run_passive` by signal name, as a world's recording names them."""
+    named = {
+        name: outputs[:, column]
+        for name, column in recording.SIGNALS.items()
+        if column < ports.N_OUTPUTS
+    }
+    time = (np.arange(1, len(outputs) + 1) * (STEP_NS * 1e-9)).astype(np.float64)
+    return {"time": time, **named, "steer": steer}

@@ -59,7 +59,7 @@ def test_lanes_follow_the_standards():
 
 def test_aim_line_runs_along_the_lanes():
     lanes = path.double_lane_change(2.0, 3.5)
-    x, y = path.through(lanes, approach=10.0, run_out=20.0, cut=0.0)
+    x, y = path.through(lanes, approach=10.0, run_out=20.0)
     for lane in lanes:
         inside = (x > 10.0 + lane.start) & (x < 10.0 + lane.start + lane.length)
         assert np.allclose(y[inside], lane.centre, atol=2e-3)
