@@ -32,6 +32,7 @@ from plant_sim.actuators import (
     STATUS_STUCK,
     STUCK,
     SUSPENSION,
+    WEAK,
     Actuators,
     fault_of,
     set_status,
@@ -56,9 +57,8 @@ from plant_sim.jit import njit
     HYDRAULIC_PARAMETERS,
 ) = range(13)
 
-# Messages of each kind by number: the damper and the valve node take two.
-CURRENTS, FORCES = 0, 1
-MOMENTS = 1
+# Second message of the nodes that take two, besides currents.
+FORCES = MOMENTS = 1
 
 Vector = NDArray[np.float64]
 
@@ -183,53 +183,64 @@ def _dampers(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> Non
 
 
 @njit
-def _valves(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
+def _valve_current(node: Actuators, axle: int, actual: float) -> float:
+    """Current (A) that the axle's command asks for; a disabled node keeps the moment at zero."""
+    parameters, loop = node.setting[HYDRAULIC_PARAMETERS:], node.setting[TORQUE_LOOP]
+    if not node.flag[ENABLED] or not node.flag[HELD]:
+        return hydraulics.torque_loop(parameters, loop, 0.0, actual)
+    demand = node.state[DEMAND + axle]
+    if node.flag[SOURCE] == MOMENTS:
+        return hydraulics.torque_loop(parameters, loop, demand, actual)
+    return float(demand * 1e-3)
+
+
+@njit
+def _valve_axle(node: Actuators, axle: int, outputs: Vector, inputs: Vector, t_ns: int) -> int:
+    """Let one electro-hydraulic bar work for a step; its status."""
     state, setting = node.state, node.setting
     parameters = setting[HYDRAULIC_PARAMETERS:]
-    for axle in range(2):
-        motor = state[HYDRAULICS + 5 * axle : HYDRAULICS + 5 * axle + 5]
-        track = setting[TRACK_FRONT + axle]
+    first = HYDRAULICS + 5 * axle
+    motor = state[first : first + 5]
+    angle = outputs[ports.BAR_ANGLE + axle] if setting[INTEGRATED] else motor[hydraulics.ANGLE]
+    before = hydraulics.active_moment(parameters, angle)
+    wanted = _valve_current(node, axle, before)
+    current = clip(wanted, setting[CURRENT_LIMIT])
+    status = STATUS_OK if current == wanted else STATUS_LIMITED
+    fault = max(fault_of(node, 2 * axle, t_ns), fault_of(node, 2 * axle + 1, t_ns))
+    kind = node.fault[fault, FAULT_KIND] if fault >= 0 else -1
+    locked = not node.flag[POWERED] or kind == FLOATING
+    if locked:
+        current, status = 0.0, STATUS_FLOATING
+    elif kind == STUCK:
+        current, status = 0.0, STATUS_STUCK
+    elif kind == WEAK:
+        current, status = current * node.fault_value[fault], STATUS_LIMITED
+    if setting[INTEGRATED]:
+        inputs[ports.VALVE_CURRENT_FRONT + axle] = current
+        state[APPLIED + axle] = before
+        return status
+    if locked or not node.flag[ENABLED]:
+        # The fail-safe valve holds the shaft in the middle: a plain bar.
+        motor[:] = 0.0
+    else:
         left = 2 * axle
-        angle = outputs[ports.TRAVEL + left] - outputs[ports.TRAVEL + left + 1]
-        angle /= 2.0 * track
-        rate = outputs[ports.TRAVEL_RATE + left] - outputs[ports.TRAVEL_RATE + left + 1]
-        rate /= 2.0 * track
-        demand = state[DEMAND + axle] if node.flag[ENABLED] else 0.0
-        moment = outputs[ports.BAR_MOMENT + axle]
-        if not setting[INTEGRATED]:
-            moment = hydraulics.moment(motor, parameters, angle)
-        if node.flag[SOURCE] == MOMENTS or not node.flag[HELD]:
-            wanted = hydraulics.torque_loop(parameters, setting[TORQUE_LOOP], demand, moment, rate)
-        else:
-            wanted = demand * 1e-3
-        current = clip(wanted, setting[CURRENT_LIMIT])
-        status = STATUS_OK if current == wanted else STATUS_LIMITED
-        fault = max(fault_of(node, left, t_ns), fault_of(node, left + 1, t_ns))
-        free = not node.flag[ENABLED]
-        if not node.flag[POWERED]:
-            free, status = True, STATUS_FLOATING
-        elif fault >= 0:
-            kind = node.fault[fault, FAULT_KIND]
-            if kind == STUCK:
-                current, status = 0.0, STATUS_STUCK
-            elif kind == FLOATING:
-                free, status = True, STATUS_FLOATING
-            else:
-                current *= node.fault_value[fault]
-                status = STATUS_LIMITED
-        if free:
-            current = 0.0
-        if setting[INTEGRATED]:
-            inputs[ports.VALVE_CURRENT_FRONT + axle] = current
-            state[APPLIED + axle] = moment
-        else:
-            if hydraulics.advance(motor, parameters, current, angle, rate, free):
-                status = max(status, STATUS_LIMITED)
-            after = 0.0 if free else hydraulics.moment(motor, parameters, angle)
-            state[APPLIED + axle] = after
-            inputs[ports.BAR_MOMENT_FRONT + axle] = after
-        set_status(node, left, status)
-        set_status(node, left + 1, status)
+        span = 2.0 * setting[TRACK_FRONT + axle]
+        roll = (outputs[ports.TRAVEL + left] - outputs[ports.TRAVEL + left + 1]) / span
+        rate = (outputs[ports.TRAVEL_RATE + left] - outputs[ports.TRAVEL_RATE + left + 1]) / span
+        if hydraulics.advance(motor, parameters, current, roll, rate):
+            status = max(status, STATUS_LIMITED)
+    after = hydraulics.active_moment(parameters, motor[hydraulics.ANGLE])
+    state[APPLIED + axle] = 0.5 * (before + after)
+    inputs[ports.BAR_MOMENT_FRONT + axle] = state[APPLIED + axle]
+    return status
+
+
+@njit
+def _valves(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
+    for axle in range(2):
+        status = _valve_axle(node, axle, outputs, inputs, t_ns)
+        set_status(node, 2 * axle, status)
+        set_status(node, 2 * axle + 1, status)
 
 
 @njit

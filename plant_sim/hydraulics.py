@@ -1,8 +1,10 @@
 """Servo-valve and hydromotor of an electro-hydraulic anti-roll bar (Vu 2020, eqs. 1 to 7).
 
 State of one axle: spool position and speed, load pressure, shaft angle and speed. The bar twists
-by lever_ratio · roll angle of the suspension + shaft angle and resists roll. Two limits bind:
-load pressure to the supply and shaft angle to its stops.
+by lever_ratio · roll angle of the suspension + shaft angle and resists roll. With the shaft held
+at 0 it is a plain anti-roll bar, which is part of the vehicle's roll stiffness; what the shaft's
+angle adds to that is the active moment. Two limits bind: load pressure to the supply and shaft
+angle to its stops.
 """
 
 import math
@@ -59,21 +61,21 @@ def parameters(data: ElectroHydraulicBars, *, thickening: float) -> Vector:
 
 
 @njit
-def moment(motor: Vector, p: Vector, roll: float) -> float:
-    """Moment on the body (N·m), > 0 lifts the left, at suspension roll angle ``roll`` (rad)."""
-    return float(-p[LEVER] * p[BAR_STIFFNESS] * (p[LEVER] * roll + motor[ANGLE]))
+def active_moment(p: Vector, angle: float) -> float:
+    """Moment on the body (N·m), > 0 lifts the left, that shaft ``angle`` (rad) adds to a bar's."""
+    return float(-p[LEVER] * p[BAR_STIFFNESS] * angle)
 
 
 @njit
-def torque_loop(p: Vector, bandwidth: float, demand: float, actual: float, rate: float) -> float:
-    """Valve current (A) that brings the moment from ``actual`` to ``demand`` (N·m).
+def torque_loop(p: Vector, bandwidth: float, demand: float, actual: float) -> float:
+    """Valve current (A) that brings the active moment from ``actual`` to ``demand`` (N·m).
 
     The valve commands flow, so the moment is its integral: a proportional loop of ``bandwidth``
-    (rad/s), and the flow that the suspension's roll ``rate`` (rad/s) displaces fed forward.
+    (rad/s) closes it.
     """
     speed_per_ampere = p[VALVE_GAIN] * p[FLOW_GAIN] / p[DISPLACEMENT]
     error = (actual - demand) / (p[LEVER] * p[BAR_STIFFNESS])
-    return float((bandwidth * error - p[LEVER] * rate) / speed_per_ampere)
+    return float(bandwidth * error / speed_per_ampere)
 
 
 @njit
@@ -92,18 +94,11 @@ def _derivative(x: Vector, p: Vector, current: float, roll: float, rate: Vector)
 
 
 @njit
-def advance(  # noqa: PLR0917
-    motor: Vector, p: Vector, current: float, roll: float, rate: float, free: bool
-) -> bool:
+def advance(motor: Vector, p: Vector, current: float, roll: float, rate: float) -> bool:
     """Advance one axle by 1 ms (RK4); whether supply pressure or stroke bound it.
 
-    ``roll`` and ``rate``: roll of the suspension at the start of the step. ``free`` opens the
-    bypass between the chambers: the shaft follows the bar and no moment is left.
+    ``roll`` and ``rate``: roll angle and rate of the suspension at the start of the step.
     """
-    if free:
-        motor[:] = 0.0
-        motor[ANGLE] = -p[LEVER] * (roll + STEP * rate)
-        return False
     slope = np.empty((4, 5))
     x = np.empty(5)
     for stage in range(4):

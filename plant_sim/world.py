@@ -39,7 +39,8 @@ class World:
     Parameters
     ----------
     vehicle, body, maneuver
-        What drives where: ``vehicles.load``, a name of ``plant_sim.bodies``, ``maneuvers.build``.
+        What drives where: ``vehicles.load``, a name of ``plant_sim.bodies`` (the linear full car
+        has the hydraulics of ``valves`` built in), ``maneuvers.build``.
     actuator
         ``suspension``, ``bars``, ``dampers`` or ``valves``.
     profile
@@ -79,7 +80,8 @@ class World:
         actuators: ActuatorOptions | None = None,
         **bus: Any,  # noqa: ANN401
     ) -> None:
-        plant = body_named(body)
+        hydraulic = body == "fullcar" and actuator == "valves"
+        plant = body_named("fullcar_hydraulic" if hydraulic else body)
         self.duration_ns = maneuver.duration_ns
         self.now_ns = 0
         self._step = plant.step

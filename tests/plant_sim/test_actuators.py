@@ -365,7 +365,7 @@ def test_hydraulics_equal_an_independent_integration():
     )
     motor = np.zeros(5)
     for k in range(200):
-        hydraulics.advance(motor, p, 2.0, roll(k * 1e-3), 0.03, False)
+        hydraulics.advance(motor, p, 2.0, roll(k * 1e-3), 0.03)
     np.testing.assert_allclose(motor, solution.y[:, -1], rtol=1e-3, atol=1e-12)
 
 
@@ -401,13 +401,41 @@ def test_valve_current_is_flow_so_the_moment_keeps_growing_until_a_stop():
     )
 
 
-def test_without_a_command_an_electro_hydraulic_bar_goes_slack():
+def test_without_a_command_an_electro_hydraulic_bar_is_a_plain_one():
     rig = Rig("valves", timeout_ms=50.0)
     rig.send("AntiRollBarCommand", TorqueFront=800)
     rig.run(50)
     assert rig.delivered[0] > 200
     rig.run(300)
     assert abs(rig.delivered[0]) < 20
+
+
+@pytest.mark.parametrize(
+    ("kind", "status", "low", "high"),
+    [("stuck", 2, 560, 600), ("floating", 3, 0, 0), ("weak", 1, 560, 600)],
+)
+def test_faults_of_an_electro_hydraulic_bar(kind, status, low, high):
+    weak = ActuatorFault(corner="front_right", kind=kind, start=0.5, value=0.4)
+    rig = Rig("valves", faults=(weak,), timeout_ms=1e6)
+    rig.send("AntiRollBarCommand", TorqueFront=600, TorqueRear=600)
+    rig.run(600)
+    assert rig.report
+    rig.run(50)
+    assert low <= rig.delivered[0] <= high
+    assert rig.delivered[1] == pytest.approx(600, rel=0.02)
+    report = rig.report
+    assert (report["StatusFrontLeft"], report["StatusRearLeft"]) == (status, 0)
+
+
+def test_a_weak_valve_is_slower():
+    def after(*faults):
+        rig = Rig("valves", faults=faults)
+        rig.send("AntiRollBarCommand", TorqueFront=600)
+        rig.run(60)
+        return rig.delivered[0]
+
+    weak = ActuatorFault(corner="front_left", kind="weak", value=0.3)
+    assert after(weak) < 0.6 * after()
 
 
 def fault(corner="rear_left", kind="weak"):
