@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
+from gain_gen.custom_law import design_custom
 from gain_gen.design import Design, Solution, Task
 from gain_gen.hinf_law import design_hinf
 from gain_gen.state_laws import (
@@ -13,7 +14,12 @@ from gain_gen.state_laws import (
     design_smc,
     sensor_noise,
 )
-from gain_gen.static_laws import design_hinf_delay, design_hinf_event, design_hinf_nodelay
+from gain_gen.static_laws import (
+    design_hinf_delay,
+    design_hinf_event,
+    design_hinf_nodelay,
+    design_rate_feedforward,
+)
 from gain_gen.verify import verify
 
 LAWS: dict[str, Callable[[Task], Solution]] = {
@@ -25,13 +31,15 @@ LAWS: dict[str, Callable[[Task], Solution]] = {
     "hinf": design_hinf,
     "smc": design_smc,
     "ay_feedforward": design_ay_feedforward,
+    "rate_feedforward": design_rate_feedforward,
+    "custom": design_custom,
 }
 
 SOFTENED = ("hinf_delay", "hinf_nodelay", "hinf_event", "hinf", "smc")
 """Laws that know nothing of hold and actuator: made gentler until the real loop admits them."""
 SOFTEST = 12
 
-OBSERVERS = ("two_sensors", "one_sensor", "propagated", "reference")
+OBSERVERS = ("two_sensors", "one_sensor", "steering", "propagated", "reference")
 
 
 def design(law: str, task: Task) -> Design:

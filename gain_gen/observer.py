@@ -22,11 +22,13 @@ class LateralModel:
         frequency: ω, rad/s; zero makes a_y a random walk (the 2020 paper) and its rate zero.
         damping: ζ.
         acceleration: standard deviation of a_y that the noise density is chosen for, m/s².
+        steered: a_y follows what speed and steering tell, a'' = ω² (a_δ − a) − 2 ζ ω a'.
     """
 
     frequency: float = 1.5
     damping: float = 0.8
     acceleration: float = 4.0
+    steered: bool = False
 
     @property
     def noise_density(self) -> float:
@@ -124,7 +126,9 @@ def observer_model(
 ) -> ObserverModel:
     """Return the exact discrete model at ``tick`` with its noise covariances."""
     a, b = continuous_model(roll, lateral)
-    phi, gamma = zero_order_hold(a, b, tick)
+    told = np.zeros((5, 1))
+    told[JERK] = lateral.frequency**2 if lateral.steered else 0.0
+    phi, inputs = zero_order_hold(a, np.hstack([b, told]), tick)
     if lateral.frequency <= 0.0:
         phi[JERK, JERK] = 0.0
     density = np.zeros((5, 5))
@@ -136,8 +140,8 @@ def observer_model(
         density[LATERAL, LATERAL] = 2.0 * lateral.acceleration**2
     return ObserverModel(
         phi=phi,
-        gamma=gamma,
-        gamma_steering=np.zeros((5, 1)),
+        gamma=inputs[:, :1],
+        gamma_steering=inputs[:, 1:],
         output=np.array([[0.0, 1.0, 0.0, 0.0, 1.0], [GRAVITY, 0.0, 1.0, 0.0, 0.0]]),
         process_noise=sampled_noise(a, density, tick),
         measurement_noise=np.array([noise.roll_rate**2, noise.lateral**2]),
@@ -195,6 +199,9 @@ def kalman(model: ObserverModel, *, measurements: tuple[int, ...] = (0, 1)) -> O
     if 1 not in measurements:
         warnings = (one_sensor_warning(model, single),)
         gains[0] = single
+        phi = model.phi.copy()
+        phi[BIAS] = 0.0
+        model = replace(model, phi=phi)
     return Observer(model, measurements, gains, single, warnings)
 
 
@@ -213,16 +220,16 @@ def _single_gain(model: ObserverModel) -> Matrix:
         frozen = replace(model, phi=phi, process_noise=process, output=np.stack([h, h]))
         return sequential_gains(steady_covariance(frozen, (0,)), frozen, (0,))[0]
     covariance = process.copy()
-    gain = np.zeros(5)
+    gain: Matrix = np.zeros(5)
     for _ in range(20000):
         previous = gain
-        gain = covariance @ h / (h @ covariance @ h + model.measurement_noise[0])
+        gain = np.asarray(covariance @ h / (h @ covariance @ h + model.measurement_noise[0]))
         covariance = covariance - np.outer(gain, h @ covariance)
         covariance = phi @ covariance @ phi.T + process
         covariance = 0.5 * (covariance + covariance.T)
         if np.abs(gain - previous).max() < 1e-13 * np.abs(gain).max():
             break
-    return gain
+    return np.asarray(gain)
 
 
 def bias_response(model: ObserverModel, gain: Matrix, *, bias: float, seconds: float) -> float:

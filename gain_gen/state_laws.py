@@ -8,7 +8,7 @@ import numpy as np
 from canroll.errors import CanrollError
 from gain_gen.controller import Controller
 from gain_gen.design import Solution, Task
-from gain_gen.observer import Observer, SensorNoise, kalman, observer_model
+from gain_gen.observer import LateralModel, Observer, SensorNoise, kalman, observer_model
 from gain_gen.plant import Matrix
 from gain_gen.state_feedback import (
     disturbance_feedforward,
@@ -36,6 +36,9 @@ MOMENT_WEIGHT = 10.0**-8.4
 MOMENT_WEIGHT_STIFFNESS = 12601.07
 """K − m g h of that van, N·m/rad."""
 
+STEERED = LateralModel(frequency=6.0, damping=0.9, acceleration=1.5, steered=True)
+"""Yaw and lateral dynamics between steering and a_y, and how far the tyres depart from it."""
+
 FEEDFORWARD_SHARE = 0.3
 """β of u = −β m h a_y where nothing else is asked for."""
 
@@ -51,7 +54,8 @@ def sensor_noise(vehicle: Vehicle) -> SensorNoise:
 
 def observer_of(task: Task) -> Observer:
     """Return the constant-gain observer that the task asks for."""
-    model = observer_model(task.vehicle.design, task.tick, lateral=task.lateral, noise=task.noise)
+    lateral = STEERED if task.observer == "steering" else task.lateral
+    model = observer_model(task.vehicle.design, task.tick, lateral=lateral, noise=task.noise)
     measurements = (0,) if task.observer == "one_sensor" else (0, 1)
     observer = kalman(model, measurements=measurements)
     return replace(observer, bypass=task.observer == "reference")

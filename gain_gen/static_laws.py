@@ -28,7 +28,12 @@ from gain_gen.plant import (
     normalise,
     state_matrix,
 )
-from gain_gen.state_laws import actuator_rate, observer_of
+from gain_gen.state_laws import (
+    FEEDFORWARD_SHARE,
+    actuator_rate,
+    feedforward_row,
+    observer_of,
+)
 from vehicles import RollModel
 
 PRINTED_DELAY_GAIN = -84.06 * 180.0 / pi
@@ -396,3 +401,24 @@ def design_hinf_event(task: Task) -> Solution:
             "solves": float(clock.solves),
         },
     )
+
+
+def design_rate_feedforward(task: Task) -> Solution:
+    """u = K φ' − β m h a_y on the observer's filtered values: simple and strong.
+
+    K is the exact optimum for the delay with half a hold and the actuator's lag added: no
+    inequality, no solver.
+    """
+    model = task.vehicle.design
+    delay = task.delay.most + 0.5 * task.tick + task.lag
+    guesses = -model.roll_damping * np.geomspace(0.05, 8.0, 12)
+    guess = min(guesses, key=lambda gain: exact_gamma(model, float(gain), delay))
+    optimum = exact_optimum(model, delay, guess=float(guess))
+    controller = Controller(
+        tick=task.tick,
+        observer=observer_of(task),
+        feedback=np.array([0.0, -optimum.gain, 0.0, 0.0, 0.0]),
+        feedforward=feedforward_row(task, FEEDFORWARD_SHARE * model.roll_arm),
+        actuator_rate=actuator_rate(task),
+    )
+    return Solution(controller, gamma=optimum.gamma, delay_aware=True)
