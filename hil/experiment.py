@@ -4,13 +4,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import inf
 from pathlib import Path
+from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
 from firmware.calibration import ONE
 from hil import limit_cycle, metrics
 from hil.controller import PASSIVE, Controller, Request, choose, prepare
 from hil.delays import sample_to_force
-from hil.ecu import BACKENDS, open_ecu
+from hil.ecu import BACKENDS, default_backend, open_ecu
 from hil.result import Result, Settings
 from hil.trace import Trace
 from hil.virtual import RUN_TIME_NS, closed_loop
@@ -21,7 +22,6 @@ from plant_sim.world import World
 
 DEFAULT_BUS = "500k"
 DEFAULT_PLANT = "roll1"
-DEFAULT_BACKEND = "python"
 SEEDS = 2**31
 
 Report = Callable[[str, float], None]
@@ -40,9 +40,10 @@ def run(
     bus: str = DEFAULT_BUS,
     tick_ms: float | None = None,
     trigger: str | None = None,
-    backend: str = DEFAULT_BACKEND,
+    backend: str | None = None,
     seed: int = 0,
     duration: float | None = None,
+    options: Mapping[str, Any] | None = None,
     progress: Report | None = None,
 ) -> Result:
     """Drive a manoeuvre without and with control and return what came of it.
@@ -60,9 +61,10 @@ def run(
         bus: profile: "500k", "125k_busy", "gateway_20ms" or "gateway_50ms".
         tick_ms: period of the ECU's loop, 1 to 20.
         trigger: "event" sends a command when it matters, "every" in each tick.
-        backend: what runs the firmware.
+        backend: what runs the firmware: "native" where a compiler is, "python", "cortex-m4", …
         seed: of sensor noise, bias, phases and background traffic; the same seed, the same bytes.
         duration: s, where shorter than the manoeuvre.
+        options: of the manoeuvre, such as ``{"friction": 0.6}``.
         progress: called with "passive" or "controlled" and the share done.
 
     Raises:
@@ -85,6 +87,7 @@ def run(
         backend=backend,
         seed=seed,
         duration=duration,
+        options=options,
     )
     return simulate(settings, controller, duration=duration, progress=progress)
 
@@ -102,9 +105,10 @@ def plan(
     bus: str = DEFAULT_BUS,
     tick_ms: float | None = None,
     trigger: str | None = None,
-    backend: str = DEFAULT_BACKEND,
+    backend: str | None = None,
     seed: int = 0,
     duration: float | None = None,
+    options: Mapping[str, Any] | None = None,
 ) -> tuple[Settings, Controller]:
     """Return what :func:`run` would drive with the same arguments: settings and controller.
 
@@ -125,7 +129,7 @@ def plan(
     _check(scenario, {"speed {:g} km/h": speed_kmh, "duration {:g} s": duration})
     body(plant)
     load_profile(bus)
-    choose("backend", backend, BACKENDS)
+    backend = default_backend() if backend is None else choose("backend", backend, BACKENDS)
     if not 0 <= seed < SEEDS:
         raise CanrollError(f"seed {seed}: it must be 0 to {SEEDS - 1}")
     controller = prepare(request, bus=bus)
@@ -148,7 +152,10 @@ def plan(
         speed=speed,
         tick=controller.tick,
         run_time=RUN_TIME_NS * 1e-9,
+        options=tuple(sorted((options or {}).items())),
     )
+    # an option that the manoeuvre does not know is refused here
+    _maneuver(settings)
     return settings, controller
 
 
@@ -194,13 +201,21 @@ def build_world(settings: Settings, *, enabled: bool) -> World:
         vehicle=settings.vehicle,
         body=settings.plant,
         actuator=settings.actuator,
-        maneuver=maneuvers.build(
-            settings.scenario, settings.vehicle, settings.speed, settings.seed
-        ),
+        maneuver=_maneuver(settings),
         profile=load_profile(settings.bus),
         seed=settings.seed,
         enabled=enabled,
         command=settings.command,
+    )
+
+
+def _maneuver(settings: Settings) -> maneuvers.Maneuver:
+    return maneuvers.build(
+        settings.scenario,
+        settings.vehicle,
+        settings.speed,
+        settings.seed,
+        **dict(settings.options),
     )
 
 

@@ -26,7 +26,9 @@ FIGURES = (
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What was run. ``speed`` in m/s, ``tick`` and ``run_time`` in s; ``command``: the message."""
+    """What was run. ``speed`` in m/s, ``tick`` and ``run_time`` in s; ``command``: the
+    message that commands the actuators; ``options`` of the manoeuvre.
+    """
 
     scenario: str
     vehicle: Vehicle
@@ -42,6 +44,7 @@ class Settings:
     speed: float
     tick: float
     run_time: float
+    options: tuple[tuple[str, Any], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,6 +134,7 @@ class Result:
             "seed": settings.seed,
             "speed_kmh": round(settings.speed * 3.6, 9),
             "tick_ms": round(settings.tick * 1e3, 9),
+            "options": dict(settings.options),
             "duration_s": self.passive.duration,
             "calibration_id": self.record.id,
             "passive": asdict(self.passive_metrics),

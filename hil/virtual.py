@@ -3,11 +3,10 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hil.delays import RUN_TIME
-from hil.ecu import Backend, record_tick
-from hil.trace import TICK, Trace
+from hil.ecu import Backend, tick_rows
+from hil.trace import Trace
 from plant_sim.world import World
 
 RUN_TIME_NS = round(RUN_TIME * 1e9)
@@ -52,8 +51,8 @@ def closed_loop(
         Interrupted: Ctrl-C; it carries what was recorded.
     """
     end = world.duration_ns if duration_ns is None else min(duration_ns, world.duration_ns)
-    ticks = np.zeros(max(0, end - offset_ns) // tick_ns + 1, TICK)
-    done = 0
+    times: list[float] = []
+    images: list[bytes] = []
     try:
         world.advance(0)
         t = offset_ns
@@ -63,23 +62,24 @@ def closed_loop(
                 ecu.receive(int(frame["ident"]), frame["payload"], int(frame["length"]))
             for ident, payload in ecu.tick(1):
                 world.submit(t + run_time_ns, ident, payload)
-            record_tick(ticks[done], t * 1e-9, ecu.state)
-            done += 1
-            if progress is not None and done % 50 == 0:
+            times.append(t * 1e-9)
+            images.append(ecu.image())
+            if progress is not None and len(times) % 50 == 0:
                 progress(t / end)
         if not world.finished and t < end:
             world.advance(end)
     except KeyboardInterrupt:
-        raise Interrupted(_trace(world, ticks[:done], complete=False)) from None
-    return _trace(world, ticks[:done], complete=True)
+        raise Interrupted(_trace(world, times, images, complete=False)) from None
+    return _trace(world, times, images, complete=True)
 
 
-def _trace(world: World, ticks: NDArray[np.void], *, complete: bool) -> Trace:
+def _trace(world: World, times: list[float], images: list[bytes], *, complete: bool) -> Trace:
+    # a tick of which only the time was noted when it was interrupted does not count
     return Trace(
         signals=world.signals,
         frames=world.frames,
         ages=np.asarray(world.ages, dtype=np.int64),
-        ticks=ticks,
+        ticks=tick_rows(times[: len(images)], images),
         duration=world.now_ns * 1e-9,
         complete=complete,
     )

@@ -52,7 +52,14 @@ def add_run_options(parser: argparse.ArgumentParser, *, speed_range: str = "") -
     parser.add_argument("--bus", help="500k, 125k_busy, gateway_20ms, gateway_50ms")
     parser.add_argument("--tick", type=float, metavar="MS", help="period of the loop (default: 10)")
     parser.add_argument("--trigger", help="event or every (default: event)")
-    parser.add_argument("--backend", help="what runs the firmware")
+    parser.add_argument("--backend", help="python, native, cortex-m4, … (default: native)")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="option of the manoeuvre, such as friction=0.6; may be repeated",
+    )
     parser.add_argument("--seed", type=int, default=0, help="default: 0")
 
 
@@ -71,8 +78,21 @@ def run_keywords(args: argparse.Namespace) -> dict[str, object]:
         "trigger": args.trigger,
         "backend": args.backend,
         "seed": args.seed,
+        "options": maneuver_options(args.set),
     }
     return {name: value for name, value in given.items() if value is not None}
+
+
+def maneuver_options(texts: list[str]) -> dict[str, str] | None:
+    """Return the options of the manoeuvre from "key=value" each; None of nothing.
+
+    Raises:
+        CanrollError: there is no "=" in one of them.
+    """
+    for text in texts:
+        if "=" not in text:
+            raise CanrollError(f"--set {text}: write key=value")
+    return dict(text.split("=", 1) for text in texts) or None
 
 
 def run(args: argparse.Namespace) -> int:

@@ -38,6 +38,7 @@ def parameters(result: Result) -> list[tuple[str, str]]:
     settings, delay = result.settings, result.delay
     rows = [
         ("manoeuvre", f"{settings.scenario}, {settings.speed * 3.6:g} km/h"),
+        *((f"manoeuvre: {key}", str(value)) for key, value in settings.options),
         ("vehicle", f"{settings.vehicle.name}: {settings.vehicle.title}"),
         ("plant", settings.plant),
         ("actuator", settings.actuator),

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import dbc
-from hil import experiment, virtual
+from codegen.backends import PythonEcu
+from hil import experiment
 from hil.cli import main
 from hil.logs import write_log
 from plant_sim import sensor_setup
@@ -205,6 +206,22 @@ def test_a_calibration_file_gives_the_same_run(tmp_path, capsys):
     assert second["files"] == {}
 
 
+def test_python_and_native_give_the_same_frames():
+    runs = [
+        experiment.run("double_lane_change", duration=SHORT, backend=backend)
+        for backend in ("python", "native")
+    ]
+    assert identities(runs[0].controlled.frames) == identities(runs[1].controlled.frames)
+    assert np.array_equal(runs[0].controlled.ticks, runs[1].controlled.ticks)
+
+
+def test_options_of_the_manoeuvre_reach_it():
+    grip = experiment.run("moose", plant="nonlinear", law="passive")
+    ice = experiment.run("moose", plant="nonlinear", law="passive", options={"friction": "0.3"})
+    most = [np.max(np.abs(r.passive.signals["ay"])) for r in (grip, ice)]
+    assert most[1] < 0.3 * 9.81 * 1.1 < most[0]
+
+
 def test_files_of_a_run(tmp_path, capsys):
     assert main(["run", "double_lane_change", "--duration", "1.5", "--out", str(tmp_path)]) == 0
     text = capsys.readouterr().out
@@ -232,6 +249,8 @@ def test_files_of_a_run(tmp_path, capsys):
         (["double_lane_change", "--trigger", "evnt"], "did you mean 'event'?"),
         (["double_lane_change", "--backend", "pyton"], "did you mean 'python'?"),
         (["double_lane_change", "--tick", "25"], "1 to 20 ms"),
+        (["double_lane_change", "--set", "friction"], "key=value"),
+        (["double_lane_change", "--set", "fricton=0.5"], "did you mean 'friction'?"),
         (["double_lane_change", "--seed", "-1"], "seed -1"),
         (["double_lane_change", "--seed", "x"], "--seed"),
         (["double_lane_change", "--log", "bus.txt"], ".asc, .blf, .log"),
@@ -251,14 +270,13 @@ def test_what_is_wrong_is_said_in_one_line(options, expected, capsys, tmp_path, 
 
 
 def test_interrupted_runs_leave_a_complete_log(tmp_path, monkeypatch, capsys):
-    original = virtual.record_tick
+    class Interrupting(PythonEcu):
+        def tick(self, elapsed_ticks=1):
+            if self.state.time == 100:
+                raise KeyboardInterrupt
+            return super().tick(elapsed_ticks)
 
-    def interrupting(row, t, state):
-        original(row, t, state)
-        if t > 1.0:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(virtual, "record_tick", interrupting)
+    monkeypatch.setattr(experiment, "open_ecu", lambda name, record: Interrupting(record))
     log = tmp_path / "bus.blf"
     assert main(["run", "double_lane_change", "--json", "--log", str(log)]) == 130
     with can.LogReader(log) as reader:
