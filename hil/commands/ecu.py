@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 
 from canroll.errors import CanrollError, VerdictError
+from codegen.backends import BACKENDS, default_backend, open_backend
 from gain_gen.calibration import load as load_calibration
-from hil.ecu import open_ecu
 from hil.realtime import ecu_loop, process, tick_trace
 from hil.realtime.link import add_bus_arguments, open_link
 
@@ -24,7 +24,9 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     add_bus_arguments(parser)
     parser.add_argument("--calibration", type=Path, metavar="FILE", help="of canroll design")
-    parser.add_argument("--backend", default="python", help="what runs the firmware")
+    parser.add_argument(
+        "--backend", help=f"{', '.join(BACKENDS)} (default: native where a C compiler is)"
+    )
     parser.add_argument("--duration", type=float, metavar="S", help="default: until stopped")
     add_loop_options(parser)
     parser.add_argument("--trace", type=Path, metavar="FILE", help="write the trace of all ticks")
@@ -59,14 +61,15 @@ def nanoseconds(seconds: float | None, option: str) -> int | None:
 
 def run(args: argparse.Namespace) -> int:
     """Run until stopped, or replay a trace; 0 unless a replay differs."""
+    backend = args.backend or default_backend()
     if args.replay is not None:
-        return replay(args.replay, args.backend)
+        return replay(args.replay, backend)
     if args.calibration is None:
         raise CanrollError("which controller? --calibration FILE, as 'canroll design' writes it")
     duration = nanoseconds(args.duration, "--duration")
     peer_timeout = nanoseconds(args.peer_timeout, "--peer-timeout")
     calibration = load_calibration(args.calibration).record
-    ecu = open_ecu(args.backend, calibration)
+    ecu = open_backend(backend, calibration)
     link = open_link(args)
     seconds = args.duration + 1 if args.duration else TRACE_SECONDS
     recorder = tick_trace.Recorder(
@@ -93,7 +96,7 @@ def run(args: argparse.Namespace) -> int:
         if args.trace is not None:
             about = {
                 "reason": outcome.reason,
-                "backend": args.backend,
+                "backend": backend,
                 "notes": notes,
                 "cpu": args.cpu,
                 "sent": link.sent,

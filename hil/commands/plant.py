@@ -44,6 +44,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--bus", default="500k", help="the modelled bus: 500k, 125k_busy, gateway_20ms, …"
     )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="option of the manoeuvre, such as friction=0.6; may be repeated",
+    )
     parser.add_argument("--seed", type=int, default=0, help="default: 0")
     parser.add_argument("--duration", type=float, metavar="S", help="default: the manoeuvre's")
     parser.add_argument(
@@ -130,6 +137,7 @@ def world_of(args: argparse.Namespace) -> "World":
     Raises:
         CanrollError: a name or number that cannot be.
     """
+    from hil.commands.run import maneuver_options  # noqa: PLC0415
     from hil.controller import choose  # noqa: PLC0415
     from plant_sim import can_bus, maneuvers  # noqa: PLC0415
     from plant_sim.world import World  # noqa: PLC0415
@@ -142,12 +150,13 @@ def world_of(args: argparse.Namespace) -> "World":
     speed = maneuvers.default_speed(args.scenario, vehicle)
     if args.speed is not None:
         speed = args.speed / 3.6
+    options = maneuver_options(args.set) or {}
     return World(
         vehicle=vehicle,
         body=args.plant,
         actuator=args.actuator,
         command=args.command_message,
-        maneuver=maneuvers.build(args.scenario, vehicle, speed, args.seed),
+        maneuver=maneuvers.build(args.scenario, vehicle, speed, args.seed, **options),
         profile=can_bus.load_profile(args.bus),
         seed=args.seed,
         enabled=not args.passive,

@@ -9,14 +9,12 @@ nothing is caught up. Inside a tick nothing is logged, nothing waits and no coll
 import time
 from dataclasses import dataclass
 
-import numpy as np
-
+from codegen.backends import Backend
 from firmware.calibration import Calibration
 from firmware.event_trigger import command_slot
 from firmware.signals import RX_IDS, TX_IDS, TX_LENGTHS, pack
 from firmware.state import SAFE, Ecu
 from firmware.transmit import queue
-from hil.ecu import Backend
 from hil.realtime.link import Frame, Link
 from hil.realtime.process import Stop, collector_off
 from hil.realtime.tick_trace import Recorder
@@ -76,8 +74,7 @@ def run(
             number += elapsed
             for ident, payload in link.receive():
                 if ident in ours:
-                    data = np.frombuffer(payload.ljust(8, b"\0"), np.uint8)
-                    ecu.receive(ident, data, len(payload))
+                    ecu.receive(ident, payload, len(payload))
                     recorder.consumed(ident, payload)
                     last_heard = start
             for ident, payload in ecu.tick(elapsed):

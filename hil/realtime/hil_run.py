@@ -13,7 +13,6 @@ from hil.experiment import with_files
 from hil.realtime import session
 from hil.result import Result
 from hil.trace import Trace
-from plant_sim import maneuvers
 
 __all__ = ["run", "with_files"]
 
@@ -42,7 +41,7 @@ def run(
         Interrupted: Ctrl-C; both programs have ended.
     """
     settings, controller = experiment.plan(scenario, duration=duration, **keywords)
-    whole = maneuvers.build(scenario, settings.vehicle, settings.speed, settings.seed).duration_ns
+    whole = experiment.build_world(settings, enabled=False).duration_ns
     judged = whole * 1e-9 if duration is None else min(duration, whole * 1e-9)
     setup = session.Setup(
         bus_options=bus_options,

@@ -138,6 +138,8 @@ def plant_arguments(
     }
     for name, value in options.items():
         arguments += [f"--{name}", str(value)]
+    for name, value in settings.options:
+        arguments += ["--set", f"{name}={value}"]
     if setup.duration is not None:
         arguments += ["--duration", str(setup.duration)]
     if not enabled:

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from codegen.backends import Backend, open_backend
 from firmware.calibration import Calibration
 from firmware.subset import fields
 from gain_gen.record import fill
-from hil.ecu import Backend, open_ecu, record_tick
+from hil.ecu import record_tick
 from hil.realtime.link import Frame
 from hil.trace import TICK
 
@@ -154,7 +155,7 @@ def replay(trace: TickTrace, backend: str, *, start_ns: int = 0) -> Replay:
         backend: what runs the firmware.
         start_ns: monotonic instant that is time 0 of the rows.
     """
-    ecu = open_ecu(backend, trace.calibration)
+    ecu = open_backend(backend, trace.calibration)
     rows = np.zeros(len(trace.ticks), TICK)
     difference = None
     first = 0

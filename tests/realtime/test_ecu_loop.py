@@ -5,9 +5,9 @@ import pytest
 from e2e import p01
 
 import dbc
+from codegen.backends import PythonEcu
 from firmware import calibration as fw
 from hil import virtual
-from hil.ecu import PythonEcu
 from hil.experiment import build_world, plan
 from hil.realtime import ecu_loop, tick_trace
 from hil.realtime.process import Stop
@@ -191,12 +191,13 @@ def test_on_time_it_is_the_loop_of_virtual_time(against_world):
     assert ours[fields].tobytes() == theirs[fields].tobytes()
 
 
-def test_the_trace_replays_byte_for_byte(against_world, tmp_path):
+@pytest.mark.parametrize("backend", ["python", "native"])
+def test_the_trace_replays_byte_for_byte(against_world, tmp_path, backend):
     trace = against_world[-1]
     path = tmp_path / "ticks.npz"
     tick_trace.save(path, trace)
     read = tick_trace.load(path)
-    again = tick_trace.replay(read, "python", start_ns=int(trace.ticks["deadline_ns"][0]))
+    again = tick_trace.replay(read, backend, start_ns=int(trace.ticks["deadline_ns"][0]))
     assert again.difference is None
     assert len(again.rows) == len(trace.ticks) == 300
     assert again.rows["t"][0] == 0.0
