@@ -29,6 +29,7 @@ __all__ = [
     "names",
     "options",
     "replay",
+    "speed_range",
     "title",
     "understeer",
 ]
@@ -112,6 +113,11 @@ def options(name: str) -> dict[str, Any]:
 def default_speed(name: str, vehicle: Vehicle) -> float:
     """Entry speed (m/s) of that manoeuvre: the vehicle's own where its file states one."""
     return vehicle.speeds.get(name, _kind(name).speed_kmh / 3.6)
+
+
+def speed_range(name: str) -> tuple[float, float]:
+    """Slowest and fastest entry speed (m/s) of that manoeuvre."""
+    return SLOWEST_KMH / 3.6, _kind(name).fastest_kmh / 3.6
 
 
 def _converted(value: Any, default: Any, what: str) -> Any:  # noqa: ANN401
