@@ -330,3 +330,100 @@ def test_misuse_is_refused_in_one_line():
         make(actuator="bar")
     with pytest.raises(UnknownNameError, match="SuspensionForceCommand"):
         make(command="AntiRollBarCommand")
+
+
+def straight(world, force, until):
+    """Hold one force at each corner for a while and give the mean wheel loads of the last 0.2 s."""
+    names = ("ForceFrontLeft", "ForceFrontRight", "ForceRearLeft", "ForceRearRight")
+    for counter, t in enumerate(range(TICK, until, 5 * TICK)):
+        world.advance(t)
+        payload = protect(
+            "SuspensionForceCommand", counter % 15, **dict(zip(names, force, strict=True))
+        )
+        world.submit(t, IDS["SuspensionForceCommand"], payload)
+    world.advance(until)
+    wheels = ("front_left", "front_right", "rear_left", "rear_right")
+    return np.array([world.signals[f"wheel_load_{w}"][-200:].mean() for w in wheels])
+
+
+@pytest.mark.parametrize("body", ["fullcar", "nonlinear"])
+def test_actuators_push_body_and_wheels_apart(body):
+    """Forces between body and wheels are internal: they lift the body, not the car."""
+
+    def loads(force):
+        world = World(
+            vehicle=VEHICLE,
+            body=body,
+            actuator="suspension",
+            maneuver=maneuvers.build("double_lane_change", VEHICLE, 10.0),
+            profile=can_bus.load_profile("500k"),
+            sensors=SensorOptions.ideal(),
+        )
+        result = straight(world, force, 1400 * MS)
+        return result, world.signals["heave"][-1], world.signals["roll"][-1]
+
+    rest, height, _ = loads((0, 0, 0, 0))
+    lifted, higher, _ = loads((1000, 1000, 1000, 1000))
+    assert higher > height + 0.005
+    assert lifted.sum() == pytest.approx(rest.sum(), rel=2e-3)
+    rolled, _, roll = loads((1000, -1000, 1000, -1000))
+    assert roll > 0.01
+    # Body and wheels together: only the shifted weight, not the moment itself, reaches the road.
+    shift = (rolled[0] + rolled[2]) - (rest[0] + rest[2])
+    assert abs(shift) < 300
+
+
+@pytest.mark.parametrize("body", ["roll1", "fullcar", "nonlinear"])
+def test_the_imu_feels_what_its_place_on_the_body_does(body):
+    """Lateral frames against the recorded motion by the linear relation for small angles."""
+    world = make(body=body, sensors=SensorOptions.ideal(phases={"Imu": 0.004}))
+    frames = [f for f in drive(world) if f["ident"] == IDS["Imu"]]
+    s = world.signals
+    rows = 3 + 10 * np.arange(len(frames))
+    x, y, z = VEHICLE.sensors.imu_position
+    expected = (
+        s["ay"] * np.cos(s["roll"])
+        + (9.81 + s["heave_acc"]) * np.sin(s["roll"])
+        + s["yaw_acc"] * x
+        - s["roll_acc"] * z
+        - (s["yaw_rate"] ** 2) * y
+    )[rows]
+    sent = np.array([decode(f)["LateralAcceleration"] for f in frames])
+    assert sent == pytest.approx(expected, abs=0.12)
+    assert np.sqrt(np.mean((sent - expected) ** 2)) < 0.05
+    gyro = np.array([decode(f)["RollRate"] for f in frames])
+    rate = s["roll_rate"] - s["yaw_rate"] * np.sin(s["pitch"])
+    askew = VEHICLE.sensors.imu_misalignment
+    slip = max(askew) * np.degrees(np.abs(s["yaw_rate"]).max() + np.abs(s["pitch_rate"]).max())
+    assert gyro == pytest.approx(np.degrees(rate[rows]), abs=0.01 + 2 * slip)
+
+
+def test_left_is_left_for_every_sensor():
+    """A left turn: wheel to the left, positive yaw rate and acceleration, right wheels loaded."""
+    world = World(
+        vehicle=VEHICLE,
+        body="nonlinear",
+        actuator="suspension",
+        maneuver=maneuvers.build("roundabout", VEHICLE),
+        profile=can_bus.load_profile("500k"),
+        sensors=SensorOptions.ideal(),
+    )
+    last = {}
+    t = 0
+    while world.signals["ay"][-1:].sum() < 2.0 and t < world.duration_ns:
+        t += TICK
+        for frame in world.advance(t):
+            last[MESSAGES[int(frame["ident"])].name] = decode(frame)
+    for frame in world.advance(t + 500 * MS):
+        last[MESSAGES[int(frame["ident"])].name] = decode(frame)
+    assert last["VehicleMotion"]["SteeringWheelAngle"] > 20
+    assert last["Imu"]["YawRate"] > 5
+    assert last["Imu"]["LateralAcceleration"] > 2
+    assert last["RollReference"]["RollAngle"] > 0.3
+    assert (
+        last["SuspensionTravel"]["TravelFrontLeft"]
+        > 0
+        > last["SuspensionTravel"]["TravelFrontRight"]
+    )
+    signals = world.signals
+    assert signals["wheel_load_front_right"][-1] > signals["wheel_load_front_left"][-1]
