@@ -1,9 +1,9 @@
 """A steering angle to the left, followed through every part: docs/axes.md is what it checks."""
 
-import dbc
 import numpy as np
 import pytest
 
+import dbc
 import hil
 import vehicles
 from plant_sim import maneuvers
@@ -13,7 +13,7 @@ from plant_sim.world import World
 SETTLED_S = 3.0
 
 
-def left_turn(body, enabled=True):
+def left_turn(body):
     """Return signals and decoded last sensor frames of a steering angle held to the left."""
     vehicle = vehicles.load("van_real")
     steps = maneuvers.build("constant_radius", vehicle, 15.0)
@@ -25,7 +25,6 @@ def left_turn(body, enabled=True):
         actuator="suspension",
         maneuver=maneuvers.replay(steps, steer),
         profile=load_profile("500k"),
-        enabled=enabled,
     )
     received = world.advance(round(SETTLED_S * 1e9))
     database = dbc.load()
