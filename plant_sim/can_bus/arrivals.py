@@ -2,8 +2,16 @@
 
 import numpy as np
 
-from plant_sim.can_bus.layout import EXPONENTIAL, GATEWAY_COUNT, SEED, UNIFORM, Network
-from plant_sim.can_bus.queues import schedule, store
+from plant_sim.can_bus.layout import (
+    EXPONENTIAL,
+    GATEWAY_COUNT,
+    NOW,
+    SEED,
+    UNIFORM,
+    Network,
+    State,
+)
+from plant_sim.can_bus.queues import message_of, release, schedule, store
 from plant_sim.can_bus.randomness import random_bits, uniform
 from plant_sim.jit import njit
 
@@ -13,9 +21,17 @@ _LATENCY_STREAM = 1 << 43
 
 
 @njit
-def schedule_source(network: Network, number: int, now: int) -> None:
-    """Put the next release of a periodic source into the calendar."""
+def start_source(network: Network, number: int) -> None:
+    """Enter the message of a periodic source and schedule its first release."""
     bus = network.state[0]
+    source = bus.sources[number]
+    source.message = message_of(bus, source.node, source.ident, source.flags)
+    schedule_source(bus, number, bus.clock[NOW])
+
+
+@njit
+def schedule_source(bus: State, number: int, now: int) -> None:
+    """Put the next release of a periodic source into the calendar."""
     source = bus.sources[number]
     drift = bus.nodes[source.node].drift
     nominal = source.offset_ns + np.int64(np.rint(source.sent * source.period_ns * (1.0 + drift)))
@@ -24,34 +40,34 @@ def schedule_source(network: Network, number: int, now: int) -> None:
     if source.jitter_ns > 0:
         draw = uniform(bus.clock[SEED], _JITTER_STREAM + number, source.sent)
         nominal += np.int64(draw * (source.jitter_ns + 1))
-    schedule(network, max(nominal, now), -1 - number)
+    schedule(bus, max(nominal, now), -1 - number)
 
 
 @njit
-def generate(network: Network, number: int, now: int) -> None:
+def generate(bus: State, number: int, now: int) -> None:
     """Queue the frame of a periodic source that is due and schedule its next."""
-    bus = network.state[0]
     source = bus.sources[number]
     payload = bus.source_payloads[number]
     if source.random_payload:
         bits = np.uint64(0)
         for index in range(source.length):
-            if index % 8 == 0:
-                counter = source.sent * 8 + index // 8
+            if index & 7 == 0:
+                counter = source.sent * 8 + (index >> 3)
                 bits = random_bits(bus.clock[SEED], _PAYLOAD_STREAM + number, counter)
             payload[index] = np.uint8(bits & np.uint64(0xFF))
             bits >>= np.uint64(8)
-    slot = store(network, source.node, now, now, source.ident, source.length, payload, source.flags)
+    slot = store(bus, source.node, now, now, source.ident, source.length, payload, source.flags)
+    source.sent += 1
+    schedule_source(bus, number, now)
     if slot >= 0:
         bus.frames[slot].bits = source.bits
-    source.sent += 1
-    schedule_source(network, number, now)
+        bus.frames[slot].message = source.message
+        release(bus, slot, now)
 
 
 @njit
-def forward(network: Network, slot: int, now: int) -> None:
+def forward(bus: State, slot: int, now: int) -> None:
     """Let the gateways that route a frame just received store it for their other side."""
-    bus = network.state[0]
     frame = bus.frames[slot]
     mask = bus.messages[frame.message].gateways
     for index in range(bus.clock[GATEWAY_COUNT]):
@@ -70,8 +86,8 @@ def forward(network: Network, slot: int, now: int) -> None:
                 latency += np.int64(-gateway.mean_ns * np.log1p(-draw * share))
         gateway.forwarded += 1
         gateway.last_ns = max(gateway.last_ns, now + latency)
-        store(
-            network,
+        stored = store(
+            bus,
             gateway.to_node,
             gateway.last_ns,
             frame.t_origin,
@@ -80,3 +96,5 @@ def forward(network: Network, slot: int, now: int) -> None:
             bus.payloads[slot],
             frame.flags,
         )
+        if stored >= 0:
+            schedule(bus, gateway.last_ns, stored)

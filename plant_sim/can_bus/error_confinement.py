@@ -26,7 +26,7 @@ from plant_sim.can_bus.layout import (
     NODE_COUNT,
     NODE_DOWN,
     SEED,
-    Network,
+    State,
 )
 from plant_sim.can_bus.ledger import finish
 from plant_sim.can_bus.queues import fault_active, offer
@@ -46,19 +46,17 @@ _DRAW_STREAM = 1 << 40
 
 
 @njit
-def encode_frame(network: Network, slot: int, out: NDArray[np.uint8]) -> tuple[int, int, int]:
+def encode_frame(bus: State, slot: int, out: NDArray[np.uint8]) -> tuple[int, int, int]:
     """Write the wire bits of the frame in ``slot``; see ``wire_bits``."""
-    bus = network.state[0]
     frame = bus.frames[slot]
     return wire_bits(frame.ident, frame.flags, frame.length, bus.payloads[slot], out)
 
 
 @njit
-def first_difference(network: Network, slot: int, twin: int) -> int:
+def first_difference(bus: State, slot: int, twin: int) -> int:
     """Return the first wire bit in which two frames differ, −1 where they are the same."""
-    bus = network.state[0]
-    bits, _, _ = encode_frame(network, slot, bus.scratch[0])
-    others, _, _ = encode_frame(network, twin, bus.scratch[1])
+    bits, _, _ = encode_frame(bus, slot, bus.scratch[0])
+    others, _, _ = encode_frame(bus, twin, bus.scratch[1])
     for index in range(min(bits, others)):
         if bus.scratch[0, index] != bus.scratch[1, index]:
             return index
@@ -66,9 +64,8 @@ def first_difference(network: Network, slot: int, twin: int) -> int:
 
 
 @njit
-def random_error(network: Network, which: int, bits: int) -> int:
+def random_error(bus: State, which: int, bits: int) -> int:
     """Draw the first disturbed bit of an attempt of ``bits`` bits, −1 for none."""
-    bus = network.state[0]
     rate = bus.segments[which].bit_error_rate
     bus.clock[DRAWS] += 1
     draw = uniform(bus.clock[SEED], _DRAW_STREAM + which, bus.clock[DRAWS])
@@ -79,9 +76,8 @@ def random_error(network: Network, which: int, bits: int) -> int:
 
 
 @njit
-def scripted_error(network: Network, slot: int, bits: int, now: int) -> int:
+def scripted_error(bus: State, slot: int, bits: int, now: int) -> int:
     """Return the bit that a fault disturbs in this attempt, −1 for none; uses the fault up."""
-    bus = network.state[0]
     frame = bus.frames[slot]
     for index in range(bus.clock[FAULT_COUNT]):
         fault = bus.faults[index]
@@ -100,30 +96,28 @@ def scripted_error(network: Network, slot: int, bits: int, now: int) -> int:
 
 
 @njit
-def acknowledged(network: Network, which: int, sender: int, now: int) -> bool:
+def acknowledged(bus: State, which: int, sender: int, now: int) -> bool:
     """Return whether any other node of the segment is there to acknowledge a frame."""
-    bus = network.state[0]
     for index in range(bus.clock[NODE_COUNT]):
         node = bus.nodes[index]
         there = node.segment == which and index != sender and node.state != BUS_OFF
-        if there and fault_active(network, NODE_DOWN, index, now) < 0:
+        if there and fault_active(bus, NODE_DOWN, index, now) < 0:
             return True
     return False
 
 
 @njit
 def error_times(
-    network: Network, which: int, slot: int, position: int, kind: int, now: int
+    bus: State, which: int, slot: int, position: int, kind: int, now: int
 ) -> tuple[int, int]:
     """Return when an error in wire bit ``position`` is seen, and when the bus is free again.
 
     The error flag is 6 bits; nodes that did not see the error see the flag break the stuffing
     rule and answer with 6 of their own: 7 to 12 in all, by the equal bits that came before.
     """
-    bus = network.state[0]
     segment = bus.segments[which]
     bits = bus.scratch[0]
-    total, data_from, data_to = encode_frame(network, slot, bits)
+    total, data_from, data_to = encode_frame(bus, slot, bits)
     fast = max(0, min(position + 1, data_to) - data_from)
     rate = segment.data_bitrate if segment.data_bitrate else segment.bitrate
     seen = now + duration_ns(position + 1 - fast, segment.bitrate) + duration_ns(fast, rate)
@@ -142,8 +136,7 @@ def error_times(
 
 
 @njit
-def _classify(network: Network, index: int) -> None:
-    bus = network.state[0]
+def _classify(bus: State, index: int) -> None:
     node = bus.nodes[index]
     if node.state != BUS_OFF:
         passive = node.transmit_errors > 127 or node.receive_errors > 127
@@ -151,9 +144,8 @@ def _classify(network: Network, index: int) -> None:
 
 
 @njit
-def count_success(network: Network, which: int, sender: int) -> None:
+def count_success(bus: State, which: int, sender: int) -> None:
     """Let the error counters of the segment's nodes recover by one good frame."""
-    bus = network.state[0]
     segment = bus.segments[which]
     if not segment.disturbed:
         return
@@ -168,15 +160,14 @@ def count_success(network: Network, which: int, sender: int) -> None:
             node.receive_errors = 120
         else:
             node.receive_errors = max(0, node.receive_errors - 1)
-        _classify(network, index)
+        _classify(bus, index)
         left += node.transmit_errors + node.receive_errors
     segment.disturbed = 1 if left > 0 else 0
 
 
 @njit
-def count_error(network: Network, which: int, sender: int, twin: int, kind: int) -> None:
+def count_error(bus: State, which: int, sender: int, twin: int, kind: int) -> None:
     """Raise the error counters after a destroyed attempt of ``sender`` (and of ``twin``)."""
-    bus = network.state[0]
     bus.segments[which].disturbed = 1
     for index in range(bus.clock[NODE_COUNT]):
         node = bus.nodes[index]
@@ -187,7 +178,7 @@ def count_error(network: Network, which: int, sender: int, twin: int, kind: int)
                 node.transmit_errors += 8
         elif kind != ACKNOWLEDGE_ERROR:
             node.receive_errors = min(node.receive_errors + 1, 255)
-        _classify(network, index)
+        _classify(bus, index)
         if node.transmit_errors > 255:
             node.state = BUS_OFF
             node.bus_offs += 1
@@ -196,9 +187,8 @@ def count_error(network: Network, which: int, sender: int, twin: int, kind: int)
 
 
 @njit
-def purge(network: Network, which: int, sender: int, now: int) -> None:
+def purge(bus: State, which: int, sender: int, now: int) -> None:
     """Drop what a node that has left the bus still has queued."""
-    bus = network.state[0]
     segment = bus.segments[which]
     segment.pending = 0
     for number in range(MAX_NODES + bus.clock[MESSAGES]):
@@ -213,16 +203,15 @@ def purge(network: Network, which: int, sender: int, now: int) -> None:
             slot = queue.head
             queue.head = bus.frames[slot].next
             bus.nodes[node].pending -= 1
-            finish(network, slot, LOST_BUS_OFF, -1, now, now)
+            finish(bus, slot, LOST_BUS_OFF, -1, now, now)
         if queue.head < 0:
             queue.tail = -1
-        offer(network, number)
+        offer(bus, number)
 
 
 @njit
-def count_recessive(network: Network, which: int, sequences: int) -> None:
+def count_recessive(bus: State, which: int, sequences: int) -> None:
     """Let bus-off nodes see ``sequences`` more runs of 11 recessive bits."""
-    bus = network.state[0]
     segment = bus.segments[which]
     for index in range(bus.clock[NODE_COUNT]):
         node = bus.nodes[index]
@@ -235,13 +224,12 @@ def count_recessive(network: Network, which: int, sequences: int) -> None:
 
 
 @njit
-def count_idle(network: Network, which: int, now: int) -> None:
+def count_idle(bus: State, which: int, now: int) -> None:
     """Account for the recessive bits of an idle bus up to ``now``."""
-    bus = network.state[0]
     segment = bus.segments[which]
     if segment.bus_off == 0 or segment.in_flight >= 0 or now <= segment.idle_from_ns:
         return
     step = duration_ns(_RECESSIVE_SEQUENCE_BITS, segment.bitrate)
     sequences = (now - segment.idle_from_ns) // step
     segment.idle_from_ns += sequences * step
-    count_recessive(network, which, sequences)
+    count_recessive(bus, which, sequences)

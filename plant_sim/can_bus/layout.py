@@ -11,6 +11,12 @@ from plant_sim.jit import njit
 
 Records = NDArray[Any]
 
+State = Any
+"""The one record of a network's state, as kernels hand it on: ``network.state[0]``.
+
+Unlike arrays it has no count of references, whose upkeep would cost more than the bus itself.
+"""
+
 DELIVERED: Final = 0
 SUPERSEDED: Final = 1
 ERROR: Final = 2
@@ -71,6 +77,8 @@ NODE_COUNT: Final = 9
 SOURCE_COUNT: Final = 10
 GATEWAY_COUNT: Final = 11
 FAULT_COUNT: Final = 12
+LOG_PLACE: Final = 13
+LOG_SIZE: Final = 14
 
 NEVER: Final = 2**62
 """A time that never comes."""
@@ -85,6 +93,7 @@ MAX_GATEWAYS: Final = 16
 MAX_ROUTES: Final = 256
 MAX_FAULTS: Final = 64
 MAX_PAYLOAD: Final = 64
+MAX_LOG: Final = 1 << 15
 
 OFFERED: Final = len(OUTCOMES)
 """Column of ``Network.totals`` behind the outcomes: frames queued at all."""
@@ -115,6 +124,7 @@ _STATE: Final = np.dtype(
         ("faults", records.FAULT, (MAX_FAULTS,)),
         ("aside", "i8", (_QUEUES,)),
         ("scratch", "u1", (2, 1024)),
+        ("log", log_dtype(), (MAX_LOG,)),
     ]
 )
 
@@ -122,9 +132,10 @@ _STATE: Final = np.dtype(
 class Network(NamedTuple):
     """One or more bus segments with all that is on them; kernels work on it in place.
 
-    ``state`` holds one record with everything but the log; its parts are there as properties.
-    ``log`` is a ring (see ``log_dtype``): entry number k sits at ``log[k % len(log)]``, and
-    ``logged(network)`` counts the entries ever written. In a kernel: ``network.state[0]``.
+    ``state`` holds one record with everything; its parts are there as properties.
+    ``log`` is a view of the ring in it (see ``log_dtype``): entry number k sits at
+    ``log[k % len(log)]``, and ``logged(network)`` counts the entries ever written. In a kernel:
+    ``network.state[0]``.
     """
 
     state: Records
@@ -170,7 +181,9 @@ def logged(network: Network) -> int:
 
 def empty(*, log: int, seed: int) -> Network:
     """Return a network with nothing on it at time 0 and room for ``log`` log entries."""
-    network = Network(np.zeros(1, _STATE), np.zeros(log, log_dtype()))
+    state = np.zeros(1, _STATE)
+    network = Network(state, state["log"][0][:log])
+    network.clock[LOG_SIZE] = log
     queues = network.part("queues")
     queues["head"] = queues["tail"] = -1
     network.part("frames")["next"] = np.append(np.arange(1, MAX_FRAMES), -1)

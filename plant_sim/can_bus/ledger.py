@@ -1,17 +1,22 @@
 # ruff: noqa: PLR0917
 """The account of every frame: what became of it, in the log, the totals and its message."""
 
-from plant_sim.can_bus.layout import DELIVERED, FREE_FRAME, LOGGED, SUPERSEDED, Network
+from plant_sim.can_bus.layout import (
+    DELIVERED,
+    FREE_FRAME,
+    LOG_PLACE,
+    LOG_SIZE,
+    LOGGED,
+    SUPERSEDED,
+    State,
+)
 from plant_sim.jit import njit
 
 
 @njit
-def finish(
-    network: Network, slot: int, outcome: int, t_start: int, t_received: int, t_end: int
-) -> None:
+def finish(bus: State, slot: int, outcome: int, t_start: int, t_received: int, t_end: int) -> None:
     """Log the end of a frame, count it and free its slot."""
-    bus = network.state[0]
-    write_log(network, slot, outcome, t_start, t_received, t_end)
+    write_log(bus, slot, outcome, t_start, t_received, t_end)
     frame = bus.frames[slot]
     message = bus.messages[frame.message]
     message.attempts += frame.attempts
@@ -31,15 +36,17 @@ def finish(
 
 @njit
 def write_log(
-    network: Network, slot: int, outcome: int, t_start: int, t_received: int, t_end: int
+    bus: State, slot: int, outcome: int, t_start: int, t_received: int, t_end: int
 ) -> None:
     """Append what happened to a frame to the ring log and to the segment's totals."""
-    bus = network.state[0]
     frame = bus.frames[slot]
     segment = bus.nodes[frame.node].segment
     bus.totals[segment, outcome] += 1
-    total = bus.clock[LOGGED]
-    entry = network.log[total % len(network.log)]
+    clock = bus.clock
+    total = clock[LOGGED]
+    place = clock[LOG_PLACE]
+    clock[LOG_PLACE] = place + 1 if place + 1 < clock[LOG_SIZE] else 0
+    entry = bus.log[place]
     entry.t_origin = frame.t_origin
     entry.t_queued = frame.t_queued
     entry.t_start = t_start
@@ -57,4 +64,4 @@ def write_log(
         entry.payload[index] = stored[index]
     for index in range(frame.length, 8):
         entry.payload[index] = 0
-    bus.clock[LOGGED] = total + 1
+    clock[LOGGED] = total + 1

@@ -8,9 +8,8 @@ import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.can_bus import layout
-from plant_sim.can_bus.arrivals import schedule_source
+from plant_sim.can_bus.arrivals import start_source
 from plant_sim.can_bus.layout import Network
-from plant_sim.can_bus.queues import message_of
 from plant_sim.can_bus.wire import EXTENDED, FD, arbitration_key
 
 POLICIES: Final = {"priority": layout.PRIORITY, "fifo": layout.FIFO, "replace": layout.REPLACE}
@@ -149,6 +148,7 @@ def _check(spec: NetworkSpec) -> None:
         ("gateways", len(spec.gateways), layout.MAX_GATEWAYS),
         ("identifiers routed by a gateway", routes, layout.MAX_ROUTES),
         ("faults", len(spec.faults), layout.MAX_FAULTS),
+        ("log entries", spec.log_capacity, layout.MAX_LOG),
     ):
         if count > room:
             raise CanrollError(f"a network has room for {room} {what}, not {count}")
@@ -195,6 +195,8 @@ def build_network(spec: NetworkSpec) -> Network:
     for i, segment in enumerate(spec.segments):
         for key in ("bitrate", "data_bitrate", "propagation_ns", "bit_error_rate"):
             network.segments[key][i] = getattr(segment, key)
+        exact = segment.bitrate > 0 and 10**9 % segment.bitrate == 0
+        network.segments["bit_ns"][i] = 10**9 // segment.bitrate if exact else 0
     names = [node.name for node in spec.nodes]
     for node in spec.nodes:
         add_node(network, node)
@@ -218,8 +220,7 @@ def build_network(spec: NetworkSpec) -> Network:
         if source.payload is not None:
             stored = np.frombuffer(source.payload, np.uint8)
             network.part("source_payloads")[i, : len(stored)] = stored
-        message_of(network, int(record["node"][0]), source.ident, source.flags)
-        schedule_source(network, i, 0)
+        start_source(network, i)
     return network
 
 

@@ -28,6 +28,7 @@ from plant_sim.can_bus.layout import (
     SEQUENCE,
     SUPERSEDED,
     Network,
+    State,
 )
 from plant_sim.can_bus.ledger import finish
 from plant_sim.can_bus.wire import REMOTE, arbitration_key
@@ -64,12 +65,16 @@ def enqueue(
     bus = network.state[0]
     if t_ns < bus.clock[NOW]:
         raise ValueError("frame queued before the time the bus has been advanced to")
-    return store(network, node, t_ns, t_ns, ident, length, payload, flags) >= 0
+    slot = store(bus, node, t_ns, t_ns, ident, length, payload, flags)
+    if slot < 0:
+        return False
+    schedule(bus, t_ns, slot)
+    return True
 
 
 @njit
 def store(
-    network: Network,
+    bus: State,
     node: int,
     t_ns: int,
     t_origin: int,
@@ -78,12 +83,11 @@ def store(
     payload: NDArray[np.uint8],
     flags: int,
 ) -> int:
-    """Copy a frame into the store, to be released into its queue at ``t_ns``; −1: no room."""
-    bus = network.state[0]
+    """Copy a frame into the store and return its slot, or −1 where there is no room."""
     clock = bus.clock
     slot = clock[FREE_FRAME]
     if slot < 0:
-        message = message_of(network, node, ident, flags)
+        message = message_of(bus, node, ident, flags)
         segment = bus.nodes[node].segment
         bus.totals[segment, OFFERED] += 1
         bus.totals[segment, LOST_OVERFLOW] += 1
@@ -105,15 +109,13 @@ def store(
     stored = bus.payloads[slot]
     for index in range(length if flags & REMOTE == 0 else 0):
         stored[index] = payload[index]
-    schedule(network, t_ns, slot)
     taken: int = slot
     return taken
 
 
 @njit
-def schedule(network: Network, t_ns: int, value: int) -> None:
+def schedule(bus: State, t_ns: int, value: int) -> None:
     """Put a release into the calendar: a frame's slot, or −1 − the number of a source."""
-    bus = network.state[0]
     clock = bus.clock
     push(
         bus.release_times,
@@ -129,9 +131,8 @@ def schedule(network: Network, t_ns: int, value: int) -> None:
 
 
 @njit
-def message_of(network: Network, node: int, ident: int, flags: int) -> int:
+def message_of(bus: State, node: int, ident: int, flags: int) -> int:
     """Return the number of the message ``ident`` of ``node``, entering it when first seen."""
-    bus = network.state[0]
     key = arbitration_key(ident, flags)
     table = bus.message_table
     mask = len(table) - 1
@@ -168,9 +169,8 @@ def message_of(network: Network, node: int, ident: int, flags: int) -> int:
 
 
 @njit
-def fault_active(network: Network, kind: int, target: int, t_ns: int) -> int:
+def fault_active(bus: State, kind: int, target: int, t_ns: int) -> int:
     """Return the number of the fault of ``kind`` that hits ``target`` at ``t_ns``, or −1."""
-    bus = network.state[0]
     for index in range(bus.clock[FAULT_COUNT]):
         fault = bus.faults[index]
         if fault.kind == kind and fault.target == target and fault.from_ns <= t_ns < fault.until_ns:
@@ -179,34 +179,34 @@ def fault_active(network: Network, kind: int, target: int, t_ns: int) -> int:
 
 
 @njit
-def release(network: Network, slot: int, now: int) -> None:
+def release(bus: State, slot: int, now: int) -> None:
     """Let the frame in ``slot`` enter the transmit queue of its node."""
-    bus = network.state[0]
     frame = bus.frames[slot]
     node = bus.nodes[frame.node]
     if bus.clock[FAULT_COUNT] > 0 and frame.t_queued == frame.t_origin:
-        index = fault_active(network, NODE_DELAY, frame.node, now)
+        index = fault_active(bus, NODE_DELAY, frame.node, now)
         if index >= 0 or now < node.delayed_ns:
             late = now if index < 0 else now + bus.faults[index].value
             node.delayed_ns = max(node.delayed_ns, late)
             if node.delayed_ns > now:
                 frame.t_queued = node.delayed_ns
-                schedule(network, node.delayed_ns, slot)
+                schedule(bus, node.delayed_ns, slot)
                 return
-    frame.message = message_of(network, frame.node, frame.ident, frame.flags)
+    if frame.message < 0:
+        frame.message = message_of(bus, frame.node, frame.ident, frame.flags)
     bus.totals[node.segment, OFFERED] += 1
     bus.messages[frame.message].offered += 1
     if node.state == BUS_OFF:
-        finish(network, slot, LOST_BUS_OFF, -1, now, now)
+        finish(bus, slot, LOST_BUS_OFF, -1, now, now)
         return
     if bus.clock[FAULT_COUNT] > 0:
-        if fault_active(network, NODE_DOWN, frame.node, now) >= 0:
-            finish(network, slot, LOST_NODE_DOWN, -1, now, now)
+        if fault_active(bus, NODE_DOWN, frame.node, now) >= 0:
+            finish(bus, slot, LOST_NODE_DOWN, -1, now, now)
             return
         for index in range(bus.clock[GATEWAY_COUNT]):
             through = bus.gateways[index].to_node == frame.node
-            if through and fault_active(network, GATEWAY_DOWN, index, now) >= 0:
-                finish(network, slot, LOST_PARTITION, -1, now, now)
+            if through and fault_active(bus, GATEWAY_DOWN, index, now) >= 0:
+                finish(bus, slot, LOST_PARTITION, -1, now, now)
                 return
     number = frame.node if node.policy == FIFO else MAX_NODES + frame.message
     queue = bus.queues[number]
@@ -216,10 +216,10 @@ def release(network: Network, slot: int, now: int) -> None:
         queue.head = slot
         if queue.tail == stale:
             queue.tail = slot
-        finish(network, stale, SUPERSEDED, -1, now, now)
+        finish(bus, stale, SUPERSEDED, -1, now, now)
         return
     if node.pending >= node.capacity:
-        finish(network, slot, LOST_OVERFLOW, -1, now, now)
+        finish(bus, slot, LOST_OVERFLOW, -1, now, now)
         return
     node.pending += 1
     if queue.head < 0:
@@ -227,13 +227,12 @@ def release(network: Network, slot: int, now: int) -> None:
     else:
         bus.frames[queue.tail].next = slot
     queue.tail = slot
-    offer(network, number)
+    offer(bus, number)
 
 
 @njit
-def offer(network: Network, number: int) -> None:
+def offer(bus: State, number: int) -> None:
     """Let the head of a queue take part in arbitration."""
-    bus = network.state[0]
     queue = bus.queues[number]
     if queue.head < 0 or queue.waiting:
         return

@@ -8,6 +8,7 @@ SEGMENT: Final = np.dtype(
     [
         ("bitrate", "i8"),
         ("data_bitrate", "i8"),
+        ("bit_ns", "i8"),
         ("propagation_ns", "i8"),
         ("bit_error_rate", "f8"),
         ("free_ns", "i8"),
@@ -89,6 +90,7 @@ SOURCE: Final = np.dtype(
         ("offset_ns", "i8"),
         ("jitter_ns", "i8"),
         ("until_ns", "i8"),
+        ("message", "i8"),
         ("random_payload", "i8"),
         ("sent", "i8"),
     ]

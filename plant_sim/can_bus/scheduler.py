@@ -44,6 +44,7 @@ from plant_sim.can_bus.layout import (
     SEGMENT_COUNT,
     SUPERSEDED,
     Network,
+    State,
 )
 from plant_sim.can_bus.ledger import finish, write_log
 from plant_sim.can_bus.queues import fault_active, offer, release
@@ -63,9 +64,8 @@ _END, _RELEASE, _ARBITRATION = 0, 1, 2
 
 
 @njit
-def _next(network: Network) -> tuple[int, int, int]:
+def _next(bus: State) -> tuple[int, int, int]:
     """Return time, kind and segment of the next event; a time of 2⁶² where there is none."""
-    bus = network.state[0]
     clock = bus.clock
     best: int = NEVER
     kind = _END
@@ -88,7 +88,7 @@ def _next(network: Network) -> tuple[int, int, int]:
 @njit
 def next_event_ns(network: Network) -> int:
     """Return when the next thing happens on any segment, 2⁶² where nothing ever will."""
-    return _next(network)[0]
+    return _next(network.state[0])[0]
 
 
 @njit
@@ -100,31 +100,32 @@ def advance(network: Network, until_ns: int) -> None:
     bus = network.state[0]
     clock = bus.clock
     while True:
-        best, kind, which = _next(network)
+        best, kind, which = _next(bus)
         if best > until_ns:
             break
         clock[NOW] = best
         if kind == _END:
-            _end(network, which, best)
+            _end(bus, which, best)
         elif kind == _ARBITRATION:
-            _arbitrate(network, which, best)
+            _arbitrate(bus, which, best)
         else:
             value = pop(bus.release_times, bus.release_ties, bus.releases, clock[RELEASES])
             clock[RELEASES] -= 1
             if value < 0:
-                generate(network, -1 - value, best)
+                which = bus.nodes[bus.sources[-1 - value].node].segment
+                count_idle(bus, which, best)
+                generate(bus, -1 - value, best)
             else:
                 which = bus.nodes[bus.frames[value].node].segment
-                count_idle(network, which, best)
-                release(network, value, best)
+                count_idle(bus, which, best)
+                release(bus, value, best)
     clock[NOW] = max(clock[NOW], until_ns)
     for index in range(clock[SEGMENT_COUNT]):
-        count_idle(network, index, clock[NOW])
+        count_idle(bus, index, clock[NOW])
 
 
 @njit
-def _take(network: Network, which: int) -> int:
-    bus = network.state[0]
+def _take(bus: State, which: int) -> int:
     segment = bus.segments[which]
     number = pop(
         bus.pending_keys[which],
@@ -137,9 +138,8 @@ def _take(network: Network, which: int) -> int:
 
 
 @njit
-def _detach(network: Network, number: int) -> int:
+def _detach(bus: State, number: int) -> int:
     """Take the head out of a queue; the queue stays marked as waiting while it is sent."""
-    bus = network.state[0]
     queue = bus.queues[number]
     slot: int = queue.head
     queue.head = bus.frames[slot].next
@@ -150,21 +150,20 @@ def _detach(network: Network, number: int) -> int:
 
 
 @njit
-def _arbitrate(network: Network, which: int, now: int) -> None:
-    bus = network.state[0]
+def _arbitrate(bus: State, which: int, now: int) -> None:
     segment = bus.segments[which]
-    count_idle(network, which, now)
+    count_idle(bus, which, now)
     aside, winner, wake = 0, -1, NEVER
     while segment.pending > 0:
-        number = _take(network, which)
+        number = _take(bus, which)
         sender = bus.frames[bus.queues[number].head].node
         node = bus.nodes[sender]
-        if bus.clock[FAULT_COUNT] > 0 and fault_active(network, NODE_DOWN, sender, now) >= 0:
-            slot = _detach(network, number)
+        if bus.clock[FAULT_COUNT] > 0 and fault_active(bus, NODE_DOWN, sender, now) >= 0:
+            slot = _detach(bus, number)
             node.pending -= 1
-            finish(network, slot, LOST_NODE_DOWN, -1, now, now)
+            finish(bus, slot, LOST_NODE_DOWN, -1, now, now)
             bus.queues[number].waiting = 0
-            offer(network, number)
+            offer(bus, number)
         elif node.suspended_ns > now:
             bus.aside[aside] = number
             aside += 1
@@ -174,23 +173,22 @@ def _arbitrate(network: Network, which: int, now: int) -> None:
             break
     for index in range(aside):
         bus.queues[bus.aside[index]].waiting = 0
-        offer(network, bus.aside[index])
+        offer(bus, bus.aside[index])
     if winner < 0:
         segment.wake_ns = wake
         return
-    slot = _detach(network, winner)
+    slot = _detach(bus, winner)
     twin = -1
     key = bus.messages[bus.frames[slot].message].key
     if segment.pending > 0 and bus.pending_keys[which, 0] == key:
         rival = bus.queues[bus.pending[which, 0]].head
         if bus.nodes[bus.frames[rival].node].suspended_ns <= now:
-            twin = _detach(network, _take(network, which))
-    _start(network, which, slot, twin, now)
+            twin = _detach(bus, _take(bus, which))
+    _start(bus, which, slot, twin, now)
 
 
 @njit
-def _start(network: Network, which: int, slot: int, twin: int, now: int) -> None:
-    bus = network.state[0]
+def _start(bus: State, which: int, slot: int, twin: int, now: int) -> None:
     segment = bus.segments[which]
     frame = bus.frames[slot]
     if frame.flags & FD:
@@ -202,12 +200,18 @@ def _start(network: Network, which: int, slot: int, twin: int, now: int) -> None
         nominal, data = frame_bits(frame.ident, frame.flags, frame.length, bus.payloads[slot])
     rate = segment.data_bitrate if segment.data_bitrate else segment.bitrate
     fast = duration_ns(data, rate) if data else 0
-    taken = duration_ns(nominal - RECEPTION_BITS_BEFORE_END, segment.bitrate)
+    # a division costs as much as stuffing the frame: most bit times are whole nanoseconds
+    if segment.bit_ns > 0:
+        taken = (nominal - RECEPTION_BITS_BEFORE_END) * segment.bit_ns
+        whole = nominal * segment.bit_ns
+    else:
+        taken = duration_ns(nominal - RECEPTION_BITS_BEFORE_END, segment.bitrate)
+        whole = duration_ns(nominal, segment.bitrate)
     segment.in_flight = slot
     segment.twin = twin
     segment.start_ns = now
     segment.done_ns = now + fast + taken + segment.propagation_ns
-    segment.end_ns = now + fast + duration_ns(nominal, segment.bitrate)
+    segment.end_ns = now + fast + whole
     segment.disturbance = NO_ERROR
     segment.transmissions += 1
     frame.attempts += 1
@@ -215,18 +219,18 @@ def _start(network: Network, which: int, slot: int, twin: int, now: int) -> None
     position, kind = -1, NO_ERROR
     if twin >= 0:
         bus.frames[twin].attempts += 1
-        position, kind = first_difference(network, slot, twin), COLLISION
+        position, kind = first_difference(bus, slot, twin), COLLISION
     if position < 0 and segment.bit_error_rate > 0.0:
-        position, kind = random_error(network, which, bits), BIT_ERROR
+        position, kind = random_error(bus, which, bits), BIT_ERROR
     if position < 0 and bus.clock[FAULT_COUNT] > 0:
-        position, kind = scripted_error(network, slot, bits, now), BIT_ERROR
-    if position < 0 and twin < 0 and not acknowledged(network, which, frame.node, now):
+        position, kind = scripted_error(bus, slot, bits, now), BIT_ERROR
+    if position < 0 and twin < 0 and not acknowledged(bus, which, frame.node, now):
         position, kind = bits - 9, ACKNOWLEDGE_ERROR
     if position >= 0:
         segment.disturbance = kind
-        segment.done_ns, segment.end_ns = error_times(network, which, slot, position, kind, now)
+        segment.done_ns, segment.end_ns = error_times(bus, which, slot, position, kind, now)
     elif bus.clock[FAULT_COUNT] > 0:
-        index = fault_active(network, OVERLOAD, which, now)
+        index = fault_active(bus, OVERLOAD, which, now)
         if index >= 0 and bus.faults[index].left != 0:
             bus.faults[index].left -= 1
             segment.overloads += 1
@@ -234,8 +238,7 @@ def _start(network: Network, which: int, slot: int, twin: int, now: int) -> None
 
 
 @njit
-def _end(network: Network, which: int, now: int) -> None:
-    bus = network.state[0]
+def _end(bus: State, which: int, now: int) -> None:
     segment = bus.segments[which]
     slot, twin, kind = segment.in_flight, segment.twin, segment.disturbance
     segment.busy_ns += segment.end_ns - segment.start_ns
@@ -244,24 +247,23 @@ def _end(network: Network, which: int, now: int) -> None:
     sender = bus.frames[slot].node
     other = bus.frames[twin].node if twin >= 0 else -1
     if segment.bus_off > 0:
-        count_recessive(network, which, 1)
+        count_recessive(bus, which, 1)
     if kind == NO_ERROR:
-        count_success(network, which, sender)
+        count_success(bus, which, sender)
     else:
-        count_error(network, which, sender, other, kind)
-    _settle(network, which, slot, kind, now)
+        count_error(bus, which, sender, other, kind)
+    _settle(bus, which, slot, kind, now)
     if twin >= 0:
-        _settle(network, which, twin, kind, now)
+        _settle(bus, which, twin, kind, now)
     if kind != NO_ERROR:
         for index in (sender, other):
             if index >= 0 and bus.nodes[index].state == BUS_OFF:
-                purge(network, which, index, now)
+                purge(bus, which, index, now)
 
 
 @njit
-def _settle(network: Network, which: int, slot: int, kind: int, now: int) -> None:
+def _settle(bus: State, which: int, slot: int, kind: int, now: int) -> None:
     """Decide what becomes of a frame after its attempt: done, sent again, or lost."""
-    bus = network.state[0]
     segment = bus.segments[which]
     frame = bus.frames[slot]
     sender = frame.node
@@ -273,7 +275,7 @@ def _settle(network: Network, which: int, slot: int, kind: int, now: int) -> Non
         node.suspended_ns = segment.end_ns + duration_ns(SUSPEND_BITS, segment.bitrate)
     outcome = DELIVERED
     if kind != NO_ERROR:
-        write_log(network, slot, ERROR, segment.start_ns, now, segment.end_ns)
+        write_log(bus, slot, ERROR, segment.start_ns, now, segment.end_ns)
         if node.state == BUS_OFF:
             outcome = LOST_BUS_OFF
         elif node.single_shot:
@@ -285,10 +287,10 @@ def _settle(network: Network, which: int, slot: int, kind: int, now: int) -> Non
             queue.head = slot
             if queue.tail < 0:
                 queue.tail = slot
-            offer(network, number)
+            offer(bus, number)
             return
     elif bus.messages[frame.message].gateways:
-        forward(network, slot, now)
+        forward(bus, slot, now)
     node.pending -= 1
-    finish(network, slot, outcome, segment.start_ns, now, segment.end_ns)
-    offer(network, number)
+    finish(bus, slot, outcome, segment.start_ns, now, segment.end_ns)
+    offer(bus, number)
