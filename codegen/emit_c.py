@@ -8,6 +8,7 @@ only where it is shown to fit, so that no cast changes a value.
 
 import ast
 from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
 
 from codegen import rules
@@ -55,6 +56,12 @@ COMPARISONS = {
     ast.Eq: "==",
     ast.NotEq: "!=",
 }
+
+
+@cache
+def firmware() -> dict[str, str]:
+    """The firmware's files, translated once."""
+    return emit()
 
 
 def emit(entry: str = "ecu", folder: Path = FIRMWARE) -> dict[str, str]:

@@ -41,3 +41,13 @@ def differences(record_class: type, one: bytes, other: bytes) -> list[str]:
     """Names of the fields in which two images differ."""
     a, b = (np.frombuffer(data, dtype(record_class), 1)[0] for data in (one, other))
     return [name for name in a.dtype.names or () if not np.array_equal(a[name], b[name])]
+
+
+def elements(record: Any) -> dict[tuple[str, tuple[int, ...]], int]:  # noqa: ANN401
+    """Every stored integer of a record, by field name and indices."""
+    packed = np.frombuffer(image(record), dtype(record.__class__), 1)[0]
+    return {
+        (name, indices): int(value)
+        for name in packed.dtype.names or ()
+        for indices, value in np.ndenumerate(packed[name])
+    }

@@ -193,7 +193,7 @@ def library() -> Library:
 
     Raises CanrollError where no compiler is or it fails.
     """
-    return build(emit_c.emit())
+    return build(emit_c.firmware())
 
 
 def build(files: Mapping[str, str], flags: Sequence[str] = FLAGS) -> Library:

@@ -7,11 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from canroll.errors import CanrollError
 from codegen import intervals as iv
+from codegen import layout, vectors
 from codegen.intervals import Value
 from codegen.program import FIRMWARE, load
 from codegen.prove import prove
 from firmware import subset
+from firmware.calibration import Calibration
+from hil.commands import prove as command
 
 WRONG = {
     "overflow": (
@@ -120,22 +124,18 @@ def test_a_removed_clamp_is_found(tmp_path, module, clamped, bare):
     assert f"{path}:{line}: " in " ".join(map(str, findings))
 
 
-def test_a_calibration_of_its_own_is_proved():
-    calibration = {}
-    from codegen.vectors import random_calibration
+def test_the_command_proves_a_calibration_of_its_own(capsys):
+    assert command.report(vectors.random_calibration(1), name="mine") == 0
+    assert "proved for mine" in capsys.readouterr().out
+    with pytest.raises(CanrollError, match="the ECU refuses it: rule"):
+        command.report(Calibration(), name="mine")
 
-    record = random_calibration(1)
-    for field in subset.fields(type(record)):
-        value = getattr(record, field.name)
-        for i in range(field.shape[0] if field.shape else 1):
-            if not field.shape:
-                calibration[field.name, ()] = value
-            elif len(field.shape) == 1:
-                calibration[field.name, (i,)] = value[i]
-            else:
-                for j in range(field.shape[1]):
-                    calibration[field.name, (i, j)] = value[i][j]
-    assert prove(calibration=calibration).findings == ()
+
+def test_one_calibration_is_narrower_than_all():
+    record = vectors.random_calibration(1)
+    one = prove(calibration=layout.elements(record))
+    assert one.findings == ()
+    assert len(one.seen) < len(prove().seen)
 
 
 ends = st.integers(-(2**40), 2**40)
