@@ -1,6 +1,7 @@
 """The firmware's controller as a float64 linear system, stage by stage as the ECU runs it."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 
@@ -100,16 +101,19 @@ def predict(controller: Controller, x: Matrix, ring: Matrix, moment: Matrix) -> 
     return x
 
 
-def step(controller: Controller, state: Matrix, y: Matrix) -> tuple[Matrix, Matrix]:
+def step(
+    controller: Controller, state: Matrix, y: Matrix, *, limit: float = inf
+) -> tuple[Matrix, Matrix]:
     """Advance by one tick.
 
     Args:
         controller: its gains.
         state: (order,) or (order, columns): columns are independent copies.
         y: the four :data:`INPUTS`, (4,) or (4, columns).
+        limit: of each output of a compensator, which feeds back what is left of it.
 
     Returns:
-        The next state and the moment command.
+        The next state and the moment command; with a compensator its outputs, (outputs, …).
     """
     if not controller.observes:
         assert controller.output_gain is not None
@@ -121,9 +125,9 @@ def step(controller: Controller, state: Matrix, y: Matrix) -> tuple[Matrix, Matr
         c = controller.compensator
         inner = state[5:]
         inputs = np.stack([x[0], x[1], lateral, np.zeros_like(y[0])])
-        outputs = c.c @ inner + c.d @ inputs
+        outputs = np.clip(c.c @ inner + c.d @ inputs, -limit, limit)
         inner = c.a @ inner + c.b @ inputs + c.e @ outputs
-        return np.concatenate([x, inner]), outputs.sum(axis=0)
+        return np.concatenate([x, inner]), outputs
     if controller.output_gain is not None:
         return x, controller.output_gain @ np.stack([y[Y_RATE], lateral, x[0]])
     ahead = predict(controller, x, ring, y[Y_MOMENT])
@@ -133,15 +137,19 @@ def step(controller: Controller, state: Matrix, y: Matrix) -> tuple[Matrix, Matr
     return np.concatenate([x, ring]), u
 
 
-def matrices(controller: Controller) -> tuple[Matrix, Matrix, Matrix, Matrix]:
-    """Return A, B, C, D of the controller from y to u by passing unit vectors through it."""
+def matrices(
+    controller: Controller, *, summed: bool = True
+) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """Return A, B, C, D of the controller from y to u by passing unit vectors through it.
+
+    Args:
+        controller: its gains.
+        summed: the two outputs of a compensator as one moment, or as they are.
+    """
     n = controller.order
     identity = np.eye(n + 4)
     following, u = step(controller, identity[:n], identity[n:])
     u = np.atleast_2d(u)
+    if summed:
+        u = u.sum(axis=0, keepdims=True)
     return following[:, :n], following[:, n:], u[:, :n], u[:, n:]
-
-
-def without_feedforward(controller: Controller) -> Controller:
-    """Return the controller with its disturbance feedforward off."""
-    return replace(controller, feedforward=np.zeros(5))

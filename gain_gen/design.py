@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from gain_gen.controller import Controller
 from gain_gen.observer import LateralModel, SensorNoise
+from gain_gen.plant import Matrix
 from vehicles import Vehicle
 
 
@@ -103,6 +104,8 @@ class Solution:
         notes: what a user should know, one line each.
         extra: further numbers to report by name.
         deployable: False for ideal laws that no ECU runs.
+        verified_by_law: the law is about another plant than the 1-DOF one and checks itself.
+        ideal_gain: gain of an ideal law, (inputs, states).
     """
 
     controller: Controller
@@ -116,6 +119,8 @@ class Solution:
     notes: tuple[str, ...] = ()
     extra: Mapping[str, float] = field(default_factory=dict)
     deployable: bool = True
+    verified_by_law: bool = False
+    ideal_gain: Matrix | None = None
 
 
 @dataclass(frozen=True, slots=True)

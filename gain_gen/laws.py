@@ -6,6 +6,7 @@ from dataclasses import replace
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from gain_gen.custom_law import design_custom
 from gain_gen.design import Design, Solution, Task
+from gain_gen.full_car_law import design_lqr_full_car, design_lqr_full_car_ideal
 from gain_gen.hinf_law import design_hinf
 from gain_gen.state_laws import (
     design_ay_feedforward,
@@ -32,6 +33,8 @@ LAWS: dict[str, Callable[[Task], Solution]] = {
     "smc": design_smc,
     "ay_feedforward": design_ay_feedforward,
     "rate_feedforward": design_rate_feedforward,
+    "lqr_full_car": design_lqr_full_car,
+    "lqr_full_car_ideal": design_lqr_full_car_ideal,
     "custom": design_custom,
 }
 

@@ -218,7 +218,9 @@ def _single_gain(model: ObserverModel) -> Matrix:
     h = np.array([0.0, 1.0, 0.0, 0.0, 0.0])
     if model.phi[JERK, JERK] > 0.0:
         frozen = replace(model, phi=phi, process_noise=process, output=np.stack([h, h]))
-        return sequential_gains(steady_covariance(frozen, (0,)), frozen, (0,))[0]
+        return np.asarray(
+            sequential_gains(steady_covariance(frozen, (0,)), frozen, (0,))[0], dtype=float
+        )
     covariance = process.copy()
     gain: Matrix = np.zeros(5)
     for _ in range(20000):

@@ -127,6 +127,8 @@ def summary(design: Design) -> Tables:
         gain = [_list(controller.output_gain[:1])]
         if np.any(controller.output_gain[1:]):
             gain = [_list(controller.output_gain)]
+    elif solution.ideal_gain is not None:
+        gain = _list(solution.ideal_gain)
     elif controller.compensator is not None:
         gain = _list(controller.compensator.c)
     else:

@@ -18,6 +18,8 @@ SCHEDULE_SPEEDS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0)
 FADE = (5.0 * KMH, 10.0 * KMH)
 DBC_FORCE_LIMIT = 4090.0
 DBC_BAR_LIMIT = 8191.0
+DBC_CURRENT_LIMIT = 16382.0
+MILLI = 1e3
 
 Value = int | list[int] | list[list[int]]
 
@@ -30,7 +32,7 @@ def vehicle_fields(task: Task, front_share: float | None) -> dict[str, Value]:
         | _identification(task)
         | _limits(task, share)
         | _schedule(task.vehicle, share)
-        | _allocation(task.vehicle)
+        | _allocation(task)
         | {
             "straight_steering": _q(0.03, 24),
             "straight_yaw_rate": _q(0.01, fw.Q_RATE),
@@ -47,8 +49,13 @@ def static_share(vehicle: Vehicle) -> float:
 
 
 def moment_limit(task: Task, share: float) -> float:
-    """Return the largest moment that the actuators can give at this split, N·m."""
+    """Return the largest command: the moment that the actuators can give at this split, N·m.
+
+    Valves are commanded by currents, one an axle, in mA.
+    """
     actuators, geometry = task.vehicle.actuators, task.vehicle.geometry
+    if task.actuator == "valves":
+        return min(MILLI * actuators.valves.current_limit, DBC_CURRENT_LIMIT)
     if task.actuator in ("suspension", "dampers"):
         force = min(actuators.suspension.force_limit, DBC_FORCE_LIMIT)
         limits = (
@@ -61,8 +68,10 @@ def moment_limit(task: Task, share: float) -> float:
 
 
 def _moment_rate(task: Task, share: float) -> float:
-    """Return the largest rate of the moment, N·m/s."""
+    """Return the largest rate of the command, N·m/s or mA/s."""
     actuators, geometry = task.vehicle.actuators, task.vehicle.geometry
+    if task.actuator == "valves":
+        return 2.0 * moment_limit(task, share) / task.tick
     if task.actuator == "suspension":
         arm = min(
             geometry.half_track_front / max(share, 1e-3),
@@ -197,9 +206,12 @@ def damper_knee(dampers: SemiActiveDampers, force: tuple[float, ...]) -> tuple[f
     return speed, at, float(beyond)
 
 
-def _allocation(vehicle: Vehicle) -> dict[str, Value]:
+def _allocation(task: Task) -> dict[str, Value]:
     """Geometry of the split and limits of each actuator."""
-    geometry, actuators = vehicle.geometry, vehicle.actuators
+    geometry, actuators = task.vehicle.geometry, task.vehicle.actuators
+    current = actuators.dampers.current_limit
+    if task.actuator == "valves":
+        current = actuators.valves.current_limit
     track = (2.0 * geometry.half_track_front, 2.0 * geometry.half_track_rear)
     force = min(actuators.suspension.force_limit, DBC_FORCE_LIMIT)
     bar = min(actuators.bars.torque_limit, DBC_BAR_LIMIT)
@@ -216,5 +228,5 @@ def _allocation(vehicle: Vehicle) -> dict[str, Value]:
         "damper_speed": [_q(soft[0], fw.Q_RATE), _q(firm[0], fw.Q_RATE)],
         "damper_force": [_q(soft[1], fw.Q_MOMENT), _q(firm[1], fw.Q_MOMENT)],
         "damper_slope": [_q(soft[2], fw.Q_MOMENT), _q(firm[2], fw.Q_MOMENT)],
-        "current_max": _q(1000.0 * actuators.dampers.current_limit, fw.Q_MOMENT),
+        "current_max": _q(min(MILLI * current, DBC_CURRENT_LIMIT), fw.Q_MOMENT),
     }
