@@ -73,7 +73,11 @@ def roundabout(
     preview_time: float = 0.0,
     chassis_control: bool = False,
 ) -> Made:
-    """Half way round a circle of 22 m radius, straight in and out, at held speed."""
+    """Half way round a circle of 22 m radius, straight in and out, at held speed.
+
+    Entered faster than the driver would dare to take it, the wheel is turned after the circle all
+    the same.
+    """
     radius, approach, easing = 22.0, 30.0, 8.0
     arc = radius * pi - easing
     sections = [
@@ -91,6 +95,7 @@ def roundabout(
         friction=friction,
         preview_time=preview_time,
         chassis_control=chassis_control,
+        at_the_limit=speed**2 / radius > vehicle.driver.lateral_acceleration_limit,
     )
     return (2 * approach + 2 * easing + arc) / speed, drive
 

@@ -39,3 +39,12 @@ def test_designs_are_the_printed_ones_and_plants_are_not_where_calibrated(name):
     if vehicle.source("plant.roll_stiffness").startswith(("calibrated", "as van_2021")):
         assert vehicle.plant.roll_stiffness != vehicle.design.roll_stiffness
     assert vehicle.source("design.roll_stiffness")
+
+
+def test_van_of_2021_rolls_over_in_the_roundabout_entered_at_120():
+    """Redondo 2021, Table 6; the linear plants know no tyre that could slide instead."""
+    vehicle = vehicles.load("van_2021")
+    run = maneuvers.build("roundabout", vehicle, 120 / 3.6)
+    outputs, _ = simulate.run_passive(vehicle, bodies.body("nonlinear"), run)
+    assert outputs[-1, ports.ROLLOVER] == 1.0
+    assert np.abs(simulate.load_transfer(outputs, 0)).max() == 1.0
