@@ -15,6 +15,8 @@ STATE_WEIGHTS = (1e5, 1e5, 1e9, 1e8, 1e8, 1e8, 1e8)
 """Heave, pitch, roll, four wheels (Vu 2020, (16)); all others 1, on pressures in MPa."""
 INPUT_WEIGHT = 1e3
 """Weight of a current squared: with the printed 1 the valves are asked for hundreds of ampere."""
+PRINTED_CAR = "car_2020"
+"""Vehicle that the paper's own car stands for."""
 MILLI = 1e3
 """The ECU commands valves in mA."""
 
@@ -43,7 +45,7 @@ SCALE = _state_scale()
 
 def car_of(vehicle: Vehicle) -> FullCar:
     """Return the full car with hydraulic bars: the repaired car of the paper, or the vehicle's."""
-    if vehicle.name == "car_2020":
+    if vehicle.name == PRINTED_CAR:
         return REPAIRED
     return from_vehicle(vehicle, suspension_stiffness=vehicle.design.roll_stiffness, hydraulic=True)
 

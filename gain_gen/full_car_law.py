@@ -13,6 +13,7 @@ from gain_gen.full_car import (
     CURRENTS,
     INPUT_WEIGHT,
     MILLI,
+    PRINTED_CAR,
     SPEED,
     STEER,
     FullCarModel,
@@ -26,6 +27,7 @@ from gain_gen.plant import Matrix, stationary_covariance, zero_order_hold
 from gain_gen.reduction import balanced, truncated
 from gain_gen.state_feedback import riccati_gain
 from gain_gen.state_laws import observer_of
+from vehicles.full_car import AS_PRINTED
 
 STEER_CORNER = 3.0
 """Corner of the driver's steering, rad/s."""
@@ -222,14 +224,17 @@ def _checks(task: Task, car: SampledCar, controller: Controller, kept: float) ->
 def design_lqr_full_car_ideal(task: Task) -> Solution:
     """The 26-state LQR of Vu 2020 in continuous time: an ideal law that no ECU runs.
 
-    Its reductions at 1 rad/s stand beside those of feedback closed on the road inputs too, which
-    is how the paper's B = [B1, B2] reads and the nearest to its Table 3.
+    Its reductions at 1 rad/s stand beside those of the printed car, also with feedback closed on
+    the road inputs: that is how the paper's B = [B1, B2] reads, and the only way to a drop of the
+    wheels' motion like that of its Table 3.
     """
     model = full_car_model(car_of(task.vehicle), SPEED)
-    numbers: dict[str, float] = {}
-    for prefix, roads in (("", False), ("with_roads_", True)):
-        gain, b = ideal_gain(model, roads=roads)
-        numbers |= {f"{prefix}{name}": value for name, value in reductions(model, gain, b).items()}
+    numbers = dict(reductions(model, *ideal_gain(model)))
+    if task.vehicle.name == PRINTED_CAR:
+        printed = full_car_model(AS_PRINTED, SPEED)
+        for prefix, roads in (("printed_", False), ("printed_with_roads_", True)):
+            found = reductions(printed, *ideal_gain(printed, input_weight=1.0, roads=roads))
+            numbers |= {f"{prefix}{name}": value for name, value in found.items()}
     gain, b = ideal_gain(model)
     root = float(np.linalg.eigvals(model.a - b @ gain).real.max())
     full = Compensator(
