@@ -68,7 +68,7 @@ class Run:
     """What a Cortex-M did with some traffic.
 
     ``frames`` were sent, ``states`` are the records after each tick; ``instructions`` of each
-    tick, as ``counter`` counts them; ``stack`` is the deepest use seen, where it was watched.
+    tick, as ``counter`` counts them; ``stack`` is the deepest use seen, in bytes.
     """
 
     cpu: str
@@ -76,7 +76,7 @@ class Run:
     frames: NDArray[np.void]
     states: NDArray[np.void]
     instructions: NDArray[np.int64]
-    stack: int | None
+    stack: int
 
 
 def cpu(name: str) -> Cpu:
@@ -293,7 +293,8 @@ def run_qemu(calibration: Calibration, traffic: Traffic, name: str) -> Run:
             )
         states = np.frombuffer(bytearray((folder / "replay.out").read_bytes()), layout.dtype(Ecu))
         counts = np.loadtxt(folder / "counts.txt", np.int64, ndmin=1)
-    return Run(name, "qemu", _sent(states), states, counts, None)
+        depth = struct.unpack("<I", (folder / "replay.stack").read_bytes())[0]
+    return Run(name, "qemu", _sent(states), states, counts, depth)
 
 
 def _sent(states: NDArray[np.void]) -> NDArray[np.void]:

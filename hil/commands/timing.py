@@ -1,0 +1,110 @@
+"""``canroll timing``: what a tick costs on the target, judged against the calibration's budget."""
+
+import argparse
+import json
+from dataclasses import replace
+
+from canroll.errors import CanrollError
+from codegen import target
+from codegen.backends import open_backend
+from codegen.footprint import Footprint, footprint
+from codegen.recorder import Recorder
+from codegen.target import CPUS, Run
+from codegen.vectors import Traffic
+from firmware.calibration import Calibration
+from hil.experiment import build_world, plan
+from hil.virtual import closed_loop
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "timing", help="instructions, stack and sizes on the target; budget verdict"
+    )
+    parser.add_argument("--calibration", help="calibration.toml (default: design one)")
+    parser.add_argument("--law", help="law to design (default: the one of 'canroll run')")
+    parser.add_argument("--observer", help="observer to design it with")
+    parser.add_argument("--scenario", default="double_lane_change", help="manoeuvre to replay")
+    parser.add_argument("--duration", type=float, default=5.0, help="s of it (default: 5)")
+    parser.add_argument(
+        "--identification", action="store_true", help="with run-time identification"
+    )
+    parser.add_argument(
+        "--backend",
+        default="cortex-m4",
+        choices=tuple(CPUS),
+        help="processor (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--counter",
+        choices=("qemu", "unicorn"),
+        help="what counts (default: qemu where it is installed)",
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Replay a manoeuvre on the target; return 1 where the budget is exceeded."""
+    record, traffic = recorded(args)
+    counter = args.counter or ("qemu" if target.has_gcc_and_qemu() else "unicorn")
+    if counter == "qemu" and not target.has_gcc_and_qemu():
+        raise CanrollError("--counter qemu needs gcc-arm-none-eabi and qemu-system-arm installed")
+    replayed = (target.run_qemu if counter == "qemu" else target.run_unicorn)(
+        record, traffic, args.backend
+    )
+    image = (target.gcc_image if counter == "qemu" else target.zig_image)(args.backend)
+    return report(record, replayed, footprint(image), as_json=args.json)
+
+
+def recorded(args: argparse.Namespace) -> tuple[Calibration, Traffic]:
+    """Drive the manoeuvre in virtual time; return the calibration and what the ECU received."""
+    settings, controller = plan(
+        args.scenario,
+        calibration=args.calibration,
+        law=args.law,
+        observer=args.observer,
+        identification=args.identification or None,
+        duration=args.duration,
+    )
+    recorder = Recorder(open_backend(settings.backend, controller.record))
+    closed_loop(
+        build_world(replace(settings), enabled=True),
+        recorder,
+        tick_ns=round(settings.tick * 1e9),
+        duration_ns=round(args.duration * 1e9),
+        progress=None,
+    )
+    return controller.record, recorder.traffic
+
+
+def report(record: Calibration, run: Run, size: Footprint, *, as_json: bool) -> int:
+    """Print the budget table; return 1 where a budget is exceeded."""
+    counts = run.instructions
+    budget = record.budget_instructions
+    good = (budget == 0 or int(counts.max()) <= budget) and not size.forbidden
+    good = good and size.static == 0
+    rows = {
+        "processor": run.cpu,
+        "counter": f"{run.counter}, instructions (not cycles)",
+        "ticks": len(counts),
+        "instructions a tick, min": int(counts.min()),
+        "instructions a tick, mean": round(float(counts.mean())),
+        "instructions a tick, max": int(counts.max()),
+        "budget, instructions": budget or "none",
+        "stack, bytes": run.stack,
+        "code, bytes": size.text,
+        "constant tables, bytes": size.tables,
+        "memory of its own, bytes": size.static,
+        "state record, bytes": size.state,
+        "calibration record, bytes": size.calibration,
+        "heap or floating point": ", ".join(size.forbidden) or "none linked",
+        "verdict": "PASS" if good else "FAIL",
+    }
+    if as_json:
+        print(json.dumps(rows))
+    else:
+        width = max(map(len, rows))
+        for name, value in rows.items():
+            print(f"{name:<{width}}  {value}")
+    return 0 if good else 1
