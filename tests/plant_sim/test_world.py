@@ -11,6 +11,7 @@ import vehicles
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim import bodies, can_bus, maneuvers, simulate
 from plant_sim.actuator_setup import ActuatorOptions
+from plant_sim.can_bus.delay_bounds import delay_bounds
 from plant_sim.sensor_setup import SensorFault, SensorOptions
 from plant_sim.world import World
 
@@ -191,6 +192,22 @@ def test_ages_are_those_of_the_log(bus):
         assert world.ages.min() > 100 * MS
     else:
         assert world.ages.max() < 60 * MS
+
+
+@pytest.mark.parametrize("bus", can_bus.PROFILES)
+def test_ages_lie_within_the_bounds_of_the_analysis(bus):
+    bounds = delay_bounds(
+        can_bus.load_profile(bus),
+        tick_ms=TICK / MS,
+        command="SuspensionForceCommand",
+        run_time_s=RUN_TIME * 1e-9,
+    )
+    latency = VEHICLE.sensors.roll_rate.latency
+    for seed in range(3):
+        world = make(bus=bus, seed=seed)
+        drive(world, counteract)
+        assert world.ages.min() * 1e-9 >= bounds.age_min + latency
+        assert world.ages.max() * 1e-9 <= bounds.age_max + latency
 
 
 def test_a_silent_ecu_is_let_go_after_the_timeout():
