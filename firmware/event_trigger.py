@@ -38,15 +38,16 @@ def command_slot(cal: Calibration) -> u8:
 
 
 def acknowledge(ecu: Ecu, cal: Calibration) -> None:
-    """Take note of the echo of the command that the actuators follow."""
+    """Take note of a new echo of the command that the actuators follow."""
     if ecu.waiting == 0 or ecu.fresh[RX_ACTUATOR_STATE] == 0 or ecu.command_held == 0:
         return
-    if ecu.accepted_counter != ecu.echo:
-        ecu.echo = ecu.accepted_counter
-        ecu.unacknowledged = 0
+    # an echo that stands still is of long ago, even where the counter has come round to it
+    if ecu.accepted_counter == ecu.echo:
+        return
+    ecu.echo = ecu.accepted_counter
+    ecu.unacknowledged = 0
     if ecu.accepted_counter == ecu.tx_counter[command_slot(cal)]:
         ecu.waiting = 0
-        ecu.unacknowledged = 0
 
 
 def moved(ecu: Ecu, cal: Calibration) -> i32:

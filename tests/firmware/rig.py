@@ -192,8 +192,8 @@ def fill_covariance(cal: Calibration, model: Model, cap: float = 30.0) -> None:
 
 
 def fill_identification(cal: Calibration, vehicle: Vehicle, tick: float) -> None:
-    step = 0.01
-    cal.rls_decimation = round(step / tick)
+    cal.rls_decimation = max(1, round(0.01 / tick))
+    step = cal.rls_decimation * tick
     unit = 100.0
     cal.rls_forgetting = round(0.998 * 2**30)
     cal.rls_washout = round(np.exp(-step / 1.0) * 2**30)
