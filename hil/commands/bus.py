@@ -105,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
                 seed=args.seed,
             )
         )
-        serve_network(network, host=args.host, port=args.serve, announce=Console().print)
+        serve_network(network, host=args.host, port=args.serve, announce=_say)
         return 0
     errors = None if args.error_interval is None else ErrorModel(round(args.error_interval * 1e6))
     bounds = response_bounds(
@@ -131,6 +131,10 @@ def run(args: argparse.Namespace) -> int:
     else:
         _print(traffic, bounds, simulation, delay, args)
     return 0
+
+
+def _say(text: str) -> None:
+    print(text, flush=True)
 
 
 def _recording(traffic: Traffic, path: Path | None) -> Recording | None:

@@ -44,6 +44,7 @@ def serve_network(
     cursor = 0
     with SocketcandServer(host=host, port=port) as server:
         announce(
+            f"bus '{server.channel}' on {server.address[0]}:{server.address[1]}, Ctrl-C ends it:\n"
             f"python -m can.viewer -i socketcand -c {server.channel} --bus-kwargs"
             f" host={server.address[0]} port={server.address[1]}"
         )

@@ -1,8 +1,11 @@
 """Worst-case response times: the published counter-example, and bounds against simulation."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from plant_sim.can_bus import DELIVERED, ERROR
 from plant_sim.can_bus.accounting import drain
 from plant_sim.can_bus.analysis import (
     ErrorModel,
@@ -11,9 +14,9 @@ from plant_sim.can_bus.analysis import (
     worst_case_utilisation,
 )
 from plant_sim.can_bus.messages import BusMessage
-from plant_sim.can_bus.network import NetworkSpec, Node, Segment, Source, build_network
+from plant_sim.can_bus.network import Fault, NetworkSpec, Node, Segment, Source, build_network
 from plant_sim.can_bus.scheduler import advance
-from plant_sim.can_bus.simulation import simulate
+from plant_sim.can_bus.simulation import simulate, traffic_spec
 from plant_sim.can_bus.wire import EXTENDED, arbitration_key, worst_case_bits
 
 MS = 1_000_000
@@ -75,6 +78,29 @@ def test_errors_lengthen_the_bound_and_simulated_errors_keep_to_it():
     # the error model by hand for the most urgent message: blocking, one error, itself
     longest = 270_000 + 31 * 2000
     assert disturbed[0].bound_ns == 270_000 + longest + 270_000
+
+
+def test_disturbed_frames_keep_to_the_bound_of_their_error_model():
+    rng = np.random.default_rng(8)
+    interval = 25 * MS
+    for number in range(40):
+        messages, bitrate = random_set(rng)
+        errors = ErrorModel(interval)
+        bounds = response_bounds(messages, bitrate=bitrate, errors=errors)
+        times = np.cumsum(rng.integers(interval, 2 * interval, size=20))
+        spec = traffic_spec(messages, bitrate=bitrate, seed=number)
+        faults = tuple(
+            Fault("disturb", None, int(t), value=int(rng.integers(1, 120)), count=1) for t in times
+        )
+        network = build_network(replace(spec, faults=faults))
+        advance(network, 10**9)
+        entries, _, missed = drain(network, 0)
+        assert missed == 0
+        assert (entries["outcome"] == ERROR).sum() >= 10
+        for node, bound in enumerate(bounds):
+            mine = entries[(entries["sender"] == node) & (entries["outcome"] == DELIVERED)]
+            response = mine["t_end"] - mine["t_queued"]
+            assert bound.bound_ns is None or len(mine) == 0 or response.max() <= bound.bound_ns
 
 
 def random_set(rng):
