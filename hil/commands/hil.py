@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -88,6 +89,7 @@ def run(args: argparse.Namespace) -> int:
                 folder=folder,
                 passive_in_real_time=args.passive == "hil",
                 duration=args.duration,
+                announce=(lambda text: None) if args.json else _announce,
                 **run_keywords(args),
             )
         except Interrupted as stopped:
@@ -107,6 +109,10 @@ def run(args: argparse.Namespace) -> int:
             result = hil_run.with_files(result, files)
         report(result.to_json() | {"timing": timing}, args, result)
     return 0
+
+
+def _announce(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def report(answer: dict[str, Any], args: argparse.Namespace, result: Any) -> None:  # noqa: ANN401

@@ -1,6 +1,6 @@
 """A manoeuvre in real time, judged as a run in virtual time is."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ def run(
     folder: Path,
     passive_in_real_time: bool = False,
     duration: float | None = None,
+    announce: Callable[[str], None] = lambda text: None,
     **keywords: Any,  # noqa: ANN401
 ) -> tuple[Result, dict[str, Any]]:
     """Drive a manoeuvre in real time and return the result and its ``timing`` object.
@@ -34,6 +35,7 @@ def run(
         folder: where calibration and traces of both programs are left.
         passive_in_real_time: drive the run without control in real time too.
         duration: s; beyond the manoeuvre only the timing counts.
+        announce: told in a few words what is under way.
         keywords: of :func:`hil.experiment.plan`.
 
     Raises:
@@ -48,6 +50,7 @@ def run(
         folder=folder,
         cores=session.choose_cores(),
         duration=duration,
+        announce=announce,
     )
     timing: dict[str, Any] = {}
     controlled = None

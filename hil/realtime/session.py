@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -25,8 +25,8 @@ from hil.virtual import Interrupted
 
 START = 120.0
 """Time a child may take to be ready, s: a plant that was never run compiles first."""
-GRACE = 1.0
-"""Time a child may take to end after it was asked to, s; then it is killed."""
+GRACE = 10.0
+"""Time a child may take to write its files after it was asked to end, s; then it is killed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,12 +38,14 @@ class Setup:
         folder: where calibration, traces and results are put.
         cores: of plant and ECU; None: not pinned.
         duration: s, None: the manoeuvre's.
+        announce: told in a few words what is under way.
     """
 
     bus_options: Sequence[str]
     folder: Path
     cores: tuple[int, int] | None
     duration: float | None
+    announce: Callable[[str], None]
 
 
 @dataclass(slots=True)
@@ -100,6 +102,8 @@ def drive(
         arguments = ["ecu", "--calibration", str(gains), "--backend", settings.backend]
         arguments += ["--trace", str(ticks), *_core(setup, 1), *bus]
         ecu = _start(children, "ECU", arguments)
+        _wait_for(plant, "plant runs", ecu)
+        setup.announce(f"{'with' if enabled else 'without'} control in real time")
         _wait_for(plant, "plant ends", ecu)
         ecu.ask_to_stop()
         for child in children:

@@ -163,7 +163,9 @@ def test_the_plant_is_told_all_that_makes_the_world(tmp_path):
     settings, controller = plan(
         "double_lane_change", law="lqr", actuator="bars", bus="gateway_20ms", seed=3, speed_kmh=70
     )
-    setup = session.Setup(bus_options=(), folder=tmp_path, cores=None, duration=None)
+    setup = session.Setup(
+        bus_options=(), folder=tmp_path, cores=None, duration=None, announce=print
+    )
     arguments = session.plant_arguments(settings, controller, setup, enabled=False)
     theirs = world_of(parse(arguments))
     ours = build_world(settings, enabled=False)
