@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError, VerdictError
 from plant_sim import ports
 from plant_sim.bodies import Body
-from plant_sim.drive_setup import STEP_NS, make_drive, steady_steer, understeer
+from plant_sim.drive_setup import STEP_NS, Plan, make_drive, steady_steer, understeer
 from plant_sim.driver import STEER_TABLE
 from plant_sim.integrate import Vector
 from plant_sim.maneuvers import Maneuver, build
@@ -137,15 +137,15 @@ def frequency_response(
         measured = period * max(2, int(np.ceil(1.0 / (period * step))))
         # The sine's period is a whole number of steps, so that the harmonic leaks nowhere.
         phase = 2 * pi * np.arange(settle + measured) / period
-        drive = make_drive(
-            vehicle,
+        plan = Plan(
+            (settle + measured) * step,
             kind=STEER_TABLE,
-            speed=speed,
             table=amplitude * np.sin(phase),
             table_step=step,
             steer_rate=np.inf,
         )
         duration = (settle + measured) * STEP_NS
+        drive = make_drive(vehicle, speed, plan)
         maneuver = Maneuver("sine", "sine", "ISO 7401", speed, duration, drive)
         outputs, steer = run_passive(vehicle, body, maneuver)
         # A row shows the car at the end of the step over which its steering was held: half a step

@@ -9,7 +9,7 @@ import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim import path_maneuvers, steer_maneuvers
-from plant_sim.drive_setup import STEP_NS, understeer
+from plant_sim.drive_setup import STEP_NS, Plan, make_drive, understeer
 from plant_sim.driver import (
     D_CHASSIS_CONTROL,
     D_STEER_RATE,
@@ -59,15 +59,19 @@ class _Kind:
     speed_kmh: float
     fastest_kmh: float
     standard: str
-    make: Callable[..., tuple[float, Drive]]
-    """(vehicle, speed, seed, **options) to duration (s) and drive."""
+    plan: Callable[..., Plan]
+    """(vehicle, speed, seed, **options) to the plan."""
+    friction: float = 1.0
+    chassis_control: bool = False
 
 
 _KINDS: dict[str, _Kind] = {
     "double_lane_change": _Kind(
         "double lane change", 80.0, 160.0, "ISO 3888-1", path_maneuvers.double_lane_change
     ),
-    "moose": _Kind("obstacle avoidance", 80.0, 100.0, "ISO 3888-2", path_maneuvers.moose),
+    "moose": _Kind(
+        "obstacle avoidance", 80.0, 100.0, "ISO 3888-2", path_maneuvers.moose, 0.6, True
+    ),
     "roundabout": _Kind(
         "roundabout of 22 m radius", 30.0, 120.0, "none", path_maneuvers.roundabout
     ),
@@ -106,8 +110,11 @@ def title(name: str) -> str:
 
 def options(name: str) -> dict[str, Any]:
     """The options of that manoeuvre with their defaults; a preview of 0 is the vehicle's own."""
-    parameters = signature(_kind(name).make).parameters.values()
-    return {item.name: item.default for item in parameters if item.kind is Parameter.KEYWORD_ONLY}
+    kind = _kind(name)
+    parameters = signature(kind.plan).parameters.values()
+    own = {item.name: item.default for item in parameters if item.kind is Parameter.KEYWORD_ONLY}
+    common = {"friction": kind.friction, "chassis_control": kind.chassis_control}
+    return {**own, **common, "preview_time": 0.0}
 
 
 def default_speed(name: str, vehicle: Vehicle) -> float:
@@ -198,7 +205,9 @@ def build(
             f"speed {speed * 3.6:g} km/h: the {kind.title} is driven at "
             f"{SLOWEST_KMH:g} to {kind.fastest_kmh:g} km/h"
         )
-    duration, drive = kind.make(vehicle, speed, seed, **_checked(name, given))
+    chosen = {**options(name), **_checked(name, given)}
+    common = {key: chosen.pop(key) for key in ("friction", "chassis_control", "preview_time")}
+    plan = kind.plan(vehicle, speed, seed, **chosen)
     standard = kind.standard
     if name == "double_lane_change":
         if speed * 3.6 > 80.5:
@@ -210,8 +219,8 @@ def build(
         title=kind.title,
         standard=standard,
         speed=speed,
-        duration_ns=round(duration * 1e9 / STEP_NS) * STEP_NS,
-        drive=drive,
+        duration_ns=round(plan.duration * 1e9 / STEP_NS) * STEP_NS,
+        drive=make_drive(vehicle, speed, plan, **common),
     )
 
 

@@ -5,13 +5,13 @@ the car corners at 0.3 g at 80 km/h; here that is the linear car's.
 """
 
 import csv
-from math import pi, radians
+from math import inf, pi, radians
 from pathlib import Path
 
 import numpy as np
 
 from canroll.errors import CanrollError
-from plant_sim.drive_setup import Made, make_drive, steady_steer
+from plant_sim.drive_setup import Plan, steady_steer
 from plant_sim.driver import ACCELERATION_TABLE, FISHHOOK, STEER_TABLE
 from plant_sim.integrate import Vector
 from vehicles import GRAVITY, Vehicle
@@ -29,44 +29,36 @@ def reference_angle(vehicle: Vehicle) -> float:
     return steady_steer(vehicle, REFERENCE_SPEED, REFERENCE_ACCELERATION)
 
 
-def fishhook(
-    vehicle: Vehicle, speed: float, _seed: int, *, scale: float = 6.5, friction: float = 1.0
-) -> Made:
+def _amplitude(vehicle: Vehicle, scale: float) -> float:
+    return min(scale * reference_angle(vehicle), vehicle.steering.angle_limit)
+
+
+def fishhook(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 6.5) -> Plan:
     """NHTSA's roll-rate feedback fishhook: 720 degrees/s at the steering wheel, 3 s held."""
-    amplitude = scale * reference_angle(vehicle)
-    drive = make_drive(
-        vehicle,
+    return Plan(
+        8.0,
         kind=FISHHOOK,
-        speed=speed,
-        friction=friction,
         release_time=START,
         steer_rate=radians(720.0) / vehicle.steering.ratio,
-        fishhook=(START, min(amplitude, vehicle.steering.angle_limit), 3.0, 2.0),
+        fishhook=(START, _amplitude(vehicle, scale), 3.0, 2.0),
     )
-    return 8.0, drive
 
 
-def j_turn(
-    vehicle: Vehicle, speed: float, _seed: int, *, scale: float = 8.0, friction: float = 1.0
-) -> Made:
+def j_turn(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 8.0) -> Plan:
     """NHTSA's J-turn: one ramp at 1000 degrees/s at the steering wheel, held 4 s, back in 2 s."""
     rate = radians(1000.0) / vehicle.steering.ratio
-    amplitude = min(scale * reference_angle(vehicle), vehicle.steering.angle_limit)
+    amplitude = _amplitude(vehicle, scale)
     rise = amplitude / rate
     knots = np.array([0.0, START, START + rise, START + rise + 4.0, START + rise + 6.0])
     time = np.arange(0.0, knots[-1] + 1.0, TABLE_STEP)
-    table = np.interp(time, knots, [0.0, 0.0, amplitude, amplitude, 0.0])
-    drive = make_drive(
-        vehicle,
+    return Plan(
+        float(time[-1]),
         kind=STEER_TABLE,
-        speed=speed,
-        table=table,
+        table=np.interp(time, knots, [0.0, 0.0, amplitude, amplitude, 0.0]),
         table_step=TABLE_STEP,
-        friction=friction,
         release_time=START,
         steer_rate=2 * rate,
     )
-    return float(time[-1]), drive
 
 
 def sine_with_dwell_table(amplitude: float) -> Vector:
@@ -79,30 +71,17 @@ def sine_with_dwell_table(amplitude: float) -> Vector:
     return amplitude * np.where((time < 0) | (time > 1 / frequency + dwell), 0.0, steer)
 
 
-def sine_with_dwell(
-    vehicle: Vehicle,
-    speed: float,
-    _seed: int,
-    *,
-    scale: float = 5.0,
-    friction: float = 1.0,
-    chassis_control: bool = False,
-) -> Made:
+def sine_with_dwell(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 5.0) -> Plan:
     """FMVSS 126 sine with dwell at ``scale`` times the angle for 0.3 g, accelerator released."""
-    amplitude = min(scale * reference_angle(vehicle), vehicle.steering.angle_limit)
-    table = sine_with_dwell_table(amplitude)
-    drive = make_drive(
-        vehicle,
+    table = sine_with_dwell_table(_amplitude(vehicle, scale))
+    return Plan(
+        table.size * TABLE_STEP,
         kind=STEER_TABLE,
-        speed=speed,
         table=table,
         table_step=TABLE_STEP,
-        friction=friction,
         release_time=START,
-        steer_rate=4.0,
-        chassis_control=chassis_control,
+        steer_rate=inf,
     )
-    return table.size * TABLE_STEP, drive
 
 
 CSV_COLUMNS = {"steering_wheel_deg": STEER_TABLE, "lateral_acceleration": ACCELERATION_TABLE}
@@ -143,25 +122,13 @@ def read_signal(path: Path) -> tuple[str, Vector, Vector]:
     return header[1], times - times[0], values
 
 
-def from_file(
-    vehicle: Vehicle, speed: float, _seed: int, *, file: str = "", friction: float = 1.0
-) -> Made:
+def from_file(vehicle: Vehicle, _speed: float, _seed: int, *, file: str = "") -> Plan:
     """Steering-wheel angle (degrees) or lateral acceleration (m/s²) over time, from a CSV file."""
     if not file:
         raise CanrollError("manoeuvre 'from_file' needs a file: columns time, and the signal")
     column, times, values = read_signal(Path(file))
     kind = CSV_COLUMNS[column]
-    at = np.arange(0.0, times[-1] + TABLE_STEP / 2, TABLE_STEP)
-    table = np.interp(at, times, values)
+    table = np.interp(np.arange(0.0, times[-1] + TABLE_STEP / 2, TABLE_STEP), times, values)
     if kind == STEER_TABLE:
         table = np.radians(table) / vehicle.steering.ratio
-    drive = make_drive(
-        vehicle,
-        kind=kind,
-        speed=speed,
-        table=table,
-        table_step=TABLE_STEP,
-        friction=friction,
-        steer_rate=20.0,
-    )
-    return float(times[-1]), drive
+    return Plan(float(times[-1]), kind=kind, table=table, table_step=TABLE_STEP, steer_rate=inf)

@@ -6,7 +6,15 @@ import pytest
 
 import vehicles
 from plant_sim import bodies, fullcar, ports, simulate
-from vehicles.full_car import AS_PRINTED, INPUTS, REPAIRED, STATES, from_vehicle, state_matrices
+from vehicles.full_car import (
+    AS_PRINTED,
+    INPUTS,
+    REPAIRED,
+    STATES,
+    frequency_response,
+    from_vehicle,
+    state_matrices,
+)
 
 SPEED = 70 / 3.6
 
@@ -100,9 +108,7 @@ def test_frequency_response_equals_python_control_on_the_printed_equations(car):
     a, b, at = descriptor(car, SPEED)
     omega = np.geomspace(0.1, 60.0, 25)
     reference = control.ss(a, b, np.eye(26), np.zeros((26, 7)))(1j * omega)
-    ours_a, ours_b = state_matrices(car, SPEED)
-    eye = np.eye(26)
-    ours = np.stack([np.linalg.solve(1j * w * eye - ours_a, ours_b) for w in omega], axis=2)
+    ours = frequency_response(car, SPEED, omega / (2 * np.pi))
     for theirs, name in OURS.items():
         for column, drive in DRIVES.items():
             mine = ours[STATES.index(name), INPUTS.index(drive)]

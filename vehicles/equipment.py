@@ -1,0 +1,114 @@
+"""What a vehicle can be fitted with: roll actuators of four kinds, and its sensors."""
+
+from dataclasses import dataclass
+
+ACTUATORS = ("suspension", "bars", "dampers", "valves")
+"""The kinds of roll actuators that a vehicle can be fitted with."""
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveSuspension:
+    """Four-corner active suspension: one force actuator a corner.
+
+    First-order lag (s), force limit (N), rate limit (N/s) and power limit (W), each per corner.
+    """
+
+    lag: float
+    force_limit: float
+    force_rate_limit: float
+    power_limit: float
+
+
+@dataclass(frozen=True, slots=True)
+class ActiveBars:
+    """Active anti-roll bars: one torque actuator an axle. Lag (s), limits (N·m, N·m/s) per axle."""
+
+    lag: float
+    torque_limit: float
+    torque_rate_limit: float
+
+
+@dataclass(frozen=True, slots=True)
+class SemiActiveDampers:
+    """Continuously variable dampers: force over stroke rate at the softest and firmest current.
+
+    ``rate`` (m/s, increasing, from 0), ``soft_force`` and ``firm_force`` (N) at those rates for
+    extension; compression mirrors them. ``current_limit`` (A) is the firmest setting.
+    """
+
+    lag: float
+    current_limit: float
+    rate: tuple[float, ...]
+    soft_force: tuple[float, ...]
+    firm_force: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ElectroHydraulicBars:
+    """Servo-valve and hydromotor in each anti-roll bar (Vu 2020, eqs. 1 to 7 and Table 1).
+
+    Spool: ``valve_frequency`` (rad/s), ``valve_damping``, ``valve_gain`` (m/A), flow gain (m²/s),
+    pressure coefficient (m³/(s·Pa)). Motor: bulk modulus (Pa), volumes (m³, m³/rad), leakage
+    (m³/(s·Pa)) and leakage by rotation (m³/rad), inertia (kg·m²), damping (N·m·s/rad).
+    ``bar_stiffness`` (N·m/rad) is the bar's twist at the motor shaft, ``lever_ratio`` body roll
+    to shaft angle; limits of current (A), pressure (Pa) and shaft angle (rad).
+    """
+
+    valve_frequency: float
+    valve_damping: float
+    valve_gain: float
+    flow_gain: float
+    pressure_coefficient: float
+    bulk_modulus: float
+    volume: float
+    displacement: float
+    leakage: float
+    leakage_by_rotation: float
+    motor_inertia: float
+    motor_damping: float
+    bar_stiffness: float
+    lever_ratio: float
+    current_limit: float
+    supply_pressure: float
+    angle_limit: float
+
+
+@dataclass(frozen=True, slots=True)
+class Actuators:
+    """Data of every kind of roll actuator that the vehicle can be fitted with."""
+
+    suspension: ActiveSuspension
+    bars: ActiveBars
+    dampers: SemiActiveDampers
+    valves: ElectroHydraulicBars
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """One sensor signal: SI units of the signal, per √Hz, per K; filter (Hz) and latency (s)."""
+
+    noise_density: float
+    bias: float
+    bias_per_kelvin: float
+    range: float
+    bandwidth: float
+    latency: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sensors:
+    """Mounting of the IMU and its channels, and the chassis sensors.
+
+    ``imu_position``: m from the sprung CG (x, y, z); ``imu_misalignment``: rad about x, y, z.
+    """
+
+    imu_position: tuple[float, float, float]
+    imu_misalignment: tuple[float, float, float]
+    roll_rate: Channel
+    yaw_rate: Channel
+    lateral_acceleration: Channel
+    longitudinal_acceleration: Channel
+    suspension_travel: Channel
+    suspension_rate: Channel
+    speed: Channel
+    steering_wheel: Channel
