@@ -27,6 +27,14 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--compare", action="store_true", help="design every law for the vehicle, write nothing"
     )
+    parser.add_argument(
+        "--over-bus",
+        metavar="PROFILE",
+        help="with --compare: drive all laws at equal effort over this bus, paired runs",
+    )
+    parser.add_argument(
+        "--runs", type=int, default=20, help="with --over-bus: seeds a law (default: %(default)s)"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument(
         "--out", type=Path, default=Path("out"), help="folder for the files (default: %(default)s)"
@@ -188,6 +196,8 @@ def report(answer: Design) -> list[str]:
 
 def compare(args: argparse.Namespace) -> int:
     """Design every law for one task and print one line or object each."""
+    if args.over_bus is not None:
+        return drive_all(args)
     task = task_of(args)
     answers: dict[str, Design | CanrollError] = {}
     for law in LAWS:
@@ -238,3 +248,26 @@ def _line(answer: Design) -> str:
         f"{number('box_roll_rms_ratio', 3):>7}{gamma:>8}{admits:>10}{number('gain_db', 1):>9}"
         f"{number('phase_deg', 0):>7}"
     )
+
+
+def drive_all(args: argparse.Namespace) -> int:
+    """Drive every law over the simulated bus at equal effort and print the table."""
+    from hil import contract, terminal  # noqa: PLC0415 - loads compiled kernels
+
+    with terminal.progress(quiet=args.json) as progress:
+        found = contract.compare(
+            "double_lane_change",
+            vehicle=args.vehicle,
+            bus=args.over_bus,
+            runs=args.runs,
+            progress=progress,
+        )
+    if args.json:
+        print(json.dumps(contract.to_json(found)))
+    else:
+        print(
+            f"{found.scenario}, {found.vehicle}, bus {found.bus}, {found.runs} paired runs, "
+            f"RMS moment {found.budget:.0f} N·m for all, reference {found.reference}"
+        )
+        print("\n".join(contract.table(found)))
+    return 0
