@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import dbc
 from canroll.errors import UnknownNameError
@@ -136,7 +136,18 @@ def profile_spec(
     policy: str = "replace",
     log_capacity: int = 1 << 14,
 ) -> NetworkSpec:
-    """Return the network of a profile: nodes 0 to 5 are ``NODES``; see ``make_network``."""
+    """Return the description of a bus profile's network; its nodes 0 to 5 are ``NODES``.
+
+    Args:
+        profile: of ``load_profile``.
+        seed: seeds background payloads and offsets, gateway latencies and bit errors.
+        command: the actuator command message in use.
+        background: False leaves the bus to the own messages.
+        faults: scripted faults.
+        bit_error_rate: probability that a bit on the wire is disturbed.
+        policy: transmit queues of the own nodes: ``replace``, ``priority`` or ``fifo``.
+        log_capacity: entries in the ring log; a consumer drains at least that often.
+    """
     nodes = [Node(name, segment_of(profile, name), policy) for name in NODES]
     own = own_messages(command)
     sources = []
@@ -174,38 +185,6 @@ def profile_spec(
     )
 
 
-def make_network(
-    profile: BusProfile,
-    *,
-    seed: int = 0,
-    command: str = DEFAULT_COMMAND,
-    background: bool = True,
-    faults: Sequence[Fault] = (),
-    bit_error_rate: float = 0.0,
-    policy: str = "replace",
-    log_capacity: int = 1 << 14,
-) -> Network:
-    """Return the network of a bus profile at time 0.
-
-    Args:
-        profile: of ``load_profile``.
-        seed: seeds background payloads and offsets, gateway latencies and bit errors.
-        command: the actuator command message in use.
-        background: False leaves the bus to the own messages.
-        faults: scripted faults.
-        bit_error_rate: probability that a bit on the wire is disturbed.
-        policy: transmit queues of the own nodes: ``replace``, ``priority`` or ``fifo``.
-        log_capacity: entries in the ring log; a consumer drains at least that often.
-    """
-    return build_network(
-        profile_spec(
-            profile,
-            seed=seed,
-            command=command,
-            background=background,
-            faults=faults,
-            bit_error_rate=bit_error_rate,
-            policy=policy,
-            log_capacity=log_capacity,
-        )
-    )
+def make_network(profile: BusProfile, **options: Any) -> Network:  # noqa: ANN401
+    """Return the network of a bus profile at time 0; options as of ``profile_spec``."""
+    return build_network(profile_spec(profile, **options))
