@@ -32,17 +32,19 @@ def lateral_input(ecu: Ecu, cal: Calibration) -> i32:
 
 
 def state_feedback(ecu: Ecu, cal: Calibration) -> i64:
-    """Return u = -(feedback) x - (feedforward) x from the predicted estimate, Q14."""
+    """Return u = -(feedback) x - (feedforward) x from the predicted estimate, Q14.
+
+    Without the lateral acceleration the feedforward has ramped to nothing.
+    """
     acc: i64 = 0
     for j in range(N_STATES):
         acc += cal.feedback[j] * ecu.ahead[j]
-    u: i64 = -rsh(acc, cal.feedback_shift)
-    if ecu.lateral_lost == 0:
-        acc = 0
-        for j in range(N_STATES):
-            acc += cal.feedforward[j] * ecu.ahead[j]
-        u -= rsh(acc, cal.feedforward_shift)
-    return u
+    fed_back: i64 = rsh(acc, cal.feedback_shift)
+    acc = 0
+    for j in range(N_STATES):
+        acc += cal.feedforward[j] * ecu.ahead[j]
+    fed_forward: i64 = clamp(rsh(acc, cal.feedforward_shift), -STATE_MAX, STATE_MAX)
+    return -fed_back - rsh(fed_forward * ecu.feedforward, 30)
 
 
 def output_feedback(ecu: Ecu, cal: Calibration) -> i64:

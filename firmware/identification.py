@@ -195,4 +195,6 @@ def init_identification(ecu: Ecu, cal: Calibration) -> None:
     ecu.rls_covariance[1] = 0
     ecu.rls_covariance[2] = cal.rls_start
     ecu.rls_count = 0
+    for k in range(2):
+        ecu.rls_last[k] = 0
     restart(ecu)

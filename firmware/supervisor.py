@@ -32,7 +32,7 @@ from firmware.state import (
     SAFE,
     Ecu,
 )
-from firmware.subset import byte, clamp, i32, tdiv, u8
+from firmware.subset import byte, clamp, i32, i64, tdiv, u8
 
 # trouble codes; 0 to 5: no valid frame of message m in time
 TROUBLE_ROLL_RATE = 6
@@ -324,11 +324,15 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if actuators > severity:
         severity = actuators
     change_mode(ecu, cal, severity)
-    step: i32 = clamp(tdiv(ONE, cal.ramp_ticks), 1, ONE)
+    change: i64 = elapsed * tdiv(ONE, cal.ramp_ticks)
     if ecu.mode == ACTIVE or ecu.mode == DEGRADED:
-        ecu.authority = clamp(ecu.authority + elapsed * step, 0, ONE)
+        ecu.authority = clamp(ecu.authority + change, 0, ONE)
     else:
-        ecu.authority = clamp(ecu.authority - elapsed * step, 0, ONE)
+        ecu.authority = clamp(ecu.authority - change, 0, ONE)
+    if ecu.lateral_lost == 0:
+        ecu.feedforward = clamp(ecu.feedforward + change, 0, ONE)
+    else:
+        ecu.feedforward = clamp(ecu.feedforward - change, 0, ONE)
 
 
 def init_supervisor(ecu: Ecu) -> None:
@@ -336,6 +340,7 @@ def init_supervisor(ecu: Ecu) -> None:
     ecu.mode = INIT
     ecu.good_ticks = 0
     ecu.authority = 0
+    ecu.feedforward = ONE
     ecu.last_moment = 0
     ecu.stuck = 0
     ecu.rate_good = 0

@@ -15,9 +15,11 @@ from firmware import ecu as loop
 from firmware import signals
 from firmware.calibration import Calibration
 from firmware.state import Ecu
+from firmware.subset import fields
 
 G = 9.81
 DATABASE = dbc.load()
+ECU_FIELDS = [field.name for field in fields(Ecu)]
 STATE_Q = np.array([30, 27, 24, 24, 27])
 MEASURED_Q = np.array([27, 24, 30])
 

@@ -133,7 +133,11 @@ def test_feedforward_is_off_when_the_lateral_acceleration_is_lost():
     ecu.ahead = [round(v * 2.0**q) for v, q in zip(x, rig.STATE_Q, strict=True)]
     control_law.control(ecu, cal, 1)
     assert ecu.moment / 2**14 == pytest.approx(-(rig.FEEDBACK + rig.FEEDFORWARD) @ x, abs=0.01)
-    ecu.mode, ecu.lateral_lost = DEGRADED, 1
+    ecu.mode, ecu.feedforward = DEGRADED, 1 << 28
+    control_law.control(ecu, cal, 1)
+    quarter = -(rig.FEEDBACK + 0.25 * rig.FEEDFORWARD) @ x
+    assert ecu.moment / 2**14 == pytest.approx(quarter, abs=0.01)
+    ecu.feedforward = 0
     control_law.control(ecu, cal, 1)
     assert ecu.moment / 2**14 == pytest.approx(-rig.FEEDBACK @ x, abs=0.01)
 

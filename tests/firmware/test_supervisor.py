@@ -1,0 +1,596 @@
+"""Modes, timeouts, plausibility, ramps, recovery and trouble codes, in closed loop."""
+
+import numpy as np
+import pytest
+import rig
+
+from firmware import calibration as fw
+from firmware import ecu as loop
+from firmware import supervisor as sv
+from firmware.state import (
+    ACTIVE,
+    DEGRADED,
+    INIT,
+    RX_ACTUATOR_STATE,
+    RX_IMU,
+    RX_ROLL_REFERENCE,
+    RX_SUSPENSION_RATE,
+    RX_VEHICLE_MOTION,
+    SAFE,
+)
+
+ERROR = {"RollRate": 163.83, "LateralAcceleration": 40.9575, "VehicleSpeed": 655.34}
+
+
+def busy(bench: rig.Bench) -> rig.Bench:
+    """Active, and well into a turn: there is a moment to lose."""
+    bench.active().run(0.5, lambda t: 3.0)
+    assert bench.ecu.mode == ACTIVE
+    assert abs(bench.ecu.moment) > 300 << 14
+    return bench
+
+
+def ticks_until(bench: rig.Bench, mode: int, most: int = 200, ay=3.0) -> int:
+    for k in range(1, most + 1):
+        bench.step(ay)
+        if bench.ecu.mode == mode:
+            return k
+    raise AssertionError(f"mode {mode} not reached, {bench.ecu.mode} instead")
+
+
+def active(bench: rig.Bench, code: int) -> bool:
+    return bool(bench.ecu.trouble_active >> code & 1)
+
+
+def test_init_becomes_active_after_its_time_and_ramps_up():
+    cal = rig.calibration()
+    bench = rig.Bench(cal)
+    assert bench.ecu.mode == INIT
+    # the first frame only starts the E2E receivers
+    assert ticks_until(bench, ACTIVE) in (cal.init_ticks + 1, cal.init_ticks + 2)
+    authorities = [bench.ecu.authority]
+    for _ in range(cal.ramp_ticks):
+        bench.step(3.0)
+        authorities.append(bench.ecu.authority)
+    assert np.all(np.diff(authorities[:-1]) > 0)
+    assert authorities[cal.ramp_ticks] >= (1 << 30) - cal.ramp_ticks
+    assert bench.ecu.trouble_latched == 0
+
+
+def test_init_waits_for_a_late_node_without_trouble_then_complains():
+    cal = rig.calibration()
+    bench = rig.Bench(cal, drop={"Imu"})
+    for _ in range(cal.timeout_ticks[RX_IMU] + cal.init_ticks):
+        bench.step()
+        assert bench.ecu.trouble_latched == 0
+    bench.step()
+    assert bench.ecu.mode == INIT
+    assert active(bench, RX_IMU)
+    bench.drop.clear()
+    ticks_until(bench, ACTIVE)
+    assert bench.ecu.trouble_active == 0
+    assert bench.ecu.trouble_latched == 1 << RX_IMU
+
+
+def test_init_and_safe_command_nothing_and_keep_the_heartbeat():
+    cal = rig.calibration(event_trigger=1, trigger_floor=60 << 14)
+    bench = rig.Bench(cal, drop={"Imu"})
+    sent = 0
+    for _ in range(100):
+        bench.step(3.0)
+        if 0 in bench.frames:
+            sent += 1
+            assert bench.frames[0]["Mode"] == INIT
+            assert all(bench.frames[0][name] == 0 for name in rig.FORCES)
+    assert sent == 20
+
+
+LOST = [
+    ("Imu", RX_IMU, SAFE),
+    ("VehicleMotion", RX_VEHICLE_MOTION, DEGRADED),
+    ("ActuatorState", RX_ACTUATOR_STATE, DEGRADED),
+]
+
+
+@pytest.mark.parametrize(("message", "code", "mode"), LOST)
+@pytest.mark.parametrize("how", ["drop", "spoil"])
+def test_a_lost_message_is_noticed_at_its_timeout(message, code, mode, how):
+    bench = busy(rig.Bench(rig.calibration()))
+    while message not in bench.received:
+        bench.step(3.0)
+    getattr(bench, how).add(message)
+    assert ticks_until(bench, mode) == bench.cal.timeout_ticks[code] + 1
+    assert active(bench, code)
+    assert bench.ecu.trouble_latched == 1 << code
+    assert bench.ecu.trouble_count[code] == 1
+    getattr(bench, how).clear()
+    back = ticks_until(bench, ACTIVE)
+    assert bench.cal.recovery_ticks <= back <= bench.cal.recovery_ticks + 4
+    assert not active(bench, code)
+    assert bench.ecu.trouble_latched == 1 << code
+
+
+@pytest.mark.parametrize("message", ["Imu", "VehicleMotion", "ActuatorState"])
+def test_a_message_that_repeats_one_sample_is_as_good_as_lost(message):
+    bench = busy(rig.Bench(rig.calibration()))
+    bench.frozen.add(message)
+    mode = SAFE if message == "Imu" else DEGRADED
+    assert ticks_until(bench, mode) <= bench.cal.stuck_ticks + 3
+    assert active(bench, sv.TROUBLE_STUCK)
+    assert bench.ecu.trouble_latched == 1 << sv.TROUBLE_STUCK
+    bench.frozen.clear()
+    ticks_until(bench, ACTIVE)
+
+
+def test_a_short_burst_of_bad_checksums_is_ridden_out():
+    bench = busy(rig.Bench(rig.calibration()))
+    for _ in range(10):
+        bench.spoil.add("Imu")
+        bench.run(0.04, lambda t: 3.0)
+        bench.spoil.clear()
+        bench.run(0.03, lambda t: 3.0)
+    assert bench.ecu.mode == ACTIVE
+    assert bench.ecu.trouble_latched == 0
+
+
+CODES = [
+    ("Imu", "RollRate", 163.83, sv.TROUBLE_ROLL_RATE, SAFE),
+    ("Imu", "RollRate", 163.835, sv.TROUBLE_ROLL_RATE, SAFE),
+    ("Imu", "RollRate", 150.0, sv.TROUBLE_ROLL_RATE, SAFE),
+    ("Imu", "LateralAcceleration", 40.9575, sv.TROUBLE_ACCELERATION, DEGRADED),
+    ("Imu", "LateralAcceleration", -25.0, sv.TROUBLE_ACCELERATION, DEGRADED),
+    ("VehicleMotion", "VehicleSpeed", 655.34, sv.TROUBLE_SPEED, DEGRADED),
+    ("VehicleMotion", "SteeringWheelAngle", 3276.7, sv.TROUBLE_SPEED, DEGRADED),
+    ("ActuatorState", "DeliveredMomentRear", 16383.0, sv.TROUBLE_MOMENT, DEGRADED),
+]
+
+
+@pytest.mark.parametrize(("message", "signal", "value", "code", "mode"), CODES)
+def test_error_codes_and_implausible_values_last_their_timeout(message, signal, value, code, mode):
+    bench = busy(rig.Bench(rig.calibration()))
+    before = bench.ecu.moment
+    bench.change[message] = {signal: value}
+    timeout = bench.cal.timeout_ticks[{"Imu": 0, "VehicleMotion": 1, "ActuatorState": 4}[message]]
+    taken = ticks_until(bench, mode)
+    assert timeout + 1 <= taken <= timeout + 3
+    assert active(bench, code)
+    assert bench.ecu.trouble_latched == 1 << code
+    # up to then the bad value did no harm
+    assert abs(bench.ecu.moment - before) < 100 << 14
+    bench.change.clear()
+    back = ticks_until(bench, ACTIVE)
+    assert back >= bench.cal.recovery_ticks
+
+
+def test_a_spike_reaches_neither_observer_nor_law():
+    for law in (fw.STATE_FEEDBACK, fw.OUTPUT_FEEDBACK):
+        peaks = []
+        for spike in (False, True):
+            bench = busy(rig.Bench(rig.calibration(law=law)))
+            if spike:
+                bench.change["Imu"] = {"RollRate": 160.0, "LateralAcceleration": 40.0}
+            bench.run(0.03, lambda t: 3.0)
+            bench.change.clear()
+            bench.run(0.05, lambda t: 3.0)
+            peaks.append(bench.ecu.moment / 2**14)
+            assert bench.ecu.mode == ACTIVE
+        assert abs(peaks[1] - peaks[0]) < 20.0
+
+
+def test_lost_lateral_acceleration_ends_with_the_feedforward_back_after_recovery():
+    bench = busy(rig.Bench(rig.calibration()))
+    bench.change["Imu"] = {"LateralAcceleration": 40.9575}
+    ticks_until(bench, DEGRADED)
+    assert bench.ecu.lateral_lost == 1
+    ramp = []
+    for _ in range(bench.cal.ramp_ticks):
+        ramp.append(bench.ecu.feedforward)
+        bench.step(3.0)
+    assert np.allclose(np.diff(ramp), -(1 << 30) / bench.cal.ramp_ticks, rtol=1e-6)
+    assert bench.ecu.feedforward < 100
+    bench.change.clear()
+    for _ in range(bench.cal.recovery_ticks - 2):
+        bench.step(3.0)
+        assert (bench.ecu.mode, bench.ecu.lateral_lost) == (DEGRADED, 1)
+    # meanwhile the observer sees it again
+    assert bench.ecu.x[2] / 2**24 == pytest.approx(3.0, abs=0.05)
+    # a glitch starts the wait anew
+    bench.change["Imu"] = {"LateralAcceleration": 40.9575}
+    bench.step(3.0)
+    bench.change.clear()
+    for _ in range(bench.cal.recovery_ticks - 2):
+        bench.step(3.0)
+        assert (bench.ecu.mode, bench.ecu.lateral_lost) == (DEGRADED, 1)
+    bench.run(0.05, lambda t: 3.0)
+    assert (bench.ecu.mode, bench.ecu.lateral_lost) == (ACTIVE, 0)
+    bench.run(0.3, lambda t: 3.0)
+    assert bench.ecu.feedforward == 1 << 30
+    assert bench.ecu.trouble_count[sv.TROUBLE_ACCELERATION] == 1
+
+
+def test_without_the_lateral_acceleration_roll_is_still_reduced():
+    """DEGRADED is worth having: roll rate alone still damps the manoeuvre."""
+    peaks = {}
+    for name, change in (("degraded", {"LateralAcceleration": 40.9575}), ("passive", {})):
+        cal = rig.calibration(moment_max=0) if name == "passive" else rig.calibration()
+        bench = rig.Bench(cal).active()
+        bench.change["Imu"] = change
+        bench.run(0.2)
+        peak = 0.0
+        for _ in range(500):
+            bench.step(rig.lane_change)
+            peak = max(peak, abs(bench.x[0]))
+        peaks[name] = peak
+    assert peaks["degraded"] < 0.9 * peaks["passive"]
+
+
+def test_a_law_that_reads_the_lateral_acceleration_goes_safe_without_it():
+    cal = rig.calibration(law=fw.OUTPUT_FEEDBACK)
+    cal.output_gain, cal.output_gain_shift = rig.quantise_row(
+        [-2500.0, -100.0, 0.0], fw.Q_MOMENT, rig.MEASURED_Q
+    )
+    bench = busy(rig.Bench(cal))
+    bench.change["Imu"] = {"LateralAcceleration": 40.9575}
+    ticks_until(bench, SAFE)
+    cal = rig.calibration(law=fw.COMPENSATOR)
+    cal.compensator_shift, cal.compensator_output_shift = [20] * 8, [20] * 2
+    for column, mode in ((2, SAFE), (1, DEGRADED)):
+        cal.compensator_d = [[0] * 4, [0] * 4]
+        cal.compensator_d[0][column] = 1 << 10
+        bench = rig.Bench(cal).active()
+        bench.change["Imu"] = {"LateralAcceleration": 40.9575}
+        ticks_until(bench, mode)
+
+
+def test_an_unused_lateral_acceleration_is_not_missed():
+    bench = rig.Bench(rig.calibration(measurements=1)).active()
+    bench.change["Imu"] = {"LateralAcceleration": 40.9575}
+    bench.run(1.0)
+    assert bench.ecu.mode == ACTIVE
+    only = rig.Bench(rig.calibration(measurements=2)).active()
+    only.change["Imu"] = {"LateralAcceleration": 40.9575}
+    ticks_until(only, SAFE)
+
+
+def test_lost_delivered_moment_is_replaced_by_the_commanded():
+    bench = busy(rig.Bench(rig.calibration()))
+    bench.drop.add("ActuatorState")
+    ticks_until(bench, DEGRADED)
+    assert bench.ecu.moment_unknown == 1
+    bench.run(3.0, rig.lane_change)
+    errors = []
+    for _ in range(250):
+        truth = bench.x[0]
+        bench.step(rig.lane_change)
+        errors.append(bench.ecu.x[0] / 2**30 - truth)
+    assert np.degrees(np.max(np.abs(errors))) < 0.3
+
+
+def test_lost_speed_keeps_the_schedule_and_lets_the_estimate_stand_for_the_steering():
+    cal = rig.calibration(schedule_steering=[round(12.0 * 2**20)] * 8)
+    bench = rig.Bench(cal, steering_deg=14.3).active().run(0.5, lambda t: 3.0)
+    bench.drop.add("VehicleMotion")
+    ticks_until(bench, DEGRADED)
+    # the turn ends, the old steering angle would not
+    bench.run(4.0, lambda t: 0.0)
+    assert bench.ecu.gain_factor == 1 << 28
+    assert abs(bench.ecu.x[2] / 2**24) < 0.02
+    assert abs(bench.ecu.moment / 2**14) < 20.0
+
+
+@pytest.mark.parametrize("actuator", [fw.DAMPERS, fw.VALVES])
+def test_dampers_and_valves_go_safe_without_their_delivered_moment(actuator):
+    cal = rig.calibration(actuator=actuator)
+    if actuator == fw.VALVES:
+        cal.law, cal.compensator_outputs = fw.COMPENSATOR, 2
+        cal.compensator_shift, cal.compensator_output_shift = [1] * 8, [1] * 2
+    else:
+        cal.timeout_ticks[RX_SUSPENSION_RATE] = 5
+    bench = rig.Bench(cal)
+    rates = {f"Rate{c}": 50.0 for c in ("FrontLeft", "FrontRight", "RearLeft", "RearRight")}
+
+    def step():
+        if actuator == fw.DAMPERS:
+            frame = bench.sender.frame("SuspensionRate", **rates)
+            rig.deliver(bench.ecu, "SuspensionRate", frame)
+        bench.step(2.0)
+
+    for _ in range(60):
+        step()
+    assert bench.ecu.mode == ACTIVE
+    bench.drop.add("ActuatorState")
+    for _ in range(6):
+        step()
+    assert bench.ecu.mode == SAFE
+    # what was commanded is no moment: the observer must not take it for one
+    bench.ecu.ring[bench.ecu.ring_head] = 2000 << 14
+    from firmware.observer import acting_moment
+
+    assert acting_moment(bench.ecu, cal) == 0
+
+
+def test_dampers_need_the_stroke_rates():
+    cal = rig.calibration(actuator=fw.DAMPERS)
+    cal.timeout_ticks[RX_SUSPENSION_RATE] = 5
+    bench = rig.Bench(cal).run(0.7)
+    assert bench.ecu.mode == INIT
+    rates = {f"Rate{c}": 50.0 for c in ("FrontLeft", "FrontRight", "RearLeft", "RearRight")}
+    for k in range(80):
+        bad = {"RateRearLeft": 2047} if k > 60 else {}
+        frame = bench.sender.frame("SuspensionRate", **(rates | bad))
+        rig.deliver(bench.ecu, "SuspensionRate", frame)
+        bench.step()
+        if k == 60:
+            assert bench.ecu.mode == ACTIVE
+    assert bench.ecu.mode == SAFE
+    assert active(bench, sv.TROUBLE_STROKE)
+
+
+STATUS = ("StatusFrontLeft", "StatusFrontRight", "StatusRearLeft", "StatusRearRight")
+
+
+@pytest.mark.parametrize(
+    ("status", "code"), [(2, sv.TROUBLE_CORNER_STUCK), (3, sv.TROUBLE_CORNER_FLOATING)]
+)
+@pytest.mark.parametrize("corner", range(4))
+def test_one_failed_corner_degrades_and_is_not_used(corner, status, code):
+    bench = busy(rig.Bench(rig.calibration()))
+    bench.change["ActuatorState"] = {STATUS[corner]: status}
+    bench.step(3.0)
+    assert bench.ecu.mode == DEGRADED
+    assert active(bench, code)
+    bench.step(3.0)
+    force = np.array([bench.frames[0][name] for name in rig.FORCES])
+    assert force[corner] == 0
+    assert np.count_nonzero(force) == 3
+    moment = force @ np.array([1, -1, 1, -1]) * 0.819
+    assert moment == pytest.approx(bench.ecu.moment / 2**14, abs=5.0)
+    bench.change.clear()
+    assert ticks_until(bench, ACTIVE) >= bench.cal.recovery_ticks
+
+
+def test_two_failed_corners_are_safe_but_one_failed_bar_is_not():
+    two = {"StatusFrontLeft": 2, "StatusFrontRight": 2}
+    bench = busy(rig.Bench(rig.calibration()))
+    bench.change["ActuatorState"] = two
+    bench.step(3.0)
+    assert bench.ecu.mode == SAFE
+    bench = rig.Bench(rig.calibration(actuator=fw.BARS)).active()
+    bench.change["ActuatorState"] = two
+    bench.step(3.0)
+    assert bench.ecu.mode == DEGRADED
+    bench.change["ActuatorState"] = two | {"StatusRearLeft": 3}
+    bench.step(3.0)
+    assert bench.ecu.mode == SAFE
+
+
+def test_a_limited_corner_is_no_trouble():
+    bench = busy(rig.Bench(rig.calibration()))
+    bench.change["ActuatorState"] = dict.fromkeys(STATUS, 1)
+    bench.run(0.5, lambda t: 3.0)
+    assert bench.ecu.mode == ACTIVE
+    assert bench.ecu.trouble_latched == 0
+
+
+@pytest.mark.parametrize("ramp_ticks", [7, 20, 50])
+def test_safe_ramps_in_the_calibrated_time_with_the_heartbeat_kept(ramp_ticks):
+    cal = rig.calibration(ramp_ticks=ramp_ticks, event_trigger=1, trigger_floor=60 << 14)
+    bench = busy(rig.Bench(cal))
+    bench.drop.add("Imu")
+    ticks_until(bench, SAFE)
+    start = bench.ecu.last_moment
+    sent = []
+    for k in range(2, ramp_ticks + 40):
+        bench.step(3.0)
+        expected = start * max(0.0, 1 - k / ramp_ticks)
+        assert bench.ecu.moment == pytest.approx(expected, abs=100)
+        if 0 in bench.frames:
+            sent.append(k)
+            assert bench.frames[0]["Mode"] == SAFE
+    assert bench.ecu.moment == 0
+    assert max(np.diff(sent)) <= cal.heartbeat_ticks
+    forces = [bench.frames[0][name] for name in rig.FORCES] if 0 in bench.frames else [0] * 4
+    assert forces == [0] * 4
+
+
+def test_a_fault_during_the_way_up_ramps_from_what_was_given():
+    cal = rig.calibration()
+    bench = rig.Bench(cal)
+    ticks_until(bench, ACTIVE)
+    for _ in range(cal.ramp_ticks // 2):
+        bench.step(3.0)
+    given = bench.ecu.moment
+    assert given != 0
+    bench.change["ActuatorState"] = {"StatusFrontLeft": 2, "StatusRearLeft": 2}
+    bench.step(3.0)
+    assert bench.ecu.mode == SAFE
+    assert bench.ecu.moment == pytest.approx(given * (1 - 1 / cal.ramp_ticks), rel=1e-3)
+
+
+def test_recovery_waits_and_ramps_without_a_jump():
+    bench = busy(rig.Bench(rig.calibration()))
+    bench.drop.add("Imu")
+    bench.run(0.5, lambda t: 3.0)
+    assert (bench.ecu.mode, bench.ecu.moment) == (SAFE, 0)
+    bench.drop.clear()
+    # flapping inputs keep it safe
+    for _ in range(5):
+        bench.run(0.3, lambda t: 3.0)
+        bench.drop.add("Imu")
+        bench.run(0.1, lambda t: 3.0)
+        bench.drop.clear()
+        assert bench.ecu.mode == SAFE
+    assert bench.ecu.trouble_count[RX_IMU] == 6
+    ticks_until(bench, ACTIVE)
+    moments = [bench.ecu.moment]
+    for _ in range(40):
+        bench.step(3.0)
+        moments.append(bench.ecu.moment)
+    assert np.max(np.abs(np.diff(moments))) < 0.12 * abs(moments[-1])
+
+
+def test_troubles_are_latched_counted_and_shown_on_the_bus():
+    bench = busy(rig.Bench(rig.calibration(status_ticks=1)))
+    for _ in range(3):
+        bench.change["Imu"] = {"LateralAcceleration": 40.9575}
+        bench.run(0.2, lambda t: 3.0)
+        bench.change.clear()
+        bench.run(0.2, lambda t: 3.0)
+    bench.change["Imu"] = {"LateralAcceleration": 40.9575}
+    bench.run(0.2, lambda t: 3.0)
+    assert bench.ecu.trouble_count[sv.TROUBLE_ACCELERATION] == 4
+    pages, status = {}, {}
+    for _ in range(5):
+        bench.step(3.0)
+        pages[bench.frames[5]["Page"]] = bench.frames[5]
+        status = bench.frames[4]
+    assert sorted(pages) == [0, 1, 2, 3, 4]
+    assert pages[0]["ActiveTroubles"] == 1 << sv.TROUBLE_ACCELERATION
+    assert pages[0]["LatchedTroubles"] == 1 << sv.TROUBLE_ACCELERATION
+    assert pages[2]["Occurrences07"] == 4
+    assert status["Mode"] == DEGRADED
+    assert status["TroubleCount"] == 1
+    assert status["MomentCommand"] == pytest.approx(bench.ecu.moment / 2**14, abs=0.26)
+    assert status["RollAngleEstimate"] == pytest.approx(
+        np.degrees(bench.ecu.x[0] / 2**30), abs=2e-3
+    )
+    assert status["CommandsSent"] == bench.ecu.commands_sent & 255
+
+
+def test_occurrences_saturate():
+    ecu = rig.started(rig.calibration())
+    for _ in range(300):
+        sv.trouble(ecu, 9, 1)
+        sv.trouble(ecu, 9, 0)
+    assert ecu.trouble_count[9] == 255
+    assert ecu.trouble_number == 0
+    assert ecu.trouble_latched == 1 << 9
+
+
+def test_bypass_needs_its_reference_and_nothing_of_the_imu():
+    cal = rig.calibration(observer=fw.BYPASS)
+    cal.timeout_ticks = [0, 10, 0, 0, 5, 5]
+    bench = busy(rig.Bench(cal, reference=True, drop={"Imu"}))
+    assert bench.ecu.trouble_latched == 0
+    bench.change["RollReference"] = {"RollRate": 163.83}
+    ticks_until(bench, SAFE)
+    assert active(bench, sv.TROUBLE_REFERENCE)
+    bench.change.clear()
+    ticks_until(bench, ACTIVE)
+    bench.drop.add("RollReference")
+    ticks_until(bench, SAFE)
+    assert active(bench, RX_ROLL_REFERENCE)
+
+
+def test_missed_ticks_age_the_inputs_and_are_counted():
+    bench = busy(rig.Bench(rig.calibration()))
+    bench.step(3.0, elapsed=3)
+    assert bench.ecu.mode == ACTIVE
+    assert bench.ecu.trouble_count[sv.TROUBLE_TICK_MISSED] == 1
+    bench.step(3.0)
+    assert not active(bench, sv.TROUBLE_TICK_MISSED)
+    bench.drop.add("Imu")
+    bench.step(3.0, elapsed=3)
+    assert bench.ecu.mode == ACTIVE
+    bench.step(3.0, elapsed=3)
+    assert bench.ecu.mode == SAFE
+    # however long the loop slept, the sleep counts
+    asleep = busy(rig.Bench(rig.calibration()))
+    asleep.drop |= {"Imu", "ActuatorState", "VehicleMotion"}
+    asleep.step(0.0, elapsed=5000)
+    assert asleep.ecu.age[RX_IMU] == 5000
+    assert asleep.ecu.mode == SAFE
+
+
+def test_missed_ticks_move_the_estimate_on():
+    model = rig.observer_model(rig.VAN, 0.01)
+    bench = busy(rig.Bench(rig.calibration()))
+    bench.drop.add("Imu")
+    unit = 2.0 ** -rig.STATE_Q.astype(float)
+    x = np.array(bench.ecu.x) * unit
+    bench.step(3.0, elapsed=4)
+    actuators = bench.received["ActuatorState"]
+    moment = actuators["DeliveredMomentFront"] + actuators["DeliveredMomentRear"]
+    for _ in range(4):
+        x = model.phi @ x + model.gamma * moment
+    np.testing.assert_allclose(np.array(bench.ecu.x) * unit, x, atol=1e-6)
+
+
+def test_time_wraps():
+    bench = rig.Bench(rig.calibration())
+    bench.ecu.time = 2**31 - 2
+    bench.step()
+    bench.step(elapsed=2)
+    assert bench.ecu.time == -(2**31) + 1
+
+
+REFUSED = [
+    ({"tick_us": 500}, 2),
+    ({"law": 3}, 3),
+    ({"schedule_points": 2, "schedule_speed": [5, 5, 0, 0, 0, 0, 0, 0]}, 501),
+    ({"fade_low": 5 << 20, "fade_high": 5 << 20}, 502),
+    ({"rls_lo": [1 << 28, 1 << 27], "rls_hi": [1 << 27, 1 << 28]}, 503),
+    ({"actuator": fw.VALVES}, 504),
+    ({"actuator": fw.BARS, "compensator_outputs": 2}, 505),
+    ({"timeout_ticks": [0, 10, 0, 0, 5, 0]}, 506),
+    ({"observer": fw.BYPASS}, 507),
+    ({"actuator": fw.DAMPERS}, 508),
+    ({"actuator": fw.DAMPERS, "timeout_ticks": [5, 10, 5, 0, 0, 0]}, 509),
+    ({"timeout_ticks": [5, 0, 0, 0, 5, 0]}, 510),
+]
+
+
+@pytest.mark.parametrize(("change", "rule"), REFUSED)
+def test_a_refused_calibration_never_runs(change, rule):
+    good, bad = rig.calibration(), rig.calibration(**change)
+    bench = busy(rig.Bench(good))
+    assert loop.init(bench.ecu, bad) == rule
+    bench.cal = bad
+    assert bench.ecu.mode == SAFE
+    assert bench.ecu.trouble_active == 1 << sv.TROUBLE_CALIBRATION
+    before = {name: str(getattr(bench.ecu, name)) for name in ("x", "moment", "age", "time")}
+    for _ in range(50):
+        bench.step(3.0)
+        assert bench.frames == {}
+    assert before == {name: str(getattr(bench.ecu, name)) for name in before}
+    assert loop.init(bench.ecu, good) == 0
+    bench.cal = good
+    ticks_until(bench, ACTIVE)
+
+
+def test_two_outputs_need_bars_or_valves():
+    cal = rig.calibration(law=fw.COMPENSATOR, compensator_outputs=2)
+    cal.compensator_shift, cal.compensator_output_shift = [1] * 8, [1] * 2
+    for actuator, rule in ((fw.SUSPENSION, 505), (fw.BARS, 0), (fw.VALVES, 0)):
+        cal.actuator = actuator
+        assert loop.init(loop.Ecu(), cal) == rule
+
+
+def test_init_starts_afresh_from_any_state():
+    bench = busy(rig.Bench(rig.calibration(identification=1, offset_learning=1)))
+    bench.change["Imu"] = {"LateralAcceleration": 40.9575}
+    bench.run(0.3, lambda t: 3.0)
+    loop.init(bench.ecu, bench.cal)
+    fresh = rig.started(bench.cal)
+    ignored = {"rx_payload", "rx_length", "force", "bar", "current"}
+    for field in rig.ECU_FIELDS:
+        if field not in ignored:
+            assert getattr(bench.ecu, field) == getattr(fresh, field), field
+
+
+def test_without_control_frames_flow_and_no_trouble_is_raised():
+    bench = rig.Bench(rig.calibration(), change={"ActuatorState": {"Enabled": 0}}).active()
+    bench.run(2.0, rig.lane_change)
+    assert bench.ecu.trouble_latched == 0
+    assert bench.ecu.enabled == 0
+
+
+def test_foreign_short_and_misplaced_frames_are_harmless():
+    bench = busy(rig.Bench(rig.calibration()))
+    for message in (-1, 6, 1000):
+        loop.receive(bench.ecu, message, [255] * 8, 8)
+    before = bench.ecu.roll_rate
+    loop.receive(bench.ecu, RX_IMU, [255] * 8, 3)
+    loop.tick(bench.ecu, bench.cal, 1)
+    assert bench.ecu.roll_rate == before
+    assert bench.ecu.fresh[RX_IMU] == 0
