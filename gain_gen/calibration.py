@@ -30,6 +30,8 @@ TABLES = frozenset(
         "calibration",
     }
 )
+OPTIONAL = frozenset({"budget"})
+"""Tables that a user may add: what a tick may cost."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +152,8 @@ def load(path: str | Path) -> LoadedCalibration:
             f"{path}: schema {schema!r}, this version reads {SCHEMA}: "
             f"write it anew with 'canroll design'"
         )
-    _known(content, TABLES - {"schema"}, path, text)
+    given = OPTIONAL & set(content)
+    _known(content, TABLES - {"schema"} | given, path, text)
     integers = content.pop("calibration")
     table = fields(Calibration)
     _known(integers, {field.name for field in table}, path, text)

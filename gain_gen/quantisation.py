@@ -11,8 +11,9 @@ from firmware.calibration import (
     Q_RATE,
     Calibration,
 )
-from firmware.control_law import control, init_control
-from firmware.observer import init_observer, look_ahead, observe
+from firmware.control_law import control
+from firmware.ecu import init
+from firmware.observer import look_ahead, observe
 from firmware.state import ACTIVE, RX_IMU, RX_ROLL_REFERENCE, Ecu
 from gain_gen.controller import Controller, matrices, step
 from gain_gen.dequantise import dequantise
@@ -138,8 +139,7 @@ def integer_loop(record: Calibration) -> Callable[[Matrix], float]:
     for name in record.__dict__:
         setattr(wide, name, getattr(record, name))
     wide.slew_max = 1 << 30
-    init_observer(ecu, wide)
-    init_control(ecu, wide)
+    init(ecu, wide)
     ecu.mode = ACTIVE
     ecu.authority = FULL_AUTHORITY
     ecu.gain_factor = UNIT_GAIN
