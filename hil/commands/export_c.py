@@ -1,0 +1,138 @@
+"""``canroll export-c DIR``: the controller as C99 with test vectors, for a firmware project."""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+
+from canroll.errors import CanrollError, VerdictError
+from codegen import a2l, bundle, emit_signals, vectors
+from codegen.backends import open_backend
+from codegen.bus_map import load as load_map
+from codegen.header import gains_header
+from codegen.recorder import Recorder
+from codegen.vectors import Traffic
+from gain_gen.header_notes import physical_notes
+from gain_gen.record import identify
+from hil.controller import Controller
+from hil.experiment import build_world, plan
+from hil.result import Settings
+from hil.virtual import closed_loop
+
+HOSTILE_TICKS = 200
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "export-c", help="export the controller as C99 with test vectors"
+    )
+    parser.add_argument("folder", type=Path, help="where the bundle goes")
+    parser.add_argument("--calibration", help="calibration.toml (default: design one)")
+    parser.add_argument("--law", help="law to design (default: the one of 'canroll run')")
+    parser.add_argument("--vehicle", help="vehicle to design for")
+    parser.add_argument(
+        "--unverified", action="store_true", help="export even if a check of the design fails"
+    )
+    parser.add_argument("--dbc", type=Path, help="frames of your own bus; needs --map")
+    parser.add_argument("--map", type=Path, help="TOML: which signal is which field")
+    parser.add_argument(
+        "--elf", type=Path, help="only put the addresses of this image into DIR/canroll.a2l"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the bundle, or only its A2L where an image is given."""
+    if args.elf is not None:
+        return address(args.folder, args.elf)
+    if (args.dbc is None) != (args.map is None):
+        raise CanrollError("--dbc and --map belong together: give both")
+    settings, controller = plan(
+        "double_lane_change",
+        calibration=args.calibration,
+        law=args.law,
+        vehicle=args.vehicle,
+        duration=3.0,
+    )
+    verified = bool(controller.tables["design"]["verified"])
+    if not verified and not args.unverified:
+        raise VerdictError(
+            f"{controller.law} for {controller.vehicle.name} is not verified: see 'canroll "
+            "margins', or give --unverified to export it all the same"
+        )
+    export = described(args, settings, controller, verified=verified)
+    written = bundle.write(args.folder, export)
+    print(f"{len(written)} files in {args.folder}; next: make -C {args.folder} test")
+    return 0
+
+
+def described(
+    args: argparse.Namespace, settings: Settings, controller: Controller, *, verified: bool
+) -> bundle.Export:
+    """What goes into the bundle."""
+    record = controller.record
+    title = (
+        f"{controller.law} for {controller.vehicle.name}, {controller.actuator}, tick "
+        f"{1e3 * controller.tick:g} ms; {'verified' if verified else 'NOT VERIFIED'}."
+    )
+    own = args.dbc is not None
+    if own:
+        bus = load_map(args.dbc, args.map)
+        if record.e2e and not any(box.data_id for box in (*bus.received, *bus.transmitted)):
+            record.e2e = 0
+            identify(record)
+        traffic = vectors.random_traffic(1, HOSTILE_TICKS, hostile=1.0)
+        origin = f"The vectors are {traffic.ticks} ticks of random frames."
+    else:
+        run_in = recorded(settings, controller)
+        traffic = joined(run_in, vectors.random_traffic(1, HOSTILE_TICKS))
+        origin = (
+            f"The vectors are {run_in.ticks} ticks of a double lane change, then {HOSTILE_TICKS} "
+            "of frames with wrong checksums, counters, lengths and values."
+        )
+    return bundle.Export(
+        record=record,
+        gains=gains_header(record, title=[title], physical=physical_notes(record)),
+        title=title,
+        dbc=args.dbc if own else emit_signals.DBC,
+        map_file=args.map if own else emit_signals.MAP,
+        traffic=traffic,
+        origin=origin,
+    )
+
+
+def recorded(settings: Settings, controller: Controller) -> Traffic:
+    """What the ECU receives in a short run."""
+    recorder = Recorder(open_backend(settings.backend, controller.record))
+    closed_loop(
+        build_world(settings, enabled=True),
+        recorder,
+        tick_ns=round(settings.tick * 1e9),
+        duration_ns=3_000_000_000,
+        progress=None,
+    )
+    return recorder.traffic
+
+
+def joined(first: Traffic, second: Traffic) -> Traffic:
+    """One traffic after the other."""
+    later = second.frames.copy()
+    later["tick"] += first.ticks
+    return Traffic(
+        np.concatenate([first.frames, later]), np.concatenate([first.elapsed, second.elapsed])
+    )
+
+
+def address(folder: Path, elf: Path) -> int:
+    """Rewrite the A2L with the addresses of an image."""
+    if not elf.is_file():
+        raise CanrollError(f"{elf}: no such image; build one, or leave --elf out")
+    base = a2l.addresses(elf)
+    missing = sorted(set(a2l.RECORDS) - set(base))
+    if missing:
+        raise CanrollError(f"{elf}: has no symbol {' and '.join(missing)}; name the records so")
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "canroll.a2l").write_text(a2l.a2l(base), encoding="utf-8")
+    print(f"{folder / 'canroll.a2l'}: {', '.join(f'{n} at {a:#x}' for n, a in base.items())}")
+    return 0

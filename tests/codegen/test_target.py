@@ -1,0 +1,110 @@
+"""Cortex-M0, M3 and M4 give the bytes of the native library, in both emulators."""
+
+import numpy as np
+import pytest
+
+from codegen import backends, layout, native, target, vectors
+from codegen.footprint import FLOAT, footprint
+from codegen.recorder import Recorder
+from firmware.calibration import Calibration
+from firmware.signals import RX_IDS
+from firmware.state import Ecu
+
+pytestmark = [
+    pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),
+    pytest.mark.skipif(not target.has_pip_tools(), reason="needs canroll[target]"),
+]
+needs_qemu = pytest.mark.skipif(
+    not target.has_gcc_and_qemu(), reason="needs arm-none-eabi-gcc and qemu-system-arm"
+)
+
+
+def reference(calibration, traffic):
+    cals = np.frombuffer(layout.image(calibration), layout.dtype(Calibration), 1).copy()
+    library = native.library()
+    return library.replay(library.start(cals), cals, [traffic], states=True)
+
+
+def compare(run, expected):
+    for t, state in enumerate(expected.states[0]):
+        found, wanted = run.states[t].tobytes(), state.tobytes()
+        assert found == wanted, (t, layout.differences(Ecu, wanted, found))
+    assert run.frames.tobytes() == expected.frames.tobytes()
+    assert run.instructions.shape == (len(run.states),)
+    assert 0 < run.instructions.min() <= run.instructions.max()
+    assert 0 < run.stack < 1024
+
+
+@pytest.mark.parametrize("cpu", target.CPUS)
+def test_unicorn_is_native(cpu):
+    for seed in (3, 9):
+        calibration, traffic = vectors.random_calibration(seed), vectors.random_traffic(seed, 12)
+        compare(target.run_unicorn(calibration, traffic, cpu), reference(calibration, traffic))
+
+
+@needs_qemu
+@pytest.mark.parametrize("cpu", target.CPUS)
+def test_qemu_is_native(cpu):
+    for seed in (0, 4):
+        calibration, traffic = vectors.random_calibration(seed), vectors.random_traffic(seed, 100)
+        compare(target.run_qemu(calibration, traffic, cpu), reference(calibration, traffic))
+
+
+@needs_qemu
+@pytest.mark.slow
+def test_qemu_is_native_for_long():
+    for seed in range(20):
+        calibration, traffic = vectors.random_calibration(seed), vectors.random_traffic(seed, 500)
+        compare(target.run_qemu(calibration, traffic, "cortex-m4"), reference(calibration, traffic))
+
+
+def test_a_cortex_behind_the_interface_replays_what_was_recorded():
+    calibration, traffic = vectors.random_calibration(5), vectors.random_traffic(5, 15)
+    recorder = Recorder(backends.open_backend("native", calibration))
+    assert isinstance(recorder, backends.Backend)
+    for t in range(traffic.ticks):
+        for event in traffic.frames[traffic.frames["tick"] == t]:
+            recorder.receive(RX_IDS[event["message"]], event["payload"], int(event["length"]))
+        recorder.tick(int(traffic.elapsed[t]))
+    again = recorder.traffic
+    assert again.frames.tobytes() == traffic.frames.tobytes()
+    ecu = backends.open_backend("cortex-m4", calibration)
+    assert isinstance(ecu, backends.Backend)
+    for t in range(again.ticks):
+        for event in again.frames[again.frames["tick"] == t]:
+            ecu.receive(RX_IDS[event["message"]], event["payload"], int(event["length"]))
+        ecu.tick(int(again.elapsed[t]))
+    assert ecu.image() == recorder.image()
+    assert layout.image(ecu.state) == recorder.image()
+
+
+@pytest.mark.parametrize("cpu", target.CPUS)
+def test_no_heap_no_float_no_memory_of_its_own(cpu):
+    images = [target.zig_image(cpu)]
+    if target.has_gcc_and_qemu():
+        images.append(target.gcc_image(cpu))
+    for image in images:
+        size = footprint(image)
+        assert size.forbidden == ()
+        assert size.static == 0
+        assert 0 < size.tables < size.text
+
+
+def test_helpers_of_floating_point_are_told_from_those_of_integers():
+    for name in (
+        "__aeabi_fadd",
+        "__aeabi_dmul",
+        "__aeabi_i2f",
+        "__aeabi_ul2d",
+        "__mulsf3",
+        "__adddf3",
+    ):
+        assert FLOAT.match(name), name
+    for name in (
+        "__aeabi_ldivmod",
+        "__aeabi_lmul",
+        "__aeabi_idiv0",
+        "__aeabi_llsl",
+        "__udivmoddi4",
+    ):
+        assert not FLOAT.match(name), name
