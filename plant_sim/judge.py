@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from plant_sim import path, steer_maneuvers
 from plant_sim.integrate import Vector
-from plant_sim.maneuvers import Maneuver
 from plant_sim.path_maneuvers import APPROACH
 from vehicles import Vehicle
 
@@ -42,16 +41,16 @@ class Verdict:
     passed: bool
 
 
-def judge(maneuver: Maneuver, vehicle: Vehicle, signals: Signals) -> list[Verdict]:
-    """All verdicts that the manoeuvre's standard has; none where it has no criteria."""
-    if maneuver.name == "sine_with_dwell":
+def judge(maneuver: str, vehicle: Vehicle, signals: Signals) -> list[Verdict]:
+    """All verdicts that the standard of that manoeuvre has; none where it has no criteria."""
+    if maneuver == "sine_with_dwell":
         return sine_with_dwell(vehicle, signals)
-    if maneuver.name in ("fishhook", "j_turn"):
+    if maneuver in ("fishhook", "j_turn"):
         return two_wheel_lift(signals)
-    if maneuver.name == "double_lane_change":
+    if maneuver == "double_lane_change":
         lanes = path.double_lane_change(vehicle.geometry.width, vehicle.lane_offset)
         return [cones(vehicle, signals, lanes, "ISO 3888-1, 4"), *two_wheel_lift(signals)]
-    if maneuver.name == "moose":
+    if maneuver == "moose":
         lanes = path.obstacle_avoidance(vehicle.geometry.width)
         entry = 3.6 * float(np.interp(APPROACH, signals["x"], signals["vx"]))
         return [

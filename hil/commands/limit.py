@@ -45,14 +45,11 @@ def find(
 ) -> "SpeedLimit":
     """Bisect the entry speed between ``low`` and ``high``; speeds and ``tolerance`` in m/s."""
     from hil import experiment  # noqa: PLC0415 - loads compiled kernels
-    from plant_sim import handling, judge, maneuvers  # noqa: PLC0415
-
-    vehicle = settings.vehicle
+    from plant_sim import handling, judge  # noqa: PLC0415
 
     def fails(speed: float) -> bool:
         trace = experiment.drive(replace(settings, speed=speed), controller, enabled=enabled)
-        maneuver = maneuvers.build(settings.scenario, vehicle, speed, settings.seed)
-        verdicts = judge.judge(maneuver, vehicle, trace.signals)
+        verdicts = judge.judge(settings.scenario, settings.vehicle, trace.signals)
         verdicts = verdicts or judge.two_wheel_lift(trace.signals)
         return not all(verdict.passed for verdict in verdicts)
 

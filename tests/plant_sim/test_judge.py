@@ -13,7 +13,7 @@ BODY = bodies.body("nonlinear")
 def verdicts(name, vehicle=VAN, speed=None, **options):
     maneuver = maneuvers.build(name, vehicle, speed, **options)
     signals = simulate.signals(*simulate.run_passive(vehicle, BODY, maneuver))
-    return {verdict.criterion: verdict for verdict in judge.judge(maneuver, vehicle, signals)}
+    return {verdict.criterion: verdict for verdict in judge.judge(name, vehicle, signals)}
 
 
 def fake(**changed):
