@@ -141,7 +141,10 @@ def integer_loop(record: Calibration) -> Callable[[Matrix], float]:
     wide.slew_max = 1 << 30
     init(ecu, wide)
     ecu.mode = ACTIVE
+    ecu.moment_unknown = 0
+    ecu.lateral_lost = 0
     ecu.authority = FULL_AUTHORITY
+    ecu.feedforward = FULL_AUTHORITY
     ecu.gain_factor = UNIT_GAIN
     ecu.fresh[RX_IMU] = 1
     ecu.fresh[RX_ROLL_REFERENCE] = 1
