@@ -32,19 +32,18 @@ def bounded(ecu: Ecu, cal: Calibration) -> None:
 
 def propagate(ecu: Ecu, cal: Calibration) -> None:
     """P = Phi P Phi' + M over one tick."""
-    acc: i64 = 0
     for i in range(N_STATES):
         for k in range(N_STATES):
-            acc = 0
+            acc: i64 = 0
             for j in range(N_STATES):
                 acc += cal.covariance_phi[i][j] * ecu.covariance[j][k]
             ecu.product[i][k] = clamp(rsh(acc, Q_COVARIANCE), -STATE_MAX, STATE_MAX)
     for i in range(N_STATES):
         for k in range(i + 1):
-            acc = 0
+            total: i64 = 0
             for j in range(N_STATES):
-                acc += ecu.product[i][j] * cal.covariance_phi[k][j]
-            ecu.covariance[i][k] = clamp(rsh(acc, Q_COVARIANCE), -STATE_MAX, STATE_MAX)
+                total += ecu.product[i][j] * cal.covariance_phi[k][j]
+            ecu.covariance[i][k] = clamp(rsh(total, Q_COVARIANCE), -STATE_MAX, STATE_MAX)
             ecu.covariance[k][i] = ecu.covariance[i][k]
         ecu.covariance[i][i] = clamp(
             ecu.covariance[i][i] + cal.process_noise[i], -STATE_MAX, STATE_MAX
@@ -55,9 +54,8 @@ def propagate(ecu: Ecu, cal: Calibration) -> None:
 def update(ecu: Ecu, cal: Calibration, measured: i32, innovation: i32) -> None:
     """Correct state and covariance by one scalar innovation."""
     variance: i64 = 0
-    acc: i64 = 0
     for i in range(N_STATES):
-        acc = 0
+        acc: i64 = 0
         for j in range(N_STATES):
             acc += ecu.covariance[i][j] * cal.covariance_output[measured][j]
         ecu.work[i] = clamp(rsh(acc, Q_COVARIANCE), -STATE_MAX, STATE_MAX)

@@ -45,7 +45,7 @@ def unpack_imu(ecu: Ecu, slot: i32) -> None:
     raw_roll_rate: i32 = (((b1 >> 4) | (b2 << 4) | ((b3 & 15) << 12)) ^ 32768) - 32768
     if raw_roll_rate < 32766:
         ecu.roll_rate = clamp(rsh(raw_roll_rate * 767603923, 16), -1073741824, 1073741824)
-        valid |= 1
+        valid = 1
     raw_lateral_acceleration: i32 = (((b3 >> 4) | (b4 << 4) | ((b5 & 15) << 12)) ^ 32768) - 32768
     if raw_lateral_acceleration < 32766:
         ecu.lateral_acceleration = clamp(
@@ -73,7 +73,7 @@ def unpack_vehicle_motion(ecu: Ecu, slot: i32) -> None:
     raw_vehicle_speed: i32 = (b1 >> 4) | (b2 << 4) | ((b3 & 15) << 12)
     if raw_vehicle_speed < 65534:
         ecu.speed = clamp(rsh(raw_vehicle_speed * 763549742, 18), 0, 209715200)
-        valid |= 1
+        valid = 1
     raw_steering_wheel_angle: i32 = (((b3 >> 4) | (b4 << 4) | ((b5 & 15) << 12)) ^ 32768) - 32768
     if raw_steering_wheel_angle < 32766:
         ecu.steering = clamp(rsh(raw_steering_wheel_angle * 959504903, 15), -1073741824, 1073741824)
@@ -103,7 +103,7 @@ def unpack_suspension_rate(ecu: Ecu, slot: i32) -> None:
     raw_rate_front_left: i32 = (((b1 >> 4) | (b2 << 4)) ^ 2048) - 2048
     if raw_rate_front_left < 2046:
         ecu.stroke_rate[0] = clamp(rsh(raw_rate_front_left * 549755814, 12), -536870912, 536870912)
-        valid |= 1
+        valid = 1
     raw_rate_front_right: i32 = ((b3 | ((b4 & 15) << 8)) ^ 2048) - 2048
     if raw_rate_front_right < 2046:
         ecu.stroke_rate[1] = clamp(rsh(raw_rate_front_right * 549755814, 12), -536870912, 536870912)
@@ -133,7 +133,7 @@ def unpack_suspension_travel(ecu: Ecu, slot: i32) -> None:
     raw_travel_front_left: i32 = (((b1 >> 4) | (b2 << 4)) ^ 2048) - 2048
     if raw_travel_front_left < 2046:
         ecu.travel[0] = clamp(rsh(raw_travel_front_left * 879609302, 13), -536870912, 536870912)
-        valid |= 1
+        valid = 1
     raw_travel_front_right: i32 = ((b3 | ((b4 & 15) << 8)) ^ 2048) - 2048
     if raw_travel_front_right < 2046:
         ecu.travel[1] = clamp(rsh(raw_travel_front_right * 879609302, 13), -536870912, 536870912)
@@ -163,7 +163,7 @@ def unpack_actuator_state(ecu: Ecu, slot: i32) -> None:
     raw_delivered_moment_front: i32 = (((b1 >> 4) | (b2 << 4) | ((b3 & 15) << 12)) ^ 32768) - 32768
     if raw_delivered_moment_front < 32766:
         ecu.delivered[0] = clamp(raw_delivered_moment_front * 8192, -536870912, 536870912)
-        valid |= 1
+        valid = 1
     raw_delivered_moment_rear: i32 = (((b3 >> 4) | (b4 << 4) | ((b5 & 15) << 12)) ^ 32768) - 32768
     if raw_delivered_moment_rear < 32766:
         ecu.delivered[1] = clamp(raw_delivered_moment_rear * 8192, -536870912, 536870912)
@@ -192,7 +192,7 @@ def unpack_roll_reference(ecu: Ecu, slot: i32) -> None:
     raw_roll_angle: i32 = (((b1 >> 4) | (b2 << 4) | ((b3 & 15) << 12)) ^ 32768) - 32768
     if raw_roll_angle < 32766:
         ecu.reference_roll = clamp(rsh(raw_roll_angle * 614083138, 14), -1073741824, 1073741824)
-        valid |= 1
+        valid = 1
     raw_roll_rate: i32 = (((b3 >> 4) | (b4 << 4) | ((b5 & 15) << 12)) ^ 32768) - 32768
     if raw_roll_rate < 32766:
         ecu.reference_rate = clamp(rsh(raw_roll_rate * 767603923, 16), -1073741824, 1073741824)

@@ -4,6 +4,7 @@ small plant integrated exactly. It shares no arithmetic with the firmware.
 
 from collections import deque
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from e2e import p01
@@ -86,6 +87,7 @@ class Model:
     single: np.ndarray
 
 
+@cache
 def observer_model(vehicle: Vehicle, tick: float, sensor_period: float | None = None) -> Model:
     """States roll, roll rate, a_y, a_y rate (a damped second-order model), gyro bias."""
     a = np.zeros((5, 5))
@@ -343,6 +345,16 @@ ACTUATOR_OK = {
 FORCES = ("ForceFrontLeft", "ForceFrontRight", "ForceRearLeft", "ForceRearRight")
 
 
+@cache
+def plant(vehicle: Vehicle, lag: float) -> tuple[np.ndarray, np.ndarray]:
+    """Roll, roll rate and delivered moment over a millisecond under held a_y and command."""
+    a, b = np.zeros((3, 3)), np.zeros((3, 2))
+    a[:2, :2] = vehicle.a()
+    a[1, 2], a[2, 2] = 1 / vehicle.inertia, -1 / lag
+    b[1, 0], b[2, 1] = vehicle.moment_per_acceleration / vehicle.inertia, 1 / lag
+    return hold(a, b, 0.001)
+
+
 @dataclass
 class Bench:
     """An ECU in closed loop with one roll degree of freedom behind a lagging actuator.
@@ -373,14 +385,7 @@ class Bench:
         self.sender = Sender()
         self.random = np.random.default_rng(self.seed)
         self.tick = self.cal.tick_us * 1e-6
-        a = np.zeros((3, 3))
-        a[:2, :2] = self.vehicle.a()
-        a[1, 2] = 1 / self.vehicle.inertia
-        a[2, 2] = -1 / self.lag
-        b = np.zeros((3, 2))
-        b[1, 0] = self.vehicle.moment_per_acceleration / self.vehicle.inertia
-        b[2, 1] = 1 / self.lag
-        self.phi, self.gamma = hold(a, b, 0.001)
+        self.phi, self.gamma = plant(self.vehicle, self.lag)
         self.x = np.zeros(3)
         self.pipe: deque = deque()
         self.accepted, self.command, self.held = 15, 0.0, 0

@@ -21,8 +21,9 @@ def running(cal):
     return ecu
 
 
-def fill_compensator(cal, a, b, c, d, e) -> None:
+def fill_compensator(cal, system, e) -> None:
     """States in Q24, inputs roll, roll rate, a_y, a_y by steering; outputs Q14."""
+    a, b, c, d = system
     inputs, order = [30, 27, 24, 24], len(a)
     cal.law, cal.compensator_order, cal.compensator_outputs = fw.COMPENSATOR, order, len(c)
     cal.compensator_shift, cal.compensator_output_shift = [1] * 8, [1] * 2
@@ -57,7 +58,7 @@ def test_compensator_is_the_linear_system(order, outputs):
     a, b, c, d = random_system(rng, max(order, 1), outputs)
     a, b, c = a[:order, :order], b[:order], c[:, :order]
     cal = rig.calibration(actuator=fw.BARS)
-    fill_compensator(cal, a, b, c, d, np.zeros((order, 2)))
+    fill_compensator(cal, (a, b, c, d), np.zeros((order, 2)))
     cal.moment_max = cal.slew_max = 1 << 30
     ecu = running(cal)
     inputs = np.cumsum(rng.normal(size=(400, 4)), axis=0) * [1e-3, 1e-2, 0.1, 0.1]
@@ -68,10 +69,7 @@ def test_compensator_is_the_linear_system(order, outputs):
         control_law.control(ecu, cal, 1)
         ours.append(np.array(ecu.outputs[:outputs]) / 2**14)
         assert ecu.moment == ecu.outputs[0] + ecu.outputs[1]
-    if order:
-        exact = signal.dlsim((a, b, c, d, 0.01), inputs)[1]
-    else:
-        exact = inputs @ d.T
+    exact = signal.dlsim((a, b, c, d, 0.01), inputs)[1] if order else inputs @ d.T
     assert np.max(np.abs(exact)) > 30
     np.testing.assert_allclose(ours, exact, atol=0.02)
 
@@ -87,7 +85,7 @@ def test_compensator_follows_its_saturated_output_and_does_not_wind_up():
     pull = 0.3
     e = np.array([[pull / 100.0, 0.0]])
     cal = rig.calibration(moment_max=500 << 14, slew_max=1 << 30)
-    fill_compensator(cal, a - pull, b, c, d, e)
+    fill_compensator(cal, (a - pull, b, c, d), e)
     ecu = running(cal)
     x, peak = 0.0, 0.0
     for k in range(600):
@@ -105,7 +103,7 @@ def test_compensator_follows_its_saturated_output_and_does_not_wind_up():
 def test_compensator_makes_up_for_missed_ticks():
     cal = rig.calibration()
     a, b = np.array([[0.9]]), np.array([[0, 0.1, 0, 0]])
-    fill_compensator(cal, a, b, np.array([[10.0]]), np.zeros((1, 4)), np.zeros((1, 2)))
+    fill_compensator(cal, (a, b, np.array([[10.0]]), np.zeros((1, 4))), np.zeros((1, 2)))
     late, steady = running(cal), running(cal)
     late.x[1] = steady.x[1] = 1 << 26
     control_law.control(late, cal, 4)
@@ -180,8 +178,9 @@ steering = st.lists(st.integers(-(1 << 28), 1 << 28), min_size=8, max_size=8)
 
 
 @settings(max_examples=200, deadline=None)
-@given(st.integers(1, 8), speeds, factors, shares, steering, st.integers(0, 70 * 2**20))
-def test_schedule_interpolates_and_holds_its_ends(points, grid, gains, front, steer, speed):
+@given(speeds, st.tuples(factors, shares, steering), st.integers(1, 8), st.integers(0, 70 << 20))
+def test_schedule_interpolates_and_holds_its_ends(grid, values, points, speed):
+    gains, front, steer = values
     cal = rig.calibration(
         schedule_points=points,
         schedule_speed=grid,
