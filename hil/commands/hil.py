@@ -70,7 +70,7 @@ def bus_options(args: argparse.Namespace) -> list[str]:
 
 def run(args: argparse.Namespace) -> int:
     """Drive, report and write; 0 whatever the verdict, which is part of the answer."""
-    from hil.files import usable_folder, write_files  # noqa: PLC0415 - loads compiled kernels
+    from hil.files import usable_folder, write_files, write_text  # noqa: PLC0415 - loads compiled kernels
     from hil.logs import check_suffix, write_log  # noqa: PLC0415
     from hil.realtime import hil_run, signals_mf4  # noqa: PLC0415
     from hil.virtual import Interrupted  # noqa: PLC0415
@@ -101,10 +101,10 @@ def run(args: argparse.Namespace) -> int:
             write_log(args.log, seen.frames)
         if args.signals is not None:
             signals_mf4.write(args.signals, seen.signals)
+        cores = timing.pop("jitterdebugger")
         if out is not None:
             result = write_files(result, out)
-            path = out / "timing.json"
-            path.write_text(json.dumps(timing.pop("jitterdebugger"), indent=1), encoding="utf-8")
+            path = write_text(out / "timing.json", json.dumps(cores, indent=1) + "\n")
             files = {**result.files, "timing": str(path), "ticks": str(out / "ticks.npz")}
             result = hil_run.with_files(result, files)
         report(result.to_json() | {"timing": timing}, args, result)

@@ -11,8 +11,10 @@ from codegen.footprint import Footprint, footprint
 from codegen.recorder import Recorder
 from codegen.target import CPUS, Run
 from codegen.vectors import Traffic
-from firmware.calibration import Calibration
+from hil.controller import Controller
 from hil.experiment import build_world, plan
+from hil.realtime import host_timing
+from hil.realtime.budget import Budget, budget_of
 from hil.virtual import closed_loop
 
 
@@ -40,13 +42,19 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         choices=("qemu", "unicorn"),
         help="what counts (default: qemu where it is installed)",
     )
+    parser.add_argument(
+        "--hil", action="store_true", help="run in real time and judge tick, latency and misses"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Replay a manoeuvre on the target; return 1 where the budget is exceeded."""
-    record, traffic = recorded(args)
+    if args.hil:
+        return host_timing.run(args)
+    controller, traffic = recorded(args)
+    record = controller.record
     counter = args.counter or ("qemu" if target.has_gcc_and_qemu() else "unicorn")
     if counter == "qemu" and not target.has_gcc_and_qemu():
         raise CanrollError("--counter qemu needs gcc-arm-none-eabi and qemu-system-arm installed")
@@ -54,11 +62,12 @@ def run(args: argparse.Namespace) -> int:
         record, traffic, args.backend
     )
     image = (target.gcc_image if counter == "qemu" else target.zig_image)(args.backend)
-    return report(record, replayed, footprint(image), as_json=args.json)
+    limits = budget_of(record, controller.tables)
+    return report(limits, replayed, footprint(image), as_json=args.json)
 
 
-def recorded(args: argparse.Namespace) -> tuple[Calibration, Traffic]:
-    """Drive the manoeuvre in virtual time; return the calibration and what the ECU received."""
+def recorded(args: argparse.Namespace) -> tuple[Controller, Traffic]:
+    """Drive the manoeuvre in virtual time; return the controller and what the ECU received."""
     settings, controller = plan(
         args.scenario,
         calibration=args.calibration,
@@ -75,13 +84,13 @@ def recorded(args: argparse.Namespace) -> tuple[Calibration, Traffic]:
         duration_ns=round(args.duration * 1e9),
         progress=None,
     )
-    return controller.record, recorder.traffic
+    return controller, recorder.traffic
 
 
-def report(record: Calibration, run: Run, size: Footprint, *, as_json: bool) -> int:
+def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
     """Print the budget table; return 1 where a budget is exceeded."""
     counts = run.instructions
-    budget = record.budget_instructions
+    budget = limits.instructions or 0
     good = (budget == 0 or int(counts.max()) <= budget) and not size.forbidden
     good = good and size.static == 0
     rows = {

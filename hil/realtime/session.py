@@ -267,7 +267,10 @@ def timing_object(
     during: np.ndarray[Any, np.dtype[np.bool_]],
     setup: Setup,
 ) -> dict[str, Any]:
-    """Return what ``canroll hil --json`` prints under "timing"; only ticks of the run count."""
+    """Return what ``canroll hil --json`` prints under "timing"; only ticks of the run count.
+
+    Beside it, under "jitterdebugger", what timing.json holds.
+    """
     ran = TickTrace(ecu.calibration, ecu.ticks[during], ecu.frames, ecu.about)
     notes = [*plant.about["notes"], *ecu.about["notes"]]
     if setup.cores is None:
@@ -290,6 +293,7 @@ def timing_object(
             "start_jitter": timing.histogram(timing.start_jitter(ran)),
             "tick": timing.histogram(timing.durations(ran)),
             "latency": timing.histogram(ages),
+            "plant_jitter": timing.histogram(plant.loop[:, 0]),
         },
         "jitterdebugger": timing.jitterdebugger(
             {
