@@ -16,7 +16,7 @@ from cantools.database import Database
 from cantools.database.can import c_source
 from numpy.typing import NDArray
 
-from codegen import a2l, emit_c, emit_signals, layout, native
+from codegen import a2l, emit_c, emit_signals, layout, misra, native
 from codegen.bus_map import EXTENDED, BusMap
 from codegen.bus_map import load as load_map
 from codegen.program import FIRMWARE
@@ -193,6 +193,7 @@ def _readme(export: Export, bus: BusMap) -> str:
         "protection": protection,
         "dbc": export.dbc.name,
         "vectors": export.origin,
+        "deviations": misra.table(),
     }
     for name, value in values.items():
         text = text.replace(f"{{{name}}}", value)

@@ -84,8 +84,12 @@ def _unpack(box: Mailbox) -> Iterable[str]:
         yield f"    b{used}: u8 = ecu.rx_payload[slot][{used}]"
     bits = VALID_BITS[box.slot]
     yield "    valid: u8 = 0"
+    first = "valid ="
     for signal in sorted(box.signals, key=lambda s: _valid_order(bits, s)):
-        yield from _unpack_signal(signal, bits)
+        for line in _unpack_signal(signal, bits):
+            yield line.replace("valid |=", first)
+            if "valid |=" in line:
+                first = "valid |="
     yield f"    ecu.valid[{receiver}] = valid"
     counter = SAMPLE_COUNTERS[box.slot]
     if counter not in {signal.place.text for signal in box.signals}:
