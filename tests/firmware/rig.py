@@ -20,6 +20,7 @@ from firmware.subset import fields
 
 G = 9.81
 DATABASE = dbc.load()
+DATA_IDS = {message.name: dbc.data_id(message) for message in DATABASE.messages}
 ECU_FIELDS = [field.name for field in fields(Ecu)]
 STATE_Q = np.array([30, 27, 24, 24, 27])
 MEASURED_Q = np.array([27, 24, 30])
@@ -300,10 +301,11 @@ class Sender:
                     "Counter": self.counter[name],
                     "SampleCounter": self.sample.get(name, 0),
                     **values,
-                }
+                },
+                strict=False,
             )
         )
-        p01.e2e_p01_protect(data, dbc.data_id(message), increment_counter=False)
+        p01.e2e_p01_protect(data, DATA_IDS[name], increment_counter=False)
         return data
 
 
@@ -326,7 +328,7 @@ def sent_frames(ecu: Ecu) -> dict[int, dict]:
             ecu.tx_pending[slot] = 0
             data = bytearray(ecu.tx_payload[slot])
             message = DATABASE.get_message_by_frame_id(signals.TX_IDS[slot])
-            assert p01.e2e_p01_check(data, dbc.data_id(message))
+            assert p01.e2e_p01_check(data, DATA_IDS[message.name])
             frames[slot] = decoded(slot, data)
     return frames
 
@@ -392,8 +394,16 @@ class Bench:
         self.front_part = 0.5
         self.k = 0
         self.frames: dict[int, dict] = {}
-        self.received: dict[str, dict] = {}
+        self.raw: dict[str, bytes] = {}
         self.commands = 0
+
+    @property
+    def received(self) -> dict[str, dict]:
+        """The frames of this tick, as cantools reads them."""
+        return {
+            name: DATABASE.decode_message(name, data, decode_choices=False)
+            for name, data in self.raw.items()
+        }
 
     @property
     def t(self) -> float:
@@ -441,10 +451,10 @@ class Bench:
         """
         input_at = ay if callable(ay) else lambda t: ay
         due = self.inputs(input_at(self.t))
-        self.received = {}
+        self.raw = {}
         for name, values in due.items():
             data = self.sender.frame(name, new_sample=name not in self.frozen, **values)
-            self.received[name] = DATABASE.decode_message(name, bytes(data), decode_choices=False)
+            self.raw[name] = bytes(data)
             if name in self.spoil:
                 data[3] ^= 16
             if name not in self.drop:
