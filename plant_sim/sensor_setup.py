@@ -77,6 +77,7 @@ class SensorOptions:
     and latencies. ``temperature`` is K above calibration; ``drift`` the random walk of each bias
     per √s as a share of its bound. ``phases``: instant of a node's first sample (s) by message;
     others are drawn from the seed within their cycle time, 0 for all where ``synchronous``.
+    ``lsb``: step of a sensor's own converter (SI units) by signal, where coarser than the bus's.
     """
 
     noise: float = 1.0
@@ -87,6 +88,7 @@ class SensorOptions:
     drift: float = 0.0
     phases: Mapping[str, float] = field(default_factory=dict)
     synchronous: bool = False
+    lsb: Mapping[str, float] = field(default_factory=dict)
     faults: tuple[SensorFault, ...] = ()
 
     @classmethod
@@ -199,6 +201,9 @@ def build(vehicle: Vehicle, *, options: SensorOptions, seed: int) -> Sensors:
             signals.append(codec.signal_index(message, name))
             unit = codec.unit(message, name)
             channels.append(_channel(member, unit, period * 1e-9, options, draws))
+    channel = np.array(channels)
+    for name, step in options.lsb.items():
+        channel[signal_channel(name), sensors.LSB] = step
     if len(options.faults) > sensors.FAULTS:
         raise CanrollError(f"sensors: at most {sensors.FAULTS} faults in a run")
     fault = np.full((sensors.FAULTS, 4), -1, dtype=np.int64)
@@ -206,7 +211,7 @@ def build(vehicle: Vehicle, *, options: SensorOptions, seed: int) -> Sensors:
     for number, entry in enumerate(options.faults):
         fault[number], value[number] = _fault(entry), entry.value
     return Sensors(
-        np.array(channels),
+        channel,
         np.array(signals, dtype=np.int64),
         node,
         fault,

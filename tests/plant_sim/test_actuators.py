@@ -401,6 +401,32 @@ def test_valve_current_is_flow_so_the_moment_keeps_growing_until_a_stop():
     )
 
 
+def test_the_motor_rests_at_its_stop_and_leaves_it_again():
+    data = VEHICLE.actuators.valves
+    p = hydraulics.parameters(data, thickening=1.0)
+    motor = np.zeros(5)
+    bound = False
+    for _ in range(3000):
+        bound = hydraulics.advance(motor, p, 8.0, 0.0, 0.0)
+    assert bound
+    assert motor[hydraulics.ANGLE] == data.angle_limit
+    assert motor[hydraulics.ANGLE_RATE] == 0
+    for _ in range(300):
+        hydraulics.advance(motor, p, -8.0, 0.0, 0.0)
+    assert motor[hydraulics.ANGLE] < 0.9 * data.angle_limit
+
+
+def test_pressure_ends_at_the_supply():
+    data = dataclasses.replace(VEHICLE.actuators.valves, supply_pressure=2e5)
+    p = hydraulics.parameters(data, thickening=1.0)
+    motor = np.zeros(5)
+    highest = 0.0
+    for _ in range(500):
+        hydraulics.advance(motor, p, 5.0, 0.0, 0.0)
+        highest = max(highest, motor[hydraulics.PRESSURE])
+    assert highest == 2e5
+
+
 def test_without_a_command_an_electro_hydraulic_bar_is_a_plain_one():
     rig = Rig("valves", timeout_ms=50.0)
     rig.send("AntiRollBarCommand", TorqueFront=800)

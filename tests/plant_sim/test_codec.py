@@ -74,6 +74,15 @@ def test_rounds_to_nearest_and_clips_to_the_range_of_the_dbc(value, name):
     assert codec.valid(TABLES, row, raw)
 
 
+@pytest.mark.parametrize("steps", [0.4, 0.6, 1.0, 1e6])
+def test_what_is_out_of_range_never_becomes_an_error_code(steps):
+    signal = dbc.load().get_message_by_name("Imu").get_signal_by_name("RollRate")
+    row = codec.signal_index("Imu", "RollRate")
+    top = int(TABLES.field[row, codec.RAW_MAX])
+    assert codec.raw_value(TABLES, row, signal.maximum + steps * signal.scale) == top
+    assert codec.raw_value(TABLES, row, signal.minimum - steps * signal.scale) == -top
+
+
 def test_not_a_number_is_sent_as_the_error_code():
     row = codec.signal_index("Imu", "RollRate")
     raw = codec.raw_value(TABLES, row, math.nan)

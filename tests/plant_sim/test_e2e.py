@@ -91,6 +91,7 @@ CASES = {
     # Without synchronisation the last counter stays until the growing window reaches it.
     "none": ((1, 14, 0), [0, 4, 4, 4], "INITIAL WRONGSEQUENCE WRONGSEQUENCE OKSOMELOST"),
     "absence widens": ((1, 14, 1), [0, None, None, 4], "INITIAL NONEWDATA NONEWDATA OKSOMELOST"),
+    "not too long": ((1, 1, 1), [0, None, 1], "INITIAL NONEWDATA OK"),
     "too long": ((1, 1, 1), [0, None, 0, 1, 2, 3], "INITIAL NONEWDATA REPEATED SYNC SYNC OK"),
 }
 
@@ -101,6 +102,15 @@ def test_receiver_follows_the_specification(case):
     supervision = e2e.Supervision(*limits)
     state = e2e.receiver_state(supervision)
     assert receive(state, supervision, *sequence) == expected.split()
+
+
+def test_the_number_of_lost_frames_is_kept():
+    supervision = e2e.Supervision()
+    state = e2e.receiver_state(supervision)
+    receive(state, supervision, 4, 7)
+    assert state[e2e.LOST] == 2
+    receive(state, supervision, 8)
+    assert state[e2e.LOST] == 0
 
 
 def test_wrong_checksum_changes_nothing_but_the_window():

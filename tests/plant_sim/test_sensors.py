@@ -154,6 +154,21 @@ def test_drift_walks_by_the_root_of_time():
     assert np.std(spread) == pytest.approx(expected, rel=0.3)
 
 
+def test_bias_and_drift_are_in_what_is_sent():
+    nodes = ideal()
+    observe(nodes, roll_rate=math.radians(10.0))
+    nodes.channel[sensors.ROLL_RATE, sensors.BIAS] = math.radians(1.0)
+    nodes.channel[sensors.ROLL_RATE, sensors.DRIFT] = math.radians(0.5)
+    assert read(nodes, STEP_NS)["RollRate"] == pytest.approx(11.5, abs=0.0026)
+
+
+@pytest.mark.parametrize(("truth", "sent"), [(0.114, 0.1), (0.126, 0.15), (-0.126, -0.15)])
+def test_a_coarse_converter_rounds_to_its_own_step(truth, sent):
+    nodes = ideal(lsb={"Imu.LateralAcceleration": 0.05})
+    observe(nodes, ay=truth)
+    assert read(nodes, STEP_NS)["LateralAcceleration"] == pytest.approx(sent, abs=0.00063)
+
+
 def test_range_clips():
     nodes = ideal()
     observe(nodes, roll_rate=50.0)
@@ -175,7 +190,7 @@ def test_faults_change_one_signal_while_they_last(kind, value, expected):
     during = read(nodes, 15_000_000)
     assert during["RollRate"] == pytest.approx(expected, abs=0.0026)
     assert during["YawRate"] == pytest.approx(math.degrees(0.1), abs=0.0026)
-    assert read(nodes, 25_000_000)["RollRate"] == pytest.approx(20.0)
+    assert read(nodes, 20_000_000)["RollRate"] == pytest.approx(20.0)
 
 
 def test_a_burst_adds_noise_of_the_stated_size():
