@@ -18,6 +18,10 @@ In a kernel, entry number k of ``logged(network)`` is ``network.log[k % len(netw
 consumer on a segment takes those with ``outcome == DELIVERED`` and its own ``segment`` and skips
 its own ``sender``. A gateway sends what it forwards from its own node on the other segment;
 ``t_origin`` keeps the time at which the first sender queued it.
+
+Beside the kernels: ``analysis`` (worst-case response times), ``delay_bounds`` (sensor to actuator),
+``traffic`` and ``background`` (message sets), ``replay`` (recorded logs), ``simulation``, and for
+other programs ``simbus`` (a python-can interface) and ``socketcand`` with ``serving`` (a server).
 """
 
 from plant_sim.can_bus.accounting import Account, account, drain, load

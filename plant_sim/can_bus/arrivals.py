@@ -25,7 +25,7 @@ def start_source(network: Network, number: int) -> None:
     """Enter the message of a periodic source and schedule its first release."""
     bus = network.state[0]
     source = bus.sources[number]
-    source.message = message_of(bus, source.node, source.ident, source.flags)
+    message_of(bus, source.node, source.ident, source.flags)
     schedule_source(bus, number, bus.clock[NOW])
 
 
@@ -61,7 +61,6 @@ def generate(bus: State, number: int, now: int) -> None:
     schedule_source(bus, number, now)
     if slot >= 0:
         bus.frames[slot].bits = source.bits
-        bus.frames[slot].message = source.message
         release(bus, slot, now)
 
 

@@ -86,7 +86,7 @@ NEVER: Final = 2**62
 # room in every network; one layout for all, so that the kernels are compiled once
 MAX_SEGMENTS: Final = 8
 MAX_NODES: Final = 128
-MAX_MESSAGES: Final = 2048
+MAX_MESSAGES: Final = 8192
 MAX_FRAMES: Final = 4096
 MAX_SOURCES: Final = 1024
 MAX_GATEWAYS: Final = 16

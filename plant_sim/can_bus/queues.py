@@ -60,7 +60,8 @@ def enqueue(
         False where the network's store of frames is full: the frame is lost and accounted for.
 
     Raises:
-        ValueError: ``t_ns`` lies before the last ``advance``.
+        ValueError: ``t_ns`` lies before the last ``advance``, or the network has seen as many
+            different identifiers as it has room for (``MAX_MESSAGES``).
     """
     bus = network.state[0]
     if t_ns < bus.clock[NOW]:
@@ -85,9 +86,9 @@ def store(
 ) -> int:
     """Copy a frame into the store and return its slot, or −1 where there is no room."""
     clock = bus.clock
+    message = message_of(bus, node, ident, flags)
     slot = clock[FREE_FRAME]
     if slot < 0:
-        message = message_of(bus, node, ident, flags)
         segment = bus.nodes[node].segment
         bus.totals[segment, OFFERED] += 1
         bus.totals[segment, LOST_OVERFLOW] += 1
@@ -97,7 +98,7 @@ def store(
     frame = bus.frames[slot]
     clock[FREE_FRAME] = frame.next
     frame.next = -1
-    frame.message = -1
+    frame.message = message
     frame.node = node
     frame.ident = ident
     frame.flags = flags
@@ -192,8 +193,6 @@ def release(bus: State, slot: int, now: int) -> None:
                 frame.t_queued = node.delayed_ns
                 schedule(bus, node.delayed_ns, slot)
                 return
-    if frame.message < 0:
-        frame.message = message_of(bus, frame.node, frame.ident, frame.flags)
     bus.totals[node.segment, OFFERED] += 1
     bus.messages[frame.message].offered += 1
     if node.state == BUS_OFF:

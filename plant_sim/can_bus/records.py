@@ -90,7 +90,6 @@ SOURCE: Final = np.dtype(
         ("offset_ns", "i8"),
         ("jitter_ns", "i8"),
         ("until_ns", "i8"),
-        ("message", "i8"),
         ("random_payload", "i8"),
         ("sent", "i8"),
     ]

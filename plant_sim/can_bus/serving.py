@@ -58,7 +58,10 @@ def serve_network(
                     buffer[: len(frame.payload)] = np.frombuffer(frame.payload, np.uint8)
                     when = max(elapsed, int(network.clock[NOW]))
                     node = first + frame.client
-                    enqueue(network, node, when, frame.ident, frame.length, buffer, frame.flags)
+                    try:
+                        enqueue(network, node, when, frame.ident, frame.length, buffer, frame.flags)
+                    except ValueError:  # a client that makes up ever new identifiers
+                        server.dropped += 1
                 while int(network.clock[NOW]) < elapsed:
                     advance(network, min(int(network.clock[NOW]) + _PIECE_NS, elapsed))
                     entries, cursor, missed = drain(network, cursor)

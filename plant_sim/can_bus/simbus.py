@@ -130,9 +130,12 @@ class SimBus(can.BusABC):
         while True:
             if self.hub.node_state(self.port)[0] == BUS_OFF:
                 raise can.CanOperationError(f"{self.channel_info} is bus-off")
-            accepted = self.hub.send(
-                self.port, msg.arbitration_id, flags, msg.dlc, bytes(msg.data or b"")
-            )
+            try:
+                accepted = self.hub.send(
+                    self.port, msg.arbitration_id, flags, msg.dlc, bytes(msg.data or b"")
+                )
+            except ValueError as error:
+                raise can.CanOperationError(str(error)) from error
             if accepted:
                 return
             if left <= 0.0:

@@ -342,6 +342,44 @@ def test_every_winner_is_the_most_urgent_of_all_that_waited(frames):
         assert all(arbitration_key(int(i), 0) >= own for i in waiting["ident"])
 
 
+def test_propagation_delays_the_reception_but_not_the_bus():
+    times = []
+    for delay in (0, 150):
+        spec = NetworkSpec((Segment(500_000, propagation_ns=delay),), (Node("a"), Node("b")))
+        network = build_network(spec)
+        enqueue(network, 0, 0, 0x123, 8, PAYLOAD)
+        advance(network, 1_000_000)
+        times.append(entries(network)[0])
+    assert times[1]["t_received"] == times[0]["t_received"] + 150
+    assert times[1]["t_end"] == times[0]["t_end"]
+
+
+@pytest.mark.parametrize("bitrate", [83_333, 95_238, 615_384])
+def test_bit_times_that_are_no_whole_nanoseconds_are_rounded_once_a_frame(bitrate):
+    network = build_network(NetworkSpec((Segment(bitrate),), (Node("a"), Node("b"))))
+    enqueue(network, 0, 0, 0x123, 8, PAYLOAD)
+    advance(network, 100_000_000)
+    bits = frame_bits(0x123, 0, 8, PAYLOAD)[0]
+    (entry,) = entries(network)
+    assert entry["t_end"] == round(bits * 1e9 / bitrate)
+    assert entry["t_received"] == round((bits - 4) * 1e9 / bitrate)
+
+
+def test_more_identifiers_than_there_is_room_for_are_refused_not_confused():
+    network = bus()
+    count = 0
+    with pytest.raises(ValueError, match="different messages"):
+        for ident in range(1 << 14):
+            enqueue(network, 0, int(network.clock[0]), ident, 0, PAYLOAD, EXTENDED)
+            count += 1
+            if count % 200 == 0:
+                advance(network, int(network.clock[0]) + 10**9)
+    advance(network, int(network.clock[0]) + 10**9)
+    result = account(network, 0)
+    assert result.outcomes["delivered"] == count == 8192
+    assert result.balanced
+
+
 def test_next_event():
     network = bus()
     assert next_event_ns(network) == 2**62
