@@ -71,5 +71,5 @@ def design_hinf(task: Task) -> Solution:
             "lmi_p": below(-float(np.linalg.eigvalsh(found.p)[0]), 0.0),
         },
         solve_seconds=clock.seconds,
-        extra={"moment_weight": weights.moment},
+        extra={"moment_weight": weights.moment, "solves": float(clock.solves)},
     )

@@ -314,7 +314,7 @@ def design_hinf_nodelay(task: Task) -> Solution:
         delay_aware=False,
         solve_seconds=clock.seconds,
         notes=(why,),
-        extra={"rho": exp(float(scanned.x))},
+        extra={"rho": exp(float(scanned.x)), "solves": float(clock.solves)},
     )
 
 
