@@ -18,6 +18,7 @@ from plant_sim.can_bus.layout import (
     LOST_PARTITION,
     MAX_MESSAGES,
     MAX_NODES,
+    MAX_PAYLOAD,
     MESSAGES,
     NODE_DELAY,
     NODE_DOWN,
@@ -60,12 +61,16 @@ def enqueue(
         False where the network's store of frames is full: the frame is lost and accounted for.
 
     Raises:
-        ValueError: ``t_ns`` lies before the last ``advance``, or the network has seen as many
-            different identifiers as it has room for (``MAX_MESSAGES``).
+        ValueError: ``t_ns`` lies before the last ``advance``, ``payload`` is shorter than
+            ``length``, or the network has seen as many different identifiers as it has room for
+            (``MAX_MESSAGES``).
     """
     bus = network.state[0]
     if t_ns < bus.clock[NOW]:
         raise ValueError("frame queued before the time the bus has been advanced to")
+    held = 0 if flags & REMOTE else length
+    if length < 0 or length > MAX_PAYLOAD or held > len(payload):
+        raise ValueError("frame with more bytes than its payload holds")
     slot = store(bus, node, t_ns, t_ns, ident, length, payload, flags)
     if slot < 0:
         return False

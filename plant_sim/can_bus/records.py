@@ -20,7 +20,6 @@ SEGMENT: Final = np.dtype(
         ("done_ns", "i8"),
         ("end_ns", "i8"),
         ("disturbance", "i8"),
-        ("culprit", "i8"),
         ("busy_ns", "i8"),
         ("transmissions", "i8"),
         ("overloads", "i8"),

@@ -66,14 +66,15 @@ def load_recording(
         raise CanrollError(f"{path}: no frame to replay in it")
     payload = np.zeros((len(messages), MAX_PAYLOAD), np.uint8)
     ident = np.array([m.arbitration_id for m in messages], np.int64)
-    length = np.array([m.dlc for m in messages], np.int64)
+    length = np.array([min(m.dlc, MAX_PAYLOAD if m.is_fd else 8) for m in messages], np.int64)
     flags = np.array([_flags(m) for m in messages], np.int64)
     start = messages[0].timestamp
     # microseconds are what logs hold; finer digits are the float's own
     received = np.array([round((m.timestamp - start) * 1e6) * 1000 for m in messages], np.int64)
     for i, message in enumerate(messages):
         data = bytes(message.data or b"")
-        payload[i, : len(data)] = np.frombuffer(data, np.uint8)
+        count = min(len(data), int(length[i]))
+        payload[i, :count] = np.frombuffer(data, np.uint8)[:count]
         nominal, fast = frame_bits(int(ident[i]), int(flags[i]), int(length[i]), payload[i])
         taken = int(duration_ns(nominal - RECEPTION_BITS_BEFORE_END, bitrate))
         received[i] -= taken + int(duration_ns(fast, data_bitrate or bitrate))

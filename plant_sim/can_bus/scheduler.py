@@ -182,7 +182,9 @@ def _arbitrate(bus: State, which: int, now: int) -> None:
     key = bus.messages[bus.frames[slot].message].key
     if segment.pending > 0 and bus.pending_keys[which, 0] == key:
         rival = bus.queues[bus.pending[which, 0]].head
-        if bus.nodes[bus.frames[rival].node].suspended_ns <= now:
+        other = bus.frames[rival].node
+        awake = bus.nodes[other].suspended_ns <= now
+        if awake and fault_active(bus, NODE_DOWN, other, now) < 0:
             twin = _detach(bus, _take(bus, which))
     _start(bus, which, slot, twin, now)
 

@@ -19,7 +19,7 @@ from can.typechecking import AutoDetectedConfig
 from canroll.errors import CanrollError
 from plant_sim.can_bus.hub import Hub, Port
 from plant_sim.can_bus.layout import BUS_OFF, ERROR, ERROR_PASSIVE
-from plant_sim.can_bus.network import NetworkSpec, Segment, build_network
+from plant_sim.can_bus.network import NetworkSpec, Segment, build_network, check_frame
 from plant_sim.can_bus.simulation import traffic_spec
 from plant_sim.can_bus.traffic import load_traffic
 from plant_sim.can_bus.wire import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE
@@ -131,10 +131,11 @@ class SimBus(can.BusABC):
             if self.hub.node_state(self.port)[0] == BUS_OFF:
                 raise can.CanOperationError(f"{self.channel_info} is bus-off")
             try:
+                check_frame(msg.arbitration_id, msg.dlc, flags)
                 accepted = self.hub.send(
                     self.port, msg.arbitration_id, flags, msg.dlc, bytes(msg.data or b"")
                 )
-            except ValueError as error:
+            except (CanrollError, ValueError) as error:
                 raise can.CanOperationError(str(error)) from error
             if accepted:
                 return

@@ -160,6 +160,12 @@ def test_frames_cannot_be_queued_in_the_past():
         enqueue(network, 0, 999, 0x1, 0, PAYLOAD)
 
 
+@pytest.mark.parametrize(("length", "room"), [(9, 8), (65, 70), (-1, 8)])
+def test_frames_longer_than_their_payload_are_refused(length, room):
+    with pytest.raises(ValueError, match="bytes"):
+        enqueue(bus(), 0, 0, 0x1, length, np.zeros(room, np.uint8))
+
+
 def test_sources_keep_period_offset_jitter_and_drift():
     drifting = NetworkSpec(
         (Segment(500_000),),

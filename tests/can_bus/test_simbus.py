@@ -129,6 +129,17 @@ def test_full_queues_and_closed_buses_raise(buses):
         one.send(can.Message(is_error_frame=True))
 
 
+def test_impossible_frames_are_refused(buses):
+    one = buses(virtual_time=True)
+    for message in (
+        can.Message(arbitration_id=0x800, is_extended_id=False, check=False),
+        can.Message(arbitration_id=0x1, is_extended_id=False, data=bytes(8), dlc=200, check=False),
+        can.Message(arbitration_id=0x1, is_extended_id=False, data=bytes(2), dlc=200, check=False),
+    ):
+        with pytest.raises(can.CanOperationError):
+            one.send(message)
+
+
 def test_settings_must_agree(buses):
     buses(bitrate=500_000)
     with pytest.raises(can.CanInitializationError, match="bitrate=500000"):
