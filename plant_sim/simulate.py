@@ -5,10 +5,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.errors import CanrollError
 from plant_sim import ports, recording
 from plant_sim.bodies import Body, initial_inputs
 from plant_sim.drive_setup import STEP_NS
-from plant_sim.driver import Drive
+from plant_sim.driver import ACCELERATION_TABLE, Drive
 from plant_sim.driver import drive as apply_drive
 from plant_sim.integrate import Vector
 from plant_sim.jit import njit
@@ -51,6 +52,27 @@ def _drive_through(step: Any, drive: Drive, run: _Run, step_ns: int) -> int:  # 
     return int(run.record.shape[0])
 
 
+def start(
+    vehicle: Vehicle, body: Body, maneuver: Maneuver
+) -> tuple[Vector, Vector, Vector, Vector]:
+    """State, inputs, parameters and outputs of ``body`` before the first step of ``maneuver``.
+
+    Raises
+    ------
+    CanrollError
+        The manoeuvre prescribes the lateral acceleration, and the body makes its own by its tyres.
+    """
+    if maneuver.drive.kind == ACCELERATION_TABLE and body.name != "roll1":
+        raise CanrollError(
+            f"a lateral acceleration drives the plant roll1 alone: {body.name} makes its own, "
+            "give it a steering-wheel angle"
+        )
+    state, parameters = body.build(vehicle, maneuver.speed)
+    inputs, outputs = initial_inputs(), np.zeros(ports.N_OUTPUTS)
+    advance(body.step, state, inputs, parameters, outputs, 0.0)
+    return state, inputs, parameters, outputs
+
+
 def run_passive(
     vehicle: Vehicle, body: Body, maneuver: Maneuver
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -63,10 +85,7 @@ def run_passive(
     steer
         The road-wheel angle of each row (rad).
     """
-    state, parameters = body.build(vehicle, maneuver.speed)
-    inputs = initial_inputs()
-    outputs = np.zeros(ports.N_OUTPUTS)
-    advance(body.step, state, inputs, parameters, outputs, 0.0)
+    state, inputs, parameters, outputs = start(vehicle, body, maneuver)
     steps = maneuver.duration_ns // STEP_NS
     record = np.empty((steps, ports.N_OUTPUTS))
     run = _Run(state, inputs, parameters, outputs, record, np.empty(steps))

@@ -10,7 +10,6 @@ from plant_sim import (
     actuator_setup,
     can_bus,
     codec,
-    ports,
     recording,
     sensor_setup,
     sensors,
@@ -18,7 +17,7 @@ from plant_sim import (
 )
 from plant_sim import world_kernel as kernel
 from plant_sim.actuator_setup import ActuatorOptions
-from plant_sim.bodies import Body, initial_inputs
+from plant_sim.bodies import Body
 from plant_sim.maneuvers import Maneuver
 from plant_sim.records import to_record
 from plant_sim.sensor_setup import SensorOptions
@@ -126,10 +125,7 @@ def assemble(
         log_capacity=LOG_CAPACITY,
         **bus,
     )
-    state, parameters = plant.build(vehicle, maneuver.speed)
-    inputs = initial_inputs()
-    outputs = np.zeros(ports.N_OUTPUTS)
-    simulate.advance(plant.step, state, inputs, parameters, outputs, 0.0)
+    state, inputs, parameters, outputs = simulate.start(vehicle, plant, maneuver)
     nodes = _sensors(vehicle, sensors, seed, inputs, outputs)
     memory = Memory(
         clock=_clock(nodes, network, seed),

@@ -162,6 +162,8 @@ def test_signal_files(tmp_path):
     file.write_text("time,lateral_acceleration\n0,0\n1,2\n3,2\n")
     outputs, _ = run("from_file", body=ROLL1, file=str(file))
     assert outputs[-1, ports.AY] == pytest.approx(2.0) and len(outputs) == 3000
+    with pytest.raises(CanrollError, match="drives the plant roll1 alone"):
+        run("from_file", body=NONLINEAR, file=str(file))
     file.write_text("time,steering_wheel_deg\n0,0\n1,33\n4,33\n")
     _, steer = run("from_file", file=str(file))
     assert steer[-1] * VAN.steering.ratio == pytest.approx(np.radians(33.0))
