@@ -2,13 +2,14 @@
 
 import argparse
 import json
+from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 
 from canroll.errors import CanrollError
 from codegen.header import gains_header
 from gain_gen import calibration
-from gain_gen.design import Delay, Design, Task
+from gain_gen.design import Check, Delay, Design, Task
 from gain_gen.header_notes import physical_notes, title
 from gain_gen.laws import LAWS, OBSERVERS, design
 from gain_gen.quantise import ACTUATOR_NUMBER, Options
@@ -154,7 +155,12 @@ def run(args: argparse.Namespace) -> int:
         return compare(args)
     answer = design(args.law, task_of(args))
     options = Options(identification=args.identification, event_trigger=args.event_trigger)
+    if not answer.solution.deployable:
+        print(json.dumps(summary(answer)) if args.json else "\n".join(report(answer)))
+        return 0
     record, tables = calibrate(answer, options)
+    checks = {name: Check(**found) for name, found in tables["verification"].items()}
+    answer = replace(answer, verified=checks)
     files = [args.out / "calibration.toml", args.out / "canroll_gains.h"]
     calibration.save(files[0], record, tables)
     header = gains_header(record, title=title(answer), physical=physical_notes(record))

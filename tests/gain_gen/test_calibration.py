@@ -377,6 +377,7 @@ def test_command_line_writes_and_reads(tmp_path, capsys):
     assert answer["gain"][0][0] == pytest.approx(-2871.0, rel=0.05)
     assert answer["max_delay_s"] is None
     assert all(check["ok"] for check in answer["verified"].values())
+    assert answer["verified"]["quantised_moment_nm"]["value"] < 0.1
     assert answer["margins"]["exact_best_gain"] == pytest.approx(-2624.0, rel=0.03)
     assert (out / "canroll_gains.h").is_file()
     path = out / "calibration.toml"
@@ -410,6 +411,15 @@ def test_command_line_says_what_is_wrong(tmp_path, capsys):
         error = capsys.readouterr().err
         assert message in error
         assert error.count("\n") == 1
+
+
+def test_an_ideal_law_is_shown_and_not_written(tmp_path, capsys):
+    arguments = ["design", "--law", "lqr_full_car_ideal", "--vehicle", "car_2020", "--json"]
+    assert main([*arguments, "--actuator", "valves", "--out", str(tmp_path / "none")]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["deployable"] is False
+    assert np.shape(answer["gain"]) == (2, 26)
+    assert not (tmp_path / "none").exists()
 
 
 def test_every_law_has_a_line_of_documentation():
