@@ -22,6 +22,7 @@ from plant_sim.world_kernel import (
     OUTBOX,
     RECEIVED,
     ROWS,
+    STANDARD_IDENT,
     STEP_NS,
     advance,
 )
@@ -117,6 +118,11 @@ class World:
         if t_ns < self.now_ns:
             raise CanrollError(
                 f"frame 0x{ident:X} submitted at {t_ns} ns, in the past of the world"
+            )
+        if not 0 <= ident <= STANDARD_IDENT or len(payload) > 8:
+            raise CanrollError(
+                f"frame 0x{ident:X} of {len(payload)} bytes: the ECU sends classic frames with "
+                "identifiers of 11 bits and at most 8 bytes"
             )
         count = self._clock[OUTBOX]
         if count == len(self._outbox):

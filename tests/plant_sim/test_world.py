@@ -339,6 +339,13 @@ def test_misuse_is_refused_in_one_line():
     world.advance(50 * MS)
     with pytest.raises(CanrollError, match="past"):
         world.submit(49 * MS, 0x80, b"\0" * 8)
+    for ident, payload in [(0x800, b""), (0x80, b"\0" * 9)]:
+        with pytest.raises(CanrollError, match="11 bits"):
+            world.submit(50 * MS, ident, payload)
+    for _ in range(256):
+        world.submit(50 * MS, 0x300, b"\0" * 8)
+    with pytest.raises(CanrollError, match="256"):
+        world.submit(50 * MS, 0x300, b"\0" * 8)
     with pytest.raises(CanrollError, match="back"):
         world.advance(49 * MS)
     with pytest.raises(UnknownNameError, match="roll1"):
