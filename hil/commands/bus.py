@@ -260,7 +260,7 @@ def _print(
         table.add_column(heading, justify="left" if heading == "message" else "right")
     for bound in sorted(bounds, key=lambda b: b.message.ident):
         message = bound.message
-        limit = bound.reason if bound.bound_ns is None else f"{bound.bound_ns * _MS:.3f}"
+        limit = "none" if bound.bound_ns is None else f"{bound.bound_ns * _MS:.3f}"
         cells = ["–"] * 4
         if simulation and len(simulation.responses[message.name].responses):
             least, mean, greatest = _extremes(simulation, message.name)
@@ -269,6 +269,9 @@ def _print(
         period = f"{message.period_ns * _MS:g}"
         table.add_row(message.name, f"{message.ident:X}", period, limit, *cells)
     console.print(table)
+    for reason in dict.fromkeys(b.reason for b in bounds if b.bound_ns is None):
+        names = ", ".join(b.message.name for b in bounds if b.reason == reason)
+        console.print(f"without a bound, {reason}: {names}")
     used = worst_case_utilisation(
         traffic.messages, bitrate=traffic.bitrate, data_bitrate=traffic.data_bitrate
     )

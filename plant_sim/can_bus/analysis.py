@@ -95,7 +95,7 @@ def response_bounds(
             continue
         blocking = max((t.worst for t in tasks if t.key > task.key), default=0)
         bound, instances = _bound(task, higher, blocking, bit, errors)
-        reason = "" if bound is not None else "no bound: bus overloaded at this priority"
+        reason = "" if bound is not None else "bus overloaded at this priority"
         bounds.append(ResponseBound(message, best, bound, instances, reason))
     return bounds
 
