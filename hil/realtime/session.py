@@ -7,9 +7,10 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
@@ -53,8 +54,33 @@ class Child:
     """A program that was started, and what it has said so far."""
 
     name: str
-    running: subprocess.Popen[str]
-    lines: list[str] = field(default_factory=list)
+    running: subprocess.Popen[bytes]
+    said: str = ""
+
+    @property
+    def output(self) -> IO[bytes]:
+        """Its stdout."""
+        assert self.running.stdout is not None
+        return self.running.stdout
+
+    @property
+    def errors(self) -> IO[bytes]:
+        """Its stderr."""
+        assert self.running.stderr is not None
+        return self.running.stderr
+
+    def listen(self) -> None:
+        """Take in what it has said since the last time, without waiting."""
+        with suppress(BlockingIOError):
+            while data := os.read(self.output.fileno(), 4096):
+                self.said += data.decode(errors="replace")
+
+    def line(self, start: str) -> str | None:
+        """Return the first whole line that begins with ``start``."""
+        self.listen()
+        whole = self.said.splitlines(keepends=True)
+        found = (line for line in whole if line.startswith(start) and line.endswith("\n"))
+        return next(found, "").strip() or None
 
     def ask_to_stop(self) -> None:
         """Send SIGTERM where it still runs."""
@@ -63,8 +89,7 @@ class Child:
 
     def last_words(self) -> str:
         """Return its last line on stderr, without the program's name."""
-        assert self.running.stderr is not None
-        lines = self.running.stderr.read().strip().splitlines()
+        lines = self.errors.read().decode(errors="replace").strip().splitlines()
         return lines[-1].removeprefix("canroll: ") if lines else "no reason given"
 
 
@@ -164,12 +189,10 @@ def _start(children: list[Child], name: str, arguments: list[str]) -> Child:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            text=True,
             start_new_session=True,
         ),
     )
-    assert child.running.stdout is not None
-    os.set_blocking(child.running.stdout.fileno(), False)
+    os.set_blocking(child.output.fileno(), False)
     children.append(child)
     return child
 
@@ -178,24 +201,18 @@ def _wait_for(child: Child, start: str, other: Child | None = None) -> str:
     """Return the first line of ``child`` that begins with ``start``.
 
     Raises:
-        CanrollError: it, or ``other``, has ended instead.
+        CanrollError: it, or ``other``, has ended instead, or it takes too long to start.
     """
-    stdout = child.running.stdout
-    assert stdout is not None
+    until = time.monotonic() + START
     with selectors.DefaultSelector() as selector:
-        selector.register(stdout, selectors.EVENT_READ)
-        until = time.monotonic() + START
+        selector.register(child.output, selectors.EVENT_READ)
         while True:
-            for line in stdout:
-                child.lines.append(line.rstrip())
-            for line in child.lines:
-                if line.startswith(start):
-                    return line
-            for ended in (child, other):
-                if ended is not None and ended.running.poll() is not None:
-                    if ended is child and any(line.startswith(start) for line in child.lines):
-                        continue
-                    raise CanrollError(f"{ended.name}: {ended.last_words()}")
+            # asked before its last words are taken in, so that they are not missed
+            ended = [c for c in (child, other) if c is not None and c.running.poll() is not None]
+            if line := child.line(start):
+                return line
+            if ended:
+                raise CanrollError(f"{ended[0].name}: {ended[0].last_words()}")
             if other is None and time.monotonic() > until:
                 raise CanrollError(f"{child.name}: not ready within {START:g} s")
             selector.select(0.1)
@@ -210,9 +227,8 @@ def _stop(children: list[Child]) -> None:
         except subprocess.TimeoutExpired:
             child.running.kill()
             child.running.wait()
-        for pipe in (child.running.stdout, child.running.stderr):
-            if pipe is not None:
-                pipe.close()
+        child.output.close()
+        child.errors.close()
 
 
 def assemble(

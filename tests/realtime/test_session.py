@@ -110,6 +110,46 @@ def test_a_run_in_real_time_has_the_report_of_one_in_virtual_time(tmp_path, caps
         assert main(["ecu", "--replay", str(out / "ticks.npz"), "--backend", backend]) == 0
 
 
+def test_a_program_that_falls_over_is_quoted(tmp_path, capsys):
+    """The plant cannot be served where somebody else listens; nothing is left running."""
+    arguments = ["hil", "double_lane_change", "--law", "lqr", "-i", "socketcand", "-c", "plant"]
+    bus = ["--bus-kwargs", "host=127.0.0.1", "port=1"]
+    assert main([*arguments, *bus, "--json"]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith("canroll: plant: no socketcand server at 127.0.0.1:1")
+    assert error.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_the_budget_for_the_host_is_judged(calibration_file, tmp_path, capsys):
+    """What no machine meets fails with 1; what any meets passes; one core is not judged."""
+    command = ["timing", "--hil", "--duration", "0.6", "--json", "--calibration"]
+    for limit, code in ((1e-3, 1), (1e9, 0)):
+        path = tmp_path / "calibration.toml"
+        table = f"\n[budget]\ntick_p99_us = {limit}\nlatency_p99_us = {limit}\nmisses = 1000\n"
+        path.write_text(calibration_file.read_text() + table)
+        returned = main([*command, str(path)])
+        answer = json.loads(capsys.readouterr().out)
+        if len(os.sched_getaffinity(0)) == 1:
+            assert (returned, answer["verdict"]) == (0, "not judged")
+        else:
+            assert (returned, answer["verdict"]) == (code, "FAIL" if code else "PASS")
+            assert [v["ok"] for v in answer["verdicts"].values()] == [True, not code, not code]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tick", [20, 5, 2, 1])
+def test_every_tick_rate_controls(tick, capsys):
+    arguments = ["hil", "double_lane_change", "--tick", str(tick), "--duration", "5", "--json"]
+    assert main(arguments) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["tick_ms"] == tick
+    ran = answer["timing"]["ticks"] + answer["timing"]["deadline_misses"]
+    assert ran == pytest.approx(5000 / tick, rel=0.02)
+    roll = [answer[name]["roll_max_deg"] for name in ("passive", "controlled")]
+    assert roll[1] < 0.75 * roll[0]
+
+
 @pytest.mark.slow
 def test_killed_plant(programs, calibration_file, tmp_path):
     """The ECU goes to SAFE by its own timeouts, ends by itself, and its files are complete."""
