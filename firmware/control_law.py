@@ -77,9 +77,9 @@ def advance_compensator(ecu: Ecu, cal: Calibration) -> None:
             acc += cal.compensator_e[i][k] * ecu.outputs[k]
         for j in range(cal.compensator_order):
             acc += cal.compensator_a[i][j] * ecu.compensator_x[j]
-        ecu.compensator_next[i] = clamp(rsh(acc, cal.compensator_shift[i]), -STATE_MAX, STATE_MAX)
+        ecu.work[i] = clamp(rsh(acc, cal.compensator_shift[i]), -STATE_MAX, STATE_MAX)
     for i in range(cal.compensator_order):
-        ecu.compensator_x[i] = ecu.compensator_next[i]
+        ecu.compensator_x[i] = ecu.work[i]
 
 
 def limited(ecu: Ecu, cal: Calibration, wanted: i64, last: i32, steps: i32) -> i32:
@@ -94,11 +94,10 @@ def limited(ecu: Ecu, cal: Calibration, wanted: i64, last: i32, steps: i32) -> i
 def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
     """Compute the moment of this tick; in INIT and SAFE it only ramps to zero."""
     if ecu.mode != ACTIVE and ecu.mode != DEGRADED:
-        held: i64 = rsh(ecu.last_moment * ecu.authority, 30)
-        ecu.moment = clamp(held, -STATE_MAX, STATE_MAX)
         for k in range(2):
-            held = rsh(ecu.last_outputs[k] * ecu.authority, 30)
+            held: i64 = rsh(ecu.last_outputs[k] * ecu.authority, 30)
             ecu.outputs[k] = clamp(held, -STATE_MAX, STATE_MAX)
+        ecu.moment = clamp(ecu.outputs[0] + ecu.outputs[1], -STATE_MAX, STATE_MAX)
         for i in range(cal.compensator_order):
             ecu.compensator_x[i] = 0
         return
@@ -127,6 +126,5 @@ def init_control(ecu: Ecu, cal: Calibration) -> None:
         ecu.last_outputs[k] = 0
     for i in range(8):
         ecu.compensator_x[i] = 0
-        ecu.compensator_next[i] = 0
     ecu.gain_factor = 0
     ecu.front_share = cal.schedule_front_share[0]

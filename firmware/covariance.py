@@ -31,20 +31,25 @@ def bounded(ecu: Ecu, cal: Calibration) -> None:
 
 
 def propagate(ecu: Ecu, cal: Calibration) -> None:
-    """P = Phi P Phi' + M over one tick."""
-    for i in range(N_STATES):
-        for k in range(N_STATES):
+    """P = Phi P Phi' + M over one tick, in place: columns first, then rows."""
+    for k in range(N_STATES):
+        for i in range(N_STATES):
             acc: i64 = 0
             for j in range(N_STATES):
                 acc += cal.covariance_phi[i][j] * ecu.covariance[j][k]
-            ecu.product[i][k] = clamp(rsh(acc, Q_COVARIANCE), -STATE_MAX, STATE_MAX)
+            ecu.work[i] = clamp(rsh(acc, Q_COVARIANCE), -STATE_MAX, STATE_MAX)
+        for i in range(N_STATES):
+            ecu.covariance[i][k] = ecu.work[i]
     for i in range(N_STATES):
         for k in range(i + 1):
             total: i64 = 0
             for j in range(N_STATES):
-                total += ecu.product[i][j] * cal.covariance_phi[k][j]
-            ecu.covariance[i][k] = clamp(rsh(total, Q_COVARIANCE), -STATE_MAX, STATE_MAX)
-            ecu.covariance[k][i] = ecu.covariance[i][k]
+                total += ecu.covariance[i][j] * cal.covariance_phi[k][j]
+            ecu.work[k] = clamp(rsh(total, Q_COVARIANCE), -STATE_MAX, STATE_MAX)
+        # the rows above are done: what this row mirrors into them is theirs
+        for k in range(i + 1):
+            ecu.covariance[i][k] = ecu.work[k]
+            ecu.covariance[k][i] = ecu.work[k]
         ecu.covariance[i][i] = clamp(
             ecu.covariance[i][i] + cal.process_noise[i], -STATE_MAX, STATE_MAX
         )
@@ -77,5 +82,4 @@ def init_covariance(ecu: Ecu, cal: Calibration) -> None:
     for i in range(N_STATES):
         for j in range(N_STATES):
             ecu.covariance[i][j] = 0
-            ecu.product[i][j] = 0
         ecu.covariance[i][i] = cal.covariance_start[i]

@@ -12,6 +12,7 @@ from firmware.calibration import (
     BYPASS,
     DAMPERS,
     N_MEASUREMENTS,
+    N_ORDER,
     N_RING,
     N_STATES,
     PROPAGATED_COVARIANCE,
@@ -168,6 +169,7 @@ def init_observer(ecu: Ecu, cal: Calibration) -> None:
     for i in range(N_STATES):
         ecu.x[i] = 0
         ecu.ahead[i] = 0
+    for i in range(N_ORDER):
         ecu.work[i] = 0
     for m in range(N_MEASUREMENTS):
         ecu.innovation[m] = 0

@@ -147,13 +147,10 @@ class Ecu:
 
     # observer
     x: Annotated[list[i32], N_STATES, F(-STATE_MAX, STATE_MAX, 0, "", "corrected estimate")]
-    work: Annotated[list[i32], N_STATES, F(-STATE_MAX, STATE_MAX, 0, "", "scratch")]
+    work: Annotated[list[i32], N_ORDER, F(-STATE_MAX, STATE_MAX, 0, "", "scratch")]
     ahead: Annotated[list[i32], N_STATES, F(-STATE_MAX, STATE_MAX, 0, "", "predicted estimate")]
     covariance: Annotated[
         list[list[i32]], N_STATES, N_STATES, F(-STATE_MAX, STATE_MAX, 24, "", "symmetric")
-    ]
-    product: Annotated[
-        list[list[i32]], N_STATES, N_STATES, F(-STATE_MAX, STATE_MAX, 24, "", "scratch")
     ]
     innovation: Annotated[list[i32], N_MEASUREMENTS, F(I32_MIN, I32_MAX, 0, "", "last ones")]
     ring: Annotated[
@@ -195,9 +192,7 @@ class Ecu:
 
     # control
     compensator_x: Annotated[list[i32], N_ORDER, F(-STATE_MAX, STATE_MAX, 24, "", "state")]
-    compensator_next: Annotated[list[i32], N_ORDER, F(-STATE_MAX, STATE_MAX, 24, "", "scratch")]
     moment: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "N·m", "before trigger and split")]
-    last_moment: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "N·m", "when SAFE began")]
     outputs: Annotated[
         list[i32], 2, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "", "of a law with two outputs")
     ]

@@ -109,7 +109,13 @@ def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:
     if ecu.age[message] > patience:
         late = 1
     trouble(ecu, message, late)
-    if ecu.unchanged[message] > cal.stuck_ticks and (late | waiting) == 0:
+    repeated: i32 = ecu.unchanged[message]
+    # a message that is slower than the limit is not stuck between two of its frames
+    if (
+        repeated > cal.stuck_ticks
+        and repeated > cal.timeout_ticks[message]
+        and (late | waiting) == 0
+    ):
         ecu.stuck = 1
         late = 1
     return late | waiting
@@ -281,7 +287,6 @@ def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
     if severity == UNSAFE:
         ecu.good_ticks = 0
         if ecu.mode == ACTIVE or ecu.mode == DEGRADED:
-            ecu.last_moment = ecu.moment
             for k in range(2):
                 ecu.last_outputs[k] = ecu.outputs[k]
             # the ramp starts at what was given last, wherever the way up had come to
@@ -341,7 +346,6 @@ def init_supervisor(ecu: Ecu) -> None:
     ecu.good_ticks = 0
     ecu.authority = 0
     ecu.feedforward = ONE
-    ecu.last_moment = 0
     ecu.stuck = 0
     ecu.rate_good = 0
     ecu.acceleration_good = 0

@@ -162,7 +162,7 @@ def test_safe_scales_what_was_given_last():
     cal = rig.calibration(actuator=fw.BARS)
     ecu = running(cal)
     ecu.mode, ecu.authority = SAFE, 1 << 28
-    ecu.last_moment, ecu.last_outputs = 800 << 14, [500 << 14, 300 << 14]
+    ecu.last_outputs = [500 << 14, 300 << 14]
     ecu.compensator_x[0] = 77
     cal.compensator_order = 1
     control_law.control(ecu, cal, 1)

@@ -378,7 +378,7 @@ def test_safe_ramps_in_the_calibrated_time_with_the_heartbeat_kept(ramp_ticks):
     bench = busy(rig.Bench(cal))
     bench.drop.add("Imu")
     ticks_until(bench, SAFE)
-    start = bench.ecu.last_moment
+    start = sum(bench.ecu.last_outputs)
     sent = []
     for k in range(2, ramp_ticks + 40):
         bench.step(3.0)
@@ -594,3 +594,11 @@ def test_foreign_short_and_misplaced_frames_are_harmless():
     loop.tick(bench.ecu, bench.cal, 1)
     assert bench.ecu.roll_rate == before
     assert bench.ecu.fresh[RX_IMU] == 0
+
+
+def test_a_slow_message_is_not_stuck_between_its_frames():
+    """Ticks of 1 ms: VehicleMotion brings a sample every twentieth."""
+    bench = rig.Bench(rig.calibration(tick=0.001, stuck_ticks=5))
+    bench.run(0.5)
+    assert bench.ecu.mode == ACTIVE
+    assert bench.ecu.trouble_latched == 0
