@@ -6,7 +6,7 @@ from typing import Any
 
 from canroll.errors import CanrollError
 from gain_gen.laws import LAWS
-from hil.controller import PASSIVE, choose
+from hil.controller import DESIGNED, PASSIVE, choose
 from hil.experiment import plan, simulate
 from hil.result import Result, Settings
 from hil.trace import Trace
@@ -22,6 +22,7 @@ KEYS = {
     "bus": str,
     "tick": float,
     "trigger": str,
+    "gains": str,
     "backend": str,
     "seed": int,
 }
@@ -102,9 +103,8 @@ def runs(
 
 def _merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keywords of one run; its own calibration replaces what all the others share."""
-    fixed = ("vehicle", "law", "actuator", "observer", "tick_ms", "trigger")
     if "calibration" in own:
-        common = {key: value for key, value in common.items() if key not in fixed}
+        common = {key: value for key, value in common.items() if key not in DESIGNED}
     return {**common, **own}
 
 

@@ -28,6 +28,14 @@ COMMANDS = {
 PASSIVE = "passive"
 DEFAULT_VEHICLE = "van_real"
 DEFAULT_LAW = "lqg_delay"
+DESIGNED = (
+    *("vehicle", "law", "actuator", "observer", "tick_ms", "trigger"),
+    *("gains", "feedforward", "identification", "heartbeat_ms"),
+)
+"""What a calibration fixes."""
+COMMAND_TIMEOUT = 0.160
+"""Age at which actuators let go of a command, s."""
+GAINS = ("computed", "as_printed")
 TRIGGERS = {"event": True, "every": False}
 LAW_OF_PASSIVE = "lqr"
 """Without control the frames go on all the same, so some law must fill them."""
@@ -45,6 +53,10 @@ class Request:
         observer: "two_sensors", "one_sensor", "propagated" or "reference".
         tick_ms: period of the loop.
         trigger: "event" or "every".
+        gains: "computed" or "as_printed": the numbers of the law's paper, verified or not.
+        feedforward: whether the disturbance feedforward is on; it is.
+        identification: whether roll stiffness and damping are identified; they are not.
+        heartbeat_ms: a command at the latest after; 50.
     """
 
     vehicle: str | None = None
@@ -54,6 +66,10 @@ class Request:
     observer: str | None = None
     tick_ms: float | None = None
     trigger: str | None = None
+    gains: str | None = None
+    feedforward: bool | None = None
+    identification: bool | None = None
+    heartbeat_ms: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +110,7 @@ def prepare(request: Request, *, bus: str) -> Controller:
         return _designed(request, bus)
     given = [
         name
-        for name in ("vehicle", "law", "actuator", "observer", "tick_ms", "trigger")
+        for name in DESIGNED
         if getattr(request, name) is not None and (name, request.law) != ("law", PASSIVE)
     ]
     if given:
@@ -121,12 +137,25 @@ def _designed(request: Request, bus: str) -> Controller:
         tick=tick,
         actuator=actuator,
         observer=observer,
+        gains=choose("kind of gains", request.gains or "computed", GAINS),
+        feedforward=request.feedforward is not False,
+    )
+    heartbeat = 1e-3 * (request.heartbeat_ms or Options().heartbeat * 1e3)
+    if not tick <= heartbeat < COMMAND_TIMEOUT:
+        raise CanrollError(
+            f"--heartbeat {1e3 * heartbeat:g}: it must be at least the tick and below the "
+            f"{1e3 * COMMAND_TIMEOUT:g} ms after which actuators let go"
+        )
+    options = Options(
+        event_trigger=TRIGGERS[trigger],
+        identification=bool(request.identification),
+        heartbeat=heartbeat,
     )
     answer = design(LAW_OF_PASSIVE if law == PASSIVE else law, task)
     if actuator == "valves" and law_kind(answer) != "dynamic":
         # a moment law drives the bars' own torque loop, for a current is the rate of a moment
         answer = replace(answer, task=replace(task, actuator="bars"))
-    record, tables = calibrate(answer, Options(event_trigger=TRIGGERS[trigger]))
+    record, tables = calibrate(answer, options)
     warnings = () if law == PASSIVE else answer.warnings
     return Controller(
         vehicle, law, actuator, observer, trigger, tick, record, tables, tuple(warnings)

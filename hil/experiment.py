@@ -9,7 +9,7 @@ from typing import Any
 from canroll.errors import CanrollError, UnknownNameError
 from firmware.calibration import ONE
 from hil import limit_cycle, metrics
-from hil.controller import PASSIVE, Controller, Request, choose, prepare
+from hil.controller import COMMAND_TIMEOUT, PASSIVE, Controller, Request, choose, prepare
 from hil.delays import sample_to_force
 from hil.ecu import BACKENDS, default_backend, open_ecu
 from hil.result import Result, Settings
@@ -40,6 +40,10 @@ def run(
     bus: str = DEFAULT_BUS,
     tick_ms: float | None = None,
     trigger: str | None = None,
+    gains: str | None = None,
+    feedforward: bool | None = None,
+    identification: bool | None = None,
+    heartbeat_ms: float | None = None,
     backend: str | None = None,
     seed: int = 0,
     duration: float | None = None,
@@ -61,6 +65,10 @@ def run(
         bus: profile: "500k", "125k_busy", "gateway_20ms" or "gateway_50ms".
         tick_ms: period of the ECU's loop, 1 to 20.
         trigger: "event" sends a command when it matters, "every" in each tick.
+        gains: "computed", or "as_printed" for the numbers of the law's paper.
+        feedforward: False leaves the disturbance feedforward out.
+        identification: True identifies roll stiffness and damping at run time.
+        heartbeat_ms: a command at the latest after; 50 by default.
         backend: what runs the firmware: "native" where a compiler is, "python", "cortex-m4", …
         seed: of sensor noise, bias, phases and background traffic; the same seed, the same bytes.
         duration: s, where shorter than the manoeuvre.
@@ -84,6 +92,10 @@ def run(
         bus=bus,
         tick_ms=tick_ms,
         trigger=trigger,
+        gains=gains,
+        feedforward=feedforward,
+        identification=identification,
+        heartbeat_ms=heartbeat_ms,
         backend=backend,
         seed=seed,
         duration=duration,
@@ -105,6 +117,10 @@ def plan(
     bus: str = DEFAULT_BUS,
     tick_ms: float | None = None,
     trigger: str | None = None,
+    gains: str | None = None,
+    feedforward: bool | None = None,
+    identification: bool | None = None,
+    heartbeat_ms: float | None = None,
     backend: str | None = None,
     seed: int = 0,
     duration: float | None = None,
@@ -124,6 +140,10 @@ def plan(
         observer=observer,
         tick_ms=tick_ms,
         trigger=trigger,
+        gains=gains,
+        feedforward=feedforward,
+        identification=identification,
+        heartbeat_ms=heartbeat_ms,
     )
     # names are refused before anything slow is done
     _check(scenario, {"speed {:g} km/h": speed_kmh, "duration {:g} s": duration})
@@ -206,6 +226,7 @@ def build_world(settings: Settings, *, enabled: bool) -> World:
         seed=settings.seed,
         enabled=enabled,
         command=settings.command,
+        command_timeout_ms=1e3 * COMMAND_TIMEOUT,
     )
 
 

@@ -76,18 +76,19 @@ def detect(
     if len(t) < 3:
         return None
     threshold = max(SHARE_OF_PEAK * float(np.max(np.abs(command))), LEAST_MOMENT)
-    step = float(t[1] - t[0])
-    found = [
-        cycle
-        for window in AVERAGES
-        for cycle in _cycles(t, _without_average(command, round(window / step)), threshold)
-        if not _excited(cycle, t_passive, roll_passive)
-    ]
+    found = []
+    for window in AVERAGES:
+        left = _without_average(command, t, window)
+        roll = _without_average(roll_passive, t_passive, window)
+        found += [
+            cycle for cycle in _cycles(t, left, threshold) if not _excited(cycle, t_passive, roll)
+        ]
     return max(found, key=lambda cycle: cycle.end - cycle.start, default=None)
 
 
-def _without_average(values: Vector, count: int) -> Vector:
-    """Return ``values`` less their average over ``count`` neighbours; 0 leaves them."""
+def _without_average(values: Vector, t: Vector, window: float) -> Vector:
+    """Return ``values`` at equal steps of ``t`` less their average over ``window``; 0: as is."""
+    count = round(window / float(t[1] - t[0]))
     if count < 2:
         return values
     ones = np.ones(count)

@@ -52,6 +52,23 @@ def add_run_options(parser: argparse.ArgumentParser, *, speed_range: str = "") -
     parser.add_argument("--bus", help="500k, 125k_busy, gateway_20ms, gateway_50ms")
     parser.add_argument("--tick", type=float, metavar="MS", help="period of the loop (default: 10)")
     parser.add_argument("--trigger", help="event or every (default: event)")
+    parser.add_argument("--gains", help="computed, or as_printed in the law's paper")
+    parser.add_argument(
+        "--no-feedforward",
+        dest="feedforward",
+        action="store_false",
+        default=None,
+        help="without the disturbance feedforward",
+    )
+    parser.add_argument(
+        "--identification",
+        action="store_true",
+        default=None,
+        help="identify roll stiffness and damping at run time",
+    )
+    parser.add_argument(
+        "--heartbeat", type=float, metavar="MS", help="a command at the latest after (default: 50)"
+    )
     parser.add_argument("--backend", help="python, native, cortex-m4, … (default: native)")
     parser.add_argument(
         "--set",
@@ -76,6 +93,10 @@ def run_keywords(args: argparse.Namespace) -> dict[str, object]:
         "bus": args.bus,
         "tick_ms": args.tick,
         "trigger": args.trigger,
+        "gains": args.gains,
+        "feedforward": args.feedforward,
+        "identification": args.identification,
+        "heartbeat_ms": args.heartbeat,
         "backend": args.backend,
         "seed": args.seed,
         "options": maneuver_options(args.set),

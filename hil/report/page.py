@@ -37,17 +37,26 @@ class Cell:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A titled table; cells are text or numbers with their provenance."""
+    """A titled table; cells are text or numbers with their provenance.
+
+    ``notes`` are numbered below it; ``chapter`` is a heading above it.
+    """
 
     title: str
     head: Sequence[str]
     rows: Sequence[Sequence[str | Cell]]
     note: str = ""
+    notes: Sequence[str] = ()
+    chapter: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """All that goes on a report page. ``result`` is embedded whole and can be saved from it."""
+    """All that goes on a report page.
+
+    ``result`` is embedded whole and can be saved from it; ``groups`` are titles of further groups
+    of figures.
+    """
 
     title: str
     subtitle: str
@@ -59,6 +68,7 @@ class Page:
     parameters: Sequence[tuple[str, str]]
     provenance: Sequence[tuple[str, str]]
     result: Mapping[str, object] = field(default_factory=dict)
+    groups: Mapping[str, str] = field(default_factory=dict)
 
 
 def _text(value: object) -> str:
@@ -81,8 +91,13 @@ def _table(table: Table) -> str:
     head = "".join(f'<th scope="col">{_text(name)}</th>' for name in table.head)
     rows = "".join(f"<tr>{''.join(_cell(cell) for cell in row)}</tr>" for row in table.rows)
     note = f'<p class="soft">{_text(table.note)}</p>' if table.note else ""
+    if table.notes:
+        note += f"<ol>{''.join(f'<li>{_text(text)}</li>' for text in table.notes)}</ol>"
+    title = f"<h2>{_text(table.title)}</h2>"
+    if table.chapter:
+        title = f"<h2>{_text(table.chapter)}</h2><h3>{_text(table.title)}</h3>"
     return (
-        f'<h2>{_text(table.title)}</h2><div class="scroll"><table><thead><tr>{head}</tr></thead>'
+        f'{title}<div class="scroll"><table><thead><tr>{head}</tr></thead>'
         f"<tbody>{rows}</tbody></table></div>{note}"
     )
 
@@ -95,11 +110,11 @@ def _pairs(title: str, pairs: Sequence[tuple[str, str]]) -> str:
     )
 
 
-def _groups(figures: Sequence[Figure]) -> str:
+def _groups(figures: Sequence[Figure], titles: Mapping[str, str]) -> str:
     present = {figure.group for figure in figures}
     return "".join(
-        f'<h2>{title}</h2><div class="grid" data-figures="{name}"></div>'
-        for name, title in GROUPS.items()
+        f'<h2>{_text(title)}</h2><div class="grid" data-figures="{name}"></div>'
+        for name, title in {**GROUPS, **titles}.items()
         if name in present
     )
 
@@ -131,7 +146,7 @@ def render(page: Page) -> str:
             player if page.playback else "",
             '<p class="soft">Drag across a plot to zoom, double-click to see all of it again; '
             "names in a legend switch curves off and on.</p>",
-            _groups(page.figures),
+            _groups(page.figures, page.groups),
             _pairs("Parameters", page.parameters),
             _pairs("Provenance", page.provenance),
             '<p><a id="save-json" download="result.json">Save these numbers as JSON</a></p>',

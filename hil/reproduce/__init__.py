@@ -1,0 +1,1 @@
+"""The tables of the four papers recomputed: printed value, ours, difference, verdict, reason."""
