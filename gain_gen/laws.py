@@ -5,7 +5,9 @@ from dataclasses import replace
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from gain_gen.custom_law import design_custom
+from gain_gen.delay_law import design_hinf_delay
 from gain_gen.design import Design, Solution, Task
+from gain_gen.event_law import design_hinf_event
 from gain_gen.full_car_law import design_lqr_full_car, design_lqr_full_car_ideal
 from gain_gen.hinf_law import design_hinf
 from gain_gen.state_laws import (
@@ -16,8 +18,6 @@ from gain_gen.state_laws import (
     sensor_noise,
 )
 from gain_gen.static_laws import (
-    design_hinf_delay,
-    design_hinf_event,
     design_hinf_nodelay,
     design_rate_feedforward,
 )

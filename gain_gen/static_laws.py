@@ -1,20 +1,15 @@
-"""Static output feedback of the roll rate: the H∞ laws of the 2021 and 2022 papers."""
+"""Static output feedback of the roll rate: exact analysis, the delay-free law, the simple law."""
 
 from dataclasses import dataclass
-from math import exp, log, pi, sqrt
+from math import exp, log, sqrt
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
+from scipy.optimize import minimize_scalar
 
-from canroll.errors import VerdictError
 from gain_gen.certificates import (
     LinearPlant,
     bounded_real_block,
-    delay_blocks,
-    event_block,
-    event_small_gain,
     largest_eigenvalue,
-    si_plant,
 )
 from gain_gen.controller import Controller
 from gain_gen.delay_analysis import h_infinity, largest_delay, rightmost_root
@@ -36,14 +31,8 @@ from gain_gen.state_laws import (
 )
 from vehicles import RollModel
 
-PRINTED_DELAY_GAIN = -84.06 * 180.0 / pi
-"""Redondo 2021, (60), read as N·m per deg/s: −4816 N·m·s/rad, the only plausible unit."""
 PRINTED_NO_DELAY_GAIN = -1.29e6
 """Redondo 2021, (66)."""
-PRINTED_EVENT_GAIN = -13552.53
-"""Viadero 2022, section III."""
-EPSILON_SQUARED = 0.1
-"""Relative trigger threshold, squared (Viadero 2022)."""
 FASTEST_POLE = 5.0
 """Bound on the closed loop's poles for ``hinf_nodelay``, in natural roll frequencies."""
 SOFTENING = 5e-3
@@ -136,128 +125,8 @@ def open_loop_gamma(model: RollModel) -> float:
     return exact_gamma(model, 0.0, 0.0)
 
 
-def design_hinf_delay(task: Task) -> Solution:
-    """Delay-aware H∞ roll-rate feedback: the corrected theorem of Redondo 2021.
-
-    The structure W = K C1 X is exact, ρ and ε are scanned. Beside it stands the exact optimum of
-    the gain, which needs no inequality at all.
-    """
-    model, delay = task.vehicle.design, task.delay.most
-    if task.gains == "as_printed":
-        return static_solution(
-            task,
-            PRINTED_DELAY_GAIN,
-            delay=delay,
-            gamma_bound=sqrt(0.09932),
-            checks={},
-            delay_aware=True,
-            notes=(
-                "hinf_delay: printed −84.06, read per deg/s; the printed γ² = 0.09932 is below "
-                "what any roll-rate gain can reach, as the DC gain does not depend on it",
-            ),
-        )
-    from gain_gen.lmi import Clock, DelayProgram  # noqa: PLC0415 - cvxpy only where it is used
-
-    plant, clock = normalise(model), Clock()
-    program = DelayProgram(plant)
-    open_loop = open_loop_gamma(model)
-
-    def level(point: np.ndarray, seconds: float) -> float:
-        found = program.solve(
-            exp(float(point[0])), exp(float(point[1])), plant.delay(seconds), clock
-        )
-        return found.gamma_squared if found is not None else 10.0 * open_loop**2
-
-    def scan(seconds: float) -> tuple[np.ndarray, float]:
-        """Least certified γ² over ρ and ε."""
-        start = min(
-            (
-                np.array([log(rho), log(epsilon)])
-                for rho in (0.4, 0.9)
-                for epsilon in (0.4, 0.8, 1.3)
-            ),
-            key=lambda point: level(point, seconds),
-        )
-        found = minimize(
-            level,
-            start,
-            args=(seconds,),
-            method="Nelder-Mead",
-            options={"xatol": 5e-3, "fatol": 1e-4, "maxfev": 60},
-        )
-        return found.x, float(found.fun)
-
-    target = task.gamma_target if task.gamma_target else USELESS * open_loop
-    seconds = max(delay, 1e-3) + task.softness * SOFTENING
-    best, bound_squared = scan(seconds)
-    if sqrt(bound_squared) > target:
-        raise VerdictError(_infeasible(task, target, sqrt(bound_squared), open_loop, scan))
-    rho, epsilon = exp(float(best[0])), exp(float(best[1]))
-    found = program.solve(rho, epsilon, plant.delay(seconds), clock)
-    assert found is not None
-    level_squared = found.gamma_squared * (1.0 + LEVEL_MARGIN)
-    first, second = delay_blocks(
-        _normalised(plant),
-        gain=found.gain,
-        x=found.x,
-        y=found.y,
-        q=found.q,
-        gamma_squared=level_squared,
-        delay=plant.delay(seconds),
-        epsilon=epsilon,
-    )
-    gain = plant.rate_gain(found.gain)
-    optimum = exact_optimum(model, seconds, guess=gain)
-    return static_solution(
-        task,
-        gain,
-        delay=seconds,
-        gamma_bound=sqrt(level_squared),
-        checks={
-            "lmi_theorem": below(largest_eigenvalue(first), 0.0),
-            "lmi_structure": below(largest_eigenvalue(second), 0.0),
-            "lmi_x": below(-float(np.linalg.eigvalsh(found.x)[0]), 0.0),
-        },
-        delay_aware=True,
-        solve_seconds=clock.seconds,
-        extra={
-            "rho": rho,
-            "epsilon": epsilon,
-            "exact_best_gain": optimum.gain,
-            "exact_best_gamma": optimum.gamma,
-            "open_loop_gamma": open_loop,
-            "theorem_delay_s": seconds,
-            "solves": float(clock.solves),
-        },
-    )
-
-
-def _infeasible(task: Task, target: float, reached: float, open_loop: float, scan: object) -> str:
-    """Say which delay is the cause and which would do."""
-    assert callable(scan)
-    lower, upper = 0.0, max(task.delay.most, 1e-3)
-    for _ in range(7):
-        middle = 0.5 * (lower + upper)
-        if sqrt(scan(middle)[1]) <= target:
-            lower = middle
-        else:
-            upper = middle
-    if task.gamma_target:
-        wish = f"γ ≤ {target:.4g}"
-    else:
-        wish = f"a γ below {target:.4g} (the open loop's is {open_loop:.4g})"
-    near = (
-        f"feasible up to a delay of {1e3 * lower:.0f} ms"
-        if lower > 0.0
-        else "infeasible at every delay"
-    )
-    return (
-        f"hinf_delay for {task.vehicle.name}: {wish} is infeasible at a delay of "
-        f"{1e3 * task.delay.most:.0f} ms, where the least certified is {reached:.4g}; it is {near}"
-    )
-
-
-def _normalised(plant: NormalisedPlant) -> LinearPlant:
+def normalised_plant(plant: NormalisedPlant) -> LinearPlant:
+    """Return the normalised plant as the certificates take it, roll rate measured."""
     return LinearPlant(plant.a, plant.b, plant.b_disturbance, plant.performance, ROLL_RATE)
 
 
@@ -297,7 +166,7 @@ def design_hinf_nodelay(task: Task) -> Solution:
     assert found is not None
     level_squared = found.gamma_squared * (1.0 + LEVEL_MARGIN)
     block = bounded_real_block(
-        _normalised(plant), gain=found.gain, x=found.x, gamma_squared=level_squared
+        normalised_plant(plant), gain=found.gain, x=found.x, gamma_squared=level_squared
     )
     gain = plant.rate_gain(found.gain)
     poles = np.linalg.eigvals(state_matrix(model) + gain * moment_input(model) @ ROLL_RATE)
@@ -315,91 +184,6 @@ def design_hinf_nodelay(task: Task) -> Solution:
         solve_seconds=clock.seconds,
         notes=(why,),
         extra={"rho": exp(float(scanned.x)), "solves": float(clock.solves)},
-    )
-
-
-def design_hinf_event(task: Task) -> Solution:
-    """Event-triggered H∞ roll-rate feedback of Viadero 2022: gain scanned, level certified.
-
-    The relative threshold is the paper's; the floor comes from the sensor noise when the
-    calibration is written. S = 0: the certificate holds for a delay that varies.
-    """
-    model = task.vehicle.design
-    delay = max(task.delay.most, 1e-3) + task.softness * SOFTENING
-    physical = si_plant(model, ROLL_RATE)
-    if task.gains == "as_printed":
-        return static_solution(
-            task,
-            PRINTED_EVENT_GAIN,
-            delay=delay,
-            gamma_bound=sqrt(16.96),
-            checks={
-                "event_small_gain": below(
-                    sqrt(EPSILON_SQUARED)
-                    * event_small_gain(physical, gain=PRINTED_EVENT_GAIN, delay=delay),
-                    1.0,
-                )
-            },
-            delay_aware=True,
-        )
-    from gain_gen.lmi import Clock, EventProgram  # noqa: PLC0415 - cvxpy only where it is used
-
-    plant, clock = normalise(model), Clock()
-    program = EventProgram(plant)
-
-    def level(log_gain: float) -> float:
-        found = program.solve(-exp(log_gain), plant.delay(delay), EPSILON_SQUARED, clock)
-        return found.gamma_squared if found is not None else 1e6
-
-    coarse = np.linspace(log(0.01), log(8.0), 15)
-    values = [level(float(point)) for point in coarse]
-    near = int(np.argmin(values))
-    scanned = minimize_scalar(
-        level,
-        bounds=(coarse[max(near - 1, 0)], coarse[min(near + 1, len(coarse) - 1)]),
-        method="bounded",
-        options={"xatol": 2e-3},
-    )
-    normalised_gain = -exp(float(scanned.x))
-    found = program.solve(normalised_gain, plant.delay(delay), EPSILON_SQUARED, clock)
-    open_loop = open_loop_gamma(model)
-    if found is None or sqrt(found.gamma_squared) > USELESS * open_loop:
-        raise VerdictError(
-            f"hinf_event for {task.vehicle.name}: no event-triggered roll-rate gain is certified "
-            f"better than the open loop at {1e3 * delay:.0f} ms; shorten the delay"
-        )
-    level_squared = found.gamma_squared * (1.0 + LEVEL_MARGIN)
-    block = event_block(
-        _normalised(plant),
-        gain=normalised_gain,
-        p=found.p,
-        r=found.r,
-        s=found.s,
-        omega=found.omega,
-        gamma_squared=level_squared,
-        delay=plant.delay(delay),
-        epsilon_squared=EPSILON_SQUARED,
-    )
-    gain = plant.rate_gain(normalised_gain)
-    return static_solution(
-        task,
-        gain,
-        delay=delay,
-        gamma_bound=sqrt(level_squared),
-        checks={
-            "lmi_event": below(largest_eigenvalue(block), 0.0),
-            "lmi_p": below(-float(np.linalg.eigvalsh(found.p)[0]), 0.0),
-            "event_small_gain": below(
-                sqrt(EPSILON_SQUARED) * event_small_gain(physical, gain=gain, delay=delay), 1.0
-            ),
-        },
-        delay_aware=True,
-        solve_seconds=clock.seconds,
-        extra={
-            "epsilon_squared": EPSILON_SQUARED,
-            "theorem_delay_s": delay,
-            "solves": float(clock.solves),
-        },
     )
 
 

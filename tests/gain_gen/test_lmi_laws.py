@@ -14,15 +14,16 @@ from gain_gen.certificates import (
     largest_eigenvalue,
     si_plant,
 )
+from gain_gen.delay_law import design_hinf_delay
 from gain_gen.design import Delay, Task
+from gain_gen.event_law import design_hinf_event
 from gain_gen.hinf_law import design_hinf, discrete_level
 from gain_gen.laws import design
-from gain_gen.lmi import Clock, EventProgram, fixed_lyapunov_certificate
+from gain_gen.lmi import Clock
+from gain_gen.lmi_event import EventProgram, fixed_lyapunov_certificate
 from gain_gen.plant import ROLL_ANGLE, ROLL_RATE, normalise
 from gain_gen.state_feedback import discrete_plant, yim_weights
 from gain_gen.static_laws import (
-    design_hinf_delay,
-    design_hinf_event,
     design_hinf_nodelay,
     exact_gamma,
     exact_optimum,
