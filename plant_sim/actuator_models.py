@@ -25,7 +25,6 @@ from plant_sim.actuators import (
     POWERED,
     REFERENCE,
     SOURCE,
-    STATUS,
     STATUS_FLOATING,
     STATUS_LIMITED,
     STATUS_OK,
@@ -82,13 +81,13 @@ def refer(node: Actuators, channel: int, demand: float) -> bool:
 
 @njit
 def settle(  # noqa: PLR0917
-    node: Actuators, channel: int, corner: int, target: float, bound: bool, t_ns: int
+    node: Actuators, channel: int, first: int, last: int, target: float, bound: bool, t_ns: int
 ) -> None:
-    """Follow ``target`` with the lag, unless a fault of ``corner`` has it otherwise."""
+    """Follow ``target`` with the lag, unless a fault of corners ``first`` to ``last`` forbids."""
     state = node.state
     status = STATUS_LIMITED if bound else STATUS_OK
     gain = 1.0
-    fault = fault_of(node, corner, t_ns)
+    fault = fault_of(node, first, last, t_ns)
     if not node.flag[POWERED]:
         target, status = 0.0, STATUS_FLOATING
     elif fault >= 0:
@@ -102,7 +101,7 @@ def settle(  # noqa: PLR0917
     before = state[ACTUAL + channel]
     state[ACTUAL + channel] += node.setting[LAG] * (target * gain - before)
     state[APPLIED + channel] = 0.5 * (before + state[ACTUAL + channel])
-    set_status(node, corner, status)
+    set_status(node, first, last, status)
 
 
 @njit
@@ -116,7 +115,7 @@ def _suspension(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> 
         if target * stroke > node.setting[POWER]:
             target = node.setting[POWER] / stroke
             bound = True
-        settle(node, corner, corner, target, bound, t_ns)
+        settle(node, corner, corner, corner, target, bound, t_ns)
         inputs[ports.CORNER_FORCE + corner] = state[APPLIED + corner]
 
 
@@ -127,11 +126,7 @@ def _bars(node: Actuators, inputs: Vector, t_ns: int) -> None:
         demand = state[DEMAND + axle] if node.flag[ENABLED] else 0.0
         bound = refer(node, axle, demand)
         # A bar joins both corners of its axle: the worse of their faults decides.
-        corner = 2 * axle
-        if fault_of(node, corner, t_ns) < 0:
-            corner += 1
-        settle(node, axle, corner, state[REFERENCE + axle], bound, t_ns)
-        set_status(node, 4 * axle + 1 - corner, node.flag[STATUS + corner])
+        settle(node, axle, 2 * axle, 2 * axle + 1, state[REFERENCE + axle], bound, t_ns)
         inputs[ports.BAR_MOMENT_FRONT + axle] = state[APPLIED + axle]
 
 
@@ -177,7 +172,7 @@ def _dampers(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> Non
         else:
             wanted = demand * 1e-3 / node.setting[CURRENT_LIMIT]
         bound = refer(node, corner, max(wanted, 0.0))
-        settle(node, corner, corner, state[REFERENCE + corner], bound, t_ns)
+        settle(node, corner, corner, corner, state[REFERENCE + corner], bound, t_ns)
         force = state[APPLIED + corner] * span(node.curve, abs(stroke))
         inputs[ports.CORNER_FORCE + corner] = -force if stroke > 0.0 else force
 
@@ -206,7 +201,7 @@ def _valve_axle(node: Actuators, axle: int, outputs: Vector, inputs: Vector, t_n
     wanted = _valve_current(node, axle, before)
     current = clip(wanted, setting[CURRENT_LIMIT])
     status = STATUS_OK if current == wanted else STATUS_LIMITED
-    fault = max(fault_of(node, 2 * axle, t_ns), fault_of(node, 2 * axle + 1, t_ns))
+    fault = fault_of(node, 2 * axle, 2 * axle + 1, t_ns)
     kind = node.fault[fault, FAULT_KIND] if fault >= 0 else -1
     locked = not node.flag[POWERED] or kind == FLOATING
     if locked:
@@ -239,8 +234,7 @@ def _valve_axle(node: Actuators, axle: int, outputs: Vector, inputs: Vector, t_n
 def _valves(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
     for axle in range(2):
         status = _valve_axle(node, axle, outputs, inputs, t_ns)
-        set_status(node, 2 * axle, status)
-        set_status(node, 2 * axle + 1, status)
+        set_status(node, 2 * axle, 2 * axle + 1, status)
 
 
 @njit

@@ -110,11 +110,11 @@ def supervise(node: Actuators, t_ns: int) -> None:
 
 
 @njit
-def fault_of(node: Actuators, corner: int, t_ns: int) -> int:
-    """Row of the fault that corner ``corner`` has at ``t_ns``, the worst first; -1 for none."""
+def fault_of(node: Actuators, first: int, last: int, t_ns: int) -> int:
+    """Row of the worst fault that corners ``first`` to ``last`` have at ``t_ns``; -1 for none."""
     found = -1
     for number in range(FAULTS):
-        if node.fault[number, FAULT_CORNER] != corner:
+        if not first <= node.fault[number, FAULT_CORNER] <= last:
             continue
         active = node.fault[number, FAULT_START] <= t_ns < node.fault[number, FAULT_END]
         if active and (found < 0 or node.fault[number, FAULT_KIND] < node.fault[found, FAULT_KIND]):
@@ -123,10 +123,11 @@ def fault_of(node: Actuators, corner: int, t_ns: int) -> int:
 
 
 @njit
-def set_status(node: Actuators, corner: int, status: int) -> None:
-    """Note a corner's status; the worst since the last report stays until it is sent."""
-    node.flag[STATUS + corner] = status
-    node.flag[LATCHED + corner] = max(node.flag[LATCHED + corner], status)
+def set_status(node: Actuators, first: int, last: int, status: int) -> None:
+    """Note the status of corners ``first`` to ``last``; the worst stays until it is reported."""
+    for corner in range(first, last + 1):
+        node.flag[STATUS + corner] = status
+        node.flag[LATCHED + corner] = max(node.flag[LATCHED + corner], status)
 
 
 @njit

@@ -288,6 +288,20 @@ def test_a_fault_at_either_end_takes_the_whole_bar():
         assert rig.report["StatusRearLeft"] == rig.report["StatusRearRight"] == 3
 
 
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("kind", ["bars", "valves"])
+def test_the_worst_of_several_faults_counts(kind, order):
+    faults = (
+        ActuatorFault(corner="front_left", kind="weak", value=0.5),
+        ActuatorFault(corner="front_right", kind="floating"),
+    )
+    rig = Rig(kind, faults=faults[::order])
+    rig.send("AntiRollBarCommand", TorqueFront=500, TorqueRear=500)
+    rig.run(150)
+    assert rig.delivered == pytest.approx([0, 500], abs=10)
+    assert rig.report["StatusFrontLeft"] == actuators.STATUS_FLOATING
+
+
 def test_dampers_only_take_energy_whatever_is_commanded():
     rng = np.random.default_rng(1)
     for message in ("DamperCommand", "SuspensionForceCommand"):
