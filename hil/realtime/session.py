@@ -1,33 +1,22 @@
 """A run in real time: plant and ECU started as two programs, watched, stopped and put together."""
 
-import os
-import selectors
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
 from canroll.errors import CanrollError
 from gain_gen import calibration
 from hil.controller import Controller
-from hil.realtime import plant_file, process, tick_trace, timing
+from hil.realtime import plant_file, process, programs, tick_trace, timing
 from hil.realtime.plant_file import PlantRecord
+from hil.realtime.programs import Program
 from hil.realtime.tick_trace import TickTrace
 from hil.result import Settings
 from hil.trace import Trace
 from hil.virtual import Interrupted
-
-START = 120.0
-"""Time a child may take to be ready, s: a plant that was never run compiles first."""
-GRACE = 10.0
-"""Time a child may take to write its files after it was asked to end, s; then it is killed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,50 +36,6 @@ class Setup:
     cores: tuple[int, int] | None
     duration: float | None
     announce: Callable[[str], None]
-
-
-@dataclass(slots=True)
-class Child:
-    """A program that was started, and what it has said so far."""
-
-    name: str
-    running: subprocess.Popen[bytes]
-    said: str = ""
-
-    @property
-    def output(self) -> IO[bytes]:
-        """Its stdout."""
-        assert self.running.stdout is not None
-        return self.running.stdout
-
-    @property
-    def errors(self) -> IO[bytes]:
-        """Its stderr."""
-        assert self.running.stderr is not None
-        return self.running.stderr
-
-    def listen(self) -> None:
-        """Take in what it has said since the last time, without waiting."""
-        with suppress(BlockingIOError):
-            while data := os.read(self.output.fileno(), 4096):
-                self.said += data.decode(errors="replace")
-
-    def line(self, start: str) -> str | None:
-        """Return the first whole line that begins with ``start``."""
-        self.listen()
-        whole = self.said.splitlines(keepends=True)
-        found = (line for line in whole if line.startswith(start) and line.endswith("\n"))
-        return next(found, "").strip() or None
-
-    def ask_to_stop(self) -> None:
-        """Send SIGTERM where it still runs."""
-        if self.running.poll() is None:
-            self.running.send_signal(signal.SIGTERM)
-
-    def last_words(self) -> str:
-        """Return its last line on stderr, without the program's name."""
-        lines = self.errors.read().decode(errors="replace").strip().splitlines()
-        return lines[-1].removeprefix("canroll: ") if lines else "no reason given"
 
 
 def choose_cores() -> tuple[int, int] | None:
@@ -115,28 +60,29 @@ def drive(
     record, ticks = folder / "plant.npz", folder / "ticks.npz"
     for old in (record, ticks):
         old.unlink(missing_ok=True)
-    children: list[Child] = []
+    children: list[Program] = []
     try:
-        plant = _start(
+        plant = programs.start(
             children, "plant", plant_arguments(settings, controller, setup, enabled=enabled)
         )
         bus = list(setup.bus_options)
         if not bus:
-            bus = _wait_for(plant, "serving ").split()[1:]
-        _wait_for(plant, "plant waits")
+            bus = programs.wait_for(plant, "serving ").split()[1:]
+        programs.wait_for(plant, "plant waits")
         arguments = ["ecu", "--calibration", str(gains), "--backend", settings.backend]
         arguments += ["--trace", str(ticks), *_core(setup, 1), *bus]
-        ecu = _start(children, "ECU", arguments)
-        _wait_for(plant, "plant runs", ecu)
+        ecu = programs.start(children, "ECU", arguments)
+        programs.wait_for(plant, "plant runs", ecu)
         setup.announce(f"{'with' if enabled else 'without'} control in real time")
-        _wait_for(plant, "plant ends", ecu)
+        programs.wait_for(plant, "plant ends", ecu)
         ecu.ask_to_stop()
         for child in children:
             child.running.wait()
             if child.running.returncode:
                 raise CanrollError(f"{child.name}: {child.last_words()}")
     except KeyboardInterrupt:
-        _stop(children)
+        # the ECU ends first, so that the plant still hears its last command
+        programs.stop(children)
         if record.exists() and ticks.exists():
             trace, _ = assemble(
                 plant_file.load(record), tick_trace.load(ticks), settings, setup, complete=False
@@ -144,7 +90,7 @@ def drive(
             raise Interrupted(trace) from None
         raise
     finally:
-        _stop(children)
+        programs.stop(children)
     return assemble(plant_file.load(record), tick_trace.load(ticks), settings, setup)
 
 
@@ -178,57 +124,6 @@ def plant_arguments(
 
 def _core(setup: Setup, which: int) -> list[str]:
     return [] if setup.cores is None else ["--cpu", str(setup.cores[which])]
-
-
-def _start(children: list[Child], name: str, arguments: list[str]) -> Child:
-    """Start a program in a session of its own: a terminal's Ctrl-C reaches only us."""
-    child = Child(
-        name,
-        subprocess.Popen(
-            [sys.executable, "-m", "hil.cli", *arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        ),
-    )
-    os.set_blocking(child.output.fileno(), False)
-    children.append(child)
-    return child
-
-
-def _wait_for(child: Child, start: str, other: Child | None = None) -> str:
-    """Return the first line of ``child`` that begins with ``start``.
-
-    Raises:
-        CanrollError: it, or ``other``, has ended instead, or it takes too long to start.
-    """
-    until = time.monotonic() + START
-    with selectors.DefaultSelector() as selector:
-        selector.register(child.output, selectors.EVENT_READ)
-        while True:
-            # asked before its last words are taken in, so that they are not missed
-            ended = [c for c in (child, other) if c is not None and c.running.poll() is not None]
-            if line := child.line(start):
-                return line
-            if ended:
-                raise CanrollError(f"{ended[0].name}: {ended[0].last_words()}")
-            if other is None and time.monotonic() > until:
-                raise CanrollError(f"{child.name}: not ready within {START:g} s")
-            selector.select(0.1)
-
-
-def _stop(children: list[Child]) -> None:
-    """End what still runs: the ECU first, so that the plant still hears its last command."""
-    for child in reversed(children):
-        child.ask_to_stop()
-        try:
-            child.running.wait(GRACE)
-        except subprocess.TimeoutExpired:
-            child.running.kill()
-            child.running.wait()
-        child.output.close()
-        child.errors.close()
 
 
 def assemble(

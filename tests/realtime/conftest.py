@@ -25,6 +25,11 @@ class Clock:
         self.sleeps += 1
 
 
+@pytest.fixture(scope="session")
+def make_clock():
+    return Clock
+
+
 @pytest.fixture
 def clock(monkeypatch):
     clock = Clock()

@@ -159,8 +159,15 @@ class WorldBus:
         pass
 
 
-@pytest.fixture
-def against_world(clock):
+@pytest.fixture(scope="module")
+def against_world(make_clock):
+    clock = make_clock()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ecu_loop, "time", clock)
+        return drive_world(clock)
+
+
+def drive_world(clock):
     settings, controller = plan("double_lane_change", law="lqr")
     world = build_world(settings, enabled=True)
     bus = WorldBus(world, clock)
