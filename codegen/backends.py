@@ -93,8 +93,14 @@ class NativeEcu:
         buffer = self._library.ffi.from_buffer
         self._ecu = buffer("uint8_t[]", self.ecu, require_writable=True)
         self._cal = buffer("uint8_t[]", self.calibration)
-        self._pending = self.ecu["tx_pending"][0]
-        self._payload = self.ecu["tx_payload"][0]
+        places = layout.dtype(Ecu).fields
+        assert places is not None
+        view = self.ecu.view(np.uint8).data
+        first, slots = places["tx_pending"][1], len(TX_IDS)
+        self._pending = view[first : first + slots]
+        first = places["tx_payload"][1]
+        self._payload = view[first : first + 8 * slots]
+        self._none = bytes(slots)
         self._copy = Ecu()
 
     @property
@@ -125,12 +131,14 @@ class NativeEcu:
     def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
         """Run one tick and return the frames to send, in order."""
         self._library.lib.canroll_step(self._ecu, self._cal, elapsed_ticks)
-        if not self._pending.any():
+        if self._pending == self._none:
             return []
         frames = []
-        for slot in np.flatnonzero(self._pending).tolist():
-            frames.append((TX_IDS[slot], self._payload[slot].tobytes()[: TX_LENGTHS[slot]]))
-            self._pending[slot] = 0
+        for slot, pending in enumerate(self._pending):
+            if pending:
+                payload = self._payload[8 * slot : 8 * slot + TX_LENGTHS[slot]]
+                frames.append((TX_IDS[slot], payload.tobytes()))
+        self._pending[:] = self._none
         return frames
 
 

@@ -56,10 +56,16 @@ static inline int32_t canroll_sat32(int64_t v)
     return canroll_clamp(v, INT32_MIN, INT32_MAX);
 }
 
-/* v / 2^n rounded to nearest, halves upwards; 1 <= n <= 62. */
+/* v / 2^n rounded to nearest, halves upwards, for a constant n; 1 <= n <= 62. */
 static inline int64_t canroll_rsh(int64_t v, int32_t n)
 {
     return (v + ((int64_t)1 << (n - 1))) >> n;
+}
+
+/* The same for an n that the compiler doesn't know: one long shift instead of two. */
+static inline int64_t canroll_rsh_by(int64_t v, int32_t n)
+{
+    return ((v >> (n - 1)) + 1) >> 1;
 }
 
 /* v / 2^n rounded to nearest, halves upwards, where v has 32 bits and room for the rounding. */

@@ -609,7 +609,9 @@ class _Body:
             half = 1 << (max(a[1].value.hi, 1) - 1)
             short = fits(Value(a[0].value.lo, a[0].value.hi + half), "i32") and not a[0].wide
             count = self.stored(node, a[1], "i32")
-            text = f"canroll_rsh{'32' if short else ''}({a[0].text}, {count})"
+            known = a[1].kind == "literal"
+            variant = "32" if short else ("" if known else "_by")
+            text = f"canroll_rsh{variant}({a[0].text}, {count})"
             return Expression(text, PRIMARY, "i32" if short else "i64", seen)
         bounds = [self.stored(node, bound, "i32") for bound in a[1:]]
         short = name == "clamp" and not a[0].wide

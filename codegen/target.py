@@ -42,8 +42,8 @@ ECU, CALIBRATION, PAYLOAD, STACK_TOP, STACK, RETURN = (
 )
 PAINT = b"\xa5"
 SLOT = {ident: slot for slot, ident in enumerate(RX_IDS) if ident}
-GCC_FLAGS = ["-std=gnu99", "-mthumb", "-mfloat-abi=soft", "-ffreestanding", "-O2", "-g"]
-GCC_FLAGS += ["-ffunction-sections", "-fdata-sections", "-Wall", "-Wextra"]
+GCC_FLAGS = ["-std=gnu99", "-mthumb", "-mfloat-abi=soft", "-ffreestanding", "-O2", "-fpeel-loops"]
+GCC_FLAGS += ["-g", "-ffunction-sections", "-fdata-sections", "-Wall", "-Wextra"]
 
 
 @dataclass(frozen=True, slots=True)
