@@ -7,6 +7,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import can
+
 from canroll.errors import CanrollError
 from hil.commands.run import add_run_options, run_keywords
 from hil.realtime.link import add_bus_arguments, has_bus
@@ -48,19 +50,25 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def bus_options(args: argparse.Namespace) -> list[str]:
-    """Return python-can's options as they were given, for the programs that open the bus.
+    """Return python-can's options for the programs that open the bus; none: the plant's own.
+
+    What the options leave open comes from python-can's configuration (can.rc, environment).
 
     Raises:
         CanrollError: an interface that only one process can see.
     """
     if not has_bus(args):
         return []
-    if getattr(args, "interface", "") == "virtual":
-        raise CanrollError("-i virtual stays inside one process: leave -i out for the plant's bus")
+    configured = {} if "interface" in args else can.util.load_config()
     options = []
     for name in ("interface", "channel", "bitrate", "data_bitrate"):
-        if name in args:
-            options += [f"--{name.replace('_', '-')}", str(getattr(args, name))]
+        value = getattr(args, name, configured.get(name))
+        if value == "virtual":
+            raise CanrollError(
+                "-i virtual stays inside one process: leave -i out for the plant's bus"
+            )
+        if value is not None:
+            options += [f"--{name.replace('_', '-')}", str(value)]
     if getattr(args, "fd", False):
         options.append("--fd")
     if "bus_kwargs" in args:

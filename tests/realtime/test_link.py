@@ -10,6 +10,7 @@ import pytest
 
 from canroll.errors import CanrollError
 from hil.cli import main
+from hil.commands.hil import bus_options
 from hil.realtime import link, own_bus
 
 
@@ -155,6 +156,16 @@ def test_a_server_that_is_not_there(capsys):
     error = capsys.readouterr().err
     assert "canroll plant" in error
     assert error.count("\n") == 1
+
+
+def test_both_programs_get_the_bus_that_was_asked_for(monkeypatch):
+    given = options(interface="socketcand", channel="c", bus_kwargs={"host": "h", "port": 7})
+    expected = ["--interface", "socketcand", "--channel", "c", "--bus-kwargs", "host=h", "port=7"]
+    assert bus_options(given) == expected
+    assert bus_options(options()) == []
+    monkeypatch.setenv("CAN_INTERFACE", "socketcan")
+    monkeypatch.setenv("CAN_CHANNEL", "vcan3")
+    assert bus_options(options()) == ["--interface", "socketcan", "--channel", "vcan3"]
 
 
 def test_a_taken_address_is_refused():
