@@ -20,6 +20,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add_run_options(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
     parser.add_argument("--log", type=Path, metavar="FILE", help="bus log: .asc .blf .log .mf4")
+    parser.add_argument("--signals", type=Path, metavar="FILE", help="signals: .csv .mf4")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for report, log, header (default: out)"
     )
@@ -118,16 +119,17 @@ def maneuver_options(texts: list[str]) -> dict[str, str] | None:
 
 def run(args: argparse.Namespace) -> int:
     """Run, report and write; 0 whatever the verdict, which is part of the answer."""
-    from hil import experiment, terminal  # noqa: PLC0415 - loads compiled kernels
+    from hil import experiment, signals, terminal  # noqa: PLC0415 - loads compiled kernels
     from hil.files import usable_folder, write_files  # noqa: PLC0415
     from hil.logs import check_suffix, write_log  # noqa: PLC0415
     from hil.virtual import Interrupted  # noqa: PLC0415
 
     out = args.out or (None if args.json else DEFAULT_OUT)
-    if args.log is not None:
-        usable_folder(check_suffix(args.log).parent)
-        if args.log.is_dir():
-            raise CanrollError(f"cannot write {args.log}: it is a folder")
+    for path, check in ((args.log, check_suffix), (args.signals, signals.check_suffix)):
+        if path is not None:
+            usable_folder(check(path).parent)
+            if path.is_dir():
+                raise CanrollError(f"cannot write {path}: it is a folder")
     if out is not None:
         usable_folder(out)
     try:
@@ -144,10 +146,13 @@ def run(args: argparse.Namespace) -> int:
         if out is not None:
             write_log(out / "bus.asc", stopped.trace.frames)
         raise
+    seen = result.passive if result.controlled is None else result.controlled
+    files = {}
     if args.log is not None:
-        seen = result.passive if result.controlled is None else result.controlled
-        write_log(args.log, seen.frames)
-        result = experiment.with_files(result, {"bus log": str(args.log)})
+        files["bus log"] = str(write_log(args.log, seen.frames))
+    if args.signals is not None:
+        files["signals"] = str(signals.write_signals(args.signals, seen))
+    result = experiment.with_files(result, files)
     if out is not None:
         result = write_files(result, out)
     if args.json:

@@ -254,6 +254,8 @@ def test_files_of_a_run(tmp_path, capsys):
         (["double_lane_change", "--seed", "-1"], "seed -1"),
         (["double_lane_change", "--seed", "x"], "--seed"),
         (["double_lane_change", "--log", "bus.txt"], ".asc, .blf, .log"),
+        (["double_lane_change", "--signals", "x.txt"], ".csv, .mf4"),
+        (["double_lane_change", "--heartbeat", "200"], "--heartbeat 200"),
         (["double_lane_change", "--out", "/proc/nowhere"], "cannot write to /proc/nowhere"),
         (["double_lane_change", "--calibration", "none.toml"], "none.toml"),
         (["double_lane_change", "--calibration", "x.toml", "--law", "lqr"], "leave --law out"),
