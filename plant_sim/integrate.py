@@ -17,7 +17,6 @@ def rk4(derivative: Callable[..., None]) -> Callable[..., None]:
     once a body, because numba cannot cache a caller that passes jitted functions around.
     """
 
-    @njit
     def advance(state: Vector, inputs: Vector, parameters: Vector, dt: float) -> None:
         n = state.size
         work = np.empty((3, n))
@@ -38,4 +37,8 @@ def rk4(derivative: Callable[..., None]) -> Callable[..., None]:
         for i in range(n):
             state[i] += dt / 6.0 * (total[i] + rate[i])
 
-    return advance
+    # Machine code that different processes cached is linked by name: two bodies' steps of one name
+    # would call each other.
+    owner = derivative.__module__.rpartition(".")[2]
+    advance.__name__ = advance.__qualname__ = f"advance_{owner}"
+    return njit(advance)

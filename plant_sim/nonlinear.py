@@ -62,8 +62,11 @@ HOP, HOP_RATE, SPIN, SLIP = 12, 16, 20, 24
 LIFTED_TIME, ROLLED_OVER = 28, 29
 N_STATES = 30
 
-SLOWEST = 2.0
+SLOWEST = 4.0
 """Speed (m/s) below which slips are no longer referred to the wheel's own speed."""
+
+SLOWEST_ROLLING = 8.0
+"""Speed (m/s) below which slip builds up no more slowly: a car that stops must not rock on."""
 
 ROLLOVER_ANGLE = 0.6
 """Roll angle (rad) beyond which no car comes back."""
@@ -135,7 +138,8 @@ def evaluate(state: Vector, inputs: Vector, p: Vector, rate: Vector, results: Ve
             linear_x, stiffness * state[SLIP + wheel], grip * load, p[P_SHAPE], p[P_CURVATURE]
         )
         steady = -across / reference
-        rate[SLIP + wheel] = reference / p[P_RELAXATION] * (steady - state[SLIP + wheel])
+        rolling = max(abs(along), SLOWEST_ROLLING)
+        rate[SLIP + wheel] = rolling / p[P_RELAXATION] * (steady - state[SLIP + wheel])
 
         towards = spin / max(abs(spin), 1.0)
         brake = inputs[ports.BRAKE_FORCE + wheel] * towards

@@ -224,6 +224,14 @@ def test_brakes_stop_the_car_nose_down():
     assert front > 2720 * 9.81 * 1.91 / 3.66
 
 
+def test_a_car_that_slid_to_a_stop_comes_to_rest():
+    car = Car(vehicles.load("van_real"), 8.0, STEER=-0.15)
+    car.inputs[ports.BRAKE_FORCE : ports.BRAKE_FORCE + 4] = 4000.0
+    outputs = car.run(4.0)
+    assert abs(outputs[ports.VX]) < 0.1 and abs(outputs[ports.YAW_RATE]) < 0.02
+    assert abs(outputs[ports.ROLL_RATE]) < 0.01
+
+
 def test_tyre_is_linear_when_small_and_round_when_large():
     assert tyre.forces(10.0, 20.0, 5000.0, 1.4, -0.5) == pytest.approx((10.0, 20.0), rel=1e-3)
     x, y = tyre.forces(30000.0, 40000.0, 5000.0, 1.4, -0.5)

@@ -1,0 +1,36 @@
+"""Machine code cached by several processes, one body each, must work together in one more."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+TOGETHER = """
+import numpy as np, vehicles
+from plant_sim import bodies, maneuvers, ports, simulate
+van = vehicles.load("van_real")
+for body in bodies.BODIES.values():
+    run = maneuvers.build("roundabout", van)
+    outputs, _ = simulate.run_passive(van, body, run)
+    print(f"{np.abs(outputs[:, ports.ROLL]).max():.9f}")
+"""
+
+
+@pytest.mark.slow
+def test_bodies_compiled_by_different_processes_do_not_call_each_other(tmp_path):
+    def run(program, cache):
+        environment = os.environ | {"XDG_CACHE_HOME": str(cache)}
+        done = subprocess.run(
+            [sys.executable, "-c", program],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    for body in ("roll1", "fullcar", "nonlinear"):
+        run(f"import plant_sim.{body}", tmp_path / "pieces")
+    assert run(TOGETHER, tmp_path / "pieces") == run(TOGETHER, tmp_path / "whole")
