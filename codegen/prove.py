@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 from codegen.interpret import Finding, Interpreter
 from codegen.intervals import Value, hull
-from codegen.program import Function, Program, load
+from codegen.parse import load
+from codegen.program import Function, Program
 
 ENTRIES = ("init", "receive", "tick")
 CHECK = ("check", "check")

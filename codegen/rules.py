@@ -9,7 +9,7 @@ import ast
 import re
 from collections.abc import Callable
 
-from codegen.interpret import writers
+from codegen.effects import writers
 from codegen.program import (
     CONST_RECORD,
     INTRINSICS,

@@ -11,7 +11,8 @@ from canroll.errors import CanrollError
 from codegen import intervals as iv
 from codegen import layout, vectors
 from codegen.intervals import Value
-from codegen.program import FIRMWARE, load
+from codegen.parse import load
+from codegen.program import FIRMWARE
 from codegen.prove import prove
 from firmware import subset
 from firmware.calibration import Calibration
