@@ -109,13 +109,9 @@ def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:
     if ecu.age[message] > patience:
         late = 1
     trouble(ecu, message, late)
-    repeated: i32 = ecu.unchanged[message]
     # a message that is slower than the limit is not stuck between two of its frames
-    if (
-        repeated > cal.stuck_ticks
-        and repeated > cal.timeout_ticks[message]
-        and (late | waiting) == 0
-    ):
+    limit: i32 = clamp(cal.stuck_ticks, cal.timeout_ticks[message], AGE_MAX)
+    if ecu.unchanged[message] > limit and (late | waiting) == 0:
         ecu.stuck = 1
         late = 1
     return late | waiting

@@ -8,7 +8,7 @@ import pytest
 import rig
 from scipy.linalg import expm
 
-from firmware.identification import adapt_model
+from firmware.identification import adapt_model, learn
 from firmware.state import ACTIVE
 
 RATIO = 2.0**-28
@@ -142,3 +142,23 @@ def test_other_ticks_identify_as_well():
     bench = rig.Bench(rig.calibration(tick=0.005, identification=1), plant)
     found = identified(bench, 18.0, rig.lane_change)
     np.testing.assert_allclose(found, (1.2, 0.8), rtol=0.01)
+
+
+def test_each_step_is_the_textbook_recursion():
+    """Ljung's recursive least squares with forgetting, in float64, on random regressors."""
+    cal = rig.calibration(identification=1)
+    ecu = rig.started(cal)
+    rng = np.random.default_rng(5)
+    theta, p = np.ones(2), np.diag([8.0, 8.0])
+    for _ in range(200):
+        f = np.round(rng.normal(size=2) * [0.8, 0.4] * 2**20) / 2**20
+        y = np.round((f @ [1.2, 0.8] + 0.01 * rng.normal()) * 2**20) / 2**20
+        learn(ecu, cal, round(f[0] * 2**20), round(f[1] * 2**20), round(y * 2**20))
+        gain = p @ f / (0.998 + f @ p @ f)
+        theta = theta + gain * (y - f @ theta)
+        p = p - np.outer(gain, f @ p)
+        if np.trace(p) < 20.0:
+            p /= 0.998
+        np.testing.assert_allclose(np.array(ecu.theta) * RATIO, theta, atol=2e-3)
+        ours = np.array(ecu.rls_covariance) / 2**20
+        np.testing.assert_allclose(ours, [p[0, 0], p[0, 1], p[1, 1]], rtol=0.02, atol=2e-4)

@@ -602,3 +602,15 @@ def test_a_slow_message_is_not_stuck_between_its_frames():
     bench.run(0.5)
     assert bench.ecu.mode == ACTIVE
     assert bench.ecu.trouble_latched == 0
+
+
+def test_init_empties_both_sides_of_every_mailbox():
+    bench = busy(rig.Bench(rig.calibration()))
+    for side in (0, 1):
+        bench.ecu.rx_side = [side] * 6
+        for message in range(6):
+            loop.receive(bench.ecu, message, [1] * 8, 8)
+    assert bench.ecu.rx_fresh == [1] * 12
+    loop.init(bench.ecu, bench.cal)
+    assert bench.ecu.rx_fresh == [0] * 12
+    assert bench.ecu.rx_payload == [[0] * 8] * 12
