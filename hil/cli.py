@@ -30,7 +30,6 @@ COMMANDS = {
     "prove": "prove the loop free of overflow for every accepted calibration",
     "reproduce": "recompute the tables of the four papers",
     "campaign": "Monte Carlo over parameters, noise, delays and faults",
-    "report": "make the report page of a saved run again",
 }
 """Every subcommand and its line of help; the code is in ``hil.commands``, loaded when asked for."""
 

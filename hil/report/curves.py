@@ -19,7 +19,7 @@ from hil.report.figure import (
     histogram,
 )
 from hil.trace import Trace
-from plant_sim.recording import WHEELS
+from plant_sim.recording import AXLES, WHEELS
 
 PASSIVE_COLOUR = 0
 LOAD_WINDOW = 0.1
@@ -124,16 +124,16 @@ def _wheels(run: Shown, prefix: str) -> list[Series]:
 
 
 def _forces(run: Shown, more: str, suffix: str) -> Figure:
-    curves = _wheels(run, "corner_force")
-    return Figure(
-        f"forces{suffix}",
-        f"Actuator forces{more}",
-        "time (s)",
-        "N",
-        curves,
-        unit="s",
-        group="control",
-    )
+    """What the actuators put on the body: a force a corner, or of bars a moment an axle."""
+    curves, title, unit = _wheels(run, "corner_force"), f"Actuator forces{more}", "N"
+    if not any(np.any(curve.y) for curve in curves):
+        signals = run.trace.signals
+        curves = [
+            Series(f"{axle} axle", signals["time"], signals[f"moment_{axle}"], colour, dash)
+            for axle, colour, dash in zip(AXLES, (1, 2), (SOLID, DASHED), strict=True)
+        ]
+        title, unit = f"Moments of the bars{more}", "N·m"
+    return Figure(f"forces{suffix}", title, "time (s)", unit, curves, unit="s", group="control")
 
 
 def _loads(run: Shown, more: str, suffix: str) -> Figure:

@@ -123,7 +123,7 @@ def render(page: Page) -> str:
     """Return the page as one HTML document that needs nothing else, not even a network."""
     assets = files("hil.report")
     style = (assets / "page.css").read_text(encoding="utf-8")
-    names = ("plot.js", "playback.js", "page.js")
+    names = ("base.js", "plot.js", "playback.js", "page.js")
     scripts = [(assets / name).read_text(encoding="utf-8") for name in names]
     data = {"figures": [figure.data() for figure in page.figures], "playback": page.playback}
     mark = {True: "good", False: "bad", None: "none"}[page.verdict.good]

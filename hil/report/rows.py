@@ -40,7 +40,8 @@ def change(after: float, before: float) -> Cell:
     """Return the relative change in percent, or nothing where there is nothing to compare with."""
     if before == 0:
         return NOTHING
-    return Cell(f"{100 * (after / before - 1):+.0f} %".replace("-", "−"))
+    percent = round(100 * (after / before - 1))
+    return Cell(f"{percent:+d} %".replace("-", "−") if percent else "0 %")
 
 
 def metric_rows(result: Result) -> list[Row]:

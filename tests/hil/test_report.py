@@ -1,6 +1,7 @@
 """The report page, as a browser without a network sees it."""
 
 import base64
+import html
 import json
 import re
 import shutil
@@ -41,12 +42,47 @@ def page(result):
     return run_page(result)
 
 
+USE = """<script>
+SVGElement.prototype.setPointerCapture = () => {};
+const found = {};
+const figure = document.getElementById("figure-roll");
+const svg = figure.querySelector(":scope > svg");
+const at = (type, share) => {
+  const box = svg.getBoundingClientRect();
+  const x = box.left + box.width * share;
+  const event = { clientX: x, clientY: box.top + 40, pointerId: 1, bubbles: true };
+  svg.dispatchEvent(new PointerEvent(type, event));
+};
+at("pointermove", 0.5);
+found.tip = figure.querySelector(".tip").textContent;
+found.clock = document.querySelector(".controls span").textContent;
+found.all = Number(figure.dataset.points);
+at("pointerdown", 0.4);
+at("pointermove", 0.6);
+at("pointerup", 0.6);
+found.zoomed = figure.classList.contains("zoomed");
+found.linked = document.getElementById("figure-moment").classList.contains("zoomed");
+found.apart = document.getElementById("figure-path").classList.contains("zoomed");
+found.part = Number(figure.dataset.points);
+svg.dispatchEvent(new MouseEvent("dblclick"));
+found.reset = !figure.classList.contains("zoomed");
+figure.querySelector(".legend button").click();
+found.fewer = Number(figure.dataset.points);
+document.querySelector(".controls button").click();
+found.playing = document.querySelector(".controls button").textContent;
+document.body.dataset.found = JSON.stringify(found);
+</script></body>"""
+
+
 @pytest.fixture(scope="module")
 def browser(page, tmp_path_factory):
     """Return the page's document after its scripts ran, and what the console said."""
+    return load(page, tmp_path_factory.mktemp("page"))
+
+
+def load(page, folder):
     if CHROMIUM is None:
         pytest.skip("needs chromium")
-    folder = tmp_path_factory.mktemp("page")
     (folder / "report.html").write_text(page, encoding="utf-8")
     profile = f"--user-data-dir={folder / 'profile'}"
     process = subprocess.run(
@@ -132,6 +168,21 @@ def test_every_plot_is_drawn(browser):
     assert set(drawn) == expected
     assert all(int(count) > 0 for count in drawn.values()), drawn
     assert int(drawn["roll"]) > 400
+
+
+def test_plots_can_be_used(page, tmp_path):
+    document, console = load(page.replace("</body>", USE), tmp_path)
+    assert not [line for line in console.splitlines() if "CONSOLE" in line]
+    text = re.search(r'data-found="(.*?)"', document).group(1)
+    found = json.loads(html.unescape(text))
+    assert "without control: " in found["tip"] and "with control: " in found["tip"]
+    # the playback follows the cursor
+    assert found["tip"].startswith(found["clock"].split()[0][:3])
+    assert found["zoomed"] and found["linked"] and not found["apart"]
+    assert 0 < found["part"] < found["all"]
+    assert found["reset"]
+    assert 0 < found["fewer"] < found["all"]
+    assert "pause" in found["playing"]
 
 
 def test_the_playback_shows_the_largest_roll_angle_first(browser, result):
