@@ -1,9 +1,12 @@
 """Numba decorators with one cache that is keyed by the source it was compiled from.
 
 Numba's own cache only watches the file of the outermost function, so a changed callee would go
-on running as it was. The cache folder is named by a hash of the whole package instead.
+on running as it was. The cache folder is named by a hash of the whole package instead. And it
+names entries by counting them, so that two processes that compile at the same time could give one
+name to two functions: saving takes a lock.
 """
 
+import fcntl
 import hashlib
 import os
 import tempfile
@@ -12,6 +15,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core.caching import IndexDataCacheFile
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -30,7 +34,18 @@ def _cache_folder() -> Path:
     return folder
 
 
-numba.config.CACHE_DIR = str(_cache_folder())
+FOLDER = _cache_folder()
+numba.config.CACHE_DIR = str(FOLDER)
+_save_unlocked = IndexDataCacheFile.save
+
+
+def _save(entry: Any, key: Any, data: Any) -> None:  # noqa: ANN401
+    with open(FOLDER / "lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        _save_unlocked(entry, key, data)
+
+
+IndexDataCacheFile.save = _save
 
 
 def njit(function: Function) -> Function:
