@@ -1,0 +1,39 @@
+#!/usr/bin/env bash
+# The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
+#   scripts/long.sh [NAME ...]     differential mutation benchmarks contract reproduce
+set -euo pipefail
+cd "$(dirname "$0")/.."
+scripts/setup-venv dev
+mkdir -p docs/evidence
+export PATH="$PWD/.venv/bin:$PATH"
+
+keep() {   # NAME COMMAND...: run, and keep what it prints
+    local name=$1
+    shift
+    echo "long: $*" >&2
+    {
+        echo "commit   $(git rev-parse --short HEAD)$(git diff --quiet || echo ' with changes')"
+        echo "machine  $(nproc) cores, $(uname -m)"
+        echo "command  $*"
+        echo
+        "$@" 2>&1
+    } >"docs/evidence/$name.txt.part" || echo "exit code $?" >>"docs/evidence/$name.txt.part"
+    mv "docs/evidence/$name.txt.part" "docs/evidence/$name.txt"
+}
+
+for name in "${@:-differential mutation benchmarks contract reproduce}"; do
+    for part in $name; do
+        case $part in
+            differential) keep differential python -m codegen.differential --ticks 1000000 --cortex cortex-m4 ;;
+            mutation) keep mutation python -m codegen.mutate ;;
+            benchmarks)
+                for bench in benchmarks/bench_*.py; do
+                    keep "$(basename "$bench" .py)" python "$bench"
+                done ;;
+            contract)
+                keep contract canroll design --compare --over-bus 500k --vehicle van_real --runs 200 ;;
+            reproduce) keep reproduce canroll reproduce ;;
+            *) echo "long: unknown part '$part'" >&2; exit 2 ;;
+        esac
+    done
+done
