@@ -139,20 +139,20 @@ def storm(cal: Calibration, seed: int, ticks: int) -> set[int]:
     return modes
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32))
 def test_any_accepted_calibration_in_any_weather(seed):
     storm(random_calibration(seed), seed, 25)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32))
 def test_sensible_calibrations_in_any_weather(seed):
     base = rig.calibration(identification=1, offset_learning=1, event_trigger=1)
     storm(random_calibration(seed, base), seed, 40)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(st.integers(0, 2**32))
 def test_one_tick_from_any_state(seed):
     rng = random.Random(seed)

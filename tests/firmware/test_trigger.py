@@ -20,7 +20,7 @@ RULE = {
 moments = st.floats(-60000.0, 60000.0)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 @given(moments, moments, moments, moments)
 def test_the_rule_compares_with_what_was_sent(u0, u1, s0, s1):
     ecu = rig.started(rig.calibration(**RULE))
