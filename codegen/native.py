@@ -102,6 +102,7 @@ static int64_t canroll_replay(
                 states += sizeof(canroll_ecu);
             }
         }
+        taken = rx_end[e];
         tx_end[e] = sent;
     }
     return sent;

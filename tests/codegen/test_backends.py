@@ -49,7 +49,7 @@ def compare(seed, ticks, hostile=0.15):
 @needs_cc
 def test_native_is_python_on_hostile_traffic():
     modes, laws, observers, actuators = set(), set(), set(), set()
-    for seed in range(24):
+    for seed in range(16):
         found, calibration = compare(seed, 25, hostile=0.02 if seed % 2 else 0.15)
         modes |= found
         laws.add(calibration.law)

@@ -103,6 +103,7 @@ def test_the_same_vectors_pass_on_a_bare_cortex_m(folder):
     assert base["ecu"] >= 0x20000000 > base["calibration"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("cmake"), reason="needs cmake")
 def test_cmake_builds_it_too(folder, tmp_path):
     for command in (
