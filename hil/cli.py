@@ -112,6 +112,9 @@ def dispatch(arguments: Sequence[str]) -> int:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run ``canroll`` with ``arguments`` (the process's own by default); return the exit code."""
+    # Designs are many operations on small matrices: threads only wait for each other there, and
+    # their number must not decide how a sum is rounded.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     try:
         return dispatch(sys.argv[1:] if arguments is None else arguments)
     except CanrollError as error:

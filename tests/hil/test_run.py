@@ -2,6 +2,7 @@
 
 import itertools
 import json
+from collections import deque
 
 import can
 import cantools
@@ -11,7 +12,7 @@ import pytest
 
 import dbc
 from codegen.backends import PythonEcu
-from hil import experiment
+from hil import controller, experiment
 from hil.cli import main
 from hil.logs import write_log
 from plant_sim import sensor_setup
@@ -213,6 +214,20 @@ def test_python_and_native_give_the_same_frames():
     ]
     assert identities(runs[0].controlled.frames) == identities(runs[1].controlled.frames)
     assert np.array_equal(runs[0].controlled.ticks, runs[1].controlled.ticks)
+
+
+def test_an_equal_task_is_designed_once(monkeypatch):
+    tasks = []
+    original = controller.design
+    monkeypatch.setattr(controller, "RECENT", deque(maxlen=32))
+    monkeypatch.setattr(
+        controller, "design", lambda law, task: tasks.append(task) or original(law, task)
+    )
+    same = [experiment.plan("double_lane_change", law="lqr", speed_kmh=v)[1] for v in (70, 80)]
+    other = experiment.plan("double_lane_change", law="lqr", bus="125k_busy")[1]
+    assert len(tasks) == 2
+    assert same[0].record.id == same[1].record.id
+    assert other.tables["design"]["delay_max_s"] != same[0].tables["design"]["delay_max_s"]
 
 
 def test_options_of_the_manoeuvre_reach_it():
