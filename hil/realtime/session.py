@@ -1,5 +1,6 @@
 """A run in real time: plant and ECU started as two programs, watched, stopped and put together."""
 
+import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,7 +79,8 @@ def drive(
         ecu.ask_to_stop()
         for child in children:
             child.running.wait()
-            if child.running.returncode:
+            # an ECU that had ended by itself, its files written, dies of being asked to
+            if child.running.returncode not in (0, -signal.SIGTERM):
                 raise CanrollError(f"{child.name}: {child.last_words()}")
     except KeyboardInterrupt:
         # the ECU ends first, so that the plant still hears its last command

@@ -106,11 +106,13 @@ def latencies(
         sampled.setdefault(entry["payload"][:8].tobytes(), []).append(instants)
     ages = []
     for command in commands:
+        # counters come round: of the ticks that sent this one, the nearest in time is meant
+        candidates = np.flatnonzero(sent["counter"] == command["counter"])
+        if not len(candidates):
+            continue
         t_submitted = int(command["t_submitted"]) + start_ns
-        last = int(np.searchsorted(sent["t_ns"], t_submitted, side="right")) - 1
-        while last >= 0 and sent["counter"][last] != command["counter"]:
-            last -= 1
-        if last < 0 or not read[last]:
+        last = int(candidates[np.argmin(np.abs(sent["t_ns"][candidates] - t_submitted))])
+        if not read[last]:
             continue
         before = int(sent["t_ns"][last]) - start_ns
         known = [sample for received, sample in sampled.get(read[last], []) if received <= before]

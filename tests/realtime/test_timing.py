@@ -107,6 +107,22 @@ def test_latency_counts_from_the_sample_that_the_tick_had_read(calibration):
     assert ages.tolist() == [(14 - 3) * MS, (33 - 9) * MS]
 
 
+def test_a_command_is_told_from_the_one_a_round_of_the_counter_before(calibration):
+    """The plant's clock may be read just before the tick that sent the command started."""
+    samples = [bytes([k] * 8) for k in range(1, 33)]
+    ticks = [
+        (k * 50 * MS, [(0xA0, 0, samples[k]), (0x80, 1, command(k % 15))]) for k in range(1, 31)
+    ]
+    log = frames_log(
+        [(0xA0, 1, k * 50 * MS - 5 * MS, k * 50 * MS - 4 * MS, samples[k]) for k in range(1, 31)]
+    )
+    early = 1500 * MS - 20_000
+    commands = np.array([(-1, early, early + MS, 1502 * MS, 0)], dtype=COMMAND)
+    trace = tick_trace(calibration, ticks)
+    ages = timing.latencies(trace, commands, log, start_ns=0, sensor_latency_ns=0)
+    assert ages.tolist() == [7 * MS]
+
+
 def test_a_command_of_another_sender_has_no_latency(calibration):
     trace = tick_trace(calibration, [(10 * MS, [(0xA0, 0, bytes(8)), (0x80, 1, command(1))])])
     log = frames_log([(0xA0, 1, MS, 2 * MS, bytes(8))])

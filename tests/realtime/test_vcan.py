@@ -19,6 +19,10 @@ from hil.realtime import tick_trace
 ROOT = Path(__file__).parents[2]
 VCAN_VM = ROOT / "scripts" / "vcan-vm"
 
+ATTEMPTS = 5
+HELD_UP_US = 30_000
+"""Later than this, and the firmware has reason to take the Imu for silent."""
+
 pytestmark = pytest.mark.slow
 
 
@@ -28,7 +32,12 @@ def on_vcan(script, folder):
     if not here and (shutil.which("apt-get") is None or os.uname().machine != "x86_64"):
         pytest.skip("no vcan0, and scripts/vcan-vm needs Debian on x86_64")
     command = ["bash", "-euc", script]
-    environment = {**os.environ, "VCAN_VM_RW": str(folder), "PYTHON": sys.executable}
+    environment = {
+        **os.environ,
+        "VCAN_VM_RW": str(folder),
+        "VCAN_VM_PRIORITY": "20",
+        "PYTHON": sys.executable,
+    }
     return subprocess.run(
         command if here else [VCAN_VM, *command],
         env=environment,
@@ -42,13 +51,26 @@ def on_vcan(script, folder):
 
 @pytest.fixture(scope="module")
 def witnessed(tmp_path_factory):
-    """The double lane change in real time on vcan0: its answer, its folder, candump's log."""
+    """The double lane change in real time on vcan0: its answer, its folder, candump's log.
+
+    A run that the machine itself held up, by its own account, is made again.
+    """
     if shutil.which("candump") is None:
         pytest.skip("needs can-utils: apt-get install can-utils")
-    folder = tmp_path_factory.mktemp("vcan")
+    for _ in range(ATTEMPTS):
+        answer, folder = witnessed_once(tmp_path_factory.mktemp("vcan"))
+        timing = answer["timing"]
+        loops = ("start_jitter_us", "tick_us", "plant_jitter_us", "plant_step_us")
+        worst = max(timing[name]["max"] for name in loops)
+        if worst < HELD_UP_US:
+            break
+    return answer, folder
+
+
+def witnessed_once(folder):
     script = f"""
         cd {folder}
-        candump -L vcan0 >dump.log & witness=$!
+        candump -r 4194304 -L vcan0 >dump.log & witness=$!
         "$PYTHON" -m hil.cli hil double_lane_change -i socketcan -c vcan0 --out out --json >hil.json
         sleep 0.5
         kill $witness
