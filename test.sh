@@ -6,4 +6,6 @@ scripts/setup-venv dev
 .venv/bin/ruff check .
 .venv/bin/ruff format --check .
 .venv/bin/mypy
+# small matrices: threads of the linear algebra only wait for one another
+export OPENBLAS_NUM_THREADS=1
 exec .venv/bin/pytest "$@"
