@@ -83,7 +83,8 @@ def main() -> int:
     done = 0
     for seed in range(arguments.seed, arguments.seed + -(-arguments.ticks // TICKS)):
         calibration = vectors.random_calibration(seed)
-        traffic = vectors.random_traffic(seed, TICKS)
+        # mild traffic keeps the loop running, harsh traffic keeps it in SAFE most of the time
+        traffic = vectors.random_traffic(seed, TICKS, hostile=0.15 if seed % 4 == 0 else 0.01)
         found = compare(calibration, traffic, arguments.cortex)
         if found is not None:
             print(f"seed {seed}: {found}")
