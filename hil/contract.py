@@ -216,6 +216,7 @@ def compare(
     bus: str = "500k",
     runs: int = 200,
     entries: Sequence[Entry] | None = None,
+    conditions: Mapping[str, Any] | None = None,
     progress: Report | None = None,
 ) -> Comparison:
     """Drive every law ``runs`` times and return the rows.
@@ -228,6 +229,7 @@ def compare(
         bus: profile.
         runs: seeds 0 to ``runs`` − 1, the same for every law; at least 2.
         entries: laws; by default all, with the printed gains on the vehicle that they are for.
+        conditions: further keywords of :func:`hil.experiment.plan` that hold for all laws.
         progress: called with the law's name and the share done.
 
     Raises:
@@ -237,7 +239,7 @@ def compare(
         raise CanrollError(f"--runs {runs}: paired intervals need at least 2")
     if entries is None:
         entries = (*ENTRIES, *(PRINTED if vehicle == "van_2021" else ()))
-    common: dict[str, Any] = {"vehicle": vehicle, "bus": bus}
+    common: dict[str, Any] = {"vehicle": vehicle, "bus": bus, **(conditions or {})}
     settings, controller = plan(scenario, **common, law=REFERENCE)
     column = FIGURES.index("moment_rms_nm")
     budget = float(
