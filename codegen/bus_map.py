@@ -26,7 +26,6 @@ RECEIVED = (
     "imu",
     "vehicle_motion",
     "suspension_rate",
-    "suspension_travel",
     "actuator_state",
     "roll_reference",
 )
@@ -35,16 +34,14 @@ SAMPLE_COUNTERS = {
     "imu": "imu_sample",
     "vehicle_motion": "motion_sample",
     "suspension_rate": "rate_sample",
-    "suspension_travel": "travel_sample",
     "actuator_state": "actuator_sample",
     "roll_reference": "reference_sample",
 }
 # The order is that of the bits of ecu.valid: the firmware asks for them by number.
 VALID_BITS = {
     "imu": ("roll_rate", "lateral_acceleration", "yaw_rate"),
-    "vehicle_motion": ("speed", "steering", "longitudinal_acceleration"),
+    "vehicle_motion": ("speed", "steering"),
     "suspension_rate": tuple(f"stroke_rate[{corner}]" for corner in range(4)),
-    "suspension_travel": tuple(f"travel[{corner}]" for corner in range(4)),
     "actuator_state": ("delivered[0]", "delivered[1]"),
     "roll_reference": ("reference_roll", "reference_rate", "reference_acceleration"),
 }

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from firmware import check, e2e
 from firmware.calibration import Calibration
 from firmware.signals import RX_DATA_IDS
+from firmware.state import RX_ACTUATOR_STATE
 from firmware.subset import fields
 
 EVENT = np.dtype([("tick", "<i4"), ("message", "<i4"), ("length", "<i4"), ("payload", "u1", (8,))])
@@ -129,7 +130,7 @@ def _signals(rng: np.random.Generator, word: int) -> int:
 
 def _payload(message: int, word: int, sample: int, counter: int) -> list[int]:
     bits = (int(sample) << 60) | (word << 12)
-    if message == 4:
+    if message == RX_ACTUATOR_STATE:
         bits = (bits & ~(0xF << 58)) | (int(sample) << 58)
     payload = list((bits & ((1 << 64) - 1)).to_bytes(8, "little"))
     e2e.protect(payload, RX_DATA_IDS[message], int(counter))

@@ -57,13 +57,10 @@ def init_inputs(ecu: Ecu) -> None:
     ecu.imu_sample = 0
     ecu.speed = 0
     ecu.steering = 0
-    ecu.longitudinal_acceleration = 0
     ecu.motion_sample = 0
     ecu.rate_sample = 0
-    ecu.travel_sample = 0
     for corner in range(4):
         ecu.stroke_rate[corner] = 0
-        ecu.travel[corner] = 0
         ecu.status[corner] = 0
     for axle in range(2):
         ecu.delivered[axle] = 0

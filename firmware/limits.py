@@ -33,16 +33,16 @@ def check_ranges(cal: Calibration) -> i32:
         return 9
     if outside(cal.e2e, 0, 1) == 1:
         return 10
-    for i in range(6):
+    for i in range(5):
         if outside(cal.timeout_ticks[i], 0, 100000) == 1:
             return 11
-    for i in range(6):
+    for i in range(5):
         if outside(cal.e2e_max_delta[i], 1, 14) == 1:
             return 12
-    for i in range(6):
+    for i in range(5):
         if outside(cal.e2e_max_repeated[i], 0, 14) == 1:
             return 13
-    for i in range(6):
+    for i in range(5):
         if outside(cal.e2e_sync[i], 0, 14) == 1:
             return 14
     if outside(cal.init_ticks, 1, 100000) == 1:

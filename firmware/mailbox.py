@@ -13,7 +13,6 @@ from firmware.state import (
     RX_ACTUATOR_STATE,
     RX_IMU,
     RX_SUSPENSION_RATE,
-    RX_SUSPENSION_TRAVEL,
     RX_VEHICLE_MOTION,
     Ecu,
 )
@@ -41,8 +40,6 @@ def sample_counter(ecu: Ecu, message: i32) -> u8:
         return ecu.motion_sample
     if message == RX_SUSPENSION_RATE:
         return ecu.rate_sample
-    if message == RX_SUSPENSION_TRAVEL:
-        return ecu.travel_sample
     if message == RX_ACTUATOR_STATE:
         return ecu.actuator_sample
     return ecu.reference_sample

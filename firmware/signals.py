@@ -11,7 +11,6 @@ from firmware.state import (
     RX_IMU,
     RX_ROLL_REFERENCE,
     RX_SUSPENSION_RATE,
-    RX_SUSPENSION_TRAVEL,
     RX_VEHICLE_MOTION,
     TX_ANTI_ROLL_BAR,
     TX_DAMPER,
@@ -24,9 +23,9 @@ from firmware.state import (
 from firmware.subset import byte, clamp, i32, rsh, u8
 
 # identifiers (bit 30: a 29-bit one; 0: the mailbox stays empty), lengths, E2E data ids
-RX_IDS: tuple[i32, ...] = (0xA0, 0xB0, 0xC0, 0xC8, 0xD0, 0xD8)
-RX_LENGTHS: tuple[u8, ...] = (8, 8, 8, 8, 8, 8)
-RX_DATA_IDS: tuple[i32, ...] = (3232, 3248, 3264, 3272, 3280, 3288)
+RX_IDS: tuple[i32, ...] = (0xA0, 0xB0, 0xC0, 0xD0, 0xD8)
+RX_LENGTHS: tuple[u8, ...] = (8, 8, 8, 8, 8)
+RX_DATA_IDS: tuple[i32, ...] = (3232, 3248, 3264, 3280, 3288)
 TX_IDS: tuple[i32, ...] = (0x80, 0x81, 0x82, 0x83, 0x300, 0x301)
 TX_LENGTHS: tuple[u8, ...] = (8, 8, 8, 8, 8, 8)
 TX_DATA_IDS: tuple[i32, ...] = (3200, 3201, 3202, 3203, 3840, 3841)
@@ -67,7 +66,6 @@ def unpack_vehicle_motion(ecu: Ecu, slot: i32) -> None:
     b3: u8 = ecu.rx_payload[slot][3]
     b4: u8 = ecu.rx_payload[slot][4]
     b5: u8 = ecu.rx_payload[slot][5]
-    b6: u8 = ecu.rx_payload[slot][6]
     b7: u8 = ecu.rx_payload[slot][7]
     valid: u8 = 0
     raw_vehicle_speed: i32 = (b1 >> 4) | (b2 << 4) | ((b3 & 15) << 12)
@@ -78,14 +76,6 @@ def unpack_vehicle_motion(ecu: Ecu, slot: i32) -> None:
     if raw_steering_wheel_angle < 32766:
         ecu.steering = clamp(rsh(raw_steering_wheel_angle * 959504903, 15), -1073741824, 1073741824)
         valid |= 2
-    raw_longitudinal_acceleration: i32 = (
-        ((b5 >> 4) | (b6 << 4) | ((b7 & 15) << 12)) ^ 32768
-    ) - 32768
-    if raw_longitudinal_acceleration < 32766:
-        ecu.longitudinal_acceleration = clamp(
-            rsh(raw_longitudinal_acceleration * 687194767, 15), -1073741824, 1073741824
-        )
-        valid |= 4
     ecu.motion_sample = b7 >> 4
     ecu.valid[RX_VEHICLE_MOTION] = valid
 
@@ -118,36 +108,6 @@ def unpack_suspension_rate(ecu: Ecu, slot: i32) -> None:
         valid |= 8
     ecu.rate_sample = b7 >> 4
     ecu.valid[RX_SUSPENSION_RATE] = valid
-
-
-def unpack_suspension_travel(ecu: Ecu, slot: i32) -> None:
-    """Take the signals of SuspensionTravel (0xC8) from mailbox ``slot``."""
-    b1: u8 = ecu.rx_payload[slot][1]
-    b2: u8 = ecu.rx_payload[slot][2]
-    b3: u8 = ecu.rx_payload[slot][3]
-    b4: u8 = ecu.rx_payload[slot][4]
-    b5: u8 = ecu.rx_payload[slot][5]
-    b6: u8 = ecu.rx_payload[slot][6]
-    b7: u8 = ecu.rx_payload[slot][7]
-    valid: u8 = 0
-    raw_travel_front_left: i32 = (((b1 >> 4) | (b2 << 4)) ^ 2048) - 2048
-    if raw_travel_front_left < 2046:
-        ecu.travel[0] = clamp(rsh(raw_travel_front_left * 879609302, 13), -536870912, 536870912)
-        valid = 1
-    raw_travel_front_right: i32 = ((b3 | ((b4 & 15) << 8)) ^ 2048) - 2048
-    if raw_travel_front_right < 2046:
-        ecu.travel[1] = clamp(rsh(raw_travel_front_right * 879609302, 13), -536870912, 536870912)
-        valid |= 2
-    raw_travel_rear_left: i32 = (((b4 >> 4) | (b5 << 4)) ^ 2048) - 2048
-    if raw_travel_rear_left < 2046:
-        ecu.travel[2] = clamp(rsh(raw_travel_rear_left * 879609302, 13), -536870912, 536870912)
-        valid |= 4
-    raw_travel_rear_right: i32 = ((b6 | ((b7 & 15) << 8)) ^ 2048) - 2048
-    if raw_travel_rear_right < 2046:
-        ecu.travel[3] = clamp(rsh(raw_travel_rear_right * 879609302, 13), -536870912, 536870912)
-        valid |= 8
-    ecu.travel_sample = b7 >> 4
-    ecu.valid[RX_SUSPENSION_TRAVEL] = valid
 
 
 def unpack_actuator_state(ecu: Ecu, slot: i32) -> None:
@@ -348,8 +308,6 @@ def unpack(ecu: Ecu, message: i32, slot: i32) -> None:
         unpack_vehicle_motion(ecu, slot)
     elif message == RX_SUSPENSION_RATE:
         unpack_suspension_rate(ecu, slot)
-    elif message == RX_SUSPENSION_TRAVEL:
-        unpack_suspension_travel(ecu, slot)
     elif message == RX_ACTUATOR_STATE:
         unpack_actuator_state(ecu, slot)
     elif message == RX_ROLL_REFERENCE:

@@ -34,9 +34,8 @@ SAFE = 3
 RX_IMU = 0
 RX_VEHICLE_MOTION = 1
 RX_SUSPENSION_RATE = 2
-RX_SUSPENSION_TRAVEL = 3
-RX_ACTUATOR_STATE = 4
-RX_ROLL_REFERENCE = 5
+RX_ACTUATOR_STATE = 3
+RX_ROLL_REFERENCE = 4
 
 # transmitted messages
 N_TX = 6
@@ -92,18 +91,11 @@ class Ecu:
     imu_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the Imu frame")]
     speed: Annotated[i32, F(0, 200 << Q_SPEED, Q_SPEED, "m/s", "vehicle speed")]
     steering: Annotated[i32, F(-STATE_MAX, STATE_MAX, 24, "rad", "steering-wheel angle")]
-    longitudinal_acceleration: Annotated[
-        i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "as received")
-    ]
     motion_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of VehicleMotion")]
     stroke_rate: Annotated[
         list[i32], 4, F(-STROKE_MAX, STROKE_MAX, Q_RATE, "m/s", "of each corner, extension +")
     ]
     rate_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of SuspensionRate")]
-    travel: Annotated[
-        list[i32], 4, F(-STROKE_MAX, STROKE_MAX, Q_ANGLE, "m", "of each corner, extension +")
-    ]
-    travel_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of SuspensionTravel")]
     delivered: Annotated[
         list[i32], 2, F(-STATE_MAX // 2, STATE_MAX // 2, Q_MOMENT, "N·m", "front, rear moment")
     ]

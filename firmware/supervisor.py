@@ -34,7 +34,7 @@ from firmware.state import (
 )
 from firmware.subset import byte, clamp, i32, i64, tdiv, u8
 
-# trouble codes; 0 to 5: no valid frame of message m in time
+# trouble codes; 0 to 4: no valid frame of message m in time; 5: free
 TROUBLE_ROLL_RATE = 6
 TROUBLE_ACCELERATION = 7
 TROUBLE_STUCK = 8

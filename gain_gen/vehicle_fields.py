@@ -5,13 +5,14 @@ from math import ceil
 import numpy as np
 
 from firmware import calibration as fw
+from firmware.state import RX_IMU, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE
 from gain_gen.design import Task
 from gain_gen.formats import quantise
 from vehicles import Vehicle
 from vehicles.model import SemiActiveDampers
 
-SENSOR_PERIODS = (0.01, 0.02, 0.01, 0.02, 0.01, 0.01)
-"""Imu, VehicleMotion, SuspensionRate, SuspensionTravel, ActuatorState, RollReference, s."""
+SENSOR_PERIODS = (0.01, 0.02, 0.01, 0.01, 0.01)
+"""Imu, VehicleMotion, SuspensionRate, ActuatorState, RollReference, s."""
 MISSED_SAMPLES = 5
 KMH = 1.0 / 3.6
 SCHEDULE_SPEEDS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0)
@@ -89,10 +90,10 @@ def _q(value: float, q: int) -> int:
 
 def _supervision(task: Task) -> dict[str, Value]:
     """Timeouts of five samples for what the configuration needs, E2E tolerance, ramps."""
-    needed = [True, True, False, False, True, False]
-    needed[2] = task.actuator == "dampers"
+    needed = [True, True, False, True, False]
+    needed[RX_SUSPENSION_RATE] = task.actuator == "dampers"
     if task.observer == "reference":
-        needed[0], needed[5] = False, True
+        needed[RX_IMU], needed[RX_ROLL_REFERENCE] = False, True
     samples = [max(period, task.tick) for period in SENSOR_PERIODS]
     timeouts = [
         ceil(MISSED_SAMPLES * sample / task.tick + task.delay.most / task.tick) if need else 0

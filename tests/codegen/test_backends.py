@@ -49,7 +49,8 @@ def compare(seed, ticks, hostile=0.15):
 @needs_cc
 def test_native_is_python_on_hostile_traffic():
     modes, laws, observers, actuators = set(), set(), set(), set()
-    for seed in range(16):
+    # few calibrations have valves, as few may: the last has
+    for seed in (*range(16), 55):
         found, calibration = compare(seed, 25, hostile=0.02 if seed % 2 else 0.15)
         modes |= found
         laws.add(calibration.law)

@@ -139,7 +139,7 @@ def test_a_users_own_bus_without_e2e(tmp_path):
     result = make(out, "test")
     assert result.returncode == 0, result.stderr + result.stdout
     source = (out / "src" / "canroll_signals.c").read_text()
-    assert "291, 0, 0, 0, 292, 0" in source
+    assert "291, 0, 0, 292, 0" in source
     readme = (out / "README.md").read_text()
     assert "| receive | 0 | 0x123 | Inertial" in readme
     assert "no end-to-end protection" in readme

@@ -231,8 +231,12 @@ def calibration(
     cal.tick_us = round(tick * 1e6)
     cal.observer, cal.measurements, cal.e2e = fw.CONSTANT_GAIN, 3, 1
     per = lambda seconds: round(seconds / tick)  # noqa: E731
-    cal.timeout_ticks = [per(0.05), per(0.1), 0, 0, per(0.05), 0]
-    cal.e2e_max_delta, cal.e2e_max_repeated, cal.e2e_sync = [3] * 6, [14] * 6, [1] * 6
+    cal.timeout_ticks = [per(0.05), per(0.1), 0, per(0.05), 0]
+    cal.e2e_max_delta, cal.e2e_max_repeated, cal.e2e_sync = (
+        [3] * fw.N_RX,
+        [14] * fw.N_RX,
+        [1] * fw.N_RX,
+    )
     cal.init_ticks, cal.recovery_ticks, cal.ramp_ticks = per(0.2), per(0.5), per(0.2)
     cal.stuck_ticks = per(0.1)
     cal.roll_rate_max, cal.acceleration_max = round(2.5 * 2**27), round(20.0 * 2**24)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import dbc
 from firmware import e2e
-from firmware.calibration import Calibration
+from firmware.calibration import N_RX, Calibration
 from firmware.state import Ecu
 
 PROTECTED = [m for m in rig.DATABASE.messages if dbc.data_id(m)]
@@ -87,11 +87,11 @@ def test_checksum_is_right_exactly_when_the_reference_library_says_so(payload, d
 def test_receiver_follows_the_specification_through_any_history(max_delta, repeated, sync, steps):
     cal, ecu = Calibration(), Ecu()
     cal.e2e_max_delta, cal.e2e_max_repeated, cal.e2e_sync = (
-        [max_delta] * 6,
-        [repeated] * 6,
-        [sync] * 6,
+        [max_delta] * N_RX,
+        [repeated] * N_RX,
+        [sync] * N_RX,
     )
-    ecu.e2e_waiting, ecu.e2e_delta = [1] * 6, [max_delta] * 6
+    ecu.e2e_waiting, ecu.e2e_delta = [1] * N_RX, [max_delta] * N_RX
     reference = SpecifiedReceiver(max_delta, repeated, sync)
     counter, data_id, message = 0, 0x0CA0, 2
     for step in steps:

@@ -12,9 +12,9 @@ import dbc
 from firmware import calibration as fw
 from firmware import e2e, signals
 from firmware import ecu as loop
-from firmware.calibration import Calibration
+from firmware.calibration import N_RX, Calibration
 from firmware.check import check
-from firmware.state import Ecu
+from firmware.state import RX_ACTUATOR_STATE, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE, Ecu
 from firmware.subset import fields
 
 CALIBRATION, STATE = fields(Calibration), fields(Ecu)
@@ -92,9 +92,9 @@ class Storm:
 
     def __init__(self, seed: int) -> None:
         self.rng = random.Random(seed)
-        self.counter = [0] * 6
+        self.counter = [0] * N_RX
         self.calm = self.rng.random() < 0.5
-        self.last = [[self.rng.randrange(256) for _ in range(8)] for _ in range(6)]
+        self.last = [[self.rng.randrange(256) for _ in range(8)] for _ in range(N_RX)]
         names = [m.name for m in rig.DATABASE.messages if m.frame_id in signals.RX_IDS]
         self.data_ids = {
             signals.RX_IDS.index(rig.DATABASE.get_message_by_name(n).frame_id): dbc.data_id(
@@ -105,14 +105,14 @@ class Storm:
 
     def blow(self, ecu: Ecu) -> None:
         rng = self.rng
-        for message in range(6):
+        for message in range(N_RX):
             if rng.random() < 0.1:
                 continue
             payload = self.last[message]
             if not self.calm or rng.random() < 0.2:
                 payload = [rng.choice((0, 127, 128, 255, rng.randrange(256))) for _ in range(8)]
             payload[7] = (payload[7] + 16) & 255
-            if message == 4:
+            if message == RX_ACTUATOR_STATE:
                 payload[7] = (payload[7] + 4) & 255
             self.counter[message] = (self.counter[message] + 1) % 15
             e2e.protect(payload, self.data_ids[message], self.counter[message])
@@ -200,8 +200,8 @@ def test_every_option_is_selected_by_calibration(observer):
         cal.compensator_shift, cal.compensator_output_shift = [20] * 8, [20] * 2
         cal.compensator_d[0][1] = -(1 << 21)
         cal.init_ticks, cal.ramp_ticks = 4, 4
-        cal.timeout_ticks[2] = 5
-        cal.timeout_ticks[5] = 5
+        cal.timeout_ticks[RX_SUSPENSION_RATE] = 5
+        cal.timeout_ticks[RX_ROLL_REFERENCE] = 5
         bench = rig.Bench(cal, reference=True)
         strokes = {f"Rate{c}": 80.0 for c in ("FrontLeft", "FrontRight", "RearLeft", "RearRight")}
         commands = 0

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from firmware import signals
-from firmware.state import Ecu
+from firmware.state import RX_ACTUATOR_STATE, Ecu
 
 DEG = np.pi / 180
 # signal, field, element, factor from the DBC's unit to the field's, fractional bits
@@ -20,14 +20,9 @@ RECEIVED = {
     "VehicleMotion": [
         ("VehicleSpeed", "speed", None, 1 / 3.6, 20),
         ("SteeringWheelAngle", "steering", None, DEG, 24),
-        ("LongitudinalAcceleration", "longitudinal_acceleration", None, 1, 24),
     ],
     "SuspensionRate": [
         (f"Rate{c}", "stroke_rate", i, 1e-3, 27)
-        for i, c in enumerate(("FrontLeft", "FrontRight", "RearLeft", "RearRight"))
-    ],
-    "SuspensionTravel": [
-        (f"Travel{c}", "travel", i, 1e-3, 30)
         for i, c in enumerate(("FrontLeft", "FrontRight", "RearLeft", "RearRight"))
     ],
     "ActuatorState": [
@@ -93,7 +88,7 @@ def test_actuator_state_flags_arrive(status, enabled, held, counter):
         "AcceptedCounter": counter,
     }
     ecu.rx_payload[0] = list(rig.Sender().frame("ActuatorState", **values))
-    signals.unpack(ecu, 4, 0)
+    signals.unpack(ecu, RX_ACTUATOR_STATE, 0)
     assert tuple(ecu.status) == status
     assert (ecu.enabled, ecu.command_held, ecu.accepted_counter) == (enabled, held, counter)
 
