@@ -1,14 +1,18 @@
 """One manoeuvre, without and with control, in virtual time."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from canroll.errors import CanrollError, UnknownNameError
 from firmware.calibration import ONE
-from hil import limit_cycle, metrics
+from hil import conditions as conditions_of
+from hil import limit_cycle, metrics, replay, standard
 from hil.controller import COMMAND_TIMEOUT, PASSIVE, Controller, Request, choose, prepare
 from hil.delays import sample_to_force
 from hil.ecu import BACKENDS, default_backend, open_ecu
@@ -48,6 +52,8 @@ def run(
     seed: int = 0,
     duration: float | None = None,
     options: Mapping[str, Any] | None = None,
+    faults: Sequence[str] = (),
+    conditions: Mapping[str, Any] | None = None,
     progress: Report | None = None,
 ) -> Result:
     """Drive a manoeuvre without and with control and return what came of it.
@@ -73,7 +79,10 @@ def run(
         seed: of sensor noise, bias, phases and background traffic; the same seed, the same bytes.
         duration: s, where shorter than the manoeuvre.
         options: of the manoeuvre, such as ``{"friction": 0.6}``.
-        progress: called with "passive" or "controlled" and the share done.
+        faults: of sensors and actuators, such as "Imu.RollRate=stuck@3:5"; see
+            :func:`hil.conditions.options`.
+        conditions: of sensors and actuators, such as ``{"supply": 10.0}``.
+        progress: called with "passive", "controlled" or "replay" and the share done.
 
     Raises:
         CanrollError: a name, number or file that cannot be; the message says what to do.
@@ -100,6 +109,8 @@ def run(
         seed=seed,
         duration=duration,
         options=options,
+        faults=faults,
+        conditions=conditions,
     )
     return simulate(settings, controller, duration=duration, progress=progress)
 
@@ -125,6 +136,8 @@ def plan(
     seed: int = 0,
     duration: float | None = None,
     options: Mapping[str, Any] | None = None,
+    faults: Sequence[str] = (),
+    conditions: Mapping[str, Any] | None = None,
 ) -> tuple[Settings, Controller]:
     """Return what :func:`run` would drive with the same arguments: settings and controller.
 
@@ -149,6 +162,7 @@ def plan(
     _check(scenario, {"speed {:g} km/h": speed_kmh, "duration {:g} s": duration})
     body(plant)
     load_profile(bus)
+    conditions_of.options(faults, conditions)
     backend = default_backend() if backend is None else choose("backend", backend, BACKENDS)
     if not 0 <= seed < SEEDS:
         raise CanrollError(f"seed {seed}: it must be 0 to {SEEDS - 1}")
@@ -173,6 +187,8 @@ def plan(
         tick=controller.tick,
         run_time=RUN_TIME_NS * 1e-9,
         options=tuple(sorted((options or {}).items())),
+        faults=tuple(faults),
+        conditions=tuple(sorted((conditions or {}).items())),
     )
     # an option that the manoeuvre does not know is refused here
     _maneuver(settings)
@@ -190,10 +206,16 @@ def simulate(
     """Run ``controller`` under ``settings``; ``passive`` saves driving the same run twice."""
     if passive is None:
         passive = drive(settings, controller, enabled=False, duration=duration, progress=progress)
-    controlled = None
-    if settings.law != PASSIVE:
-        controlled = drive(settings, controller, enabled=True, duration=duration, progress=progress)
-    return assess(settings, controller, passive, controlled)
+    if settings.law == PASSIVE:
+        return assess(settings, controller, passive, None)
+    controlled = drive(settings, controller, enabled=True, duration=duration, progress=progress)
+    replayed = None
+    if replay.differs(_maneuver(settings), passive, controlled):
+        steer = passive.signals["steer"]
+        replayed = drive(
+            settings, controller, enabled=True, duration=duration, progress=progress, steer=steer
+        )
+    return assess(settings, controller, passive, controlled, replayed)
 
 
 def drive(
@@ -203,30 +225,44 @@ def drive(
     enabled: bool,
     duration: float | None = None,
     progress: Report | None = None,
+    steer: NDArray[np.float64] | None = None,
 ) -> Trace:
-    """Drive the manoeuvre once; without control the actuators are disabled, the frames go on."""
+    """Drive the manoeuvre once; without control the actuators are disabled, the frames go on.
+
+    ``steer``: angle at the road wheels, rad, a value a millisecond, played back instead of what
+    the driver steers.
+    """
+    maneuver = _maneuver(settings)
     stage = "controlled" if enabled else "passive"
-    return closed_loop(
-        build_world(settings, enabled=enabled),
+    if steer is not None:
+        maneuver, stage = maneuvers.replay(maneuver, steer), "replay"
+    trace = closed_loop(
+        build_world(settings, enabled=enabled, maneuver=maneuver),
         open_ecu(settings.backend, controller.record),
         tick_ns=round(settings.tick * 1e9),
         duration_ns=None if duration is None else round(duration * 1e9),
         progress=None if progress is None else lambda share: progress(stage, share),
     )
+    return trace if steer is None else replay.with_path_error(trace, maneuver.drive)
 
 
-def build_world(settings: Settings, *, enabled: bool) -> World:
-    """Return the world that ``settings`` describe, at time 0."""
+def build_world(
+    settings: Settings, *, enabled: bool, maneuver: maneuvers.Maneuver | None = None
+) -> World:
+    """Return the world that ``settings`` describe, at time 0; ``maneuver`` instead of theirs."""
+    sensors, actuators = conditions_of.options(settings.faults, dict(settings.conditions))
     return World(
         vehicle=settings.vehicle,
         body=settings.plant,
         actuator=settings.actuator,
-        maneuver=_maneuver(settings),
+        maneuver=maneuver or _maneuver(settings),
         profile=load_profile(settings.bus),
         seed=settings.seed,
         enabled=enabled,
         command=settings.command,
         command_timeout_ms=1e3 * COMMAND_TIMEOUT,
+        sensors=sensors,
+        actuators=actuators,
     )
 
 
@@ -241,9 +277,13 @@ def _maneuver(settings: Settings) -> maneuvers.Maneuver:
 
 
 def assess(
-    settings: Settings, controller: Controller, passive: Trace, controlled: Trace | None
+    settings: Settings,
+    controller: Controller,
+    passive: Trace,
+    controlled: Trace | None,
+    replayed: Trace | None = None,
 ) -> Result:
-    """Return the figures of a pair of runs."""
+    """Return the figures of a pair of runs, and of the replay where there is one."""
     seen = passive if controlled is None else controlled
     delay = sample_to_force(
         settings.vehicle, settings.command, load_profile(settings.bus), tick=settings.tick
@@ -274,6 +314,9 @@ def assess(
         can=metrics.can(seen),
         trigger=metrics.trigger(seen, heartbeat_ticks=controller.record.heartbeat_ticks),
         limit_cycle=cycle,
+        standard=standard.assess(_maneuver(settings), settings.vehicle, passive, controlled),
+        replay=replayed,
+        replay_metrics=None if replayed is None else metrics.judge(replayed),
         warnings=tuple(warnings),
     )
 

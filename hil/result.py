@@ -8,6 +8,7 @@ from firmware.calibration import Calibration
 from gain_gen.design import Delay
 from hil.limit_cycle import LimitCycle
 from hil.metrics import Can, Metrics, Trigger
+from hil.standard import Standard
 from hil.trace import Trace
 from vehicles import Vehicle
 
@@ -27,7 +28,8 @@ FIGURES = (
 @dataclass(frozen=True, slots=True)
 class Settings:
     """What was run. ``speed`` in m/s, ``tick`` and ``run_time`` in s; ``command``: the
-    message that commands the actuators; ``options`` of the manoeuvre.
+    message that commands the actuators; ``options`` of the manoeuvre; ``faults`` and
+    ``conditions`` of sensors and actuators as :func:`hil.conditions.options` reads them.
     """
 
     scenario: str
@@ -45,6 +47,8 @@ class Settings:
     tick: float
     run_time: float
     options: tuple[tuple[str, Any], ...] = ()
+    faults: tuple[str, ...] = ()
+    conditions: tuple[tuple[str, Any], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +68,10 @@ class Result:
         can: bus figures, of the controlled run where there is one.
         trigger: transmission figures, of the controlled run where there is one.
         limit_cycle: of the command, or None.
+        standard: what the manoeuvre's standard says of both runs.
+        replay: trace with control and the steering of the passive run; None where the driver
+            steers the same with and without control, for then it is the controlled run.
+        replay_metrics: figures of the replay or None.
         warnings: one line each.
     """
 
@@ -79,6 +87,9 @@ class Result:
     can: Can
     trigger: Trigger
     limit_cycle: LimitCycle | None
+    standard: Standard
+    replay: Trace | None = None
+    replay_metrics: Metrics | None = None
     warnings: tuple[str, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
 
@@ -135,10 +146,14 @@ class Result:
             "speed_kmh": round(settings.speed * 3.6, 9),
             "tick_ms": round(settings.tick * 1e3, 9),
             "options": dict(settings.options),
+            "faults": list(settings.faults),
+            "conditions": dict(settings.conditions),
             "duration_s": self.passive.duration,
             "calibration_id": self.record.id,
             "passive": asdict(self.passive_metrics),
             "controlled": asdict(self.controlled_metrics) if self.controlled_metrics else None,
+            "replay": asdict(self.replay_metrics) if self.replay_metrics else None,
+            "standard": self.standard.to_json(),
             "without_roll": dict(self.without_roll),
             "can": asdict(self.can),
             "trigger": asdict(self.trigger),

@@ -9,8 +9,9 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.text import Text
 
+from hil import standard
 from hil.report.page import Cell, Table
-from hil.report.rows import can_rows, metric_rows
+from hil.report.rows import can_rows, metric_head, metric_rows, replay_note
 from hil.result import Result
 
 
@@ -73,8 +74,11 @@ def show(result: Result) -> None:
     console.print(Text(result.verdict, style=style), soft_wrap=True)
     show_warnings(text for text in result.warnings if text not in result.verdict)
     console.print()
-    head: tuple[str, ...] = ("", "passive", "controlled", "change", "no roll at all")
+    head = metric_head(result, "passive", "controlled")
     console.print(_table(head, [(row.name, *row.numbers) for row in metric_rows(result)]))
+    told = [text for text in (replay_note(result), *standard.lines(result.standard)) if text]
+    if told:
+        console.print("\n" + "\n".join(told), soft_wrap=True, markup=False)
     console.print()
     head = ("", "least", "mean", "most")
     console.print(_table(head, [(row.name, *row.numbers) for row in can_rows(result)]))

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from canroll.errors import CanrollError
-from hil.commands.run import add_run_options, run_keywords
+from hil.commands.run import add_condition_options, add_run_options, run_keywords
 
 DEFAULT_OUT = Path("out")
 
@@ -27,6 +27,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--scenario", default="double_lane_change", help="manoeuvre (default: %(default)s)"
     )
     add_run_options(parser)
+    add_condition_options(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
     parser.add_argument(
         "--out", type=Path, metavar="DIR", help="folder for the page (default: out)"

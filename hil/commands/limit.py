@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from canroll.errors import CanrollError
-from hil.commands.run import add_run_options, run_keywords
+from hil.commands.run import add_condition_options, add_run_options, run_keywords
 
 if TYPE_CHECKING:
     from hil.controller import Controller
@@ -25,6 +25,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument("scenario", help="fishhook, j_turn, double_lane_change, moose, …")
     add_run_options(parser)
+    add_condition_options(parser)
     parser.add_argument("--from", dest="low", type=float, default=30.0, metavar="KMH")
     parser.add_argument("--to", dest="high", type=float, metavar="KMH", help="default: fastest")
     parser.add_argument(

@@ -18,6 +18,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument("scenario", help="double_lane_change, roundabout, …")
     add_run_options(parser)
+    add_condition_options(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
     parser.add_argument("--log", type=Path, metavar="FILE", help="bus log: .asc .blf .log .mf4")
     parser.add_argument("--signals", type=Path, metavar="FILE", help="signals: .csv .mf4")
@@ -81,6 +82,31 @@ def add_run_options(parser: argparse.ArgumentParser, *, speed_range: str = "") -
     parser.add_argument("--seed", type=int, default=0, help="default: 0")
 
 
+def add_condition_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says how sensors and actuators are: faults, temperature, supply."""
+    group = parser.add_argument_group("sensors and actuators")
+    group.add_argument(
+        "--fault",
+        action="append",
+        default=[],
+        metavar="WHERE=KIND[:VALUE][@START[:END]]",
+        help="a fault from START to END (s); WHERE is a signal of a sensor's message "
+        "(Imu.RollRate=stuck@3:5; stuck, dropout, invalid, offset:VALUE, burst:VALUE in SI units) "
+        "or an actuator's corner (front_left=weak:0.3@2; stuck, floating, weak:SHARE); "
+        "may be repeated",
+    )
+    group.add_argument(
+        "--condition",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="sensors: noise, bias (1: as the vehicle file says), temperature (K above "
+        "calibration), drift, filtered, delayed, synchronous (on, off), phases.MESSAGE (s), "
+        "lsb.MESSAGE.SIGNAL (SI units); actuators: supply (V), oil_temperature (°C), "
+        "estimate_error, estimate_lag (s); may be repeated",
+    )
+
+
 def run_keywords(args: argparse.Namespace) -> dict[str, object]:
     """Return the keywords of :func:`hil.run` that the options ask for."""
     given = {
@@ -101,19 +127,26 @@ def run_keywords(args: argparse.Namespace) -> dict[str, object]:
         "backend": args.backend,
         "seed": args.seed,
         "options": maneuver_options(args.set),
+        "faults": getattr(args, "fault", None) or None,
+        "conditions": key_values("--condition", getattr(args, "condition", [])),
     }
     return {name: value for name, value in given.items() if value is not None}
 
 
 def maneuver_options(texts: list[str]) -> dict[str, str] | None:
-    """Return the options of the manoeuvre from "key=value" each; None of nothing.
+    """Return the options of the manoeuvre from "key=value" each; None of nothing."""
+    return key_values("--set", texts)
+
+
+def key_values(option: str, texts: list[str]) -> dict[str, str] | None:
+    """Return what ``option`` was given as "key=value" each; None of nothing.
 
     Raises:
         CanrollError: there is no "=" in one of them.
     """
     for text in texts:
         if "=" not in text:
-            raise CanrollError(f"--set {text}: write key=value")
+            raise CanrollError(f"{option} {text}: write key=value")
     return dict(text.split("=", 1) for text in texts) or None
 
 

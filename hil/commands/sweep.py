@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from hil.commands.run import add_run_options, run_keywords
+from hil.commands.run import add_condition_options, add_run_options, run_keywords
 
 DEFAULT_OUT = Path("out")
 DEFAULT_SPEEDS = "60:120:20"
@@ -22,6 +22,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "scenario", nargs="?", default="double_lane_change", help="default: %(default)s"
     )
     add_run_options(parser, speed_range=DEFAULT_SPEEDS)
+    add_condition_options(parser)
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the page (default: out)")
     parser.add_argument(
         "--json", action="store_true", help="print one JSON object; files only with --out"

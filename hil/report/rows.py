@@ -2,8 +2,11 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from hil.report.page import Cell
 from hil.result import FIGURES, Result
+from hil.standard import limit, measured
 
 LABELS = {
     "roll_rms_deg": ("roll angle RMS (deg)", 2),
@@ -45,7 +48,10 @@ def change(after: float, before: float) -> Cell:
 
 
 def metric_rows(result: Result) -> list[Row]:
-    """Return a row a metric: without control, with control, change, with no roll at all."""
+    """Return a row a metric: without control, with control, change, replay, with no roll at all.
+
+    Without a replay its column is left out.
+    """
     rows = []
     for name in ALL_FIGURES:
         label, digits = LABELS[name]
@@ -56,10 +62,49 @@ def metric_rows(result: Result) -> list[Row]:
         else:
             after = getattr(result.controlled_metrics, name)
             cells += [number(after, digits, f"controlled.{name}"), change(after, before)]
+        if result.replay_metrics is not None:
+            cells.append(number(getattr(result.replay_metrics, name), digits, f"replay.{name}"))
         least = result.without_roll.get(name)
         cells.append(NOTHING if least is None else number(least, digits, f"without_roll.{name}"))
         rows.append(Row(label, tuple(cells)))
     return rows
+
+
+def metric_head(result: Result, passive: str, controlled: str) -> tuple[str, ...]:
+    """Return the head over :func:`metric_rows`, with what the first two columns are called."""
+    replayed = () if result.replay is None else ("replay",)
+    return ("", passive, controlled, "change", *replayed, "no roll at all")
+
+
+def replay_note(result: Result) -> str:
+    """Say what the replay is, or why there is none."""
+    if result.controlled is None:
+        return ""
+    if result.replay is not None:
+        return (
+            "Replay: with control, steered as without it, nobody at the wheel, chassis control off."
+        )
+    first, second = result.passive.signals["steer"], result.controlled.signals["steer"]
+    if not np.array_equal(first, second):
+        return ""
+    return "Control does not change the steering: a replay of it is the controlled run."
+
+
+def standard_rows(result: Result) -> list[tuple[str | Cell, ...]]:
+    """Return a row a criterion and run: run, criterion, clause, measured, limit, verdict."""
+    names = {"passive": "without control", "controlled": "with control"}
+    return [
+        (
+            names[run],
+            verdict.criterion,
+            verdict.clause,
+            measured(verdict),
+            limit(verdict),
+            "met" if verdict.passed else "not met",
+        )
+        for run, judged in result.standard.runs()
+        for verdict in judged.criteria
+    ]
 
 
 def can_rows(result: Result) -> list[Row]:

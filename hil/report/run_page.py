@@ -6,12 +6,12 @@ from importlib.metadata import version
 from typing import Any
 
 from hil.report.curves import Shown, all_figures
-from hil.report.page import Page, Table, Verdict, render
+from hil.report.page import Cell, Page, Table, Verdict, render
 from hil.report.playback import playback
-from hil.report.rows import can_rows, metric_rows
+from hil.report.rows import can_rows, metric_head, metric_rows, replay_note, standard_rows
 from hil.result import Result
 
-HEAD = ("", "without control", "with control", "change", "no roll at all")
+STANDARD_HEAD = ("", "criterion", "clause", "measured", "limit", "")
 NO_ROLL = (
     "NLT: normalised load transfer (F right − F left)/(F right + F left) of an axle, 1 with a "
     "wheel in the air. No roll at all: what is left of it if the body stays upright. Roll control "
@@ -39,6 +39,8 @@ def parameters(result: Result) -> list[tuple[str, str]]:
     rows = [
         ("manoeuvre", f"{settings.scenario}, {settings.speed * 3.6:g} km/h"),
         *((f"manoeuvre: {key}", str(value)) for key, value in settings.options),
+        *(("fault", text) for text in settings.faults),
+        *((f"condition: {key}", str(value)) for key, value in settings.conditions),
         ("vehicle", f"{settings.vehicle.name}: {settings.vehicle.title}"),
         ("plant", settings.plant),
         ("actuator", settings.actuator),
@@ -89,8 +91,12 @@ def run_page(result: Result) -> str:
         f"{100 * trigger.transmission_rate_triggered:.1f} % without heartbeats; heartbeats alone "
         f"take {100 * trigger.floor:.0f} %."
     )
+    head = metric_head(result, "without control", "with control")
+    rows: list[tuple[str | Cell, ...]] = [(row.name, *row.numbers) for row in metric_rows(result)]
+    judged = standard_rows(result)
     tables = [
-        Table("Figures", HEAD, [(row.name, *row.numbers) for row in metric_rows(result)], NO_ROLL),
+        Table("Figures", head, rows, f"{NO_ROLL} {replay_note(result)}".strip()),
+        *([Table(result.standard.name, STANDARD_HEAD, judged)] if judged else []),
         Table(
             "Times on the bus",
             ("", "least", "mean", "most"),
