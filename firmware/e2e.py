@@ -12,6 +12,7 @@ from firmware.state import Ecu
 from firmware.subset import byte, clamp, i32, u8
 
 COUNTERS = 15
+NO_COUNTER = 15
 
 # fmt: off
 CRC_TABLE: tuple[u8, ...] = (
@@ -79,8 +80,7 @@ def check(
     counter: i32 = payload[1] & 15
     if counter >= COUNTERS or checksum(payload, data_id) != payload[0]:
         return 0
-    if ecu.e2e_waiting[message] == 1:
-        ecu.e2e_waiting[message] = 0
+    if ecu.e2e_last[message] == NO_COUNTER:
         ecu.e2e_delta[message] = cal.e2e_max_delta[message]
         ecu.e2e_last[message] = clamp(counter, 0, 14)
         return 0

@@ -18,8 +18,7 @@ from firmware.supervisor import BAD_ACCELERATION, BAD_ROLL_RATE
 WINDOW = 10
 SETTLED = 200
 STIFFNESS = 0
-INERTIA = 1
-IMPULSE = 2
+BALANCE = 1
 RATIO_ONE = 1 << 28
 REGRESSOR_MAX = 1 << 24
 Q20_ONE = 1 << 20
@@ -128,6 +127,17 @@ def wash_signals(ecu: Ecu, cal: Calibration) -> None:
     ecu.rls_last[1] = clamp(impulse, -STATE_MAX, STATE_MAX)
 
 
+def net_impulse(ecu: Ecu, cal: Calibration) -> i64:
+    """Return the washed-out impulse of a step, Q20, without the lean that its sensor also reads."""
+    roll: i64 = rsh(ecu.rls_washed[TWICE_ROLL] * GRAVITY_Q10, 16)
+    return ecu.rls_washed[TWICE_IMPULSE] - rsh(roll * cal.rls_lateral, 30)
+
+
+def momentum(ecu: Ecu, cal: Calibration) -> i64:
+    """Return the washed-out angular momentum I_x d(phi), Q20."""
+    return rsh(ecu.rls_washed[TWICE_RATE] * cal.rls_inertia, 30)
+
+
 def restart(ecu: Ecu) -> None:
     """Empty window and filters; what was learnt stays."""
     for signal in range(5):
@@ -136,7 +146,7 @@ def restart(ecu: Ecu) -> None:
     ecu.rls_index = 0
     ecu.rls_integrals[0] = 0
     ecu.rls_integrals[1] = 0
-    for quantity in range(3):
+    for quantity in range(2):
         for k in range(WINDOW):
             ecu.rls_history[quantity][k] = 0
 
@@ -155,17 +165,18 @@ def identify(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if ecu.rls_count < cal.rls_decimation:
         return
     ecu.rls_count = 0
+    impulses: i64 = net_impulse(ecu, cal)
+    gained: i64 = -momentum(ecu, cal)
     wash_signals(ecu, cal)
+    impulses += net_impulse(ecu, cal)
+    gained += momentum(ecu, cal)
     roll: i32 = ecu.rls_washed[TWICE_ROLL]
     rate: i32 = ecu.rls_washed[TWICE_RATE]
-    # the accelerometer reads gravity where the body leans
-    leaning: i64 = rsh(rsh(roll * GRAVITY_Q10, 16) * cal.rls_lateral, 30)
     stiffness: i32 = remember(ecu, STIFFNESS, rsh(roll * cal.rls_stiffness, 30))
-    momentum: i32 = remember(ecu, INERTIA, rsh(rate * cal.rls_inertia, 30))
-    pushed: i32 = remember(ecu, IMPULSE, ecu.rls_washed[TWICE_IMPULSE] - leaning)
-    # the running sums of roll and impulse change by what enters and what leaves the window
+    balance: i32 = remember(ecu, BALANCE, rsh(impulses, 1) - gained)
+    # the running sums change by what enters and what leaves the window
     ecu.rls_integrals[0] = clamp(ecu.rls_integrals[0] + stiffness, -STATE_MAX, STATE_MAX)
-    ecu.rls_integrals[1] = clamp(ecu.rls_integrals[1] + pushed, -STATE_MAX, STATE_MAX)
+    ecu.rls_integrals[1] = clamp(ecu.rls_integrals[1] + balance, -STATE_MAX, STATE_MAX)
     index: i32 = ecu.rls_index + 1
     if index >= WINDOW:
         index = 0
@@ -176,13 +187,13 @@ def identify(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if rate < cal.rls_gate and rate > -cal.rls_gate:
         return
     damping: i64 = rsh(stiffness * cal.rls_damping, 20)
-    # the trapezoidal rule takes half of each end; whole steps would pass for damping
+    # the trapezoidal rule, as for the impulse; whole steps would pass for damping
     learn(
         ecu,
         cal,
         clamp(ecu.rls_integrals[0] - rsh(stiffness, 1), -REGRESSOR_MAX, REGRESSOR_MAX),
         clamp(damping, -REGRESSOR_MAX, REGRESSOR_MAX),
-        ecu.rls_integrals[1] - rsh(pushed, 1) - momentum,
+        ecu.rls_integrals[1],
     )
     adapt_model(ecu, cal)
 

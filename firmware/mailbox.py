@@ -22,13 +22,14 @@ NO_SAMPLE = 16
 
 
 def receive(ecu: Ecu, message: i32, payload: Annotated[list[u8], 8], length: i32) -> None:
-    """Store a frame of ``message`` (RX_…); the only writer of the receive slots."""
+    """Store a frame of ``message`` (RX_…), unless it is too short; the only writer of the slots."""
     if message < 0 or message >= N_RX:
+        return
+    if length < signals.RX_LENGTHS[message]:
         return
     slot: i32 = 2 * message + ecu.rx_side[message]
     for k in range(8):
         ecu.rx_payload[slot][k] = payload[k]
-    ecu.rx_length[slot] = byte(clamp(length, 0, 255))
     ecu.rx_fresh[slot] = 1
 
 
@@ -54,8 +55,6 @@ def take(ecu: Ecu, cal: Calibration, message: i32) -> i32:
         e2e.missed(ecu, message)
         return 0
     ecu.rx_fresh[slot] = 0
-    if ecu.rx_length[slot] < signals.RX_LENGTHS[message]:
-        return 0
     if cal.e2e == 1:
         if e2e.check(ecu, cal, message, ecu.rx_payload[slot], signals.RX_DATA_IDS[message]) == 0:
             return 0
@@ -81,13 +80,11 @@ def init_mailboxes(ecu: Ecu, cal: Calibration) -> None:
     """Empty all slots and start the E2E receivers."""
     for slot in range(2 * N_RX):
         ecu.rx_fresh[slot] = 0
-        ecu.rx_length[slot] = 0
         for k in range(8):
             ecu.rx_payload[slot][k] = 0
     for message in range(N_RX):
         ecu.rx_side[message] = 0
-        ecu.e2e_waiting[message] = 1
-        ecu.e2e_last[message] = 0
+        ecu.e2e_last[message] = e2e.NO_COUNTER
         ecu.e2e_delta[message] = cal.e2e_max_delta[message]
         ecu.e2e_repeated[message] = 0
         ecu.e2e_resync[message] = 0

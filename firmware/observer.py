@@ -11,7 +11,6 @@ from typing import Annotated
 from firmware.calibration import (
     BYPASS,
     DAMPERS,
-    N_MEASUREMENTS,
     N_ORDER,
     N_RING,
     N_STATES,
@@ -77,7 +76,6 @@ def correct(ecu: Ecu, cal: Calibration, measured: i32, y: i32, moment: i32) -> N
     for j in range(N_STATES):
         acc += cal.output[measured][j] * ecu.x[j]
     innovation: i32 = sat32(y - rsh(acc, cal.output_shift[measured]))
-    ecu.innovation[measured] = innovation
     if cal.observer == PROPAGATED_COVARIANCE:
         update(ecu, cal, measured, innovation)
         return
@@ -171,8 +169,6 @@ def init_observer(ecu: Ecu, cal: Calibration) -> None:
         ecu.ahead[i] = 0
     for i in range(N_ORDER):
         ecu.work[i] = 0
-    for m in range(N_MEASUREMENTS):
-        ecu.innovation[m] = 0
     for i in range(N_IDENTIFIED):
         for j in range(3):
             ecu.model[i][j] = cal.phi[i][j]

@@ -8,7 +8,6 @@ from typing import Annotated
 
 from firmware.calibration import (
     COEFFICIENT,
-    N_MEASUREMENTS,
     N_ORDER,
     N_RING,
     N_RX,
@@ -61,80 +60,46 @@ WINDOW_MAX = 1 << 26
 
 @record
 class Ecu:
-    """State and mailboxes of one ECU; the caller owns it, ``init`` fills it."""
+    """State and mailboxes of one ECU; the caller owns it, ``init`` fills it.
 
-    # mailboxes: receive() writes one side of a slot, tick() reads the other
-    rx_payload: Annotated[list[list[u8]], 2 * N_RX, 8, F(0, 255, 0, "", "slot 2 m + side", True)]
-    rx_length: Annotated[list[u8], 2 * N_RX, F(0, 255, 0, "", "bytes received", True)]
-    rx_fresh: Annotated[list[u8], 2 * N_RX, F(0, 1, 0, "", "1: not read yet", True)]
-    rx_side: Annotated[list[u8], N_RX, F(0, 1, 0, "", "side that receive() writes", True)]
-    tx_payload: Annotated[list[list[u8]], N_TX, 8, F(0, 255, 0, "", "bytes to send")]
-    tx_pending: Annotated[list[u8], N_TX, F(0, 1, 0, "", "1: to be sent; the sender clears it")]
-    tx_counter: Annotated[list[u8], N_TX, F(0, 14, 0, "", "E2E counter of the last frame")]
-
-    # E2E profile 1 receivers
-    e2e_waiting: Annotated[list[u8], N_RX, F(0, 1, 0, "", "1: no frame checked yet")]
-    e2e_last: Annotated[list[u8], N_RX, F(0, 14, 0, "", "last valid counter")]
-    e2e_delta: Annotated[list[u8], N_RX, F(0, 14, 0, "", "counter step accepted now")]
-    e2e_repeated: Annotated[list[u8], N_RX, F(0, 14, 0, "", "checks without new data")]
-    e2e_resync: Annotated[list[u8], N_RX, F(0, 14, 0, "", "good frames a resync still takes")]
+    Words first, then bytes, each in the groups of the loop's stages: so nothing is lost to padding.
+    """
 
     # inputs: the last valid ones, in internal formats
-    fresh: Annotated[list[u8], N_RX, F(0, 1, 0, "", "1: a valid frame came this tick")]
     age: Annotated[list[i32], N_RX, F(0, AGE_MAX, 0, "ticks", "since the last valid frame")]
-    valid: Annotated[list[u8], N_RX, F(0, 255, 0, "", "bit i: signal i carries a value")]
     roll_rate: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "gyro, as received")]
     lateral_acceleration: Annotated[
         i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "accelerometer, as received")
     ]
     yaw_rate: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "as received")]
-    imu_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the Imu frame")]
     speed: Annotated[i32, F(0, 200 << Q_SPEED, Q_SPEED, "m/s", "vehicle speed")]
     steering: Annotated[i32, F(-STATE_MAX, STATE_MAX, 24, "rad", "steering-wheel angle")]
-    motion_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of VehicleMotion")]
     stroke_rate: Annotated[
         list[i32], 4, F(-STROKE_MAX, STROKE_MAX, Q_RATE, "m/s", "of each corner, extension +")
     ]
-    rate_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of SuspensionRate")]
     delivered: Annotated[
         list[i32], 2, F(-STATE_MAX // 2, STATE_MAX // 2, Q_MOMENT, "N·m", "front, rear moment")
     ]
-    status: Annotated[list[u8], 4, F(0, 3, 0, "", "corner: 0 ok 1 limited 2 stuck 3 floating")]
-    enabled: Annotated[u8, F(0, 1, 0, "", "1: the actuators follow commands")]
-    command_held: Annotated[u8, F(0, 1, 0, "", "1: the actuators hold a command")]
-    accepted_counter: Annotated[u8, F(0, 15, 0, "", "echo of the accepted command")]
-    actuator_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of ActuatorState")]
     reference_roll: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_ANGLE, "rad", "true roll angle")]
     reference_rate: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "true roll rate")]
     reference_acceleration: Annotated[
         i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "true lateral acceleration")
     ]
-    reference_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of RollReference")]
 
     # supervision
-    last_sample: Annotated[list[u8], N_RX, F(0, 16, 0, "", "sample counter, 16: none yet")]
     unchanged: Annotated[list[i32], N_RX, F(0, AGE_MAX, 0, "ticks", "sample counter unchanged")]
-    stuck: Annotated[u8, F(0, 1, 0, "", "1: a needed message repeats one sample")]
     bad_ticks: Annotated[list[i32], 6, F(0, AGE_MAX, 0, "ticks", "a watched value is bad since")]
-    mode: Annotated[u8, F(0, 3, 0, "", "0 INIT 1 ACTIVE 2 DEGRADED 3 SAFE")]
     refused: Annotated[i32, F(0, 1000, 0, "", "rule that refused the calibration, 0: none")]
     rate_good: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "last plausible gyro")]
     acceleration_good: Annotated[
         i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "last plausible accelerometer")
     ]
-    lateral_lost: Annotated[u8, F(0, 1, 0, "", "1: do without the lateral acceleration")]
-    motion_lost: Annotated[u8, F(0, 1, 0, "", "1: do without speed and steering")]
-    moment_unknown: Annotated[u8, F(0, 1, 0, "", "1: do without the delivered moment")]
-    failed: Annotated[list[u8], 4, F(0, 1, 0, "", "1: the corner is stuck or floating")]
     lateral_good: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "lateral acceleration is good since")]
     good_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "all needed inputs good since")]
     authority: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the command, 0 in SAFE")]
     feedforward: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the feedforward, 0 without a_y")]
     trouble_active: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i is active")]
     trouble_latched: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i has occurred")]
-    trouble_count: Annotated[list[u8], N_TROUBLES, F(0, 255, 0, "", "occurrences")]
-    trouble_number: Annotated[u8, F(0, 15, 0, "", "active codes, 15 for more")]
-    law: Annotated[u8, F(0, 2, 0, "", "of the calibration, for the status frame")]
     time: Annotated[i32, F(I32_MIN, I32_MAX, 0, "ticks", "since init, wraps")]
 
     # observer
@@ -144,13 +109,11 @@ class Ecu:
     covariance: Annotated[
         list[list[i32]], N_STATES, N_STATES, F(-STATE_MAX, STATE_MAX, 24, "", "symmetric")
     ]
-    innovation: Annotated[list[i32], N_MEASUREMENTS, F(I32_MIN, I32_MAX, 0, "", "last ones")]
     ring: Annotated[
         list[i32],
         N_RING,
         F(-STATE_MAX, STATE_MAX, Q_MOMENT, "N·m", "moments that the commands sent give"),
     ]
-    ring_head: Annotated[u8, F(0, N_RING - 1, 0, "", "newest entry of the ring")]
     offset_rate: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "learnt, roll rate")]
     offset_acceleration: Annotated[
         i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "learnt, lateral acceleration")
@@ -164,13 +127,13 @@ class Ecu:
     # identification
     theta: Annotated[list[i32], 2, F(1, STATE_MAX, 28, "", "stiffness, damping over nominal")]
     rls_covariance: Annotated[list[i32], 3, F(-STATE_MAX, STATE_MAX, 20, "", "11, 12, 22")]
-    rls_integrals: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, 20, "", "stiffness, impulse")]
+    rls_integrals: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, 20, "", "over the window")]
     rls_history: Annotated[
-        list[list[i32]], 3, 10, F(-WINDOW_MAX, WINDOW_MAX, 20, "", "stiffness, inertia, impulse")
+        list[list[i32]],
+        2,
+        10,
+        F(-WINDOW_MAX, WINDOW_MAX, 20, "", "stiffness; impulse less change of momentum"),
     ]
-    rls_index: Annotated[u8, F(0, 9, 0, "", "oldest entry of the history")]
-    rls_count: Annotated[u8, F(0, 20, 0, "ticks", "since the last identification step")]
-    rls_filled: Annotated[u8, F(0, 200, 0, "", "steps since the start of window and filters")]
     rls_last: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, 0, "", "rate Q27, impulse Q20")]
     rls_washed: Annotated[
         list[i32], 5, F(-STATE_MAX, STATE_MAX, 0, "", "rate, impulse; twice: and roll")
@@ -188,20 +151,15 @@ class Ecu:
     outputs: Annotated[
         list[i32], 2, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "", "of a law with two outputs")
     ]
-
     last_outputs: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "", "when SAFE began")]
 
     # trigger
     sent: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "", "last command sent")]
-    waiting: Annotated[u8, F(0, 1, 0, "", "1: the last command is not acknowledged yet")]
-    echo: Annotated[u8, F(0, 15, 0, "", "counter acknowledged last, 15: none")]
     unacknowledged: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "waiting without a new echo since")]
     since_sent: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last command")]
-    triggered: Annotated[u8, F(0, 2, 0, "", "this tick: 0 nothing, 1 trigger, 2 heartbeat")]
     commands_sent: Annotated[i32, F(0, I32_MAX, 0, "", "commands sent, saturates")]
     heartbeats_sent: Annotated[i32, F(0, I32_MAX, 0, "", "of them heartbeats, saturates")]
     since_status: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last status frame")]
-    diagnostics_page: Annotated[u8, F(0, 4, 0, "", "next page of the diagnostics")]
 
     # allocation
     given: Annotated[
@@ -216,3 +174,56 @@ class Ecu:
     current: Annotated[
         list[i32], 4, F(-16382 << Q_MOMENT, 16382 << Q_MOMENT, Q_MOMENT, "mA", "dampers, valves")
     ]
+
+    # mailboxes: receive() writes one side of a slot, tick() reads the other
+    rx_payload: Annotated[list[list[u8]], 2 * N_RX, 8, F(0, 255, 0, "", "slot 2 m + side", True)]
+    rx_fresh: Annotated[list[u8], 2 * N_RX, F(0, 1, 0, "", "1: not read yet", True)]
+    rx_side: Annotated[list[u8], N_RX, F(0, 1, 0, "", "side that receive() writes", True)]
+    tx_payload: Annotated[list[list[u8]], N_TX, 8, F(0, 255, 0, "", "bytes to send")]
+    tx_pending: Annotated[list[u8], N_TX, F(0, 1, 0, "", "1: to be sent; the sender clears it")]
+    tx_counter: Annotated[list[u8], N_TX, F(0, 14, 0, "", "E2E counter of the last frame")]
+
+    # E2E profile 1 receivers
+    e2e_last: Annotated[list[u8], N_RX, F(0, 15, 0, "", "last valid counter, 15: none yet")]
+    e2e_delta: Annotated[list[u8], N_RX, F(0, 14, 0, "", "counter step accepted now")]
+    e2e_repeated: Annotated[list[u8], N_RX, F(0, 14, 0, "", "checks without new data")]
+    e2e_resync: Annotated[list[u8], N_RX, F(0, 14, 0, "", "good frames a resync still takes")]
+
+    # inputs: the last valid ones, in internal formats
+    fresh: Annotated[list[u8], N_RX, F(0, 1, 0, "", "1: a valid frame came this tick")]
+    valid: Annotated[list[u8], N_RX, F(0, 255, 0, "", "bit i: signal i carries a value")]
+    imu_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the Imu frame")]
+    motion_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of VehicleMotion")]
+    rate_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of SuspensionRate")]
+    status: Annotated[list[u8], 4, F(0, 3, 0, "", "corner: 0 ok 1 limited 2 stuck 3 floating")]
+    enabled: Annotated[u8, F(0, 1, 0, "", "1: the actuators follow commands")]
+    command_held: Annotated[u8, F(0, 1, 0, "", "1: the actuators hold a command")]
+    accepted_counter: Annotated[u8, F(0, 15, 0, "", "echo of the accepted command")]
+    actuator_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of ActuatorState")]
+    reference_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of RollReference")]
+
+    # supervision
+    last_sample: Annotated[list[u8], N_RX, F(0, 16, 0, "", "sample counter, 16: none yet")]
+    stuck: Annotated[u8, F(0, 1, 0, "", "1: a needed message repeats one sample")]
+    mode: Annotated[u8, F(0, 3, 0, "", "0 INIT 1 ACTIVE 2 DEGRADED 3 SAFE")]
+    lateral_lost: Annotated[u8, F(0, 1, 0, "", "1: do without the lateral acceleration")]
+    motion_lost: Annotated[u8, F(0, 1, 0, "", "1: do without speed and steering")]
+    moment_unknown: Annotated[u8, F(0, 1, 0, "", "1: do without the delivered moment")]
+    failed: Annotated[list[u8], 4, F(0, 1, 0, "", "1: the corner is stuck or floating")]
+    trouble_count: Annotated[list[u8], N_TROUBLES, F(0, 255, 0, "", "occurrences")]
+    trouble_number: Annotated[u8, F(0, 15, 0, "", "active codes, 15 for more")]
+    law: Annotated[u8, F(0, 2, 0, "", "of the calibration, for the status frame")]
+
+    # observer
+    ring_head: Annotated[u8, F(0, N_RING - 1, 0, "", "newest entry of the ring")]
+
+    # identification
+    rls_index: Annotated[u8, F(0, 9, 0, "", "oldest entry of the history")]
+    rls_count: Annotated[u8, F(0, 20, 0, "ticks", "since the last identification step")]
+    rls_filled: Annotated[u8, F(0, 200, 0, "", "steps since the start of window and filters")]
+
+    # trigger
+    waiting: Annotated[u8, F(0, 1, 0, "", "1: the last command is not acknowledged yet")]
+    echo: Annotated[u8, F(0, 15, 0, "", "counter acknowledged last, 15: none")]
+    triggered: Annotated[u8, F(0, 2, 0, "", "this tick: 0 nothing, 1 trigger, 2 heartbeat")]
+    diagnostics_page: Annotated[u8, F(0, 4, 0, "", "next page of the diagnostics")]

@@ -577,7 +577,7 @@ def test_init_starts_afresh_from_any_state():
     bench.run(0.3, lambda t: 3.0)
     loop.init(bench.ecu, bench.cal)
     fresh = rig.started(bench.cal)
-    ignored = {"rx_payload", "rx_length", "force", "bar", "current"}
+    ignored = {"rx_payload", "force", "bar", "current"}
     for field in rig.ECU_FIELDS:
         if field not in ignored:
             assert getattr(bench.ecu, field) == getattr(fresh, field), field
@@ -599,6 +599,15 @@ def test_foreign_short_and_misplaced_frames_are_harmless():
     loop.tick(bench.ecu, bench.cal, 1)
     assert bench.ecu.roll_rate == before
     assert bench.ecu.fresh[RX_IMU] == 0
+
+
+def test_a_short_frame_does_not_displace_a_good_one():
+    bench = busy(rig.Bench(rig.calibration()))
+    good = bench.sender.frame("Imu", **bench.inputs(3.0)["Imu"])
+    rig.deliver(bench.ecu, "Imu", good)
+    loop.receive(bench.ecu, RX_IMU, [255] * 8, 7)
+    loop.tick(bench.ecu, bench.cal, 1)
+    assert bench.ecu.fresh[RX_IMU] == 1
 
 
 def test_a_slow_message_is_not_stuck_between_its_frames():

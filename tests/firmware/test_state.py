@@ -1,0 +1,20 @@
+"""The size of the state record, as a C compiler lays it out."""
+
+import math
+
+from codegen import layout
+from firmware.state import Ecu
+from firmware.subset import fields
+
+WORD = 4
+
+
+def test_the_state_fits_a_kilobyte():
+    assert layout.dtype(Ecu).itemsize <= 1024
+
+
+def test_nothing_is_lost_to_padding_but_at_the_end():
+    bare = sum(
+        (WORD if field.kind == "i32" else 1) * math.prod(field.shape) for field in fields(Ecu)
+    )
+    assert layout.dtype(Ecu).itemsize == math.ceil(bare / WORD) * WORD
