@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from codegen import emit_c, layout, native, target
+from codegen import emit_c, layout, native, qemu_target, target
 from codegen.backends import NativeEcu, PythonEcu
 from codegen.footprint import footprint
 from firmware.calibration import Calibration
@@ -107,7 +107,7 @@ def host(record, traffic, repeats):
 
 
 def cortex(name, record, traffic, limit):
-    run = target.run_qemu(record, traffic, "cortex-m4")
+    run = qemu_target.replay(record, traffic, "cortex-m4")
     size = footprint(target.gcc_image("cortex-m4"))
     counts = run.instructions
     print(

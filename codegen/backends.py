@@ -158,7 +158,7 @@ def open_backend(name: str, calibration: Calibration) -> Backend:
     if name == "native":
         return NativeEcu(calibration)
     if name in BACKENDS:
-        from codegen.target import CortexEcu  # noqa: PLC0415
+        from codegen.unicorn_target import CortexEcu  # noqa: PLC0415
 
         return CortexEcu(calibration, cpu=name)
     raise UnknownNameError("backend", name, BACKENDS)

@@ -21,7 +21,7 @@ from codegen.c_text import (
     widened,
 )
 from codegen.effects import local_kinds
-from codegen.interpret import ARITHMETIC
+from codegen.interval_expressions import ARITHMETIC
 from codegen.intervals import Value
 from codegen.program import Function, Module, SubsetError, evaluate
 

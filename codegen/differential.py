@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from codegen import layout, native, target, vectors
+from codegen import layout, native, qemu_target, target, vectors
 from codegen.backends import PythonEcu
 from codegen.native import Replay
 from codegen.vectors import Traffic
@@ -61,7 +61,7 @@ def compare(
     assert native_run.states is not None
     runs = {"python": python_states(calibration, traffic)}
     if cpu is not None:
-        cortex = target.run_qemu(calibration, traffic, cpu)
+        cortex = qemu_target.replay(calibration, traffic, cpu)
         runs[cpu] = [state.tobytes() for state in cortex.states]
         if cortex.frames.tobytes() != native_run.frames.tobytes():
             return Difference(cpu, -1, ("frames",))

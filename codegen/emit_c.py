@@ -24,6 +24,7 @@ from codegen.c_text import (
 )
 from codegen.interpret import Interpreter
 from codegen.intervals import Value
+from codegen.linkage import linkage
 from codegen.parse import load
 from codegen.program import (
     CONST_RECORD,
@@ -35,7 +36,7 @@ from codegen.program import (
     Record,
     calls,
 )
-from codegen.prove import entry_points, prove
+from codegen.prove import prove
 
 # the gains header carries the calibration's type too, so that it compiles alone
 CALIBRATION_GUARD = "CANROLL_CALIBRATION_TYPE"
@@ -66,92 +67,13 @@ class Emitter:
             self.analysis.run(function)
         # whatever no entry point reaches is typed by its function alone
         self.seen = {**self.analysis.seen, **prove(program).seen}
-        self.public = self._public()
-        self.reachable = self._reachable()
-        self.shared = self._shared()
-        self.volatile = self._volatile()
-
-    # what is visible where
-
-    def _public(self) -> dict[tuple[str, str], str]:
-        """Entry points by function, with the short C names that callers see."""
-        return {f.key: f"canroll_{f.name}" for f in entry_points(self.program)}
-
-    def _reachable(self) -> set[tuple[str, str]]:
-        todo = [f for f in self.program.functions() if f.key in self.public]
-        found = set()
-        while todo:
-            function = todo.pop()
-            if function.key not in found:
-                found.add(function.key)
-                todo += calls(self.program, function)
-        return found
-
-    def _shared(self) -> set[tuple[str, str]]:
-        """Functions and constants that more than their own module uses."""
-        found = set(self.public)
-        for module in self.program.modules.values():
-            for node in ast.walk(ast.Module(self._bodies(module), [])):
-                if isinstance(node, ast.Name | ast.Attribute):
-                    function = self.program.function(module, node)
-                    constant = self.program.constant(module, node)
-                    if function is not None and function.module != module.name:
-                        found.add(function.key)
-                    if constant is not None and constant.module != module.name:
-                        found.add((constant.module, constant.name))
-            if module.records:
-                found |= {(module.name, name) for name in module.constants}
-        return found
-
-    def _bodies(self, module: Module) -> list[ast.stmt]:
-        return [f.node for f in module.functions.values() if f.key in self.reachable]
-
-    def _volatile(self) -> set[tuple[tuple[str, str], str]]:
-        """Array parameters that are somewhere given a field an interrupt may write."""
-        found: set[tuple[tuple[str, str], str]] = set()
-        grown = True
-        while grown:
-            grown = False
-            for function in self.program.functions():
-                module = self.program.modules[function.module]
-                for node in ast.walk(function.node):
-                    called = (
-                        self.program.function(module, node.func)
-                        if isinstance(node, ast.Call)
-                        else None
-                    )
-                    if called is None or not isinstance(node, ast.Call):
-                        continue
-                    pairs = zip(called.parameters.items(), node.args, strict=True)
-                    for (name, its), argument in pairs:
-                        key = (called.key, name)
-                        fresh = bool(its.shape) and key not in found
-                        if fresh and self._is_volatile(function, argument, found):
-                            found.add(key)
-                            grown = True
-        return found
-
-    def _is_volatile(
-        self,
-        function: Function,
-        node: ast.expr,
-        found: set[tuple[tuple[str, str], str]],
-    ) -> bool:
-        while isinstance(node, ast.Subscript):
-            node = node.value
-        if isinstance(node, ast.Name):
-            return (function.key, node.id) in found
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
-            owner = function.parameters.get(node.value.id)
-            if owner is not None and owner.kind == "record":
-                return self.program.record(owner.record).fields[node.attr].volatile
-        return False
+        self.linkage = linkage(program)
 
     # names
 
     def function_name(self, function: Function) -> str:
         """The C name of a function."""
-        return self.public.get(function.key, f"canroll_{function.module}_{function.name}")
+        return self.linkage.public.get(function.key, f"canroll_{function.module}_{function.name}")
 
     def constant_name(self, constant: Constant) -> str:
         """The C name of a constant, with its module where another has the same."""
@@ -167,14 +89,14 @@ class Emitter:
         found = {"canroll_runtime.h": RUNTIME, "canroll.h": self._public_header()}
         for module in self.program.modules.values():
             found[f"canroll_{module.name}.h"] = self._header(module)
-            functions = [f for f in module.functions.values() if f.key in self.reachable]
+            functions = [f for f in module.functions.values() if f.key in self.linkage.reachable]
             tables = [c for c in module.constants.values() if c.type.shape]
             if functions or any(self._where(c) == "header" for c in tables):
                 found[f"canroll_{module.name}.c"] = self._source(module, functions)
         return found
 
     def _public_header(self) -> str:
-        homes = dict.fromkeys(key[0] for key in self.public)
+        homes = dict.fromkeys(key[0] for key in self.linkage.public)
         lines = comment("The roll-control ECU: its records and its entry points.")
         lines += ["#ifndef CANROLL_H", "#define CANROLL_H", ""]
         records = [m.name for m in self.program.modules.values() if m.records]
@@ -188,7 +110,9 @@ class Emitter:
         lines = comment(module.doc or module.name)
         lines += [f"#ifndef {guard}", f"#define {guard}", "", '#include "canroll_runtime.h"']
         functions = [
-            f for f in module.functions.values() if f.key in self.reachable and f.key in self.shared
+            f
+            for f in module.functions.values()
+            if f.key in self.linkage.reachable and f.key in self.linkage.shared
         ]
         needed = {its.record for f in functions for its in f.parameters.values() if its.record}
         homes = {self.program.record(name).module for name in needed} - {module.name}
@@ -203,7 +127,7 @@ class Emitter:
         return "\n".join([*lines, "", "#endif", ""])
 
     def _where(self, constant: Constant) -> str:
-        return "header" if (constant.module, constant.name) in self.shared else "source"
+        return "header" if (constant.module, constant.name) in self.linkage.shared else "source"
 
     def _constants(self, module: Module, where: str) -> Iterator[str]:
         group: list[str] = []
@@ -292,13 +216,13 @@ class Emitter:
             if its.kind == "record":
                 parameters.append(f"{const}{record_name(its.record)} *{name}")
             elif its.shape:
-                volatile = "volatile " if (function.key, name) in self.volatile else ""
+                volatile = "volatile " if (function.key, name) in self.linkage.volatile else ""
                 sizes = "".join(f"[{n}]" for n in its.shape)
                 parameters.append(f"{const}{volatile}{C_TYPES[its.kind]} {name}{sizes}")
             else:
                 parameters.append(f"{C_TYPES[its.kind]} {name}")
         result = C_TYPES[function.result] if function.result else "void"
-        static = "" if function.key in self.shared else "static "
+        static = "" if function.key in self.linkage.shared else "static "
         return f"{static}{result} {self.function_name(function)}({', '.join(parameters) or 'void'})"
 
     def _source(self, module: Module, functions: list[Function]) -> str:
@@ -326,7 +250,9 @@ class Emitter:
         early: dict[tuple[str, str], Function] = {}
         for function in functions:
             for called in calls(self.program, function):
-                if called.key not in self.shared and called.key not in seen | {function.key}:
+                if called.key not in self.linkage.shared and called.key not in seen | {
+                    function.key
+                }:
                     early[called.key] = called
             seen.add(function.key)
         return list(early.values())

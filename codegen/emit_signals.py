@@ -20,10 +20,9 @@ from codegen.bus_map import (
     VALID_BITS,
     BusMap,
     Mailbox,
-    MappedSignal,
-    Piece,
     load,
 )
+from codegen.mapped_signal import MappedSignal, Piece
 
 ROOT = Path(__file__).resolve().parent.parent
 DBC = ROOT / "dbc" / "roll_control.dbc"

@@ -10,7 +10,8 @@ field ranges are both assumed and shown, they are an invariant: it holds from ``
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from codegen.interpret import Finding, Interpreter
+from codegen.interpret import Interpreter
+from codegen.interval_state import Finding
 from codegen.intervals import Value, hull
 from codegen.parse import load
 from codegen.program import Function, Program

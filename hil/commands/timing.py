@@ -5,7 +5,7 @@ import json
 from dataclasses import replace
 
 from canroll.errors import CanrollError
-from codegen import target
+from codegen import qemu_target, target, unicorn_target
 from codegen.backends import open_backend
 from codegen.footprint import Footprint, footprint
 from codegen.recorder import Recorder
@@ -58,7 +58,7 @@ def run(args: argparse.Namespace) -> int:
     counter = args.counter or ("qemu" if target.has_gcc_and_qemu() else "unicorn")
     if counter == "qemu" and not target.has_gcc_and_qemu():
         raise CanrollError("--counter qemu needs gcc-arm-none-eabi and qemu-system-arm installed")
-    replayed = (target.run_qemu if counter == "qemu" else target.run_unicorn)(
+    replayed = (qemu_target.replay if counter == "qemu" else unicorn_target.replay)(
         record, traffic, args.backend
     )
     image = (target.gcc_image if counter == "qemu" else target.zig_image)(args.backend)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from codegen import backends, layout, native, target, vectors
+from codegen import backends, layout, native, qemu_target, target, unicorn_target, vectors
 from codegen.footprint import FLOAT, footprint
 from codegen.recorder import Recorder
 from firmware.calibration import Calibration
@@ -39,7 +39,7 @@ def compare(run, expected):
 def test_unicorn_is_native(cpu):
     for seed in (3, 9):
         calibration, traffic = vectors.random_calibration(seed), vectors.random_traffic(seed, 12)
-        compare(target.run_unicorn(calibration, traffic, cpu), reference(calibration, traffic))
+        compare(unicorn_target.replay(calibration, traffic, cpu), reference(calibration, traffic))
 
 
 @needs_qemu
@@ -47,7 +47,7 @@ def test_unicorn_is_native(cpu):
 def test_qemu_is_native(cpu):
     for seed in (0, 4):
         calibration, traffic = vectors.random_calibration(seed), vectors.random_traffic(seed, 100)
-        compare(target.run_qemu(calibration, traffic, cpu), reference(calibration, traffic))
+        compare(qemu_target.replay(calibration, traffic, cpu), reference(calibration, traffic))
 
 
 @needs_qemu
@@ -55,7 +55,9 @@ def test_qemu_is_native(cpu):
 def test_qemu_is_native_for_long():
     for seed in range(20):
         calibration, traffic = vectors.random_calibration(seed), vectors.random_traffic(seed, 500)
-        compare(target.run_qemu(calibration, traffic, "cortex-m4"), reference(calibration, traffic))
+        compare(
+            qemu_target.replay(calibration, traffic, "cortex-m4"), reference(calibration, traffic)
+        )
 
 
 def test_a_cortex_behind_the_interface_replays_what_was_recorded():
