@@ -1,35 +1,55 @@
-"""All backends on the same hostile traffic, byte for byte, for as long as one likes.
+"""All backends on the same traffic, byte for byte, for as long as one likes.
 
-    python -m codegen.differential [--ticks N] [--cortex CPU]
+    python -m codegen.differential [--ticks N] [--cortex CPU] [--jobs J]
 
-Each calibration is random, each runs 500 ticks; the states after every tick and all frames of
-CPython, the native library and, where asked, a Cortex-M in QEMU must be equal.
+Of four runs one is a random calibration in random traffic, three are recorded manoeuvres of the
+generator's designs with hostile episodes, in which the loop controls for most of the time. The
+states after every tick and all frames of CPython, the native library and, where asked, a Cortex-M
+in QEMU must be equal.
 """
 
 import argparse
 import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
+from numpy.typing import NDArray
 
 from codegen import layout, native, qemu_target, target, vectors
 from codegen.backends import PythonEcu
 from codegen.native import Replay
+from codegen.recorded_traffic import Recording, recordings
 from codegen.vectors import Traffic
 from firmware.calibration import Calibration
 from firmware.signals import RX_IDS
 from firmware.state import Ecu
 
 TICKS = 500
+MODES = ("INIT", "ACTIVE", "DEGRADED", "SAFE")
 
 
 @dataclass(frozen=True, slots=True)
-class Difference:
-    """The first tick in which two backends differ, and the fields."""
+class Task:
+    """One run; ``name`` says what it is, so that it can be repeated."""
 
-    backend: str
-    tick: int
-    fields: tuple[str, ...]
+    name: str
+    calibration: Calibration
+    traffic: Traffic
+    cpu: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """``difference``: "" or the first tick in which two backends differ, and the fields.
+
+    ``modes`` counts the ticks that ended in each mode.
+    """
+
+    difference: str
+    modes: NDArray[np.int64]
 
 
 def reference(calibration: Calibration, traffic: Traffic) -> Replay:
@@ -53,24 +73,43 @@ def python_states(calibration: Calibration, traffic: Traffic) -> list[bytes]:
     return states
 
 
-def compare(
-    calibration: Calibration, traffic: Traffic, cpu: str | None = None
-) -> Difference | None:
-    """Run one calibration on all backends; None where no byte differs."""
-    native_run = reference(calibration, traffic)
-    assert native_run.states is not None
+def compare(task: Task) -> Outcome:
+    """Run one calibration on all backends."""
+    calibration, traffic = task.calibration, task.traffic
+    expected = reference(calibration, traffic)
+    assert expected.states is not None
+    wanted = expected.states[0]
+    modes = np.bincount(wanted["mode"], minlength=len(MODES))
     runs = {"python": python_states(calibration, traffic)}
-    if cpu is not None:
-        cortex = qemu_target.replay(calibration, traffic, cpu)
-        runs[cpu] = [state.tobytes() for state in cortex.states]
-        if cortex.frames.tobytes() != native_run.frames.tobytes():
-            return Difference(cpu, -1, ("frames",))
+    if task.cpu is not None:
+        cortex = qemu_target.replay(calibration, traffic, task.cpu)
+        runs[task.cpu] = [state.tobytes() for state in cortex.states]
+        if cortex.frames.tobytes() != expected.frames.tobytes():
+            return Outcome(f"{task.name}: {task.cpu} sends other frames", modes)
     for name, states in runs.items():
         for t, state in enumerate(states):
-            other = native_run.states[0, t].tobytes()
+            other = wanted[t].tobytes()
             if state != other:
-                return Difference(name, t, tuple(layout.differences(Ecu, state, other)))
-    return None
+                found = ", ".join(layout.differences(Ecu, state, other))
+                return Outcome(f"{task.name}: {name} differs in tick {t}: {found}", modes)
+    return Outcome("", modes)
+
+
+def tasks(ticks: int, seed: int, recorded: Sequence[Recording], cpu: str | None) -> Iterator[Task]:
+    """Runs of at least ``ticks`` together."""
+    done = 0
+    for k in count(seed):
+        if done >= ticks:
+            return
+        if k % 4 == 0 or not recorded:
+            traffic = vectors.random_traffic(k, TICKS, hostile=0.15 if k % 8 == 0 else 0.01)
+            task = Task(f"seed {k}", vectors.random_calibration(k), traffic, cpu)
+        else:
+            which = recorded[k % len(recorded)]
+            traffic = vectors.disturbed(which.traffic, k)
+            task = Task(f"seed {k}, {which.case}", which.calibration, traffic, cpu)
+        done += task.traffic.ticks
+        yield task
 
 
 def main() -> int:
@@ -79,19 +118,24 @@ def main() -> int:
     parser.add_argument("--ticks", type=int, default=10_000)
     parser.add_argument("--cortex", choices=tuple(target.CPUS), help="also in QEMU")
     parser.add_argument("--seed", type=int, default=1000)
+    parser.add_argument("--jobs", type=int, default=1)
     arguments = parser.parse_args()
-    done = 0
-    for seed in range(arguments.seed, arguments.seed + -(-arguments.ticks // TICKS)):
-        calibration = vectors.random_calibration(seed)
-        # mild traffic keeps the loop running, harsh traffic keeps it in SAFE most of the time
-        traffic = vectors.random_traffic(seed, TICKS, hostile=0.15 if seed % 4 == 0 else 0.01)
-        found = compare(calibration, traffic, arguments.cortex)
-        if found is not None:
-            print(f"seed {seed}: {found}")
-            return 1
-        done += TICKS
+    recorded = recordings()
+    modes = np.zeros(len(MODES), np.int64)
+    # built once, before several processes would
+    native.library()
+    with ProcessPoolExecutor(arguments.jobs) as pool:
+        chosen = tasks(arguments.ticks, arguments.seed, recorded, arguments.cortex)
+        for outcome in pool.map(compare, chosen):
+            modes += outcome.modes
+            if outcome.difference:
+                pool.shutdown(cancel_futures=True)
+                print(outcome.difference)
+                return 1
     backends = ["CPython", "native", *([arguments.cortex] if arguments.cortex else [])]
-    print(f"{done} ticks: {' = '.join(backends)}, 0 differing bytes")
+    print(f"{modes.sum()} ticks: {' = '.join(backends)}, 0 differing bytes")
+    shares = (f"{name} {100 * n / modes.sum():.1f} %" for name, n in zip(MODES, modes, strict=True))
+    print(f"{len(recorded)} designs recorded and disturbed; {', '.join(shares)}")
     return 0
 
 

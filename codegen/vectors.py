@@ -112,6 +112,36 @@ def random_traffic(seed: int, ticks: int, *, hostile: float = 0.15) -> Traffic:
     return Traffic(np.array(rows, EVENT), elapsed)
 
 
+def disturbed(
+    traffic: Traffic, seed: int, *, quiet: float = 120.0, episode: float = 8.0
+) -> Traffic:
+    """Recorded traffic with hostile episodes: frames lost and spoiled, ticks missed.
+
+    ``quiet`` and ``episode`` are the mean lengths in ticks of what is left as it is and of what is
+    not; in between the loop recovers, so that it is met in all its modes.
+    """
+    rng = np.random.default_rng(seed)
+    hurt = np.zeros(traffic.ticks, bool)
+    t = int(rng.exponential(quiet))
+    while t < traffic.ticks:
+        length = 1 + int(rng.exponential(episode))
+        hurt[t : t + length] = True
+        t += length + 1 + int(rng.exponential(quiet))
+    rows = []
+    for event in traffic.frames:
+        payload, length = event["payload"].tolist(), int(event["length"])
+        if hurt[event["tick"]]:
+            if rng.random() < 0.2:
+                continue
+            if rng.random() < 0.3:
+                payload, length = _spoiled(rng, payload, int(event["message"]))
+        rows.append((event["tick"], event["message"], length, payload))
+    elapsed = traffic.elapsed.copy()
+    missed = hurt & (rng.random(traffic.ticks) < 0.05)
+    elapsed[missed] = rng.integers(-1, 40, int(missed.sum()))
+    return Traffic(np.array(rows, EVENT), elapsed)
+
+
 def _signals(rng: np.random.Generator, word: int) -> int:
     """Walk each 16-bit part of the signals; now and then jump, also to a reserved code."""
     parts = []
