@@ -15,7 +15,9 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
+from numba.core import cgutils
 from numba.core.caching import IndexDataCacheFile
+from numba.extending import intrinsic
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -70,3 +72,24 @@ def cfunc(signature: Any) -> Callable[[Function], Function]:  # noqa: ANN401
     """Compile as a first-class function: kernels that take one are compiled once for all."""
     decorated: Callable[[Function], Function] = numba.cfunc(signature, cache=True)
     return decorated
+
+
+_VECTOR = numba.types.Array(numba.types.float64, 1, "C")
+STEP_SIGNATURE = numba.types.void(_VECTOR, _VECTOR, _VECTOR, _VECTOR, numba.types.float64)
+"""Of a body's step: ``step(state, inputs, parameters, outputs, dt)``."""
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def step_at(typing_context: Any, address: Any) -> Any:  # noqa: ANN401
+    """In a kernel: the body's step at ``address``, that of a C function which the caller keeps.
+
+    To take the function itself costs a call from Python more than the step does.
+    """
+    step = numba.types.FunctionType(STEP_SIGNATURE)
+
+    def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:  # noqa: ANN401
+        value = cgutils.create_struct_proxy(step)(context, builder)
+        value.c_addr = builder.inttoptr(arguments[0], cgutils.voidptr_t)
+        return value._getvalue()
+
+    return step(numba.types.int64), lower

@@ -93,15 +93,16 @@ def record(
     node: Actuators,
 ) -> None:
     """Fill row ``number`` of ``rows`` at the end of a step."""
+    row = rows[number]
     for i in range(INPUTS):
-        rows[number, i] = outputs[i]
+        row[i] = outputs[i]
     for i in range(ports.N_INPUTS):
-        rows[number, INPUTS + i] = inputs[i]
+        row[INPUTS + i] = inputs[i]
     for i in range(4):
-        rows[number, ACTUATOR + i] = node.state[actuators.DEMAND + i]
-        rows[number, ACTUATOR + 4 + i] = node.state[actuators.DELIVERED + i]
-        rows[number, ACTUATOR + 9 + i] = node.flag[actuators.STATUS + i]
-    rows[number, ACTUATOR + 8] = node.flag[actuators.HELD]
+        row[ACTUATOR + i] = node.state[actuators.DEMAND + i]
+        row[ACTUATOR + 4 + i] = node.state[actuators.DELIVERED + i]
+        row[ACTUATOR + 9 + i] = node.flag[actuators.STATUS + i]
+    row[ACTUATOR + 8] = node.flag[actuators.HELD]
 
 
 def signals(

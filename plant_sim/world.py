@@ -20,7 +20,6 @@ from plant_sim.world_kernel import (
     APPLIED_COMMANDS,
     FRAME,
     OUTBOX,
-    RECEIVED,
     ROWS,
     STANDARD_IDENT,
     STEP_NS,
@@ -85,7 +84,6 @@ class World:
         plant = body_named("fullcar_hydraulic" if hydraulic else body)
         self.duration_ns = maneuver.duration_ns
         self.now_ns = 0
-        self._step = plant.step
         self._parts = world_setup.assemble(
             vehicle=vehicle,
             plant=plant,
@@ -100,13 +98,17 @@ class World:
             actuators=actuators or ActuatorOptions(),
             bus=bus,
         )
-        self._clock: NDArray[np.int64] = self._parts.memory["clock"][0]
-        self._outbox: NDArray[np.int64] = self._parts.memory["outbox"][0]
-        self._bus_clock = self._parts.network.clock
+        memory = self._parts.memory[0]
+        # Single integers are read and written faster through buffers than through arrays.
+        self._clock = memory["clock"].data
+        self._bus_clock = self._parts.network.clock.data
+        self._outbox: NDArray[np.int64] = memory["outbox"]
+        self._received: NDArray[Any] = memory["received"]
+        self._outputs: NDArray[np.float64] = memory["outputs"]
         self._recorded_until_ns = (len(self._parts.rows) - 1) * STEP_NS
         # Called by its entry point: to type the arguments anew costs more than a step of the plant.
         kernel: Any = advance
-        self._kernel = kernel.compile((typeof(self._step), typeof(self._parts), int64))
+        self._kernel = kernel.compile((typeof(self._parts), int64))
         self._drained = 0
         self._log: list[NDArray[Any]] = []
 
@@ -151,12 +153,12 @@ class World:
     @property
     def rolled_over(self) -> bool:
         """Whether the vehicle has rolled over, an end state."""
-        return bool(self._parts.outputs[recording.SIGNALS["rollover"]])
+        return bool(self._outputs[recording.SIGNALS["rollover"]])
 
     @property
     def signals(self) -> dict[str, NDArray[np.float64]]:
         """Signals by name (``recording.SIGNALS``), one value a millisecond, ``time`` in s."""
-        count = int(self._clock[ROWS])
+        count = self._clock[ROWS]
         times = np.arange(1, count + 1, dtype=np.float64) * (STEP_NS * 1e-9)
         return recording.signals(self._parts.rows[:count], times)
 
@@ -171,7 +173,7 @@ class World:
     @property
     def commands(self) -> NDArray[Any]:
         """Applied commands (``recording.COMMAND``), repeated heartbeats included."""
-        count = int(self._clock[APPLIED_COMMANDS])
+        count = self._clock[APPLIED_COMMANDS]
         rows = np.ascontiguousarray(self._parts.commands[:count])
         return rows.view(recording.COMMAND)[:, 0]
 
@@ -188,11 +190,11 @@ class World:
         return self._parts.network
 
     def _advance_to(self, until_ns: int) -> NDArray[Any]:
-        self._kernel(self._step, self._parts, until_ns)
+        count = self._kernel(self._parts, until_ns)
         self.now_ns = until_ns
         if self._bus_clock[can_bus.LOGGED] - self._drained > world_setup.LOG_CAPACITY // 2:
             self._drain()
-        return self._parts.received[: self._clock[RECEIVED]].copy()
+        return self._received[:count].copy()
 
     def _make_room(self, until_ns: int) -> None:
         old, steps = self._parts, 2 * until_ns // STEP_NS + 2

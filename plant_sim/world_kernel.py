@@ -16,7 +16,7 @@ from plant_sim.actuator_models import act
 from plant_sim.actuators import Actuators
 from plant_sim.codec import Codec
 from plant_sim.driver import Drive, drive
-from plant_sim.jit import njit
+from plant_sim.jit import njit, step_at
 from plant_sim.sensors import Sensors
 
 STEP_NS = 1_000_000
@@ -40,8 +40,11 @@ FRAME = np.dtype([("t_ns", "i8"), ("ident", "u4"), ("length", "u1"), ("payload",
     ACTUATOR_SEGMENT,
     SEED,
     STATE_NODE,
+    STEP,
+    STATES,
+    PARAMETERS,
     N_CLOCK,
-) = range(15)
+) = range(18)
 NOTHING = -1
 
 # Memory.roles: who takes in a frame of each standard identifier.
@@ -54,9 +57,19 @@ FLIGHT_SUBMITTED, FLIGHT_SAMPLE, N_FLIGHT = range(3)
 
 
 class Memory(NamedTuple):
-    """What the loop works on besides body, driver and bus; becomes one record."""
+    """What the loop works on besides driver and bus; becomes one record.
+
+    ``state`` and ``parameters`` have room for every body's; ``STATES`` and ``PARAMETERS`` count
+    those in use, ``STEP`` is the address of the body's step.
+    """
 
     clock: NDArray[np.int64]
+    state: NDArray[np.float64]
+    inputs: NDArray[np.float64]
+    parameters: NDArray[np.float64]
+    outputs: NDArray[np.float64]
+    received: NDArray[Any]
+    payload: NDArray[np.uint8]
     outbox: NDArray[np.int64]
     flight: NDArray[np.int64]
     roles: NDArray[np.uint8]
@@ -66,17 +79,14 @@ class Memory(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Everything the loop works on, in place; ``memory`` is a record of ``Memory``."""
+    """Everything the loop works on, in place; ``memory`` is a record of ``Memory``.
+
+    Only what differs in size from run to run stands beside the record.
+    """
 
     memory: NDArray[Any]
-    state: NDArray[np.float64]
-    inputs: NDArray[np.float64]
-    parameters: NDArray[np.float64]
-    outputs: NDArray[np.float64]
     rows: NDArray[np.float64]
     commands: NDArray[np.int64]
-    received: NDArray[Any]
-    payload: NDArray[np.uint8]
     drive: Drive
     network: bus.Network
 
@@ -92,8 +102,8 @@ def word_of(payload: NDArray[np.uint8]) -> int:
 
 @njit
 def _send(  # noqa: PLR0917
-    network: bus.Network,
-    payload: NDArray[np.uint8],
+    world: Memory,
+    network: bus.State,
     node: int,
     t_ns: int,
     ident: int,
@@ -101,18 +111,18 @@ def _send(  # noqa: PLR0917
     word: int,
 ) -> None:
     for byte in range(8):
-        payload[byte] = (word >> (8 * byte)) & 0xFF
-    bus.enqueue(network, node, t_ns, ident, length, payload, 0)
+        world.payload[byte] = (word >> (8 * byte)) & 0xFF
+    bus.submit(network, node, t_ns, ident, length, world.payload, 0)
 
 
 @njit
-def _post(world: Memory, network: bus.Network, payload: NDArray[np.uint8]) -> None:
+def _post(world: Memory, network: bus.State) -> None:
     """Queue what the ECU has submitted, and note which sample each command can know of."""
     clock = world.clock
     for k in range(clock[OUTBOX]):
         out = world.outbox[k]
         ident = out[OUT_IDENT]
-        _send(network, payload, bus.ECU, out[OUT_TIME], ident, out[OUT_LENGTH], out[OUT_WORD])
+        _send(world, network, bus.ECU, out[OUT_TIME], ident, out[OUT_LENGTH], out[OUT_WORD])
         if world.roles[ident & STANDARD_IDENT] == FOR_ACTUATOR:
             flight = world.flight[clock[SUBMISSIONS] % len(world.flight)]
             flight[FLIGHT_SUBMITTED] = out[OUT_TIME]
@@ -138,17 +148,12 @@ def _accepted(world: Memory, row: NDArray[np.int64], t_origin: int, t_received: 
 
 
 @njit
-def _deliver(
-    world: Memory,
-    network: bus.Network,
-    received: NDArray[Any],
-    commands: NDArray[np.int64],
-) -> None:
+def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> None:
     """Hand frames that the bus has delivered since the last call to the actuators and the ECU."""
-    clock, log = world.clock, network.log
-    total = bus.logged(network)
+    clock = world.clock
+    total = network.clock[bus.LOGGED]
     for number in range(clock[LOG_CURSOR], total):
-        entry = log[number % len(log)]
+        entry = network.log[number % network.clock[bus.LOG_SIZE]]
         role = world.roles[entry.ident & STANDARD_IDENT]
         if role == NOBODY or entry.outcome != bus.DELIVERED or entry.flags != 0:
             continue
@@ -161,7 +166,7 @@ def _deliver(
                 row = commands[clock[APPLIED_COMMANDS]]
                 _accepted(world, row, entry.t_origin, entry.t_received)
         elif entry.segment == clock[ECU_SEGMENT]:
-            frame = received[clock[RECEIVED]]
+            frame = world.received[clock[RECEIVED]]
             frame.t_ns = entry.t_received
             frame.ident = entry.ident
             frame.length = entry.length
@@ -174,9 +179,7 @@ def _deliver(
 
 
 @njit
-def _sense(
-    world: Memory, network: bus.Network, payload: NDArray[np.uint8], number: int, now_ns: int
-) -> None:
+def _sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
     """Sample at every instant of the node's clock up to ``now_ns`` and queue the frames."""
     clock = world.clock
     node = world.sensors.node[number]
@@ -190,38 +193,51 @@ def _sense(
         if not sensors.silent(world.sensors, number, t_ns):
             t_queued = t_ns + node[sensors.LATENCY]
             ident, length = message[codec.IDENT], message[codec.LENGTH]
-            _send(network, payload, node[sensors.BUS_NODE], t_queued, ident, length, word)
+            _send(world, network, node[sensors.BUS_NODE], t_queued, ident, length, word)
         node[sensors.NEXT] += node[sensors.PERIOD]
 
 
 @njit
-def advance(step: Any, parts: Parts, until_ns: int) -> None:  # noqa: ANN401
-    """Let everything happen up to and including ``until_ns``; the body ends on the next full ms."""
-    world = parts.memory[0]
+def advance(parts: Parts, until_ns: int) -> int:
+    """Let everything happen up to and including ``until_ns``; the body ends on the next full ms.
+
+    Returns
+    -------
+    received
+        How many frames the ECU has received: the first of ``Memory.received``.
+    """
+    world, network = parts.memory[0], parts.network.state[0]
+    rows, commands, driver = parts.rows, parts.commands, parts.drive
     clock = world.clock
-    inputs, outputs = parts.inputs, parts.outputs
+    # Views into the record: unlike arrays of their own they have no references to be counted.
+    inputs, outputs = world.inputs[:], world.outputs[:]
+    state, parameters = world.state[: clock[STATES]], world.parameters[: clock[PARAMETERS]]
+    step = step_at(clock[STEP])
     clock[RECEIVED] = 0
-    _post(world, parts.network, parts.payload)
+    _post(world, network)
     while clock[PLANT_NS] < until_ns:
         t_ns = clock[PLANT_NS]
-        bus.advance(parts.network, t_ns)
-        _deliver(world, parts.network, parts.received, parts.commands)
+        bus.run(network, t_ns)
+        if clock[LOG_CURSOR] < network.clock[bus.LOGGED]:
+            _deliver(world, network, commands)
         actuators.supervise(world.actuators, t_ns)
         act(world.actuators, outputs, inputs, t_ns)
         if clock[PENDING]:
-            parts.commands[clock[APPLIED_COMMANDS], recording.APPLIED] = t_ns
+            commands[clock[APPLIED_COMMANDS], recording.APPLIED] = t_ns
             clock[APPLIED_COMMANDS] += 1
             clock[PENDING] = 0
         if outputs[ports.ROLLOVER] == 0.0:
-            drive(t_ns, outputs, inputs, parts.drive)
-            step(parts.state, inputs, parts.parameters, outputs, 1e-3)
+            drive(t_ns, outputs, inputs, driver)
+            step(state, inputs, parameters, outputs, 1e-3)
         t_ns += STEP_NS
         clock[PLANT_NS] = t_ns
         sensors.observe(world.sensors, inputs, outputs)
         for number in range(len(world.sensors.node)):
             if world.sensors.node[number, sensors.NEXT] <= t_ns:
-                _sense(world, parts.network, parts.payload, number, t_ns)
-        recording.record(parts.rows, clock[ROWS], outputs, inputs, world.actuators)
+                _sense(world, network, number, t_ns)
+        recording.record(rows, clock[ROWS], outputs, inputs, world.actuators)
         clock[ROWS] += 1
-    bus.advance(parts.network, until_ns)
-    _deliver(world, parts.network, parts.received, parts.commands)
+    bus.run(network, until_ns)
+    _deliver(world, network, commands)
+    received: int = clock[RECEIVED]
+    return received

@@ -28,6 +28,7 @@ LOG_CAPACITY = 1 << 15
 _OUTBOX_CAPACITY = 256
 _INBOX_CAPACITY = 8192
 _FLIGHT_CAPACITY = 64
+_STATES, _PARAMETERS = 64, 2048
 
 _SENDERS = {
     "Imu": can_bus.IMU,
@@ -88,6 +89,10 @@ def _clock(nodes: sensors.Sensors, network: can_bus.Network, seed: int) -> NDArr
     return clock
 
 
+def _in_room(values: NDArray[np.float64], room: int) -> NDArray[np.float64]:
+    return np.concatenate((values, np.zeros(room - len(values))))
+
+
 def record_room(steps: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Empty tables for the signals and the applied commands of ``steps`` milliseconds."""
     rows = np.zeros((steps, recording.N_COLUMNS))
@@ -127,8 +132,17 @@ def assemble(
     )
     state, inputs, parameters, outputs = simulate.start(vehicle, plant, maneuver)
     nodes = _sensors(vehicle, sensors, seed, inputs, outputs)
+    clock = _clock(nodes, network, seed)
+    clock[kernel.STEP] = plant.step.address
+    clock[kernel.STATES], clock[kernel.PARAMETERS] = len(state), len(parameters)
     memory = Memory(
-        clock=_clock(nodes, network, seed),
+        clock=clock,
+        state=_in_room(state, _STATES),
+        inputs=inputs,
+        parameters=_in_room(parameters, _PARAMETERS),
+        outputs=outputs,
+        received=np.zeros(_INBOX_CAPACITY, dtype=kernel.FRAME),
+        payload=np.zeros(8, dtype=np.uint8),
         outbox=np.zeros((_OUTBOX_CAPACITY, kernel.N_OUTBOX), dtype=np.int64),
         flight=np.full((_FLIGHT_CAPACITY, kernel.N_FLIGHT), kernel.NOTHING, dtype=np.int64),
         roles=_roles(actuator),
@@ -139,14 +153,8 @@ def assemble(
     rows, commands = record_room(maneuver.duration_ns // kernel.STEP_NS + 1)
     return Parts(
         memory=to_record(memory),
-        state=state,
-        inputs=inputs,
-        parameters=parameters,
-        outputs=outputs,
         rows=rows,
         commands=commands,
-        received=np.zeros(_INBOX_CAPACITY, dtype=kernel.FRAME),
-        payload=np.zeros(8, dtype=np.uint8),
         drive=maneuver.drive,
         network=network,
     )

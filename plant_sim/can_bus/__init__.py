@@ -28,11 +28,13 @@ from plant_sim.can_bus.accounting import Account, account, drain, load
 from plant_sim.can_bus.layout import (
     DELIVERED,
     ERROR,
+    LOG_SIZE,
     LOGGED,
     NOW,
     OUTCOMES,
     SUPERSEDED,
     Network,
+    State,
     logged,
 )
 from plant_sim.can_bus.network import (
@@ -58,9 +60,9 @@ from plant_sim.can_bus.profiles import (
     make_network,
     profile_spec,
 )
-from plant_sim.can_bus.queues import enqueue
+from plant_sim.can_bus.queues import enqueue, submit
 from plant_sim.can_bus.records import log_dtype
-from plant_sim.can_bus.scheduler import advance
+from plant_sim.can_bus.scheduler import advance, run
 
 __all__ = [
     "ACTUATOR",
@@ -70,6 +72,7 @@ __all__ = [
     "ERROR",
     "IMU",
     "LOGGED",
+    "LOG_SIZE",
     "NODES",
     "NOW",
     "OUTCOMES",
@@ -86,6 +89,7 @@ __all__ = [
     "Node",
     "Segment",
     "Source",
+    "State",
     "account",
     "advance",
     "build_network",
@@ -97,4 +101,6 @@ __all__ = [
     "logged",
     "make_network",
     "profile_spec",
+    "run",
+    "submit",
 ]

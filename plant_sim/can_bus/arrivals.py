@@ -25,7 +25,7 @@ def start_source(network: Network, number: int) -> None:
     """Enter the message of a periodic source and schedule its first release."""
     bus = network.state[0]
     source = bus.sources[number]
-    message_of(bus, source.node, source.ident, source.flags)
+    source.message = message_of(bus, source.node, source.ident, source.flags)
     schedule_source(bus, number, bus.clock[NOW])
 
 
@@ -56,7 +56,7 @@ def generate(bus: State, number: int, now: int) -> None:
                 bits = random_bits(bus.clock[SEED], _PAYLOAD_STREAM + number, counter)
             payload[index] = np.uint8(bits & np.uint64(0xFF))
             bits >>= np.uint64(8)
-    slot = store(bus, source.node, now, now, source.ident, source.length, payload, source.flags)
+    slot = store(bus, source.message, now, now, source.length, payload, source.flags)
     source.sent += 1
     schedule_source(bus, number, now)
     if slot >= 0:
@@ -87,10 +87,9 @@ def forward(bus: State, slot: int, now: int) -> None:
         gateway.last_ns = max(gateway.last_ns, now + latency)
         stored = store(
             bus,
-            gateway.to_node,
+            message_of(bus, gateway.to_node, frame.ident, frame.flags),
             gateway.last_ns,
             frame.t_origin,
-            frame.ident,
             frame.length,
             bus.payloads[slot],
             frame.flags,

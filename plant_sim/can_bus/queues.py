@@ -65,13 +65,27 @@ def enqueue(
             ``length``, or the network has seen as many different identifiers as it has room for
             (``MAX_MESSAGES``).
     """
-    bus = network.state[0]
+    return submit(network.state[0], node, t_ns, ident, length, payload, flags)
+
+
+@njit
+def submit(
+    bus: State,
+    node: int,
+    t_ns: int,
+    ident: int,
+    length: int,
+    payload: NDArray[np.uint8],
+    flags: int,
+) -> bool:
+    """``enqueue`` for kernels that hold the network's record."""
     if t_ns < bus.clock[NOW]:
         raise ValueError("frame queued before the time the bus has been advanced to")
     held = 0 if flags & REMOTE else length
     if length < 0 or length > MAX_PAYLOAD or held > len(payload):
         raise ValueError("frame with more bytes than its payload holds")
-    slot = store(bus, node, t_ns, t_ns, ident, length, payload, flags)
+    message = message_of(bus, node, ident, flags)
+    slot = store(bus, message, t_ns, t_ns, length, payload, flags)
     if slot < 0:
         return False
     schedule(bus, t_ns, slot)
@@ -81,31 +95,30 @@ def enqueue(
 @njit
 def store(
     bus: State,
-    node: int,
+    number: int,
     t_ns: int,
     t_origin: int,
-    ident: int,
     length: int,
     payload: NDArray[np.uint8],
     flags: int,
 ) -> int:
-    """Copy a frame into the store and return its slot, or −1 where there is no room."""
+    """Copy a frame of message ``number`` into the store; its slot, or −1 where there is no room."""
     clock = bus.clock
-    message = message_of(bus, node, ident, flags)
+    message = bus.messages[number]
     slot = clock[FREE_FRAME]
     if slot < 0:
-        segment = bus.nodes[node].segment
+        segment = bus.nodes[message.node].segment
         bus.totals[segment, OFFERED] += 1
         bus.totals[segment, LOST_OVERFLOW] += 1
-        bus.messages[message].offered += 1
-        bus.messages[message].lost += 1
+        message.offered += 1
+        message.lost += 1
         return -1
     frame = bus.frames[slot]
     clock[FREE_FRAME] = frame.next
     frame.next = -1
-    frame.message = message
-    frame.node = node
-    frame.ident = ident
+    frame.message = number
+    frame.node = message.node
+    frame.ident = message.ident
     frame.flags = flags
     frame.length = length
     frame.bits = 0

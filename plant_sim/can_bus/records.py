@@ -81,6 +81,7 @@ FRAME: Final = np.dtype(
 SOURCE: Final = np.dtype(
     [
         ("node", "i8"),
+        ("message", "i8"),
         ("ident", "i8"),
         ("flags", "i8"),
         ("length", "i8"),

@@ -97,7 +97,12 @@ def advance(network: Network, until_ns: int) -> None:
 
     Ends of frames are appended to ``network.log``; see ``Network``.
     """
-    bus = network.state[0]
+    run(network.state[0], until_ns)
+
+
+@njit
+def run(bus: State, until_ns: int) -> None:
+    """``advance`` for kernels that hold the network's record."""
     clock = bus.clock
     while True:
         best, kind, which = _next(bus)
