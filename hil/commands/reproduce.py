@@ -20,6 +20,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         metavar="PAPER",
         help="redondo2021, viadero2022, vu2020, yim2020 (default: all)",
     )
+    parser.add_argument(
+        "--runs",
+        type=int,
+        metavar="N",
+        help="paired runs of each law beside ours (default: 20; 0: leave that out)",
+    )
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder (default: out)")
     parser.add_argument(
         "--json", action="store_true", help="print one JSON object; files only with --out"
@@ -34,12 +40,14 @@ def run(args: argparse.Namespace) -> int:
     from hil.report.page import Table  # noqa: PLC0415
     from hil.report.reproduction_page import reproduction_page  # noqa: PLC0415
     from hil.reproduce import papers  # noqa: PLC0415
+    from hil.reproduce.beside import RUNS  # noqa: PLC0415
 
+    runs = RUNS if args.runs is None else args.runs
     out = args.out or (None if args.json else DEFAULT_OUT)
     if out is not None:
         usable_folder(out)
     with terminal.progress(quiet=args.json) as progress:
-        found = papers.reproduce(args.papers, progress)
+        found = papers.reproduce(args.papers, progress, runs=runs)
     data = papers.to_json(found)
     files = {}
     if out is not None:

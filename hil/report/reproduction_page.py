@@ -52,10 +52,13 @@ def _tables(part: Reproduction, first: int) -> list[Table]:
 def reproduction_page(found: Sequence[Reproduction]) -> str:
     """Return the page as one HTML document."""
     tables: list[Table] = []
-    first = 0
+    first = place = 0
     for part in found:
         tables += _tables(part, first)
         first += len(part.rows)
+        for section in part.sections:
+            tables.append(section.table(place))
+            place += 1
     return render(
         Page(
             title="The papers' tables, recomputed",

@@ -11,6 +11,7 @@ from hil.comparison import Named, runs
 from hil.metrics import moment
 from hil.report.figure import DASHED, SOLID, Figure, Series
 from hil.reproduce.rows import Report, Row
+from hil.reproduce.section import Section
 from hil.result import Result
 from hil.trace import Trace
 from plant_sim.recording import WHEELS
@@ -22,10 +23,11 @@ SETTLED = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Recomputed:
-    """What recomputing a paper leaves: its rows, yet to be judged, and its plots."""
+    """What recomputing a paper leaves: its rows, yet to be judged, its plots, and what else."""
 
     rows: Sequence[Row]
     figures: Sequence[Figure]
+    sections: Sequence[Section] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,11 +5,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from canroll.errors import UnknownNameError
+from canroll.errors import CanrollError, UnknownNameError
 from hil.report.figure import Figure
 from hil.reproduce import redondo2021, viadero2022, vu2020, yim2020
+from hil.reproduce.beside import RUNS, beside
 from hil.reproduce.driven import Recomputed
 from hil.reproduce.rows import VERDICTS, Report, Row, judged
+from hil.reproduce.section import Section
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,11 +37,12 @@ PAPERS = {
 
 @dataclass(frozen=True, slots=True)
 class Reproduction:
-    """All rows of one paper with their verdicts, and its plots."""
+    """All rows of one paper with their verdicts, what else was found, and its plots."""
 
     paper: Paper
     rows: Sequence[Row]
     figures: Sequence[Figure]
+    sections: Sequence[Section] = ()
 
     @property
     def counts(self) -> dict[str, int]:
@@ -48,12 +51,20 @@ class Reproduction:
         return {verdict: found[verdict] for verdict in VERDICTS}
 
 
-def reproduce(names: Sequence[str], report: Report) -> list[Reproduction]:
+def reproduce(names: Sequence[str], report: Report, *, runs: int = RUNS) -> list[Reproduction]:
     """Recompute the tables of the papers named, all of them for none.
+
+    Args:
+        names: keys of :data:`PAPERS`.
+        report: called with a title and the share done.
+        runs: paired runs of each law beside ours; 0 leaves that comparison out.
 
     Raises:
         UnknownNameError: there is no such paper.
+        CanrollError: one run, of which there is no interval.
     """
+    if runs < 0 or runs == 1:
+        raise CanrollError(f"--runs {runs}: paired intervals need at least 2; 0 for none")
     for name in names:
         if name not in PAPERS:
             raise UnknownNameError("paper", name, PAPERS)
@@ -61,7 +72,11 @@ def reproduce(names: Sequence[str], report: Report) -> list[Reproduction]:
     for name in names or PAPERS:
         paper = PAPERS[name]
         recomputed = paper.recompute(report)
-        found.append(Reproduction(paper, judged(recomputed.rows), recomputed.figures))
+        sections, figures = [*recomputed.sections], [*recomputed.figures]
+        if runs:
+            tables, trade_off = beside(name, report, runs=runs)
+            sections, figures = [*sections, *tables], [*figures, trade_off]
+        found.append(Reproduction(paper, judged(recomputed.rows), figures, sections))
     return found
 
 
@@ -70,6 +85,9 @@ def to_json(found: Sequence[Reproduction]) -> dict[str, Any]:
     return {
         "rows": [row.to_json() for part in found for row in part.rows],
         "counts": {part.paper.name: part.counts for part in found},
+        "sections": [
+            section.to_json(part.paper.name) for part in found for section in part.sections
+        ],
     }
 
 
@@ -92,6 +110,8 @@ def to_markdown(found: Sequence[Reproduction]) -> str:
             for row in part.rows
         ]
         lines.append("")
+        for section in part.sections:
+            lines += section.markdown()
     return "\n".join(lines)
 
 

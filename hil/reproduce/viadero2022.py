@@ -3,8 +3,10 @@
 import numpy as np
 
 from hil.report.figure import Figure, Series
+from hil.reproduce import measured_output
 from hil.reproduce.driven import Case, Recomputed, cycle_reason, drive, plots
 from hil.reproduce.rows import Report, Row, printed
+from hil.reproduce.section import Section
 from hil.result import Result
 
 PAPER = "viadero2022"
@@ -50,12 +52,14 @@ def recompute(report: Report) -> Recomputed:
     """Return every number of Tables I and II, and the transmission rates."""
     found: list[Row] = []
     figures: list[Figure] = []
+    sections: list[Section] = []
     for test, speed, table in TESTS:
         name = f"{test}, active"
         result = drive(
             "double_lane_change", [Case(name, {})], {**COMMON, "speed_kmh": speed}, report
         )[name]
         if not figures:
+            sections = [measured_output.readings(result), measured_output.places(result)]
             figures = [*plots(PAPER, "Lane change at 100 km/h", {name: result}), _instants(result)]
         for row, numbers in printed(PAPER)[test].items():
             metrics = result.passive_metrics if row == "passive" else result.controlled_metrics
@@ -87,7 +91,13 @@ def recompute(report: Report) -> Recomputed:
                 finding=TRIGGER,
             )
         )
-    return Recomputed(found, figures)
+    rules = drive(
+        "double_lane_change",
+        [Case(rule, {"trigger": rule}) for rule in ("every", "event")],
+        {**COMMON, "bus": measured_output.BUS, "speed_kmh": TESTS[0][1]},
+        report,
+    )
+    return Recomputed(found, figures, [*sections, measured_output.load_and_bound(rules)])
 
 
 def _instants(result: Result) -> Figure:

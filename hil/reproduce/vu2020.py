@@ -5,6 +5,7 @@ import numpy as np
 from gain_gen.full_car import SPEED, full_car_model, ideal_gain, reductions
 from hil.report.figure import DASHED, SOLID, Figure, Series
 from hil.reproduce.driven import Case, Recomputed, cycle_reason, drive, force_rms, plots
+from hil.reproduce.ideal_bars import ideal_beside
 from hil.reproduce.rows import Report, Row, printed
 from hil.result import Result
 from vehicles.full_car import REPAIRED
@@ -80,8 +81,9 @@ def recompute(report: Report) -> Recomputed:
             finding=cycle_reason(at_100) or BARS,
         )
     )
-    figures = [*plots(PAPER, "Lane change", results), *_at_100(at_100)]
-    return Recomputed(sorted(found, key=lambda row: row.table), figures)
+    section, roll = ideal_beside(PAPER, at_100)
+    figures = [*plots(PAPER, "Lane change", results), *_at_100(at_100), roll]
+    return Recomputed(sorted(found, key=lambda row: row.table), figures, [section])
 
 
 def _at_100(result: Result) -> list[Figure]:

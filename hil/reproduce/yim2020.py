@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from hil.report.figure import Figure
+from hil.reproduce.direct_signals import case_1
 from hil.reproduce.driven import (
     Case,
     Recomputed,
@@ -64,7 +65,7 @@ ESTIMATES = (
 
 
 def recompute(report: Report) -> Recomputed:
-    """Return every number of Tables 3 to 6; the observer-free case 1 has none."""
+    """Return every number of Tables 3 to 6, and the observer-free case 1, which has none."""
     found: list[Row] = []
     figures: list[Figure] = []
     for key, table, keywords in TABLES:
@@ -97,7 +98,7 @@ def recompute(report: Report) -> Recomputed:
                 )
                 for quantity, value in zip(names, values, strict=True)
             ]
-    return Recomputed(found, figures)
+    return Recomputed(found, figures, [case_1(COMMON, report)])
 
 
 def _figure(result: Result, quantity: str, *, passive: bool) -> float:

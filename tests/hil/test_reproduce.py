@@ -1,9 +1,17 @@
 import json
 import math
 
+import numpy as np
 import pytest
+from scipy import signal
 
+import vehicles
+from hil import contract
 from hil.cli import main
+from hil.contract import FIGURES, Comparison
+from hil.reproduce.beside import OURS, beside, rows
+from hil.reproduce.ideal_bars import linear_run
+from hil.reproduce.measured_output import STEP, WATCHED, lane_change, relative_rule
 from hil.reproduce.papers import PAPERS, reproduce, to_json, to_markdown
 from hil.reproduce.rows import (
     NOT_REPRODUCIBLE,
@@ -14,6 +22,7 @@ from hil.reproduce.rows import (
     judged,
     printed,
 )
+from vehicles.full_car import REPAIRED
 
 
 def row(printed_value, ours, group="g", **more):
@@ -68,7 +77,7 @@ def test_every_paper_has_its_tables():
 
 @pytest.fixture(scope="module")
 def viadero():
-    return reproduce(["viadero2022"], lambda title, share: None)
+    return reproduce(["viadero2022"], lambda title, share: None, runs=0)
 
 
 def test_the_event_triggered_paper_comes_out(viadero):
@@ -117,3 +126,118 @@ def test_all_papers_through_the_command(tmp_path, capsys):
     # plants are calibrated on passive rows alone
     assert all("passive" in f["row"] for f in data["rows"] if "calibrated" in f["reason"][:10])
     assert {path.suffix for path in tmp_path.iterdir()} == {".html", ".md", ".json"}
+
+
+def section(data, key):
+    return next(part for part in data["sections"] if part["section"] == key)["rows"]
+
+
+def test_both_readings_of_the_measured_output(viadero):
+    """The printed P certifies the roll rate at one sampling period, and nothing else."""
+    rate, angle, table = section(to_json(viadero), "readings_of_y")
+    assert rate["certified_gamma_squared_20_ms"] < table["certified_gamma_squared_20_ms"] == 16.96
+    assert rate["certified_gamma_squared_40_ms"] is None
+    assert angle["certified_gamma_squared_20_ms"] is None
+    for row in (rate, angle):
+        assert row["small_gain_40_ms"] < 1
+        assert row["roll_rms_change_percent"] < 0
+    # the gain as stiffness on the angle gives more H∞ level than as damping on the rate
+    assert angle["exact_gamma_squared_40_ms"] > rate["exact_gamma_squared_40_ms"]
+
+
+def test_rolling_is_a_second_order_system():
+    """Without control the exact steps are scipy's; a dead sensor changes nothing."""
+    model = vehicles.load("van_2022").design
+    time = np.arange(3000) * STEP
+    lateral = 3 * np.sin(2 * time)
+    motion = lane_change(model, None, lateral)
+    stiffness = model.effective_stiffness
+    system = signal.TransferFunction(
+        [model.roll_arm], [model.roll_inertia, model.roll_damping, stiffness]
+    )
+    _, expected, _ = signal.lsim(system, lateral, time, interp=False)
+    assert motion[:, 0] == pytest.approx(expected, abs=1e-9)
+    assert np.array_equal(lane_change(model, np.zeros((1, 2)), lateral), motion)
+
+
+def test_relative_rule():
+    assert relative_rule(np.zeros(5)) == 0
+    assert relative_rule(np.array([1.0, 1.01, 1.02, 2.0, 2.01])) == 2
+    dying = np.array([1.0, 0.4, 0.3])
+    assert relative_rule(dying) == 2
+    assert relative_rule(dying, floor=0.7) == 1
+
+
+def test_triggering_lowers_the_mean_load_alone(viadero):
+    every, event = section(to_json(viadero), "load_and_bound")
+    assert event["mean_load_percent"] < every["mean_load_percent"]
+    assert event["commands_per_second"] < every["commands_per_second"]
+    for message in WATCHED:
+        assert event[f"{message}_bound_ms"] == every[f"{message}_bound_ms"]
+        for row in (every, event):
+            assert row[f"{message}_seen_ms"] <= row[f"{message}_bound_ms"]
+
+
+def test_rows_of_a_comparison():
+    """Differences are of the reference's mean; a law that cannot run is told, not left out."""
+    runs = np.ones((4, len(FIGURES)))
+    entries = {entry.name: entry for entry in OURS}
+    less = runs.copy()
+    less[:, :2] = np.array([0.5, 0.5, 0.6, 0.4])[:, None]
+    nothing = np.full_like(runs, np.nan)
+    found = rows(
+        Comparison(
+            (
+                contract.Row(entries["hinf_delay"], 1.0, runs),
+                contract.Row(entries["lqg_delay"], 0.5, less),
+                contract.Row(entries["ay_feedforward"], 1.0, nothing, "too little"),
+            ),
+            "hinf_delay", 1.0, 4, "500k", "van_real", "moose",
+        )
+    )  # fmt: skip
+    reference, ours, refused = found
+    assert reference["roll_rms_difference_percent"] == 0
+    assert ours["roll_rms_difference_percent"] == pytest.approx(-50)
+    assert ours["low_percent"] < -50 < ours["high_percent"] < 0
+    assert ours["verdict"] == "better"
+    assert refused["verdict"] == "too little"
+    assert refused["roll_rms_deg"] is refused["low_percent"] is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("paper", PAPERS)
+def test_ours_beside_theirs(paper):
+    """The budget is met on both vehicles, and the trade-off has a curve a law."""
+    sections, figure = beside(paper, lambda title, share: None, runs=2)
+    for part in sections:
+        found = {row["law"]: row for row in part.rows}
+        assert {"passive", "hinf_delay", "ay_feedforward", "lqg_delay"} <= set(found)
+        budget = found["hinf_delay"]["moment_rms_nm"]
+        for law in ("ay_feedforward", "lqg_delay"):
+            assert found[law]["moment_rms_nm"] == pytest.approx(budget, rel=0.1)
+            # less roll for the effort than the roll rate alone gives
+            assert found[law]["high_percent"] < 0
+    assert [curve.name for curve in figure.series[1:]] == [entry.name for entry in OURS]
+
+
+def test_ideal_law_on_the_linear_car():
+    """Control takes roll away at rest and in the limit of a steady turn alike."""
+    steer = np.full(4000, 0.01)
+    free, idle = linear_run(REPAIRED, steer, 20.0, controlled=False)
+    held, currents = linear_run(REPAIRED, steer, 20.0, controlled=True)
+    assert not idle.any()
+    assert np.abs(currents).max() > 0
+    assert abs(held[-1]) < 0.7 * abs(free[-1])
+    assert not linear_run(REPAIRED, np.zeros(50), 20.0, controlled=True)[0].any()
+
+
+def test_sections_are_in_the_markdown(viadero):
+    text = to_markdown(viadero)
+    for part in to_json(viadero)["sections"]:
+        assert f"### {part['title']}" in text
+        assert len({frozenset(row) for row in part["rows"]}) == 1
+
+
+def test_one_run_has_no_interval(capsys):
+    assert main(["reproduce", "viadero2022", "--runs", "1", "--json"]) == 2
+    assert "at least 2" in capsys.readouterr().err
