@@ -59,7 +59,9 @@ class Setting:
         """The setting in words."""
         more = {k: v for k, v in self.conditions.items() if k != "options"}
         more |= self.conditions.get("options", {})
-        words = ", ".join(f"{key.removesuffix('_kmh')} {value}" for key, value in more.items())
+        if "speed_kmh" in more:
+            more["speed"] = f"{more.pop('speed_kmh'):g} km/h"
+        words = ", ".join(f"{key} {value}" for key, value in more.items())
         return f"{self.scenario.replace('_', ' ')}, {self.vehicle}, bus {self.bus}, {words}"
 
 

@@ -1,6 +1,7 @@
 """Redondo, Boada, Díaz 2021: delay-aware and delay-unaware H∞ roll-rate feedback of a van."""
 
 from hil.report.figure import Figure
+from hil.reproduce.chatter import chatter
 from hil.reproduce.driven import Case, Recomputed, cycle_reason, drive, plots
 from hil.reproduce.rows import Report, Row, printed
 from hil.result import Result
@@ -48,6 +49,7 @@ def recompute(report: Report) -> Recomputed:
     """Return every number of Tables 2 to 7."""
     found: list[Row] = []
     figures: list[Figure] = []
+    driven: dict[str, Result] = {}
     for test, scenario, speed, table in TESTS:
         results = drive(
             scenario,
@@ -55,12 +57,13 @@ def recompute(report: Report) -> Recomputed:
             {**COMMON, "speed_kmh": speed},
             report,
         )
+        driven |= results
         by_row = {row: results[f"{test}, {row}"] for row in LAWS}
         for row, numbers in printed(PAPER)[test].items():
             found += _table(test, table, row, numbers, by_row)
         if scenario == "double_lane_change":
             figures = plots(PAPER, "Lane change at 100 km/h", results)
-    return Recomputed(found, figures)
+    return Recomputed(found, figures, [chatter(driven)])
 
 
 def _table(

@@ -10,6 +10,7 @@ from hil import contract
 from hil.cli import main
 from hil.contract import FIGURES, Comparison
 from hil.reproduce.beside import OURS, beside, rows
+from hil.reproduce.chatter import fast_share
 from hil.reproduce.ideal_bars import linear_run
 from hil.reproduce.measured_output import STEP, WATCHED, lane_change, relative_rule
 from hil.reproduce.papers import PAPERS, reproduce, to_json, to_markdown
@@ -176,6 +177,14 @@ def test_triggering_lowers_the_mean_load_alone(viadero):
         assert event[f"{message}_bound_ms"] == every[f"{message}_bound_ms"]
         for row in (every, event):
             assert row[f"{message}_seen_ms"] <= row[f"{message}_bound_ms"]
+
+
+def test_fast_share_of_a_command():
+    time = np.arange(1000) * 0.01
+    slow, fast = np.sin(2 * np.pi * time), np.sin(2 * np.pi * 8 * time)
+    assert fast_share(slow, 0.01) < 1e-6
+    assert fast_share(slow + 0.5 * fast, 0.01) == pytest.approx(0.2, abs=1e-3)
+    assert fast_share(np.zeros(100), 0.01) == 0
 
 
 def test_rows_of_a_comparison():
