@@ -69,11 +69,12 @@ def take(ecu: Ecu, cal: Calibration, message: i32) -> i32:
 
 
 def read_inputs(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
-    """Take every mailbox, and count how old each input is."""
+    """Take every mailbox that the calibration needs, and count how old each input is."""
     for message in range(N_RX):
-        ecu.age[message] = clamp(ecu.age[message] + elapsed, 0, AGE_MAX)
-        ecu.unchanged[message] = clamp(ecu.unchanged[message] + elapsed, 0, AGE_MAX)
-        ecu.fresh[message] = byte(take(ecu, cal, message))
+        if cal.timeout_ticks[message] > 0:
+            ecu.age[message] = clamp(ecu.age[message] + elapsed, 0, AGE_MAX)
+            ecu.unchanged[message] = clamp(ecu.unchanged[message] + elapsed, 0, AGE_MAX)
+            ecu.fresh[message] = byte(take(ecu, cal, message))
 
 
 def init_mailboxes(ecu: Ecu, cal: Calibration) -> None:

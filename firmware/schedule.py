@@ -12,6 +12,16 @@ def between(low: i32, high: i32, share: i32) -> i32:
     return clamp(low + rsh((high - low) * share, 28), -STATE_MAX, STATE_MAX)
 
 
+def ratio(part: i32, whole: i32) -> i32:
+    """Return ``part / whole`` (Q28), at most 1, for ``part`` >= 0 and ``whole`` > 0."""
+    # beyond the ends, where a car mostly is, nothing needs to be divided
+    if part == 0:
+        return 0
+    if part >= whole:
+        return Q28_ONE
+    return clamp(tdiv(part * Q28_ONE, whole), 0, Q28_ONE)
+
+
 def schedule(ecu: Ecu, cal: Calibration) -> None:
     """Interpolate the schedule at the vehicle's speed, constant beyond its ends."""
     point: i32 = 0
@@ -21,7 +31,7 @@ def schedule(ecu: Ecu, cal: Calibration) -> None:
     after: i32 = clamp(point + 1, 0, cal.schedule_points - 1)
     width: i32 = clamp(cal.schedule_speed[after] - cal.schedule_speed[point], 1, STATE_MAX)
     gone: i32 = clamp(ecu.speed - cal.schedule_speed[point], 0, STATE_MAX)
-    share: i32 = clamp(tdiv(gone * Q28_ONE, width), 0, Q28_ONE)
+    share: i32 = ratio(gone, width)
     gain: i32 = between(cal.schedule_gain[point], cal.schedule_gain[after], share)
     front: i32 = between(cal.schedule_front_share[point], cal.schedule_front_share[after], share)
     ecu.front_share = clamp(front, 0, 1 << 30)
@@ -32,5 +42,5 @@ def schedule(ecu: Ecu, cal: Calibration) -> None:
         ecu.steering_acceleration = ecu.x[LATERAL]
     span: i32 = clamp(cal.fade_high - cal.fade_low, 1, STATE_MAX)
     beyond_low: i32 = clamp(ecu.speed - cal.fade_low, 0, STATE_MAX)
-    fade: i32 = clamp(tdiv(beyond_low * Q28_ONE, span), 0, Q28_ONE)
+    fade: i32 = ratio(beyond_low, span)
     ecu.gain_factor = clamp(rsh(gain * fade, 28), 0, 1 << 30)
