@@ -89,7 +89,8 @@ def zig_image(name: str) -> Path:
     """The firmware linked at a fixed address by zig, from the cache where it is there."""
     if not has_pip_tools():
         raise CanrollError(
-            "the Cortex-M backends need more packages: pip install 'canroll[target]'"
+            "a Cortex-M backend needs elftools/unicorn/ziglang: "
+            ".venv/bin/pip install -e '.[target]'"
         )
     files = {**emit_c.firmware(), "entry.c": (BOARD / "entry.c").read_text(encoding="utf-8")}
     flags = ["-target", "thumb-freestanding-eabi", f"-mcpu={cpu(name).zig}", "-std=c99", "-O2"]

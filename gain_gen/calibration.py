@@ -142,6 +142,8 @@ def load(path: str | Path) -> LoadedCalibration:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
         raise CanrollError(f"cannot read calibration {path}: {reason}") from error
+    if not text.strip():
+        raise CanrollError(f"{path}: is empty: write it anew with 'canroll design'")
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:

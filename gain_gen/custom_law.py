@@ -23,6 +23,8 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
     Raises:
         CanrollError: unreadable, another suffix, an unknown name, no numbers.
     """
+    if path.is_dir():
+        raise CanrollError(f"cannot read matrices {path}: it is a directory, give a file")
     if not path.is_file():
         raise CanrollError(f"cannot read matrices {path}: no such file")
     try:

@@ -1,5 +1,7 @@
 """What the C header says of the design: title lines, and rows in physical units."""
 
+from math import isfinite
+
 from firmware.calibration import Calibration
 from gain_gen.dequantise import physical_rows
 from gain_gen.design import Design
@@ -10,11 +12,13 @@ def title(design: Design) -> list[str]:
     task = design.task
     verdict = "every check of the design holds"
     if not design.is_verified:
-        verdict = f"NOT VERIFIED: fails {', '.join(sorted(design.failures))}"
+        failing = f"fails {', '.join(sorted(design.failures))}"
+        verdict = f"NOT VERIFIED: {failing if design.failures else 'gains as printed'}"
+    admitted = f"{1e3 * design.max_delay:.4g}" if isfinite(design.max_delay) else "any"
     return [
         f"canroll gains: {design.law} for {task.vehicle.name} ({task.actuator}), {task.gains}",
         f"tick {1e3 * task.tick:g} ms, designed for {1e3 * task.delay.nominal:g} ms from sample "
-        f"to force, admits {1e3 * design.max_delay:.4g} ms",
+        f"to force, admits {admitted} ms",
         verdict,
     ]
 

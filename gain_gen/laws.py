@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import isfinite
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from gain_gen.custom_law import design_custom
@@ -42,6 +43,9 @@ SOFTENED = ("hinf_delay", "hinf_nodelay", "hinf_event", "hinf", "smc")
 """Laws that know nothing of hold and actuator: made gentler until the real loop admits them."""
 SOFTEST = 12
 
+PRINTED = ("hinf_delay", "hinf_nodelay", "hinf_event", "lqr", "hinf", "smc")
+"""Laws whose papers print gains."""
+
 OBSERVERS = ("two_sensors", "one_sensor", "steering", "propagated", "reference")
 
 
@@ -57,13 +61,25 @@ def design(law: str, task: Task) -> Design:
         raise UnknownNameError("law", law, LAWS)
     if task.observer not in OBSERVERS:
         raise UnknownNameError("observer", task.observer, OBSERVERS)
+    if task.gains == "as_printed" and law not in PRINTED:
+        raise CanrollError(
+            f"--gains as_printed: no gains are printed for {law}, only for {', '.join(PRINTED)}"
+        )
+    if task.gamma_target < 0.0 or not isfinite(task.gamma_target):
+        raise CanrollError(f"--gamma {task.gamma_target:g}: a level is above 0")
+    if task.gamma_target and law != "hinf_delay":
+        raise CanrollError(f"--gamma is a level for hinf_delay: leave it out for {law}")
     if not 0.001 <= task.tick <= 0.020:
         raise CanrollError(f"a tick of {1e3 * task.tick:g} ms is outside 1 to 20 ms")
     if not 0.0 <= task.delay.least <= task.delay.nominal <= task.delay.most:
         raise CanrollError("the delay must not be negative and its bounds must be in order")
     task = replace(task, noise=sensor_noise(task.vehicle))
     answer = verify(law, task, LAWS[law](task))
-    if task.gains == "as_printed" or answer.is_verified:
+    if task.gains == "as_printed":
+        failing = f", fails {', '.join(answer.failures)}" if answer.failures else ""
+        told = f"NOT VERIFIED: {law} with the gains as printed{failing}"
+        return replace(answer, warnings=(told, *answer.warnings))
+    if answer.is_verified:
         return answer
     for softness in range(1, SOFTEST if law in SOFTENED else 0):
         gentler = verify(law, task, LAWS[law](replace(task, softness=softness)))

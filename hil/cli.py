@@ -34,6 +34,13 @@ COMMANDS = {
 """Every subcommand and its line of help; the code is in ``hil.commands``, loaded when asked for."""
 
 
+EXTRAS = {
+    "target": ("elftools", "unicorn", "ziglang"),
+    "asammdf": ("asammdf",),
+}
+"""Extras of this package, and the packages that come only with them."""
+
+
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line that says where help is."""
 
@@ -120,13 +127,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except CanrollError as error:
         print(f"canroll: {error}", file=sys.stderr)
         return error.exit_code
+    except ModuleNotFoundError as error:
+        missing = (error.name or "").partition(".")[0]
+        for extra, packages in EXTRAS.items():
+            if missing in packages:
+                needs = f"needs {'/'.join(packages)}: .venv/bin/pip install -e '.[{extra}]'"
+                print(f"canroll: this {needs}", file=sys.stderr)
+                return 2
+        raise
     except KeyboardInterrupt:
         print("canroll: interrupted", file=sys.stderr)
         return 130
     except BrokenPipeError:
         # the interpreter flushes stdout once more at exit; that must not fail again
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 141
+        return 0
 
 
 if __name__ == "__main__":

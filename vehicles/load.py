@@ -60,6 +60,8 @@ def load(name_or_path: str | Path) -> Vehicle:
         content = path.read_bytes()
     except OSError as error:
         raise CanrollError(f"cannot read vehicle file {path}: {error.strerror}") from error
+    if not content.strip():
+        raise CanrollError(f"{path}: is empty")
     try:
         table = tomllib.loads(content.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:

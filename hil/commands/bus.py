@@ -11,7 +11,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from canroll.errors import CanrollError, VerdictError
+from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from plant_sim.can_bus.analysis import (
     ErrorModel,
     ResponseBound,
@@ -29,6 +29,11 @@ from plant_sim.can_bus.traffic import Traffic, load_traffic
 
 _MS = 1e-6
 _PHASES = 20
+MAX_PORT = 65535
+MAX_BITRATE, MAX_DATA_BITRATE = 1_000_000, 8_000_000
+"""Of classic frames and arbitration (ISO 11898-1), and of the data of FD, bit/s."""
+DELAY_PATH = {"sensor": "Imu", "command": "SuspensionForceCommand"}
+"""Messages whose delay is shown where the set has them."""
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -65,10 +70,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         metavar="LOG",
         help="replay a bus log (.asc .blf .log …) beside the set, identifiers of the set left out",
     )
-    parser.add_argument("--sensor", default="Imu", help="sensor message (default: %(default)s)")
+    parser.add_argument(
+        "--sensor", default=DELAY_PATH["sensor"], help="sensor message (default: %(default)s)"
+    )
     parser.add_argument(
         "--command",
-        default="SuspensionForceCommand",
+        default=DELAY_PATH["command"],
         help="command message (default: %(default)s)",
     )
     parser.add_argument(
@@ -89,13 +96,26 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Analyse, simulate and print; or serve until interrupted."""
+    """Analyse, simulate and print, 1 for an overloaded bus; or serve until interrupted."""
     for option in ("simulate", "tick", "error_interval"):
         value = getattr(args, option)
         least = 0.0 if option == "simulate" else 1e-3
         if value is not None and not (value >= least and math.isfinite(value)):
             raise CanrollError(f"--{option.replace('_', '-')} {value:g}: at least {least:g}")
+    if args.serve is not None and not 0 <= args.serve <= MAX_PORT:
+        raise CanrollError(f"--serve {args.serve}: a port is 0 to {MAX_PORT}")
+    if args.bitrate is not None and args.bitrate > MAX_BITRATE:
+        raise CanrollError(f"--bitrate {args.bitrate}: at most {MAX_BITRATE} bit/s")
     traffic = load_traffic(args.file, bitrate=args.bitrate)
+    if traffic.bitrate > MAX_BITRATE or traffic.data_bitrate > MAX_DATA_BITRATE:
+        raise CanrollError(
+            f"{args.file}: at most {MAX_BITRATE} bit/s, and {MAX_DATA_BITRATE} for the data of FD"
+        )
+    known = [message.name for message in traffic.messages]
+    for option, default in DELAY_PATH.items():
+        name = getattr(args, option)
+        if name != default and name not in known:
+            raise UnknownNameError(f"--{option} message", name, known)
     if args.serve is not None:
         network = build_network(
             traffic_spec(
@@ -130,7 +150,10 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(_as_json(traffic, bounds, simulation, delay), indent=2))
     else:
         _print(traffic, bounds, simulation, delay, args)
-    return 0
+    used = worst_case_utilisation(
+        traffic.messages, bitrate=traffic.bitrate, data_bitrate=traffic.data_bitrate
+    )
+    return 1 if used > 1.0 else 0
 
 
 def _say(text: str) -> None:
@@ -191,7 +214,8 @@ def _delay(
     ages = np.concatenate(parts)
     if not len(ages):
         return total, (math.nan, math.nan)
-    if ages.max() * 1e-9 > total.age_max:
+    # simulated times are whole ns, the bound is a float of seconds: equal ones may differ there
+    if ages.max() > round(total.age_max * 1e9):
         raise VerdictError(
             f"simulated age {ages.max() * _MS:.3f} ms above its bound {total.age_max * 1e3:.3f} ms"
         )

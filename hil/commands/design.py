@@ -3,7 +3,7 @@
 import argparse
 import json
 from dataclasses import replace
-from math import isfinite
+from math import inf, isfinite
 from pathlib import Path
 
 from canroll.errors import CanrollError
@@ -17,6 +17,13 @@ from gain_gen.tables import calibrate, summary
 from vehicles import Vehicle, load
 
 DEFAULT_DELAY_MS = 20.0
+DEFAULT_RUNS = 20
+UNITS = {"db": "dB", "deg": "deg", "s": "s"}
+WORDS = {
+    "max_delay_sampled_s": "largest delay, sampled loop",
+    "max_delay_s": "largest delay, continuous loop",
+    "delay_margin_s": "delay to spare over the longest",
+}
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -34,7 +41,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="with --compare: drive all laws at equal effort over this bus, paired runs",
     )
     parser.add_argument(
-        "--runs", type=int, default=20, help="with --over-bus: seeds a law (default: %(default)s)"
+        "--runs", type=int, help=f"with --over-bus: seeds a law (default: {DEFAULT_RUNS})"
     )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.add_argument(
@@ -150,7 +157,11 @@ def delay_of(args: argparse.Namespace, vehicle: Vehicle) -> Delay:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Design, write and report; 0 where every check holds, 1 for an unverified as-printed law."""
+    """Design, write and report; 1 for an as-printed law that fails a check, else 0."""
+    if args.over_bus is not None and not args.compare:
+        raise CanrollError("--over-bus belongs to --compare: give both")
+    if args.runs is not None and args.over_bus is None:
+        raise CanrollError("--runs belongs to --compare --over-bus: give all")
     if args.compare:
         return compare(args)
     answer = design(args.law, task_of(args))
@@ -173,7 +184,7 @@ def run(args: argparse.Namespace) -> int:
     else:
         print("\n".join(report(answer)))
         print(f"written: {', '.join(str(path) for path in files)}")
-    return 0 if answer.is_verified else 1
+    return 1 if answer.failures else 0
 
 
 def report(answer: Design) -> list[str]:
@@ -187,17 +198,29 @@ def report(answer: Design) -> list[str]:
     for row in gains:
         lines.append(f"  gain    {'  '.join(f'{value:.6g}' for value in row)}")
     for name, value in answer.margins.items():
-        lines.append(f"  {name:<34} {value:.4g}")
+        lines.append(f"  {_words(name):<34} {_with_unit(name, value)}")
     for name, value in answer.solution.extra.items():
         lines.append(f"  {name:<34} {value:.6g}")
     lines.append("checks")
     for name, check in answer.verified.items():
         verdict = "ok" if check.ok else "FAILS"
-        lines.append(f"  {name:<34} {check.value:.4g} against {check.limit:.4g}  {verdict}")
+        found, limit = _with_unit(name, check.value), _with_unit(name, check.limit)
+        lines.append(f"  {_words(name):<34} {found} against {limit}  {verdict}")
     if not answer.is_verified:
         lines.append("NOT VERIFIED: written for comparison only")
     lines += [f"warning: {text}" for text in answer.warnings]
     return lines
+
+
+def _words(name: str) -> str:
+    return WORDS.get(name, name)
+
+
+def _with_unit(name: str, value: float) -> str:
+    """Return the value with the unit that its name ends in; infinite is "any"."""
+    if value == inf:
+        return "any"
+    return f"{value:.4g} {UNITS.get(name.rpartition('_')[2], '')}".rstrip()
 
 
 def compare(args: argparse.Namespace) -> int:
@@ -265,7 +288,7 @@ def drive_all(args: argparse.Namespace) -> int:
             "double_lane_change",
             vehicle=args.vehicle,
             bus=args.over_bus,
-            runs=args.runs,
+            runs=DEFAULT_RUNS if args.runs is None else args.runs,
             progress=progress,
         )
     if args.json:

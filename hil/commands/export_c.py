@@ -1,6 +1,10 @@
 """``canroll export-c DIR``: the controller as C99 with test vectors, for a firmware project."""
 
 import argparse
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from errno import EACCES, ENOTDIR
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +50,8 @@ def run(args: argparse.Namespace) -> int:
     """Write the bundle, or only its A2L where an image is given."""
     if args.elf is not None:
         return address(args.folder, args.elf)
+    with writing_to(args.folder):
+        refuse_unwritable(args.folder)
     if (args.dbc is None) != (args.map is None):
         raise CanrollError("--dbc and --map belong together: give both")
     settings, controller = plan(
@@ -62,9 +68,30 @@ def run(args: argparse.Namespace) -> int:
             "margins', or give --unverified to export it all the same"
         )
     export = described(args, settings, controller, verified=verified)
-    written = bundle.write(args.folder, export)
+    with writing_to(args.folder):
+        written = bundle.write(args.folder, export)
     print(f"{len(written)} files in {args.folder}; next: make -C {args.folder} test")
     return 0
+
+
+@contextmanager
+def writing_to(folder: Path) -> Iterator[None]:
+    """Turn what the file system refuses into one line."""
+    try:
+        yield
+    except OSError as error:
+        raise CanrollError(
+            f"cannot write to {folder}: {error.strerror}: choose another folder"
+        ) from error
+
+
+def refuse_unwritable(folder: Path) -> None:
+    """Raise before the design is made, and without leaving a folder behind if it fails."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR))
+    if not os.access(there, os.W_OK):
+        raise PermissionError(EACCES, os.strerror(EACCES))
 
 
 def described(
@@ -132,7 +159,8 @@ def address(folder: Path, elf: Path) -> int:
     missing = sorted(set(a2l.RECORDS) - set(base))
     if missing:
         raise CanrollError(f"{elf}: has no symbol {' and '.join(missing)}; name the records so")
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "canroll.a2l").write_text(a2l.a2l(base), encoding="utf-8")
+    with writing_to(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "canroll.a2l").write_text(a2l.a2l(base), encoding="utf-8")
     print(f"{folder / 'canroll.a2l'}: {', '.join(f'{n} at {a:#x}' for n, a in base.items())}")
     return 0

@@ -1,6 +1,7 @@
 """``canroll prove``: the loop can't overflow, index or divide wrongly, whatever arrives."""
 
 import argparse
+import json
 import sys
 from pathlib import Path
 from time import perf_counter
@@ -24,6 +25,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         type=Path,
         help="calibration.toml of a design (default: every calibration the ECU accepts)",
     )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
 
@@ -32,10 +34,11 @@ def run(args: argparse.Namespace) -> int:
     record = None
     if args.calibration is not None:
         record = calibration.load(args.calibration).record
-    return report(record, name=str(args.calibration or "every calibration that the ECU accepts"))
+    name = str(args.calibration or "every calibration that the ECU accepts")
+    return report(record, name=name, as_json=args.json)
 
 
-def report(record: Calibration | None, *, name: str) -> int:
+def report(record: Calibration | None, *, name: str, as_json: bool = False) -> int:
     """Prove the firmware for ``record`` and print what was shown, or each line that fails."""
     exact = None
     if record is not None:
@@ -46,6 +49,11 @@ def report(record: Calibration | None, *, name: str) -> int:
     begin = perf_counter()
     proof = prove.prove(calibration=exact)
     took = perf_counter() - begin
+    if as_json:
+        findings = [str(finding) for finding in proof.findings]
+        answer = {"proved": not findings, "for": name, "expressions": len(proof.seen)}
+        print(json.dumps(answer | {"findings": findings, "seconds": took}))
+        return 1 if findings else 0
     for finding in proof.findings:
         print(finding, file=sys.stderr)
     if proof.findings:

@@ -60,7 +60,7 @@ def check(path: Path) -> None:
     if path.suffix.lower() != ".mf4":
         raise CanrollError(f"{path}: signals are written as .mf4")
     if find_spec("asammdf") is None:
-        raise CanrollError("signals as .mf4 need asammdf: pip install 'canroll[asammdf]'")
+        raise CanrollError("signals as .mf4 needs asammdf: .venv/bin/pip install -e '.[asammdf]'")
 
 
 def write(path: Path, signals: Mapping[str, NDArray[np.float64]]) -> None:

@@ -1,12 +1,13 @@
 """The commands: export-c refuses what is not verified, timing judges the budget."""
 
 import argparse
+import json
 
 import pytest
 
 from canroll.errors import CanrollError, VerdictError
 from codegen import native, target
-from hil.commands import export_c, timing
+from hil.commands import export_c, prove, timing
 
 pytestmark = [
     pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),
@@ -50,3 +51,21 @@ def test_timing_counts_a_replayed_manoeuvre(capsys):
     out = capsys.readouterr().out
     assert "unicorn, instructions (not cycles)" in out
     assert "PASS" in out
+
+
+@pytest.mark.parametrize("words", [("file",), ("file/below",), ("/proc/x",)])
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path, words):
+    (tmp_path / "file").write_text("")
+    args = parse(export_c, "export-c", str(tmp_path / words[0]))
+    with pytest.raises(CanrollError, match=r"^cannot write to ") as caught:
+        export_c.run(args)
+    assert "\n" not in str(caught.value)
+    assert (tmp_path / "file").read_text() == ""
+
+
+def test_the_proof_as_json(capsys):
+    assert prove.run(parse(prove, "prove", "--json")) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["proved"] is True
+    assert answer["findings"] == []
+    assert answer["expressions"] > 1000

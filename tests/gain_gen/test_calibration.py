@@ -395,6 +395,7 @@ def test_command_line_says_what_is_wrong(tmp_path, capsys):
     assert "NOT VERIFIED" in printed.out
     assert not calibration.load(tmp_path / "calibration.toml").verified
     assert "NOT VERIFIED" in (tmp_path / "canroll_gains.h").read_text()
+    (tmp_path / "empty.toml").write_text("")
     for arguments, code, message in (
         (["design", "--law", "nosuch"], 2, "unknown law"),
         (["design", "--delay", "-3"], 2, "must not be negative"),
@@ -406,11 +407,34 @@ def test_command_line_says_what_is_wrong(tmp_path, capsys):
         ),
         (["design", "--delay", "20", "--delay-from-bus", "500k"], 2, "excludes"),
         (["margins", str(tmp_path / "none")], 2, "cannot read calibration"),
+        (["margins", str(tmp_path / "empty.toml")], 2, "is empty"),
+        (["design", "--vehicle", str(tmp_path / "empty.toml")], 2, "is empty"),
+        (["design", "--runs", "3"], 2, "belongs to --compare"),
+        (["design", "--over-bus", "500k"], 2, "belongs to --compare"),
+        (["design", "--gamma", "1.4"], 2, "leave it out for lqg_delay"),
+        (["design", "--law", "hinf_delay", "--gamma", "-1"], 2, "above 0"),
+        (["design", "--gains", "as_printed"], 2, "no gains are printed for lqg_delay"),
+        (["design", "--law", "custom", "--matrices", str(tmp_path)], 2, "it is a directory"),
     ):
         assert main([*arguments, *(out if arguments[0] == "design" else [])]) == code
         error = capsys.readouterr().err
         assert message in error
         assert error.count("\n") == 1
+
+
+def test_printed_gains_are_never_verified_and_every_number_has_its_unit(tmp_path, capsys):
+    words = ["--vehicle", "suv_2020", "--law", "lqr", "--gains", "as_printed"]
+    code = main(["design", *words, "--out", str(tmp_path)])
+    shown = capsys.readouterr().out
+    assert code == int(" FAILS" in shown)
+    assert not calibration.load(tmp_path / "calibration.toml").verified
+    assert "warning: NOT VERIFIED: lqr with the gains as printed" in shown
+    assert main(["design", "--law", "hinf_delay", "--out", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert " dB" in shown
+    assert " deg" in shown
+    assert "largest delay, sampled loop" in shown
+    assert " inf" not in shown
 
 
 def test_an_ideal_law_is_shown_and_not_written(tmp_path, capsys):

@@ -1,6 +1,7 @@
 import argparse
 import subprocess
 import sys
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
@@ -106,3 +107,27 @@ def test_help_loads_no_heavy_package():
         [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
     )
     assert process.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize(
+    ("package", "line"),
+    [
+        ("elftools", "needs elftools/unicorn/ziglang: .venv/bin/pip install -e '.[target]'"),
+        ("asammdf", "needs asammdf: .venv/bin/pip install -e '.[asammdf]'"),
+    ],
+)
+def test_a_missing_extra_is_a_line_that_says_how_to_install_it(
+    command, capsys, monkeypatch, package, line
+):
+    monkeypatch.setitem(sys.modules, package, None)
+    command(lambda args: import_module(f"{package}.part"))
+    assert cli.main(["run"]) == 2
+    error = capsys.readouterr().err
+    assert line in error
+    assert error.count("\n") == 1
+
+
+def test_another_missing_module_is_not_hidden(command):
+    command(lambda args: import_module("no_such_module_at_all"))
+    with pytest.raises(ModuleNotFoundError):
+        cli.main(["run"])
