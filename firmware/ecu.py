@@ -13,10 +13,11 @@ from firmware.event_trigger import init_trigger, trigger
 from firmware.identification import identify, init_identification
 from firmware.mailbox import init_mailboxes, read_inputs, receive
 from firmware.observer import init_observer, learn_offsets, look_ahead, observe
+from firmware.plausibility import TROUBLE_CALIBRATION, trouble
 from firmware.schedule import schedule
 from firmware.state import AGE_MAX, SAFE, Ecu
 from firmware.subset import I32_MAX, clamp, i32, i64, narrow
-from firmware.supervisor import TROUBLE_CALIBRATION, init_supervisor, supervise, trouble
+from firmware.supervisor import init_supervisor, supervise
 from firmware.transmit import init_transmit, transmit
 
 __all__ = ["init", "receive", "tick"]

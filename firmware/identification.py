@@ -11,9 +11,9 @@ learn.
 
 from firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
 from firmware.observer import acting_moment
+from firmware.plausibility import BAD_ACCELERATION, BAD_ROLL_RATE
 from firmware.state import RX_IMU, WINDOW_MAX, Ecu
 from firmware.subset import byte, clamp, i32, i64, rsh, sat32, tdiv
-from firmware.supervisor import BAD_ACCELERATION, BAD_ROLL_RATE
 
 WINDOW = 10
 SETTLED = 200

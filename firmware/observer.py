@@ -19,6 +19,7 @@ from firmware.calibration import (
     Calibration,
 )
 from firmware.covariance import init_covariance, propagate, update
+from firmware.plausibility import BAD_ACCELERATION, BAD_ROLL_RATE, beyond
 from firmware.state import (
     GYRO_BIAS,
     LATERAL,
@@ -29,7 +30,6 @@ from firmware.state import (
     Ecu,
 )
 from firmware.subset import byte, clamp, i32, i64, rsh, sat32, u8
-from firmware.supervisor import BAD_ACCELERATION, BAD_ROLL_RATE, beyond
 
 MEASURED_ROLL_RATE = 0
 MEASURED_ACCELERATION = 1

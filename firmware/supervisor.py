@@ -1,4 +1,4 @@
-"""Modes, plausibility, timeouts and trouble codes.
+"""Modes and the authority of the law.
 
 INIT waits for good inputs. ACTIVE runs the law. DEGRADED does without one input: the lateral
 acceleration (one-sensor observer, no feedforward), speed and steering (the last ones are kept), the
@@ -7,275 +7,19 @@ command to zero and keeps the heartbeat. Both end by themselves when all is well
 time.
 """
 
-from firmware.calibration import (
-    BARS,
-    BYPASS,
-    COMPENSATOR,
-    DAMPERS,
-    N_ORDER,
-    ONE,
-    OUTPUT_FEEDBACK,
-    VALVES,
-    Calibration,
+from firmware.calibration import ONE, Calibration
+from firmware.plausibility import (
+    DEGRADING,
+    TROUBLE_STUCK,
+    TROUBLE_TICK_MISSED,
+    UNSAFE,
+    init_plausibility,
+    trouble,
+    watch_actuators,
+    watch_motion,
 )
-from firmware.mailbox import NO_SAMPLE
-from firmware.state import (
-    ACTIVE,
-    AGE_MAX,
-    DEGRADED,
-    INIT,
-    RX_ACTUATOR_STATE,
-    RX_IMU,
-    RX_ROLL_REFERENCE,
-    RX_SUSPENSION_RATE,
-    RX_VEHICLE_MOTION,
-    SAFE,
-    Ecu,
-)
-from firmware.subset import byte, clamp, i32, i64, tdiv, u8
-
-# trouble codes; 0 to 4: no valid frame of message m in time; 5: free
-TROUBLE_ROLL_RATE = 6
-TROUBLE_ACCELERATION = 7
-TROUBLE_STUCK = 8
-TROUBLE_REFERENCE = 9
-TROUBLE_SPEED = 10
-TROUBLE_STROKE = 11
-TROUBLE_MOMENT = 12
-TROUBLE_CORNER_STUCK = 13
-TROUBLE_CORNER_FLOATING = 14
-TROUBLE_COMMAND = 15
-TROUBLE_TICK_MISSED = 16
-TROUBLE_CALIBRATION = 17
-
-# fmt: off
-TROUBLE_BIT: tuple[i32, ...] = (
-    1, 1 << 1, 1 << 2, 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7,
-    1 << 8, 1 << 9, 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14, 1 << 15,
-    1 << 16, 1 << 17, 1 << 18, 1 << 19, 1 << 20, 1 << 21, 1 << 22, 1 << 23,
-)
-# fmt: on
-ALL_TROUBLES = 16777215
-
-# what a finding does to the mode
-GOOD = 0
-DEGRADING = 1
-UNSAFE = 2
-
-# corner states of ActuatorState
-STUCK = 2
-FLOATING = 3
-
-# inputs whose values are watched: indices of bad_ticks
-BAD_ROLL_RATE = 0
-BAD_ACCELERATION = 1
-BAD_SPEED = 2
-BAD_STROKE = 3
-BAD_MOMENT = 4
-BAD_REFERENCE = 5
-
-OVERDUE = 8
-
-
-def trouble(ecu: Ecu, code: i32, present: i32) -> None:
-    """Note whether trouble ``code`` is there; latch and count it when it appears."""
-    bit: i32 = TROUBLE_BIT[code]
-    active: i32 = ecu.trouble_active & bit
-    if present == 0:
-        if active != 0:
-            ecu.trouble_active = ecu.trouble_active & (ALL_TROUBLES ^ bit)
-            ecu.trouble_number = byte(clamp(ecu.trouble_number - 1, 0, 15))
-        return
-    if active == 0:
-        ecu.trouble_active = ecu.trouble_active | bit
-        ecu.trouble_latched = ecu.trouble_latched | bit
-        ecu.trouble_number = byte(clamp(ecu.trouble_number + 1, 0, 15))
-        ecu.trouble_count[code] = byte(clamp(ecu.trouble_count[code] + 1, 0, 255))
-
-
-def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:
-    """Return 1 where a needed message is late, or repeats one sample.
-
-    The first one may come as late as INIT lasts at least before that is a trouble.
-    """
-    if cal.timeout_ticks[message] == 0:
-        return 0
-    patience: i32 = cal.timeout_ticks[message]
-    waiting: i32 = 0
-    if ecu.last_sample[message] == NO_SAMPLE:
-        waiting = 1
-        patience += cal.init_ticks
-    late: i32 = 0
-    if ecu.age[message] > patience:
-        late = 1
-    trouble(ecu, message, late)
-    # a message that is slower than the limit is not stuck between two of its frames
-    limit: i32 = clamp(cal.stuck_ticks, cal.timeout_ticks[message], AGE_MAX)
-    if ecu.unchanged[message] > limit and (late | waiting) == 0:
-        ecu.stuck = 1
-        late = 1
-    return late | waiting
-
-
-def lasting(ecu: Ecu, watched: i32, timeout: i32, bad: i32, elapsed: i32) -> i32:
-    """Count how long an input has been ``bad``; return 1 beyond its timeout, if it has one."""
-    if bad == 0 or timeout == 0:
-        ecu.bad_ticks[watched] = 0
-        return 0
-    ecu.bad_ticks[watched] = clamp(ecu.bad_ticks[watched] + elapsed, 0, AGE_MAX)
-    if ecu.bad_ticks[watched] > timeout:
-        return 1
-    return 0
-
-
-def lacking(ecu: Ecu, message: i32, needed: u8) -> i32:
-    """Return 1 where a signal among the bits ``needed`` carries an error code.
-
-    A message that has not come yet lacks nothing: :func:`silence` judges that.
-    """
-    if ecu.last_sample[message] == NO_SAMPLE:
-        return 0
-    if (ecu.valid[message] & needed) == needed:
-        return 0
-    return 1
-
-
-def beyond(value: i32, limit: i32) -> i32:
-    """Return 1 where the magnitude of ``value`` exceeds ``limit``."""
-    if value > limit or value < -limit:
-        return 1
-    return 0
-
-
-def law_needs_lateral(cal: Calibration) -> i32:
-    """Return 1 where the law itself reads the lateral acceleration: it can't do without."""
-    if cal.law == OUTPUT_FEEDBACK and cal.output_gain[1] != 0:
-        return 1
-    if cal.law == COMPENSATOR:
-        for i in range(N_ORDER):
-            if cal.compensator_b[i][2] != 0:
-                return 1
-        for k in range(2):
-            if cal.compensator_d[k][2] != 0:
-                return 1
-    return 0
-
-
-def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
-    """Judge the lateral acceleration; return what it does to the mode.
-
-    The observer takes it again with the first good sample, the feedforward only after
-    ``recovery_ticks`` of them.
-    """
-    bad: i32 = lacking(ecu, RX_IMU, 2) | beyond(ecu.lateral_acceleration, cal.acceleration_max)
-    if bad == 0:
-        ecu.acceleration_good = ecu.lateral_acceleration
-    bad = lasting(ecu, BAD_ACCELERATION, cal.timeout_ticks[RX_IMU], bad, elapsed)
-    trouble(ecu, TROUBLE_ACCELERATION, bad)
-    ecu.lateral_good = clamp(ecu.lateral_good + elapsed, 0, AGE_MAX)
-    if ecu.bad_ticks[BAD_ACCELERATION] > 0:
-        ecu.lateral_good = 0
-        bad = bad | ecu.lateral_lost
-    if bad == 1:
-        ecu.lateral_lost = 1
-    elif ecu.lateral_good >= cal.recovery_ticks:
-        ecu.lateral_lost = 0
-    if bad == 0:
-        return GOOD
-    if law_needs_lateral(cal) == 1:
-        return UNSAFE
-    if (cal.measurements & 2) == 0 and cal.identification == 0:
-        return GOOD
-    if (cal.measurements & 1) == 0:
-        return UNSAFE
-    return DEGRADING
-
-
-def watch_imu(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
-    """Judge the inertial measurement; return what it does to the mode."""
-    late: i32 = silence(ecu, cal, RX_IMU)
-    bad: i32 = lacking(ecu, RX_IMU, 1) | beyond(ecu.roll_rate, cal.roll_rate_max)
-    if bad == 0:
-        ecu.rate_good = ecu.roll_rate
-    bad = lasting(ecu, BAD_ROLL_RATE, cal.timeout_ticks[RX_IMU], bad, elapsed)
-    trouble(ecu, TROUBLE_ROLL_RATE, bad)
-    severity: i32 = watch_lateral(ecu, cal, elapsed)
-    if cal.observer == BYPASS:
-        return GOOD
-    if (late | bad) != 0:
-        return UNSAFE
-    return severity
-
-
-def watch_motion(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
-    """Judge the inputs that tell the vehicle's motion; return what they do to the mode."""
-    severity: i32 = watch_imu(ecu, cal, elapsed)
-    late: i32 = silence(ecu, cal, RX_ROLL_REFERENCE)
-    bad: i32 = lacking(ecu, RX_ROLL_REFERENCE, 7)
-    bad = lasting(ecu, BAD_REFERENCE, cal.timeout_ticks[RX_ROLL_REFERENCE], bad, elapsed)
-    trouble(ecu, TROUBLE_REFERENCE, bad)
-    if cal.observer == BYPASS and (late | bad) != 0:
-        severity = UNSAFE
-
-    late = silence(ecu, cal, RX_VEHICLE_MOTION)
-    bad = lacking(ecu, RX_VEHICLE_MOTION, 3)
-    bad = lasting(ecu, BAD_SPEED, cal.timeout_ticks[RX_VEHICLE_MOTION], bad, elapsed)
-    trouble(ecu, TROUBLE_SPEED, bad)
-    ecu.motion_lost = byte(late | bad)
-    if ecu.motion_lost == 1 and severity == GOOD:
-        severity = DEGRADING
-    return severity
-
-
-def watch_corners(ecu: Ecu, cal: Calibration) -> i32:
-    """Judge the status of the four corners; return what it does to the mode.
-
-    One failed corner degrades, as does one failed bar, which spans both corners of its axle.
-    """
-    stuck: i32 = 0
-    floating: i32 = 0
-    for corner in range(4):
-        ecu.failed[corner] = 0
-        if ecu.status[corner] == STUCK:
-            ecu.failed[corner] = 1
-            stuck += 1
-        if ecu.status[corner] == FLOATING:
-            ecu.failed[corner] = 1
-            floating += 1
-    trouble(ecu, TROUBLE_CORNER_STUCK, clamp(stuck, 0, 1))
-    trouble(ecu, TROUBLE_CORNER_FLOATING, clamp(floating, 0, 1))
-    if cal.actuator == BARS or cal.actuator == VALVES:
-        return (ecu.failed[0] | ecu.failed[1]) + (ecu.failed[2] | ecu.failed[3])
-    return clamp(stuck + floating, GOOD, UNSAFE)
-
-
-def watch_actuators(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
-    """Judge what the actuators say of themselves; return what it does to the mode."""
-    late: i32 = silence(ecu, cal, RX_ACTUATOR_STATE)
-    bad: i32 = lacking(ecu, RX_ACTUATOR_STATE, 3)
-    bad = lasting(ecu, BAD_MOMENT, cal.timeout_ticks[RX_ACTUATOR_STATE], bad, elapsed)
-    trouble(ecu, TROUBLE_MOMENT, bad)
-    ecu.moment_unknown = byte(late | bad)
-    severity: i32 = watch_corners(ecu, cal)
-    if cal.timeout_ticks[RX_ACTUATOR_STATE] == 0:
-        ecu.moment_unknown = 1
-    elif ecu.moment_unknown == 1:
-        if cal.actuator >= DAMPERS:
-            severity = UNSAFE
-        elif severity == GOOD:
-            severity = DEGRADING
-    overdue: i32 = 0
-    if ecu.waiting == 1 and ecu.unacknowledged > OVERDUE * cal.acknowledge_ticks:
-        overdue = 1
-    trouble(ecu, TROUBLE_COMMAND, overdue)
-
-    late = silence(ecu, cal, RX_SUSPENSION_RATE)
-    bad = lacking(ecu, RX_SUSPENSION_RATE, 15)
-    bad = lasting(ecu, BAD_STROKE, cal.timeout_ticks[RX_SUSPENSION_RATE], bad, elapsed)
-    trouble(ecu, TROUBLE_STROKE, bad)
-    if cal.actuator == DAMPERS and (late | bad) != 0:
-        severity = UNSAFE
-    return severity
+from firmware.state import ACTIVE, AGE_MAX, DEGRADED, INIT, SAFE, Ecu
+from firmware.subset import clamp, i32, i64, tdiv
 
 
 def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
@@ -338,23 +82,8 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
 
 def init_supervisor(ecu: Ecu) -> None:
     """Start in INIT with no authority and no trouble."""
+    init_plausibility(ecu)
     ecu.mode = INIT
     ecu.good_ticks = 0
     ecu.authority = 0
     ecu.feedforward = ONE
-    ecu.stuck = 0
-    ecu.rate_good = 0
-    ecu.acceleration_good = 0
-    ecu.lateral_lost = 0
-    ecu.lateral_good = 0
-    ecu.motion_lost = 1
-    ecu.moment_unknown = 1
-    ecu.trouble_active = 0
-    ecu.trouble_latched = 0
-    ecu.trouble_number = 0
-    for code in range(24):
-        ecu.trouble_count[code] = 0
-    for corner in range(4):
-        ecu.failed[corner] = 0
-    for watched in range(6):
-        ecu.bad_ticks[watched] = 0

@@ -7,7 +7,7 @@ from typing import Any
 from cantools.database import DecodeError
 
 import dbc
-from firmware import supervisor
+from firmware import plausibility
 from hil.realtime.link import Frame
 from plant_sim.can_bus.wire import length_of
 
@@ -15,7 +15,7 @@ WINDOW = 2.0
 """Rates and the load are those of the last so many seconds."""
 TROUBLES = {
     number: name.removeprefix("TROUBLE_").replace("_", " ").lower()
-    for name, number in vars(supervisor).items()
+    for name, number in vars(plausibility).items()
     if name.startswith("TROUBLE_") and isinstance(number, int)
 }
 """Trouble codes in words."""

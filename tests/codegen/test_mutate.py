@@ -49,7 +49,7 @@ def test_mutants_are_every_operator_and_constant_once():
 def test_every_hand_written_module_is_mutated():
     found = mutate.all_mutants()
     modules = {mutant.module for mutant in found}
-    assert {"observer", "supervisor", "allocation", "e2e", "covariance"} <= modules
+    assert {"observer", "plausibility", "allocation", "e2e", "covariance"} <= modules
     assert len(found) > 500
     assert str(found[0]).startswith("allocation.py:")
 

@@ -6,7 +6,7 @@ import rig
 
 from firmware import calibration as fw
 from firmware import ecu as loop
-from firmware import supervisor as sv
+from firmware import plausibility as sv
 from firmware.state import (
     ACTIVE,
     DEGRADED,

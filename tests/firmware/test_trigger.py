@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 from firmware import calibration as fw
 from firmware.event_trigger import HEARTBEAT, NOTHING, TRIGGERED, moved
+from firmware.plausibility import TROUBLE_COMMAND
 from firmware.state import ACTIVE
-from firmware.supervisor import TROUBLE_COMMAND
 
 EPSILON_SQUARED, FLOOR = 0.1, 60.0
 RULE = {
