@@ -27,6 +27,8 @@ from plant_sim.world import World
 DEFAULT_BUS = "500k"
 DEFAULT_PLANT = "roll1"
 SEEDS = 2**31
+AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
+"""Manoeuvres made to find the limit of tyres and wheel loads."""
 
 Report = Callable[[str, float], None]
 
@@ -284,6 +286,7 @@ def assess(
     replayed: Trace | None = None,
 ) -> Result:
     """Return the figures of a pair of runs, and of the replay where there is one."""
+    maneuver = _maneuver(settings)
     seen = passive if controlled is None else controlled
     delay = sample_to_force(
         settings.vehicle, settings.command, load_profile(settings.bus), tick=settings.tick
@@ -297,8 +300,15 @@ def assess(
             passive.signals["roll"],
         )
     warnings = list(controller.warnings)
+    if settings.plant == "roll1" and settings.scenario in AT_THE_LIMIT:
+        warnings.append("roll1 knows no tyre limit and no wheel lift: use --plant nonlinear")
     if cycle is not None:
         warnings.append(str(cycle))
+    without_roll = metrics.load_transfer_without_roll(
+        passive, settings.vehicle, controller.record.schedule_front_share[0] / ONE
+    )
+    if np.any(maneuver.drive.road_left) or np.any(maneuver.drive.road_right):
+        without_roll = dict.fromkeys(without_roll)
     return Result(
         settings=settings,
         record=controller.record,
@@ -308,13 +318,11 @@ def assess(
         controlled=controlled,
         passive_metrics=metrics.judge(passive),
         controlled_metrics=None if controlled is None else metrics.judge(controlled),
-        without_roll=metrics.load_transfer_without_roll(
-            passive, settings.vehicle, controller.record.schedule_front_share[0] / ONE
-        ),
+        without_roll=without_roll,
         can=metrics.can(seen),
         trigger=metrics.trigger(seen, heartbeat_ticks=controller.record.heartbeat_ticks),
         limit_cycle=cycle,
-        standard=standard.assess(_maneuver(settings), settings.vehicle, passive, controlled),
+        standard=standard.assess(maneuver, settings.vehicle, passive, controlled),
         replay=replayed,
         replay_metrics=None if replayed is None else metrics.judge(replayed),
         warnings=tuple(warnings),

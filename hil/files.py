@@ -32,6 +32,19 @@ def usable_folder(folder: Path) -> Path:
     return folder
 
 
+def check_parent(path: Path, *, out: Path | None) -> Path:
+    """Return ``path`` if its folder is there, or is ``out``, which is made.
+
+    Raises:
+        CanrollError: there is no such folder, or ``path`` is a folder.
+    """
+    if path.parent != out and not path.parent.is_dir():
+        raise CanrollError(f"cannot write {path}: there is no folder {path.parent}")
+    if path.is_dir():
+        raise CanrollError(f"cannot write {path}: it is a folder")
+    return path
+
+
 def write_text(path: Path, text: str) -> Path:
     """Write a text file and return its path.
 

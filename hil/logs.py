@@ -58,7 +58,6 @@ def write_log(path: Path, frames: NDArray[Any]) -> Path:
     """
     check_suffix(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         with can.Logger(str(path)) as logger:
             for message in messages(frames):
                 logger.on_message_received(message)

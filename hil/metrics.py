@@ -116,12 +116,13 @@ def judge(trace: Trace) -> Metrics:
 
 def load_transfer_without_roll(
     trace: Trace, vehicle: Vehicle, front_share: float
-) -> dict[str, float]:
+) -> dict[str, float | None]:
     """Return the peak load transfer that is left if the body does not roll at all.
 
     The wheels must carry m h a_y + m g h φ; roll control can take away the second part, the body
     leaning over its wheels, and no more. From the wheel loads of the passive run: what springs and
-    dampers of each axle carry is replaced by that axle's share of the moment −m h a_y.
+    dampers of each axle carry is replaced by that axle's share of the moment −m h a_y. That holds
+    with all wheels on a level road: on a bank or with a wheel in the air the figures are None.
 
     Args:
         trace: of the passive run.
@@ -130,6 +131,9 @@ def load_transfer_without_roll(
     """
     plant, geometry, suspension = vehicle.plant, vehicle.geometry, vehicle.suspension
     signals = trace.signals
+    lifted = any(np.any(signals[f"wheel_load_{wheel}"] <= 0) for wheel in WHEELS)
+    if lifted or np.any(signals["bank"]):
+        return {f"nlt_{axle}_max": None for axle in AXLES}
     held = plant.roll_arm * signals["ay"]
     axles = (
         (front_share, suspension.roll_stiffness_front_share, suspension.roll_damping_front_share),
@@ -140,7 +144,7 @@ def load_transfer_without_roll(
         ),
     )
     tracks = (geometry.half_track_front, geometry.half_track_rear)
-    figures = {}
+    figures: dict[str, float | None] = {}
     for axle, (share, stiffness, damping), track in zip(AXLES, axles, tracks, strict=True):
         sprung = (
             stiffness * plant.roll_stiffness * signals["roll"]
@@ -149,7 +153,7 @@ def load_transfer_without_roll(
         less = (sprung - share * held) / track
         left = signals[f"wheel_load_{axle}_left"] + less / 2
         right = signals[f"wheel_load_{axle}_right"] - less / 2
-        figures[f"nlt_{axle}_max"] = peak(load_transfer(left, right))
+        figures[f"nlt_{axle}_max"] = min(1.0, peak(load_transfer(left, right)))
     return figures
 
 

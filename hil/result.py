@@ -24,6 +24,12 @@ FIGURES = (
 )
 """The metrics that every table shows, in order."""
 
+LEAST_ROLL_DEG = 0.01
+"""A largest roll angle below this leaves nothing to reduce."""
+
+WORSE = 1.05
+"""Roll rate with control over that without it, from which on the verdict is mixed."""
+
 
 @dataclass(frozen=True, slots=True)
 class Settings:
@@ -64,7 +70,8 @@ class Result:
         controlled: trace with control, None for the law "passive".
         passive_metrics: figures of the passive run.
         controlled_metrics: figures of the controlled run or None.
-        without_roll: load transfer that is left if the body does not roll at all, by metric.
+        without_roll: load transfer that is left if the body does not roll at all, by metric;
+            None where it cannot be told.
         can: bus figures, of the controlled run where there is one.
         trigger: transmission figures, of the controlled run where there is one.
         limit_cycle: of the command, or None.
@@ -83,7 +90,7 @@ class Result:
     controlled: Trace | None
     passive_metrics: Metrics
     controlled_metrics: Metrics | None
-    without_roll: Mapping[str, float]
+    without_roll: Mapping[str, float | None]
     can: Can
     trigger: Trigger
     limit_cycle: LimitCycle | None
@@ -94,23 +101,51 @@ class Result:
     files: Mapping[str, str] = field(default_factory=dict)
 
     @property
+    def rolls(self) -> bool:
+        """Whether there is a roll angle that control could reduce."""
+        return self.passive_metrics.roll_max_deg >= LEAST_ROLL_DEG
+
+    @property
     def reduction(self) -> float | None:
-        """How much smaller control makes the largest roll angle, as share; None without control."""
-        if self.controlled_metrics is None:
+        """How much smaller control makes the largest roll angle, as share; None without
+        control or without any roll.
+        """
+        if self.controlled_metrics is None or not self.rolls:
             return None
         return 1 - self.controlled_metrics.roll_max_deg / self.passive_metrics.roll_max_deg
 
     @property
     def helps(self) -> bool | None:
-        """Whether RMS and largest roll angle both fell, without a limit cycle or a rollover."""
+        """Whether RMS and largest roll angle both fell, without a limit cycle or a rollover.
+
+        None without control or without any roll.
+        """
         if self.controlled_metrics is None:
             return None
         active, passive = self.controlled_metrics, self.passive_metrics
+        if active.rollover or self.limit_cycle is not None:
+            return False
+        if not self.rolls:
+            return None
         return (
             active.roll_max_deg < passive.roll_max_deg
             and active.roll_rms_deg < passive.roll_rms_deg
-            and not active.rollover
-            and self.limit_cycle is None
+        )
+
+    @property
+    def pays(self) -> tuple[str, ...]:
+        """What control makes worse by more than 5 % where it helps, in words."""
+        active, passive = self.controlled_metrics, self.passive_metrics
+        if active is None or not self.helps:
+            return ()
+        rates = {
+            "roll rate RMS": (active.roll_rate_rms_deg_s, passive.roll_rate_rms_deg_s),
+            "roll rate max": (active.roll_rate_max_deg_s, passive.roll_rate_max_deg_s),
+        }
+        return tuple(
+            f"{name} {after:.2f} instead of {before:.2f} deg/s"
+            for name, (after, before) in rates.items()
+            if after > WORSE * before
         )
 
     @property
@@ -119,15 +154,19 @@ class Result:
         passive, active = self.passive_metrics, self.controlled_metrics
         if active is None:
             return f"Without control the largest roll angle is {passive.roll_max_deg:.2f}°"
-        change = 100 * (active.roll_max_deg / passive.roll_max_deg - 1)
         text = (
-            f"largest roll angle {active.roll_max_deg:.2f}° instead of "
-            f"{passive.roll_max_deg:.2f}° ({change:+.0f} %)".replace("-", "−")
+            f"largest roll angle {active.roll_max_deg:.2f}° instead of {passive.roll_max_deg:.2f}°"
         )
+        if self.reduction is not None:
+            text += f" ({-100 * self.reduction:+.0f} %)".replace("-", "−")
         if active.rollover:
             return f"Control does not help: the vehicle rolls over; {text}"
         if self.limit_cycle is not None:
             return f"The loop is not stable, {self.limit_cycle}; {text}"
+        if not self.rolls:
+            return f"No roll to reduce: {text}"
+        if self.pays:
+            return f"Mixed: {text}, but {', '.join(self.pays)}"
         return f"Control {'helps' if self.helps else 'does not help'}: {text}"
 
     def to_json(self) -> dict[str, Any]:

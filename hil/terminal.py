@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import rich.table
-from rich.console import Console
+from rich.console import Console as RichConsole
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.text import Text
@@ -13,6 +13,14 @@ from hil import standard
 from hil.report.page import Cell, Table
 from hil.report.rows import can_rows, metric_head, metric_rows, replay_note
 from hil.result import Result
+
+
+class Console(RichConsole):
+    """A console whose closed pipe is the command's business, not an exit with 1."""
+
+    def on_broken_pipe(self) -> None:
+        """Let the error through."""
+        raise BrokenPipeError
 
 
 @contextmanager
@@ -70,7 +78,7 @@ def show(result: Result) -> None:
         f"[bold]{settings.scenario.replace('_', ' ')}[/bold], {settings.vehicle.name} at "
         f"{settings.speed * 3.6:.0f} km/h, {settings.law} over {settings.bus}"
     )
-    style = {True: "green", False: "red", None: ""}[result.helps]
+    style = "yellow" if result.pays else {True: "green", False: "red", None: ""}[result.helps]
     console.print(Text(result.verdict, style=style), soft_wrap=True)
     show_warnings(text for text in result.warnings if text not in result.verdict)
     console.print()

@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from plant_sim.handling import SpeedLimit
 
 
+JUDGED = ("double_lane_change", "fishhook", "j_turn", "moose", "sine_with_dwell")
+"""Manoeuvres that have criteria to pass or fail by."""
+
+
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Register the subcommand."""
     parser = subparsers.add_parser(
@@ -24,7 +28,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "hit, the yaw rate decayed, whatever its standard asks for.",
     )
     parser.add_argument("scenario", help="fishhook, j_turn, double_lane_change, moose, …")
-    add_run_options(parser)
+    add_run_options(parser, plant="nonlinear", speed_help=argparse.SUPPRESS)
     add_condition_options(parser)
     parser.add_argument("--from", dest="low", type=float, default=30.0, metavar="KMH")
     parser.add_argument("--to", dest="high", type=float, metavar="KMH", help="default: fastest")
@@ -50,8 +54,9 @@ def find(
 
     def fails(speed: float) -> bool:
         trace = experiment.drive(replace(settings, speed=speed), controller, enabled=enabled)
+        if trace.signals["rollover"].max() > 0:
+            return True
         verdicts = judge.judge(settings.scenario, settings.vehicle, trace.signals)
-        verdicts = verdicts or judge.two_wheel_lift(trace.signals)
         return not all(verdict.passed for verdict in verdicts)
 
     return handling.bisect_speed(fails, low=low, high=high, tolerance=tolerance)
@@ -67,6 +72,10 @@ def run(args: argparse.Namespace) -> int:
     if keywords.pop("speed_kmh", None) is not None:
         raise CanrollError("--speed is what is looked for: give --from and --to instead")
     slowest, fastest = (speed * 3.6 for speed in maneuvers.speed_range(args.scenario))
+    if args.scenario not in JUDGED:
+        raise CanrollError(
+            f"{args.scenario} has no criterion to pass or fail by: choose {', '.join(JUDGED)}"
+        )
     high = fastest if args.high is None else args.high
     if not slowest <= args.low < high <= fastest + 1e-6:
         raise CanrollError(

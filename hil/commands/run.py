@@ -20,10 +20,15 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add_run_options(parser)
     add_condition_options(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
-    parser.add_argument("--log", type=Path, metavar="FILE", help="bus log: .asc .blf .log .mf4")
-    parser.add_argument("--signals", type=Path, metavar="FILE", help="signals: .csv .mf4")
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for report, log, header (default: out)"
+        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4"
+    )
+    parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
+    parser.add_argument(
+        "--out",
+        type=path_named,
+        metavar="DIR",
+        help="folder for report, log, header (default: out)",
     )
     parser.add_argument(
         "--json", action="store_true", help="print one JSON object; files only with --out"
@@ -31,26 +36,45 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.set_defaults(run=run)
 
 
-def add_run_options(parser: argparse.ArgumentParser, *, speed_range: str = "") -> None:
+def not_empty(text: str) -> str:
+    """Return ``text`` as an option's value; "" is refused."""
+    if not text:
+        raise argparse.ArgumentTypeError("must not be empty")
+    return text
+
+
+def path_named(text: str) -> Path:
+    """Return the path that an option names; "" would silently be the current folder."""
+    return Path(not_empty(text))
+
+
+def add_run_options(
+    parser: argparse.ArgumentParser,
+    *,
+    speed_range: str = "",
+    plant: str = "roll1",
+    speed_help: str = "default: the vehicle's own",
+) -> None:
     """Add what says which controller drives which vehicle over which bus.
 
-    ``speed_range``: speeds and laws are lists, this being the default of the speeds.
+    ``speed_range``: speeds and laws are lists, this being the default of the speeds; ``plant``:
+    what the command takes by default.
     """
-    parser.add_argument("--vehicle", help="preset or TOML file (default: van_real)")
+    parser.add_argument("--vehicle", type=not_empty, help="preset or TOML file (default: van_real)")
     several = ", several with commas" if speed_range else ", or passive"
     parser.add_argument("--law", help=f"control law{several} (default: lqg_delay)")
     parser.add_argument(
-        "--calibration", type=Path, metavar="FILE", help="of canroll design; instead of a law"
+        "--calibration", type=path_named, metavar="FILE", help="of canroll design; instead of a law"
     )
     parser.add_argument("--actuator", help="suspension, bars, dampers, valves")
     parser.add_argument("--observer", help="two_sensors, one_sensor, propagated, reference")
-    parser.add_argument("--plant", help="vehicle model that is simulated (default: roll1)")
+    parser.add_argument("--plant", help=f"vehicle model that is simulated (default: {plant})")
     if speed_range:
         parser.add_argument(
             "--speed", metavar="FROM:TO:STEP", default=speed_range, help="default: %(default)s"
         )
     else:
-        parser.add_argument("--speed", type=float, metavar="KMH", help="default: the vehicle's own")
+        parser.add_argument("--speed", type=float, metavar="KMH", help=speed_help)
     parser.add_argument("--bus", help="500k, 125k_busy, gateway_20ms, gateway_50ms")
     parser.add_argument("--tick", type=float, metavar="MS", help="period of the loop (default: 10)")
     parser.add_argument("--trigger", help="event or every (default: event)")
@@ -151,18 +175,16 @@ def key_values(option: str, texts: list[str]) -> dict[str, str] | None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run, report and write; 0 whatever the verdict, which is part of the answer."""
+    """Run, report and write; 1 if the verdict is that control does not help."""
     from hil import experiment, signals, terminal  # noqa: PLC0415 - loads compiled kernels
-    from hil.files import usable_folder, write_files  # noqa: PLC0415
+    from hil.files import check_parent, usable_folder, write_files  # noqa: PLC0415
     from hil.logs import check_suffix, write_log  # noqa: PLC0415
     from hil.virtual import Interrupted  # noqa: PLC0415
 
     out = args.out or (None if args.json else DEFAULT_OUT)
     for path, check in ((args.log, check_suffix), (args.signals, signals.check_suffix)):
         if path is not None:
-            usable_folder(check(path).parent)
-            if path.is_dir():
-                raise CanrollError(f"cannot write {path}: it is a folder")
+            check_parent(check(path), out=out)
     if out is not None:
         usable_folder(out)
     try:
@@ -192,4 +214,4 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(result.to_json()))
     else:
         terminal.show(result)
-    return 0
+    return 1 if result.helps is False else 0

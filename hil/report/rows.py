@@ -39,9 +39,9 @@ def number(value: float, digits: int, key: str) -> Cell:
     return Cell(f"{value:.{digits}f}".replace("-", "−"), value, key)
 
 
-def change(after: float, before: float) -> Cell:
-    """Return the relative change in percent, or nothing where there is nothing to compare with."""
-    if before == 0:
+def change(after: float, before: float, digits: int) -> Cell:
+    """Return the relative change in percent, or nothing where ``before`` is shown as 0."""
+    if round(before, digits) == 0:
         return NOTHING
     percent = round(100 * (after / before - 1))
     return Cell(f"{percent:+d} %".replace("-", "−") if percent else "0 %")
@@ -50,18 +50,20 @@ def change(after: float, before: float) -> Cell:
 def metric_rows(result: Result) -> list[Row]:
     """Return a row a metric: without control, with control, change, replay, with no roll at all.
 
-    Without a replay its column is left out.
+    Without a replay its column is left out, without a path the errors to it.
     """
     rows = []
     for name in ALL_FIGURES:
         label, digits = LABELS[name]
         before = getattr(result.passive_metrics, name)
+        if name.startswith("path_error") and before == 0:
+            continue
         cells = [number(before, digits, f"passive.{name}")]
         if result.controlled_metrics is None:
             cells += [NOTHING, NOTHING]
         else:
             after = getattr(result.controlled_metrics, name)
-            cells += [number(after, digits, f"controlled.{name}"), change(after, before)]
+            cells += [number(after, digits, f"controlled.{name}"), change(after, before, digits)]
         if result.replay_metrics is not None:
             cells.append(number(getattr(result.replay_metrics, name), digits, f"replay.{name}"))
         least = result.without_roll.get(name)

@@ -15,7 +15,8 @@ STANDARD_HEAD = ("", "criterion", "clause", "measured", "limit", "")
 NO_ROLL = (
     "NLT: normalised load transfer (F right − F left)/(F right + F left) of an axle, 1 with a "
     "wheel in the air. No roll at all: what is left of it if the body stays upright. Roll control "
-    "cannot take away more: the tyres must carry the lateral acceleration in any case."
+    "cannot take away more: the tyres must carry the lateral acceleration in any case. "
+    "Left blank on banked or uneven roads and with a wheel in the air, where it cannot be told."
 )
 
 
@@ -30,7 +31,7 @@ def shown(result: Result) -> list[Shown]:
 def verdict(result: Result) -> Verdict:
     """Return the verdict on top: headline, and what it rests on."""
     headline, _, text = result.verdict.partition(": ")
-    return Verdict(result.helps, headline, text[:1].upper() + text[1:])
+    return Verdict(None if result.pays else result.helps, headline, text[:1].upper() + text[1:])
 
 
 def parameters(result: Result) -> list[tuple[str, str]]:

@@ -27,6 +27,7 @@ def trace(*, amplitude=0.05, moment=800.0, frequency=0.5, commands=True) -> Trac
         "y": 1.75 - 1.75 * np.cos(2 * np.pi * frequency * time / 4),
         "yaw": 0.05 * wave,
         "path_error": 0.1 * wave,
+        "bank": np.zeros_like(time),
         "rollover": np.zeros_like(time),
     }
     for wheel, sign in zip(WHEELS, (-1, 1, -1, 1), strict=True):
