@@ -1,9 +1,14 @@
 """The command ``canroll bus``: what it refuses, and its verdict."""
 
+from pathlib import Path
+
+import numpy as np
 import pytest
 
 from hil.cli import main
+from hil.commands import bus
 
+DBC = Path(__file__).parents[2] / "dbc" / "roll_control.dbc"
 ROW = """
 [[message]]
 name = "{name}"
@@ -40,3 +45,21 @@ def test_an_overloaded_bus_is_a_failed_verdict(tmp_path, capsys):
     assert main(["bus", traffic(tmp_path, period=10), "--simulate", "0.1"]) == 0
     assert main(["bus", traffic(tmp_path, period=1), "-b", "125000", "--simulate", "0.1"]) == 1
     assert "without a bound" in capsys.readouterr().out
+
+
+def test_an_age_equal_to_its_bound_is_not_above_it(monkeypatch, capsys):
+    bound = {}
+    total_delay = bus.total_delay
+
+    def noted(*paths, **periods):
+        bound["total"] = total_delay(*paths, **periods)
+        return bound["total"]
+
+    def ages(*network_and_loop, duration_ns):
+        return np.array([round(bound["total"].age_max * 1e9) + bound["beyond_ns"]])
+
+    monkeypatch.setattr(bus, "total_delay", noted)
+    monkeypatch.setattr(bus, "simulate_ages", ages)
+    for bound["beyond_ns"], code in ((0, 0), (1, 1)):
+        assert main(["bus", str(DBC), "--simulate", "0.1"]) == code
+    assert "above its bound" in capsys.readouterr().err
