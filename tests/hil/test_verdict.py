@@ -1,13 +1,15 @@
 """What the verdict of a run says, and what the command makes of it."""
 
 import json
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import vehicles
-from hil import experiment, metrics
+from hil import experiment, metrics, terminal
 from hil.cli import main
 from hil.commands.limit import JUDGED
 from hil.report.rows import change, metric_rows
@@ -125,3 +127,19 @@ def test_limit_help_tells_its_own_default_plant(capsys):
         main(["limit", "--help"])
     out = capsys.readouterr().out
     assert "(default: nonlinear)" in out and "--speed" not in out
+
+
+def test_a_table_into_a_closed_pipe_is_no_failure():
+    """rich would exit with 1 here; the command must see the broken pipe itself."""
+    with pytest.raises(BrokenPipeError):
+        terminal.Console().on_broken_pipe()
+    process = subprocess.run(
+        f"{sys.executable} -m hil.cli run j_turn --law passive --duration 0.1 --json | true;"
+        " exit ${PIPESTATUS[0]}",
+        shell=True,
+        executable="/bin/bash",
+        capture_output=True,
+        timeout=60,
+        check=False,
+    )
+    assert (process.returncode, process.stderr) == (0, b"")
