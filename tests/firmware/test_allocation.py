@@ -211,3 +211,17 @@ def test_valves_take_the_laws_currents():
     ecu.failed[3] = 1
     allocate(ecu, cal)
     assert ecu.current[:2] == [5000 << 14, 0]
+
+
+@pytest.mark.parametrize("corner", range(4))
+def test_a_failed_corner_closes_the_valve_of_its_axle_alone(corner):
+    cal = rig.calibration(actuator=fw.VALVES, law=fw.COMPENSATOR, compensator_outputs=2)
+    cal.compensator_shift, cal.compensator_output_shift = [1] * 8, [1] * 2
+    cal.current_max = 8000 << 14
+    ecu = rig.started(cal)
+    ecu.outputs = [5000 << 14, 4000 << 14]
+    ecu.failed[corner] = 1
+    allocate(ecu, cal)
+    expected = [5000 << 14, 4000 << 14]
+    expected[corner // 2] = 0
+    assert ecu.current[:2] == expected

@@ -6,7 +6,7 @@ import rig
 from scipy.linalg import solve_discrete_are
 
 from firmware import calibration as fw
-from firmware.covariance import init_covariance, propagate, update
+from firmware.covariance import bounded, init_covariance, propagate, update
 from firmware.state import ACTIVE, DEGRADED
 
 TICK = 0.01
@@ -148,3 +148,15 @@ def test_it_starts_as_calibrated():
     init_covariance(ecu, cal)
     assert ecu.covariance == np.diag([5, 6, 7, 8, 9]).tolist()
     assert rig.Bench(cal).active().ecu.mode == ACTIVE
+
+
+def test_a_capped_variance_takes_its_covariances_down_by_the_same_factor():
+    cal = rig.calibration(observer=fw.PROPAGATED_COVARIANCE)
+    cal.covariance_max = [1 << 24, *[1 << 29] * 4]
+    ecu = rig.started(cal)
+    ecu.covariance = (np.diag([4 << 24] * 5) + 0).tolist()
+    ecu.covariance[0][1] = ecu.covariance[1][0] = 1 << 22
+    bounded(ecu, cal)
+    assert ecu.covariance[0][0] == 1 << 24
+    assert ecu.covariance[0][1] == ecu.covariance[1][0] == 1 << 20
+    assert ecu.covariance[1][1] == 4 << 24
