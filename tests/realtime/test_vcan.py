@@ -136,8 +136,8 @@ def test_either_side_rejoins_on_vcan(tmp_path, calibration_file):
         cd {tmp_path}
         bus="-i socketcan -c vcan0 --peer-timeout 0"
         canroll="$PYTHON -m hil.cli"
-        waits() {{ for _ in $(seq 600); do grep -q "$1" "$2" && return; sleep 0.1; done; exit 9; }}
-        $canroll plant double_lane_change $bus --duration 60 >plant1 & plant=$!
+        waits() {{ for _ in $(seq 3000); do grep -q "$1" "$2" && return; sleep 0.1; done; exit 9; }}
+        $canroll plant double_lane_change $bus --duration 900 >plant1 & plant=$!
         waits "plant waits" plant1
         $canroll ecu $bus --calibration {calibration_file} >ecu1 & ecu=$!
         waits "plant runs" plant1
@@ -152,7 +152,8 @@ def test_either_side_rejoins_on_vcan(tmp_path, calibration_file):
         wait $ecu
     """
     ran = on_vcan(script, tmp_path)
-    assert ran.returncode == 0, ran.stderr
+    said = [path.read_text() for path in sorted(tmp_path.glob("*[12]")) if path.is_file()]
+    assert ran.returncode == 0, (ran.stderr, said)
     modes = tick_trace.replay(tick_trace.load(tmp_path / "ticks.npz"), "python").rows["mode"]
     modes = modes[modes != 2]
     changes = modes[np.flatnonzero(np.diff(modes, prepend=255))]
