@@ -1,10 +1,9 @@
 """One manoeuvre, without and with control, in virtual time."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from math import inf
-from pathlib import Path
-from typing import Any
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +12,7 @@ from canroll.errors import CanrollError, UnknownNameError
 from firmware.calibration import ONE
 from hil import conditions as conditions_of
 from hil import limit_cycle, metrics, replay, standard
+from hil.choices import Choices
 from hil.controller import COMMAND_TIMEOUT, PASSIVE, Controller, Request, choose, prepare
 from hil.delays import sample_to_force
 from hil.ecu import BACKENDS, default_backend, open_ecu
@@ -33,135 +33,53 @@ AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
 Report = Callable[[str, float], None]
 
 
-def run(
-    scenario: str,
-    *,
-    vehicle: str | None = None,
-    law: str | None = None,
-    calibration: str | Path | None = None,
-    actuator: str | None = None,
-    observer: str | None = None,
-    plant: str = DEFAULT_PLANT,
-    speed_kmh: float | None = None,
-    bus: str = DEFAULT_BUS,
-    tick_ms: float | None = None,
-    trigger: str | None = None,
-    gains: str | None = None,
-    feedforward: bool | None = None,
-    identification: bool | None = None,
-    heartbeat_ms: float | None = None,
-    backend: str | None = None,
-    seed: int = 0,
-    duration: float | None = None,
-    options: Mapping[str, Any] | None = None,
-    faults: Sequence[str] = (),
-    conditions: Mapping[str, Any] | None = None,
-    progress: Report | None = None,
-) -> Result:
+def run(scenario: str, *, progress: Report | None = None, **choices: Unpack[Choices]) -> Result:
     """Drive a manoeuvre without and with control and return what came of it.
 
     Args:
         scenario: name of the manoeuvre, such as "double_lane_change" or "roundabout".
-        vehicle: name or TOML file; "van_real" by default.
-        law: control law; "lqg_delay" by default; "passive" for no control at all.
-        calibration: file of ``canroll design`` instead of vehicle, law, actuator, observer, tick
-            and trigger.
-        actuator: "suspension", "bars", "dampers" or "valves".
-        observer: "two_sensors", "one_sensor", "propagated" or "reference".
-        plant: what is simulated: "roll1" and the other plants of ``plant_sim.bodies``.
-        speed_kmh: entry speed; by default the vehicle's own for this manoeuvre.
-        bus: profile: "500k", "125k_busy", "gateway_20ms" or "gateway_50ms".
-        tick_ms: period of the ECU's loop, 1 to 20.
-        trigger: "event" sends a command when it matters, "every" in each tick.
-        gains: "computed", or "as_printed" for the numbers of the law's paper.
-        feedforward: False leaves the disturbance feedforward out.
-        identification: True identifies roll stiffness and damping at run time.
-        heartbeat_ms: a command at the latest after; 50 by default.
-        backend: what runs the firmware: "native" where a compiler is, "python", "cortex-m4", …
-        seed: of sensor noise, bias, phases and background traffic; the same seed, the same bytes.
-        duration: s, where shorter than the manoeuvre.
-        options: of the manoeuvre, such as ``{"friction": 0.6}``.
-        faults: of sensors and actuators, such as "Imu.RollRate=stuck@3:5"; see
-            :func:`hil.conditions.options`.
-        conditions: of sensors and actuators, such as ``{"supply": 10.0}``.
         progress: called with "passive", "controlled" or "replay" and the share done.
+        choices: vehicle, law, bus, seed, … : see :class:`hil.choices.Choices`.
 
     Raises:
         CanrollError: a name, number or file that cannot be; the message says what to do.
         VerdictError: the design fails its own checks.
         Interrupted: Ctrl-C; it carries the trace so far.
     """
-    settings, controller = plan(
-        scenario,
-        vehicle=vehicle,
-        law=law,
-        calibration=calibration,
-        actuator=actuator,
-        observer=observer,
-        plant=plant,
-        speed_kmh=speed_kmh,
-        bus=bus,
-        tick_ms=tick_ms,
-        trigger=trigger,
-        gains=gains,
-        feedforward=feedforward,
-        identification=identification,
-        heartbeat_ms=heartbeat_ms,
-        backend=backend,
-        seed=seed,
-        duration=duration,
-        options=options,
-        faults=faults,
-        conditions=conditions,
-    )
-    return simulate(settings, controller, duration=duration, progress=progress)
+    settings, controller = plan(scenario, **choices)
+    return simulate(settings, controller, duration=choices.get("duration"), progress=progress)
 
 
-def plan(
-    scenario: str,
-    *,
-    vehicle: str | None = None,
-    law: str | None = None,
-    calibration: str | Path | None = None,
-    actuator: str | None = None,
-    observer: str | None = None,
-    plant: str = DEFAULT_PLANT,
-    speed_kmh: float | None = None,
-    bus: str = DEFAULT_BUS,
-    tick_ms: float | None = None,
-    trigger: str | None = None,
-    gains: str | None = None,
-    feedforward: bool | None = None,
-    identification: bool | None = None,
-    heartbeat_ms: float | None = None,
-    backend: str | None = None,
-    seed: int = 0,
-    duration: float | None = None,
-    options: Mapping[str, Any] | None = None,
-    faults: Sequence[str] = (),
-    conditions: Mapping[str, Any] | None = None,
-) -> tuple[Settings, Controller]:
+def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controller]:
     """Return what :func:`run` would drive with the same arguments: settings and controller.
 
     Raises:
         CanrollError: a name, number or file that cannot be; the message says what to do.
         VerdictError: the design fails its own checks.
     """
+    for name in choices.keys() - Choices.__annotations__.keys():
+        raise UnknownNameError("choice of a run", name, list(Choices.__annotations__))
     request = Request(
-        vehicle=vehicle,
-        law=law,
-        calibration=calibration,
-        actuator=actuator,
-        observer=observer,
-        tick_ms=tick_ms,
-        trigger=trigger,
-        gains=gains,
-        feedforward=feedforward,
-        identification=identification,
-        heartbeat_ms=heartbeat_ms,
+        vehicle=choices.get("vehicle"),
+        law=choices.get("law"),
+        calibration=choices.get("calibration"),
+        actuator=choices.get("actuator"),
+        observer=choices.get("observer"),
+        tick_ms=choices.get("tick_ms"),
+        trigger=choices.get("trigger"),
+        gains=choices.get("gains"),
+        feedforward=choices.get("feedforward"),
+        identification=choices.get("identification"),
+        heartbeat_ms=choices.get("heartbeat_ms"),
     )
+    plant, bus = choices.get("plant") or DEFAULT_PLANT, choices.get("bus") or DEFAULT_BUS
+    speed_kmh, backend = choices.get("speed_kmh"), choices.get("backend")
+    seed = choices.get("seed") or 0
+    options = choices.get("options") or {}
+    faults = choices.get("faults") or ()
+    conditions = choices.get("conditions") or {}
     # names are refused before anything slow is done
-    _check(scenario, {"speed {:g} km/h": speed_kmh, "duration {:g} s": duration})
+    _check(scenario, {"speed {:g} km/h": speed_kmh, "duration {:g} s": choices.get("duration")})
     body(plant)
     load_profile(bus)
     conditions_of.options(faults, conditions)
@@ -188,9 +106,9 @@ def plan(
         speed=speed,
         tick=controller.tick,
         run_time=RUN_TIME_NS * 1e-9,
-        options=tuple(sorted((options or {}).items())),
+        options=tuple(sorted(options.items())),
         faults=tuple(faults),
-        conditions=tuple(sorted((conditions or {}).items())),
+        conditions=tuple(sorted(conditions.items())),
     )
     # an option that the manoeuvre does not know is refused here
     _maneuver(settings)

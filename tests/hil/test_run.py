@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import dbc
+from canroll.errors import UnknownNameError
 from codegen.backends import PythonEcu
 from hil import controller, experiment
 from hil.cli import main
@@ -301,3 +302,8 @@ def test_interrupted_runs_leave_a_complete_log(tmp_path, monkeypatch, capsys):
     assert max(times) == pytest.approx(1.0, abs=0.05)
     assert len(times) > 1000
     assert capsys.readouterr().out == ""
+
+
+def test_a_misspelt_choice_is_named_and_not_ignored():
+    with pytest.raises(UnknownNameError, match="did you mean 'law'"):
+        experiment.plan("double_lane_change", lawn="lqr")
