@@ -32,7 +32,7 @@ def usable_folder(folder: Path) -> Path:
     return folder
 
 
-def check_parent(path: Path, *, out: Path | None) -> Path:
+def check_parent(path: Path, *, out: Path | None = None) -> Path:
     """Return ``path`` if its folder is there, or is ``out``, which is made.
 
     Raises:

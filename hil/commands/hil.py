@@ -10,7 +10,7 @@ from typing import Any
 import can
 
 from canroll.errors import CanrollError
-from hil.commands.run import add_run_options, run_keywords
+from hil.commands.run import add_condition_options, add_run_options, path_named, run_keywords
 from hil.realtime.link import add_bus_arguments, has_bus
 
 DEFAULT_OUT = Path("out")
@@ -26,6 +26,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument("scenario", help="double_lane_change, roundabout, …")
     add_bus_arguments(parser)
     add_run_options(parser)
+    add_condition_options(parser)
     parser.add_argument(
         "--passive",
         choices=("virtual", "hil"),
@@ -38,10 +39,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         metavar="S",
         help="where longer than the manoeuvre only the timing counts it",
     )
-    parser.add_argument("--log", type=Path, metavar="FILE", help="bus log: .asc .blf .log .mf4")
-    parser.add_argument("--signals", type=Path, metavar="FILE", help="the signals as .mf4")
     parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for report, traces, … (default: out)"
+        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4"
+    )
+    parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
+    parser.add_argument(
+        "--out", type=path_named, metavar="DIR", help="folder for report, traces, … (default: out)"
     )
     parser.add_argument(
         "--json", action="store_true", help="print one JSON object; files only with --out"
@@ -77,17 +80,17 @@ def bus_options(args: argparse.Namespace) -> list[str]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive, report and write; 0 whatever the verdict, which is part of the answer."""
-    from hil.files import usable_folder, write_files, write_text  # noqa: PLC0415 - loads compiled kernels
+    """Drive, report and write; 1 if the verdict is that control does not help."""
+    from hil import signals  # noqa: PLC0415 - loads compiled kernels
+    from hil.files import check_parent, usable_folder, write_files, write_text  # noqa: PLC0415
     from hil.logs import check_suffix, write_log  # noqa: PLC0415
-    from hil.realtime import hil_run, signals_mf4  # noqa: PLC0415
+    from hil.realtime import hil_run  # noqa: PLC0415
     from hil.virtual import Interrupted  # noqa: PLC0415
 
     out = args.out or (None if args.json else DEFAULT_OUT)
-    if args.log is not None:
-        usable_folder(check_suffix(args.log).parent)
-    if args.signals is not None:
-        signals_mf4.check(args.signals)
+    for path, check in ((args.log, check_suffix), (args.signals, signals.check_suffix)):
+        if path is not None:
+            check_parent(check(path), out=out)
     with tempfile.TemporaryDirectory(prefix="canroll-") as scratch:
         folder = Path(scratch) if out is None else usable_folder(out)
         try:
@@ -108,7 +111,7 @@ def run(args: argparse.Namespace) -> int:
         if args.log is not None:
             write_log(args.log, seen.frames)
         if args.signals is not None:
-            signals_mf4.write(args.signals, seen.signals)
+            signals.write_signals(args.signals, seen.signals)
         cores = timing.pop("jitterdebugger")
         if out is not None:
             result = write_files(result, out)
@@ -116,7 +119,7 @@ def run(args: argparse.Namespace) -> int:
             files = {**result.files, "timing": str(path), "ticks": str(out / "ticks.npz")}
             result = hil_run.with_files(result, files)
         report(result.to_json() | {"timing": timing}, args, result)
-    return 0
+    return 1 if result.helps is False else 0
 
 
 def _announce(text: str) -> None:

@@ -7,6 +7,12 @@ from typing import TYPE_CHECKING
 import vehicles
 from canroll.errors import CanrollError
 from hil.commands.ecu import add_loop_options, nanoseconds
+from hil.commands.run import (
+    add_condition_options,
+    key_values,
+    maneuver_options,
+    path_named,
+)
 from hil.realtime import process
 from hil.realtime.link import Link, add_bus_arguments, has_bus, open_link
 
@@ -51,6 +57,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         metavar="KEY=VALUE",
         help="option of the manoeuvre, such as friction=0.6; may be repeated",
     )
+    add_condition_options(parser)
     parser.add_argument("--seed", type=int, default=0, help="default: 0")
     parser.add_argument("--duration", type=float, metavar="S", help="default: the manoeuvre's")
     parser.add_argument(
@@ -64,21 +71,23 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="for the first frame of the ECU, 0: start at once (default: %(default)g)",
     )
     add_loop_options(parser)
-    parser.add_argument("--log", type=Path, metavar="FILE", help="bus log: .asc .blf .log .mf4")
-    parser.add_argument("--signals", type=Path, metavar="FILE", help="the signals as .mf4")
+    parser.add_argument(
+        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4"
+    )
+    parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
     parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Simulate until the manoeuvre is over, the ECU is lost or a signal comes."""
-    from hil import logs  # noqa: PLC0415 - loads compiled kernels
-    from hil.realtime import plant_file, plant_loop, signals_mf4  # noqa: PLC0415
+    from hil import logs, signals  # noqa: PLC0415 - loads compiled kernels
+    from hil.files import check_parent  # noqa: PLC0415
+    from hil.realtime import plant_file, plant_loop  # noqa: PLC0415
 
-    if args.log is not None:
-        logs.check_suffix(args.log)
-    if args.signals is not None:
-        signals_mf4.check(args.signals)
+    for path, check in ((args.log, logs.check_suffix), (args.signals, signals.check_suffix)):
+        if path is not None:
+            check_parent(check(path))
     peer_timeout = nanoseconds(args.peer_timeout, "--peer-timeout")
     duration = nanoseconds(args.duration, "--duration")
     # compiled before the clock runs: this world is thrown away
@@ -127,7 +136,7 @@ def run(args: argparse.Namespace) -> int:
         if args.log is not None:
             logs.write_log(args.log, world.frames)
         if args.signals is not None:
-            signals_mf4.write(args.signals, world.signals)
+            signals.write_signals(args.signals, world.signals)
     return 0
 
 
@@ -137,7 +146,7 @@ def world_of(args: argparse.Namespace) -> "World":
     Raises:
         CanrollError: a name or number that cannot be.
     """
-    from hil.commands.run import maneuver_options  # noqa: PLC0415
+    from hil import conditions  # noqa: PLC0415
     from hil.controller import choose  # noqa: PLC0415
     from plant_sim import can_bus, maneuvers  # noqa: PLC0415
     from plant_sim.world import World  # noqa: PLC0415
@@ -151,6 +160,7 @@ def world_of(args: argparse.Namespace) -> "World":
     if args.speed is not None:
         speed = args.speed / 3.6
     options = maneuver_options(args.set) or {}
+    sensors, actuators = conditions.options(args.fault, key_values("--condition", args.condition))
     return World(
         vehicle=vehicle,
         body=args.plant,
@@ -160,6 +170,8 @@ def world_of(args: argparse.Namespace) -> "World":
         profile=can_bus.load_profile(args.bus),
         seed=args.seed,
         enabled=not args.passive,
+        sensors=sensors,
+        actuators=actuators,
     )
 
 

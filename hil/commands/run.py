@@ -206,7 +206,7 @@ def run(args: argparse.Namespace) -> int:
     if args.log is not None:
         files["bus log"] = str(write_log(args.log, seen.frames))
     if args.signals is not None:
-        files["signals"] = str(signals.write_signals(args.signals, seen))
+        files["signals"] = str(signals.write_signals(args.signals, seen.signals))
     result = experiment.with_files(result, files)
     if out is not None:
         result = write_files(result, out)

@@ -117,6 +117,10 @@ def plant_arguments(
         arguments += [f"--{name}", str(value)]
     for name, value in settings.options:
         arguments += ["--set", f"{name}={value}"]
+    for fault in settings.faults:
+        arguments += ["--fault", fault]
+    for name, value in settings.conditions:
+        arguments += ["--condition", f"{name}={value}"]
     if setup.duration is not None:
         arguments += ["--duration", str(setup.duration)]
     if not enabled:

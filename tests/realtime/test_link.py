@@ -125,7 +125,7 @@ def test_why_a_bus_does_not_open_is_one_line(error, mends):
         (["plant", "nosuch"], "unknown scenario"),
         (["plant", "double_lane_change", "--actuator", "bras"], "did you mean 'bars'?"),
         (["plant", "double_lane_change", "--serve", "here"], "HOST:PORT"),
-        (["plant", "double_lane_change", "--wait", "0", "--signals", "a.csv"], ".mf4"),
+        (["plant", "double_lane_change", "--wait", "0", "--signals", "a.txt"], ".csv, .mf4"),
         (["hil", "nosuch"], "unknown scenario"),
         (["hil", "double_lane_change", "-i", "virtual", "-c", "x"], "inside one process"),
         (["ecu", "--replay", "nosuch.npz"], "cannot read"),

@@ -177,7 +177,14 @@ def test_the_plant_is_told_all_that_makes_the_world(tmp_path):
     from hil.experiment import build_world
 
     settings, controller = plan(
-        "double_lane_change", law="lqr", actuator="bars", bus="gateway_20ms", seed=3, speed_kmh=70
+        "double_lane_change",
+        law="lqr",
+        actuator="bars",
+        bus="gateway_20ms",
+        seed=3,
+        speed_kmh=70,
+        faults=["Imu.RollRate=offset:0.1@0.05:0.2", "front_left=weak:0.5@0.1"],
+        conditions={"noise": 2, "filtered": False, "supply": 10.5},
     )
     setup = session.Setup(
         bus_options=(), folder=tmp_path, cores=None, duration=None, announce=print

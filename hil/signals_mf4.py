@@ -1,7 +1,6 @@
 """Signals of a run as an ASAM MDF 4 file, written after the run."""
 
 from collections.abc import Mapping
-from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -49,18 +48,6 @@ def unit(name: str) -> str:
     if stem in _RATES and derivative in ("rate", "acc"):
         return _RATES[stem] + ("/s" if derivative == "rate" else "/s²")
     return next((u for family, u in _FAMILIES.items() if name.startswith(family)), "")
-
-
-def check(path: Path) -> None:
-    """Refuse what could not be written after the run.
-
-    Raises:
-        CanrollError: another suffix, or asammdf is missing.
-    """
-    if path.suffix.lower() != ".mf4":
-        raise CanrollError(f"{path}: signals are written as .mf4")
-    if find_spec("asammdf") is None:
-        raise CanrollError("signals as .mf4 needs asammdf: .venv/bin/pip install -e '.[asammdf]'")
 
 
 def write(path: Path, signals: Mapping[str, NDArray[np.float64]]) -> None:
