@@ -73,7 +73,7 @@ def detect(
         t, command: of the controlled run at equal steps, s and N·m.
         t_passive, roll_passive: of the same manoeuvre without control, s and rad.
     """
-    if len(t) < 3:
+    if len(t) < 3 or t[-1] - t[0] < SECONDS_MIN:
         return None
     threshold = max(SHARE_OF_PEAK * float(np.max(np.abs(command))), LEAST_MOMENT)
     found = []

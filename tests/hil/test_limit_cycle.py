@@ -65,3 +65,10 @@ def test_a_growing_oscillation_that_rides_on_the_manoeuvre_is_found():
     swing = np.minimum(40 * np.exp(0.7 * T), 500) * np.sin(2 * np.pi * 2.3 * T)
     cycle = detect(T, swing - 1200 * LANE_CHANGE, T, 0.05 * LANE_CHANGE)
     assert cycle.frequency == pytest.approx(2.3, rel=0.05)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.02, 0.5])
+def test_a_run_of_less_than_a_second_has_none(seconds):
+    short = T[T <= T[0] + seconds]
+    swing = 700 * np.sin(2 * np.pi * 8 * short)
+    assert detect(short, swing, short, 0.0 * short) is None
