@@ -52,6 +52,12 @@ def _table(head: Sequence[str], rows: Iterable[Sequence[str | Cell]]) -> rich.ta
     return table
 
 
+def show_verdict(text: str, *, good: bool | None) -> None:
+    """Print the answer in one line: good, bad, or neither."""
+    style = {True: "green", False: "red", None: "yellow"}[good]
+    Console(highlight=False).print(Text(text, style=style), soft_wrap=True)
+
+
 def show_table(table: Table) -> None:
     """Print a table of a report page."""
     Console(highlight=False).print(_table(table.head, table.rows))
@@ -78,8 +84,7 @@ def show(result: Result) -> None:
         f"[bold]{settings.scenario.replace('_', ' ')}[/bold], {settings.vehicle.name} at "
         f"{settings.speed * 3.6:.0f} km/h, {settings.law} over {settings.bus}"
     )
-    style = "yellow" if result.pays else {True: "green", False: "red", None: ""}[result.helps]
-    console.print(Text(result.verdict, style=style), soft_wrap=True)
+    show_verdict(result.verdict, good=None if result.pays else result.helps)
     show_warnings(text for text in result.warnings if text not in result.verdict)
     console.print()
     head = metric_head(result, "passive", "controlled")
