@@ -3,6 +3,7 @@
 import struct
 import subprocess
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -15,11 +16,19 @@ from firmware.calibration import Calibration
 from firmware.state import Ecu
 
 
-def replay(calibration: Calibration, traffic: Traffic, name: str) -> Run:
-    """Replay ``traffic`` in QEMU, counting instructions with a plugin."""
+def replay(
+    calibration: Calibration,
+    traffic: Traffic,
+    name: str,
+    firmware: Mapping[str, str] | None = None,
+) -> Run:
+    """Replay ``traffic`` in QEMU, counting instructions with a plugin.
+
+    ``firmware`` as for :func:`codegen.target.gcc_image`.
+    """
     from elftools.elf.elffile import ELFFile  # noqa: PLC0415
 
-    image = gcc_image(name)
+    image = gcc_image(name, firmware)
     plugin = built(
         ["cc", "-O2", "-shared", "-fPIC"],
         {"insncount.c": (BOARD / "insncount.c").read_text(encoding="utf-8")},

@@ -98,10 +98,12 @@ def zig_image(name: str) -> Path:
     return built([sys.executable, "-m", "ziglang", "cc", *flags], files, f"zig_{name}.elf")
 
 
-@cache
-def gcc_image(name: str) -> Path:
-    """The replay program for QEMU, built by arm-none-eabi-gcc."""
-    files = dict(emit_c.firmware())
+def gcc_image(name: str, firmware: Mapping[str, str] | None = None) -> Path:
+    """The replay program for QEMU, built by arm-none-eabi-gcc.
+
+    ``firmware`` are the sources of another ECU with the same records; the emitted ones by default.
+    """
+    files = dict(firmware or emit_c.firmware())
     for file in ("startup.c", "replay.c", "link.ld"):
         files[file] = (BOARD / file).read_text(encoding="utf-8")
     flags = [f"-mcpu={name}", *GCC_FLAGS, "-nostdlib", "-T", "link.ld", "-Wl,--gc-sections"]

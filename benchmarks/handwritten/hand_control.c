@@ -1,0 +1,160 @@
+/* Observer, prediction over the delay, state feedback, four forces. */
+#include <stdbool.h>
+#include "hand.h"
+
+enum { ROLL, RATE, LATERAL, JERK, BIAS };
+enum { RATE_ROW, LATERAL_ROW };
+enum { BAD_ROLL_RATE, BAD_LATERAL };
+
+/* The moment that acts: the delivered one, else the commanded. */
+static int32_t acting_moment(const canroll_ecu *ecu)
+{
+    return ecu->moment_unknown ? ecu->ring[ecu->ring_head] : ecu->delivered[0] + ecu->delivered[1];
+}
+
+static void advance(const canroll_calibration *cal, int32_t z[5], int32_t moment)
+{
+    const int32_t roll = z[ROLL], rate = z[RATE], lateral = z[LATERAL], jerk = z[JERK];
+    for (uint32_t i = ROLL; i <= RATE; i++) {
+        const int32_t *f = cal->phi[i];
+        z[i] = state_of((int64_t)f[ROLL] * roll + (int64_t)f[RATE] * rate
+            + (int64_t)f[LATERAL] * lateral + (int64_t)f[JERK] * jerk
+            + (int64_t)cal->gamma[i] * moment, cal->phi_shift[i]);
+    }
+    for (uint32_t i = LATERAL; i <= JERK; i++) {
+        const int32_t *f = cal->phi[i];
+        z[i] = state_of((int64_t)f[LATERAL] * lateral + (int64_t)f[JERK] * jerk,
+            cal->phi_shift[i]);
+    }
+}
+
+static void correct(int32_t x[5], const int32_t gain[5], const uint8_t shift[5],
+    int32_t innovation)
+{
+    for (uint32_t i = ROLL; i <= BIAS; i++) {
+        x[i] = corrected(x[i], (int64_t)gain[i] * innovation, shift[i]);
+    }
+}
+
+void hand_observe(canroll_ecu *ecu, const canroll_calibration *cal, int32_t steps)
+{
+    int32_t *x = ecu->x;
+    const int32_t moment = acting_moment(ecu);
+    for (; steps > 0; steps--) {
+        advance(cal, x, moment);
+    }
+    if (ecu->fresh[CANROLL_RX_IMU] != 0) {
+        const bool lateral_good = ecu->bad_ticks[BAD_LATERAL] == 0;
+        if (ecu->bad_ticks[BAD_ROLL_RATE] == 0) {
+            const int32_t innovation = ecu->roll_rate - x[RATE] - x[BIAS];
+            if (lateral_good || !ecu->lateral_lost) {
+                correct(x, cal->correction[RATE_ROW], cal->correction_shift[RATE_ROW], innovation);
+            } else {
+                correct(x, cal->correction_single, cal->correction_single_shift, innovation);
+            }
+        }
+        if (lateral_good) {
+            /* the accelerometer leans with the body */
+            const int64_t leaning = (int64_t)cal->output[LATERAL_ROW][ROLL] * x[ROLL];
+            const int32_t innovation = ecu->lateral_acceleration - x[LATERAL]
+                - state_of(leaning, cal->output_shift[LATERAL_ROW]);
+            correct(x, cal->correction[LATERAL_ROW], cal->correction_shift[LATERAL_ROW],
+                innovation);
+        }
+    }
+    x[BIAS] = limit(x[BIAS], -cal->bias_max, cal->bias_max);
+}
+
+/* Carry the estimate through the commands that are under way. */
+static void look_ahead(canroll_ecu *ecu, const canroll_calibration *cal)
+{
+    int32_t *z = ecu->ahead;
+    int32_t moment = acting_moment(ecu);
+    uint32_t at = ecu->ring_head + 1u - cal->predict_steps;
+    for (uint32_t i = ROLL; i <= BIAS; i++) {
+        z[i] = ecu->x[i];
+    }
+    for (uint32_t k = cal->predict_steps; k > 0; k--) {
+        const int32_t way = ecu->ring[at++ & 31] - moment;
+        const int32_t reached = moment + product(way, cal->actuator_rate, 30);
+        advance(cal, z, (moment + reached + 1) >> 1);
+        moment = reached;
+    }
+}
+
+/* v / 2^n to nearest. */
+static inline int64_t rounded(int64_t v, uint32_t n)
+{
+    return ((v >> (n - 1)) + 1) >> 1;
+}
+
+void hand_control(canroll_ecu *ecu, const canroll_calibration *cal, int32_t steps)
+{
+    const int32_t *z = ecu->ahead, *back = cal->feedback, *forward = cal->feedforward;
+    int64_t u;
+    int32_t moment, last = ecu->moment, step;
+    look_ahead(ecu, cal);
+    if (ecu->mode != CANROLL_ACTIVE && ecu->mode != CANROLL_DEGRADED) {
+        ecu->moment = ecu->outputs[0] = product(ecu->last_outputs[0], ecu->authority, 30);
+        return;
+    }
+    moment = state_of((int64_t)forward[LATERAL] * z[LATERAL] + (int64_t)forward[JERK] * z[JERK],
+        cal->feedforward_shift);
+    if (ecu->feedforward != ONE) {
+        moment = product(moment, ecu->feedforward, 30);
+    }
+    u = -rounded((int64_t)back[ROLL] * z[ROLL] + (int64_t)back[RATE] * z[RATE],
+        cal->feedback_shift) - moment;
+    moment = saturated(u);
+    if (ecu->gain_factor != 1 << 28) {
+        moment = saturated(((int64_t)moment * ecu->gain_factor + (1 << 27)) >> 28);
+    }
+    if (ecu->authority != ONE) {
+        moment = product(moment, ecu->authority, 30);
+    }
+    moment = limit(moment, -cal->moment_max, cal->moment_max);
+    step = cal->slew_max;
+    if (steps > 1) {
+        step = (step > STATE_MAX / steps) ? STATE_MAX : step * steps;
+    }
+    ecu->moment = ecu->outputs[0] = limit(moment, last - step, last + step);
+}
+
+/* Split a moment over an axle's corners, each within its limit; return the moment they give. */
+static int32_t split(canroll_ecu *ecu, const canroll_calibration *cal, uint32_t left,
+    int32_t arm, int32_t track, int32_t moment)
+{
+    const int32_t want = product(moment, arm, 28);
+    const int32_t size = (want < 0) ? -want : want;
+    int32_t limit_left = cal->force_max[left], limit_right = cal->force_max[left + 1], up, down;
+    if (size <= limit_left && size <= limit_right
+        && (ecu->failed[left] | ecu->failed[left + 1]) == 0) {
+        ecu->force[left] = want;
+        ecu->force[left + 1] = -want;
+        return product(want, track, 28);
+    }
+    limit_left = ecu->failed[left] ? 0 : limit_left;
+    limit_right = ecu->failed[left + 1] ? 0 : limit_right;
+    up = limit(want, -limit_left, limit_left);
+    down = limit(2 * want - up, -limit_right, limit_right);
+    up = limit(2 * want - down, -limit_left, limit_left);
+    ecu->force[left] = up;
+    ecu->force[left + 1] = -down;
+    return product(up + down, track, 29);
+}
+
+/* Each axle takes what the other lacks, within the slack of the steering balance. */
+void hand_allocate(canroll_ecu *ecu, const canroll_calibration *cal)
+{
+    const int32_t moment = ecu->moment;
+    const int32_t front = product(moment, ecu->front_share, 30), rear = moment - front;
+    const int32_t room = product((moment < 0) ? -moment : moment, cal->share_slack, 30);
+    int32_t given = split(ecu, cal, 0, cal->arm_front, cal->track_front, front), given_rear, lack;
+    lack = limit(front - given, -room, room);
+    given_rear = split(ecu, cal, 2, cal->arm_rear, cal->track_rear, rear + lack);
+    lack = limit(rear - given_rear, -room, room);
+    if (lack != 0) {
+        given = split(ecu, cal, 0, cal->arm_front, cal->track_front, front + lack);
+    }
+    ecu->given = given + given_rear;
+}

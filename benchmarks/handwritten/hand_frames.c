@@ -1,0 +1,163 @@
+/* Event trigger and the frames that go out; the tick itself. */
+#include <stdbool.h>
+#include "hand.h"
+
+enum { NOTHING, TRIGGERED, HEARTBEAT };
+enum { STEPS_MAX = 16, LAST_PAGE = 4 };
+/* the checksum after both bytes of the data id */
+enum { CRC_FORCES = 85, CRC_STATUS = 187, CRC_DIAGNOSTICS = 247 };
+
+/* Take note of a new echo: one that stands still is of long ago. */
+static void acknowledge(canroll_ecu *ecu)
+{
+    const uint8_t echo = ecu->accepted_counter;
+    if (ecu->waiting && ecu->fresh[CANROLL_RX_ACTUATOR_STATE] && ecu->command_held
+        && echo != ecu->echo) {
+        ecu->echo = echo;
+        ecu->unacknowledged = 0;
+        ecu->waiting = echo != ecu->tx_counter[CANROLL_TX_SUSPENSION_FORCE];
+    }
+}
+
+/* v / 2^12 to nearest: quarter newton metres. */
+static inline int32_t coarse(int32_t v)
+{
+    return (v + 2048) >> 12;
+}
+
+/* Whether error^2 > epsilon^2 size^2 + floor^2, epsilon^2 as Q20. */
+static bool moved(const canroll_ecu *ecu, const canroll_calibration *cal)
+{
+    const int32_t error = coarse(ecu->outputs[0] - ecu->sent[0]), size = coarse(ecu->sent[0]);
+    const int32_t floor = coarse(cal->trigger_floor);
+    const int64_t above = (int64_t)error * error - (int64_t)floor * floor;
+    if (above <= 0) {
+        return false;
+    }
+    return above << 20 > cal->trigger_epsilon_squared * ((int64_t)size * size);
+}
+
+void hand_trigger(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
+{
+    int32_t under_way;
+    acknowledge(ecu);
+    ecu->since_sent = aged(ecu->since_sent, elapsed);
+    if (ecu->waiting) {
+        ecu->unacknowledged = aged(ecu->unacknowledged, elapsed);
+    }
+    ecu->triggered = NOTHING;
+    if (moved(ecu, cal) || (ecu->waiting && ecu->since_sent >= cal->acknowledge_ticks)) {
+        ecu->triggered = TRIGGERED;
+    } else if (ecu->since_sent >= cal->heartbeat_ticks) {
+        ecu->triggered = HEARTBEAT;
+        ecu->heartbeats_sent += (ecu->heartbeats_sent < INT32_MAX);
+    }
+    under_way = ecu->ring[ecu->ring_head];
+    if (ecu->triggered != NOTHING) {
+        ecu->since_sent = 0;
+        ecu->waiting = 1;
+        ecu->commands_sent += (ecu->commands_sent < INT32_MAX);
+        ecu->sent[0] = ecu->outputs[0];
+        under_way = ecu->given;
+    }
+    for (int32_t k = (elapsed < CANROLL_N_RING) ? elapsed : CANROLL_N_RING; k > 0; k--) {
+        ecu->ring_head = (ecu->ring_head + 1) & (CANROLL_N_RING - 1);
+        ecu->ring[ecu->ring_head] = under_way;
+    }
+}
+
+static void store(uint8_t *p, uint32_t word)
+{
+    p[0] = (uint8_t)word;
+    p[1] = (uint8_t)(word >> 8);
+    p[2] = (uint8_t)(word >> 16);
+    p[3] = (uint8_t)(word >> 24);
+}
+
+/* Count, protect and queue a frame. */
+static void send(canroll_ecu *ecu, uint32_t slot, uint32_t start, hand_frame frame)
+{
+    const uint8_t counter = (ecu->tx_counter[slot] < 14) ? (uint8_t)(ecu->tx_counter[slot] + 1) : 0;
+    ecu->tx_counter[slot] = counter;
+    frame.lo |= (uint32_t)counter << 8;
+    frame.lo |= hand_crc(start, frame);
+    store(ecu->tx_payload[slot], frame.lo);
+    store(ecu->tx_payload[slot] + 4, frame.hi);
+    ecu->tx_pending[slot] = 1;
+}
+
+/* A force in 2 N, 12 bits; what the limits allow fits. */
+static inline uint32_t force(int32_t v)
+{
+    return (uint32_t)((v + 16384) >> 15) & 0xfff;
+}
+
+static void send_forces(canroll_ecu *ecu)
+{
+    const uint32_t rear_left = force(ecu->force[2]);
+    hand_frame f;
+    f.lo = force(ecu->force[0]) << 12 | (uint32_t)((ecu->force[1] + 16384) >> 15) << 24;
+    f.hi = (force(ecu->force[1]) >> 8) | rear_left << 4 | force(ecu->force[3]) << 16
+        | (uint32_t)ecu->mode << 28;
+    send(ecu, CANROLL_TX_SUSPENSION_FORCE, CRC_FORCES, f);
+}
+
+static void send_status(canroll_ecu *ecu)
+{
+    const uint32_t roll = (uint32_t)product(ecu->x[CANROLL_ROLL], 938734052, 45);
+    const uint32_t moment = (uint32_t)limit((ecu->moment + 4096) >> 13, -32765, 32765);
+    hand_frame f;
+    f.lo = (roll & 0xffff) << 12 | moment << 28;
+    f.hi = ((moment >> 4) & 0xfff) | (uint32_t)ecu->mode << 12 | (uint32_t)ecu->law << 16
+        | (uint32_t)ecu->trouble_number << 20 | (uint32_t)ecu->commands_sent << 24;
+    send(ecu, CANROLL_TX_STATUS, CRC_STATUS, f);
+}
+
+static void send_diagnostics(canroll_ecu *ecu)
+{
+    const uint32_t page = ecu->diagnostics_page;
+    hand_frame f;
+    if (page == 0) {
+        const uint32_t active = (uint32_t)ecu->trouble_active;
+        f.lo = active << 16;
+        f.hi = ((active >> 16) & 0xff) | (uint32_t)ecu->trouble_latched << 8;
+    } else {
+        const uint8_t *count = &ecu->trouble_count[6 * (page - 1)];
+        f.lo = (uint32_t)count[0] << 16 | (uint32_t)count[1] << 24;
+        f.hi = (uint32_t)count[2] | (uint32_t)count[3] << 8 | (uint32_t)count[4] << 16
+            | (uint32_t)count[5] << 24;
+    }
+    f.lo |= page << 12;
+    send(ecu, CANROLL_TX_DIAGNOSTICS, CRC_DIAGNOSTICS, f);
+    ecu->diagnostics_page = (page < LAST_PAGE) ? (uint8_t)(page + 1) : 0;
+}
+
+void hand_transmit(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
+{
+    if (ecu->triggered != NOTHING) {
+        send_forces(ecu);
+    }
+    ecu->since_status = aged(ecu->since_status, elapsed);
+    if (ecu->since_status >= cal->status_ticks) {
+        ecu->since_status = 0;
+        send_status(ecu);
+        send_diagnostics(ecu);
+    }
+}
+
+void canroll_tick(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed_ticks)
+{
+    const int32_t elapsed = limit(elapsed_ticks, 1, AGE_MAX);
+    const int32_t steps = limit(elapsed, 1, STEPS_MAX);
+    if (ecu->refused != 0) {
+        return;
+    }
+    hand_read_inputs(ecu, cal, elapsed);
+    hand_supervise(ecu, cal, elapsed);
+    hand_observe(ecu, cal, steps);
+    hand_control(ecu, cal, steps);
+    hand_allocate(ecu, cal);
+    hand_trigger(ecu, cal, elapsed);
+    hand_transmit(ecu, cal, elapsed);
+    ecu->time = (int32_t)((uint32_t)ecu->time + (uint32_t)elapsed);
+}

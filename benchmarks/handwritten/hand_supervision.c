@@ -1,0 +1,244 @@
+/* Plausibility of the inputs, trouble codes, modes and the ramps of the authority. */
+#include <stdbool.h>
+#include "hand.h"
+
+enum { ROLL_RATE_BIT = 1 << 6, LATERAL_BIT = 1 << 7, STUCK_BIT = 1 << 8, SPEED_BIT = 1 << 10,
+       MOMENT_BIT = 1 << 12, CORNER_STUCK_BIT = 1 << 13, CORNER_FLOATING_BIT = 1 << 14,
+       COMMAND_BIT = 1 << 15, TICK_MISSED_BIT = 1 << 16 };
+enum { BAD_ROLL_RATE = 0, BAD_LATERAL = 1, BAD_SPEED = 2, BAD_MOMENT = 4 };
+enum { GOOD, DEGRADING, UNSAFE };
+enum { CORNER_STUCK = 2, CORNER_FLOATING = 3, OVERDUE = 8 };
+
+/* Troubles came or went: latch and count the new ones. */
+static void note_troubles(canroll_ecu *ecu, uint32_t found)
+{
+    const uint32_t appeared = found & ~(uint32_t)ecu->trouble_active;
+    uint32_t number = 0;
+    ecu->trouble_active = (int32_t)found;
+    ecu->trouble_latched |= (int32_t)appeared;
+    for (uint32_t code = 0; (found >> code) != 0; code++) {
+        number += (found >> code) & 1;
+        if (((appeared >> code) & 1) != 0 && ecu->trouble_count[code] < 255) {
+            ecu->trouble_count[code]++;
+        }
+    }
+    ecu->trouble_number = (uint8_t)number;
+}
+
+/* Whether message m is late or repeats one sample; a fresh one is neither. */
+static bool silent(canroll_ecu *ecu, const canroll_calibration *cal, uint32_t m, uint32_t *found)
+{
+    const int32_t timeout = cal->timeout_ticks[m];
+    if (ecu->fresh[m] != 0) {
+        return false;
+    }
+    if (ecu->last_sample[m] == NO_SAMPLE) {
+        /* the first one may come as late as INIT lasts */
+        if (ecu->age[m] > timeout + cal->init_ticks) {
+            *found |= 1u << m;
+        }
+        return true;
+    }
+    if (ecu->age[m] > timeout) {
+        *found |= 1u << m;
+        return true;
+    }
+    if (ecu->unchanged[m] > cal->stuck_ticks && ecu->unchanged[m] > timeout) {
+        *found |= STUCK_BIT;
+        return true;
+    }
+    return false;
+}
+
+/* Whether message m carries an error code in one of the signals needed. */
+static inline bool lacking(const canroll_ecu *ecu, uint32_t m, uint32_t needed)
+{
+    return (ecu->valid[m] & needed) != needed && ecu->last_sample[m] != NO_SAMPLE;
+}
+
+static inline bool beyond(int32_t v, int32_t limit)
+{
+    return v > limit || v < -limit;
+}
+
+/* Whether an input has been bad for longer than its timeout. */
+static inline bool lasting(int32_t *bad_ticks, bool bad, int32_t timeout, int32_t elapsed)
+{
+    *bad_ticks = bad ? aged(*bad_ticks, elapsed) : 0;
+    return *bad_ticks > timeout;
+}
+
+static uint32_t judge_imu(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed,
+    uint32_t *found)
+{
+    const int32_t timeout = cal->timeout_ticks[CANROLL_RX_IMU];
+    bool unsafe = silent(ecu, cal, CANROLL_RX_IMU, found), bad;
+    bad = lacking(ecu, CANROLL_RX_IMU, 1) || beyond(ecu->roll_rate, cal->roll_rate_max);
+    if (lasting(&ecu->bad_ticks[BAD_ROLL_RATE], bad, timeout, elapsed)) {
+        *found |= ROLL_RATE_BIT;
+        unsafe = true;
+    }
+    bad = lacking(ecu, CANROLL_RX_IMU, 2)
+        || beyond(ecu->lateral_acceleration, cal->acceleration_max);
+    ecu->lateral_good = aged(ecu->lateral_good, elapsed);
+    bad = lasting(&ecu->bad_ticks[BAD_LATERAL], bad, timeout, elapsed);
+    if (bad) {
+        *found |= LATERAL_BIT;
+    }
+    if (ecu->bad_ticks[BAD_LATERAL] > 0) {
+        ecu->lateral_good = 0;
+        bad |= ecu->lateral_lost;
+    }
+    if (bad) {
+        ecu->lateral_lost = 1;
+    } else if (ecu->lateral_good >= cal->recovery_ticks) {
+        ecu->lateral_lost = 0;
+    }
+    return unsafe ? UNSAFE : (bad ? DEGRADING : GOOD);
+}
+
+static uint32_t judge_motion(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed,
+    uint32_t *found)
+{
+    const bool late = silent(ecu, cal, CANROLL_RX_VEHICLE_MOTION, found);
+    const bool bad = lasting(&ecu->bad_ticks[BAD_SPEED],
+        lacking(ecu, CANROLL_RX_VEHICLE_MOTION, 3),
+        cal->timeout_ticks[CANROLL_RX_VEHICLE_MOTION], elapsed);
+    if (bad) {
+        *found |= SPEED_BIT;
+    }
+    ecu->motion_lost = late || bad;
+    return ecu->motion_lost ? DEGRADING : GOOD;
+}
+
+static uint32_t judge_corners(canroll_ecu *ecu, uint32_t *found)
+{
+    uint32_t failed = 0;
+    if (((ecu->status[0] | ecu->status[1] | ecu->status[2] | ecu->status[3]) & 2) == 0) {
+        ecu->failed[0] = ecu->failed[1] = ecu->failed[2] = ecu->failed[3] = 0;
+        return GOOD;
+    }
+    for (uint32_t corner = 0; corner < 4; corner++) {
+        const uint32_t status = ecu->status[corner];
+        ecu->failed[corner] = (status & 2) >> 1;
+        failed += ecu->failed[corner];
+        *found |= (status == CORNER_STUCK) ? CORNER_STUCK_BIT : 0;
+        *found |= (status == CORNER_FLOATING) ? CORNER_FLOATING_BIT : 0;
+    }
+    return (failed > 1) ? UNSAFE : DEGRADING;
+}
+
+static uint32_t judge_actuators(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed,
+    uint32_t *found)
+{
+    const bool late = silent(ecu, cal, CANROLL_RX_ACTUATOR_STATE, found);
+    const bool bad = lasting(&ecu->bad_ticks[BAD_MOMENT],
+        lacking(ecu, CANROLL_RX_ACTUATOR_STATE, 3),
+        cal->timeout_ticks[CANROLL_RX_ACTUATOR_STATE], elapsed);
+    uint32_t severity = judge_corners(ecu, found);
+    if (bad) {
+        *found |= MOMENT_BIT;
+    }
+    ecu->moment_unknown = late || bad;
+    if (ecu->moment_unknown && severity == GOOD) {
+        severity = DEGRADING;
+    }
+    if (ecu->waiting && ecu->unacknowledged > OVERDUE * cal->acknowledge_ticks) {
+        *found |= COMMAND_BIT;
+    }
+    return severity;
+}
+
+static void change_mode(canroll_ecu *ecu, const canroll_calibration *cal, uint32_t severity)
+{
+    const bool running = ecu->mode == CANROLL_ACTIVE || ecu->mode == CANROLL_DEGRADED;
+    if (severity == UNSAFE) {
+        ecu->good_ticks = 0;
+        if (running) {
+            ecu->last_outputs[0] = ecu->moment;
+            ecu->authority = ONE;
+            ecu->mode = CANROLL_SAFE;
+        }
+        return;
+    }
+    if (ecu->mode == CANROLL_ACTIVE) {
+        if (severity == DEGRADING) {
+            ecu->mode = CANROLL_DEGRADED;
+            ecu->good_ticks = 0;
+        }
+    } else if (ecu->mode == CANROLL_DEGRADED) {
+        if (severity == DEGRADING) {
+            ecu->good_ticks = 0;
+        } else if (ecu->good_ticks >= cal->recovery_ticks) {
+            ecu->mode = CANROLL_ACTIVE;
+        }
+    } else if (ecu->good_ticks
+        >= ((ecu->mode == CANROLL_SAFE) ? cal->recovery_ticks : cal->init_ticks)) {
+        ecu->mode = (severity == DEGRADING) ? CANROLL_DEGRADED : CANROLL_ACTIVE;
+        ecu->good_ticks = 0;
+    }
+}
+
+/* Move a share of ONE up or down by change. */
+static int32_t ramped(int32_t share, int64_t change, bool up)
+{
+    if (up) {
+        return (share + change > ONE) ? ONE : (int32_t)(share + change);
+    }
+    return (share < change) ? 0 : (int32_t)(share - change);
+}
+
+/* Scheduled gain, share and fade change with the speed only, that is when a frame brought one. */
+static void schedule(canroll_ecu *ecu, const canroll_calibration *cal)
+{
+    const int32_t speed = ecu->speed;
+    uint32_t k = 0;
+    int32_t gain, front;
+    while (k + 1u < cal->schedule_points && speed >= cal->schedule_speed[k + 1]) {
+        k++;
+    }
+    gain = cal->schedule_gain[k];
+    front = cal->schedule_front_share[k];
+    if (k + 1u < cal->schedule_points && speed > cal->schedule_speed[k]) {
+        const int32_t gone = speed - cal->schedule_speed[k];
+        const int32_t width = cal->schedule_speed[k + 1] - cal->schedule_speed[k];
+        const int32_t share = (int32_t)(((int64_t)gone << 28) / width);
+        gain += product(cal->schedule_gain[k + 1] - gain, share, 28);
+        front += product(cal->schedule_front_share[k + 1] - front, share, 28);
+    }
+    if (speed < cal->fade_high) {
+        const int32_t above = (speed > cal->fade_low) ? speed - cal->fade_low : 0;
+        gain = product(gain, (int32_t)(((int64_t)above << 28) / (cal->fade_high - cal->fade_low)),
+            28);
+    }
+    ecu->gain_factor = gain;
+    ecu->front_share = front;
+}
+
+void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
+{
+    uint32_t found = (elapsed > 1) ? TICK_MISSED_BIT : 0;
+    uint32_t severity = judge_imu(ecu, cal, elapsed, &found);
+    const uint32_t motion = judge_motion(ecu, cal, elapsed, &found);
+    const uint32_t actuators = judge_actuators(ecu, cal, elapsed, &found);
+    bool running;
+    severity = (motion > severity) ? motion : severity;
+    severity = (actuators > severity) ? actuators : severity;
+    if (found != (uint32_t)ecu->trouble_active) {
+        note_troubles(ecu, found);
+    }
+    ecu->good_ticks = aged(ecu->good_ticks, elapsed);
+    if (severity != GOOD || ecu->mode != CANROLL_ACTIVE) {
+        change_mode(ecu, cal, severity);
+    }
+    running = ecu->mode == CANROLL_ACTIVE || ecu->mode == CANROLL_DEGRADED;
+    if (ecu->authority != (running ? ONE : 0)
+        || ecu->feedforward != (ecu->lateral_lost ? 0 : ONE)) {
+        const int64_t change = (int64_t)elapsed * (ONE / cal->ramp_ticks);
+        ecu->authority = ramped(ecu->authority, change, running);
+        ecu->feedforward = ramped(ecu->feedforward, change, !ecu->lateral_lost);
+    }
+    if (ecu->age[CANROLL_RX_VEHICLE_MOTION] == 0) {
+        schedule(ecu, cal);
+    }
+}

@@ -1,0 +1,55 @@
+"""The generated C does what the tick written by hand does, for little more instructions."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from codegen import layout, native, recorded_traffic, target, vectors
+from firmware.calibration import Calibration
+from firmware.state import ACTIVE, DEGRADED, INIT, SAFE
+
+pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
+needs_qemu = pytest.mark.skipif(
+    not target.has_gcc_and_qemu() or not target.has_pip_tools(),
+    reason="needs arm-none-eabi-gcc, qemu-system-arm and canroll[target]",
+)
+LAWS = ("lqr", "lqg_delay")
+
+
+@pytest.fixture(scope="module")
+def handwritten():
+    folder = Path(__file__).parents[2] / "benchmarks" / "handwritten"
+    spec = importlib.util.spec_from_file_location("handwritten", folder / "__init__.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module", params=LAWS)
+def recording(request):
+    case = recorded_traffic.Case("double_lane_change", request.param)
+    return recorded_traffic.record(case, 4.0)
+
+
+def replay(library, calibration, traffic):
+    cals = np.frombuffer(layout.image(calibration), layout.dtype(Calibration), 1).copy()
+    return library.replay(library.start(cals), cals, [traffic], states=True)
+
+
+def test_it_is_written_for_the_calibration_of_a_run(handwritten, recording):
+    assert handwritten.does(recording.calibration)
+
+
+def test_same_frames_and_states(handwritten, recording):
+    generated, written = native.library(), native.build(handwritten.files())
+    modes = set()
+    hurt = [vectors.disturbed(recording.traffic, seed, quiet=60.0) for seed in range(12)]
+    hurt += [vectors.random_traffic(seed, 400, hostile=0.03) for seed in range(4)]
+    for traffic in [recording.traffic, *hurt]:
+        one, other = (replay(each, recording.calibration, traffic) for each in (generated, written))
+        assert handwritten.differences(one.states, other.states) == []
+        assert one.frames.tobytes() == other.frames.tobytes()
+        modes |= set(np.unique(one.states["mode"]).tolist())
+    assert modes == {INIT, ACTIVE, DEGRADED, SAFE}
