@@ -8,8 +8,8 @@ from scipy import signal
 import vehicles
 from hil import contract
 from hil.cli import main
-from hil.contract import FIGURES, Comparison
-from hil.reproduce.beside import OURS, beside, rows
+from hil.contract import EFFORT_TOLERANCE, FIGURES, Comparison
+from hil.reproduce.beside import BESIDE, OURS, beside, rows
 from hil.reproduce.chatter import fast_share
 from hil.reproduce.ideal_bars import linear_run
 from hil.reproduce.measured_output import STEP, WATCHED, lane_change, relative_rule
@@ -216,14 +216,19 @@ def test_rows_of_a_comparison():
 @pytest.mark.slow
 @pytest.mark.parametrize("paper", PAPERS)
 def test_ours_beside_theirs(paper):
-    """The budget is met on both vehicles, and the trade-off has a curve a law."""
+    """Every scaled law spends what the reference spends, and the trade-off has a curve a law."""
     sections, figure = beside(paper, lambda title, share: None, runs=2)
+    scaled = {entry.name for entry in (*BESIDE[paper].own_laws, *OURS) if entry.scaled}
     for part in sections:
         found = {row["law"]: row for row in part.rows}
         assert {"passive", "hinf_delay", "ay_feedforward", "lqg_delay"} <= set(found)
         budget = found["hinf_delay"]["moment_rms_nm"]
+        for law in scaled & set(found):
+            row = found[law]
+            met = row["moment_rms_nm"] == pytest.approx(budget, rel=EFFORT_TOLERANCE)
+            assert met != ("the RMS moment" in row["verdict"])
         for law in ("ay_feedforward", "lqg_delay"):
-            assert found[law]["moment_rms_nm"] == pytest.approx(budget, rel=0.1)
+            assert found[law]["moment_rms_nm"] == pytest.approx(budget, rel=EFFORT_TOLERANCE)
             # less roll for the effort than the roll rate alone gives
             assert found[law]["high_percent"] < 0
     assert [curve.name for curve in figure.series[1:]] == [entry.name for entry in OURS]
