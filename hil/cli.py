@@ -97,7 +97,11 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         raise UnknownNameError("command", command, available())
     parser = Parser(prog="canroll")
     import_module(module_name(command)).add_parser(parser.add_subparsers(dest="command"))
-    return parser.parse_args(arguments)
+    namespace, unknown = parser.parse_known_args(arguments)
+    if unknown:
+        told = f"see 'canroll {command} --help'"
+        raise UsageError(f"'{command}' takes no {' '.join(unknown)} ({told})")
+    return namespace
 
 
 def dispatch(arguments: Sequence[str]) -> int:

@@ -44,8 +44,8 @@ def run(args: argparse.Namespace) -> int:
 def lines(report: MarginReport) -> Iterable[str]:
     """Yield the tables as text."""
     yield (
-        f"{report.law} for {report.vehicle}: designed for {1e3 * report.delay:g} ms, admits "
-        f"{_number(1e3 * report.max_delay)} ms from sample to force"
+        f"{report.law} for {report.vehicle}: designed for {1e3 * report.delay:g} ms from sample "
+        f"to force, admits {_delay(report.max_delay)}"
     )
     yield f"without control: gamma {report.passive_gamma:.4g}"
     header = f"{'':>12} {'gamma':>8} {'roll rms':>9} {'gain dB':>8} {'phase':>7} {'modulus':>8}"
@@ -55,6 +55,10 @@ def lines(report: MarginReport) -> Iterable[str]:
     yield from ("", "over gain", header)
     for point in report.over_gain:
         yield _row(f"x {point.gain_factor:g}", point)
+
+
+def _delay(seconds: float) -> str:
+    return f"{_number(1e3 * seconds)} ms" if isfinite(seconds) else "any delay"
 
 
 def _row(label: str, point: Point) -> str:

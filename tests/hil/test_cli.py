@@ -53,6 +53,13 @@ def test_unknown_command_suggests_the_nearest(capsys):
     assert capsys.readouterr().err == "canroll: unknown command 'rnu': did you mean 'run'?\n"
 
 
+def test_an_unknown_option_names_the_commands_own_help(capsys, command):
+    command(lambda args: 0)
+    assert cli.main(["run", "--cuont", "3", "more"]) == 2
+    error = capsys.readouterr().err
+    assert error == "canroll: 'run' takes no --cuont 3 more (see 'canroll run --help')\n"
+
+
 def test_wrong_option_is_one_line(capsys, command):
     command(lambda args: 0)
     assert cli.main(["run", "--count", "many"]) == 2
