@@ -4,6 +4,7 @@ import ast
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
+from codegen.c_intrinsics import intrinsic
 from codegen.c_text import (
     BOTH,
     C_TYPES,
@@ -23,7 +24,7 @@ from codegen.c_text import (
 from codegen.effects import local_kinds
 from codegen.interval_expressions import ARITHMETIC
 from codegen.intervals import Value
-from codegen.program import Function, Module, SubsetError, evaluate
+from codegen.program import MEMORY, Function, Module, SubsetError, evaluate
 
 if TYPE_CHECKING:
     from codegen.emit_c import Emitter
@@ -266,9 +267,15 @@ class Body:
 
     def call(self, node: ast.Call, seen: Value) -> Expression:
         """A call of a function of the firmware or of an intrinsic."""
-        intrinsic = self.program.intrinsic(self.module, node.func)
-        if intrinsic is not None:
-            return self.intrinsic(node, intrinsic, [self.value(a) for a in node.args], seen)
+        name = self.program.intrinsic(self.module, node.func)
+        if name in MEMORY:
+            index = self.stored(node, self.value(node.args[1]), "i32")
+            text = f"canroll_{name}({ast.unparse(node.args[0])}, {index})"
+            return Expression(text, PRIMARY, MEMORY[name], seen)
+        if name is not None:
+            a = [self.value(argument) for argument in node.args]
+            bounds = [] if name == "tdiv" else [self.stored(node, e, "i32") for e in a[1:]]
+            return intrinsic(name, a, bounds, seen)
         called = self.program.function(self.module, node.func)
         assert called is not None
         texts = []
@@ -279,31 +286,5 @@ class Body:
                 texts.append(self.place(argument)[0])
             else:
                 texts.append(self.stored(argument, self.value(argument), its.kind))
-        name = self.emitter.function_name(called)
-        return Expression(f"{name}({', '.join(texts)})", PRIMARY, called.result or "i32", seen)
-
-    def intrinsic(self, node: ast.Call, name: str, a: list[Expression], seen: Value) -> Expression:
-        """An intrinsic, in its 32-bit form where that is enough."""
-        if name == "byte":
-            if fits(a[0].value, "u8"):
-                return converted(a[0], "u8")
-            masked = binary("&", a[0], literal(255), Value(0, 255))
-            return converted(masked, "u8")
-        if name == "narrow":
-            return converted(a[0], "i32")
-        if name == "tdiv":
-            return binary("/", a[0], a[1], seen)
-        if name == "sat32" and not a[0].wide:
-            return a[0]
-        if name == "rsh":
-            half = 1 << (max(a[1].value.hi, 1) - 1)
-            short = fits(Value(a[0].value.lo, a[0].value.hi + half), "i32") and not a[0].wide
-            count = self.stored(node, a[1], "i32")
-            known = a[1].kind == "literal"
-            variant = "32" if short else ("" if known else "_by")
-            text = f"canroll_rsh{variant}({a[0].text}, {count})"
-            return Expression(text, PRIMARY, "i32" if short else "i64", seen)
-        bounds = [self.stored(node, bound, "i32") for bound in a[1:]]
-        short = name == "clamp" and not a[0].wide
-        text = f"canroll_{name}{'32' if short else ''}({', '.join([a[0].text, *bounds])})"
-        return Expression(text, PRIMARY, "i32", seen)
+        text = f"{self.emitter.function_name(called)}({', '.join(texts)})"
+        return Expression(text, PRIMARY, called.result or "i32", seen)

@@ -29,7 +29,7 @@ PRECEDENCE = {
 }
 
 RUNTIME = """\
-/* What the firmware needs of the machine: fixed-width integers and six operations on them. */
+/* What the firmware needs of the machine: fixed-width integers and operations on them. */
 #ifndef CANROLL_RUNTIME_H
 #define CANROLL_RUNTIME_H
 
@@ -50,10 +50,46 @@ static inline int32_t canroll_clamp32(int32_t v, int32_t lo, int32_t hi)
     return (v > hi) ? hi : ((v < lo) ? lo : v);
 }
 
+/* v, which is known not to be below the range of int32_t, limited to at most hi. */
+static inline int32_t canroll_at_most(int64_t v, int32_t hi)
+{
+    return (v > hi) ? hi : (int32_t)v;
+}
+
+/* v, which is known not to be above the range of int32_t, limited to at least lo. */
+static inline int32_t canroll_at_least(int64_t v, int32_t lo)
+{
+    return (v < lo) ? lo : (int32_t)v;
+}
+
+/* The same where v has 32 bits. */
+static inline int32_t canroll_at_most32(int32_t v, int32_t hi)
+{
+    return (v > hi) ? hi : v;
+}
+
+static inline int32_t canroll_at_least32(int32_t v, int32_t lo)
+{
+    return (v < lo) ? lo : v;
+}
+
 /* v, limited to the range of int32_t. */
 static inline int32_t canroll_sat32(int64_t v)
 {
-    return canroll_clamp(v, INT32_MIN, INT32_MAX);
+    int32_t low = (int32_t)v;
+    return (low == v) ? low : ((v < 0) ? INT32_MIN : INT32_MAX);
+}
+
+/* v, limited to 31 bits: -2^30 to 2^30 - 1. An ARM has an instruction for it. */
+static inline int32_t canroll_sat31_32(int32_t v)
+{
+    return (v > 0x3FFFFFFF) ? 0x3FFFFFFF : ((v < -0x40000000) ? -0x40000000 : v);
+}
+
+/* The same where v has 64 bits. */
+static inline int32_t canroll_sat31(int64_t v)
+{
+    return canroll_sat31_32(canroll_sat32(v));
 }
 
 /* v / 2^n rounded to nearest, halves upwards, for a constant n; 1 <= n <= 62. */
@@ -72,6 +108,25 @@ static inline int64_t canroll_rsh_by(int64_t v, int32_t n)
 static inline int32_t canroll_rsh32(int32_t v, int32_t n)
 {
     return (v + ((int32_t)1 << (n - 1))) >> n;
+}
+
+/* v / 2^n rounded to nearest, halves upwards, and limited to 31 bits; 1 <= n <= 62. */
+static inline int32_t canroll_scaled(int64_t v, int32_t n)
+{
+    int32_t doubled = canroll_sat32(v >> (n - 1));
+    return canroll_sat31_32((doubled >> 1) + (doubled & 1));
+}
+
+/* Element k of a record read as an array of words. */
+static inline int32_t canroll_word(const void *record, int32_t k)
+{
+    return ((const int32_t *)record)[k];
+}
+
+/* Element k of a record read as an array of bytes. */
+static inline uint8_t canroll_octet(const void *record, int32_t k)
+{
+    return ((const uint8_t *)record)[k];
 }
 
 #endif

@@ -16,6 +16,7 @@ from codegen.c_body import Body
 from codegen.c_text import (
     C_TYPES,
     RUNTIME,
+    WIDTH,
     broken,
     comment,
     fits,
@@ -289,5 +290,7 @@ def _rows(value: object) -> Iterator[str]:
         for row in value:
             yield f"    {{{', '.join(str(element) for element in row)}}},"
         return
-    for start in range(0, len(value), 16):
-        yield f"    {', '.join(str(element) for element in value[start : start + 16])},"
+    texts = [str(element) for element in value]
+    row = min(16, (WIDTH - 4) // (max(map(len, texts)) + 2))
+    for start in range(0, len(texts), row):
+        yield f"    {', '.join(texts[start : start + row])},"

@@ -7,7 +7,7 @@ from codegen import intervals as iv
 from codegen.interval_memory import I64, Memory
 from codegen.interval_state import Element, Reference, State
 from codegen.intervals import Value
-from codegen.program import KINDS, Function
+from codegen.program import BITS_31, KINDS, MEMORY, Function
 
 ARITHMETIC = {
     ast.Add: "+",
@@ -94,6 +94,8 @@ class Expressions(Memory):
 
     def _call(self, node: ast.Call, state: State) -> Value:
         intrinsic = self.program.intrinsic(self.module, node.func)
+        if intrinsic in MEMORY:
+            return self._read(node, MEMORY[intrinsic], state)
         if intrinsic is not None:
             return self._intrinsic(node, intrinsic, [self.value(a, state) for a in node.args])
         function, names = self._arguments(node, state)
@@ -121,13 +123,25 @@ class Expressions(Memory):
                 names[name] = self._stored(argument, given, *KINDS[its.kind], its.kind)
         return function, names
 
+    def _read(self, node: ast.Call, kind: str, state: State) -> Value:
+        """An element of a record read as an array: anything of its kind."""
+        assert isinstance(node.args[0], ast.Name)
+        given = self.function.parameters[node.args[0].id]
+        size = self.program.record(given.record).size // (4 if kind == "i32" else 1)
+        index = self.value(node.args[1], state)
+        self._oblige(node, index.within(0, size - 1), f"index of {size} elements", index)
+        return Value(*KINDS[kind])
+
     def _intrinsic(self, node: ast.Call, name: str, a: list[Value]) -> Value:
-        if name == "sat32":
-            return iv.clamp(a[0], Value(*(KINDS["i32"][:1] * 2)), Value(*(KINDS["i32"][1:] * 2)))
+        if name in ("sat32", "sat31"):
+            return a[0].limited(*(BITS_31 if name == "sat31" else KINDS["i32"]))
         if name == "clamp":
             return iv.clamp(*a)
-        if name == "rsh":
+        if name in ("rsh", "scaled"):
             self._oblige(node, a[1].within(1, 62), "shift count outside 1 … 62", a[1])
+        if name == "scaled":
+            return iv.shift_rounded(*a).limited(*BITS_31)
+        if name == "rsh":
             half = 1 << (min(max(a[1].hi, 1), 62) - 1)
             rounded = Value(a[0].lo, a[0].hi + half)
             self._oblige(node, rounded.within(*I64), "rounding overflows 64 bits", rounded)

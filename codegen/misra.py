@@ -15,6 +15,7 @@ DEVIATIONS = {
     "10.4": "constants of anonymous enumerations are compared with the integers they are kept in",
     "10.7": "every operation is shown by codegen.prove to fit the type it is computed in",
     "10.8": "as 10.7: the cast widens a value that already fits",
+    "11.5": "the range check reads the calibration, words and bytes, as arrays of either",
     "12.1": "products bind closer than sums, quotients in order: no further brackets are needed",
     "15.5": "refusals return early, which keeps the rest of a function free of nesting",
     "15.7": "a chain of conditions without a final else has nothing to do there",

@@ -6,6 +6,7 @@ Nothing is imported or run: :mod:`codegen.parse` reads the sources into these cl
 import ast
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from math import prod
 from pathlib import Path
 
 from canroll.errors import CanrollError
@@ -14,7 +15,11 @@ FIRMWARE = Path(__file__).resolve().parent.parent / "firmware"
 PACKAGE = "firmware"
 RUNTIME = "subset"
 KINDS = {"i32": (-(2**31), 2**31 - 1), "i64": (-(2**63), 2**63 - 1), "u8": (0, 255)}
-INTRINSICS = {"sat32": 1, "clamp": 3, "rsh": 2, "tdiv": 2, "byte": 1, "narrow": 1}
+INTRINSICS = {"sat32": 1, "sat31": 1, "scaled": 2, "clamp": 3, "rsh": 2, "tdiv": 2}
+INTRINSICS |= {"byte": 1, "narrow": 1, "word": 2, "octet": 2}
+MEMORY = {"word": "i32", "octet": "u8"}
+"""Intrinsics that read a record as an array, and of what."""
+BITS_31 = (-(2**30), 2**30 - 1)
 LIMITS = {
     "I32_MIN": KINDS["i32"][0],
     "I32_MAX": KINDS["i32"][1],
@@ -70,6 +75,15 @@ class Record:
     doc: str
     line: int
     fields: Mapping[str, RecordField]
+
+    @property
+    def size(self) -> int:
+        """Bytes, up to the last one that holds something."""
+        end = 0
+        for its in self.fields.values():
+            width = 4 if its.type.kind == "i32" else 1
+            end = -(-end // width) * width + width * prod(its.type.shape)
+        return end
 
 
 @dataclass(frozen=True, slots=True)

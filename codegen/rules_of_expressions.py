@@ -2,7 +2,16 @@
 
 import ast
 
-from codegen.program import INTRINSICS, KINDS, Function, Module, Program, SubsetError, evaluate
+from codegen.program import (
+    INTRINSICS,
+    KINDS,
+    MEMORY,
+    Function,
+    Module,
+    Program,
+    SubsetError,
+    evaluate,
+)
 
 ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.BitAnd, ast.BitOr, ast.BitXor, ast.LShift, ast.RShift)
 COMPARISONS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq)
@@ -151,7 +160,11 @@ class ExpressionRules:
         if intrinsic is not None:
             if len(node.args) != INTRINSICS[intrinsic]:
                 raise self.refuse(node, f"{intrinsic} takes {INTRINSICS[intrinsic]} arguments")
-            for argument in node.args:
+            numbers = node.args
+            if intrinsic in MEMORY:
+                self.record(node.args[0], intrinsic)
+                numbers = node.args[1:]
+            for argument in numbers:
                 self.number(argument)
             return
         called = self.program.function(self.module, node.func)
@@ -172,6 +185,12 @@ class ExpressionRules:
                     raise self.refuse(argument, f"{called.name} needs an array of {its.shape}")
             else:
                 self.number(argument)
+
+    def record(self, node: ast.expr, reader: str) -> None:
+        """A record that a reader of memory is given."""
+        given = self.function.parameters.get(node.id) if isinstance(node, ast.Name) else None
+        if given is None or given.kind != "record":
+            raise self.refuse(node, f"{reader} reads a record")
 
     def order(
         self, node: ast.expr, targets: tuple[ast.expr, ...], *, augmented: bool = False

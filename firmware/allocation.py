@@ -8,8 +8,9 @@ that keeps the car's steering balance. Dampers follow the four-condition rule of
 """
 
 from firmware.calibration import BARS, DAMPERS, STATE_MAX, SUSPENSION, Calibration
+from firmware.fixed_point import product
 from firmware.state import Ecu
-from firmware.subset import clamp, i32, i64, rsh, sat32, tdiv
+from firmware.subset import clamp, i32, i64, narrow, rsh, sat31, sat32, tdiv
 
 LEFT = 0
 RIGHT = 1
@@ -17,6 +18,8 @@ FRONT = 0
 REAR = 1
 SOFT = 0
 FIRM = 1
+# more than any corner gives, and little enough that two of it fit 32 bits
+FORCE_MAX = 1 << 29
 SIDE_SIGN: tuple[i32, ...] = (1, -1, 1, -1)
 
 
@@ -28,7 +31,7 @@ def corner_limit(ecu: Ecu, cal: Calibration, corner: i32) -> i32:
 
 
 def split_axle(ecu: Ecu, cal: Calibration, axle: i32, moment: i32) -> i32:
-    """Split an axle's moment over its corners; return the moment they give."""
+    """Split an axle's moment over its corners; return what they can't give of it."""
     arm: i32 = cal.arm_front
     track: i32 = cal.track_front
     if axle == REAR:
@@ -37,18 +40,23 @@ def split_axle(ecu: Ecu, cal: Calibration, axle: i32, moment: i32) -> i32:
     left: i32 = 2 * axle
     limit_left: i32 = corner_limit(ecu, cal, left)
     limit_right: i32 = corner_limit(ecu, cal, left + 1)
-    want: i32 = clamp(rsh(moment * arm, 28), -STATE_MAX, STATE_MAX)
+    want: i32 = clamp(rsh(moment * arm, 28), -FORCE_MAX, FORCE_MAX)
     up: i32 = clamp(want, -limit_left, limit_left)
     down: i32 = clamp(2 * want - up, -limit_right, limit_right)
-    up = clamp(2 * want - down, -limit_left, limit_left)
+    lack: i32 = 2 * want - up - down
+    if lack != 0:
+        up = clamp(up + lack, -limit_left, limit_left)
+        lack = 2 * want - up - down
     ecu.force[left] = up
     ecu.force[left + 1] = -down
-    return clamp(rsh((up + down) * track, 29), -STATE_MAX, STATE_MAX)
+    if lack == 0:
+        return 0
+    return product(lack, track, 29)
 
 
 def front_moment(ecu: Ecu, moment: i32) -> i32:
     """Return the scheduled front part of a moment."""
-    return clamp(rsh(moment * ecu.front_share, 30), -STATE_MAX, STATE_MAX)
+    return narrow(rsh(moment * ecu.front_share, 30))
 
 
 def slack(cal: Calibration, moment: i32) -> i32:
@@ -56,20 +64,27 @@ def slack(cal: Calibration, moment: i32) -> i32:
     size: i32 = moment
     if size < 0:
         size = -size
-    return clamp(rsh(size * cal.share_slack, 30), 0, STATE_MAX)
+    return narrow(rsh(size * cal.share_slack, 30))
 
 
 def allocate_suspension(ecu: Ecu, cal: Calibration, moment: i32) -> None:
     """Four corner forces for a moment: each axle takes what the other lacks, within the slack."""
     front: i32 = front_moment(ecu, moment)
-    rear: i32 = clamp(moment - front, -STATE_MAX, STATE_MAX)
-    room: i32 = slack(cal, moment)
-    given: i32 = split_axle(ecu, cal, FRONT, front)
-    lack: i64 = clamp(front - given, -room, room)
-    given_rear: i32 = split_axle(ecu, cal, REAR, clamp(rear + lack, -STATE_MAX, STATE_MAX))
-    lack = clamp(rear - given_rear, -room, room)
-    given = split_axle(ecu, cal, FRONT, clamp(front + lack, -STATE_MAX, STATE_MAX))
-    ecu.given = clamp(given + given_rear, -STATE_MAX, STATE_MAX)
+    rear: i32 = sat31(moment - front)
+    lack: i32 = split_axle(ecu, cal, FRONT, front)
+    moved: i32 = 0
+    if lack != 0:
+        room: i32 = slack(cal, moment)
+        moved = clamp(lack, -room, room)
+        rear = sat31(rear + moved)
+    lack_rear: i32 = split_axle(ecu, cal, REAR, rear)
+    if lack_rear != 0:
+        back: i32 = slack(cal, moment)
+        back = clamp(lack_rear - moved, -back, back)
+        front = sat31(front + back)
+        lack = split_axle(ecu, cal, FRONT, front)
+        rear = sat31(rear - lack_rear)
+    ecu.given = sat31(front - lack + rear)
 
 
 def bar_limit(ecu: Ecu, cal: Calibration, axle: i32) -> i32:
@@ -82,7 +97,7 @@ def bar_limit(ecu: Ecu, cal: Calibration, axle: i32) -> i32:
 def allocate_bars(ecu: Ecu, cal: Calibration, moment: i32) -> None:
     """Front and rear bar moments: of a law with one output by share, of one with two its own."""
     front: i32 = front_moment(ecu, moment)
-    rear: i32 = clamp(moment - front, -STATE_MAX, STATE_MAX)
+    rear: i32 = sat31(moment - front)
     if cal.compensator_outputs == 2:
         front = ecu.outputs[0]
         rear = ecu.outputs[1]
@@ -110,7 +125,7 @@ def damper_force(cal: Calibration, speed: i32, setting: i32) -> i32:
 def allocate_dampers(ecu: Ecu, cal: Calibration, moment: i32) -> None:
     """Damper currents: firm as far as a damper's force has the wanted direction, else soft."""
     front: i32 = front_moment(ecu, moment)
-    rear: i32 = clamp(moment - front, -STATE_MAX, STATE_MAX)
+    rear: i32 = sat31(moment - front)
     for corner in range(4):
         wanted: i64 = rsh(front * cal.arm_front, 28)
         if corner >= 2:
@@ -118,7 +133,7 @@ def allocate_dampers(ecu: Ecu, cal: Calibration, moment: i32) -> None:
         if ecu.failed[corner ^ 1] == 1:
             # its other side does nothing, or nothing that is asked
             wanted = 2 * wanted
-        force: i32 = clamp(SIDE_SIGN[corner] * wanted, -STATE_MAX, STATE_MAX)
+        force: i32 = sat31(SIDE_SIGN[corner] * wanted)
         speed: i32 = ecu.stroke_rate[corner]
         # an extending damper pulls the body down
         if speed < 0:

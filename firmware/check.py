@@ -5,6 +5,7 @@ from firmware.calibration import (
     BYPASS,
     COMPENSATOR,
     DAMPERS,
+    N_POINTS,
     VALVES,
     Calibration,
 )
@@ -16,7 +17,7 @@ from firmware.state import (
     RX_SUSPENSION_RATE,
     RX_VEHICLE_MOTION,
 )
-from firmware.subset import i32
+from firmware.subset import clamp, i32
 
 RULE_SCHEDULE = 501
 RULE_FADE = 502
@@ -42,7 +43,8 @@ def check(cal: Calibration) -> i32:
     field: i32 = check_ranges(cal)
     if field != 0:
         return field
-    for k in range(1, cal.schedule_points):
+    points: i32 = clamp(cal.schedule_points, 1, N_POINTS)
+    for k in range(1, points):
         if cal.schedule_speed[k] <= cal.schedule_speed[k - 1]:
             return RULE_SCHEDULE
     if cal.fade_high <= cal.fade_low:

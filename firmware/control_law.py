@@ -8,27 +8,26 @@ is in observer form on the saturated output, so that it does not wind up.
 from firmware.calibration import (
     BYPASS,
     COMPENSATOR,
-    N_STATES,
     OUTPUT_FEEDBACK,
-    STATE_MAX,
     Calibration,
 )
+from firmware.fixed_point import weighted
 from firmware.state import ACTIVE, DEGRADED, LATERAL, ROLL, ROLL_RATE, Ecu
-from firmware.subset import clamp, i32, i64, rsh, sat32
+from firmware.subset import clamp, i32, i64, narrow, rsh, sat31, sat32, scaled
 
 
 def rate_input(ecu: Ecu, cal: Calibration) -> i32:
     """Return the roll rate as measured, without its learnt offset (Q27)."""
     if cal.observer == BYPASS:
         return ecu.x[ROLL_RATE]
-    return clamp(ecu.rate_good - ecu.offset_rate, -STATE_MAX, STATE_MAX)
+    return sat31(ecu.rate_good - ecu.offset_rate)
 
 
 def lateral_input(ecu: Ecu, cal: Calibration) -> i32:
     """Return the lateral acceleration as measured, without its learnt offset (Q24)."""
     if cal.observer == BYPASS:
         return ecu.x[LATERAL]
-    return clamp(ecu.acceleration_good - ecu.offset_acceleration, -STATE_MAX, STATE_MAX)
+    return sat31(ecu.acceleration_good - ecu.offset_acceleration)
 
 
 def state_feedback(ecu: Ecu, cal: Calibration) -> i64:
@@ -36,14 +35,8 @@ def state_feedback(ecu: Ecu, cal: Calibration) -> i64:
 
     Without the lateral acceleration the feedforward has ramped to nothing.
     """
-    acc: i64 = 0
-    for j in range(N_STATES):
-        acc += cal.feedback[j] * ecu.ahead[j]
-    fed_back: i64 = rsh(acc, cal.feedback_shift)
-    acc = 0
-    for j in range(N_STATES):
-        acc += cal.feedforward[j] * ecu.ahead[j]
-    fed_forward: i64 = clamp(rsh(acc, cal.feedforward_shift), -STATE_MAX, STATE_MAX)
+    fed_back: i64 = rsh(weighted(cal.feedback, ecu.ahead), cal.feedback_shift)
+    fed_forward: i32 = scaled(weighted(cal.feedforward, ecu.ahead), cal.feedforward_shift)
     return -fed_back - rsh(fed_forward * ecu.feedforward, 30)
 
 
@@ -77,18 +70,18 @@ def advance_compensator(ecu: Ecu, cal: Calibration) -> None:
             acc += cal.compensator_e[i][k] * ecu.outputs[k]
         for j in range(cal.compensator_order):
             acc += cal.compensator_a[i][j] * ecu.compensator_x[j]
-        ecu.work[i] = clamp(rsh(acc, cal.compensator_shift[i]), -STATE_MAX, STATE_MAX)
+        ecu.work[i] = scaled(acc, cal.compensator_shift[i])
     for i in range(cal.compensator_order):
         ecu.compensator_x[i] = ecu.work[i]
 
 
 def limited(ecu: Ecu, cal: Calibration, wanted: i64, last: i32, steps: i32) -> i32:
     """Apply schedule, authority, moment limit and slew limit to a wanted output."""
-    u: i64 = rsh(clamp(wanted, -STATE_MAX, STATE_MAX) * ecu.gain_factor, 28)
-    u = rsh(clamp(u, -STATE_MAX, STATE_MAX) * ecu.authority, 30)
+    u: i64 = rsh(sat31(wanted) * ecu.gain_factor, 28)
+    u = rsh(sat31(u) * ecu.authority, 30)
     u = clamp(u, -cal.moment_max, cal.moment_max)
     step: i32 = sat32(steps * cal.slew_max)
-    return clamp(clamp(u - last, -step, step) + last, -STATE_MAX, STATE_MAX)
+    return sat31(clamp(u - last, -step, step) + last)
 
 
 def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
@@ -96,8 +89,8 @@ def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
     if ecu.mode != ACTIVE and ecu.mode != DEGRADED:
         for k in range(2):
             held: i64 = rsh(ecu.last_outputs[k] * ecu.authority, 30)
-            ecu.outputs[k] = clamp(held, -STATE_MAX, STATE_MAX)
-        ecu.moment = clamp(ecu.outputs[0] + ecu.outputs[1], -STATE_MAX, STATE_MAX)
+            ecu.outputs[k] = narrow(held)
+        ecu.moment = sat31(ecu.outputs[0] + ecu.outputs[1])
         for i in range(cal.compensator_order):
             ecu.compensator_x[i] = 0
         return
@@ -105,7 +98,7 @@ def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
         for k in range(cal.compensator_outputs):
             wanted: i64 = compensator_output(ecu, cal, k)
             ecu.outputs[k] = limited(ecu, cal, wanted, ecu.outputs[k], steps)
-        ecu.moment = clamp(ecu.outputs[0] + ecu.outputs[1], -STATE_MAX, STATE_MAX)
+        ecu.moment = sat31(ecu.outputs[0] + ecu.outputs[1])
         for _ in range(steps):
             advance_compensator(ecu, cal)
         return

@@ -7,7 +7,7 @@ roll angle and lateral acceleration from winding each other up while they can't 
 
 from firmware.calibration import N_STATES, STATE_MAX, Calibration
 from firmware.state import Ecu
-from firmware.subset import clamp, i32, i64, rsh, tdiv
+from firmware.subset import clamp, i32, i64, narrow, rsh, sat31, scaled, tdiv
 
 Q_COVARIANCE = 24
 ONE = 1 << Q_COVARIANCE
@@ -25,7 +25,7 @@ def bounded(ecu: Ecu, cal: Calibration) -> None:
             share: i32 = clamp(tdiv(cal.covariance_max[i] * ONE, variance), 0, ONE)
             for j in range(N_STATES):
                 shrunk: i64 = rsh(ecu.covariance[i][j] * share, Q_COVARIANCE)
-                ecu.covariance[i][j] = clamp(shrunk, -STATE_MAX, STATE_MAX)
+                ecu.covariance[i][j] = narrow(shrunk)
                 ecu.covariance[j][i] = ecu.covariance[i][j]
         ecu.covariance[i][i] = clamp(variance, 1, cal.covariance_max[i])
 
@@ -37,7 +37,7 @@ def propagate(ecu: Ecu, cal: Calibration) -> None:
             acc: i64 = 0
             for j in range(N_STATES):
                 acc += cal.covariance_phi[i][j] * ecu.covariance[j][k]
-            ecu.work[i] = clamp(rsh(acc, Q_COVARIANCE), -STATE_MAX, STATE_MAX)
+            ecu.work[i] = scaled(acc, Q_COVARIANCE)
         for i in range(N_STATES):
             ecu.covariance[i][k] = ecu.work[i]
     for i in range(N_STATES):
@@ -45,14 +45,12 @@ def propagate(ecu: Ecu, cal: Calibration) -> None:
             total: i64 = 0
             for j in range(N_STATES):
                 total += ecu.covariance[i][j] * cal.covariance_phi[k][j]
-            ecu.work[k] = clamp(rsh(total, Q_COVARIANCE), -STATE_MAX, STATE_MAX)
+            ecu.work[k] = scaled(total, Q_COVARIANCE)
         # the rows above are done: what this row mirrors into them is theirs
         for k in range(i + 1):
             ecu.covariance[i][k] = ecu.work[k]
             ecu.covariance[k][i] = ecu.work[k]
-        ecu.covariance[i][i] = clamp(
-            ecu.covariance[i][i] + cal.process_noise[i], -STATE_MAX, STATE_MAX
-        )
+        ecu.covariance[i][i] = sat31(ecu.covariance[i][i] + cal.process_noise[i])
     bounded(ecu, cal)
 
 
@@ -63,16 +61,16 @@ def update(ecu: Ecu, cal: Calibration, measured: i32, innovation: i32) -> None:
         acc: i64 = 0
         for j in range(N_STATES):
             acc += ecu.covariance[i][j] * cal.covariance_output[measured][j]
-        ecu.work[i] = clamp(rsh(acc, Q_COVARIANCE), -STATE_MAX, STATE_MAX)
+        ecu.work[i] = scaled(acc, Q_COVARIANCE)
         variance += cal.covariance_output[measured][i] * ecu.work[i]
     total: i64 = clamp(rsh(variance, Q_COVARIANCE), 0, STATE_MAX) + cal.measurement_noise[measured]
     for i in range(N_STATES):
-        gain: i32 = clamp(tdiv(ecu.work[i] * (1 << Q_COVARIANCE), total), -STATE_MAX, STATE_MAX)
+        gain: i32 = sat31(tdiv(ecu.work[i] * (1 << Q_COVARIANCE), total))
         step: i64 = rsh(gain * innovation, cal.covariance_gain_shift[measured][i])
-        ecu.x[i] = clamp(ecu.x[i] + step, -STATE_MAX, STATE_MAX)
+        ecu.x[i] = sat31(ecu.x[i] + step)
         for j in range(i + 1):
             left: i64 = ecu.covariance[i][j] - rsh(gain * ecu.work[j], Q_COVARIANCE)
-            ecu.covariance[i][j] = clamp(left, -STATE_MAX, STATE_MAX)
+            ecu.covariance[i][j] = sat31(left)
             ecu.covariance[j][i] = ecu.covariance[i][j]
     bounded(ecu, cal)
 

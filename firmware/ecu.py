@@ -13,7 +13,7 @@ from firmware.event_trigger import init_trigger, trigger
 from firmware.identification import identify, init_identification
 from firmware.mailbox import init_mailboxes, read_inputs, receive
 from firmware.observer import init_observer, learn_offsets, look_ahead, observe
-from firmware.plausibility import TROUBLE_CALIBRATION, trouble
+from firmware.plausibility import TROUBLE_CALIBRATION, latch_troubles
 from firmware.schedule import schedule
 from firmware.state import AGE_MAX, SAFE, Ecu
 from firmware.subset import I32_MAX, clamp, i32, i64, narrow
@@ -36,7 +36,8 @@ def init(ecu: Ecu, cal: Calibration) -> i32:
     ecu.refused = check(cal)
     if ecu.refused != 0:
         ecu.mode = SAFE
-        trouble(ecu, TROUBLE_CALIBRATION, 1)
+        ecu.found = 1 << TROUBLE_CALIBRATION
+        latch_troubles(ecu)
         return ecu.refused
     init_mailboxes(ecu, cal)
     init_inputs(ecu)

@@ -13,7 +13,7 @@ from firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
 from firmware.observer import acting_moment
 from firmware.plausibility import BAD_ACCELERATION, BAD_ROLL_RATE
 from firmware.state import RX_IMU, WINDOW_MAX, Ecu
-from firmware.subset import byte, clamp, i32, i64, rsh, sat32, tdiv
+from firmware.subset import byte, clamp, i32, i64, rsh, sat31, sat32, tdiv
 
 WINDOW = 10
 SETTLED = 200
@@ -77,9 +77,9 @@ def adapt_model(ecu: Ecu, cal: Calibration) -> None:
 def learn(ecu: Ecu, cal: Calibration, f0: i32, f1: i32, y: i64) -> None:
     """One recursive least-squares step for the regressor [f0, f1] and the target y, all Q20."""
     g0: i64 = rsh(ecu.rls_covariance[0] * f0 + ecu.rls_covariance[1] * f1, 20)
-    g0 = clamp(g0, -STATE_MAX, STATE_MAX)
+    g0 = sat31(g0)
     g1: i64 = rsh(ecu.rls_covariance[1] * f0 + ecu.rls_covariance[2] * f1, 20)
-    g1 = clamp(g1, -STATE_MAX, STATE_MAX)
+    g1 = sat31(g1)
     forgetting: i64 = rsh(cal.rls_forgetting, 10)
     total: i64 = clamp(rsh(f0 * g0 + f1 * g1, 20), 0, STATE_MAX) + clamp(forgetting, 1, Q20_ONE)
     k0: i32 = sat32(tdiv(g0 * Q20_ONE, total))
@@ -89,14 +89,14 @@ def learn(ecu: Ecu, cal: Calibration, f0: i32, f1: i32, y: i64) -> None:
     ecu.theta[0] = clamp(ecu.theta[0] + rsh(k0 * error, 12), cal.rls_lo[0], cal.rls_hi[0])
     ecu.theta[1] = clamp(ecu.theta[1] + rsh(k1 * error, 12), cal.rls_lo[1], cal.rls_hi[1])
     p0: i64 = clamp(ecu.rls_covariance[0] - rsh(k0 * g0, 20), 1, STATE_MAX)
-    p1: i64 = clamp(ecu.rls_covariance[1] - rsh(k0 * g1, 20), -STATE_MAX, STATE_MAX)
+    p1: i64 = sat31(ecu.rls_covariance[1] - rsh(k0 * g1, 20))
     p2: i64 = clamp(ecu.rls_covariance[2] - rsh(k1 * g1, 20), 1, STATE_MAX)
     if p0 + p2 < cal.rls_trace_max:
         p0 = tdiv(p0 * ONE_Q30, cal.rls_forgetting)
         p1 = tdiv(p1 * ONE_Q30, cal.rls_forgetting)
         p2 = tdiv(p2 * ONE_Q30, cal.rls_forgetting)
     ecu.rls_covariance[0] = clamp(p0, 1, STATE_MAX)
-    ecu.rls_covariance[1] = clamp(p1, -STATE_MAX, STATE_MAX)
+    ecu.rls_covariance[1] = sat31(p1)
     ecu.rls_covariance[2] = clamp(p2, 1, STATE_MAX)
 
 
@@ -104,7 +104,7 @@ def wash(ecu: Ecu, cal: Calibration, signal: i32, change: i64) -> i64:
     """Return the change of a washed-out signal whose input has made a ``change``."""
     before: i32 = ecu.rls_washed[signal]
     kept: i64 = rsh(before * cal.rls_washout, 30)
-    ecu.rls_washed[signal] = clamp(kept + change, -STATE_MAX, STATE_MAX)
+    ecu.rls_washed[signal] = sat31(kept + change)
     return ecu.rls_washed[signal] - before
 
 
@@ -115,7 +115,7 @@ def wash_signals(ecu: Ecu, cal: Calibration) -> None:
     impulse += rsh(ecu.acceleration_good * cal.rls_lateral, 30)
     if ecu.rls_filled == 0:
         ecu.rls_last[0] = rate
-        ecu.rls_last[1] = clamp(impulse, -STATE_MAX, STATE_MAX)
+        ecu.rls_last[1] = sat31(impulse)
     change: i64 = wash(ecu, cal, WASHED_IMPULSE, impulse - ecu.rls_last[1])
     wash(ecu, cal, TWICE_IMPULSE, change)
     change = wash(ecu, cal, WASHED_RATE, rate - ecu.rls_last[0])
@@ -124,7 +124,7 @@ def wash_signals(ecu: Ecu, cal: Calibration) -> None:
     both_ends: i64 = 2 * ecu.rls_washed[WASHED_RATE] - change
     wash(ecu, cal, TWICE_ROLL, rsh(both_ends * (step_us * HALF_US), 30))
     ecu.rls_last[0] = rate
-    ecu.rls_last[1] = clamp(impulse, -STATE_MAX, STATE_MAX)
+    ecu.rls_last[1] = sat31(impulse)
 
 
 def net_impulse(ecu: Ecu, cal: Calibration) -> i64:
@@ -175,8 +175,8 @@ def identify(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     stiffness: i32 = remember(ecu, STIFFNESS, rsh(roll * cal.rls_stiffness, 30))
     balance: i32 = remember(ecu, BALANCE, rsh(impulses, 1) - gained)
     # the running sums change by what enters and what leaves the window
-    ecu.rls_integrals[0] = clamp(ecu.rls_integrals[0] + stiffness, -STATE_MAX, STATE_MAX)
-    ecu.rls_integrals[1] = clamp(ecu.rls_integrals[1] + balance, -STATE_MAX, STATE_MAX)
+    ecu.rls_integrals[0] = sat31(ecu.rls_integrals[0] + stiffness)
+    ecu.rls_integrals[1] = sat31(ecu.rls_integrals[1] + balance)
     index: i32 = ecu.rls_index + 1
     if index >= WINDOW:
         index = 0

@@ -15,10 +15,10 @@ from firmware.calibration import (
     N_RING,
     N_STATES,
     PROPAGATED_COVARIANCE,
-    STATE_MAX,
     Calibration,
 )
 from firmware.covariance import init_covariance, propagate, update
+from firmware.fixed_point import weighted
 from firmware.plausibility import BAD_ACCELERATION, BAD_ROLL_RATE, beyond
 from firmware.state import (
     GYRO_BIAS,
@@ -29,7 +29,7 @@ from firmware.state import (
     RX_ROLL_REFERENCE,
     Ecu,
 )
-from firmware.subset import byte, clamp, i32, i64, rsh, sat32, u8
+from firmware.subset import byte, clamp, i32, i64, rsh, sat31, sat32, scaled, u8
 
 MEASURED_ROLL_RATE = 0
 MEASURED_ACCELERATION = 1
@@ -46,13 +46,10 @@ def advance(
             acc += ecu.model[i][3] * moment
             for j in range(3):
                 acc += ecu.model[i][j] * z[j]
-            for j in range(3, N_STATES):
-                acc += cal.phi[i][j] * z[j]
+            acc += cal.phi[i][3] * z[3] + cal.phi[i][4] * z[4]
         else:
-            acc += cal.gamma[i] * moment
-            for j in range(N_STATES):
-                acc += cal.phi[i][j] * z[j]
-        ecu.work[i] = clamp(rsh(acc, cal.phi_shift[i]), -STATE_MAX, STATE_MAX)
+            acc += cal.gamma[i] * moment + weighted(cal.phi[i], z)
+        ecu.work[i] = scaled(acc, cal.phi_shift[i])
     for i in range(N_STATES):
         z[i] = ecu.work[i]
 
@@ -67,29 +64,34 @@ def acting_moment(ecu: Ecu, cal: Calibration) -> i32:
         if cal.actuator >= DAMPERS:
             return 0
         return ecu.ring[ecu.ring_head]
-    return clamp(ecu.delivered[0] + ecu.delivered[1], -STATE_MAX, STATE_MAX)
+    return sat31(ecu.delivered[0] + ecu.delivered[1])
+
+
+def add_gains(
+    ecu: Ecu,
+    gains: Annotated[list[i32], N_STATES],
+    shifts: Annotated[list[u8], N_STATES],
+    innovation: i32,
+) -> None:
+    """Correct each state by its gain times the innovation."""
+    for i in range(N_STATES):
+        ecu.x[i] = sat31(ecu.x[i] + scaled(gains[i] * innovation, shifts[i]))
 
 
 def correct(ecu: Ecu, cal: Calibration, measured: i32, y: i32, moment: i32) -> None:
     """Correct the estimate by one scalar measurement ``y``, in that measurement's format."""
-    acc: i64 = cal.output_moment[measured] * moment
-    for j in range(N_STATES):
-        acc += cal.output[measured][j] * ecu.x[j]
-    innovation: i32 = sat32(y - rsh(acc, cal.output_shift[measured]))
+    told: i64 = weighted(cal.output[measured], ecu.x) + cal.output_moment[measured] * moment
+    innovation: i32 = sat32(y - rsh(told, cal.output_shift[measured]))
     if cal.observer == PROPAGATED_COVARIANCE:
         update(ecu, cal, measured, innovation)
-        return
-    single: i32 = 0
-    if measured == MEASURED_ROLL_RATE and ecu.lateral_lost == 1:
-        if ecu.bad_ticks[BAD_ACCELERATION] > 0:
-            single = 1
-    for i in range(N_STATES):
-        gain: i32 = cal.correction[measured][i]
-        shift: u8 = cal.correction_shift[measured][i]
-        if single == 1:
-            gain = cal.correction_single[i]
-            shift = cal.correction_single_shift[i]
-        ecu.x[i] = clamp(ecu.x[i] + rsh(gain * innovation, shift), -STATE_MAX, STATE_MAX)
+    elif (
+        measured == MEASURED_ROLL_RATE
+        and ecu.lateral_lost == 1
+        and ecu.bad_ticks[BAD_ACCELERATION] > 0
+    ):
+        add_gains(ecu, cal.correction_single, cal.correction_single_shift, innovation)
+    else:
+        add_gains(ecu, cal.correction[measured], cal.correction_shift[measured], innovation)
 
 
 def observe(ecu: Ecu, cal: Calibration, steps: i32) -> None:
@@ -130,8 +132,8 @@ def look_ahead(ecu: Ecu, cal: Calibration) -> None:
     for step in range(cal.predict_steps):
         command: i32 = ecu.ring[(ecu.ring_head + N_RING + 1 - cal.predict_steps + step) & 31]
         pull: i64 = rsh(rate * (command - moment), 30)
-        reached: i32 = clamp(moment + pull, -STATE_MAX, STATE_MAX)
-        mean: i32 = clamp(rsh(moment + reached, 1), -STATE_MAX, STATE_MAX)
+        reached: i32 = sat31(moment + pull)
+        mean: i32 = scaled(moment + reached, 1)
         advance(ecu, cal, ecu.ahead, mean, ecu.steering_acceleration)
         moment = reached
 

@@ -17,6 +17,7 @@ from firmware.calibration import (
 from firmware.mailbox import NO_SAMPLE
 from firmware.state import (
     AGE_MAX,
+    N_TROUBLES,
     RX_ACTUATOR_STATE,
     RX_IMU,
     RX_ROLL_REFERENCE,
@@ -40,21 +41,20 @@ TROUBLE_COMMAND = 15
 TROUBLE_TICK_MISSED = 16
 TROUBLE_CALIBRATION = 17
 
-# fmt: off
-TROUBLE_BIT: tuple[i32, ...] = (
-    1, 1 << 1, 1 << 2, 1 << 3, 1 << 4, 1 << 5, 1 << 6, 1 << 7,
-    1 << 8, 1 << 9, 1 << 10, 1 << 11, 1 << 12, 1 << 13, 1 << 14, 1 << 15,
-    1 << 16, 1 << 17, 1 << 18, 1 << 19, 1 << 20, 1 << 21, 1 << 22, 1 << 23,
-)
-# fmt: on
-ALL_TROUBLES = 16777215
+ALL_TROUBLES = (1 << N_TROUBLES) - 1
+
+# by message: the bits of the troubles that it is late and that a signal of it lacks its value
+LATE: tuple[i32, ...] = (1, 2, 4, 8, 16)
+LACKS: tuple[i32, ...] = (64, 1024, 2048, 4096, 512)
+# and the signals that are needed, as bits of ecu.valid
+NEEDED: tuple[u8, ...] = (1, 3, 15, 3, 7)
 
 # what a finding does to the mode
 GOOD = 0
 DEGRADING = 1
 UNSAFE = 2
 
-# corner states of ActuatorState
+# corner states of ActuatorState; both of them, and no other, have bit 1
 STUCK = 2
 FLOATING = 3
 
@@ -69,20 +69,21 @@ BAD_REFERENCE = 5
 OVERDUE = 8
 
 
-def trouble(ecu: Ecu, code: i32, present: i32) -> None:
-    """Note whether trouble ``code`` is there; latch and count it when it appears."""
-    bit: i32 = TROUBLE_BIT[code]
-    active: i32 = ecu.trouble_active & bit
-    if present == 0:
-        if active != 0:
-            ecu.trouble_active = ecu.trouble_active & (ALL_TROUBLES ^ bit)
-            ecu.trouble_number = byte(clamp(ecu.trouble_number - 1, 0, 15))
+def latch_troubles(ecu: Ecu) -> None:
+    """Make what this tick has found the active troubles; latch and count those that are new."""
+    if ecu.found == ecu.trouble_active:
         return
-    if active == 0:
-        ecu.trouble_active = ecu.trouble_active | bit
-        ecu.trouble_latched = ecu.trouble_latched | bit
-        ecu.trouble_number = byte(clamp(ecu.trouble_number + 1, 0, 15))
-        ecu.trouble_count[code] = byte(clamp(ecu.trouble_count[code] + 1, 0, 255))
+    appeared: i32 = ecu.found & (ALL_TROUBLES ^ ecu.trouble_active)
+    ecu.trouble_active = ecu.found
+    ecu.trouble_latched = ecu.trouble_latched | appeared
+    left: i32 = ecu.found
+    number: i32 = 0
+    for code in range(N_TROUBLES):
+        number += left & 1
+        ecu.trouble_count[code] = byte(clamp(ecu.trouble_count[code] + (appeared & 1), 0, 255))
+        left = left >> 1
+        appeared = appeared >> 1
+    ecu.trouble_number = byte(clamp(number, 0, 15))
 
 
 def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:
@@ -90,9 +91,9 @@ def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:
 
     The first one may come as late as INIT lasts at least before that is a trouble.
     """
-    if cal.timeout_ticks[message] == 0:
-        return 0
     patience: i32 = cal.timeout_ticks[message]
+    if patience == 0:
+        return 0
     waiting: i32 = 0
     if ecu.last_sample[message] == NO_SAMPLE:
         waiting = 1
@@ -100,11 +101,11 @@ def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:
     late: i32 = 0
     if ecu.age[message] > patience:
         late = 1
-    trouble(ecu, message, late)
+        ecu.found = ecu.found | LATE[message]
     # a message that is slower than the limit is not stuck between two of its frames
     limit: i32 = clamp(cal.stuck_ticks, cal.timeout_ticks[message], AGE_MAX)
     if ecu.unchanged[message] > limit and (late | waiting) == 0:
-        ecu.stuck = 1
+        ecu.found = ecu.found | (1 << TROUBLE_STUCK)
         late = 1
     return late | waiting
 
@@ -130,6 +131,19 @@ def lacking(ecu: Ecu, message: i32, needed: u8) -> i32:
     if (ecu.valid[message] & needed) == needed:
         return 0
     return 1
+
+
+def lost(ecu: Ecu, cal: Calibration, message: i32, elapsed: i32) -> i32:
+    """Judge a message that is worth nothing without one of its signals; return 1 where lost."""
+    timeout: i32 = cal.timeout_ticks[message]
+    if timeout == 0:
+        return 0
+    late: i32 = silence(ecu, cal, message)
+    bad: i32 = lacking(ecu, message, NEEDED[message])
+    if lasting(ecu, message + 1, timeout, bad, elapsed) == 1:
+        ecu.found = ecu.found | LACKS[message]
+        return 1
+    return late
 
 
 def beyond(value: i32, limit: i32) -> i32:
@@ -163,7 +177,7 @@ def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     if bad == 0:
         ecu.acceleration_good = ecu.lateral_acceleration
     bad = lasting(ecu, BAD_ACCELERATION, cal.timeout_ticks[RX_IMU], bad, elapsed)
-    trouble(ecu, TROUBLE_ACCELERATION, bad)
+    ecu.found = ecu.found | (bad << TROUBLE_ACCELERATION)
     ecu.lateral_good = clamp(ecu.lateral_good + elapsed, 0, AGE_MAX)
     if ecu.bad_ticks[BAD_ACCELERATION] > 0:
         ecu.lateral_good = 0
@@ -190,7 +204,7 @@ def watch_imu(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     if bad == 0:
         ecu.rate_good = ecu.roll_rate
     bad = lasting(ecu, BAD_ROLL_RATE, cal.timeout_ticks[RX_IMU], bad, elapsed)
-    trouble(ecu, TROUBLE_ROLL_RATE, bad)
+    ecu.found = ecu.found | (bad << TROUBLE_ROLL_RATE)
     severity: i32 = watch_lateral(ecu, cal, elapsed)
     if cal.observer == BYPASS:
         return GOOD
@@ -202,18 +216,10 @@ def watch_imu(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
 def watch_motion(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     """Judge the inputs that tell the vehicle's motion; return what they do to the mode."""
     severity: i32 = watch_imu(ecu, cal, elapsed)
-    late: i32 = silence(ecu, cal, RX_ROLL_REFERENCE)
-    bad: i32 = lacking(ecu, RX_ROLL_REFERENCE, 7)
-    bad = lasting(ecu, BAD_REFERENCE, cal.timeout_ticks[RX_ROLL_REFERENCE], bad, elapsed)
-    trouble(ecu, TROUBLE_REFERENCE, bad)
-    if cal.observer == BYPASS and (late | bad) != 0:
+    reference_lost: i32 = lost(ecu, cal, RX_ROLL_REFERENCE, elapsed)
+    if cal.observer == BYPASS and reference_lost == 1:
         severity = UNSAFE
-
-    late = silence(ecu, cal, RX_VEHICLE_MOTION)
-    bad = lacking(ecu, RX_VEHICLE_MOTION, 3)
-    bad = lasting(ecu, BAD_SPEED, cal.timeout_ticks[RX_VEHICLE_MOTION], bad, elapsed)
-    trouble(ecu, TROUBLE_SPEED, bad)
-    ecu.motion_lost = byte(late | bad)
+    ecu.motion_lost = byte(lost(ecu, cal, RX_VEHICLE_MOTION, elapsed))
     if ecu.motion_lost == 1 and severity == GOOD:
         severity = DEGRADING
     return severity
@@ -224,30 +230,22 @@ def watch_corners(ecu: Ecu, cal: Calibration) -> i32:
 
     One failed corner degrades, as does one failed bar, which spans both corners of its axle.
     """
-    stuck: i32 = 0
-    floating: i32 = 0
+    failures: i32 = 0
     for corner in range(4):
-        ecu.failed[corner] = 0
-        if ecu.status[corner] == STUCK:
-            ecu.failed[corner] = 1
-            stuck += 1
-        if ecu.status[corner] == FLOATING:
-            ecu.failed[corner] = 1
-            floating += 1
-    trouble(ecu, TROUBLE_CORNER_STUCK, clamp(stuck, 0, 1))
-    trouble(ecu, TROUBLE_CORNER_FLOATING, clamp(floating, 0, 1))
+        status: i32 = ecu.status[corner]
+        failed: i32 = status >> 1
+        ecu.failed[corner] = byte(failed)
+        failures += failed
+        ecu.found = ecu.found | ((failed & (status ^ FLOATING)) << TROUBLE_CORNER_STUCK)
+        ecu.found = ecu.found | ((failed & (status ^ STUCK)) << TROUBLE_CORNER_FLOATING)
     if cal.actuator == BARS or cal.actuator == VALVES:
         return (ecu.failed[0] | ecu.failed[1]) + (ecu.failed[2] | ecu.failed[3])
-    return clamp(stuck + floating, GOOD, UNSAFE)
+    return clamp(failures, GOOD, UNSAFE)
 
 
 def watch_actuators(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     """Judge what the actuators say of themselves; return what it does to the mode."""
-    late: i32 = silence(ecu, cal, RX_ACTUATOR_STATE)
-    bad: i32 = lacking(ecu, RX_ACTUATOR_STATE, 3)
-    bad = lasting(ecu, BAD_MOMENT, cal.timeout_ticks[RX_ACTUATOR_STATE], bad, elapsed)
-    trouble(ecu, TROUBLE_MOMENT, bad)
-    ecu.moment_unknown = byte(late | bad)
+    ecu.moment_unknown = byte(lost(ecu, cal, RX_ACTUATOR_STATE, elapsed))
     severity: i32 = watch_corners(ecu, cal)
     if cal.timeout_ticks[RX_ACTUATOR_STATE] == 0:
         ecu.moment_unknown = 1
@@ -256,23 +254,17 @@ def watch_actuators(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
             severity = UNSAFE
         elif severity == GOOD:
             severity = DEGRADING
-    overdue: i32 = 0
     if ecu.waiting == 1 and ecu.unacknowledged > OVERDUE * cal.acknowledge_ticks:
-        overdue = 1
-    trouble(ecu, TROUBLE_COMMAND, overdue)
-
-    late = silence(ecu, cal, RX_SUSPENSION_RATE)
-    bad = lacking(ecu, RX_SUSPENSION_RATE, 15)
-    bad = lasting(ecu, BAD_STROKE, cal.timeout_ticks[RX_SUSPENSION_RATE], bad, elapsed)
-    trouble(ecu, TROUBLE_STROKE, bad)
-    if cal.actuator == DAMPERS and (late | bad) != 0:
+        ecu.found = ecu.found | (1 << TROUBLE_COMMAND)
+    stroke_lost: i32 = lost(ecu, cal, RX_SUSPENSION_RATE, elapsed)
+    if cal.actuator == DAMPERS and stroke_lost == 1:
         severity = UNSAFE
     return severity
 
 
 def init_plausibility(ecu: Ecu) -> None:
     """Start with no trouble, and with nothing known of the vehicle's motion and moment."""
-    ecu.stuck = 0
+    ecu.found = 0
     ecu.rate_good = 0
     ecu.acceleration_good = 0
     ecu.lateral_lost = 0
@@ -282,7 +274,7 @@ def init_plausibility(ecu: Ecu) -> None:
     ecu.trouble_active = 0
     ecu.trouble_latched = 0
     ecu.trouble_number = 0
-    for code in range(24):
+    for code in range(N_TROUBLES):
         ecu.trouble_count[code] = 0
     for corner in range(4):
         ecu.failed[corner] = 0

@@ -1,15 +1,15 @@
 """Speed schedule: gain factor, front share and steering gain, and the fade at walking pace."""
 
 from firmware.calibration import STATE_MAX, Calibration
-from firmware.state import LATERAL, Ecu
-from firmware.subset import clamp, i32, rsh, tdiv
+from firmware.state import LATERAL, RX_VEHICLE_MOTION, Ecu
+from firmware.subset import clamp, i32, rsh, sat31, scaled, tdiv
 
 Q28_ONE = 1 << 28
 
 
 def between(low: i32, high: i32, share: i32) -> i32:
     """Return the value a ``share`` (Q28, 0 to 1) of the way from ``low`` to ``high``."""
-    return clamp(low + rsh((high - low) * share, 28), -STATE_MAX, STATE_MAX)
+    return sat31(low + rsh((high - low) * share, 28))
 
 
 def ratio(part: i32, whole: i32) -> i32:
@@ -23,7 +23,9 @@ def ratio(part: i32, whole: i32) -> i32:
 
 
 def schedule(ecu: Ecu, cal: Calibration) -> None:
-    """Interpolate the schedule at the vehicle's speed, constant beyond its ends."""
+    """Interpolate the schedule at a speed just received, constant beyond its ends."""
+    if ecu.age[RX_VEHICLE_MOTION] > 0 and ecu.motion_lost == 0:
+        return
     point: i32 = 0
     for k in range(1, cal.schedule_points):
         if ecu.speed >= cal.schedule_speed[k]:
@@ -36,7 +38,7 @@ def schedule(ecu: Ecu, cal: Calibration) -> None:
     front: i32 = between(cal.schedule_front_share[point], cal.schedule_front_share[after], share)
     ecu.front_share = clamp(front, 0, 1 << 30)
     steering: i32 = between(cal.schedule_steering[point], cal.schedule_steering[after], share)
-    ecu.steering_acceleration = clamp(rsh(steering * ecu.steering, 20), -STATE_MAX, STATE_MAX)
+    ecu.steering_acceleration = scaled(steering * ecu.steering, 20)
     if ecu.motion_lost == 1:
         # an old steering angle would pull the estimate its way: the estimate itself pulls nowhere
         ecu.steering_acceleration = ecu.x[LATERAL]

@@ -98,6 +98,7 @@ class Ecu:
     good_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "all needed inputs good since")]
     authority: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the command, 0 in SAFE")]
     feedforward: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the feedforward, 0 without a_y")]
+    found: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: this tick has found trouble i")]
     trouble_active: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i is active")]
     trouble_latched: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i has occurred")]
     time: Annotated[i32, F(I32_MIN, I32_MAX, 0, "ticks", "since init, wraps")]
@@ -204,7 +205,6 @@ class Ecu:
 
     # supervision
     last_sample: Annotated[list[u8], N_RX, F(0, 16, 0, "", "sample counter, 16: none yet")]
-    stuck: Annotated[u8, F(0, 1, 0, "", "1: a needed message repeats one sample")]
     mode: Annotated[u8, F(0, 3, 0, "", "0 INIT 1 ACTIVE 2 DEGRADED 3 SAFE")]
     lateral_lost: Annotated[u8, F(0, 1, 0, "", "1: do without the lateral acceleration")]
     motion_lost: Annotated[u8, F(0, 1, 0, "", "1: do without speed and steering")]

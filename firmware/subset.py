@@ -7,10 +7,12 @@ constant tables, records and functions; a function holds annotated locals, assig
 module itself is not translated: the C prelude has the same intrinsics.
 
 Arithmetic is exact. A value is stored in an ``i32`` only where it fits: through :func:`sat32`,
-:func:`clamp`, :func:`narrow` or because its range shows it.
+:func:`sat31`, :func:`scaled`, :func:`clamp`, :func:`narrow` or because its range shows it.
 """
 
 from dataclasses import dataclass
+from functools import cache
+from itertools import product
 from typing import Annotated, Any, TypeVar, get_args, get_origin, get_type_hints
 
 i32 = int
@@ -20,6 +22,7 @@ i64 = int
 u8 = int
 """An unsigned 8-bit integer."""
 
+BITS_31_MIN, BITS_31_MAX = -(2**30), 2**30 - 1
 I32_MIN, I32_MAX = -(2**31), 2**31 - 1
 I64_MIN, I64_MAX = -(2**63), 2**63 - 1
 
@@ -87,6 +90,20 @@ def sat32(v: i64) -> i32:
     return clamp(v, I32_MIN, I32_MAX)
 
 
+def sat31(v: i64) -> i32:
+    """Return ``v`` limited to 31 bits, -2**30 to 2**30 - 1: a sum of two of them fits an i32."""
+    if v > BITS_31_MAX:
+        return BITS_31_MAX
+    if v < BITS_31_MIN:
+        return BITS_31_MIN
+    return v
+
+
+def scaled(v: i64, n: i32) -> i32:
+    """Return v / 2**n, rounded to nearest as by :func:`rsh`, limited as by :func:`sat31`."""
+    return sat31((v + (1 << (n - 1))) >> n)
+
+
 def clamp(v: i64, lo: i32, hi: i32) -> i32:
     """Return ``v`` limited to [lo, hi]."""
     if v > hi:
@@ -117,3 +134,36 @@ def narrow(v: i64) -> i32:
     if not I32_MIN <= v <= I32_MAX:
         raise OverflowError(f"{v} does not fit 32 bits")
     return v
+
+
+def word(record: Any, k: i32) -> i32:  # noqa: ANN401
+    """Return the ``i32`` at byte 4 ``k`` of a record as C lays it out."""
+    return stored(record, 4 * k)
+
+
+def octet(record: Any, k: i32) -> u8:  # noqa: ANN401
+    """Return the ``u8`` at byte ``k`` of a record as C lays it out."""
+    return stored(record, k)
+
+
+def stored(record: Any, place: int) -> int:  # noqa: ANN401
+    """Return the element at byte ``place``."""
+    name, indices = places(record.__class__)[place]
+    found = getattr(record, name)
+    for index in indices:
+        found = found[index]
+    return int(found)
+
+
+@cache
+def places(record_class: type[Any]) -> dict[int, tuple[str, tuple[int, ...]]]:
+    """Return field and indices of every element, by its first byte."""
+    table: dict[int, tuple[str, tuple[int, ...]]] = {}
+    end = 0
+    for field in fields(record_class):
+        width = 4 if field.kind == "i32" else 1
+        end = -(-end // width) * width
+        for indices in product(*map(range, field.shape)):
+            table[end] = (field.name, indices)
+            end += width
+    return table

@@ -10,11 +10,10 @@ time.
 from firmware.calibration import ONE, Calibration
 from firmware.plausibility import (
     DEGRADING,
-    TROUBLE_STUCK,
     TROUBLE_TICK_MISSED,
     UNSAFE,
     init_plausibility,
-    trouble,
+    latch_troubles,
     watch_actuators,
     watch_motion,
 )
@@ -56,14 +55,12 @@ def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
 
 def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Judge all inputs, set the mode and move the authority along its ramp."""
-    ecu.stuck = 0
+    ecu.found = 0
     motion: i32 = watch_motion(ecu, cal, elapsed)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
-    trouble(ecu, TROUBLE_STUCK, ecu.stuck)
-    missed: i32 = 0
     if elapsed > 1:
-        missed = 1
-    trouble(ecu, TROUBLE_TICK_MISSED, missed)
+        ecu.found = ecu.found | (1 << TROUBLE_TICK_MISSED)
+    latch_troubles(ecu)
     ecu.good_ticks = clamp(ecu.good_ticks + elapsed, 0, AGE_MAX)
     severity: i32 = motion
     if actuators > severity:

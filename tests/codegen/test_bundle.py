@@ -85,9 +85,11 @@ def test_a_changed_gain_is_noticed(folder, tmp_path):
     shutil.copytree(folder, tmp_path / "changed")
     source = tmp_path / "changed" / "src" / "canroll_observer.c"
     text = source.read_text()
-    assert text.count("canroll_rsh_by(acc, cal->phi_shift[i])") == 1
+    assert text.count("canroll_scaled(acc, cal->phi_shift[i])") == 1
     source.write_text(
-        text.replace("canroll_rsh_by(acc, cal->phi_shift[i])", "acc >> cal->phi_shift[i]")
+        text.replace(
+            "canroll_scaled(acc, cal->phi_shift[i])", "canroll_sat31(acc >> cal->phi_shift[i])"
+        )
     )
     result = make(tmp_path / "changed", "test")
     assert result.returncode != 0

@@ -62,6 +62,7 @@ REFUSED = {
     "builtin": ("ecu.count = abs(ecu.count)  # here", "no function of the firmware"),
     "keyword": ("a: i32 = clamp(v=1, lo=2, hi=3)  # here", "arguments are positional"),
     "argument count": ("a: i32 = sat32(1, 2)  # here", "sat32 takes 1 arguments"),
+    "memory of no record": ("a: i32 = word(ecu.count, 1)  # here", "word reads a record"),
     "slice": ("ecu.x[0:2] = 1  # here", "no slices"),
     "array as number": ("a: i32 = ecu.x  # here", "give its indices"),
     "table as number": ("a: i32 = TABLE  # here", "give its indices"),

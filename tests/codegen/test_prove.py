@@ -34,6 +34,12 @@ WRONG = {
     ),
     "narrow": ("a: i32 = narrow(ecu.x[0] * MASK)  # here\necu.count = clamp(a, 0, 5)", "i32"),
     "local": ("a: i32 = ecu.x[0] * MASK  # here\necu.count = clamp(a, 0, 5)", "does not fit i32"),
+    "31 bits": ("ecu.count = sat31(ecu.x[0] * MASK)  # here", "[-1073741824, 1073741823]"),
+    "scaling": ("a: i64 = scaled(5, ecu.small)  # here\necu.count = clamp(a, 0, 5)", "shift count"),
+    "word": (
+        "a: i32 = word(ecu, ecu.small + 8)  # here\necu.count = clamp(a, 0, 5)",
+        "index of 12 elements: [8, 17]",
+    ),
     "loop": (
         "a: i32 = 0\nfor k in range(4):\n a += 1 << 30  # here\necu.count = clamp(a, 0, 5)",
         "does not fit i32",
@@ -98,7 +104,7 @@ def test_the_firmware_is_proved():
     [
         (
             "control_law",
-            "u: i64 = rsh(clamp(wanted, -STATE_MAX, STATE_MAX) * ecu.gain_factor, 28)",
+            "u: i64 = rsh(sat31(wanted) * ecu.gain_factor, 28)",
             "u: i64 = rsh(wanted * ecu.gain_factor, 28)",
         ),
         (
@@ -108,7 +114,7 @@ def test_the_firmware_is_proved():
         ),
         (
             "observer",
-            "ecu.work[i] = clamp(rsh(acc, cal.phi_shift[i]), -STATE_MAX, STATE_MAX)",
+            "ecu.work[i] = scaled(acc, cal.phi_shift[i])",
             "ecu.work[i] = sat32(rsh(acc, cal.phi_shift[i]))",
         ),
     ],

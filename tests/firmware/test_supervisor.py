@@ -464,9 +464,9 @@ def test_troubles_are_latched_counted_and_shown_on_the_bus():
 
 def test_occurrences_saturate():
     ecu = rig.started(rig.calibration())
-    for _ in range(300):
-        sv.trouble(ecu, 9, 1)
-        sv.trouble(ecu, 9, 0)
+    for found in 300 * [1 << 9, 0]:
+        ecu.found = found
+        sv.latch_troubles(ecu)
     assert ecu.trouble_count[9] == 255
     assert ecu.trouble_number == 0
     assert ecu.trouble_latched == 1 << 9

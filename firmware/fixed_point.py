@@ -1,0 +1,16 @@
+"""Fixed-point arithmetic that several stages share."""
+
+from typing import Annotated
+
+from firmware.calibration import N_STATES
+from firmware.subset import i32, i64, scaled
+
+
+def product(a: i32, b: i32, n: i32) -> i32:
+    """Return ``a`` ``b`` / 2**n, rounded to nearest and limited to 31 bits."""
+    return scaled(a * b, n)
+
+
+def weighted(row: Annotated[list[i32], N_STATES], x: Annotated[list[i32], N_STATES]) -> i64:
+    """Return the sum of products of a row of coefficients and a state."""
+    return row[0] * x[0] + row[1] * x[1] + row[2] * x[2] + row[3] * x[3] + row[4] * x[4]
