@@ -99,7 +99,7 @@ def run(args: argparse.Namespace) -> int:
         "law": settings.law,
         "plant": settings.plant,
         "from_kmh": args.low,
-        "to_kmh": high,
+        "to_kmh": round(high, 6),
     }
     for name, limit in limits.items():
         answer[name] = None if limit is None else _kmh(limit)
