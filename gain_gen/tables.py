@@ -61,7 +61,7 @@ def design_tables(design: Design, quantised: Quantised) -> Tables:
     return {
         "design": {
             "law": design.law,
-            "vehicle": task.vehicle.name,
+            "vehicle": task.vehicle.reference,
             "actuator": task.actuator,
             "observer": task.observer,
             "gains": task.gains,

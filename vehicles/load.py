@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_origin, get_type_hints
@@ -50,8 +50,9 @@ def load(name_or_path: str | Path) -> Vehicle:
         The file cannot be read, is not a vehicle, or describes an impossible one.
     """
     text = str(name_or_path)
+    file = ""
     if isinstance(name_or_path, Path) or text.endswith(".toml") or "/" in text or "\\" in text:
-        path = Path(name_or_path)
+        path, file = Path(name_or_path), text
     else:
         path = _FOLDER / f"{text}.toml"
         if text not in names():
@@ -66,7 +67,7 @@ def load(name_or_path: str | Path) -> Vehicle:
         table = tomllib.loads(content.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise CanrollError(f"{path}: not a TOML file: {error}") from error
-    return from_table(table, name=path.stem, where=str(path))
+    return replace(from_table(table, name=path.stem, where=str(path)), file=file)
 
 
 def from_table(table: Mapping[str, Any], *, name: str, where: str = "vehicle") -> Vehicle:

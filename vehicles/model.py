@@ -188,7 +188,7 @@ class Vehicle:
     ``design`` is what a controller may know; ``plant`` is the roll model of the simulated vehicle,
     calibrated apart from it. ``speeds`` holds a default speed (m/s) by manoeuvre name and
     ``lane_offset`` the lateral offset (m) of the double lane change. ``sources`` maps a section or
-    ``section.key`` to where its numbers come from.
+    ``section.key`` to where its numbers come from. ``file`` is where a user's own was read from.
     """
 
     name: str
@@ -207,6 +207,12 @@ class Vehicle:
     speeds: dict[str, float]
     lane_offset: float
     sources: dict[str, str]
+    file: str = ""
+
+    @property
+    def reference(self) -> str:
+        """What :func:`vehicles.load` finds it again by: the file, or the preset's name."""
+        return self.file or self.name
 
     @property
     def total_mass(self) -> float:
