@@ -33,7 +33,7 @@ def test_the_calibration_is_driven_with_its_vehicle(camper, capsys):
 
 def test_a_file_that_is_gone_is_named(camper):
     Path("camper.toml").unlink()
-    with pytest.raises(CanrollError, match="cannot read vehicle file camper.toml"):
+    with pytest.raises(CanrollError, match=r"cannot read vehicle file camper\.toml"):
         prepare(Request(calibration=camper), bus="500k")
 
 
