@@ -12,7 +12,8 @@
 
 #include "canroll.h"
 
-enum { NO_SAMPLE = 16, STATE_MAX = CANROLL_STATE_MAX, ONE = 1 << 30, AGE_MAX = CANROLL_AGE_MAX };
+enum { NO_SAMPLE = 16, ONE = 1 << 30, AGE_MAX = CANROLL_AGE_MAX };
+enum { STATE_MAX = (1 << 30) - 1, STATE_MIN = -(1 << 30) };
 
 /* A frame as two little-endian words. */
 typedef struct {
@@ -28,9 +29,10 @@ void hand_allocate(canroll_ecu *ecu, const canroll_calibration *cal);
 void hand_trigger(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed);
 void hand_transmit(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed);
 
-static inline int32_t saturated(int64_t v)
+/* v within 31 bits, so that a sum of two fits 32. */
+static inline int32_t bits_31(int32_t v)
 {
-    return (v > STATE_MAX) ? STATE_MAX : ((v < -STATE_MAX) ? -STATE_MAX : (int32_t)v);
+    return (v > STATE_MAX) ? STATE_MAX : ((v < STATE_MIN) ? STATE_MIN : v);
 }
 
 static inline int32_t limit(int32_t v, int32_t lo, int32_t hi)
@@ -57,7 +59,7 @@ static inline int32_t shifted(int64_t v, uint32_t n)
     return (int32_t)(((uint32_t)v >> n) | ((hi << 1) << (31 - n)));
 }
 
-/* v / 2^n to nearest, within +-STATE_MAX: whatever has 32 bits before the last halving is. */
+/* v / 2^n to nearest, within 31 bits: whatever has 32 bits before the last halving is. */
 static inline int32_t state_of(int64_t v, uint32_t n)
 {
     const int32_t hi = (int32_t)(v >> 32);
@@ -67,30 +69,10 @@ static inline int32_t state_of(int64_t v, uint32_t n)
     } else {
         twice = shifted(v, n - 1);
         if ((hi >> (n - 1)) != (twice >> 31)) {
-            return (hi < 0) ? -STATE_MAX : STATE_MAX;
+            return (hi < 0) ? STATE_MIN : STATE_MAX;
         }
     }
-    return (twice >> 1) + (twice & 1);
-}
-
-/* x + v / 2^n to nearest, within +-STATE_MAX, for |v| up to 2^60. */
-static inline int32_t corrected(int32_t x, int64_t v, uint32_t n)
-{
-    const int32_t hi = (int32_t)(v >> 32);
-    int32_t twice, sum;
-    if (n > 32) {
-        twice = hi >> (n - 33);
-    } else {
-        twice = shifted(v, n - 1);
-        if ((hi >> (n - 1)) != (twice >> 31)) {
-            return saturated(x + (((v >> (n - 1)) + 1) >> 1));
-        }
-    }
-    sum = x + (twice >> 1);
-    if (sum >= STATE_MAX) {
-        return STATE_MAX;
-    }
-    return (sum < -STATE_MAX) ? -STATE_MAX : sum + (twice & 1);
+    return bits_31((twice >> 1) + (twice & 1));
 }
 
 #endif

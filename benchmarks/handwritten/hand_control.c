@@ -32,7 +32,7 @@ static void correct(int32_t x[5], const int32_t gain[5], const uint8_t shift[5],
     int32_t innovation)
 {
     for (uint32_t i = ROLL; i <= BIAS; i++) {
-        x[i] = corrected(x[i], (int64_t)gain[i] * innovation, shift[i]);
+        x[i] = bits_31(x[i] + state_of((int64_t)gain[i] * innovation, shift[i]));
     }
 }
 
@@ -82,10 +82,10 @@ static void look_ahead(canroll_ecu *ecu, const canroll_calibration *cal)
     }
 }
 
-/* v / 2^n to nearest. */
-static inline int64_t rounded(int64_t v, uint32_t n)
+/* v within 31 bits. */
+static inline int32_t wide_31(int64_t v)
 {
-    return ((v >> (n - 1)) + 1) >> 1;
+    return (v > STATE_MAX) ? STATE_MAX : ((v < STATE_MIN) ? STATE_MIN : (int32_t)v);
 }
 
 void hand_control(canroll_ecu *ecu, const canroll_calibration *cal, int32_t steps)
@@ -103,11 +103,10 @@ void hand_control(canroll_ecu *ecu, const canroll_calibration *cal, int32_t step
     if (ecu->feedforward != ONE) {
         moment = product(moment, ecu->feedforward, 30);
     }
-    u = -rounded((int64_t)back[ROLL] * z[ROLL] + (int64_t)back[RATE] * z[RATE],
-        cal->feedback_shift) - moment;
-    moment = saturated(u);
+    u = (int64_t)back[ROLL] * z[ROLL] + (int64_t)back[RATE] * z[RATE];
+    moment = wide_31(-(((u >> (cal->feedback_shift - 1)) + 1) >> 1) - moment);
     if (ecu->gain_factor != 1 << 28) {
-        moment = saturated(((int64_t)moment * ecu->gain_factor + (1 << 27)) >> 28);
+        moment = wide_31(((int64_t)moment * ecu->gain_factor + (1 << 27)) >> 28);
     }
     if (ecu->authority != ONE) {
         moment = product(moment, ecu->authority, 30);
@@ -120,41 +119,55 @@ void hand_control(canroll_ecu *ecu, const canroll_calibration *cal, int32_t step
     ecu->moment = ecu->outputs[0] = limit(moment, last - step, last + step);
 }
 
-/* Split a moment over an axle's corners, each within its limit; return the moment they give. */
+/* Split a moment over an axle's corners, each within its limit; return what they can't give. */
 static int32_t split(canroll_ecu *ecu, const canroll_calibration *cal, uint32_t left,
     int32_t arm, int32_t track, int32_t moment)
 {
     const int32_t want = product(moment, arm, 28);
     const int32_t size = (want < 0) ? -want : want;
-    int32_t limit_left = cal->force_max[left], limit_right = cal->force_max[left + 1], up, down;
+    int32_t limit_left = cal->force_max[left], limit_right = cal->force_max[left + 1];
+    int32_t up, down, lack;
     if (size <= limit_left && size <= limit_right
         && (ecu->failed[left] | ecu->failed[left + 1]) == 0) {
         ecu->force[left] = want;
         ecu->force[left + 1] = -want;
-        return product(want, track, 28);
+        return 0;
     }
     limit_left = ecu->failed[left] ? 0 : limit_left;
     limit_right = ecu->failed[left + 1] ? 0 : limit_right;
     up = limit(want, -limit_left, limit_left);
     down = limit(2 * want - up, -limit_right, limit_right);
     up = limit(2 * want - down, -limit_left, limit_left);
+    lack = 2 * want - up - down;
     ecu->force[left] = up;
     ecu->force[left + 1] = -down;
-    return product(up + down, track, 29);
+    return product(lack, track, 29);
 }
 
-/* Each axle takes what the other lacks, within the slack of the steering balance. */
+/* How much of a moment may move to the other axle, which the steering balance bounds. */
+static int32_t slack(const canroll_calibration *cal, int32_t moment)
+{
+    return product((moment < 0) ? -moment : moment, cal->share_slack, 30);
+}
+
+/* Each axle takes what the other lacks. */
 void hand_allocate(canroll_ecu *ecu, const canroll_calibration *cal)
 {
     const int32_t moment = ecu->moment;
-    const int32_t front = product(moment, ecu->front_share, 30), rear = moment - front;
-    const int32_t room = product((moment < 0) ? -moment : moment, cal->share_slack, 30);
-    int32_t given = split(ecu, cal, 0, cal->arm_front, cal->track_front, front), given_rear, lack;
-    lack = limit(front - given, -room, room);
-    given_rear = split(ecu, cal, 2, cal->arm_rear, cal->track_rear, rear + lack);
-    lack = limit(rear - given_rear, -room, room);
+    int32_t front = product(moment, ecu->front_share, 30), rear = moment - front;
+    int32_t lack = split(ecu, cal, 0, cal->arm_front, cal->track_front, front), lack_rear;
+    int32_t room, taken = 0;
     if (lack != 0) {
-        given = split(ecu, cal, 0, cal->arm_front, cal->track_front, front + lack);
+        room = slack(cal, moment);
+        taken = limit(lack, -room, room);
+        rear += taken;
     }
-    ecu->given = given + given_rear;
+    lack_rear = split(ecu, cal, 2, cal->arm_rear, cal->track_rear, rear);
+    if (lack_rear != 0) {
+        room = slack(cal, moment);
+        front += limit(lack_rear - taken, -room, room);
+        lack = split(ecu, cal, 0, cal->arm_front, cal->track_front, front);
+        rear -= lack_rear;
+    }
+    ecu->given = front - lack + rear;
 }
