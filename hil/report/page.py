@@ -16,6 +16,11 @@ GROUPS = {
     "trade": "Trade-offs",
 }
 
+PHONE = 30
+"""Letters in the longest words of a table's head that fit a phone; with more its rows stack."""
+WORDS = 5
+"""A column with longer text than this wraps, and starts on the left."""
+
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
@@ -80,16 +85,27 @@ def _embedded(value: object) -> str:
     return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
-def _cell(cell: str | Cell) -> str:
+def _cell(label: str, kind: str, cell: str | Cell) -> str:
+    """A cell; ``label`` stands in for the head of its column where rows are stacked."""
+    data = kind + (f' data-label="{_text(label)}"' if label else "")
     if isinstance(cell, str):
-        return f"<td>{_text(cell)}</td>"
-    data = f' data-key="{_text(cell.key)}" data-value="{cell.value!r}"' if cell.key else ""
+        return f"<td{data}>{_text(cell)}</td>"
+    if cell.key:
+        data += f' data-key="{_text(cell.key)}" data-value="{cell.value!r}"'
     return f"<td{data}>{_text(cell.text)}</td>"
 
 
 def _table(table: Table) -> str:
-    head = "".join(f'<th scope="col">{_text(name)}</th>' for name in table.head)
-    rows = "".join(f"<tr>{''.join(_cell(cell) for cell in row)}</tr>" for row in table.rows)
+    columns = zip(*table.rows, strict=True) if table.rows else ((),) * len(table.head)
+    words = [any(isinstance(c, str) and len(c) > WORDS for c in column) for column in columns]
+    kinds = [' class="words"' if wrapped else "" for wrapped in words]
+    head = "".join(
+        f'<th scope="col"{kind}>{_text(name)}</th>'
+        for name, kind in zip(table.head, kinds, strict=True)
+    )
+    rows = "".join(f"<tr>{''.join(map(_cell, table.head, kinds, row))}</tr>" for row in table.rows)
+    least = sum(max(map(len, name.split()), default=0) for name in table.head)
+    kind = ' class="wide"' if least > PHONE else ""
     note = f'<p class="soft">{_text(table.note)}</p>' if table.note else ""
     if table.notes:
         note += f"<ol>{''.join(f'<li>{_text(text)}</li>' for text in table.notes)}</ol>"
@@ -97,7 +113,7 @@ def _table(table: Table) -> str:
     if table.chapter:
         title = f"<h2>{_text(table.chapter)}</h2><h3>{_text(table.title)}</h3>"
     return (
-        f'{title}<div class="scroll"><table><thead><tr>{head}</tr></thead>'
+        f'{title}<div class="scroll"><table{kind}><thead><tr>{head}</tr></thead>'
         f"<tbody>{rows}</tbody></table></div>{note}"
     )
 

@@ -6,10 +6,14 @@ from importlib.metadata import version
 from itertools import groupby
 
 from hil.report.page import Cell, Page, Table, Verdict, render
+from hil.report.rows import change
 from hil.reproduce.papers import Reproduction, summary, to_json
 from hil.reproduce.rows import LEAST_SHARE, TOLERANCE
+from hil.reproduce.section import digits
 
-HEAD = ("row", "quantity", "printed", "ours", "difference", "verdict", "note")
+HEAD = ("", "printed", "ours", "off by", "verdict")
+UNITS = {"rms": "RMS", "nlt": "NLT", "db": "(dB)", "percent": "(%)"}
+"""Words of a quantity's key that are spelt otherwise in text."""
 
 
 def legend() -> str:
@@ -32,21 +36,23 @@ def _tables(part: Reproduction, first: int) -> list[Table]:
         notes: dict[str, int] = {}
         cells: list[list[str | Cell]] = []
         for place, row in rows:
-            mark = str(notes.setdefault(row.reason, len(notes) + 1)) if row.reason else ""
+            mark = f" ({notes.setdefault(row.reason, len(notes) + 1)})" if row.reason else ""
             cells.append(
                 [
-                    row.row,
-                    row.quantity,
+                    f"{row.row}, {_spelt(row.quantity)}",
                     Cell(f"{row.printed:g}", row.printed, f"rows.{place}.printed"),
-                    Cell(f"{row.ours:.3g}", row.ours, f"rows.{place}.ours"),
-                    f"{row.difference_percent:+.0f} %".replace("-", "−"),
-                    row.verdict,
-                    mark,
+                    Cell(f"{digits(row.ours, 3)}", row.ours, f"rows.{place}.ours"),
+                    change(row.ours, row.printed, 9),
+                    f"{row.verdict}{mark}",
                 ]
             )
         chapter = "" if found else f"{part.paper.title}: {counts}"
         found.append(Table(name, HEAD, cells, notes=tuple(notes), chapter=chapter))
     return found
+
+
+def _spelt(quantity: str) -> str:
+    return " ".join(UNITS.get(word, word) for word in quantity.split("_"))
 
 
 def reproduction_page(found: Sequence[Reproduction]) -> str:

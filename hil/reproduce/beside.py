@@ -33,6 +33,7 @@ OURS = (
 PASSIVE = Entry("passive", "", {"law": "passive"}, scaled=False)
 COLUMNS = {
     "law": "law",
+    "verdict": "verdict",
     "sensors": "sensors",
     "factor": "factor",
     "roll_rms_deg": "roll RMS (deg)",
@@ -43,9 +44,8 @@ COLUMNS = {
     "nlt_rear_max": "NLT rear",
     "path_error_max_m": "path error (m)",
     "roll_rms_difference_percent": "roll RMS against hinf_delay (%)",
-    "low_percent": "95 % from",
-    "high_percent": "to",
-    "verdict": "verdict",
+    "low_percent": "95 % from (%)",
+    "high_percent": "95 % to (%)",
 }
 
 

@@ -11,7 +11,7 @@ from hil.reproduce import redondo2021, viadero2022, vu2020, yim2020
 from hil.reproduce.beside import RUNS, beside
 from hil.reproduce.driven import Recomputed
 from hil.reproduce.rows import VERDICTS, Report, Row, judged
-from hil.reproduce.section import Section
+from hil.reproduce.section import Section, digits
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +105,7 @@ def to_markdown(found: Sequence[Reproduction]) -> str:
         lines += ["| table | row | quantity | printed | ours | difference | verdict | reason |"]
         lines += ["| --- | --- | --- | ---: | ---: | ---: | --- | --- |"]
         lines += [
-            f"| {row.table} | {row.row} | {row.quantity} | {row.printed:g} | {row.ours:.3g} "
+            f"| {row.table} | {row.row} | {row.quantity} | {row.printed:g} | {digits(row.ours, 3)} "
             f"| {row.difference_percent:+.0f} % | {row.verdict} | {row.reason} |"
             for row in part.rows
         ]
