@@ -115,3 +115,12 @@ def test_the_terminal_and_the_page_show_both(nonlinear, linear, capsys):
     assert "replay" in text and "\n  controlled  " in text and "cones hit" in text
     terminal.show(linear)
     assert "a replay of it is the controlled run" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("plant", ["roll1", "fullcar", "nonlinear"])
+def test_the_driver_of_van_real_clears_the_cones(plant):
+    """Tuned on the passive car; with control, which the driver was not tuned for, it holds too."""
+    result = experiment.run("double_lane_change", plant=plant)
+    assert result.settings.speed == pytest.approx(80 / 3.6)
+    assert result.standard.passive.passed
+    assert result.standard.controlled.passed
