@@ -1,0 +1,114 @@
+"""What the pages show is what their commands print, and the build that sees to it works."""
+
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+IN_PROCESS = {"commands.md"}
+"""Pages whose parts another test holds against their source, without a process for each."""
+
+
+def build(*arguments):
+    """Run the docs build; return its exit code and what it printed."""
+    done = subprocess.run(
+        [ROOT / "scripts" / "refresh-docs", *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.returncode, done.stdout + done.stderr
+
+
+def test_readme_shows_what_its_commands_print():
+    code, text = build("--check", "--quick", ROOT / "README.md")
+    assert code == 0, text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "page", [p for p in PAGES if p.name not in IN_PROCESS], ids=lambda p: p.name
+)
+def test_page_shows_what_its_quick_commands_print(page):
+    code, text = build("--check", "--quick", page)
+    assert code == 0, text
+
+
+def test_readme_names_every_page():
+    linked = set(re.findall(r"\]\((docs/\w+\.md)\)", (ROOT / "README.md").read_text("utf-8")))
+    assert linked == {str(page.relative_to(ROOT)) for page in PAGES}
+
+
+def slug(heading):
+    """Return the anchor that a heading gets."""
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda p: p.name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\(((?!https?:)[^)\s]+)\)", page.read_text("utf-8")):
+        name, _, anchor = target.partition("#")
+        path = page.parent / name if name else page
+        assert path.exists(), target
+        if anchor:
+            headings = re.findall(r"^#+ (.+)$", path.read_text("utf-8"), re.M)
+            assert anchor in map(slug, headings), target
+
+
+@pytest.fixture
+def page(tmp_path):
+    """Return a function that writes a page."""
+
+    def write(text):
+        path = tmp_path / "page.md"
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_a_block_is_refreshed_and_then_up_to_date(page):
+    path = page("before\n\n```console\n$ echo one\nnought\n$ echo two \\\n  three\n```\n\nafter\n")
+    assert build("--check", path)[0] == 1
+    assert build(path)[0] == 0
+    assert path.read_text() == (
+        "before\n\n```console\n$ echo one\none\n$ echo two \\\n  three\ntwo three\n```\n\nafter\n"
+    )
+    assert build("--check", path)[0] == 0
+
+
+def test_a_part_of_the_page_is_made_by_a_command(page):
+    path = page("<!-- made by: printf '| a |\\n' -->\n<!-- end -->\n")
+    assert build(path)[0] == 0
+    assert path.read_text() == "<!-- made by: printf '| a |\\n' -->\n| a |\n<!-- end -->\n"
+
+
+def test_files_of_the_page_are_there_for_its_commands(page):
+    path = page("```toml own.toml\na = 1\n```\n\n```console\n$ cat own.toml\na = 1\n```\n")
+    assert build("--check", path)[0] == 0
+
+
+def test_what_is_slow_is_left_out_where_it_is_to_be_quick(page):
+    path = page(
+        "```console slow\n$ echo new\nold\n```\n\n"
+        "<!-- slow, made by: echo new -->\nold\n<!-- end -->\n"
+    )
+    assert build("--check", "--quick", path)[0] == 0
+    code, text = build("--check", path)
+    assert code == 1 and text.count("out of date") == 2
+
+
+def test_what_depends_on_the_machine_is_run_and_not_compared(page):
+    path = page("```console machine\n$ echo new\nold\n```\n")
+    assert build("--check", path)[0] == 0
+    assert build(path)[0] == 0
+    assert "\nnew\n" in path.read_text()
+
+
+def test_a_command_that_fails_fails_the_build(page):
+    path = page("```console machine\n$ echo told; false\ntold\n```\n")
+    code, text = build(path)
+    assert code == 1 and "page.md:1: exit code 1: told" in text

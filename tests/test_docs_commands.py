@@ -1,0 +1,92 @@
+"""docs/commands.md tells of every command its options and the keys of its JSON object."""
+
+import importlib.util
+import json
+import re
+from importlib.machinery import SourceFileLoader
+from pathlib import Path
+
+import pytest
+
+from hil import cli
+
+ROOT = Path(__file__).parent.parent
+PAGE = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
+SECTIONS = dict(re.findall(r"^## canroll (\S+)$(.*?)(?=^## |\Z)", PAGE, re.M | re.S))
+
+
+def script(name):
+    """Return a script without the suffix .py as a module."""
+    loader = SourceFileLoader(name.replace("-", "_"), str(ROOT / "scripts" / name))
+    module = importlib.util.module_from_spec(importlib.util.spec_from_loader(loader.name, loader))
+    loader.exec_module(module)
+    return module
+
+
+def keys(command):
+    """Return the keys that the section of ``command`` has in tables of JSON, dots for depth."""
+    tables = re.findall(r"^\| key \|.*?\n\n", SECTIONS[command], re.M | re.S)
+    cells = [row.split(" | ")[0] for table in tables for row in table.splitlines()[2:]]
+    return {key for cell in cells for key in re.findall(r"`(.+?)`", cell)}
+
+
+def tops(paths):
+    return {path.split(".")[0] for path in paths}
+
+
+def test_every_command_has_a_section():
+    assert set(SECTIONS) == set(cli.available())
+
+
+@pytest.mark.parametrize("command", [*SECTIONS, "python-can"])
+def test_options_are_those_of_the_parser(command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "100")
+    made = "\n".join(script("command-options").lines(command))
+    assert f"<!-- made by: command-options {command} -->\n{made}\n<!-- end -->" in PAGE
+
+
+ARGUMENTS = {
+    "run": ["double_lane_change", "--duration", "1"],
+    "campaign": ["--runs", "2", "--jobs", "1"],
+    "limit": ["double_lane_change", "--plant", "roll1", "--from", "60", "--tolerance", "50"],
+    "understeer": ["--plant", "roll1"],
+    "response": ["--plant", "roll1"],
+    "bus": [str(ROOT / "dbc" / "roll_control.dbc"), "--simulate", "1"],
+    "prove": [],
+    "timing": ["--duration", "0.1"],
+    "hil": ["double_lane_change", "--duration", "1"],
+}
+SLOW = ("campaign", "limit", "timing", "hil")
+
+
+@pytest.mark.parametrize(
+    "command",
+    [pytest.param(c, marks=pytest.mark.slow) if c in SLOW else c for c in ARGUMENTS],
+)
+def test_keys_are_those_of_the_object(command, capsys):
+    cli.main([command, *ARGUMENTS[command], "--json"])
+    found = json.loads(capsys.readouterr().out)
+    told = keys(command) | (keys("run") if command == "hil" else set())
+    assert tops(told) == set(found)
+    for path in told:
+        value = found
+        for part in re.split(r"\.(?!\d)", path):
+            value = value[part]
+
+
+def test_keys_of_a_design_and_of_its_margins(tmp_path, capsys):
+    assert cli.main(["design", "--law", "lqr", "--out", str(tmp_path), "--json"]) == 0
+    assert keys("design") == set(json.loads(capsys.readouterr().out))
+    assert cli.main(["margins", str(tmp_path / "calibration.toml"), "--json"]) == 0
+    assert keys("margins") == set(json.loads(capsys.readouterr().out))
+
+
+def test_keys_of_the_reproduction():
+    stored = json.loads((ROOT / "docs" / "reproduction.json").read_text(encoding="utf-8"))
+    assert keys("reproduce") == {*stored, "files"}
+
+
+def test_keys_of_what_watch_sees():
+    from hil.realtime.observation import Observation
+
+    assert keys("watch") == set(Observation(500_000).summary())

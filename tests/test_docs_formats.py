@@ -1,0 +1,159 @@
+"""Every example of docs/file-formats.md goes through the loader that the commands use."""
+
+import re
+import tomllib
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import get_type_hints
+
+import pytest
+
+import vehicles
+from codegen import bus_map
+from gain_gen import calibration
+from gain_gen.custom_law import read_matrices
+from gain_gen.design import Delay, Task
+from gain_gen.laws import design
+from gain_gen.tables import calibrate
+from hil.realtime import tick_trace
+from hil.realtime.budget import Budget, budget_of
+from plant_sim import maneuvers
+from plant_sim.can_bus.traffic import load_traffic
+from plant_sim.can_bus.wire import EXTENDED, FD
+from vehicles.load import from_table
+from vehicles.model import Channel, Vehicle
+
+ROOT = Path(__file__).parent.parent
+PAGE = (ROOT / "docs" / "file-formats.md").read_text(encoding="utf-8")
+EXAMPLES = dict(re.findall(r"^```\w+ (\S+)\n(.*?)^```", PAGE, re.M | re.S))
+
+
+@pytest.fixture
+def example(tmp_path):
+    """Return a function that writes an example of the page and returns its path."""
+
+    def write(name):
+        path = tmp_path / name
+        path.write_text(EXAMPLES[name], encoding="utf-8")
+        return path
+
+    return write
+
+
+def section(heading):
+    return re.search(rf"^##+ {re.escape(heading)}$(.*?)(?=^## |\Z)", PAGE, re.M | re.S)[1]
+
+
+def first_column(text):
+    """Return the code in the first column of the tables of ``text``."""
+    rows = [line for line in text.splitlines() if line.startswith("| `")]
+    return [key for row in rows for key in re.findall(r"`(.+?)`", row.split(" | ")[0])]
+
+
+def test_a_part_of_a_vehicle_fits_into_a_whole_one(example):
+    part = tomllib.loads(example("part-of-a-vehicle.toml").read_text())
+    whole = tomllib.loads(Path(vehicles.__file__).with_name("van_real.toml").read_text())
+    merged = {**whole, **part, "sources": {**whole["sources"], **part["sources"]}}
+    camper = from_table(merged, name="camper")
+    assert camper.title == "Camper"
+    assert camper.source("design.sprung_mass") == "weighed"
+    assert camper.source("design.roll_inertia") == "data sheet"
+    assert camper.speeds == {"double_lane_change": pytest.approx(80 / 3.6)}
+
+
+def keys_of(kind, prefix=""):
+    """Yield the keys of a vehicle file that a dataclass stands for."""
+    for field in fields(kind):
+        hint = get_type_hints(kind)[field.name]
+        if is_dataclass(hint) and (hint is not Channel or field.name == "roll_rate"):
+            yield from keys_of(hint, f"{prefix}{field.name}.")
+        else:
+            yield f"{prefix}{field.name}"
+
+
+def test_every_key_of_a_vehicle_is_told():
+    left_out = {"name", "file", "speeds", "lane_offset"}
+    expected = {key for key in keys_of(Vehicle) if key not in left_out}
+    expected = {key for key in expected if not key.startswith("design.")}
+    expected |= {"design", "plant", "maneuvers.lane_offset", "maneuvers.speed_kmh"}
+    assert set(first_column(section("A vehicle"))) == expected | {"sensors.roll_rate"}
+
+
+@pytest.mark.parametrize("name", ["feedback.toml", "compensator.toml"])
+def test_gains_make_a_verified_law(example, name):
+    path = example(name)
+    assert read_matrices(path)
+    task = Task(
+        vehicle=vehicles.load("van_real"),
+        delay=Delay(0.02, 0.02, 0.02),
+        tick=0.01,
+        matrices=str(path),
+    )
+    answer = design("custom", task)
+    assert not answer.failures
+    assert (answer.controller.compensator is not None) == (name == "compensator.toml")
+
+
+def test_a_traffic_set_is_read_to_the_last_key(example):
+    traffic = load_traffic(example("traffic.toml"))
+    wheels, radar = traffic.messages
+    assert (traffic.bitrate, traffic.data_bitrate) == (500_000, 2_000_000)
+    assert (wheels.ident, wheels.length, wheels.sender) == (0x120, 8, "Chassis")
+    assert (wheels.period_ns, wheels.jitter_ns, wheels.offset_ns) == (10e6, 1e6, 2.5e6)
+    assert radar.flags & EXTENDED and radar.flags & FD and radar.fifo and radar.length == 64
+
+
+def test_a_map_leads_from_signals_to_fields(example):
+    mapped = bus_map.load(example("car.dbc"), example("car.toml"))
+    imu = mapped.received[0]
+    assert imu.ident == 291
+    assert {s.place.text for s in imu.signals} == {"roll_rate", "lateral_acceleration"}
+    assert 2047 in next(s for s in imu.signals if s.name == "Lateral").unavailable
+    assert mapped.transmitted[0].ident == 801 and len(mapped.transmitted[0].signals) == 4
+    told = section("A map of your bus")
+    for slot in (*bus_map.RECEIVED, *bus_map.TRANSMITTED):
+        assert f"`{slot}`" in told
+
+
+def test_a_manoeuvre_from_a_file_steers(example):
+    vehicle = vehicles.load("van_real")
+    run = maneuvers.build("from_file", vehicle, 80 / 3.6, file=str(example("steps.csv")))
+    assert run.duration_ns == 3_000_000_000
+
+
+@pytest.fixture(scope="module")
+def lqr(tmp_path_factory):
+    """Return a calibration file."""
+    task = Task(vehicle=vehicles.load("van_real"), delay=Delay(0.02, 0.02, 0.02), tick=0.01)
+    path = tmp_path_factory.mktemp("lqr") / "calibration.toml"
+    calibration.save(path, *calibrate(design("lqr", task)))
+    return path
+
+
+def test_a_budget_belongs_to_a_calibration(example, lqr):
+    path = example("budget.toml")
+    path.write_text(lqr.read_text() + path.read_text())
+    loaded = calibration.load(path)
+    assert budget_of(loaded.record, loaded.tables) == Budget(20000, 500, 30000, 0)
+
+
+def test_the_tables_of_a_calibration_are_told(lqr):
+    told = {
+        re.match(r"\[(\w+)", key)[1]
+        for key in first_column(section("calibration.toml"))
+        if key[0] == "["
+    }
+    assert told == {*tomllib.loads(lqr.read_text()), "budget"} - {"schema"}
+    assert told == (calibration.TABLES | calibration.OPTIONAL) - {"schema"}
+
+
+def test_arrays_of_a_trace_are_told():
+    told = section("Traces")
+    for dtype in (tick_trace.TICKS, tick_trace.FRAMES):
+        assert all(f"`{name}`" in told for name in dtype.names if name != "_")
+    assert {"ticks", "frames", "calibration", "about"} == set(first_column(told))
+
+
+def test_no_example_is_left_out():
+    here = Path(__file__).read_text(encoding="utf-8")
+    assert all(f'"{name}"' in here for name in EXAMPLES)
