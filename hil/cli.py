@@ -14,6 +14,7 @@ from canroll.errors import CanrollError, UnknownNameError
 COMMANDS = {
     "run": "run a manoeuvre in virtual time, with and without control",
     "compare": "hold several runs or laws against each other on one page",
+    "report": "judge a saved run again and write its page",
     "sweep": "run over a range of speeds or over several laws",
     "limit": "highest speed at which a manoeuvre is still passed",
     "understeer": "understeer and roll gradient on a circle (ISO 4138)",

@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError
 from gain_gen.laws import LAWS
+from hil import saved
 from hil.controller import DESIGNED, PASSIVE, choose
 from hil.experiment import plan, simulate
 from hil.result import Result, Settings
@@ -99,6 +101,41 @@ def runs(
         )
         driven.append((same, result.passive))
         yield Named(name, result)
+
+
+def gather(
+    texts: Sequence[str],
+    scenario: str,
+    *,
+    common: Mapping[str, Any] | None = None,
+    duration: float | None = None,
+    progress: Report | None = None,
+) -> list[Named]:
+    """Return the runs that ``texts`` name, saved or driven now, in their order.
+
+    Args:
+        texts: each the folder of a saved run, or what :func:`describe` reads.
+        scenario, common, duration, progress: of those that are driven, see :func:`runs`.
+
+    Raises:
+        CanrollError: runs of different manoeuvres, or what cannot be read or driven.
+    """
+    read = {text: saved.load(Path(text)) for text in texts if _is_folder(text)}
+    wanted = [(text, describe(text)) for text in texts if text not in read]
+    driven = runs(scenario, wanted, common=common, duration=duration, progress=progress)
+    named = {run.name: run for run in driven} | {t: Named(t, result) for t, result in read.items()}
+    found = [named[text] for text in texts]
+    for run in found:
+        if run.result.settings.scenario != found[0].result.settings.scenario:
+            raise CanrollError(
+                f"{found[0].name} is a {found[0].result.settings.scenario}, {run.name} a "
+                f"{run.result.settings.scenario}: compare runs of one manoeuvre"
+            )
+    return found
+
+
+def _is_folder(text: str) -> bool:
+    return text not in {*LAWS, PASSIVE} and Path(text).is_dir()
 
 
 def _merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from canroll.errors import CanrollError
 from codegen.header import gains_header
 from gain_gen import calibration
 from gain_gen.header_notes import physical_notes
+from hil import saved
 from hil.logs import write_log
 from hil.report.picture import draw_picture
 from hil.report.run_page import run_page
@@ -61,7 +62,7 @@ def write_text(path: Path, text: str) -> Path:
 def write_files(result: Result, folder: Path) -> Result:
     """Write everything about a run to ``folder`` and return the result with the paths.
 
-    report.html, roll.png, bus.asc, canroll_gains.h, calibration.toml, result.json.
+    report.html, roll.png, bus.asc, canroll_gains.h, calibration.toml, trace.npz, result.json.
 
     Raises:
         CanrollError: a file cannot be written.
@@ -71,8 +72,9 @@ def write_files(result: Result, folder: Path) -> Result:
         "picture": "roll.png",
         "log": "bus.asc",
         "header": "canroll_gains.h",
-        "calibration": "calibration.toml",
-        "result": "result.json",
+        "calibration": saved.CALIBRATION,
+        "trace": saved.TRACE,
+        "result": saved.RESULT,
     }
     paths = {name: folder / file for name, file in names.items()}
     known = {**result.files, **{name: str(path) for name, path in paths.items()}}
@@ -80,6 +82,7 @@ def write_files(result: Result, folder: Path) -> Result:
     seen = result.passive if result.controlled is None else result.controlled
     write_log(paths["log"], seen.frames)
     calibration.save(paths["calibration"], result.record, result.tables)
+    saved.save_traces(paths["trace"], result)
     settings = result.settings
     header = gains_header(
         result.record,

@@ -80,6 +80,8 @@ class Result:
             steers the same with and without control, for then it is the controlled run.
         replay_metrics: figures of the replay or None.
         warnings: one line each.
+        files: what was written of it, by name.
+        timing: figures of a run in real time as ``canroll hil --json`` prints them; else empty.
     """
 
     settings: Settings
@@ -99,6 +101,7 @@ class Result:
     replay_metrics: Metrics | None = None
     warnings: tuple[str, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
+    timing: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def rolls(self) -> bool:
@@ -202,4 +205,5 @@ class Result:
             "verdict": self.verdict,
             "warnings": list(self.warnings),
             "files": dict(self.files),
+            **({"timing": dict(self.timing)} if self.timing else {}),
         }

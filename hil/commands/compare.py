@@ -2,12 +2,10 @@
 
 import argparse
 import json
-from pathlib import Path
 
 from canroll.errors import CanrollError
 from hil.commands.run import add_condition_options, add_run_options, run_keywords
-
-DEFAULT_OUT = Path("out")
+from hil.page_files import add_page_options, folder, write
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -15,13 +13,15 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "compare",
         help="hold several runs or laws against each other",
-        description="Drive the same manoeuvre with several controllers and compare.",
+        description="Drive the same manoeuvre with several controllers and compare; runs that were "
+        "saved are read from their folders. Options hold for what is driven.",
     )
     parser.add_argument(
         "runs",
         nargs="+",
         metavar="RUN",
-        help="a law, a calibration file, or settings as law=lqr,bus=gateway_20ms,tick=5",
+        help="a law, a calibration file, settings as law=lqr,bus=gateway_20ms,tick=5, or the "
+        "folder of a saved run",
     )
     parser.add_argument(
         "--scenario", default="double_lane_change", help="manoeuvre (default: %(default)s)"
@@ -29,20 +29,15 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add_run_options(parser)
     add_condition_options(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="stop after so many seconds")
-    parser.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for the page (default: out)"
-    )
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON object; files only with --out"
-    )
+    add_page_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Drive all runs, print the table, write comparison.html and comparison.json."""
     from hil import comparison, terminal  # noqa: PLC0415 - loads compiled kernels
-    from hil.files import usable_folder, write_text  # noqa: PLC0415
     from hil.report.comparison_page import (  # noqa: PLC0415
+        apart,
         comparison_json,
         comparison_page,
         summary_table,
@@ -50,29 +45,24 @@ def run(args: argparse.Namespace) -> int:
 
     if len(set(args.runs)) < len(args.runs):
         raise CanrollError("compare: the same run is named twice: name each once")
-    wanted = [(text, comparison.describe(text)) for text in args.runs]
-    out = args.out or (None if args.json else DEFAULT_OUT)
-    if out is not None:
-        usable_folder(out)
+    out = folder(args)
     with terminal.progress(quiet=args.json) as progress:
         named = list(
-            comparison.runs(
+            comparison.gather(
+                args.runs,
                 args.scenario,
-                wanted,
                 common=run_keywords(args),
                 duration=args.duration,
                 progress=progress,
             )
         )
-    data = comparison_json(named)
-    if out is not None:
-        page = write_text(out / "comparison.html", comparison_page(named))
-        numbers = write_text(out / "comparison.json", json.dumps(data, indent=2) + "\n")
-        data["files"] = {"report": str(page), "result": str(numbers)}
+    texts = {"report": (".html", lambda: comparison_page(named))}
+    data = write(out, "comparison", texts, comparison_json(named))
     if args.json:
         print(json.dumps(data))
         return 0
     terminal.show_table(summary_table(named))
-    terminal.show_warnings([f"{n.name}: {text}" for n in named for text in n.result.warnings])
+    told = [f"{n.name}: {text}" for n in named for text in n.result.warnings]
+    terminal.show_warnings([*told, *apart(named)])
     terminal.show_files(data.get("files", {}))
     return 0

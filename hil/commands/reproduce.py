@@ -2,9 +2,8 @@
 
 import argparse
 import json
-from pathlib import Path
 
-DEFAULT_OUT = Path("out")
+from hil.page_files import add_page_options, folder, write
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -26,42 +25,32 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         metavar="N",
         help="paired runs of each law beside ours (default: 20; 0: leave that out)",
     )
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder (default: out)")
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON object; files only with --out"
-    )
+    add_page_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Recompute, print the verdicts, write reproduction.html, .md and .json."""
     from hil import terminal  # noqa: PLC0415 - loads compiled kernels
-    from hil.files import usable_folder, write_text  # noqa: PLC0415
     from hil.report.page import Table  # noqa: PLC0415
     from hil.report.reproduction_page import reproduction_page  # noqa: PLC0415
     from hil.reproduce import papers  # noqa: PLC0415
     from hil.reproduce.beside import RUNS  # noqa: PLC0415
 
     runs = RUNS if args.runs is None else args.runs
-    out = args.out or (None if args.json else DEFAULT_OUT)
-    if out is not None:
-        usable_folder(out)
+    out = folder(args)
     with terminal.progress(quiet=args.json) as progress:
         found = papers.reproduce(args.papers, progress, runs=runs)
-    data = papers.to_json(found)
-    files = {}
-    if out is not None:
-        texts = {
-            "report": ("reproduction.html", reproduction_page(found)),
-            "tables": ("reproduction.md", papers.to_markdown(found)),
-            "result": ("reproduction.json", json.dumps(data, indent=2) + "\n"),
-        }
-        files = {name: str(write_text(out / file, text)) for name, (file, text) in texts.items()}
+    texts = {
+        "report": (".html", lambda: reproduction_page(found)),
+        "tables": (".md", lambda: papers.to_markdown(found)),
+    }
+    data = write(out, "reproduction", texts, papers.to_json(found))
     if args.json:
-        print(json.dumps({**data, "files": files}))
+        print(json.dumps(data))
         return 0
     head = ("", *found[0].counts)
     rows = [[part.paper.title, *map(str, part.counts.values())] for part in found]
     terminal.show_table(Table("", head, rows))
-    terminal.show_files(files)
+    terminal.show_files(data.get("files", {}))
     return 0

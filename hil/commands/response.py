@@ -5,6 +5,7 @@ import json
 from math import degrees
 
 from canroll.errors import CanrollError
+from hil.passive_test import add_vehicle_options, vehicle_and_body
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -15,24 +16,20 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         description="Steer in sines of rising frequency; yaw rate, lateral acceleration and roll "
         "angle per steering-wheel angle.",
     )
-    parser.add_argument("--vehicle", default="van_real", help="default: %(default)s")
-    parser.add_argument("--plant", default="nonlinear", help="default: %(default)s")
+    add_vehicle_options(parser)
     parser.add_argument("--speed", type=float, default=100.0, metavar="KMH", help="default: 100")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the test and print its table."""
-    import numpy as np  # noqa: PLC0415
+    import numpy as np  # noqa: PLC0415 - loads compiled kernels
 
-    import vehicles  # noqa: PLC0415 - loads compiled kernels
-    from plant_sim import bodies, handling  # noqa: PLC0415
+    from plant_sim import handling  # noqa: PLC0415
 
     if not 20.0 <= args.speed <= 200.0:
         raise CanrollError(f"speed {args.speed:g} km/h: the test is driven at 20 to 200 km/h")
-    vehicle = vehicles.load(args.vehicle)
-    body = bodies.body(args.plant)
+    vehicle, body = vehicle_and_body(args)
     result = handling.frequency_response(vehicle, body, speed=args.speed / 3.6)
     rows = {
         "yaw_rate": result.yaw_rate / vehicle.steering.ratio,

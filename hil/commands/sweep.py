@@ -2,12 +2,11 @@
 
 import argparse
 import json
-from pathlib import Path
 from typing import Any
 
 from hil.commands.run import add_condition_options, add_run_options, run_keywords
+from hil.page_files import add_page_options, folder, write
 
-DEFAULT_OUT = Path("out")
 DEFAULT_SPEEDS = "60:120:20"
 
 
@@ -23,10 +22,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     add_run_options(parser, speed_range=DEFAULT_SPEEDS)
     add_condition_options(parser)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder of the page (default: out)")
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON object; files only with --out"
-    )
+    add_page_options(parser)
     parser.set_defaults(run=run)
 
 
@@ -34,7 +30,6 @@ def run(args: argparse.Namespace) -> int:
     """Drive all speeds, print the table, write sweep.html and sweep.json."""
     from hil import comparison, terminal  # noqa: PLC0415 - loads compiled kernels
     from hil.controller import DEFAULT_LAW  # noqa: PLC0415
-    from hil.files import usable_folder, write_text  # noqa: PLC0415
     from hil.report.comparison_page import sweep_json, sweep_page, sweep_table  # noqa: PLC0415
 
     common = run_keywords(args)
@@ -49,20 +44,14 @@ def run(args: argparse.Namespace) -> int:
         for name, law in laws.items()
         for speed in speeds
     ]
-    out = args.out or (None if args.json else DEFAULT_OUT)
-    if out is not None:
-        usable_folder(out)
+    out = folder(args)
     with terminal.progress(quiet=args.json) as progress:
         driven = list(comparison.runs(args.scenario, wanted, common=common, progress=progress))
     named = {
         law: driven[place * len(speeds) : (place + 1) * len(speeds)]
         for place, law in enumerate(laws)
     }
-    data = sweep_json(named)
-    if out is not None:
-        page = write_text(out / "sweep.html", sweep_page(named))
-        numbers = write_text(out / "sweep.json", json.dumps(data, indent=2) + "\n")
-        data["files"] = {"report": str(page), "result": str(numbers)}
+    data = write(out, "sweep", {"report": (".html", lambda: sweep_page(named))}, sweep_json(named))
     if args.json:
         print(json.dumps(data))
         return 0

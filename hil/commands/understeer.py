@@ -5,6 +5,8 @@ import json
 from dataclasses import asdict
 from math import degrees
 
+from hil.passive_test import add_vehicle_options, vehicle_and_body
+
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
     """Register the subcommand."""
@@ -14,20 +16,17 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         description="Drive a circle faster and faster; steering, roll and sideslip of each steady "
         "turn, and the gradients of their linear part.",
     )
-    parser.add_argument("--vehicle", default="van_real", help="default: %(default)s")
-    parser.add_argument("--plant", default="nonlinear", help="default: %(default)s")
+    add_vehicle_options(parser)
     parser.add_argument("--radius", type=float, default=100.0, metavar="M", help="default: 100")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the test and print its table."""
-    import vehicles  # noqa: PLC0415 - loads compiled kernels
-    from plant_sim import bodies, handling  # noqa: PLC0415
+    from plant_sim import handling  # noqa: PLC0415 - loads compiled kernels
 
-    vehicle = vehicles.load(args.vehicle)
-    result = handling.constant_radius(vehicle, bodies.body(args.plant), radius=args.radius)
+    vehicle, body = vehicle_and_body(args)
+    result = handling.constant_radius(vehicle, body, radius=args.radius)
     if args.json:
         print(json.dumps({"vehicle": vehicle.name, "plant": args.plant, **asdict(result)}))
         return 0

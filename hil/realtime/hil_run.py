@@ -63,7 +63,8 @@ def run(
         timing = timing or passive_timing
     else:
         passive = experiment.drive(settings, controller, enabled=False, duration=duration)
-    return experiment.assess(settings, controller, passive, controlled), timing
+    result = experiment.assess(settings, controller, passive, controlled)
+    return replace(result, timing=timing), timing
 
 
 def cut(trace: Trace, duration: float) -> Trace:

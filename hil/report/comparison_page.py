@@ -14,6 +14,8 @@ from hil.report.rows import ALL_FIGURES, LABELS, number
 from hil.report.run_page import NO_ROLL, parameters, provenance
 
 COLOURS = 7
+SAME = 0.02
+"""Share of the largest roll angle without control by which runs of one car may differ."""
 FIGURES_TO_CHOOSE_BY = (
     "roll_rms_deg",
     "roll_max_deg",
@@ -71,6 +73,18 @@ def summary_table(named: Sequence[Named]) -> Table:
     return Table("Runs", head, rows)
 
 
+def apart(named: Sequence[Named]) -> list[str]:
+    """Return a line for each run whose own run without control is not the one that is shown."""
+    first = named[0].result.passive_metrics
+    return [
+        f"{run.name} has another vehicle, plant, speed or course: without control it rolls by up "
+        f"to {run.result.passive_metrics.roll_max_deg:.2f}°, not {first.roll_max_deg:.2f}°"
+        for run in named
+        if abs(run.result.passive_metrics.roll_max_deg - first.roll_max_deg)
+        > SAME * first.roll_max_deg
+    ]
+
+
 def best(named: Sequence[Named]) -> Verdict:
     """Return which run has the smallest largest roll angle, among those that help."""
     helping = [run for run in named if run.result.helps]
@@ -121,6 +135,7 @@ def comparison_page(named: Sequence[Named]) -> str:
         if run.result.controlled is not None
     ]
     warnings = [f"{run.name}: {text}" for run in named for text in run.result.warnings]
+    warnings += apart(named)
     settings = first.settings
     scenario = settings.scenario.replace("_", " ")
     return render(
