@@ -38,7 +38,7 @@ def test_page_shows_what_its_quick_commands_print(page):
 
 
 def test_readme_names_every_page():
-    linked = set(re.findall(r"\]\((docs/\w+\.md)\)", (ROOT / "README.md").read_text("utf-8")))
+    linked = set(re.findall(r"\]\((docs/[\w-]+\.md)\)", (ROOT / "README.md").read_text("utf-8")))
     assert linked == {str(page.relative_to(ROOT)) for page in PAGES}
 
 
@@ -106,6 +106,14 @@ def test_what_depends_on_the_machine_is_run_and_not_compared(page):
     assert build("--check", path)[0] == 0
     assert build(path)[0] == 0
     assert "\nnew\n" in path.read_text()
+
+
+def test_a_picture_is_the_one_that_the_commands_leave(page):
+    path = page("![it](it.png)<!-- from made.png -->\n\n```console\n$ echo it > made.png\n```\n")
+    assert build("--check", path)[0] == 1
+    assert build(path)[0] == 0
+    assert path.with_name("it.png").read_text() == "it\n"
+    assert build("--check", path)[0] == 0
 
 
 def test_a_command_that_fails_fails_the_build(page):
