@@ -2,154 +2,78 @@
 
     python -m codegen.mutate [--sample N] [--seed S] [--jobs J]
 
-Each mutant is a copy of the firmware with one change, run against tests/firmware in a process of
-its own. Survivors are listed.
+Every mutant meets the quick tests of tests/firmware that run the changed line, and the proof that
+nothing overflows; a killed one failed at least one of them. Mutants that translate to the very
+machine code of the original, or differ from it only for values that are proved not to occur, are
+equivalent and don't count. Survivors are listed, with the reason where one is on record in
+survivors.toml.
 """
 
 import argparse
-import ast
 import os
 import random
-import shutil
-import subprocess
 import sys
-import tempfile
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+import tomllib
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from codegen.program import FIRMWARE
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-ROOT = FIRMWARE.parent
-TESTS = ROOT / "tests" / "firmware"
-GENERATED = ("signals", "limits")
-"""Modules that a drift test holds against their generator."""
-SKIPPED = ("__init__", "subset", "calibration", "state", *GENERATED)
-OPERATORS: dict[type[ast.AST], tuple[str, str]] = {
-    ast.Add: ("+", "-"),
-    ast.Sub: ("-", "+"),
-    ast.Mult: ("*", "+"),
-    ast.LShift: ("<<", ">>"),
-    ast.RShift: (">>", "<<"),
-    ast.BitAnd: ("&", "|"),
-    ast.BitOr: ("|", "&"),
-    ast.Lt: ("<", "<="),
-    ast.LtE: ("<=", "<"),
-    ast.Gt: (">", ">="),
-    ast.GtE: (">=", ">"),
-    ast.Eq: ("==", "!="),
-    ast.NotEq: ("!=", "=="),
-    ast.And: ("and", "or"),
-    ast.Or: ("or", "and"),
-}
-TIMEOUT = 900
+from canroll.errors import CanrollError
+from codegen.mutants import Mutant, all_mutants, sources
+from codegen.mutation_run import EQUIVALENT, KILLED, SURVIVED, Outcome, run
+
+REASONS = Path(__file__).with_name("survivors.toml")
+WANTED = 0.95
 
 
-@dataclass(frozen=True, slots=True)
-class Mutant:
-    """One change: ``before`` at ``start`` of a module's text becomes ``after``."""
-
-    module: str
-    line: int
-    start: int
-    before: str
-    after: str
-
-    def __str__(self) -> str:
-        return f"{self.module}.py:{self.line}: {self.before} -> {self.after}"
-
-    def apply(self, source: str) -> str:
-        """The module's text with the change."""
-        return source[: self.start] + self.after + source[self.start + len(self.before) :]
+def sample(mutants: Sequence[Mutant], size: int, seed: int) -> list[Mutant]:
+    """Return ``size`` mutants, evenly spread over modules and functions."""
+    step = max(1.0, len(mutants) / size)
+    start = random.Random(seed).uniform(0, step)
+    return [mutants[int(start + k * step)] for k in range(min(size, len(mutants)))]
 
 
-def mutants(module: str, source: str) -> Iterator[Mutant]:
-    """Every mutant of a module's functions."""
-    lines = source.splitlines(keepends=True)
-    starts = [0]
-    for text in lines:
-        starts.append(starts[-1] + len(text))
-
-    def offset(line: int, column: int) -> int:
-        return starts[line - 1] + len(lines[line - 1].encode()[:column].decode())
-
-    def between(left: ast.expr, right: ast.expr, operator: ast.AST) -> Iterator[Mutant]:
-        if type(operator) not in OPERATORS:
-            return
-        before, after = OPERATORS[type(operator)]
-        begin = offset(left.end_lineno or 0, left.end_col_offset or 0)
-        end = offset(right.lineno, right.col_offset)
-        place = source.find(before, begin, end)
-        if place >= 0:
-            yield Mutant(module, source.count("\n", 0, place) + 1, place, before, after)
-
-    tree = ast.parse(source)
-    for function in (node for node in tree.body if isinstance(node, ast.FunctionDef)):
-        for node in (inner for statement in function.body for inner in ast.walk(statement)):
-            if isinstance(node, ast.BinOp):
-                yield from between(node.left, node.right, node.op)
-            elif isinstance(node, ast.AugAssign) and type(node.op) in OPERATORS:
-                before, after = (f"{text}=" for text in OPERATORS[type(node.op)])
-                begin = offset(node.target.end_lineno or 0, node.target.end_col_offset or 0)
-                place = source.index(before, begin)
-                yield Mutant(module, node.lineno, place, before, after)
-            elif isinstance(node, ast.Compare):
-                yield from between(node.left, node.comparators[0], node.ops[0])
-            elif isinstance(node, ast.BoolOp):
-                for left, right in zip(node.values, node.values[1:], strict=False):
-                    yield from between(left, right, node.op)
-            elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-                place = offset(node.lineno, node.col_offset)
-                yield Mutant(module, node.lineno, place, "-", "+")
-            elif isinstance(node, ast.Constant) and type(node.value) is int:
-                place = offset(node.lineno, node.col_offset)
-                text = source[place : offset(node.end_lineno or 0, node.end_col_offset or 0)]
-                yield Mutant(module, node.lineno, place, text, str(node.value + 1))
+def share(outcomes: Iterable[Outcome]) -> float:
+    """Return which part of the mutants that aren't equivalent was killed."""
+    counts = Counter(outcome.verdict for outcome in outcomes)
+    counted = counts[KILLED] + counts[SURVIVED]
+    return counts[KILLED] / counted if counted else 1.0
 
 
-def all_mutants() -> list[Mutant]:
-    """Every mutant of the hand-written firmware, in order of file and line."""
-    found = []
-    for path in sorted(FIRMWARE.glob("*.py")):
-        if path.stem not in SKIPPED:
-            found += list(mutants(path.stem, path.read_text(encoding="utf-8")))
-    return found
+def reasons() -> list[tuple[str, str, str]]:
+    """Place, changed line and reason of the survivors that have one on record."""
+    known = tomllib.loads(REASONS.read_text(encoding="utf-8"))
+    return [
+        (f"{module}.{function}", text, reason)
+        for module, functions in known.items()
+        for function, its in functions.items()
+        for text, reason in its.items()
+    ]
 
 
-def is_killed(mutant: Mutant, tests: Sequence[Path] = ()) -> bool:
-    """Whether the tests fail on the mutant; its module's own tests run first."""
-    own = TESTS / f"test_{mutant.module}.py"
-    rest = sorted(path for path in TESTS.glob("test_*.py") if path != own)
-    chosen = list(tests) or [*([own] if own.exists() else []), *rest]
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        shutil.copytree(FIRMWARE, folder / "firmware", ignore=shutil.ignore_patterns("__pycache__"))
-        path = folder / "firmware" / f"{mutant.module}.py"
-        path.write_text(mutant.apply(path.read_text(encoding="utf-8")), encoding="utf-8")
-        environment = {**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}"}
-        # -P: the folder in front of the path would hide the mutant
-        command = [sys.executable, "-P", "-m", "pytest", "-x", "-q", "-m", "not slow"]
-        command += ["-p", "no:cacheprovider", "--hypothesis-seed=0", *map(str, chosen)]
-        try:
-            result = subprocess.run(
-                command,
-                cwd=ROOT,
-                env=environment,
-                capture_output=True,
-                timeout=TIMEOUT,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            return True
-    return result.returncode != 0
-
-
-def survivors(chosen: Sequence[Mutant], jobs: int = 1) -> list[Mutant]:
-    """Those of ``chosen`` that no test notices."""
-    with ThreadPoolExecutor(jobs) as pool:
-        killed = list(pool.map(is_killed, chosen))
-    return [mutant for mutant, dead in zip(chosen, killed, strict=True) if not dead]
+def report(outcomes: Sequence[Outcome], exist: int) -> str:
+    """Return the figures by module, the survivors with their reasons, the equivalent mutants."""
+    known = {(place, text): reason for place, text, reason in reasons()}
+    lines = [f"{'module':<16}{'mutants':>8}{'equivalent':>12}{'killed':>8}{'survived':>10}"]
+    for module in dict.fromkeys(outcome.mutant.module for outcome in outcomes):
+        its = Counter(o.verdict for o in outcomes if o.mutant.module == module)
+        figures = f"{its[EQUIVALENT]:>12}{its[KILLED]:>8}{its[SURVIVED]:>10}"
+        lines.append(f"{module:<16}{its.total():>8}{figures}")
+    for verdict in (SURVIVED, EQUIVALENT):
+        chosen = [outcome for outcome in outcomes if outcome.verdict == verdict]
+        lines += ["", f"{verdict}: {len(chosen)}"]
+        for outcome in chosen:
+            mutant = outcome.mutant
+            why = outcome.by or known.get((mutant.place, mutant.text), "no reason known")
+            lines += [f"{mutant}: {mutant.text}", f"    {why}"]
+    counts = Counter(outcome.verdict for outcome in outcomes)
+    counted = len(outcomes) - counts[EQUIVALENT]
+    lines += ["", f"{counts[KILLED]} of {counted} mutants killed ({share(outcomes):.1%})"]
+    lines[-1] += f", {counts[EQUIVALENT]} equivalent ones left out; {exist} exist"
+    return "\n".join(lines)
 
 
 def main() -> int:
@@ -159,16 +83,31 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     arguments = parser.parse_args()
-    chosen = all_mutants()
-    total = len(chosen)
-    if arguments.sample is not None:
-        chosen = random.Random(arguments.seed).sample(chosen, min(arguments.sample, total))
-    left = survivors(chosen, arguments.jobs)
-    for mutant in left:
-        print(mutant)
-    share = 1 - len(left) / len(chosen)
-    print(f"{len(chosen) - len(left)} of {len(chosen)} mutants killed ({share:.1%}); {total} exist")
-    return 0 if share >= 0.95 else 1
+    texts = sources()
+    every = all_mutants(texts)
+    size = arguments.sample if arguments.sample is not None else len(every)
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+    )
+    try:
+        if size < 1 or arguments.jobs < 1:
+            raise CanrollError("--sample and --jobs are at least 1")
+        chosen = sample(every, size, arguments.seed)
+        with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
+            task = bars.add_task("mutants", total=len(chosen))
+            outcomes = run(chosen, texts, arguments.jobs, lambda: bars.advance(task))
+    except CanrollError as error:
+        print(f"mutate: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("mutate: interrupted", file=sys.stderr)
+        return 130
+    print(report(outcomes, len(every)))
+    return 0 if share(outcomes) >= WANTED else 1
 
 
 if __name__ == "__main__":

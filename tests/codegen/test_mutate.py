@@ -1,12 +1,15 @@
 """The mutation test itself: its mutants are what they say, and it tells dead from alive."""
 
 import ast
-import random
-from dataclasses import replace
+import json
+import subprocess
+import sys
 
 import pytest
 
-from codegen import mutate
+from codegen import equivalence, mutants, mutate
+from codegen.mutation_run import EQUIVALENT, KILLED, SURVIVED, Outcome
+from codegen.program import FIRMWARE
 
 SOURCE = '''
 def f(a: i32, b: i32) -> i32:
@@ -15,58 +18,173 @@ def f(a: i32, b: i32) -> i32:
     c -= 1
     if a < b and c != -2 or a >= b:
         return c << 4
-    return tdiv(a & 15, b)
+    return tdiv(
+        a & 15, b ^ a
+    )
 '''
 
 
 def test_mutants_are_every_operator_and_constant_once():
-    found = [f"{m.line}: {m.before} -> {m.after}" for m in mutate.mutants("f", SOURCE)]
-    assert sorted(found) == sorted(
-        [
-            "4: + -> -",
-            "4: * -> +",
-            "4: 3 -> 4",
-            "5: -= -> +=",
-            "5: 1 -> 2",
-            "6: < -> <=",
-            "6: and -> or",
-            "6: != -> ==",
-            "6: - -> +",
-            "6: 2 -> 3",
-            "6: or -> and",
-            "6: >= -> >",
-            "7: << -> >>",
-            "7: 4 -> 5",
-            "8: & -> |",
-            "8: 15 -> 16",
-        ]
-    )
-    for mutant in mutate.mutants("f", SOURCE):
+    found = list(mutants.mutants("f", SOURCE))
+    assert [f"{m.first} {m.line}: {m.before} -> {m.after}" for m in found] == [
+        "4 4: + -> -",
+        "4 4: * -> +",
+        "4 4: 3 -> 4",
+        "5 5: -= -> +=",
+        "5 5: 1 -> 2",
+        "6 6: < -> <=",
+        "6 6: and -> or",
+        "6 6: != -> ==",
+        "6 6: - -> ",
+        "6 6: 2 -> 3",
+        "6 6: or -> and",
+        "6 6: >= -> >",
+        "7 7: << -> >>",
+        "7 7: 4 -> 5",
+        "8 9: & -> |",
+        "8 9: 15 -> 16",
+        "8 9: ^ -> |",
+    ]
+    for mutant in found:
         changed = mutant.apply(SOURCE)
         assert ast.dump(ast.parse(changed)) != ast.dump(ast.parse(SOURCE))
+        assert mutant.text == changed.splitlines()[mutant.line - 1].strip()
+        assert mutant.place == "f.f"
 
 
 def test_every_hand_written_module_is_mutated():
-    found = mutate.all_mutants()
+    found = mutants.all_mutants(mutants.sources())
     modules = {mutant.module for mutant in found}
     assert {"observer", "plausibility", "allocation", "e2e", "covariance"} <= modules
+    assert modules.isdisjoint(mutants.SKIPPED)
     assert len(found) > 500
-    assert str(found[0]).startswith("allocation.py:")
+
+
+def test_a_sample_spreads_over_all_modules():
+    found = mutants.all_mutants(mutants.sources())
+    chosen = mutate.sample(found, 60, seed=3)
+    assert len(set(chosen)) == 60
+    assert chosen == mutate.sample(found, 60, seed=3) != mutate.sample(found, 60, seed=4)
+    assert len({mutant.module for mutant in chosen}) >= 0.8 * len({m.module for m in found})
+    assert mutate.sample(found, len(found) + 5, seed=0) == found
+
+
+PROGRAM = """
+def magnitude(v: i32) -> i32:
+    size: i32 = v
+    if size < 0:
+        size = -size
+    return size
+
+
+def tick(ecu: Ecu, cal: Calibration) -> None:
+    a: i32 = ecu.count
+    b: i32 = clamp(a + 1, 0, 100)
+    if a >= 101:
+        b = 3
+    if b > 0:
+        ecu.count = b
+    ecu.small = byte(clamp(a, 0, 9))
+    ecu.x[0] = clamp(a * 2, -5, 150)
+    ecu.x[1] = magnitude(ecu.x[2])
+"""
+# function, what is changed in it to what, whether that can't be told
+CHANGES = [
+    ("magnitude", "< 0", "<= 0", True),
+    ("tick", "0, 100)", "1, 100)", True),
+    ("tick", "0, 100)", "2, 100)", False),
+    ("tick", "b > 0", "b > 1", False),
+    ("tick", "b > 0", "b >= 0", True),
+    ("tick", "a >= 101", "a > 101", True),
+    ("tick", "a >= 101", "a >= 100", False),
+    ("tick", "a, 0, 9", "a, 1, 9", False),
+    ("tick", "* 2", "* 3", False),
+    ("tick", "-5", "5", False),
+    ("tick", "-5", "-6", True),
+    ("tick", "150", "151", False),
+]
+
+
+@pytest.mark.parametrize(("function", "before", "after", "equivalent"), CHANGES)
+def test_what_can_not_differ_is_equivalent(sample, function, before, after, equivalent):
+    ecu = sample.head + PROGRAM
+    original = equivalence.Original({"state": sample.state, "ecu": ecu})
+    place = ecu.index(before, ecu.index(f"def {function}"))
+    mutant = mutants.Mutant("ecu", function, 0, 0, place, before, after, "")
+    changed = mutant.apply(ecu)
+    assert original.finding("ecu", changed) == ""
+    assert bool(original.equivalent(mutant, changed)) == equivalent
+
+
+def test_what_the_proof_refuses_is_found(sample):
+    ecu = sample.head + PROGRAM
+    original = equivalence.Original({"state": sample.state, "ecu": ecu})
+    assert "count is declared in" in original.finding("ecu", ecu.replace("1, 0, 100", "1, 0, 101"))
+    assert original.finding("ecu", ecu.replace("a * 2", "a // 2")).startswith(
+        "SubsetError: ecu.py:"
+    )
+
+
+def test_the_report_counts_survivors_and_gives_reasons(monkeypatch, tmp_path):
+    reasons = tmp_path / "survivors.toml"
+    reasons.write_text('[e2e.checksum]\n"crc = 2" = "it is so"\n')
+    monkeypatch.setattr(mutate, "REASONS", reasons)
+    texts = {
+        KILLED: "crc = 1",
+        SURVIVED: "crc = 2",
+        EQUIVALENT: "crc = 3",
+    }
+    outcomes = [
+        Outcome(mutants.Mutant("e2e", "checksum", 7, 7, 0, "0", text[-1], text), verdict, by)
+        for (verdict, text), by in zip(texts.items(), ("a test", "", "always 3"), strict=True)
+    ]
+    told = mutate.report(outcomes, 99)
+    assert "1 of 2 mutants killed (50.0%), 1 equivalent ones left out; 99 exist" in told
+    assert "e2e.py:7: 0 -> 2: crc = 2\n    it is so" in told
+    assert "e2e.py:7: 0 -> 3: crc = 3\n    always 3" in told
+    assert "a test" not in told
+    assert mutate.share(outcomes) == 0.5
+
+
+def test_reasons_are_for_places_that_exist():
+    known = {(m.place, m.text) for m in mutants.all_mutants(mutants.sources())}
+    assert {(place, text) for place, text, _ in mutate.reasons()} <= known
+
+
+RUN = """
+import json, sys
+from codegen import mutants, mutation_run
+texts = mutants.sources()
+line = "crc = CRC_TABLE[crc ^ payload[k]]"
+place = texts["e2e"].index(line)
+row = texts["e2e"].count("\\n", 0, place) + 1
+chosen = [
+    mutants.Mutant("e2e", "checksum", row, row, place, line, after, "")
+    for after in (line.replace("^", "|"), line, "crc = 1 << 9")
+]
+tests = [mutation_run.TESTS / "test_e2e.py"]
+print(json.dumps([o.verdict for o in mutation_run.run(chosen, texts, 2, tests=tests)]))
+"""
 
 
 @pytest.mark.slow
 def test_a_faulty_loop_is_told_from_a_sound_one():
-    source = (mutate.FIRMWARE / "e2e.py").read_text()
-    line = "crc = CRC_TABLE[crc ^ payload[k]]"
-    place = source.index(line)
-    fault = mutate.Mutant("e2e", 1, place, line, line.replace("^", "|"))
-    tests = [mutate.TESTS / "test_e2e.py"]
-    assert mutate.is_killed(fault, tests)
-    assert not mutate.is_killed(replace(fault, after=line), tests)
+    command = [sys.executable, "-c", RUN]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, cwd=FIRMWARE.parent)
+    assert json.loads(done.stdout) == [KILLED, EQUIVALENT, KILLED]
 
 
 @pytest.mark.slow
 def test_a_sample_of_mutants_is_killed():
-    chosen = random.Random(1).sample(mutate.all_mutants(), 20)
-    left = mutate.survivors(chosen, jobs=2)
-    assert len(left) <= 2, [str(mutant) for mutant in left]
+    command = [sys.executable, "-m", "codegen.mutate", "--sample", "40", "--seed", "1"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=FIRMWARE.parent)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "mutants killed" in done.stdout
+
+
+@pytest.mark.slow
+def test_a_wrong_sample_is_a_usage_error():
+    command = [sys.executable, "-m", "codegen.mutate", "--sample", "0"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=FIRMWARE.parent)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr == "mutate: --sample and --jobs are at least 1\n"

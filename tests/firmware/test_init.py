@@ -3,8 +3,9 @@
 import numpy as np
 import rig
 
+from firmware import calibration as fw
 from firmware import ecu as loop
-from firmware.state import Ecu
+from firmware.state import AGE_MAX, N_TX, Ecu
 from firmware.subset import fields
 
 
@@ -50,3 +51,34 @@ def test_nothing_is_estimated_commanded_or_sent_at_the_start():
         "trouble_count",
     ):
         assert not np.any(getattr(ecu, name)), name
+
+
+def test_everything_starts_at_zero_but_what_is_calibrated_or_means_that_nothing_has_come_yet():
+    cal = rig.calibration(law=fw.OUTPUT_FEEDBACK)
+    ecu = rig.started(cal)
+    expected = {
+        # full authority for the feedforward, the command due at once, its first counter 0
+        "feedforward": 1 << 30,
+        "since_sent": AGE_MAX,
+        "tx_counter": [14] * N_TX,
+        # nothing is known of the vehicle's motion and moment, no counter has been seen
+        "motion_lost": 1,
+        "moment_unknown": 1,
+        "echo": 15,
+        "e2e_last": [15] * fw.N_RX,
+        "last_sample": [16] * fw.N_RX,
+        # as calibrated
+        "e2e_delta": cal.e2e_max_delta,
+        "front_share": cal.schedule_front_share[0],
+        "law": cal.law,
+        "covariance": np.diag(cal.covariance_start).tolist(),
+        "rls_covariance": [cal.rls_start, 0, cal.rls_start],
+        "theta": [1 << 28, 1 << 28],
+        "model": [[*cal.phi[i][:3], cal.gamma[i]] for i in range(2)],
+    }
+    for field in fields(Ecu):
+        value = getattr(ecu, field.name)
+        if field.name in expected:
+            assert value == expected[field.name], field.name
+        else:
+            assert not np.any(value), field.name

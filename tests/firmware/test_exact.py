@@ -1,0 +1,357 @@
+"""Each formula of the loop in rational arithmetic: the firmware is its nearest integer.
+
+What the float64 tests leave within their tolerance, a bias of one unit in the last place say, is
+told here. Values are random but far from the limits; the limits have tests of their own.
+"""
+
+import random
+from fractions import Fraction
+
+import pytest
+import rig
+
+from firmware import calibration as fw
+from firmware import control_law
+from firmware.allocation import allocate
+from firmware.covariance import propagate, update
+from firmware.observer import look_ahead, observe
+from firmware.schedule import schedule
+from firmware.state import ACTIVE, RX_IMU
+
+N = 5
+SEEDS = pytest.mark.parametrize("seed", range(12))
+
+
+def nearest(value: Fraction) -> int:
+    """Rounded to nearest, halves upwards."""
+    return (value + Fraction(1, 2)).__floor__()
+
+
+def dot(row, values) -> Fraction:
+    return sum((Fraction(a) * b for a, b in zip(row, values, strict=True)), Fraction(0))
+
+
+def small(rng: random.Random, n: int, bits: int) -> list[int]:
+    return [rng.randint(-(1 << bits), 1 << bits) for _ in range(n)]
+
+
+def started(rng: random.Random, **changes):
+    """An ECU with a random estimate, in control with everything it needs."""
+    cal = rig.calibration(**changes)
+    ecu = rig.started(cal)
+    ecu.mode, ecu.authority, ecu.gain_factor = ACTIVE, 1 << 30, 1 << 28
+    ecu.motion_lost = ecu.moment_unknown = 0
+    ecu.x, ecu.ahead = small(rng, N, 24), small(rng, N, 24)
+    ecu.delivered = small(rng, 2, 24)
+    ecu.steering_acceleration = rng.randint(-(1 << 24), 1 << 24)
+    return ecu, cal
+
+
+def advanced(ecu, cal, state, moment: int) -> list[int]:
+    """One tick of the model from ``state``, the identified rows from the ECU."""
+    new = []
+    for i in range(N):
+        row = [*ecu.model[i][:3], *cal.phi[i][3:]] if i < 2 else cal.phi[i]
+        gamma = ecu.model[i][3] if i < 2 else cal.gamma[i]
+        total = dot(
+            [*row, gamma, cal.gamma_steering[i]], [*state, moment, ecu.steering_acceleration]
+        )
+        new.append(nearest(total / 2 ** cal.phi_shift[i]))
+    return new
+
+
+def coarse_model(rng: random.Random, cal) -> None:
+    """Small coefficients and shifts, so that one unit more anywhere is seen."""
+    cal.phi, cal.gamma, cal.gamma_steering = (
+        [small(rng, N, 4) for _ in range(N)],
+        *(small(rng, N, 3) for _ in range(2)),
+    )
+    cal.phi_shift = [rng.randint(1, 3) for _ in range(N)]
+    cal.output = [small(rng, N, 3) for _ in range(3)]
+    cal.output_moment, cal.output_shift = small(rng, 3, 3), [rng.randint(1, 3) for _ in range(3)]
+    cal.correction = [small(rng, N, 3) for _ in range(3)]
+    cal.correction_shift = [[rng.randint(1, 4) for _ in range(N)] for _ in range(3)]
+    cal.bias_max = 1 << 30
+
+
+@SEEDS
+def test_the_observer_is_its_model_and_its_corrections(seed):
+    rng = random.Random(seed)
+    cal = rig.calibration()
+    coarse_model(rng, cal)
+    ecu = rig.started(cal)
+    ecu.x, ecu.delivered, ecu.moment_unknown = small(rng, N, 14), small(rng, 2, 14), 0
+    ecu.steering_acceleration = rng.randint(-(1 << 14), 1 << 14)
+    ecu.roll_rate, ecu.offset_rate = small(rng, 2, 14)
+    ecu.lateral_acceleration, ecu.offset_acceleration = small(rng, 2, 14)
+    ecu.fresh[RX_IMU] = 1
+    moment = sum(ecu.delivered)
+    x = list(ecu.x)
+    for _ in range(2):
+        x = advanced(ecu, cal, x, moment)
+    measured = (
+        ecu.roll_rate - ecu.offset_rate,
+        ecu.lateral_acceleration - ecu.offset_acceleration,
+    )
+    for m, y in enumerate(measured):
+        told = dot([*cal.output[m], cal.output_moment[m]], [*x, moment]) / 2 ** cal.output_shift[m]
+        innovation = y - nearest(told)
+        gains = zip(cal.correction[m], cal.correction_shift[m], strict=True)
+        x = [
+            before + nearest(Fraction(gain * innovation, 2**shift))
+            for before, (gain, shift) in zip(x, gains, strict=True)
+        ]
+    observe(ecu, cal, 2)
+    assert ecu.x == x
+
+
+@SEEDS
+def test_the_prediction_walks_through_the_commands_under_way(seed):
+    rng = random.Random(100 + seed)
+    ecu, cal = started(rng, predict_steps=rng.choice((1, 2, 5, 32)))
+    coarse_model(rng, cal)
+    cal.phi = [[4 if i == j else rng.randint(0, 1) for j in range(N)] for i in range(N)]
+    cal.phi_shift = [3] * N
+    ecu.model = [[*cal.phi[i][:3], cal.gamma[i]] for i in range(2)]
+    cal.actuator_rate = rng.randint(1 << 28, 1 << 30)
+    ecu.ring, ecu.ring_head = small(rng, 32, 20), rng.randrange(32)
+    state, moment = list(ecu.x), sum(ecu.delivered)
+    for k in range(cal.predict_steps - 1, -1, -1):
+        command = ecu.ring[(ecu.ring_head - k) % 32]
+        reached = moment + nearest(Fraction(cal.actuator_rate * (command - moment), 1 << 30))
+        state = advanced(ecu, cal, state, nearest(Fraction(moment + reached, 2)))
+        moment = reached
+    look_ahead(ecu, cal)
+    assert ecu.ahead == state
+
+
+@SEEDS
+def test_state_feedback_is_the_weighted_estimate(seed):
+    rng = random.Random(200 + seed)
+    ecu, cal = started(rng, moment_max=1 << 30, slew_max=1 << 30)
+    cal.feedback, cal.feedforward = small(rng, N, 3), small(rng, N, 3)
+    cal.feedback_shift, cal.feedforward_shift = rng.randint(1, 4), rng.randint(1, 4)
+    ecu.feedforward = rng.randint(0, 1 << 30)
+    back = nearest(dot(cal.feedback, ecu.ahead) / 2**cal.feedback_shift)
+    fed = nearest(dot(cal.feedforward, ecu.ahead) / 2**cal.feedforward_shift)
+    forward = nearest(Fraction(fed * ecu.feedforward, 1 << 30))
+    control_law.control(ecu, cal, 1)
+    assert ecu.moment == ecu.outputs[0] == -back - forward
+
+
+@SEEDS
+def test_output_feedback_is_the_weighted_measurements(seed):
+    rng = random.Random(300 + seed)
+    ecu, cal = started(rng, law=fw.OUTPUT_FEEDBACK, moment_max=1 << 30, slew_max=1 << 30)
+    cal.output_gain, cal.output_gain_shift = small(rng, 3, 3), rng.randint(1, 4)
+    ecu.rate_good, ecu.offset_rate, ecu.acceleration_good, ecu.offset_acceleration = small(
+        rng, 4, 24
+    )
+    inputs = [ecu.rate_good - ecu.offset_rate, ecu.acceleration_good - ecu.offset_acceleration]
+    expected = nearest(dot(cal.output_gain, [*inputs, ecu.x[0]]) / 2**cal.output_gain_shift)
+    control_law.control(ecu, cal, 1)
+    assert ecu.moment == expected
+    cal.observer = fw.BYPASS
+    inputs = [ecu.x[1], ecu.x[2], ecu.x[0]]
+    control_law.control(ecu, cal, 1)
+    assert ecu.moment == nearest(dot(cal.output_gain, inputs) / 2**cal.output_gain_shift)
+
+
+@SEEDS
+def test_the_compensator_is_its_matrices(seed):
+    rng = random.Random(400 + seed)
+    order, outputs = rng.randint(0, 8), rng.randint(1, 2)
+    ecu, cal = started(rng, moment_max=1 << 30, slew_max=1 << 30)
+    cal.law, cal.actuator = fw.COMPENSATOR, fw.BARS
+    cal.compensator_order, cal.compensator_outputs = order, outputs
+    cal.compensator_a, cal.compensator_b = ([small(rng, n, 2) for _ in range(8)] for n in (8, 4))
+    cal.compensator_c, cal.compensator_d = ([small(rng, n, 2) for _ in range(2)] for n in (8, 4))
+    cal.compensator_e = [small(rng, 2, 2) for _ in range(8)]
+    cal.compensator_shift = [rng.randint(3, 5) for _ in range(8)]
+    cal.compensator_output_shift = [rng.randint(1, 3) for _ in range(2)]
+    ecu.compensator_x = small(rng, 8, 20)
+    ecu.acceleration_good, ecu.offset_acceleration = small(rng, 2, 20)
+    lateral = ecu.acceleration_good - ecu.offset_acceleration
+    inputs = [ecu.x[0], ecu.x[1], lateral, ecu.steering_acceleration]
+    state = ecu.compensator_x[:order]
+    given = [
+        nearest(
+            dot([*cal.compensator_c[k][:order], *cal.compensator_d[k]], [*state, *inputs])
+            / 2 ** cal.compensator_output_shift[k]
+        )
+        for k in range(outputs)
+    ]
+    given += [0] * (2 - outputs)
+    control_law.control(ecu, cal, 2)
+    assert ecu.outputs == given
+    assert ecu.moment == sum(given)
+    for _ in range(2):
+        state = [
+            nearest(
+                dot(
+                    [*cal.compensator_a[i][:order], *cal.compensator_b[i], *cal.compensator_e[i]],
+                    [*state, *inputs, *given],
+                )
+                / 2 ** cal.compensator_shift[i]
+            )
+            for i in range(order)
+        ]
+    assert ecu.compensator_x[:order] == state
+
+
+@SEEDS
+def test_schedule_authority_and_gain_scale_to_the_nearest_unit(seed):
+    rng = random.Random(500 + seed)
+    ecu, cal = started(rng, moment_max=1 << 30, slew_max=1 << 30)
+    cal.feedback, cal.feedforward, cal.feedback_shift = [0, -2, 0, 0, 0], [0] * N, 1
+    ecu.gain_factor, ecu.authority = rng.randint(0, 1 << 30), rng.randint(0, 1 << 30)
+    wanted = ecu.ahead[1]
+    scheduled = nearest(Fraction(wanted * ecu.gain_factor, 1 << 28))
+    control_law.control(ecu, cal, 1)
+    assert ecu.moment == nearest(Fraction(scheduled * ecu.authority, 1 << 30))
+
+
+@SEEDS
+def test_covariance_is_propagated_and_corrected_to_the_nearest_unit(seed):
+    rng = random.Random(600 + seed)
+    cal = rig.calibration(observer=fw.PROPAGATED_COVARIANCE)
+    cal.covariance_max = [1 << 30] * N
+    cal.covariance_phi = [
+        [(1 << 24 if i == j else 0) + rng.randint(-(1 << 20), 1 << 20) for j in range(N)]
+        for i in range(N)
+    ]
+    cal.covariance_output = [small(rng, N, 24) for _ in range(2)]
+    cal.process_noise = [rng.randint(0, 9) for _ in range(N)]
+    cal.covariance_gain_shift = [[rng.randint(16, 30) for _ in range(N)] for _ in range(2)]
+    ecu = rig.started(cal)
+    half = [small(rng, N, 12) for _ in range(N)]
+    p = [[sum(a * b for a, b in zip(r, s, strict=True)) for s in half] for r in half]
+    ecu.covariance = [list(row) for row in p]
+    phi, one = cal.covariance_phi, Fraction(1, 1 << 24)
+    rows = [
+        [nearest(dot(phi[i], [p[j][k] for j in range(N)]) * one) for k in range(N)]
+        for i in range(N)
+    ]
+    # each row once it is done is also its column
+    for i in range(N):
+        done = [nearest(dot(rows[i], phi[k]) * one) for k in range(i + 1)]
+        for k in range(i + 1):
+            rows[i][k] = rows[k][i] = done[k]
+        rows[i][i] += cal.process_noise[i]
+    propagate(ecu, cal)
+    assert ecu.covariance == rows
+    m, innovation = seed % 2, rng.randint(-(1 << 14), 1 << 14)
+    ecu.x = small(rng, N, 20)
+    c, x, p = cal.covariance_output[m], list(ecu.x), [list(row) for row in rows]
+    work = [nearest(dot(p[i], c) * one) for i in range(N)]
+    total = nearest(dot(c, work) * one) + cal.measurement_noise[m]
+    gain = [int(Fraction(value << 24, total)) for value in work]
+    for i in range(N):
+        x[i] += nearest(Fraction(gain[i] * innovation, 2 ** cal.covariance_gain_shift[m][i]))
+        for j in range(i + 1):
+            p[i][j] -= nearest(gain[i] * work[j] * one)
+            p[j][i] = p[i][j]
+        p[i][i] = max(p[i][i], 1)
+    update(ecu, cal, m, innovation)
+    assert ecu.x == x
+    assert ecu.covariance == p
+
+
+def towards_zero(value: Fraction) -> int:
+    return int(value)
+
+
+def limited(value: int, lo: int, hi: int) -> int:
+    return min(max(value, lo), hi)
+
+
+def parts(ecu, moment: int) -> tuple[int, int]:
+    front = nearest(Fraction(moment * ecu.front_share, 1 << 30))
+    return front, moment - front
+
+
+@SEEDS
+def test_corner_forces_and_bars_are_their_shares(seed):
+    rng = random.Random(700 + seed)
+    ecu, cal = started(rng, force_max=[4090 << 14] * 4, bar_max=[8191 << 14] * 2)
+    cal.arm_front, cal.arm_rear = rng.randint(1 << 26, 1 << 27), rng.randint(1 << 26, 1 << 27)
+    ecu.front_share, ecu.moment = rng.randint(0, 1 << 30), rng.randint(-(1 << 26), 1 << 26)
+    front, rear = parts(ecu, ecu.moment)
+    forces = [
+        nearest(Fraction(part * arm, 1 << 28))
+        for part, arm in ((front, cal.arm_front), (rear, cal.arm_rear))
+    ]
+    allocate(ecu, cal)
+    assert ecu.force == [forces[0], -forces[0], forces[1], -forces[1]]
+    assert ecu.given == ecu.moment
+    cal.actuator = fw.BARS
+    allocate(ecu, cal)
+    assert ecu.bar == [front, rear]
+    assert ecu.given == ecu.moment
+
+
+def damper(cal, setting: int, speed: int) -> int:
+    force, knee = cal.damper_force[setting], cal.damper_speed[setting]
+    if speed < knee:
+        return towards_zero(Fraction(force * speed, knee))
+    return force + nearest(Fraction(cal.damper_slope[setting] * (speed - knee), 1 << 27))
+
+
+@SEEDS
+def test_damper_currents_are_the_share_between_soft_and_firm(seed):
+    """Down to forces of a few units, where soft and firm may be the same."""
+    rng = random.Random(800 + seed)
+    ecu, cal = started(rng, actuator=fw.DAMPERS, timeout_ticks=[5] * 5, current_max=16382 << 14)
+    for _ in range(60):
+        scale = rng.choice((2, 4, 1 << 12, 1 << 24))
+        cal.damper_speed = [rng.randint(1, scale) for _ in range(2)]
+        cal.damper_force = [rng.randint(0, scale), rng.randint(0, 2 * scale)]
+        cal.damper_slope = [rng.randint(0, 1 << 27) for _ in range(2)]
+        ecu.stroke_rate = [rng.choice((-1, 1)) * rng.randint(1, 2 * scale) for _ in range(4)]
+        ecu.failed = [rng.choice((0, 0, 0, 1)) for _ in range(4)]
+        ecu.moment, ecu.front_share = rng.randint(-8 * scale, 8 * scale), rng.randint(0, 1 << 30)
+        wanted = [
+            nearest(Fraction(part * arm, 1 << 28))
+            for part, arm in zip(parts(ecu, ecu.moment), (cal.arm_front, cal.arm_rear), strict=True)
+        ]
+        expected = []
+        for corner in range(4):
+            force = wanted[corner // 2] * (-1) ** corner * (1 + ecu.failed[corner ^ 1])
+            rate = ecu.stroke_rate[corner]
+            brake = force if rate < 0 else -force
+            soft, firm = (damper(cal, setting, abs(rate)) for setting in (0, 1))
+            share = towards_zero(Fraction((brake - soft) << 28, max(firm - soft, 1)))
+            share = limited(share, 0, 1 << 28)
+            expected.append(nearest(Fraction(share * cal.current_max, 1 << 28)))
+        allocate(ecu, cal)
+        assert ecu.current == expected
+
+
+@SEEDS
+def test_the_schedule_is_linear_between_its_points(seed):
+    rng = random.Random(900 + seed)
+    grid = sorted(rng.sample(range(1 << 24), 8))
+    ecu, cal = started(rng, schedule_points=8, schedule_speed=grid)
+    cal.fade_low, cal.fade_high = 1, rng.randint(2, 1 << 24)
+    cal.schedule_gain = [rng.randint(0, 1 << 30) for _ in range(8)]
+    cal.schedule_front_share = [rng.randint(0, 1 << 30) for _ in range(8)]
+    cal.schedule_steering = [rng.randint(-(1 << 26), 1 << 26) for _ in range(8)]
+    for speed in (0, 1, 2, *cal.schedule_speed, *(rng.randint(0, 1 << 24) for _ in range(20))):
+        ecu.speed, ecu.steering = speed, rng.randint(-(1 << 24), 1 << 24)
+        below = max((k for k in range(8) if cal.schedule_speed[k] <= speed), default=0)
+        above = min(below + 1, 7)
+        width = max(cal.schedule_speed[above] - cal.schedule_speed[below], 1)
+        gone = limited(speed - cal.schedule_speed[below], 0, width)
+        share = towards_zero(Fraction(gone << 28, width))
+
+        def at(values, below=below, above=above, share=share) -> int:
+            step = Fraction((values[above] - values[below]) * share, 1 << 28)
+            return values[below] + nearest(step)
+
+        way = limited(speed - cal.fade_low, 0, cal.fade_high - cal.fade_low)
+        fade = towards_zero(Fraction(way << 28, cal.fade_high - cal.fade_low))
+        steering = nearest(Fraction(at(cal.schedule_steering) * ecu.steering, 1 << 20))
+        schedule(ecu, cal)
+        assert ecu.front_share == at(cal.schedule_front_share)
+        assert ecu.gain_factor == nearest(Fraction(at(cal.schedule_gain) * fade, 1 << 28))
+        assert ecu.steering_acceleration == limited(steering, -(1 << 30), 1 << 30)
