@@ -71,7 +71,7 @@ def coarse_model(rng: random.Random, cal) -> None:
     cal.output_moment, cal.output_shift = small(rng, 3, 3), [rng.randint(1, 3) for _ in range(3)]
     cal.correction = [small(rng, N, 3) for _ in range(3)]
     cal.correction_shift = [[rng.randint(1, 4) for _ in range(N)] for _ in range(3)]
-    cal.bias_max = 1 << 30
+    cal.bias_max = fw.STATE_MAX
 
 
 @SEEDS
@@ -128,7 +128,7 @@ def test_the_prediction_walks_through_the_commands_under_way(seed):
 @SEEDS
 def test_state_feedback_is_the_weighted_estimate(seed):
     rng = random.Random(200 + seed)
-    ecu, cal = started(rng, moment_max=1 << 30, slew_max=1 << 30)
+    ecu, cal = started(rng, moment_max=fw.STATE_MAX, slew_max=fw.STATE_MAX)
     cal.feedback, cal.feedforward = small(rng, N, 3), small(rng, N, 3)
     cal.feedback_shift, cal.feedforward_shift = rng.randint(1, 4), rng.randint(1, 4)
     ecu.feedforward = rng.randint(0, 1 << 30)
@@ -142,7 +142,7 @@ def test_state_feedback_is_the_weighted_estimate(seed):
 @SEEDS
 def test_output_feedback_is_the_weighted_measurements(seed):
     rng = random.Random(300 + seed)
-    ecu, cal = started(rng, law=fw.OUTPUT_FEEDBACK, moment_max=1 << 30, slew_max=1 << 30)
+    ecu, cal = started(rng, law=fw.OUTPUT_FEEDBACK, moment_max=fw.STATE_MAX, slew_max=fw.STATE_MAX)
     cal.output_gain, cal.output_gain_shift = small(rng, 3, 3), rng.randint(1, 4)
     ecu.rate_good, ecu.offset_rate, ecu.acceleration_good, ecu.offset_acceleration = small(
         rng, 4, 24
@@ -161,7 +161,7 @@ def test_output_feedback_is_the_weighted_measurements(seed):
 def test_the_compensator_is_its_matrices(seed):
     rng = random.Random(400 + seed)
     order, outputs = rng.randint(0, 8), rng.randint(1, 2)
-    ecu, cal = started(rng, moment_max=1 << 30, slew_max=1 << 30)
+    ecu, cal = started(rng, moment_max=fw.STATE_MAX, slew_max=fw.STATE_MAX)
     cal.law, cal.actuator = fw.COMPENSATOR, fw.BARS
     cal.compensator_order, cal.compensator_outputs = order, outputs
     cal.compensator_a, cal.compensator_b = ([small(rng, n, 2) for _ in range(8)] for n in (8, 4))
@@ -202,7 +202,7 @@ def test_the_compensator_is_its_matrices(seed):
 @SEEDS
 def test_schedule_authority_and_gain_scale_to_the_nearest_unit(seed):
     rng = random.Random(500 + seed)
-    ecu, cal = started(rng, moment_max=1 << 30, slew_max=1 << 30)
+    ecu, cal = started(rng, moment_max=fw.STATE_MAX, slew_max=fw.STATE_MAX)
     cal.feedback, cal.feedforward, cal.feedback_shift = [0, -2, 0, 0, 0], [0] * N, 1
     ecu.gain_factor, ecu.authority = rng.randint(0, 1 << 30), rng.randint(0, 1 << 30)
     wanted = ecu.ahead[1]
@@ -215,7 +215,7 @@ def test_schedule_authority_and_gain_scale_to_the_nearest_unit(seed):
 def test_covariance_is_propagated_and_corrected_to_the_nearest_unit(seed):
     rng = random.Random(600 + seed)
     cal = rig.calibration(observer=fw.PROPAGATED_COVARIANCE)
-    cal.covariance_max = [1 << 30] * N
+    cal.covariance_max = [fw.STATE_MAX] * N
     cal.covariance_phi = [
         [(1 << 24 if i == j else 0) + rng.randint(-(1 << 20), 1 << 20) for j in range(N)]
         for i in range(N)
@@ -354,4 +354,4 @@ def test_the_schedule_is_linear_between_its_points(seed):
         schedule(ecu, cal)
         assert ecu.front_share == at(cal.schedule_front_share)
         assert ecu.gain_factor == nearest(Fraction(at(cal.schedule_gain) * fade, 1 << 28))
-        assert ecu.steering_acceleration == limited(steering, -(1 << 30), 1 << 30)
+        assert ecu.steering_acceleration == limited(steering, -(1 << 30), fw.STATE_MAX)
