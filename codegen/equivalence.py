@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from canroll.errors import CanrollError
-from codegen import native, rules
+from codegen import native
 from codegen.emit_c import Emitter
 from codegen.interval_conditions import NEGATED
 from codegen.interval_state import narrow
@@ -44,33 +44,29 @@ class Original:
             (Path(folder.name) / f"{name}.py").write_text(text, encoding="utf-8")
         return folder
 
-    def finding(self, module: str, changed: str) -> str:
-        """What the rules of the subset or the proof say against a changed module, or ""."""
-        with self._folder(module, changed) as temporary:
+    def examine(self, mutant: Mutant, changed: str) -> tuple[str, str]:
+        """What the translation and its proof have against a changed module, or ""; and otherwise
+        why the firmware is the same with the change, or "".
+        """
+        with self._folder(mutant.module, changed) as temporary:
             try:
                 program = load(folder=Path(temporary))
-                rules.check(program)
-                findings = prove(program).findings
+                files = Emitter(program).files()
+                proof = prove(program)
             except OSError:
                 raise
-            # whatever else it is, the tests of the proof fail of it
+            # whatever else it is, the tests of the translation fail of it
             except Exception as error:
-                return f"{type(error).__name__}: {error}".replace(f"{temporary}/", "")
-        return str(findings[0]).removeprefix(f"{temporary}/") if findings else ""
-
-    def equivalent(self, mutant: Mutant, changed: str) -> str:
-        """Why the firmware is the same with the change, or ""; the change must be proved."""
-        with self._folder(mutant.module, changed) as temporary:
-            program = load(folder=Path(temporary))
-            files = Emitter(program).files()
+                return f"{type(error).__name__}: {error}".replace(f"{temporary}/", ""), ""
+        if proof.findings:
+            return str(proof.findings[0]).removeprefix(f"{temporary}/"), ""
         if self._objects(self.files, files) == self._objects(files, self.files):
-            return "the same object code at -O2"
-        proof = prove(program)
+            return "", "the same object code at -O2"
         one, two = (
             each.modules[mutant.module].functions[mutant.function].node
             for each in (self.program, program)
         )
-        return by_intervals(one, two, {**self.proof.seen, **proof.seen})
+        return "", by_intervals(one, two, {**self.proof.seen, **proof.seen})
 
     def _objects(self, files: Mapping[str, str], others: Mapping[str, str]) -> list[bytes]:
         """The object code of those of ``files`` that differ from ``others``."""

@@ -113,7 +113,7 @@ class Hunt:
             self._measure()
             for k, said in forked.results(len(self.chosen), self._judged, self.jobs):
                 self._note(k, said)
-        except (CanrollError, KeyboardInterrupt) as error:
+        except (CanrollError, RuntimeError, KeyboardInterrupt) as error:
             self.failure = error
         return True
 
@@ -169,12 +169,11 @@ class Hunt:
         while waiting and time.process_time() < PROOF_SECONDS:
             if self._fails(waiting.pop(0)):
                 return KILLED, self.failed[0]
-        finding = self.original.finding(mutant.module, changed)
-        if finding:
-            return KILLED, f"proof: {finding}"
-        why = self.original.equivalent(mutant, changed)
-        if why:
-            return EQUIVALENT, why
+        refused, same = self.original.examine(mutant, changed)
+        if refused:
+            return KILLED, f"proof: {refused}"
+        if same:
+            return EQUIVALENT, same
         for item in waiting:
             if self._fails(item):
                 return KILLED, self.failed[0]
