@@ -20,6 +20,7 @@ from hil.report.figure import (
 )
 from hil.trace import Trace
 from plant_sim.recording import AXLES, WHEELS
+from vehicles import GRAVITY
 
 PASSIVE_COLOUR = 0
 LOAD_WINDOW = 0.1
@@ -106,7 +107,7 @@ def control(runs: Sequence[Shown]) -> list[Figure]:
         more = f", {run.name}" if len(active) > 1 else ""
         suffix = f"-{run.colour}" if len(active) > 1 else ""
         plots += [_forces(run, more, suffix), _loads(run, more, suffix)]
-        plots += [_estimate(run, more, suffix)]
+        plots += _estimates(run, more, suffix)
     return plots
 
 
@@ -150,22 +151,28 @@ def _loads(run: Shown, more: str, suffix: str) -> Figure:
     )
 
 
-def _estimate(run: Shown, more: str, suffix: str) -> Figure:
+def _estimates(run: Shown, more: str, suffix: str) -> list[Figure]:
+    """What the observer makes of roll and of a_y + g·bank, which a car cannot tell apart."""
     ticks, signals = run.trace.ticks, run.trace.signals
     degrees = float(np.degrees(1))
-    curves = [
-        Series("true", signals["time"], signals["roll"] * degrees, PASSIVE_COLOUR),
-        Series("estimated", ticks["t"], ticks["roll"] * degrees, run.colour, DASHED, "step"),
-    ]
-    return Figure(
-        f"estimate{suffix}",
-        f"Roll angle, true and estimated{more}",
-        "time (s)",
-        "deg",
-        curves,
-        unit="s",
-        group="control",
+    effective = signals["ay"] + GRAVITY * np.sin(signals["bank"])
+    lateral = "lateral_acceleration"
+    plots = (
+        ("estimate", "Roll angle", "deg", "roll", signals["roll"], degrees),
+        ("estimate-rate", "Roll rate", "deg/s", "roll_rate", signals["roll_rate"], degrees),
+        ("estimate-ay", "Effective lateral acceleration", "m/s²", lateral, effective, 1.0),
     )
+    return [
+        Figure(
+            f"{id}{suffix}", f"{title}, true and estimated{more}", "time (s)", unit,
+            [
+                Series("true", signals["time"], true * scale, PASSIVE_COLOUR),
+                Series("estimated", ticks["t"], ticks[field] * scale, run.colour, DASHED, "step"),
+            ],
+            unit="s", group="control",
+        )
+        for id, title, unit, field, true, scale in plots
+    ]  # fmt: skip
 
 
 def path(runs: Sequence[Shown]) -> list[Figure]:

@@ -114,7 +114,7 @@ class Plot {
   }
 
   axes(xr, yr, box, width, height) {
-    for (const [value, label] of ticks(xr[0], xr[1], Math.floor(width / 90))) {
+    for (const [value, label] of ticks(xr[0], xr[1], Math.max(4, Math.floor(width / 90)))) {
       const x = this.sx(value);
       element("path", { class: "axis", d: `M${x} ${box.top}V${box.bottom}` }, this.svg);
       element("text", { x, y: box.bottom + 15, "text-anchor": "middle" }, this.svg, label);

@@ -9,6 +9,7 @@ from hil.report.curves import Shown, all_figures
 from hil.report.page import Cell, Page, Table, Verdict, render
 from hil.report.playback import playback
 from hil.report.rows import can_rows, metric_head, metric_rows, replay_note, standard_rows
+from hil.report.timing import timing_figures, timing_table
 from hil.result import Result
 
 STANDARD_HEAD = ("", "criterion", "clause", "measured", "limit", "")
@@ -104,6 +105,7 @@ def run_page(result: Result) -> str:
             [(row.name, *row.numbers) for row in can_rows(result)],
             rates,
         ),
+        *([timing_table(result.timing)] if result.timing else []),
     ]
     scenario = settings.scenario.replace("_", " ")
     return render(
@@ -116,7 +118,7 @@ def run_page(result: Result) -> str:
             verdict=verdict(result),
             warnings=result.warnings,
             tables=tables,
-            figures=all_figures(runs),
+            figures=[*all_figures(runs), *(timing_figures(result.timing) if result.timing else [])],
             playback=playback(runs, settings.vehicle),
             parameters=parameters(result),
             provenance=provenance(result),

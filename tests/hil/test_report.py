@@ -13,8 +13,12 @@ import numpy as np
 import pytest
 
 from hil import experiment
+from hil.realtime.timing import histogram as time_histogram
+from hil.realtime.timing import quantiles
 from hil.report.figure import Series, distribution, histogram, thin
+from hil.report.page import Cell, Page, Table, Verdict, render
 from hil.report.run_page import run_page
+from hil.report.timing import timing_figures
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
 FLAGS = [
@@ -80,13 +84,13 @@ def browser(page, tmp_path_factory):
     return load(page, tmp_path_factory.mktemp("page"))
 
 
-def load(page, folder):
+def load(page, folder, *flags):
     if CHROMIUM is None:
         pytest.skip("needs chromium")
     (folder / "report.html").write_text(page, encoding="utf-8")
     profile = f"--user-data-dir={folder / 'profile'}"
     process = subprocess.run(
-        [CHROMIUM, *FLAGS, profile, f"file://{folder / 'report.html'}"],
+        [CHROMIUM, *FLAGS, *flags, profile, f"file://{folder / 'report.html'}"],
         capture_output=True,
         text=True,
         timeout=120,
@@ -163,7 +167,8 @@ def test_every_plot_is_drawn(browser):
     drawn = dict(points)
     expected = {
         "roll", "roll-rate", "nlt-front", "nlt-rear", "ay", "steer", "path-error", "path",
-        "moment", "forces", "loads", "estimate", "bus-load", "response", "age",
+        "moment", "forces", "loads", "estimate", "estimate-rate", "estimate-ay",
+        "bus-load", "response", "age",
     }  # fmt: skip
     assert set(drawn) == expected
     assert all(int(count) > 0 for count in drawn.values()), drawn
@@ -183,6 +188,63 @@ def test_plots_can_be_used(page, tmp_path):
     assert found["reset"]
     assert 0 < found["fewer"] < found["all"]
     assert "pause" in found["playing"]
+
+
+WIDTHS = """<script>
+// no window of a browser gets narrower than 500 pixels, its page does
+document.body.style.width = "390px";
+const found = { page: document.body.scrollWidth, tables: [] };
+for (const box of document.querySelectorAll(".scroll")) {
+  found.tables.push([box.scrollWidth, box.clientWidth]);
+}
+document.body.dataset.found = JSON.stringify(found);
+</script></body>"""
+
+
+def test_a_phone_shows_every_column(page, tmp_path):
+    document, _ = load(page.replace("</body>", WIDTHS), tmp_path, "--window-size=500,800")
+    found = json.loads(html.unescape(re.search(r'data-found="(.*?)"', document).group(1)))
+    assert found["page"] <= 390
+    assert len(found["tables"]) >= 4
+    assert all(content <= width for content, width in found["tables"]), found["tables"]
+
+
+def test_rows_stack_under_a_head_too_wide_for_a_phone(tmp_path):
+    head = [f"quantity {place} (N·m)" for place in range(12)]
+    wide = Table("Wide", head, [["law", *(Cell("1234.5", 1234.5, "") for _ in head[1:])]])
+    page = render(Page("t", "s", Verdict(None, "h", ""), (), [wide], (), None, (), ())).replace(
+        "</body>", WIDTHS
+    )
+    document, _ = load(page, tmp_path, "--window-size=500,800")
+    found = json.loads(html.unescape(re.search(r'data-found="(.*?)"', document).group(1)))
+    assert all(content <= width for content, width in found["tables"]), found["tables"]
+    assert 'data-label="quantity 11 (N·m)"' in document
+
+
+def test_a_run_in_real_time_shows_its_timing(result):
+    jitter, took = np.repeat([20_000, 50_000], [3, 1]), np.full(4, 170_500)
+    nothing = np.array([], dtype=np.int64)
+    times = {"start_jitter": jitter, "tick": took, "latency": nothing, "plant_jitter": took}
+    told = {f"{name}_us": quantiles(values) for name, values in times.items()}
+    timing = told | {
+        "plant_step_us": quantiles(took),
+        "ticks": 4,
+        "deadline_misses": 0,
+        "frames_lost": 2,
+        "notes": ["not pinned"],
+        "histograms": {name: time_histogram(values) for name, values in times.items()},
+    }
+    page = run_page(replace(result, timing=timing))
+    numbers = Numbers(page).found
+    assert numbers["timing.start_jitter_us.max"] == (50.0, "50")
+    assert numbers["timing.tick_us.p50"] == (170.5, "170")
+    assert "timing.latency_us.max" not in numbers
+    assert "4 ticks, 0 missed, 2 frames lost. not pinned" in page
+    figures = {figure.id: figure for figure in timing_figures(timing)}
+    assert set(figures) == {"timing-jitter", "timing-tick"}
+    bars, plant = figures["timing-jitter"].series
+    assert bars.y[0] == 75 and bars.y[-1] == 25 and bars.x[0] == 20
+    assert plant.y.max() == 100
 
 
 def test_the_playback_shows_the_largest_roll_angle_first(browser, result):
