@@ -25,7 +25,9 @@ from vehicles.model import Channel, Vehicle
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "file-formats.md").read_text(encoding="utf-8")
-EXAMPLES = dict(re.findall(r"^```\w+ (\S+)\n(.*?)^```", PAGE, re.M | re.S))
+BLOCK = re.compile(r"^```\w+ (\S+)\n(.*?)^```", re.M | re.S)
+EXAMPLES = dict(BLOCK.findall(PAGE))
+BUS = dict(BLOCK.findall((ROOT / "docs" / "extend.md").read_text(encoding="utf-8")))
 
 
 @pytest.fixture
@@ -103,8 +105,9 @@ def test_a_traffic_set_is_read_to_the_last_key(example):
     assert radar.flags & EXTENDED and radar.flags & FD and radar.fifo and radar.length == 64
 
 
-def test_a_map_leads_from_signals_to_fields(example):
-    mapped = bus_map.load(example("car.dbc"), example("car.toml"))
+def test_a_map_leads_from_signals_to_fields(example, tmp_path):
+    (tmp_path / "car.dbc").write_text(BUS["car.dbc"], encoding="utf-8")
+    mapped = bus_map.load(tmp_path / "car.dbc", example("car.toml"))
     imu = mapped.received[0]
     assert imu.ident == 291
     assert {s.place.text for s in imu.signals} == {"roll_rate", "lateral_acceleration"}
