@@ -77,14 +77,8 @@ def test_checksum_is_right_exactly_when_the_reference_library_says_so(payload, d
     )
 
 
-@settings(max_examples=150, deadline=None)
-@given(
-    st.integers(1, 14),
-    st.integers(0, 14),
-    st.integers(0, 14),
-    st.lists(st.sampled_from([None, "bad", 0, 1, 1, 1, 1, 2, 3, 5, 14]), max_size=80),
-)
-def test_receiver_follows_the_specification_through_any_history(max_delta, repeated, sync, steps):
+def follow(max_delta: int, repeated: int, sync: int, steps) -> None:
+    """Both receivers through one history: counter steps, "bad" checksums, None for no frame."""
     cal, ecu = Calibration(), Ecu()
     cal.e2e_max_delta, cal.e2e_max_repeated, cal.e2e_sync = (
         [max_delta] * N_RX,
@@ -115,6 +109,23 @@ def test_receiver_follows_the_specification_through_any_history(max_delta, repea
             reference.no_new_or_repeated,
             reference.sync,
         )
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.integers(1, 14),
+    st.integers(0, 14),
+    st.integers(0, 14),
+    st.lists(st.sampled_from([None, "bad", 0, 1, 1, 1, 1, 2, 3, 5, 14]), max_size=80),
+)
+def test_receiver_follows_the_specification_through_any_history(max_delta, repeated, sync, steps):
+    follow(max_delta, repeated, sync, steps)
+
+
+@pytest.mark.parametrize(("repeated", "sync"), [*itertools.product((0, 1), (0, 1, 2))])
+def test_receiver_follows_the_specification_through_every_short_history(repeated, sync):
+    for steps in itertools.product((None, 0, 1, 3), repeat=4):
+        follow(1, repeated, sync, (1, 1, *steps))
 
 
 def flipped(data: bytes, bits) -> list[int]:

@@ -14,6 +14,7 @@ from firmware import calibration as fw
 from firmware import control_law
 from firmware.allocation import allocate
 from firmware.covariance import propagate, update
+from firmware.identification import identify, learn
 from firmware.observer import look_ahead, observe
 from firmware.schedule import schedule
 from firmware.state import ACTIVE, RX_IMU
@@ -355,3 +356,97 @@ def test_the_schedule_is_linear_between_its_points(seed):
         assert ecu.front_share == at(cal.schedule_front_share)
         assert ecu.gain_factor == nearest(Fraction(at(cal.schedule_gain) * fade, 1 << 28))
         assert ecu.steering_acceleration == limited(steering, -(1 << 30), fw.STATE_MAX)
+
+
+def learnt(ecu, cal, f: tuple[int, int], y: int) -> tuple[list[int], list[int]]:
+    """Ratios and covariance after one step of recursive least squares with forgetting, Q20."""
+    p0, p1, p2 = ecu.rls_covariance
+    g = [nearest(dot(row, f) / 2**20) for row in ((p0, p1), (p1, p2))]
+    total = max(nearest(dot(f, g) / 2**20), 0) + nearest(Fraction(cal.rls_forgetting, 1 << 10))
+    k = [towards_zero(Fraction(value << 20, total)) for value in g]
+    error = y - nearest(dot(ecu.theta, f) / 2**28)
+    theta = [
+        limited(ratio + nearest(Fraction(gain * error, 1 << 12)), lo, hi)
+        for ratio, gain, lo, hi in zip(ecu.theta, k, cal.rls_lo, cal.rls_hi, strict=True)
+    ]
+    pairs = ((k[0], g[0]), (k[0], g[1]), (k[1], g[1]))
+    taken = [nearest(Fraction(a * b, 1 << 20)) for a, b in pairs]
+    p = [max(p0 - taken[0], 1), p1 - taken[1], max(p2 - taken[2], 1)]
+    if p[0] + p[2] < cal.rls_trace_max:
+        p = [towards_zero(Fraction(value << 30, cal.rls_forgetting)) for value in p]
+    return theta, p
+
+
+def teachable(rng: random.Random):
+    """Settled filters, random memories; everything teaches."""
+    ecu, cal = started(rng, identification=1, rls_gate=0, rls_decimation=1)
+    cal.rls_lo, cal.rls_hi = [1, 1], [fw.STATE_MAX] * 2
+    cal.rls_forgetting = rng.randint(29 << 25, 1 << 30)
+    ecu.theta = [rng.randint(1 << 27, 1 << 29) for _ in range(2)]
+    p0, p1, p2 = rng.randint(1 << 20, 1 << 23), *small(rng, 1, 19), rng.randint(1 << 20, 1 << 23)
+    ecu.rls_covariance = [p0, p1, p2]
+    cal.rls_trace_max = (p0 + p2) // rng.choice((1, 2))
+    ecu.rls_filled, ecu.rls_index = 200, rng.randrange(10)
+    return ecu, cal
+
+
+@SEEDS
+def test_least_squares_learn_to_the_nearest_unit(seed):
+    rng = random.Random(1000 + seed)
+    ecu, cal = teachable(rng)
+    for _ in range(20):
+        f, y = tuple(small(rng, 2, rng.choice((8, 20)))), rng.randint(-(1 << 21), 1 << 21)
+        expected = learnt(ecu, cal, f, y)
+        learn(ecu, cal, *f, y)
+        assert (ecu.theta, ecu.rls_covariance) == expected
+
+
+@SEEDS
+def test_an_identification_step_is_its_filters_and_its_window(seed):
+    rng = random.Random(1100 + seed)
+    ecu, cal = teachable(rng)
+    cal.rls_washout = rng.randint(1 << 29, 1 << 30)
+    cal.rls_moment, cal.rls_lateral, cal.rls_inertia, cal.rls_stiffness = (
+        rng.randint(1 << 26, 1 << 29) for _ in range(4)
+    )
+    cal.rls_damping = rng.randint(1 << 18, 1 << 21)
+    ecu.rate_good, ecu.acceleration_good = small(rng, 2, 20)
+    ecu.rls_last, ecu.rls_washed = small(rng, 2, 20), small(rng, 5, 20)
+    ecu.rls_history, ecu.rls_integrals = [small(rng, 10, 18) for _ in range(2)], small(rng, 2, 20)
+    ecu.delivered = small(rng, 2, 20)
+    washed = list(ecu.rls_washed)
+
+    def wash(signal: int, change: int) -> int:
+        before = washed[signal]
+        washed[signal] = nearest(Fraction(before * cal.rls_washout, 1 << 30)) + change
+        return washed[signal] - before
+
+    def part(value: int, factor: int, bits: int = 30) -> int:
+        return nearest(Fraction(value * factor, 1 << bits))
+
+    def net_impulse() -> int:
+        lean = part(washed[4], round(9.80665 * 2**10), 16)
+        return washed[3] - part(lean, cal.rls_lateral)
+
+    impulse = part(sum(ecu.delivered), cal.rls_moment)
+    impulse += part(ecu.acceleration_good, cal.rls_lateral)
+    impulses, momentum = net_impulse(), part(washed[2], cal.rls_inertia)
+    wash(3, wash(1, impulse - ecu.rls_last[1]))
+    change = wash(0, ecu.rate_good - ecu.rls_last[0])
+    wash(2, change)
+    # the trapezoid of the rate over a step, from Q27 to Q30
+    wash(4, part(2 * washed[0] - change, cal.tick_us * round(0.5e-6 * 2**33)))
+    impulses += net_impulse()
+    gained = part(washed[2], cal.rls_inertia) - momentum
+    kept = [part(washed[4], cal.rls_stiffness), nearest(Fraction(impulses, 2)) - gained]
+    index = ecu.rls_index
+    changes = [new - ecu.rls_history[k][index] for k, new in enumerate(kept)]
+    integrals = [a + b for a, b in zip(ecu.rls_integrals, changes, strict=True)]
+    f = (integrals[0] - nearest(Fraction(changes[0], 2)), part(changes[0], cal.rls_damping, 20))
+    ratios = learnt(ecu, cal, f, integrals[1])
+    last = [ecu.rate_good, impulse]
+    identify(ecu, cal, 1)
+    assert (ecu.rls_washed, ecu.rls_last, ecu.rls_integrals) == (washed, last, integrals)
+    assert [history[index] for history in ecu.rls_history] == kept
+    assert ecu.rls_index == (index + 1) % 10
+    assert (ecu.theta, ecu.rls_covariance) == ratios

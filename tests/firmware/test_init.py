@@ -54,7 +54,8 @@ def test_nothing_is_estimated_commanded_or_sent_at_the_start():
 
 
 def test_everything_starts_at_zero_but_what_is_calibrated_or_means_that_nothing_has_come_yet():
-    cal = rig.calibration(law=fw.OUTPUT_FEEDBACK)
+    shares = [(9 + k) << 26 for k in range(8)]
+    cal = rig.calibration(law=fw.OUTPUT_FEEDBACK, schedule_front_share=shares)
     ecu = rig.started(cal)
     expected = {
         # full authority for the feedforward, the command due at once, its first counter 0

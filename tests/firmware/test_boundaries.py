@@ -1,0 +1,408 @@
+"""Which side a threshold belongs to, and what happens at zero: to the unit, to the tick."""
+
+import pytest
+import rig
+
+from firmware import calibration as fw
+from firmware import plausibility as sv
+from firmware.allocation import allocate
+from firmware.control_law import control
+from firmware.covariance import propagate, update
+from firmware.event_trigger import NOTHING, moved, trigger
+from firmware.identification import identify
+from firmware.observer import learn_offsets
+from firmware.state import (
+    ACTIVE,
+    AGE_MAX,
+    DEGRADED,
+    INIT,
+    RX_ACTUATOR_STATE,
+    RX_IMU,
+    RX_VEHICLE_MOTION,
+    SAFE,
+)
+from firmware.supervisor import supervise
+
+STEP = 1 << 12
+"""Quarter newton metres, in which the trigger compares."""
+
+
+@pytest.mark.parametrize(
+    ("floor", "relative", "sent", "threshold"),
+    [(0, 0, 0, 0), (40, 0, 0, 40), (0, 1, 30, 30), (40, 1, 30, 50), (40, 0.25, 60, 50)],
+)
+def test_a_command_that_moves_by_the_threshold_itself_is_not_sent(floor, relative, sent, threshold):
+    cal = rig.calibration(
+        trigger_floor=floor * STEP, trigger_epsilon_squared=round(relative * 2**20)
+    )
+    ecu = rig.started(cal)
+    ecu.sent[0] = sent * STEP
+    for error, expected in ((threshold, 0), (threshold + 1, 1)):
+        for sign in (-1, 1):
+            ecu.outputs[0] = (sent + sign * error) * STEP
+            assert moved(ecu, cal) == expected
+
+
+def test_both_outputs_count_for_the_threshold():
+    cal = rig.calibration(
+        law=fw.COMPENSATOR, actuator=fw.BARS, compensator_outputs=2, trigger_floor=50 * STEP
+    )
+    cal.compensator_shift, cal.compensator_output_shift = [1] * 8, [1] * 2
+    ecu = rig.started(cal)
+    ecu.outputs = [30 * STEP, 40 * STEP]
+    assert moved(ecu, cal) == 0
+    ecu.outputs = [30 * STEP, 41 * STEP]
+    assert moved(ecu, cal) == 1
+
+
+def waiting_for_an_echo():
+    """Counter 5 has been sent, the echo of 2 has come; nothing is due for long."""
+    cal = rig.calibration(event_trigger=1, heartbeat_ticks=1000, acknowledge_ticks=100)
+    ecu = rig.started(cal)
+    ecu.waiting, ecu.unacknowledged, ecu.since_sent, ecu.echo = 1, 7, 3, 2
+    ecu.tx_counter[0] = 5
+    ecu.fresh[RX_ACTUATOR_STATE], ecu.command_held, ecu.accepted_counter = 1, 1, 2
+    return ecu, cal
+
+
+def test_an_echo_of_an_older_command_restarts_the_wait_and_that_of_the_last_ends_it():
+    ecu, cal = waiting_for_an_echo()
+    trigger(ecu, cal, 1)
+    assert (ecu.waiting, ecu.unacknowledged, ecu.since_sent) == (1, 8, 4)
+    ecu.accepted_counter = 4
+    trigger(ecu, cal, 1)
+    assert (ecu.waiting, ecu.unacknowledged, ecu.since_sent) == (1, 1, 5)
+    ecu.accepted_counter = 5
+    trigger(ecu, cal, 1)
+    assert (ecu.waiting, ecu.unacknowledged, ecu.since_sent) == (0, 0, 6)
+    assert ecu.triggered == NOTHING
+
+
+@pytest.mark.parametrize("change", [{"fresh": [0] * fw.N_RX}, {"command_held": 0}, {"waiting": 0}])
+def test_what_is_no_new_echo_is_not_taken_for_one(change):
+    ecu, cal = waiting_for_an_echo()
+    ecu.accepted_counter = 4
+    for name, value in change.items():
+        setattr(ecu, name, value)
+    trigger(ecu, cal, 1)
+    assert ecu.echo == 2
+
+
+def test_an_echo_is_overdue_after_eight_times_its_time():
+    cal = rig.calibration(acknowledge_ticks=3)
+    ecu = rig.started(cal)
+    for waiting, unacknowledged, expected in ((1, 24, 0), (1, 25, 1), (0, 25, 0)):
+        ecu.waiting, ecu.unacknowledged = waiting, unacknowledged
+        supervise(ecu, cal, 1)
+        assert ecu.trouble_active >> sv.TROUBLE_COMMAND & 1 == expected
+
+
+def test_commands_and_heartbeats_are_counted_one_by_one():
+    bench = rig.Bench(rig.calibration(event_trigger=1, trigger_floor=60 << 14))
+    sent = beats = 0
+    for _ in range(150):
+        bench.step(rig.lane_change)
+        sent += bench.ecu.triggered > 0
+        beats += bench.ecu.triggered == 2
+        assert (bench.ecu.commands_sent, bench.ecu.heartbeats_sent) == (sent, beats)
+    assert 0 < beats < sent
+    ecu, cal = bench.ecu, bench.cal
+    ecu.commands_sent = ecu.heartbeats_sent = 2**31 - 1
+    for _ in range(10):
+        bench.step()
+    assert ecu.commands_sent == ecu.heartbeats_sent == 2**31 - 1
+    assert cal.heartbeat_ticks == 5
+
+
+def test_status_and_diagnostics_come_in_their_period_from_the_start():
+    bench = rig.Bench(rig.calibration(status_ticks=7))
+    due = []
+    for k in range(1, 40):
+        bench.step()
+        if 4 in bench.frames:
+            due.append((k, bench.frames[5]["Page"]))
+    assert due == [(7, 0), (14, 1), (21, 2), (28, 3), (35, 4)]
+    late = rig.Bench(rig.calibration(status_ticks=7))
+    late.step(elapsed=6)
+    assert 4 not in late.frames
+    late.step()
+    assert 4 in late.frames
+
+
+def straight(**changes):
+    """Straight ahead at full speed with sensors that are off by 256 units."""
+    cal = rig.calibration(offset_learning=1, offset_shift=8, **changes)
+    ecu = rig.started(cal)
+    ecu.fresh[RX_IMU], ecu.motion_lost = 1, 0
+    ecu.speed = cal.fade_high
+    ecu.roll_rate = ecu.lateral_acceleration = 256
+    return ecu, cal
+
+
+@pytest.mark.parametrize(
+    ("change", "learnt"),
+    [
+        (lambda ecu, cal: None, (1, 1)),
+        (lambda ecu, cal: setattr(ecu, "speed", cal.fade_high - 1), (0, 0)),
+        (lambda ecu, cal: setattr(ecu, "speed", 1), (0, 0)),
+        (lambda ecu, cal: setattr(ecu, "speed", 0), (1, 0)),
+        (lambda ecu, cal: setattr(ecu, "steering", cal.straight_steering), (1, 1)),
+        (lambda ecu, cal: setattr(ecu, "steering", cal.straight_steering + 1), (0, 0)),
+        (lambda ecu, cal: setattr(ecu, "steering", -cal.straight_steering), (1, 1)),
+        (lambda ecu, cal: setattr(ecu, "steering", -cal.straight_steering - 1), (0, 0)),
+        (lambda ecu, cal: setattr(ecu, "yaw_rate", -cal.straight_yaw_rate), (1, 1)),
+        (lambda ecu, cal: setattr(ecu, "yaw_rate", cal.straight_yaw_rate + 1), (0, 0)),
+        (lambda ecu, cal: setattr(ecu, "motion_lost", 1), (0, 0)),
+        (lambda ecu, cal: ecu.fresh.__setitem__(RX_IMU, 0), (0, 0)),
+        (lambda ecu, cal: ecu.bad_ticks.__setitem__(sv.BAD_ROLL_RATE, 1), (0, 0)),
+        (lambda ecu, cal: ecu.bad_ticks.__setitem__(sv.BAD_ACCELERATION, 1), (0, 0)),
+        (lambda ecu, cal: setattr(ecu, "offset_rate", 512), (511, 1)),
+        (lambda ecu, cal: setattr(ecu, "offset_acceleration", 512), (1, 511)),
+    ],
+)
+def test_offsets_are_learnt_up_to_the_edge_of_straight_ahead(change, learnt):
+    ecu, cal = straight()
+    change(ecu, cal)
+    learn_offsets(ecu, cal)
+    assert (ecu.offset_rate, ecu.offset_acceleration) == learnt
+
+
+def good(ecu, cal) -> None:
+    """As if all needed messages had just come."""
+    for message in (RX_IMU, RX_VEHICLE_MOTION, RX_ACTUATOR_STATE):
+        ecu.last_sample[message], ecu.valid[message] = 1, 255
+        ecu.age[message] = ecu.unchanged[message] = 0
+
+
+def test_init_degraded_and_safe_end_to_the_tick():
+    cal = rig.calibration(init_ticks=4, recovery_ticks=6)
+    ecu = rig.started(cal)
+    good(ecu, cal)
+    modes = []
+    for _ in range(5):
+        supervise(ecu, cal, 1)
+        modes.append(ecu.mode)
+    assert modes == [INIT] * 3 + [ACTIVE] * 2
+    for status, lost in ((2, DEGRADED), (0, None)):
+        ecu.status[0] = status
+        if lost is not None:
+            supervise(ecu, cal, 1)
+            assert ecu.mode == lost
+    modes = []
+    for _ in range(7):
+        supervise(ecu, cal, 1)
+        modes.append(ecu.mode)
+    assert modes == [DEGRADED] * 5 + [ACTIVE] * 2
+    ecu.status[:2] = [2, 2]
+    supervise(ecu, cal, 1)
+    assert ecu.mode == SAFE
+    ecu.status[:2] = [0, 0]
+    modes = []
+    for _ in range(7):
+        supervise(ecu, cal, 1)
+        modes.append(ecu.mode)
+    assert modes == [SAFE] * 5 + [ACTIVE] * 2
+
+
+def test_the_lateral_acceleration_is_trusted_again_to_the_tick():
+    cal = rig.calibration(recovery_ticks=6)
+    ecu = rig.started(cal)
+    good(ecu, cal)
+    ecu.lateral_acceleration = cal.acceleration_max + 1
+    for k in range(1, 9):
+        supervise(ecu, cal, 1)
+        assert ecu.bad_ticks[sv.BAD_ACCELERATION] == k
+        assert ecu.lateral_lost == (k > cal.timeout_ticks[RX_IMU])
+    ecu.lateral_acceleration = cal.acceleration_max
+    for k in range(1, 9):
+        supervise(ecu, cal, 1)
+        assert (ecu.lateral_good, ecu.lateral_lost) == (k, int(k < cal.recovery_ticks))
+        assert ecu.acceleration_good == cal.acceleration_max
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_the_largest_plausible_value_is_plausible(sign):
+    cal = rig.calibration()
+    ecu = rig.started(cal)
+    good(ecu, cal)
+    for over, bad in ((0, 0), (1, 1)):
+        ecu.roll_rate = sign * (cal.roll_rate_max + over)
+        ecu.lateral_acceleration = sign * (cal.acceleration_max + over)
+        supervise(ecu, cal, 1)
+        assert ecu.bad_ticks[sv.BAD_ROLL_RATE] == ecu.bad_ticks[sv.BAD_ACCELERATION] == bad
+
+
+def test_a_message_is_late_or_stuck_beyond_its_limit_not_at_it():
+    cal = rig.calibration(stuck_ticks=9)
+    for name, code in (("age", RX_IMU), ("unchanged", sv.TROUBLE_STUCK)):
+        limit = cal.timeout_ticks[RX_IMU] if name == "age" else 9
+        for ticks, expected in ((limit, 0), (limit + 1, 1)):
+            ecu = rig.started(cal)
+            good(ecu, cal)
+            getattr(ecu, name)[RX_IMU] = ticks
+            supervise(ecu, cal, 1)
+            assert ecu.trouble_active == expected << code
+    # a limit below the timeout counts as the timeout: the message may be that slow
+    ecu = rig.started(rig.calibration(stuck_ticks=1))
+    good(ecu, cal)
+    ecu.unchanged[RX_IMU] = cal.timeout_ticks[RX_IMU]
+    supervise(ecu, cal, 1)
+    assert ecu.trouble_active == 0
+
+
+def test_missed_ticks_count_as_many_everywhere():
+    cal = rig.calibration(ramp_ticks=100)
+    ecu = rig.started(cal)
+    good(ecu, cal)
+    ecu.mode, ecu.feedforward = ACTIVE, 0
+    ecu.lateral_acceleration = cal.acceleration_max + 1
+    supervise(ecu, cal, 3)
+    assert ecu.bad_ticks[sv.BAD_ACCELERATION] == 3
+    assert ecu.good_ticks == 3
+    assert ecu.authority == ecu.feedforward == 3 * ((1 << 30) // 100)
+    ecu.lateral_acceleration = 0
+    supervise(ecu, cal, 2)
+    assert (ecu.lateral_good, ecu.good_ticks) == (2, 5)
+    supervise(ecu, cal, AGE_MAX)
+    assert (ecu.lateral_good, ecu.good_ticks) == (AGE_MAX, AGE_MAX)
+    assert ecu.authority == ecu.feedforward == 1 << 30
+
+
+def test_a_law_without_gains_asks_for_nothing():
+    for law in (fw.STATE_FEEDBACK, fw.OUTPUT_FEEDBACK, fw.COMPENSATOR):
+        cal = rig.calibration(law=law, feedback=[0] * 5, feedforward=[0] * 5, output_gain=[0] * 3)
+        cal.feedback_shift = cal.feedforward_shift = cal.output_gain_shift = 1
+        cal.compensator_shift, cal.compensator_output_shift = [1] * 8, [1] * 2
+        ecu = rig.started(cal)
+        ecu.mode, ecu.authority, ecu.gain_factor = ACTIVE, 1 << 30, 1 << 28
+        ecu.ahead = [1 << 20] * 5
+        control(ecu, cal, 1)
+        assert (ecu.moment, ecu.outputs) == (0, [0, 0])
+
+
+def test_bounds_of_a_ratio_may_be_the_same():
+    cal = rig.calibration(rls_lo=[1 << 28, 1 << 27], rls_hi=[1 << 28, 1 << 27])
+    ecu = rig.started(cal)
+    assert ecu.theta == [1 << 28, 1 << 27]
+
+
+def test_the_shortest_timeout_is_a_timeout():
+    cal = rig.calibration(timeout_ticks=[1, 1, 1, 1, 1])
+    for changes in ({}, {"actuator": fw.DAMPERS}, {"observer": fw.BYPASS}):
+        for name, value in changes.items():
+            setattr(cal, name, value)
+        assert rig.started(cal).refused == 0
+
+
+def identifying(**changes):
+    """Settled, with a roll rate of ``rls_gate`` that the filters keep as it is."""
+    cal = rig.calibration(identification=1, rls_decimation=1, rls_washout=1 << 30, **changes)
+    ecu = rig.started(cal)
+    ecu.moment_unknown = 0
+    ecu.rls_filled = 200
+    ecu.rls_washed[2] = cal.rls_gate
+    ecu.rls_integrals = [1 << 20, 1 << 20]
+    return ecu, cal
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_roll_rate_at_the_gate_teaches(sign):
+    for below, teaches in ((0, True), (1, False)):
+        ecu, cal = identifying()
+        ecu.rls_washed[2] = sign * (cal.rls_gate - below)
+        before = list(ecu.rls_covariance)
+        identify(ecu, cal, 1)
+        assert (ecu.rls_covariance != before) == teaches
+
+
+@pytest.mark.parametrize(
+    ("change", "elapsed", "restarts"),
+    [
+        (lambda ecu: None, 1, False),
+        (lambda ecu: None, 2, True),
+        (lambda ecu: ecu.age.__setitem__(RX_IMU, 1), 1, False),
+        (lambda ecu: ecu.age.__setitem__(RX_IMU, 2), 1, True),
+        (lambda ecu: setattr(ecu, "moment_unknown", 1), 1, True),
+        (lambda ecu: ecu.bad_ticks.__setitem__(sv.BAD_ROLL_RATE, 1), 1, True),
+        (lambda ecu: ecu.bad_ticks.__setitem__(sv.BAD_ACCELERATION, 2), 1, True),
+    ],
+)
+def test_a_gap_empties_the_window_and_keeps_what_was_learnt(change, elapsed, restarts):
+    ecu, cal = identifying()
+    ecu.theta = [300 << 20, 200 << 20]
+    ecu.rls_history = [[5] * 10, [6] * 10]
+    ecu.rls_index = 4
+    change(ecu)
+    identify(ecu, cal, elapsed)
+    if restarts:
+        assert (ecu.rls_filled, ecu.rls_index, ecu.rls_integrals) == (0, 0, [0, 0])
+        assert ecu.rls_history == [[0] * 10, [0] * 10]
+        assert ecu.rls_washed == [0] * 5
+        assert ecu.theta == [300 << 20, 200 << 20]
+    else:
+        assert (ecu.rls_filled, ecu.rls_index) == (200, 5)
+
+
+def test_filters_start_where_the_signals_are_and_settle_before_anything_is_learnt():
+    ecu, cal = identifying(rls_gate=0)
+    ecu.rls_washed, ecu.rls_filled, ecu.rls_integrals = [0] * 5, 0, [0, 0]
+    ecu.rate_good, ecu.acceleration_good = 1 << 24, 1 << 22
+    before = list(ecu.rls_covariance)
+    for k in range(200):
+        identify(ecu, cal, 1)
+        assert ecu.rls_filled == k + 1
+        # a constant signal is no change
+        assert ecu.rls_washed == [0] * 5
+        assert ecu.rls_covariance == before
+    identify(ecu, cal, 1)
+    assert ecu.rls_filled == 200
+    assert ecu.rls_covariance != before
+
+
+def test_a_step_of_the_identification_takes_its_ticks():
+    for decimation in (1, 2, 20):
+        ecu, cal = identifying()
+        cal.rls_decimation, ecu.rls_filled = decimation, 0
+        for k in range(1, 61):
+            identify(ecu, cal, 1)
+            assert ecu.rls_filled == k // decimation
+
+
+@pytest.mark.parametrize("corner", range(4))
+def test_a_failed_bar_gives_nothing_at_all(corner):
+    cal = rig.calibration(actuator=fw.BARS, share_slack=1 << 28)
+    ecu = rig.started(cal)
+    ecu.moment, ecu.front_share = 1000 << 14, 1 << 29
+    ecu.failed[corner] = 1
+    allocate(ecu, cal)
+    axle = corner // 2
+    assert (ecu.bar[axle], ecu.bar[1 - axle]) == (0, 750 << 14)
+
+
+def covariances(rows) -> list[list[int]]:
+    """Five by five, zero but for what ``rows`` says by row and column."""
+    return [[rows.get((i, j), 0) for j in range(5)] for i in range(5)]
+
+
+ONE, UNDER_HALF = 1 << 24, (1 << 23) - 1
+
+
+@pytest.mark.parametrize(("first", "second"), [(ONE, UNDER_HALF), (UNDER_HALF, ONE)])
+def test_a_propagated_covariance_under_half_a_unit_is_none(first, second):
+    cal = rig.calibration(observer=fw.PROPAGATED_COVARIANCE, process_noise=[7] * 5)
+    cal.covariance_phi = covariances({(0, 0): first, (1, 0): second})
+    ecu = rig.started(cal)
+    ecu.covariance = covariances({(0, 0): 1})
+    propagate(ecu, cal)
+    assert ecu.covariance[0][1] == ecu.covariance[1][0] == 0
+
+
+def test_an_updated_covariance_under_half_a_unit_is_none():
+    cal = rig.calibration(observer=fw.PROPAGATED_COVARIANCE, measurement_noise=[1, 1])
+    cal.covariance_output[0] = [UNDER_HALF, 0, 0, 0, 0]
+    cal.covariance_gain_shift[0] = [24] * 5
+    for variance, gain in ((1, 0), (3, 1)):
+        ecu = rig.started(cal)
+        ecu.covariance = covariances({(0, 0): variance})
+        update(ecu, cal, 0, 100)
+        assert ecu.x == [100 * gain, 0, 0, 0, 0]
