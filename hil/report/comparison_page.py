@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 
 from hil.comparison import Named
-from hil.report.curves import Shown, all_figures
+from hil.report.curves import Shown, all_figures, dash
 from hil.report.figure import DASHED, Figure, Series
 from hil.report.page import Cell, Page, Table, Verdict, render
 from hil.report.playback import playback
 from hil.report.rows import ALL_FIGURES, LABELS, number
-from hil.report.run_page import NO_ROLL, parameters, provenance
+from hil.report.run_page import NLT, parameters, provenance
 
 COLOURS = 7
 SAME = 0.02
@@ -53,7 +53,7 @@ def metric_table(named: Sequence[Named]) -> Table:
             *(Cell(f"{100 * run.result.trigger.transmission_rate:.1f}") for run in named),
         ]
     )
-    return Table("Figures", ("", "without control", *(run.name for run in named)), rows, NO_ROLL)
+    return Table("Figures", ("", "without control", *(run.name for run in named)), rows, NLT)
 
 
 def summary_table(named: Sequence[Named]) -> Table:
@@ -244,6 +244,7 @@ def _over_speed(named: Mapping[str, Sequence[Named]], figure: str, label: str) -
                     np.array([result.settings.speed * 3.6 for result in kept]),
                     np.array([getattr(result.controlled_metrics, figure) for result in kept]),
                     1 + place % COLOURS,
+                    dash(1 + place),
                 )
             )
     return Figure(

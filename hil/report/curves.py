@@ -35,6 +35,16 @@ class Shown:
     colour: int
     controlled: bool
 
+    @property
+    def dash(self) -> int:
+        """Dashes of its curves, so that those that lie over each other show all the same."""
+        return dash(self.colour) if self.controlled else DASHED
+
+
+def dash(place: int) -> int:
+    """Return the dashes of the curve in ``place``, 1 the first."""
+    return (SOLID, DASH_DOTTED, DOTTED)[(place - 1) % 3]
+
 
 Vector = NDArray[Any]
 Signal = Callable[[Trace], Vector]
@@ -46,9 +56,8 @@ def signal(name: str, scale: float = 1.0) -> Signal:
 
 
 def _over_time(runs: Sequence[Shown], id: str, title: str, ylabel: str, pick: Signal) -> Figure:
-    dashes = {run.name: DASHED if not run.controlled else SOLID for run in runs}
     curves = [
-        Series(run.name, run.trace.signals["time"], pick(run.trace), run.colour, dashes[run.name])
+        Series(run.name, run.trace.signals["time"], pick(run.trace), run.colour, run.dash)
         for run in runs
     ]
     return Figure(id, title, "time (s)", ylabel, curves, unit="s")
@@ -183,7 +192,7 @@ def path(runs: Sequence[Shown]) -> list[Figure]:
             run.trace.signals["x"],
             run.trace.signals["y"],
             run.colour,
-            SOLID if run.controlled else DASHED,
+            run.dash,
         )
         for run in runs
     ]

@@ -13,9 +13,12 @@ from hil.report.timing import timing_figures, timing_table
 from hil.result import Result
 
 STANDARD_HEAD = ("", "criterion", "clause", "measured", "limit", "")
-NO_ROLL = (
+NLT = (
     "NLT: normalised load transfer (F right − F left)/(F right + F left) of an axle, 1 with a "
-    "wheel in the air. No roll at all: what is left of it if the body stays upright. Roll control "
+    "wheel in the air."
+)
+NO_ROLL = (
+    f"{NLT} No roll at all: what is left of it if the body stays upright. Roll control "
     "cannot take away more: the tyres must carry the lateral acceleration in any case. "
     "Left blank on banked or uneven roads and with a wheel in the air, where it cannot be told."
 )

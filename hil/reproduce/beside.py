@@ -16,6 +16,7 @@ from hil.compared_laws import Entry
 from hil.contract import Comparison
 from hil.effort import FIGURES, driven, roll_without_control
 from hil.experiment import plan
+from hil.report.curves import dash
 from hil.report.figure import Figure, Series
 from hil.reproduce.rows import Report
 from hil.reproduce.section import Section, Value, finite
@@ -249,7 +250,7 @@ def pareto(paper: str, setting: Setting) -> Figure:
         points = np.array([np.mean(found.figures[:, columns], axis=0) for found in steady]).reshape(
             -1, 2
         )
-        curves.append(Series(entry.name, points[:, 0], points[:, 1], colour))
+        curves.append(Series(entry.name, points[:, 0], points[:, 1], colour, dash(colour)))
     return Figure(
         f"{paper}-pareto", f"Roll against effort: {setting.title}", "RMS moment (N·m)",
         "RMS roll angle (deg)", curves, unit="N·m", group=paper, linked=False, zero=True,

@@ -9,7 +9,8 @@ import numpy as np
 from firmware.state import ACTIVE, DEGRADED
 from hil.comparison import Named, runs
 from hil.metrics import moment
-from hil.report.figure import DASHED, SOLID, Figure, Series
+from hil.report.curves import dash as dashes
+from hil.report.figure import DASHED, Figure, Series
 from hil.reproduce.rows import Report, Row
 from hil.reproduce.section import Section
 from hil.result import Result
@@ -110,7 +111,7 @@ def plots(paper: str, title: str, results: Mapping[str, Result]) -> list[Figure]
         trace = result.controlled
         if trace is None:
             continue
-        colour, dash = 1 + place % 7, SOLID if place < 7 else DASHED
+        colour, dash = 1 + place % 7, dashes(1 + place)
         label = name.rpartition(", ")[2]
         time = trace.signals["time"]
         roll.append(Series(label, time, trace.signals["roll"] * degrees, colour, dash))

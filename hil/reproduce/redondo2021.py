@@ -2,6 +2,7 @@
 
 from hil.report.figure import Figure
 from hil.reproduce.chatter import chatter
+from hil.reproduce.design_numbers import design_numbers
 from hil.reproduce.driven import Case, Recomputed, cycle_reason, drive, plots
 from hil.reproduce.rows import Report, Row, printed
 from hil.result import Result
@@ -44,6 +45,11 @@ DELAYED = (
     "the gateway, the tick and the actuator add to the 100 ms"
 )
 
+GAINS = (
+    "The printed −84.06 is read as per degree, −1.29e6 as per radian: neither unit is printed. The "
+    "printed level is below the least that any roll-rate gain has at this net's delays."
+)
+
 
 def recompute(report: Report) -> Recomputed:
     """Return every number of Tables 2 to 7."""
@@ -63,7 +69,8 @@ def recompute(report: Report) -> Recomputed:
             found += _table(test, table, row, numbers, by_row)
         if scenario == "double_lane_change":
             figures = plots(PAPER, "Lane change at 100 km/h", results)
-    return Recomputed(found, figures, [chatter(driven)])
+    designed = design_numbers(PAPER, COMMON, tuple(LAWS.values()), GAINS)
+    return Recomputed(found, figures, [designed, chatter(driven)])
 
 
 def _table(

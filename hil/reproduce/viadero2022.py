@@ -4,6 +4,7 @@ import numpy as np
 
 from hil.report.figure import Figure, Series
 from hil.reproduce import measured_output
+from hil.reproduce.design_numbers import design_numbers
 from hil.reproduce.driven import Case, Recomputed, cycle_reason, drive, plots
 from hil.reproduce.rows import Report, Row, printed
 from hil.reproduce.section import Section
@@ -46,6 +47,11 @@ COURSE_RATE = (
     "which are not printed"
 )
 MODEL = "tyres, unsprung masses and the actuator's lag, which the paper leaves out, take their part"
+
+GAINS = (
+    "The printed gain is larger than the recomputed one, and its exact level at this net's delays "
+    "is above the printed one even without the trigger."
+)
 
 
 def recompute(report: Report) -> Recomputed:
@@ -91,13 +97,14 @@ def recompute(report: Report) -> Recomputed:
                 finding=TRIGGER,
             )
         )
+    designed = design_numbers(PAPER, COMMON, ("hinf_event",), GAINS)
     rules = drive(
         "double_lane_change",
         [Case(rule, {"trigger": rule}) for rule in ("every", "event")],
         {**COMMON, "bus": measured_output.BUS, "speed_kmh": TESTS[0][1]},
         report,
     )
-    return Recomputed(found, figures, [*sections, measured_output.load_and_bound(rules)])
+    return Recomputed(found, figures, [designed, *sections, measured_output.load_and_bound(rules)])
 
 
 def _instants(result: Result) -> Figure:

@@ -6,11 +6,13 @@ import pytest
 from scipy import signal
 
 import vehicles
-from hil import contract
+from hil import contract, experiment
 from hil.cli import main
 from hil.contract import EFFORT_TOLERANCE, FIGURES, Comparison
+from hil.reproduce import viadero2022, yim2020
 from hil.reproduce.beside import BESIDE, OURS, beside, rows
 from hil.reproduce.chatter import fast_share
+from hil.reproduce.driven import cycle_reason
 from hil.reproduce.ideal_bars import linear_run
 from hil.reproduce.measured_output import STEP, WATCHED, lane_change, relative_rule
 from hil.reproduce.papers import PAPERS, reproduce, to_json, to_markdown
@@ -23,6 +25,7 @@ from hil.reproduce.rows import (
     judged,
     printed,
 )
+from hil.reproduce.section import text as shown
 from vehicles.full_car import REPAIRED
 
 
@@ -167,6 +170,46 @@ def test_relative_rule():
     dying = np.array([1.0, 0.4, 0.3])
     assert relative_rule(dying) == 2
     assert relative_rule(dying, floor=0.7) == 1
+
+
+def test_printed_multipliers_certify_nothing(viadero):
+    rate, angle, _ = section(to_json(viadero), "readings_of_y")
+    for row in (rate, angle):
+        for delay in ("20_ms", "40_ms"):
+            assert row[f"printed_multipliers_gamma_squared_{delay}"] is None
+    note = next(s["note"] for s in to_json(viadero)["sections"] if s["section"] == "readings_of_y")
+    assert "R = 3.4e-09 and S = 1.25e-10 as printed certify nothing" in note
+
+
+def test_gains_behind_the_tables(viadero):
+    (row,) = section(to_json(viadero), "design")
+    assert row["gain_as_printed"] == "13553"
+    assert row["gamma_printed"] == pytest.approx(math.sqrt(16.96))
+    assert row["gamma_as_printed"] > row["gamma_printed"] > row["gamma_computed"]
+    assert row["admitted_delay_ms_as_printed"] < row["admitted_delay_ms_computed"]
+
+
+@pytest.mark.parametrize(
+    ("scenario", "keywords"),
+    [
+        ("double_lane_change", {**viadero2022.COMMON, "speed_kmh": 100.0}),
+        ("moose", {**yim2020.COMMON, "law": "hinf", "actuator": "bars"}),
+    ],
+)
+def test_limit_cycles_come_of_what_the_design_model_leaves_out(scenario, keywords):
+    """The reason that the rows give: the same gain on the same net rests on the 1-DOF model."""
+    assert "leaves out" in cycle_reason(experiment.run(scenario, **keywords))
+    model = experiment.run(scenario, **{**keywords, "plant": "roll1"})
+    assert cycle_reason(model) == ""
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(11512.3, "11512"), (-11512.3, "−11512"), (1234.5, "1234"), (0.001234, "0.001234"),
+     (999.96, "1000"), (12.3456, "12.35"), (0.0, "0"), (None, "none"), ("law", "law")],
+)  # fmt: skip
+def test_numbers_have_four_digits_and_no_exponent(value, text):
+    assert shown(value) == text
 
 
 def test_triggering_lowers_the_mean_load_alone(viadero):
