@@ -62,6 +62,8 @@ class Original:
             return str(proof.findings[0]).removeprefix(f"{temporary}/"), ""
         if self._objects(self.files, files) == self._objects(files, self.files):
             return "", "the same object code at -O2"
+        if not mutant.function:
+            return "", ""
         one, two = (
             each.modules[mutant.module].functions[mutant.function].node
             for each in (self.program, program)

@@ -9,6 +9,7 @@ from codegen.program import FIRMWARE
 GENERATED = ("signals", "limits")
 """Modules that a drift test holds against their generator."""
 SKIPPED = ("__init__", "subset", "calibration", "state", *GENERATED)
+TABLE_LINES = 16
 OPERATORS: dict[type[ast.AST], tuple[str, str]] = {
     ast.Add: ("+", "-"),
     ast.Sub: ("-", "+"),
@@ -34,6 +35,7 @@ class Mutant:
     """One change: ``before`` at ``start`` of a module's text becomes ``after``.
 
     The statement it is part of begins in line ``first``; ``text`` is the changed line.
+    ``function`` is "" where a constant of the module is changed.
     """
 
     module: str
@@ -48,7 +50,7 @@ class Mutant:
     @property
     def place(self) -> str:
         """Module and function."""
-        return f"{self.module}.{self.function}"
+        return f"{self.module}.{self.function}" if self.function else self.module
 
     def __str__(self) -> str:
         return f"{self.module}.py:{self.line}: {self.before} -> {self.after or 'nothing'}"
@@ -104,15 +106,18 @@ class Finder:
         if place >= 0:
             yield place, before, after
 
-    def mutants(self, function: ast.FunctionDef) -> Iterator[Mutant]:
-        """The mutants of one function."""
-        for first, node in _nodes(function.body):
+    def mutants(self, function: str, statements: list[ast.stmt]) -> Iterator[Mutant]:
+        """The mutants of the statements of one function, or of the module where that is ""."""
+        for first, node in _nodes(statements):
             for place, before, after in self.changes(node):
                 line = self.source.count("\n", 0, place) + 1
                 begin, end = self.starts[line - 1], self.starts[line]
                 text = self.source[begin:place] + after + self.source[place + len(before) : end]
-                name = function.name
-                yield Mutant(self.module, name, first, line, place, before, after, text.strip())
+                yield Mutant(self.module, function, first, line, place, before, after, text.strip())
+
+
+def _lines(node: ast.stmt) -> int:
+    return (node.end_lineno or 0) + 1 - node.lineno
 
 
 def _nodes(statements: list[ast.stmt]) -> Iterator[tuple[int, ast.AST]]:
@@ -127,11 +132,18 @@ def _nodes(statements: list[ast.stmt]) -> Iterator[tuple[int, ast.AST]]:
 
 
 def mutants(module: str, source: str) -> Iterator[Mutant]:
-    """Every mutant of a module's functions, in order of the text."""
+    """Every mutant of a module's functions and constants, in order of the text.
+
+    Tables of a page are left out: a test holds each against where it comes from.
+    """
     finder = Finder(module, source)
     for node in ast.parse(source).body:
+        found: Iterator[Mutant] = iter(())
         if isinstance(node, ast.FunctionDef):
-            yield from sorted(finder.mutants(node), key=lambda mutant: mutant.start)
+            found = finder.mutants(node.name, node.body)
+        elif isinstance(node, ast.Assign | ast.AnnAssign) and _lines(node) < TABLE_LINES:
+            found = finder.mutants("", [node])
+        yield from sorted(found, key=lambda mutant: mutant.start)
 
 
 def sources() -> dict[str, str]:

@@ -9,8 +9,11 @@ than the next test.
 import ast
 import contextlib
 import io
+import os
 import resource
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -162,9 +165,12 @@ class Hunt:
         """Run what may kill ``mutant``, in this process; verdict and what led to it."""
         changed = mutant.apply(self.texts[mutant.module])
         waiting = self._reaching(mutant)
-        limit = 30 + 4 * int(sum(self.reached[item.nodeid].seconds for item in waiting))
+        # a constant is met by all tests
+        met = waiting if mutant.function else self.items
+        limit = 30 + 4 * int(sum(self.reached[item.nodeid].seconds for item in met))
         resource.setrlimit(resource.RLIMIT_CPU, (limit, limit + 1))
-        replace_code(mutant.module, changed)
+        if mutant.function:
+            replace_code(mutant.module, changed)
         reached = bool(waiting)
         while waiting and time.process_time() < PROOF_SECONDS:
             if self._fails(waiting.pop(0)):
@@ -174,6 +180,9 @@ class Hunt:
             return KILLED, f"proof: {refused}"
         if same:
             return EQUIVALENT, same
+        if not mutant.function:
+            failed = fails_afresh(mutant.module, {**self.texts, mutant.module: changed})
+            return (KILLED, "tests begun afresh") if failed else (SURVIVED, "")
         for item in waiting:
             if self._fails(item):
                 return KILLED, self.failed[0]
@@ -193,6 +202,27 @@ class Hunt:
     def _fails(self, item: pytest.Item) -> bool:
         self._test(item)
         return bool(self.failed)
+
+
+def fails_afresh(module: str, texts: Mapping[str, str]) -> bool:
+    """Whether the tests fail on the firmware of ``texts``, loaded anew; ``module``'s own first.
+
+    Who has imported a constant has its value: it can't be exchanged in place.
+    """
+    tests = sorted(TESTS.glob("test_*.py"), key=lambda path: path.stem != f"test_{module}")
+    with tempfile.TemporaryDirectory() as temporary:
+        copy = Path(temporary) / PACKAGE
+        copy.mkdir()
+        for name, text in texts.items():
+            (copy / f"{name}.py").write_text(text, encoding="utf-8")
+        # -P: the folder in front of the path would hide the copy
+        command = [sys.executable, "-P", "-m", "pytest", "-x", "-m", "not slow"]
+        command += ["-p", "no:cacheprovider", *map(str, tests)]
+        environment = {**os.environ, "PYTHONPATH": f"{temporary}{os.pathsep}{FIRMWARE.parent}"}
+        done = subprocess.run(
+            command, cwd=FIRMWARE.parent, env=environment, capture_output=True, check=False
+        )
+    return done.returncode != 0
 
 
 def mark_lines(module: str, source: str) -> bytearray:

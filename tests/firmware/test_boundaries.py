@@ -13,15 +13,9 @@ from firmware.identification import identify
 from firmware.observer import learn_offsets
 from firmware.state import (
     ACTIVE,
-    AGE_MAX,
-    DEGRADED,
-    INIT,
     RX_ACTUATOR_STATE,
     RX_IMU,
-    RX_VEHICLE_MOTION,
-    SAFE,
 )
-from firmware.supervisor import supervise
 
 STEP = 1 << 12
 """Quarter newton metres, in which the trigger compares."""
@@ -86,15 +80,6 @@ def test_what_is_no_new_echo_is_not_taken_for_one(change):
         setattr(ecu, name, value)
     trigger(ecu, cal, 1)
     assert ecu.echo == 2
-
-
-def test_an_echo_is_overdue_after_eight_times_its_time():
-    cal = rig.calibration(acknowledge_ticks=3)
-    ecu = rig.started(cal)
-    for waiting, unacknowledged, expected in ((1, 24, 0), (1, 25, 1), (0, 25, 0)):
-        ecu.waiting, ecu.unacknowledged = waiting, unacknowledged
-        supervise(ecu, cal, 1)
-        assert ecu.trouble_active >> sv.TROUBLE_COMMAND & 1 == expected
 
 
 def test_commands_and_heartbeats_are_counted_one_by_one():
@@ -165,107 +150,6 @@ def test_offsets_are_learnt_up_to_the_edge_of_straight_ahead(change, learnt):
     change(ecu, cal)
     learn_offsets(ecu, cal)
     assert (ecu.offset_rate, ecu.offset_acceleration) == learnt
-
-
-def good(ecu, cal) -> None:
-    """As if all needed messages had just come."""
-    for message in (RX_IMU, RX_VEHICLE_MOTION, RX_ACTUATOR_STATE):
-        ecu.last_sample[message], ecu.valid[message] = 1, 255
-        ecu.age[message] = ecu.unchanged[message] = 0
-
-
-def test_init_degraded_and_safe_end_to_the_tick():
-    cal = rig.calibration(init_ticks=4, recovery_ticks=6)
-    ecu = rig.started(cal)
-    good(ecu, cal)
-    modes = []
-    for _ in range(5):
-        supervise(ecu, cal, 1)
-        modes.append(ecu.mode)
-    assert modes == [INIT] * 3 + [ACTIVE] * 2
-    for status, lost in ((2, DEGRADED), (0, None)):
-        ecu.status[0] = status
-        if lost is not None:
-            supervise(ecu, cal, 1)
-            assert ecu.mode == lost
-    modes = []
-    for _ in range(7):
-        supervise(ecu, cal, 1)
-        modes.append(ecu.mode)
-    assert modes == [DEGRADED] * 5 + [ACTIVE] * 2
-    ecu.status[:2] = [2, 2]
-    supervise(ecu, cal, 1)
-    assert ecu.mode == SAFE
-    ecu.status[:2] = [0, 0]
-    modes = []
-    for _ in range(7):
-        supervise(ecu, cal, 1)
-        modes.append(ecu.mode)
-    assert modes == [SAFE] * 5 + [ACTIVE] * 2
-
-
-def test_the_lateral_acceleration_is_trusted_again_to_the_tick():
-    cal = rig.calibration(recovery_ticks=6)
-    ecu = rig.started(cal)
-    good(ecu, cal)
-    ecu.lateral_acceleration = cal.acceleration_max + 1
-    for k in range(1, 9):
-        supervise(ecu, cal, 1)
-        assert ecu.bad_ticks[sv.BAD_ACCELERATION] == k
-        assert ecu.lateral_lost == (k > cal.timeout_ticks[RX_IMU])
-    ecu.lateral_acceleration = cal.acceleration_max
-    for k in range(1, 9):
-        supervise(ecu, cal, 1)
-        assert (ecu.lateral_good, ecu.lateral_lost) == (k, int(k < cal.recovery_ticks))
-        assert ecu.acceleration_good == cal.acceleration_max
-
-
-@pytest.mark.parametrize("sign", [-1, 1])
-def test_the_largest_plausible_value_is_plausible(sign):
-    cal = rig.calibration()
-    ecu = rig.started(cal)
-    good(ecu, cal)
-    for over, bad in ((0, 0), (1, 1)):
-        ecu.roll_rate = sign * (cal.roll_rate_max + over)
-        ecu.lateral_acceleration = sign * (cal.acceleration_max + over)
-        supervise(ecu, cal, 1)
-        assert ecu.bad_ticks[sv.BAD_ROLL_RATE] == ecu.bad_ticks[sv.BAD_ACCELERATION] == bad
-
-
-def test_a_message_is_late_or_stuck_beyond_its_limit_not_at_it():
-    cal = rig.calibration(stuck_ticks=9)
-    for name, code in (("age", RX_IMU), ("unchanged", sv.TROUBLE_STUCK)):
-        limit = cal.timeout_ticks[RX_IMU] if name == "age" else 9
-        for ticks, expected in ((limit, 0), (limit + 1, 1)):
-            ecu = rig.started(cal)
-            good(ecu, cal)
-            getattr(ecu, name)[RX_IMU] = ticks
-            supervise(ecu, cal, 1)
-            assert ecu.trouble_active == expected << code
-    # a limit below the timeout counts as the timeout: the message may be that slow
-    ecu = rig.started(rig.calibration(stuck_ticks=1))
-    good(ecu, cal)
-    ecu.unchanged[RX_IMU] = cal.timeout_ticks[RX_IMU]
-    supervise(ecu, cal, 1)
-    assert ecu.trouble_active == 0
-
-
-def test_missed_ticks_count_as_many_everywhere():
-    cal = rig.calibration(ramp_ticks=100)
-    ecu = rig.started(cal)
-    good(ecu, cal)
-    ecu.mode, ecu.feedforward = ACTIVE, 0
-    ecu.lateral_acceleration = cal.acceleration_max + 1
-    supervise(ecu, cal, 3)
-    assert ecu.bad_ticks[sv.BAD_ACCELERATION] == 3
-    assert ecu.good_ticks == 3
-    assert ecu.authority == ecu.feedforward == 3 * ((1 << 30) // 100)
-    ecu.lateral_acceleration = 0
-    supervise(ecu, cal, 2)
-    assert (ecu.lateral_good, ecu.good_ticks) == (2, 5)
-    supervise(ecu, cal, AGE_MAX)
-    assert (ecu.lateral_good, ecu.good_ticks) == (AGE_MAX, AGE_MAX)
-    assert ecu.authority == ecu.feedforward == 1 << 30
 
 
 def test_a_law_without_gains_asks_for_nothing():

@@ -178,3 +178,13 @@ def test_share_of_unseen_three_bit_flips_is_as_stated():
         for bits in itertools.combinations(range(64), 3)
     )
     assert passed == unseen
+
+
+def test_the_table_divides_by_the_polynomial():
+    """SAE J1850: x^8 + x^4 + x^3 + x^2 + 1, without the start and end values of the checksum."""
+    for byte, entry in enumerate(e2e.CRC_TABLE):
+        rest = byte << 8
+        for bit in range(15, 7, -1):
+            if rest >> bit & 1:
+                rest ^= 0x11D << bit - 8
+        assert entry == rest
