@@ -50,7 +50,7 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(data))
         return 0
     head = ("", *found[0].counts)
-    rows = [[part.paper.title, *map(str, part.counts.values())] for part in found]
+    rows = [[part.paper.name, *map(str, part.counts.values())] for part in found]
     terminal.show_table(Table("", head, rows))
     terminal.show_files(data.get("files", {}))
     return 0

@@ -16,6 +16,10 @@ GROUPS = {
     "trade": "Trade-offs",
 }
 
+HINT = (
+    '<p class="soft">Drag across a plot to zoom, double-click to see all of it again; names in a '
+    "legend switch curves off and on.</p>"
+)
 PHONE = 30
 """Letters in the longest words of a table's head that fit a phone; with more its rows stack."""
 WORDS = 5
@@ -44,7 +48,8 @@ class Cell:
 class Table:
     """A titled table; cells are text or numbers with their provenance.
 
-    ``notes`` are numbered below it; ``chapter`` is a heading above it.
+    ``notes`` are numbered below it; ``chapter`` is a heading above it, and in the contents;
+    ``group``: the figures of that group follow it, instead of standing at the end.
     """
 
     title: str
@@ -53,6 +58,7 @@ class Table:
     note: str = ""
     notes: Sequence[str] = ()
     chapter: str = ""
+    group: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,13 +115,32 @@ def _table(table: Table) -> str:
     note = f'<p class="soft">{_text(table.note)}</p>' if table.note else ""
     if table.notes:
         note += f"<ol>{''.join(f'<li>{_text(text)}</li>' for text in table.notes)}</ol>"
-    title = f"<h2>{_text(table.title)}</h2>"
-    if table.chapter:
-        title = f"<h2>{_text(table.chapter)}</h2><h3>{_text(table.title)}</h3>"
+    title, chapter = _text(table.title), table.chapter
+    heading = f"<h2>{title}</h2>"
+    if chapter:
+        heading = f'<h2 id="{_anchor(chapter)}">{_text(chapter)}</h2><h3>{title}</h3>'
+    figures = _grid(table.group) if table.group else ""
     return (
-        f'{title}<div class="scroll"><table{kind}><thead><tr>{head}</tr></thead>'
-        f"<tbody>{rows}</tbody></table></div>{note}"
+        f'{heading}<div class="scroll"><table{kind}><thead><tr>{head}</tr></thead>'
+        f"<tbody>{rows}</tbody></table></div>{note}{figures}"
     )
+
+
+def _anchor(chapter: str) -> str:
+    return "".join(character if character.isalnum() else "-" for character in chapter.lower())
+
+
+def _grid(group: str) -> str:
+    return f'<div class="grid" data-figures="{_text(group)}"></div>'
+
+
+def _contents(tables: Sequence[Table]) -> str:
+    """Links to the chapters, where there are several."""
+    chapters = [table.chapter for table in tables if table.chapter]
+    if len(chapters) < 2:
+        return ""
+    links = "".join(f'<li><a href="#{_anchor(name)}">{_text(name)}</a></li>' for name in chapters)
+    return f"<nav><ul>{links}</ul></nav>"
 
 
 def _pairs(title: str, pairs: Sequence[tuple[str, str]]) -> str:
@@ -126,12 +151,11 @@ def _pairs(title: str, pairs: Sequence[tuple[str, str]]) -> str:
     )
 
 
-def _groups(figures: Sequence[Figure], titles: Mapping[str, str]) -> str:
-    present = {figure.group for figure in figures}
+def _groups(page: Page) -> str:
+    present = {figure.group for figure in page.figures} - {table.group for table in page.tables}
+    titles = {**GROUPS, **page.groups}
     return "".join(
-        f'<h2>{_text(title)}</h2><div class="grid" data-figures="{name}"></div>'
-        for name, title in {**GROUPS, **titles}.items()
-        if name in present
+        f"<h2>{_text(title)}</h2>{_grid(name)}" for name, title in titles.items() if name in present
     )
 
 
@@ -145,6 +169,7 @@ def render(page: Page) -> str:
     mark = {True: "good", False: "bad", None: "none"}[page.verdict.good]
     warnings = "".join(f"<li>{_text(warning)}</li>" for warning in page.warnings)
     tables = "".join(_table(table) for table in page.tables)
+    among = any(table.group for table in page.tables)
     player = '<h2>Playback</h2><section class="playback" id="playback"></section>'
     return "\n".join(
         [
@@ -158,11 +183,12 @@ def render(page: Page) -> str:
             f'<div class="verdict {mark}"><strong>{_text(page.verdict.headline)}</strong>'
             f"{_text(page.verdict.text)}</div>",
             f'<ul class="warnings">{warnings}</ul>' if warnings else "",
+            _contents(page.tables),
+            HINT if among else "",
             tables,
             player if page.playback else "",
-            '<p class="soft">Drag across a plot to zoom, double-click to see all of it again; '
-            "names in a legend switch curves off and on.</p>",
-            _groups(page.figures, page.groups),
+            "" if among else HINT,
+            _groups(page),
             _pairs("Parameters", page.parameters),
             _pairs("Provenance", page.provenance),
             '<p><a id="save-json" download="result.json">Save these numbers as JSON</a></p>',

@@ -2,6 +2,7 @@
 
 import platform
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib.metadata import version
 from itertools import groupby
 
@@ -65,6 +66,7 @@ def reproduction_page(found: Sequence[Reproduction]) -> str:
         for section in part.sections:
             tables.append(section.table(place))
             place += 1
+        tables[-1] = replace(tables[-1], group=part.paper.name)
     return render(
         Page(
             title="The papers' tables, recomputed",
@@ -77,6 +79,5 @@ def reproduction_page(found: Sequence[Reproduction]) -> str:
             parameters=[(part.paper.title, part.paper.conditions) for part in found],
             provenance=[("canroll", version("canroll")), ("Python", platform.python_version())],
             result=to_json(found),
-            groups={part.paper.name: part.paper.title for part in found},
         )
     )

@@ -1,5 +1,6 @@
 import json
 import math
+import re
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import vehicles
 from hil import contract, experiment
 from hil.cli import main
 from hil.contract import EFFORT_TOLERANCE, FIGURES, Comparison
+from hil.report.reproduction_page import reproduction_page
 from hil.reproduce import viadero2022, yim2020
 from hil.reproduce.beside import BESIDE, OURS, beside, rows
 from hil.reproduce.chatter import fast_share
@@ -108,6 +110,18 @@ def test_rows_of_the_json(viadero):
             assert len(found["reason"]) > 30
         ratio = found["ours"] / found["printed"]
         assert found["difference_percent"] == pytest.approx(100 * ratio - 100)
+
+
+def test_the_page_has_a_chapter_a_paper_with_its_plots(viadero):
+    page = reproduction_page(viadero)
+    assert page.count('data-figures="viadero2022"') == 1
+    assert page.index("Mean load and worst case") < page.index('data-figures="viadero2022"')
+    assert page.index('data-figures="viadero2022"') < page.index("<h2>Parameters")
+    assert "<nav>" not in page
+    both = reproduction_page([*viadero, *viadero])
+    links = re.findall(r'<a href="#([^"]+)"', both)
+    assert len(links) == 2
+    assert f'<h2 id="{links[0]}"' in both
 
 
 def test_markdown_has_a_line_a_number(viadero):
