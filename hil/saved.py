@@ -4,10 +4,12 @@ From these three a run is judged and shown again, the same numbers as on the day
 """
 
 import json
+import zlib
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +28,9 @@ RESULT = "result.json"
 TRACE = "trace.npz"
 CALIBRATION = "calibration.toml"
 RUNS = ("passive", "controlled", "replay")
+
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error)
+"""What reading a file that somebody cut short or wrote himself may raise."""
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -80,7 +85,7 @@ def load(folder: Path) -> Result:
         told = {"warnings": tuple(data["warnings"]), "files": data["files"]}
         timing = data.get("timing", {})
         known = data["calibration_id"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except UNREADABLE as error:
         raise CanrollError(f"{folder}: the saved run cannot be read: {error}") from error
     passive = traces["passive"]
     if passive is None or known != loaded.record.id:

@@ -83,6 +83,16 @@ def test_a_run_without_control(tmp_path, capsys):
     assert "Without control" in capsys.readouterr().out
 
 
+def cut_short(path, size):
+    path.write_bytes(path.read_bytes()[:size])
+
+
+def overwrite(path, place):
+    content = bytearray(path.read_bytes())
+    content[place : place + 200] = bytes(200)
+    path.write_bytes(content)
+
+
 def another_calibration(folder):
     """Put the calibration of another law where the run's own was."""
     options = ["--law", "smc", "--vehicle", "suv_2020", "--out", str(folder / "other")]
@@ -95,6 +105,9 @@ def another_calibration(folder):
     [
         (lambda folder: (folder / "trace.npz").unlink(), "no saved run"),
         (lambda folder: (folder / "trace.npz").write_bytes(b"no archive"), "cannot be read"),
+        (lambda folder: cut_short(folder / "trace.npz", 1000), "cannot be read"),
+        (lambda folder: cut_short(folder / "trace.npz", 10), "cannot be read"),
+        (lambda folder: overwrite(folder / "trace.npz", 5000), "cannot be read"),
         (lambda folder: (folder / "result.json").write_text("{}"), "cannot be read"),
         (lambda folder: (folder / "result.json").write_text("["), "cannot be read"),
         (lambda folder: (folder / "calibration.toml").unlink(), "cannot read calibration"),
