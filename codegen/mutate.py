@@ -87,6 +87,7 @@ def main() -> int:
     every = all_mutants(texts)
     size = arguments.sample if arguments.sample is not None else len(every)
     console = Console(stderr=True)
+    quiet = not console.is_terminal
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -97,9 +98,16 @@ def main() -> int:
         if size < 1 or arguments.jobs < 1:
             raise CanrollError("--sample and --jobs are at least 1")
         chosen = sample(every, size, arguments.seed)
-        with Progress(*columns, console=console, disable=not console.is_terminal) as bars:
+        # without a thread that refreshes: it would be in the way of forks
+        bars = Progress(*columns, console=console, auto_refresh=False, disable=quiet)
+        with bars:
             task = bars.add_task("mutants", total=len(chosen))
-            outcomes = run(chosen, texts, arguments.jobs, lambda: bars.advance(task))
+            outcomes = run(
+                chosen,
+                texts,
+                arguments.jobs,
+                lambda: bars.update(task, advance=1, refresh=True),
+            )
     except CanrollError as error:
         print(f"mutate: {error}", file=sys.stderr)
         return error.exit_code

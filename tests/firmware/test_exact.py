@@ -450,3 +450,32 @@ def test_an_identification_step_is_its_filters_and_its_window(seed):
     assert [history[index] for history in ecu.rls_history] == kept
     assert ecu.rls_index == (index + 1) % 10
     assert (ecu.theta, ecu.rls_covariance) == ratios
+
+
+@SEEDS
+@pytest.mark.parametrize("axle", [0, 1])
+def test_what_an_axle_lacks_moves_to_the_other_within_the_slack(seed, axle):
+    """All is asked of one axle, whose limits lie within a few units of it; the other gives all."""
+    rng = random.Random(1200 + seed)
+    ecu, cal = started(rng, share_slack=rng.choice((0, 1 << 10, 1 << 20, 1 << 30)))
+    cal.arm_front, cal.arm_rear = rng.randint(1 << 26, 1 << 27), rng.randint(1 << 26, 1 << 27)
+    arms, tracks = (cal.arm_front, cal.arm_rear), (cal.track_front, cal.track_rear)
+    ecu.front_share = (1 - axle) << 30
+    for _ in range(60):
+        ecu.moment = rng.randint(-(1 << 24), 1 << 24)
+        want = nearest(Fraction(ecu.moment * arms[axle], 1 << 28))
+        bounds = [max(abs(want) + rng.randint(-3, 3), 0) for _ in range(2)]
+        cal.force_max = [4090 << 14] * 4
+        cal.force_max[2 * axle : 2 * axle + 2] = bounds
+        most = sum(bounds)
+        total = limited(2 * want, -most, most)
+        lack = nearest(Fraction((2 * want - total) * tracks[axle], 1 << 29))
+        room = nearest(Fraction(abs(ecu.moment) * cal.share_slack, 1 << 30))
+        moved = limited(lack, -room, room)
+        taken = nearest(Fraction(moved * arms[1 - axle], 1 << 28))
+        allocate(ecu, cal)
+        force = ecu.force[2 * axle : 2 * axle + 2]
+        assert force[0] - force[1] == total
+        assert all(abs(value) <= bound for value, bound in zip(force, bounds, strict=True))
+        assert ecu.force[2 - 2 * axle : 4 - 2 * axle] == [taken, -taken]
+        assert ecu.given == ecu.moment - lack + moved
