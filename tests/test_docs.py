@@ -1,10 +1,13 @@
 """What the pages show is what their commands print, and the build that sees to it works."""
 
 import re
+import shlex
 import subprocess
 from pathlib import Path
 
 import pytest
+
+from hil import cli
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
@@ -56,6 +59,25 @@ def test_links_lead_somewhere(page):
         if anchor:
             headings = re.findall(r"^#+ (.+)$", path.read_text("utf-8"), re.M)
             assert anchor in map(slug, headings), target
+
+
+def shown(page):
+    """Yield the arguments of each canroll command in a block that the build does not run."""
+    blocks = re.findall(r"^```(.*?)\n(.*?)^```$", page.read_text("utf-8"), re.M | re.S)
+    for block in (text for label, text in blocks if label in ("", "sh")):
+        for line in block.replace("\\\n", " ").splitlines():
+            if line.startswith("canroll "):
+                yield shlex.split(re.split(r" && | \|", line)[0], comments=True)[1:]
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda p: p.name)
+def test_commands_that_the_build_does_not_run_are_understood(page):
+    for arguments in shown(page):
+        cli.parse(arguments)
+
+
+def test_there_are_such_commands():
+    assert sum(len(list(shown(page))) for page in [ROOT / "README.md", *PAGES]) > 10
 
 
 @pytest.fixture
