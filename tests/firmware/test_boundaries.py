@@ -10,11 +10,12 @@ from firmware.control_law import control
 from firmware.covariance import propagate, update
 from firmware.event_trigger import NOTHING, moved, trigger
 from firmware.identification import identify
-from firmware.observer import learn_offsets
+from firmware.observer import learn_offsets, look_ahead, observe
 from firmware.state import (
     ACTIVE,
     RX_ACTUATOR_STATE,
     RX_IMU,
+    RX_ROLL_REFERENCE,
 )
 
 STEP = 1 << 12
@@ -290,3 +291,98 @@ def test_an_updated_covariance_under_half_a_unit_is_none():
         ecu.covariance = covariances({(0, 0): variance})
         update(ecu, cal, 0, 100)
         assert ecu.x == [100 * gain, 0, 0, 0, 0]
+
+
+def watching(**changes):
+    """A model that stays where it is; each measurement corrects a state of its own by its value."""
+    cal = rig.calibration(gamma=[0] * 5, gamma_steering=[0] * 5, **changes)
+    cal.phi, cal.phi_shift = [[2 * int(i == j) for j in range(5)] for i in range(5)], [1] * 5
+    cal.output, cal.output_moment, cal.output_shift = [[0] * 5] * 3, [0] * 3, [1] * 3
+    cal.correction = [[2, 0, 0, 0, 0], [0, 2, 0, 0, 0], [0] * 5]
+    cal.correction_single = [0, 0, 2, 0, 0]
+    cal.correction_shift, cal.correction_single_shift = [[1] * 5] * 3, [1] * 5
+    ecu = rig.started(cal)
+    ecu.fresh[RX_IMU] = 1
+    ecu.roll_rate, ecu.lateral_acceleration = 1000, 2000
+    return ecu, cal
+
+
+@pytest.mark.parametrize(
+    ("measurements", "bad", "lost", "expected"),
+    [
+        (3, (0, 0), 0, [1000, 2000, 0]),
+        (1, (0, 0), 0, [1000, 0, 0]),
+        (2, (0, 0), 0, [0, 2000, 0]),
+        (3, (1, 0), 0, [0, 2000, 0]),
+        (3, (0, 1), 0, [1000, 0, 0]),
+        (3, (0, 1), 1, [0, 0, 1000]),
+        (3, (0, 9), 1, [0, 0, 1000]),
+        # good again, though not yet trusted by the feedforward
+        (3, (0, 0), 1, [1000, 2000, 0]),
+        (3, (1, 1), 1, [0, 0, 0]),
+    ],
+)
+def test_what_is_measured_and_good_corrects(measurements, bad, lost, expected):
+    ecu, cal = watching(measurements=measurements)
+    ecu.bad_ticks[sv.BAD_ROLL_RATE], ecu.bad_ticks[sv.BAD_ACCELERATION] = bad
+    ecu.lateral_lost = lost
+    observe(ecu, cal, 1)
+    assert ecu.x == [*expected, 0, 0]
+    ecu.fresh[RX_IMU] = 0
+    observe(ecu, cal, 3)
+    assert ecu.x == [*expected, 0, 0]
+
+
+def test_bypass_takes_the_reference_when_it_is_new():
+    cal = rig.calibration(observer=fw.BYPASS, timeout_ticks=[5] * 5)
+    ecu = rig.started(cal)
+    ecu.x = [1, 2, 3, 4, 5]
+    ecu.reference_roll, ecu.reference_rate, ecu.reference_acceleration = 60, 70, 80
+    observe(ecu, cal, 1)
+    assert ecu.x == [1, 2, 3, 4, 5]
+    ecu.fresh[RX_ROLL_REFERENCE] = 1
+    observe(ecu, cal, 1)
+    assert ecu.x == [60, 70, 80, 4, 5]
+
+
+@pytest.mark.parametrize(
+    ("actuator", "unknown", "after"),
+    [
+        (fw.SUSPENSION, 0, 1 << 28),
+        (fw.BARS, 0, 1 << 28),
+        (fw.BARS, 1, 1 << 28),
+        (fw.DAMPERS, 0, -(1 << 28)),
+        (fw.DAMPERS, 1, 0),
+        (fw.VALVES, 0, -(1 << 28)),
+        (fw.VALVES, 1, 0),
+    ],
+)
+def test_what_is_commanded_is_a_moment_but_for_dampers_and_valves(actuator, unknown, after):
+    """The actuator gets all the way to its command in a tick; the roll angle adds up its moment."""
+    ecu, cal = watching(predict_steps=2, actuator_rate=1 << 30)
+    cal.actuator = actuator
+    ecu.model[0][3] = 2
+    ecu.moment_unknown = unknown
+    ecu.delivered = [-(1 << 27)] * 2
+    ecu.ring = [1 << 28] * 32
+    look_ahead(ecu, cal)
+    first = 0 if after > 0 and not unknown else after
+    assert ecu.ahead == [first + after, 0, 0, 0, 0]
+
+
+def test_more_than_fifteen_troubles_are_shown_as_fifteen():
+    ecu = rig.started(rig.calibration())
+    for number in (1, 14, 15, 16, 24):
+        ecu.found = (1 << number) - 1
+        sv.latch_troubles(ecu)
+        assert ecu.trouble_number == min(number, 15)
+        assert ecu.trouble_active == ecu.trouble_latched == ecu.found
+    assert ecu.trouble_count == [1] * 24
+    ecu.found = 1
+    sv.latch_troubles(ecu)
+    assert (ecu.trouble_number, ecu.trouble_active) == (1, 1)
+    assert ecu.trouble_latched == (1 << 24) - 1
+    ecu.found = 3
+    for _ in range(3):
+        sv.latch_troubles(ecu)
+    assert ecu.trouble_count == [1, 2, *[1] * 22]

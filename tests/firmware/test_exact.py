@@ -308,7 +308,7 @@ def test_damper_currents_are_the_share_between_soft_and_firm(seed):
         cal.damper_speed = [rng.randint(1, scale) for _ in range(2)]
         cal.damper_force = [rng.randint(0, scale), rng.randint(0, 2 * scale)]
         cal.damper_slope = [rng.randint(0, 1 << 27) for _ in range(2)]
-        ecu.stroke_rate = [rng.choice((-1, 1)) * rng.randint(1, 2 * scale) for _ in range(4)]
+        ecu.stroke_rate = [rng.randint(-2 * scale, 2 * scale) for _ in range(4)]
         ecu.failed = [rng.choice((0, 0, 0, 1)) for _ in range(4)]
         ecu.moment, ecu.front_share = rng.randint(-8 * scale, 8 * scale), rng.randint(0, 1 << 30)
         wanted = [
