@@ -108,6 +108,10 @@ def test_a_run_in_real_time_has_the_report_of_one_in_virtual_time(tmp_path, caps
     assert len(decoded) > 20
     for backend in ("python", "native"):
         assert main(["ecu", "--replay", str(out / "ticks.npz"), "--backend", backend]) == 0
+    page = (out / "report.html").read_text()
+    assert "<h2>Real time</h2>" in page and '"timing-tick"' in page
+    assert main(["report", str(out)]) == 0
+    assert (out / "report.html").read_text() == page
 
 
 def test_a_program_that_falls_over_is_quoted(tmp_path, capsys):
