@@ -17,26 +17,21 @@ from gain_gen.event_law import EPSILON_SQUARED, PRINTED_EVENT_GAIN
 from gain_gen.plant import (
     PERFORMANCE,
     ROLL_RATE,
-    Matrix,
     disturbance_input,
-    lateral_input,
     moment_input,
-    state_matrix,
-    zero_order_hold,
 )
 from hil.metrics import Vector, peak, rms
+from hil.reproduce.roll_model import motion
 from hil.reproduce.rows import printed
 from hil.reproduce.section import Section, Value, finite
 from hil.result import Result
 from plant_sim.can_bus import load_profile
 from plant_sim.can_bus.delay_bounds import message_paths
-from vehicles import RollModel
 
 PAPER = "viadero2022"
 SAMPLING = 0.020
 NETWORK = 0.020
 """Sampling period and longest network delay as printed, s."""
-STEP = 0.001
 READINGS = {"roll rate": ROLL_RATE, "roll angle": np.array([[1.0, 0.0]])}
 BUS = "500k"
 WATCHED = ("Imu", "RollControlStatus")
@@ -56,7 +51,7 @@ def readings(result: Result) -> Section:
     model = vehicles.load("van_2022").design
     tables = printed(PAPER)
     signals = result.passive.signals
-    without = lane_change(model, None, signals["ay"])
+    without = motion(model, None, signals["ay"])
     rows: list[dict[str, Value]] = []
     for name, output in READINGS.items():
         plant = si_plant(model, output)
@@ -97,10 +92,12 @@ def readings(result: Result) -> Section:
             }
         most = largest_delay(plant.a, plant.b, PRINTED_EVENT_GAIN * output)
         row["largest_delay_ms"] = finite(MS * most)
-        motion = lane_change(model, output, signals["ay"])
+        controlled = motion(
+            model, PRINTED_EVENT_GAIN * output, signals["ay"], sampling=SAMPLING, delay=NETWORK
+        )
         for quantity, place in (("roll", 0), ("roll_rate", 1)):
             for figure, function in (("rms", rms), ("max", peak)):
-                change = function(motion[:, place]) / function(without[:, place]) - 1
+                change = function(controlled[:, place]) / function(without[:, place]) - 1
                 row[f"{quantity}_{figure}_change_percent"] = finite(100 * change)
         rows.append(row)
     table = tables["double_lane_change_100"]
@@ -149,27 +146,6 @@ def _multipliers(rows: Sequence[Mapping[str, Value]]) -> str:
     return f"R = {tables['lyapunov_r']:.2g} and S = {tables['lyapunov_s']:.3g} as printed " + (
         "certify a level." if holds else "certify nothing with any Ω, for either reading of y."
     )
-
-
-def lane_change(model: RollModel, output: Matrix | None, lateral: Vector) -> Vector:
-    """Return [φ, φ'] each millisecond under sampled, delayed u = K y; None: without control."""
-    inputs = np.hstack([lateral_input(model), moment_input(model)])
-    a, b = zero_order_hold(state_matrix(model), inputs, STEP)
-    every, late = round(SAMPLING / STEP), round(NETWORK / STEP)
-    states = np.zeros((len(lateral), 2))
-    state, arrived, queue = np.zeros(2), 0.0, [0.0] * late
-    asked = 0.0
-    for k, acceleration in enumerate(lateral):
-        states[k] = state
-        if output is not None:
-            if k % every == 0:
-                asked = PRINTED_EVENT_GAIN * float((output @ state)[0])
-            queue.append(asked)
-            arrived = queue.pop(0)
-        state = a @ state + b @ np.array([acceleration, arrived])
-        # an unstable reading is shown as one, not as an overflow
-        state = np.clip(state, -1e3, 1e3)
-    return states
 
 
 def relative_rule(commands: Vector, *, floor: float = 0.0) -> int:

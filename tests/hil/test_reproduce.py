@@ -16,8 +16,9 @@ from hil.reproduce.beside import BESIDE, OURS, beside, rows
 from hil.reproduce.chatter import fast_share
 from hil.reproduce.driven import cycle_reason
 from hil.reproduce.ideal_bars import linear_run
-from hil.reproduce.measured_output import STEP, WATCHED, lane_change, relative_rule
+from hil.reproduce.measured_output import WATCHED, relative_rule
 from hil.reproduce.papers import PAPERS, reproduce, to_json, to_markdown
+from hil.reproduce.roll_model import STEP, motion
 from hil.reproduce.rows import (
     NOT_REPRODUCIBLE,
     REPRODUCED,
@@ -28,7 +29,10 @@ from hil.reproduce.rows import (
     printed,
 )
 from hil.reproduce.section import text as shown
+from hil.reproduce.vu2020 import frequency_domain
 from vehicles.full_car import REPAIRED
+
+TABLE_3 = "reduction_db_at_1_rad_s"
 
 
 def row(printed_value, ours, group="g", **more):
@@ -168,14 +172,14 @@ def test_rolling_is_a_second_order_system():
     model = vehicles.load("van_2022").design
     time = np.arange(3000) * STEP
     lateral = 3 * np.sin(2 * time)
-    motion = lane_change(model, None, lateral)
+    free = motion(model, None, lateral)
     stiffness = model.effective_stiffness
     system = signal.TransferFunction(
         [model.roll_arm], [model.roll_inertia, model.roll_damping, stiffness]
     )
     _, expected, _ = signal.lsim(system, lateral, time, interp=False)
-    assert motion[:, 0] == pytest.approx(expected, abs=1e-9)
-    assert np.array_equal(lane_change(model, np.zeros((1, 2)), lateral), motion)
+    assert free[:, 0] == pytest.approx(expected, abs=1e-9)
+    assert np.array_equal(motion(model, np.zeros((1, 2)), lateral), free)
 
 
 def test_relative_rule():
@@ -289,6 +293,16 @@ def test_ours_beside_theirs(paper):
             # less roll for the effort than the roll rate alone gives
             assert found[law]["high_percent"] < 0
     assert [curve.name for curve in figure.series[1:]] == [entry.name for entry in OURS]
+
+
+def test_nearest_to_the_printed_drop_of_wheel_motion():
+    """The figure in the reason: feedback that no actuator has, on the car as printed."""
+    rows = {row.quantity: row for row in frequency_domain(printed("vu2020")[TABLE_3])}
+    for quantity in ("z1_db", "z2_db", "force_front_left_db"):
+        row = rows[quantity]
+        nearest = float(re.search(r"nearest: (-?[\d.]+) dB", row.finding).group(1))
+        assert row.ours < 1
+        assert 15 < nearest < row.printed
 
 
 def test_ideal_law_on_the_linear_car():
