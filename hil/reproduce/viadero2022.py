@@ -34,8 +34,9 @@ MISPRINT = (
     "to 3 (2.7 in the paper's own run at 120 km/h): a misprint"
 )
 COURSE = (
-    "the printed passive roll is the same at 120 km/h as at 100 km/h; on one course it grows with "
-    "the square of the speed: the course must have been another, which is not printed"
+    "from 100 to 120 km/h the printed passive roll angle grows by 11 % (RMS) and not at all "
+    "(largest); on one course it grows with the square of the speed, by 44 %: the course must have "
+    "been another, which is not printed"
 )
 TRIGGER = (
     "the paper's trigger sits at the sensor, compares measurements and knows no heartbeat; ours "

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gain_gen.full_car import SPEED, full_car_model, ideal_gain, reductions
+from gain_gen.full_car import INPUT_WEIGHT, SPEED, full_car_model, ideal_gain, reductions
 from hil.report.figure import DASHED, SOLID, Figure, Series
 from hil.reproduce.driven import Case, Recomputed, cycle_reason, drive, force_rms, plots
 from hil.reproduce.ideal_bars import ideal_beside
@@ -37,12 +37,14 @@ INTERNAL = (
     "as the paper's B = [B1, B2] reads and no actuator can, comes nearest: {roads:.1f} dB"
 )
 WEIGHTS = (
-    "the paper's weights on a pressure in Pa leave the bars idle; read in MPa they give what is "
-    "seen here; units are not printed"
+    "units are not printed: weights on a pressure in Pa leave the bars idle; in MPa, with the "
+    "printed weight of 1 on the currents, roll falls by {printed:.1f} dB and the valves are asked "
+    "for hundreds of ampere; here that weight is {weight:g}"
 )
 BARS = (
-    "the compensator feeds back what the inertial sensors tell, not 26 measured states, and its "
-    "weights are read in MPa: the paper's are not printed with units"
+    "the compensator feeds back what the inertial sensors tell, not 26 measured states; of the "
+    "paper's weights the units are not printed: pressures are in MPa here, the weight of the "
+    f"currents is {INPUT_WEIGHT:g}"
 )
 DRIVER = (
     "one driver and course for all speeds, calibrated at 100 km/h; the paper's course and driver "
@@ -117,13 +119,18 @@ def frequency_domain(numbers: dict[str, float]) -> list[Row]:
     """Table 3: the ideal 26-state law on the linear car, from the steering at 1 rad/s."""
     model = full_car_model(REPAIRED, SPEED)
     ours = reductions(model, *ideal_gain(model))
+    unweighted = reductions(model, *ideal_gain(model, input_weight=1.0))
     as_printed = full_car_model(AS_PRINTED, SPEED)
     roads = reductions(as_printed, *ideal_gain(as_printed, input_weight=1.0, roads=True))
     found = []
     for quantity, value in numbers.items():
         name = BODE[quantity]
         internal = name.startswith("hop")
-        reason = INTERNAL.format(roads=roads[name]) if internal else WEIGHTS
+        reason = (
+            INTERNAL.format(roads=roads[name])
+            if internal
+            else WEIGHTS.format(printed=unweighted[name], weight=INPUT_WEIGHT)
+        )
         found.append(
             Row(
                 PAPER,
