@@ -7,7 +7,7 @@ from firmware import calibration as fw
 from firmware import plausibility as sv
 from firmware.allocation import allocate
 from firmware.control_law import control
-from firmware.covariance import propagate, update
+from firmware.covariance import bounded, propagate, update
 from firmware.event_trigger import NOTHING, moved, trigger
 from firmware.identification import identify
 from firmware.observer import learn_offsets, look_ahead, observe
@@ -24,7 +24,14 @@ STEP = 1 << 12
 
 @pytest.mark.parametrize(
     ("floor", "relative", "sent", "threshold"),
-    [(0, 0, 0, 0), (40, 0, 0, 40), (0, 1, 30, 30), (40, 1, 30, 50), (40, 0.25, 60, 50)],
+    [
+        (0, 0, 0, 0),
+        (0, 1, 0, 0),
+        (40, 0, 0, 40),
+        (0, 1, 30, 30),
+        (40, 1, 30, 50),
+        (40, 0.25, 60, 50),
+    ],
 )
 def test_a_command_that_moves_by_the_threshold_itself_is_not_sent(floor, relative, sent, threshold):
     cal = rig.calibration(
@@ -386,3 +393,12 @@ def test_more_than_fifteen_troubles_are_shown_as_fifteen():
     for _ in range(3):
         sv.latch_troubles(ecu)
     assert ecu.trouble_count == [1, 2, *[1] * 22]
+
+
+def test_a_variance_is_one_unit_at_least_and_a_tiny_cap_takes_all_covariance_with_it():
+    cal = rig.calibration(observer=fw.PROPAGATED_COVARIANCE, covariance_max=[1] + [1 << 29] * 4)
+    ecu = rig.started(cal)
+    ecu.covariance = covariances({(0, 0): fw.STATE_MAX, (0, 1): 1 << 29, (1, 0): 1 << 29})
+    bounded(ecu, cal)
+    expected = {(0, 0): 1, **{(i, i): 1 for i in range(1, 5)}}
+    assert ecu.covariance == covariances(expected)

@@ -77,7 +77,7 @@ def test_checksum_is_right_exactly_when_the_reference_library_says_so(payload, d
     )
 
 
-def follow(max_delta: int, repeated: int, sync: int, steps) -> None:
+def follow(max_delta: int, repeated: int, sync: int, steps, counter: int = 0) -> None:
     """Both receivers through one history: counter steps, "bad" checksums, None for no frame."""
     cal, ecu = Calibration(), Ecu()
     cal.e2e_max_delta, cal.e2e_max_repeated, cal.e2e_sync = (
@@ -87,7 +87,7 @@ def follow(max_delta: int, repeated: int, sync: int, steps) -> None:
     )
     ecu.e2e_last, ecu.e2e_delta = [e2e.NO_COUNTER] * N_RX, [max_delta] * N_RX
     reference = SpecifiedReceiver(max_delta, repeated, sync)
-    counter, data_id, message = 0, 0x0CA0, 2
+    data_id, message = 0x0CA0, 2
     for step in steps:
         if step is None:
             e2e.missed(ecu, message)
@@ -125,7 +125,19 @@ def test_receiver_follows_the_specification_through_any_history(max_delta, repea
 @pytest.mark.parametrize(("repeated", "sync"), [*itertools.product((0, 1), (0, 1, 2))])
 def test_receiver_follows_the_specification_through_every_short_history(repeated, sync):
     for steps in itertools.product((None, 0, 1, 3), repeat=4):
-        follow(1, repeated, sync, (1, 1, *steps))
+        # a step of three goes to 0
+        follow(1, repeated, sync, (1, 1, *steps), counter=10)
+
+
+def test_the_counter_never_is_fifteen():
+    cal = rig.calibration()
+    ecu = rig.started(cal)
+    for counter in (13, 14, 15, 0):
+        data = bytearray(8)
+        data[1] = 0xA0 | counter
+        data[0] = e2e.checksum(list(data), 0x0CA0)
+        assert e2e.check(ecu, cal, 2, list(data), 0x0CA0) == (counter in (14, 0))
+        assert ecu.e2e_last[2] == counter or counter == 15
 
 
 def flipped(data: bytes, bits) -> list[int]:
