@@ -4,12 +4,14 @@ import pytest
 import rig
 
 from firmware import calibration as fw
+from firmware import ecu as loop
 from firmware import plausibility as sv
 from firmware.allocation import allocate
 from firmware.control_law import control
 from firmware.covariance import bounded, propagate, update
 from firmware.event_trigger import NOTHING, moved, trigger
 from firmware.identification import identify
+from firmware.mailbox import read_inputs
 from firmware.observer import learn_offsets, look_ahead, observe
 from firmware.state import (
     ACTIVE,
@@ -402,3 +404,14 @@ def test_a_variance_is_one_unit_at_least_and_a_tiny_cap_takes_all_covariance_wit
     bounded(ecu, cal)
     expected = {(0, 0): 1, **{(i, i): 1 for i in range(1, 5)}}
     assert ecu.covariance == covariances(expected)
+
+
+def test_a_frame_is_read_once_even_without_protection():
+    cal = rig.calibration(e2e=0, timeout_ticks=[1] * 5)
+    ecu = rig.started(cal)
+    for message in range(5):
+        loop.receive(ecu, message, [0] * 7 + [16 + 4], 8)
+    for k in range(5):
+        read_inputs(ecu, cal, 1)
+        assert ecu.fresh == [int(k == 0)] * 5
+        assert ecu.age == ecu.unchanged == [k] * 5

@@ -380,13 +380,13 @@ def learnt(ecu, cal, f: tuple[int, int], y: int) -> tuple[list[int], list[int]]:
 def teachable(rng: random.Random):
     """Settled filters, random memories; everything teaches."""
     ecu, cal = started(rng, identification=1, rls_gate=0, rls_decimation=1)
-    cal.rls_lo, cal.rls_hi = [1, 1], [fw.STATE_MAX] * 2
+    cal.rls_lo, cal.rls_hi = [3 << 26, 1 << 26], [1 << 29, 3 << 28]
     cal.rls_forgetting = rng.randint(29 << 25, 1 << 30)
     ecu.theta = [rng.randint(1 << 27, 1 << 29) for _ in range(2)]
     p0, p1, p2 = rng.randint(1 << 20, 1 << 23), *small(rng, 1, 19), rng.randint(1 << 20, 1 << 23)
     ecu.rls_covariance = [p0, p1, p2]
     cal.rls_trace_max = (p0 + p2) // rng.choice((1, 2))
-    ecu.rls_filled, ecu.rls_index = 200, rng.randrange(10)
+    ecu.rls_filled = 200
     return ecu, cal
 
 
@@ -401,10 +401,43 @@ def test_least_squares_learn_to_the_nearest_unit(seed):
         assert (ecu.theta, ecu.rls_covariance) == expected
 
 
+@pytest.mark.parametrize("sign", [-1, 1])
+@pytest.mark.parametrize("which", [0, 1])
+def test_ratios_stop_at_their_own_bounds(which, sign):
+    rng = random.Random(which)
+    ecu, cal = teachable(rng)
+    f = [0, 0]
+    f[which] = 1 << 20
+    for _ in range(20):
+        y = sign * (1 << 23)
+        expected = learnt(ecu, cal, tuple(f), y)
+        learn(ecu, cal, *f, y)
+        assert (ecu.theta, ecu.rls_covariance) == expected
+    assert ecu.theta[which] == (cal.rls_hi if sign > 0 else cal.rls_lo)[which]
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_the_largest_variance_learns_from_one_unit_and_the_least_stays(which):
+    rng = random.Random(which)
+    ecu, cal = teachable(rng)
+    cal.rls_forgetting, cal.rls_trace_max = 1 << 30, 1
+    ecu.rls_covariance = [fw.STATE_MAX, 0, fw.STATE_MAX]
+    f = (1 - which, which)
+    expected = learnt(ecu, cal, f, 1 << 16)
+    learn(ecu, cal, *f, 1 << 16)
+    assert (ecu.theta, ecu.rls_covariance) == expected
+    for trace_max in (1, 1 << 25):
+        cal.rls_trace_max = trace_max
+        ecu.rls_covariance = [1, 0, 1]
+        learn(ecu, cal, *f, 1 << 16)
+        assert ecu.rls_covariance == [1, 0, 1]
+
+
 @SEEDS
 def test_an_identification_step_is_its_filters_and_its_window(seed):
     rng = random.Random(1100 + seed)
     ecu, cal = teachable(rng)
+    ecu.rls_index = seed % 10
     cal.rls_washout = rng.randint(1 << 29, 1 << 30)
     cal.rls_moment, cal.rls_lateral, cal.rls_inertia, cal.rls_stiffness = (
         rng.randint(1 << 26, 1 << 29) for _ in range(4)
