@@ -3,7 +3,8 @@
 Every law is designed from the same design model and bus, drives the same manoeuvre on the same
 plant with the same seeds (so that every difference is paired), and is scaled to the same RMS
 moment over these very runs. Better means less roll, RMS and peak, beyond the 95 % interval of the
-paired differences, without a limit cycle, while moment, path error and load transfer are no worse.
+paired differences, without a limit cycle, while moment, path error, steering and load transfer
+are no worse.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -35,6 +36,7 @@ NO_WORSE = {
     "path_error_max_m": "path error",
     "nlt_front_max": "load transfer in front",
     "nlt_rear_max": "load transfer in the rear",
+    "steer_rms_deg": "steering",
 }
 """What may not pay for less roll, in words."""
 TOLERANCE = 0.01
@@ -55,7 +57,7 @@ class Row:
     Attributes:
         entry: the law.
         factor: on its moment, to meet the budget; 1 where it is not scaled.
-        figures: runs by :data:`FIGURES`, (runs, 7); NaN where it did not run.
+        figures: runs by :data:`FIGURES`, (runs, 8); NaN where it did not run.
         refused: why it cannot be compared, as that it did not run or misses the budget, or empty.
         cycles: how many runs were a limit cycle.
         swings: whether that is more than chance explains.

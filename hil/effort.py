@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from math import degrees
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,7 @@ from canroll.errors import CanrollError
 from hil.controller import PASSIVE, Controller
 from hil.experiment import drive
 from hil.limit_cycle import detect
-from hil.metrics import judge
+from hil.metrics import judge, rms
 from hil.result import Settings
 
 FIGURES = (
@@ -22,7 +23,10 @@ FIGURES = (
     "path_error_max_m",
     "nlt_front_max",
     "nlt_rear_max",
+    "steer_rms_deg",
 )
+"""Figures of :class:`hil.metrics.Metrics`, and the RMS steering angle at the road wheels: what a
+car that understeers more takes more of on the same path."""
 MOMENT_RMS = FIGURES.index("moment_rms_nm")
 BUDGET_TOLERANCE = 0.005
 """How near to the budget a law is scaled, as share of it."""
@@ -43,7 +47,7 @@ PassiveRoll = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class Driven:
-    """What a law did over several seeds: figures (runs, 7), and how many limit cycles there were.
+    """What a law did over several seeds: figures (runs, 8), and how many limit cycles there were.
 
     ``factor``: on the law's moment.
     """
@@ -102,7 +106,8 @@ def driven(
     for seed, roll in enumerate(passive):
         trace = drive(replace(settings, seed=seed), controller, enabled=settings.law != PASSIVE)
         metrics = judge(trace)
-        figures.append([getattr(metrics, name) for name in FIGURES])
+        steer = degrees(rms(trace.signals["steer"]))
+        figures.append([*(getattr(metrics, name) for name in FIGURES[:-1]), steer])
         if settings.law != PASSIVE:
             cycles += detect(trace.ticks["t"], trace.ticks["moment"], *roll) is not None
     return Driven(factor, np.array(figures), cycles)

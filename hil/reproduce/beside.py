@@ -44,6 +44,7 @@ COLUMNS = {
     "nlt_front_max": "NLT front",
     "nlt_rear_max": "NLT rear",
     "path_error_max_m": "path error (m)",
+    "steer_rms_deg": "steering RMS (deg)",
     "roll_rms_difference_percent": "roll RMS against hinf_delay (%)",
     "low_percent": "95 % from (%)",
     "high_percent": "95 % to (%)",
@@ -186,6 +187,7 @@ def _section(
         "that command valve currents run at an effort of their own. S1: the roll rate alone, S2: "
         "all sensors.",
         _lowered(found),
+        _plain_share(found),
         setting.choice,
     ]
     return Section(
@@ -207,6 +209,21 @@ def _lowered(found: Comparison) -> str:
         f"{found.reference} as designed is in a limit cycle in {designed.cycles} of {found.runs} "
         "runs: its certificate is of the linear roll model, not of this vehicle's wheels and "
         f"tyres; {reference.factor:g} of its gain is the most, in tenths, that makes none."
+    )
+
+
+def _plain_share(found: Comparison) -> str:
+    """Say how much of our law's gain the plain feedforward gives by itself."""
+    laws = {row.entry.name: row for row in found.rows if row.ran}
+    if not {"ay_feedforward", "lqg_delay"} <= set(laws):
+        return ""
+    plain, ours = (
+        -100 * found.against_reference(laws[law], contract.ROLL[0]).mean
+        for law in ("ay_feedforward", "lqg_delay")
+    )
+    return (
+        f"The plain feedforward of the lateral acceleration alone takes {plain:.1f} % off "
+        f"{found.reference}'s RMS roll angle, lqg_delay {ours:.1f} %."
     )
 
 
