@@ -13,11 +13,13 @@ from firmware.event_trigger import NOTHING, moved, trigger
 from firmware.identification import identify
 from firmware.mailbox import read_inputs
 from firmware.observer import learn_offsets, look_ahead, observe
+from firmware.schedule import schedule
 from firmware.state import (
     ACTIVE,
     RX_ACTUATOR_STATE,
     RX_IMU,
     RX_ROLL_REFERENCE,
+    RX_VEHICLE_MOTION,
 )
 
 STEP = 1 << 12
@@ -415,3 +417,14 @@ def test_a_frame_is_read_once_even_without_protection():
         read_inputs(ecu, cal, 1)
         assert ecu.fresh == [int(k == 0)] * 5
         assert ecu.age == ecu.unchanged == [k] * 5
+
+
+def test_without_motion_the_estimate_stands_for_the_steering_at_every_tick():
+    cal = rig.calibration(schedule_steering=[1 << 24] * 8)
+    ecu = rig.started(cal)
+    ecu.steering = 1 << 20
+    by_steering = 1 << 24
+    for age, lost, estimate in ((0, 0, 5), (3, 1, 7000), (4, 1, 7001), (0, 0, 6)):
+        ecu.age[RX_VEHICLE_MOTION], ecu.motion_lost, ecu.x[2] = age, lost, estimate
+        schedule(ecu, cal)
+        assert ecu.steering_acceleration == (estimate if lost else by_steering)
