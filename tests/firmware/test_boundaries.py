@@ -428,3 +428,20 @@ def test_without_motion_the_estimate_stands_for_the_steering_at_every_tick():
         ecu.age[RX_VEHICLE_MOTION], ecu.motion_lost, ecu.x[2] = age, lost, estimate
         schedule(ecu, cal)
         assert ecu.steering_acceleration == (estimate if lost else by_steering)
+
+
+@pytest.mark.parametrize("share", [0, fw.STATE_MAX])
+def test_all_of_the_moment_may_go_to_one_axle(share):
+    cal = rig.calibration(schedule_front_share=[share] * 8)
+    ecu = rig.started(cal)
+    schedule(ecu, cal)
+    assert ecu.front_share == share
+
+
+def test_the_fade_may_be_a_step():
+    cal = rig.calibration(fade_low=5 << 20, fade_high=(5 << 20) + 1)
+    ecu = rig.started(cal)
+    for speed, gain in ((5 << 20, 0), ((5 << 20) + 1, 1 << 28)):
+        ecu.speed = speed
+        schedule(ecu, cal)
+        assert ecu.gain_factor == gain

@@ -248,3 +248,44 @@ def test_a_message_that_is_not_needed_is_never_late(message):
         ecu.age[message], ecu.unchanged[message] = 2, 200
         supervise(ecu, cal, 1)
         assert ecu.trouble_active == late << message
+
+
+def test_what_began_degraded_takes_its_whole_recovery():
+    cal = rig.calibration(init_ticks=4, recovery_ticks=6)
+    ecu = rig.started(cal)
+    good(ecu, cal)
+    ecu.status[0] = 2
+    for _ in range(4):
+        supervise(ecu, cal, 1)
+    assert ecu.mode == DEGRADED
+    ecu.status[0] = 0
+    modes = []
+    for _ in range(7):
+        supervise(ecu, cal, 1)
+        modes.append(ecu.mode)
+    assert modes == [DEGRADED] * 5 + [ACTIVE] * 2
+
+
+@pytest.mark.parametrize(("elapsed", "missed"), [(1, 0), (2, 1), (3, 1), (1000, 1)])
+def test_more_than_one_tick_is_a_missed_one(elapsed, missed):
+    cal = rig.calibration()
+    ecu = rig.started(cal)
+    good(ecu, cal)
+    supervise(ecu, cal, elapsed)
+    assert ecu.trouble_active == missed << sv.TROUBLE_TICK_MISSED
+
+
+def test_ramps_end_at_nothing_and_at_all():
+    cal = rig.calibration(ramp_ticks=3)
+    ecu = rig.started(cal)
+    good(ecu, cal)
+    supervise(ecu, cal, 1)
+    assert (ecu.mode, ecu.authority, ecu.feedforward) == (INIT, 0, 1 << 30)
+    ecu.mode, ecu.lateral_lost = ACTIVE, 1
+    for _ in range(4):
+        supervise(ecu, cal, 1)
+    assert (ecu.mode, ecu.authority, ecu.feedforward) == (ACTIVE, 1 << 30, 0)
+    ecu.mode = SAFE
+    for _ in range(4):
+        supervise(ecu, cal, 1)
+    assert (ecu.mode, ecu.authority) == (SAFE, 0)
