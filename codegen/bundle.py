@@ -20,6 +20,7 @@ from codegen import a2l, emit_c, emit_signals, layout, misra, native
 from codegen.bus_map import EXTENDED, BusMap
 from codegen.bus_map import load as load_map
 from codegen.program import FIRMWARE
+from codegen.target import OPTIMISATION
 from codegen.vectors import Traffic
 from firmware.calibration import Calibration
 from firmware.state import Ecu
@@ -83,7 +84,8 @@ def write(folder: Path, export: Export) -> list[Path]:
         ("Makefile", ""),
         ("CMakeLists.txt", ""),
     ):
-        texts[place + name] = (TEMPLATES / name).read_text(encoding="utf-8")
+        text = (TEMPLATES / name).read_text(encoding="utf-8")
+        texts[place + name] = text.replace("{optimisation}", " ".join(OPTIMISATION))
     texts["canroll.a2l"] = a2l.a2l()
     texts[export.dbc.name] = export.dbc.read_text(encoding="utf-8")
     texts.update({f"codec/{name}": text for name, text in _codec(export.dbc).items()})

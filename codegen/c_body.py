@@ -109,6 +109,8 @@ class Body:
         """Whether an expression statement drops a result."""
         if not isinstance(node, ast.Call):
             return False
+        if self.program.intrinsic(self.module, node.func) == "clear":
+            return False
         called = self.program.function(self.module, node.func)
         return called is None or called.result is not None
 
@@ -268,6 +270,10 @@ class Body:
     def call(self, node: ast.Call, seen: Value) -> Expression:
         """A call of a function of the firmware or of an intrinsic."""
         name = self.program.intrinsic(self.module, node.func)
+        if name == "clear":
+            record = ast.unparse(node.args[0])
+            text = f"canroll_clear({record}, (int32_t)(sizeof(*{record}) / 4u))"
+            return Expression(text, PRIMARY, "i32", seen)
         if name in MEMORY:
             index = self.stored(node, self.value(node.args[1]), "i32")
             text = f"canroll_{name}({ast.unparse(node.args[0])}, {index})"

@@ -30,11 +30,13 @@ def intrinsic(name: str, a: list[Expression], bounds: list[str], seen: Value) ->
 
 def _rounded(a: list[Expression], count: str, seen: Value) -> Expression:
     half = 1 << (max(a[1].value.hi, 1) - 1)
-    short = fits(Value(a[0].value.lo, a[0].value.hi + half), "i32") and not a[0].wide
+    room = fits(Value(a[0].value.lo, a[0].value.hi + half), "i32")
     known = a[1].kind == "literal"
-    variant = "32" if short else ("" if known else "_by")
-    text = f"canroll_rsh{variant}({a[0].text}, {count})"
-    return Expression(text, PRIMARY, "i32" if short else "i64", seen)
+    if not a[0].wide and (room or a[1].value.lo > 1):
+        text = f"canroll_rsh32{'' if room else '_by'}({a[0].text}, {count})"
+        return Expression(text, PRIMARY, "i32", seen)
+    text = f"canroll_rsh{'' if known else '_by'}({a[0].text}, {count})"
+    return Expression(text, PRIMARY, "i64", seen)
 
 
 def _scaled(a: list[Expression], count: str, seen: Value) -> Expression:

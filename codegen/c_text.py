@@ -110,11 +110,25 @@ static inline int32_t canroll_rsh32(int32_t v, int32_t n)
     return (v + ((int32_t)1 << (n - 1))) >> n;
 }
 
+/* The same for any v; 2 <= n <= 31. */
+static inline int32_t canroll_rsh32_by(int32_t v, int32_t n)
+{
+    return ((v >> (n - 1)) + 1) >> 1;
+}
+
 /* v / 2^n rounded to nearest, halves upwards, and limited to 31 bits; 1 <= n <= 62. */
 static inline int32_t canroll_scaled(int64_t v, int32_t n)
 {
-    int32_t doubled = canroll_sat32(v >> (n - 1));
-    return canroll_sat31_32((doubled >> 1) + (doubled & 1));
+    return canroll_sat32((v >> (n - 1)) + 1) >> 1;
+}
+
+/* Make a record of so many words zero. */
+static inline void canroll_clear(void *record, int32_t words)
+{
+    volatile int32_t *word = record;
+    for (int32_t k = 0; k < words; k++) {
+        word[k] = 0;
+    }
 }
 
 /* Element k of a record read as an array of words. */

@@ -57,6 +57,8 @@ def _written(
                 below = found.get(called.key, set())
                 pairs = zip(node.args, called.parameters, strict=False)
                 targets = [argument for argument, name in pairs if name in below]
+            elif program.intrinsic(module, node.func) == "clear":
+                targets = [node.args[0]]
         for target in targets:
             base = target
             while isinstance(base, ast.Attribute | ast.Subscript):

@@ -2,6 +2,7 @@
 
 import ast
 from abc import abstractmethod
+from itertools import product
 
 from codegen import intervals as iv
 from codegen.interval_memory import I64, Memory
@@ -94,6 +95,8 @@ class Expressions(Memory):
 
     def _call(self, node: ast.Call, state: State) -> Value:
         intrinsic = self.program.intrinsic(self.module, node.func)
+        if intrinsic == "clear":
+            return self._clear(node, state)
         if intrinsic in MEMORY:
             return self._read(node, MEMORY[intrinsic], state)
         if intrinsic is not None:
@@ -123,6 +126,19 @@ class Expressions(Memory):
                 names[name] = self._stored(argument, given, *KINDS[its.kind], its.kind)
         return function, names
 
+    def _clear(self, node: ast.Call, state: State) -> Value:
+        """All of a record becomes zero."""
+        assert isinstance(node.args[0], ast.Name)
+        record = self.function.parameters[node.args[0].id].record
+        zero = Value(0, 0)
+        for name in self.program.record(record).fields:
+            array = self.arrays[record, name]
+            self._oblige(node, array.lo <= 0 <= array.hi, f"{name} can't be zero", zero)
+            if self.proof and not array.volatile:
+                for indices in product(*map(range, array.shape)):
+                    state.known[(record, name), indices] = zero
+        return zero
+
     def _read(self, node: ast.Call, kind: str, state: State) -> Value:
         """An element of a record read as an array: anything of its kind."""
         assert isinstance(node.args[0], ast.Name)
@@ -140,6 +156,8 @@ class Expressions(Memory):
         if name in ("rsh", "scaled"):
             self._oblige(node, a[1].within(1, 62), "shift count outside 1 … 62", a[1])
         if name == "scaled":
+            last = Value(a[0].lo, a[0].hi + 1)
+            self._oblige(node, last.within(*I64), "rounding overflows 64 bits", last)
             return iv.shift_rounded(*a).limited(*BITS_31)
         if name == "rsh":
             half = 1 << (min(max(a[1].hi, 1), 62) - 1)

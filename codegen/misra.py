@@ -13,9 +13,10 @@ DEVIATIONS = {
     "10.1": "bits are taken from signed values that are not negative; the right shift of negative "
     "values is checked at compile time to keep the sign",
     "10.4": "constants of anonymous enumerations are compared with the integers they are kept in",
-    "10.7": "every operation is shown by codegen.prove to fit the type it is computed in",
-    "10.8": "as 10.7: the cast widens a value that already fits",
-    "11.5": "the range check reads the calibration, words and bytes, as arrays of either",
+    "10.8": "every operation is shown by codegen.prove to fit the type it is computed in: the cast "
+    "widens a value that already fits",
+    "11.5": "the range check reads the calibration, words and bytes, as arrays of either, and "
+    "init clears the state as an array of words",
     "12.1": "products bind closer than sums, quotients in order: no further brackets are needed",
     "15.5": "refusals return early, which keeps the rest of a function free of nesting",
     "15.7": "a chain of conditions without a final else has nothing to do there",

@@ -17,6 +17,7 @@ RUNTIME = "subset"
 KINDS = {"i32": (-(2**31), 2**31 - 1), "i64": (-(2**63), 2**63 - 1), "u8": (0, 255)}
 INTRINSICS = {"sat32": 1, "sat31": 1, "scaled": 2, "clamp": 3, "rsh": 2, "tdiv": 2}
 INTRINSICS |= {"byte": 1, "narrow": 1, "word": 2, "octet": 2}
+INTRINSICS |= {"clear": 1}
 MEMORY = {"word": "i32", "octet": "u8"}
 """Intrinsics that read a record as an array, and of what."""
 BITS_31 = (-(2**30), 2**30 - 1)

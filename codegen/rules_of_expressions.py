@@ -3,6 +3,7 @@
 import ast
 
 from codegen.program import (
+    CONST_RECORD,
     INTRINSICS,
     KINDS,
     MEMORY,
@@ -78,6 +79,8 @@ class ExpressionRules:
             called = self.program.function(self.module, node.func)
             if called is not None and called.result is None:
                 raise self.refuse(node, f"{called.name} returns nothing")
+            if self.program.intrinsic(self.module, node.func) == "clear":
+                raise self.refuse(node, "clear returns nothing")
         elif isinstance(node, ast.Compare | ast.BoolOp):
             raise self.refuse(node, "a comparison is no number: use if")
         else:
@@ -161,7 +164,7 @@ class ExpressionRules:
             if len(node.args) != INTRINSICS[intrinsic]:
                 raise self.refuse(node, f"{intrinsic} takes {INTRINSICS[intrinsic]} arguments")
             numbers = node.args
-            if intrinsic in MEMORY:
+            if intrinsic in MEMORY or intrinsic == "clear":
                 self.record(node.args[0], intrinsic)
                 numbers = node.args[1:]
             for argument in numbers:
@@ -190,7 +193,9 @@ class ExpressionRules:
         """A record that a reader of memory is given."""
         given = self.function.parameters.get(node.id) if isinstance(node, ast.Name) else None
         if given is None or given.kind != "record":
-            raise self.refuse(node, f"{reader} reads a record")
+            raise self.refuse(node, f"{reader} takes a record")
+        if reader == "clear" and given.record == CONST_RECORD:
+            raise self.refuse(node, "the calibration is constant")
 
     def order(
         self, node: ast.expr, targets: tuple[ast.expr, ...], *, augmented: bool = False
@@ -227,6 +232,8 @@ class ExpressionRules:
         """Whether ``node`` calls what writes its arguments."""
         if not isinstance(node, ast.Call):
             return False
+        if self.program.intrinsic(self.module, node.func) == "clear":
+            return True
         called = self.program.function(self.module, node.func)
         return called is not None and called.key in self.written
 

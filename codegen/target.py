@@ -29,8 +29,11 @@ from codegen.vectors import EVENT
 from firmware.signals import TX_LENGTHS
 
 BOARD = Path(__file__).with_name("board")
-GCC_FLAGS = ["-std=gnu99", "-mthumb", "-mfloat-abi=soft", "-ffreestanding", "-O2", "-fpeel-loops"]
-GCC_FLAGS += ["-g", "-ffunction-sections", "-fdata-sections", "-Wall", "-Wextra"]
+OPTIMISATION = ("-Os", "-fno-move-loop-invariants", "-fno-schedule-insns2", "-fno-if-conversion2")
+"""What makes this code both small and quick: fewer registers saved and spilled, and no conditional
+instructions that a branch would skip. The exported bundle is built with the same flags."""
+GCC_FLAGS = ["-std=gnu99", "-mthumb", "-mfloat-abi=soft", "-ffreestanding", *OPTIMISATION, "-g"]
+GCC_FLAGS += ["-ffunction-sections", "-fdata-sections", "-Wall", "-Wextra"]
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware import check, e2e
-from firmware.calibration import Calibration
+from firmware.calibration import STATE_MAX, Calibration
 from firmware.signals import RX_DATA_IDS
 from firmware.state import RX_ACTUATOR_STATE
 from firmware.subset import fields
@@ -72,7 +72,7 @@ def _plausible(record: Calibration, rng: np.random.Generator) -> None:
     record.recovery_ticks = int(rng.integers(1, 8))
     record.ramp_ticks = int(rng.integers(1, 50))
     record.stuck_ticks = int(rng.integers(5, 60))
-    record.roll_rate_max = record.acceleration_max = 1 << 30
+    record.roll_rate_max = record.acceleration_max = STATE_MAX
     record.schedule_speed = sorted(rng.choice(200 << 20, 8, replace=False).tolist())
     record.fade_low = int(rng.integers(0, 10 << 20))
     record.fade_high = record.fade_low + int(rng.integers(1, 20 << 20))

@@ -8,9 +8,9 @@ that keeps the car's steering balance. Dampers follow the four-condition rule of
 """
 
 from firmware.calibration import BARS, DAMPERS, STATE_MAX, SUSPENSION, Calibration
-from firmware.fixed_point import product
+from firmware.fixed_point import product, quotient
 from firmware.state import Ecu
-from firmware.subset import clamp, i32, i64, narrow, rsh, sat31, sat32, tdiv
+from firmware.subset import clamp, i32, narrow, rsh, sat31, sat32
 
 LEFT = 0
 RIGHT = 1
@@ -116,10 +116,11 @@ def allocate_bars(ecu: Ecu, cal: Calibration, moment: i32) -> None:
 def damper_force(cal: Calibration, speed: i32, setting: i32) -> i32:
     """Return the force of the SOFT or FIRM setting at a stroke speed >= 0 (Q27), as Q14."""
     knee: i32 = cal.damper_speed[setting]
+    force: i32 = cal.damper_force[setting]
     if speed < knee:
-        return clamp(tdiv(cal.damper_force[setting] * speed, knee), 0, STATE_MAX)
-    beyond: i64 = rsh(cal.damper_slope[setting] * (speed - knee), 27)
-    return clamp(cal.damper_force[setting] + beyond, 0, STATE_MAX)
+        return clamp(quotient(force * speed, knee), 0, STATE_MAX)
+    beyond: i32 = product(cal.damper_slope[setting], speed - knee, 27)
+    return clamp(force + beyond, 0, STATE_MAX)
 
 
 def allocate_dampers(ecu: Ecu, cal: Calibration, moment: i32) -> None:
@@ -127,24 +128,23 @@ def allocate_dampers(ecu: Ecu, cal: Calibration, moment: i32) -> None:
     front: i32 = front_moment(ecu, moment)
     rear: i32 = sat31(moment - front)
     for corner in range(4):
-        wanted: i64 = rsh(front * cal.arm_front, 28)
+        force: i32 = product(front, cal.arm_front, 28)
         if corner >= 2:
-            wanted = rsh(rear * cal.arm_rear, 28)
+            force = product(rear, cal.arm_rear, 28)
         if ecu.failed[corner ^ 1] == 1:
             # its other side does nothing, or nothing that is asked
-            wanted = 2 * wanted
-        force: i32 = sat31(SIDE_SIGN[corner] * wanted)
+            force = sat31(2 * force)
         speed: i32 = ecu.stroke_rate[corner]
         # an extending damper pulls the body down
+        force = -force * SIDE_SIGN[corner]
         if speed < 0:
             speed = -speed
             force = -force
-        force = -force
         soft: i32 = damper_force(cal, speed, SOFT)
         firm: i32 = damper_force(cal, speed, FIRM)
         span: i32 = clamp(firm - soft, 1, STATE_MAX)
-        share: i64 = clamp(tdiv((force - soft) * (1 << 28), span), 0, 1 << 28)
-        ecu.current[corner] = clamp(rsh(share * cal.current_max, 28), 0, cal.current_max)
+        share: i32 = clamp(quotient((force - soft) * (1 << 28), span), 0, 1 << 28)
+        ecu.current[corner] = clamp(product(share, cal.current_max, 28), 0, cal.current_max)
 
 
 def allocate(ecu: Ecu, cal: Calibration) -> None:
@@ -160,13 +160,3 @@ def allocate(ecu: Ecu, cal: Calibration) -> None:
             ecu.current[axle] = clamp(ecu.outputs[axle], -cal.current_max, cal.current_max)
             if (ecu.failed[2 * axle] | ecu.failed[2 * axle + 1]) == 1:
                 ecu.current[axle] = 0
-
-
-def init_allocation(ecu: Ecu) -> None:
-    """Start with nothing commanded."""
-    ecu.given = 0
-    for corner in range(4):
-        ecu.force[corner] = 0
-        ecu.current[corner] = 0
-    for axle in range(2):
-        ecu.bar[axle] = 0

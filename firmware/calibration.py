@@ -4,7 +4,7 @@ Formats of the quantities the coefficients meet are fixed: roll angle Q30 rad, r
 accelerations Q24 m/s², moments Q14 N·m. A coefficient row shares one shift n: the products are
 summed in 64 bits and come out through ``rsh(sum, n)``. For a row whose result has format Qr and
 a column whose factor has format Qc, the stored coefficient is ``round(value * 2**(n + r - c))``.
-States stay within 2**30 and coefficients within 2**29, so that no row's sum of up to fifteen
+States have 31 bits and coefficients within 2**29, so that no row's sum of up to fifteen
 products leaves 64 bits, whatever the calibration.
 """
 
@@ -40,7 +40,9 @@ Q_MOMENT = 14
 Q_UNIT = 30
 Q_SPEED = 20
 
-STATE_MAX = 1 << 30
+# states have 31 bits: the sum of two of them fits 32
+STATE_MIN = -(1 << 30)
+STATE_MAX = (1 << 30) - 1
 ONE = 1 << 30
 COEFFICIENT = 1 << 29
 LARGE = (1 << 31) - 1

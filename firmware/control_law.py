@@ -5,15 +5,18 @@ u = -K x - K_ff a_y is the shared form of LQR, H-infinity and sliding mode (Yim 
 is in observer form on the saturated output, so that it does not wind up.
 """
 
+from typing import Annotated
+
 from firmware.calibration import (
     BYPASS,
     COMPENSATOR,
+    N_ORDER,
     OUTPUT_FEEDBACK,
     Calibration,
 )
-from firmware.fixed_point import weighted
+from firmware.fixed_point import product, shifted, weighted
 from firmware.state import ACTIVE, DEGRADED, LATERAL, ROLL, ROLL_RATE, Ecu
-from firmware.subset import clamp, i32, i64, narrow, rsh, sat31, sat32, scaled
+from firmware.subset import clamp, i32, i64, narrow, rsh, sat31
 
 
 def rate_input(ecu: Ecu, cal: Calibration) -> i32:
@@ -30,57 +33,55 @@ def lateral_input(ecu: Ecu, cal: Calibration) -> i32:
     return sat31(ecu.acceleration_good - ecu.offset_acceleration)
 
 
-def state_feedback(ecu: Ecu, cal: Calibration) -> i64:
+def state_feedback(ecu: Ecu, cal: Calibration) -> i32:
     """Return u = -(feedback) x - (feedforward) x from the predicted estimate, Q14.
 
     Without the lateral acceleration the feedforward has ramped to nothing.
     """
     fed_back: i64 = rsh(weighted(cal.feedback, ecu.ahead), cal.feedback_shift)
-    fed_forward: i32 = scaled(weighted(cal.feedforward, ecu.ahead), cal.feedforward_shift)
-    return -fed_back - rsh(fed_forward * ecu.feedforward, 30)
+    fed_forward: i32 = shifted(weighted(cal.feedforward, ecu.ahead), cal.feedforward_shift)
+    return sat31(-fed_back - rsh(fed_forward * ecu.feedforward, 30))
 
 
-def output_feedback(ecu: Ecu, cal: Calibration) -> i64:
+def output_feedback(ecu: Ecu, cal: Calibration) -> i32:
     """Return u = K [roll rate, lateral acceleration, roll angle], Q14."""
     acc: i64 = cal.output_gain[0] * rate_input(ecu, cal)
     acc += cal.output_gain[1] * lateral_input(ecu, cal)
     acc += cal.output_gain[2] * ecu.x[ROLL]
-    return rsh(acc, cal.output_gain_shift)
+    return shifted(acc, cal.output_gain_shift)
 
 
-def compensator_output(ecu: Ecu, cal: Calibration, output: i32) -> i64:
-    """Return one output of the compensator before limits, Q14."""
-    acc: i64 = cal.compensator_d[output][0] * ecu.x[ROLL]
-    acc += cal.compensator_d[output][1] * ecu.x[ROLL_RATE]
-    acc += cal.compensator_d[output][2] * lateral_input(ecu, cal)
-    acc += cal.compensator_d[output][3] * ecu.steering_acceleration
+def driven(ecu: Ecu, cal: Calibration, row: Annotated[list[i32], 4]) -> i64:
+    """Return a row of the compensator times its inputs: roll, roll rate, a_y, a_y by steering."""
+    acc: i64 = row[0] * ecu.x[ROLL] + row[1] * ecu.x[ROLL_RATE]
+    return acc + row[2] * lateral_input(ecu, cal) + row[3] * ecu.steering_acceleration
+
+
+def carried(ecu: Ecu, cal: Calibration, row: Annotated[list[i32], N_ORDER]) -> i64:
+    """Return a row of the compensator times its states."""
+    acc: i64 = 0
     for j in range(cal.compensator_order):
-        acc += cal.compensator_c[output][j] * ecu.compensator_x[j]
-    return rsh(acc, cal.compensator_output_shift[output])
+        acc += row[j] * ecu.compensator_x[j]
+    return acc
 
 
 def advance_compensator(ecu: Ecu, cal: Calibration) -> None:
     """Advance the compensator's state with its inputs and the outputs that were really given."""
     for i in range(cal.compensator_order):
-        acc: i64 = cal.compensator_b[i][0] * ecu.x[ROLL]
-        acc += cal.compensator_b[i][1] * ecu.x[ROLL_RATE]
-        acc += cal.compensator_b[i][2] * lateral_input(ecu, cal)
-        acc += cal.compensator_b[i][3] * ecu.steering_acceleration
+        acc: i64 = driven(ecu, cal, cal.compensator_b[i])
+        acc += carried(ecu, cal, cal.compensator_a[i])
         for k in range(2):
             acc += cal.compensator_e[i][k] * ecu.outputs[k]
-        for j in range(cal.compensator_order):
-            acc += cal.compensator_a[i][j] * ecu.compensator_x[j]
-        ecu.work[i] = scaled(acc, cal.compensator_shift[i])
+        ecu.work[i] = shifted(acc, cal.compensator_shift[i])
     for i in range(cal.compensator_order):
         ecu.compensator_x[i] = ecu.work[i]
 
 
-def limited(ecu: Ecu, cal: Calibration, wanted: i64, last: i32, steps: i32) -> i32:
+def limited(ecu: Ecu, cal: Calibration, wanted: i32, last: i32, steps: i32) -> i32:
     """Apply schedule, authority, moment limit and slew limit to a wanted output."""
-    u: i64 = rsh(sat31(wanted) * ecu.gain_factor, 28)
-    u = rsh(sat31(u) * ecu.authority, 30)
-    u = clamp(u, -cal.moment_max, cal.moment_max)
-    step: i32 = sat32(steps * cal.slew_max)
+    u: i32 = product(wanted, ecu.gain_factor, 28)
+    u = clamp(rsh(u * ecu.authority, 30), -cal.moment_max, cal.moment_max)
+    step: i32 = sat31(steps * cal.slew_max)
     return sat31(clamp(u - last, -step, step) + last)
 
 
@@ -96,13 +97,15 @@ def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
         return
     if cal.law == COMPENSATOR:
         for k in range(cal.compensator_outputs):
-            wanted: i64 = compensator_output(ecu, cal, k)
+            acc: i64 = driven(ecu, cal, cal.compensator_d[k])
+            acc += carried(ecu, cal, cal.compensator_c[k])
+            wanted: i32 = shifted(acc, cal.compensator_output_shift[k])
             ecu.outputs[k] = limited(ecu, cal, wanted, ecu.outputs[k], steps)
         ecu.moment = sat31(ecu.outputs[0] + ecu.outputs[1])
         for _ in range(steps):
             advance_compensator(ecu, cal)
         return
-    u: i64 = 0
+    u: i32 = 0
     if cal.law == OUTPUT_FEEDBACK:
         u = output_feedback(ecu, cal)
     else:
@@ -112,12 +115,5 @@ def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
 
 
 def init_control(ecu: Ecu, cal: Calibration) -> None:
-    """Start with no moment."""
-    ecu.moment = 0
-    for k in range(2):
-        ecu.outputs[k] = 0
-        ecu.last_outputs[k] = 0
-    for i in range(8):
-        ecu.compensator_x[i] = 0
-    ecu.gain_factor = 0
+    """Start with no moment and the front share of standstill."""
     ecu.front_share = cal.schedule_front_share[0]

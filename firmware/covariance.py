@@ -6,8 +6,9 @@ roll angle and lateral acceleration from winding each other up while they can't 
 """
 
 from firmware.calibration import N_STATES, STATE_MAX, Calibration
+from firmware.fixed_point import product, quotient, shifted, weighted
 from firmware.state import Ecu
-from firmware.subset import clamp, i32, i64, narrow, rsh, sat31, scaled, tdiv
+from firmware.subset import clamp, i32, i64, sat31
 
 Q_COVARIANCE = 24
 ONE = 1 << Q_COVARIANCE
@@ -22,55 +23,47 @@ def bounded(ecu: Ecu, cal: Calibration) -> None:
     for i in range(N_STATES):
         variance: i32 = ecu.covariance[i][i]
         if variance > cal.covariance_max[i]:
-            share: i32 = clamp(tdiv(cal.covariance_max[i] * ONE, variance), 0, ONE)
+            share: i32 = clamp(quotient(cal.covariance_max[i] * ONE, variance), 0, ONE)
             for j in range(N_STATES):
-                shrunk: i64 = rsh(ecu.covariance[i][j] * share, Q_COVARIANCE)
-                ecu.covariance[i][j] = narrow(shrunk)
+                ecu.covariance[i][j] = product(ecu.covariance[i][j], share, Q_COVARIANCE)
                 ecu.covariance[j][i] = ecu.covariance[i][j]
         ecu.covariance[i][i] = clamp(variance, 1, cal.covariance_max[i])
 
 
 def propagate(ecu: Ecu, cal: Calibration) -> None:
-    """P = Phi P Phi' + M over one tick, in place: columns first, then rows."""
+    """P = Phi P Phi' + M over one tick, in place: rows of (Phi P)' first, then columns."""
     for k in range(N_STATES):
         for i in range(N_STATES):
-            acc: i64 = 0
-            for j in range(N_STATES):
-                acc += cal.covariance_phi[i][j] * ecu.covariance[j][k]
-            ecu.work[i] = scaled(acc, Q_COVARIANCE)
+            row: i64 = weighted(cal.covariance_phi[i], ecu.covariance[k])
+            ecu.work[i] = shifted(row, Q_COVARIANCE)
         for i in range(N_STATES):
-            ecu.covariance[i][k] = ecu.work[i]
+            ecu.covariance[k][i] = ecu.work[i]
     for i in range(N_STATES):
+        for j in range(N_STATES):
+            ecu.work[j] = ecu.covariance[j][i]
+        # the columns before are done: what this one mirrors into them is theirs
         for k in range(i + 1):
-            total: i64 = 0
-            for j in range(N_STATES):
-                total += ecu.covariance[i][j] * cal.covariance_phi[k][j]
-            ecu.work[k] = scaled(total, Q_COVARIANCE)
-        # the rows above are done: what this row mirrors into them is theirs
-        for k in range(i + 1):
-            ecu.covariance[i][k] = ecu.work[k]
-            ecu.covariance[k][i] = ecu.work[k]
+            column: i64 = weighted(cal.covariance_phi[k], ecu.work)
+            ecu.covariance[k][i] = shifted(column, Q_COVARIANCE)
+            ecu.covariance[i][k] = ecu.covariance[k][i]
         ecu.covariance[i][i] = sat31(ecu.covariance[i][i] + cal.process_noise[i])
     bounded(ecu, cal)
 
 
 def update(ecu: Ecu, cal: Calibration, measured: i32, innovation: i32) -> None:
     """Correct state and covariance by one scalar innovation."""
-    variance: i64 = 0
     for i in range(N_STATES):
-        acc: i64 = 0
-        for j in range(N_STATES):
-            acc += ecu.covariance[i][j] * cal.covariance_output[measured][j]
-        ecu.work[i] = scaled(acc, Q_COVARIANCE)
-        variance += cal.covariance_output[measured][i] * ecu.work[i]
-    total: i64 = clamp(rsh(variance, Q_COVARIANCE), 0, STATE_MAX) + cal.measurement_noise[measured]
+        row: i64 = weighted(cal.covariance_output[measured], ecu.covariance[i])
+        ecu.work[i] = shifted(row, Q_COVARIANCE)
+    variance: i32 = shifted(weighted(cal.covariance_output[measured], ecu.work), Q_COVARIANCE)
+    total: i32 = clamp(variance, 0, STATE_MAX) + cal.measurement_noise[measured]
     for i in range(N_STATES):
-        gain: i32 = sat31(tdiv(ecu.work[i] * (1 << Q_COVARIANCE), total))
-        step: i64 = rsh(gain * innovation, cal.covariance_gain_shift[measured][i])
+        gain: i32 = quotient(ecu.work[i] * ONE, total)
+        step: i32 = product(gain, innovation, cal.covariance_gain_shift[measured][i])
         ecu.x[i] = sat31(ecu.x[i] + step)
         for j in range(i + 1):
-            left: i64 = ecu.covariance[i][j] - rsh(gain * ecu.work[j], Q_COVARIANCE)
-            ecu.covariance[i][j] = sat31(left)
+            drop: i32 = product(gain, ecu.work[j], Q_COVARIANCE)
+            ecu.covariance[i][j] = sat31(ecu.covariance[i][j] - drop)
             ecu.covariance[j][i] = ecu.covariance[i][j]
     bounded(ecu, cal)
 
@@ -78,6 +71,4 @@ def update(ecu: Ecu, cal: Calibration, measured: i32, innovation: i32) -> None:
 def init_covariance(ecu: Ecu, cal: Calibration) -> None:
     """Start from the calibrated variances."""
     for i in range(N_STATES):
-        for j in range(N_STATES):
-            ecu.covariance[i][j] = 0
         ecu.covariance[i][i] = cal.covariance_start[i]

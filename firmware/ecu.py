@@ -5,7 +5,7 @@ The caller owns both records. It calls ``receive`` for every frame, from an inte
 ``tx_pending`` is 1 and clears it.
 """
 
-from firmware.allocation import allocate, init_allocation
+from firmware.allocation import allocate
 from firmware.calibration import Calibration
 from firmware.check import check
 from firmware.control_law import control, init_control
@@ -16,7 +16,7 @@ from firmware.observer import init_observer, learn_offsets, look_ahead, observe
 from firmware.plausibility import TROUBLE_CALIBRATION, latch_troubles
 from firmware.schedule import schedule
 from firmware.state import AGE_MAX, SAFE, Ecu
-from firmware.subset import I32_MAX, clamp, i32, i64, narrow
+from firmware.subset import I32_MAX, clamp, clear, i32, i64, narrow
 from firmware.supervisor import init_supervisor, supervise
 from firmware.transmit import init_transmit, transmit
 
@@ -31,8 +31,7 @@ def init(ecu: Ecu, cal: Calibration) -> i32:
 
     A refused calibration never runs: the mode is SAFE and every later tick does nothing.
     """
-    init_supervisor(ecu)
-    init_transmit(ecu)
+    clear(ecu)
     ecu.refused = check(cal)
     if ecu.refused != 0:
         ecu.mode = SAFE
@@ -40,40 +39,14 @@ def init(ecu: Ecu, cal: Calibration) -> i32:
         latch_troubles(ecu)
         return ecu.refused
     init_mailboxes(ecu, cal)
-    init_inputs(ecu)
+    init_supervisor(ecu)
     init_observer(ecu, cal)
     init_identification(ecu, cal)
     init_control(ecu, cal)
     init_trigger(ecu)
-    init_allocation(ecu)
-    ecu.time = 0
+    init_transmit(ecu)
     ecu.law = cal.law
     return 0
-
-
-def init_inputs(ecu: Ecu) -> None:
-    """Clear all received values."""
-    ecu.roll_rate = 0
-    ecu.lateral_acceleration = 0
-    ecu.yaw_rate = 0
-    ecu.imu_sample = 0
-    ecu.speed = 0
-    ecu.steering = 0
-    ecu.motion_sample = 0
-    ecu.rate_sample = 0
-    for corner in range(4):
-        ecu.stroke_rate[corner] = 0
-        ecu.status[corner] = 0
-    for axle in range(2):
-        ecu.delivered[axle] = 0
-    ecu.enabled = 0
-    ecu.command_held = 0
-    ecu.accepted_counter = 0
-    ecu.actuator_sample = 0
-    ecu.reference_roll = 0
-    ecu.reference_rate = 0
-    ecu.reference_acceleration = 0
-    ecu.reference_sample = 0
 
 
 def tick(ecu: Ecu, cal: Calibration, elapsed_ticks: i32) -> None:

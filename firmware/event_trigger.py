@@ -55,11 +55,11 @@ def moved(ecu: Ecu, cal: Calibration) -> i32:
     error: i64 = 0
     size: i64 = 0
     for k in range(2):
-        e: i64 = rsh(ecu.outputs[k] - ecu.sent[k], COARSE)
-        r: i64 = rsh(ecu.sent[k], COARSE)
+        e: i32 = rsh(ecu.outputs[k] - ecu.sent[k], COARSE)
+        r: i32 = rsh(ecu.sent[k], COARSE)
         error += e * e
         size += r * r
-    floor: i64 = rsh(cal.trigger_floor, COARSE)
+    floor: i32 = rsh(cal.trigger_floor, COARSE)
     threshold: i64 = cal.trigger_epsilon_squared * size + floor * floor * (1 << 20)
     if error * (1 << 20) > threshold:
         return 1
@@ -85,9 +85,10 @@ def trigger(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         ecu.since_sent = 0
         # without counters there is no echo to wait for
         ecu.waiting = cal.e2e
-        ecu.commands_sent = clamp(ecu.commands_sent + 1, 0, I32_MAX)
-        if ecu.triggered == HEARTBEAT:
-            ecu.heartbeats_sent = clamp(ecu.heartbeats_sent + 1, 0, I32_MAX)
+        if ecu.commands_sent < I32_MAX:
+            ecu.commands_sent += 1
+        if ecu.triggered == HEARTBEAT and ecu.heartbeats_sent < I32_MAX:
+            ecu.heartbeats_sent += 1
         for k in range(2):
             ecu.sent[k] = ecu.outputs[k]
     under_way: i32 = ecu.ring[ecu.ring_head]
@@ -100,13 +101,6 @@ def trigger(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
 
 
 def init_trigger(ecu: Ecu) -> None:
-    """Start with nothing sent."""
-    for k in range(2):
-        ecu.sent[k] = 0
-    ecu.waiting = 0
+    """Start with nothing sent and nothing echoed."""
     ecu.echo = 15
-    ecu.unacknowledged = 0
     ecu.since_sent = AGE_MAX
-    ecu.triggered = NOTHING
-    ecu.commands_sent = 0
-    ecu.heartbeats_sent = 0

@@ -3,12 +3,22 @@
 from typing import Annotated
 
 from firmware.calibration import N_STATES
-from firmware.subset import i32, i64, scaled
+from firmware.subset import i32, i64, sat31, scaled, tdiv
 
 
 def product(a: i32, b: i32, n: i32) -> i32:
     """Return ``a`` ``b`` / 2**n, rounded to nearest and limited to 31 bits."""
     return scaled(a * b, n)
+
+
+def shifted(v: i64, n: i32) -> i32:
+    """Return ``v`` / 2**n, rounded to nearest and limited to 31 bits."""
+    return scaled(v, n)
+
+
+def quotient(a: i64, b: i32) -> i32:
+    """Return ``a`` / ``b``, rounded towards zero and limited to 31 bits; ``b`` is not zero."""
+    return sat31(tdiv(a, b))
 
 
 def weighted(row: Annotated[list[i32], N_STATES], x: Annotated[list[i32], N_STATES]) -> i64:

@@ -10,10 +10,11 @@ learn.
 """
 
 from firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
+from firmware.fixed_point import product, quotient, shifted
 from firmware.observer import acting_moment
 from firmware.plausibility import BAD_ACCELERATION, BAD_ROLL_RATE
 from firmware.state import RX_IMU, WINDOW_MAX, Ecu
-from firmware.subset import byte, clamp, i32, i64, rsh, sat31, sat32, tdiv
+from firmware.subset import byte, clamp, i32, i64, rsh, sat31
 
 WINDOW = 10
 SETTLED = 200
@@ -22,9 +23,11 @@ BALANCE = 1
 RATIO_ONE = 1 << 28
 REGRESSOR_MAX = 1 << 24
 Q20_ONE = 1 << 20
-ONE_Q30 = 1 << 30
-HALF_Q30 = 1 << 29
-SIXTH_Q30 = 178956971
+Q30_ONE = 1 << 30
+# Q29
+ONE = 1 << 29
+HALF = 1 << 28
+SIXTH = 89478485
 GRAVITY_Q10 = 10042
 # half a microsecond, from Q27 to Q30, in Q30
 HALF_US = 4295
@@ -36,11 +39,6 @@ TWICE_IMPULSE = 3
 TWICE_ROLL = 4
 
 
-def product(a: i64, b: i64) -> i32:
-    """Return the product of two Q30 numbers of magnitude below two, as Q30."""
-    return sat32(rsh(sat32(a) * sat32(b), 30))
-
-
 def remember(ecu: Ecu, quantity: i32, value: i64) -> i32:
     """Put ``value`` in the window; return the change over the window."""
     kept: i32 = clamp(value, -WINDOW_MAX, WINDOW_MAX)
@@ -50,92 +48,85 @@ def remember(ecu: Ecu, quantity: i32, value: i64) -> i32:
 
 
 def adapt_model(ecu: Ecu, cal: Calibration) -> None:
-    """Recompute the roll and roll-rate rows by the third-order Taylor series of [A B]."""
-    a: i32 = sat32(rsh(ecu.theta[0] * cal.model_stiffness, 28))
-    b: i32 = sat32(rsh(ecu.theta[1] * cal.model_damping, 28))
-    ab: i32 = product(a, b)
-    square: i32 = sat32(product(b, b) - a)
-    roll_roll: i32 = sat32(ONE_Q30 - rsh(a, 1) + product(ab, SIXTH_Q30))
-    roll_rate: i32 = sat32(ONE_Q30 - rsh(b, 1) + product(square, SIXTH_Q30))
-    rate_roll: i32 = sat32(rsh(ab, 1) - a - product(product(a, square), SIXTH_Q30))
-    cubic: i64 = ab - product(b, square)
-    rate_rate: i32 = sat32(ONE_Q30 - b + rsh(square, 1) + product(cubic, SIXTH_Q30))
-    roll_input: i32 = sat32(HALF_Q30 - product(b, SIXTH_Q30))
-    ecu.model[0][0] = clamp(rsh(roll_roll * cal.model_scale[0][0], 30), -COEFFICIENT, COEFFICIENT)
-    ecu.model[0][1] = clamp(rsh(roll_rate * cal.model_scale[0][1], 30), -COEFFICIENT, COEFFICIENT)
-    ecu.model[1][0] = clamp(rsh(rate_roll * cal.model_scale[1][0], 30), -COEFFICIENT, COEFFICIENT)
-    ecu.model[1][1] = clamp(rsh(rate_rate * cal.model_scale[1][1], 30), -COEFFICIENT, COEFFICIENT)
-    for j in range(2, 4):
-        ecu.model[0][j] = clamp(
-            rsh(roll_input * cal.model_scale[0][j], 30), -COEFFICIENT, COEFFICIENT
-        )
-        ecu.model[1][j] = clamp(
-            rsh(roll_rate * cal.model_scale[1][j], 30), -COEFFICIENT, COEFFICIENT
-        )
+    """Recompute the roll and roll-rate rows by the third-order Taylor series of [A B], in Q29."""
+    a: i32 = product(ecu.theta[0], cal.model_stiffness, 29)
+    b: i32 = product(ecu.theta[1], cal.model_damping, 29)
+    ab: i32 = product(a, b, 29)
+    square: i32 = sat31(product(b, b, 29) - a)
+    cubic: i32 = sat31(ab - product(b, square, 29))
+    ecu.work[0] = sat31(ONE - rsh(a, 1) + product(ab, SIXTH, 29))
+    ecu.work[1] = sat31(ONE - rsh(b, 1) + product(square, SIXTH, 29))
+    ecu.work[2] = sat31(HALF - product(b, SIXTH, 29))
+    ecu.work[3] = ecu.work[2]
+    ecu.work[4] = sat31(rsh(ab, 1) - a - product(product(a, square, 29), SIXTH, 29))
+    ecu.work[5] = sat31(ONE - b + rsh(square, 1) + product(cubic, SIXTH, 29))
+    ecu.work[6] = ecu.work[1]
+    ecu.work[7] = ecu.work[1]
+    for i in range(2):
+        for j in range(4):
+            entry: i32 = product(ecu.work[4 * i + j], cal.model_scale[i][j], 29)
+            ecu.model[i][j] = clamp(entry, -COEFFICIENT, COEFFICIENT)
 
 
-def learn(ecu: Ecu, cal: Calibration, f0: i32, f1: i32, y: i64) -> None:
+def learn(ecu: Ecu, cal: Calibration, f0: i32, f1: i32, y: i32) -> None:
     """One recursive least-squares step for the regressor [f0, f1] and the target y, all Q20."""
-    g0: i64 = rsh(ecu.rls_covariance[0] * f0 + ecu.rls_covariance[1] * f1, 20)
-    g0 = sat31(g0)
-    g1: i64 = rsh(ecu.rls_covariance[1] * f0 + ecu.rls_covariance[2] * f1, 20)
-    g1 = sat31(g1)
-    forgetting: i64 = rsh(cal.rls_forgetting, 10)
-    total: i64 = clamp(rsh(f0 * g0 + f1 * g1, 20), 0, STATE_MAX) + clamp(forgetting, 1, Q20_ONE)
-    k0: i32 = sat32(tdiv(g0 * Q20_ONE, total))
-    k1: i32 = sat32(tdiv(g1 * Q20_ONE, total))
+    g0: i32 = shifted(ecu.rls_covariance[0] * f0 + ecu.rls_covariance[1] * f1, 20)
+    g1: i32 = shifted(ecu.rls_covariance[1] * f0 + ecu.rls_covariance[2] * f1, 20)
+    variance: i32 = shifted(f0 * g0 + f1 * g1, 20)
+    total: i32 = clamp(variance, 0, STATE_MAX) + rsh(cal.rls_forgetting, 10)
+    k0: i32 = quotient(g0 * Q20_ONE, total)
+    k1: i32 = quotient(g1 * Q20_ONE, total)
     told: i64 = rsh(ecu.theta[0] * f0 + ecu.theta[1] * f1, 28)
     error: i32 = clamp(y - told, -REGRESSOR_MAX, REGRESSOR_MAX)
-    ecu.theta[0] = clamp(ecu.theta[0] + rsh(k0 * error, 12), cal.rls_lo[0], cal.rls_hi[0])
-    ecu.theta[1] = clamp(ecu.theta[1] + rsh(k1 * error, 12), cal.rls_lo[1], cal.rls_hi[1])
-    p0: i64 = clamp(ecu.rls_covariance[0] - rsh(k0 * g0, 20), 1, STATE_MAX)
-    p1: i64 = sat31(ecu.rls_covariance[1] - rsh(k0 * g1, 20))
-    p2: i64 = clamp(ecu.rls_covariance[2] - rsh(k1 * g1, 20), 1, STATE_MAX)
+    ecu.theta[0] = clamp(ecu.theta[0] + product(k0, error, 12), cal.rls_lo[0], cal.rls_hi[0])
+    ecu.theta[1] = clamp(ecu.theta[1] + product(k1, error, 12), cal.rls_lo[1], cal.rls_hi[1])
+    p0: i32 = clamp(ecu.rls_covariance[0] - product(k0, g0, 20), 1, STATE_MAX)
+    p1: i32 = sat31(ecu.rls_covariance[1] - product(k0, g1, 20))
+    p2: i32 = clamp(ecu.rls_covariance[2] - product(k1, g1, 20), 1, STATE_MAX)
     if p0 + p2 < cal.rls_trace_max:
-        p0 = tdiv(p0 * ONE_Q30, cal.rls_forgetting)
-        p1 = tdiv(p1 * ONE_Q30, cal.rls_forgetting)
-        p2 = tdiv(p2 * ONE_Q30, cal.rls_forgetting)
-    ecu.rls_covariance[0] = clamp(p0, 1, STATE_MAX)
-    ecu.rls_covariance[1] = sat31(p1)
-    ecu.rls_covariance[2] = clamp(p2, 1, STATE_MAX)
+        p0 = clamp(quotient(p0 * Q30_ONE, cal.rls_forgetting), 1, STATE_MAX)
+        p1 = quotient(p1 * Q30_ONE, cal.rls_forgetting)
+        p2 = clamp(quotient(p2 * Q30_ONE, cal.rls_forgetting), 1, STATE_MAX)
+    ecu.rls_covariance[0] = p0
+    ecu.rls_covariance[1] = p1
+    ecu.rls_covariance[2] = p2
 
 
-def wash(ecu: Ecu, cal: Calibration, signal: i32, change: i64) -> i64:
+def wash(ecu: Ecu, cal: Calibration, signal: i32, change: i32) -> i32:
     """Return the change of a washed-out signal whose input has made a ``change``."""
     before: i32 = ecu.rls_washed[signal]
-    kept: i64 = rsh(before * cal.rls_washout, 30)
-    ecu.rls_washed[signal] = sat31(kept + change)
+    ecu.rls_washed[signal] = sat31(product(before, cal.rls_washout, 30) + change)
     return ecu.rls_washed[signal] - before
 
 
 def wash_signals(ecu: Ecu, cal: Calibration) -> None:
     """Take the sensors' newest values into the washout filters."""
     rate: i32 = ecu.rate_good
-    impulse: i64 = rsh(acting_moment(ecu, cal) * cal.rls_moment, 30)
-    impulse += rsh(ecu.acceleration_good * cal.rls_lateral, 30)
+    impulse: i32 = product(acting_moment(ecu, cal), cal.rls_moment, 30)
+    impulse = sat31(impulse + product(ecu.acceleration_good, cal.rls_lateral, 30))
     if ecu.rls_filled == 0:
         ecu.rls_last[0] = rate
-        ecu.rls_last[1] = sat31(impulse)
-    change: i64 = wash(ecu, cal, WASHED_IMPULSE, impulse - ecu.rls_last[1])
+        ecu.rls_last[1] = impulse
+    change: i32 = wash(ecu, cal, WASHED_IMPULSE, impulse - ecu.rls_last[1])
     wash(ecu, cal, TWICE_IMPULSE, change)
     change = wash(ecu, cal, WASHED_RATE, rate - ecu.rls_last[0])
     wash(ecu, cal, TWICE_RATE, change)
     step_us: i32 = cal.rls_decimation * cal.tick_us
     both_ends: i64 = 2 * ecu.rls_washed[WASHED_RATE] - change
-    wash(ecu, cal, TWICE_ROLL, rsh(both_ends * (step_us * HALF_US), 30))
+    wash(ecu, cal, TWICE_ROLL, shifted(both_ends * (step_us * HALF_US), 30))
     ecu.rls_last[0] = rate
-    ecu.rls_last[1] = sat31(impulse)
+    ecu.rls_last[1] = impulse
 
 
-def net_impulse(ecu: Ecu, cal: Calibration) -> i64:
+def net_impulse(ecu: Ecu, cal: Calibration) -> i32:
     """Return the washed-out impulse of a step, Q20, without the lean that its sensor also reads."""
-    roll: i64 = rsh(ecu.rls_washed[TWICE_ROLL] * GRAVITY_Q10, 16)
-    return ecu.rls_washed[TWICE_IMPULSE] - rsh(roll * cal.rls_lateral, 30)
+    roll: i32 = product(ecu.rls_washed[TWICE_ROLL], GRAVITY_Q10, 16)
+    return ecu.rls_washed[TWICE_IMPULSE] - product(roll, cal.rls_lateral, 30)
 
 
-def momentum(ecu: Ecu, cal: Calibration) -> i64:
+def momentum(ecu: Ecu, cal: Calibration) -> i32:
     """Return the washed-out angular momentum I_x d(phi), Q20."""
-    return rsh(ecu.rls_washed[TWICE_RATE] * cal.rls_inertia, 30)
+    return product(ecu.rls_washed[TWICE_RATE], cal.rls_inertia, 30)
 
 
 def restart(ecu: Ecu) -> None:
@@ -166,13 +157,13 @@ def identify(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         return
     ecu.rls_count = 0
     impulses: i64 = net_impulse(ecu, cal)
-    gained: i64 = -momentum(ecu, cal)
+    gained: i32 = -momentum(ecu, cal)
     wash_signals(ecu, cal)
     impulses += net_impulse(ecu, cal)
     gained += momentum(ecu, cal)
     roll: i32 = ecu.rls_washed[TWICE_ROLL]
     rate: i32 = ecu.rls_washed[TWICE_RATE]
-    stiffness: i32 = remember(ecu, STIFFNESS, rsh(roll * cal.rls_stiffness, 30))
+    stiffness: i32 = remember(ecu, STIFFNESS, product(roll, cal.rls_stiffness, 30))
     balance: i32 = remember(ecu, BALANCE, rsh(impulses, 1) - gained)
     # the running sums change by what enters and what leaves the window
     ecu.rls_integrals[0] = sat31(ecu.rls_integrals[0] + stiffness)
@@ -186,7 +177,7 @@ def identify(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         return
     if rate < cal.rls_gate and rate > -cal.rls_gate:
         return
-    damping: i64 = rsh(stiffness * cal.rls_damping, 20)
+    damping: i32 = product(stiffness, cal.rls_damping, 20)
     # the trapezoidal rule, as for the impulse; whole steps would pass for damping
     learn(
         ecu,
@@ -200,12 +191,7 @@ def identify(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
 
 def init_identification(ecu: Ecu, cal: Calibration) -> None:
     """Start from the nominal parameters."""
-    ecu.theta[0] = clamp(RATIO_ONE, cal.rls_lo[0], cal.rls_hi[0])
-    ecu.theta[1] = clamp(RATIO_ONE, cal.rls_lo[1], cal.rls_hi[1])
-    ecu.rls_covariance[0] = cal.rls_start
-    ecu.rls_covariance[1] = 0
-    ecu.rls_covariance[2] = cal.rls_start
-    ecu.rls_count = 0
     for k in range(2):
-        ecu.rls_last[k] = 0
-    restart(ecu)
+        ecu.theta[k] = clamp(RATIO_ONE, cal.rls_lo[k], cal.rls_hi[k])
+    ecu.rls_covariance[0] = cal.rls_start
+    ecu.rls_covariance[2] = cal.rls_start

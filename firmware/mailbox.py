@@ -78,19 +78,8 @@ def read_inputs(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
 
 
 def init_mailboxes(ecu: Ecu, cal: Calibration) -> None:
-    """Empty all slots and start the E2E receivers."""
-    for slot in range(2 * N_RX):
-        ecu.rx_fresh[slot] = 0
-        for k in range(8):
-            ecu.rx_payload[slot][k] = 0
+    """Start the E2E receivers."""
     for message in range(N_RX):
-        ecu.rx_side[message] = 0
         ecu.e2e_last[message] = e2e.NO_COUNTER
         ecu.e2e_delta[message] = cal.e2e_max_delta[message]
-        ecu.e2e_repeated[message] = 0
-        ecu.e2e_resync[message] = 0
-        ecu.fresh[message] = 0
-        ecu.age[message] = 0
-        ecu.valid[message] = 0
         ecu.last_sample[message] = NO_SAMPLE
-        ecu.unchanged[message] = 0

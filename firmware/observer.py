@@ -11,14 +11,13 @@ from typing import Annotated
 from firmware.calibration import (
     BYPASS,
     DAMPERS,
-    N_ORDER,
     N_RING,
     N_STATES,
     PROPAGATED_COVARIANCE,
     Calibration,
 )
 from firmware.covariance import init_covariance, propagate, update
-from firmware.fixed_point import weighted
+from firmware.fixed_point import product, shifted, weighted
 from firmware.plausibility import BAD_ACCELERATION, BAD_ROLL_RATE, beyond
 from firmware.state import (
     GYRO_BIAS,
@@ -29,7 +28,7 @@ from firmware.state import (
     RX_ROLL_REFERENCE,
     Ecu,
 )
-from firmware.subset import byte, clamp, i32, i64, rsh, sat31, sat32, scaled, u8
+from firmware.subset import clamp, i32, i64, rsh, sat31, scaled, u8
 
 MEASURED_ROLL_RATE = 0
 MEASURED_ACCELERATION = 1
@@ -81,7 +80,7 @@ def add_gains(
 def correct(ecu: Ecu, cal: Calibration, measured: i32, y: i32, moment: i32) -> None:
     """Correct the estimate by one scalar measurement ``y``, in that measurement's format."""
     told: i64 = weighted(cal.output[measured], ecu.x) + cal.output_moment[measured] * moment
-    innovation: i32 = sat32(y - rsh(told, cal.output_shift[measured]))
+    innovation: i32 = y - shifted(told, cal.output_shift[measured])
     if cal.observer == PROPAGATED_COVARIANCE:
         update(ecu, cal, measured, innovation)
     elif (
@@ -109,10 +108,10 @@ def observe(ecu: Ecu, cal: Calibration, steps: i32) -> None:
             propagate(ecu, cal)
     if ecu.fresh[RX_IMU] == 1:
         if (cal.measurements & 1) != 0 and ecu.bad_ticks[BAD_ROLL_RATE] == 0:
-            rate: i32 = sat32(ecu.roll_rate - ecu.offset_rate)
+            rate: i32 = sat31(ecu.roll_rate - ecu.offset_rate)
             correct(ecu, cal, MEASURED_ROLL_RATE, rate, moment)
         if (cal.measurements & 2) != 0 and ecu.bad_ticks[BAD_ACCELERATION] == 0:
-            lateral: i32 = sat32(ecu.lateral_acceleration - ecu.offset_acceleration)
+            lateral: i32 = sat31(ecu.lateral_acceleration - ecu.offset_acceleration)
             correct(ecu, cal, MEASURED_ACCELERATION, lateral, moment)
     ecu.x[GYRO_BIAS] = clamp(ecu.x[GYRO_BIAS], -cal.bias_max, cal.bias_max)
 
@@ -131,9 +130,8 @@ def look_ahead(ecu: Ecu, cal: Calibration) -> None:
         ecu.ahead[i] = ecu.x[i]
     for step in range(cal.predict_steps):
         command: i32 = ecu.ring[(ecu.ring_head + N_RING + 1 - cal.predict_steps + step) & 31]
-        pull: i64 = rsh(rate * (command - moment), 30)
-        reached: i32 = sat31(moment + pull)
-        mean: i32 = scaled(moment + reached, 1)
+        reached: i32 = sat31(moment + product(rate, command - moment, 30))
+        mean: i32 = rsh(moment + reached, 1)
         advance(ecu, cal, ecu.ahead, mean, ecu.steering_acceleration)
         moment = reached
 
@@ -152,11 +150,11 @@ def learn_offsets(ecu: Ecu, cal: Calibration) -> None:
     )
     if ecu.speed > 0 and (turning == 1 or ecu.speed < cal.fade_high):
         return
-    rate: i64 = rsh(ecu.roll_rate - ecu.offset_rate, cal.offset_shift)
+    rate: i32 = shifted(ecu.roll_rate - ecu.offset_rate, cal.offset_shift)
     ecu.offset_rate = clamp(ecu.offset_rate + rate, -cal.offset_rate_max, cal.offset_rate_max)
     if ecu.speed == 0:
         return
-    lateral: i64 = rsh(ecu.lateral_acceleration - ecu.offset_acceleration, cal.offset_shift)
+    lateral: i32 = shifted(ecu.lateral_acceleration - ecu.offset_acceleration, cal.offset_shift)
     ecu.offset_acceleration = clamp(
         ecu.offset_acceleration + lateral,
         -cal.offset_acceleration_max,
@@ -166,19 +164,8 @@ def learn_offsets(ecu: Ecu, cal: Calibration) -> None:
 
 def init_observer(ecu: Ecu, cal: Calibration) -> None:
     """Start at rest, with the calibrated model."""
-    for i in range(N_STATES):
-        ecu.x[i] = 0
-        ecu.ahead[i] = 0
-    for i in range(N_ORDER):
-        ecu.work[i] = 0
     for i in range(N_IDENTIFIED):
         for j in range(3):
             ecu.model[i][j] = cal.phi[i][j]
         ecu.model[i][3] = cal.gamma[i]
-    for k in range(N_RING):
-        ecu.ring[k] = 0
-    ecu.ring_head = byte(0)
-    ecu.offset_rate = 0
-    ecu.offset_acceleration = 0
-    ecu.steering_acceleration = 0
     init_covariance(ecu, cal)

@@ -92,7 +92,7 @@ def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:
     The first one may come as late as INIT lasts at least before that is a trouble.
     """
     patience: i32 = cal.timeout_ticks[message]
-    if patience == 0:
+    if patience == 0 or ecu.fresh[message] == 1:
         return 0
     waiting: i32 = 0
     if ecu.last_sample[message] == NO_SAMPLE:
@@ -260,23 +260,3 @@ def watch_actuators(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     if cal.actuator == DAMPERS and stroke_lost == 1:
         severity = UNSAFE
     return severity
-
-
-def init_plausibility(ecu: Ecu) -> None:
-    """Start with no trouble, and with nothing known of the vehicle's motion and moment."""
-    ecu.found = 0
-    ecu.rate_good = 0
-    ecu.acceleration_good = 0
-    ecu.lateral_lost = 0
-    ecu.lateral_good = 0
-    ecu.motion_lost = 1
-    ecu.moment_unknown = 1
-    ecu.trouble_active = 0
-    ecu.trouble_latched = 0
-    ecu.trouble_number = 0
-    for code in range(N_TROUBLES):
-        ecu.trouble_count[code] = 0
-    for corner in range(4):
-        ecu.failed[corner] = 0
-    for watched in range(6):
-        ecu.bad_ticks[watched] = 0

@@ -1,15 +1,16 @@
 """Speed schedule: gain factor, front share and steering gain, and the fade at walking pace."""
 
-from firmware.calibration import STATE_MAX, Calibration
+from firmware.calibration import ONE, STATE_MAX, Calibration
+from firmware.fixed_point import product, quotient
 from firmware.state import LATERAL, RX_VEHICLE_MOTION, Ecu
-from firmware.subset import clamp, i32, rsh, sat31, scaled, tdiv
+from firmware.subset import clamp, i32, sat31
 
 Q28_ONE = 1 << 28
 
 
 def between(low: i32, high: i32, share: i32) -> i32:
     """Return the value a ``share`` (Q28, 0 to 1) of the way from ``low`` to ``high``."""
-    return sat31(low + rsh((high - low) * share, 28))
+    return sat31(low + product(high - low, share, 28))
 
 
 def ratio(part: i32, whole: i32) -> i32:
@@ -19,7 +20,7 @@ def ratio(part: i32, whole: i32) -> i32:
         return 0
     if part >= whole:
         return Q28_ONE
-    return clamp(tdiv(part * Q28_ONE, whole), 0, Q28_ONE)
+    return clamp(quotient(part * Q28_ONE, whole), 0, Q28_ONE)
 
 
 def schedule(ecu: Ecu, cal: Calibration) -> None:
@@ -36,13 +37,13 @@ def schedule(ecu: Ecu, cal: Calibration) -> None:
     share: i32 = ratio(gone, width)
     gain: i32 = between(cal.schedule_gain[point], cal.schedule_gain[after], share)
     front: i32 = between(cal.schedule_front_share[point], cal.schedule_front_share[after], share)
-    ecu.front_share = clamp(front, 0, 1 << 30)
+    ecu.front_share = clamp(front, 0, ONE)
     steering: i32 = between(cal.schedule_steering[point], cal.schedule_steering[after], share)
-    ecu.steering_acceleration = scaled(steering * ecu.steering, 20)
+    ecu.steering_acceleration = product(steering, ecu.steering, 20)
     if ecu.motion_lost == 1:
         # an old steering angle would pull the estimate its way: the estimate itself pulls nowhere
         ecu.steering_acceleration = ecu.x[LATERAL]
     span: i32 = clamp(cal.fade_high - cal.fade_low, 1, STATE_MAX)
     beyond_low: i32 = clamp(ecu.speed - cal.fade_low, 0, STATE_MAX)
     fade: i32 = ratio(beyond_low, span)
-    ecu.gain_factor = clamp(rsh(gain * fade, 28), 0, 1 << 30)
+    ecu.gain_factor = clamp(product(gain, fade, 28), 0, ONE)

@@ -20,6 +20,7 @@ from firmware.calibration import (
     Q_SPEED,
     Q_UNIT,
     STATE_MAX,
+    STATE_MIN,
 )
 from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 
@@ -67,32 +68,32 @@ class Ecu:
 
     # inputs: the last valid ones, in internal formats
     age: Annotated[list[i32], N_RX, F(0, AGE_MAX, 0, "ticks", "since the last valid frame")]
-    roll_rate: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "gyro, as received")]
+    roll_rate: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "gyro, as received")]
     lateral_acceleration: Annotated[
-        i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "accelerometer, as received")
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "accelerometer, as received")
     ]
-    yaw_rate: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "as received")]
+    yaw_rate: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "as received")]
     speed: Annotated[i32, F(0, 200 << Q_SPEED, Q_SPEED, "m/s", "vehicle speed")]
-    steering: Annotated[i32, F(-STATE_MAX, STATE_MAX, 24, "rad", "steering-wheel angle")]
+    steering: Annotated[i32, F(STATE_MIN, STATE_MAX, 24, "rad", "steering-wheel angle")]
     stroke_rate: Annotated[
         list[i32], 4, F(-STROKE_MAX, STROKE_MAX, Q_RATE, "m/s", "of each corner, extension +")
     ]
     delivered: Annotated[
-        list[i32], 2, F(-STATE_MAX // 2, STATE_MAX // 2, Q_MOMENT, "N·m", "front, rear moment")
+        list[i32], 2, F(STATE_MIN // 2, STATE_MAX // 2, Q_MOMENT, "N·m", "front, rear moment")
     ]
-    reference_roll: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_ANGLE, "rad", "true roll angle")]
-    reference_rate: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "true roll rate")]
+    reference_roll: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_ANGLE, "rad", "true roll angle")]
+    reference_rate: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "true roll rate")]
     reference_acceleration: Annotated[
-        i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "true lateral acceleration")
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "true lateral acceleration")
     ]
 
     # supervision
     unchanged: Annotated[list[i32], N_RX, F(0, AGE_MAX, 0, "ticks", "sample counter unchanged")]
     bad_ticks: Annotated[list[i32], 6, F(0, AGE_MAX, 0, "ticks", "a watched value is bad since")]
     refused: Annotated[i32, F(0, 1000, 0, "", "rule that refused the calibration, 0: none")]
-    rate_good: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "last plausible gyro")]
+    rate_good: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "last plausible gyro")]
     acceleration_good: Annotated[
-        i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "last plausible accelerometer")
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "last plausible accelerometer")
     ]
     lateral_good: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "lateral acceleration is good since")]
     good_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "all needed inputs good since")]
@@ -104,40 +105,40 @@ class Ecu:
     time: Annotated[i32, F(I32_MIN, I32_MAX, 0, "ticks", "since init, wraps")]
 
     # observer
-    x: Annotated[list[i32], N_STATES, F(-STATE_MAX, STATE_MAX, 0, "", "corrected estimate")]
-    work: Annotated[list[i32], N_ORDER, F(-STATE_MAX, STATE_MAX, 0, "", "scratch")]
-    ahead: Annotated[list[i32], N_STATES, F(-STATE_MAX, STATE_MAX, 0, "", "predicted estimate")]
+    x: Annotated[list[i32], N_STATES, F(STATE_MIN, STATE_MAX, 0, "", "corrected estimate")]
+    work: Annotated[list[i32], N_ORDER, F(STATE_MIN, STATE_MAX, 0, "", "scratch")]
+    ahead: Annotated[list[i32], N_STATES, F(STATE_MIN, STATE_MAX, 0, "", "predicted estimate")]
     covariance: Annotated[
-        list[list[i32]], N_STATES, N_STATES, F(-STATE_MAX, STATE_MAX, 24, "", "symmetric")
+        list[list[i32]], N_STATES, N_STATES, F(STATE_MIN, STATE_MAX, 24, "", "symmetric")
     ]
     ring: Annotated[
         list[i32],
         N_RING,
-        F(-STATE_MAX, STATE_MAX, Q_MOMENT, "N·m", "moments that the commands sent give"),
+        F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "moments that the commands sent give"),
     ]
-    offset_rate: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_RATE, "rad/s", "learnt, roll rate")]
+    offset_rate: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "learnt, roll rate")]
     offset_acceleration: Annotated[
-        i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "learnt, lateral acceleration")
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "learnt, lateral acceleration")
     ]
     steering_acceleration: Annotated[
-        i32, F(-STATE_MAX, STATE_MAX, Q_ACCELERATION, "m/s2", "a_y told by speed and steering")
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "a_y told by speed and steering")
     ]
     gain_factor: Annotated[i32, F(0, ONE, 28, "", "of the schedule at this speed, with fading")]
     front_share: Annotated[i32, F(0, ONE, Q_UNIT, "", "of the schedule at this speed")]
 
     # identification
-    theta: Annotated[list[i32], 2, F(1, STATE_MAX, 28, "", "stiffness, damping over nominal")]
-    rls_covariance: Annotated[list[i32], 3, F(-STATE_MAX, STATE_MAX, 20, "", "11, 12, 22")]
-    rls_integrals: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, 20, "", "over the window")]
+    theta: Annotated[list[i32], 2, F(0, STATE_MAX, 28, "", "stiffness, damping over nominal")]
+    rls_covariance: Annotated[list[i32], 3, F(STATE_MIN, STATE_MAX, 20, "", "11, 12, 22")]
+    rls_integrals: Annotated[list[i32], 2, F(STATE_MIN, STATE_MAX, 20, "", "over the window")]
     rls_history: Annotated[
         list[list[i32]],
         2,
         10,
         F(-WINDOW_MAX, WINDOW_MAX, 20, "", "stiffness; impulse less change of momentum"),
     ]
-    rls_last: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, 0, "", "rate Q27, impulse Q20")]
+    rls_last: Annotated[list[i32], 2, F(STATE_MIN, STATE_MAX, 0, "", "rate Q27, impulse Q20")]
     rls_washed: Annotated[
-        list[i32], 5, F(-STATE_MAX, STATE_MAX, 0, "", "rate, impulse; twice: and roll")
+        list[i32], 5, F(STATE_MIN, STATE_MAX, 0, "", "rate, impulse; twice: and roll")
     ]
     model: Annotated[
         list[list[i32]],
@@ -147,15 +148,15 @@ class Ecu:
     ]
 
     # control
-    compensator_x: Annotated[list[i32], N_ORDER, F(-STATE_MAX, STATE_MAX, 24, "", "state")]
-    moment: Annotated[i32, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "N·m", "before trigger and split")]
+    compensator_x: Annotated[list[i32], N_ORDER, F(STATE_MIN, STATE_MAX, 24, "", "state")]
+    moment: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "before trigger and split")]
     outputs: Annotated[
-        list[i32], 2, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "", "of a law with two outputs")
+        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "", "of a law with two outputs")
     ]
-    last_outputs: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "", "when SAFE began")]
+    last_outputs: Annotated[list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "", "when SAFE began")]
 
     # trigger
-    sent: Annotated[list[i32], 2, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "", "last command sent")]
+    sent: Annotated[list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "", "last command sent")]
     unacknowledged: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "waiting without a new echo since")]
     since_sent: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last command")]
     commands_sent: Annotated[i32, F(0, I32_MAX, 0, "", "commands sent, saturates")]
@@ -164,7 +165,7 @@ class Ecu:
 
     # allocation
     given: Annotated[
-        i32, F(-STATE_MAX, STATE_MAX, Q_MOMENT, "N·m", "moment within the actuators' limits")
+        i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "moment within the actuators' limits")
     ]
     force: Annotated[
         list[i32], 4, F(-4090 << Q_MOMENT, 4090 << Q_MOMENT, Q_MOMENT, "N", "of each corner")

@@ -70,12 +70,14 @@ def fields(record_class: type) -> tuple[Field, ...]:
     return tuple(table)
 
 
+def filled(shape: tuple[int, ...], value: int) -> Any:  # noqa: ANN401
+    """Return an array of ``shape``, or a scalar, of one value."""
+    return [filled(shape[1:], value) for _ in range(shape[0])] if shape else value
+
+
 def record(record_class: type[Record]) -> type[Record]:
     """Give a class of annotated fields its one constructor: every field zero, or its minimum."""
     table = fields(record_class)
-
-    def filled(shape: tuple[int, ...], value: int) -> Any:  # noqa: ANN401
-        return [filled(shape[1:], value) for _ in range(shape[0])] if shape else value
 
     def construct(self: Record) -> None:
         for field in table:
@@ -134,6 +136,12 @@ def narrow(v: i64) -> i32:
     if not I32_MIN <= v <= I32_MAX:
         raise OverflowError(f"{v} does not fit 32 bits")
     return v
+
+
+def clear(record: Any) -> None:  # noqa: ANN401
+    """Make every element of a record zero."""
+    for field in fields(record.__class__):
+        setattr(record, field.name, filled(field.shape, 0))
 
 
 def word(record: Any, k: i32) -> i32:  # noqa: ANN401

@@ -12,13 +12,12 @@ from firmware.plausibility import (
     DEGRADING,
     TROUBLE_TICK_MISSED,
     UNSAFE,
-    init_plausibility,
     latch_troubles,
     watch_actuators,
     watch_motion,
 )
 from firmware.state import ACTIVE, AGE_MAX, DEGRADED, INIT, SAFE, Ecu
-from firmware.subset import clamp, i32, i64, tdiv
+from firmware.subset import clamp, i32, sat31, tdiv
 
 
 def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
@@ -66,21 +65,19 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if actuators > severity:
         severity = actuators
     change_mode(ecu, cal, severity)
-    change: i64 = elapsed * tdiv(ONE, cal.ramp_ticks)
+    change: i32 = sat31(elapsed * tdiv(ONE, cal.ramp_ticks))
+    rise: i32 = -change
     if ecu.mode == ACTIVE or ecu.mode == DEGRADED:
-        ecu.authority = clamp(ecu.authority + change, 0, ONE)
-    else:
-        ecu.authority = clamp(ecu.authority - change, 0, ONE)
-    if ecu.lateral_lost == 0:
-        ecu.feedforward = clamp(ecu.feedforward + change, 0, ONE)
-    else:
-        ecu.feedforward = clamp(ecu.feedforward - change, 0, ONE)
+        rise = change
+    ecu.authority = clamp(ecu.authority + rise, 0, ONE)
+    if ecu.lateral_lost == 1:
+        change = -change
+    ecu.feedforward = clamp(ecu.feedforward + change, 0, ONE)
 
 
 def init_supervisor(ecu: Ecu) -> None:
-    """Start in INIT with no authority and no trouble."""
-    init_plausibility(ecu)
+    """Start in INIT, with nothing known of the vehicle's motion and moment."""
     ecu.mode = INIT
-    ecu.good_ticks = 0
-    ecu.authority = 0
+    ecu.motion_lost = 1
+    ecu.moment_unknown = 1
     ecu.feedforward = ONE

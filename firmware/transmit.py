@@ -45,11 +45,6 @@ def transmit(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
 
 
 def init_transmit(ecu: Ecu) -> None:
-    """Start with empty slots."""
+    """Let the first counters be 0."""
     for slot in range(N_TX):
-        ecu.tx_pending[slot] = 0
         ecu.tx_counter[slot] = 14
-        for k in range(8):
-            ecu.tx_payload[slot][k] = 0
-    ecu.since_status = 0
-    ecu.diagnostics_page = 0

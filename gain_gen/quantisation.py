@@ -9,6 +9,7 @@ from firmware.calibration import (
     Q_ACCELERATION,
     Q_MOMENT,
     Q_RATE,
+    STATE_MAX,
     Calibration,
 )
 from firmware.control_law import control
@@ -138,7 +139,7 @@ def integer_loop(record: Calibration) -> Callable[[Matrix], float]:
     wide = Calibration()
     for name in record.__dict__:
         setattr(wide, name, getattr(record, name))
-    wide.slew_max = 1 << 30
+    wide.slew_max = STATE_MAX
     init(ecu, wide)
     ecu.mode = ACTIVE
     ecu.moment_unknown = 0

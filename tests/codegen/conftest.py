@@ -38,7 +38,7 @@ HEAD = '''
 """Sample."""
 from typing import Annotated
 from firmware.state import N, MASK, Calibration, Ecu
-from firmware.subset import I32_MAX, byte, clamp, i32, i64, narrow, octet, rsh, sat31, sat32
+from firmware.subset import I32_MAX, byte, clamp, clear, i32, i64, narrow, octet, rsh, sat31, sat32
 from firmware.subset import scaled, tdiv, u8, word
 
 TABLE: tuple[i32, ...] = (1, -2, 3)

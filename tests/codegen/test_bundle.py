@@ -96,6 +96,11 @@ def test_a_changed_gain_is_noticed(folder, tmp_path):
     assert "FAIL: tick" in result.stdout
 
 
+@pytest.mark.parametrize("name", ["Makefile", "CMakeLists.txt"])
+def test_it_is_built_with_the_flags_that_the_figures_are_of(folder, name):
+    assert " ".join(target.OPTIMISATION) in (folder / name).read_text()
+
+
 @pytest.mark.skipif(not target.has_gcc_and_qemu(), reason="needs arm-none-eabi-gcc and QEMU")
 def test_the_same_vectors_pass_on_a_bare_cortex_m(folder):
     result = make(folder, "run", "example.elf")

@@ -104,18 +104,18 @@ def test_the_firmware_is_proved():
     [
         (
             "control_law",
-            "u: i64 = rsh(sat31(wanted) * ecu.gain_factor, 28)",
-            "u: i64 = rsh(wanted * ecu.gain_factor, 28)",
+            "step: i32 = sat31(steps * cal.slew_max)",
+            "step: i32 = steps * cal.slew_max",
         ),
         (
             "allocation",
-            "front = sat32(front + clamp(lack_rear, -room, room))",
-            "front = front + clamp(lack_rear, -room, room)",
+            "ecu.given = sat31(front - lack + rear)",
+            "ecu.given = front - lack + rear",
         ),
         (
             "observer",
             "ecu.work[i] = scaled(acc, cal.phi_shift[i])",
-            "ecu.work[i] = sat32(rsh(acc, cal.phi_shift[i]))",
+            "ecu.work[i] = clamp(rsh(acc, cal.phi_shift[i]), -(1 << 30), 1 << 30)",
         ),
     ],
 )

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from codegen import backends, layout, native, qemu_target, target, unicorn_target, vectors
+from codegen import (
+    backends,
+    layout,
+    native,
+    qemu_target,
+    recorded_traffic,
+    target,
+    unicorn_target,
+    vectors,
+)
 from codegen.footprint import FLOAT, footprint
 from codegen.recorder import Recorder
 from firmware.calibration import Calibration
@@ -90,6 +99,34 @@ def test_no_heap_no_float_no_memory_of_its_own(cpu):
         assert size.forbidden == ()
         assert size.static == 0
         assert 0 < size.tables < size.text
+
+
+# QEMU's counts for a double lane change, with a little room: mean instructions a tick
+TICKS = {
+    "constant gain": (recorded_traffic.Case("double_lane_change", "lqr"), 2500),
+    "covariance and identification": (
+        recorded_traffic.Case(
+            "double_lane_change", "lqr", observer="propagated", identification=True
+        ),
+        7800,
+    ),
+}
+CODE, TABLES, STATE, STACK = 12_000, 900, 1024, 256
+
+
+@needs_qemu
+@pytest.mark.parametrize("name", TICKS)
+def test_one_build_keeps_to_the_budgets_of_time_and_of_memory(name):
+    case, instructions = TICKS[name]
+    recording = recorded_traffic.record(case, 5.0)
+    run = qemu_target.replay(recording.calibration, recording.traffic, "cortex-m4")
+    assert run.instructions.mean() <= instructions
+    assert run.instructions.max() <= 9000
+    assert run.stack <= STACK
+    size = footprint(target.gcc_image("cortex-m4"))
+    assert size.text <= CODE
+    assert size.tables <= TABLES
+    assert size.state <= STATE
 
 
 def test_helpers_of_floating_point_are_told_from_those_of_integers():

@@ -59,7 +59,7 @@ def test_compensator_is_the_linear_system(order, outputs):
     a, b, c = a[:order, :order], b[:order], c[:, :order]
     cal = rig.calibration(actuator=fw.BARS)
     fill_compensator(cal, (a, b, c, d), np.zeros((order, 2)))
-    cal.moment_max = cal.slew_max = 1 << 30
+    cal.moment_max = cal.slew_max = fw.STATE_MAX
     ecu = running(cal)
     inputs = np.cumsum(rng.normal(size=(400, 4)), axis=0) * [1e-3, 1e-2, 0.1, 0.1]
     scale = 2.0 ** np.array([30, 27, 24, 24])
@@ -84,7 +84,7 @@ def test_compensator_follows_its_saturated_output_and_does_not_wind_up():
     )
     pull = 0.3
     e = np.array([[pull / 100.0, 0.0]])
-    cal = rig.calibration(moment_max=500 << 14, slew_max=1 << 30)
+    cal = rig.calibration(moment_max=500 << 14, slew_max=fw.STATE_MAX)
     fill_compensator(cal, (a - pull, b, c, d), e)
     ecu = running(cal)
     x, peak = 0.0, 0.0

@@ -6,7 +6,8 @@ import rig
 from scipy.linalg import solve_discrete_are
 
 from firmware import calibration as fw
-from firmware.covariance import bounded, init_covariance, propagate, update
+from firmware import ecu as loop
+from firmware.covariance import bounded, propagate, update
 from firmware.state import ACTIVE, DEGRADED
 
 TICK = 0.01
@@ -145,7 +146,7 @@ def test_it_starts_as_calibrated():
     cal = rig.calibration(observer=fw.PROPAGATED_COVARIANCE, covariance_start=[5, 6, 7, 8, 9])
     ecu = rig.started(cal)
     ecu.covariance[1][2] = 99
-    init_covariance(ecu, cal)
+    assert loop.init(ecu, cal) == 0
     assert ecu.covariance == np.diag([5, 6, 7, 8, 9]).tolist()
     assert rig.Bench(cal).active().ecu.mode == ACTIVE
 
