@@ -289,3 +289,22 @@ def test_ramps_end_at_nothing_and_at_all():
     for _ in range(4):
         supervise(ecu, cal, 1)
     assert (ecu.mode, ecu.authority) == (SAFE, 0)
+
+
+def test_trouble_codes_keep_the_numbers_that_diagnostics_know():
+    """0 to 4 are the late messages; a code that is no more leaves its number free."""
+    codes = {name: code for name, code in vars(sv).items() if name.startswith("TROUBLE_")}
+    assert codes == {
+        "TROUBLE_ROLL_RATE": 6,
+        "TROUBLE_ACCELERATION": 7,
+        "TROUBLE_STUCK": 8,
+        "TROUBLE_REFERENCE": 9,
+        "TROUBLE_SPEED": 10,
+        "TROUBLE_STROKE": 11,
+        "TROUBLE_MOMENT": 12,
+        "TROUBLE_CORNER_STUCK": 13,
+        "TROUBLE_CORNER_FLOATING": 14,
+        "TROUBLE_COMMAND": 15,
+        "TROUBLE_TICK_MISSED": 16,
+        "TROUBLE_CALIBRATION": 17,
+    }
