@@ -46,7 +46,7 @@ void hand_observe(canroll_ecu *ecu, const canroll_calibration *cal, int32_t step
     if (ecu->fresh[CANROLL_RX_IMU] != 0) {
         const bool lateral_good = ecu->bad_ticks[BAD_LATERAL] == 0;
         if (ecu->bad_ticks[BAD_ROLL_RATE] == 0) {
-            const int32_t innovation = ecu->roll_rate - x[RATE] - x[BIAS];
+            const int32_t innovation = ecu->roll_rate - bits_31(x[RATE] + x[BIAS]);
             if (lateral_good || !ecu->lateral_lost) {
                 correct(x, cal->correction[RATE_ROW], cal->correction_shift[RATE_ROW], innovation);
             } else {
@@ -56,10 +56,10 @@ void hand_observe(canroll_ecu *ecu, const canroll_calibration *cal, int32_t step
         if (lateral_good) {
             /* the accelerometer leans with the body */
             const int64_t leaning = (int64_t)cal->output[LATERAL_ROW][ROLL] * x[ROLL];
-            const int32_t innovation = ecu->lateral_acceleration - x[LATERAL]
-                - state_of(leaning, cal->output_shift[LATERAL_ROW]);
+            const int32_t told =
+                bits_31(x[LATERAL] + state_of(leaning, cal->output_shift[LATERAL_ROW]));
             correct(x, cal->correction[LATERAL_ROW], cal->correction_shift[LATERAL_ROW],
-                innovation);
+                ecu->lateral_acceleration - told);
         }
     }
     x[BIAS] = limit(x[BIAS], -cal->bias_max, cal->bias_max);

@@ -1,5 +1,6 @@
 /* Received frames: mailbox, E2E profile 1, signals. */
 #include <stdbool.h>
+#include <stddef.h>
 #include "hand.h"
 
 /* the checksum after both bytes of the data id */
@@ -37,7 +38,9 @@ uint32_t hand_crc(uint32_t start, hand_frame frame)
     return crc_table[crc ^ (frame.hi >> 24)];
 }
 
-/* The slots lie at multiples of four bytes: a frame goes in and out as two words. */
+/* A frame goes in and out as two words. */
+typedef char slots_are_words[(offsetof(canroll_ecu, rx_payload) % 4 == 0) ? 1 : -1];
+
 static volatile uint32_t *words(canroll_ecu *ecu, uint32_t slot)
 {
     return (volatile uint32_t *)(volatile void *)ecu->rx_payload[slot];
@@ -157,6 +160,36 @@ static inline int32_t scaled(int32_t raw, int32_t high, int32_t low)
     return raw * high + ((raw * low + 32768) >> 16);
 }
 
+/* 0.005 deg/s as rad/s Q27 */
+static inline int32_t rate_of(int32_t raw)
+{
+    return scaled(raw, 11712, 46291);
+}
+
+/* 0.00125 m/s2 as Q24 */
+static inline int32_t acceleration_of(int32_t raw)
+{
+    return scaled(raw, 20971, 34078);
+}
+
+/* 0.01 km/h as m/s Q20 */
+static inline int32_t speed_of(int32_t raw)
+{
+    return product(raw, 763549742, 18);
+}
+
+/* 0.1 deg as rad Q24 */
+static inline int32_t angle_of(int32_t raw)
+{
+    return scaled(raw, 29281, 50190);
+}
+
+/* 0.5 N.m as Q14 */
+static inline int32_t moment_of(int32_t raw)
+{
+    return raw * 8192;
+}
+
 /* Codes from 0x7ffe (signed) and 0xfffe (unsigned) on say error or not available. */
 void hand_read_inputs(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
@@ -167,15 +200,15 @@ void hand_read_inputs(canroll_ecu *ecu, const canroll_calibration *cal, int32_t 
         const int32_t yaw = (int16_t)(f.hi >> 12);
         uint32_t valid = 0;
         if (rate < 0x7ffe) {
-            ecu->roll_rate = scaled(rate, 11712, 46291);
+            ecu->roll_rate = rate_of(rate);
             valid = 1;
         }
         if (lateral < 0x7ffe) {
-            ecu->lateral_acceleration = scaled(lateral, 20971, 34078);
+            ecu->lateral_acceleration = acceleration_of(lateral);
             valid |= 2;
         }
         if (yaw < 0x7ffe) {
-            ecu->yaw_rate = scaled(yaw, 11712, 46291);
+            ecu->yaw_rate = rate_of(yaw);
             valid |= 4;
         }
         ecu->imu_sample = (uint8_t)(f.hi >> 28);
@@ -186,11 +219,11 @@ void hand_read_inputs(canroll_ecu *ecu, const canroll_calibration *cal, int32_t 
         const int32_t steering = (int16_t)(f.lo >> 28 | f.hi << 4);
         uint32_t valid = 0;
         if (speed < 0xfffe) {
-            ecu->speed = product((int32_t)speed, 763549742, 18);
+            ecu->speed = speed_of((int32_t)speed);
             valid = 1;
         }
         if (steering < 0x7ffe) {
-            ecu->steering = scaled(steering, 29281, 50190);
+            ecu->steering = angle_of(steering);
             valid |= 2;
         }
         ecu->motion_sample = (uint8_t)(f.hi >> 28);
@@ -201,11 +234,11 @@ void hand_read_inputs(canroll_ecu *ecu, const canroll_calibration *cal, int32_t 
         const int32_t rear = (int16_t)(f.lo >> 28 | f.hi << 4);
         uint32_t valid = 0;
         if (front < 0x7ffe) {
-            ecu->delivered[0] = front * 8192;
+            ecu->delivered[0] = moment_of(front);
             valid = 1;
         }
         if (rear < 0x7ffe) {
-            ecu->delivered[1] = rear * 8192;
+            ecu->delivered[1] = moment_of(rear);
             valid |= 2;
         }
         ecu->status[0] = (f.hi >> 12) & 3;

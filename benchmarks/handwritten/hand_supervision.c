@@ -179,15 +179,6 @@ static void change_mode(canroll_ecu *ecu, const canroll_calibration *cal, uint32
     }
 }
 
-/* Move a share of ONE up or down by change. */
-static int32_t ramped(int32_t share, int64_t change, bool up)
-{
-    if (up) {
-        return (share + change > ONE) ? ONE : (int32_t)(share + change);
-    }
-    return (share < change) ? 0 : (int32_t)(share - change);
-}
-
 /* Scheduled gain, share and fade change with the speed only, that is when a frame brought one. */
 static void schedule(canroll_ecu *ecu, const canroll_calibration *cal)
 {
@@ -234,9 +225,11 @@ void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t el
     running = ecu->mode == CANROLL_ACTIVE || ecu->mode == CANROLL_DEGRADED;
     if (ecu->authority != (running ? ONE : 0)
         || ecu->feedforward != (ecu->lateral_lost ? 0 : ONE)) {
-        const int64_t change = (int64_t)elapsed * (ONE / cal->ramp_ticks);
-        ecu->authority = ramped(ecu->authority, change, running);
-        ecu->feedforward = ramped(ecu->feedforward, change, !ecu->lateral_lost);
+        const int64_t way = (int64_t)elapsed * (ONE / cal->ramp_ticks);
+        const int32_t change = (way > STATE_MAX) ? STATE_MAX : (int32_t)way;
+        ecu->authority = limit(ecu->authority + (running ? change : -change), 0, ONE);
+        ecu->feedforward = limit(
+            ecu->feedforward + (ecu->lateral_lost ? -change : change), 0, ONE);
     }
     if (ecu->age[CANROLL_RX_VEHICLE_MOTION] == 0) {
         schedule(ecu, cal);
