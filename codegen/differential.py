@@ -9,6 +9,7 @@ in QEMU must be equal.
 """
 
 import argparse
+import signal
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -18,9 +19,11 @@ from itertools import count
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.errors import CanrollError
 from codegen import layout, native, qemu_target, target, vectors
 from codegen.backends import PythonEcu
 from codegen.native import Replay
+from codegen.progress import progress
 from codegen.recorded_traffic import Recording, recordings
 from codegen.vectors import Traffic
 from firmware.calibration import Calibration
@@ -112,31 +115,52 @@ def tasks(ticks: int, seed: int, recorded: Sequence[Recording], cpu: str | None)
         yield task
 
 
-def main() -> int:
+def _leave_to_parent() -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def run(arguments: argparse.Namespace) -> int:
     """Compare for a number of ticks; 1 at the first difference."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--ticks", type=int, default=10_000)
-    parser.add_argument("--cortex", choices=tuple(target.CPUS), help="also in QEMU")
-    parser.add_argument("--seed", type=int, default=1000)
-    parser.add_argument("--jobs", type=int, default=1)
-    arguments = parser.parse_args()
     recorded = recordings()
     modes = np.zeros(len(MODES), np.int64)
     # built once, before several processes would
     native.library()
-    with ProcessPoolExecutor(arguments.jobs) as pool:
-        chosen = tasks(arguments.ticks, arguments.seed, recorded, arguments.cortex)
-        for outcome in pool.map(compare, chosen):
-            modes += outcome.modes
-            if outcome.difference:
-                pool.shutdown(cancel_futures=True)
-                print(outcome.difference)
-                return 1
+    chosen = tasks(arguments.ticks, arguments.seed, recorded, arguments.cortex)
+    with (
+        ProcessPoolExecutor(arguments.jobs, initializer=_leave_to_parent) as pool,
+        progress("ticks", arguments.ticks) as more,
+    ):
+        try:
+            for outcome in pool.map(compare, chosen):
+                modes += outcome.modes
+                more(int(outcome.modes.sum()))
+                if outcome.difference:
+                    print(outcome.difference)
+                    return 1
+        finally:
+            pool.shutdown(cancel_futures=True)
     backends = ["CPython", "native", *([arguments.cortex] if arguments.cortex else [])]
     print(f"{modes.sum()} ticks: {' = '.join(backends)}, 0 differing bytes")
     shares = (f"{name} {100 * n / modes.sum():.1f} %" for name, n in zip(MODES, modes, strict=True))
     print(f"{len(recorded)} designs recorded and disturbed; {', '.join(shares)}")
     return 0
+
+
+def main() -> int:
+    """Run the comparison that the command line asks for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--ticks", type=int, default=10_000)
+    parser.add_argument("--cortex", choices=tuple(target.CPUS), help="also in QEMU")
+    parser.add_argument("--seed", type=int, default=1000)
+    parser.add_argument("--jobs", type=int, default=1)
+    try:
+        return run(parser.parse_args())
+    except CanrollError as error:
+        print(f"differential: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("differential: interrupted", file=sys.stderr)
+        return 130
 
 
 if __name__ == "__main__":

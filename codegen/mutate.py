@@ -18,12 +18,10 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
 from canroll.errors import CanrollError
 from codegen.mutants import Mutant, all_mutants, sources
 from codegen.mutation_run import EQUIVALENT, KILLED, SURVIVED, Outcome, run
+from codegen.progress import progress
 
 REASONS = Path(__file__).with_name("survivors.toml")
 WANTED = 0.95
@@ -86,28 +84,12 @@ def main() -> int:
     texts = sources()
     every = all_mutants(texts)
     size = arguments.sample if arguments.sample is not None else len(every)
-    console = Console(stderr=True)
-    quiet = not console.is_terminal
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-    )
     try:
         if size < 1 or arguments.jobs < 1:
             raise CanrollError("--sample and --jobs are at least 1")
         chosen = sample(every, size, arguments.seed)
-        # without a thread that refreshes: it would be in the way of forks
-        bars = Progress(*columns, console=console, auto_refresh=False, disable=quiet)
-        with bars:
-            task = bars.add_task("mutants", total=len(chosen))
-            outcomes = run(
-                chosen,
-                texts,
-                arguments.jobs,
-                lambda: bars.update(task, advance=1, refresh=True),
-            )
+        with progress("mutants", len(chosen)) as more:
+            outcomes = run(chosen, texts, arguments.jobs, lambda: more(1))
     except CanrollError as error:
         print(f"mutate: {error}", file=sys.stderr)
         return error.exit_code

@@ -445,3 +445,15 @@ def test_the_fade_may_be_a_step():
         ecu.speed = speed
         schedule(ecu, cal)
         assert ecu.gain_factor == gain
+
+
+@pytest.mark.parametrize(
+    ("elapsed", "steps"), [(0, 1), (1, 1), (3, 3), (16, 16), (17, 16), (99, 16)]
+)
+def test_the_estimate_makes_up_for_sixteen_missed_ticks(elapsed, steps):
+    ecu, cal = watching()
+    ecu.model[0][3] = 2
+    ecu.delivered, ecu.ring = [1 << 20] * 2, [1 << 21] * 32
+    ecu.fresh[RX_IMU] = 0
+    loop.tick(ecu, cal, elapsed)
+    assert ecu.x[0] == steps << 21
