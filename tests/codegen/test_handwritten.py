@@ -1,4 +1,4 @@
-"""The generated C does what the tick written by hand does, for little more instructions."""
+"""The generated C does what the tick written by hand does, in a bounded multiple of instructions."""
 
 import importlib.util
 from pathlib import Path
@@ -16,8 +16,9 @@ needs_qemu = pytest.mark.skipif(
     reason="needs arm-none-eabi-gcc, qemu-system-arm and canroll[target]",
 )
 LAWS = ("lqr", "lqg_delay")
-LIMIT = 2.25
-"""Of the generated tick's instructions to the hand-written one's; the target is 1.1."""
+LIMIT = 1.75
+"""Generated to hand-written instructions: 1.62 for lqr, 1.69 for lqg_delay, whose prediction costs
+another step of the model, by arm-none-eabi-gcc 12.2. The target of 1.1 is not met."""
 
 
 @pytest.fixture(scope="module")
