@@ -1,4 +1,4 @@
-"""The generated C does what the tick written by hand does, in a bounded multiple of instructions."""
+"""The generated C does what the tick written by hand does; its instructions are bounded by that."""
 
 import importlib.util
 from pathlib import Path
