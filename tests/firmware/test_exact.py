@@ -433,6 +433,20 @@ def test_the_largest_variance_learns_from_one_unit_and_the_least_stays(which):
         assert ecu.rls_covariance == [1, 0, 1]
 
 
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_an_error_counts_up_to_its_limit(sign):
+    """16 in Q20: a target that is far off pulls no more than one that is just beyond."""
+    pulled = []
+    for beyond in (-(1 << 10), 0, 1 << 10, 1 << 26):
+        ecu, cal = teachable(random.Random(3))
+        cal.rls_lo, cal.rls_hi = [1, 1], [fw.STATE_MAX] * 2
+        ecu.theta, ecu.rls_covariance = [1 << 29, 1 << 28], [1 << 23, 0, 1 << 23]
+        told = (1 << 29) * (1 << 12) >> 28
+        learn(ecu, cal, 1 << 12, 0, told + sign * ((1 << 24) + beyond))
+        pulled.append(ecu.theta[0])
+    assert pulled[0] != pulled[1] == pulled[2] == pulled[3]
+
+
 @SEEDS
 def test_an_identification_step_is_its_filters_and_its_window(seed):
     rng = random.Random(1100 + seed)
