@@ -102,10 +102,13 @@ def force_rms(trace: Trace) -> dict[str, float]:
 
 def plots(paper: str, title: str, results: Mapping[str, Result]) -> list[Figure]:
     """Return roll angle, delivered moment and spectrum of the command of several runs."""
-    first = next(iter(results.values()))
+    names, first = list(results), next(iter(results.values()))
     degrees = float(np.degrees(1))
     time = first.passive.signals["time"]
-    roll = [Series("without control", time, first.passive.signals["roll"] * degrees, 0, DASHED)]
+    free = "without control"
+    if any(result.passive is not first.passive for result in results.values()):
+        free = f"{names[0].rpartition(', ')[2]}, {free}"
+    roll = [Series(free, time, first.passive.signals["roll"] * degrees, 0, DASHED)]
     moments, spectra = [], []
     for place, (name, result) in enumerate(results.items()):
         trace = result.controlled

@@ -14,7 +14,7 @@ from hil.report.reproduction_page import reproduction_page
 from hil.reproduce import viadero2022, yim2020
 from hil.reproduce.beside import BESIDE, OURS, beside, rows
 from hil.reproduce.chatter import fast_share
-from hil.reproduce.driven import cycle_reason
+from hil.reproduce.driven import cycle_reason, plots
 from hil.reproduce.ideal_bars import linear_run
 from hil.reproduce.measured_output import WATCHED, relative_rule
 from hil.reproduce.papers import PAPERS, reproduce, to_json, to_markdown
@@ -228,6 +228,18 @@ def test_limit_cycles_come_of_what_the_design_model_leaves_out(scenario, keyword
 )  # fmt: skip
 def test_numbers_have_four_digits_and_no_exponent(value, text):
     assert shown(value) == text
+
+
+def test_the_run_without_control_is_named_where_there_are_several():
+    one, two = (
+        experiment.run("double_lane_change", law="passive", speed_kmh=speed, duration=0.5)
+        for speed in (60.0, 80.0)
+    )
+    for results, name in (
+        ({"a, first": one, "a, second": one}, "without control"),
+        ({"60 km/h": one, "80 km/h": two}, "60 km/h, without control"),
+    ):
+        assert plots("p", "t", results)[0].series[0].name == name
 
 
 def test_triggering_lowers_the_mean_load_alone(viadero):
