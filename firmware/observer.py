@@ -39,18 +39,20 @@ def advance(
     ecu: Ecu, cal: Calibration, z: Annotated[list[i32], N_STATES], moment: i32, steering: i32
 ) -> None:
     """Advance the state ``z`` by one tick under a moment (Q14) and an a_y by steering (Q24)."""
+    roll: i32 = z[0]
+    rate: i32 = z[1]
+    lateral: i32 = z[2]
+    jerk: i32 = z[3]
+    bias: i32 = z[4]
     for i in range(N_STATES):
-        acc: i64 = cal.gamma_steering[i] * steering
+        acc: i64 = cal.gamma_steering[i] * steering + cal.phi[i][3] * jerk + cal.phi[i][4] * bias
         if i < N_IDENTIFIED:
+            acc += ecu.model[i][0] * roll + ecu.model[i][1] * rate + ecu.model[i][2] * lateral
             acc += ecu.model[i][3] * moment
-            for j in range(3):
-                acc += ecu.model[i][j] * z[j]
-            acc += cal.phi[i][3] * z[3] + cal.phi[i][4] * z[4]
         else:
-            acc += cal.gamma[i] * moment + weighted(cal.phi[i], z)
-        ecu.work[i] = scaled(acc, cal.phi_shift[i])
-    for i in range(N_STATES):
-        z[i] = ecu.work[i]
+            acc += cal.phi[i][0] * roll + cal.phi[i][1] * rate + cal.phi[i][2] * lateral
+            acc += cal.gamma[i] * moment
+        z[i] = scaled(acc, cal.phi_shift[i])
 
 
 def acting_moment(ecu: Ecu, cal: Calibration) -> i32:

@@ -231,6 +231,10 @@ def watch_corners(ecu: Ecu, cal: Calibration) -> i32:
     One failed corner degrades, as does one failed bar, which spans both corners of its axle.
     """
     failures: i32 = 0
+    if (ecu.status[0] | ecu.status[1] | ecu.status[2] | ecu.status[3]) < STUCK:
+        for corner in range(4):
+            ecu.failed[corner] = 0
+        return GOOD
     for corner in range(4):
         status: i32 = ecu.status[corner]
         failed: i32 = status >> 1

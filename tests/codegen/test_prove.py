@@ -114,8 +114,8 @@ def test_the_firmware_is_proved():
         ),
         (
             "observer",
-            "ecu.work[i] = scaled(acc, cal.phi_shift[i])",
-            "ecu.work[i] = clamp(rsh(acc, cal.phi_shift[i]), -(1 << 30), 1 << 30)",
+            "z[i] = scaled(acc, cal.phi_shift[i])",
+            "z[i] = clamp(rsh(acc, cal.phi_shift[i]), -(1 << 30), 1 << 30)",
         ),
     ],
 )
