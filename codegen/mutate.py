@@ -20,7 +20,7 @@ from pathlib import Path
 
 from canroll.errors import CanrollError
 from codegen.mutants import Mutant, all_mutants, sources
-from codegen.mutation_run import EQUIVALENT, KILLED, SURVIVED, Outcome, run
+from codegen.mutation_run import EQUIVALENT, KILLED, REFUSED, SURVIVED, Outcome, run
 from codegen.progress import progress
 
 REASONS = Path(__file__).with_name("survivors.toml")
@@ -42,14 +42,18 @@ def share(outcomes: Iterable[Outcome]) -> float:
 
 
 def reasons() -> list[tuple[str, str, str]]:
-    """Place, changed line and reason of the survivors that have one on record."""
-    known = tomllib.loads(REASONS.read_text(encoding="utf-8"))
-    return [
-        (f"{module}.{function}", text, reason)
-        for module, functions in known.items()
-        for function, its in functions.items()
-        for text, reason in its.items()
-    ]
+    """Place, changed line and reason of the survivors that have one on record.
+
+    The place is a function, or a module where the line is a constant of it.
+    """
+    found = []
+    for module, places in tomllib.loads(REASONS.read_text(encoding="utf-8")).items():
+        for name, its in places.items():
+            if isinstance(its, str):
+                found.append((module, name, its))
+            else:
+                found += [(f"{module}.{name}", text, reason) for text, reason in its.items()]
+    return found
 
 
 def report(outcomes: Sequence[Outcome], exist: int) -> str:
@@ -71,6 +75,10 @@ def report(outcomes: Sequence[Outcome], exist: int) -> str:
     counted = len(outcomes) - counts[EQUIVALENT]
     lines += ["", f"{counts[KILLED]} of {counted} mutants killed ({share(outcomes):.1%})"]
     lines[-1] += f", {counts[EQUIVALENT]} equivalent ones left out; {exist} exist"
+    translated = sum(o.by.startswith(REFUSED) for o in outcomes if o.verdict == KILLED)
+    lines += [
+        f"{translated} of the killed by the translation or its proof, the others by a test or its time"
+    ]
     return "\n".join(lines)
 
 

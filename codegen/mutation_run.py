@@ -2,8 +2,8 @@
 
 pytest collects once. Then a child for every mutant gives the changed function its new code in
 place, for everybody who has imported it, and runs the tests that reach the changed line, the
-cheapest first. The proof, and whether the mutant is equivalent, come as soon as they are cheaper
-than the next test.
+cheapest first. The proof, and whether the mutant is equivalent, come when the tests have taken as
+long. Where a constant of a module is changed, all is loaded anew.
 """
 
 import ast
@@ -32,7 +32,10 @@ from codegen.program import FIRMWARE, PACKAGE
 
 TESTS = FIRMWARE.parent / "tests" / "firmware"
 KILLED, SURVIVED, EQUIVALENT = "killed", "survived", "equivalent"
+REFUSED = "translation: "
+"""What ``by`` begins with where the translation or its proof kills."""
 MARKS = "marks_of_lines"
+ARGUMENTS = ("-m", "not slow", "-p", "no:cacheprovider")
 PROOF_SECONDS = 2.0
 """When the tests have taken as long as the proof does, it is its turn."""
 
@@ -65,11 +68,10 @@ def run(
 
     ``done`` is called after each. Raises CanrollError where the tests fail without a mutation.
     """
-    hunt = Hunt(chosen, texts, jobs, done)
-    arguments = ["-m", "not slow", "-s", "-p", "no:cacheprovider", *map(str, tests)]
+    hunt = Hunt(chosen, texts, jobs, done, tests)
     said = io.StringIO()
     with contextlib.redirect_stdout(said):
-        code = pytest.main(arguments, plugins=[hunt])
+        code = pytest.main([*ARGUMENTS, "-s", *map(str, tests)], plugins=[hunt])
     if hunt.failure is not None:
         raise hunt.failure
     if len(hunt.outcomes) != len(chosen):
@@ -86,9 +88,10 @@ class Hunt:
         texts: Mapping[str, str],
         jobs: int,
         done: Callable[[], object],
+        tests: Sequence[Path],
     ) -> None:
         self.chosen, self.texts, self.jobs = chosen, texts, jobs
-        self.done = done
+        self.done, self.tests = done, tests
         self.original = Original(texts)
         self.items: list[pytest.Item] = []
         self.reached: dict[str, Reached] = {}
@@ -175,13 +178,13 @@ class Hunt:
         while waiting and time.process_time() < PROOF_SECONDS:
             if self._fails(waiting.pop(0)):
                 return KILLED, self.failed[0]
-        refused, same = self.original.examine(mutant, changed)
+        refused, same = self.original.examine(mutant.module, changed)
         if refused:
-            return KILLED, f"proof: {refused}"
+            return KILLED, f"{REFUSED}{refused}"
         if same:
             return EQUIVALENT, same
         if not mutant.function:
-            failed = fails_afresh(mutant.module, {**self.texts, mutant.module: changed})
+            failed = fails_afresh({**self.texts, mutant.module: changed}, self.tests)
             return (KILLED, "tests begun afresh") if failed else (SURVIVED, "")
         for item in waiting:
             if self._fails(item):
@@ -204,20 +207,18 @@ class Hunt:
         return bool(self.failed)
 
 
-def fails_afresh(module: str, texts: Mapping[str, str]) -> bool:
-    """Whether the tests fail on the firmware of ``texts``, loaded anew; ``module``'s own first.
+def fails_afresh(texts: Mapping[str, str], tests: Sequence[Path]) -> bool:
+    """Whether the tests fail on the firmware of ``texts``, loaded anew.
 
     Who has imported a constant has its value: it can't be exchanged in place.
     """
-    tests = sorted(TESTS.glob("test_*.py"), key=lambda path: path.stem != f"test_{module}")
     with tempfile.TemporaryDirectory() as temporary:
         copy = Path(temporary) / PACKAGE
         copy.mkdir()
         for name, text in texts.items():
             (copy / f"{name}.py").write_text(text, encoding="utf-8")
         # -P: the folder in front of the path would hide the copy
-        command = [sys.executable, "-P", "-m", "pytest", "-x", "-m", "not slow"]
-        command += ["-p", "no:cacheprovider", *map(str, tests)]
+        command = [sys.executable, "-P", "-m", "pytest", "-x", *ARGUMENTS, *map(str, tests)]
         environment = {**os.environ, "PYTHONPATH": f"{temporary}{os.pathsep}{FIRMWARE.parent}"}
         done = subprocess.run(
             command, cwd=FIRMWARE.parent, env=environment, capture_output=True, check=False
