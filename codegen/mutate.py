@@ -75,10 +75,8 @@ def report(outcomes: Sequence[Outcome], exist: int) -> str:
     counted = len(outcomes) - counts[EQUIVALENT]
     lines += ["", f"{counts[KILLED]} of {counted} mutants killed ({share(outcomes):.1%})"]
     lines[-1] += f", {counts[EQUIVALENT]} equivalent ones left out; {exist} exist"
-    translated = sum(o.by.startswith(REFUSED) for o in outcomes if o.verdict == KILLED)
-    lines += [
-        f"{translated} of the killed by the translation or its proof, the others by a test or its time"
-    ]
+    refused = sum(o.by.startswith(REFUSED) for o in outcomes if o.verdict == KILLED)
+    lines += [f"{refused} of the killed by the translation or its proof, all others by tests"]
     return "\n".join(lines)
 
 
