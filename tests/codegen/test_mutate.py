@@ -156,9 +156,7 @@ def test_the_report_counts_survivors_and_gives_reasons(monkeypatch, tmp_path):
     outcomes.append(Outcome(constant, KILLED, f"{REFUSED}overflows"))
     told = mutate.report(outcomes, 99)
     assert "2 of 4 mutants killed (50.0%), 1 equivalent ones left out; 99 exist" in told
-    assert (
-        "1 of the killed by the translation or its proof, all others by tests" in told
-    )
+    assert "1 of the killed by the translation or its proof, all others by tests" in told
     assert "e2e.py:3: 1 -> 2: N = 2\n    no" in told
     assert "e2e.py:7: 0 -> 2: crc = 2\n    it is so" in told
     assert "e2e.py:7: 0 -> 3: crc = 3\n    always 3" in told
