@@ -24,7 +24,7 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
 for name in "${@:-differential mutation benchmarks contract reproduce}"; do
     for part in $name; do
         case $part in
-            differential) keep differential python -m codegen.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
+            differential) keep differential python -m hil.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
             mutation) keep mutation python -m codegen.mutate ;;
             benchmarks)
                 for bench in benchmarks/bench_*.py; do

@@ -5,9 +5,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from codegen import differential, native, vectors
-from codegen.recorded_traffic import CASES, record
+from codegen import native, vectors
 from firmware.state import ACTIVE
+from hil import differential
+from hil.recorded_traffic import CASES, record
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from codegen import layout, native, qemu_target, recorded_traffic, target, vectors
+from codegen import layout, native, qemu_target, target, vectors
 from firmware.calibration import Calibration
 from firmware.state import ACTIVE, DEGRADED, INIT, SAFE
+from hil import recorded_traffic
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 needs_qemu = pytest.mark.skipif(

@@ -8,7 +8,6 @@ from codegen import (
     layout,
     native,
     qemu_target,
-    recorded_traffic,
     target,
     unicorn_target,
     vectors,
@@ -18,6 +17,7 @@ from codegen.recorder import Recorder
 from firmware.calibration import Calibration
 from firmware.signals import RX_IDS
 from firmware.state import Ecu
+from hil import recorded_traffic
 
 pytestmark = [
     pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),

@@ -1,6 +1,6 @@
 """All backends on the same traffic, byte for byte, for as long as one likes.
 
-    python -m codegen.differential [--ticks N] [--cortex CPU] [--jobs J]
+    python -m hil.differential [--ticks N] [--cortex CPU] [--jobs J]
 
 Of four runs one is a random calibration in random traffic, three are recorded manoeuvres of the
 generator's designs with hostile episodes, in which the loop controls for most of the time. The
@@ -24,11 +24,11 @@ from codegen import layout, native, qemu_target, target, vectors
 from codegen.backends import PythonEcu
 from codegen.native import Replay
 from codegen.progress import progress
-from codegen.recorded_traffic import Recording, recordings
 from codegen.vectors import Traffic
 from firmware.calibration import Calibration
 from firmware.signals import RX_IDS
 from firmware.state import Ecu
+from hil.recorded_traffic import Recording, recordings
 
 TICKS = 500
 MODES = ("INIT", "ACTIVE", "DEGRADED", "SAFE")
