@@ -93,13 +93,35 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
     budget = limits.instructions or 0
     good = (budget == 0 or int(counts.max()) <= budget) and not size.forbidden
     good = good and size.static == 0
+    least, mean, most = int(counts.min()), round(float(counts.mean())), int(counts.max())
+    verdict = "PASS" if good else "FAIL"
+    if as_json:
+        answer = {
+            "processor": run.cpu,
+            "counter": run.counter,
+            "ticks": len(counts),
+            "instructions": {"min": least, "mean": mean, "max": most},
+            "budget_instructions": limits.instructions,
+            "bytes": {
+                "stack": run.stack,
+                "code": size.text,
+                "tables": size.tables,
+                "static": size.static,
+                "state": size.state,
+                "calibration": size.calibration,
+            },
+            "forbidden": list(size.forbidden),
+            "verdict": verdict,
+        }
+        print(json.dumps(answer))
+        return 0 if good else 1
     rows = {
         "processor": run.cpu,
         "counter": f"{run.counter}, instructions (not cycles)",
         "ticks": len(counts),
-        "instructions a tick, min": int(counts.min()),
-        "instructions a tick, mean": round(float(counts.mean())),
-        "instructions a tick, max": int(counts.max()),
+        "instructions a tick, min": least,
+        "instructions a tick, mean": mean,
+        "instructions a tick, max": most,
         "budget, instructions": budget or "none",
         "stack, bytes": run.stack,
         "code, bytes": size.text,
@@ -108,12 +130,9 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
         "state record, bytes": size.state,
         "calibration record, bytes": size.calibration,
         "heap or floating point": ", ".join(size.forbidden) or "none linked",
-        "verdict": "PASS" if good else "FAIL",
+        "verdict": verdict,
     }
-    if as_json:
-        print(json.dumps(rows))
-    else:
-        width = max(map(len, rows))
-        for name, value in rows.items():
-            print(f"{name:<{width}}  {value}")
+    width = max(map(len, rows))
+    for name, value in rows.items():
+        print(f"{name:<{width}}  {value}")
     return 0 if good else 1
