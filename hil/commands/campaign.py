@@ -10,6 +10,7 @@ from canroll.errors import CanrollError
 from hil.commands.run import (
     add_condition_options,
     add_run_options,
+    answer,
     key_values,
     path_named,
     run_keywords,
@@ -110,7 +111,6 @@ def _one(
 ) -> int:
     """Drive one draw again and report it as a run."""
     from hil import experiment, terminal, variation  # noqa: PLC0415
-    from hil.files import write_files  # noqa: PLC0415
 
     if args.only < 0:
         raise CanrollError(f"--only {args.only}: draws count from 0")
@@ -118,10 +118,4 @@ def _one(
     drawn = variation.draw(settings, args.only, **draws)
     with terminal.progress(quiet=args.json) as progress:
         result = experiment.simulate(drawn.settings, controller, progress=progress)
-    if out is not None:
-        result = write_files(result, out)
-    if args.json:
-        print(json.dumps(result.to_json()))
-    else:
-        terminal.show(result)
-    return 1 if result.helps is False else 0
+    return answer(result, out, as_json=args.json)

@@ -3,8 +3,12 @@
 import argparse
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from canroll.errors import CanrollError
+
+if TYPE_CHECKING:
+    from hil.result import Result
 
 DEFAULT_OUT = Path("out")
 
@@ -177,7 +181,7 @@ def key_values(option: str, texts: list[str]) -> dict[str, str] | None:
 def run(args: argparse.Namespace) -> int:
     """Run, report and write; 1 if the verdict is that control does not help."""
     from hil import experiment, signals, terminal  # noqa: PLC0415 - loads compiled kernels
-    from hil.files import check_parent, usable_folder, write_files  # noqa: PLC0415
+    from hil.files import check_parent, usable_folder  # noqa: PLC0415
     from hil.logs import check_suffix, write_log  # noqa: PLC0415
     from hil.virtual import Interrupted  # noqa: PLC0415
 
@@ -208,9 +212,17 @@ def run(args: argparse.Namespace) -> int:
     if args.signals is not None:
         files["signals"] = str(signals.write_signals(args.signals, seen.signals))
     result = experiment.with_files(result, files)
+    return answer(result, out, as_json=args.json)
+
+
+def answer(result: "Result", out: Path | None, *, as_json: bool) -> int:
+    """Write the files of a run where there is a folder, print it, and return the exit code."""
+    from hil import terminal  # noqa: PLC0415 - loads compiled kernels
+    from hil.files import write_files  # noqa: PLC0415
+
     if out is not None:
         result = write_files(result, out)
-    if args.json:
+    if as_json:
         print(json.dumps(result.to_json()))
     else:
         terminal.show(result)
