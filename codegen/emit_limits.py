@@ -86,14 +86,13 @@ def emit() -> str:
         "size": table("SIZE", "u8", sizes),
         "range": table("RANGE", "u8", [ranges.index(limits(field)) for field in its]),
     }
-    text = TEXT.format(
+    return TEXT.format(
         fields=len(its),
         last_byte=last_byte,
         last_word=last_byte // 4,
         bytes=sum(not byte for byte, _, _ in ranges),
         **{name: "\n".join(lines) for name, lines in tables.items()},
     )
-    return text
 
 
 if __name__ == "__main__":

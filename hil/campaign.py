@@ -18,7 +18,6 @@ from hil.result import Result
 from hil.variation import Drawn
 from plant_sim.can_bus import load_profile
 
-DEFAULT_RUNS = 100
 HARMLESS = 1.02
 """Largest roll angle over that without control, up to which a faulted run has done no harm."""
 HELPS, STAYS_HARMLESS = "helps", "harmless"
@@ -126,7 +125,7 @@ def quantiles(outcomes: Sequence[Outcome]) -> dict[str, dict[str, dict[str, floa
 def run(
     scenario: str,
     *,
-    runs: int = DEFAULT_RUNS,
+    runs: int,
     spread: Mapping[str, float] = variation.DEFAULT_SPREAD,
     buses: Sequence[str] = (),
     faults: Sequence[str] = (),

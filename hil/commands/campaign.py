@@ -12,11 +12,10 @@ from hil.commands.run import (
     add_run_options,
     answer,
     key_values,
-    path_named,
     run_keywords,
 )
+from hil.page_files import add_page_options, folder, write
 
-DEFAULT_OUT = Path("out")
 DEFAULT_RUNS = 100
 
 
@@ -51,19 +50,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     add_run_options(parser)
     add_condition_options(parser)
-    parser.add_argument(
-        "--out", type=path_named, metavar="DIR", help="folder for the page (default: out)"
-    )
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON object; files only with --out"
-    )
+    add_page_options(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Drive all draws, print the table, write campaign.html and .json; 1 if one of them fails."""
     from hil import campaign, terminal, variation  # noqa: PLC0415 - loads compiled kernels
-    from hil.files import usable_folder, write_text  # noqa: PLC0415
     from hil.report.campaign_page import campaign_page, quantile_table  # noqa: PLC0415
 
     choices: dict[str, Any] = run_keywords(args)
@@ -76,22 +69,17 @@ def run(args: argparse.Namespace) -> int:
     if buses[0]:
         choices["bus"] = buses[0]
         draws["buses"] = buses
-    out = args.out or (None if args.json else DEFAULT_OUT)
-    if out is not None:
-        usable_folder(out)
+    out = folder(args)
     if args.only is not None:
         return _one(args, choices, draws, out)
     with terminal.progress(quiet=args.json) as progress:
         found = campaign.run(
             args.scenario, runs=args.runs, jobs=args.jobs, progress=progress, **draws, **choices
         )
-    data, files = found.to_json(), {}
-    if out is not None:
-        files["report"] = str(write_text(out / "campaign.html", campaign_page(found)))
-        text = json.dumps(data, indent=2) + "\n"
-        files["result"] = str(write_text(out / "campaign.json", text))
+    texts = {"report": (".html", lambda: campaign_page(found))}
+    data = {"files": {}, **write(out, "campaign", texts, found.to_json())}
     if args.json:
-        print(json.dumps({**data, "files": files}))
+        print(json.dumps(data))
     else:
         terminal.show_verdict(found.verdict, good=not found.failed)
         terminal.show_warnings(found.nominal.warnings)
@@ -102,7 +90,7 @@ def run(args: argparse.Namespace) -> int:
             f"{worst.controlled['roll_max_deg']:.2f}° instead of "
             f"{worst.passive['roll_max_deg']:.2f}°; see it with --only {worst.index}"
         )
-        terminal.show_files(files)
+        terminal.show_files(data["files"])
     return 1 if found.failed else 0
 
 

@@ -1,8 +1,9 @@
 """``canroll report``: the page of a run that was saved, made anew from its folder."""
 
 import argparse
-import json
 from pathlib import Path
+
+from hil.commands.run import answer
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -23,7 +24,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def run(args: argparse.Namespace) -> int:
     """Write the page and print the table; 1 if the verdict is that control does not help."""
-    from hil import experiment, saved, terminal  # noqa: PLC0415 - loads compiled kernels
+    from hil import experiment, saved  # noqa: PLC0415 - loads compiled kernels
     from hil.files import check_parent, write_text  # noqa: PLC0415
     from hil.report.run_page import run_page  # noqa: PLC0415
 
@@ -31,8 +32,4 @@ def run(args: argparse.Namespace) -> int:
     page = check_parent(args.out or args.folder / "report.html", out=args.folder)
     result = experiment.with_files(result, {**result.files, "report": str(page)})
     write_text(page, run_page(result))
-    if args.json:
-        print(json.dumps(result.to_json()))
-    else:
-        terminal.show(result)
-    return 1 if result.helps is False else 0
+    return answer(result, None, as_json=args.json)
