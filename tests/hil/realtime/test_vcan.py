@@ -120,6 +120,13 @@ def test_candump_saw_what_the_firmware_sent_and_cantools_understands_it(witnesse
     assert np.ptp([command["ForceFrontLeft"] for command in commands]) > 500
 
 
+def test_the_guest_passes_on_streams_and_exit_code(tmp_path):
+    """What is a pipe here is no terminal there, so that no progress gets into a log."""
+    python = "import sys; print(sys.stdout.isatty(), sys.stderr.isatty()); sys.exit('gone')"
+    ran = on_vcan(f'"$PYTHON" -c "{python}"', tmp_path)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (1, "False False\n", "gone\n")
+
+
 def test_a_missing_interface_is_one_line(tmp_path, calibration_file):
     script = f"""
         cd {tmp_path}
