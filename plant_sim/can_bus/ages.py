@@ -14,8 +14,9 @@ from plant_sim.can_bus.messages import BusMessage
 from plant_sim.can_bus.network import build_network
 from plant_sim.can_bus.queues import enqueue
 from plant_sim.can_bus.randomness import random_bits, uniform
+from plant_sim.can_bus.replay import Frames, Recording, feed
 from plant_sim.can_bus.scheduler import advance
-from plant_sim.can_bus.simulation import LISTENER, longest, traffic_spec
+from plant_sim.can_bus.simulation import LISTENER, add_player, longest, traffic_spec
 from plant_sim.can_bus.wire import EXTENDED
 
 _JITTER_STREAM: Final = 1 << 44
@@ -73,12 +74,14 @@ class _Sender:
         return queued
 
 
-def simulate_ages(network: Network, loop: Loop, *, duration_ns: int) -> NDArray[np.int64]:
+def simulate_ages(
+    network: Network, loop: Loop, *, duration_ns: int, replayed: Frames | None = None
+) -> NDArray[np.int64]:
     """Return the sample-to-force age of every command that the actuator applied, nanoseconds.
 
     A sensor samples and sends; in every tick the ECU sends a command computed from the newest
     sample it has received; the actuator looks at what it has received once a period. The age runs
-    from the sample to that look.
+    from the sample to that look. ``replayed``: frames that another node sends beside all that.
     """
     home = int(network.nodes["segment"][loop.command_node])
     far = int(network.nodes["segment"][loop.actuator_node])
@@ -89,10 +92,13 @@ def simulate_ages(network: Network, loop: Loop, *, duration_ns: int) -> NDArray[
     sampled: dict[int, int] = {}
     computed: dict[int, int] = {}
     sample, tick, look = loop.sensor.offset_ns, loop.tick_offset_ns, 0
+    player, fed = -1 if replayed is None else add_player(network), 0
     while True:
         now = min(sample, tick, look)
         if now > duration_ns:
             return np.array(ages, np.int64)
+        if replayed is not None:
+            fed = feed(network, replayed, player, fed, now)
         advance(network, now)
         assert logged(network) - cursor <= len(network.log)
         entries, cursor, _ = drain(network, cursor)
@@ -100,9 +106,9 @@ def simulate_ages(network: Network, loop: Loop, *, duration_ns: int) -> NDArray[
         for entry in entries[np.isin(entries["ident"], (loop.sensor.ident, loop.command.ident))]:
             origin = int(entry["t_origin"])
             if _is(entry, loop.sensor, home):
-                newest = max(newest, sampled.pop(origin))
+                newest = max(newest, sampled.pop(origin, -1))
             elif _is(entry, loop.command, far):
-                waiting = computed.pop(origin)
+                waiting = computed.pop(origin, waiting)
         if now == look:
             if waiting >= 0:
                 ages.append(now - waiting)
@@ -134,10 +140,12 @@ def simulate_ages_of_set(
     seed: int = 0,
     worst_case_lengths: bool = False,
     phases: int = 20,
+    recording: Recording | None = None,
 ) -> NDArray[np.int64]:
     """Return sample-to-force ages over two messages of a set on one bus, nanoseconds.
 
-    The duration is divided into ``phases`` runs, each with another phase of the tick.
+    The duration is divided into ``phases`` runs, each with another phase of the tick and the next
+    piece of the recording, if there is one.
 
     Raises:
         CanrollError: ``sensor`` and ``command`` are not two messages of the set.
@@ -149,22 +157,21 @@ def simulate_ages_of_set(
     ours = [place for place, name in enumerate(sent) if name in {sensor, command}]
     others = tuple(s for place, s in enumerate(spec.sources) if place not in ours)
     nodes = [node.name for node in spec.nodes]
-    tick = round(tick_ms * 1e6)
-    return np.concatenate(
-        [
-            simulate_ages(
-                build_network(replace(spec, sources=others, seed=seed + phase)),
-                Loop(
-                    sensor=sent[sensor],
-                    command=sent[command],
-                    sensor_node=nodes.index(sent[sensor].sender),
-                    command_node=nodes.index(sent[command].sender),
-                    actuator_node=nodes.index(LISTENER),
-                    tick_ns=tick,
-                    tick_offset_ns=tick * phase // phases,
-                ),
-                duration_ns=round(duration_s * 1e9 / phases),
-            )
-            for phase in range(phases)
-        ]
-    )
+    tick, duration = round(tick_ms * 1e6), round(duration_s * 1e9 / phases)
+    ages = []
+    for phase in range(phases):
+        network = build_network(replace(spec, sources=others, seed=seed + phase))
+        loop = Loop(
+            sensor=sent[sensor],
+            command=sent[command],
+            sensor_node=nodes.index(sent[sensor].sender),
+            command_node=nodes.index(sent[command].sender),
+            actuator_node=nodes.index(LISTENER),
+            tick_ns=tick,
+            tick_offset_ns=tick * phase // phases,
+        )
+        replayed = None
+        if recording is not None:
+            replayed = recording.frames.piece(phase * duration, (phase + 1) * duration)
+        ages.append(simulate_ages(network, loop, duration_ns=duration, replayed=replayed))
+    return np.concatenate(ages)

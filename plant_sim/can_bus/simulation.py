@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.can_bus.accounting import account, drain, load
-from plant_sim.can_bus.layout import DELIVERED
+from plant_sim.can_bus.layout import DELIVERED, Network
 from plant_sim.can_bus.messages import BusMessage
 from plant_sim.can_bus.network import (
     MAX_CAPACITY,
@@ -20,7 +20,7 @@ from plant_sim.can_bus.network import (
 )
 from plant_sim.can_bus.replay import Recording, feed
 from plant_sim.can_bus.scheduler import advance
-from plant_sim.can_bus.wire import worst_case_bits
+from plant_sim.can_bus.wire import ERROR_STATE, worst_case_bits
 
 _CHUNK_NS: Final = 200_000_000
 LISTENER: Final = "Listener"
@@ -85,6 +85,11 @@ def traffic_spec(
     )
 
 
+def add_player(network: Network) -> int:
+    """Put a node on a network that replays a recording, and return its number."""
+    return add_node(network, Node("Recording", policy="priority", capacity=MAX_CAPACITY))
+
+
 def simulate(
     messages: Sequence[BusMessage],
     *,
@@ -96,6 +101,8 @@ def simulate(
     recording: Recording | None = None,
 ) -> Simulation:
     """Simulate a traffic set and return the response time of every frame.
+
+    Messages of one node with the same identifier share their responses.
 
     Args:
         messages: periodic messages with offsets and jitter.
@@ -114,16 +121,18 @@ def simulate(
         worst_case_lengths=worst_case_lengths,
     )
     network = build_network(spec)
-    player = add_node(network, Node("Recording", policy="priority", capacity=MAX_CAPACITY))
+    player = add_player(network)
     replayed = 0
-    names = {(m.sender, m.ident, m.flags): m.name for m in messages}
+    names: dict[tuple[str, int, int], list[str]] = {}
+    for message in messages:
+        names.setdefault((message.sender, message.ident, message.flags), []).append(message.name)
     nodes = [node.name for node in spec.nodes]
     collected: dict[str, list[NDArray[np.int64]]] = {m.name: [] for m in messages}
     cursor = frames = 0
     end = round(duration_s * 1e9)
     for now in range(_CHUNK_NS, end + _CHUNK_NS, _CHUNK_NS):
         if recording is not None:
-            replayed = feed(network, recording, player, replayed, min(now, end))
+            replayed = feed(network, recording.frames, player, replayed, min(now, end))
         advance(network, min(now, end))
         entries, cursor, _ = drain(network, cursor)
         entries = entries[entries["outcome"] == DELIVERED]
@@ -131,9 +140,11 @@ def simulate(
         entries = entries[entries["sender"] != player]
         response = entries["t_end"] - entries["t_queued"]
         keys = np.stack([entries[f].astype(np.int64) for f in ("sender", "ident", "flags")])
+        keys[2] &= ~ERROR_STATE
         for sender, ident, flags in np.unique(keys, axis=1).T:
             chosen = (keys == np.array([[sender], [ident], [flags]])).all(axis=0)
-            collected[names[nodes[sender], int(ident), int(flags)]].append(response[chosen])
+            for name in names[nodes[sender], int(ident), int(flags)]:
+                collected[name].append(response[chosen])
     return Simulation(
         {
             n: SimulatedResponse(n, np.concatenate([*r, []]).astype(int))
