@@ -7,17 +7,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.accounting import drain
 from plant_sim.can_bus.delay_bounds import loop_messages
-from plant_sim.can_bus.layout import DELIVERED, MAX_PAYLOAD, SEED, Network, logged
-from plant_sim.can_bus.messages import BusMessage
-from plant_sim.can_bus.network import build_network
-from plant_sim.can_bus.queues import enqueue
-from plant_sim.can_bus.randomness import random_bits, uniform
-from plant_sim.can_bus.replay import Frames, Recording, feed
-from plant_sim.can_bus.scheduler import advance
+from plant_sim.can_bus.kernel.account import drain
+from plant_sim.can_bus.kernel.layout import DELIVERED, MAX_PAYLOAD, SEED, Network, logged
+from plant_sim.can_bus.kernel.network import build_network
+from plant_sim.can_bus.kernel.queues import enqueue
+from plant_sim.can_bus.kernel.scheduler import advance
 from plant_sim.can_bus.simulation import LISTENER, add_player, longest, traffic_spec
-from plant_sim.can_bus.wire import EXTENDED
+from plant_sim.can_bus.traffic.log_playback import Frames, Recording, feed
+from plant_sim.can_bus.traffic.messages import BusMessage
+from plant_sim.can_bus.wire.frame import EXTENDED
+from plant_sim.kernels.random import random_bits, uniform
 
 _JITTER_STREAM: Final = 1 << 44
 _PAYLOAD_STREAM: Final = 1 << 45

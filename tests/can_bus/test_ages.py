@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from plant_sim.can_bus.ages import simulate_ages_of_set
 from plant_sim.can_bus.analysis import response_bounds, worst_case_utilisation
 from plant_sim.can_bus.delay_bounds import delay_bounds_of_set
-from plant_sim.can_bus.messages import BusMessage
 from plant_sim.can_bus.simulation import simulate
-from plant_sim.can_bus.wire import BIT_RATE_SWITCH, EXTENDED, FD, FD_LENGTHS
+from plant_sim.can_bus.traffic.messages import BusMessage
+from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, FD_LENGTHS
 
 MS = 1_000_000
 

@@ -4,9 +4,9 @@ import can
 import numpy as np
 import pytest
 
-from hil.logs import SUFFIXES, write_log
-from plant_sim.can_bus.layout import DELIVERED, ERROR, LOST_OVERFLOW, log_dtype
-from plant_sim.can_bus.wire import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
+from hil.runs.logs import SUFFIXES, write_log
+from plant_sim.can_bus.kernel.layout import DELIVERED, ERROR, LOST_OVERFLOW, log_dtype
+from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
 
 ROWS = (
     # time in ns, identifier, flags, length, segment, outcome
