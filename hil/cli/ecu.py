@@ -48,6 +48,15 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--cpu", type=int, metavar="N", help="core to run on")
 
 
+def add_prepare_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of programs whose kernels may have to be compiled first."""
+    parser.add_argument(
+        "--prepare",
+        action="store_true",
+        help="only compile what the run needs, into the cache; no bus is opened",
+    )
+
+
 def nanoseconds(seconds: float | None, option: str) -> int | None:
     """Return a time of the command line in ns, 0 and None as None.
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import vehicles
 from canroll.errors import CanrollError
-from hil.cli.ecu import add_loop_options, nanoseconds
+from hil.cli.ecu import add_loop_options, add_prepare_option, nanoseconds
 from hil.cli.run import (
     add_condition_options,
     key_values,
@@ -71,6 +71,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="for the first frame of the ECU, 0: start at once (default: %(default)g)",
     )
     add_loop_options(parser)
+    add_prepare_option(parser)
     parser.add_argument(
         "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4"
     )
@@ -92,6 +93,8 @@ def run(args: argparse.Namespace) -> int:
     duration = nanoseconds(args.duration, "--duration")
     # compiled before the clock runs: this world is thrown away
     world_of(args).advance(plant_loop.STEP_NS)
+    if args.prepare:
+        return 0
     world = world_of(args)
     with process.stop_on_signals() as stop:
         notes = process.prepare(cpu=args.cpu, priority=process.PLANT_PRIORITY)

@@ -7,6 +7,7 @@ calls :meth:`Link.receive` once a period.
 import argparse
 import errno
 import logging
+import select
 import socket
 import time
 from collections.abc import Callable
@@ -54,6 +55,9 @@ class Link(Protocol):
 class CanLink:
     """A link over a python-can bus; one whose server went away is opened again when it is back.
 
+    Attributes:
+        lost: the server went away and has not been found again.
+
     Args:
         bus: open.
         reopen: opens it again; raises CanrollError while that fails. None: never.
@@ -62,8 +66,10 @@ class CanLink:
     def __init__(self, bus: can.BusABC, reopen: Callable[[], can.BusABC] | None = None) -> None:
         self.bus = bus
         self.sent = self.received = self._failed = 0
+        self.lost = False
         self._reopen = reopen
         self._retry_at = float("inf")
+        self._stream = _stream_of(bus)
 
     @property
     def failed(self) -> int:
@@ -71,18 +77,26 @@ class CanLink:
         return self._failed
 
     def receive(self) -> list[Frame]:
-        """Return the data frames that wait; an interface gone down has none."""
-        if time.monotonic() > self._retry_at:
-            self._try_again()
-        frames: list[Frame] = []
-        with suppress(can.CanError, OSError):
-            while (message := self.bus.recv(0)) is not None:
-                if not (
-                    message.is_error_frame or message.is_remote_frame or message.is_extended_id
-                ):
-                    frames.append((message.arbitration_id, bytes(message.data)))
+        """Return the data frames with 11 bits that wait; an interface gone down has none."""
+        frames = [
+            (message.arbitration_id, bytes(message.data))
+            for message in self.messages()
+            if not (message.is_error_frame or message.is_remote_frame or message.is_extended_id)
+        ]
         self.received += len(frames)
         return frames
+
+    def messages(self) -> list[can.Message]:
+        """Return all that waits, of any kind, with the interface's time stamps."""
+        if time.monotonic() > self._retry_at:
+            self._try_again()
+        found: list[can.Message] = []
+        with suppress(can.CanError, OSError):
+            while (message := self.bus.recv(0)) is not None:
+                found.append(message)
+        if not found and not self.lost and _ended(self._stream):
+            self._lose()
+        return found
 
     def send(self, ident: int, payload: bytes) -> None:
         """Send a frame with an 11-bit identifier."""
@@ -90,11 +104,15 @@ class CanLink:
             self.bus.send(can.Message(arbitration_id=ident, data=payload, is_extended_id=False))
         except ConnectionError:
             self._failed += 1
-            self._retry_at = min(self._retry_at, time.monotonic() + RETRY)
+            self._lose()
         except (can.CanError, OSError):
             self._failed += 1
         else:
             self.sent += 1
+
+    def _lose(self) -> None:
+        self.lost = True
+        self._retry_at = min(self._retry_at, time.monotonic() + RETRY)
 
     def _try_again(self) -> None:
         self._retry_at = float("inf")
@@ -107,10 +125,29 @@ class CanLink:
         else:
             self.bus.shutdown()
             self.bus = bus
+            self.lost = False
+            self._stream = _stream_of(bus)
 
     def close(self) -> None:
         """Shut the bus down."""
         self.bus.shutdown()
+
+
+def _stream_of(bus: can.BusABC) -> socket.socket | None:
+    """Return the TCP connection that a bus is read from, None where it is no such bus."""
+    ends = (value for value in vars(bus).values() if isinstance(value, socket.socket))
+    return next((end for end in ends if end.type == socket.SOCK_STREAM), None)
+
+
+def _ended(stream: socket.socket | None) -> bool:
+    """Tell whether the far end has closed the connection: python-can reads that as silence."""
+    if stream is None:
+        return False
+    try:
+        readable, _, _ = select.select([stream], [], [], 0)
+        return bool(readable) and not stream.recv(1, socket.MSG_PEEK)
+    except (OSError, ValueError):
+        return True
 
 
 def has_bus(args: argparse.Namespace) -> bool:
