@@ -33,7 +33,7 @@ class Recomputed:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One run of a table: its row, and the keywords of :func:`hil.run`."""
+    """One run of a table: its row, and the keywords of :func:`canroll.run`."""
 
     row: str
     keywords: Mapping[str, Any]
