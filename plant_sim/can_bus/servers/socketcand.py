@@ -92,13 +92,14 @@ class SocketcandServer:
         lost: frames that slow clients did not get.
         refused: connections closed because of malformed or oversized input.
         dropped: frames of clients that nobody took in time.
+        fd_frames: FD frames that no client could be given.
     """
 
     def __init__(
         self, *, channel: str = "simbus", host: str = "127.0.0.1", port: int = DEFAULT_PORT
     ) -> None:
         self.channel = channel
-        self.lost = self.refused = self.dropped = 0
+        self.lost = self.refused = self.dropped = self.fd_frames = 0
         self._clients: dict[int, _Client] = {}
         self._taken: deque[Received] = deque()
         self._lock = threading.Lock()
@@ -133,18 +134,21 @@ class SocketcandServer:
     ) -> None:
         """Give a frame to every client but ``sender``; never waits.
 
-        FD frames have no form in the protocol and are counted as lost.
+        FD frames have no form in the protocol: nobody gets them, and ``fd_frames`` counts them.
         """
+        if flags & FD:
+            self.fd_frames += 1
+            return
         with self._lock:
             now = time.monotonic()
-            text = b"" if flags & FD else format_frame(ident, flags, time_s, payload, length)
+            text = format_frame(ident, flags, time_s, payload, length)
             for client in self._clients.values():
                 if client.place == sender or client.closing:
                     continue
                 wanted = client.raw or ident in client.subscribed
                 if not wanted or now < client.quiet_until:
                     continue
-                if not text or len(client.outgoing) + len(text) > _BACKLOG_BYTES:
+                if len(client.outgoing) + len(text) > _BACKLOG_BYTES:
                     self.lost += 1
                 else:
                     client.outgoing += text

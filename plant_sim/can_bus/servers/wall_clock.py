@@ -79,5 +79,8 @@ def serve_network(
                 pause = (int(next_event_ns(network)) - elapsed) * 1e-9
                 server.wait(min(max(pause, 0.0), _IDLE_S))
         except KeyboardInterrupt:
-            announce(f"{server.lost} frames lost to slow clients, {server.refused} refused")
+            announce(
+                f"{server.lost} frames lost to slow clients, {server.refused} refused,"
+                f" {server.fd_frames} FD frames that no client could be given"
+            )
         return server
