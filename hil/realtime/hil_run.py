@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from codegen.backends import open_backend
-from hil import experiment
-from hil.controller import PASSIVE
-from hil.experiment import with_files
+from codegen.run.backends import open_backend
 from hil.realtime import session
-from hil.result import Result
-from hil.trace import Trace
+from hil.runs import experiment
+from hil.runs.experiment import with_files
+from hil.runs.frozen import PASSIVE
+from hil.runs.result import Result
+from hil.runs.trace import Trace
 
 __all__ = ["run", "with_files"]
 
@@ -37,7 +37,7 @@ def run(
         passive_in_real_time: drive the run without control in real time too.
         duration: s; beyond the manoeuvre only the timing counts.
         announce: told in a few words what is under way.
-        keywords: of :func:`hil.experiment.plan`.
+        keywords: of :func:`hil.runs.experiment.plan`.
 
     Raises:
         CanrollError: a name, number or bus that cannot be; the message says what to do.

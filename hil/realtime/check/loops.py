@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from codegen.backends import open_backend
+from codegen.run.backends import open_backend
 from firmware.calibration import Calibration
-from hil.realtime.check.children import CONTEXT, Child, Send, ended
+from hil.realtime.bus_link import Frame
 from hil.realtime.check.machine import Counters, counters
-from hil.realtime.link import Frame
+from hil.realtime.check.workers import CONTEXT, Child, Send, ended
 from hil.realtime.process import collector_off, prepare
 
 ECU, PLANT, SPARE = "ECU", "plant", "spare"

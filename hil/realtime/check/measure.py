@@ -8,20 +8,19 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
-from codegen.backends import open_backend
-from codegen.recorder import Recorder
+from codegen.run.backends import Recorder, open_backend
 from firmware.signals import RX_IDS
-from hil import experiment
-from hil.controller import Controller
 from hil.realtime import timing
+from hil.realtime.bus_link import Frame
 from hil.realtime.check import judgement, loops, machine, round_trip
 from hil.realtime.check.judgement import Measurements
 from hil.realtime.check.loops import Place, Ticks
-from hil.realtime.link import Frame
 from hil.realtime.process import ECU_PRIORITY, PLANT_PRIORITY, cores
 from hil.realtime.session import choose_cores
-from hil.result import Settings
-from hil.virtual import closed_loop
+from hil.runs import experiment
+from hil.runs.frozen import Controller
+from hil.runs.result import Settings
+from hil.runs.virtual_time import closed_loop
 
 DURATION = 10.0
 SHARE_OF_LOOPS = 0.75

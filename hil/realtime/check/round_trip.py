@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.realtime import own_bus
-from hil.realtime.check.children import Child, Send, ended
+from hil.realtime.bus_link import CanLink, add_bus_arguments, open_link
 from hil.realtime.check.loops import Place
-from hil.realtime.link import CanLink, add_bus_arguments, open_link
+from hil.realtime.check.workers import Child, Send, ended
 from hil.realtime.process import collector_off, prepare
 
 PING, PONG = 0x7FE, 0x7FF
