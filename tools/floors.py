@@ -27,6 +27,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("gain_gen",),
     ("hil.runs",),
     ("hil.realtime",),
+    ("hil.realtime.check",),
     ("hil.report",),
     ("hil.studies",),
     ("hil.papers",),
