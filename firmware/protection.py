@@ -1,4 +1,4 @@
-"""Checksums and counters of the frames; made by codegen.emit_protection, not to be edited.
+"""Checksums and counters of the frames; made by codegen.generated.protection, not to be edited.
 
 Frames of roll_control.dbc.
 ``check`` judges a received frame, ``protect`` finishes one to be sent.

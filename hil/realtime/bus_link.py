@@ -1,0 +1,229 @@
+"""A python-can bus as the loops use it: everything that waits is taken at once, sends are counted.
+
+No thread reads the bus: a notifier's thread fights the loop for the interpreter. Whoever loops
+calls :meth:`Link.receive` once a period.
+"""
+
+import argparse
+import errno
+import logging
+import select
+import socket
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, Protocol
+
+import can
+from can.cli import add_bus_arguments, create_bus_from_namespace
+
+from canroll.errors import CanrollError
+
+__all__ = ["CanLink", "Frame", "Link", "add_bus_arguments", "has_bus", "open_link"]
+
+Frame = tuple[int, bytes]
+RECEIVE_BUFFER = 1 << 20
+"""A raw CAN socket left alone holds 278 frames by default and then drops silently."""
+
+RETRY = 0.5
+"""Time between two attempts to reach a server that went away, s."""
+
+
+class Link(Protocol):
+    """Frames in and out, whatever carries them.
+
+    ``sent`` and ``received`` count frames.
+    """
+
+    sent: int
+    received: int
+
+    @property
+    def failed(self) -> int:
+        """Frames that could not be sent."""
+
+    def receive(self) -> list[Frame]:
+        """Return the frames (identifier, payload) that wait, in order, without waiting."""
+
+    def send(self, ident: int, payload: bytes) -> None:
+        """Send a frame; a bus that does not take it makes it count as failed."""
+
+    def close(self) -> None:
+        """Close the connection."""
+
+
+class CanLink:
+    """A link over a python-can bus; one whose server went away is opened again when it is back.
+
+    Attributes:
+        lost: the server went away and has not been found again.
+
+    Args:
+        bus: open.
+        reopen: opens it again; raises CanrollError while that fails. None: never.
+    """
+
+    def __init__(self, bus: can.BusABC, reopen: Callable[[], can.BusABC] | None = None) -> None:
+        self.bus = bus
+        self.sent = self.received = self._failed = 0
+        self.lost = False
+        self._reopen = reopen
+        self._retry_at = float("inf")
+        self._stream = _stream_of(bus)
+
+    @property
+    def failed(self) -> int:
+        """Frames that the bus did not take."""
+        return self._failed
+
+    def receive(self) -> list[Frame]:
+        """Return the data frames with 11 bits that wait; an interface gone down has none."""
+        frames = [
+            (message.arbitration_id, bytes(message.data))
+            for message in self.messages()
+            if not (message.is_error_frame or message.is_remote_frame or message.is_extended_id)
+        ]
+        self.received += len(frames)
+        return frames
+
+    def messages(self) -> list[can.Message]:
+        """Return all that waits, of any kind, with the interface's time stamps."""
+        if time.monotonic() > self._retry_at:
+            self._try_again()
+        found: list[can.Message] = []
+        with suppress(can.CanError, OSError):
+            while (message := self.bus.recv(0)) is not None:
+                found.append(message)
+        if not found and not self.lost and _ended(self._stream):
+            self._lose()
+        return found
+
+    def send(self, ident: int, payload: bytes) -> None:
+        """Send a frame with an 11-bit identifier."""
+        try:
+            self.bus.send(can.Message(arbitration_id=ident, data=payload, is_extended_id=False))
+        except ConnectionError:
+            self._failed += 1
+            self._lose()
+        except (can.CanError, OSError):
+            self._failed += 1
+        else:
+            self.sent += 1
+
+    def _lose(self) -> None:
+        self.lost = True
+        self._retry_at = min(self._retry_at, time.monotonic() + RETRY)
+
+    def _try_again(self) -> None:
+        self._retry_at = float("inf")
+        if self._reopen is None:
+            return
+        try:
+            bus = self._reopen()
+        except CanrollError:
+            self._retry_at = time.monotonic() + RETRY
+        else:
+            self.bus.shutdown()
+            self.bus = bus
+            self.lost = False
+            self._stream = _stream_of(bus)
+
+    def close(self) -> None:
+        """Shut the bus down."""
+        self.bus.shutdown()
+
+
+def _stream_of(bus: can.BusABC) -> socket.socket | None:
+    """Return the TCP connection that a bus is read from, None where it is no such bus."""
+    ends = (value for value in vars(bus).values() if isinstance(value, socket.socket))
+    return next((end for end in ends if end.type == socket.SOCK_STREAM), None)
+
+
+def _ended(stream: socket.socket | None) -> bool:
+    """Tell whether the far end has closed the connection: python-can reads that as silence."""
+    if stream is None:
+        return False
+    try:
+        readable, _, _ = select.select([stream], [], [], 0)
+        return bool(readable) and not stream.recv(1, socket.MSG_PEEK)
+    except (OSError, ValueError):
+        return True
+
+
+def has_bus(args: argparse.Namespace) -> bool:
+    """Tell whether the options, or python-can's own configuration, name an interface."""
+    if "interface" in args:
+        return True
+    try:
+        return bool(can.util.load_config().get("interface"))
+    except can.CanInterfaceNotImplementedError:
+        return False
+
+
+def open_link(args: argparse.Namespace) -> CanLink:
+    """Open the bus that python-can's own options describe.
+
+    Raises:
+        CanrollError: it cannot be opened; the message says which command mends it.
+    """
+    logging.getLogger("can").setLevel(logging.CRITICAL)
+    return CanLink(_open(args), lambda: _open(args))
+
+
+def _open(args: argparse.Namespace) -> can.BusABC:
+    kwargs: dict[str, Any] = {}
+    if getattr(args, "interface", None) == "socketcand":
+        options = getattr(args, "bus_kwargs", {})
+        _reachable(str(options.get("host", "")), int(options.get("port", 0)))
+        kwargs = {"tcp_tune": True}
+    try:
+        bus = create_bus_from_namespace(args, **kwargs)
+    except argparse.ArgumentError as error:
+        raise CanrollError(explain(error.__cause__ or error, args)) from error
+    raw = getattr(bus, "socket", None)
+    if isinstance(raw, socket.socket):
+        raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER)
+    return bus
+
+
+def _reachable(host: str, port: int) -> None:
+    if not host or not port:
+        raise CanrollError("-i socketcand needs the server: --bus-kwargs host=127.0.0.1 port=29536")
+    try:
+        socket.create_connection((host, port), timeout=2.0).close()
+    except OSError as error:
+        raise CanrollError(
+            f"no socketcand server at {host}:{port} ({error.strerror or error}): "
+            "start one with 'canroll plant'"
+        ) from error
+
+
+def explain(error: BaseException, args: argparse.Namespace) -> str:
+    """Return one line on why a bus could not be opened, and the command that mends it."""
+    interface = getattr(args, "interface", "of can.rc")
+    channel = getattr(args, "channel", "")
+    number = getattr(error, "errno", None)
+    if number == errno.ENODEV:
+        return (
+            f"no CAN interface '{channel}': 'sudo ip link add dev {channel} type vcan && "
+            f"sudo ip link set {channel} up', or put 'scripts/vcan-vm' before the command"
+        )
+    if number in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT):
+        return (
+            "this kernel has no CAN: 'sudo modprobe -a can_raw vcan', "
+            "or put 'scripts/vcan-vm' before the command"
+        )
+    if number in (errno.EPERM, errno.EACCES):
+        return f"no permission for '{channel}' on {interface}: run as root"
+    if isinstance(error, (can.CanInterfaceNotImplementedError, ImportError)):
+        if "interface" not in args:
+            return "which bus? Say so with -i and -c, for example -i socketcan -c vcan0"
+        return (
+            f"python-can lacks the driver for '{interface}' ({_first_line(error)}): "
+            f"pip install 'python-can[{interface}]'"
+        )
+    return f"cannot open '{channel}' on {interface}: {_first_line(error)}"
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]

@@ -1,0 +1,66 @@
+"""A periodic message as traffic sets, analysis and simulation all describe it."""
+
+from dataclasses import dataclass
+
+from plant_sim.can_bus.kernel.network import Source
+from plant_sim.can_bus.wire.frame import (
+    RECEPTION_BITS_BEFORE_END,
+    best_case_bits,
+    transmission_ns,
+    worst_case_ns,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class BusMessage:
+    """A periodic message: identifier, payload bytes, period and who sends and receives it.
+
+    ``jitter_ns`` is the greatest time from the nominal release to the queueing; ``bits`` above 0
+    gives the frame length, interframe space included, instead of identifier and payload; ``fifo``:
+    it waits in a first-in first-out queue.
+    """
+
+    name: str
+    ident: int
+    length: int
+    period_ns: float
+    sender: str = "Background"
+    receivers: tuple[str, ...] = ()
+    jitter_ns: int = 0
+    offset_ns: int = 0
+    flags: int = 0
+    bits: int = 0
+    fifo: bool = False
+
+    def worst_ns(self, bitrate: int, data_bitrate: int = 0) -> int:
+        """Return the longest time its frame can take, interframe space included."""
+        if self.bits:
+            return transmission_ns((self.bits, 0), bitrate=bitrate)
+        return worst_case_ns(self.length, self.flags, bitrate=bitrate, data_bitrate=data_bitrate)
+
+    def best_ns(self, bitrate: int, data_bitrate: int = 0) -> int:
+        """Return the shortest time its frame can take, interframe space included."""
+        return transmission_ns(self._best_bits, bitrate=bitrate, data_bitrate=data_bitrate)
+
+    def least_delivery_ns(self, bitrate: int, data_bitrate: int = 0) -> int:
+        """Return the shortest time from its queueing to its reception."""
+        nominal, data = self._best_bits
+        taken = nominal - RECEPTION_BITS_BEFORE_END, data
+        return transmission_ns(taken, bitrate=bitrate, data_bitrate=data_bitrate)
+
+    @property
+    def _best_bits(self) -> tuple[int, int]:
+        return (self.bits, 0) if self.bits else best_case_bits(self.length, self.flags)
+
+    def source(self) -> Source:
+        """Return the source that sends it in a simulation."""
+        return Source(
+            node=self.sender,
+            ident=self.ident,
+            length=self.length,
+            period_ns=self.period_ns,
+            offset_ns=self.offset_ns,
+            jitter_ns=self.jitter_ns,
+            flags=self.flags,
+            bits=self.bits,
+        )

@@ -1,0 +1,169 @@
+"""Profiles carry the load they are named for; simulated ages keep to the delay bounds."""
+
+import numpy as np
+import pytest
+
+import dbc
+from canroll.errors import CanrollError, UnknownNameError, VerdictError
+from plant_sim.can_bus import (
+    ACTUATOR,
+    ECU,
+    IMU,
+    NODES,
+    PROFILES,
+    BusProfile,
+    account,
+    advance,
+    drain,
+    enqueue,
+    load,
+    load_profile,
+    make_network,
+)
+from plant_sim.can_bus.ages import Loop, simulate_ages
+from plant_sim.can_bus.analysis import response_bounds
+from plant_sim.can_bus.delay_bounds import delay_bounds, message_paths
+from plant_sim.can_bus.profiles import MS, background_of, own_messages
+
+FRAMES = {m.name: m.frame_id for m in dbc.load().messages}
+OWN = {m.name: m for m in own_messages()}
+
+
+def run_own_messages(network, profile, *, seconds, seed=0):
+    """Send every own message at its cycle time with random payload and offset."""
+    rng = np.random.default_rng(seed)
+    cursor, logs = 0, []
+    releases = []
+    for message in own_messages():
+        node = NODES.index(message.sender)
+        offset = int(rng.integers(message.period_ns))
+        for t in range(offset, seconds * 10**9, int(message.period_ns)):
+            releases.append((t, node, message.ident))
+    step = 100 * MS
+    releases.sort()
+    place = 0
+    for until in range(step, seconds * 10**9 + step, step):
+        while place < len(releases) and releases[place][0] <= until:
+            t, node, ident = releases[place]
+            payload = rng.integers(256, size=8).astype(np.uint8)
+            enqueue(network, node, t, ident, 8, payload)
+            place += 1
+        advance(network, until)
+        entries, cursor, missed = drain(network, cursor)
+        assert missed == 0
+        logs.append(entries)
+    return np.concatenate(logs)
+
+
+@pytest.mark.parametrize("name", sorted(PROFILES))
+def test_profiles_have_the_load_they_are_named_for(name):
+    profile = load_profile(name)
+    network = make_network(profile, seed=2)
+    log = run_own_messages(network, profile, seconds=10)
+    for segment in range(profile.segments):
+        assert load(network, segment) == pytest.approx(profile.load, abs=0.01)
+        assert account(network, segment).balanced
+    own = {m.ident for m in own_messages()}
+    background = log[(log["sender"] >= len(NODES)) & ~np.isin(log["ident"], sorted(own))]
+    above = background["ident"] < min(own)
+    busy = (background["t_end"] - background["t_start"]).astype(float)
+    assert busy[above].sum() / busy.sum() == pytest.approx(profile.above, abs=0.02)
+    assert not np.isin(background["ident"], sorted(own)).any()
+
+
+def test_the_gateway_profile_shows_its_fifty_milliseconds():
+    profile = load_profile("gateway_50ms")
+    network = make_network(profile, seed=2)
+    log = run_own_messages(network, profile, seconds=2)
+    imu = log[(log["ident"] == FRAMES["Imu"]) & (log["outcome"] == 0)]
+    assert set(imu["segment"]) == {0, 1}
+    there = imu[imu["segment"] == 0]
+    total = there["t_received"] - there["t_origin"]
+    assert total.min() > 50 * MS
+    assert total.max() < 54 * MS
+    # what concerns nobody on the other side stays where it is
+    status = log[log["ident"] == FRAMES["RollControlStatus"]]
+    assert set(status["segment"]) == {0}
+
+
+def test_twenty_milliseconds_are_ten_to_twenty_in_total():
+    profile = load_profile("gateway_20ms")
+    network = make_network(profile, seed=5)
+    log = run_own_messages(network, profile, seconds=5)
+    good = log[log["outcome"] == 0]
+    first = good[(good["ident"] == FRAMES["Imu"]) & (good["segment"] == 1)]
+    there = good[(good["ident"] == FRAMES["Imu"]) & (good["segment"] == 0)]
+    latency = there["t_queued"] - first["t_received"][: len(there)]
+    assert 5 * MS <= latency.min() < 6 * MS
+    assert 9 * MS < latency.max() <= 10 * MS
+
+
+def loop_of(*, tick_ms, offset_ns):
+    return Loop(
+        sensor=OWN["Imu"],
+        command=OWN["SuspensionForceCommand"],
+        sensor_node=IMU,
+        command_node=ECU,
+        actuator_node=ACTUATOR,
+        tick_ns=round(tick_ms * MS),
+        tick_offset_ns=offset_ns,
+    )
+
+
+@pytest.mark.parametrize("name", sorted(PROFILES))
+@pytest.mark.parametrize("tick_ms", [5.0, 10.0, 20.0])
+def test_simulated_ages_lie_within_the_bounds(name, tick_ms):
+    profile = load_profile(name)
+    bounds = delay_bounds(profile, tick_ms=tick_ms)
+    worst, best = 0, 2**62
+    for k in range(6):
+        network = make_network(profile, seed=k)
+        offset = k * round(tick_ms * MS) // 6 + 137
+        ages = simulate_ages(network, loop_of(tick_ms=tick_ms, offset_ns=offset), duration_ns=10**9)
+        assert len(ages) > 30
+        worst, best = max(worst, int(ages.max())), min(best, int(ages.min()))
+    assert worst * 1e-9 <= bounds.age_max
+    assert best * 1e-9 >= bounds.age_min
+    if tick_ms <= 10.0:
+        # no empty promise: the simulation comes near it (slower ticks skip the oldest samples)
+        assert worst * 1e-9 > 0.5 * bounds.age_max
+
+
+def test_bounds_add_up_and_are_monotonous():
+    profile = load_profile("500k")
+    plain = delay_bounds(profile)
+    assert plain.tau_max == pytest.approx(plain.age_max + 0.010)
+    assert plain.age_max == pytest.approx(
+        plain.sensor.greatest + 0.010 + plain.command.greatest + 0.001
+    )
+    assert delay_bounds(profile, n_lost=2).tau_max == pytest.approx(plain.tau_max + 0.020)
+    assert delay_bounds(profile, filter_delay_s=0.003).tau_min == pytest.approx(
+        plain.tau_min + 0.003
+    )
+    assert (
+        delay_bounds(profile, run_time_s=0.0005, jitter_s=0.0005).tau_max >= plain.tau_max + 0.001
+    )
+    assert plain.tau_min < plain.tau_max
+
+
+def test_without_a_gateway_the_paths_are_plain_response_times():
+    profile = load_profile("125k_busy")
+    messages = [*background_of(profile, 0), *own_messages()]
+    bounds = {b.message.name: b.bound_ns for b in response_bounds(messages, bitrate=125_000)}
+    paths = message_paths(profile, command_period_ms=50.0)
+    assert paths["Imu"].greatest == pytest.approx(bounds["Imu"] * 1e-9)
+
+
+def test_user_errors_say_what_is_wrong():
+    with pytest.raises(UnknownNameError, match="did you mean '500k'"):
+        load_profile("500")
+    with pytest.raises(VerdictError, match="no response bound"):
+        delay_bounds(load_profile("125k_busy"), tick_ms=1.0)
+    with pytest.raises(CanrollError, match="tick"):
+        delay_bounds(load_profile("500k"), tick_ms=0.0)
+    with pytest.raises(CanrollError, match="not a message"):
+        delay_bounds(load_profile("500k"), sensor="Gyro")
+    with pytest.raises(CanrollError, match="more than the load"):
+        make_network(BusProfile("small", 125_000, 0.3))
+    with pytest.raises(UnknownNameError, match="command message"):
+        make_network(load_profile("500k"), command="ForceCommand")
