@@ -19,7 +19,7 @@ from codegen.run import ecu_traffic
 from codegen.run.backends import Recorder, open_backend
 from codegen.run.ecu_traffic import Traffic
 from firmware.calibration import Calibration
-from gain_gen.calibration.header_notes import physical_notes
+from gain_gen.calibration.freeze import physical_notes
 from gain_gen.calibration.record import identify
 from hil.runs.experiment import build_world, plan
 from hil.runs.frozen import Controller
