@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from hil.runs.choices import PASSIVE
 from hil.runs.experiment import drive
-from hil.runs.frozen import PASSIVE, Controller
+from hil.runs.frozen import Controller
 from hil.runs.limit_cycle import detect
 from hil.runs.metrics import judge, rms
 from hil.runs.result import Settings
