@@ -19,8 +19,8 @@ from plant_sim.world.world import World
 class PlantRecord:
     """A plant's run: vehicle signals, bus log, applied commands, its loop's instants.
 
-    ``about``: reason, start_ns, end_ns, sent, received, failed, cpu, notes, bus; ``bus``: everything
-    on the real bus (:data:`hil.realtime.hardware.bus_record.ENTRY`).
+    ``about``: reason, start_ns, end_ns, sent, received, failed, cpu, notes, bus; ``bus``:
+    everything on the real bus (:data:`hil.realtime.hardware.bus_record.ENTRY`).
     """
 
     signals: dict[str, NDArray[np.float64]]

@@ -130,7 +130,9 @@ def latencies(
     return np.array(ages, dtype=np.int64)
 
 
-def bus_figures(entries: NDArray[np.void], about: Mapping[str, Any] | None) -> dict[str, Any] | None:
+def bus_figures(
+    entries: NDArray[np.void], about: Mapping[str, Any] | None
+) -> dict[str, Any] | None:
     """Return what one program saw of the real bus; None of a bus that is not real.
 
     ``wait_us`` is how long the frames had lain at the interface when they were read.
@@ -142,7 +144,14 @@ def bus_figures(entries: NDArray[np.void], about: Mapping[str, Any] | None) -> d
     return {**figures, "wait_us": quantiles(waits), "wait_missing": missing}
 
 
-def bus_line(side: str, figures: Mapping[str, Any]) -> str:
+def bus_lines(timing: Mapping[str, Any]) -> list[str]:
+    """Return what each program saw of the real bus, in a sentence each."""
+    names = {"ecu": "bus at the ECU", "plant": "bus at the plant"}
+    seen = timing.get("bus", {})
+    return [_bus_line(name, seen[side]) for side, name in names.items() if seen.get(side)]
+
+
+def _bus_line(side: str, figures: Mapping[str, Any]) -> str:
     """Return :func:`bus_figures` as a sentence."""
     load = "load unknown" if figures["bitrate"] else "load unknown without -b"
     if figures["load"] is not None:

@@ -84,18 +84,18 @@ class BusRecord:
             | FD * message.is_fd
         )
         stamp = round(message.timestamp * 1e9)
-        self._note(stamp, message.arbitration_id, flags, bytes(message.data))
+        self._note(stamp, message.arbitration_id, flags, message.dlc, bytes(message.data))
 
     def sent(self, ident: int, payload: bytes, *, extended: bool) -> None:
         """Note what the interface took."""
-        self._note(0, ident, SENT | EXTENDED * extended, payload)
+        self._note(0, ident, SENT | EXTENDED * extended, len(payload), payload)
 
-    def _note(self, stamp: int, ident: int, flags: int, payload: bytes) -> None:
+    def _note(self, stamp: int, ident: int, flags: int, length: int, payload: bytes) -> None:
         if self._end == len(self._memory):
             self.full = True
             return
         now = time.monotonic_ns()
-        _ENTRY.pack_into(self._memory, self._end, now, stamp, ident, flags, len(payload), payload)
+        _ENTRY.pack_into(self._memory, self._end, now, stamp, ident, flags, length, payload)
         self._end += _ENTRY.size
 
     def entries(self) -> NDArray[np.void]:
@@ -189,3 +189,13 @@ def _data(entry: np.void) -> bytes:
     if entry["flags"] & REMOTE:
         return b""
     return bytes(entry["payload"][: min(int(entry["length"]), 8)])
+
+
+def about_of(record: BusRecord | None) -> dict[str, Any] | None:
+    """Return :meth:`BusRecord.about`, None where there is no record."""
+    return None if record is None else record.about()
+
+
+def entries_of(record: BusRecord | None) -> NDArray[np.void]:
+    """Return :meth:`BusRecord.entries`, none where there is no record."""
+    return np.zeros(0, ENTRY) if record is None else record.entries()

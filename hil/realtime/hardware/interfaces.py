@@ -129,9 +129,6 @@ def arguments_for(
         raise CanrollError(f"-b {bitrate}: {name} knows {rates}")
     if name == "socketcand":
         return {"tcp_tune": True}
-    if name == "slcan":
-        # a read waits for 1 ms otherwise, in every round of a loop
-        return {"timeout": 0}
     if name == "gs_usb" and not {"index", "bus", "address"} & set(bus_kwargs):
         # the command line's channel is a text, which python-can takes for no number
         if not (channel or "").isdigit():
@@ -145,11 +142,3 @@ def driver_is_missing(error: BaseException) -> bool:
     text = str(error).lower()
     missing = isinstance(error, (ImportError, NameError)) or "not installed" in text
     return missing or "not been loaded" in text or "library not found" in text
-
-
-def hint(name: str) -> str:
-    """Return what is to be checked where an interface does not open, "" of an unknown one."""
-    known = INTERFACES.get(name)
-    if known is None:
-        return ""
-    return f"is it plugged in? It opens as {known.options}"
