@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.can_bus.delay_bounds import loop_messages
-from plant_sim.can_bus.kernel.account import drain
 from plant_sim.can_bus.kernel.layout import DELIVERED, MAX_PAYLOAD, SEED, Network, logged
+from plant_sim.can_bus.kernel.ledger import drain
 from plant_sim.can_bus.kernel.network import build_network
 from plant_sim.can_bus.kernel.queues import enqueue
 from plant_sim.can_bus.kernel.scheduler import advance

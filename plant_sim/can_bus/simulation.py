@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.kernel.account import account, drain, load
 from plant_sim.can_bus.kernel.layout import DELIVERED, Network
+from plant_sim.can_bus.kernel.ledger import account, drain, load
 from plant_sim.can_bus.kernel.network import (
     MAX_CAPACITY,
     NetworkSpec,

@@ -12,7 +12,7 @@ from plant_sim.can_bus.analysis import (
     response_bounds,
     worst_case_utilisation,
 )
-from plant_sim.can_bus.kernel.account import drain
+from plant_sim.can_bus.kernel.ledger import drain
 from plant_sim.can_bus.kernel.network import (
     Fault,
     NetworkSpec,

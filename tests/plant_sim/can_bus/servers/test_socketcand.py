@@ -14,8 +14,12 @@ from canroll.errors import CanrollError
 from hil.cli import bus
 from hil.cli.main import main
 from plant_sim.can_bus.kernel.network import build_network
-from plant_sim.can_bus.servers.socketcand import MAX_CLIENTS, SocketcandServer
-from plant_sim.can_bus.servers.socketcand_protocol import ProtocolError, parse_frame
+from plant_sim.can_bus.servers.socketcand import (
+    MAX_CLIENTS,
+    ProtocolError,
+    SocketcandServer,
+    parse_frame,
+)
 from plant_sim.can_bus.servers.wall_clock import serve_network
 from plant_sim.can_bus.simulation import traffic_spec
 from plant_sim.can_bus.traffic.files import load_traffic
