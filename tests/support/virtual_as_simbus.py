@@ -4,6 +4,9 @@ What those tests know of the inside of ``virtual`` is given to them here: a queu
 table of open channels, and a bus on which a lone node finds its frames acknowledged.
 """
 
+import contextlib
+import io
+
 
 class Waiting:
     """The received frames of a bus, as a queue."""
@@ -19,7 +22,9 @@ class Waiting:
 
 
 def pytest_sessionstart():
-    # not at the import of the plugin: python-can binds the standard output that pytest replaces
+    # can.Printer writes to the standard output of this moment, and closes it
+    with contextlib.redirect_stdout(io.StringIO()):
+        import can
     from can.interfaces import virtual
 
     from plant_sim.can_bus.servers import simbus
@@ -38,7 +43,5 @@ def pytest_sessionstart():
     virtual.channels, virtual.channels_lock = simbus._HUBS, simbus._LOCK
     # compile the kernels before the first test counts its tenths of a second
     with Virtual("warm", fd=True) as one, Virtual("warm", fd=True) as two:
-        import can
-
         one.send(can.Message(arbitration_id=1, is_fd=True))
         assert two.recv(60.0) is not None

@@ -1,4 +1,4 @@
-"""python-can's own tests, those of the installed version, with ``simbus`` in place of ``virtual``."""
+"""The tests of the installed python-can itself, with ``simbus`` in place of ``virtual``."""
 
 import os
 import re
