@@ -20,6 +20,7 @@ from canroll.errors import CanrollError
 from plant_sim.can_bus.hub import Hub, Port
 from plant_sim.can_bus.layout import BUS_OFF, ERROR, ERROR_PASSIVE
 from plant_sim.can_bus.network import NetworkSpec, Segment, build_network, check_frame
+from plant_sim.can_bus.replay import flags_of
 from plant_sim.can_bus.simulation import traffic_spec
 from plant_sim.can_bus.traffic import load_traffic
 from plant_sim.can_bus.wire import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE
@@ -123,9 +124,7 @@ class SimBus(can.BusABC):
             raise can.CanOperationError("send on a bus that has been shut down")
         if msg.is_error_frame:
             raise can.CanOperationError("error frames come from errors; they cannot be sent")
-        flags = (EXTENDED if msg.is_extended_id else 0) | (REMOTE if msg.is_remote_frame else 0)
-        if msg.is_fd:
-            flags |= FD | (BIT_RATE_SWITCH if msg.bitrate_switch else 0)
+        flags = flags_of(msg)
         left = timeout or 0.0
         while True:
             if self.hub.node_state(self.port)[0] == BUS_OFF:
