@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hil import cli
+from hil.cli import main as cli
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")
@@ -87,6 +87,6 @@ def test_keys_of_the_reproduction():
 
 
 def test_keys_of_what_watch_sees():
-    from hil.realtime.observation import Observation
+    from hil.watch.observation import Observation
 
     assert keys("watch") == set(Observation(500_000).summary())

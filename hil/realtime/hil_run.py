@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from hil import experiment
-from hil.controller import PASSIVE
-from hil.experiment import with_files
+from codegen.run.backends import open_backend
 from hil.realtime import session
-from hil.result import Result
-from hil.trace import Trace
+from hil.runs import experiment
+from hil.runs.experiment import with_files
+from hil.runs.frozen import PASSIVE
+from hil.runs.result import Result
+from hil.runs.trace import Trace
 
 __all__ = ["run", "with_files"]
 
@@ -36,7 +37,7 @@ def run(
         passive_in_real_time: drive the run without control in real time too.
         duration: s; beyond the manoeuvre only the timing counts.
         announce: told in a few words what is under way.
-        keywords: of :func:`hil.experiment.plan`.
+        keywords: of :func:`hil.runs.experiment.plan`.
 
     Raises:
         CanrollError: a name, number or bus that cannot be; the message says what to do.
@@ -55,6 +56,7 @@ def run(
     timing: dict[str, Any] = {}
     controlled = None
     if settings.law != PASSIVE:
+        announce("starting plant and ECU")
         trace, timing = session.drive(settings, controller, setup, enabled=True)
         controlled = cut(trace, judged)
     if passive_in_real_time or controlled is None:
@@ -62,9 +64,21 @@ def run(
         passive = cut(trace, judged)
         timing = timing or passive_timing
     else:
+        announce("without control in virtual time")
         passive = experiment.drive(settings, controller, enabled=False, duration=duration)
     result = experiment.assess(settings, controller, passive, controlled)
     return replace(result, timing=timing), timing
+
+
+def prepare(scenario: str, **keywords: Any) -> None:  # noqa: ANN401
+    """Compile what :func:`run` with the same manoeuvre and ``keywords`` needs, into the caches.
+
+    Raises:
+        CanrollError: a name or number that cannot be; the message says what to do.
+    """
+    settings, controller = experiment.plan(scenario, **keywords)
+    experiment.build_world(settings, enabled=True)
+    open_backend(settings.backend, controller.record)
 
 
 def cut(trace: Trace, duration: float) -> Trace:

@@ -7,8 +7,8 @@ time. Every client gets every frame but its own, as on vcan.
 import time
 
 from canroll.errors import CanrollError
-from hil.realtime.link import Frame
-from plant_sim.can_bus.socketcand import DEFAULT_PORT, SocketcandServer
+from hil.realtime.bus_link import Frame
+from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT, SocketcandServer
 
 CHANNEL = "plant"
 

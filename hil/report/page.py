@@ -170,7 +170,7 @@ def document(
         styles: names of style sheets of this package.
         scripts: names of its scripts, which run once the body is there.
     """
-    assets = files("hil.report")
+    assets = files("hil.report") / "assets"
     return "\n".join(
         [
             '<!doctype html><html lang="en"><head><meta charset="utf-8">',

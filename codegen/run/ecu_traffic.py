@@ -1,0 +1,196 @@
+"""Test traffic for the ECU: what arrives in which tick, as arrays that every backend replays.
+
+Recorded runs come in the same form. Random traffic is meant to hurt: valid frames with plausible
+and with full-scale values, wrong checksums, jumps and repetitions of the counter, wrong lengths,
+reserved codes, silence, missed ticks.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError
+from firmware import check, e2e
+from firmware.calibration import STATE_MAX, Calibration
+from firmware.signals import RX_DATA_IDS, RX_IDS
+from firmware.state import RX_ACTUATOR_STATE
+from firmware.subset import fields
+
+EVENT = np.dtype([("tick", "<i4"), ("message", "<i4"), ("length", "<i4"), ("payload", "u1", (8,))])
+"""One frame in the tick before which it arrives, or in which it is sent."""
+
+Frame = tuple[int, bytes]
+"""Identifier and payload."""
+Payload = NDArray[np.uint8] | bytes
+SLOT = {ident: slot for slot, ident in enumerate(RX_IDS) if ident}
+"""Mailbox of each identifier that the ECU receives."""
+
+N_RX = len(RX_DATA_IDS)
+RESERVED_CODES = (0x7FFF, 0x7FFE, 0xFFFF, 0xFFFE)
+
+
+@dataclass(frozen=True, slots=True)
+class Traffic:
+    """``frames`` in order of their ticks; ``elapsed`` of each tick, mostly 1."""
+
+    frames: NDArray[np.void]
+    elapsed: NDArray[np.int32]
+
+    @property
+    def ticks(self) -> int:
+        """Number of ticks."""
+        return len(self.elapsed)
+
+
+def refused(rule: int) -> CanrollError:
+    """The error for a calibration that the ECU's own check refuses."""
+    return CanrollError(f"the ECU refuses the calibration: rule {rule} of its check")
+
+
+def random_calibration(seed: int) -> Calibration:
+    """A calibration that ``check`` accepts, its coefficients anywhere in their ranges."""
+    rng = np.random.default_rng(seed)
+    while True:
+        record = Calibration()
+        for field in fields(Calibration):
+            setattr(record, field.name, _random_field(rng, field.f.lo, field.f.hi, field.shape))
+        _plausible(record, rng)
+        if check.check(record) == 0:
+            return record
+
+
+def _random_field(
+    rng: np.random.Generator, lo: int, hi: int, shape: tuple[int, ...]
+) -> int | list[Any]:
+    """Values spread over all magnitudes, the ends of the range among them."""
+    if hi - lo <= 16:
+        return rng.integers(lo, hi + 1, shape).tolist()  # type: ignore[no-any-return]
+    top = rng.uniform(0, np.log2(max(hi - lo, 1) + 1), shape)
+    spread = np.minimum(2**top, hi - lo).astype(np.int64)
+    sign = rng.random(shape) < 0.5
+    low, high = max(lo, min(0, hi)), min(hi, max(0, lo))
+    values = np.where(sign & (lo < 0), low - spread // 2, high + spread)
+    return np.clip(values, lo, hi).tolist()  # type: ignore[no-any-return]
+
+
+def _plausible(record: Calibration, rng: np.random.Generator) -> None:
+    """Order what ``check`` wants ordered, and keep the ECU running for part of the traffic."""
+    record.tick_us = 10000
+    record.e2e = int(rng.random() < 0.8)
+    record.timeout_ticks = [5 if rng.random() < 0.8 else 20 for _ in range(N_RX)]
+    record.init_ticks = int(rng.integers(1, 8))
+    record.recovery_ticks = int(rng.integers(1, 8))
+    record.ramp_ticks = int(rng.integers(1, 50))
+    record.stuck_ticks = int(rng.integers(5, 60))
+    record.roll_rate_max = record.acceleration_max = STATE_MAX
+    record.schedule_speed = sorted(rng.choice(200 << 20, 8, replace=False).tolist())
+    record.fade_low = int(rng.integers(0, 10 << 20))
+    record.fade_high = record.fade_low + int(rng.integers(1, 20 << 20))
+    for k in range(2):
+        record.rls_lo[k], record.rls_hi[k] = sorted((record.rls_lo[k], record.rls_hi[k]))
+    record.status_ticks = int(rng.integers(1, 12))
+    record.heartbeat_ticks = int(rng.integers(1, 9))
+    record.acknowledge_ticks = int(rng.integers(1, 6))
+    for name in ("phi", "covariance_phi"):
+        matrix = getattr(record, name)
+        for i, row in enumerate(matrix):
+            row[i] = max(row[i], 1 << 20)
+
+
+def random_traffic(seed: int, ticks: int, *, hostile: float = 0.15) -> Traffic:
+    """Traffic of all messages over ``ticks``; ``hostile`` is the share of frames that hurt."""
+    rng = np.random.default_rng(seed)
+    counters = np.zeros(N_RX, np.int64)
+    samples = np.zeros(N_RX, np.int64)
+    words = rng.integers(0, 1 << 48, N_RX)
+    rows = []
+    for tick in range(ticks):
+        for message in range(N_RX):
+            if rng.random() < 0.1:
+                continue
+            counters[message] = (counters[message] + 1) % 15
+            samples[message] = (samples[message] + 1) % 16
+            words[message] = _signals(rng, int(words[message]))
+            payload = _payload(message, int(words[message]), samples[message], counters[message])
+            length = 8
+            if rng.random() < hostile:
+                payload, length = _spoiled(rng, payload, message)
+            rows.append((tick, message, length, payload))
+    elapsed = np.ones(ticks, np.int32)
+    missed = rng.random(ticks) < 0.02
+    elapsed[missed] = rng.integers(-1, 40, int(missed.sum()))
+    return Traffic(np.array(rows, EVENT), elapsed)
+
+
+def disturbed(
+    traffic: Traffic, seed: int, *, quiet: float = 120.0, episode: float = 8.0
+) -> Traffic:
+    """Recorded traffic with hostile episodes: frames lost and spoiled, ticks missed.
+
+    ``quiet`` and ``episode`` are the mean lengths in ticks of what is left as it is and of what is
+    not; in between the loop recovers, so that it is met in all its modes.
+    """
+    rng = np.random.default_rng(seed)
+    hurt = np.zeros(traffic.ticks, bool)
+    t = int(rng.exponential(quiet))
+    while t < traffic.ticks:
+        length = 1 + int(rng.exponential(episode))
+        hurt[t : t + length] = True
+        t += length + 1 + int(rng.exponential(quiet))
+    rows = []
+    for event in traffic.frames:
+        payload, length = event["payload"].tolist(), int(event["length"])
+        if hurt[event["tick"]]:
+            if rng.random() < 0.2:
+                continue
+            if rng.random() < 0.3:
+                payload, length = _spoiled(rng, payload, int(event["message"]))
+        rows.append((event["tick"], event["message"], length, payload))
+    elapsed = traffic.elapsed.copy()
+    missed = hurt & (rng.random(traffic.ticks) < 0.05)
+    elapsed[missed] = rng.integers(-1, 40, int(missed.sum()))
+    return Traffic(np.array(rows, EVENT), elapsed)
+
+
+def _signals(rng: np.random.Generator, word: int) -> int:
+    """Walk each 16-bit part of the signals; now and then jump, also to a reserved code."""
+    parts = []
+    for k in range(3):
+        part = (word >> (16 * k)) & 0xFFFF
+        chance = rng.random()
+        if chance < 0.03:
+            part = int(rng.integers(0, 1 << 16))
+        elif chance < 0.04:
+            part = int(rng.choice(RESERVED_CODES))
+        else:
+            part = (part + int(rng.integers(-300, 301))) & 0xFFFF
+        parts.append(part)
+    return parts[0] | parts[1] << 16 | parts[2] << 32
+
+
+def _payload(message: int, word: int, sample: int, counter: int) -> list[int]:
+    bits = (int(sample) << 60) | (word << 12)
+    if message == RX_ACTUATOR_STATE:
+        bits = (bits & ~(0xF << 58)) | (int(sample) << 58)
+    payload = list((bits & ((1 << 64) - 1)).to_bytes(8, "little"))
+    e2e.protect(payload, RX_DATA_IDS[message], int(counter))
+    return payload
+
+
+def _spoiled(rng: np.random.Generator, payload: list[int], message: int) -> tuple[list[int], int]:
+    kind = int(rng.integers(0, 5))
+    payload = list(payload)
+    if kind == 0:
+        payload[int(rng.integers(0, 8))] ^= 1 << int(rng.integers(0, 8))
+    elif kind == 1:
+        e2e.protect(payload, RX_DATA_IDS[message], int(rng.integers(0, 16)))
+    elif kind == 2:
+        return payload, int(rng.integers(-3, 300))
+    elif kind == 3:
+        payload = rng.integers(0, 256, 8).tolist()
+        e2e.protect(payload, RX_DATA_IDS[message], int(rng.integers(0, 15)))
+    else:
+        payload = rng.integers(0, 256, 8).tolist()
+    return payload, 8

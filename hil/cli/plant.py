@@ -1,0 +1,189 @@
+"""``canroll plant``: the vehicle alone, in real time, on any python-can bus or its own."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import vehicles
+from canroll.errors import CanrollError
+from hil.cli.ecu import add_loop_options, add_prepare_option, nanoseconds
+from hil.cli.run import (
+    add_condition_options,
+    key_values,
+    maneuver_options,
+    path_named,
+)
+from hil.realtime import process
+from hil.realtime.bus_link import Link, add_bus_arguments, has_bus, open_link
+
+if TYPE_CHECKING:
+    from plant_sim.world.world import World
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "plant",
+        help="the vehicle alone, on any python-can interface",
+        description="Simulate the vehicle in real time for an ECU on a CAN bus.",
+    )
+    parser.add_argument("scenario", help="double_lane_change, roundabout, …")
+    add_bus_arguments(parser)
+    parser.add_argument(
+        "--serve",
+        metavar="HOST:PORT",
+        default="127.0.0.1:29536",
+        help="without -i: the plant's own bus, for -i socketcand (default: %(default)s)",
+    )
+    parser.add_argument("--vehicle", default="van_real", help="default: %(default)s")
+    parser.add_argument(
+        "--actuator", default="suspension", help="suspension, bars, dampers, valves"
+    )
+    parser.add_argument(
+        "--command",
+        dest="command_message",
+        metavar="MESSAGE",
+        help="what commands the actuators, where they take several messages",
+    )
+    parser.add_argument("--plant", default="roll1", help="vehicle model (default: %(default)s)")
+    parser.add_argument("--speed", type=float, metavar="KMH", help="default: the vehicle's own")
+    parser.add_argument(
+        "--bus", default="500k", help="the modelled bus: 500k, 125k_busy, gateway_20ms, …"
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="option of the manoeuvre, such as friction=0.6; may be repeated",
+    )
+    add_condition_options(parser)
+    parser.add_argument("--seed", type=int, default=0, help="default: 0")
+    parser.add_argument("--duration", type=float, metavar="S", help="default: the manoeuvre's")
+    parser.add_argument(
+        "--passive", action="store_true", help="the actuators acknowledge and do nothing"
+    )
+    parser.add_argument(
+        "--wait",
+        type=float,
+        default=60.0,
+        metavar="S",
+        help="for the first frame of the ECU, 0: start at once (default: %(default)g)",
+    )
+    add_loop_options(parser)
+    add_prepare_option(parser)
+    parser.add_argument(
+        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4"
+    )
+    parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
+    parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Simulate until the manoeuvre is over, the ECU is lost or a signal comes."""
+    from hil.realtime import plant_loop, plant_record  # noqa: PLC0415
+    from hil.report.run_folder import check_parent  # noqa: PLC0415
+    from hil.runs import logs, signal_files  # noqa: PLC0415 - loads compiled kernels
+
+    for path, check in ((args.log, logs.check_suffix), (args.signals, signal_files.check_suffix)):
+        if path is not None:
+            check_parent(check(path))
+    peer_timeout = nanoseconds(args.peer_timeout, "--peer-timeout")
+    duration = nanoseconds(args.duration, "--duration")
+    # compiled before the clock runs: this world is thrown away
+    world_of(args).advance(plant_loop.STEP_NS)
+    if args.prepare:
+        return 0
+    world = world_of(args)
+    with process.stop_on_signals() as stop:
+        notes = process.prepare(cpu=args.cpu, priority=process.PLANT_PRIORITY)
+        for note in notes:
+            print(f"note: {note}", flush=True)
+        link = _link(args)
+        try:
+            if args.wait > 0:
+                print("plant waits for the ECU", flush=True)
+                if not plant_loop.wait_for_ecu(link, stop=stop, timeout=args.wait):
+                    if stop.requested:
+                        return 0
+                    raise CanrollError(f"no ECU within {args.wait:g} s: start 'canroll ecu'")
+            print("plant runs", flush=True)
+            outcome = plant_loop.run(
+                world,
+                link,
+                stop=stop,
+                duration_ns=duration or world.duration_ns,
+                peer_timeout_ns=peer_timeout,
+            )
+        finally:
+            link.close()
+        late = outcome.loop[:, 0].max() / 1e6
+        print(
+            f"plant ends ({outcome.reason}) after {world.now_ns * 1e-9:.2f} s, "
+            f"at most {late:.1f} ms late",
+            flush=True,
+        )
+        if args.record is not None:
+            about = {
+                "reason": outcome.reason,
+                "start_ns": outcome.start_ns,
+                "end_ns": outcome.end_ns,
+                "notes": notes,
+                "cpu": args.cpu,
+                "sent": link.sent,
+                "received": link.received,
+                "failed": link.failed,
+            }
+            plant_record.save(args.record, world, outcome, about)
+        if args.log is not None:
+            logs.write_log(args.log, world.frames)
+        if args.signals is not None:
+            signal_files.write_signals(args.signals, world.signals)
+    return 0
+
+
+def world_of(args: argparse.Namespace) -> "World":
+    """Return the world that the options describe, at time 0.
+
+    Raises:
+        CanrollError: a name or number that cannot be.
+    """
+    from hil.runs import conditions  # noqa: PLC0415
+    from hil.runs.frozen import choose  # noqa: PLC0415
+    from plant_sim import can_bus  # noqa: PLC0415
+    from plant_sim.driving import maneuvers  # noqa: PLC0415
+    from plant_sim.world.world import World  # noqa: PLC0415
+
+    vehicle = vehicles.load(args.vehicle)
+    choose("scenario", args.scenario, tuple(maneuvers.names()))
+    choose("actuator", args.actuator, vehicles.ACTUATORS)
+    if args.speed is not None and not args.speed > 0:
+        raise CanrollError(f"--speed {args.speed:g}: above 0 km/h")
+    speed = maneuvers.default_speed(args.scenario, vehicle)
+    if args.speed is not None:
+        speed = args.speed / 3.6
+    options = maneuver_options(args.set) or {}
+    sensors, actuators = conditions.options(args.fault, key_values("--condition", args.condition))
+    return World(
+        vehicle=vehicle,
+        body=args.plant,
+        actuator=args.actuator,
+        command=args.command_message,
+        maneuver=maneuvers.build(args.scenario, vehicle, speed, args.seed, **options),
+        profile=can_bus.load_profile(args.bus),
+        seed=args.seed,
+        enabled=not args.passive,
+        sensors=sensors,
+        actuators=actuators,
+    )
+
+
+def _link(args: argparse.Namespace) -> Link:
+    if has_bus(args):
+        return open_link(args)
+    from hil.realtime import own_bus  # noqa: PLC0415
+
+    server = own_bus.serve(args.serve)
+    print(f"serving {server.options}", flush=True)
+    return server

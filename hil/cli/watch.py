@@ -1,0 +1,157 @@
+"""``canroll watch``: what the roll controller does, told by its bus alone."""
+
+import argparse
+import asyncio
+import json
+import sys
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from canroll.errors import CanrollError
+from hil.cli.ecu import nanoseconds
+from hil.realtime import process
+from hil.realtime.bus_link import add_bus_arguments, open_link
+from hil.watch.observation import Observation
+from hil.watch.onlooker import Onlooker
+
+DEFAULT_BITRATE = 500_000
+DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8029
+REFRESH = 0.1
+MODE_STYLES = {"INIT": "yellow", "ACTIVE": "green", "DEGRADED": "yellow", "SAFE": "red"}
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "watch",
+        help="watch the roll controller from the bus",
+        description="Show mode, roll, moments, trigger rate, bus load and trouble codes.",
+    )
+    add_bus_arguments(parser)
+    parser.add_argument("--duration", type=float, metavar="S", help="default: until Ctrl-C")
+    parser.add_argument(
+        "--web", action="store_true", help="live plots on a page in the browser, not the terminal"
+    )
+    parser.add_argument(
+        "--port",
+        type=int,
+        metavar="N",
+        help=f"of the page, 0: a free one (default: {DEFAULT_PORT})",
+    )
+    parser.add_argument(
+        "--host",
+        metavar="ADDRESS",
+        help=f"to serve the page to other machines too (default: {DEFAULT_HOST}, this one alone)",
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="show nothing, print one JSON object at the end"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Watch until stopped; 0 where frames were seen, 1 where the bus was silent."""
+    duration = nanoseconds(args.duration, "--duration")
+    watch = watch_in_browser if in_browser(args) else watch_in_terminal
+    seen = Observation(getattr(args, "bitrate", DEFAULT_BITRATE))
+    until = float("inf") if duration is None else time.monotonic() + duration * 1e-9
+    watch(args, seen, until)
+    if args.json:
+        print(json.dumps(seen.summary()))
+    else:
+        Console().print(view(seen.summary(), seen))
+    return 0 if seen.frames else 1
+
+
+def in_browser(args: argparse.Namespace) -> bool:
+    """Tell whether a page is asked for.
+
+    Raises:
+        CanrollError: options of the page that cannot be, or without ``--web``.
+    """
+    for name in ("port", "host"):
+        if getattr(args, name) is not None and not args.web:
+            raise CanrollError(f"--{name} is of the page in the browser: add --web")
+    if args.port is not None and not 0 <= args.port <= 65535:
+        raise CanrollError(f"--port {args.port}: 1 to 65535, or 0 for a free one")
+    return bool(args.web)
+
+
+def watch_in_terminal(args: argparse.Namespace, seen: Observation, until: float) -> None:
+    """Fill ``seen``, and show it where a terminal is, until the monotonic clock is at ``until``."""
+    link = open_link(args)
+    onlooker = Onlooker(link, seen)
+    show = sys.stdout.isatty() and not args.json
+    try:
+        with process.stop_on_signals() as stop, Live(auto_refresh=False, screen=show) as live:
+            while not stop.requested and time.monotonic() < until:
+                time.sleep(REFRESH)
+                onlooker.look()
+                if show:
+                    live.update(view(seen.summary(), seen), refresh=True)
+    finally:
+        link.close()
+
+
+def watch_in_browser(args: argparse.Namespace, seen: Observation, until: float) -> None:
+    """Fill ``seen``, and serve the page that shows it, until the clock is at ``until``."""
+    from hil.watch import server  # noqa: PLC0415 - needs the extra "web"
+    from hil.watch.page import live_page  # noqa: PLC0415
+
+    host = args.host or DEFAULT_HOST
+    address = server.Address(host=host, port=DEFAULT_PORT if args.port is None else args.port)
+    page = live_page(bitrate=seen.bitrate, assumed="bitrate" not in args)
+    out = sys.stderr if args.json else sys.stdout
+
+    def announce(url: str) -> None:
+        if not server.is_loopback(host):
+            print(f"note: whoever reaches {host} can watch too", file=out)
+        print(f"watching at {url} (Ctrl-C ends)", file=out, flush=True)
+
+    link = open_link(args)
+    try:
+        with process.stop_on_signals() as stop:
+            asyncio.run(
+                server.run(
+                    Onlooker(link, seen), page, address, stop=stop, until=until, announce=announce
+                )
+            )
+    finally:
+        link.close()
+
+
+def view(summary: Mapping[str, Any], seen: Observation) -> Group:
+    """Return what the terminal shows of an observation."""
+    mode = summary["mode"] or "no controller"
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_row("mode", Text(mode, style=MODE_STYLES.get(mode, "dim")))
+    front, rear = summary["moment_delivered_nm"]
+    trigger = summary["commands_per_sample"]
+    for name, value, form in (
+        ("roll angle, estimated", summary["roll_estimate_deg"], "{:+.2f}°"),
+        ("roll rate", summary["roll_rate_deg_s"], "{:+.2f} °/s"),
+        ("lateral acceleration", summary["lateral_acceleration_m_s2"], "{:+.2f} m/s²"),
+        ("speed", summary["speed_km_h"], "{:.1f} km/h"),
+        ("moment asked for", summary["moment_command_nm"], "{:+.0f} N·m"),
+        ("moment delivered, front", front, "{:+.0f} N·m"),
+        ("moment delivered, rear", rear, "{:+.0f} N·m"),
+        ("commands a sample", trigger, "{:.2f}"),
+        ("bus load", summary["load"], "{:.1%}"),
+    ):
+        table.add_row(name, "–" if value is None else _form(form, value))
+    table.add_row("troubles", ", ".join(summary["troubles"]) or "none")
+    table.add_row("have occurred", ", ".join(summary["latched_troubles"]) or "none")
+    rates = Table("message", "frames", "a second", box=None, pad_edge=False, header_style="bold")
+    for name, count in summary["frames"].items():
+        rates.add_row(name, str(count), f"{seen.rate(name):.0f}")
+    return Group(table, Text(), rates)
+
+
+def _form(form: str, value: Any) -> str:  # noqa: ANN401
+    return value if isinstance(value, str) else form.format(value)

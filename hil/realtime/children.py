@@ -1,0 +1,113 @@
+"""Programs of this command line started as children: what they say, how they end."""
+
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import IO
+
+from canroll.errors import CanrollError
+
+START = 120.0
+"""Time a child may take to be ready, s: a plant that was never run compiles first."""
+GRACE = 10.0
+"""Time a child may take to write its files after it was asked to end, s; then it is killed."""
+
+
+@dataclass(slots=True)
+class Program:
+    """A program that was started, and what it has said so far."""
+
+    name: str
+    running: subprocess.Popen[bytes]
+    said: str = ""
+
+    @property
+    def output(self) -> IO[bytes]:
+        """Its stdout."""
+        assert self.running.stdout is not None
+        return self.running.stdout
+
+    @property
+    def errors(self) -> IO[bytes]:
+        """Its stderr."""
+        assert self.running.stderr is not None
+        return self.running.stderr
+
+    def listen(self) -> None:
+        """Take in what it has said since the last time, without waiting."""
+        with suppress(BlockingIOError):
+            while data := os.read(self.output.fileno(), 4096):
+                self.said += data.decode(errors="replace")
+
+    def line(self, prefix: str) -> str | None:
+        """Return the first whole line that begins with ``prefix``."""
+        self.listen()
+        whole = self.said.splitlines(keepends=True)
+        found = (line for line in whole if line.startswith(prefix) and line.endswith("\n"))
+        return next(found, "").strip() or None
+
+    def ask_to_stop(self) -> None:
+        """Send SIGTERM where it still runs."""
+        if self.running.poll() is None:
+            self.running.send_signal(signal.SIGTERM)
+
+    def last_words(self) -> str:
+        """Return its last line on stderr, without the program's name."""
+        lines = self.errors.read().decode(errors="replace").strip().splitlines()
+        return lines[-1].removeprefix("canroll: ") if lines else "no reason given"
+
+
+def start(children: list[Program], name: str, arguments: list[str]) -> Program:
+    """Start a program in a session of its own: a terminal's Ctrl-C reaches only us."""
+    child = Program(
+        name,
+        subprocess.Popen(
+            [sys.executable, "-m", "hil.cli.main", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,
+        ),
+    )
+    os.set_blocking(child.output.fileno(), False)
+    children.append(child)
+    return child
+
+
+def wait_for(child: Program, prefix: str, other: Program | None = None) -> str:
+    """Return the first line of ``child`` that begins with ``prefix``.
+
+    Raises:
+        CanrollError: it, or ``other``, has ended instead, or it takes too long to start.
+    """
+    until = time.monotonic() + START
+    with selectors.DefaultSelector() as selector:
+        selector.register(child.output, selectors.EVENT_READ)
+        while True:
+            # asked before its last words are taken in, so that they are not missed
+            ended = [c for c in (child, other) if c is not None and c.running.poll() is not None]
+            if line := child.line(prefix):
+                return line
+            if ended:
+                raise CanrollError(f"{ended[0].name}: {ended[0].last_words()}")
+            if other is None and time.monotonic() > until:
+                raise CanrollError(f"{child.name}: not ready within {START:g} s")
+            selector.select(0.1)
+
+
+def stop(children: list[Program]) -> None:
+    """End what still runs, what was started last first."""
+    for child in reversed(children):
+        child.ask_to_stop()
+        try:
+            child.running.wait(GRACE)
+        except subprocess.TimeoutExpired:
+            child.running.kill()
+            child.running.wait()
+        child.output.close()
+        child.errors.close()
