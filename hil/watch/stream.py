@@ -82,7 +82,8 @@ class LiveStream:
     def news(self, *, lost: bool = False) -> str:
         """Return what came since the last call; ``lost``: the bus cannot be reached."""
         rows, self._fresh = self._fresh, {}
-        events, self._fresh_events = self._fresh_events, []
+        events = sorted(self._fresh_events, key=lambda event: event[0])
+        self._fresh_events = []
         for name, fresh in rows.items():
             kept = self._kept[name]
             kept.extend(fresh)

@@ -4,17 +4,19 @@ import io
 
 import pytest
 from rich.console import Console
+from support.bus_frames import frame
 
 import dbc
 from hil.cli.watch import view
-from hil.watch.observation import Observation
-from plant_sim.can_bus.wire.frame import worst_case_bits
-
-
-def frame(name, **signals):
-    message = dbc.load().get_message_by_name(name)
-    values = {s.name: 0 for s in message.signals if not s.is_multiplexer and not s.multiplexer_ids}
-    return message.frame_id, message.encode(values | signals, strict=True)
+from hil.watch.observation import (
+    COMMAND_TO_ACKNOWLEDGEMENT,
+    CONTROLLER,
+    IMU_TO_COMMAND,
+    TROUBLES,
+    VEHICLE,
+    Observation,
+)
+from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE, length_of, worst_case_bits
 
 
 @pytest.fixture
@@ -67,6 +69,74 @@ def test_troubles_in_words():
     observation.see(0.0, (message.frame_id, payload))
     assert observation.troubles == ["tick missed"]
     assert observation.latched_troubles == ["roll rate", "tick missed"]
+
+
+def test_a_late_message_is_named():
+    assert TROUBLES[0] == "Imu late"
+    assert TROUBLES[3] == "ActuatorState late"
+
+
+def test_extended_and_remote_frames_only_load_the_bus():
+    """An identifier of the contract with 29 bits, or asked for, is not of the contract."""
+    observation = Observation(500_000)
+    ident, payload = frame("RollControlStatus", Mode=1)
+    observation.see(0.0, (ident, payload), EXTENDED)
+    observation.see(0.1, (ident, b""), REMOTE)
+    summary = observation.summary()
+    assert summary["mode"] is None
+    assert summary["frames"] == {"0x00000300": 1, "0x300": 1}
+    assert observation.silence(CONTROLLER) is None
+    observation.pass_time(1.0)
+    bits = [length_of(ident, payload, EXTENDED), length_of(ident, b"", REMOTE)]
+    assert observation.load == pytest.approx(sum(map(sum, bits)) / 500_000)
+
+
+def test_delays_are_those_between_frames():
+    """Imu at 0 and 10 ms, a command at 13 ms, its acknowledgement at 21 ms, another at 31 ms."""
+    observation = Observation(500_000)
+    ended = [
+        observation.see(t, frame(name, **signals)).delays
+        for t, name, signals in (
+            (0.000, "Imu", {}),
+            (0.010, "Imu", {"Counter": 1}),
+            (0.013, "SuspensionForceCommand", {"Counter": 7}),
+            (0.020, "ActuatorState", {"AcceptedCounter": 6}),
+            (0.021, "ActuatorState", {"Counter": 1, "AcceptedCounter": 7}),
+            (0.031, "ActuatorState", {"Counter": 2, "AcceptedCounter": 7}),
+        )
+    ]
+    assert ended[:2] == [{}, {}]
+    assert ended[2] == {IMU_TO_COMMAND: pytest.approx(0.003)}
+    assert ended[3] == {}
+    assert ended[4] == {COMMAND_TO_ACKNOWLEDGEMENT: pytest.approx(0.008)}
+    assert ended[5] == {}
+    summary = observation.summary()
+    assert summary["imu_to_command_ms"] == pytest.approx({"median": 3.0, "max": 3.0})
+    assert summary["command_to_acknowledgement_ms"] == pytest.approx({"median": 8.0, "max": 8.0})
+    observation.pass_time(3.0)
+    assert observation.summary()["imu_to_command_ms"] is None
+
+
+def test_a_command_long_after_the_last_sample_does_not_answer_it():
+    observation = Observation(500_000)
+    observation.see(0.0, frame("Imu"))
+    assert observation.see(0.2, frame("SuspensionForceCommand")).delays == {}
+
+
+def test_frames_that_a_counter_skips_are_missing():
+    observation = Observation(500_000)
+    for t, counter in ((0.00, 13), (0.01, 14), (0.02, 0), (0.05, 3), (0.06, 3), (5.0, 9)):
+        observation.see(t, frame("Imu", Counter=counter))
+    assert observation.summary()["missing"] == {"Imu": 2}
+
+
+def test_who_is_silent_and_for_how_long():
+    observation = Observation(500_000)
+    observation.see(1.0, frame("Imu"))
+    observation.see(2.0, frame("RollControlStatus"))
+    observation.pass_time(2.5)
+    assert observation.silence(VEHICLE) == pytest.approx(1.5)
+    assert observation.silence(CONTROLLER) == pytest.approx(0.5)
 
 
 def test_foreign_and_broken_frames_do_no_harm():
