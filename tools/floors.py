@@ -27,6 +27,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("gain_gen",),
     ("hil.runs",),
     ("hil.realtime",),
+    ("hil.realtime.check",),
     ("hil.report",),
     ("hil.studies", "hil.watch"),
     ("hil.papers",),
@@ -119,7 +120,7 @@ def circles(graph: Graph) -> list[list[str]]:
 def drawing(graph: Graph) -> str:
     """Return the rooms as a Mermaid flowchart; an arrow that others imply is left out."""
     found = rooms(graph)
-    lines = ["```mermaid", "flowchart BT"]
+    lines = ["```mermaid", "flowchart TD"]
     for package in PACKAGES:
         inside = [r for level in FLOORS for r in level if r.split(".")[0] == package and r in found]
         nodes = [f'{_id(room)}["{_title(room)}"]' for room in inside]

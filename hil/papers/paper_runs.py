@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from firmware.state import ACTIVE, DEGRADED
-from hil.papers.printed_rows import Report, Row
-from hil.papers.section import Section
+from hil.papers.paper_table import Report, Row, Section
 from hil.report.curves import dash as dashes
 from hil.report.figure import DASHED, Figure, Series
 from hil.runs.metrics import moment

@@ -51,6 +51,10 @@ class OwnBus:
         self._server.publish(ident, 0, payload, length=len(payload), time_s=time.time())
         self.sent += 1
 
+    def wait(self, timeout: float) -> bool:
+        """Wait until a client has sent something, at most ``timeout`` s."""
+        return self._server.wait(timeout)
+
     def close(self) -> None:
         """End all connections."""
         self._server.close()

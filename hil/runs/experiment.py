@@ -14,8 +14,15 @@ from firmware.calibration import ONE
 from hil.runs import conditions as conditions_of
 from hil.runs import limit_cycle, metrics, standard, steering_replay
 from hil.runs.choices import Choices
-from hil.runs.delay import sample_to_force
-from hil.runs.frozen import COMMAND_TIMEOUT, PASSIVE, Controller, Request, choose, prepare
+from hil.runs.frozen import (
+    COMMAND_TIMEOUT,
+    PASSIVE,
+    Controller,
+    Request,
+    choose,
+    prepare,
+    sample_to_force,
+)
 from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS, closed_loop

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from codegen.run.backends import Backend
-from hil.runs.delay import RUN_TIME
+from hil.runs.frozen import RUN_TIME
 from hil.runs.trace import Trace, tick_rows
 from plant_sim.world.world import World
 

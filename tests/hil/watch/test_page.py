@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 
+import pytest
 from support.chromium import PATIENCE, tab
 
 import dbc
@@ -72,6 +73,7 @@ def play(bus, page, frames):
     assert bus.failed == 0
 
 
+@pytest.mark.slow
 def test_the_page_shows_what_is_on_the_bus():
     frames = recorded()
     bus = own_bus.serve("127.0.0.1:0")
