@@ -1,8 +1,8 @@
 """An observation as a stream of JSON: what is new, and to a late joiner the last minute of it.
 
-A message has ``now`` (s), ``whole`` (it replaces what came before), ``rows`` of each track since
-the last message, ``events`` and ``state``. A row is the instant of a frame and a few numbers, null
-where the frame had none.
+A message has ``now`` (where the time axis ends, s), ``whole`` (it replaces what came before),
+``rows`` of each track since the last message, ``events`` and ``state``. A row is the instant of a
+frame and a few numbers, null where the frame had none.
 """
 
 import json
@@ -24,6 +24,8 @@ from hil.watch.observation import (
 
 KEPT = 60.0
 """How far back rows go, s."""
+AFTER = 1.0
+"""On a silent bus the time axis goes on for so long after the last frame, s."""
 EVENTS = 200
 LOAD_WINDOW = 0.1
 """The load is that of stretches so long, s."""
@@ -64,6 +66,12 @@ class LiveStream:
         self._bin: int | None = None
         self._bits: dict[int, int] = {}
         self._now = 0.0
+        self._last: float | None = None
+
+    @property
+    def _shown(self) -> float:
+        """Where the time axis ends, s: soon after the last frame, so that a run stays in view."""
+        return self._now if self._last is None else min(self._now, self._last + AFTER)
 
     def add(self, seen: Iterable[Seen], now: float) -> None:
         """Take what was seen up to ``now`` seconds."""
@@ -74,6 +82,7 @@ class LiveStream:
             place = math.floor(frame.t / LOAD_WINDOW)
             self._bits[place] = self._bits.get(place, 0) + frame.bits
             self._bin = place if self._bin is None else self._bin
+            self._last = frame.t if self._last is None else max(self._last, frame.t)
         self._now = max(self._now, now)
         for side in self._heard:
             self._miss(side, self._now)
@@ -87,7 +96,7 @@ class LiveStream:
         for name, fresh in rows.items():
             kept = self._kept[name]
             kept.extend(fresh)
-            while kept and (kept[0][0] or 0.0) < self._now - KEPT:
+            while kept and (kept[0][0] or 0.0) < self._shown - KEPT:
                 kept.popleft()
         self._events.extend(events)
         return self._message(rows, events, whole=False, lost=lost)
@@ -108,7 +117,7 @@ class LiveStream:
         seen = self._seen
         kind, headline, text = state(seen, lost=lost)
         message = {
-            "now": round(self._now, 4),
+            "now": round(self._shown, 4),
             "whole": whole,
             "rows": rows,
             "events": events,
@@ -179,7 +188,7 @@ class LiveStream:
 
     def _loads(self) -> None:
         """Put the load of the stretches that are over; one more, so that late frames count."""
-        over = math.floor(self._now / LOAD_WINDOW) - 1
+        over = math.floor(self._shown / LOAD_WINDOW) - 1
         if self._bin is None or over <= self._bin:
             return
         for place in range(self._bin, over):

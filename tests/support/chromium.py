@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import tempfile
 import time
+import urllib.request
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -24,6 +25,10 @@ FLAGS = [
     "--remote-debugging-port=0",
 ]
 PATIENCE = 120.0
+
+
+class ProtocolError(Exception):
+    """The browser could not do what it was called for."""
 
 
 class Tab:
@@ -45,7 +50,8 @@ class Tab:
             if answer.get("method") == "Runtime.exceptionThrown":
                 self.errors.append(answer["params"]["exceptionDetails"])
             if answer.get("id") == self._calls:
-                assert "error" not in answer, answer
+                if "error" in answer:
+                    raise ProtocolError(answer["error"])
                 return answer["result"]
 
     def ask(self, expression):
@@ -55,17 +61,28 @@ class Tab:
         return answer["result"].get("value")
 
     def wait_for(self, expression):
-        """Return once an expression holds in the page."""
+        """Return once an expression holds in the page; between two pages there is none."""
         until = time.monotonic() + PATIENCE
-        while not self.ask(expression):
+        while not self._holds(expression):
             assert time.monotonic() < until, (expression, self.ask("document.body.innerText"))
             time.sleep(0.02)
 
+    def _holds(self, expression):
+        try:
+            return self.ask(expression)
+        except ProtocolError:
+            return False
+
     def open(self, url):
         """Go to an address and wait until its scripts have run."""
-        self.call("Page.enable")
         self.call("Page.navigate", url=url)
         self.wait_for(f"location.href === {json.dumps(url)} && document.readyState === 'complete'")
+
+    def reload(self):
+        """Load the page again and wait until its scripts have run."""
+        self.ask("window.isOld = true")
+        self.call("Page.reload")
+        self.wait_for("!window.isOld && document.readyState === 'complete'")
 
     def picture(self, path):
         """Write what the whole page looks like."""
@@ -96,8 +113,6 @@ def tab(*flags):
 
 def _tab_of(browser, profile):
     """Wait until the browser says where it listens; return the address of its tab."""
-    import urllib.request
-
     told = profile / "DevToolsActivePort"
     until = time.monotonic() + PATIENCE
     while True:

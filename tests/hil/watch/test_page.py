@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import contextmanager
 
 import pytest
 from support.chromium import PATIENCE, tab
@@ -73,36 +74,39 @@ def play(bus, page, frames):
     assert bus.failed == 0
 
 
-@pytest.mark.slow
-def test_the_page_shows_what_is_on_the_bus():
-    frames = recorded()
+@contextmanager
+def watched():
+    """A bus, a watch on it and a browser."""
     bus = own_bus.serve("127.0.0.1:0")
     watch = Watch(bus)
     try:
         with tab() as page:
             page.open(watch.url)
-            page.wait_for("document.getElementById('state').textContent.includes('silent')")
-            play(bus, page, frames)
-            expected = counts(frames)
-            page.wait_for(
-                f"Object.entries({json.dumps(expected)}).every(([n, c]) => ({SHOWN})[n] === c)"
-            )
-            check(page, frames)
-            page.wait_for(
-                "document.getElementById('state').textContent.includes('The bus is silent')"
-            )
-            # who joins late sees the same
-            page.open(watch.url + "#again")
-            page.call("Page.reload")
-            page.wait_for(f"({SHOWN}).Imu === {expected['Imu']}")
-            check(page, frames)
-            assert watch.interrupt()[0] == 0
-            page.wait_for("document.body.hasAttribute('data-gone')")
+            yield bus, watch, page
             assert page.errors == []
     finally:
         watch.process.kill()
         watch.process.communicate()
         bus.close()
+
+
+@pytest.mark.slow
+def test_the_page_shows_what_is_on_the_bus():
+    frames = recorded()
+    expected = counts(frames)
+    with watched() as (bus, watch, page):
+        page.wait_for("document.getElementById('state').textContent.includes('silent')")
+        play(bus, page, frames)
+        every = "Object.entries(%s).every(([name, count]) => (%s)[name] === count)"
+        page.wait_for(every % (json.dumps(expected), SHOWN))
+        check(page, frames)
+        page.wait_for("document.getElementById('state').textContent.includes('The bus is silent')")
+        # who joins late sees the same
+        page.reload()
+        page.wait_for(every % (json.dumps(expected), SHOWN))
+        check(page, frames)
+        assert watch.interrupt()[0] == 0
+        page.wait_for("document.body.hasAttribute('data-gone')")
 
 
 def check(page, frames):
@@ -126,41 +130,32 @@ def check(page, frames):
 
 
 def test_a_drag_zooms_and_keys_pause_and_follow():
-    """While frames keep coming the zoomed range stays, and Escape follows again."""
-    bus = own_bus.serve("127.0.0.1:0")
-    watch = Watch(bus)
-    try:
-        with tab() as page:
-            page.open(watch.url)
-            page.wait_for("document.body.dataset.drawn > 0.5")
-            page.ask("SVGElement.prototype.setPointerCapture = () => {}")
-            drag = """(() => {
-              const svg = document.querySelector("#figure-roll > svg");
-              const box = svg.getBoundingClientRect();
-              for (const [type, share] of [["down", 0.4], ["move", 0.6], ["up", 0.6]])
-                svg.dispatchEvent(new PointerEvent("pointer" + type, { bubbles: true,
-                  clientX: box.left + box.width * share, clientY: box.top + 40 }));
-              return JSON.stringify(shared.range);
-            })()"""
-            low, high = json.loads(page.ask(drag))
-            assert 0 < low < high < 30
-            drawn = page.ask("document.body.dataset.drawn")
-            page.wait_for("view.now > 1 + Number(document.body.dataset.drawn)")
-            assert json.loads(page.ask("JSON.stringify(shared.range)")) == [low, high]
-            assert page.ask("document.getElementById('pause').textContent") == "Go on"
-            press = "document.dispatchEvent(new KeyboardEvent('keydown', { key: '%s' }))"
-            page.ask(press % "Escape")
-            page.wait_for(f"shared.range === null && document.body.dataset.drawn > {drawn}")
-            page.ask(press % "1")
-            page.wait_for("shared.window[1] - shared.window[0] === 10")
-            page.ask(press % " ")
-            assert page.ask("shared.range !== null")
-            assert page.errors == []
+    """While time goes on the zoomed range stays, and Escape follows again."""
+    with watched() as (_, watch, page):
+        page.wait_for("document.body.dataset.drawn > 0.5")
+        page.ask("SVGElement.prototype.setPointerCapture = () => {}")
+        drag = """(() => {
+          const svg = document.querySelector("#figure-roll > svg");
+          const box = svg.getBoundingClientRect();
+          for (const [type, share] of [["down", 0.4], ["move", 0.6], ["up", 0.6]])
+            svg.dispatchEvent(new PointerEvent("pointer" + type, { bubbles: true,
+              clientX: box.left + box.width * share, clientY: box.top + 40 }));
+          return JSON.stringify(shared.range);
+        })()"""
+        low, high = json.loads(page.ask(drag))
+        assert 0 < low < high < 30
+        page.wait_for("view.now > 1 + Number(document.body.dataset.drawn)")
+        assert json.loads(page.ask("JSON.stringify(shared.range)")) == [low, high]
+        assert page.ask("document.getElementById('pause').textContent") == "Go on"
+        drawn = page.ask("document.body.dataset.drawn")
+        press = "document.dispatchEvent(new KeyboardEvent('keydown', { key: '%s' }))"
+        page.ask(press % "Escape")
+        page.wait_for(f"shared.range === null && document.body.dataset.drawn > {drawn}")
+        page.ask(press % "1")
+        page.wait_for("shared.window[1] - shared.window[0] === 10")
+        page.ask(press % " ")
+        assert page.ask("shared.range !== null")
         assert watch.interrupt()[0] == 1
-    finally:
-        watch.process.kill()
-        watch.process.communicate()
-        bus.close()
 
 
 def test_the_page_asks_for_nothing_from_outside():

@@ -103,6 +103,17 @@ def test_a_minute_is_kept():
     assert times[-1] == 199
 
 
+def test_a_run_that_is_over_stays_in_view():
+    fed = Fed().feed((0.0, "Imu", {}), (5.0, "Imu", {}))
+    fed.news()
+    fed.feed(now=500.0)
+    assert fed.news()["now"] == 6.0
+    whole = fed.everything()
+    assert len(whole["rows"]["imu"]) == 2
+    assert whole["rows"]["load"][-1][0] < 6.0
+    assert "495.0 s ago" in whole["state"]["text"]
+
+
 def test_the_load_of_a_stretch_is_that_of_its_frames():
     fed = Fed()
     bits = {0: 0, 1: 0}
@@ -112,8 +123,8 @@ def test_the_load_of_a_stretch_is_that_of_its_frames():
         bits[int(t / LOAD_WINDOW)] += seen.bits
         fed.stream.add([seen], t)
     assert "load" not in fed.news()["rows"]
-    fed.stream.add([], 0.45)
-    shares = [bits[0] / 50_000, bits[1] / 50_000, 0.0]
+    fed.stream.add([], 0.5)
+    shares = [bits[0] / 50_000, bits[1] / 50_000, 0.0, 0.0]
     assert [row[1] for row in fed.news()["rows"]["load"]] == pytest.approx(shares, abs=1e-4)
     assert 0.01 < shares[1] < shares[0] < 0.04
 
