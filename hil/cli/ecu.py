@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 
 from canroll.errors import CanrollError, VerdictError
-from codegen.run.backends import BACKENDS, default_backend, open_backend
+from codegen.run import BACKENDS
+from codegen.run.backends import default_backend, open_backend
 from gain_gen.calibration.calibration_file import load as load_calibration
 from hil.realtime import ecu_loop, process, tick_trace
 from hil.realtime.bus_link import add_bus_arguments, open_link

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from gain_gen.design import LAWS
+from gain_gen.laws import LAWS
 from hil.cli.main import main
 
 PAGE = (Path(__file__).parents[2] / "docs" / "extend.md").read_text()
@@ -20,7 +20,7 @@ BLOCKS = re.findall(r"^```(\w+) ?(\S*)\n(.*?)^```", PAGE, re.S | re.M)
 def folder(tmp_path_factory):
     """Return the folder that the page leaves behind, without the bundle; each command succeeds."""
     path = tmp_path_factory.mktemp("extend")
-    known = dict(LAWS)
+    known = list(LAWS)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(path)
         for language, name, text in BLOCKS:
