@@ -44,6 +44,7 @@ from plant_sim.can_bus.kernel.network import (
 from plant_sim.can_bus.servers.hub import Hub, HubError, Port, QueueFullError, Received
 from plant_sim.can_bus.simulation import traffic_spec
 from plant_sim.can_bus.traffic.files import load_traffic
+from plant_sim.can_bus.traffic.log_playback import flags_of
 from plant_sim.can_bus.wire.frame import (
     BIT_RATE_SWITCH,
     ERROR_FLAG,
@@ -198,14 +199,11 @@ class SimBus(can.BusABC):
         """
         if not self._open:
             raise can.CanOperationError("send on a bus that has been shut down")
-        flags = (EXTENDED if msg.is_extended_id else 0) | (REMOTE if msg.is_remote_frame else 0)
-        if msg.is_error_frame:
-            flags |= ERROR_FLAG
-        if msg.is_fd:
-            if not self._fd:
-                raise can.CanOperationError(f"{self.channel_info} has no FD: open it with fd=True")
-            flags |= FD | (BIT_RATE_SWITCH if msg.bitrate_switch else 0)
-            flags |= RECESSIVE_INDICATOR if msg.error_state_indicator else 0
+        if msg.is_fd and not self._fd:
+            raise can.CanOperationError(f"{self.channel_info} has no FD: open it with fd=True")
+        flags = flags_of(msg) | (ERROR_FLAG if msg.is_error_frame else 0)
+        if msg.is_fd and msg.error_state_indicator:
+            flags |= RECESSIVE_INDICATOR
         try:
             check_frame(msg.arbitration_id, msg.dlc, flags)
             self.hub.send(
