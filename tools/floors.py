@@ -31,7 +31,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("hil.realtime",),
     ("hil.realtime.check",),
     ("hil.report",),
-    ("hil.studies",),
+    ("hil.studies", "hil.watch"),
     ("hil.papers",),
     ("hil.cli",),
     ("canroll", "tools"),

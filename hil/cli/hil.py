@@ -29,6 +29,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument("scenario", nargs="?", help="double_lane_change, roundabout, …")
     add_bus_arguments(parser)
+    parser.add_argument(
+        "--serve",
+        metavar="HOST:PORT",
+        help="without -i: the plant's own bus, for 'canroll watch' (default: a free port)",
+    )
     add_run_options(parser)
     add_condition_options(parser)
     parser.add_argument(
@@ -68,10 +73,12 @@ def bus_options(args: argparse.Namespace) -> list[str]:
     What the options leave open comes from python-can's configuration (can.rc, environment).
 
     Raises:
-        CanrollError: an interface that only one process can see.
+        CanrollError: an interface that only one process can see, or one beside ``--serve``.
     """
     if not has_bus(args):
         return []
+    if args.serve is not None:
+        raise CanrollError(f"--serve {args.serve} is for the plant's own bus: leave out -i")
     configured = {} if "interface" in args else can.util.load_config()
     options = []
     for name in ("interface", "channel", "bitrate", "data_bitrate"):
@@ -119,6 +126,7 @@ def run(args: argparse.Namespace) -> int:
                 passive_in_real_time=args.passive == "hil",
                 duration=args.duration,
                 announce=(lambda text: None) if args.json else _announce,
+                serve=args.serve,
                 **run_keywords(args),
             )
         except Interrupted as stopped:
