@@ -4,6 +4,7 @@ import json
 import os
 import re
 import signal
+import socket
 import time
 from pathlib import Path
 
@@ -60,6 +61,15 @@ def test_a_run_in_real_time_has_the_report_of_one_in_virtual_time(tmp_path, caps
     assert "<h2>Real time</h2>" in page and '"timing-tick"' in page
     assert main(["report", str(out)]) == 0
     assert (out / "report.html").read_text() == page
+
+
+def test_where_to_watch_a_run_is_said(tmp_path, capsys):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    arguments = ["hil", "double_lane_change", "--law", "lqr", "--duration", "0.5"]
+    main([*arguments, "--serve", f"127.0.0.1:{port}", "--out", str(tmp_path)])
+    bus = f"-i socketcand -c plant --bus-kwargs host=127.0.0.1 port={port}"
+    assert f"to watch: canroll watch {bus}\n" in capsys.readouterr().err
 
 
 def test_a_program_that_falls_over_is_quoted(tmp_path, capsys):
