@@ -27,6 +27,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("gain_gen.calibration",),
     ("gain_gen",),
     ("hil.runs",),
+    ("hil.realtime.hardware",),
     ("hil.realtime",),
     ("hil.realtime.check",),
     ("hil.report",),

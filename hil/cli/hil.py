@@ -12,7 +12,8 @@ import can
 from canroll.errors import CanrollError
 from hil.cli.ecu import add_prepare_option
 from hil.cli.run import add_condition_options, add_run_options, path_named, run_keywords
-from hil.realtime.bus_link import add_bus_arguments, has_bus
+from hil.realtime.bus_link import add_bus_arguments, has_bus, options_of
+from hil.realtime.hardware.interfaces import INTERFACES, is_shared
 
 DEFAULT_OUT = Path("out")
 CHECKED = "double_lane_change"
@@ -110,6 +111,7 @@ def run(args: argparse.Namespace) -> int:
     if args.prepare:
         hil_run.prepare(args.scenario or CHECKED, duration=args.duration, **run_keywords(args))
         return 0
+    refuse_one_adapter(args)
     out = args.out or (None if args.json else DEFAULT_OUT)
     for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
@@ -144,6 +146,18 @@ def run(args: argparse.Namespace) -> int:
             result = hil_run.with_files(result, files)
         report(result.to_json() | {"timing": timing}, args, result)
     return 1 if result.helps is False else 0
+
+
+def refuse_one_adapter(args: argparse.Namespace) -> None:
+    """Raise CanrollError where two programs cannot open the bus at the same time."""
+    if not has_bus(args):
+        return
+    name, channel, _, _ = options_of(args)
+    if name in INTERFACES and not is_shared(name):
+        raise CanrollError(
+            f"-i {name}: one program alone opens {channel}: give 'canroll plant' and "
+            "'canroll ecu' an adapter each"
+        )
 
 
 def check_machine(args: argparse.Namespace) -> int:

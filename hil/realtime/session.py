@@ -210,6 +210,7 @@ def timing_object(
         "cores": dict(zip(("plant", "ecu"), setup.cores, strict=True)) if setup.cores else None,
         "judged": setup.cores is not None,
         "notes": sorted(set(notes)),
+        "bus": {"ecu": _bus_seen(ecu, plant), "plant": _bus_seen(plant, plant)},
         "histograms": {
             "start_jitter": timing.histogram(timing.start_jitter(ran)),
             "tick": timing.histogram(timing.durations(ran)),
@@ -223,6 +224,13 @@ def timing_object(
             }
         ),
     }
+
+
+def _bus_seen(program: PlantRecord | TickTrace, plant: PlantRecord) -> dict[str, Any] | None:
+    """Return what a program saw of the real bus while the plant ran."""
+    read = program.bus["read_ns"]
+    ran = (read >= int(plant.about["start_ns"])) & (read <= int(plant.about["end_ns"]))
+    return timing.bus_figures(program.bus[ran], program.about.get("bus"))
 
 
 def frames_lost(plant: PlantRecord, ecu: TickTrace) -> int:

@@ -164,6 +164,7 @@ function take(message) {
   showEvents(message.events);
   const { kind, headline, text } = message.state;
   showState(kind, headline, text);
+  document.title = `${kind === "good" ? message.values.mode ?? headline : headline} – roll control`;
   showTiles(message.values);
   showMessages(message.values, message.rates);
   if (!view.dirty) requestAnimationFrame(draw);
