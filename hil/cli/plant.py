@@ -73,7 +73,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add_loop_options(parser)
     add_prepare_option(parser)
     parser.add_argument(
-        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4"
+        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
     )
     parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
     parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)

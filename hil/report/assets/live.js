@@ -131,6 +131,7 @@ function showMessages(values, rates) {
     const cells = [name, String(count), rates[name].toFixed(0), name.startsWith("0x") ? "" : String(values.missing[name] ?? 0)];
     cells.forEach((text, column) => say(row.cells[column] ?? row.insertCell(), text));
   });
+  say(byId("errors"), String(values.error_frames));
 }
 
 function showEvents(events) {
