@@ -20,7 +20,8 @@ from hil.cli.options import (
     folder_of,
     scenario,
 )
-from hil.realtime.bus_link import add_bus_arguments, has_bus
+from hil.realtime.bus_link import add_bus_arguments, has_bus, options_of
+from hil.realtime.hardware.interfaces import INTERFACES, is_shared
 
 CHECKED = "double_lane_change"
 """The manoeuvre on whose frames ``--check`` times the firmware where none is named."""
@@ -37,6 +38,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "scenario", nargs="?", type=scenario, help="double_lane_change, roundabout, …"
     )
     add_bus_arguments(parser)
+    parser.add_argument(
+        "--serve",
+        metavar="HOST:PORT",
+        help="without -i: the plant's own bus, for 'canroll watch' (default: a free port)",
+    )
     add_choices(parser)
     parser.add_argument(
         "--passive",
@@ -67,10 +73,15 @@ def bus_options(args: argparse.Namespace) -> list[str]:
     What the options leave open comes from python-can's configuration (can.rc, environment).
 
     Raises:
-        CanrollError: an interface that only one process can see.
+        CanrollError: an interface that only one process can see, one beside ``--serve``, or
+            options that are for one program.
     """
     if not has_bus(args):
         return []
+    if "timing" in args:
+        raise CanrollError("--timing is for one program: give it to 'canroll plant' and 'ecu'")
+    if args.serve is not None:
+        raise CanrollError(f"--serve {args.serve} is for the plant's own bus: leave out -i")
     configured = {} if "interface" in args else can.util.load_config()
     options = []
     for name in ("interface", "channel", "bitrate", "data_bitrate"):
@@ -105,6 +116,7 @@ def run(args: argparse.Namespace) -> int:
             args.scenario or CHECKED, duration=args.duration, **choices_of(args, OF_A_RUN)
         )
         return 0
+    refuse_one_adapter(args)
     out = folder_of(args)
     for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
@@ -119,6 +131,7 @@ def run(args: argparse.Namespace) -> int:
                 passive_in_real_time=args.passive == "hil",
                 duration=args.duration,
                 announce=(lambda text: None) if args.json else _announce,
+                serve=args.serve,
                 **choices_of(args, OF_A_RUN),
             )
         except Interrupted as stopped:
@@ -138,6 +151,18 @@ def run(args: argparse.Namespace) -> int:
             result = hil_run.with_files(result, files)
         report(result.to_json() | {"timing": timing}, args, result)
     return 1 if result.helps is False else 0
+
+
+def refuse_one_adapter(args: argparse.Namespace) -> None:
+    """Raise CanrollError where two programs cannot open the bus at the same time."""
+    if not has_bus(args):
+        return
+    name, channel, _, _ = options_of(args)
+    if name in INTERFACES and not is_shared(name):
+        raise CanrollError(
+            f"-i {name}: one program alone opens {channel}: give 'canroll plant' and "
+            "'canroll ecu' an adapter each"
+        )
 
 
 def check_machine(args: argparse.Namespace) -> int:

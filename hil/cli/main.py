@@ -14,6 +14,7 @@ from hil.cli.parsers import COMMANDS, handler
 EXTRAS = {
     "target": ("elftools", "unicorn", "ziglang"),
     "asammdf": ("asammdf",),
+    "web": ("websockets",),
 }
 """Extras of this package, and the packages that come only with them."""
 

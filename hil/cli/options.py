@@ -139,7 +139,7 @@ def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict
 def add_recording(parser: argparse.ArgumentParser) -> None:
     """Add where the bus log and the signals of a run go."""
     parser.add_argument(
-        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4"
+        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
     )
     parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
 
