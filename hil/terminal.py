@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import astuple
 
 import rich.table
 from rich.console import Console as RichConsole
@@ -103,4 +104,9 @@ def show(result: Result) -> None:
         f"(heartbeats alone: {100 * trigger.floor:.0f} %)",
         soft_wrap=True,
     )
+    if result.phase is not None:
+        least, mean, most = (1e3 * value for value in astuple(result.phase))
+        console.print(
+            f"a tick starts {mean:.2f} ms after the newest Imu frame ({least:.2f} to {most:.2f} ms)"
+        )
     show_files(result.files)

@@ -1,4 +1,4 @@
-"""``canroll hil``: ECU and plant as two programs in real time, and the report of a run."""
+"""``canroll hil``: ECU and plant as two programs, in real time or in lock step, and the report."""
 
 import argparse
 import json
@@ -10,6 +10,7 @@ from typing import Any
 import can
 
 from canroll.errors import CanrollError
+from hil.commands.ecu import PACES
 from hil.commands.run import add_condition_options, add_run_options, path_named, run_keywords
 from hil.realtime.link import add_bus_arguments, has_bus
 
@@ -32,6 +33,20 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         choices=("virtual", "hil"),
         default="virtual",
         help="how the run without control is made (default: %(default)s time)",
+    )
+    parser.add_argument(
+        "--pace",
+        choices=PACES,
+        default="realtime",
+        help="lockstep: the plant grants the ECU's ticks, the same on any machine however slow "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--side-channel",
+        nargs="?",
+        const="127.0.0.1:0",
+        metavar="HOST:PORT",
+        help="lock step: grants on a TCP connection instead of frames of 29 bits on the bus",
     )
     parser.add_argument(
         "--duration",
@@ -80,13 +95,15 @@ def bus_options(args: argparse.Namespace) -> list[str]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive, report and write; 1 if the verdict is that control does not help."""
+    """Drive, report and write; 1 if control does not help, or the run is not valid."""
     from hil import signals  # noqa: PLC0415 - loads compiled kernels
     from hil.files import check_parent, usable_folder, write_files, write_text  # noqa: PLC0415
     from hil.logs import check_suffix, write_log  # noqa: PLC0415
     from hil.realtime import hil_run  # noqa: PLC0415
     from hil.virtual import Interrupted  # noqa: PLC0415
 
+    if args.side_channel is not None and args.pace != "lockstep":
+        raise CanrollError("--side-channel carries the grants of --pace lockstep: give both")
     out = args.out or (None if args.json else DEFAULT_OUT)
     for path, check in ((args.log, check_suffix), (args.signals, signals.check_suffix)):
         if path is not None:
@@ -98,8 +115,10 @@ def run(args: argparse.Namespace) -> int:
                 args.scenario,
                 bus_options=bus_options(args),
                 folder=folder,
-                passive_in_real_time=args.passive == "hil",
+                passive_by_programs=args.passive == "hil",
                 duration=args.duration,
+                pace=args.pace,
+                side_channel=args.side_channel,
                 announce=(lambda text: None) if args.json else _announce,
                 **run_keywords(args),
             )
@@ -119,7 +138,7 @@ def run(args: argparse.Namespace) -> int:
             files = {**result.files, "timing": str(path), "ticks": str(out / "ticks.npz")}
             result = hil_run.with_files(result, files)
         report(result.to_json() | {"timing": timing}, args, result)
-    return 1 if result.helps is False else 0
+    return result.exit_code
 
 
 def _announce(text: str) -> None:

@@ -10,7 +10,6 @@ import logging
 import socket
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any, Protocol
 
 import can
@@ -18,9 +17,11 @@ from can.cli import add_bus_arguments, create_bus_from_namespace
 
 from canroll.errors import CanrollError
 
-__all__ = ["CanLink", "Frame", "Link", "add_bus_arguments", "has_bus", "open_link"]
+__all__ = ["EXTENDED", "CanLink", "Frame", "Link", "add_bus_arguments", "has_bus", "open_link"]
 
 Frame = tuple[int, bytes]
+EXTENDED = 1 << 31
+"""In an identifier: it has 29 bits, as in a frame of SocketCAN."""
 RECEIVE_BUFFER = 1 << 20
 """A raw CAN socket left alone holds 278 frames by default and then drops silently."""
 
@@ -31,7 +32,7 @@ RETRY = 0.5
 class Link(Protocol):
     """Frames in and out, whatever carries them.
 
-    ``sent`` and ``received`` count frames.
+    ``sent`` and ``received`` count the frames with identifiers of 11 bits: those of the contract.
     """
 
     sent: int
@@ -42,7 +43,13 @@ class Link(Protocol):
         """Frames that could not be sent."""
 
     def receive(self) -> list[Frame]:
-        """Return the frames (identifier, payload) that wait, in order, without waiting."""
+        """Return the frames of 11 bits (identifier, payload) that wait, without waiting."""
+
+    def next(self, timeout: float) -> Frame | None:
+        """Return the next data frame, None where none comes within ``timeout`` seconds.
+
+        The identifier of a frame with 29 bits carries :data:`EXTENDED`.
+        """
 
     def send(self, ident: int, payload: bytes) -> None:
         """Send a frame; a bus that does not take it makes it count as failed."""
@@ -71,30 +78,50 @@ class CanLink:
         return self._failed
 
     def receive(self) -> list[Frame]:
-        """Return the data frames that wait; an interface gone down has none."""
-        if time.monotonic() > self._retry_at:
-            self._try_again()
+        """Return the data frames of 11 bits that wait; an interface gone down has none."""
         frames: list[Frame] = []
-        with suppress(can.CanError, OSError):
-            while (message := self.bus.recv(0)) is not None:
-                if not (
-                    message.is_error_frame or message.is_remote_frame or message.is_extended_id
-                ):
-                    frames.append((message.arbitration_id, bytes(message.data)))
-        self.received += len(frames)
+        while (frame := self._take(0.0)) is not None:
+            if not frame[0] & EXTENDED:
+                frames.append(frame)
         return frames
 
-    def send(self, ident: int, payload: bytes) -> None:
-        """Send a frame with an 11-bit identifier."""
+    def next(self, timeout: float) -> Frame | None:
+        """Return the next data frame, None where none comes within ``timeout`` seconds."""
+        return self._take(timeout)
+
+    def _take(self, timeout: float) -> Frame | None:
+        if time.monotonic() > self._retry_at:
+            self._try_again()
+        until = time.monotonic() + timeout
         try:
-            self.bus.send(can.Message(arbitration_id=ident, data=payload, is_extended_id=False))
+            while (message := self.bus.recv(timeout)) is not None:
+                if not (message.is_error_frame or message.is_remote_frame):
+                    ident = message.arbitration_id
+                    if message.is_extended_id:
+                        return ident | EXTENDED, bytes(message.data)
+                    self.received += 1
+                    return ident, bytes(message.data)
+                timeout = max(0.0, until - time.monotonic())
+        except (can.CanError, OSError):
+            # an interface that is down has no frames; without the pause a waiting loop would spin
+            time.sleep(min(timeout, RETRY))
+        return None
+
+    def send(self, ident: int, payload: bytes) -> None:
+        """Send a frame."""
+        extended = bool(ident & EXTENDED)
+        message = can.Message(
+            arbitration_id=ident & ~EXTENDED, data=payload, is_extended_id=extended
+        )
+        try:
+            self.bus.send(message)
         except ConnectionError:
             self._failed += 1
             self._retry_at = min(self._retry_at, time.monotonic() + RETRY)
         except (can.CanError, OSError):
             self._failed += 1
         else:
-            self.sent += 1
+            self.sent += not extended
 
     def _try_again(self) -> None:
         self._retry_at = float("inf")
