@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from plant_sim.can_bus import NetworkSpec, Node, Segment, Source, account, advance, build_network
-from plant_sim.can_bus.wire import frame_bits
+from plant_sim.can_bus.wire.frame import frame_bits
 
 MS = 1_000_000
 

@@ -13,12 +13,13 @@ from types import SimpleNamespace
 import handwritten
 import numpy as np
 
-from codegen import layout, native, qemu_target, target
-from codegen.backends import NativeEcu, PythonEcu
-from codegen.footprint import footprint
+from codegen.run import cortex as cortex_build
+from codegen.run import memory_image, native, qemu
+from codegen.run.backends import NativeEcu, PythonEcu
+from codegen.run.footprint import footprint
 from firmware.calibration import Calibration
 from firmware.signals import RX_IDS
-from hil.commands.timing import recorded
+from hil.cli.timing import recorded
 
 
 def best(run, repeats):
@@ -44,7 +45,7 @@ def drive(ecu, traffic):
 
 
 def host(record, traffic, repeats):
-    cals = np.frombuffer(layout.image(record), layout.dtype(Calibration), 1).copy()
+    cals = np.frombuffer(memory_image.image(record), memory_image.dtype(Calibration), 1).copy()
     generated, written = native.library(), native.build(handwritten.files())
     same(*(x.replay(x.start(cals), cals, [traffic], states=True) for x in (generated, written)))
 
@@ -72,8 +73,8 @@ def same(generated, written):
 
 
 def beside_hand_written(name, record, traffic):
-    generated = qemu_target.replay(record, traffic, "cortex-m4")
-    written = qemu_target.replay(record, traffic, "cortex-m4", handwritten.files())
+    generated = qemu.replay(record, traffic, "cortex-m4")
+    written = qemu.replay(record, traffic, "cortex-m4", handwritten.files())
     same(generated, written)
     counts = [run.instructions.mean() for run in (generated, written)]
     print(
@@ -83,8 +84,8 @@ def beside_hand_written(name, record, traffic):
 
 
 def cortex(name, record, traffic, limit):
-    run = qemu_target.replay(record, traffic, "cortex-m4")
-    size = footprint(target.gcc_image("cortex-m4"))
+    run = qemu.replay(record, traffic, "cortex-m4")
+    size = footprint(cortex_build.gcc_image("cortex-m4"))
     counts = run.instructions
     print(
         f"cortex-m4, {name:<24} {counts.min()} / {counts.mean():.0f} / {counts.max()} instructions "
@@ -106,7 +107,7 @@ def main():
 
     constant, delayed = case(), case(law="lqg_delay")
     host(*constant, arguments.repeats)
-    if target.has_gcc_and_qemu():
+    if cortex_build.has_gcc_and_qemu():
         cortex("constant gain", *constant, 2500)
         cortex("covariance, RLS", *case(observer="propagated", identification=True), 9000)
         beside_hand_written("lqr", *constant)

@@ -11,9 +11,12 @@ import time
 import numpy as np
 
 import vehicles
-from plant_sim import bodies, maneuvers, ports, simulate
-from plant_sim.drive_setup import STEP_NS
-from plant_sim.jit import njit
+from plant_sim import bodies
+from plant_sim.bodies import ports
+from plant_sim.driving import maneuvers
+from plant_sim.driving.drive import STEP_NS
+from plant_sim.kernels.jit import njit
+from plant_sim.world import open_loop
 
 
 @njit
@@ -63,7 +66,7 @@ def main():
 
         def driven(body=body):
             maneuver = maneuvers.build("double_lane_change", vehicle)
-            return len(simulate.run_passive(vehicle, body, maneuver)[0])
+            return len(open_loop.run_passive(vehicle, body, maneuver)[0])
 
         alone()
         recorded = driven()

@@ -9,8 +9,8 @@ import argparse
 import tempfile
 from pathlib import Path
 
-from hil import experiment
 from hil.realtime import session
+from hil.runs import experiment
 
 TICKS_MS = (20.0, 10.0, 5.0, 2.0, 1.0)
 

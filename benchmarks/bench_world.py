@@ -9,8 +9,11 @@ import time
 
 import dbc
 import vehicles
-from plant_sim import bodies, can_bus, codec, e2e, maneuvers, simulate
-from plant_sim.world import World
+from plant_sim import bodies, can_bus
+from plant_sim.driving import maneuvers
+from plant_sim.nodes import codec, e2e
+from plant_sim.world import open_loop
+from plant_sim.world.world import World
 
 TICK_NS = 10_000_000
 COMMAND = "SuspensionForceCommand"
@@ -31,7 +34,7 @@ def commands():
 def plant_alone(vehicle, body):
     maneuver = maneuvers.build("double_lane_change", vehicle)
     start = time.process_time()
-    simulate.run_passive(vehicle, bodies.body(body), maneuver)
+    open_loop.run_passive(vehicle, bodies.body(body), maneuver)
     return maneuver.duration_ns * 1e-9 / (time.process_time() - start)
 
 

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 
 if TYPE_CHECKING:
-    from gain_gen.calibration import load as load_calibration
-    from gain_gen.design import Delay, Design, Task
-    from gain_gen.laws import design
-    from hil.experiment import run
-    from hil.result import Result
+    from gain_gen.calibration.calibration_file import load as load_calibration
+    from gain_gen.design import design
+    from gain_gen.models.task import Delay, Design, Task
+    from hil.runs.experiment import run
+    from hil.runs.result import Result
     from vehicles import load as load_vehicle
 
 __all__ = [
@@ -38,12 +38,12 @@ __all__ = [
 _HOMES = {
     "Delay": ("gain_gen.design", "Delay"),
     "Design": ("gain_gen.design", "Design"),
-    "Result": ("hil.result", "Result"),
+    "Result": ("hil.runs.result", "Result"),
     "Task": ("gain_gen.design", "Task"),
     "design": ("gain_gen.laws", "design"),
     "load_calibration": ("gain_gen.calibration", "load"),
     "load_vehicle": ("vehicles", "load"),
-    "run": ("hil.experiment", "run"),
+    "run": ("hil.runs.experiment", "run"),
 }
 
 

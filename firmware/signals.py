@@ -1,4 +1,4 @@
-"""Every signal's bits, scaling and limits; made by codegen.emit_signals, not to be edited.
+"""Every signal's bits, scaling and limits; made by codegen.generated.signals, not to be edited.
 
 Frames of roll_control.dbc.
 ``unpack`` turns the bytes of a mailbox into fields; a signal that carries one of its reserved

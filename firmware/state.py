@@ -1,7 +1,7 @@
 """The state record of the ECU: everything the loop remembers from one tick to the next.
 
 Bounds are narrower than 32 bits and hold at every store, so that sums of products stay inside
-64 bits; ``codegen.prove`` shows that a tick keeps them from any state inside them.
+64 bits; ``codegen.proof.prove`` shows that a tick keeps them from any state inside them.
 """
 
 from typing import Annotated

@@ -3,7 +3,7 @@
 The subset is Python as a microcontroller could have it. A module of it holds integer constants,
 constant tables, records and functions; a function holds annotated locals, assignments, ``if``,
 ``for … in range(…)``, ``return`` and calls. There are no floats, no allocation, no recursion, no
-``//`` and no ``%``. ``codegen.emit_c`` translates it to C99 and refuses everything else; this
+``//`` and no ``%``. ``codegen.c99.emit`` translates it to C99 and refuses everything else; this
 module itself is not translated: the C prelude has the same intrinsics.
 
 Arithmetic is exact. A value is stored in an ``i32`` only where it fits: through :func:`sat32`,

@@ -1,166 +1,108 @@
-"""What a design is: gains, observer, delays, certificates, verdicts, provenance."""
+"""The laws by name, and the one way from a task to a verified design."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from math import inf
-from typing import NamedTuple
+from collections.abc import Callable
+from dataclasses import replace
+from math import isfinite
 
-from gain_gen.controller import Controller
-from gain_gen.observer import LateralModel, SensorNoise
-from gain_gen.plant import Matrix
-from vehicles import Vehicle
+from canroll.errors import CanrollError, UnknownNameError, VerdictError
+from gain_gen.analysis.verify import verify
+from gain_gen.laws.custom import design_custom
+from gain_gen.laws.hinf_delay import design_hinf_delay
+from gain_gen.laws.hinf_event import design_hinf_event
+from gain_gen.laws.hinf_state import design_hinf
+from gain_gen.laws.lqr_full_car import design_lqr_full_car, design_lqr_full_car_ideal
+from gain_gen.laws.roll_rate_feedback import (
+    design_hinf_nodelay,
+    design_rate_feedforward,
+)
+from gain_gen.laws.state_feedback import (
+    design_ay_feedforward,
+    design_lqg_delay,
+    design_lqr,
+    design_smc,
+    sensor_noise,
+)
+from gain_gen.models.task import Design, Solution, Task
+
+LAWS: dict[str, Callable[[Task], Solution]] = {
+    "lqg_delay": design_lqg_delay,
+    "hinf_delay": design_hinf_delay,
+    "hinf_nodelay": design_hinf_nodelay,
+    "hinf_event": design_hinf_event,
+    "lqr": design_lqr,
+    "hinf": design_hinf,
+    "smc": design_smc,
+    "ay_feedforward": design_ay_feedforward,
+    "rate_feedforward": design_rate_feedforward,
+    "lqr_full_car": design_lqr_full_car,
+    "lqr_full_car_ideal": design_lqr_full_car_ideal,
+    "custom": design_custom,
+}
+
+SOFTENED = ("hinf_delay", "hinf_nodelay", "hinf_event", "hinf", "smc")
+"""Laws that know nothing of hold and actuator: made gentler until the real loop admits them."""
+SOFTEST = 12
+
+PRINTED = ("hinf_delay", "hinf_nodelay", "hinf_event", "lqr", "hinf", "smc")
+"""Laws whose papers print gains."""
+
+OBSERVERS = ("two_sensors", "one_sensor", "steering", "propagated", "reference")
 
 
-class Check(NamedTuple):
-    """One verification: what was found, what it is held against, whether it holds."""
+def design(law: str, task: Task) -> Design:
+    """Return the verified design of ``law`` for ``task``.
 
-    value: float
-    limit: float
-    ok: bool
-
-
-def below(value: float, limit: float) -> Check:
-    """Return the check that ``value`` is less than ``limit``; not-a-number fails."""
-    return Check(float(value), float(limit), bool(value < limit))
-
-
-def above(value: float, limit: float) -> Check:
-    """Return the check that ``value`` is more than ``limit``; not-a-number fails."""
-    return Check(float(value), float(limit), bool(value > limit))
-
-
-@dataclass(frozen=True, slots=True)
-class Delay:
-    """Sample-to-force delay: what the design takes as constant, and the bounds it moves in, s."""
-
-    nominal: float
-    least: float
-    most: float
-
-    @classmethod
-    def constant(cls, seconds: float) -> "Delay":
-        """Return a delay that does not move."""
-        return cls(seconds, seconds, seconds)
-
-
-@dataclass(frozen=True, slots=True)
-class Task:
-    """What a law is asked for.
-
-    Attributes:
-        vehicle: design model, actuators and sensors.
-        delay: from the sample to the force.
-        tick: period of the ECU loop, s.
-        actuator: "suspension", "bars", "dampers" or "valves".
-        observer: name of the observer's settings.
-        feedforward: whether the disturbance feedforward is on.
-        gains: "computed" or "as_printed".
-        lateral: how the lateral acceleration is taken to move.
-        noise: of the sensors.
-        matrices: file of a custom law, or empty.
-        order: order of a reduced compensator.
-        gamma_target: H∞ level that must be certified, or zero for the least.
-        softness: how often a law that does not know of the delay was asked for a gentler gain.
+    Raises:
+        UnknownNameError: no such law or observer.
+        CanrollError: a tick or delay that cannot be.
+        VerdictError: infeasible, or a computed design failed a check: it is not to be used.
     """
-
-    vehicle: Vehicle
-    delay: Delay
-    tick: float = 0.01
-    actuator: str = "suspension"
-    observer: str = "two_sensors"
-    feedforward: bool = True
-    gains: str = "computed"
-    lateral: LateralModel = field(default_factory=LateralModel)
-    noise: SensorNoise = field(default_factory=SensorNoise)
-    matrices: str = ""
-    order: int = 4
-    gamma_target: float = 0.0
-    softness: int = 0
-
-    @property
-    def lag(self) -> float:
-        """Time constant of the actuator, s."""
-        actuators = self.vehicle.actuators
-        if self.actuator == "suspension":
-            return actuators.suspension.lag
-        if self.actuator == "dampers":
-            return actuators.dampers.lag
-        return actuators.bars.lag
-
-
-@dataclass(frozen=True, slots=True)
-class Solution:
-    """What a law answers: a controller and the certificates that came with it.
-
-    Attributes:
-        controller: gains in SI units.
-        gamma: H∞ level by exact analysis, or None where the law has no such aim.
-        gamma_bound: the level that the solver's point certifies, or None.
-        checks: verifications that only this law has.
-        rightmost_root: largest real part of the continuous delay loop's roots, or None.
-        max_delay: largest constant delay of the continuous loop, s, or None: found on the sampled.
-        delay_aware: False where the law does not know of the delay.
-        solve_seconds: time in solvers, s.
-        notes: what a user should know, one line each.
-        extra: further numbers to report by name.
-        deployable: False for ideal laws that no ECU runs.
-        verified_by_law: the law is about another plant than the 1-DOF one and checks itself.
-        ideal_gain: gain of an ideal law, (inputs, states).
-    """
-
-    controller: Controller
-    gamma: float | None = None
-    gamma_bound: float | None = None
-    checks: Mapping[str, Check] = field(default_factory=dict)
-    rightmost_root: float | None = None
-    max_delay: float | None = None
-    delay_aware: bool = False
-    solve_seconds: float = 0.0
-    notes: tuple[str, ...] = ()
-    extra: Mapping[str, float] = field(default_factory=dict)
-    deployable: bool = True
-    verified_by_law: bool = False
-    ideal_gain: Matrix | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Design:
-    """A law for a vehicle, verified.
-
-    Attributes:
-        law: its name.
-        task: what it was designed for.
-        solution: the law's answer.
-        margins: margins and analysed numbers by name, SI units unless the name says otherwise.
-        verified: every check by name.
-        warnings: one line each.
-    """
-
-    law: str
-    task: Task
-    solution: Solution
-    margins: Mapping[str, float]
-    verified: Mapping[str, Check]
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def controller(self) -> Controller:
-        """The gains, SI units."""
-        return self.solution.controller
-
-    @property
-    def is_verified(self) -> bool:
-        """Whether every check holds and the gains were derived here, not printed in a paper."""
-        return self.task.gains != "as_printed" and not self.failures
-
-    @property
-    def failures(self) -> dict[str, Check]:
-        """The checks that do not hold."""
-        return {name: check for name, check in self.verified.items() if not check.ok}
-
-    @property
-    def max_delay(self) -> float:
-        """Largest admissible constant delay, s: the lesser of exact and sampled analysis."""
-        return min(
-            self.margins.get("max_delay_s", inf), self.margins.get("max_delay_sampled_s", inf)
+    if law not in LAWS:
+        raise UnknownNameError("law", law, LAWS)
+    if task.observer not in OBSERVERS:
+        raise UnknownNameError("observer", task.observer, OBSERVERS)
+    if task.gains == "as_printed" and law not in PRINTED:
+        raise CanrollError(
+            f"--gains as_printed: no gains are printed for {law}, only for {', '.join(PRINTED)}"
         )
+    if task.gamma_target < 0.0 or not isfinite(task.gamma_target):
+        raise CanrollError(f"--gamma {task.gamma_target:g}: a level is above 0")
+    if task.gamma_target and law != "hinf_delay":
+        raise CanrollError(f"--gamma is a level for hinf_delay: leave it out for {law}")
+    if not 0.001 <= task.tick <= 0.020:
+        raise CanrollError(f"a tick of {1e3 * task.tick:g} ms is outside 1 to 20 ms")
+    if not 0.0 <= task.delay.least <= task.delay.nominal <= task.delay.most:
+        raise CanrollError("the delay must not be negative and its bounds must be in order")
+    task = replace(task, noise=sensor_noise(task.vehicle))
+    answer = verify(law, task, LAWS[law](task))
+    if task.gains == "as_printed":
+        failing = f", fails {', '.join(answer.failures)}" if answer.failures else ""
+        told = f"NOT VERIFIED: {law} with the gains as printed{failing}"
+        return replace(answer, warnings=(told, *answer.warnings))
+    if answer.is_verified:
+        return answer
+    for softness in range(1, SOFTEST if law in SOFTENED else 0):
+        gentler = verify(law, task, LAWS[law](replace(task, softness=softness)))
+        if gentler.is_verified:
+            told = (
+                f"{law}: softened {softness} times, as the plain design fails "
+                f"{', '.join(answer.failures)} with hold and actuator in the loop"
+            )
+            return replace(gentler, warnings=(*gentler.warnings, told))
+    raise VerdictError(_refusal(answer))
+
+
+def _refusal(answer: Design) -> str:
+    """Say which check failed and what would pass."""
+    name, check = next(iter(answer.failures.items()))
+    delay = answer.task.delay
+    hint = (
+        f"; the delay of {1e3 * delay.most:.0f} ms is beyond the {1e3 * answer.max_delay:.0f} ms "
+        f"that the gains admit"
+        if delay.most >= answer.max_delay
+        else ""
+    )
+    return (
+        f"{answer.law} for {answer.task.vehicle.name}: check {name} failed, "
+        f"{check.value:.4g} against {check.limit:.4g}{hint}; nothing is written"
+    )

@@ -5,14 +5,21 @@ from math import inf, isfinite
 
 import numpy as np
 
-from gain_gen.calibration import LoadedCalibration
-from gain_gen.controller import Controller
-from gain_gen.delay_analysis import Complex
-from gain_gen.dequantise import dequantise
-from gain_gen.margins import Margins, largest_sampled_delay, margins
-from gain_gen.plant import Matrix
-from gain_gen.sampled_loop import Loop, build, lateral_level, loop_gain, roll_rms, spectral_radius
-from gain_gen.verify import DELAY_LIMIT, passive_controller
+from gain_gen.analysis.delay_system import Complex
+from gain_gen.analysis.margins import Margins, largest_sampled_delay, margins
+from gain_gen.analysis.sampled_loop import (
+    Loop,
+    build,
+    lateral_level,
+    loop_gain,
+    roll_rms,
+    spectral_radius,
+)
+from gain_gen.analysis.verify import DELAY_LIMIT, passive_controller
+from gain_gen.calibration.calibration_file import LoadedCalibration
+from gain_gen.calibration.dequantise import dequantise
+from gain_gen.models.controller import Controller
+from gain_gen.models.roll import Matrix
 from vehicles import RollModel
 
 GAIN_FACTORS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0, 4.0)

@@ -9,8 +9,8 @@ True
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hil.experiment import run
-    from hil.result import Result
+    from hil.runs.experiment import run
+    from hil.runs.result import Result
 
 __all__ = ["Result", "run"]
 
@@ -18,11 +18,11 @@ __all__ = ["Result", "run"]
 def __getattr__(name: str) -> Any:  # noqa: ANN401
     """Load the simulation when it is asked for: ``canroll --help`` must not wait for it."""
     if name == "run":
-        from hil.experiment import run  # noqa: PLC0415
+        from hil.runs.experiment import run  # noqa: PLC0415
 
         return run
     if name == "Result":
-        from hil.result import Result  # noqa: PLC0415
+        from hil.runs.result import Result  # noqa: PLC0415
 
         return Result
     raise AttributeError(f"module 'hil' has no attribute '{name}'")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 import dbc
 from canroll.errors import CanrollError
 from plant_sim.can_bus import DELIVERED, ECU
-from plant_sim.world import World
+from plant_sim.world.world import World
 
 MESSAGE = dbc.load().get_message_by_name("Imu")
 IMU: int = MESSAGE.frame_id

@@ -24,8 +24,8 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
 for name in "${@:-differential mutation benchmarks contract reproduce}"; do
     for part in $name; do
         case $part in
-            differential) keep differential python -m hil.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
-            mutation) keep mutation python -m codegen.mutate ;;
+            differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
+            mutation) keep mutation python -m tools.mutation ;;
             benchmarks)
                 for bench in benchmarks/bench_*.py; do
                     keep "$(basename "$bench" .py)" python "$bench"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hil import cli
+from hil.cli import main as cli
 
 ROOT = Path(__file__).parent.parent
 PAGE = (ROOT / "docs" / "commands.md").read_text(encoding="utf-8")

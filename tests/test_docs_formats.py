@@ -9,17 +9,17 @@ from typing import get_type_hints
 import pytest
 
 import vehicles
-from codegen import bus_map
-from gain_gen import calibration
-from gain_gen.custom_law import read_matrices
-from gain_gen.design import Delay, Task
-from gain_gen.laws import design
-from gain_gen.tables import calibrate
+from codegen.generated import bus_map
+from gain_gen.calibration import calibration_file
+from gain_gen.calibration.freeze import calibrate
+from gain_gen.design import design
+from gain_gen.laws.custom import read_matrices
+from gain_gen.models.task import Delay, Task
 from hil.realtime import tick_trace
 from hil.realtime.budget import Budget, budget_of
-from plant_sim import maneuvers
-from plant_sim.can_bus.traffic import load_traffic
-from plant_sim.can_bus.wire import EXTENDED, FD
+from plant_sim.can_bus.traffic.files import load_traffic
+from plant_sim.can_bus.wire.frame import EXTENDED, FD
+from plant_sim.driving import maneuvers
 from vehicles.load import from_table
 from vehicles.model import Channel, Vehicle
 
@@ -129,14 +129,14 @@ def lqr(tmp_path_factory):
     """Return a calibration file."""
     task = Task(vehicle=vehicles.load("van_real"), delay=Delay(0.02, 0.02, 0.02), tick=0.01)
     path = tmp_path_factory.mktemp("lqr") / "calibration.toml"
-    calibration.save(path, *calibrate(design("lqr", task)))
+    calibration_file.save(path, *calibrate(design("lqr", task)))
     return path
 
 
 def test_a_budget_belongs_to_a_calibration(example, lqr):
     path = example("budget.toml")
     path.write_text(lqr.read_text() + path.read_text())
-    loaded = calibration.load(path)
+    loaded = calibration_file.load(path)
     assert budget_of(loaded.record, loaded.tables) == Budget(20000, 500, 30000, 0)
 
 
@@ -147,7 +147,7 @@ def test_the_tables_of_a_calibration_are_told(lqr):
         if key[0] == "["
     }
     assert told == {*tomllib.loads(lqr.read_text()), "budget"} - {"schema"}
-    assert told == (calibration.TABLES | calibration.OPTIONAL) - {"schema"}
+    assert told == (calibration_file.TABLES | calibration_file.OPTIONAL) - {"schema"}
 
 
 def test_arrays_of_a_trace_are_told():

@@ -6,9 +6,9 @@ import pytest
 import dbc
 import hil
 import vehicles
-from plant_sim import maneuvers
 from plant_sim.can_bus import load_profile
-from plant_sim.world import World
+from plant_sim.driving import maneuvers
+from plant_sim.world.world import World
 
 SETTLED_S = 3.0
 

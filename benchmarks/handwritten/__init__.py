@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from codegen import emit_c
+from codegen.c99 import emit
 from firmware.calibration import CONSTANT_GAIN, STATE_FEEDBACK, SUSPENSION
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_VEHICLE_MOTION
 
@@ -33,7 +33,7 @@ MOMENT_LIMIT = 1 << 28
 
 def files():
     """The emitted firmware with its tick and its receive replaced by the hand-written ones."""
-    sources = dict(emit_c.firmware())
+    sources = dict(emit.firmware())
     for name, function in (
         ("canroll_ecu.c", "canroll_tick"),
         ("canroll_mailbox.c", "canroll_receive"),

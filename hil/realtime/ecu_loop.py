@@ -10,14 +10,14 @@ nothing is caught up. Inside a tick nothing is logged, nothing waits and no coll
 import time
 from dataclasses import dataclass
 
-from codegen.backends import Backend
+from codegen.run.backends import Backend
 from firmware.calibration import Calibration
 from firmware.event_trigger import command_slot
 from firmware.signals import RX_IDS, TX_IDS, TX_LENGTHS, pack
 from firmware.state import SAFE, Ecu
 from firmware.transmit import queue
 from hil.phase import IMU
-from hil.realtime.link import Frame, Link
+from hil.realtime.bus_link import Frame, Link
 from hil.realtime.lockstep import Grants
 from hil.realtime.phase_lock import PhaseLock
 from hil.realtime.process import Stop, collector_off

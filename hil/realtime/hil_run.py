@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from hil import experiment
-from hil.controller import PASSIVE
-from hil.experiment import with_files
 from hil.realtime import session
-from hil.result import Result
-from hil.trace import Trace
+from hil.runs import experiment
+from hil.runs.experiment import with_files
+from hil.runs.frozen import PASSIVE
+from hil.runs.result import Result
+from hil.runs.trace import Trace
 
 __all__ = ["run", "with_files"]
 
@@ -40,7 +40,7 @@ def run(
         pace: "realtime", or "lockstep": the plant grants the ECU's ticks.
         side_channel: address for the grants of lock step; None: the bus carries them.
         announce: told in a few words what is under way.
-        keywords: of :func:`hil.experiment.plan`.
+        keywords: of :func:`hil.runs.experiment.plan`.
 
     Raises:
         CanrollError: a name, number or bus that cannot be; the message says what to do.

@@ -20,7 +20,7 @@ from numpy import uint8
 from numpy.typing import NDArray
 
 from canroll.errors import VerdictError
-from hil.realtime.link import EXTENDED, Frame, Link
+from hil.realtime.bus_link import EXTENDED, Frame, Link
 from hil.realtime.process import Stop
 
 GRANT = EXTENDED | 0x1CA00000

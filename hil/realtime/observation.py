@@ -8,8 +8,8 @@ from cantools.database import DecodeError
 
 import dbc
 from firmware import plausibility
-from hil.realtime.link import Frame
-from plant_sim.can_bus.wire import length_of
+from hil.realtime.bus_link import Frame
+from plant_sim.can_bus.wire.frame import length_of
 
 WINDOW = 2.0
 """Rates and the load are those of the last so many seconds."""

@@ -8,9 +8,9 @@ import time
 from collections import deque
 
 from canroll.errors import CanrollError
-from hil.realtime.link import EXTENDED, Frame
-from plant_sim.can_bus import wire
-from plant_sim.can_bus.socketcand import DEFAULT_PORT, SocketcandServer
+from hil.realtime.bus_link import EXTENDED, Frame
+from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT, SocketcandServer
+from plant_sim.can_bus.wire import frame as wire
 
 CHANNEL = "plant"
 

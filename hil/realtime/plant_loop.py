@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware.signals import TX_IDS
-from hil.realtime.link import Link
+from hil.realtime.bus_link import Link
 from hil.realtime.lockstep import GrantedEcu, PeerLostError
 from hil.realtime.process import Stop, collector_off
-from hil.virtual import ticks
-from plant_sim.world import World
+from hil.runs.virtual_time import ticks
+from plant_sim.world.world import World
 
 FINISHED, STOPPED, PEER_LOST, NO_PEER = "finished", "stopped", "peer lost", "no ECU"
 

@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
-from gain_gen import calibration
-from hil import experiment
-from hil.controller import Controller
-from hil.realtime import plant_file, process, programs, tick_trace, timing, validity
-from hil.realtime.plant_file import PlantRecord
-from hil.realtime.programs import Program
+from gain_gen.calibration import calibration_file
+from hil.realtime import children as programs
+from hil.realtime import plant_record, process, tick_trace, timing, validity
+from hil.realtime.children import Program
+from hil.realtime.plant_record import PlantRecord
 from hil.realtime.tick_trace import TickTrace
-from hil.result import Settings
-from hil.trace import Trace
-from hil.virtual import Interrupted
+from hil.runs import experiment
+from hil.runs.frozen import Controller
+from hil.runs.result import Settings
+from hil.runs.trace import Trace
+from hil.runs.virtual_time import Interrupted
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,7 +63,7 @@ def drive(
     """
     folder = setup.folder
     gains = folder / "calibration.toml"
-    calibration.save(gains, controller.record, controller.tables)
+    calibration_file.save(gains, controller.record, controller.tables)
     # what an earlier run left behind must not be taken for this one's
     record, ticks = folder / "plant.npz", folder / "ticks.npz"
     for old in (record, ticks):
@@ -94,13 +95,13 @@ def drive(
         programs.stop(children)
         if record.exists() and ticks.exists():
             trace, _ = assemble(
-                plant_file.load(record), tick_trace.load(ticks), settings, setup, complete=False
+                plant_record.load(record), tick_trace.load(ticks), settings, setup, complete=False
             )
             raise Interrupted(trace) from None
         raise
     finally:
         programs.stop(children)
-    return assemble(plant_file.load(record), tick_trace.load(ticks), settings, setup)
+    return assemble(plant_record.load(record), tick_trace.load(ticks), settings, setup)
 
 
 def plant_arguments(

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from canroll.errors import CanrollError, VerdictError
-from hil.realtime.link import Frame, Link
+from hil.realtime.bus_link import Frame, Link
 from hil.realtime.lockstep import Note
 
 SIZE = len(Note(0, 0).payload())

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
-from codegen.backends import Backend, open_backend
+from codegen.run.backends import Backend, open_backend
 from firmware.calibration import Calibration
 from firmware.subset import fields
-from gain_gen.record import fill
-from hil.ecu import record_tick
-from hil.realtime.link import Frame
-from hil.trace import TICK
+from gain_gen.calibration.record import fill
+from hil.realtime.bus_link import Frame
+from hil.runs.ecu import record_tick
+from hil.runs.trace import TICK
 
 TICKS = np.dtype(
     [
@@ -141,7 +141,7 @@ def load(path: Path) -> TickTrace:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What a backend made of a trace: one row a tick (:data:`hil.trace.TICK`), first difference."""
+    """What a backend made of a trace: one row a tick (:data:`hil.runs.trace.TICK`), first difference."""
 
     rows: NDArray[np.void]
     difference: str | None

@@ -92,7 +92,7 @@ def latencies(
 
     Args:
         trace: of the ECU.
-        commands: applied commands of the plant (``plant_sim.recording.COMMAND``).
+        commands: applied commands of the plant (``plant_sim.world.recording.COMMAND``).
         frames: the plant's bus log.
         start_ns: monotonic instant of plant time 0.
         sensor_latency_ns: from the sample to the Imu frame in its queue.

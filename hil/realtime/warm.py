@@ -12,15 +12,15 @@ from typing import Any
 
 from numba.core import event
 
-from codegen.backends import Backend
+from codegen.run.backends import Backend
 from firmware.calibration import BARS, DAMPERS, SUSPENSION, VALVES, Calibration
 from firmware.signals import RX_IDS, TX_IDS
 from hil.realtime import ecu_loop, plant_loop
-from hil.realtime.link import Frame
+from hil.realtime.bus_link import Frame
 from hil.realtime.phase_lock import ACQUIRE, PhaseLock
 from hil.realtime.process import Stop
 from hil.realtime.tick_trace import Recorder
-from plant_sim.world import World
+from plant_sim.world.world import World
 
 TICKS = ACQUIRE + 4
 """Ticks of a rehearsal: enough to find the phase and go on."""

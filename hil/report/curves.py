@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.metrics import axle_load_transfer, moment, response_times
 from hil.report.figure import (
     DASH_DOTTED,
     DASHED,
@@ -18,8 +17,9 @@ from hil.report.figure import (
     distribution,
     histogram,
 )
-from hil.trace import Trace
-from plant_sim.recording import AXLES, WHEELS
+from hil.runs.metrics import axle_load_transfer, moment, response_times
+from hil.runs.trace import Trace
+from plant_sim.world.recording import AXLES, WHEELS
 from vehicles import GRAVITY
 
 PASSIVE_COLOUR = 0

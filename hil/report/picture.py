@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from canroll.errors import CanrollError
-from hil.metrics import axle_load_transfer, moment
 from hil.report.run_page import shown
-from hil.result import Result
-from hil.trace import Trace
+from hil.runs.metrics import axle_load_transfer, moment
+from hil.runs.result import Result
+from hil.runs.trace import Trace
 
 COLOURS = ("#4d4d4d", "#0072b2")
 STYLES = ("--", "-")

@@ -8,9 +8,9 @@ from typing import Any
 from hil.report.curves import Shown, all_figures
 from hil.report.page import Cell, Page, Table, Verdict, render
 from hil.report.playback import playback
-from hil.report.rows import can_rows, metric_head, metric_rows, replay_note, standard_rows
-from hil.report.timing import timing_figures, timing_table
-from hil.result import Result
+from hil.report.tables import can_rows, metric_head, metric_rows, replay_note, standard_rows
+from hil.report.timing_section import timing_figures, timing_table
+from hil.runs.result import Result
 
 STANDARD_HEAD = ("", "criterion", "clause", "measured", "limit", "")
 NLT = (

@@ -24,8 +24,8 @@ Beside the kernels: ``analysis`` (worst-case response times), ``delay_bounds`` (
 other programs ``simbus`` (a python-can interface) and ``socketcand`` with ``serving`` (a server).
 """
 
-from plant_sim.can_bus.accounting import Account, account, drain, load
-from plant_sim.can_bus.layout import (
+from plant_sim.can_bus.kernel.account import Account, account, drain, load
+from plant_sim.can_bus.kernel.layout import (
     DELIVERED,
     ERROR,
     LOG_SIZE,
@@ -37,7 +37,8 @@ from plant_sim.can_bus.layout import (
     State,
     logged,
 )
-from plant_sim.can_bus.network import (
+from plant_sim.can_bus.kernel.log import log_dtype
+from plant_sim.can_bus.kernel.network import (
     Fault,
     Gateway,
     NetworkSpec,
@@ -46,6 +47,8 @@ from plant_sim.can_bus.network import (
     Source,
     build_network,
 )
+from plant_sim.can_bus.kernel.queues import enqueue, submit
+from plant_sim.can_bus.kernel.scheduler import advance, run
 from plant_sim.can_bus.profiles import (
     ACTUATOR,
     CHASSIS,
@@ -60,9 +63,6 @@ from plant_sim.can_bus.profiles import (
     make_network,
     profile_spec,
 )
-from plant_sim.can_bus.queues import enqueue, submit
-from plant_sim.can_bus.records import log_dtype
-from plant_sim.can_bus.scheduler import advance, run
 
 __all__ = [
     "ACTUATOR",

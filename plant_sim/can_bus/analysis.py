@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from math import ceil
 from typing import Final
 
-from plant_sim.can_bus.messages import BusMessage
-from plant_sim.can_bus.wire import arbitration_key, duration_ns
+from plant_sim.can_bus.traffic.messages import BusMessage
+from plant_sim.can_bus.wire.frame import arbitration_key, duration_ns
 
 ERROR_OVERHEAD_BITS: Final = 31
 """Longest error frame with interframe space and suspend transmission: 12 + 8 + 3 + 8 bits."""

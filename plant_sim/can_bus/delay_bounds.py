@@ -12,7 +12,6 @@ from typing import Final
 
 from canroll.errors import CanrollError, VerdictError
 from plant_sim.can_bus.analysis import ErrorModel, response_bounds
-from plant_sim.can_bus.messages import BusMessage
 from plant_sim.can_bus.profiles import (
     DEFAULT_COMMAND,
     MS,
@@ -22,6 +21,7 @@ from plant_sim.can_bus.profiles import (
     own_messages,
     segment_of,
 )
+from plant_sim.can_bus.traffic.messages import BusMessage
 
 _NS: Final = 1e-9
 _MAX_ROUNDS: Final = 50

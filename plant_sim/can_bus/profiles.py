@@ -6,10 +6,8 @@ from typing import Any, Final
 
 import dbc
 from canroll.errors import UnknownNameError
-from plant_sim.can_bus.background import background_messages
-from plant_sim.can_bus.layout import Network
-from plant_sim.can_bus.messages import BusMessage
-from plant_sim.can_bus.network import (
+from plant_sim.can_bus.kernel.layout import Network
+from plant_sim.can_bus.kernel.network import (
     Fault,
     Gateway,
     NetworkSpec,
@@ -17,6 +15,8 @@ from plant_sim.can_bus.network import (
     Segment,
     build_network,
 )
+from plant_sim.can_bus.traffic.background import background_messages
+from plant_sim.can_bus.traffic.messages import BusMessage
 
 MS: Final = 1_000_000
 NODES: Final = ("RollControl", "Imu", "Chassis", "Suspension", "Actuator", "Reference")

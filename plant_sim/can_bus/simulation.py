@@ -7,10 +7,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.accounting import account, drain, load
-from plant_sim.can_bus.layout import DELIVERED, Network, logged
-from plant_sim.can_bus.messages import BusMessage
-from plant_sim.can_bus.network import (
+from plant_sim.can_bus.kernel.account import account, drain, load
+from plant_sim.can_bus.kernel.layout import DELIVERED, Network, logged
+from plant_sim.can_bus.kernel.network import (
     MAX_CAPACITY,
     NetworkSpec,
     Node,
@@ -18,10 +17,11 @@ from plant_sim.can_bus.network import (
     add_node,
     build_network,
 )
-from plant_sim.can_bus.queues import enqueue
-from plant_sim.can_bus.replay import Recording, feed
-from plant_sim.can_bus.scheduler import advance
-from plant_sim.can_bus.wire import worst_case_bits
+from plant_sim.can_bus.kernel.queues import enqueue
+from plant_sim.can_bus.kernel.scheduler import advance
+from plant_sim.can_bus.traffic.log_playback import Recording, feed
+from plant_sim.can_bus.traffic.messages import BusMessage
+from plant_sim.can_bus.wire.frame import worst_case_bits
 
 _CHUNK_NS: Final = 200_000_000
 _LISTENER: Final = "Listener"

@@ -8,7 +8,7 @@ import rig
 from hypothesis import given
 from hypothesis import strategies as st
 
-from codegen import layout
+from codegen.run import memory_image
 from firmware.calibration import Calibration
 from firmware.fixed_point import product, weighted
 from firmware.limits import check_ranges
@@ -44,8 +44,8 @@ def test_memory_is_read_as_c_lays_it_out(record_class):
         for index in range(len(flat(getattr(record, field.name)))):
             count += 1
             put(record, field.name, index, count % (field.f.hi - field.f.lo + 1) + field.f.lo)
-    image = layout.image(record)
-    offsets = layout.dtype(record_class).fields
+    image = memory_image.image(record)
+    offsets = memory_image.dtype(record_class).fields
     for field in fields(record_class):
         start = offsets[field.name][1]
         for index, value in enumerate(flat(getattr(record, field.name))):

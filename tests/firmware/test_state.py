@@ -2,7 +2,7 @@
 
 import math
 
-from codegen import layout
+from codegen.run import memory_image
 from firmware.state import Ecu
 from firmware.subset import fields
 
@@ -10,11 +10,11 @@ WORD = 4
 
 
 def test_the_state_fits_a_kilobyte():
-    assert layout.dtype(Ecu).itemsize <= 1024
+    assert memory_image.dtype(Ecu).itemsize <= 1024
 
 
 def test_nothing_is_lost_to_padding_but_at_the_end():
     bare = sum(
         (WORD if field.kind == "i32" else 1) * math.prod(field.shape) for field in fields(Ecu)
     )
-    assert layout.dtype(Ecu).itemsize == math.ceil(bare / WORD) * WORD
+    assert memory_image.dtype(Ecu).itemsize == math.ceil(bare / WORD) * WORD

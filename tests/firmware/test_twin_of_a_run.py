@@ -9,9 +9,9 @@ from firmware import calibration as fw
 from firmware import ecu as loop
 from firmware import signals
 from firmware.state import ACTIVE, RX_IMU, Ecu
-from hil import controller as hil_controller
-from hil import experiment
-from hil.virtual import closed_loop
+from hil.runs import experiment
+from hil.runs import frozen as hil_controller
+from hil.runs.virtual_time import closed_loop
 
 
 class Watched:
@@ -116,7 +116,7 @@ def watched_run(monkeypatch, scenario: str, **options) -> Watched:
     monkeypatch.setattr(hil_controller, "calibrate", noting)
     settings, controller = experiment.plan(scenario, backend="python", **options)
     watched = Watched(controller.record, designs[-1])
-    monkeypatch.setattr("hil.virtual.tick_rows", lambda times, images: None)
+    monkeypatch.setattr("hil.runs.virtual_time.tick_rows", lambda times, images: None)
     closed_loop(
         experiment.build_world(settings, enabled=True),
         watched,

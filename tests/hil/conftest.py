@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from hil.trace import TICK, Trace
-from plant_sim.can_bus.layout import log_dtype
-from plant_sim.recording import WHEELS
+from hil.runs.trace import TICK, Trace
+from plant_sim.can_bus.kernel.layout import log_dtype
+from plant_sim.world.recording import WHEELS
 
 SECONDS = 8.0
 

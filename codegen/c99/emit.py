@@ -1,0 +1,296 @@
+"""The integer subset as C99 that reads like the source it came from.
+
+One .c and .h a module, ``canroll_`` before every name, comments and docstrings carried over,
+no state but the caller's records, no library call. Operations are done in 32 bits where
+:mod:`codegen.proof.interpreter` shows that they fit, else in 64; a 64-bit value goes into a narrower place
+only where it is shown to fit, so that no cast changes a value.
+"""
+
+import ast
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+from codegen.c99.function import Body
+from codegen.c99.linkage import linkage
+from codegen.c99.text import (
+    C_TYPES,
+    RUNTIME,
+    WIDTH,
+    broken,
+    comment,
+    fits,
+    literal,
+    plain,
+)
+from codegen.proof.interpreter import Interpreter
+from codegen.proof.intervals import Value
+from codegen.proof.prove import prove
+from codegen.subset import rules
+from codegen.subset.parse import load
+from codegen.subset.program import (
+    CONST_RECORD,
+    FIRMWARE,
+    Constant,
+    Function,
+    Module,
+    Program,
+    Record,
+    calls,
+)
+
+# the gains header carries the calibration's type too, so that it compiles alone
+CALIBRATION_GUARD = "CANROLL_CALIBRATION_TYPE"
+
+
+@cache
+def firmware() -> dict[str, str]:
+    """The firmware's files, translated once."""
+    return emit()
+
+
+def emit(entry: str = "ecu", folder: Path = FIRMWARE) -> dict[str, str]:
+    """Translate the module ``entry`` and all it uses; return file names and their text.
+
+    Raises SubsetError, naming file and line, for what is outside the subset.
+    """
+    return Emitter(load(entry, folder)).files()
+
+
+class Emitter:
+    """Translates one program; the analysis behind it is done when it is made."""
+
+    def __init__(self, program: Program) -> None:
+        rules.check(program)
+        self.program = program
+        self.analysis = Interpreter(program, proof=False)
+        for function in program.functions():
+            self.analysis.run(function)
+        # whatever no entry point reaches is typed by its function alone
+        self.seen = {**self.analysis.seen, **prove(program).seen}
+        self.linkage = linkage(program)
+
+    # names
+
+    def function_name(self, function: Function) -> str:
+        """The C name of a function."""
+        return self.linkage.public.get(function.key, f"canroll_{function.module}_{function.name}")
+
+    def constant_name(self, constant: Constant) -> str:
+        """The C name of a constant, with its module where another has the same."""
+        homes = [m for m in self.program.modules.values() if constant.name in m.constants]
+        middle = f"{constant.module}_" if len(homes) > 1 or constant.type.shape else ""
+        name = f"canroll_{middle}{constant.name}"
+        return name.lower() if constant.type.shape else name.upper()
+
+    # files
+
+    def files(self) -> dict[str, str]:
+        """All files, the runtime header and the public header among them."""
+        found = {"canroll_runtime.h": RUNTIME, "canroll.h": self._public_header()}
+        for module in self.program.modules.values():
+            found[f"canroll_{module.name}.h"] = self._header(module)
+            functions = [f for f in module.functions.values() if f.key in self.linkage.reachable]
+            tables = [c for c in module.constants.values() if c.type.shape]
+            if functions or any(self._where(c) == "header" for c in tables):
+                found[f"canroll_{module.name}.c"] = self._source(module, functions)
+        return found
+
+    def _public_header(self) -> str:
+        homes = dict.fromkeys(key[0] for key in self.linkage.public)
+        lines = comment("The roll-control ECU: its records and its entry points.")
+        lines += ["#ifndef CANROLL_H", "#define CANROLL_H", ""]
+        records = [m.name for m in self.program.modules.values() if m.records]
+        tables = [m.name for m in self.program.modules.values() if m.name == "signals"]
+        for name in dict.fromkeys([*records, *tables, *homes]):
+            lines.append(f'#include "canroll_{name}.h"')
+        return "\n".join([*lines, "", "#endif", ""])
+
+    def _header(self, module: Module) -> str:
+        guard = f"CANROLL_{module.name.upper()}_H"
+        lines = comment(module.doc or module.name)
+        lines += [f"#ifndef {guard}", f"#define {guard}", "", '#include "canroll_runtime.h"']
+        functions = [
+            f
+            for f in module.functions.values()
+            if f.key in self.linkage.reachable and f.key in self.linkage.shared
+        ]
+        needed = {its.record for f in functions for its in f.parameters.values() if its.record}
+        homes = {self.program.record(name).module for name in needed} - {module.name}
+        lines += [f'#include "canroll_{home}.h"' for home in sorted(homes)]
+        lines += self._constants(module, "header")
+        for record in module.records.values():
+            lines += ["", *self._record(module, record)]
+        if functions:
+            lines.append("")
+        for function in functions:
+            lines += broken(f"{self._prototype(function)};")
+        return "\n".join([*lines, "", "#endif", ""])
+
+    def _where(self, constant: Constant) -> str:
+        return "header" if (constant.module, constant.name) in self.linkage.shared else "source"
+
+    def _constants(self, module: Module, where: str) -> Iterator[str]:
+        group: list[str] = []
+        last = -2
+        for constant in module.constants.values():
+            table = bool(constant.type.shape)
+            public_table = table and (module.name == "signals" or self._where(constant) == "header")
+            if (self._where(constant) != where and not public_table) or (
+                public_table and where == "source"
+            ):
+                continue
+            if constant.line > last + 1 or constant.line - 1 in module.comments:
+                if group:
+                    yield from self._enumeration(group)
+                    group = []
+                yield ""
+                own, text = module.comments.get(constant.line - 1, (False, ""))
+                if own:
+                    yield from comment(text)
+            last = constant.line + max(0, self._height(module, constant) - 1)
+            name = self.constant_name(constant)
+            if table:
+                if group:
+                    yield from self._enumeration(group)
+                    group = []
+                storage = "extern const" if where == "header" else "static const"
+                yield from self._table(constant, storage, body=where == "source")
+            elif isinstance(constant.value, int) and fits(
+                Value(constant.value, constant.value), "i32"
+            ):
+                group.append(f"    {name} = {literal(constant.value).text},")
+            elif isinstance(constant.value, int):
+                yield f"#define {name} {literal(constant.value).text}"
+        if group:
+            yield from self._enumeration(group)
+
+    def _height(self, module: Module, constant: Constant) -> int:
+        for node in ast.parse(module.path.read_text(encoding="utf-8")).body:
+            if node.lineno == constant.line:
+                return (node.end_lineno or node.lineno) - node.lineno + 1
+        return 1
+
+    def _enumeration(self, group: list[str]) -> Iterator[str]:
+        yield "enum {"
+        yield from group
+        yield "};"
+
+    def _table(self, constant: Constant, storage: str, *, body: bool) -> Iterator[str]:
+        sizes = "".join(f"[{n}]" for n in constant.type.shape)
+        head = f"{storage} {C_TYPES[constant.type.kind]} {self.constant_name(constant)}{sizes}"
+        if not body:
+            yield f"{head};"
+            return
+        yield f"{head} = {{"
+        yield from _rows(constant.value)
+        yield "};"
+
+    def _record(self, module: Module, record: Record) -> Iterator[str]:
+        yield from comment(record.doc or record.name)
+        guarded = record.name == CONST_RECORD
+        if guarded:
+            yield f"#ifndef {CALIBRATION_GUARD}"
+            yield f"#define {CALIBRATION_GUARD}"
+        yield "typedef struct {"
+        last = record.line
+        for its in record.fields.values():
+            for line in range(last + 1, its.line):
+                own, text = module.comments.get(line, (False, ""))
+                if own:
+                    yield from comment(text, "    ")
+            last = its.line
+            sizes = "".join(f"[{n}]" for n in its.type.shape)
+            qualifier = "volatile " if its.volatile else ""
+            yield f"    {qualifier}{C_TYPES[its.type.kind]} {its.name}{sizes};" + _described(
+                its.meaning, its.unit, its.q
+            )
+        yield f"}} {record_name(record.name)};"
+        if guarded:
+            yield "#endif"
+
+    def _prototype(self, function: Function) -> str:
+        written = self.analysis.writers.get(function.key, frozenset())
+        parameters = []
+        for name, its in function.parameters.items():
+            const = "" if name in written else "const "
+            if its.kind == "record":
+                parameters.append(f"{const}{record_name(its.record)} *{name}")
+            elif its.shape:
+                volatile = "volatile " if (function.key, name) in self.linkage.volatile else ""
+                sizes = "".join(f"[{n}]" for n in its.shape)
+                parameters.append(f"{const}{volatile}{C_TYPES[its.kind]} {name}{sizes}")
+            else:
+                parameters.append(f"{C_TYPES[its.kind]} {name}")
+        result = C_TYPES[function.result] if function.result else "void"
+        static = "" if function.key in self.linkage.shared else "static "
+        return f"{static}{result} {self.function_name(function)}({', '.join(parameters) or 'void'})"
+
+    def _source(self, module: Module, functions: list[Function]) -> str:
+        lines = [f"/* Generated from {module.path.name}. */"]
+        lines.append(f'#include "canroll_{module.name}.h"')
+        bodies = [self._function(module, function) for function in functions]
+        text = "\n".join(line for body in bodies for line in body)
+        used = [m for m in module.uses() if m in self.program.modules]
+        lines += [f'#include "canroll_{name}.h"' for name in sorted(set(used) - {module.name})]
+        lines += [line for line in self._constants(module, "source")]
+        for constant in module.constants.values():
+            if constant.type.shape and (
+                self._where(constant) == "header" or module.name == "signals"
+            ):
+                lines += ["", *self._table(constant, "const", body=True)]
+        early = self._called_early(functions)
+        if early:
+            lines.append("")
+        for function in early:
+            lines += broken(f"{self._prototype(function)};")
+        return "\n".join([*lines, "", text, ""]).replace("\n\n\n", "\n\n")
+
+    def _called_early(self, functions: list[Function]) -> list[Function]:
+        seen: set[tuple[str, str]] = set()
+        early: dict[tuple[str, str], Function] = {}
+        for function in functions:
+            for called in calls(self.program, function):
+                if called.key not in self.linkage.shared and called.key not in seen | {
+                    function.key
+                }:
+                    early[called.key] = called
+            seen.add(function.key)
+        return list(early.values())
+
+    def _function(self, module: Module, function: Function) -> list[str]:
+        lines: list[str] = []
+        doc = ast.get_docstring(function.node)
+        if doc:
+            lines += comment(doc)
+        lines += broken(self._prototype(function))
+        lines.append("{")
+        body = Body(self, module, function)
+        used = {n.id for n in ast.walk(function.node) if isinstance(n, ast.Name)}
+        lines += [f"    (void){name};" for name in function.parameters if name not in used]
+        lines += body.lines()
+        return [*lines, "}", ""]
+
+
+def record_name(name: str) -> str:
+    """The C type of a record class."""
+    return f"canroll_{name.lower()}"
+
+
+def _described(meaning: str, unit: str, q: int) -> str:
+    told = [meaning] if meaning else []
+    if unit or q:
+        told.append(" ".join(part for part in (unit, f"Q{q}" if q else "") if part))
+    return f" /* {plain(', '.join(told))} */" if told else ""
+
+
+def _rows(value: object) -> Iterator[str]:
+    assert isinstance(value, tuple)
+    if isinstance(value[0], tuple):
+        for row in value:
+            yield f"    {{{', '.join(str(element) for element in row)}}},"
+        return
+    texts = [str(element) for element in value]
+    row = min(16, (WIDTH - 4) // (max(map(len, texts)) + 2))
+    for start in range(0, len(texts), row):
+        yield f"    {', '.join(texts[start : start + row])},"

@@ -1,0 +1,273 @@
+"""How C is written here: precedence, literals, comments, line breaks, the runtime header."""
+
+from dataclasses import dataclass
+
+from codegen.proof.intervals import Value
+from codegen.subset.program import KINDS
+
+WIDTH = 100
+C_TYPES = {"i32": "int32_t", "i64": "int64_t", "u8": "uint8_t"}
+PRIMARY, UNARY, PRODUCT, SUM, SHIFT, RELATION, EQUALITY, AND, XOR, OR, BOTH, EITHER = range(12)
+PRECEDENCE = {
+    "*": PRODUCT,
+    "/": PRODUCT,
+    "+": SUM,
+    "-": SUM,
+    "<<": SHIFT,
+    ">>": SHIFT,
+    "<": RELATION,
+    "<=": RELATION,
+    ">": RELATION,
+    ">=": RELATION,
+    "==": EQUALITY,
+    "!=": EQUALITY,
+    "&": AND,
+    "^": XOR,
+    "|": OR,
+    "&&": BOTH,
+    "||": EITHER,
+}
+
+RUNTIME = """\
+/* What the firmware needs of the machine: fixed-width integers and operations on them. */
+#ifndef CANROLL_RUNTIME_H
+#define CANROLL_RUNTIME_H
+
+#include <stdint.h>
+
+/* The code relies on a right shift that keeps the sign, as every target's compiler has it. */
+typedef char canroll_shift_keeps_the_sign[((-1 >> 1) == -1) ? 1 : -1];
+
+/* v, limited to [lo, hi]. */
+static inline int32_t canroll_clamp(int64_t v, int32_t lo, int32_t hi)
+{
+    return (v > hi) ? hi : ((v < lo) ? lo : (int32_t)v);
+}
+
+/* v, limited to [lo, hi], where v has 32 bits. */
+static inline int32_t canroll_clamp32(int32_t v, int32_t lo, int32_t hi)
+{
+    return (v > hi) ? hi : ((v < lo) ? lo : v);
+}
+
+/* v, which is known not to be below the range of int32_t, limited to at most hi. */
+static inline int32_t canroll_at_most(int64_t v, int32_t hi)
+{
+    return (v > hi) ? hi : (int32_t)v;
+}
+
+/* v, which is known not to be above the range of int32_t, limited to at least lo. */
+static inline int32_t canroll_at_least(int64_t v, int32_t lo)
+{
+    return (v < lo) ? lo : (int32_t)v;
+}
+
+/* The same where v has 32 bits. */
+static inline int32_t canroll_at_most32(int32_t v, int32_t hi)
+{
+    return (v > hi) ? hi : v;
+}
+
+static inline int32_t canroll_at_least32(int32_t v, int32_t lo)
+{
+    return (v < lo) ? lo : v;
+}
+
+/* v, limited to the range of int32_t. */
+static inline int32_t canroll_sat32(int64_t v)
+{
+    int32_t low = (int32_t)v;
+    return (low == v) ? low : ((v < 0) ? INT32_MIN : INT32_MAX);
+}
+
+/* v, limited to 31 bits: -2^30 to 2^30 - 1. An ARM has an instruction for it. */
+static inline int32_t canroll_sat31_32(int32_t v)
+{
+    return (v > 0x3FFFFFFF) ? 0x3FFFFFFF : ((v < -0x40000000) ? -0x40000000 : v);
+}
+
+/* The same where v has 64 bits. */
+static inline int32_t canroll_sat31(int64_t v)
+{
+    return canroll_sat31_32(canroll_sat32(v));
+}
+
+/* v / 2^n rounded to nearest, halves upwards, for a constant n; 1 <= n <= 62. */
+static inline int64_t canroll_rsh(int64_t v, int32_t n)
+{
+    return (v + ((int64_t)1 << (n - 1))) >> n;
+}
+
+/* The same for an n that the compiler doesn't know: one long shift instead of two. */
+static inline int64_t canroll_rsh_by(int64_t v, int32_t n)
+{
+    return ((v >> (n - 1)) + 1) >> 1;
+}
+
+/* v / 2^n rounded to nearest, halves upwards, where v has 32 bits and room for the rounding. */
+static inline int32_t canroll_rsh32(int32_t v, int32_t n)
+{
+    return (v + ((int32_t)1 << (n - 1))) >> n;
+}
+
+/* The same for any v; 2 <= n <= 31. */
+static inline int32_t canroll_rsh32_by(int32_t v, int32_t n)
+{
+    return ((v >> (n - 1)) + 1) >> 1;
+}
+
+/* v / 2^n rounded to nearest, halves upwards, and limited to 31 bits; 1 <= n <= 62. */
+static inline int32_t canroll_scaled(int64_t v, int32_t n)
+{
+    return canroll_sat32((v >> (n - 1)) + 1) >> 1;
+}
+
+/* Make a record of so many words zero. */
+static inline void canroll_clear(void *record, int32_t words)
+{
+    volatile int32_t *word = record;
+    for (int32_t k = 0; k < words; k++) {
+        word[k] = 0;
+    }
+}
+
+/* Element k of a record read as an array of words. */
+static inline int32_t canroll_word(const void *record, int32_t k)
+{
+    return ((const int32_t *)record)[k];
+}
+
+/* Element k of a record read as an array of bytes. */
+static inline uint8_t canroll_octet(const void *record, int32_t k)
+{
+    return ((const uint8_t *)record)[k];
+}
+
+#endif
+"""
+
+_ASCII = str.maketrans(
+    {
+        "·": ".",
+        "…": "...",
+        "²": "^2",
+        "³": "^3",
+        "°": "deg",
+        "−": "-",
+        "–": "-",
+        "±": "+-",
+        "≤": "<=",
+        "≥": ">=",
+        "×": "x",
+        "φ": "phi",
+        "ε": "epsilon",
+        "Ω": "Omega",
+        "Σ": "Sum",
+        "ξ": "xi",
+        "’": "'",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Expression:
+    """C text, how tightly it binds, its C type ("literal" for a constant) and its interval."""
+
+    text: str
+    level: int
+    kind: str
+    value: Value
+
+    @property
+    def wide(self) -> bool:
+        """Whether C computes it in 64 bits."""
+        return self.kind == "i64"
+
+    def inside(self, level: int) -> str:
+        """The text as an operand of something that binds at ``level``."""
+        return self.text if self.level <= level else f"({self.text})"
+
+
+def fits(value: Value, kind: str) -> bool:
+    """Whether all of ``value`` can be stored in ``kind``."""
+    return value.within(*KINDS[kind])
+
+
+def literal(number: int) -> Expression:
+    """An integer constant."""
+    value = Value(number, number)
+    if number == KINDS["i32"][0]:
+        return Expression("INT32_MIN", PRIMARY, "literal", value)
+    if fits(value, "i32"):
+        return Expression(str(number), PRIMARY if number >= 0 else UNARY, "literal", value)
+    return Expression(f"INT64_C({number})", PRIMARY, "i64", value)
+
+
+def widened(e: Expression) -> Expression:
+    """``e`` in 64 bits."""
+    return e if e.wide else Expression(f"(int64_t){e.inside(UNARY)}", UNARY, "i64", e.value)
+
+
+def converted(e: Expression, kind: str) -> Expression:
+    """``e``, which is known to fit ``kind``, with a cast where C would narrow."""
+    order = ("literal", "u8", "i32", "i64")
+    if order.index(e.kind) <= order.index(kind):
+        return e
+    return Expression(f"({C_TYPES[kind]}){e.inside(UNARY)}", UNARY, kind, e.value)
+
+
+def binary(operator: str, a: Expression, b: Expression, value: Value) -> Expression:
+    """``a operator b`` computed in 32 bits where its value fits, else in 64."""
+    if not (a.wide or b.wide) and not fits(value, "i32"):
+        a = widened(a)
+    kind = "i64" if a.wide or b.wide else "i32"
+    level = PRECEDENCE[operator]
+    bits = level in (SHIFT, AND, XOR, OR)
+    left, right = a.inside(UNARY if bits else level), b.inside(UNARY if bits else level - 1)
+    if bits and operator in "&^|" and a.text and _same_operator(a, operator):
+        left = a.text
+    return Expression(f"{left} {operator} {right}", level, kind, value)
+
+
+def _same_operator(e: Expression, operator: str) -> bool:
+    return e.level == PRECEDENCE[operator]
+
+
+def plain(text: str) -> str:
+    """Text as C comments carry it: ASCII, no markup, nothing that would end the comment."""
+    text = text.replace("``", "").replace(":func:", "").replace("`", "'").replace("*/", "* /")
+    return text.translate(_ASCII).encode("ascii", "replace").decode()
+
+
+def comment(text: str, indent: str = "") -> list[str]:
+    """A block comment."""
+    lines = plain(text).splitlines()
+    if len(lines) == 1 and len(indent) + len(lines[0]) + 6 <= WIDTH:
+        return [f"{indent}/* {lines[0].strip()} */"]
+    body = [f"{indent} * {line.strip()}".rstrip() for line in lines]
+    return [f"{indent}/*", *body, f"{indent} */"]
+
+
+OPERATORS = ("+", "-", "*", "/", "|", "||", "&&")
+
+
+def broken(line: str) -> list[str]:
+    """A line cut where it is too long: outermost comma or operator, else an opening bracket."""
+    if len(line) <= WIDTH:
+        return [line]
+    indent = " " * (len(line) - len(line.lstrip()) + 4)
+    depth, best, best_depth, bracket = 0, 0, 99, 0
+    for i, letter in enumerate(line[:WIDTH]):
+        depth += {"(": 1, ")": -1}.get(letter, 0)
+        if i <= len(indent):
+            continue
+        after_comma = line[i - 1 : i + 1] == ", "
+        before_operator = letter == " " and line[i + 1 : i + 3].strip() in OPERATORS
+        if (after_comma or before_operator) and depth <= best_depth:
+            best, best_depth = i, depth
+        if letter == "(":
+            bracket = i + 1
+    best = best or bracket
+    if not best:
+        return [line]
+    return [line[:best].rstrip(), *broken(indent + line[best:].lstrip())]

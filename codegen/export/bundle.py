@@ -1,0 +1,218 @@
+"""The exported bundle: everything a firmware engineer needs, and nothing of this project.
+
+Sources and headers, the calibration as a header, test vectors with a runner, Makefile and
+CMakeLists.txt, start-up and example for a bare Cortex-M, A2L, the cantools codec and a README.
+"""
+
+import shutil
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cantools
+import numpy as np
+from cantools.database import Database
+from cantools.database.can import c_source
+from numpy.typing import NDArray
+
+from codegen.c99 import emit
+from codegen.export import a2l, misra
+from codegen.generated import signals
+from codegen.generated.bus_map import EXTENDED, BusMap
+from codegen.generated.bus_map import load as load_map
+from codegen.run import memory_image, native
+from codegen.run.cortex import OPTIMISATION
+from codegen.run.ecu_traffic import Traffic
+from codegen.subset.program import FIRMWARE
+from firmware.calibration import Calibration
+from firmware.state import Ecu
+
+TEMPLATES = Path(__file__).with_name("bundle_files")
+BOARD = Path(__file__).with_name("board")
+FNV_OFFSET, FNV_PRIME = 2166136261, 16777619
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Export:
+    """What is exported.
+
+    Attributes:
+        record: the calibration.
+        gains: text of canroll_gains.h.
+        title: what the design is, in a line or two, for the README.
+        dbc: the frames.
+        map_file: which signal is which field.
+        traffic: what the test vectors replay.
+        origin: where the vectors come from, a sentence for the README.
+    """
+
+    record: Calibration
+    gains: str
+    title: str
+    dbc: Path
+    map_file: Path
+    traffic: Traffic
+    origin: str
+
+
+def sources(dbc: Path, map_file: Path) -> dict[str, str]:
+    """The firmware in C for the signals of ``dbc``, by file name."""
+    if (dbc, map_file) == (signals.DBC, signals.MAP):
+        return emit.firmware()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        for path in FIRMWARE.glob("*.py"):
+            shutil.copy(path, folder)
+        text = signals.generate(dbc, map_file)
+        (folder / "signals.py").write_text(text, encoding="utf-8")
+        return emit.emit(folder=folder)
+
+
+def write(folder: Path, export: Export) -> list[Path]:
+    """Write the bundle to ``folder``, made where it is missing; return the files written."""
+    files = sources(export.dbc, export.map_file)
+    bus = load_map(export.dbc, export.map_file)
+    texts = {
+        f"{'src' if name.endswith('.c') else 'include'}/{name}": text
+        for name, text in files.items()
+    }
+    texts["include/canroll_gains.h"] = export.gains
+    texts["test/vectors.h"], texts["test/vectors.c"] = _vectors(files, export)
+    for name in ("startup.c", "link.ld"):
+        texts[f"board/{name}"] = (BOARD / name).read_text(encoding="utf-8")
+    for name, place in (
+        ("test_main.c", "test/"),
+        ("example.c", "board/"),
+        ("Makefile", ""),
+        ("CMakeLists.txt", ""),
+    ):
+        text = (TEMPLATES / name).read_text(encoding="utf-8")
+        texts[place + name] = text.replace("{optimisation}", " ".join(OPTIMISATION))
+    texts["canroll.a2l"] = a2l.a2l()
+    texts[export.dbc.name] = export.dbc.read_text(encoding="utf-8")
+    texts.update({f"codec/{name}": text for name, text in _codec(export.dbc).items()})
+    texts["README.md"] = _readme(export, bus)
+    written = []
+    for name, text in sorted(texts.items()):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+        written.append(path)
+    return written
+
+
+def _vectors(files: dict[str, str], export: Export) -> tuple[str, str]:
+    """Header and source of the test vectors, from the compiled reference."""
+    library = native.build(files)
+    cals = np.frombuffer(
+        memory_image.image(export.record), memory_image.dtype(Calibration), 1
+    ).copy()
+    replay = library.replay(library.start(cals), cals, [export.traffic], states=True)
+    assert replay.states is not None
+    frames = export.traffic.frames
+    header = [
+        "/* Test vectors: what the ECU receives, what it sends, and a digest of each state. */",
+        "#ifndef VECTORS_H",
+        "#define VECTORS_H",
+        "",
+        "#include <stdint.h>",
+        "",
+        f"#define VECTOR_TICKS {export.traffic.ticks}",
+        f"#define VECTOR_RECEIVED {len(frames)}",
+        f"#define VECTOR_SENT {len(replay.frames)}",
+        "",
+        "typedef struct {",
+        "    int32_t tick, message, length;",
+        "    uint8_t payload[8];",
+        "} vector_event;",
+        "",
+        f"extern const int32_t vector_elapsed[{export.traffic.ticks}];",
+        f"extern const uint32_t vector_state[{export.traffic.ticks}];",
+        f"extern const vector_event vector_received[{max(len(frames), 1)}];",
+        f"extern const vector_event vector_sent[{max(len(replay.frames), 1)}];",
+        "",
+        "#endif",
+        "",
+    ]
+    digests = [f"0x{_digest(state.tobytes()):08X}u" for state in replay.states[0]]
+    source = ['#include "vectors.h"', ""]
+    source += _array("int32_t vector_elapsed", [str(n) for n in export.traffic.elapsed.tolist()])
+    source += _array("uint32_t vector_state", digests)
+    source += _array("vector_event vector_received", _events(frames))
+    source += _array("vector_event vector_sent", _events(replay.frames))
+    return "\n".join(header), "\n".join([*source, ""])
+
+
+def _events(frames: NDArray[np.void]) -> list[str]:
+    rows = []
+    for row in frames:
+        payload = ", ".join(str(byte) for byte in row["payload"].tolist())
+        rows.append(f"{{ {row['tick']}, {row['message']}, {row['length']}, {{ {payload} }} }}")
+    return rows or ["{ 0, 0, 0, { 0 } }"]
+
+
+def _array(head: str, items: list[str]) -> Iterator[str]:
+    yield f"const {head}[{len(items)}] = {{"
+    line = "   "
+    for item in items:
+        if len(line) + len(item) + 2 > 100:
+            yield line
+            line = "   "
+        line += f" {item},"
+    yield line
+    yield "};"
+    yield ""
+
+
+def _digest(data: bytes) -> int:
+    """FNV-1a, 32 bits."""
+    value = FNV_OFFSET
+    for byte in data:
+        value = ((value ^ byte) * FNV_PRIME) & 0xFFFFFFFF
+    return value
+
+
+def _codec(dbc: Path) -> dict[str, str]:
+    """The frames as cantools' own C codec."""
+    database = cantools.database.load_file(dbc)
+    assert isinstance(database, Database)
+    name = "canroll_codec"
+    header, source, _, _ = c_source.generate(
+        database, name, f"{name}.h", f"{name}.c", f"{name}_fuzzer.c"
+    )
+    return {f"{name}.h": header, f"{name}.c": source}
+
+
+def _readme(export: Export, bus: BusMap) -> str:
+    protected = any(box.data_id for box in (*bus.received, *bus.transmitted))
+    protection = (
+        "Bytes 0 and 1 carry AUTOSAR E2E profile 1, variant 1A (checksum, 4-bit counter)."
+        if protected and export.record.e2e
+        else "The frames carry no end-to-end protection (`calibration.e2e` is 0)."
+    )
+    text = (TEMPLATES / "README.md").read_text(encoding="utf-8")
+    values = {
+        "title": export.title,
+        "state": str(memory_image.dtype(Ecu).itemsize),
+        "tick_us": str(export.record.tick_us),
+        "frames": "\n".join(_frames(bus)),
+        "protection": protection,
+        "dbc": export.dbc.name,
+        "vectors": export.origin,
+        "deviations": misra.table(),
+    }
+    for name, value in values.items():
+        text = text.replace(f"{{{name}}}", value)
+    return text
+
+
+def _frames(bus: BusMap) -> Iterator[str]:
+    yield "| | number | identifier | frame |"
+    yield "| --- | --- | --- | --- |"
+    for word, boxes in (("receive", bus.received), ("send", bus.transmitted)):
+        for number, box in enumerate(boxes):
+            if box.name:
+                wide = " (29 bits)" if box.ident & EXTENDED else ""
+                ident = f"0x{box.ident & (EXTENDED - 1):X}{wide}"
+                yield f"| {word} | {number} | {ident} | {box.name}: {box.comment} |"

@@ -1,0 +1,139 @@
+"""Which signal of a DBC is which field of the ECU's record, and how the one becomes the other.
+
+A map file (TOML, see ``dbc/roll_control.toml``) names for each mailbox of the firmware the frame
+in it and for each signal the field. Units meet here: a DBC may say deg/s or km/h, the fields are
+SI. :func:`load` resolves a DBC and its map into :class:`Mailbox` tables, or says which key of
+which file is wrong.
+"""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cantools
+from cantools.database import Database, Message
+
+from canroll.errors import CanrollError, UnknownNameError
+from codegen.generated.mapped_signal import MappedSignal, map_signal
+
+RECEIVED = (
+    "imu",
+    "vehicle_motion",
+    "suspension_rate",
+    "actuator_state",
+    "roll_reference",
+)
+TRANSMITTED = ("suspension_force", "anti_roll_bar", "damper", "valve", "status", "diagnostics")
+SAMPLE_COUNTERS = {
+    "imu": "imu_sample",
+    "vehicle_motion": "motion_sample",
+    "suspension_rate": "rate_sample",
+    "actuator_state": "actuator_sample",
+    "roll_reference": "reference_sample",
+}
+# The order is that of the bits of ecu.valid: the firmware asks for them by number.
+VALID_BITS = {
+    "imu": ("roll_rate", "lateral_acceleration", "yaw_rate"),
+    "vehicle_motion": ("speed", "steering"),
+    "suspension_rate": tuple(f"stroke_rate[{corner}]" for corner in range(4)),
+    "actuator_state": ("delivered[0]", "delivered[1]"),
+    "roll_reference": ("reference_roll", "reference_rate", "reference_acceleration"),
+}
+EXTENDED = 1 << 30
+
+
+@dataclass(frozen=True, slots=True)
+class Mailbox:
+    """One mailbox of the firmware and the frame in it; ``name`` "" means that it stays empty."""
+
+    slot: str
+    name: str
+    comment: str
+    ident: int
+    length: int
+    data_id: int
+    signals: tuple[MappedSignal, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class BusMap:
+    """All mailboxes, in the order of the firmware's slot numbers."""
+
+    received: tuple[Mailbox, ...]
+    transmitted: tuple[Mailbox, ...]
+
+
+def load(dbc: Path, map_file: Path) -> BusMap:
+    """Return the mailboxes that ``dbc`` and ``map_file`` describe.
+
+    Raises CanrollError, naming file and key, for whatever doesn't fit together.
+    """
+    try:
+        database = cantools.database.load_file(dbc)
+    except (OSError, cantools.database.UnsupportedDatabaseFormatError) as error:
+        raise CanrollError(f"{dbc}: not a readable DBC: {error}") from error
+    if not isinstance(database, Database):
+        raise CanrollError(f"{dbc}: not a CAN database; give a .dbc file")
+    try:
+        document = tomllib.loads(map_file.read_text(encoding="utf-8"))
+    except (OSError, tomllib.TOMLDecodeError) as error:
+        raise CanrollError(f"{map_file}: {error}") from error
+    if document.get("schema") != 1:
+        raise CanrollError(f"{map_file}: schema must be 1, not {document.get('schema')!r}")
+    for key in document:
+        if key not in ("schema", "receive", "transmit"):
+            raise UnknownNameError(f"table in {map_file}", key, ("receive", "transmit"))
+    boxes = {}
+    for direction, slots in (("receive", RECEIVED), ("transmit", TRANSMITTED)):
+        tables = document.get(direction, {})
+        for slot in tables:
+            if slot not in slots:
+                raise UnknownNameError(f"mailbox [{direction}.…] in {map_file}", slot, slots)
+        boxes[direction] = tuple(
+            _mailbox(database, map_file, direction, slot, tables.get(slot)) for slot in slots
+        )
+    return BusMap(boxes["receive"], boxes["transmit"])
+
+
+def _mailbox(
+    database: Database, map_file: Path, direction: str, slot: str, table: Mapping[str, Any] | None
+) -> Mailbox:
+    where = f"{map_file} [{direction}.{slot}]"
+    if table is None:
+        return Mailbox(slot, "", "", 0, 0, 0, ())
+    messages = {message.name: message for message in database.messages}
+    name = table.get("message", "")
+    if name not in messages:
+        raise UnknownNameError(f"message in {where}", name, messages)
+    message = messages[name]
+    if message.length > 8:
+        raise CanrollError(f"{where}: {name} has {message.length} bytes; the mailbox holds 8")
+    known = {signal.name: signal for signal in message.signals}
+    mapped = []
+    for signal_name, entry in table.get("signals", {}).items():
+        if signal_name not in known:
+            raise UnknownNameError(f"signal of {name} in {where}", signal_name, known)
+        mapped.append(map_signal(known[signal_name], entry, f"{where} {signal_name}"))
+    if direction == "receive":
+        taken = {signal.place.text for signal in mapped}
+        if slot != "roll_reference" and not taken & set(VALID_BITS[slot]):
+            raise CanrollError(f"{where}: maps none of {', '.join(VALID_BITS[slot])}")
+        if any(signal.place.mask is not None for signal in mapped):
+            raise CanrollError(f"{where}: a mask makes sense only in a transmitted frame")
+    ident = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+    return Mailbox(
+        slot=slot,
+        name=name,
+        comment=message.comment or "",
+        ident=ident,
+        length=message.length,
+        data_id=_data_id(message),
+        signals=tuple(sorted(mapped, key=lambda signal: signal.page or 0)),
+    )
+
+
+def _data_id(message: Message) -> int:
+    attribute = message.dbc.attributes.get("E2EDataId") if message.dbc else None
+    return int(attribute.value) if attribute else 0

@@ -1,0 +1,149 @@
+"""Expressions of the subset for one signal: raw code from a frame, field from raw code, and back.
+
+A frame is one 64-bit number, its byte 0 lowest; the top bit is its sign. One integer multiply and
+one rounding shift turn a raw code into a field's format and back; the factor is exact to 2**-29.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from fractions import Fraction
+from math import floor
+
+from codegen.generated.mapped_signal import MappedSignal
+
+FACTOR_BITS = 30
+FRAME_BITS = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """``width`` bits that follow one another in the frame and in the signal."""
+
+    frame_bit: int
+    signal_bit: int
+    width: int
+
+
+def runs(signal: MappedSignal) -> list[Run]:
+    """The runs of a signal; one, unless it is of big-endian byte order."""
+    found: list[Run] = []
+    for piece in sorted(signal.pieces, key=lambda piece: piece.signal_bit):
+        bit = 8 * piece.byte + piece.bit
+        if found and found[-1].frame_bit + found[-1].width == bit:
+            last = found.pop()
+            found.append(Run(last.frame_bit, last.signal_bit, last.width + piece.width))
+        else:
+            found.append(Run(bit, piece.signal_bit, piece.width))
+    return found
+
+
+def raw_name(signal: MappedSignal) -> str:
+    """The local that holds a signal's raw code."""
+    return f"raw_{_snake(signal.name)}"
+
+
+def gathered(signal: MappedSignal) -> str:
+    """The raw code from ``frame``; the sign comes by offset, without a branch."""
+    terms = []
+    for run in runs(signal):
+        term = f"(frame >> {run.frame_bit})" if run.frame_bit else "frame"
+        term = f"{term} & {(1 << run.width) - 1}"
+        terms.append(f"(({term}) << {run.signal_bit})" if run.signal_bit else f"({term})")
+    text = " | ".join(terms)
+    if not signal.signed:
+        return text[1:-1] if len(terms) == 1 else text
+    half = 1 << (signal.length - 1)
+    return f"({text if len(terms) == 1 else f'({text})'} ^ {half}) - {half}"
+
+
+def placed(signal: MappedSignal) -> Iterator[str]:
+    """The terms that put a signal's raw code into ``frame``."""
+    text = raw_name(signal)
+    for run in runs(signal):
+        term = f"({text} >> {run.signal_bit})" if run.signal_bit else text
+        term = f"({term} & {(1 << run.width) - 1})"
+        if run.frame_bit + run.width == FRAME_BITS:
+            half = 1 << (run.width - 1)
+            term = f"(({term} ^ {half}) - {half})"
+        yield f"{term} << {run.frame_bit}" if run.frame_bit else term
+
+
+def unpacked(signal: MappedSignal) -> str:
+    """The field's value of a raw code, within the field's range."""
+    place, name = signal.place, raw_name(signal)
+    value = _scaled(name, signal.scale, signal.offset)
+    whole = value == name and not signal.signed
+    if whole and place.lo <= 0 and (1 << signal.length) - 1 <= place.hi:
+        return value
+    value = f"clamp({value}, {place.lo}, {place.hi})"
+    return f"byte({value})" if place.lo >= 0 and place.hi <= 255 else value
+
+
+def packed(signal: MappedSignal) -> str:
+    """The raw code of a field, rounded and limited as the DBC says."""
+    place = signal.place
+    source = f"ecu.{place.text}"
+    if place.mask is not None:
+        source = f"({source} & {place.mask})"
+    value = _scaled(source, 1 / signal.scale, -signal.offset / signal.scale)
+    if value == source and signal.raw_lo <= place.lo and place.hi <= signal.raw_hi:
+        return value.removeprefix("(").removesuffix(")")
+    return f"clamp({value}, {signal.raw_lo}, {signal.raw_hi})"
+
+
+def available(signal: MappedSignal) -> str:
+    """The condition that a raw code is none of the reserved ones."""
+    top = (1 << signal.length) // (2 if signal.signed else 1)
+    codes, name = signal.unavailable, raw_name(signal)
+    if codes == tuple(range(top - len(codes), top)):
+        return f"{name} < {codes[0]}"
+    return " and ".join(f"{name} != {code}" for code in codes)
+
+
+def wrapped(line: str, width: int) -> Iterable[str]:
+    """Break a line that is too long after its outermost opening parenthesis."""
+    if len(line) <= width:
+        yield line
+        return
+    opening = line.index("(")
+    depth, closing = 1, opening
+    while depth:
+        closing += 1
+        depth += {"(": 1, ")": -1}.get(line[closing], 0)
+    indent = " " * (len(line) - len(line.lstrip()))
+    yield line[: opening + 1]
+    yield f"{indent}    {line[opening + 1 : closing]}"
+    yield f"{indent}{line[closing:]}"
+
+
+def _scaled(variable: str, scale: Fraction, offset: Fraction) -> str:
+    """``scale`` * variable + ``offset``, as one multiply and, where needed, one rounding shift."""
+    shift = _shift(scale)
+    factor = round(scale * 2**shift)
+    text = variable if factor == 1 else f"{variable} * {factor}"
+    added = round(offset * 2**shift)
+    if added:
+        text = f"{text} {'+' if added > 0 else '-'} {abs(added)}"
+    return f"rsh({text}, {shift})" if shift else text
+
+
+def _shift(scale: Fraction) -> int:
+    """The least shift at which ``scale`` is an integer, or one that leaves 30 bits of it."""
+    denominator = scale.denominator
+    exact = denominator.bit_length() - 1
+    if denominator == 1 << exact and abs(scale) * denominator < 1 << FACTOR_BITS:
+        return exact
+    magnitude = floor(abs(scale)).bit_length() if abs(scale) >= 1 else 0
+    while abs(scale) * 2 ** (FACTOR_BITS - magnitude) < 1 << (FACTOR_BITS - 1):
+        magnitude -= 1
+    return min(FACTOR_BITS - magnitude, 62)
+
+
+def _snake(name: str) -> str:
+    parts: list[str] = []
+    for i, letter in enumerate(name):
+        after_lower = i > 0 and (name[i - 1].islower() or name[i - 1].isdigit())
+        if letter.isupper() and after_lower:
+            parts.append("_")
+        parts.append(letter.lower())
+    return "".join(parts)

@@ -1,0 +1,203 @@
+"""firmware/signals.py from a DBC and its map: bits, scaling and limits as subset code.
+
+    python -m codegen.generated.signals [--check]
+
+writes (or compares) the checked-in module for ``dbc/roll_control.dbc``.
+"""
+
+import argparse
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+from codegen.generated.bus_map import (
+    RECEIVED,
+    SAMPLE_COUNTERS,
+    TRANSMITTED,
+    VALID_BITS,
+    BusMap,
+    Mailbox,
+    load,
+)
+from codegen.generated.mapped_signal import MappedSignal
+from codegen.generated.signal_code import (
+    available,
+    gathered,
+    packed,
+    placed,
+    raw_name,
+    unpacked,
+    wrapped,
+)
+
+ROOT = Path(__file__).resolve().parent.parent
+DBC = ROOT / "dbc" / "roll_control.dbc"
+MAP = ROOT / "dbc" / "roll_control.toml"
+SIGNALS = ROOT / "firmware" / "signals.py"
+
+LINE = 100
+
+HEADER = '''\
+"""Every signal's bits, scaling and limits; made by codegen.generated.signals, not to be edited.
+
+Frames of {names}.
+``unpack`` turns the bytes of a mailbox into fields; a signal that carries one of its reserved
+codes (error, not available) keeps its field and clears its bit of ``ecu.valid``. ``pack`` writes
+the bytes of a frame, rounded to nearest and limited as the DBC says; E2E adds its header.
+"""
+
+from firmware.state import {imports}
+from firmware.subset import byte, clamp, i32, i64, rsh, u8
+'''
+
+FRAMES = '''\
+def received(ecu: Ecu, slot: i32) -> i64:
+    """Return the bytes of mailbox ``slot`` as one number, byte 0 lowest."""
+    low: i32 = ecu.rx_payload[slot][0] | (ecu.rx_payload[slot][1] << 8)
+    low |= ecu.rx_payload[slot][2] << 16
+    high: i32 = ecu.rx_payload[slot][4] | (ecu.rx_payload[slot][5] << 8)
+    high |= ecu.rx_payload[slot][6] << 16
+    high |= ((ecu.rx_payload[slot][7] ^ 128) - 128) << 24
+    return (high << 32) | (ecu.rx_payload[slot][3] << 24) | low
+
+
+def store(ecu: Ecu, message: i32, frame: i64) -> None:
+    """Make the bytes of ``frame`` the payload of ``message``."""
+    left: i64 = frame
+    for k in range(8):
+        ecu.tx_payload[message][k] = byte(left)
+        left = left >> 8'''
+
+
+def generate(dbc: Path = DBC, map_file: Path = MAP) -> str:
+    """Return the subset source of the signals module for ``dbc`` and ``map_file``."""
+    bus = load(dbc, map_file)
+    slots = sorted([f"RX_{s.upper()}" for s in RECEIVED] + [f"TX_{s.upper()}" for s in TRANSMITTED])
+    imports = "".join(f"    {name},\n" for name in [*slots, "Ecu"])
+    lines = HEADER.format(names=dbc.name, imports=f"(\n{imports})").splitlines()
+    lines += ["", *_tables(bus), "", "", *FRAMES.splitlines()]
+    for box in bus.received:
+        lines += ["", "", *_unpack(box)]
+    for box in bus.transmitted:
+        lines += ["", "", *_pack(box)]
+    lines += ["", "", *_dispatch_unpack(), "", "", *_dispatch_pack()]
+    return "\n".join(lines) + "\n"
+
+
+def _tables(bus: BusMap) -> Iterable[str]:
+    yield "# identifiers (bit 30: a 29-bit one; 0: the mailbox stays empty), lengths, E2E data ids"
+    for prefix, boxes in (("RX", bus.received), ("TX", bus.transmitted)):
+        ids = ", ".join(f"0x{box.ident:X}" if box.name else "0" for box in boxes)
+        yield f"{prefix}_IDS: tuple[i32, ...] = ({ids})"
+        yield f"{prefix}_LENGTHS: tuple[u8, ...] = ({', '.join(str(b.length) for b in boxes)})"
+        yield f"{prefix}_DATA_IDS: tuple[i32, ...] = ({', '.join(str(b.data_id) for b in boxes)})"
+
+
+def _unpack(box: Mailbox) -> Iterable[str]:
+    yield f"def unpack_{box.slot}(ecu: Ecu, frame: i64) -> None:"
+    receiver = f"RX_{box.slot.upper()}"
+    if not box.name:
+        yield '    """Nothing on this bus fills the mailbox: its signals stay not available."""'
+        yield f"    ecu.valid[{receiver}] = 0"
+        return
+    yield f'    """Take the signals of {_identified(box)}."""'
+    bits = VALID_BITS[box.slot]
+    yield "    valid: u8 = 0"
+    first = "valid ="
+    for signal in sorted(box.signals, key=lambda s: _valid_order(bits, s)):
+        for line in _unpack_signal(signal, bits):
+            yield line.replace("valid |=", first)
+            if "valid |=" in line:
+                first = "valid |="
+    yield f"    ecu.valid[{receiver}] = valid"
+    counter = SAMPLE_COUNTERS[box.slot]
+    if counter not in {signal.place.text for signal in box.signals}:
+        yield "    # no sample counter on this bus: every frame is a new sample"
+        yield f"    ecu.{counter} = (ecu.{counter} + 1) & 15"
+
+
+def _valid_order(bits: tuple[str, ...], signal: MappedSignal) -> int:
+    return bits.index(signal.place.text) if signal.place.text in bits else len(bits)
+
+
+def _unpack_signal(signal: MappedSignal, bits: tuple[str, ...]) -> Iterable[str]:
+    place, name, indent = signal.place, raw_name(signal), "    "
+    value = unpacked(signal)
+    if value == name and not signal.unavailable:
+        value = gathered(signal)
+    else:
+        yield from wrapped(f"    {name}: i32 = {gathered(signal)}", LINE)
+        if signal.unavailable:
+            yield f"    if {available(signal)}:"
+            indent = "        "
+    yield from wrapped(f"{indent}ecu.{place.text} = {value}", LINE)
+    if place.text in bits:
+        yield f"{indent}valid |= {1 << bits.index(place.text)}"
+
+
+def _pack(box: Mailbox) -> Iterable[str]:
+    yield f"def pack_{box.slot}(ecu: Ecu) -> i64:"
+    if not box.name:
+        yield '    """Nothing on this bus takes the frame: it stays empty."""'
+        yield "    return 0"
+        return
+    yield f'    """Return the frame {_identified(box)}."""'
+    yield "    frame: i64 = 0"
+    yield from _fill([signal for signal in box.signals if signal.page is None], "    ")
+    keyword = "if"
+    for page in sorted({signal.page for signal in box.signals if signal.page is not None}):
+        yield f"    {keyword} ecu.diagnostics_page == {page}:"
+        keyword = "elif"
+        yield from _fill([signal for signal in box.signals if signal.page == page], "        ")
+    yield "    return frame"
+
+
+def _fill(signals: list[MappedSignal], indent: str) -> Iterable[str]:
+    """Put the raw codes of ``signals`` into the frame."""
+    for signal in signals:
+        yield from wrapped(f"{indent}{raw_name(signal)}: i32 = {packed(signal)}", LINE)
+        for term in placed(signal):
+            yield f"{indent}frame |= {term}"
+
+
+def _dispatch_unpack() -> Iterable[str]:
+    yield "def unpack(ecu: Ecu, message: i32, slot: i32) -> None:"
+    yield '    """Unpack the frame that is number ``message`` from mailbox ``slot``."""'
+    yield "    frame: i64 = received(ecu, slot)"
+    yield from _choice("RX", RECEIVED, "unpack_{}(ecu, frame)")
+
+
+def _dispatch_pack() -> Iterable[str]:
+    yield "def pack(ecu: Ecu, message: i32) -> None:"
+    yield '    """Pack the frame that is number ``message``."""'
+    yield "    frame: i64 = 0"
+    yield from _choice("TX", TRANSMITTED, "frame = pack_{}(ecu)")
+    yield "    store(ecu, message, frame)"
+
+
+def _choice(prefix: str, slots: tuple[str, ...], call: str) -> Iterable[str]:
+    keyword = "if"
+    for slot in slots:
+        yield f"    {keyword} message == {prefix}_{slot.upper()}:"
+        yield f"        {call.format(slot)}"
+        keyword = "elif"
+
+
+def _identified(box: Mailbox) -> str:
+    return f"{box.name} (0x{box.ident:X})"
+
+
+def main() -> int:
+    """Write firmware/signals.py, or with ``--check`` say whether it is up to date."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--check", action="store_true", help="compare, write nothing")
+    arguments = parser.parse_args()
+    text = generate()
+    if arguments.check:
+        return 0 if SIGNALS.read_text(encoding="utf-8") == text else 1
+    SIGNALS.write_text(text, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,89 @@
+"""What the interval interpreter knows while it runs: places, states, obligations not met."""
+
+import ast
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from codegen.proof.intervals import Value
+
+Key = tuple[str, str]
+Element = tuple[Key, tuple[int, ...]]
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """A record, or an array (or row of one) in it; ``prefix`` are the indices taken so far."""
+
+    record: str
+    key: Key | None = None
+    prefix: tuple[Value, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Array:
+    """Where an array or field lives and what its elements may be when nothing else is known."""
+
+    shape: tuple[int, ...]
+    lo: int
+    hi: int
+    volatile: bool = False
+    exact: Mapping[tuple[int, ...], int] | None = None
+
+
+@dataclass(slots=True)
+class State:
+    """Locals of the running function, and elements known better than their declared range."""
+
+    names: dict[str, Value | Reference]
+    known: dict[Element, Value] = field(default_factory=dict)
+
+    def copy(self) -> "State":
+        """Return a state to change on its own."""
+        return State(dict(self.names), dict(self.known))
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """An obligation not met: where, which, and the range that breaks it."""
+
+    path: str
+    line: int
+    what: str
+    lo: int
+    hi: int
+
+    def __str__(self) -> str:
+        return f"{self.path}:{self.line}: {self.what}: [{self.lo}, {self.hi}]"
+
+
+def narrow(op: type[ast.cmpop], a: Value, b: Value) -> Value | None:
+    """What of ``a`` can stand in ``a op b``, or None."""
+    lo, hi = a.lo, a.hi
+    if op is ast.Lt:
+        hi = min(hi, b.hi - 1)
+    elif op is ast.LtE:
+        hi = min(hi, b.hi)
+    elif op is ast.Gt:
+        lo = max(lo, b.lo + 1)
+    elif op is ast.GtE:
+        lo = max(lo, b.lo)
+    elif op is ast.Eq:
+        lo, hi = max(lo, b.lo), min(hi, b.hi)
+    elif b.lo == b.hi:
+        lo += lo == b.lo
+        hi -= hi == b.lo
+    return None if lo > hi else a.limited(lo, hi)
+
+
+def same(a: Value, b: object) -> bool:
+    """Whether both are the same interval."""
+    return isinstance(b, Value) and (a.lo, a.hi) == (b.lo, b.hi)
+
+
+def elements(value: object, prefix: tuple[int, ...] = ()) -> Iterator[tuple[tuple[int, ...], int]]:
+    """The integers in nested tuples, each with its indices."""
+    if isinstance(value, tuple):
+        for i, inner in enumerate(value):
+            yield from elements(inner, (*prefix, i))
+    else:
+        yield prefix, int(value)  # type: ignore[call-overload]

@@ -1,0 +1,119 @@
+"""Conditions on intervals: each side of a branch knows what it took to get there."""
+
+import ast
+from abc import abstractmethod
+
+from codegen.proof.abstract_state import Element, Reference, State, narrow
+from codegen.proof.expressions import Expressions
+from codegen.proof.intervals import Value
+from codegen.subset.program import Function
+
+NEGATED = {
+    ast.Lt: ast.GtE,
+    ast.LtE: ast.Gt,
+    ast.Gt: ast.LtE,
+    ast.GtE: ast.Lt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+}
+SWAPPED = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
+
+
+class Conditions(Expressions):
+    """Splits states on comparisons, and on what a called function returned."""
+
+    @abstractmethod
+    def _paths(
+        self,
+        function: Function,
+        names: dict[str, Value | Reference],
+        known: dict[Element, Value],
+    ) -> list[tuple[Value | None, State]]:
+        """Run a function; return what it returns and the state it leaves, path by path."""
+
+    def branch(self, test: ast.expr, state: State) -> tuple[State | None, State | None]:
+        """States in which ``test`` holds and in which it doesn't; None where it can't."""
+        if isinstance(test, ast.UnaryOp):
+            yes, no = self.branch(test.operand, state)
+            return no, yes
+        if isinstance(test, ast.BoolOp):
+            both = isinstance(test.op, ast.And)
+            current: State | None = state
+            left: State | None = None
+            for part in test.values:
+                if current is None:
+                    break
+                yes, no = self.branch(part, current)
+                out, current = (no, yes) if both else (yes, no)
+                if out is not None:
+                    left = out if left is None else self._join(left, out)
+            return (current, left) if both else (left, current)
+        assert isinstance(test, ast.Compare)
+        call = test.left if self.proof and isinstance(test.left, ast.Call) else None
+        if call is not None and self.program.function(self.module, call.func) is not None:
+            return self._branch_on_call(test, call, state)
+        a = self.value(test.left, state)
+        b = self.value(test.comparators[0], state)
+        op = type(test.ops[0])
+        return (
+            self._narrowed(test, op, a, b, state),
+            self._narrowed(test, NEGATED[op], a, b, state),
+        )
+
+    def _branch_on_call(
+        self, test: ast.Compare, call: ast.Call, state: State
+    ) -> tuple[State | None, State | None]:
+        """Ask each path of the call by itself: what it learnt of its arguments holds outside."""
+        function, names = self._arguments(call, state)
+        op = type(test.ops[0])
+        results: list[State | None] = [None, None]
+        for value, end in self._paths(function, names, state.known):
+            after = State(dict(state.names), end.known)
+            self._learn_arguments(call, function, end, after)
+            assert value is not None
+            self._record(call, value)
+            limit = self.value(test.comparators[0], after)
+            for i, each in enumerate((op, NEGATED[op])):
+                if narrow(each, value, limit) is not None:
+                    earlier = results[i]
+                    results[i] = after if earlier is None else self._join(earlier, after)
+        return results[0], results[1]
+
+    def _learn_arguments(
+        self, call: ast.Call, function: Function, end: State, after: State
+    ) -> None:
+        """What a path of ``call`` found out about its parameters holds for the arguments."""
+        for argument, name in zip(call.args, function.parameters, strict=True):
+            learnt = end.names.get(name)
+            if isinstance(learnt, Value) and name not in self.assigned[function.key]:
+                self._learn(argument, learnt, after)
+
+    def _narrowed(
+        self, test: ast.Compare, op: type[ast.cmpop], a: Value, b: Value, state: State
+    ) -> State | None:
+        one = narrow(op, a, b)
+        two = narrow(SWAPPED.get(op, op), b, a)
+        if one is None or two is None:
+            return None
+        narrowed = state.copy()
+        self._learn(test.left, one, narrowed)
+        self._learn(test.comparators[0], two, narrowed)
+        return narrowed
+
+    def _learn(self, node: ast.expr, value: Value, state: State) -> None:
+        if isinstance(node, ast.Name):
+            if isinstance(state.names.get(node.id), Value):
+                state.names[node.id] = value
+        elif isinstance(node, ast.Attribute | ast.Subscript):
+            if self.program.constant(self.module, node) is not None:
+                return
+            if self.program.limit(self.module, node) is not None:
+                return
+            reference = self._place(node, state)
+            assert reference.key is not None
+            array = self.arrays[reference.key]
+            fixed = all(index.lo == index.hi for index in reference.prefix)
+            fixed = fixed and (self.proof or not reference.prefix)
+            if fixed and not array.volatile and array.exact is None:
+                indices = tuple(index.lo for index in reference.prefix)
+                state.known[reference.key, indices] = value

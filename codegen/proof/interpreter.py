@@ -1,0 +1,204 @@
+"""The firmware's source run on intervals instead of integers.
+
+Two ways of running it share this interpreter. *Modular*: each function by itself, parameters of
+any value, loops to a fixed point; what each expression can be is what the emitter types C with.
+*Proof*: calls followed, loops unrolled, each element of each record tracked; every overflow, store,
+index and divisor is an obligation, and :attr:`Interpreter.findings` lists those not met.
+Conditions narrow what they compare; where paths meet their values are joined.
+"""
+
+import ast
+
+from codegen.proof import intervals as iv
+from codegen.proof.abstract_state import Array, Element, Reference, State, same
+from codegen.proof.branches import Conditions
+from codegen.proof.intervals import Value
+from codegen.subset.program import KINDS, Function, Type
+
+UNROLLED = 64
+
+
+class Interpreter(Conditions):
+    """Runs functions of a program on intervals; see the module's docstring for the two ways."""
+
+    def run(self, function: Function, state: State | None = None) -> Value | None:
+        """Run ``function`` with parameters of any value of their type."""
+        names: dict[str, Value | Reference] = {}
+        for name, its in function.parameters.items():
+            names[name] = self._any(function, name, its)
+        known = state.known if state is not None else {}
+        return self._body(function, names, known)[0]
+
+    def _any(self, function: Function, name: str, its: Type) -> Value | Reference:
+        if its.kind == "record":
+            return Reference(its.record)
+        lo, hi = KINDS[its.kind]
+        if not its.shape:
+            return Value(lo, hi)
+        key = (f"parameter {function.module}.{function.name}", name)
+        self.arrays[key] = Array(its.shape, lo, hi)
+        return Reference("", key)
+
+    def _body(
+        self,
+        function: Function,
+        names: dict[str, Value | Reference],
+        known: dict[Element, Value],
+    ) -> tuple[Value | None, dict[Element, Value]]:
+        result: Value | None = None
+        joined: State | None = None
+        for value, state in self._paths(function, names, known):
+            state.names = {}
+            if value is not None:
+                result = value if result is None else iv.hull(result, value)
+            joined = state if joined is None else self._join(joined, state)
+        return result, joined.known if joined is not None else known
+
+    def _paths(
+        self,
+        function: Function,
+        names: dict[str, Value | Reference],
+        known: dict[Element, Value],
+    ) -> list[tuple[Value | None, State]]:
+        """Run a function; return what it returns and the state it leaves, path by path."""
+        outer = (self.module, self.function, self.returns)
+        self.module, self.function = self.program.modules[function.module], function
+        self.returns = []
+        end = self._block(function.node.body, State(names, dict(known)))
+        if end is not None:
+            self.returns.append((None, end))
+        paths = self.returns
+        self.module, self.function, self.returns = outer
+        return paths
+
+    def _block(self, statements: list[ast.stmt], state: State | None) -> State | None:
+        for i, statement in enumerate(statements):
+            if state is None:
+                return None
+            if i and self._asks(statements[i - 1], statement):
+                continue
+            following = statements[i + 1] if i + 1 < len(statements) else None
+            if following is not None and self._asks(statement, following):
+                state = self._by_path(statement, following, state)
+            else:
+                state = self._statement(statement, state)
+        return state
+
+    def _asks(self, statement: ast.stmt, following: ast.stmt) -> bool:
+        """Whether ``following`` is an ``if`` on what ``statement`` got from a function."""
+        if not (self.proof and isinstance(statement, ast.AnnAssign)):
+            return False
+        if not (isinstance(following, ast.If) and isinstance(following.test, ast.Compare)):
+            return False
+        call = statement.value
+        if not isinstance(call, ast.Call) or self.program.function(self.module, call.func) is None:
+            return False
+        return ast.unparse(following.test.left) == ast.unparse(statement.target)
+
+    def _by_path(self, statement: ast.stmt, following: ast.stmt, state: State) -> State | None:
+        """Run a call and the ``if`` on its result path by path: they belong together."""
+        assert isinstance(statement, ast.AnnAssign) and isinstance(statement.value, ast.Call)
+        assert isinstance(statement.target, ast.Name)
+        function, names = self._arguments(statement.value, state)
+        joined: State | None = None
+        for value, end in self._paths(function, names, state.known):
+            assert value is not None
+            self._record(statement.value, value)
+            kind = ast.unparse(statement.annotation)
+            given = self._stored(statement, value, *KINDS[kind], kind)
+            after = State({**state.names, statement.target.id: given}, end.known)
+            self._learn_arguments(statement.value, function, end, after)
+            outcome = self._statement(following, after)
+            if outcome is not None:
+                joined = outcome if joined is None else self._join(joined, outcome)
+        return joined
+
+    def _statement(self, node: ast.stmt, state: State) -> State | None:
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            assert node.value is not None
+            value = self.value(node.value, state)
+            kind = ast.unparse(node.annotation)
+            state.names[node.target.id] = self._stored(node, value, *KINDS[kind], kind)
+        elif isinstance(node, ast.Assign):
+            self._store(node, node.targets[0], self.value(node.value, state), state)
+        elif isinstance(node, ast.AugAssign):
+            before = self.value(node.target, state)
+            after = self._operate(node, node.op, before, self.value(node.value, state))
+            self._store(node, node.target, after, state)
+        elif isinstance(node, ast.If):
+            yes, no = self.branch(node.test, state)
+            yes = self._block(node.body, yes)
+            no = self._block(node.orelse, no)
+            if yes is None or no is None:
+                return yes or no
+            return self._join(yes, no)
+        elif isinstance(node, ast.For):
+            return self._loop(node, state)
+        elif isinstance(node, ast.Return):
+            value = None
+            if node.value is not None:
+                value = self.value(node.value, state)
+                kind = self.function.result or "i64"
+                value = self._stored(node, value, *KINDS[kind], kind)
+            self.returns.append((value, state))
+            return None
+        elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+            self.value(node.value, state)
+        return state
+
+    def _loop(self, node: ast.For, state: State) -> State | None:
+        assert isinstance(node.iter, ast.Call) and isinstance(node.target, ast.Name)
+        start, stop, step = self._range(node.iter, state)
+        name = node.target.id
+        first, last = (start.lo, stop.hi) if step > 0 else (start.hi, stop.lo)
+        known_start = start.lo == start.hi
+        trips = range(first, last, step)
+        if self.proof and known_start and len(trips) <= UNROLLED:
+            current: State | None = state
+            for k in trips:
+                if current is None:
+                    return None
+                certain = k < stop.lo if step > 0 else k > stop.hi
+                skipped = None if certain else current.copy()
+                current.names[name] = Value(k, k)
+                current = self._block(node.body, current)
+                if skipped is not None:
+                    current = skipped if current is None else self._join(skipped, current)
+            if current is not None:
+                current.names.pop(name, None)
+            return current
+        return self._fixed_point(node, name, trips, state)
+
+    def _range(self, call: ast.Call, state: State) -> tuple[Value, Value, int]:
+        bounds = [self.value(argument, state) for argument in call.args]
+        if len(bounds) == 1:
+            return Value(0, 0), bounds[0], 1
+        return bounds[0], bounds[1], bounds[2].lo if len(bounds) == 3 else 1
+
+    def _fixed_point(self, node: ast.For, name: str, trips: range, state: State) -> State | None:
+        if not trips:
+            return state
+        entry = state
+        for attempt in range(6):
+            inside = entry.copy()
+            inside.names[name] = Value(min(trips[0], trips[-1]), max(trips[0], trips[-1]))
+            after = self._block(node.body, inside)
+            if after is None:
+                return state
+            after.names.pop(name, None)
+            merged = self._join(entry, after)
+            grown = [
+                n
+                for n, value in merged.names.items()
+                if isinstance(value, Value) and not same(value, entry.names.get(n))
+            ]
+            changed = [e for e in merged.known if not same(merged.known[e], entry.known.get(e))]
+            if not grown and not changed:
+                return merged
+            if attempt >= 2:
+                for n in grown:
+                    merged.names[n] = Value(*KINDS[self.locals[self.function.key][n]])
+                for element in changed:
+                    del merged.known[element]
+            entry = merged
+        return entry

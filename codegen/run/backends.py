@@ -1,0 +1,164 @@
+"""One running ECU behind one interface, whatever runs it: CPython, native code, a Cortex-M.
+
+All give the same bytes on the bus and the same state, for any calibration and any traffic.
+"""
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError, UnknownNameError
+from codegen.run import memory_image, native
+from firmware import ecu as firmware
+from firmware.calibration import Calibration
+from firmware.signals import RX_IDS, TX_IDS, TX_LENGTHS
+from firmware.state import Ecu
+
+Frame = tuple[int, bytes]
+Payload = NDArray[np.uint8] | bytes
+
+BACKENDS = ("python", "native", "cortex-m0", "cortex-m3", "cortex-m4")
+SLOT = {ident: slot for slot, ident in enumerate(RX_IDS) if ident}
+
+
+@runtime_checkable
+class Backend(Protocol):
+    """One running ECU."""
+
+    def receive(self, ident: int, payload: Payload, length: int) -> None:
+        """Put a received frame in its mailbox; an identifier that nobody waits for is ignored."""
+
+    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
+        """Run one tick and return the frames to send, in order."""
+
+    @property
+    def state(self) -> Ecu:
+        """The state record, to be read only."""
+
+    def image(self) -> bytes:
+        """The bytes of the state record, as C lays it out."""
+
+
+def refuse(rule: int) -> CanrollError:
+    """The error for a calibration that the ECU's own check refuses."""
+    return CanrollError(f"the ECU refuses the calibration: rule {rule} of its check")
+
+
+class PythonEcu:
+    """The firmware run by CPython, line by line."""
+
+    def __init__(self, calibration: Calibration) -> None:
+        self._calibration = calibration
+        self._ecu = Ecu()
+        rule = firmware.init(self._ecu, calibration)
+        if rule:
+            raise refuse(rule)
+
+    @property
+    def state(self) -> Ecu:
+        """The state record, to be read only."""
+        return self._ecu
+
+    def image(self) -> bytes:
+        """The bytes of the state record, as C lays it out."""
+        return memory_image.image(self._ecu)
+
+    def receive(self, ident: int, payload: Payload, length: int) -> None:
+        """Put a received frame in its mailbox; an identifier that nobody waits for is ignored."""
+        slot = SLOT.get(ident)
+        if slot is not None:
+            firmware.receive(self._ecu, slot, list(bytes(payload).ljust(8, b"\0")), length)
+
+    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
+        """Run one tick and return the frames to send, in order."""
+        ecu = self._ecu
+        firmware.tick(ecu, self._calibration, elapsed_ticks)
+        frames = []
+        for slot, pending in enumerate(ecu.tx_pending):
+            if pending:
+                frames.append((TX_IDS[slot], bytes(ecu.tx_payload[slot][: TX_LENGTHS[slot]])))
+                ecu.tx_pending[slot] = 0
+        return frames
+
+
+class NativeEcu:
+    """The firmware as compiled C; ``ecu`` and ``calibration`` are the records in memory."""
+
+    def __init__(self, calibration: Calibration) -> None:
+        self._library = native.library()
+        kind = memory_image.dtype(Calibration)
+        self.calibration = np.frombuffer(memory_image.image(calibration), kind, 1).copy()
+        self.ecu = self._library.start(self.calibration)
+        buffer = self._library.ffi.from_buffer
+        self._ecu = buffer("uint8_t[]", self.ecu, require_writable=True)
+        self._cal = buffer("uint8_t[]", self.calibration)
+        places = memory_image.dtype(Ecu).fields
+        assert places is not None
+        view = self.ecu.view(np.uint8).data
+        first, slots = places["tx_pending"][1], len(TX_IDS)
+        self._pending = view[first : first + slots]
+        first = places["tx_payload"][1]
+        self._payload = view[first : first + 8 * slots]
+        self._none = bytes(slots)
+        self._copy = Ecu()
+
+    @property
+    def pointers(self) -> dict[str, int]:
+        """Addresses of the C functions, of the ECU's record and of the calibration's."""
+        return {
+            **self._library.pointers,
+            "ecu": self.ecu.ctypes.data,
+            "calibration": self.calibration.ctypes.data,
+        }
+
+    @property
+    def state(self) -> Ecu:
+        """A copy of the state record."""
+        memory_image.fill(self._copy, self.image())
+        return self._copy
+
+    def image(self) -> bytes:
+        """The bytes of the state record, as C lays it out."""
+        return self.ecu.tobytes()
+
+    def receive(self, ident: int, payload: Payload, length: int) -> None:
+        """Put a received frame in its mailbox; an identifier that nobody waits for is ignored."""
+        slot = SLOT.get(ident)
+        if slot is not None:
+            self._library.lib.canroll_put(self._ecu, slot, bytes(payload).ljust(8, b"\0"), length)
+
+    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
+        """Run one tick and return the frames to send, in order."""
+        self._library.lib.canroll_step(self._ecu, self._cal, elapsed_ticks)
+        if self._pending == self._none:
+            return []
+        frames = []
+        for slot, pending in enumerate(self._pending):
+            if pending:
+                payload = self._payload[8 * slot : 8 * slot + TX_LENGTHS[slot]]
+                frames.append((TX_IDS[slot], payload.tobytes()))
+        self._pending[:] = self._none
+        return frames
+
+
+def default_backend() -> str:
+    """``native`` where a C compiler is, else ``python``."""
+    return "native" if native.compiler() else "python"
+
+
+def open_backend(name: str, calibration: Calibration) -> Backend:
+    """Start an ECU with ``calibration`` on the backend ``name``.
+
+    Raises UnknownNameError for a name not in BACKENDS, CanrollError where the ECU refuses the
+    calibration or the backend's tools are missing.
+    """
+    if name == "python":
+        return PythonEcu(calibration)
+    if name == "native":
+        return NativeEcu(calibration)
+    if name in BACKENDS:
+        from codegen.run.unicorn import CortexEcu  # noqa: PLC0415
+
+        return CortexEcu(calibration, cpu=name)
+    raise UnknownNameError("backend", name, BACKENDS)

@@ -1,0 +1,72 @@
+"""The firmware on a Cortex-M in QEMU, built by arm-none-eabi-gcc; a plugin counts."""
+
+import struct
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from canroll.errors import CanrollError
+from codegen.run import memory_image
+from codegen.run.cortex import BOARD, Run, built, cpu, gcc_image, sent
+from codegen.run.ecu_traffic import Traffic
+from firmware.calibration import Calibration
+from firmware.state import Ecu
+
+
+def replay(
+    calibration: Calibration,
+    traffic: Traffic,
+    name: str,
+    firmware: Mapping[str, str] | None = None,
+) -> Run:
+    """Replay ``traffic`` in QEMU, counting instructions with a plugin.
+
+    ``firmware`` as for :func:`codegen.run.cortex.gcc_image`.
+    """
+    from elftools.elf.elffile import ELFFile  # noqa: PLC0415
+
+    image = gcc_image(name, firmware)
+    plugin = built(
+        ["cc", "-O2", "-shared", "-fPIC"],
+        {"insncount.c": (BOARD / "insncount.c").read_text(encoding="utf-8")},
+        "insncount.so",
+    )
+    with image.open("rb") as file:
+        table = ELFFile(file).get_section_by_name(".symtab")
+        start, end = (
+            table.get_symbol_by_name(symbol)[0]["st_value"] & ~1
+            for symbol in ("replay_begin", "replay_end")
+        )
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        (folder / "replay.in").write_bytes(replay_file(calibration, traffic))
+        command = ["qemu-system-arm", "-M", cpu(name).machine, "-display", "none", "-monitor"]
+        command += ["none", "-serial", "none", "-kernel", str(image), "-semihosting-config"]
+        command += ["enable=on,target=native", "-d", "plugin", "-plugin"]
+        command += [f"{plugin},start={start:#x},end={end:#x},out=counts.txt"]
+        result = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, check=False, timeout=1800
+        )
+        if result.returncode:
+            raise CanrollError(
+                f"the firmware ended with code {result.returncode} in QEMU {result.stderr.strip()}"
+            )
+        states = np.frombuffer(
+            bytearray((folder / "replay.out").read_bytes()), memory_image.dtype(Ecu)
+        )
+        counts = np.loadtxt(folder / "counts.txt", np.int64, ndmin=1)
+        depth = struct.unpack("<I", (folder / "replay.stack").read_bytes())[0]
+    return Run(name, "qemu", sent(states), states, counts, depth)
+
+
+def replay_file(calibration: Calibration, traffic: Traffic) -> bytes:
+    """What the replay program reads: ticks, calibration, then each tick's elapsed and frames."""
+    parts = [struct.pack("<i", traffic.ticks), memory_image.image(calibration)]
+    bounds = np.searchsorted(traffic.frames["tick"], np.arange(traffic.ticks + 1))
+    for t in range(traffic.ticks):
+        frames = traffic.frames[bounds[t] : bounds[t + 1]]
+        parts += [struct.pack("<ii", int(traffic.elapsed[t]), len(frames)), frames.tobytes()]
+    return b"".join(parts)

@@ -1,0 +1,144 @@
+"""The firmware on a Cortex-M emulated in this process by unicorn, built by zig: pip's tools alone.
+
+Its counts leave out the instructions of a conditional block whose condition failed.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from codegen.run import memory_image
+from codegen.run.cortex import CPUS, Run, sent, zig_image
+from codegen.run.ecu_traffic import Traffic
+from firmware.calibration import Calibration
+from firmware.signals import RX_IDS, TX_IDS, TX_LENGTHS
+from firmware.state import Ecu
+
+ECU, CALIBRATION, PAYLOAD, STACK_TOP, STACK, RETURN = (
+    0x20000000,
+    0x20002000,
+    0x20006000,
+    0x20010000,
+    0x4000,
+    0x20007000,
+)
+PAINT = b"\xa5"
+SLOT = {ident: slot for slot, ident in enumerate(RX_IDS) if ident}
+
+
+class CortexEcu:
+    """The firmware on an emulated Cortex-M: one ECU behind the interface of all backends."""
+
+    def __init__(self, calibration: Calibration, *, cpu: str, count: bool = False) -> None:
+        """Start the ECU; with ``count`` its instructions are counted, which is slower."""
+        import unicorn  # noqa: PLC0415
+        from elftools.elf.elffile import ELFFile  # noqa: PLC0415
+
+        image = zig_image(cpu)
+        self._machine: Any = unicorn.Uc(
+            unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS
+        )
+        self._registers: Any = unicorn.arm_const
+        self._machine.ctl_set_cpu_model(getattr(unicorn.arm_const, CPUS[cpu].unicorn))
+        self._machine.mem_map(0, 1 << 20)
+        self._machine.mem_map(0x20000000, 1 << 17)
+        with image.open("rb") as file:
+            elf = ELFFile(file)
+            self._symbols = {
+                symbol.name: symbol["st_value"]
+                for symbol in elf.get_section_by_name(".symtab").iter_symbols()
+            }
+            for segment in elf.iter_segments():
+                if segment["p_type"] == "PT_LOAD":
+                    self._machine.mem_write(segment["p_vaddr"], segment.data())
+        self._machine.mem_write(RETURN, b"\xfe\xe7")
+        self._machine.mem_write(CALIBRATION, memory_image.image(calibration))
+        self._machine.mem_write(STACK_TOP - STACK, PAINT * STACK)
+        self._size = memory_image.dtype(Ecu).itemsize
+        self._copy = Ecu()
+        self.instructions = 0
+        if count:
+            self._machine.hook_add(unicorn.UC_HOOK_CODE, self._counted)
+        rule = self._call("canroll_init", ECU, CALIBRATION)
+        if rule:
+            from codegen.run.backends import refuse  # noqa: PLC0415
+
+            raise refuse(rule)
+
+    def _counted(self, machine: Any, address: int, size: int, data: Any) -> None:  # noqa: ANN401
+        self.instructions += 1
+
+    def _call(self, function: str, *arguments: int) -> int:
+        names = self._registers
+        self._machine.reg_write(names.UC_ARM_REG_SP, STACK_TOP)
+        self._machine.reg_write(names.UC_ARM_REG_LR, RETURN | 1)
+        for i, argument in enumerate(arguments):
+            self._machine.reg_write(names.UC_ARM_REG_R0 + i, argument & 0xFFFFFFFF)
+        self.instructions = 0
+        self._machine.emu_start(self._symbols[function] | 1, RETURN)
+        return int(self._machine.reg_read(names.UC_ARM_REG_R0))
+
+    @property
+    def state(self) -> Ecu:
+        """A copy of the state record."""
+        memory_image.fill(self._copy, self.image())
+        return self._copy
+
+    @property
+    def stack(self) -> int:
+        """Bytes of stack used so far at the deepest."""
+        painted = bytes(self._machine.mem_read(STACK_TOP - STACK, STACK))
+        return STACK - (len(painted) - len(painted.lstrip(PAINT)))
+
+    def image(self) -> bytes:
+        """The bytes of the state record."""
+        return bytes(self._machine.mem_read(ECU, self._size))
+
+    def receive(self, ident: int, payload: NDArray[np.uint8] | bytes, length: int) -> None:
+        """Put a received frame in its mailbox; an identifier that nobody waits for is ignored."""
+        if ident in SLOT:
+            self.put(SLOT[ident], bytes(payload).ljust(8, b"\0"), length)
+
+    def put(self, message: int, payload: bytes, length: int) -> None:
+        """Put a frame in the mailbox of ``message``."""
+        self._machine.mem_write(PAYLOAD, payload)
+        self._call("canroll_receive", ECU, message, PAYLOAD, length)
+
+    def advance(self, elapsed_ticks: int = 1) -> None:
+        """Run one tick and leave what it wants sent in the record."""
+        self._call("canroll_tick", ECU, CALIBRATION, elapsed_ticks)
+
+    def tick(self, elapsed_ticks: int = 1) -> list[tuple[int, bytes]]:
+        """Run one tick and return the frames to send, in order."""
+        self.advance(elapsed_ticks)
+        return self.send()
+
+    def send(self) -> list[tuple[int, bytes]]:
+        """Take the frames that are to be sent, as the bus driver does."""
+        packed = np.frombuffer(self.image(), memory_image.dtype(Ecu), 1)[0]
+        pending = packed["tx_pending"]
+        if not pending.any():
+            return []
+        offset = memory_image.dtype(Ecu).fields["tx_pending"][1]  # type: ignore[index]
+        self._machine.mem_write(ECU + offset, bytes(len(pending)))
+        return [
+            (TX_IDS[slot], packed["tx_payload"][slot].tobytes()[: TX_LENGTHS[slot]])
+            for slot in np.flatnonzero(pending).tolist()
+        ]
+
+
+def replay(calibration: Calibration, traffic: Traffic, name: str) -> Run:
+    """Replay ``traffic`` on the emulator in this process, counting instructions and stack."""
+    ecu = CortexEcu(calibration, cpu=name, count=True)
+    states = np.zeros(traffic.ticks, memory_image.dtype(Ecu))
+    counts = np.zeros(traffic.ticks, np.int64)
+    bounds = np.searchsorted(traffic.frames["tick"], np.arange(traffic.ticks + 1))
+    for t in range(traffic.ticks):
+        for event in traffic.frames[bounds[t] : bounds[t + 1]]:
+            ecu.put(int(event["message"]), event["payload"].tobytes(), int(event["length"]))
+        ecu.advance(int(traffic.elapsed[t]))
+        counts[t] = ecu.instructions
+        states[t] = np.frombuffer(ecu.image(), memory_image.dtype(Ecu), 1)[0]
+        ecu.send()
+    return Run(name, "unicorn", sent(states), states, counts, ecu.stack)

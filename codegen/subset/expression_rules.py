@@ -1,0 +1,261 @@
+"""The rules of the integer subset for expressions, each with the words a refusal says."""
+
+import ast
+
+from codegen.subset.program import (
+    CONST_RECORD,
+    INTRINSICS,
+    KINDS,
+    MEMORY,
+    Function,
+    Module,
+    Program,
+    SubsetError,
+    evaluate,
+)
+
+ARITHMETIC = (ast.Add, ast.Sub, ast.Mult, ast.BitAnd, ast.BitOr, ast.BitXor, ast.LShift, ast.RShift)
+COMPARISONS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq)
+
+
+class ExpressionRules:
+    """Checks the expressions of one function; ``scope`` holds the locals that C would see here."""
+
+    def __init__(
+        self,
+        program: Program,
+        function: Function,
+        written: dict[tuple[str, str], frozenset[str]],
+    ) -> None:
+        self.program = program
+        self.function = function
+        self.module: Module = program.modules[function.module]
+        self.written = written
+        self.scope: list[dict[str, str]] = [{}]
+
+    def refuse(self, node: ast.AST, rule: str) -> SubsetError:
+        """The error that refuses ``node`` by ``rule``."""
+        return SubsetError(self.module.path, node, rule)
+
+    def known(self, name: str) -> str | None:
+        """Kind of a local that can be seen here, or None."""
+        return next((level[name] for level in reversed(self.scope) if name in level), None)
+
+    def truth(self, node: ast.expr) -> None:
+        """A condition: comparisons joined by and, or, not."""
+        if isinstance(node, ast.BoolOp):
+            for part in node.values:
+                self.truth(part)
+        elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+            self.truth(node.operand)
+        elif isinstance(node, ast.Compare):
+            if len(node.ops) != 1:
+                raise self.refuse(node, "one comparison at a time: join them by 'and'")
+            if not isinstance(node.ops[0], COMPARISONS):
+                raise self.refuse(node, f"{words(node.ops[0])} is no comparison of integers")
+            self.number(node.left)
+            self.number(node.comparators[0])
+            self.order(node, ())
+        else:
+            raise self.refuse(node, "a condition is a comparison: write '!= 0'")
+
+    def number(self, node: ast.expr) -> None:
+        """An expression with an integer value."""
+        if isinstance(node, ast.Constant):
+            if type(node.value) is not int:
+                raise self.refuse(node, f"{node.value!r}: only integers")
+        elif isinstance(node, ast.Name | ast.Attribute | ast.Subscript):
+            self.scalar(node)
+        elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+            self.number(node.operand)
+        elif isinstance(node, ast.BinOp):
+            if not isinstance(node.op, ARITHMETIC):
+                raise self.refuse(node, f"operator {words(node.op)} is not in the subset: use tdiv")
+            self.number(node.left)
+            self.number(node.right)
+            self.count(node.op, node.right)
+        elif isinstance(node, ast.Call):
+            self.arguments(node)
+            called = self.program.function(self.module, node.func)
+            if called is not None and called.result is None:
+                raise self.refuse(node, f"{called.name} returns nothing")
+            if self.program.intrinsic(self.module, node.func) == "clear":
+                raise self.refuse(node, "clear returns nothing")
+        elif isinstance(node, ast.Compare | ast.BoolOp):
+            raise self.refuse(node, "a comparison is no number: use if")
+        else:
+            raise self.refuse(node, f"{words(node)} is not in the subset")
+
+    def count(self, op: ast.operator, node: ast.expr) -> None:
+        """The right operand of a shift."""
+        if isinstance(op, ast.LShift | ast.RShift):
+            try:
+                count = evaluate(self.program, self.module, node)
+            except SubsetError as error:
+                rule = "a shift count is a constant: use rsh for a calibrated one"
+                raise self.refuse(node, rule) from error
+            if not isinstance(count, int) or not 0 <= count <= 62:
+                raise self.refuse(node, "a shift count lies in 0 … 62")
+
+    def scalar(self, node: ast.expr) -> None:
+        """A name, field or element with one value."""
+        if isinstance(node, ast.Name):
+            if self.known(node.id) in KINDS and node.id != "_":
+                return
+            if self.known(node.id) is not None:
+                raise self.refuse(node, f"{node.id} is no number")
+        if isinstance(node, ast.Name | ast.Attribute):
+            if self.program.limit(self.module, node) is not None:
+                return
+            constant = self.program.constant(self.module, node)
+            if constant is not None:
+                if constant.type.shape:
+                    raise self.refuse(node, f"{constant.name} is a table: give its indices")
+                return
+            if isinstance(node, ast.Name):
+                raise self.refuse(node, f"{node.id} is not known here")
+        self.place(node)
+        if self.depth(node) != 0:
+            raise self.refuse(node, f"{ast.unparse(node)} is an array: give its indices")
+
+    def depth(self, node: ast.expr) -> int:
+        """Indices that ``node`` still lacks to be a scalar."""
+        if isinstance(node, ast.Subscript):
+            return self.depth(node.value) - 1
+        constant = self.program.constant(self.module, node)
+        if constant is not None:
+            return len(constant.type.shape)
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            given = self.function.parameters[node.value.id]
+            return len(self.program.record(given.record).fields[node.attr].type.shape)
+        assert isinstance(node, ast.Name)
+        return len(self.function.parameters[node.id].shape)
+
+    def place(self, node: ast.expr) -> str:
+        """Check a field, an element or a parameter array; return the parameter it belongs to."""
+        if isinstance(node, ast.Subscript):
+            if isinstance(node.slice, ast.Slice | ast.Tuple):
+                raise self.refuse(node, "an index is one number: a[i][j], no slices")
+            self.number(node.slice)
+            base = self.place(node.value)
+            if self.depth(node) < 0:
+                raise self.refuse(node, f"{ast.unparse(node.value)} is no array")
+            return base
+        named = isinstance(node, ast.Name | ast.Attribute)
+        if named and self.program.constant(self.module, node) is not None:
+            return ""
+        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+            given = self.function.parameters.get(node.value.id)
+            if given is None or given.kind != "record":
+                raise self.refuse(node, f"{node.value.id} is no record")
+            if node.attr not in self.program.record(given.record).fields:
+                raise self.refuse(node, f"{given.record} has no field {node.attr}")
+            return node.value.id
+        if isinstance(node, ast.Name) and node.id in self.function.parameters:
+            return node.id
+        raise self.refuse(node, f"{ast.unparse(node)} is no field, array or table")
+
+    def arguments(self, node: ast.Call) -> None:
+        """The arguments of a call against the parameters."""
+        if node.keywords or any(isinstance(a, ast.Starred) for a in node.args):
+            raise self.refuse(node, "arguments are positional")
+        intrinsic = self.program.intrinsic(self.module, node.func)
+        if intrinsic is not None:
+            if len(node.args) != INTRINSICS[intrinsic]:
+                raise self.refuse(node, f"{intrinsic} takes {INTRINSICS[intrinsic]} arguments")
+            numbers = node.args
+            if intrinsic in MEMORY or intrinsic == "clear":
+                self.record(node.args[0], intrinsic)
+                numbers = node.args[1:]
+            for argument in numbers:
+                self.number(argument)
+            return
+        called = self.program.function(self.module, node.func)
+        if called is None:
+            raise self.refuse(node, f"{ast.unparse(node.func)} is no function of the firmware")
+        if len(node.args) != len(called.parameters):
+            raise self.refuse(node, f"{called.name} takes {len(called.parameters)} arguments")
+        for argument, its in zip(node.args, called.parameters.values(), strict=True):
+            if its.kind == "record":
+                given = argument.id if isinstance(argument, ast.Name) else ""
+                if given not in self.function.parameters:
+                    raise self.refuse(argument, f"{called.name} needs a {its.record}")
+                if self.function.parameters[given] != its:
+                    raise self.refuse(argument, f"{called.name} needs a {its.record}")
+            elif its.shape:
+                self.place(argument)
+                if self.depth(argument) != len(its.shape):
+                    raise self.refuse(argument, f"{called.name} needs an array of {its.shape}")
+            else:
+                self.number(argument)
+
+    def record(self, node: ast.expr, reader: str) -> None:
+        """A record that a reader of memory is given."""
+        given = self.function.parameters.get(node.id) if isinstance(node, ast.Name) else None
+        if given is None or given.kind != "record":
+            raise self.refuse(node, f"{reader} takes a record")
+        if reader == "clear" and given.record == CONST_RECORD:
+            raise self.refuse(node, "the calibration is constant")
+
+    def order(
+        self, node: ast.expr, targets: tuple[ast.expr, ...], *, augmented: bool = False
+    ) -> None:
+        """C leaves the order of operands open: a call that writes must not meet other reads."""
+        effects = [inner for inner in ast.walk(node) if self.writes(inner)]
+        if not effects:
+            return
+        if len(effects) > 1:
+            raise self.refuse(node, "two calls that write in one expression: C orders them freely")
+        inside = set(ast.walk(effects[0]))
+        outside = [inner for inner in ast.walk(node) if inner not in inside]
+        for target in targets:
+            outside += list(ast.walk(target)) if augmented else list(ast.walk(target))[1:]
+        for inner in outside:
+            if (
+                isinstance(inner, ast.Attribute)
+                and self.program.constant(self.module, inner) is None
+                and inner not in self._owners(targets)
+            ):
+                raise self.refuse(node, "a call that writes beside a read: C orders them freely")
+
+    def _owners(self, targets: tuple[ast.expr, ...]) -> set[ast.AST]:
+        """The field an assignment writes is no read of it."""
+        found: set[ast.AST] = set()
+        for target in targets:
+            base = target
+            while isinstance(base, ast.Subscript):
+                base = base.value
+            found.add(base)
+        return found
+
+    def writes(self, node: ast.AST) -> bool:
+        """Whether ``node`` calls what writes its arguments."""
+        if not isinstance(node, ast.Call):
+            return False
+        if self.program.intrinsic(self.module, node.func) == "clear":
+            return True
+        called = self.program.function(self.module, node.func)
+        return called is not None and called.key in self.written
+
+
+def words(node: ast.AST) -> str:
+    """What a refusal calls a construct."""
+    told = {
+        "While": "while",
+        "FloorDiv": "//",
+        "Mod": "%",
+        "Div": "/",
+        "Pow": "**",
+        "With": "with",
+        "Try": "try",
+        "FunctionDef": "a function in a function",
+        "Lambda": "lambda",
+        "IfExp": "a conditional expression",
+        "ListComp": "a comprehension",
+        "List": "a list",
+        "Tuple": "a tuple",
+        "Pass": "pass",
+        "Invert": "~",
+    }
+    name = type(node).__name__
+    return told.get(name, name.lower())

@@ -1,0 +1,268 @@
+"""Source files of the integer subset read into a :class:`codegen.subset.program.Program`.
+
+:func:`load` follows the imports from an entry module and orders the modules so that each comes
+after those it uses. What stands outside the subset is a SubsetError that names file, line and
+rule; the rules for function bodies are in :mod:`codegen.subset.rules`.
+"""
+
+import ast
+import io
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+
+from canroll.errors import CanrollError
+from codegen.subset.program import (
+    FIRMWARE,
+    KINDS,
+    PACKAGE,
+    RUNTIME,
+    Const,
+    Constant,
+    Function,
+    Module,
+    Program,
+    Record,
+    RecordField,
+    SubsetError,
+    Type,
+    calls,
+    evaluate,
+)
+
+
+def load(entry: str = "ecu", folder: Path = FIRMWARE) -> Program:
+    """Parse ``entry`` and all it imports from ``folder``; raise SubsetError where it can't be."""
+    program = Program({})
+    _load(program, entry, folder, ())
+    _forbid_recursion(program)
+    return program
+
+
+def _load(program: Program, name: str, folder: Path, within: tuple[str, ...]) -> None:
+    if name in program.modules:
+        return
+    path = folder / f"{name}.py"
+    try:
+        source = path.read_text(encoding="utf-8")
+        tree = ast.parse(source)
+    except (OSError, SyntaxError) as error:
+        raise CanrollError(f"{path}: {error}") from error
+    module = Module(name, path, ast.get_docstring(tree) or "")
+    module.comments = _comments(source)
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom):
+            _import(module, node)
+    for used in module.uses():
+        if used in (*within, name):
+            raise SubsetError(path, 1, f"modules import each other: {name} and {used}")
+        if used != RUNTIME:
+            _load(program, used, folder, (*within, name))
+    program.modules[name] = module
+    for node in tree.body:
+        _top_level(program, module, node)
+
+
+def _comments(source: str) -> dict[int, tuple[bool, str]]:
+    """Comments by line; True where the comment has the line to itself."""
+    found = {}
+    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+        if token.type == tokenize.COMMENT:
+            text = token.string.lstrip("#").strip()
+            directive = text.startswith(("fmt:", "noqa", "type:", "ruff:"))
+            if text and not directive:
+                found[token.start[0]] = (token.line.lstrip().startswith("#"), text)
+    return found
+
+
+def _import(module: Module, node: ast.ImportFrom) -> None:
+    source = node.module or ""
+    for alias in node.names:
+        if alias.asname is not None:
+            raise SubsetError(module.path, node, "an import keeps the name: no 'as'")
+        if source == PACKAGE:
+            module.modules[alias.name] = alias.name
+        elif source.startswith(f"{PACKAGE}."):
+            module.imported[alias.name] = (source.removeprefix(f"{PACKAGE}."), alias.name)
+        elif (source, alias.name) != ("typing", "Annotated"):
+            raise SubsetError(module.path, node, f"only the firmware imports itself, not {source}")
+
+
+def _top_level(program: Program, module: Module, node: ast.stmt) -> None:
+    if isinstance(node, ast.ImportFrom):
+        return
+    if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+        return
+    if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+        return
+    if isinstance(node, ast.Assign) and len(node.targets) == 1:
+        _constants(program, module, node.targets[0], node.value, None)
+    elif isinstance(node, ast.AnnAssign) and node.value is not None:
+        _constants(program, module, node.target, node.value, node.annotation)
+    elif isinstance(node, ast.FunctionDef):
+        module.functions[node.name] = _function(program, module, node)
+    elif isinstance(node, ast.ClassDef):
+        module.records[node.name] = _record(program, module, node)
+    else:
+        rule = "a module holds imports, constants, records and functions"
+        raise SubsetError(module.path, node, rule)
+
+
+def _constants(
+    program: Program,
+    module: Module,
+    target: ast.expr,
+    value: ast.expr,
+    annotation: ast.expr | None,
+) -> None:
+    if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+        for one, its in zip(target.elts, value.elts, strict=True):
+            _constants(program, module, one, its, None)
+        return
+    if not isinstance(target, ast.Name):
+        raise SubsetError(module.path, target, "a constant is a name")
+    known = evaluate(program, module, value)
+    kind = "i32"
+    if annotation is not None:
+        kind = _element(program, module, annotation)
+    elif isinstance(known, tuple):
+        raise SubsetError(module.path, target, "a table states its type: tuple[i32, ...]")
+    if annotation is None and isinstance(known, int) and not _fits(known, "i32"):
+        kind = "i64"
+    shape: list[int] = []
+    level: Const = known
+    while isinstance(level, tuple):
+        shape.append(len(level))
+        level = level[0]
+    for element in _flat(known):
+        if not _fits(element, kind):
+            raise SubsetError(module.path, target, f"{element} does not fit {kind}")
+    module.constants[target.id] = Constant(
+        module.name, target.id, known, Type(kind, tuple(shape)), target.lineno
+    )
+
+
+def _flat(value: Const) -> Iterator[int]:
+    if isinstance(value, int):
+        yield value
+    else:
+        for element in value:
+            yield from _flat(element)
+
+
+def _fits(value: int, kind: str) -> bool:
+    return KINDS[kind][0] <= value <= KINDS[kind][1]
+
+
+def _element(program: Program, module: Module, node: ast.expr) -> str:
+    """The kind inside ``i32``, ``tuple[i32, ...]``, ``list[list[u8]]``, ``Annotated[…]``."""
+    while isinstance(node, ast.Subscript):
+        node = node.slice.elts[0] if isinstance(node.slice, ast.Tuple) else node.slice
+    if not isinstance(node, ast.Name) or node.id not in KINDS:
+        raise SubsetError(module.path, node, "a type is i32, i64, u8, a record or an array of them")
+    return node.id
+
+
+def parse_type(program: Program, module: Module, node: ast.expr) -> Type:
+    """Read an annotation: a scalar kind, a record class, ``Annotated[list[kind], n, …]``."""
+    if isinstance(node, ast.Name):
+        if node.id in KINDS:
+            return Type(node.id)
+        home = module.imported.get(node.id, (module.name, node.id))[0]
+        if home in program.modules and node.id in program.modules[home].records:
+            return Type("record", (), node.id)
+    if isinstance(node, ast.Subscript) and ast.unparse(node.value) == "Annotated":
+        inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else []
+        sizes = [evaluate(program, module, size) for size in inner[1:] if not _describes(size)]
+        depth, level = 0, inner[0]
+        while isinstance(level, ast.Subscript):
+            depth, level = depth + 1, level.slice
+        if depth != len(sizes):
+            raise SubsetError(module.path, node, f"{depth} sizes are needed after the array type")
+        shape = tuple(size for size in sizes if isinstance(size, int))
+        return Type(_element(program, module, inner[0]), shape)
+    rule = f"'{ast.unparse(node)}' is no type: i32, i64, u8, a record, Annotated[list[i32], n]"
+    raise SubsetError(module.path, node, rule)
+
+
+def _describes(node: ast.expr) -> bool:
+    return isinstance(node, ast.Call) and ast.unparse(node.func) == "F"
+
+
+def _function(program: Program, module: Module, node: ast.FunctionDef) -> Function:
+    a = node.args
+    if a.posonlyargs or a.kwonlyargs or a.vararg or a.kwarg or a.defaults:
+        raise SubsetError(module.path, node, "parameters are positional, without defaults")
+    if node.decorator_list:
+        raise SubsetError(module.path, node, "a function has no decorators")
+    parameters = {}
+    for argument in a.args:
+        if argument.annotation is None:
+            raise SubsetError(module.path, argument, f"parameter {argument.arg} states its type")
+        parameters[argument.arg] = parse_type(program, module, argument.annotation)
+    if node.returns is None:
+        raise SubsetError(module.path, node, "a function states what it returns")
+    result = None
+    if not (isinstance(node.returns, ast.Constant) and node.returns.value is None):
+        found = parse_type(program, module, node.returns)
+        if found.kind == "record" or found.shape:
+            raise SubsetError(module.path, node, "a function returns a scalar or None")
+        result = found.kind
+    return Function(module.name, node.name, parameters, result, node)
+
+
+def _record(program: Program, module: Module, node: ast.ClassDef) -> Record:
+    if [ast.unparse(d) for d in node.decorator_list] != ["record"] or node.bases:
+        raise SubsetError(module.path, node, "a class is a @record without bases")
+    found = {}
+    for statement in node.body:
+        if isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant):
+            continue
+        if not isinstance(statement, ast.AnnAssign) or not isinstance(statement.target, ast.Name):
+            raise SubsetError(module.path, statement, "a record holds annotated fields")
+        annotation = statement.annotation
+        parts = (
+            annotation.slice.elts
+            if isinstance(annotation, ast.Subscript) and isinstance(annotation.slice, ast.Tuple)
+            else []
+        )
+        if not parts or not _describes(parts[-1]):
+            raise SubsetError(module.path, statement, "a field is Annotated[type, sizes, F(…)]")
+        description = parts[-1]
+        assert isinstance(description, ast.Call)
+        lo, hi, q = (evaluate(program, module, part) for part in description.args[:3])
+        texts = [ast.literal_eval(part) for part in description.args[3:]]
+        assert isinstance(lo, int) and isinstance(hi, int) and isinstance(q, int)
+        kind = "u8" if lo >= 0 and hi <= 255 else "i32"
+        if not _fits(lo, kind) or not _fits(hi, kind):
+            raise SubsetError(module.path, statement, f"[{lo}, {hi}] does not fit i32")
+        name = statement.target.id
+        found[name] = RecordField(
+            name,
+            Type(kind, parse_type(program, module, annotation).shape),
+            lo,
+            hi,
+            q,
+            texts[0],
+            texts[1],
+            len(texts) > 2 and bool(texts[2]),
+            statement.lineno,
+        )
+    return Record(module.name, node.name, ast.get_docstring(node) or "", node.lineno, found)
+
+
+def _forbid_recursion(program: Program) -> None:
+    done: set[tuple[str, str]] = set()
+
+    def visit(function: Function, above: tuple[tuple[str, str], ...]) -> None:
+        if function.key in above:
+            path = program.modules[function.module].path
+            raise SubsetError(path, function.node, f"{function.name} calls itself: no recursion")
+        if function.key in done:
+            return
+        for called in calls(program, function):
+            visit(called, (*above, function.key))
+        done.add(function.key)
+
+    for function in program.functions():
+        visit(function, ())

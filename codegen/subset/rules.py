@@ -1,0 +1,201 @@
+"""The rules of the integer subset for function bodies, each with the words a refusal says.
+
+C and Python disagree about scope, about when an operand is read and about what a condition is
+worth; a construct where they could is refused rather than translated with care. What remains means
+the same in both.
+"""
+
+import ast
+import re
+from collections.abc import Callable
+
+from codegen.subset.effects import writers
+from codegen.subset.expression_rules import ARITHMETIC, ExpressionRules, words
+from codegen.subset.program import (
+    CONST_RECORD,
+    INTRINSICS,
+    KINDS,
+    Function,
+    Program,
+    evaluate,
+)
+
+C_WORDS = frozenset(
+    re.findall(
+        r"\w+",
+        "auto break case char const continue default do double else enum extern float for goto if "
+        "inline int long register restrict return short signed sizeof static struct switch "
+        "typedef union unsigned void volatile while asm main",
+    )
+)
+
+
+def check(program: Program) -> None:
+    """Raise SubsetError for the first construct of any function that is outside the subset."""
+    written = writers(program)
+    for function in program.functions():
+        _Checker(program, function, written).run()
+
+
+class _Checker(ExpressionRules):
+    """Checks one function, its statements here."""
+
+    def __init__(
+        self,
+        program: Program,
+        function: Function,
+        written: dict[tuple[str, str], frozenset[str]],
+    ) -> None:
+        super().__init__(program, function, written)
+        self.loops: list[str] = []
+
+    def run(self) -> None:
+        for name, its in self.function.parameters.items():
+            self.name(self.function.node, name)
+            self.scope[0][name] = its.kind if not its.shape else "array"
+        self.block(self.function.node.body, documented=True)
+        if self.function.result is not None and not _returns(self.function.node.body):
+            raise self.refuse(self.function.node, f"{self.function.name} must end in a return")
+
+    def name(self, node: ast.AST, name: str) -> None:
+        if name in C_WORDS or name.startswith("__") or name.endswith("_t"):
+            raise self.refuse(node, f"'{name}' has another meaning in C")
+        if name in KINDS or name in INTRINSICS:
+            raise self.refuse(node, f"'{name}' is a word of the subset")
+
+    def block(self, statements: list[ast.stmt], *, documented: bool = False) -> None:
+        self.scope.append({})
+        for i, statement in enumerate(statements):
+            text = isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant)
+            if text and documented and i == 0:
+                continue
+            self.statement(statement)
+        self.scope.pop()
+
+    def statement(self, node: ast.stmt) -> None:
+        handler: dict[type[ast.stmt], Callable[..., None]] = {
+            ast.AnnAssign: self.declaration,
+            ast.Assign: self.assignment,
+            ast.AugAssign: self.augmented,
+            ast.If: self.condition,
+            ast.For: self.loop,
+            ast.Return: self.end,
+            ast.Expr: self.call,
+        }
+        if type(node) not in handler:
+            raise self.refuse(node, f"{words(node)} is not in the subset")
+        handler[type(node)](node)
+
+    def declaration(self, node: ast.AnnAssign) -> None:
+        if not isinstance(node.target, ast.Name) or ast.unparse(node.annotation) not in KINDS:
+            raise self.refuse(node, "a local is declared as name: i32, i64 or u8 = value")
+        if node.value is None:
+            raise self.refuse(node, f"{node.target.id} needs a value where it is declared")
+        name = node.target.id
+        self.name(node, name)
+        if self.known(name) is not None:
+            raise self.refuse(node, f"{name} is declared twice")
+        self.number(node.value)
+        self.order(node.value, ())
+        self.scope[-1][name] = ast.unparse(node.annotation)
+
+    def assignment(self, node: ast.Assign) -> None:
+        if len(node.targets) != 1:
+            raise self.refuse(node, "one assignment at a time")
+        self.target(node.targets[0])
+        self.number(node.value)
+        self.order(node.value, (node.targets[0],))
+
+    def augmented(self, node: ast.AugAssign) -> None:
+        if not isinstance(node.op, ARITHMETIC):
+            raise self.refuse(node, f"operator {words(node.op)} is not in the subset: use tdiv")
+        self.target(node.target)
+        self.number(node.value)
+        self.count(node.op, node.value)
+        self.order(node.value, (node.target,), augmented=True)
+
+    def target(self, node: ast.expr) -> None:
+        if isinstance(node, ast.Name):
+            if node.id in self.loops:
+                raise self.refuse(node, f"the loop counter {node.id} belongs to its loop")
+            if self.known(node.id) is None:
+                raise self.refuse(node, f"{node.id} is not declared here: name: type = value")
+            if self.known(node.id) not in KINDS:
+                raise self.refuse(node, f"{node.id} is no scalar")
+            return
+        if not isinstance(node, ast.Attribute | ast.Subscript):
+            raise self.refuse(node, f"{words(node)} can't be assigned")
+        base = self.place(node)
+        if self.function.parameters[base].record == CONST_RECORD:
+            raise self.refuse(node, "the calibration is constant")
+
+    def condition(self, node: ast.If) -> None:
+        self.truth(node.test)
+        self.block(node.body)
+        if node.orelse:
+            self.block(node.orelse)
+
+    def loop(self, node: ast.For) -> None:
+        call = node.iter
+        if not isinstance(call, ast.Call) or ast.unparse(call.func) != "range" or call.keywords:
+            raise self.refuse(node, "a loop is: for name in range(…)")
+        if not isinstance(node.target, ast.Name) or node.orelse:
+            raise self.refuse(node, "a loop has one counter and no else")
+        if not 1 <= len(call.args) <= 3:
+            raise self.refuse(node, "range takes one to three bounds")
+        if len(call.args) == 3:
+            step = evaluate(self.program, self.module, call.args[2])
+            if step == 0:
+                raise self.refuse(node, "a loop's step is not 0")
+        for bound in call.args:
+            self.number(bound)
+            self.steady(bound, node)
+        name = node.target.id
+        if name != "_":
+            self.name(node, name)
+            if self.known(name) is not None:
+                raise self.refuse(node, f"{name} is declared twice")
+        self.scope.append({name: "i32"})
+        self.loops.append(name)
+        self.block(node.body)
+        self.loops.pop()
+        self.scope.pop()
+
+    def steady(self, bound: ast.expr, loop: ast.For) -> None:
+        """Python reads a bound once, C every round: it must not change in the loop."""
+        inside = {
+            target.id
+            for node in ast.walk(loop)
+            for target in (node.targets if isinstance(node, ast.Assign) else [])
+            + ([node.target] if isinstance(node, ast.AugAssign) else [])
+            if isinstance(target, ast.Name)
+        }
+        for node in ast.walk(bound):
+            if isinstance(node, ast.Name) and node.id in inside:
+                raise self.refuse(bound, f"the loop changes its bound {node.id}")
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                given = self.function.parameters.get(node.value.id)
+                if given is not None and given.record != CONST_RECORD:
+                    raise self.refuse(bound, "a loop's bound is a constant, a local or calibrated")
+            if isinstance(node, ast.Call):
+                raise self.refuse(bound, "a loop's bound calls nothing")
+
+    def end(self, node: ast.Return) -> None:
+        if (node.value is None) != (self.function.result is None):
+            raise self.refuse(node, f"{self.function.name} is declared to return otherwise")
+        if node.value is not None:
+            self.number(node.value)
+            self.order(node.value, ())
+
+    def call(self, node: ast.Expr) -> None:
+        if not isinstance(node.value, ast.Call):
+            raise self.refuse(node, "an expression without effect")
+        self.arguments(node.value)
+        self.order(node.value, ())
+
+
+def _returns(statements: list[ast.stmt]) -> bool:
+    last = statements[-1]
+    if isinstance(last, ast.If):
+        return bool(last.orelse) and _returns(last.body) and _returns(last.orelse)
+    return isinstance(last, ast.Return)

@@ -1,0 +1,177 @@
+"""The matrix inequalities evaluated as numbers at a point: eigenvalues, no solver.
+
+A certificate is worth what these functions say, whatever a solver reported.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from gain_gen.models.roll import PERFORMANCE, Matrix, disturbance_input, moment_input, state_matrix
+from vehicles import RollModel
+
+
+def largest_eigenvalue(matrix: Matrix) -> float:
+    """Return the largest eigenvalue of the symmetric part, over the matrix's own norm.
+
+    Relative, so that "negative" means the same in every unit.
+    """
+    symmetric = 0.5 * (matrix + matrix.T)
+    return float(np.linalg.eigvalsh(symmetric)[-1] / np.linalg.norm(symmetric, 2))
+
+
+@dataclass(frozen=True, slots=True)
+class LinearPlant:
+    """x' = A x + B u + Bw w, z = C x, y = C1 x: what the inequalities are about."""
+
+    a: Matrix
+    b: Matrix
+    bw: Matrix
+    c: Matrix
+    c1: Matrix
+
+
+def si_plant(model: RollModel, output: Matrix) -> LinearPlant:
+    """Return the roll plant in SI units with measured output ``output``, (1, 2)."""
+    return LinearPlant(
+        state_matrix(model), moment_input(model), disturbance_input(model), PERFORMANCE, output
+    )
+
+
+def delay_blocks(
+    plant: LinearPlant,
+    *,
+    gain: float,
+    x: Matrix,
+    y: float,
+    q: Matrix,
+    gamma_squared: float,
+    delay: float,
+    epsilon: float,
+) -> tuple[Matrix, Matrix]:
+    """Return both blocks of the corrected delay theorem with W = K C1 X put in exactly."""
+    w = gain * plant.c1 @ x
+    closed = plant.a @ x + plant.b @ w
+    zero = np.zeros
+    first = np.block(
+        [
+            [closed + closed.T, plant.bw, -plant.b * y, closed.T, x @ plant.c.T],
+            [plant.bw.T, -gamma_squared * np.eye(3), zero((3, 1)), plant.bw.T, zero((3, 1))],
+            [-plant.b.T * y, zero((1, 3)), np.array([[-y / delay]]), -plant.b.T * y, zero((1, 1))],
+            [closed, plant.bw, -plant.b * y, -q / delay, zero((2, 1))],
+            [plant.c @ x, zero((1, 3)), zero((1, 1)), zero((1, 2)), -np.eye(1)],
+        ]
+    )
+    second = np.block([[-2.0 * epsilon * x + epsilon**2 * q, w.T], [w, np.array([[-y]])]])
+    return first, second
+
+
+def bounded_real_block(
+    plant: LinearPlant, *, gain: float, x: Matrix, gamma_squared: float
+) -> Matrix:
+    """Return the delay-free inequality of Redondo 2021, (52), at a point."""
+    closed = (plant.a + gain * plant.b @ plant.c1) @ x
+    return np.block(
+        [
+            [closed + closed.T, plant.bw, x @ plant.c.T],
+            [plant.bw.T, -gamma_squared * np.eye(3), np.zeros((3, 1))],
+            [plant.c @ x, np.zeros((1, 3)), -np.eye(1)],
+        ]
+    )
+
+
+def event_block(
+    plant: LinearPlant,
+    *,
+    gain: float,
+    p: Matrix,
+    r: float,
+    s: float,
+    omega: float,
+    gamma_squared: float,
+    delay: float,
+    epsilon_squared: float,
+) -> Matrix:
+    """Return the event-triggered inequality on ψ = [x, q, e, w] at a point, (7, 7)."""
+    flow = np.hstack([plant.a, plant.b, -plant.b, plant.bw])
+    pick = np.eye(7)
+    ex, eq, ee, ew = pick[:2], pick[2:3], pick[3:4], pick[4:]
+    measured = gain * plant.c1 @ ex
+    told, moved = eq - ee, measured - eq
+    speed = gain * plant.c1 @ flow
+    lyapunov = ex.T @ p @ flow
+    matrix: Matrix = (
+        lyapunov
+        + lyapunov.T
+        + ex.T @ plant.c.T @ plant.c @ ex
+        - gamma_squared * ew.T @ ew
+        + s * (measured.T @ measured - eq.T @ eq)
+        + omega * (epsilon_squared * told.T @ told - ee.T @ ee)
+        - r / delay * moved.T @ moved
+        + delay * r * speed.T @ speed
+    )
+    return matrix
+
+
+def certified_level(
+    plant: LinearPlant,
+    *,
+    gain: float,
+    p: Matrix,
+    r: float,
+    s: float,
+    delay: float,
+    epsilon_squared: float,
+) -> float:
+    """Return the least γ² that given P, R, S certify with the best weight Ω; infinite if none.
+
+    The level enters only on w: γ² is the largest eigenvalue of the Schur complement.
+    """
+
+    def level(log_omega: float) -> float:
+        block = event_block(
+            plant,
+            gain=gain,
+            p=p,
+            r=r,
+            s=s,
+            omega=float(np.exp(log_omega)),
+            gamma_squared=0.0,
+            delay=delay,
+            epsilon_squared=epsilon_squared,
+        )
+        # loop quantities in units of the gain: the block spans ten decades otherwise
+        scale = np.diag([1.0, 1.0, abs(gain), abs(gain), 1.0, 1.0, 1.0])
+        block = scale @ block @ scale
+        inner = block[:4, :4]
+        if np.linalg.eigvalsh(0.5 * (inner + inner.T))[-1] >= 0.0:
+            return float("inf")
+        cross = block[:4, 4:]
+        schur = block[4:, 4:] - cross.T @ np.linalg.solve(inner, cross)
+        return float(np.linalg.eigvalsh(0.5 * (schur + schur.T))[-1])
+
+    grid = np.linspace(-40.0, 10.0, 401)
+    values = [level(float(point)) for point in grid]
+    best = int(np.argmin(values))
+    if not np.isfinite(values[best]):
+        return float("inf")
+    refined = minimize_scalar(
+        level,
+        bounds=(grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]),
+        method="bounded",
+    )
+    return float(min(refined.fun, values[best]))
+
+
+def event_small_gain(plant: LinearPlant, *, gain: float, delay: float) -> float:
+    """Return max |1 / (1 − K e^{−sτ} G)|: a constant delay tolerates ε below its inverse."""
+    frequencies = np.geomspace(1e-2, 2e3, 20000)
+    s = 1j * frequencies
+    n = len(plant.a)
+    columns = np.broadcast_to(plant.b, (len(s), n, 1)).astype(complex)
+    response = plant.c1.astype(complex) @ np.linalg.solve(
+        s[:, None, None] * np.eye(n) - plant.a, columns
+    )
+    loop = gain * np.exp(-s * delay) * response[:, 0, 0]
+    return float(np.max(np.abs(1.0 / (1.0 - loop))))

@@ -1,0 +1,104 @@
+"""Margins of a sampled loop: gain, phase, modulus, largest delay, tolerance of jitter."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import ceil, floor, inf, pi, sqrt
+
+import numpy as np
+
+from gain_gen.analysis.sampled_loop import Loop, loop_gain, spectral_radius
+from gain_gen.models.roll import Matrix
+
+
+@dataclass(frozen=True, slots=True)
+class Margins:
+    """Classical margins where the command leaves the ECU.
+
+    Attributes:
+        gain_db: least change of the loop gain, up or down, that destabilises, dB.
+        phase_deg: least lag at a crossing of unit gain that destabilises, degrees.
+        modulus: least distance of the Nyquist curve from −1.
+        crossover: highest frequency of unit gain, rad/s; zero where the gain stays below one.
+    """
+
+    gain_db: float
+    phase_deg: float
+    modulus: float
+    crossover: float
+
+
+def nyquist_grid(tick: float, points: int = 1500) -> Matrix:
+    """Return a logarithmic grid of frequencies up to the Nyquist frequency, rad/s."""
+    return np.geomspace(1e-2, pi / tick, points)
+
+
+def margins(loop: Loop) -> Margins:
+    """Return the margins of a stable closed loop, interpolated on a dense grid."""
+    frequencies = nyquist_grid(loop.tick)
+    gain = loop_gain(loop, frequencies)
+    modulus = float(np.abs(1.0 + gain).min())
+
+    imaginary = gain.imag
+    crossings = np.flatnonzero(np.sign(imaginary[1:]) != np.sign(imaginary[:-1]))
+    gain_db = inf
+    for i in crossings:
+        share = imaginary[i] / (imaginary[i] - imaginary[i + 1])
+        real = float(gain.real[i] + share * (gain.real[i + 1] - gain.real[i]))
+        if real < 0.0:
+            gain_db = min(gain_db, abs(20.0 * float(np.log10(-real))))
+
+    level = np.log(np.maximum(np.abs(gain), np.finfo(float).tiny))
+    phase_deg, crossover = inf, 0.0
+    for i in np.flatnonzero(np.sign(level[1:]) != np.sign(level[:-1])):
+        share = level[i] / (level[i] - level[i + 1])
+        at = gain[i] + share * (gain[i + 1] - gain[i])
+        phase_deg = min(phase_deg, float(np.degrees(np.mod(np.angle(-at), 2.0 * pi))))
+        crossover = float(frequencies[i] + share * (frequencies[i + 1] - frequencies[i]))
+    return Margins(gain_db, phase_deg, modulus, crossover)
+
+
+def largest_sampled_delay(build: Callable[[float], Loop], tick: float, *, limit: float) -> float:
+    """Return the first delay at which the sampled loop loses stability, s.
+
+    Args:
+        build: the loop at a constant delay in seconds.
+        tick: grid step of the search, s; the edge is then bisected to 0.1 ms.
+        limit: answer infinity where the loop is stable up to this delay, s.
+    """
+    below, above = -1.0, 0.0
+    while spectral_radius(build(above)) < 1.0:
+        if above >= limit:
+            return inf
+        below, above = above, above + max(tick, 0.05 * above)
+    if below < 0.0:
+        return 0.0
+    while above - below > 1e-4:
+        middle = 0.5 * (below + above)
+        if spectral_radius(build(middle)) < 1.0:
+            below = middle
+        else:
+            above = middle
+    return below
+
+
+def jitter_gain(loop: Loop, jitter: float) -> float:
+    """Return the small-gain level of a delay that varies by ± ``jitter``/2 about the loop's own.
+
+    Below one the loop is stable however the delay moves inside its bounds (Kao and Lincoln 2004,
+    theorem 3): sup |T(z)| |z − 1| √Ñ, T from a disturbance at the command to the command, Ñ the
+    paper's function of half the span in ticks.
+    """
+    if jitter <= 0.0:
+        return 0.0
+    ticks = 0.5 * jitter / loop.tick
+    rest = ticks - floor(ticks)
+    reach = sqrt(floor(ticks) ** 2 + (2.0 * floor(ticks) + 1.0) * rest)
+    frequencies = nyquist_grid(loop.tick)
+    gain = loop_gain(loop, frequencies)
+    z = np.exp(1j * frequencies * loop.tick)
+    return float(np.max(np.abs(gain / (1.0 + gain) * (z - 1.0))) * reach)
+
+
+def ticks_of(seconds: float, tick: float) -> int:
+    """Return ``seconds`` in whole ticks, rounded up, at least one."""
+    return max(1, ceil(seconds / tick - 1e-9))

@@ -1,0 +1,179 @@
+"""The closed loop at the tick: continuous plant and actuator, delay, hold, discrete controller."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from gain_gen.analysis.delay_system import Complex
+from gain_gen.models.controller import Controller, matrices
+from gain_gen.models.observer import LateralModel
+from gain_gen.models.roll import (
+    Matrix,
+    lateral_input,
+    moment_input,
+    state_matrix,
+    stationary_covariance,
+    zero_order_hold,
+)
+from vehicles import GRAVITY, RollModel
+
+ROLL, RATE, MOMENT, LATERAL, JERK = range(5)
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """A sampled closed loop cut where the command leaves the ECU.
+
+    x⁺ = A x + B u, u = C x closes it; noise enters through ``noise`` (white, unit variance). The
+    controller's own ring of past commands stays closed: it holds what the controller computed.
+
+    Attributes:
+        a: (n, n), plant, delay line and controller.
+        b: (n, 1), the command that enters the delay line.
+        c: (1, n), the command that the controller computes.
+        noise: (n, 1), disturbance of the lateral-acceleration model.
+        tick: s.
+    """
+
+    a: Matrix
+    b: Matrix
+    c: Matrix
+    noise: Matrix
+    tick: float
+
+    @property
+    def closed(self) -> Matrix:
+        """A + B C."""
+        return self.a + self.b @ self.c
+
+
+def continuous_plant(
+    model: RollModel, lag: float, lateral: LateralModel
+) -> tuple[Matrix, Matrix, Matrix]:
+    """Return A (5, 5), the command's column and the noise column of [φ, φ', M, a_y, a_y'].
+
+    The actuator is a first-order lag of ``lag`` seconds; zero is taken as 0.1 ms.
+    """
+    a = np.zeros((5, 5))
+    a[:2, :2] = state_matrix(model)
+    a[:2, MOMENT : MOMENT + 1] = moment_input(model)
+    a[:2, LATERAL : LATERAL + 1] = lateral_input(model)
+    lag = max(lag, 1e-4)
+    a[MOMENT, MOMENT] = -1.0 / lag
+    frequency = lateral.frequency or 1.5
+    a[LATERAL, JERK] = 1.0
+    a[JERK, LATERAL] = -(frequency**2)
+    a[JERK, JERK] = -2.0 * lateral.damping * frequency
+    command = np.zeros((5, 1))
+    command[MOMENT] = 1.0 / lag
+    noise = np.zeros((5, 1))
+    noise[JERK] = np.sqrt(4.0 * lateral.damping * frequency**3) * lateral.acceleration
+    return a, command, noise
+
+
+def build(
+    model: RollModel,
+    controller: Controller,
+    *,
+    delay: float,
+    lag: float,
+    lateral: LateralModel | None = None,
+) -> Loop:
+    """Return the loop of ``controller`` with a constant delay from sample to force.
+
+    Args:
+        model: the plant, which need not be the design's.
+        controller: as the ECU runs it.
+        delay: τ ≥ 0 from the instant of the sample to the change of the actuator's command, s.
+        lag: time constant of the actuator, s.
+        lateral: how the lateral acceleration moves.
+    """
+    tick = controller.tick
+    lateral = lateral or LateralModel()
+    a, command, noise = continuous_plant(model, lag, lateral)
+    steps = int(np.ceil(delay / tick - 1e-9))
+    late = delay - (steps - 1) * tick if steps else 0.0
+    phi, _ = zero_order_hold(a, command, tick)
+    late_phi, fresh = zero_order_hold(a, command, tick - late)
+    _, held = zero_order_hold(a, command, late)
+    stale = late_phi @ held
+
+    ac, bc, cc, dc = matrices(controller)
+    n, lines, m = 5, max(steps, 1), len(ac)
+    size = n + lines + m
+    loop = np.zeros((size, size))
+    b = np.zeros((size, 1))
+    # delay line: entry 0 is the oldest command still to come into force
+    loop[:n, :n] = phi
+    if steps:
+        loop[:n, n : n + 1] = stale
+        if steps == 1:
+            b[:n] = fresh
+        else:
+            loop[:n, n + 1 : n + 2] = fresh
+    else:
+        b[:n] = fresh
+    loop[n : n + lines - 1, n + 1 : n + lines] = np.eye(lines - 1)
+    b[n + lines - 1] = 1.0
+
+    measured = np.zeros((4, size))
+    measured[0, RATE] = 1.0
+    measured[1, ROLL], measured[1, LATERAL] = GRAVITY, 1.0
+    measured[2, ROLL] = 1.0
+    measured[3, MOMENT] = 1.0
+    c = dc @ measured
+    c[:, n + lines :] += cc
+    loop[n + lines :] = bc @ measured
+    loop[n + lines :, n + lines :] += ac
+    disturbance = np.zeros((size, 1))
+    # white noise over a tick acts almost as its mean held: a_y moves slowly against the tick
+    disturbance[:n] = zero_order_hold(a, noise, tick)[1] / np.sqrt(tick)
+    return Loop(loop, b, c, disturbance, tick)
+
+
+def spectral_radius(loop: Loop) -> float:
+    """Return the largest modulus of the closed loop's eigenvalues, the a_y model's left out.
+
+    The a_y model is stable and not controlled; its eigenvalues would hide the loop's own.
+    """
+    keep = [i for i in range(len(loop.a)) if i not in (LATERAL, JERK)]
+    eigenvalues = np.linalg.eigvals(loop.closed[np.ix_(keep, keep)])
+    return float(np.abs(eigenvalues).max())
+
+
+def roll_rms(loop: Loop) -> float:
+    """Return the stationary standard deviation of the roll angle, rad; infinite if unstable."""
+    if spectral_radius(loop) >= 1.0:
+        return float("inf")
+    covariance = stationary_covariance(loop.closed, loop.noise @ loop.noise.T)
+    return float(np.sqrt(max(covariance[ROLL, ROLL], 0.0)))
+
+
+def loop_gain(loop: Loop, frequencies: Matrix) -> Complex:
+    """Return L(e^{jωT}) = −C (z − A)⁻¹ B, negative feedback, at ``frequencies`` in rad/s."""
+    z = np.exp(1j * frequencies * loop.tick)
+    shifted = z[:, None, None] * np.eye(len(loop.a)) - loop.a
+    inputs = np.broadcast_to(loop.b, (len(z), *loop.b.shape)).astype(complex)
+    gain = -(loop.c.astype(complex) @ np.linalg.solve(shifted, inputs))
+    return np.asarray(gain[:, 0, 0], dtype=complex)
+
+
+def lateral_response(loop: Loop, frequencies: Matrix) -> Complex:
+    """Return the response of z = φ + φ' to the lateral acceleration, rad per m/s².
+
+    Both follow from the same noise; the lateral acceleration is not moved by the loop, so their
+    quotient is the closed loop's own response.
+    """
+    z = np.exp(1j * frequencies * loop.tick)
+    shifted = z[:, None, None] * np.eye(len(loop.a)) - loop.closed
+    columns = np.broadcast_to(loop.noise, (len(z), *loop.noise.shape)).astype(complex)
+    states = np.linalg.solve(shifted, columns)[:, :, 0]
+    return np.asarray((states[:, ROLL] + states[:, RATE]) / states[:, LATERAL], dtype=complex)
+
+
+def lateral_level(loop: Loop) -> float:
+    """Return the peak of :func:`lateral_response`; infinite where the loop is unstable."""
+    if spectral_radius(loop) >= 1.0:
+        return float("inf")
+    frequencies = np.geomspace(1e-2, 0.98 * np.pi / loop.tick, 400)
+    return float(np.abs(lateral_response(loop, frequencies)).max())

@@ -1,0 +1,217 @@
+"""calibration.toml: physical values, integers, formats, provenance, verdicts; writer and reader."""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from canroll.errors import CanrollError
+from firmware.calibration import Calibration
+from firmware.subset import Field, fields
+from gain_gen.calibration.record import RESERVED, fill, seal
+
+SCHEMA = 1
+
+TABLES = frozenset(
+    {
+        "schema",
+        "design",
+        "plant",
+        "gains",
+        "margins",
+        "verification",
+        "formats",
+        "provenance",
+        "calibration",
+    }
+)
+OPTIONAL = frozenset({"budget"})
+"""Tables that a user may add: what a tick may cost."""
+
+
+@dataclass(frozen=True, slots=True)
+class LoadedCalibration:
+    """A calibration file: the record that the ECU runs and all that is said about it.
+
+    Attributes:
+        record: the integers.
+        tables: every other table of the file, as read.
+        path: where it was read from.
+    """
+
+    record: Calibration
+    tables: Mapping[str, Any]
+    path: Path
+
+    @property
+    def law(self) -> str:
+        """Name of the law."""
+        return str(self.tables["design"]["law"])
+
+    @property
+    def vehicle(self) -> str:
+        """Name or file of the vehicle that it was designed for."""
+        return str(self.tables["design"]["vehicle"])
+
+    @property
+    def actuator(self) -> str:
+        """Kind of actuator."""
+        return str(self.tables["design"]["actuator"])
+
+    @property
+    def verified(self) -> bool:
+        """Whether every check of the design held."""
+        return bool(self.tables["design"]["verified"])
+
+    @property
+    def deployable(self) -> bool:
+        """Whether an ECU can run it."""
+        return bool(self.tables["design"]["deployable"])
+
+    @property
+    def tick(self) -> float:
+        """Period of the loop, s."""
+        return float(self.tables["design"]["tick_s"])
+
+    @property
+    def max_delay(self) -> float:
+        """Largest sample-to-force delay that the design admits, s; infinite where any."""
+        return float(self.tables["margins"]["max_delay_s"])
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What a user has to be told, one line each."""
+        return tuple(self.tables["design"]["warnings"])
+
+    def delay_warning(self, delay: float) -> str:
+        """Return the warning that a sample-to-force delay of ``delay`` seconds deserves, or ''."""
+        if delay < self.max_delay:
+            return ""
+        return (
+            f"the delay of {1e3 * delay:.0f} ms exceeds the {1e3 * self.max_delay:.0f} ms that "
+            f"{self.law} for {self.vehicle} admits: expect a limit cycle; choose --law lqg_delay "
+            f"or design for the delay"
+        )
+
+
+def dumps(record: Calibration, tables: Mapping[str, Any]) -> str:
+    """Return the text of a calibration file."""
+    content: dict[str, Any] = {"schema": SCHEMA, **tables}
+    content["calibration"] = {
+        field.name: getattr(record, field.name) for field in fields(Calibration)
+    }
+    return _NUMBERS.sub(_one_line, tomli_w.dumps(content))
+
+
+_NUMBERS = re.compile(r"\[\n((?:\s*[-+.\w]+,\n)+)\s*\]")
+
+
+def _one_line(match: re.Match[str]) -> str:
+    """Put a list of plain numbers on one line, as a person would write it."""
+    return f"[{', '.join(match[1].replace(',', ' ').split())}]"
+
+
+def save(path: Path, record: Calibration, tables: Mapping[str, Any]) -> None:
+    """Write a calibration file.
+
+    Raises:
+        CanrollError: the file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(dumps(record, tables), encoding="utf-8")
+    except OSError as error:
+        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+
+
+def load(path: str | Path) -> LoadedCalibration:
+    """Read and check a calibration file.
+
+    Raises:
+        CanrollError: unreadable, another schema, a missing, unknown or out-of-range value; one
+            line with file, line and key.
+    """
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
+        raise CanrollError(f"cannot read calibration {path}: {reason}") from error
+    if not text.strip():
+        raise CanrollError(f"{path}: is empty: write it anew with 'canroll design'")
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise CanrollError(f"{path}: not a TOML file: {error}") from error
+    schema = content.pop("schema", None)
+    if schema != SCHEMA:
+        raise CanrollError(
+            f"{path}: schema {schema!r}, this version reads {SCHEMA}: "
+            f"write it anew with 'canroll design'"
+        )
+    given = OPTIONAL & set(content)
+    _known(content, TABLES - {"schema"} | given, path, text)
+    integers = content.pop("calibration")
+    table = fields(Calibration)
+    _known(integers, {field.name for field in table}, path, text)
+    for field in table:
+        _checked(field, integers[field.name], path, text)
+    record = fill(integers)
+    expected = getattr(seal(fill(integers)), RESERVED)
+    if getattr(record, RESERVED) != expected:
+        raise CanrollError(
+            f"{_at(path, text, RESERVED)}: {RESERVED} does not match the fields: the file was "
+            f"edited; write it anew with 'canroll design'"
+        )
+    for name in ("law", "vehicle", "actuator", "verified", "deployable", "tick_s", "warnings"):
+        if name not in content["design"]:
+            raise CanrollError(f"{path}: [design] missing key '{name}'")
+    if "max_delay_s" not in content["margins"]:
+        raise CanrollError(f"{path}: [margins] missing key 'max_delay_s'")
+    return LoadedCalibration(record, content, path)
+
+
+def _known(
+    table: Mapping[str, Any], names: set[str] | frozenset[str], path: Path, text: str
+) -> None:
+    """Refuse unknown and missing keys."""
+    for key in table:
+        if key not in names:
+            near = get_close_matches(key, sorted(names), n=1)
+            hint = f", did you mean '{near[0]}'?" if near else ""
+            raise CanrollError(f"{_at(path, text, key)}: unknown key '{key}'{hint}")
+    missing = sorted(names - set(table))
+    if missing:
+        raise CanrollError(f"{path}: missing key '{missing[0]}'")
+
+
+def _checked(field: Field, value: Any, path: Path, text: str) -> None:  # noqa: ANN401
+    """Refuse a wrong shape, a non-integer and what leaves the field's range."""
+    items = [value]
+    for length in field.shape:
+        if any(not isinstance(item, list) or len(item) != length for item in items):
+            shape = " x ".join(str(n) for n in field.shape)
+            raise CanrollError(f"{_at(path, text, field.name)}: '{field.name}' must be {shape}")
+        items = [entry for item in items for entry in item]
+    for item in items:
+        if isinstance(item, bool) or not isinstance(item, int):
+            raise CanrollError(
+                f"{_at(path, text, field.name)}: '{field.name}' must hold integers, not {item!r}"
+            )
+        if not field.f.lo <= item <= field.f.hi:
+            raise CanrollError(
+                f"{_at(path, text, field.name)}: '{field.name}' = {item} is outside "
+                f"{field.f.lo} to {field.f.hi}"
+            )
+
+
+def _at(path: Path, text: str, key: str) -> str:
+    """Return ``path:line`` of the last line that sets ``key`` or opens its table."""
+    pattern = re.compile(rf"^\s*(\[{re.escape(key)}\]|{re.escape(key)}\s*=)")
+    lines = [n for n, line in enumerate(text.splitlines(), 1) if pattern.match(line)]
+    return f"{path}:{lines[-1]}" if lines else str(path)

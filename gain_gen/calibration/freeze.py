@@ -1,0 +1,160 @@
+"""What a calibration file says beside its integers: design, gains, margins, verdicts, sources."""
+
+from dataclasses import replace
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from canroll.errors import CanrollError
+from firmware.calibration import Calibration
+from firmware.check import check
+from gain_gen.calibration.quantise import Options, Quantised, law_kind, quantise_design
+from gain_gen.calibration.record import fill, identify
+from gain_gen.calibration.rounding_error import quantisation_checks
+from gain_gen.models.roll import Matrix
+from gain_gen.models.task import Design
+
+Tables = dict[str, Any]
+
+
+def calibrate(design: Design, options: Options | None = None) -> tuple[Calibration, Tables]:
+    """Return the ECU's record of ``design`` and the tables that go with it.
+
+    Raises:
+        CanrollError: a range that its field cannot hold, or a law that no ECU can run.
+    """
+    if not design.solution.deployable:
+        raise CanrollError(f"{design.law} is an ideal law: no ECU can run it")
+    options = options or Options()
+    quantised = quantise_design(design, options)
+    record = identify(fill(quantised.fields))
+    refused = check(record)
+    if refused:
+        raise CanrollError(f"the calibration breaks rule {refused} of the ECU's own check")
+    checks = quantisation_checks(design, record)
+    for name, found in checks.items():
+        if not found.ok and not np.isinf(found.value):
+            raise CanrollError(
+                f"{design.law} for {design.task.vehicle.name}: {name} is {found.value:.3g}, more "
+                f"than {found.limit:g}: its coefficients do not fit the fixed-point formats"
+            )
+    return record, design_tables(replace(design, verified={**design.verified, **checks}), quantised)
+
+
+def design_tables(design: Design, quantised: Quantised) -> Tables:
+    """Return the tables of a calibration file but the integers."""
+    task = design.task
+    model = task.vehicle.design
+    controller = design.controller
+    gains: Tables = {"kind": law_kind(design)}
+    if controller.output_gain is not None:
+        gains["output_gain"] = _list(controller.output_gain)
+    elif controller.compensator is not None:
+        gains |= {name: _list(getattr(controller.compensator, name)) for name in "abecd"}
+    else:
+        gains |= {
+            "feedback": _list(controller.feedback),
+            "feedforward": _list(controller.feedforward),
+        }
+    gains["correction"] = _list(controller.observer.correction)
+    return {
+        "design": {
+            "law": design.law,
+            "vehicle": task.vehicle.reference,
+            "actuator": task.actuator,
+            "observer": task.observer,
+            "gains": task.gains,
+            "feedforward": task.feedforward,
+            "verified": design.is_verified,
+            "deployable": design.solution.deployable,
+            "tick_s": task.tick,
+            "delay_s": task.delay.nominal,
+            "delay_min_s": task.delay.least,
+            "delay_max_s": task.delay.most,
+            "solve_s": design.solution.solve_seconds,
+            "warnings": list(design.warnings),
+        },
+        "plant": {
+            "roll_inertia": model.roll_inertia,
+            "roll_damping": model.roll_damping,
+            "roll_stiffness": model.roll_stiffness,
+            "sprung_mass": model.sprung_mass,
+            "cg_height_above_roll_axis": model.cg_height_above_roll_axis,
+            "actuator_lag_s": task.lag,
+        },
+        "gains": gains,
+        "margins": {**design.margins, "max_delay_s": design.max_delay, **_levels(design)},
+        "verification": {name: check._asdict() for name, check in design.verified.items()},
+        "formats": {
+            name.replace("[", "_").replace("]", ""): {
+                "fractional_bits": list(formats),
+                "rounding_error": quantised.errors[name],
+            }
+            for name, formats in quantised.formats.items()
+        },
+        "provenance": {
+            "canroll": version("canroll"),
+            "vehicle": task.vehicle.title,
+            "vehicle_basis": task.vehicle.basis,
+            "roll_model": task.vehicle.source("design"),
+        },
+    }
+
+
+def _levels(design: Design) -> Tables:
+    """The H∞ levels that the law has, and its own further numbers."""
+    solution = design.solution
+    named = {
+        "gamma": solution.gamma,
+        "gamma_bound": solution.gamma_bound,
+        "rightmost_root": solution.rightmost_root,
+    }
+    return {name: value for name, value in named.items() if value is not None} | dict(
+        solution.extra
+    )
+
+
+def _list(values: Matrix) -> list[Any]:
+    plain: list[Any] = np.asarray(values, dtype=float).tolist()
+    return plain
+
+
+def summary(design: Design) -> Tables:
+    """Return the design as one JSON object, SI units."""
+    controller, solution, task = design.controller, design.solution, design.task
+    if controller.output_gain is not None:
+        gain = [_list(controller.output_gain[:1])]
+        if np.any(controller.output_gain[1:]):
+            gain = [_list(controller.output_gain)]
+    elif solution.ideal_gain is not None:
+        gain = _list(solution.ideal_gain)
+    elif controller.compensator is not None:
+        gain = _list(controller.compensator.c)
+    else:
+        gain = [_list(controller.feedback + controller.feedforward)]
+    return {
+        "law": design.law,
+        "vehicle": task.vehicle.name,
+        "delay_s": task.delay.nominal,
+        "tick_s": task.tick,
+        "gain": gain,
+        "gamma": solution.gamma,
+        "gamma_bound": solution.gamma_bound,
+        "max_delay_s": _finite(design.max_delay),
+        "rightmost_root": solution.rightmost_root,
+        "margins": {name: _finite(value) for name, value in design.margins.items()}
+        | {name: _finite(value) for name, value in solution.extra.items()},
+        "verified": {
+            name: {"value": _finite(c.value), "limit": _finite(c.limit), "ok": c.ok}
+            for name, c in design.verified.items()
+        },
+        "solve_s": solution.solve_seconds,
+        "deployable": solution.deployable,
+        "warnings": list(design.warnings),
+    }
+
+
+def _finite(value: float) -> float | None:
+    """JSON has no infinity: null stands for it."""
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,293 @@
+"""From a design in SI units to the integers of the ECU's calibration record."""
+
+from dataclasses import dataclass
+from math import ceil
+
+import numpy as np
+
+from firmware import calibration as fw
+from gain_gen.calibration.observer_part import covariance_fields
+from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, Row, quantise_row
+from gain_gen.calibration.trigger_floor import command_noise
+from gain_gen.calibration.vehicle_part import vehicle_fields
+from gain_gen.models.controller import Compensator
+from gain_gen.models.observer import Observer
+from gain_gen.models.roll import Matrix
+from gain_gen.models.task import Design
+
+Value = int | list[int] | list[list[int]]
+Fields = dict[str, Value]
+
+LAW_NUMBER = {"state": fw.STATE_FEEDBACK, "output": fw.OUTPUT_FEEDBACK, "dynamic": fw.COMPENSATOR}
+OBSERVER_NUMBER = {
+    "two_sensors": fw.CONSTANT_GAIN,
+    "one_sensor": fw.CONSTANT_GAIN,
+    "steering": fw.CONSTANT_GAIN,
+    "propagated": fw.PROPAGATED_COVARIANCE,
+    "reference": fw.BYPASS,
+}
+ACTUATOR_NUMBER = {
+    "suspension": fw.SUSPENSION,
+    "bars": fw.BARS,
+    "dampers": fw.DAMPERS,
+    "valves": fw.VALVES,
+}
+Q_COMPENSATOR = 24
+Q_COMPENSATOR_INPUTS = (fw.Q_ANGLE, fw.Q_RATE, fw.Q_ACCELERATION, fw.Q_ACCELERATION)
+TRIGGER_SIGMAS = {"output": 5.0, "state": 3.0, "dynamic": 3.0}
+"""Floor of the trigger over the command's noise: raw measurements need more than filtered ones."""
+BIAS_MAX = 0.05
+"""Largest gyro bias believed, rad/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """What a calibration holds beyond the law.
+
+    Attributes:
+        event_trigger: commands only when they matter, or every tick.
+        trigger_epsilon_squared: relative threshold, squared (Viadero 2022: 0.1).
+        heartbeat: a command at the latest after, s.
+        e2e: frames carry and need end-to-end protection.
+        identification: roll stiffness and damping are identified at run time.
+        offset_learning: sensor offsets are learnt when straight.
+        front_share: share of the front axle, or None for the static one l_r / l.
+        budget_instructions: allowed instructions a tick on the target, 0 for none.
+        budget_tick_us: allowed 99th percentile of the tick, µs, 0 for none.
+    """
+
+    event_trigger: bool = True
+    trigger_epsilon_squared: float = 0.1
+    heartbeat: float = 0.05
+    e2e: bool = True
+    identification: bool = False
+    offset_learning: bool = False
+    front_share: float | None = None
+    budget_instructions: int = 0
+    budget_tick_us: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Quantised:
+    """The integers of a calibration and what their formats are.
+
+    Attributes:
+        fields: value of every field that the design decides, by name.
+        formats: fractional bits of each coefficient as a physical value, by field or field[row].
+        errors: largest rounding error of a coefficient, by the same names.
+    """
+
+    fields: Fields
+    formats: dict[str, tuple[int, ...]]
+    errors: dict[str, float]
+
+
+def quantise_design(design: Design, options: Options) -> Quantised:
+    """Return the integers of ``design``.
+
+    Raises:
+        CanrollError: a coefficient or limit that its field cannot hold; the message names it.
+    """
+    rows: dict[str, Row] = {}
+    task = design.task
+    controller = design.controller
+    fields: Fields = {
+        "tick_us": round(1e6 * task.tick),
+        "law": LAW_NUMBER[law_kind(design)],
+        "actuator": ACTUATOR_NUMBER[task.actuator],
+        "observer": OBSERVER_NUMBER[task.observer],
+        "measurements": sum(1 << row for row in controller.observer.measurements),
+        "identification": int(options.identification),
+        "offset_learning": int(options.offset_learning),
+        "event_trigger": int(options.event_trigger),
+        "e2e": int(options.e2e),
+        "bias_max": round(BIAS_MAX * 2.0**fw.Q_RATE),
+        "predict_steps": controller.predict_steps,
+        "actuator_rate": round(controller.actuator_rate * fw.ONE),
+    }
+    fields |= _observer(controller.observer, design, options, rows)
+    fields |= covariance_fields(controller.observer)
+    fields |= _law(design, rows)
+    fields |= _trigger(design, options)
+    fields |= vehicle_fields(task, options.front_share)
+    fields["budget_instructions"] = options.budget_instructions
+    fields["budget_tick_us"] = options.budget_tick_us
+    return Quantised(
+        fields,
+        {name: row.formats for name, row in rows.items()},
+        {name: row.error for name, row in rows.items()},
+    )
+
+
+def law_kind(design: Design) -> str:
+    """Return which of the three forms the controller has: state, output or dynamic."""
+    if design.controller.compensator is not None:
+        return "dynamic"
+    return "output" if design.controller.output_gain is not None else "state"
+
+
+def _observer(observer: Observer, design: Design, options: Options, rows: dict[str, Row]) -> Fields:
+    """Model, outputs and constant gains, each row with its own shift."""
+    model = observer.model
+    roll = design.task.vehicle.design
+    tick = design.task.tick
+    units = _taylor_units(tick, roll.roll_arm / roll.roll_inertia, 1.0 / roll.roll_inertia)
+    phi, gamma, steering, shifts = [], [], [], []
+    scale = [[0] * 4, [0] * 4]
+    for i in range(fw.N_STATES):
+        values = np.concatenate([model.phi[i], model.gamma[i], model.gamma_steering[i]])
+        factors = (*Q_STATE, fw.Q_MOMENT, fw.Q_ACCELERATION)
+        if i < 2 and options.identification:
+            # the run-time model must fit the same shift as the nominal row
+            full = quantise_row(
+                np.concatenate([values, units[i]]),
+                (*factors, fw.Q_ANGLE, fw.Q_RATE, fw.Q_ACCELERATION, fw.Q_MOMENT),
+                Q_STATE[i],
+                name=f"phi[{i}]",
+                bound=fw.STATE_MAX // 2,
+            )
+            scale[i] = list(full.stored[7:])
+            row = Row(full.stored[:7], full.shift, full.formats[:7], full.error)
+        else:
+            row = quantise_row(values, factors, Q_STATE[i], name=f"phi[{i}]")
+        rows[f"phi[{i}]"] = row
+        phi.append(list(row.stored[:5]))
+        gamma.append(row.stored[5])
+        steering.append(row.stored[6])
+        shifts.append(row.shift)
+
+    output_values = np.vstack([model.output, [[1.0, 0.0, 0.0, 0.0, 0.0]]])
+    outputs = [
+        quantise_row(
+            np.append(output_values[m], 0.0),
+            (*Q_STATE, fw.Q_MOMENT),
+            Q_MEASURED[m],
+            name=f"output[{m}]",
+        )
+        for m in range(fw.N_MEASUREMENTS)
+    ]
+    for m, row in enumerate(outputs):
+        rows[f"output[{m}]"] = row
+    correction = [
+        _gains(observer.correction[m], Q_MEASURED[m], f"correction[{m}]", rows) for m in range(2)
+    ]
+    correction.append(([0] * fw.N_STATES, [1] * fw.N_STATES))
+    single = _gains(observer.correction_single, fw.Q_RATE, "correction_single", rows)
+    return {
+        "phi": phi,
+        "gamma": gamma,
+        "gamma_steering": steering,
+        "phi_shift": shifts,
+        "model_scale": scale,
+        "output": [list(row.stored[:5]) for row in outputs],
+        "output_moment": [row.stored[5] for row in outputs],
+        "output_shift": [row.shift for row in outputs],
+        "correction": [stored for stored, _ in correction],
+        "correction_shift": [shift for _, shift in correction],
+        "correction_single": single[0],
+        "correction_single_shift": single[1],
+    }
+
+
+def _taylor_units(tick: float, lateral: float, moment: float) -> Matrix:
+    """Return what the run-time model's normalised entries stand for, rows roll and roll rate."""
+    return np.array(
+        [
+            [1.0, tick, tick**2 * lateral, tick**2 * moment],
+            [1.0 / tick, 1.0, tick * lateral, tick * moment],
+        ]
+    )
+
+
+def _gains(
+    gain: Matrix, measured: int, name: str, rows: dict[str, Row]
+) -> tuple[list[int], list[int]]:
+    """Quantise one correction: every gain has a shift of its own."""
+    entries = [
+        # the innovation takes all of 32 bits
+        quantise_row(gain[i : i + 1], (measured,), Q_STATE[i], name=f"{name}[{i}]", bound=1 << 31)
+        for i in range(fw.N_STATES)
+    ]
+    rows |= {f"{name}[{i}]": entry for i, entry in enumerate(entries)}
+    return [entry.stored[0] for entry in entries], [entry.shift for entry in entries]
+
+
+def _law(design: Design, rows: dict[str, Row]) -> Fields:
+    """The rows of the control law in use; the others stay zero."""
+    controller = design.controller
+    fields: Fields = {}
+    for name in ("feedback", "feedforward"):
+        values = getattr(controller, name)
+        row = quantise_row(values, Q_STATE, fw.Q_MOMENT, name=name)
+        rows[name] = row
+        fields |= {name: list(row.stored), f"{name}_shift": row.shift}
+    gain = np.zeros(3) if controller.output_gain is None else controller.output_gain
+    row = quantise_row(gain, Q_MEASURED, fw.Q_MOMENT, name="output_gain")
+    rows["output_gain"] = row
+    fields |= {"output_gain": list(row.stored), "output_gain_shift": row.shift}
+    if controller.compensator is not None:
+        fields |= _compensator(controller.compensator, rows)
+    else:
+        fields |= {
+            "compensator_outputs": 1,
+            "compensator_shift": [1] * fw.N_ORDER,
+            "compensator_output_shift": [1, 1],
+        }
+    return fields
+
+
+def _compensator(compensator: Compensator, rows: dict[str, Row]) -> Fields:
+    """A compensator of n ≤ 8 states; its realisation is already scaled for Q24 states."""
+    order, outputs = len(compensator.a), len(compensator.c)
+    a = np.zeros((fw.N_ORDER, fw.N_ORDER))
+    b = np.zeros((fw.N_ORDER, 4))
+    e = np.zeros((fw.N_ORDER, 2))
+    c = np.zeros((2, fw.N_ORDER))
+    d = np.zeros((2, 4))
+    a[:order, :order], b[:order], e[:order, :outputs] = compensator.a, compensator.b, compensator.e
+    c[:outputs, :order], d[:outputs] = compensator.c, compensator.d
+    state_rows = [
+        quantise_row(
+            np.concatenate([a[i], b[i], e[i]]),
+            (*(Q_COMPENSATOR,) * fw.N_ORDER, *Q_COMPENSATOR_INPUTS, fw.Q_MOMENT, fw.Q_MOMENT),
+            Q_COMPENSATOR,
+            name=f"compensator_a[{i}]",
+        )
+        for i in range(fw.N_ORDER)
+    ]
+    output_rows = [
+        quantise_row(
+            np.concatenate([c[i], d[i]]),
+            (*(Q_COMPENSATOR,) * fw.N_ORDER, *Q_COMPENSATOR_INPUTS),
+            fw.Q_MOMENT,
+            name=f"compensator_c[{i}]",
+        )
+        for i in range(2)
+    ]
+    rows |= {f"compensator_a[{i}]": row for i, row in enumerate(state_rows[:order])}
+    rows |= {f"compensator_c[{i}]": row for i, row in enumerate(output_rows[:outputs])}
+    return {
+        "compensator_order": order,
+        "compensator_outputs": outputs,
+        "compensator_a": [list(row.stored[:8]) for row in state_rows],
+        "compensator_b": [list(row.stored[8:12]) for row in state_rows],
+        "compensator_e": [list(row.stored[12:]) for row in state_rows],
+        "compensator_shift": [row.shift for row in state_rows],
+        "compensator_c": [list(row.stored[:8]) for row in output_rows],
+        "compensator_d": [list(row.stored[8:]) for row in output_rows],
+        "compensator_output_shift": [row.shift for row in output_rows],
+    }
+
+
+def _trigger(design: Design, options: Options) -> Fields:
+    """Event trigger: relative threshold of the 2022 paper, floor above what noise commands."""
+    task = design.task
+    floor = TRIGGER_SIGMAS[law_kind(design)] * command_noise(design)
+    round_trip = 2.0 * task.delay.most + 2.0 * task.tick
+    return {
+        "trigger_epsilon_squared": round(options.trigger_epsilon_squared * 2.0**20),
+        "trigger_floor": min(round(floor * 2.0**fw.Q_MOMENT), fw.STATE_MAX),
+        "heartbeat_ticks": max(1, round(options.heartbeat / task.tick)),
+        "acknowledge_ticks": max(3, ceil(round_trip / task.tick)),
+        "status_ticks": max(1, round(0.1 / task.tick)),
+    }

@@ -1,0 +1,233 @@
+"""What the calibration takes from the vehicle: limits, split, schedule, supervision."""
+
+from math import ceil
+
+import numpy as np
+
+from firmware import calibration as fw
+from firmware.state import RX_IMU, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE
+from gain_gen.calibration.rows import quantise
+from gain_gen.models.task import Task
+from vehicles import Vehicle
+from vehicles.model import SemiActiveDampers
+
+SENSOR_PERIODS = (0.01, 0.02, 0.01, 0.01, 0.01)
+"""Imu, VehicleMotion, SuspensionRate, ActuatorState, RollReference, s."""
+MISSED_SAMPLES = 5
+KMH = 1.0 / 3.6
+SCHEDULE_SPEEDS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0)
+FADE = (5.0 * KMH, 10.0 * KMH)
+DBC_FORCE_LIMIT = 4090.0
+DBC_BAR_LIMIT = 8191.0
+DBC_CURRENT_LIMIT = 16382.0
+MILLI = 1e3
+
+Value = int | list[int] | list[list[int]]
+
+
+def vehicle_fields(task: Task, front_share: float | None) -> dict[str, Value]:
+    """Return the fields that the vehicle, its actuators and the tick decide."""
+    share = front_share if front_share is not None else static_share(task.vehicle)
+    return (
+        _supervision(task)
+        | _identification(task)
+        | _limits(task, share)
+        | _schedule(task.vehicle, share)
+        | _allocation(task)
+        | {
+            "straight_steering": _q(0.03, 24),
+            "straight_yaw_rate": _q(0.01, fw.Q_RATE),
+            "offset_shift": 8,
+            "offset_rate_max": _q(0.035, fw.Q_RATE),
+            "offset_acceleration_max": _q(0.5, fw.Q_ACCELERATION),
+        }
+    )
+
+
+def static_share(vehicle: Vehicle) -> float:
+    """Return l_r / l, the front axle's share of the anti-roll moment (Redondo 2021, (53)–(56))."""
+    return vehicle.geometry.cg_to_rear_axle / vehicle.geometry.wheelbase
+
+
+def moment_limit(task: Task, share: float) -> float:
+    """Return the largest command: the moment that the actuators can give at this split, N·m.
+
+    Valves are commanded by currents, one an axle, in mA.
+    """
+    actuators, geometry = task.vehicle.actuators, task.vehicle.geometry
+    if task.actuator == "valves":
+        return min(MILLI * actuators.valves.current_limit, DBC_CURRENT_LIMIT)
+    if task.actuator in ("suspension", "dampers"):
+        force = min(actuators.suspension.force_limit, DBC_FORCE_LIMIT)
+        limits = (
+            2.0 * geometry.half_track_front * force / max(share, 1e-3),
+            2.0 * geometry.half_track_rear * force / max(1.0 - share, 1e-3),
+        )
+        return min(limits)
+    torque = min(actuators.bars.torque_limit, DBC_BAR_LIMIT)
+    return torque / max(share, 1.0 - share)
+
+
+def _moment_rate(task: Task, share: float) -> float:
+    """Return the largest rate of the command, N·m/s or mA/s."""
+    actuators, geometry = task.vehicle.actuators, task.vehicle.geometry
+    if task.actuator == "valves":
+        return 2.0 * moment_limit(task, share) / task.tick
+    if task.actuator == "suspension":
+        arm = min(
+            geometry.half_track_front / max(share, 1e-3),
+            geometry.half_track_rear / max(1.0 - share, 1e-3),
+        )
+        return 2.0 * arm * actuators.suspension.force_rate_limit
+    if task.actuator == "dampers":
+        return moment_limit(task, share) / 0.01
+    return actuators.bars.torque_rate_limit / max(share, 1.0 - share)
+
+
+def _q(value: float, q: int) -> int:
+    return round(value * 2.0**q)
+
+
+def _supervision(task: Task) -> dict[str, Value]:
+    """Timeouts of five samples for what the configuration needs, E2E tolerance, ramps."""
+    needed = [True, True, False, True, False]
+    needed[RX_SUSPENSION_RATE] = task.actuator == "dampers"
+    if task.observer == "reference":
+        needed[RX_IMU], needed[RX_ROLL_REFERENCE] = False, True
+    samples = [max(period, task.tick) for period in SENSOR_PERIODS]
+    timeouts = [
+        ceil(MISSED_SAMPLES * sample / task.tick + task.delay.most / task.tick) if need else 0
+        for sample, need in zip(samples, needed, strict=True)
+    ]
+    return {
+        "timeout_ticks": timeouts,
+        "e2e_max_delta": [3] * fw.N_RX,
+        "e2e_max_repeated": [14] * fw.N_RX,
+        "e2e_sync": [1] * fw.N_RX,
+        "init_ticks": ceil(0.2 / task.tick),
+        "recovery_ticks": ceil(0.5 / task.tick),
+        "ramp_ticks": ceil(0.2 / task.tick),
+        "stuck_ticks": ceil(0.2 / task.tick),
+        "roll_rate_max": _q(min(task.vehicle.sensors.roll_rate.range, 7.9), fw.Q_RATE),
+        "acceleration_max": _q(
+            min(task.vehicle.sensors.lateral_acceleration.range, 40.0), fw.Q_ACCELERATION
+        ),
+    }
+
+
+def _identification(task: Task) -> dict[str, Value]:
+    """Least squares of stiffness and damping: Yim 2020, section III.D, integral form."""
+    roll = task.vehicle.design
+    step_ticks = max(1, min(20, round(0.01 / task.tick)))
+    step = step_ticks * task.tick
+    stiffness = roll.effective_stiffness
+    unit = 100.0
+    forgetting = 0.998 ** (step / 0.01)
+
+    def q30(value: float, name: str) -> int:
+        return quantise(value, 30, 0, fw.COEFFICIENT, name=name)
+
+    return {
+        "rls_forgetting": _q(forgetting, 30),
+        "rls_washout": _q(0.99 ** (step / 0.01), 30),
+        "rls_gate": _q(0.045, fw.Q_RATE),
+        "rls_trace_max": 20 << 20,
+        "rls_start": 8 << 20,
+        "rls_lo": [_q(0.5, 28), _q(0.4, 28)],
+        "rls_hi": [_q(1.6, 28), _q(2.0, 28)],
+        "rls_decimation": step_ticks,
+        "rls_moment": q30(step / unit * 2.0 ** (20 - fw.Q_MOMENT), "rls_moment"),
+        "rls_lateral": q30(
+            roll.roll_arm * step / unit * 2.0 ** (20 - fw.Q_ACCELERATION), "rls_lateral"
+        ),
+        "rls_inertia": q30(roll.roll_inertia / unit * 2.0 ** (20 - fw.Q_RATE), "rls_inertia"),
+        "rls_stiffness": q30(stiffness * step / unit * 2.0 ** (20 - fw.Q_ANGLE), "rls_stiffness"),
+        "rls_damping": quantise(
+            roll.roll_damping / (stiffness * step), 20, 0, fw.COEFFICIENT, name="rls_damping"
+        ),
+        "model_stiffness": q30(stiffness * task.tick**2 / roll.roll_inertia, "model_stiffness"),
+        "model_damping": q30(roll.roll_damping * task.tick / roll.roll_inertia, "model_damping"),
+    }
+
+
+def _limits(task: Task, share: float) -> dict[str, Value]:
+    """Moment and slew limits."""
+    limit = moment_limit(task, share)
+    slew = _moment_rate(task, share) * task.tick
+    return {
+        "moment_max": quantise(limit, fw.Q_MOMENT, 0, fw.STATE_MAX, name="moment_max"),
+        "slew_max": max(1, min(_q(slew, fw.Q_MOMENT), fw.STATE_MAX)),
+    }
+
+
+def steering_gain(vehicle: Vehicle, speed: float) -> float:
+    """Return the steady lateral acceleration per steering-wheel angle, m/s² per rad.
+
+    Linear bicycle: a_y / δ = v² / (l + K_u v²) with the understeer gradient of the tyres.
+    """
+    geometry, tyre = vehicle.geometry, vehicle.tyre
+    understeer = (vehicle.total_mass / geometry.wheelbase) * (
+        geometry.cg_to_rear_axle / tyre.cornering_stiffness_front
+        - geometry.cg_to_front_axle / tyre.cornering_stiffness_rear
+    )
+    return speed**2 / (geometry.wheelbase + understeer * speed**2) / vehicle.steering.ratio
+
+
+def _schedule(vehicle: Vehicle, share: float) -> dict[str, Value]:
+    """Speed schedule: full gain at all speeds, the steering's lateral acceleration, fading."""
+    points = fw.N_POINTS
+    return {
+        "schedule_points": points,
+        "schedule_speed": [_q(speed, fw.Q_SPEED) for speed in SCHEDULE_SPEEDS],
+        "schedule_gain": [1 << 28] * points,
+        "schedule_front_share": [_q(share, fw.Q_UNIT)] * points,
+        "schedule_steering": [
+            quantise(
+                steering_gain(vehicle, speed),
+                20,
+                -fw.STATE_MAX,
+                fw.STATE_MAX,
+                name="schedule_steering",
+            )
+            for speed in SCHEDULE_SPEEDS
+        ],
+        "fade_low": _q(FADE[0], fw.Q_SPEED),
+        "fade_high": _q(FADE[1], fw.Q_SPEED),
+    }
+
+
+def damper_knee(dampers: SemiActiveDampers, force: tuple[float, ...]) -> tuple[float, float, float]:
+    """Return speed, force at the knee and slope beyond it of one damper curve: m/s, N, N·s/m."""
+    rate = np.array(dampers.rate[1:])
+    secant = np.array(force[1:]) / rate
+    straight = np.flatnonzero(secant >= 0.999 * secant[0])
+    knee = int(straight[-1])
+    speed, at = float(rate[knee]), float(force[1 + knee])
+    beyond = (force[-1] - at) / (rate[-1] - speed) if rate[-1] > speed else 0.0
+    return speed, at, float(beyond)
+
+
+def _allocation(task: Task) -> dict[str, Value]:
+    """Geometry of the split and limits of each actuator."""
+    geometry, actuators = task.vehicle.geometry, task.vehicle.actuators
+    current = actuators.dampers.current_limit
+    if task.actuator == "valves":
+        current = actuators.valves.current_limit
+    track = (2.0 * geometry.half_track_front, 2.0 * geometry.half_track_rear)
+    force = min(actuators.suspension.force_limit, DBC_FORCE_LIMIT)
+    bar = min(actuators.bars.torque_limit, DBC_BAR_LIMIT)
+    soft = damper_knee(actuators.dampers, actuators.dampers.soft_force)
+    firm = damper_knee(actuators.dampers, actuators.dampers.firm_force)
+    return {
+        "arm_front": _q(1.0 / track[0], 28),
+        "arm_rear": _q(1.0 / track[1], 28),
+        "track_front": _q(track[0], 28),
+        "track_rear": _q(track[1], 28),
+        "force_max": [quantise(force, fw.Q_MOMENT, 0, 4090 << 14, name="force_max")] * 4,
+        "share_slack": _q(0.1, fw.Q_UNIT),
+        "bar_max": [quantise(bar, fw.Q_MOMENT, 0, 8191 << 14, name="bar_max")] * 2,
+        "damper_speed": [_q(soft[0], fw.Q_RATE), _q(firm[0], fw.Q_RATE)],
+        "damper_force": [_q(soft[1], fw.Q_MOMENT), _q(firm[1], fw.Q_MOMENT)],
+        "damper_slope": [_q(soft[2], fw.Q_MOMENT), _q(firm[2], fw.Q_MOMENT)],
+        "current_max": _q(min(MILLI * current, DBC_CURRENT_LIMIT), fw.Q_MOMENT),
+    }

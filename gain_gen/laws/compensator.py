@@ -1,0 +1,75 @@
+"""Compensators in the ECU's form: scaled for its 24-bit fractions, checked for its order."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from canroll.errors import CanrollError
+from firmware.calibration import N_ORDER
+from gain_gen.models.controller import Compensator
+from gain_gen.models.roll import Matrix, stationary_covariance
+
+TYPICAL_INPUTS = np.array([0.05, 0.3, 3.0, 3.0])
+"""Standard deviations of roll, roll rate, a_y and a_y by steering: rad, rad/s, m/s²."""
+COMPENSATOR_SIGMA = 4.0
+"""Standard deviation that every state is scaled to; the ECU's states saturate at 64."""
+
+
+def checked(compensator: Compensator) -> Compensator:
+    """Return ``compensator`` if its matrices fit together and the ECU.
+
+    Raises:
+        CanrollError: naming the matrix and its shape.
+    """
+    n, outputs = len(compensator.a), len(compensator.c)
+    shapes = {"A": (n, n), "B": (n, 4), "E": (n, outputs), "C": (outputs, n), "D": (outputs, 4)}
+    for name, shape in shapes.items():
+        matrix = getattr(compensator, name.lower())
+        if matrix.shape != shape:
+            raise CanrollError(f"{name} is {matrix.shape}, it must be {shape}")
+        if not np.all(np.isfinite(matrix)):
+            raise CanrollError(f"{name} holds what is not a number")
+    if not 1 <= n <= N_ORDER:
+        raise CanrollError(f"the compensator has order {n}: the ECU holds 1 to {N_ORDER}")
+    if not 1 <= outputs <= 2:
+        raise CanrollError(f"the compensator has {outputs} outputs: 1 moment or front and rear")
+    return compensator
+
+
+def scaled_states(compensator: Compensator) -> Compensator:
+    """Return the same compensator with states of equal size under typical inputs.
+
+    Inputs are taken as low-pass filtered noise of half a second, so that slow states get their
+    due; a state that nothing reaches keeps its scale. States of marginal or unstable compensators
+    are sized by what 500 ticks bring about.
+    """
+    n = len(compensator.a)
+    closed = compensator.a + compensator.e @ compensator.c
+    drive = compensator.b + compensator.e @ compensator.d
+    decay = 0.98
+    joint = np.zeros((n + 4, n + 4))
+    joint[:n, :n] = closed
+    joint[:n, n:] = drive
+    joint[n:, n:] = decay * np.eye(4)
+    noise = np.zeros_like(joint)
+    noise[n:, n:] = np.diag(TYPICAL_INPUTS**2 * (1.0 - decay**2))
+    covariance: Matrix = noise
+    if np.abs(np.linalg.eigvals(closed)).max() < 1.0:
+        covariance = stationary_covariance(joint, noise)
+    else:
+        for _ in range(500):
+            covariance = joint @ covariance @ joint.T + noise
+    size = np.sqrt(np.diag(covariance)[:n])
+    scale = np.where(size > 0.0, size / COMPENSATOR_SIGMA, 1.0)
+    return replace(
+        compensator,
+        a=compensator.a * scale[None, :] / scale[:, None],
+        b=compensator.b / scale[:, None],
+        e=compensator.e / scale[:, None],
+        c=compensator.c * scale[None, :],
+    )
+
+
+def from_matrices(a: Matrix, b: Matrix, c: Matrix, d: Matrix) -> Compensator:
+    """Return a compensator without feedback of its saturated output."""
+    return Compensator(a=a, b=b, e=np.zeros((len(a), len(c))), c=c, d=d)

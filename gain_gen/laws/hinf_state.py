@@ -1,0 +1,75 @@
+"""Discrete H∞ state feedback of the 2020 paper, by its LMI, checked by frequency response."""
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+
+from canroll.errors import VerdictError
+from gain_gen.laws.state_feedback import PRINTED, printed_note, state_feedback
+from gain_gen.laws.state_gains import discrete_plant, yim_weights
+from gain_gen.models.roll import Matrix
+from gain_gen.models.task import Solution, Task, below
+
+
+def discrete_level(phi: Matrix, pi_column: Matrix, c: Matrix, tick: float) -> float:
+    """Return max σ[C (e^{jωT} − Φ)⁻¹ Π] on a refined frequency grid; infinite if unstable."""
+    if np.abs(np.linalg.eigvals(phi)).max() >= 1.0:
+        return float("inf")
+    grid = np.concatenate([[0.0], np.geomspace(1e-3, pi / tick, 2000)])
+    level = 0.0
+    for _ in range(3):
+        z = np.exp(1j * grid * tick)[:, None, None]
+        columns = np.broadcast_to(pi_column, (len(grid), *pi_column.shape)).astype(complex)
+        response = c.astype(complex) @ np.linalg.solve(z * np.eye(len(phi)) - phi, columns)
+        sigma = np.linalg.norm(response, 2, axis=(1, 2))
+        peak = int(np.argmax(sigma))
+        level = float(sigma[peak])
+        grid = np.linspace(grid[max(peak - 1, 0)], grid[min(peak + 1, len(grid) - 1)], 101)
+    return level
+
+
+def design_hinf(task: Task) -> Solution:
+    """Discrete H∞ state feedback (Yim 2020, (12)–(13)), u = −K x with the stabilising sign.
+
+    Scaled by 1 deg, 10 deg/s and the moment's weight: unscaled the solver fails or returns gains
+    of the wrong sign. Softened: the moment's weight is cut by 0.6 each time.
+    """
+    if task.gains == "as_printed":
+        return Solution(
+            state_feedback(task, np.array(PRINTED["hinf"])), notes=(printed_note("hinf"),)
+        )
+    from gain_gen.laws.lmi import Clock, discrete_h_infinity  # noqa: PLC0415 - cvxpy only here
+
+    model, clock = task.vehicle.design, Clock()
+    phi, gamma, lateral = discrete_plant(model, task.tick)
+    softened = 0.6**task.softness
+    weights = yim_weights(model)
+    weights = replace(weights, moment=weights.moment * softened)
+    scale = np.array([weights.roll, weights.roll_rate])
+    scaled_phi = phi * scale[None, :] / scale[:, None]
+    scaled_gamma = gamma * weights.moment / scale[:, None]
+    scaled_lateral = lateral / scale[:, None]
+    c = np.array([[1.0, 0.0], [0.0, 1.0], [0.0, 0.0]])
+    d = np.array([[0.0], [0.0], [1.0]])
+    found = discrete_h_infinity(scaled_phi, scaled_gamma, scaled_lateral, c=c, d=d, clock=clock)
+    if found is None:
+        raise VerdictError(
+            f"hinf for {task.vehicle.name}: the solver found no gain; check the weights"
+        )
+    scaled_gain = -found.y @ np.linalg.inv(found.p)
+    level = discrete_level(
+        scaled_phi - scaled_gamma @ scaled_gain, scaled_lateral, c - d @ scaled_gain, task.tick
+    )
+    gain = scaled_gain * weights.moment / scale
+    return Solution(
+        state_feedback(task, gain),
+        gamma=level,
+        gamma_bound=found.chi * (1.0 + 1e-4),
+        checks={
+            "hinf_level": below(level, found.chi * (1.0 + 1e-4)),
+            "lmi_p": below(-float(np.linalg.eigvalsh(found.p)[0]), 0.0),
+        },
+        solve_seconds=clock.seconds,
+        extra={"moment_weight": weights.moment, "solves": float(clock.solves)},
+    )

@@ -1,0 +1,264 @@
+"""The full-car LQR made to run: a reduced compensator from the inertial sensors alone."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from canroll.errors import CanrollError, VerdictError
+from gain_gen.laws.compensator import scaled_states
+from gain_gen.laws.state_feedback import observer_of
+from gain_gen.laws.state_gains import riccati_gain
+from gain_gen.models.controller import Compensator, Controller, matrices
+from gain_gen.models.full_car import (
+    CURRENTS,
+    INPUT_WEIGHT,
+    MILLI,
+    PRINTED_CAR,
+    SPEED,
+    STEER,
+    FullCarModel,
+    car_of,
+    full_car_model,
+    ideal_gain,
+    reductions,
+    weights,
+)
+from gain_gen.models.reduction import balanced, truncated
+from gain_gen.models.roll import Matrix, stationary_covariance, zero_order_hold
+from gain_gen.models.task import Check, Solution, Task, above, below
+from vehicles.full_car import AS_PRINTED
+
+STEER_CORNER = 3.0
+"""Corner of the driver's steering, rad/s."""
+STEER_DEVIATION = 0.02
+"""Standard deviation of the road-wheel angle, rad."""
+ORDERS = (3, 4, 5, 6, 7, 8)
+WORTH = 0.85
+"""Share of the full-state benefit that the least order must keep."""
+
+
+@dataclass(frozen=True, slots=True)
+class SampledCar:
+    """The car at the tick with its steering as coloured noise.
+
+    Attributes:
+        phi: (27, 27); the last state is the steering angle.
+        gamma: both currents, (27, 2), A.
+        noise: column of the steering's white noise, (27, 1).
+        outputs: roll rate, accelerometer, roll, bar moment, (4, 27).
+    """
+
+    phi: Matrix
+    gamma: Matrix
+    noise: Matrix
+    outputs: Matrix
+
+
+def sampled_car(model: FullCarModel, tick: float) -> SampledCar:
+    """Discretise exactly, the steering held over the tick."""
+    n = len(model.a)
+    phi, gamma = zero_order_hold(model.a, model.b[:, [STEER, *CURRENTS]], tick)
+    decay = float(np.exp(-STEER_CORNER * tick))
+    whole = np.zeros((n + 1, n + 1))
+    whole[:n, :n], whole[:n, n], whole[n, n] = phi, gamma[:, 0], decay
+    noise = np.zeros((n + 1, 1))
+    noise[n] = STEER_DEVIATION * np.sqrt(1.0 - decay**2)
+    inputs = np.vstack([gamma[:, 1:], np.zeros((1, 2))])
+    return SampledCar(whole, inputs, noise, np.hstack([model.outputs, model.steer[:, None]]))
+
+
+def compensator_in_full(car: SampledCar, gain: Matrix, task: Task) -> Compensator:
+    """Return the LQG compensator in observer form, from [roll rate, a_y] and its own output.
+
+    ξ⁺ = (Φ − L C) ξ + L y + Γ u, u = −K ξ: stable whatever the loop does, so that it can be
+    reduced as it stands, and the ECU feeds the saturated u: no wind-up.
+    """
+    outputs = car.outputs[:2]
+    measurement = np.diag([task.noise.roll_rate**2, task.noise.lateral**2])
+    n = len(car.phi)
+    # unmodelled moments and road on every state, so that the filter leans on its sensors
+    process = car.noise @ car.noise.T + 1e-10 * np.eye(n)
+    covariance = solve_discrete_are(car.phi.T, outputs.T, process, measurement)
+    innovation = outputs @ covariance @ outputs.T + measurement
+    injection = np.linalg.solve(innovation, outputs @ covariance @ car.phi.T).T
+    b = np.zeros((n, 4))
+    b[:, 1:3] = injection
+    return Compensator(
+        a=car.phi - injection @ outputs, b=b, e=car.gamma, c=-gain, d=np.zeros((2, 4))
+    )
+
+
+def reduced(full: Compensator, order: int) -> Compensator:
+    """Return the compensator with ``order`` states, by balancing from (y, u) to u."""
+    # inputs and outputs in sizes of equal importance: deg/s, 0.1 m/s², A
+    size = np.array([1.0, 0.02, 0.1, 1.0])
+    a, b, c, _ = balanced(full.a, np.hstack([full.b * size, full.e]), full.c)
+    a, b, c = truncated(a, b, c, order)
+    return Compensator(a=a, b=b[:, :4] / size, e=b[:, 4:], c=c, d=full.d)
+
+
+def closed_loop(car: SampledCar, controller: Controller, delay: float) -> tuple[Matrix, Matrix]:
+    """Return A and the noise column of car, delay line and ECU; currents in mA as commanded.
+
+    The delay is taken in whole ticks, rounded up: it is more than the real one.
+    """
+    steps = max(0, int(np.ceil(delay / controller.tick - 1e-9)))
+    ac, bc, cc, dc = matrices(controller, summed=False)
+    n, m = len(car.phi), len(ac)
+    lines = 2 * steps
+    size = n + lines + m
+    a = np.zeros((size, size))
+    a[:n, :n] = car.phi
+    command = np.zeros((2, size))
+    command[:, :n] = dc @ car.outputs
+    command[:, n + lines :] = cc
+    command /= MILLI
+    if steps:
+        a[:n, n : n + 2] = car.gamma
+        a[n : n + lines - 2, n + 2 : n + lines] = np.eye(lines - 2)
+        a[n + lines - 2 : n + lines] = command
+    else:
+        a[:n] += car.gamma @ command
+    a[n + lines :, :n] = bc @ car.outputs
+    a[n + lines :, n + lines :] = ac
+    return a, np.vstack([car.noise, np.zeros((size - n, 1))])
+
+
+def rolling(a: Matrix, noise: Matrix, row: Matrix) -> float:
+    """Return the stationary standard deviation of ``row`` x; infinite where unstable."""
+    if np.abs(np.linalg.eigvals(a)).max() >= 1.0:
+        return float("inf")
+    covariance = stationary_covariance(a, noise @ noise.T)
+    wide = np.concatenate([row, np.zeros(len(a) - len(row))])
+    return float(np.sqrt(wide @ covariance @ wide))
+
+
+def design_lqr_full_car(task: Task) -> Solution:
+    """Full-car LQR of Vu 2020 as a compensator from the inertial sensors, valve currents out.
+
+    The 26-state gain is computed balanced, at the tick; an observer form of it from roll rate and
+    lateral acceleration is reduced by balanced truncation, and every order is checked in the
+    closed loop with the real delay before it is taken.
+    """
+    if task.actuator != "valves":
+        raise CanrollError(
+            "lqr_full_car commands the currents of hydraulic bars: choose --actuator valves"
+        )
+    model = full_car_model(car_of(task.vehicle), SPEED)
+    car = sampled_car(model, task.tick)
+    n = len(model.a)
+    plain = riccati_gain(
+        car.phi[:n, :n], car.gamma[:n], np.diag(weights()), INPUT_WEIGHT * np.eye(2)
+    )
+    gain = np.hstack([plain, np.zeros((2, 1))])
+    roll = car.outputs[2]
+    passive = rolling(car.phi, car.noise, roll)
+    ideal = rolling(car.phi - car.gamma @ gain, car.noise, roll)
+    full = compensator_in_full(car, gain, task)
+    base = Controller(
+        tick=task.tick,
+        observer=observer_of(task),
+        feedback=np.zeros(5),
+        feedforward=np.zeros(5),
+        compensator=full,
+        actuator_rate=0.0,
+    )
+    tried: dict[str, float] = {}
+    chosen: Controller | None = None
+    kept = 0.0
+    for order in ORDERS:
+        candidate = _in_milliampere(reduced(full, order))
+        controller = replace(base, compensator=scaled_states(candidate))
+        active = rolling(*closed_loop(car, controller, task.delay.most), roll)
+        share = (passive - active) / (passive - ideal) if np.isfinite(active) else float("-inf")
+        tried[f"benefit_order_{order}"] = share
+        if chosen is None and share >= WORTH:
+            chosen, kept = controller, share
+    if chosen is None:
+        raise VerdictError(
+            f"lqr_full_car for {task.vehicle.name}: no compensator of order {ORDERS[0]} to "
+            f"{ORDERS[-1]} keeps {100 * WORTH:.0f} % of the benefit at "
+            f"{1e3 * task.delay.most:.0f} ms; shorten the delay"
+        )
+    return Solution(
+        chosen,
+        checks=_checks(task, car, chosen, kept),
+        delay_aware=True,
+        extra={"roll_rms_ratio_ideal": ideal / passive, **tried},
+        verified_by_law=True,
+    )
+
+
+def _in_milliampere(compensator: Compensator) -> Compensator:
+    """Return the compensator with its outputs, and what comes back of them, in mA."""
+    return replace(
+        compensator,
+        c=MILLI * compensator.c,
+        d=MILLI * compensator.d,
+        e=compensator.e / MILLI,
+    )
+
+
+def _checks(task: Task, car: SampledCar, controller: Controller, kept: float) -> dict[str, Check]:
+    """Stability at every delay in the bounds, other speeds, and what is kept of the benefit."""
+    delays = np.linspace(task.delay.least, task.delay.most, 5)
+    radius = max(
+        float(np.abs(np.linalg.eigvals(closed_loop(car, controller, float(seconds))[0])).max())
+        for seconds in (*delays, 2.0 * task.delay.most)
+    )
+    checks = {
+        "full_car_spectral_radius_delays": below(radius, 1.0),
+        "full_car_benefit_kept": above(kept, WORTH),
+    }
+    for speed in (0.6 * SPEED, SPEED, 1.6 * SPEED):
+        other = sampled_car(full_car_model(car_of(task.vehicle), speed), task.tick)
+        a, noise = closed_loop(other, controller, task.delay.most)
+        ratio = rolling(a, noise, other.outputs[2]) / rolling(
+            other.phi, other.noise, other.outputs[2]
+        )
+        checks[f"full_car_roll_rms_ratio_{3.6 * speed:.0f}_kmh"] = below(ratio, 1.0)
+    return checks
+
+
+def design_lqr_full_car_ideal(task: Task) -> Solution:
+    """The 26-state LQR of Vu 2020 in continuous time: an ideal law that no ECU runs.
+
+    Its reductions at 1 rad/s stand beside those of the printed car, also with feedback closed on
+    the road inputs: that is how the paper's B = [B1, B2] reads, and the only way to a drop of the
+    wheels' motion like that of its Table 3.
+    """
+    model = full_car_model(car_of(task.vehicle), SPEED)
+    numbers = dict(reductions(model, *ideal_gain(model)))
+    if task.vehicle.name == PRINTED_CAR:
+        printed = full_car_model(AS_PRINTED, SPEED)
+        for prefix, roads in (("printed_", False), ("printed_with_roads_", True)):
+            found = reductions(printed, *ideal_gain(printed, input_weight=1.0, roads=roads))
+            numbers |= {f"{prefix}{name}": value for name, value in found.items()}
+    gain, b = ideal_gain(model)
+    root = float(np.linalg.eigvals(model.a - b @ gain).real.max())
+    full = Compensator(
+        a=np.zeros((1, 1)),
+        b=np.zeros((1, 4)),
+        e=np.zeros((1, 2)),
+        c=np.zeros((2, 1)),
+        d=np.zeros((2, 4)),
+    )
+    controller = Controller(
+        tick=task.tick,
+        observer=observer_of(task),
+        feedback=np.zeros(5),
+        feedforward=np.zeros(5),
+        compensator=full,
+    )
+    return Solution(
+        controller,
+        rightmost_root=root,
+        checks={"rightmost_root": below(root, 0.0)},
+        delay_aware=True,
+        notes=("lqr_full_car_ideal: needs 26 measured states, no ECU runs it",),
+        extra=numbers,
+        deployable=False,
+        verified_by_law=True,
+        ideal_gain=gain,
+    )

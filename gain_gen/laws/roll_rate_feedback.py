@@ -1,0 +1,208 @@
+"""Static output feedback of the roll rate: exact analysis, the delay-free law, the simple law."""
+
+from dataclasses import dataclass
+from math import exp, log, sqrt
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from gain_gen.analysis.certificates import (
+    LinearPlant,
+    bounded_real_block,
+    largest_eigenvalue,
+)
+from gain_gen.analysis.delay_system import h_infinity, largest_delay, rightmost_root
+from gain_gen.laws.state_feedback import (
+    FEEDFORWARD_SHARE,
+    actuator_rate,
+    feedforward_row,
+    observer_of,
+)
+from gain_gen.models.controller import Controller
+from gain_gen.models.roll import (
+    PERFORMANCE,
+    ROLL_RATE,
+    NormalisedPlant,
+    disturbance_input,
+    moment_input,
+    normalise,
+    state_matrix,
+)
+from gain_gen.models.task import Check, Solution, Task, below
+from vehicles import RollModel
+
+PRINTED_NO_DELAY_GAIN = -1.29e6
+"""Redondo 2021, (66)."""
+FASTEST_POLE = 5.0
+"""Bound on the closed loop's poles for ``hinf_nodelay``, in natural roll frequencies."""
+SOFTENING = 5e-3
+"""Delay added to that of the theorem for each softening, s: hold and actuator delay as well."""
+LEVEL_MARGIN = 1e-5
+"""Share by which a certified level is raised, so that the certificate holds strictly."""
+USELESS = 0.99
+"""A level of this share of the open loop's is no improvement worth a law."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExactOptimum:
+    """The best gain of all by exact analysis: what a bound is measured against."""
+
+    gain: float
+    gamma: float
+
+
+def exact_gamma(model: RollModel, gain: float, delay: float) -> float:
+    """Return the H∞ level from [a_y, bank, d] to φ + φ' under u = K φ'(t − τ), exactly."""
+    delayed = gain * moment_input(model) @ ROLL_RATE
+    return h_infinity(
+        state_matrix(model), delayed, disturbance_input(model), PERFORMANCE, delay=delay
+    ).gamma
+
+
+def exact_optimum(model: RollModel, delay: float, *, guess: float) -> ExactOptimum:
+    """Return the roll-rate gain with the least exact level at ``delay``.
+
+    Args:
+        model: design model.
+        delay: s.
+        guess: a stabilising gain, N·m·s/rad, negative; the search is within [guess / 4, 4 guess].
+    """
+    found = minimize_scalar(
+        lambda log_gain: min(exact_gamma(model, -exp(log_gain), delay), 1e6),
+        bounds=(log(-guess) - log(4.0), log(-guess) + log(4.0)),
+        method="bounded",
+        options={"xatol": 2e-3},
+    )
+    return ExactOptimum(-exp(float(found.x)), float(found.fun))
+
+
+def static_controller(task: Task, gain: float) -> Controller:
+    """Return u = K (roll rate) as measured."""
+    return Controller(
+        tick=task.tick,
+        observer=observer_of(task),
+        feedback=np.zeros(5),
+        feedforward=np.zeros(5),
+        output_gain=np.array([gain, 0.0, 0.0]),
+        actuator_rate=actuator_rate(task),
+    )
+
+
+def static_solution(
+    task: Task,
+    gain: float,
+    *,
+    delay: float,
+    gamma_bound: float | None,
+    checks: dict[str, Check],
+    delay_aware: bool,
+    solve_seconds: float = 0.0,
+    notes: tuple[str, ...] = (),
+    extra: dict[str, float] | None = None,
+) -> Solution:
+    """Return a roll-rate law with its exact analysis at ``delay``."""
+    model = task.vehicle.design
+    gamma = exact_gamma(model, gain, delay)
+    if gamma_bound is not None:
+        checks = checks | {"gamma_exact": below(gamma, gamma_bound * (1.0 + 1e-6))}
+    root = rightmost_root(state_matrix(model), gain * moment_input(model) @ ROLL_RATE, delay)
+    return Solution(
+        static_controller(task, gain),
+        gamma=gamma if np.isfinite(gamma) else None,
+        gamma_bound=gamma_bound,
+        checks=checks,
+        rightmost_root=root.real,
+        max_delay=largest_delay(state_matrix(model), moment_input(model), gain * ROLL_RATE),
+        delay_aware=delay_aware,
+        solve_seconds=solve_seconds,
+        notes=notes,
+        extra=extra or {},
+    )
+
+
+def open_loop_gamma(model: RollModel) -> float:
+    """Return the level without control."""
+    return exact_gamma(model, 0.0, 0.0)
+
+
+def normalised_plant(plant: NormalisedPlant) -> LinearPlant:
+    """Return the normalised plant as the certificates take it, roll rate measured."""
+    return LinearPlant(plant.a, plant.b, plant.b_disturbance, plant.performance, ROLL_RATE)
+
+
+def design_hinf_nodelay(task: Task) -> Solution:
+    """The delay-unaware baseline of Redondo 2021, (52), made finite by a bound on its poles."""
+    model = task.vehicle.design
+    plant = normalise(model)
+    fastest = FASTEST_POLE * 0.8**task.softness
+    why = (
+        "hinf_nodelay: without a bound γ falls for ever as the gain grows (printed: -1.29e6, a "
+        f"limit cycle at any real delay); the closed loop's poles are held below {fastest:.3g} "
+        f"times the roll frequency, {fastest * plant.frequency:.1f} rad/s"
+    )
+    if task.gains == "as_printed":
+        return static_solution(
+            task,
+            PRINTED_NO_DELAY_GAIN,
+            delay=0.0,
+            gamma_bound=sqrt(0.09932),
+            checks={},
+            delay_aware=False,
+            notes=(why,),
+        )
+    from gain_gen.laws.lmi import BoundedProgram, Clock  # noqa: PLC0415 - cvxpy only where it is used
+
+    clock = Clock()
+    program = BoundedProgram(plant, fastest)
+
+    def level(log_rho: float) -> float:
+        found = program.solve(exp(log_rho), clock)
+        return found.gamma_squared if found is not None else 1e6
+
+    scanned = minimize_scalar(
+        level, bounds=(log(0.05), log(fastest)), method="bounded", options={"xatol": 5e-3}
+    )
+    found = program.solve(exp(float(scanned.x)), clock)
+    assert found is not None
+    level_squared = found.gamma_squared * (1.0 + LEVEL_MARGIN)
+    block = bounded_real_block(
+        normalised_plant(plant), gain=found.gain, x=found.x, gamma_squared=level_squared
+    )
+    gain = plant.rate_gain(found.gain)
+    poles = np.linalg.eigvals(state_matrix(model) + gain * moment_input(model) @ ROLL_RATE)
+    return static_solution(
+        task,
+        gain,
+        delay=0.0,
+        gamma_bound=sqrt(level_squared),
+        checks={
+            "lmi_bounded_real": below(largest_eigenvalue(block), 0.0),
+            "lmi_x": below(-float(np.linalg.eigvalsh(found.x)[0]), 0.0),
+            "fastest_pole": below(float(np.abs(poles).max()), fastest * plant.frequency * 1.001),
+        },
+        delay_aware=False,
+        solve_seconds=clock.seconds,
+        notes=(why,),
+        extra={"rho": exp(float(scanned.x)), "solves": float(clock.solves)},
+    )
+
+
+def design_rate_feedforward(task: Task) -> Solution:
+    """u = K φ' − β m h a_y on the observer's filtered values: simple and strong.
+
+    K is the exact optimum for the delay with half a hold and the actuator's lag added: no
+    inequality, no solver.
+    """
+    model = task.vehicle.design
+    delay = task.delay.most + 0.5 * task.tick + task.lag
+    guesses = -model.roll_damping * np.geomspace(0.05, 8.0, 12)
+    guess = min(guesses, key=lambda gain: exact_gamma(model, float(gain), delay))
+    optimum = exact_optimum(model, delay, guess=float(guess))
+    controller = Controller(
+        tick=task.tick,
+        observer=observer_of(task),
+        feedback=np.array([0.0, -optimum.gain, 0.0, 0.0, 0.0]),
+        feedforward=feedforward_row(task, FEEDFORWARD_SHARE * model.roll_arm),
+        actuator_rate=actuator_rate(task),
+    )
+    return Solution(controller, gamma=optimum.gamma, delay_aware=True)

@@ -1,0 +1,167 @@
+"""Laws on the observed state: LQR, sliding mode, feedforward alone, LQG with the exact delay."""
+
+from dataclasses import replace
+from math import exp, pi, sqrt
+
+import numpy as np
+
+from canroll.errors import CanrollError
+from gain_gen.laws.state_gains import (
+    disturbance_feedforward,
+    lqr,
+    riccati_gain,
+    sliding_mode,
+    yim_weights,
+)
+from gain_gen.models.controller import Controller
+from gain_gen.models.observer import LateralModel, Observer, SensorNoise, kalman, observer_model
+from gain_gen.models.roll import Matrix
+from gain_gen.models.task import Solution, Task
+from vehicles import Vehicle
+
+PRINTED = {
+    "lqr": (38315.0, 4232.0),
+    "hinf": (113700.0, 18860.0),
+    "smc": (90670.0, 9981.0),
+}
+"""Gains of Yim 2020, (40), rows as untangled from the scan; u = −K x."""
+
+SMC_SURFACE = np.array([[10.0, 1.0]])
+SMC_ALPHA = 0.5
+
+ROLL_RATE_WEIGHT = 0.05
+"""Weight of φ'² beside φ² in the cost of ``lqg_delay``, s²."""
+MOMENT_WEIGHT = 10.0**-8.4
+"""Weight of u² for the van of 2021, 1/(N·m)²; scaled with the stiffness squared for others."""
+MOMENT_WEIGHT_STIFFNESS = 12601.07
+"""K − m g h of that van, N·m/rad."""
+
+STEERED = LateralModel(frequency=6.0, damping=0.9, acceleration=1.5, steered=True)
+"""Yaw and lateral dynamics between steering and a_y, and how far the tyres depart from it."""
+
+FEEDFORWARD_SHARE = 0.3
+"""β of u = −β m h a_y where nothing else is asked for."""
+
+
+def sensor_noise(vehicle: Vehicle) -> SensorNoise:
+    """Return the noise of one sample of the vehicle's sensors, from density and bandwidth."""
+    rate, lateral = vehicle.sensors.roll_rate, vehicle.sensors.lateral_acceleration
+    return SensorNoise(
+        roll_rate=rate.noise_density * sqrt(0.5 * pi * rate.bandwidth),
+        lateral=lateral.noise_density * sqrt(0.5 * pi * lateral.bandwidth),
+    )
+
+
+def observer_of(task: Task) -> Observer:
+    """Return the constant-gain observer that the task asks for."""
+    lateral = STEERED if task.observer == "steering" else task.lateral
+    model = observer_model(task.vehicle.design, task.tick, lateral=lateral, noise=task.noise)
+    measurements = (0,) if task.observer == "one_sensor" else (0, 1)
+    observer = kalman(model, measurements=measurements)
+    return replace(observer, bypass=task.observer == "reference")
+
+
+def actuator_rate(task: Task) -> float:
+    """Return the share of the way to its command that the actuator goes in a tick.
+
+    What dampers and valves are commanded is no moment: theirs is taken as it is delivered.
+    """
+    if task.actuator in ("dampers", "valves"):
+        return 0.0
+    return 1.0 - exp(-task.tick / task.lag)
+
+
+def feedforward_row(task: Task, gain: float) -> Matrix:
+    """Return u = −gain a_y as row on the observer's state, zero where it is switched off."""
+    return np.array([0.0, 0.0, gain if task.feedforward else 0.0, 0.0, 0.0])
+
+
+def state_feedback(task: Task, gain: Matrix) -> Controller:
+    """Return u = −K [φ, φ'] − K_FF a_y on the observed state, with no regard to the delay."""
+    return Controller(
+        tick=task.tick,
+        observer=observer_of(task),
+        feedback=np.concatenate([np.ravel(gain), np.zeros(3)]),
+        feedforward=feedforward_row(task, disturbance_feedforward(task.vehicle.design, task.tick)),
+        actuator_rate=actuator_rate(task),
+    )
+
+
+def printed_note(law: str) -> str:
+    """Return the remark that printed gains of the 2020 paper come with."""
+    return (
+        f"{law}: gains as printed for the small SUV; they do not follow from the printed tables "
+        f"(use --gains computed)"
+    )
+
+
+def design_lqr(task: Task) -> Solution:
+    """Discrete LQR with Bryson weights (Yim 2020, (7)–(10)) and disturbance feedforward (21)."""
+    if task.gains == "as_printed":
+        return Solution(
+            state_feedback(task, np.array(PRINTED["lqr"])), notes=(printed_note("lqr"),)
+        )
+    model = task.vehicle.design
+    return Solution(state_feedback(task, lqr(model, task.tick, yim_weights(model))))
+
+
+def design_smc(task: Task) -> Solution:
+    """Discrete sliding mode on s = 10 φ + φ' with α = 0.5 (Yim 2020, (14)–(18)).
+
+    Softened: 1 − α is cut by 0.7 each time.
+    """
+    if task.gains == "as_printed":
+        return Solution(
+            state_feedback(task, np.array(PRINTED["smc"])), notes=(printed_note("smc"),)
+        )
+    alpha = 1.0 - (1.0 - SMC_ALPHA) * 0.7**task.softness
+    gain = sliding_mode(task.vehicle.design, task.tick, surface=SMC_SURFACE, alpha=alpha)
+    return Solution(state_feedback(task, gain), extra={"alpha": alpha})
+
+
+def design_lqg_delay(task: Task) -> Solution:
+    """LQG on the exact discrete delay states and a second-order model of the lateral acceleration.
+
+    Minimises φ² + 0.05 φ'² + r u² per tick. With a pure input delay the optimum is the delay-free
+    gain on the state predicted over the delay, which the observer and the ring of past commands
+    give: no state beyond the plant's is needed. The lateral acceleration is part of the state, so
+    the feedforward is optimal for the way it moves.
+    """
+    model = task.vehicle.design
+    observer = observer_of(task)
+    weight = MOMENT_WEIGHT * (MOMENT_WEIGHT_STIFFNESS / model.effective_stiffness) ** 2
+    gain = riccati_gain(
+        observer.model.phi[:4, :4],
+        observer.model.gamma[:4],
+        np.diag([1.0, ROLL_RATE_WEIGHT, 0.0, 0.0]),
+        np.array([[weight]]),
+    )[0]
+    steps = round(task.delay.nominal / task.tick)
+    if steps > 32:
+        raise CanrollError(
+            f"a delay of {1e3 * task.delay.nominal:.0f} ms is {steps} ticks, the ring of past "
+            f"commands holds 32: choose a longer --tick"
+        )
+    controller = Controller(
+        tick=task.tick,
+        observer=observer,
+        feedback=np.array([gain[0], gain[1], 0.0, 0.0, 0.0]),
+        feedforward=np.array([0.0, 0.0, gain[2], gain[3], 0.0]) * float(task.feedforward),
+        predict_steps=steps,
+        actuator_rate=actuator_rate(task),
+    )
+    return Solution(controller, delay_aware=True)
+
+
+def design_ay_feedforward(task: Task) -> Solution:
+    """u = −β m h â_y on the observer's filtered lateral acceleration: no feedback at all."""
+    gain = FEEDFORWARD_SHARE * task.vehicle.design.roll_arm
+    controller = Controller(
+        tick=task.tick,
+        observer=observer_of(task),
+        feedback=np.zeros(5),
+        feedforward=np.array([0.0, 0.0, gain, 0.0, 0.0]),
+        predict_steps=min(32, round(task.delay.nominal / task.tick)),
+        actuator_rate=actuator_rate(task),
+    )
+    return Solution(controller, delay_aware=True)

@@ -1,0 +1,155 @@
+"""The firmware's controller as a float64 linear system, stage by stage as the ECU runs it."""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from gain_gen.models.observer import Observer
+from gain_gen.models.roll import Matrix
+from vehicles import GRAVITY
+
+INPUTS = ("roll_rate", "lateral_acceleration", "roll", "delivered_moment")
+Y_RATE, Y_LATERAL, Y_ROLL, Y_MOMENT = range(4)
+
+
+@dataclass(frozen=True, slots=True)
+class Compensator:
+    """ξ⁺ = A ξ + B y + E u_saturated, u = C ξ + D y with y = [roll, roll rate, a_y, steering a_y].
+
+    Attributes:
+        a: (n, n), n ≤ 8.
+        b: (n, 4).
+        e: (n, outputs); zero unless the observer form needs the saturated output.
+        c: (outputs, n).
+        d: (outputs, 4).
+    """
+
+    a: Matrix
+    b: Matrix
+    e: Matrix
+    c: Matrix
+    d: Matrix
+
+
+@dataclass(frozen=True, slots=True)
+class Controller:
+    """Everything between the received samples and the moment command, in SI units.
+
+    Exactly one of state feedback (``feedback`` with an observer), output feedback and compensator
+    is in use.
+
+    Attributes:
+        tick: period, s.
+        observer: constant-gain observer, or None where the true state is received.
+        feedback: K of u = −K x̂ on the five observer states, (5,).
+        feedforward: likewise, what acts on the disturbance states, (5,).
+        output_gain: K of u = K [roll rate, a_y, roll], (3,), or None.
+        compensator: or None.
+        predict_steps: ticks the state is predicted over.
+        actuator_rate: share of the way to its command that the actuator goes in a tick.
+    """
+
+    tick: float
+    observer: Observer
+    feedback: Matrix
+    feedforward: Matrix
+    output_gain: Matrix | None = None
+    compensator: Compensator | None = None
+    predict_steps: int = 0
+    actuator_rate: float = 1.0
+
+    @property
+    def observes(self) -> bool:
+        """Whether the observer has a part in the command: not for raw output feedback."""
+        return self.output_gain is None or bool(self.output_gain[Y_ROLL])
+
+    @property
+    def order(self) -> int:
+        """Number of states of :func:`step`: observer, ring of past commands, compensator."""
+        compensator = 0 if self.compensator is None else len(self.compensator.a)
+        return (5 if self.observes else 0) + self.predict_steps + compensator
+
+
+def correct(observer: Observer, x: Matrix, y: Matrix) -> Matrix:
+    """Return the state after the scalar corrections, in the order of the measurements."""
+    for row in observer.measurements:
+        innovation = y[row] - observer.model.output[row] @ x
+        x = x + np.outer(observer.correction[row], innovation).reshape(x.shape)
+    return x
+
+
+def observe(controller: Controller, x: Matrix, y: Matrix) -> Matrix:
+    """Return the estimate after a tick: prediction under the delivered moment, corrections."""
+    if controller.observer.bypass:
+        # the true lateral acceleration is received: what the accelerometer reads without gravity
+        lateral = y[Y_LATERAL] - GRAVITY * y[Y_ROLL]
+        nothing = np.zeros_like(lateral)
+        return np.stack([y[Y_ROLL], y[Y_RATE], lateral, nothing, nothing])
+    model = controller.observer.model
+    x = model.phi @ x + np.multiply.outer(model.gamma[:, 0], y[Y_MOMENT])
+    return correct(controller.observer, x, y)
+
+
+def predict(controller: Controller, x: Matrix, ring: Matrix, moment: Matrix) -> Matrix:
+    """Return the state ``predict_steps`` ticks ahead under the past commands, oldest first."""
+    model = controller.observer.model
+    for command in ring:
+        reached = moment + controller.actuator_rate * (command - moment)
+        x = model.phi @ x + np.multiply.outer(model.gamma[:, 0], 0.5 * (moment + reached))
+        moment = reached
+    return x
+
+
+def step(
+    controller: Controller, state: Matrix, y: Matrix, *, limit: float = inf
+) -> tuple[Matrix, Matrix]:
+    """Advance by one tick.
+
+    Args:
+        controller: its gains.
+        state: (order,) or (order, columns): columns are independent copies.
+        y: the four :data:`INPUTS`, (4,) or (4, columns).
+        limit: of each output of a compensator, which feeds back what is left of it.
+
+    Returns:
+        The next state and the moment command; with a compensator its outputs, (outputs, …).
+    """
+    if not controller.observes:
+        assert controller.output_gain is not None
+        return state, controller.output_gain @ y[:3]
+    x = observe(controller, state[:5], y)
+    lateral = x[2] if controller.observer.bypass else y[Y_LATERAL]
+    ring = state[5 : 5 + controller.predict_steps]
+    if controller.compensator is not None:
+        c = controller.compensator
+        inner = state[5:]
+        inputs = np.stack([x[0], x[1], lateral, np.zeros_like(y[0])])
+        outputs = np.clip(c.c @ inner + c.d @ inputs, -limit, limit)
+        inner = c.a @ inner + c.b @ inputs + c.e @ outputs
+        return np.concatenate([x, inner]), outputs
+    if controller.output_gain is not None:
+        return x, controller.output_gain @ np.stack([y[Y_RATE], lateral, x[0]])
+    ahead = predict(controller, x, ring, y[Y_MOMENT])
+    u = -(controller.feedback + controller.feedforward) @ ahead
+    if controller.predict_steps:
+        ring = np.concatenate([ring[1:], u[None]])
+    return np.concatenate([x, ring]), u
+
+
+def matrices(
+    controller: Controller, *, summed: bool = True
+) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """Return A, B, C, D of the controller from y to u by passing unit vectors through it.
+
+    Args:
+        controller: its gains.
+        summed: the two outputs of a compensator as one moment, or as they are.
+    """
+    n = controller.order
+    identity = np.eye(n + 4)
+    following, u = step(controller, identity[:n], identity[n:])
+    u = np.atleast_2d(u)
+    if summed:
+        u = u.sum(axis=0, keepdims=True)
+    return following[:, :n], following[:, n:], u[:, :n], u[:, n:]

@@ -1,0 +1,166 @@
+"""What a design is: gains, observer, delays, certificates, verdicts, provenance."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf
+from typing import NamedTuple
+
+from gain_gen.models.controller import Controller
+from gain_gen.models.observer import LateralModel, SensorNoise
+from gain_gen.models.roll import Matrix
+from vehicles import Vehicle
+
+
+class Check(NamedTuple):
+    """One verification: what was found, what it is held against, whether it holds."""
+
+    value: float
+    limit: float
+    ok: bool
+
+
+def below(value: float, limit: float) -> Check:
+    """Return the check that ``value`` is less than ``limit``; not-a-number fails."""
+    return Check(float(value), float(limit), bool(value < limit))
+
+
+def above(value: float, limit: float) -> Check:
+    """Return the check that ``value`` is more than ``limit``; not-a-number fails."""
+    return Check(float(value), float(limit), bool(value > limit))
+
+
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """Sample-to-force delay: what the design takes as constant, and the bounds it moves in, s."""
+
+    nominal: float
+    least: float
+    most: float
+
+    @classmethod
+    def constant(cls, seconds: float) -> "Delay":
+        """Return a delay that does not move."""
+        return cls(seconds, seconds, seconds)
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What a law is asked for.
+
+    Attributes:
+        vehicle: design model, actuators and sensors.
+        delay: from the sample to the force.
+        tick: period of the ECU loop, s.
+        actuator: "suspension", "bars", "dampers" or "valves".
+        observer: name of the observer's settings.
+        feedforward: whether the disturbance feedforward is on.
+        gains: "computed" or "as_printed".
+        lateral: how the lateral acceleration is taken to move.
+        noise: of the sensors.
+        matrices: file of a custom law, or empty.
+        order: order of a reduced compensator.
+        gamma_target: H∞ level that must be certified, or zero for the least.
+        softness: how often a law that does not know of the delay was asked for a gentler gain.
+    """
+
+    vehicle: Vehicle
+    delay: Delay
+    tick: float = 0.01
+    actuator: str = "suspension"
+    observer: str = "two_sensors"
+    feedforward: bool = True
+    gains: str = "computed"
+    lateral: LateralModel = field(default_factory=LateralModel)
+    noise: SensorNoise = field(default_factory=SensorNoise)
+    matrices: str = ""
+    order: int = 4
+    gamma_target: float = 0.0
+    softness: int = 0
+
+    @property
+    def lag(self) -> float:
+        """Time constant of the actuator, s."""
+        actuators = self.vehicle.actuators
+        if self.actuator == "suspension":
+            return actuators.suspension.lag
+        if self.actuator == "dampers":
+            return actuators.dampers.lag
+        return actuators.bars.lag
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """What a law answers: a controller and the certificates that came with it.
+
+    Attributes:
+        controller: gains in SI units.
+        gamma: H∞ level by exact analysis, or None where the law has no such aim.
+        gamma_bound: the level that the solver's point certifies, or None.
+        checks: verifications that only this law has.
+        rightmost_root: largest real part of the continuous delay loop's roots, or None.
+        max_delay: largest constant delay of the continuous loop, s, or None: found on the sampled.
+        delay_aware: False where the law does not know of the delay.
+        solve_seconds: time in solvers, s.
+        notes: what a user should know, one line each.
+        extra: further numbers to report by name.
+        deployable: False for ideal laws that no ECU runs.
+        verified_by_law: the law is about another plant than the 1-DOF one and checks itself.
+        ideal_gain: gain of an ideal law, (inputs, states).
+    """
+
+    controller: Controller
+    gamma: float | None = None
+    gamma_bound: float | None = None
+    checks: Mapping[str, Check] = field(default_factory=dict)
+    rightmost_root: float | None = None
+    max_delay: float | None = None
+    delay_aware: bool = False
+    solve_seconds: float = 0.0
+    notes: tuple[str, ...] = ()
+    extra: Mapping[str, float] = field(default_factory=dict)
+    deployable: bool = True
+    verified_by_law: bool = False
+    ideal_gain: Matrix | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Design:
+    """A law for a vehicle, verified.
+
+    Attributes:
+        law: its name.
+        task: what it was designed for.
+        solution: the law's answer.
+        margins: margins and analysed numbers by name, SI units unless the name says otherwise.
+        verified: every check by name.
+        warnings: one line each.
+    """
+
+    law: str
+    task: Task
+    solution: Solution
+    margins: Mapping[str, float]
+    verified: Mapping[str, Check]
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def controller(self) -> Controller:
+        """The gains, SI units."""
+        return self.solution.controller
+
+    @property
+    def is_verified(self) -> bool:
+        """Whether every check holds and the gains were derived here, not printed in a paper."""
+        return self.task.gains != "as_printed" and not self.failures
+
+    @property
+    def failures(self) -> dict[str, Check]:
+        """The checks that do not hold."""
+        return {name: check for name, check in self.verified.items() if not check.ok}
+
+    @property
+    def max_delay(self) -> float:
+        """Largest admissible constant delay, s: the lesser of exact and sampled analysis."""
+        return min(
+            self.margins.get("max_delay_s", inf), self.margins.get("max_delay_sampled_s", inf)
+        )

@@ -1,0 +1,303 @@
+"""``canroll design``: a law for a vehicle, verified and frozen into calibration.toml and C."""
+
+import argparse
+import json
+from dataclasses import replace
+from math import inf, isfinite
+from pathlib import Path
+
+from canroll.errors import CanrollError
+from codegen.export.header import gains_header
+from gain_gen.calibration import calibration_file
+from gain_gen.calibration.freeze import calibrate, summary
+from gain_gen.calibration.header_notes import physical_notes, title
+from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options
+from gain_gen.design import LAWS, OBSERVERS, design
+from gain_gen.models.task import Check, Delay, Design, Task
+from vehicles import Vehicle, load
+
+DEFAULT_DELAY_MS = 20.0
+DEFAULT_RUNS = 20
+UNITS = {"db": "dB", "deg": "deg", "s": "s"}
+WORDS = {
+    "max_delay_sampled_s": "largest delay, sampled loop",
+    "max_delay_s": "largest delay, continuous loop",
+    "delay_margin_s": "delay to spare over the longest",
+}
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "design", help="design, verify and quantise a controller; write calibration.toml and C"
+    )
+    add_design_options(parser)
+    parser.add_argument(
+        "--compare", action="store_true", help="design every law for the vehicle, write nothing"
+    )
+    parser.add_argument(
+        "--over-bus",
+        metavar="PROFILE",
+        help="with --compare: drive all laws at equal effort over this bus, paired runs",
+    )
+    parser.add_argument(
+        "--runs", type=int, help=f"with --over-bus: seeds a law (default: {DEFAULT_RUNS})"
+    )
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out"), help="folder for the files (default: %(default)s)"
+    )
+    parser.set_defaults(run=run)
+
+
+def add_design_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say what to design."""
+    parser.add_argument(
+        "--law", default="lqg_delay", help=f"one of {', '.join(LAWS)} (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--vehicle", default="van_real", help="preset name or vehicle file (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--actuator",
+        choices=tuple(ACTUATOR_NUMBER),
+        default="suspension",
+        help="what moves the body (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--delay",
+        type=float,
+        metavar="MS",
+        help=f"delay from sample to force (default: {DEFAULT_DELAY_MS:g})",
+    )
+    parser.add_argument(
+        "--delay-min", type=float, metavar="MS", help="least delay, where it varies"
+    )
+    parser.add_argument(
+        "--delay-from-bus",
+        metavar="PROFILE",
+        help="take the bounds of the delay from a bus profile, such as 500k or gateway_50ms",
+    )
+    parser.add_argument(
+        "--gamma",
+        type=float,
+        default=0.0,
+        metavar="LEVEL",
+        help="H-infinity level that hinf_delay must certify (default: the least)",
+    )
+    parser.add_argument("--tick", type=float, metavar="MS", default=10.0, help="default: 10")
+    parser.add_argument(
+        "--observer",
+        default="two_sensors",
+        help=f"one of {', '.join(OBSERVERS)} (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--gains",
+        choices=("computed", "as_printed"),
+        default="computed",
+        help="as_printed: the paper's own numbers, written unverified (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--no-feedforward",
+        dest="feedforward",
+        action="store_false",
+        help="without the disturbance feedforward",
+    )
+    parser.add_argument("--matrices", default="", metavar="FILE", help="gains of --law custom")
+    parser.add_argument(
+        "--identification",
+        action="store_true",
+        help="identify roll stiffness and damping at run time",
+    )
+    parser.add_argument(
+        "--every-tick",
+        dest="event_trigger",
+        action="store_false",
+        help="send a command every tick instead of when it matters",
+    )
+
+
+def task_of(args: argparse.Namespace) -> Task:
+    """Return the design task that the options describe.
+
+    Raises:
+        CanrollError: an unknown vehicle, or delays that cannot be.
+    """
+    vehicle = load(args.vehicle)
+    return Task(
+        vehicle=vehicle,
+        delay=delay_of(args, vehicle),
+        tick=1e-3 * args.tick,
+        actuator=args.actuator,
+        observer=args.observer,
+        feedforward=args.feedforward,
+        gains=args.gains,
+        matrices=args.matrices,
+        gamma_target=args.gamma,
+    )
+
+
+def delay_of(args: argparse.Namespace, vehicle: Vehicle) -> Delay:
+    """Return the delay in ms that is given, or the bounds on the bus that is named."""
+    if args.delay_from_bus is not None:
+        if args.delay is not None or args.delay_min is not None:
+            raise CanrollError("--delay-from-bus excludes --delay and --delay-min")
+        from hil.runs.delay import sample_to_force  # noqa: PLC0415
+        from hil.runs.frozen import COMMANDS  # noqa: PLC0415 - loads compiled kernels
+        from plant_sim.can_bus import load_profile  # noqa: PLC0415
+
+        command = COMMANDS[ACTUATOR_NUMBER[args.actuator]]
+        profile = load_profile(args.delay_from_bus)
+        return sample_to_force(vehicle, command, profile, tick=1e-3 * args.tick)
+    most = 1e-3 * (DEFAULT_DELAY_MS if args.delay is None else args.delay)
+    least = most if args.delay_min is None else 1e-3 * args.delay_min
+    if not 0.0 <= least <= most:
+        raise CanrollError(f"--delay {1e3 * most:g} must not be negative nor below --delay-min")
+    return Delay(0.5 * (least + most), least, most)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Design, write and report; 1 for an as-printed law that fails a check, else 0."""
+    if args.over_bus is not None and not args.compare:
+        raise CanrollError("--over-bus belongs to --compare: give both")
+    if args.runs is not None and args.over_bus is None:
+        raise CanrollError("--runs belongs to --compare --over-bus: give all")
+    if args.compare:
+        return compare(args)
+    answer = design(args.law, task_of(args))
+    options = Options(identification=args.identification, event_trigger=args.event_trigger)
+    if not answer.solution.deployable:
+        print(json.dumps(summary(answer)) if args.json else "\n".join(report(answer)))
+        return 0
+    record, tables = calibrate(answer, options)
+    checks = {name: Check(**found) for name, found in tables["verification"].items()}
+    answer = replace(answer, verified=checks)
+    files = [args.out / "calibration.toml", args.out / "canroll_gains.h"]
+    calibration_file.save(files[0], record, tables)
+    header = gains_header(record, title=title(answer), physical=physical_notes(record))
+    try:
+        files[1].write_text(header, encoding="utf-8")
+    except OSError as error:
+        raise CanrollError(f"cannot write {files[1]}: {error.strerror}") from error
+    if args.json:
+        print(json.dumps(summary(answer) | {"files": [str(path) for path in files]}))
+    else:
+        print("\n".join(report(answer)))
+        print(f"written: {', '.join(str(path) for path in files)}")
+    return 1 if answer.failures else 0
+
+
+def report(answer: Design) -> list[str]:
+    """Return the design as lines for a terminal."""
+    task = answer.task
+    lines = [
+        f"{answer.law} for {task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, "
+        f"delay {1e3 * task.delay.nominal:g} ms"
+    ]
+    gains = summary(answer)["gain"]
+    for row in gains:
+        lines.append(f"  gain    {'  '.join(f'{value:.6g}' for value in row)}")
+    for name, value in answer.margins.items():
+        lines.append(f"  {_words(name):<34} {_with_unit(name, value)}")
+    for name, value in answer.solution.extra.items():
+        lines.append(f"  {name:<34} {value:.6g}")
+    lines.append("checks")
+    for name, check in answer.verified.items():
+        verdict = "ok" if check.ok else "FAILS"
+        found, limit = _with_unit(name, check.value), _with_unit(name, check.limit)
+        lines.append(f"  {_words(name):<34} {found} against {limit}  {verdict}")
+    if not answer.is_verified:
+        lines.append("NOT VERIFIED: written for comparison only")
+    lines += [f"warning: {text}" for text in answer.warnings]
+    return lines
+
+
+def _words(name: str) -> str:
+    return WORDS.get(name, name)
+
+
+def _with_unit(name: str, value: float) -> str:
+    """Return the value with the unit that its name ends in; infinite is "any"."""
+    if value == inf:
+        return "any"
+    return f"{value:.4g} {UNITS.get(name.rpartition('_')[2], '')}".rstrip()
+
+
+def compare(args: argparse.Namespace) -> int:
+    """Design every law for one task and print one line or object each."""
+    if args.over_bus is not None:
+        return drive_all(args)
+    task = task_of(args)
+    answers: dict[str, Design | CanrollError] = {}
+    for law in LAWS:
+        if law == "custom":
+            continue
+        try:
+            answers[law] = design(law, task)
+        except CanrollError as refused:
+            answers[law] = refused
+    if args.json:
+        print(
+            json.dumps(
+                [
+                    summary(answer)
+                    if isinstance(answer, Design)
+                    else {"law": law, "refused": str(answer)}
+                    for law, answer in answers.items()
+                ]
+            )
+        )
+        return 0
+    print(
+        f"{task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, delay "
+        f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms from sample to force"
+    )
+    columns = ("roll rms", "box", "gamma", "admits ms", "gain dB", "phase")
+    widths = (9, 7, 8, 10, 9, 7)
+    print(f"{'law':<16}" + "".join(f"{c:>{w}}" for c, w in zip(columns, widths, strict=True)))
+    for law, answer in answers.items():
+        if isinstance(answer, CanrollError):
+            print(f"{law:<16} refused: {answer}")
+            continue
+        print(_line(answer))
+    return 0
+
+
+def _line(answer: Design) -> str:
+    """Return one row of the comparison."""
+
+    def number(name: str, digits: int) -> str:
+        value = answer.margins.get(name, float("inf"))
+        return f"{value:.{digits}f}" if isfinite(value) else "any"
+
+    gamma = "" if answer.solution.gamma is None else f"{answer.solution.gamma:.3f}"
+    admits = f"{1e3 * answer.max_delay:.0f}" if isfinite(answer.max_delay) else "any"
+    return (
+        f"{answer.law:<16}{number('roll_rms_ratio_nominal_delay', 3):>9}"
+        f"{number('box_roll_rms_ratio', 3):>7}{gamma:>8}{admits:>10}{number('gain_db', 1):>9}"
+        f"{number('phase_deg', 0):>7}"
+    )
+
+
+def drive_all(args: argparse.Namespace) -> int:
+    """Drive every law over the simulated bus at equal effort and print the table."""
+    from hil.cli import terminal  # noqa: PLC0415 - loads compiled kernels
+    from hil.studies import equal_effort  # noqa: PLC0415 - loads compiled kernels
+
+    with terminal.progress(quiet=args.json) as progress:
+        found = equal_effort.compare(
+            "double_lane_change",
+            vehicle=args.vehicle,
+            bus=args.over_bus,
+            runs=DEFAULT_RUNS if args.runs is None else args.runs,
+            progress=progress,
+        )
+    if args.json:
+        print(json.dumps(equal_effort.to_json(found)))
+    else:
+        print(
+            f"{found.scenario}, {found.vehicle}, bus {found.bus}, {found.runs} paired runs, "
+            f"RMS moment {found.budget:.0f} N·m for all, reference {found.reference}"
+        )
+        print("\n".join(equal_effort.table(found)))
+    return 0

@@ -1,0 +1,227 @@
+"""``canroll ecu``: the ECU alone, in real time, on any python-can bus."""
+
+import argparse
+from pathlib import Path
+
+import dbc
+from canroll.errors import CanrollError, VerdictError
+from codegen.run.backends import BACKENDS, default_backend, open_backend
+from firmware.signals import TX_IDS
+from gain_gen.calibration.calibration_file import load as load_calibration
+from hil import phase
+from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
+from hil.realtime.bus_link import CanLink, add_bus_arguments, open_link
+from hil.realtime.phase_lock import PhaseLock
+
+MODES = ("INIT", "ACTIVE", "DEGRADED", "SAFE")
+TRACE_SECONDS = 600
+FRAMES_PER_SECOND = 700
+"""What the contract's messages come to, with room."""
+PACES = ("realtime", "lockstep")
+PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
+"""Silence after which the other side is taken to be gone, s: in lock step it may be slow."""
+DEFAULT_PHASE_MS = 2.0
+FREE = "free"
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "ecu",
+        help="the ECU alone, on any python-can interface",
+        description="Run the roll controller in real time against a vehicle on a CAN bus.",
+    )
+    add_bus_arguments(parser)
+    parser.add_argument("--calibration", type=Path, metavar="FILE", help="of canroll design")
+    parser.add_argument(
+        "--backend", help=f"{', '.join(BACKENDS)} (default: native where a C compiler is)"
+    )
+    parser.add_argument("--duration", type=float, metavar="S", help="default: until stopped")
+    add_loop_options(parser)
+    parser.add_argument(
+        "--phase",
+        type=phase_option,
+        metavar="MS",
+        help="start ticks so long after the Imu frames, 'free': by the ECU's own clock "
+        f"(default: {DEFAULT_PHASE_MS:g})",
+    )
+    parser.add_argument("--trace", type=Path, metavar="FILE", help="write the trace of all ticks")
+    parser.add_argument(
+        "--replay", type=Path, metavar="FILE", help="run a trace again instead and compare"
+    )
+    parser.set_defaults(run=run)
+
+
+def add_loop_options(parser: argparse.ArgumentParser) -> None:
+    """Add what ECU and plant both take about their loops."""
+    parser.add_argument(
+        "--pace",
+        choices=PACES,
+        default="realtime",
+        help="lockstep: the plant grants each tick, as fast as both can (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--side-channel",
+        metavar="HOST:PORT",
+        help="lock step: grants on a TCP connection instead of frames of 29 bits on the bus",
+    )
+    parser.add_argument(
+        "--peer-timeout",
+        type=float,
+        metavar="S",
+        help="end when the other side falls silent, 0: stay and wait "
+        "(default: {realtime:g}, in lock step {lockstep:g})".format(**PEER_TIMEOUT),
+    )
+    parser.add_argument("--cpu", type=int, metavar="N", help="core to run on")
+
+
+def phase_option(text: str) -> float | str:
+    """Return ``--phase``: a number of ms or "free"."""
+    return text if text == FREE else float(text)
+
+
+def peer_timeout(args: argparse.Namespace) -> float | None:
+    """Return the silence after which the other side is gone, s; None: it is waited for.
+
+    Raises:
+        CanrollError: it is negative, or there is a side channel without lock step.
+    """
+    if args.side_channel is not None and args.pace != "lockstep":
+        raise CanrollError("--side-channel carries the grants of --pace lockstep: give both")
+    given = PEER_TIMEOUT[args.pace] if args.peer_timeout is None else args.peer_timeout
+    nanoseconds(given, "--peer-timeout")
+    return given or None
+
+
+def nanoseconds(seconds: float | None, option: str) -> int | None:
+    """Return a time of the command line in ns, 0 and None as None.
+
+    Raises:
+        CanrollError: it is negative.
+    """
+    if seconds is not None and not seconds >= 0:
+        raise CanrollError(f"{option} {seconds:g}: not negative")
+    return round(seconds * 1e9) if seconds else None
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run until stopped, or replay a trace; 0 unless a replay differs."""
+    backend = args.backend or default_backend()
+    if args.replay is not None:
+        return replay(args.replay, backend)
+    if args.calibration is None:
+        raise CanrollError("which controller? --calibration FILE, as 'canroll design' writes it")
+    duration = nanoseconds(args.duration, "--duration")
+    timeout = peer_timeout(args)
+    calibration = load_calibration(args.calibration).record
+    lock = phase_lock(args, calibration.tick_us)
+    ecu = open_backend(backend, calibration)
+    link = open_link(args)
+    seconds = args.duration + 1 if args.duration else TRACE_SECONDS
+    recorder = tick_trace.Recorder(
+        ticks=round(seconds * 1e6 / calibration.tick_us),
+        frames=round(seconds * (FRAMES_PER_SECOND + 1e6 / calibration.tick_us)),
+    )
+    with process.stop_on_signals() as stop:
+        notes = []
+        if args.pace == "realtime":
+            notes = process.prepare(cpu=args.cpu, priority=process.ECU_PRIORITY)
+            warm.rehearse_ecu(open_backend(backend, calibration), calibration)
+        for note in notes:
+            print(f"note: {note}", flush=True)
+        try:
+            with warm.counted_compilations() as compiled:
+                print(f"ECU runs every {calibration.tick_us / 1000:g} ms", flush=True)
+                if args.pace == "realtime":
+                    outcome = ecu_loop.run(
+                        ecu,
+                        link,
+                        recorder,
+                        calibration,
+                        stop=stop,
+                        duration_ns=duration,
+                        peer_timeout_ns=nanoseconds(timeout, "--peer-timeout"),
+                        lock=lock,
+                    )
+                else:
+                    outcome = ecu_loop.run_granted(
+                        ecu,
+                        link,
+                        grants_of(args, link, calibration.tick_us, stop),
+                        recorder,
+                        calibration,
+                        stop=stop,
+                        duration_ns=duration,
+                        peer_timeout=timeout,
+                    )
+        finally:
+            link.close()
+        if args.trace is not None:
+            about = {
+                "reason": outcome.reason,
+                "backend": backend,
+                "notes": notes,
+                "cpu": args.cpu,
+                "sent": link.sent,
+                "received": link.received,
+                "failed": link.failed,
+                "full": recorder.full,
+                "compilations": compiled.count,
+                "pace": args.pace,
+            }
+            trace = tick_trace.TickTrace(calibration, recorder.ticks(), recorder.frames(), about)
+            tick_trace.save(args.trace, trace)
+    print(
+        f"ECU ends ({outcome.reason}) in {MODES[outcome.mode]}: {outcome.ticks} ticks, "
+        f"{outcome.misses} missed",
+        flush=True,
+    )
+    return 0
+
+
+def phase_lock(args: argparse.Namespace, tick_us: int) -> PhaseLock | None:
+    """Return what keeps the ticks at their phase; None where they run freely.
+
+    Raises:
+        CanrollError: the tick can have no phase, or not this one.
+    """
+    if args.phase is not None and args.pace == "lockstep":
+        raise CanrollError("--phase: in lock step the plant grants the ticks: give it there")
+    if args.phase == FREE or args.pace == "lockstep":
+        return None
+    if args.phase is None:
+        try:
+            cycle = phase.cycle_ns(1000 * tick_us)
+        except CanrollError:
+            return None
+        return PhaseLock(phase_ns=round(1e6 * DEFAULT_PHASE_MS) % cycle, cycle_ns=cycle)
+    wanted = round(1e6 * args.phase)
+    return PhaseLock(phase_ns=wanted, cycle_ns=phase.checked_cycle_ns(1000 * tick_us, wanted))
+
+
+def grants_of(
+    args: argparse.Namespace, link: CanLink, tick_us: int, stop: process.Stop
+) -> lockstep.Grants:
+    """Return the grants of the plant, on the bus or beside it."""
+    channel: lockstep.Channel
+    if args.side_channel is None:
+        channel = lockstep.InBand(link, sends=lockstep.ACKNOWLEDGEMENT, hears=lockstep.GRANT)
+    else:
+        channel = side_channel.connect(args.side_channel, link)
+    plants = {message.frame_id for message in dbc.load().messages}.difference(TX_IDS)
+    return lockstep.Grants(link, channel, idents=plants, tick_us=tick_us, stop=stop)
+
+
+def replay(path: Path, backend: str) -> int:
+    """Run a trace through a backend and compare every frame it sends.
+
+    Raises:
+        VerdictError: a frame differs.
+    """
+    trace = tick_trace.load(path)
+    again = tick_trace.replay(trace, backend)
+    if again.difference is not None:
+        raise VerdictError(f"{path}: backend '{backend}' differs: {again.difference}")
+    sent = int(trace.frames["sent"].sum())
+    print(f"{backend}: {len(trace.ticks)} ticks, {sent} frames, the same byte for byte")
+    return 0

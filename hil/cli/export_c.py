@@ -1,0 +1,168 @@
+"""``canroll export-c DIR``: the controller as C99 with test vectors, for a firmware project."""
+
+import argparse
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from errno import EACCES, ENOTDIR
+from pathlib import Path
+
+import numpy as np
+
+from canroll.errors import CanrollError, VerdictError
+from codegen.export import a2l, bundle
+from codegen.export.header import gains_header
+from codegen.generated import signals
+from codegen.generated.bus_map import load as load_map
+from codegen.run import ecu_traffic
+from codegen.run.backends import open_backend
+from codegen.run.ecu_traffic import Traffic
+from codegen.run.recorder import Recorder
+from gain_gen.calibration.header_notes import physical_notes
+from gain_gen.calibration.record import identify
+from hil.runs.experiment import build_world, plan
+from hil.runs.frozen import Controller
+from hil.runs.result import Settings
+from hil.runs.virtual_time import closed_loop
+
+HOSTILE_TICKS = 200
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "export-c", help="export the controller as C99 with test vectors"
+    )
+    parser.add_argument("folder", type=Path, help="where the bundle goes")
+    parser.add_argument("--calibration", help="calibration.toml (default: design one)")
+    parser.add_argument("--law", help="law to design (default: the one of 'canroll run')")
+    parser.add_argument("--vehicle", help="vehicle to design for")
+    parser.add_argument(
+        "--unverified", action="store_true", help="export even if a check of the design fails"
+    )
+    parser.add_argument("--dbc", type=Path, help="frames of your own bus; needs --map")
+    parser.add_argument("--map", type=Path, help="TOML: which signal is which field")
+    parser.add_argument(
+        "--elf", type=Path, help="only put the addresses of this image into DIR/canroll.a2l"
+    )
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Write the bundle, or only its A2L where an image is given."""
+    if args.elf is not None:
+        return address(args.folder, args.elf)
+    with writing_to(args.folder):
+        refuse_unwritable(args.folder)
+    if (args.dbc is None) != (args.map is None):
+        raise CanrollError("--dbc and --map belong together: give both")
+    settings, controller = plan(
+        "double_lane_change",
+        calibration=args.calibration,
+        law=args.law,
+        vehicle=args.vehicle,
+        duration=3.0,
+    )
+    verified = bool(controller.tables["design"]["verified"])
+    if not verified and not args.unverified:
+        raise VerdictError(
+            f"{controller.law} for {controller.vehicle.name} is not verified: see 'canroll "
+            "margins', or give --unverified to export it all the same"
+        )
+    export = described(args, settings, controller, verified=verified)
+    with writing_to(args.folder):
+        written = bundle.write(args.folder, export)
+    print(f"{len(written)} files in {args.folder}; next: make -C {args.folder} test")
+    return 0
+
+
+@contextmanager
+def writing_to(folder: Path) -> Iterator[None]:
+    """Turn what the file system refuses into one line."""
+    try:
+        yield
+    except OSError as error:
+        raise CanrollError(
+            f"cannot write to {folder}: {error.strerror}: choose another folder"
+        ) from error
+
+
+def refuse_unwritable(folder: Path) -> None:
+    """Raise before the design is made, and without leaving a folder behind if it fails."""
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR))
+    if not os.access(there, os.W_OK):
+        raise PermissionError(EACCES, os.strerror(EACCES))
+
+
+def described(
+    args: argparse.Namespace, settings: Settings, controller: Controller, *, verified: bool
+) -> bundle.Export:
+    """What goes into the bundle."""
+    record = controller.record
+    title = (
+        f"{controller.law} for {controller.vehicle.name}, {controller.actuator}, tick "
+        f"{1e3 * controller.tick:g} ms; {'verified' if verified else 'NOT VERIFIED'}."
+    )
+    own = args.dbc is not None
+    if own:
+        bus = load_map(args.dbc, args.map)
+        if record.e2e and not any(box.data_id for box in (*bus.received, *bus.transmitted)):
+            record.e2e = 0
+            identify(record)
+        traffic = ecu_traffic.random_traffic(1, HOSTILE_TICKS, hostile=1.0)
+        origin = f"The vectors are {traffic.ticks} ticks of random frames."
+    else:
+        run_in = recorded(settings, controller)
+        traffic = joined(run_in, ecu_traffic.random_traffic(1, HOSTILE_TICKS))
+        origin = (
+            f"The vectors are {run_in.ticks} ticks of a double lane change, then {HOSTILE_TICKS} "
+            "of frames with wrong checksums, counters, lengths and values."
+        )
+    return bundle.Export(
+        record=record,
+        gains=gains_header(record, title=[title], physical=physical_notes(record)),
+        title=title,
+        dbc=args.dbc if own else signals.DBC,
+        map_file=args.map if own else signals.MAP,
+        traffic=traffic,
+        origin=origin,
+    )
+
+
+def recorded(settings: Settings, controller: Controller) -> Traffic:
+    """What the ECU receives in a short run."""
+    recorder = Recorder(open_backend(settings.backend, controller.record))
+    closed_loop(
+        build_world(settings, enabled=True),
+        recorder,
+        tick_ns=round(settings.tick * 1e9),
+        duration_ns=3_000_000_000,
+        progress=None,
+    )
+    return recorder.traffic
+
+
+def joined(first: Traffic, second: Traffic) -> Traffic:
+    """One traffic after the other."""
+    later = second.frames.copy()
+    later["tick"] += first.ticks
+    return Traffic(
+        np.concatenate([first.frames, later]), np.concatenate([first.elapsed, second.elapsed])
+    )
+
+
+def address(folder: Path, elf: Path) -> int:
+    """Rewrite the A2L with the addresses of an image."""
+    if not elf.is_file():
+        raise CanrollError(f"{elf}: no such image; build one, or leave --elf out")
+    base = a2l.addresses(elf)
+    missing = sorted(set(a2l.RECORDS) - set(base))
+    if missing:
+        raise CanrollError(f"{elf}: has no symbol {' and '.join(missing)}; name the records so")
+    with writing_to(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "canroll.a2l").write_text(a2l.a2l(base), encoding="utf-8")
+    print(f"{folder / 'canroll.a2l'}: {', '.join(f'{n} at {a:#x}' for n, a in base.items())}")
+    return 0

@@ -1,0 +1,157 @@
+"""``canroll hil``: ECU and plant as two programs, in real time or in lock step, and the report."""
+
+import argparse
+import json
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import can
+
+from canroll.errors import CanrollError
+from hil.cli.ecu import PACES
+from hil.cli.run import add_condition_options, add_run_options, path_named, run_keywords
+from hil.realtime.bus_link import add_bus_arguments, has_bus
+
+DEFAULT_OUT = Path("out")
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "hil",
+        help="run ECU and plant as two processes in real time",
+        description="Drive a manoeuvre in real time: ECU and vehicle are programs of their own.",
+    )
+    parser.add_argument("scenario", help="double_lane_change, roundabout, …")
+    add_bus_arguments(parser)
+    add_run_options(parser)
+    add_condition_options(parser)
+    parser.add_argument(
+        "--passive",
+        choices=("virtual", "hil"),
+        default="virtual",
+        help="how the run without control is made (default: %(default)s time)",
+    )
+    parser.add_argument(
+        "--pace",
+        choices=PACES,
+        default="realtime",
+        help="lockstep: the plant grants the ECU's ticks, the same on any machine however slow "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--side-channel",
+        nargs="?",
+        const="127.0.0.1:0",
+        metavar="HOST:PORT",
+        help="lock step: grants on a TCP connection instead of frames of 29 bits on the bus",
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        metavar="S",
+        help="where longer than the manoeuvre only the timing counts it",
+    )
+    parser.add_argument(
+        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4"
+    )
+    parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
+    parser.add_argument(
+        "--out", type=path_named, metavar="DIR", help="folder for report, traces, … (default: out)"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object; files only with --out"
+    )
+    parser.set_defaults(run=run)
+
+
+def bus_options(args: argparse.Namespace) -> list[str]:
+    """Return python-can's options for the programs that open the bus; none: the plant's own.
+
+    What the options leave open comes from python-can's configuration (can.rc, environment).
+
+    Raises:
+        CanrollError: an interface that only one process can see.
+    """
+    if not has_bus(args):
+        return []
+    configured = {} if "interface" in args else can.util.load_config()
+    options = []
+    for name in ("interface", "channel", "bitrate", "data_bitrate"):
+        value = getattr(args, name, configured.get(name))
+        if value == "virtual":
+            raise CanrollError(
+                "-i virtual stays inside one process: leave -i out for the plant's bus"
+            )
+        if value is not None:
+            options += [f"--{name.replace('_', '-')}", str(value)]
+    if getattr(args, "fd", False):
+        options.append("--fd")
+    if "bus_kwargs" in args:
+        options += ["--bus-kwargs", *(f"{key}={value}" for key, value in args.bus_kwargs.items())]
+    return options
+
+
+def run(args: argparse.Namespace) -> int:
+    """Drive, report and write; 1 if control does not help, or the run is not valid."""
+    from hil.realtime import hil_run  # noqa: PLC0415
+    from hil.report.run_folder import check_parent, usable_folder, write_files, write_text  # noqa: PLC0415
+    from hil.runs import signal_files  # noqa: PLC0415 - loads compiled kernels
+    from hil.runs.logs import check_suffix, write_log  # noqa: PLC0415
+    from hil.runs.virtual_time import Interrupted  # noqa: PLC0415
+
+    if args.side_channel is not None and args.pace != "lockstep":
+        raise CanrollError("--side-channel carries the grants of --pace lockstep: give both")
+    out = args.out or (None if args.json else DEFAULT_OUT)
+    for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):
+        if path is not None:
+            check_parent(check(path), out=out)
+    with tempfile.TemporaryDirectory(prefix="canroll-") as scratch:
+        folder = Path(scratch) if out is None else usable_folder(out)
+        try:
+            result, timing = hil_run.run(
+                args.scenario,
+                bus_options=bus_options(args),
+                folder=folder,
+                passive_by_programs=args.passive == "hil",
+                duration=args.duration,
+                pace=args.pace,
+                side_channel=args.side_channel,
+                announce=(lambda text: None) if args.json else _announce,
+                **run_keywords(args),
+            )
+        except Interrupted as stopped:
+            if out is not None:
+                write_log(out / "bus.asc", stopped.trace.frames)
+            raise
+        seen = result.passive if result.controlled is None else result.controlled
+        if args.log is not None:
+            write_log(args.log, seen.frames)
+        if args.signals is not None:
+            signal_files.write_signals(args.signals, seen.signals)
+        cores = timing.pop("jitterdebugger")
+        if out is not None:
+            result = write_files(result, out)
+            path = write_text(out / "timing.json", json.dumps(cores, indent=1) + "\n")
+            files = {**result.files, "timing": str(path), "ticks": str(out / "ticks.npz")}
+            result = hil_run.with_files(result, files)
+        report(result.to_json() | {"timing": timing}, args, result)
+    return result.exit_code
+
+
+def _announce(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
+
+
+def report(answer: dict[str, Any], args: argparse.Namespace, result: Any) -> None:  # noqa: ANN401
+    """Print the answer as JSON or as a table."""
+    from hil.cli import terminal  # noqa: PLC0415
+    from hil.cli.realtime_table import show_timing  # noqa: PLC0415
+
+    if args.json:
+        print(json.dumps(answer))
+        return
+    terminal.show(result)
+    show_timing(answer["timing"])

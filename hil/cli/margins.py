@@ -1,0 +1,116 @@
+"""``canroll margins``: what a calibration's integers withstand, as tables and a picture."""
+
+import argparse
+import json
+from collections.abc import Iterable, Sequence
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from canroll.errors import CanrollError
+from gain_gen.calibration import calibration_file
+from gain_gen.margin_report import MarginReport, Point, admits, margin_report, to_json
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
+    """Register the subcommand."""
+    parser = subparsers.add_parser(
+        "margins", help="margins of a calibration over delay and gain, as table and picture"
+    )
+    parser.add_argument("calibration", type=Path, help="calibration.toml of canroll design")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write margins.png there")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Analyse and report; 0 where the loop is stable at its own delay, else 1."""
+    report = margin_report(calibration_file.load(args.calibration))
+    if args.out is not None:
+        picture = args.out / "margins.png"
+        draw(report, picture)
+    if args.json:
+        print(json.dumps(to_json(report)))
+    else:
+        print("\n".join(lines(report)))
+        if args.out is not None:
+            print(f"written: {picture}")
+    return 0 if admits(report) else 1
+
+
+def lines(report: MarginReport) -> Iterable[str]:
+    """Yield the tables as text."""
+    yield (
+        f"{report.law} for {report.vehicle}: designed for {1e3 * report.delay:g} ms from sample "
+        f"to force, admits {_delay(report.max_delay)}"
+    )
+    yield f"without control: gamma {report.passive_gamma:.4g}"
+    header = f"{'':>12} {'gamma':>8} {'roll rms':>9} {'gain dB':>8} {'phase':>7} {'modulus':>8}"
+    yield from ("", "over delay", header)
+    for point in report.over_delay:
+        yield _row(f"{1e3 * point.delay:.0f} ms", point)
+    yield from ("", "over gain", header)
+    for point in report.over_gain:
+        yield _row(f"x {point.gain_factor:g}", point)
+
+
+def _delay(seconds: float) -> str:
+    return f"{_number(1e3 * seconds)} ms" if isfinite(seconds) else "any delay"
+
+
+def _row(label: str, point: Point) -> str:
+    if point.margins is None:
+        return f"{label:>12} unstable"
+    found = point.margins
+    return (
+        f"{label:>12} {point.gamma:8.4f} {point.roll_rms_ratio:9.3f} {_number(found.gain_db):>8} "
+        f"{_number(found.phase_deg):>7} {found.modulus:8.3f}"
+    )
+
+
+def _number(value: float) -> str:
+    return f"{value:.1f}" if isfinite(value) else "any"
+
+
+def draw(report: MarginReport, path: Path) -> None:
+    """Write the picture: Nyquist curves by delay, gamma over delay, gamma over gain.
+
+    Raises:
+        CanrollError: the file cannot be written.
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415 - half a second that only this needs
+
+    figure = Figure(figsize=(13, 4.2), layout="constrained")
+    nyquist, delay, gain = figure.subplots(1, 3)
+    for seconds, curve in report.loop.items():
+        nyquist.plot(curve.real, curve.imag, label=f"{1e3 * seconds:g} ms")
+    nyquist.plot([-1.0], [0.0], "k+", markersize=12)
+    nyquist.set(title="loop gain, Nyquist", xlabel="real", ylabel="imaginary")
+    nyquist.set(xlim=(-2.2, 2.2), ylim=(-2.2, 2.2), aspect="equal")
+    nyquist.legend(title="delay")
+    _curve(delay, [1e3 * p.delay for p in report.over_delay], report.over_delay, report)
+    _curve(gain, [p.gain_factor for p in report.over_gain], report.over_gain, report)
+    delay.set_xlabel("delay from sample to force, ms")
+    gain.set_xlabel("factor on the gain")
+    delay.set_title("over delay (red: unstable)")
+    gain.set_title("over gain (red: unstable)")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=110)
+    except OSError as error:
+        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _curve(axes: "Axes", at: list[float], points: Sequence[Point], report: MarginReport) -> None:
+    """Draw the peak response over one parameter; a red line where the loop is unstable."""
+    stable = [(x, point.gamma) for x, point in zip(at, points, strict=True) if point.stable]
+    axes.plot([x for x, _ in stable], [gamma for _, gamma in stable], "o-", label="controlled")
+    axes.axhline(report.passive_gamma, color="grey", linestyle="--", label="without control")
+    for x, point in zip(at, points, strict=True):
+        if not point.stable:
+            axes.axvline(x, color="tab:red", alpha=0.25)
+    axes.set(ylabel="peak of (roll + roll rate) over a_y", ylim=(0.0, None))
+    axes.legend()

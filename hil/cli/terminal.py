@@ -1,0 +1,112 @@
+"""What a run looks like on the terminal: a table, the verdict, and quiet progress."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import astuple
+
+import rich.table
+from rich.console import Console as RichConsole
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.text import Text
+
+from hil.report.page import Cell, Table
+from hil.report.tables import can_rows, metric_head, metric_rows, replay_note
+from hil.runs import standard
+from hil.runs.result import Result
+
+
+class Console(RichConsole):
+    """A console whose closed pipe is the command's business, not an exit with 1."""
+
+    def on_broken_pipe(self) -> None:
+        """Let the error through."""
+        raise BrokenPipeError
+
+
+@contextmanager
+def progress(*, quiet: bool) -> Iterator[Callable[[str, float], None]]:
+    """Show a bar per stage on stderr while the body runs; nothing where that is no terminal."""
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield lambda stage, share: None
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %"))
+    with Progress(*columns, console=console, transient=True) as bars:
+        tasks = {}
+
+        def report(stage: str, share: float) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=1.0)
+            bars.update(tasks[stage], completed=share)
+
+        yield report
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str | Cell]]) -> rich.table.Table:
+    table = rich.table.Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column(head[0], no_wrap=True)
+    for name in head[1:]:
+        table.add_column(name, justify="right", overflow="fold")
+    for row in rows:
+        table.add_row(*(cell if isinstance(cell, str) else cell.text for cell in row))
+    return table
+
+
+def show_verdict(text: str, *, good: bool | None) -> None:
+    """Print the answer in one line: good, bad, or neither."""
+    style = {True: "green", False: "red", None: "yellow"}[good]
+    Console(highlight=False).print(Text(text, style=style), soft_wrap=True)
+
+
+def show_table(table: Table) -> None:
+    """Print a table of a report page."""
+    Console(highlight=False).print(_table(table.head, table.rows))
+
+
+def show_warnings(warnings: Iterable[str]) -> None:
+    """Print warnings, one line each."""
+    console = Console(highlight=False)
+    for warning in warnings:
+        console.print(f"[yellow]warning:[/yellow] {escape(warning)}", soft_wrap=True)
+
+
+def show_files(files: Mapping[str, str]) -> None:
+    """Print what was written, one line each."""
+    if files:
+        print("\n" + "\n".join(f"{name:<12} {path}" for name, path in files.items()))
+
+
+def show(result: Result) -> None:
+    """Print title, verdict, warnings, figures and files of a run."""
+    console = Console(highlight=False)
+    settings = result.settings
+    console.print(
+        f"[bold]{settings.scenario.replace('_', ' ')}[/bold], {settings.vehicle.name} at "
+        f"{settings.speed * 3.6:.0f} km/h, {settings.law} over {settings.bus}"
+    )
+    show_verdict(result.verdict, good=None if result.pays else result.helps)
+    show_warnings(text for text in result.warnings if text not in result.verdict)
+    console.print()
+    head = metric_head(result, "passive", "controlled")
+    console.print(_table(head, [(row.name, *row.numbers) for row in metric_rows(result)]))
+    told = [text for text in (replay_note(result), *standard.lines(result.standard)) if text]
+    if told:
+        console.print("\n" + "\n".join(told), soft_wrap=True, markup=False)
+    console.print()
+    head = ("", "least", "mean", "most")
+    console.print(_table(head, [(row.name, *row.numbers) for row in can_rows(result)]))
+    trigger = result.trigger
+    console.print(
+        f"bus load {100 * result.can.load:.1f} %; {trigger.sent} commands in {trigger.samples} "
+        f"ticks: transmission rate {100 * trigger.transmission_rate:.1f} %, "
+        f"{100 * trigger.transmission_rate_triggered:.1f} % without heartbeats "
+        f"(heartbeats alone: {100 * trigger.floor:.0f} %)",
+        soft_wrap=True,
+    )
+    if result.phase is not None:
+        least, mean, most = (1e3 * value for value in astuple(result.phase))
+        console.print(
+            f"a tick starts {mean:.2f} ms after the newest Imu frame ({least:.2f} to {most:.2f} ms)"
+        )
+    show_files(result.files)

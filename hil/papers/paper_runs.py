@@ -1,0 +1,141 @@
+"""Runs behind the tables: driven once each, and what a table wants of them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from firmware.state import ACTIVE, DEGRADED
+from hil.papers.printed_rows import Report, Row
+from hil.papers.section import Section
+from hil.report.curves import dash as dashes
+from hil.report.figure import DASHED, Figure, Series
+from hil.runs.metrics import moment
+from hil.runs.result import Result
+from hil.runs.trace import Trace
+from hil.studies.comparison import Named, runs
+from plant_sim.world.recording import WHEELS
+from vehicles import GRAVITY
+
+SETTLED = 0.3
+"""Time after control began from which estimates are judged, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Recomputed:
+    """What recomputing a paper leaves: its rows, yet to be judged, its plots, and what else."""
+
+    rows: Sequence[Row]
+    figures: Sequence[Figure]
+    sections: Sequence[Section] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One run of a table: its row, and the keywords of :func:`hil.run`."""
+
+    row: str
+    keywords: Mapping[str, Any]
+
+
+def drive(
+    scenario: str, cases: Sequence[Case], common: Mapping[str, Any], report: Report
+) -> dict[str, Result]:
+    """Return the result of every case by its row; they share the run without control."""
+    wanted = [(case.row, case.keywords) for case in cases]
+    found: list[Named] = []
+    title = cases[0].row.rpartition(", ")[0] or scenario.replace("_", " ")
+    for named in runs(scenario, wanted, common=common):
+        found.append(named)
+        report(title, len(found) / len(cases))
+    return {named.name: named.result for named in found}
+
+
+def cycle_reason(result: Result) -> str:
+    """Return what the limit cycle of a run says, or ''."""
+    if result.limit_cycle is None:
+        return ""
+    nominal = 1e3 * result.delay.nominal
+    admitted = result.tables["margins"]["max_delay_s"] * 1e3
+    room = (
+        f"; the printed gain admits {admitted:.0f} ms, the net takes {nominal:.0f} ms"
+        if admitted < nominal
+        else "; what the design model leaves out, tyres and unsprung masses, is enough for it"
+    )
+    return f"{result.limit_cycle}{room}"
+
+
+def controlled_ticks(trace: Trace) -> Any:  # noqa: ANN401
+    """Return the ticks in which the estimate has settled and control is active."""
+    active = np.isin(trace.ticks["mode"], (ACTIVE, DEGRADED))
+    if not np.any(active):
+        return trace.ticks[:0]
+    first = trace.ticks["t"][np.argmax(active)] + SETTLED
+    return trace.ticks[active & (trace.ticks["t"] >= first)]
+
+
+def roll_error_deg(trace: Trace) -> float:
+    """Return the largest error of the estimated roll angle, deg."""
+    ticks = controlled_ticks(trace)
+    true = np.interp(ticks["t"], trace.signals["time"], trace.signals["roll"])
+    return float(np.degrees(np.max(np.abs(ticks["roll"] - true), initial=0.0)))
+
+
+def lateral_error(trace: Trace) -> float:
+    """Return the largest error of the estimated effective lateral acceleration, m/s²."""
+    ticks = controlled_ticks(trace)
+    signals = trace.signals
+    effective = signals["ay"] + GRAVITY * np.sin(signals["bank"])
+    true = np.interp(ticks["t"], signals["time"], effective)
+    return float(np.max(np.abs(ticks["lateral_acceleration"] - true), initial=0.0))
+
+
+def force_rms(trace: Trace) -> dict[str, float]:
+    """Return the RMS of each tyre's load about its static value, N, by wheel."""
+    found = {}
+    for wheel in WHEELS:
+        load = trace.signals[f"wheel_load_{wheel}"]
+        found[wheel] = float(np.sqrt(np.mean(np.square(load - load[0]))))
+    return found
+
+
+def plots(paper: str, title: str, results: Mapping[str, Result]) -> list[Figure]:
+    """Return roll angle, delivered moment and spectrum of the command of several runs."""
+    names, first = list(results), next(iter(results.values()))
+    degrees = float(np.degrees(1))
+    time = first.passive.signals["time"]
+    free = "without control"
+    if any(result.passive is not first.passive for result in results.values()):
+        free = f"{names[0].rpartition(', ')[2]}, {free}"
+    roll = [Series(free, time, first.passive.signals["roll"] * degrees, 0, DASHED)]
+    moments, spectra = [], []
+    for place, (name, result) in enumerate(results.items()):
+        trace = result.controlled
+        if trace is None:
+            continue
+        colour, dash = 1 + place % 7, dashes(1 + place)
+        label = name.rpartition(", ")[2]
+        time = trace.signals["time"]
+        roll.append(Series(label, time, trace.signals["roll"] * degrees, colour, dash))
+        moments.append(Series(label, time, moment(trace), colour, dash))
+        spectra.append(Series(label, *spectrum(trace), colour, dash))
+    return [
+        Figure(f"{paper}-roll", f"{title}: roll angle", "time (s)", "deg", roll,
+               unit="s", group=paper, linked=False),
+        Figure(f"{paper}-moment", f"{title}: anti-roll moment", "time (s)", "N·m", moments,
+               unit="s", group=paper, linked=False),
+        Figure(f"{paper}-spectrum", f"{title}: spectrum of the command", "Hz", "dB N²m²/Hz",
+               spectra, unit="Hz", group=paper, linked=False,
+               note="a peak above the manoeuvre's 1 Hz is a loop that chatters or oscillates"),
+    ]  # fmt: skip
+
+
+def spectrum(trace: Trace) -> tuple[Any, Any]:
+    """Return the power spectral density of the moment command: Hz, dB of N²m²/Hz."""
+    ticks = trace.ticks
+    values = ticks["moment"] - np.mean(ticks["moment"])
+    step = float(ticks["t"][1] - ticks["t"][0])
+    window = np.hanning(len(values))
+    power = np.abs(np.fft.rfft(values * window)) ** 2 * 2 * step / np.sum(window**2)
+    return np.fft.rfftfreq(len(values), step), 10 * np.log10(np.maximum(power, 1e-3))

@@ -1,0 +1,107 @@
+"""One printed number beside ours, and the verdict on it."""
+
+import tomllib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+REPRODUCED = "reproduced"
+SAME_ORDERING = "same ordering"
+NOT_REPRODUCIBLE = "not reproducible"
+VERDICTS = (REPRODUCED, SAME_ORDERING, NOT_REPRODUCIBLE)
+
+TOLERANCE = 0.15
+"""Relative difference up to which a number counts as reproduced."""
+TIE = 0.02
+"""Printed values closer than this share have no order."""
+LEAST_SHARE = 0.25
+"""Share of a printed number that a lone one must reach to be of the same order."""
+
+Report = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One number of a table: where it is printed, what is printed, what we find.
+
+    ``group``: numbers of one group are ordered among each other. ``finding``: what explains a
+    difference; it is dropped where there is none to explain. ``calibrated``: the plant was fitted
+    to this number, so that its agreement proves nothing.
+    """
+
+    paper: str
+    table: str
+    row: str
+    quantity: str
+    printed: float
+    ours: float
+    group: str = ""
+    finding: str = ""
+    calibrated: bool = False
+    verdict: str = ""
+
+    @property
+    def difference_percent(self) -> float:
+        """Ours against printed, percent."""
+        return 100 * (self.ours / self.printed - 1)
+
+    @property
+    def reason(self) -> str:
+        """Why the number is not met; empty where it is."""
+        if self.verdict == REPRODUCED:
+            return "calibrated on this number" if self.calibrated else ""
+        return self.finding
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the row as ``canroll reproduce --json`` prints it."""
+        return {
+            "paper": self.paper,
+            "table": self.table,
+            "row": self.row,
+            "quantity": self.quantity,
+            "printed": self.printed,
+            "ours": self.ours,
+            "difference_percent": self.difference_percent,
+            "verdict": self.verdict,
+            "reason": self.reason,
+        }
+
+
+@cache
+def printed(paper: str) -> dict[str, Any]:
+    """Return the printed tables of a paper."""
+    text = (files("hil.papers") / "paper_tables.toml").read_text(encoding="utf-8")
+    tables: dict[str, Any] = tomllib.loads(text)[paper]
+    return tables
+
+
+def judged(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows with their verdicts.
+
+    Reproduced: within :data:`TOLERANCE` of the printed number. Same ordering: further off, but on
+    the same side of every other number of its group as printed; a number without a group needs
+    the same sign and a quarter of the size. Not reproducible: neither.
+    """
+    return [replace(row, verdict=_verdict(row, rows)) for row in rows]
+
+
+def _verdict(row: Row, rows: Sequence[Row]) -> str:
+    if abs(row.ours - row.printed) <= TOLERANCE * abs(row.printed):
+        return REPRODUCED
+    others = [
+        other
+        for other in rows
+        if other is not row and row.group and (other.paper, other.group) == (row.paper, row.group)
+    ]
+    if not others:
+        share = row.ours / row.printed
+        return SAME_ORDERING if share >= LEAST_SHARE else NOT_REPRODUCIBLE
+    for other in others:
+        apart = row.printed - other.printed
+        if abs(apart) <= TIE * abs(row.printed):
+            continue
+        if apart * (row.ours - other.ours) <= 0:
+            return NOT_REPRODUCIBLE
+    return SAME_ORDERING

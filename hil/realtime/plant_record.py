@@ -1,0 +1,73 @@
+"""What a plant process leaves for whoever started it: one NumPy archive."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError
+from hil.realtime.plant_loop import Outcome
+from plant_sim.world.world import World
+
+
+@dataclass(frozen=True, slots=True)
+class PlantRecord:
+    """A plant's run: vehicle signals, bus log, applied commands, its loop's instants.
+
+    ``about``: reason, start_ns, end_ns, sent, received, failed, cpu, notes.
+    """
+
+    signals: dict[str, NDArray[np.float64]]
+    frames: NDArray[np.void]
+    ages: NDArray[np.int64]
+    commands: NDArray[np.void]
+    loop: NDArray[np.int64]
+    about: Mapping[str, Any]
+
+
+def save(path: Path, world: World, outcome: Outcome, about: Mapping[str, Any]) -> None:
+    """Write what ``world`` recorded.
+
+    Raises:
+        CanrollError: the file cannot be written.
+    """
+    signals = world.signals
+    try:
+        with path.open("wb") as file:
+            np.savez(
+                file,
+                names=np.array(list(signals)),
+                signals=np.stack(list(signals.values())),
+                frames=world.frames,
+                ages=world.ages,
+                commands=world.commands,
+                loop=outcome.loop,
+                about=np.array(json.dumps(dict(about))),
+            )
+    except OSError as error:
+        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+
+
+def load(path: Path) -> PlantRecord:
+    """Read a plant's archive.
+
+    Raises:
+        CanrollError: it cannot be read.
+    """
+    try:
+        with np.load(path) as archive:
+            names = [str(name) for name in archive["names"]]
+            return PlantRecord(
+                signals=dict(zip(names, archive["signals"], strict=True)),
+                frames=archive["frames"],
+                ages=archive["ages"],
+                commands=archive["commands"],
+                loop=archive["loop"],
+                about=json.loads(str(archive["about"])),
+            )
+    except (OSError, KeyError, ValueError) as error:
+        raise CanrollError(f"cannot read {path}: {error}") from error

@@ -1,0 +1,96 @@
+"""The files of a run: report, picture, bus log, header, calibration, numbers."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+from canroll.errors import CanrollError
+from codegen.export.header import gains_header
+from gain_gen.calibration import calibration_file
+from gain_gen.calibration.header_notes import physical_notes
+from hil.report.picture import draw_picture
+from hil.report.run_page import run_page
+from hil.runs import saved_run
+from hil.runs.logs import write_log
+from hil.runs.result import Result
+
+
+def usable_folder(folder: Path) -> Path:
+    """Return ``folder``, made where it was missing; told before a run rather than after it.
+
+    Raises:
+        CanrollError: it cannot be made or written to.
+    """
+    probe = folder / ".canroll"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise CanrollError(
+            f"cannot write to {folder}: {error.strerror}: choose another --out"
+        ) from error
+    return folder
+
+
+def check_parent(path: Path, *, out: Path | None = None) -> Path:
+    """Return ``path`` if its folder is there, or is ``out``, which is made.
+
+    Raises:
+        CanrollError: there is no such folder, or ``path`` is a folder.
+    """
+    if path.parent != out and not path.parent.is_dir():
+        raise CanrollError(f"cannot write {path}: there is no folder {path.parent}")
+    if path.is_dir():
+        raise CanrollError(f"cannot write {path}: it is a folder")
+    return path
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a text file and return its path.
+
+    Raises:
+        CanrollError: it cannot be written.
+    """
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+    return path
+
+
+def write_files(result: Result, folder: Path) -> Result:
+    """Write everything about a run to ``folder`` and return the result with the paths.
+
+    report.html, roll.png, bus.asc, canroll_gains.h, calibration.toml, trace.npz, result.json.
+
+    Raises:
+        CanrollError: a file cannot be written.
+    """
+    names = {
+        "report": "report.html",
+        "picture": "roll.png",
+        "log": "bus.asc",
+        "header": "canroll_gains.h",
+        "calibration": saved_run.CALIBRATION,
+        "trace": saved_run.TRACE,
+        "result": saved_run.RESULT,
+    }
+    paths = {name: folder / file for name, file in names.items()}
+    known = {**result.files, **{name: str(path) for name, path in paths.items()}}
+    result = replace(result, files=known)
+    seen = result.passive if result.controlled is None else result.controlled
+    write_log(paths["log"], seen.frames)
+    calibration_file.save(paths["calibration"], result.record, result.tables)
+    saved_run.save_traces(paths["trace"], result)
+    settings = result.settings
+    header = gains_header(
+        result.record,
+        title=(f"{result.tables['design']['law']} for {settings.vehicle.name}",),
+        physical=physical_notes(result.record),
+    )
+    write_text(paths["header"], header)
+    draw_picture(result, paths["picture"])
+    write_text(paths["report"], run_page(result))
+    write_text(paths["result"], json.dumps(result.to_json(), indent=2) + "\n")
+    return result

@@ -1,0 +1,129 @@
+"""The figures of a run as rows of tables, for terminal and page alike."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from hil.report.page import Cell
+from hil.runs.result import FIGURES, Result
+from hil.runs.standard import limit, measured
+
+LABELS = {
+    "roll_rms_deg": ("roll angle RMS (deg)", 2),
+    "roll_max_deg": ("roll angle max (deg)", 2),
+    "roll_rate_rms_deg_s": ("roll rate RMS (deg/s)", 2),
+    "roll_rate_max_deg_s": ("roll rate max (deg/s)", 2),
+    "nlt_front_max": ("NLT front max", 3),
+    "nlt_rear_max": ("NLT rear max", 3),
+    "moment_rms_nm": ("moment RMS (N·m)", 0),
+    "moment_max_nm": ("moment max (N·m)", 0),
+    "path_error_rms_m": ("path error RMS (m)", 3),
+    "path_error_max_m": ("path error max (m)", 3),
+}
+"""Name and decimals of each metric."""
+
+ALL_FIGURES = (*FIGURES, "path_error_rms_m", "path_error_max_m")
+NOTHING = Cell("")
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A named row of numbers."""
+
+    name: str
+    numbers: tuple[Cell, ...]
+
+
+def number(value: float, digits: int, key: str) -> Cell:
+    """Return a cell for the number at ``key`` of the JSON object."""
+    return Cell(f"{value:.{digits}f}".replace("-", "−"), value, key)
+
+
+def change(after: float, before: float, digits: int) -> Cell:
+    """Return the relative change in percent, or nothing where ``before`` is shown as 0."""
+    if round(before, digits) == 0:
+        return NOTHING
+    percent = round(100 * (after / before - 1))
+    return Cell(f"{percent:+d} %".replace("-", "−") if percent else "0 %")
+
+
+def metric_rows(result: Result) -> list[Row]:
+    """Return a row a metric: without control, with control, change, replay, with no roll at all.
+
+    Without a replay its column is left out, without a path the errors to it.
+    """
+    rows = []
+    for name in ALL_FIGURES:
+        label, digits = LABELS[name]
+        before = getattr(result.passive_metrics, name)
+        if name.startswith("path_error") and before == 0:
+            continue
+        cells = [number(before, digits, f"passive.{name}")]
+        if result.controlled_metrics is None:
+            cells += [NOTHING, NOTHING]
+        else:
+            after = getattr(result.controlled_metrics, name)
+            cells += [number(after, digits, f"controlled.{name}"), change(after, before, digits)]
+        if result.replay_metrics is not None:
+            cells.append(number(getattr(result.replay_metrics, name), digits, f"replay.{name}"))
+        least = result.without_roll.get(name)
+        cells.append(NOTHING if least is None else number(least, digits, f"without_roll.{name}"))
+        rows.append(Row(label, tuple(cells)))
+    return rows
+
+
+def metric_head(result: Result, passive: str, controlled: str) -> tuple[str, ...]:
+    """Return the head over :func:`metric_rows`, with what the first two columns are called."""
+    replayed = () if result.replay is None else ("replay",)
+    return ("", passive, controlled, "change", *replayed, "no roll at all")
+
+
+def replay_note(result: Result) -> str:
+    """Say what the replay is, or why there is none."""
+    if result.controlled is None:
+        return ""
+    if result.replay is not None:
+        return (
+            "Replay: with control, steered as without it, nobody at the wheel, chassis control off."
+        )
+    first, second = result.passive.signals["steer"], result.controlled.signals["steer"]
+    if not np.array_equal(first, second):
+        return ""
+    return "Control does not change the steering: a replay of it is the controlled run."
+
+
+def standard_rows(result: Result) -> list[tuple[str | Cell, ...]]:
+    """Return a row a criterion and run: run, criterion, clause, measured, limit, verdict."""
+    names = {"passive": "without control", "controlled": "with control"}
+    return [
+        (
+            names[run],
+            verdict.criterion,
+            verdict.clause,
+            measured(verdict),
+            limit(verdict),
+            "met" if verdict.passed else "not met",
+        )
+        for run, judged in result.standard.runs()
+        for verdict in judged.criteria
+    ]
+
+
+def can_rows(result: Result) -> list[Row]:
+    """Return a row a message with least, mean and largest response time, and the age."""
+    spreads = {
+        f"{name}, response (ms)": (f"can.response_ms.{name}", spread)
+        for name, spread in result.can.response_ms.items()
+    }
+    if result.can.age_ms is not None:
+        spreads["sample to force, age (ms)"] = ("can.age_ms", result.can.age_ms)
+    return [
+        Row(
+            label,
+            tuple(
+                number(getattr(spread, which), 2, f"{key}.{which}")
+                for which in ("min", "mean", "max")
+            ),
+        )
+        for label, (key, spread) in spreads.items()
+    ]

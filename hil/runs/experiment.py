@@ -1,0 +1,293 @@
+"""One manoeuvre, without and with control, in virtual time."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import inf
+from typing import Unpack
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError, UnknownNameError
+from firmware.calibration import ONE
+from gain_gen.models.task import Delay
+from hil import phase
+from hil.runs import conditions as conditions_of
+from hil.runs import limit_cycle, metrics, standard, steering_replay
+from hil.runs.choices import Choices
+from hil.runs.delay import sample_to_force
+from hil.runs.ecu import BACKENDS, default_backend, open_ecu
+from hil.runs.frozen import COMMAND_TIMEOUT, PASSIVE, Controller, Request, choose, prepare
+from hil.runs.result import Result, Settings
+from hil.runs.trace import Trace
+from hil.runs.virtual_time import RUN_TIME_NS, closed_loop
+from plant_sim.bodies import body
+from plant_sim.can_bus import load_profile
+from plant_sim.driving import maneuvers
+from plant_sim.world.world import World
+
+DEFAULT_BUS = "500k"
+DEFAULT_PLANT = "roll1"
+SEEDS = 2**31
+AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
+"""Manoeuvres made to find the limit of tyres and wheel loads."""
+
+Report = Callable[[str, float], None]
+
+
+def run(scenario: str, *, progress: Report | None = None, **choices: Unpack[Choices]) -> Result:
+    """Drive a manoeuvre without and with control and return what came of it.
+
+    Args:
+        scenario: name of the manoeuvre, such as "double_lane_change" or "roundabout".
+        progress: called with "passive", "controlled" or "replay" and the share done.
+        choices: vehicle, law, bus, seed, … : see :class:`hil.runs.choices.Choices`.
+
+    Raises:
+        CanrollError: a name, number or file that cannot be; the message says what to do.
+        VerdictError: the design fails its own checks.
+        Interrupted: Ctrl-C; it carries the trace so far.
+    """
+    settings, controller = plan(scenario, **choices)
+    return simulate(settings, controller, duration=choices.get("duration"), progress=progress)
+
+
+def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controller]:
+    """Return what :func:`run` would drive with the same arguments: settings and controller.
+
+    Raises:
+        CanrollError: a name, number or file that cannot be; the message says what to do.
+        VerdictError: the design fails its own checks.
+    """
+    for name in choices.keys() - Choices.__annotations__.keys():
+        raise UnknownNameError("choice of a run", name, list(Choices.__annotations__))
+    request = Request(
+        vehicle=choices.get("vehicle"),
+        law=choices.get("law"),
+        calibration=choices.get("calibration"),
+        actuator=choices.get("actuator"),
+        observer=choices.get("observer"),
+        tick_ms=choices.get("tick_ms"),
+        trigger=choices.get("trigger"),
+        gains=choices.get("gains"),
+        feedforward=choices.get("feedforward"),
+        identification=choices.get("identification"),
+        heartbeat_ms=choices.get("heartbeat_ms"),
+    )
+    plant, bus = choices.get("plant") or DEFAULT_PLANT, choices.get("bus") or DEFAULT_BUS
+    speed_kmh, backend = choices.get("speed_kmh"), choices.get("backend")
+    seed = choices.get("seed") or 0
+    options = choices.get("options") or {}
+    faults = choices.get("faults") or ()
+    conditions = choices.get("conditions") or {}
+    # names are refused before anything slow is done
+    _check(scenario, {"speed {:g} km/h": speed_kmh, "duration {:g} s": choices.get("duration")})
+    body(plant)
+    load_profile(bus)
+    conditions_of.options(faults, conditions)
+    backend = default_backend() if backend is None else choose("backend", backend, BACKENDS)
+    if not 0 <= seed < SEEDS:
+        raise CanrollError(f"seed {seed}: it must be 0 to {SEEDS - 1}")
+    controller = prepare(request, bus=bus)
+    if speed_kmh is None:
+        speed = maneuvers.default_speed(scenario, controller.vehicle)
+    else:
+        speed = speed_kmh / 3.6
+    settings = Settings(
+        scenario=scenario,
+        vehicle=controller.vehicle,
+        law=controller.law,
+        actuator=controller.actuator,
+        command=controller.command,
+        observer=controller.observer,
+        plant=plant,
+        bus=bus,
+        backend=backend,
+        trigger=controller.trigger,
+        seed=seed,
+        speed=speed,
+        tick=controller.tick,
+        run_time=RUN_TIME_NS * 1e-9,
+        options=tuple(sorted(options.items())),
+        faults=tuple(faults),
+        conditions=tuple(sorted(conditions.items())),
+        phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
+    )
+    # an option that the manoeuvre does not know is refused here, and a phase that cannot be
+    _maneuver(settings)
+    if settings.phase is not None:
+        phase.checked_cycle_ns(round(settings.tick * 1e9), round(settings.phase * 1e9))
+    return settings, controller
+
+
+def simulate(
+    settings: Settings,
+    controller: Controller,
+    *,
+    duration: float | None = None,
+    progress: Report | None = None,
+    passive: Trace | None = None,
+) -> Result:
+    """Run ``controller`` under ``settings``; ``passive`` saves driving the same run twice."""
+    if passive is None:
+        passive = drive(settings, controller, enabled=False, duration=duration, progress=progress)
+    if settings.law == PASSIVE:
+        return assess(settings, controller, passive, None)
+    controlled = drive(settings, controller, enabled=True, duration=duration, progress=progress)
+    replayed = None
+    if steering_replay.differs(_maneuver(settings), passive, controlled):
+        steer = passive.signals["steer"]
+        replayed = drive(
+            settings, controller, enabled=True, duration=duration, progress=progress, steer=steer
+        )
+    return assess(settings, controller, passive, controlled, replayed)
+
+
+def drive(
+    settings: Settings,
+    controller: Controller,
+    *,
+    enabled: bool,
+    duration: float | None = None,
+    progress: Report | None = None,
+    steer: NDArray[np.float64] | None = None,
+) -> Trace:
+    """Drive the manoeuvre once; without control the actuators are disabled, the frames go on.
+
+    ``steer``: angle at the road wheels, rad, a value a millisecond, played back instead of what
+    the driver steers.
+    """
+    maneuver = _maneuver(settings)
+    stage = "controlled" if enabled else "passive"
+    if steer is not None:
+        maneuver, stage = maneuvers.replay(maneuver, steer), "replay"
+    trace = closed_loop(
+        build_world(settings, enabled=enabled, maneuver=maneuver),
+        open_ecu(settings.backend, controller.record),
+        tick_ns=round(settings.tick * 1e9),
+        offset_ns=tick_offset_ns(settings),
+        duration_ns=None if duration is None else round(duration * 1e9),
+        progress=None if progress is None else lambda share: progress(stage, share),
+    )
+    return trace if steer is None else steering_replay.with_path_error(trace, maneuver.drive)
+
+
+def tick_offset_ns(settings: Settings) -> int:
+    """Return the instant of tick 0: where the chosen phase puts it, else 0."""
+    if settings.phase is None:
+        return 0
+    world = build_world(replace(settings, faults=()), enabled=False)
+    return phase.offset_ns(world, round(settings.tick * 1e9), round(settings.phase * 1e9))
+
+
+def tick_phase_ns(settings: Settings) -> int:
+    """Return the phase that the ticks of virtual time have under ``settings``.
+
+    Raises:
+        CanrollError: they have none.
+    """
+    if settings.phase is not None:
+        return round(settings.phase * 1e9)
+    world = build_world(replace(settings, faults=()), enabled=False)
+    return phase.phase_ns(world, round(settings.tick * 1e9))
+
+
+def build_world(
+    settings: Settings, *, enabled: bool, maneuver: maneuvers.Maneuver | None = None
+) -> World:
+    """Return the world that ``settings`` describe, at time 0; ``maneuver`` instead of theirs."""
+    sensors, actuators = conditions_of.options(settings.faults, dict(settings.conditions))
+    return World(
+        vehicle=settings.vehicle,
+        body=settings.plant,
+        actuator=settings.actuator,
+        maneuver=maneuver or _maneuver(settings),
+        profile=load_profile(settings.bus),
+        seed=settings.seed,
+        enabled=enabled,
+        command=settings.command,
+        command_timeout_ms=1e3 * COMMAND_TIMEOUT,
+        sensors=sensors,
+        actuators=actuators,
+    )
+
+
+def _maneuver(settings: Settings) -> maneuvers.Maneuver:
+    return maneuvers.build(
+        settings.scenario,
+        settings.vehicle,
+        settings.speed,
+        settings.seed,
+        **dict(settings.options),
+    )
+
+
+def delay_of(settings: Settings) -> Delay:
+    """Return the bounds of the sample-to-force delay under ``settings``, s."""
+    return sample_to_force(
+        settings.vehicle, settings.command, load_profile(settings.bus), tick=settings.tick
+    )
+
+
+def assess(
+    settings: Settings,
+    controller: Controller,
+    passive: Trace,
+    controlled: Trace | None,
+    replayed: Trace | None = None,
+) -> Result:
+    """Return the figures of a pair of runs, and of the replay where there is one."""
+    maneuver = _maneuver(settings)
+    seen = passive if controlled is None else controlled
+    delay = delay_of(settings)
+    cycle = None
+    if controlled is not None:
+        cycle = limit_cycle.detect(
+            controlled.ticks["t"],
+            controlled.ticks["moment"],
+            passive.signals["time"],
+            passive.signals["roll"],
+        )
+    warnings = list(controller.warnings)
+    if settings.plant == "roll1" and settings.scenario in AT_THE_LIMIT:
+        warnings.append("roll1 knows no tyre limit and no wheel lift: use --plant nonlinear")
+    if cycle is not None:
+        warnings.append(str(cycle))
+    without_roll = metrics.load_transfer_without_roll(
+        passive, settings.vehicle, controller.record.schedule_front_share[0] / ONE
+    )
+    if np.any(maneuver.drive.road_left) or np.any(maneuver.drive.road_right):
+        without_roll = dict.fromkeys(without_roll)
+    return Result(
+        settings=settings,
+        record=controller.record,
+        tables=controller.tables,
+        delay=delay,
+        passive=passive,
+        controlled=controlled,
+        passive_metrics=metrics.judge(passive),
+        controlled_metrics=None if controlled is None else metrics.judge(controlled),
+        without_roll=without_roll,
+        can=metrics.can(seen),
+        trigger=metrics.trigger(seen, heartbeat_ticks=controller.record.heartbeat_ticks),
+        limit_cycle=cycle,
+        standard=standard.assess(maneuver, settings.vehicle, passive, controlled),
+        replay=replayed,
+        replay_metrics=None if replayed is None else metrics.judge(replayed),
+        warnings=tuple(warnings),
+        phase=phase.measured(seen.ticks["t"], seen.frames),
+    )
+
+
+def with_files(result: Result, files: dict[str, str]) -> Result:
+    """Return the result with the files that were written of it."""
+    return replace(result, files=files)
+
+
+def _check(scenario: str, settings: Mapping[str, float | None]) -> None:
+    """Refuse an unknown scenario and numbers that cannot be."""
+    if scenario not in maneuvers.names():
+        raise UnknownNameError("scenario", scenario, maneuvers.names())
+    for name, value in settings.items():
+        if value is not None and not 0 < value < inf:
+            raise CanrollError(f"{name.format(value)}: it must be above 0")

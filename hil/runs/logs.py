@@ -1,0 +1,66 @@
+"""Bus logs through python-can's writers, the same bytes for the same seed."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError
+from plant_sim.can_bus import DELIVERED, ECU
+from plant_sim.can_bus.kernel.layout import ERROR
+from plant_sim.can_bus.wire.frame import EXTENDED, FD
+
+SUFFIXES = (".asc", ".blf", ".log", ".mf4")
+
+
+def check_suffix(path: Path) -> Path:
+    """Return ``path`` if its suffix names a log format.
+
+    Raises:
+        CanrollError: it does not.
+    """
+    if path.suffix.lower() not in SUFFIXES:
+        raise CanrollError(f"{path}: the suffix of a log is one of {', '.join(SUFFIXES)}")
+    return path
+
+
+def messages(frames: NDArray[Any]) -> Iterator[can.Message]:
+    """Yield what a logger on each segment would have seen, in order; time 0 is the run's start.
+
+    Frames of the controller count as transmitted, all others as received; the channel is the
+    segment. Error frames are kept, frames that never made it to the bus are not.
+    """
+    seen = frames[np.isin(frames["outcome"], (DELIVERED, ERROR))]
+    for entry in seen[np.argsort(seen["t_received"], kind="stable")]:
+        error = bool(entry["outcome"] == ERROR)
+        length = 0 if error else int(entry["length"])
+        yield can.Message(
+            timestamp=int(entry["t_received"]) * 1e-9,
+            arbitration_id=0 if error else int(entry["ident"]),
+            is_extended_id=bool(entry["flags"] & EXTENDED) and not error,
+            is_error_frame=error,
+            is_fd=bool(entry["flags"] & FD) and not error,
+            is_rx=bool(entry["sender"] != ECU),
+            channel=int(entry["segment"]),
+            dlc=length,
+            data=entry["payload"][:length].tobytes(),
+        )
+
+
+def write_log(path: Path, frames: NDArray[Any]) -> Path:
+    """Write a bus log in the format that the suffix of ``path`` names, and return ``path``.
+
+    Raises:
+        CanrollError: unknown suffix, or the file cannot be written.
+    """
+    check_suffix(path)
+    try:
+        with can.Logger(str(path)) as logger:
+            for message in messages(frames):
+                logger.on_message_received(message)
+    except OSError as error:
+        raise CanrollError(f"cannot write {path}: {error.strerror or error}") from error
+    return path

@@ -1,0 +1,210 @@
+"""What a run is judged by: roll, load transfer, moment, bus and trigger figures."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+import dbc
+from firmware.state import ACTIVE, DEGRADED
+from hil.runs.trace import Trace
+from plant_sim.can_bus.kernel.layout import DELIVERED
+from plant_sim.world.recording import AXLES, WHEELS
+from vehicles import Vehicle
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Metrics:
+    """Figures of one run; the names carry the units. ``nlt``: normalised load transfer, 0 to 1."""
+
+    roll_rms_deg: float
+    roll_max_deg: float
+    roll_rate_rms_deg_s: float
+    roll_rate_max_deg_s: float
+    nlt_front_max: float
+    nlt_rear_max: float
+    moment_rms_nm: float
+    moment_max_nm: float
+    path_error_rms_m: float
+    path_error_max_m: float
+    rollover: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Smallest, mean and largest of a figure."""
+
+    min: float
+    mean: float
+    max: float
+
+
+@dataclass(frozen=True, slots=True)
+class Can:
+    """What the bus did: load of the ECU's segment, frames, response times and ages in ms."""
+
+    load: float
+    frames: int
+    response_ms: dict[str, Spread]
+    age_ms: Spread | None
+
+
+@dataclass(frozen=True, slots=True)
+class Trigger:
+    """Commands against ticks. ``samples``: ticks with control active.
+
+    ``transmission_rate`` counts heartbeats, ``transmission_rate_triggered`` does not; ``floor`` is
+    what the heartbeat alone takes: tick over heartbeat period.
+    """
+
+    samples: int
+    sent: int
+    heartbeats: int
+    transmission_rate: float
+    transmission_rate_triggered: float
+    floor: float
+
+
+def rms(values: Vector) -> float:
+    """Root of the mean square; 0 of nothing."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
+
+
+def peak(values: Vector) -> float:
+    """Largest absolute value; 0 of nothing."""
+    return float(np.max(np.abs(values))) if len(values) else 0.0
+
+
+def load_transfer(left: Vector, right: Vector) -> Vector:
+    """Normalised load transfer (F_right − F_left)/(F_right + F_left) of an axle; 0 in the air."""
+    total = left + right
+    return np.divide(right - left, total, out=np.zeros_like(total), where=total > 1.0)
+
+
+def axle_load_transfer(trace: Trace) -> tuple[Vector, Vector]:
+    """Normalised load transfer of the front and the rear axle over time."""
+    fl, fr, rl, rr = (trace.signals[f"wheel_load_{wheel}"] for wheel in WHEELS)
+    return load_transfer(fl, fr), load_transfer(rl, rr)
+
+
+def moment(trace: Trace) -> Vector:
+    """Anti-roll moment on the body that the actuators deliver, N·m, every millisecond."""
+    return trace.signals["moment_front"] + trace.signals["moment_rear"]
+
+
+def judge(trace: Trace) -> Metrics:
+    """Return the figures of one run over its whole length."""
+    signals = trace.signals
+    front, rear = axle_load_transfer(trace)
+    return Metrics(
+        roll_rms_deg=math.degrees(rms(signals["roll"])),
+        roll_max_deg=math.degrees(peak(signals["roll"])),
+        roll_rate_rms_deg_s=math.degrees(rms(signals["roll_rate"])),
+        roll_rate_max_deg_s=math.degrees(peak(signals["roll_rate"])),
+        nlt_front_max=peak(front),
+        nlt_rear_max=peak(rear),
+        moment_rms_nm=rms(moment(trace)),
+        moment_max_nm=peak(moment(trace)),
+        path_error_rms_m=rms(signals["path_error"]),
+        path_error_max_m=peak(signals["path_error"]),
+        rollover=bool(np.any(signals["rollover"] > 0)),
+    )
+
+
+def load_transfer_without_roll(
+    trace: Trace, vehicle: Vehicle, front_share: float
+) -> dict[str, float | None]:
+    """Return the peak load transfer that is left if the body does not roll at all.
+
+    The wheels must carry m h a_y + m g h φ; roll control can take away the second part, the body
+    leaning over its wheels, and no more. From the wheel loads of the passive run: what springs and
+    dampers of each axle carry is replaced by that axle's share of the moment −m h a_y. That holds
+    with all wheels on a level road: on a bank or with a wheel in the air the figures are None.
+
+    Args:
+        trace: of the passive run.
+        vehicle: of the plant.
+        front_share: share of the actuators' moment that the front axle takes.
+    """
+    plant, geometry, suspension = vehicle.plant, vehicle.geometry, vehicle.suspension
+    signals = trace.signals
+    lifted = any(np.any(signals[f"wheel_load_{wheel}"] <= 0) for wheel in WHEELS)
+    if lifted or np.any(signals["bank"]):
+        return {f"nlt_{axle}_max": None for axle in AXLES}
+    held = plant.roll_arm * signals["ay"]
+    axles = (
+        (front_share, suspension.roll_stiffness_front_share, suspension.roll_damping_front_share),
+        (
+            1 - front_share,
+            1 - suspension.roll_stiffness_front_share,
+            1 - suspension.roll_damping_front_share,
+        ),
+    )
+    tracks = (geometry.half_track_front, geometry.half_track_rear)
+    figures: dict[str, float | None] = {}
+    for axle, (share, stiffness, damping), track in zip(AXLES, axles, tracks, strict=True):
+        sprung = (
+            stiffness * plant.roll_stiffness * signals["roll"]
+            + damping * plant.roll_damping * signals["roll_rate"]
+        )
+        less = (sprung - share * held) / track
+        left = signals[f"wheel_load_{axle}_left"] + less / 2
+        right = signals[f"wheel_load_{axle}_right"] - less / 2
+        figures[f"nlt_{axle}_max"] = min(1.0, peak(load_transfer(left, right)))
+    return figures
+
+
+def response_times(trace: Trace) -> dict[str, Vector]:
+    """Response times of the contract's messages, ms, from the queue to the end of the frame.
+
+    Every segment a frame crosses counts as a frame of its own.
+    """
+    names = {message.frame_id: message.name for message in dbc.load().messages}
+    done = trace.frames[trace.frames["outcome"] == DELIVERED]
+    times = {}
+    for ident in np.unique(done["ident"]):
+        if int(ident) in names:
+            of = done[done["ident"] == ident]
+            times[names[int(ident)]] = (of["t_end"] - of["t_queued"]) * 1e-6
+    return times
+
+
+def spread(values: Vector) -> Spread:
+    """Return smallest, mean and largest; ``values`` is not empty."""
+    return Spread(float(np.min(values)), float(np.mean(values)), float(np.max(values)))
+
+
+def bus_load(trace: Trace, segment: int = 0) -> float:
+    """Share of the run that ``segment`` was busy with frames and their interframe spaces."""
+    frames = trace.frames
+    on = frames[(frames["segment"] == segment) & (frames["t_start"] >= 0)]
+    return float(np.sum(on["t_end"] - on["t_start"]) * 1e-9 / trace.duration)
+
+
+def can(trace: Trace) -> Can:
+    """Return the bus figures of a run."""
+    delivered = trace.frames["outcome"] == DELIVERED
+    return Can(
+        load=bus_load(trace),
+        frames=int(np.sum(delivered)),
+        response_ms={name: spread(values) for name, values in response_times(trace).items()},
+        age_ms=spread(np.asarray(trace.ages * 1e-6, dtype=np.float64)) if len(trace.ages) else None,
+    )
+
+
+def trigger(trace: Trace, *, heartbeat_ticks: int) -> Trigger:
+    """Return how often the loop sent commands while control was active."""
+    active = np.isin(trace.ticks["mode"], (ACTIVE, DEGRADED))
+    why = trace.ticks["triggered"][active]
+    samples, sent, beats = len(why), int(np.sum(why > 0)), int(np.sum(why == 2))
+    return Trigger(
+        samples=samples,
+        sent=sent,
+        heartbeats=beats,
+        transmission_rate=sent / samples if samples else 0.0,
+        transmission_rate_triggered=(sent - beats) / samples if samples else 0.0,
+        floor=1 / heartbeat_ticks if heartbeat_ticks else 0.0,
+    )

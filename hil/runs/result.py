@@ -1,0 +1,236 @@
+"""The outcome of a run: traces, figures, settings, and the object that ``--json`` prints."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+from firmware.calibration import Calibration
+from gain_gen.models.task import Delay
+from hil.phase import Phase
+from hil.runs.limit_cycle import LimitCycle
+from hil.runs.metrics import Can, Metrics, Trigger
+from hil.runs.standard import Standard
+from hil.runs.trace import Trace
+from vehicles import Vehicle
+
+FIGURES = (
+    "roll_rms_deg",
+    "roll_max_deg",
+    "roll_rate_rms_deg_s",
+    "roll_rate_max_deg_s",
+    "nlt_front_max",
+    "nlt_rear_max",
+    "moment_rms_nm",
+    "moment_max_nm",
+)
+"""The metrics that every table shows, in order."""
+
+LEAST_ROLL_DEG = 0.01
+"""A largest roll angle below this leaves nothing to reduce."""
+
+WORSE = 1.05
+"""Roll rate with control over that without it, from which on the verdict is mixed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What was run.
+
+    ``speed`` in m/s, ``tick``, ``run_time`` and ``phase`` in s (phase None: that of clocks that
+    start together); ``command``: the message that commands the actuators; ``options`` of the
+    manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
+    :func:`hil.runs.conditions.options` reads them.
+    """
+
+    scenario: str
+    vehicle: Vehicle
+    law: str
+    actuator: str
+    command: str
+    observer: str
+    plant: str
+    bus: str
+    backend: str
+    trigger: str
+    seed: int
+    speed: float
+    tick: float
+    run_time: float
+    options: tuple[tuple[str, Any], ...] = ()
+    faults: tuple[str, ...] = ()
+    conditions: tuple[tuple[str, Any], ...] = ()
+    phase: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One manoeuvre driven without and with control.
+
+    Attributes:
+        settings: what was run.
+        record: the integers that the ECU ran.
+        tables: what the calibration says beside them.
+        delay: bounds of the sample-to-force delay on this bus, s.
+        passive: trace without control.
+        controlled: trace with control, None for the law "passive".
+        passive_metrics: figures of the passive run.
+        controlled_metrics: figures of the controlled run or None.
+        without_roll: load transfer that is left if the body does not roll at all, by metric;
+            None where it cannot be told.
+        can: bus figures, of the controlled run where there is one.
+        trigger: transmission figures, of the controlled run where there is one.
+        limit_cycle: of the command, or None.
+        standard: what the manoeuvre's standard says of both runs.
+        replay: trace with control and the steering of the passive run; None where the driver
+            steers the same with and without control, for then it is the controlled run.
+        replay_metrics: figures of the replay or None.
+        warnings: one line each.
+        files: what was written of it, by name.
+        timing: figures of a run of two programs as ``canroll hil --json`` prints them; else empty.
+        phase: of the ticks, of the controlled run where there is one.
+    """
+
+    settings: Settings
+    record: Calibration
+    tables: Mapping[str, Any]
+    delay: Delay
+    passive: Trace
+    controlled: Trace | None
+    passive_metrics: Metrics
+    controlled_metrics: Metrics | None
+    without_roll: Mapping[str, float | None]
+    can: Can
+    trigger: Trigger
+    limit_cycle: LimitCycle | None
+    standard: Standard
+    replay: Trace | None = None
+    replay_metrics: Metrics | None = None
+    warnings: tuple[str, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
+    timing: Mapping[str, Any] = field(default_factory=dict)
+    phase: Phase | None = None
+
+    @property
+    def not_valid(self) -> tuple[str, ...]:
+        """Why the run has no verdict: it was not driven as it should have been; empty: it was."""
+        return tuple(self.timing.get("not_valid", ()))
+
+    @property
+    def rolls(self) -> bool:
+        """Whether there is a roll angle that control could reduce."""
+        return self.passive_metrics.roll_max_deg >= LEAST_ROLL_DEG
+
+    @property
+    def reduction(self) -> float | None:
+        """How much smaller control makes the largest roll angle, as share; None without
+        control or without any roll.
+        """
+        if self.controlled_metrics is None or not self.rolls:
+            return None
+        return 1 - self.controlled_metrics.roll_max_deg / self.passive_metrics.roll_max_deg
+
+    @property
+    def helps(self) -> bool | None:
+        """Whether RMS and largest roll angle both fell, without a limit cycle or a rollover.
+
+        None without control, without any roll, or where the run is not valid.
+        """
+        if self.controlled_metrics is None or self.not_valid:
+            return None
+        active, passive = self.controlled_metrics, self.passive_metrics
+        if active.rollover or self.limit_cycle is not None:
+            return False
+        if not self.rolls:
+            return None
+        return (
+            active.roll_max_deg < passive.roll_max_deg
+            and active.roll_rms_deg < passive.roll_rms_deg
+        )
+
+    @property
+    def pays(self) -> tuple[str, ...]:
+        """What control makes worse by more than 5 % where it helps, in words."""
+        active, passive = self.controlled_metrics, self.passive_metrics
+        if active is None or not self.helps:
+            return ()
+        rates = {
+            "roll rate RMS": (active.roll_rate_rms_deg_s, passive.roll_rate_rms_deg_s),
+            "roll rate max": (active.roll_rate_max_deg_s, passive.roll_rate_max_deg_s),
+        }
+        return tuple(
+            f"{name} {after:.2f} instead of {before:.2f} deg/s"
+            for name, (after, before) in rates.items()
+            if after > WORSE * before
+        )
+
+    @property
+    def verdict(self) -> str:
+        """The answer in one line."""
+        passive, active = self.passive_metrics, self.controlled_metrics
+        if self.not_valid:
+            return f"Not valid: {'; '.join(self.not_valid)}"
+        if active is None:
+            return f"Without control the largest roll angle is {passive.roll_max_deg:.2f}°"
+        text = (
+            f"largest roll angle {active.roll_max_deg:.2f}° instead of {passive.roll_max_deg:.2f}°"
+        )
+        if self.reduction is not None:
+            text += f" ({-100 * self.reduction:+.0f} %)".replace("-", "−")
+        if active.rollover:
+            return f"Control does not help: the vehicle rolls over; {text}"
+        if self.limit_cycle is not None:
+            return f"The loop is not stable, {self.limit_cycle}; {text}"
+        if not self.rolls:
+            return f"No roll to reduce: {text}"
+        if self.pays:
+            return f"Mixed: {text}, but {', '.join(self.pays)}"
+        return f"Control {'helps' if self.helps else 'does not help'}: {text}"
+
+    @property
+    def exit_code(self) -> int:
+        """The exit code: 1 where control does not help, or nothing can be said."""
+        return 1 if self.helps is False or self.not_valid else 0
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the run as plain data: what ``canroll run --json`` prints."""
+        settings = self.settings
+        return {
+            "scenario": settings.scenario,
+            "vehicle": settings.vehicle.name,
+            "law": settings.law,
+            "actuator": settings.actuator,
+            "observer": settings.observer,
+            "plant": settings.plant,
+            "bus": settings.bus,
+            "backend": settings.backend,
+            "seed": settings.seed,
+            "speed_kmh": round(settings.speed * 3.6, 9),
+            "tick_ms": round(settings.tick * 1e3, 9),
+            "options": dict(settings.options),
+            "faults": list(settings.faults),
+            "conditions": dict(settings.conditions),
+            "duration_s": self.passive.duration,
+            "calibration_id": self.record.id,
+            "passive": asdict(self.passive_metrics),
+            "controlled": asdict(self.controlled_metrics) if self.controlled_metrics else None,
+            "replay": asdict(self.replay_metrics) if self.replay_metrics else None,
+            "standard": self.standard.to_json(),
+            "without_roll": dict(self.without_roll),
+            "can": asdict(self.can),
+            "trigger": asdict(self.trigger),
+            "phase_ms": self._phase_json(),
+            "delay_ms": {name: 1e3 * value for name, value in asdict(self.delay).items()},
+            "limit_cycle": asdict(self.limit_cycle) if self.limit_cycle else None,
+            "helps": self.helps,
+            "verdict": self.verdict,
+            "warnings": list(self.warnings),
+            "files": dict(self.files),
+            **({"timing": dict(self.timing)} if self.timing else {}),
+        }
+
+    def _phase_json(self) -> dict[str, float | None]:
+        chosen, found = self.settings.phase, self.phase
+        return {
+            "chosen": None if chosen is None else round(1e3 * chosen, 9),
+            **({} if found is None else {k: 1e3 * v for k, v in asdict(found).items()}),
+        }

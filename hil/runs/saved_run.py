@@ -1,0 +1,141 @@
+"""A run as it lies in its folder: ``trace.npz`` beside ``result.json`` and ``calibration.toml``.
+
+From these three a run is judged and shown again, the same numbers as on the day it was driven.
+"""
+
+import json
+import zlib
+from collections.abc import Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+from numpy.typing import NDArray
+
+import vehicles
+from canroll.errors import CanrollError
+from gain_gen.calibration import calibration_file
+from gain_gen.calibration.calibration_file import LoadedCalibration
+from hil.runs.experiment import assess
+from hil.runs.frozen import COMMANDS, Controller
+from hil.runs.result import Result, Settings
+from hil.runs.trace import Trace
+from hil.runs.virtual_time import RUN_TIME_NS
+
+RESULT = "result.json"
+TRACE = "trace.npz"
+CALIBRATION = "calibration.toml"
+RUNS = ("passive", "controlled", "replay")
+
+UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error)
+"""What reading a file that somebody cut short or wrote himself may raise."""
+
+Arrays = Mapping[str, NDArray[Any]]
+
+
+def save_traces(path: Path, result: Result) -> Path:
+    """Write every trace of a run as one NumPy archive and return its path.
+
+    A run's arrays are named "passive/signals" and so on; "signals" has a row a signal, named by
+    "signal_names". The same run gives the same bytes.
+
+    Raises:
+        CanrollError: it cannot be written.
+    """
+    arrays: dict[str, Any] = {}
+    for run in RUNS:
+        trace: Trace | None = getattr(result, run)
+        if trace is None:
+            continue
+        arrays[f"{run}/signal_names"] = np.array(list(trace.signals))
+        arrays[f"{run}/signals"] = np.array(list(trace.signals.values()))
+        for name in ("frames", "ages", "ticks", "duration", "complete"):
+            arrays[f"{run}/{name}"] = np.asarray(getattr(trace, name))
+    try:
+        np.savez_compressed(path, **arrays)
+    except OSError as error:
+        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+    return path
+
+
+def is_run(folder: Path) -> bool:
+    """Whether ``folder`` holds a saved run."""
+    return (folder / RESULT).is_file() and (folder / TRACE).is_file()
+
+
+def load(folder: Path) -> Result:
+    """Return the run that was left in ``folder``, its figures computed anew from its traces.
+
+    Raises:
+        CanrollError: files are missing, unreadable, or not of one run.
+    """
+    if not is_run(folder):
+        raise CanrollError(
+            f"{folder}: no saved run: {RESULT} and {TRACE} are what 'canroll run --out' leaves"
+        )
+    try:
+        data = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        with np.load(folder / TRACE) as archive:
+            arrays = dict(archive)
+        loaded = calibration_file.load(folder / CALIBRATION)
+        settings = _settings(data, loaded)
+        traces = {run: _trace(arrays, run) for run in RUNS}
+        told = {"warnings": tuple(data["warnings"]), "files": data["files"]}
+        timing = data.get("timing", {})
+        known = data["calibration_id"]
+    except UNREADABLE as error:
+        raise CanrollError(f"{folder}: the saved run cannot be read: {error}") from error
+    passive = traces["passive"]
+    if passive is None or known != loaded.record.id:
+        raise CanrollError(f"{folder}: {RESULT}, {TRACE} and {CALIBRATION} are not of one run")
+    result = assess(
+        settings, _controller(settings, loaded), passive, traces["controlled"], traces["replay"]
+    )
+    return replace(result, timing=timing, **told)
+
+
+def _trace(arrays: Arrays, run: str) -> Trace | None:
+    if f"{run}/signals" not in arrays:
+        return None
+    names = arrays[f"{run}/signal_names"]
+    return Trace(
+        signals=dict(zip(map(str, names), arrays[f"{run}/signals"], strict=True)),
+        frames=arrays[f"{run}/frames"],
+        ages=arrays[f"{run}/ages"],
+        ticks=arrays[f"{run}/ticks"],
+        duration=float(arrays[f"{run}/duration"]),
+        complete=bool(arrays[f"{run}/complete"]),
+    )
+
+
+def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
+    derived = {
+        "vehicle": vehicles.load(loaded.vehicle),
+        "command": COMMANDS[loaded.record.actuator],
+        "trigger": "event" if loaded.record.event_trigger else "every",
+        "speed": data["speed_kmh"] / 3.6,
+        "tick": 1e-3 * data["tick_ms"],
+        "run_time": RUN_TIME_NS * 1e-9,
+        "options": tuple(data["options"].items()),
+        "faults": tuple(data["faults"]),
+        "conditions": tuple(data["conditions"].items()),
+        "phase": None if data["phase_ms"]["chosen"] is None else 1e-3 * data["phase_ms"]["chosen"],
+    }
+    same = {field.name: data[field.name] for field in fields(Settings) if field.name not in derived}
+    return Settings(**derived, **same)
+
+
+def _controller(settings: Settings, loaded: LoadedCalibration) -> Controller:
+    return Controller(
+        vehicle=settings.vehicle,
+        law=settings.law,
+        actuator=settings.actuator,
+        observer=settings.observer,
+        trigger=settings.trigger,
+        tick=settings.tick,
+        record=loaded.record,
+        tables=loaded.tables,
+        warnings=(),
+    )

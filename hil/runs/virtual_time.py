@@ -1,0 +1,116 @@
+"""The closed loop in virtual time: one ECU, one bus, one vehicle, and no clock but the plant's."""
+
+from collections.abc import Callable, Iterator
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.runs.delay import RUN_TIME
+from hil.runs.ecu import Backend, tick_rows
+from hil.runs.trace import Trace
+from plant_sim.world.world import World
+
+RUN_TIME_NS = round(RUN_TIME * 1e9)
+
+Progress = Callable[[float], None]
+
+
+class Interrupted(KeyboardInterrupt):
+    """A run was interrupted; ``trace`` holds what had happened until then."""
+
+    def __init__(self, trace: Trace) -> None:
+        super().__init__()
+        self.trace = trace
+
+
+class Ticking(Protocol):
+    """What the loop needs of an ECU: one in this process, or one granted time over a bus."""
+
+    def receive(self, ident: int, payload: NDArray[np.uint8], length: int) -> None:
+        """Take a frame."""
+
+    def tick(self, elapsed_ticks: int = 1) -> list[tuple[int, bytes]]:
+        """Run one tick and return the frames to send, in order."""
+
+
+def ticks(
+    world: World,
+    ecu: Ticking,
+    *,
+    tick_ns: int,
+    end_ns: int,
+    offset_ns: int = 0,
+    run_time_ns: int = RUN_TIME_NS,
+) -> Iterator[int]:
+    """Run ``ecu`` against ``world`` up to ``end_ns``; yield the instant of each tick after it.
+
+    Tick k starts at ``offset_ns + k tick_ns``: every frame received by then has been handed over
+    in order, and what the tick sends is queued ``run_time_ns`` later.
+    """
+    world.advance(0)
+    t = offset_ns
+    while t + tick_ns <= end_ns and not world.finished:
+        t += tick_ns
+        for frame in world.advance(t):
+            ecu.receive(int(frame["ident"]), frame["payload"], int(frame["length"]))
+        for ident, payload in ecu.tick(1):
+            world.submit(t + run_time_ns, ident, payload)
+        yield t
+    if not world.finished and t < end_ns:
+        world.advance(end_ns)
+
+
+def closed_loop(
+    world: World,
+    ecu: Backend,
+    *,
+    tick_ns: int,
+    duration_ns: int | None = None,
+    offset_ns: int = 0,
+    run_time_ns: int = RUN_TIME_NS,
+    progress: Progress | None = None,
+) -> Trace:
+    """Run ``ecu`` against ``world`` until the manoeuvre is over.
+
+    Nothing depends on how fast the computer is: the same world and ECU give the same bytes.
+
+    Args:
+        world: vehicle, sensors, actuators and bus at time 0.
+        ecu: initialised.
+        tick_ns: period of the loop.
+        duration_ns: shorter than the manoeuvre, where wanted.
+        offset_ns: phase of the ticks against the plant's start.
+        run_time_ns: from a tick to its frames.
+        progress: called with the share done now and then.
+
+    Raises:
+        Interrupted: Ctrl-C; it carries what was recorded.
+    """
+    end = world.duration_ns if duration_ns is None else min(duration_ns, world.duration_ns)
+    times: list[float] = []
+    images: list[bytes] = []
+    try:
+        loop = ticks(
+            world, ecu, tick_ns=tick_ns, end_ns=end, offset_ns=offset_ns, run_time_ns=run_time_ns
+        )
+        for t in loop:
+            times.append(t * 1e-9)
+            images.append(ecu.image())
+            if progress is not None and len(times) % 50 == 0:
+                progress(t / end)
+    except KeyboardInterrupt:
+        raise Interrupted(_trace(world, times, images, complete=False)) from None
+    return _trace(world, times, images, complete=True)
+
+
+def _trace(world: World, times: list[float], images: list[bytes], *, complete: bool) -> Trace:
+    # a tick of which only the time was noted when it was interrupted does not count
+    return Trace(
+        signals=world.signals,
+        frames=world.frames,
+        ages=np.asarray(world.ages, dtype=np.int64),
+        ticks=tick_rows(times[: len(images)], images),
+        duration=world.now_ns * 1e-9,
+        complete=complete,
+    )

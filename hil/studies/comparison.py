@@ -1,0 +1,169 @@
+"""Several runs held against each other: laws, buses, speeds, on one page and in one table."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from canroll.errors import CanrollError
+from gain_gen.design import LAWS
+from hil.runs import saved_run
+from hil.runs.experiment import plan, simulate
+from hil.runs.frozen import DESIGNED, PASSIVE, choose
+from hil.runs.result import Result, Settings
+from hil.runs.trace import Trace
+
+KEYS = {
+    "vehicle": str,
+    "law": str,
+    "calibration": str,
+    "actuator": str,
+    "observer": str,
+    "plant": str,
+    "speed": float,
+    "bus": str,
+    "tick": float,
+    "phase": float,
+    "trigger": str,
+    "gains": str,
+    "backend": str,
+    "seed": int,
+}
+"""What a run may be described by, as ``key=value``; the same names as the options of a run."""
+
+_KEYWORDS = {"speed": "speed_kmh", "tick": "tick_ms", "phase": "phase_ms"}
+
+Report = Callable[[str, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Named:
+    """One run of a comparison: how it was asked for, and what came of it."""
+
+    name: str
+    result: Result
+
+
+def describe(text: str) -> dict[str, Any]:
+    """Return the keywords of a run described as "lqr", "file.toml" or "law=lqr,bus=125k_busy".
+
+    Raises:
+        CanrollError: an unknown key or a value that is no number.
+        UnknownNameError: an unknown law or key.
+    """
+    if "=" not in text:
+        if text.endswith(".toml"):
+            return {"calibration": text}
+        return {"law": choose("law", text, {**LAWS, PASSIVE: None})}
+    keywords: dict[str, Any] = {}
+    for part in text.split(","):
+        key, _, value = part.partition("=")
+        choose("key of a run", key, KEYS)
+        try:
+            keywords[_KEYWORDS.get(key, key)] = KEYS[key](value)
+        except ValueError as error:
+            raise CanrollError(f"'{part}' in '{text}': {value!r} is no number") from error
+    return keywords
+
+
+def runs(
+    scenario: str,
+    wanted: Sequence[tuple[str, Mapping[str, Any]]],
+    *,
+    common: Mapping[str, Any] | None = None,
+    duration: float | None = None,
+    progress: Report | None = None,
+) -> Iterator[Named]:
+    """Drive ``scenario`` once for every description, and once more without control.
+
+    Runs that differ in their controller alone share the run without control.
+
+    Args:
+        scenario: name of the manoeuvre.
+        wanted: name and keywords of :func:`hil.run` for each.
+        common: keywords that hold for all where a description has no other.
+        duration: s, where shorter than the manoeuvre.
+        progress: called with the name of the run and the share done.
+    """
+    driven: list[tuple[Settings, Trace]] = []
+    # names are refused before anything slow is done
+    planned = [
+        (name, *plan(scenario, **_merged(common or {}, keywords), duration=duration))
+        for name, keywords in wanted
+    ]
+    for name, settings, controller in planned:
+        same = replace(settings, law="", observer="", trigger="")
+        result = simulate(
+            settings,
+            controller,
+            duration=duration,
+            passive=next((trace for other, trace in driven if other == same), None),
+            progress=None if progress is None else _named(progress, name),
+        )
+        driven.append((same, result.passive))
+        yield Named(name, result)
+
+
+def gather(
+    texts: Sequence[str],
+    scenario: str,
+    *,
+    common: Mapping[str, Any] | None = None,
+    duration: float | None = None,
+    progress: Report | None = None,
+) -> list[Named]:
+    """Return the runs that ``texts`` name, saved or driven now, in their order.
+
+    Args:
+        texts: each the folder of a saved run, or what :func:`describe` reads.
+        scenario, common, duration, progress: of those that are driven, see :func:`runs`.
+
+    Raises:
+        CanrollError: runs of different manoeuvres, or what cannot be read or driven.
+    """
+    read = {text: saved_run.load(Path(text)) for text in texts if _is_folder(text)}
+    wanted = [(text, describe(text)) for text in texts if text not in read]
+    driven = runs(scenario, wanted, common=common, duration=duration, progress=progress)
+    named = {run.name: run for run in driven} | {t: Named(t, result) for t, result in read.items()}
+    found = [named[text] for text in texts]
+    for run in found:
+        if run.result.settings.scenario != found[0].result.settings.scenario:
+            raise CanrollError(
+                f"{found[0].name} is a {found[0].result.settings.scenario}, {run.name} a "
+                f"{run.result.settings.scenario}: compare runs of one manoeuvre"
+            )
+    return found
+
+
+def _is_folder(text: str) -> bool:
+    return text not in {*LAWS, PASSIVE} and Path(text).is_dir()
+
+
+def _merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keywords of one run; its own calibration replaces what all the others share."""
+    if "calibration" in own:
+        common = {key: value for key, value in common.items() if key not in DESIGNED}
+    return {**common, **own}
+
+
+def _named(progress: Report, name: str) -> Report:
+    return lambda stage, share: progress(f"{name}, {stage}", share)
+
+
+def parse_range(text: str) -> list[float]:
+    """Return the numbers of "60:160:20" (from, to, step; the end included) or of "60,80,100".
+
+    Raises:
+        CanrollError: not a range of up to 1000 numbers.
+    """
+    try:
+        if ":" not in text:
+            return [float(part) for part in text.split(",")]
+        first, last, *rest = (float(part) for part in text.split(":"))
+        (step,) = rest or (10.0,)
+        count = round((last - first) / step * 1e9) // 10**9
+    except (ValueError, ZeroDivisionError, OverflowError) as error:
+        raise CanrollError(f"'{text}' is no range: write from:to:step, as 60:160:20") from error
+    if not 0 <= count < 1000:
+        raise CanrollError(f"'{text}' is no range of up to 1000 numbers: write from:to:step")
+    return [first + step * k for k in range(int(count) + 1)]

@@ -1,0 +1,165 @@
+"""A law at a chosen effort: its moment scaled until its RMS over the judged runs meets a budget."""
+
+from collections.abc import Callable, Sequence
+from copy import copy
+from dataclasses import dataclass, replace
+from math import degrees
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError
+from hil.runs.experiment import drive
+from hil.runs.frozen import PASSIVE, Controller
+from hil.runs.limit_cycle import detect
+from hil.runs.metrics import judge, rms
+from hil.runs.result import Settings
+
+FIGURES = (
+    "roll_rms_deg",
+    "roll_max_deg",
+    "moment_rms_nm",
+    "moment_max_nm",
+    "path_error_max_m",
+    "nlt_front_max",
+    "nlt_rear_max",
+    "steer_rms_deg",
+)
+"""Figures of :class:`hil.runs.metrics.Metrics`, and the RMS steering angle at the road wheels: what a
+car that understeers more takes more of on the same path."""
+MOMENT_RMS = FIGURES.index("moment_rms_nm")
+BUDGET_TOLERANCE = 0.005
+"""How near to the budget a law is scaled, as share of it."""
+LARGEST_FACTOR = 3.99
+UNIT_GAIN = 1 << 28
+STEPS_MAX = 40
+NARROWEST = 1e-4
+"""Width of a bracket, as share of its upper end, in which the effort is taken to jump."""
+MARGIN = 0.1
+"""Share of a bracket that the next trial keeps away from its ends."""
+CHANCE = 10
+"""Of so many runs one may swing evenly by chance: noise does so now and then without feedback."""
+BACKED_OFF = tuple(step / 10 for step in range(10, 0, -1))
+
+PassiveRoll = tuple[NDArray[np.float64], NDArray[np.float64]]
+"""Time, s, and roll angle, rad, of a run without control."""
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """What a law did over several seeds: figures (runs, 8), and how many limit cycles there were.
+
+    ``factor``: on the law's moment.
+    """
+
+    factor: float
+    figures: NDArray[np.float64]
+    cycles: int
+
+    @property
+    def effort(self) -> float:
+        """Mean RMS moment, N·m."""
+        return float(np.mean(self.figures[:, MOMENT_RMS]))
+
+    @property
+    def swings(self) -> bool:
+        """Whether there were more limit cycles than chance explains."""
+        return self.cycles > max(1, len(self.figures) // CHANCE)
+
+
+class BudgetError(CanrollError):
+    """A law cannot be brought to the budget; ``nearest``: what it did where it came closest."""
+
+    def __init__(self, message: str, nearest: Driven) -> None:
+        super().__init__(message)
+        self.nearest = nearest
+
+
+def scaled(controller: Controller, factor: float) -> Controller:
+    """Return the controller with its moment multiplied, at every speed of the schedule."""
+    record = copy(controller.record)
+    record.schedule_gain = [round(factor * UNIT_GAIN)] * len(record.schedule_gain)
+    return replace(controller, record=record)
+
+
+def roll_without_control(
+    settings: Settings, controller: Controller, runs: int
+) -> list[PassiveRoll]:
+    """Return what seeds 0 to ``runs`` − 1 do without control."""
+    traces = (
+        drive(replace(settings, seed=seed), controller, enabled=False) for seed in range(runs)
+    )
+    return [(trace.signals["time"], trace.signals["roll"]) for trace in traces]
+
+
+def driven(
+    settings: Settings,
+    controller: Controller,
+    passive: Sequence[PassiveRoll],
+    *,
+    factor: float = 1.0,
+) -> Driven:
+    """Drive seeds 0, 1, … with the law's moment times ``factor``, one for each of ``passive``."""
+    if factor != 1.0:
+        controller = scaled(controller, factor)
+    figures, cycles = [], 0
+    for seed, roll in enumerate(passive):
+        trace = drive(replace(settings, seed=seed), controller, enabled=settings.law != PASSIVE)
+        metrics = judge(trace)
+        steer = degrees(rms(trace.signals["steer"]))
+        figures.append([*(getattr(metrics, name) for name in FIGURES[:-1]), steer])
+        if settings.law != PASSIVE:
+            cycles += detect(trace.ticks["t"], trace.ticks["moment"], *roll) is not None
+    return Driven(factor, np.array(figures), cycles)
+
+
+def at_budget(drive_at: Callable[[float], Driven], budget: float) -> Driven:
+    """Return what a law does at the factor where its effort meets ``budget``, N·m.
+
+    False position between a factor below and one above, kept away from both ends.
+
+    Raises:
+        BudgetError: no factor meets it.
+    """
+    low, high = Driven(0.0, np.zeros((1, len(FIGURES))), 0), None
+    factor = 1.0
+    for _ in range(STEPS_MAX):
+        found = drive_at(factor)
+        if abs(found.effort / budget - 1.0) <= BUDGET_TOLERANCE:
+            return found
+        if found.effort > budget:
+            high = found
+        elif factor == LARGEST_FACTOR:
+            raise BudgetError(
+                f"stays below the RMS moment: {found.effort:.0f} N·m at {factor:g} times its gain",
+                found,
+            )
+        else:
+            low = found
+        if high is None:
+            factor = min(LARGEST_FACTOR, factor * max(1.1, 1.02 * budget / max(found.effort, 1.0)))
+            continue
+        width = high.factor - low.factor
+        if width < NARROWEST * high.factor:
+            break
+        share = (budget - low.effort) / (high.effort - low.effort)
+        factor = low.factor + width * min(max(share, MARGIN), 1.0 - MARGIN)
+    assert high is not None
+    raise BudgetError(
+        f"misses the RMS moment: it jumps from {low.effort:.0f} to {high.effort:.0f} N·m at "
+        f"{high.factor:.2f} times its gain",
+        low,
+    )
+
+
+def at_rest(drive_at: Callable[[float], Driven]) -> Driven:
+    """Return what a law does at the highest tenth of its gain that makes no limit cycle.
+
+    Raises:
+        CanrollError: there is one even at the last tenth.
+    """
+    for factor in BACKED_OFF:
+        found = drive_at(factor)
+        if not found.swings:
+            return found
+    raise CanrollError(f"in a limit cycle even at {BACKED_OFF[-1]:g} times its gain")

@@ -1,0 +1,133 @@
+"""What may be otherwise than the design says: the vehicle, the bus, the sensors, a fault."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from canroll.errors import CanrollError, UnknownNameError
+from hil.runs.result import Settings
+from vehicles import Vehicle
+from vehicles.check import problems
+from vehicles.model import RollModel
+
+ROLL_MODEL = tuple(field.name for field in fields(RollModel))
+TYRES = {
+    "cornering_stiffness": ("cornering_stiffness_front", "cornering_stiffness_rear"),
+    "friction": ("friction",),
+}
+CONDITIONS = ("estimate_error",)
+"""Conditions of the actuators that are drawn about zero: the delivered moment's reported error."""
+DEFAULT_SPREAD: Mapping[str, float] = {
+    **dict.fromkeys(ROLL_MODEL, 0.2),
+    **dict.fromkeys(TYRES, 0.1),
+    **dict.fromkeys(CONDITIONS, 0.2),
+    "speed": 0.0,
+}
+"""Half-widths, as share of the nominal value, that each quantity is drawn from, evenly."""
+SHARE_MAX: Mapping[str, float] = {"estimate_error": 0.2}
+"""Largest half-width, below 1, of what the actuators bound themselves."""
+TRIES = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """One draw.
+
+    Attributes:
+        index: which, from 0.
+        settings: what is driven.
+        factors: by quantity what its nominal value is multiplied by; 1 + the error of an estimate.
+    """
+
+    index: int
+    settings: Settings
+    factors: Mapping[str, float]
+
+
+def spread_from(texts: Mapping[str, str]) -> dict[str, float]:
+    """Return the default spread with the shares that ``texts`` give instead.
+
+    Raises:
+        UnknownNameError: no such quantity.
+        CanrollError: a share that is no number or outside 0 to 0.99 (estimate_error: 0.2).
+    """
+    spread = dict(DEFAULT_SPREAD)
+    for name, text in texts.items():
+        if name not in spread:
+            raise UnknownNameError("quantity", name, spread)
+        try:
+            share = float(text)
+        except ValueError as error:
+            raise CanrollError(f"--spread {name}={text}: {text!r} is no number") from error
+        most = SHARE_MAX.get(name, 0.99)
+        if not 0.0 <= share <= most:
+            raise CanrollError(f"--spread {name}={text}: a share from 0 to {most:g}")
+        spread[name] = share
+    return spread
+
+
+def draw(
+    nominal: Settings,
+    index: int,
+    *,
+    spread: Mapping[str, float],
+    seed: int,
+    buses: Sequence[str] = (),
+    faults: Sequence[str] = (),
+) -> Drawn:
+    """Return draw ``index`` of a campaign; it depends on ``seed`` and ``index`` alone.
+
+    The vehicle that is driven varies, the one that the controller was designed for does not. Noise,
+    phases and background traffic have the seed ``index``.
+
+    Args:
+        nominal: what is varied.
+        index: which draw.
+        spread: half-width of each quantity, as share of its nominal value.
+        seed: of the campaign.
+        buses: profiles, one of which is drawn; none: the nominal one.
+        faults: one of them, or none of them, is drawn.
+
+    Raises:
+        CanrollError: no vehicle can be drawn from such a spread.
+    """
+    random = np.random.default_rng([seed, index])
+    names = sorted(spread)
+    bus = str(random.choice(buses)) if buses else nominal.bus
+    chosen = int(random.integers(len(faults) + 1))
+    for _ in range(TRIES):
+        shares = random.uniform(-1.0, 1.0, len(names))
+        factors = {
+            name: 1.0 + spread[name] * float(share)
+            for name, share in zip(names, shares, strict=True)
+        }
+        vehicle = varied(nominal.vehicle, factors)
+        if not any(problems(vehicle)):
+            break
+    else:
+        raise CanrollError("--spread: no possible vehicle in 100 draws: lower the shares")
+    errors = {name: f"{factors[name] - 1.0:.6g}" for name in CONDITIONS if spread[name]}
+    settings = replace(
+        nominal,
+        vehicle=vehicle,
+        bus=bus,
+        seed=index,
+        speed=nominal.speed * factors["speed"],
+        faults=tuple(faults[chosen - 1 : chosen] if chosen else ()),
+        conditions=tuple(sorted({**errors, **dict(nominal.conditions)}.items())),
+    )
+    return Drawn(index, settings, {name: factors[name] for name in names if spread[name]})
+
+
+def varied(vehicle: Vehicle, factors: Mapping[str, float]) -> Vehicle:
+    """Return the vehicle with the plant's roll model and the tyres multiplied by ``factors``."""
+    plant = {name: getattr(vehicle.plant, name) * factors[name] for name in ROLL_MODEL}
+    tyre = {
+        key: getattr(vehicle.tyre, key) * factors[name]
+        for name, keys in TYRES.items()
+        for key in keys
+    }
+    return replace(
+        vehicle, plant=replace(vehicle.plant, **plant), tyre=replace(vehicle.tyre, **tyre)
+    )

@@ -1,0 +1,235 @@
+# ruff: noqa: PLR0917
+"""Error frames, error counters, error-passive and bus-off nodes (ISO 11898-1, 12.1).
+
+A disturbed bit destroys the attempt for all nodes: the transmitter counts +8 (an error-passive
+one without acknowledgement nothing), every other node +1; a success counts −1 on both sides.
+Above 127 a node is error-passive and waits 8 more bits behind each of its transmissions; above 255
+the transmitter leaves the bus, loses what it has queued, and comes back after 128 times 11
+recessive bits. The bit of EOF that only the transmitter still looks at is never disturbed.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.can_bus.kernel.layout import (
+    ACKNOWLEDGE_ERROR,
+    BUS_OFF,
+    DISTURB,
+    DRAWS,
+    ERROR_ACTIVE,
+    ERROR_PASSIVE,
+    FAULT_COUNT,
+    LOST_BUS_OFF,
+    MAX_NODES,
+    MESSAGES,
+    NODE_COUNT,
+    NODE_DOWN,
+    SEED,
+    State,
+)
+from plant_sim.can_bus.kernel.ledger import finish
+from plant_sim.can_bus.kernel.queues import fault_active, offer
+from plant_sim.can_bus.wire.bits import wire_bits
+from plant_sim.can_bus.wire.frame import (
+    ERROR_DELIMITER_BITS,
+    ERROR_FLAG_BITS,
+    INTERFRAME_BITS,
+    TRAILER_BITS,
+    duration_ns,
+)
+from plant_sim.kernels.jit import njit
+from plant_sim.kernels.random import uniform
+
+_RECESSIVE_SEQUENCE_BITS = 11
+_RECOVERY_SEQUENCES = 128
+_DRAW_STREAM = 1 << 40
+
+
+@njit
+def encode_frame(bus: State, slot: int, out: NDArray[np.uint8]) -> tuple[int, int, int]:
+    """Write the wire bits of the frame in ``slot``; see ``wire_bits``."""
+    frame = bus.frames[slot]
+    return wire_bits(frame.ident, frame.flags, frame.length, bus.payloads[slot], out)
+
+
+@njit
+def first_difference(bus: State, slot: int, twin: int) -> int:
+    """Return the first wire bit in which two frames differ, −1 where they are the same."""
+    bits, _, _ = encode_frame(bus, slot, bus.scratch[0])
+    others, _, _ = encode_frame(bus, twin, bus.scratch[1])
+    for index in range(min(bits, others)):
+        if bus.scratch[0, index] != bus.scratch[1, index]:
+            return index
+    return -1
+
+
+@njit
+def random_error(bus: State, which: int, bits: int) -> int:
+    """Draw the first disturbed bit of an attempt of ``bits`` bits, −1 for none."""
+    rate = bus.segments[which].bit_error_rate
+    bus.clock[DRAWS] += 1
+    draw = uniform(bus.clock[SEED], _DRAW_STREAM + which, bus.clock[DRAWS])
+    if draw >= -np.expm1((bits - 1) * np.log1p(-rate)):
+        return -1
+    position = int(np.log1p(-draw) / np.log1p(-rate))
+    return min(position, bits - 2)
+
+
+@njit
+def scripted_error(bus: State, slot: int, bits: int, now: int) -> int:
+    """Return the bit that a fault disturbs in this attempt, −1 for none; uses the fault up."""
+    frame = bus.frames[slot]
+    for index in range(bus.clock[FAULT_COUNT]):
+        fault = bus.faults[index]
+        if (
+            fault.kind == DISTURB
+            and fault.left != 0
+            and fault.from_ns <= now
+            and now < fault.until_ns
+            and (fault.target < 0 or fault.target == frame.node)
+            and (fault.ident < 0 or fault.ident == frame.ident)
+        ):
+            fault.left -= 1
+            position: int = fault.value
+            return min(position, bits - 2)
+    return -1
+
+
+@njit
+def acknowledged(bus: State, which: int, sender: int, now: int) -> bool:
+    """Return whether any other node of the segment is there to acknowledge a frame."""
+    for index in range(bus.clock[NODE_COUNT]):
+        node = bus.nodes[index]
+        there = node.segment == which and index != sender and node.state != BUS_OFF
+        if there and fault_active(bus, NODE_DOWN, index, now) < 0:
+            return True
+    return False
+
+
+@njit
+def error_times(
+    bus: State, which: int, slot: int, position: int, kind: int, now: int
+) -> tuple[int, int]:
+    """Return when an error in wire bit ``position`` is seen, and when the bus is free again.
+
+    The error flag is 6 bits; nodes that did not see the error see the flag break the stuffing
+    rule and answer with 6 of their own: 7 to 12 in all, by the equal bits that came before.
+    """
+    segment = bus.segments[which]
+    bits = bus.scratch[0]
+    total, data_from, data_to = encode_frame(bus, slot, bits)
+    fast = max(0, min(position + 1, data_to) - data_from)
+    rate = segment.data_bitrate if segment.data_bitrate else segment.bitrate
+    seen = now + duration_ns(position + 1 - fast, segment.bitrate) + duration_ns(fast, rate)
+    flag = ERROR_FLAG_BITS + 1
+    if kind != ACKNOWLEDGE_ERROR and position < total - TRAILER_BITS:
+        passive = bus.nodes[bus.frames[slot].node].state == ERROR_PASSIVE
+        polarity = 1 if passive else 0
+        run = 0
+        if 1 - bits[position] == polarity:
+            run = 1
+            while run < 5 and position >= run and bits[position - run] == polarity:
+                run += 1
+        flag = 2 * ERROR_FLAG_BITS - run
+    after = flag + ERROR_DELIMITER_BITS + INTERFRAME_BITS
+    return seen, seen + duration_ns(after, segment.bitrate)
+
+
+@njit
+def _classify(bus: State, index: int) -> None:
+    node = bus.nodes[index]
+    if node.state != BUS_OFF:
+        passive = node.transmit_errors > 127 or node.receive_errors > 127
+        node.state = ERROR_PASSIVE if passive else ERROR_ACTIVE
+
+
+@njit
+def count_success(bus: State, which: int, sender: int) -> None:
+    """Let the error counters of the segment's nodes recover by one good frame."""
+    segment = bus.segments[which]
+    if not segment.disturbed:
+        return
+    left = 0
+    for index in range(bus.clock[NODE_COUNT]):
+        node = bus.nodes[index]
+        if node.segment != which or node.state == BUS_OFF:
+            continue
+        if index == sender:
+            node.transmit_errors = max(0, node.transmit_errors - 1)
+        elif node.receive_errors > 127:
+            node.receive_errors = 120
+        else:
+            node.receive_errors = max(0, node.receive_errors - 1)
+        _classify(bus, index)
+        left += node.transmit_errors + node.receive_errors
+    segment.disturbed = 1 if left > 0 else 0
+
+
+@njit
+def count_error(bus: State, which: int, sender: int, twin: int, kind: int) -> None:
+    """Raise the error counters after a destroyed attempt of ``sender`` (and of ``twin``)."""
+    bus.segments[which].disturbed = 1
+    for index in range(bus.clock[NODE_COUNT]):
+        node = bus.nodes[index]
+        if node.segment != which or node.state == BUS_OFF:
+            continue
+        if index in (sender, twin):
+            if kind != ACKNOWLEDGE_ERROR or node.state != ERROR_PASSIVE:
+                node.transmit_errors += 8
+        elif kind != ACKNOWLEDGE_ERROR:
+            node.receive_errors = min(node.receive_errors + 1, 255)
+        _classify(bus, index)
+        if node.transmit_errors > 255:
+            node.state = BUS_OFF
+            node.bus_offs += 1
+            node.recovery_left = _RECOVERY_SEQUENCES
+            bus.segments[which].bus_off += 1
+
+
+@njit
+def purge(bus: State, which: int, sender: int, now: int) -> None:
+    """Drop what a node that has left the bus still has queued."""
+    segment = bus.segments[which]
+    segment.pending = 0
+    for number in range(MAX_NODES + bus.clock[MESSAGES]):
+        queue = bus.queues[number]
+        if queue.head < 0:
+            continue
+        node = bus.frames[queue.head].node
+        if bus.nodes[node].segment != which:
+            continue
+        queue.waiting = 0
+        while node == sender and queue.head >= 0:
+            slot = queue.head
+            queue.head = bus.frames[slot].next
+            bus.nodes[node].pending -= 1
+            finish(bus, slot, LOST_BUS_OFF, -1, now, now)
+        if queue.head < 0:
+            queue.tail = -1
+        offer(bus, number)
+
+
+@njit
+def count_recessive(bus: State, which: int, sequences: int) -> None:
+    """Let bus-off nodes see ``sequences`` more runs of 11 recessive bits."""
+    segment = bus.segments[which]
+    for index in range(bus.clock[NODE_COUNT]):
+        node = bus.nodes[index]
+        if node.segment == which and node.state == BUS_OFF and node.recovers:
+            node.recovery_left -= sequences
+            if node.recovery_left <= 0:
+                node.state = ERROR_ACTIVE
+                node.transmit_errors = node.receive_errors = 0
+                segment.bus_off -= 1
+
+
+@njit
+def count_idle(bus: State, which: int, now: int) -> None:
+    """Account for the recessive bits of an idle bus up to ``now``."""
+    segment = bus.segments[which]
+    if segment.bus_off == 0 or segment.in_flight >= 0 or now <= segment.idle_from_ns:
+        return
+    step = duration_ns(_RECESSIVE_SEQUENCE_BITS, segment.bitrate)
+    sequences = (now - segment.idle_from_ns) // step
+    segment.idle_from_ns += sequences * step
+    count_recessive(bus, which, sequences)

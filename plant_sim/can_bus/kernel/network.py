@@ -1,0 +1,269 @@
+"""Description of a bus network, and the arrays made from it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.can_bus.kernel import layout
+from plant_sim.can_bus.kernel.layout import Network
+from plant_sim.can_bus.kernel.sources import start_source
+from plant_sim.can_bus.wire.frame import EXTENDED, FD, arbitration_key
+
+POLICIES: Final = {"priority": layout.PRIORITY, "fifo": layout.FIFO, "replace": layout.REPLACE}
+DISTRIBUTIONS: Final = {
+    "fixed": layout.FIXED,
+    "uniform": layout.UNIFORM,
+    "exponential": layout.EXPONENTIAL,
+}
+FAULTS: Final = {
+    "node_down": layout.NODE_DOWN,
+    "node_delay": layout.NODE_DELAY,
+    "gateway_down": layout.GATEWAY_DOWN,
+    "disturb": layout.DISTURB,
+    "overload": layout.OVERLOAD,
+}
+NEVER: Final = layout.NEVER
+MAX_CAPACITY: Final = layout.MAX_FRAMES
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """One bus: bit rates in bit/s, propagation delay, probability that a bit is disturbed."""
+
+    bitrate: int
+    data_bitrate: int = 0
+    propagation_ns: int = 0
+    bit_error_rate: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A controller on a segment.
+
+    ``policy`` of its transmit queue: ``priority`` (all frames compete), ``fifo`` (only the oldest
+    does), ``replace`` (as priority; a newer frame of a message takes the place of a waiting one).
+    ``drift_ppm`` stretches the periods of its sources; ``recovers``: comes back after bus-off.
+    """
+
+    name: str
+    segment: int = 0
+    policy: str = "replace"
+    capacity: int = 256
+    drift_ppm: float = 0.0
+    single_shot: bool = False
+    recovers: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Frames that a node queues periodically: offset + k·period + jitter·U[0, 1].
+
+    ``payload`` None: random bytes in every frame. Active from ``offset_ns`` until ``until_ns``.
+    ``bits`` above 0 gives every frame that length, interframe space included, whatever it holds.
+    """
+
+    node: str
+    ident: int
+    length: int
+    period_ns: float
+    offset_ns: int = 0
+    jitter_ns: int = 0
+    flags: int = 0
+    payload: bytes | None = None
+    until_ns: int = NEVER
+    bits: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Gateway:
+    """Store and forward from one node's segment to another node, with latency, order kept.
+
+    ``distribution``: ``fixed`` (``low_ns``), ``uniform`` (low to high) or ``exponential``
+    (low + Exp(mean), cut at high). ``idents``: what it forwards (flags beside), None: all.
+    Forwarded frames compete by priority at the far side and keep their order per message.
+    """
+
+    from_node: str
+    to_node: str
+    low_ns: int
+    high_ns: int = 0
+    distribution: str = "fixed"
+    mean_ns: float = 0.0
+    idents: tuple[tuple[int, int], ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A scripted fault, active from ``from_ns`` until before ``until_ns``.
+
+    ``kind``: ``node_down`` and ``node_delay`` (by ``value`` ns) of node ``target``;
+    ``gateway_down`` of gateway number ``target``; ``disturb``: bit ``value`` of the next ``count``
+    attempts of node ``target`` (None: any node) with identifier ``ident`` (None: any);
+    ``overload``: an overload frame behind the next ``count`` frames of segment ``target``.
+    """
+
+    kind: str
+    target: str | int | None = None
+    from_ns: int = 0
+    until_ns: int = NEVER
+    ident: int | None = None
+    value: int = 20
+    count: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkSpec:
+    """Everything a network is made of; capacities bound the memory it ever uses."""
+
+    segments: tuple[Segment, ...]
+    nodes: tuple[Node, ...]
+    sources: tuple[Source, ...] = ()
+    gateways: tuple[Gateway, ...] = ()
+    faults: tuple[Fault, ...] = ()
+    seed: int = 0
+    log_capacity: int = 1 << 14
+
+
+def _number(names: Sequence[str], name: str) -> int:
+    if name not in names:
+        raise UnknownNameError("bus node", name, names)
+    return names.index(name)
+
+
+def _code(what: str, choices: dict[str, int], name: str) -> int:
+    if name not in choices:
+        raise UnknownNameError(what, name, choices)
+    return choices[name]
+
+
+def _check(spec: NetworkSpec) -> None:
+    routes = max((len(gateway.idents or ()) for gateway in spec.gateways), default=0)
+    for what, count, room in (
+        ("segments", len(spec.segments), layout.MAX_SEGMENTS),
+        ("nodes", len(spec.nodes), layout.MAX_NODES),
+        ("periodic messages", len(spec.sources), layout.MAX_SOURCES),
+        ("gateways", len(spec.gateways), layout.MAX_GATEWAYS),
+        ("identifiers routed by a gateway", routes, layout.MAX_ROUTES),
+        ("faults", len(spec.faults), layout.MAX_FAULTS),
+        ("log entries", spec.log_capacity, layout.MAX_LOG),
+    ):
+        if count > room:
+            raise CanrollError(f"a network has room for {room} {what}, not {count}")
+    for segment in spec.segments:
+        if segment.bitrate <= 0 or segment.data_bitrate < 0:
+            raise CanrollError(f"bit rate {segment.bitrate} bit/s: it must be above 0")
+        if not 0.0 <= segment.bit_error_rate < 1.0:
+            raise CanrollError(f"bit error rate {segment.bit_error_rate}: it must be in [0, 1)")
+    for node in spec.nodes:
+        if not 0 <= node.segment < len(spec.segments):
+            raise CanrollError(
+                f"node '{node.name}' sits on segment {node.segment}: no such segment"
+            )
+    for source in spec.sources:
+        if source.period_ns <= 0:
+            raise CanrollError(f"message 0x{source.ident:X}: its period must be above 0")
+        check_frame(source.ident, source.length, source.flags)
+
+
+def check_frame(ident: int, length: int, flags: int) -> None:
+    """Refuse identifiers and lengths that no CAN frame has."""
+    if not 0 <= ident < (1 << 29 if flags & EXTENDED else 1 << 11):
+        raise CanrollError(
+            f"identifier 0x{ident:X} does not fit in {29 if flags & EXTENDED else 11} bits"
+        )
+    if not 0 <= length <= (64 if flags & FD else 8):
+        raise CanrollError(f"message 0x{ident:X}: a frame has no {length} payload bytes")
+
+
+def build_network(spec: NetworkSpec) -> Network:
+    """Return the arrays of a network at time 0, its sources scheduled.
+
+    Raises:
+        CanrollError: impossible bit rates, identifiers, lengths or periods.
+        UnknownNameError: a node, policy, distribution or fault that does not exist.
+    """
+    _check(spec)
+    network = layout.empty(log=spec.log_capacity, seed=spec.seed)
+    clock = network.clock
+    clock[layout.SEGMENT_COUNT] = len(spec.segments)
+    clock[layout.SOURCE_COUNT] = len(spec.sources)
+    clock[layout.GATEWAY_COUNT] = len(spec.gateways)
+    clock[layout.FAULT_COUNT] = len(spec.faults)
+    for i, segment in enumerate(spec.segments):
+        for key in ("bitrate", "data_bitrate", "propagation_ns", "bit_error_rate"):
+            network.segments[key][i] = getattr(segment, key)
+        exact = segment.bitrate > 0 and 10**9 % segment.bitrate == 0
+        network.segments["bit_ns"][i] = 10**9 // segment.bitrate if exact else 0
+    names = [node.name for node in spec.nodes]
+    for node in spec.nodes:
+        add_node(network, node)
+    _add_gateways(network, spec, names)
+    _add_faults(network, spec, names)
+    for i, source in enumerate(spec.sources):
+        record = network.part("sources")[i : i + 1]
+        record["node"] = _number(names, source.node)
+        for key in (
+            "ident",
+            "flags",
+            "length",
+            "bits",
+            "period_ns",
+            "offset_ns",
+            "jitter_ns",
+            "until_ns",
+        ):
+            record[key] = getattr(source, key)
+        record["random_payload"] = source.payload is None
+        if source.payload is not None:
+            stored = np.frombuffer(source.payload, np.uint8)
+            network.part("source_payloads")[i, : len(stored)] = stored
+        start_source(network, i)
+    return network
+
+
+def add_node(network: Network, node: Node) -> int:
+    """Put another node on a network, at any time, and return its number.
+
+    Raises:
+        CanrollError: there is no room for another node.
+    """
+    number = int(network.clock[layout.NODE_COUNT])
+    if number >= layout.MAX_NODES:
+        raise CanrollError(f"a network has room for {layout.MAX_NODES} nodes, not for another")
+    network.clock[layout.NODE_COUNT] = number + 1
+    record = network.nodes[number : number + 1]
+    record["segment"] = node.segment
+    record["policy"] = _code("queue policy", POLICIES, node.policy)
+    record["capacity"] = node.capacity
+    record["drift"] = node.drift_ppm * 1e-6
+    record["single_shot"] = node.single_shot
+    record["recovers"] = node.recovers
+    return number
+
+
+def _add_gateways(network: Network, spec: NetworkSpec, names: Sequence[str]) -> None:
+    for i, gateway in enumerate(spec.gateways):
+        record = network.part("gateways")[i : i + 1]
+        record["from_node"] = _number(names, gateway.from_node)
+        record["to_node"] = _number(names, gateway.to_node)
+        record["distribution"] = _code("latency distribution", DISTRIBUTIONS, gateway.distribution)
+        record["low_ns"] = gateway.low_ns
+        record["high_ns"] = max(gateway.high_ns, gateway.low_ns)
+        record["mean_ns"] = gateway.mean_ns
+        record["routes"] = -1 if gateway.idents is None else len(gateway.idents)
+        for j, (ident, flags) in enumerate(gateway.idents or ()):
+            network.part("routes")[i, j] = arbitration_key(ident, flags)
+
+
+def _add_faults(network: Network, spec: NetworkSpec, names: Sequence[str]) -> None:
+    for i, fault in enumerate(spec.faults):
+        record = network.part("faults")[i : i + 1]
+        record["kind"] = _code("bus fault", FAULTS, fault.kind)
+        target = -1 if fault.target is None else fault.target
+        record["target"] = _number(names, target) if isinstance(target, str) else target
+        record["from_ns"], record["until_ns"] = fault.from_ns, fault.until_ns
+        record["ident"] = -1 if fault.ident is None else fault.ident
+        record["value"], record["left"] = fault.value, fault.count

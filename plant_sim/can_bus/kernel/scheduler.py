@@ -1,0 +1,303 @@
+"""What happens on the bus: releases, arbitration, transmissions and their ends, in time order.
+
+Events at one instant are taken in this order: ends of transmissions, releases into queues,
+arbitrations; so a frame queued at the very instant of a start of frame still takes part. A
+transmission is never pre-empted. Identifiers decide bit by bit: the lowest of all frames that are
+queued when the bus is free wins.
+"""
+
+from plant_sim.can_bus.kernel.error_confinement import (
+    acknowledged,
+    count_error,
+    count_idle,
+    count_recessive,
+    count_success,
+    error_times,
+    first_difference,
+    purge,
+    random_error,
+    scripted_error,
+)
+from plant_sim.can_bus.kernel.heap import pop
+from plant_sim.can_bus.kernel.layout import (
+    ACKNOWLEDGE_ERROR,
+    BIT_ERROR,
+    BUS_OFF,
+    COLLISION,
+    DELIVERED,
+    ERROR,
+    ERROR_PASSIVE,
+    FAULT_COUNT,
+    FIFO,
+    LOST_BUS_OFF,
+    LOST_NODE_DOWN,
+    LOST_ONE_SHOT,
+    MAX_NODES,
+    NEVER,
+    NO_ERROR,
+    NODE_DOWN,
+    NOW,
+    OVERLOAD,
+    RELEASES,
+    REPLACE,
+    SEGMENT_COUNT,
+    SUPERSEDED,
+    Network,
+    State,
+)
+from plant_sim.can_bus.kernel.ledger import finish, write_log
+from plant_sim.can_bus.kernel.queues import fault_active, offer, release
+from plant_sim.can_bus.kernel.sources import forward, generate
+from plant_sim.can_bus.wire.frame import (
+    ERROR_STATE,
+    FD,
+    INTERFRAME_BITS,
+    OVERLOAD_BITS,
+    RECEPTION_BITS_BEFORE_END,
+    SUSPEND_BITS,
+    duration_ns,
+    frame_bits,
+)
+from plant_sim.kernels.jit import njit
+
+_END, _RELEASE, _ARBITRATION = 0, 1, 2
+
+
+@njit
+def _next(bus: State) -> tuple[int, int, int]:
+    """Return time, kind and segment of the next event; a time of 2⁶² where there is none."""
+    clock = bus.clock
+    best: int = NEVER
+    kind = _END
+    which = 0
+    for index in range(clock[SEGMENT_COUNT]):
+        segment = bus.segments[index]
+        if segment.in_flight >= 0 and segment.done_ns < best:
+            best, which = segment.done_ns, index
+    if clock[RELEASES] > 0 and bus.release_times[0] < best:
+        best, kind = bus.release_times[0], _RELEASE
+    for index in range(clock[SEGMENT_COUNT]):
+        segment = bus.segments[index]
+        if segment.in_flight < 0 and segment.pending > 0:
+            start = max(segment.free_ns, segment.wake_ns, clock[NOW])
+            if start < best:
+                best, kind, which = start, _ARBITRATION, index
+    return best, kind, which
+
+
+@njit
+def next_event_ns(network: Network) -> int:
+    """Return when the next thing happens on any segment, 2⁶² where nothing ever will."""
+    return _next(network.state[0])[0]
+
+
+@njit
+def advance(network: Network, until_ns: int) -> None:
+    """Let everything happen on all segments up to and including ``until_ns``.
+
+    Ends of frames are appended to ``network.log``; see ``Network``.
+    """
+    run(network.state[0], until_ns)
+
+
+@njit
+def run(bus: State, until_ns: int) -> None:
+    """``advance`` for kernels that hold the network's record."""
+    clock = bus.clock
+    while True:
+        best, kind, which = _next(bus)
+        if best > until_ns:
+            break
+        clock[NOW] = best
+        if kind == _END:
+            _end(bus, which, best)
+        elif kind == _ARBITRATION:
+            _arbitrate(bus, which, best)
+        else:
+            value = pop(bus.release_times, bus.release_ties, bus.releases, clock[RELEASES])
+            clock[RELEASES] -= 1
+            if value < 0:
+                which = bus.nodes[bus.sources[-1 - value].node].segment
+                count_idle(bus, which, best)
+                generate(bus, -1 - value, best)
+            else:
+                which = bus.nodes[bus.frames[value].node].segment
+                count_idle(bus, which, best)
+                release(bus, value, best)
+    clock[NOW] = max(clock[NOW], until_ns)
+    for index in range(clock[SEGMENT_COUNT]):
+        count_idle(bus, index, clock[NOW])
+
+
+@njit
+def _take(bus: State, which: int) -> int:
+    segment = bus.segments[which]
+    number = pop(
+        bus.pending_keys[which],
+        bus.pending_ties[which],
+        bus.pending[which],
+        segment.pending,
+    )
+    segment.pending -= 1
+    return number
+
+
+@njit
+def _detach(bus: State, number: int) -> int:
+    """Take the head out of a queue; the queue stays marked as waiting while it is sent."""
+    queue = bus.queues[number]
+    slot: int = queue.head
+    queue.head = bus.frames[slot].next
+    if queue.head < 0:
+        queue.tail = -1
+    bus.frames[slot].next = -1
+    return slot
+
+
+@njit
+def _arbitrate(bus: State, which: int, now: int) -> None:
+    segment = bus.segments[which]
+    count_idle(bus, which, now)
+    aside, winner, wake = 0, -1, NEVER
+    while segment.pending > 0:
+        number = _take(bus, which)
+        sender = bus.frames[bus.queues[number].head].node
+        node = bus.nodes[sender]
+        if bus.clock[FAULT_COUNT] > 0 and fault_active(bus, NODE_DOWN, sender, now) >= 0:
+            slot = _detach(bus, number)
+            node.pending -= 1
+            finish(bus, slot, LOST_NODE_DOWN, -1, now, now)
+            bus.queues[number].waiting = 0
+            offer(bus, number)
+        elif node.suspended_ns > now:
+            bus.aside[aside] = number
+            aside += 1
+            wake = min(wake, node.suspended_ns)
+        else:
+            winner = number
+            break
+    for index in range(aside):
+        bus.queues[bus.aside[index]].waiting = 0
+        offer(bus, bus.aside[index])
+    if winner < 0:
+        segment.wake_ns = wake
+        return
+    slot = _detach(bus, winner)
+    twin = -1
+    key = bus.messages[bus.frames[slot].message].key
+    if segment.pending > 0 and bus.pending_keys[which, 0] == key:
+        rival = bus.queues[bus.pending[which, 0]].head
+        other = bus.frames[rival].node
+        awake = bus.nodes[other].suspended_ns <= now
+        if awake and fault_active(bus, NODE_DOWN, other, now) < 0:
+            twin = _detach(bus, _take(bus, which))
+    _start(bus, which, slot, twin, now)
+
+
+@njit
+def _start(bus: State, which: int, slot: int, twin: int, now: int) -> None:
+    segment = bus.segments[which]
+    frame = bus.frames[slot]
+    if frame.flags & FD:
+        passive = bus.nodes[frame.node].state == ERROR_PASSIVE
+        frame.flags = frame.flags & ~ERROR_STATE | (ERROR_STATE if passive else 0)
+    nominal: int = frame.bits
+    data = 0
+    if nominal == 0:
+        nominal, data = frame_bits(frame.ident, frame.flags, frame.length, bus.payloads[slot])
+    rate = segment.data_bitrate if segment.data_bitrate else segment.bitrate
+    fast = duration_ns(data, rate) if data else 0
+    # a division costs as much as stuffing the frame: most bit times are whole nanoseconds
+    if segment.bit_ns > 0:
+        taken = (nominal - RECEPTION_BITS_BEFORE_END) * segment.bit_ns
+        whole = nominal * segment.bit_ns
+    else:
+        taken = duration_ns(nominal - RECEPTION_BITS_BEFORE_END, segment.bitrate)
+        whole = duration_ns(nominal, segment.bitrate)
+    segment.in_flight = slot
+    segment.twin = twin
+    segment.start_ns = now
+    segment.done_ns = now + fast + taken + segment.propagation_ns
+    segment.end_ns = now + fast + whole
+    segment.disturbance = NO_ERROR
+    segment.transmissions += 1
+    frame.attempts += 1
+    bits = nominal + data - INTERFRAME_BITS
+    position, kind = -1, NO_ERROR
+    if twin >= 0:
+        bus.frames[twin].attempts += 1
+        position, kind = first_difference(bus, slot, twin), COLLISION
+    if position < 0 and segment.bit_error_rate > 0.0:
+        position, kind = random_error(bus, which, bits), BIT_ERROR
+    if position < 0 and bus.clock[FAULT_COUNT] > 0:
+        position, kind = scripted_error(bus, slot, bits, now), BIT_ERROR
+    if position < 0 and twin < 0 and not acknowledged(bus, which, frame.node, now):
+        position, kind = bits - 9, ACKNOWLEDGE_ERROR
+    if position >= 0:
+        segment.disturbance = kind
+        segment.done_ns, segment.end_ns = error_times(bus, which, slot, position, kind, now)
+    elif bus.clock[FAULT_COUNT] > 0:
+        index = fault_active(bus, OVERLOAD, which, now)
+        if index >= 0 and bus.faults[index].left != 0:
+            bus.faults[index].left -= 1
+            segment.overloads += 1
+            segment.end_ns += duration_ns(OVERLOAD_BITS, segment.bitrate)
+
+
+@njit
+def _end(bus: State, which: int, now: int) -> None:
+    segment = bus.segments[which]
+    slot, twin, kind = segment.in_flight, segment.twin, segment.disturbance
+    segment.busy_ns += segment.end_ns - segment.start_ns
+    segment.free_ns = segment.idle_from_ns = segment.end_ns
+    segment.in_flight = segment.twin = -1
+    sender = bus.frames[slot].node
+    other = bus.frames[twin].node if twin >= 0 else -1
+    if segment.bus_off > 0:
+        count_recessive(bus, which, 1)
+    if kind == NO_ERROR:
+        count_success(bus, which, sender)
+    else:
+        count_error(bus, which, sender, other, kind)
+    _settle(bus, which, slot, kind, now)
+    if twin >= 0:
+        _settle(bus, which, twin, kind, now)
+    if kind != NO_ERROR:
+        for index in (sender, other):
+            if index >= 0 and bus.nodes[index].state == BUS_OFF:
+                purge(bus, which, index, now)
+
+
+@njit
+def _settle(bus: State, which: int, slot: int, kind: int, now: int) -> None:
+    """Decide what becomes of a frame after its attempt: done, sent again, or lost."""
+    segment = bus.segments[which]
+    frame = bus.frames[slot]
+    sender = frame.node
+    node = bus.nodes[sender]
+    number = sender if node.policy == FIFO else MAX_NODES + frame.message
+    queue = bus.queues[number]
+    queue.waiting = 0
+    if node.state == ERROR_PASSIVE:
+        node.suspended_ns = segment.end_ns + duration_ns(SUSPEND_BITS, segment.bitrate)
+    outcome = DELIVERED
+    if kind != NO_ERROR:
+        write_log(bus, slot, ERROR, segment.start_ns, now, segment.end_ns)
+        if node.state == BUS_OFF:
+            outcome = LOST_BUS_OFF
+        elif node.single_shot:
+            outcome = LOST_ONE_SHOT
+        elif node.policy == REPLACE and queue.head >= 0:
+            outcome = SUPERSEDED
+        else:
+            frame.next = queue.head
+            queue.head = slot
+            if queue.tail < 0:
+                queue.tail = slot
+            offer(bus, number)
+            return
+    elif bus.messages[frame.message].gateways:
+        forward(bus, slot, now)
+    node.pending -= 1
+    finish(bus, slot, outcome, segment.start_ns, now, segment.end_ns)
+    offer(bus, number)

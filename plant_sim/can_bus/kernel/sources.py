@@ -1,0 +1,98 @@
+"""Frames that enter the network by themselves: from periodic sources and through gateways."""
+
+import numpy as np
+
+from plant_sim.can_bus.kernel.layout import (
+    EXPONENTIAL,
+    GATEWAY_COUNT,
+    NOW,
+    SEED,
+    UNIFORM,
+    Network,
+    State,
+)
+from plant_sim.can_bus.kernel.queues import message_of, release, schedule, store
+from plant_sim.kernels.jit import njit
+from plant_sim.kernels.random import random_bits, uniform
+
+_JITTER_STREAM = 1 << 41
+_PAYLOAD_STREAM = 1 << 42
+_LATENCY_STREAM = 1 << 43
+
+
+@njit
+def start_source(network: Network, number: int) -> None:
+    """Enter the message of a periodic source and schedule its first release."""
+    bus = network.state[0]
+    source = bus.sources[number]
+    source.message = message_of(bus, source.node, source.ident, source.flags)
+    schedule_source(bus, number, bus.clock[NOW])
+
+
+@njit
+def schedule_source(bus: State, number: int, now: int) -> None:
+    """Put the next release of a periodic source into the calendar."""
+    source = bus.sources[number]
+    drift = bus.nodes[source.node].drift
+    nominal = source.offset_ns + np.int64(np.rint(source.sent * source.period_ns * (1.0 + drift)))
+    if nominal >= source.until_ns:
+        return
+    if source.jitter_ns > 0:
+        draw = uniform(bus.clock[SEED], _JITTER_STREAM + number, source.sent)
+        nominal += np.int64(draw * (source.jitter_ns + 1))
+    schedule(bus, max(nominal, now), -1 - number)
+
+
+@njit
+def generate(bus: State, number: int, now: int) -> None:
+    """Queue the frame of a periodic source that is due and schedule its next."""
+    source = bus.sources[number]
+    payload = bus.source_payloads[number]
+    if source.random_payload:
+        bits = np.uint64(0)
+        for index in range(source.length):
+            if index & 7 == 0:
+                counter = source.sent * 8 + (index >> 3)
+                bits = random_bits(bus.clock[SEED], _PAYLOAD_STREAM + number, counter)
+            payload[index] = np.uint8(bits & np.uint64(0xFF))
+            bits >>= np.uint64(8)
+    slot = store(bus, source.message, now, now, source.length, payload, source.flags)
+    source.sent += 1
+    schedule_source(bus, number, now)
+    if slot >= 0:
+        bus.frames[slot].bits = source.bits
+        release(bus, slot, now)
+
+
+@njit
+def forward(bus: State, slot: int, now: int) -> None:
+    """Let the gateways that route a frame just received store it for their other side."""
+    frame = bus.frames[slot]
+    mask = bus.messages[frame.message].gateways
+    for index in range(bus.clock[GATEWAY_COUNT]):
+        if not mask >> index & 1:
+            continue
+        gateway = bus.gateways[index]
+        latency = gateway.low_ns
+        spread = gateway.high_ns - gateway.low_ns
+        if gateway.distribution != 0:
+            draw = uniform(bus.clock[SEED], _LATENCY_STREAM + index, gateway.forwarded)
+            if gateway.distribution == UNIFORM:
+                latency += np.int64(draw * (spread + 1))
+            elif gateway.distribution == EXPONENTIAL:
+                # truncated at high_ns by inversion of the distribution function
+                share = -np.expm1(-spread / gateway.mean_ns)
+                latency += np.int64(-gateway.mean_ns * np.log1p(-draw * share))
+        gateway.forwarded += 1
+        gateway.last_ns = max(gateway.last_ns, now + latency)
+        stored = store(
+            bus,
+            message_of(bus, gateway.to_node, frame.ident, frame.flags),
+            gateway.last_ns,
+            frame.t_origin,
+            frame.length,
+            bus.payloads[slot],
+            frame.flags,
+        )
+        if stored >= 0:
+            schedule(bus, gateway.last_ns, stored)

@@ -1,0 +1,286 @@
+"""A server that speaks the socketcand protocol: stock python-can connects with no code of ours.
+
+``can.Bus("simbus", interface="socketcand", host="127.0.0.1", port=29536)``, ``python -m can.viewer
+-i socketcand …``. Understood: ``open``, ``rawmode``, ``bcmmode`` with ``subscribe`` and
+``unsubscribe``, ``send``, ``sendrtr``, ``echo`` (doc/protocol.md of linux-can/socketcand). Whatever
+else comes in, malformed or too long, is answered with an error and the connection closed. A
+client that does not read loses frames, which are counted; it never holds up the others or the
+bus. The server listens on 127.0.0.1 unless told otherwise.
+"""
+
+import contextlib
+import selectors
+import socket
+import threading
+import time
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Final
+
+from canroll.errors import CanrollError
+from plant_sim.can_bus.servers.socketcand_protocol import (
+    ProtocolError,
+    Received,
+    format_frame,
+    parse_frame,
+)
+from plant_sim.can_bus.wire.frame import FD
+
+DEFAULT_PORT: Final = 29536
+MAX_CLIENTS: Final = 16
+_MAX_COMMAND: Final = 256
+_BACKLOG_BYTES: Final = 1 << 18
+_MAX_RECEIVED: Final = 4096
+_QUIET_S: Final = 0.1
+
+
+@dataclass(slots=True, eq=False)
+class _Client:
+    place: int
+    connection: socket.socket
+    received: bytearray = field(default_factory=bytearray)
+    outgoing: bytearray = field(default_factory=bytearray)
+    opened: bool = False
+    raw: bool = False
+    quiet_until: float = 0.0
+    subscribed: set[int] = field(default_factory=set)
+    closing: bool = False
+
+
+class SocketcandServer:
+    """Accepts clients in a thread of its own; ``publish`` to them, ``take`` what they send.
+
+    Attributes:
+        address: host and port it listens on.
+        lost: frames that slow clients did not get.
+        refused: connections closed because of malformed or oversized input.
+        dropped: frames of clients that nobody took in time.
+    """
+
+    def __init__(
+        self, *, channel: str = "simbus", host: str = "127.0.0.1", port: int = DEFAULT_PORT
+    ) -> None:
+        self.channel = channel
+        self.lost = self.refused = self.dropped = 0
+        self._clients: dict[int, _Client] = {}
+        self._taken: deque[Received] = deque()
+        self._lock = threading.Lock()
+        self._activity = threading.Event()
+        self._running = True
+        self._selector = selectors.DefaultSelector()
+        try:
+            self._listener = socket.create_server((host, port), backlog=MAX_CLIENTS)
+        except OSError as error:
+            raise CanrollError(
+                f"cannot listen on {host}:{port}: {error.strerror}: choose another port"
+            ) from error
+        self._listener.setblocking(False)
+        self.address: tuple[str, int] = self._listener.getsockname()[:2]
+        self._wake_read, self._wake_write = socket.socketpair()
+        self._wake_read.setblocking(False)
+        self._wake_write.setblocking(False)
+        self._selector.register(self._listener, selectors.EVENT_READ, None)
+        self._selector.register(self._wake_read, selectors.EVENT_READ, None)
+        self._thread = threading.Thread(target=self._serve, name="socketcand", daemon=True)
+        self._thread.start()
+
+    def publish(
+        self,
+        ident: int,
+        flags: int,
+        payload: bytes,
+        *,
+        length: int,
+        time_s: float,
+        sender: int = -1,
+    ) -> None:
+        """Give a frame to every client but ``sender``; never waits.
+
+        FD frames have no form in the protocol and are counted as lost.
+        """
+        with self._lock:
+            now = time.monotonic()
+            text = b"" if flags & FD else format_frame(ident, flags, time_s, payload, length)
+            for client in self._clients.values():
+                if client.place == sender or client.closing:
+                    continue
+                wanted = client.raw or ident in client.subscribed
+                if not wanted or now < client.quiet_until:
+                    continue
+                if not text or len(client.outgoing) + len(text) > _BACKLOG_BYTES:
+                    self.lost += 1
+                else:
+                    client.outgoing += text
+        self._wake()
+
+    def take(self) -> list[Received]:
+        """Return the frames that clients have sent since the last call."""
+        with self._lock:
+            taken = list(self._taken)
+            self._taken.clear()
+            self._activity.clear()
+            return taken
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until a client has sent something, at most ``timeout_s``."""
+        return self._activity.wait(timeout_s)
+
+    @property
+    def clients(self) -> int:
+        """Number of connected clients."""
+        return len(self._clients)
+
+    def close(self) -> None:
+        """Disconnect everybody and free the port."""
+        self._running = False
+        self._wake()
+        self._thread.join()
+
+    def __enter__(self) -> "SocketcandServer":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _wake(self) -> None:
+        with contextlib.suppress(BlockingIOError, OSError):
+            self._wake_write.send(b"\0")
+
+    def _serve(self) -> None:
+        while self._running:
+            for key, events in self._selector.select(timeout=0.5):
+                if key.fileobj is self._listener:
+                    self._accept()
+                elif key.fileobj is self._wake_read:
+                    with contextlib.suppress(BlockingIOError):
+                        self._wake_read.recv(4096)
+                else:
+                    self._handle(key.data, events)
+            for client in list(self._clients.values()):
+                self._flush(client)
+        for client in list(self._clients.values()):
+            self._drop(client)
+        for end in (self._listener, self._wake_read, self._wake_write):
+            end.close()
+        self._selector.close()
+
+    def _accept(self) -> None:
+        try:
+            connection, _ = self._listener.accept()
+        except OSError:
+            return
+        free = sorted(set(range(MAX_CLIENTS)) - set(self._clients))
+        connection.setblocking(False)
+        if not free:
+            self.refused += 1
+            connection.close()
+            return
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        client = _Client(free[0], connection)
+        client.outgoing += b"< hi >"
+        with self._lock:
+            self._clients[client.place] = client
+        self._selector.register(connection, selectors.EVENT_READ, client)
+
+    def _handle(self, client: _Client, events: int) -> None:
+        if not events & selectors.EVENT_READ:
+            return
+        try:
+            data = client.connection.recv(4096)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self._drop(client)
+            return
+        client.received += data
+        try:
+            self._parse(client)
+        except ProtocolError as error:
+            self.refused += 1
+            with self._lock:
+                client.outgoing += f"< error {error} >".encode()
+                client.closing = True
+
+    def _parse(self, client: _Client) -> None:
+        while not client.closing:
+            text = client.received.lstrip()
+            if not text:
+                client.received.clear()
+                return
+            end = text.find(b">")
+            if text[0] != ord("<") or max(end, 0 if end >= 0 else len(text)) > _MAX_COMMAND:
+                raise ProtocolError("malformed or oversized command")
+            if end < 0:
+                client.received = text
+                return
+            client.received = text[end + 1 :]
+            try:
+                words = text[1:end].decode("ascii").split()
+            except UnicodeDecodeError as error:
+                raise ProtocolError("not ASCII") from error
+            self._execute(client, words)
+
+    def _execute(self, client: _Client, words: list[str]) -> None:
+        command = words[0] if words else ""
+        reply = b""
+        if command == "echo":
+            reply = b"< echo >"
+        elif not client.opened:
+            if command != "open" or words[1:] != [self.channel]:
+                raise ProtocolError("no such bus")
+            client.opened, reply = True, b"< ok >"
+        elif command in {"rawmode", "bcmmode"}:
+            reply = b"< ok >"
+        elif command in {"send", "sendrtr"}:
+            received = Received(client.place, *parse_frame(words))
+            with self._lock:
+                if len(self._taken) < _MAX_RECEIVED:
+                    self._taken.append(received)
+                else:
+                    self.dropped += 1
+            self._activity.set()
+        elif command in {"subscribe", "unsubscribe"}:
+            try:
+                ident = int(words[-1], 16)
+            except ValueError as error:
+                raise ProtocolError("malformed identifier") from error
+            with self._lock:
+                (client.subscribed.add if command == "subscribe" else client.subscribed.discard)(
+                    ident
+                )
+        else:
+            raise ProtocolError("unknown command")
+        with self._lock:
+            client.outgoing += reply
+            if command in {"rawmode", "bcmmode"}:
+                client.raw = command == "rawmode"
+                # clients take the reply alone: frames in the same segment would confuse them
+                client.quiet_until = time.monotonic() + _QUIET_S
+
+    def _flush(self, client: _Client) -> None:
+        with self._lock:
+            try:
+                if client.outgoing:
+                    sent = client.connection.send(client.outgoing)
+                    del client.outgoing[:sent]
+            except BlockingIOError:
+                pass
+            except OSError:
+                client.closing = True
+                client.outgoing.clear()
+            done = client.closing and not client.outgoing
+            events = selectors.EVENT_READ | (selectors.EVENT_WRITE if client.outgoing else 0)
+        if done:
+            self._drop(client)
+        elif client.place in self._clients:
+            self._selector.modify(client.connection, events, client)
+
+    def _drop(self, client: _Client) -> None:
+        with self._lock:
+            if self._clients.pop(client.place, None) is None:
+                return
+        with contextlib.suppress(KeyError, ValueError):
+            self._selector.unregister(client.connection)
+        client.connection.close()

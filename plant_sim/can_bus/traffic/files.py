@@ -1,0 +1,190 @@
+"""Traffic sets: periodic messages from a DBC's cycle times or from a TOML file.
+
+A TOML file has ``bitrate`` and tables ``[[message]]`` with ``name``, ``id``, ``bytes`` (or
+``bits``, the frame length with interframe space) and ``period_ms``; optional ``jitter_ms``,
+``offset_ms``, ``node``, ``extended``, ``fd``, ``bit_rate_switch`` and ``fifo``; beside
+``bitrate`` optionally ``data_bitrate``.
+"""
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import cantools
+from cantools.database import Database, Message
+
+from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.can_bus.kernel.network import check_frame
+from plant_sim.can_bus.traffic.messages import BusMessage
+from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
+
+MS: Final = 1_000_000
+DEFAULT_BITRATE: Final = 500_000
+_TABLE: Final = ("bitrate", "data_bitrate", "message")
+_REQUIRED: Final = ("name", "id", "period_ms")
+_OPTIONAL: Final = (
+    "bytes",
+    "bits",
+    "jitter_ms",
+    "offset_ms",
+    "node",
+    "extended",
+    "fd",
+    "bit_rate_switch",
+    "fifo",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Traffic:
+    """Periodic messages of one bus; ``left_out`` names messages without a cycle time."""
+
+    bitrate: int
+    data_bitrate: int
+    messages: tuple[BusMessage, ...]
+    left_out: tuple[str, ...] = ()
+
+
+def load_traffic(path: Path, *, bitrate: int | None = None) -> Traffic:
+    """Read a traffic set from ``path``, a ``.dbc`` or a ``.toml`` file.
+
+    Args:
+        path: the file.
+        bitrate: overrides the file's own; for a DBC without one: 500 kbit/s.
+
+    Raises:
+        CanrollError: the file cannot be read or says something impossible.
+    """
+    if bitrate is not None and bitrate <= 0:
+        raise CanrollError(f"bit rate {bitrate} bit/s: it must be above 0")
+    suffix = path.suffix.lower()
+    if suffix not in {".dbc", ".toml"}:
+        raise CanrollError(f"{path}: a traffic set is a .dbc or a .toml file")
+    if not path.is_file():
+        raise CanrollError(f"{path}: no such file")
+    traffic = _from_dbc(path) if suffix == ".dbc" else _from_toml(path)
+    if not traffic.messages:
+        raise CanrollError(f"{path}: no periodic message in it")
+    if bitrate is None:
+        return traffic
+    return Traffic(bitrate, traffic.data_bitrate, traffic.messages, traffic.left_out)
+
+
+def _from_dbc(path: Path) -> Traffic:
+    try:
+        database = cantools.database.load_file(path, strict=False)
+    except (cantools.Error, UnicodeDecodeError, OSError) as error:
+        raise CanrollError(f"{path}: not a readable DBC: {str(error).splitlines()[0]}") from error
+    assert isinstance(database, Database)
+    messages, left_out = [], []
+    for message in database.messages:
+        period = _period_ms(message)
+        if period:
+            messages.append(_dbc_message(message, period))
+        else:
+            left_out.append(message.name)
+    bitrate = next((bus.baudrate for bus in database.buses if bus.baudrate), DEFAULT_BITRATE)
+    return Traffic(bitrate, 0, tuple(messages), tuple(left_out))
+
+
+def _attribute(message: Message, name: str) -> int:
+    attribute = message.dbc.attributes.get(name) if message.dbc else None
+    return int(attribute.value) if attribute else 0
+
+
+def _period_ms(message: Message) -> int:
+    """Cycle time; of a message that is also sent on events: its least distance, if it has one."""
+    period = int(message.cycle_time or 0)
+    least = _attribute(message, "GenMsgDelayTime")
+    event = "spontaneous" in (message.send_type or "").lower()
+    return least if event and least else period
+
+
+def _dbc_message(message: Message, period_ms: int) -> BusMessage:
+    flags = (EXTENDED if message.is_extended_frame else 0) | (FD if message.is_fd else 0)
+    if message.is_fd:
+        flags |= BIT_RATE_SWITCH
+    return BusMessage(
+        name=message.name,
+        ident=message.frame_id,
+        length=message.length,
+        period_ns=period_ms * MS,
+        sender=message.senders[0] if message.senders else "Node",
+        receivers=tuple(sorted(message.receivers)),
+        offset_ns=_attribute(message, "GenMsgStartDelayTime") * MS,
+        flags=flags,
+    )
+
+
+def _from_toml(path: Path) -> Traffic:
+    try:
+        table = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise CanrollError(f"{path}: {error}") from error
+    for key in table:
+        if key not in _TABLE:
+            raise UnknownNameError(f"key in {path}", key, _TABLE)
+    bitrate = table.get("bitrate", DEFAULT_BITRATE)
+    data_bitrate = table.get("data_bitrate", 0)
+    for key, value in (("bitrate", bitrate), ("data_bitrate", data_bitrate)):
+        if type(value) is not int or value < (key == "bitrate"):
+            raise CanrollError(f"{path}: {key} = {value!r}: it must be a whole number above 0")
+    rows = table.get("message", [])
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise CanrollError(f"{path}: messages are tables [[message]]")
+    messages = [_toml_message(path, i, row) for i, row in enumerate(rows, 1)]
+    names = [message.name for message in messages]
+    for name in names:
+        if names.count(name) > 1:
+            raise CanrollError(f"{path}: two messages are named '{name}'")
+    return Traffic(bitrate, data_bitrate, tuple(messages))
+
+
+def _toml_message(path: Path, place: int, row: dict[str, Any]) -> BusMessage:
+    where = f"{path}: message {row.get('name', place)}"
+    for key in row:
+        if key not in _REQUIRED + _OPTIONAL:
+            raise UnknownNameError(f"key in {where}", key, _REQUIRED + _OPTIONAL)
+    for key in _REQUIRED:
+        if key not in row:
+            raise CanrollError(f"{where}: '{key}' is missing")
+    if "bytes" in row and "bits" in row:
+        raise CanrollError(f"{where}: give 'bytes' or 'bits', not both")
+
+    def number(key: str, least: float, default: float = 0.0) -> float:
+        value = row.get(key, default)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not value >= least:
+            raise CanrollError(
+                f"{where}: {key} = {value!r}: it must be a number, at least {least:g}"
+            )
+        return float(value)
+
+    def whole(key: str, default: int = 0) -> int:
+        value = row.get(key, default)
+        if type(value) is not int or value < 0:
+            raise CanrollError(f"{where}: {key} = {value!r}: it must be a whole number, 0 or more")
+        return value
+
+    flags = (
+        (EXTENDED if row.get("extended") else 0)
+        | (FD if row.get("fd") else 0)
+        | (BIT_RATE_SWITCH if row.get("fd") and row.get("bit_rate_switch", True) else 0)
+    )
+    message = BusMessage(
+        name=str(row["name"]),
+        ident=whole("id"),
+        length=whole("bytes"),
+        period_ns=number("period_ms", 1e-3) * MS,
+        sender=str(row.get("node", "Node")),
+        jitter_ns=round(number("jitter_ms", 0.0) * MS),
+        offset_ns=round(number("offset_ms", 0.0) * MS),
+        flags=flags,
+        bits=whole("bits"),
+        fifo=bool(row.get("fifo", False)),
+    )
+    try:
+        check_frame(message.ident, message.length, flags)
+    except CanrollError as error:
+        raise CanrollError(f"{where}: {error}") from error
+    return message

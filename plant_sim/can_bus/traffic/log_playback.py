@@ -1,0 +1,115 @@
+"""Recorded traffic as background: logs that python-can reads, fed into a network."""
+
+from collections.abc import Collection
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError
+from plant_sim.can_bus.kernel.layout import FREE_FRAME, MAX_PAYLOAD, NOW, Network
+from plant_sim.can_bus.kernel.queues import enqueue
+from plant_sim.can_bus.wire.frame import (
+    BIT_RATE_SWITCH,
+    EXTENDED,
+    FD,
+    RECEPTION_BITS_BEFORE_END,
+    REMOTE,
+    duration_ns,
+    frame_bits,
+)
+from plant_sim.kernels.jit import njit
+
+SUFFIXES: Final = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db")
+
+
+class Recording(NamedTuple):
+    """Recorded frames in the order of their queueing, times from 0 in nanoseconds."""
+
+    t_ns: NDArray[np.int64]
+    ident: NDArray[np.int64]
+    flags: NDArray[np.int64]
+    length: NDArray[np.int64]
+    payload: NDArray[np.uint8]
+
+
+def load_recording(
+    path: Path, *, bitrate: int, data_bitrate: int = 0, leave_out: Collection[int] = ()
+) -> Recording:
+    """Read a log; its first frame is queued at time 0.
+
+    A log has times of reception. Every frame is queued its own transmission time earlier, so that
+    on a bus of the same ``bitrate`` with nothing else on it, it is received when it was recorded.
+
+    Args:
+        path: a log of a format python-can knows by its suffix.
+        bitrate: of the recorded bus, bit/s.
+        data_bitrate: of FD frames with bit-rate switch, 0: as ``bitrate``.
+        leave_out: identifiers that are not replayed, such as those simulated anyway.
+
+    Raises:
+        CanrollError: the file cannot be read, or has no frame to replay.
+    """
+    if not path.is_file():
+        raise CanrollError(f"{path}: no such file")
+    if path.suffix.lower() not in SUFFIXES:
+        raise CanrollError(f"{path}: a bus log ends in {', '.join(SUFFIXES)}")
+    try:
+        with can.LogReader(path) as reader:
+            messages = [m for m in reader if not m.is_error_frame]
+    except Exception as error:  # python-can's readers let through whatever their parsers raise
+        raise CanrollError(f"{path}: not a readable bus log: {error}") from error
+    messages = [m for m in messages if m.arbitration_id not in leave_out]
+    if not messages:
+        raise CanrollError(f"{path}: no frame to replay in it")
+    payload = np.zeros((len(messages), MAX_PAYLOAD), np.uint8)
+    ident = np.array([m.arbitration_id for m in messages], np.int64)
+    length = np.array([min(m.dlc, MAX_PAYLOAD if m.is_fd else 8) for m in messages], np.int64)
+    flags = np.array([_flags(m) for m in messages], np.int64)
+    start = messages[0].timestamp
+    # microseconds are what logs hold; finer digits are the float's own
+    received = np.array([round((m.timestamp - start) * 1e6) * 1000 for m in messages], np.int64)
+    for i, message in enumerate(messages):
+        data = bytes(message.data or b"")
+        count = min(len(data), int(length[i]))
+        payload[i, :count] = np.frombuffer(data, np.uint8)[:count]
+        nominal, fast = frame_bits(int(ident[i]), int(flags[i]), int(length[i]), payload[i])
+        taken = int(duration_ns(nominal - RECEPTION_BITS_BEFORE_END, bitrate))
+        received[i] -= taken + int(duration_ns(fast, data_bitrate or bitrate))
+    order = np.argsort(received, kind="stable")
+    queued = received[order] - received.min()
+    return Recording(queued, ident[order], flags[order], length[order], payload[order])
+
+
+def _flags(message: can.Message) -> int:
+    flags = (EXTENDED if message.is_extended_id else 0) | (REMOTE if message.is_remote_frame else 0)
+    if message.is_fd:
+        flags |= FD | (BIT_RATE_SWITCH if message.bitrate_switch else 0)
+    return flags
+
+
+@njit
+def feed(network: Network, recording: Recording, node: int, cursor: int, until_ns: int) -> int:
+    """Queue recorded frames up to ``until_ns`` from ``node``; call it before ``advance``.
+
+    Returns:
+        The cursor for the next call; the length of the recording when it is at its end. Stops
+        early where the network's store is full, and goes on with the next call.
+    """
+    clock = network.state[0].clock
+    while cursor < len(recording.t_ns) and recording.t_ns[cursor] <= until_ns:
+        if clock[FREE_FRAME] < 0:
+            break
+        enqueue(
+            network,
+            node,
+            max(recording.t_ns[cursor], clock[NOW]),
+            recording.ident[cursor],
+            recording.length[cursor],
+            recording.payload[cursor],
+            recording.flags[cursor],
+        )
+        cursor += 1
+    return cursor

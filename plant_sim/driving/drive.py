@@ -1,0 +1,120 @@
+"""Collects what drives a manoeuvre into the arrays that the driver's kernel reads."""
+
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from plant_sim.bodies.integrate import Vector
+from plant_sim.driving import driver, path
+from plant_sim.driving.driver import FOLLOW_PATH, Drive
+from vehicles import GRAVITY, Vehicle
+
+STEP_NS = 1_000_000
+"""Time between two calls of the driver and two steps of the plant (ns)."""
+
+GRIP_USED = 0.85
+"""Share of the tyres' peak that a driver goes up to on a slippery road."""
+
+YAW_LAG = 0.15
+"""What a driver takes the car to need from the wheel to the lateral acceleration (s)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What one manoeuvre consists of, whatever road and driver it is driven with.
+
+    ``duration`` (s). ``table`` at steps of ``table_step`` (s): road-wheel angle (rad) or lateral
+    acceleration (m/s²). ``bank`` (rad) and ``road``, the heights (m) under the left and the right
+    wheels, at steps of ``road_step`` (m) of distance. ``release_time`` (s): the accelerator is let
+    go from then on. ``steer_rate`` (rad/s at the road wheels) other than 0 replaces the driver's
+    arms by a steering robot. ``at_the_limit``: the driver dares any lateral acceleration.
+    ``fishhook``: start (s), amplitude (rad), hold (s), return (s).
+    """
+
+    duration: float
+    kind: int = FOLLOW_PATH
+    path_xy: path.XY | None = None
+    table: Vector | None = None
+    table_step: float = STEP_NS * 1e-9
+    bank: Vector | None = None
+    road: tuple[Vector, Vector] | None = None
+    road_step: float = 1.0
+    release_time: float = inf
+    steer_rate: float = 0.0
+    at_the_limit: bool = False
+    fishhook: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+
+def understeer(vehicle: Vehicle) -> float:
+    """Understeer gradient of the linear bicycle (rad per m/s²): δ = l/R + K a_y."""
+    geometry, tyre = vehicle.geometry, vehicle.tyre
+    return (
+        vehicle.total_mass
+        / geometry.wheelbase
+        * (
+            geometry.cg_to_rear_axle / tyre.cornering_stiffness_front
+            - geometry.cg_to_front_axle / tyre.cornering_stiffness_rear
+        )
+    )
+
+
+def steady_steer(vehicle: Vehicle, speed: float, lateral_acceleration: float) -> float:
+    """Road-wheel angle (rad) at which the linear car corners at that acceleration (m/s²)."""
+    return lateral_acceleration * (vehicle.geometry.wheelbase / speed**2 + understeer(vehicle))
+
+
+def make_drive(
+    vehicle: Vehicle,
+    speed: float,
+    plan: Plan,
+    *,
+    friction: float = 1.0,
+    preview_time: float = 0.0,
+    chassis_control: bool = False,
+) -> Drive:
+    """Arrays for the kernels, with a fresh driver's memory; ``speed`` in m/s.
+
+    ``preview_time`` (s) other than 0 replaces the vehicle's driver by one of another experience.
+    """
+    geometry, person = vehicle.geometry, vehicle.driver
+    grip = GRIP_USED * friction * vehicle.tyre.friction * GRAVITY
+    dared = min(person.lateral_acceleration_limit, grip)
+    p = np.zeros(driver.N_DRIVER)
+    p[driver.D_PREVIEW_TIME] = preview_time or person.preview_time
+    p[driver.D_LAG] = person.lag
+    p[driver.D_ACCELERATION_LIMIT] = np.inf if plan.at_the_limit else dared
+    p[driver.D_WHEELBASE] = geometry.wheelbase
+    p[driver.D_UNDERSTEER] = understeer(vehicle)
+    p[driver.D_STEER_LIMIT] = vehicle.steering.angle_limit
+    p[driver.D_STEER_RATE] = plan.steer_rate or vehicle.steering.rate_limit
+    p[driver.D_SPEED] = speed
+    p[driver.D_SPEED_GAIN] = 2.0 * vehicle.total_mass
+    p[driver.D_RELEASE_TIME] = plan.release_time
+    p[driver.D_PATH_STEP] = path.STEP
+    p[driver.D_TABLE_STEP] = plan.table_step
+    p[driver.D_FRICTION] = friction
+    p[driver.D_ROAD_STEP] = plan.road_step
+    p[driver.D_FRONT] = geometry.cg_to_front_axle
+    p[driver.D_REAR] = geometry.cg_to_rear_axle
+    p[driver.D_ANSWER_LAG] = person.lag + YAW_LAG
+    p[driver.D_TIME_STEP] = STEP_NS * 1e-9
+    p[[driver.D_START, driver.D_AMPLITUDE, driver.D_HOLD, driver.D_RETURN]] = plan.fishhook
+    p[driver.D_CHASSIS_CONTROL] = float(chassis_control)
+    p[driver.D_MASS] = vehicle.total_mass
+    p[driver.D_YAW_INERTIA] = vehicle.mass.yaw_inertia
+    p[driver.D_TRACK] = geometry.half_track_front
+    p[driver.D_CORNERING] = vehicle.tyre.cornering_stiffness_front
+    x, y = plan.path_xy if plan.path_xy is not None else (np.array([0.0, path.STEP]), np.zeros(2))
+    left, right = plan.road if plan.road is not None else (np.zeros(1), np.zeros(1))
+    return Drive(
+        kind=plan.kind,
+        parameters=p,
+        path_x=x,
+        path_y=y,
+        table=np.zeros(1) if plan.table is None else plan.table,
+        bank=np.zeros(1) if plan.bank is None else plan.bank,
+        road_left=left,
+        road_right=right,
+        memory=np.zeros(driver.N_MEMORY),
+    )

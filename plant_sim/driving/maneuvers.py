@@ -1,0 +1,241 @@
+"""The manoeuvres by name: what drives each, at which speeds, for how long."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from inspect import Parameter, signature
+from typing import Any
+
+import numpy as np
+
+from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.bodies.integrate import Vector
+from plant_sim.driving import path_maneuvers, steer_maneuvers
+from plant_sim.driving.drive import STEP_NS, Plan, make_drive, understeer
+from plant_sim.driving.driver import (
+    D_CHASSIS_CONTROL,
+    D_STEER_RATE,
+    D_TABLE_STEP,
+    N_MEMORY,
+    STEER_TABLE,
+    Drive,
+)
+from vehicles import Vehicle
+
+__all__ = [
+    "STEP_NS",
+    "Maneuver",
+    "build",
+    "default_speed",
+    "names",
+    "options",
+    "replay",
+    "speed_range",
+    "title",
+    "understeer",
+]
+
+SLOWEST_KMH = 5.0
+"""Slowest speed that the tyre and bicycle models make sense at (km/h)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Maneuver:
+    """One manoeuvre, ready to run once: ``drive`` holds the driver's memory.
+
+    ``speed`` (m/s) at entry; ``standard`` says which standard it follows and where it departs.
+    """
+
+    name: str
+    title: str
+    standard: str
+    speed: float
+    duration_ns: int
+    drive: Drive
+
+
+@dataclass(frozen=True, slots=True)
+class _Kind:
+    title: str
+    speed_kmh: float
+    fastest_kmh: float
+    standard: str
+    plan: Callable[..., Plan]
+    """(vehicle, speed, seed, **options) to the plan."""
+    friction: float = 1.0
+    chassis_control: bool = False
+
+
+_KINDS: dict[str, _Kind] = {
+    "double_lane_change": _Kind(
+        "double lane change", 80.0, 160.0, "ISO 3888-1", path_maneuvers.double_lane_change
+    ),
+    "moose": _Kind(
+        "obstacle avoidance", 80.0, 100.0, "ISO 3888-2", path_maneuvers.moose, 0.6, True
+    ),
+    "roundabout": _Kind(
+        "roundabout of 22 m radius", 30.0, 120.0, "none", path_maneuvers.roundabout
+    ),
+    "constant_radius": _Kind(
+        "constant radius", 60.0, 160.0, "ISO 4138", path_maneuvers.constant_radius
+    ),
+    "banked_curve": _Kind("banked curve", 80.0, 160.0, "none", path_maneuvers.banked_curve),
+    "bumps": _Kind("one-sided bumps", 40.0, 120.0, "none", path_maneuvers.bumps),
+    "random_road": _Kind("random road", 80.0, 160.0, "ISO 8608", path_maneuvers.random_road),
+    "fishhook": _Kind(
+        "fishhook", 80.0, 120.0, "NHTSA roll-rate feedback fishhook", steer_maneuvers.fishhook
+    ),
+    "j_turn": _Kind("J-turn", 80.0, 120.0, "NHTSA J-turn", steer_maneuvers.j_turn),
+    "sine_with_dwell": _Kind(
+        "sine with dwell", 80.0, 120.0, "FMVSS 126", steer_maneuvers.sine_with_dwell
+    ),
+    "from_file": _Kind("signal of a file", 80.0, 200.0, "none", steer_maneuvers.from_file),
+}
+
+
+def names() -> list[str]:
+    """The manoeuvres that :func:`build` knows, sorted."""
+    return sorted(_KINDS)
+
+
+def _kind(name: str) -> _Kind:
+    if name not in _KINDS:
+        raise UnknownNameError("manoeuvre", name, _KINDS)
+    return _KINDS[name]
+
+
+def title(name: str) -> str:
+    """What that manoeuvre is called in a report."""
+    return _kind(name).title
+
+
+def options(name: str) -> dict[str, Any]:
+    """The options of that manoeuvre with their defaults; a preview of 0 is the vehicle's own."""
+    kind = _kind(name)
+    parameters = signature(kind.plan).parameters.values()
+    own = {item.name: item.default for item in parameters if item.kind is Parameter.KEYWORD_ONLY}
+    common = {"friction": kind.friction, "chassis_control": kind.chassis_control}
+    return {**own, **common, "preview_time": 0.0}
+
+
+def default_speed(name: str, vehicle: Vehicle) -> float:
+    """Entry speed (m/s) of that manoeuvre: the vehicle's own where its file states one."""
+    return vehicle.speeds.get(name, _kind(name).speed_kmh / 3.6)
+
+
+def speed_range(name: str) -> tuple[float, float]:
+    """Slowest and fastest entry speed (m/s) of that manoeuvre."""
+    return SLOWEST_KMH / 3.6, _kind(name).fastest_kmh / 3.6
+
+
+def _converted(value: Any, default: Any, what: str) -> Any:  # noqa: ANN401
+    """``value`` as the type of ``default``; values of a command line come as text."""
+    if isinstance(default, bool):
+        known = {"on": True, "true": True, "1": True, "off": False, "false": False, "0": False}
+        text = str(value).lower()
+        if text not in known:
+            raise CanrollError(f"{what}: {value!r} is neither on nor off")
+        return known[text]
+    if isinstance(default, str):
+        return str(value)
+    try:
+        number = float(value)
+    except (TypeError, ValueError) as error:
+        raise CanrollError(f"{what}: {value!r} is no number") from error
+    if not np.isfinite(number):
+        raise CanrollError(f"{what}: {value!r} is not finite")
+    return number
+
+
+def _checked(name: str, given: dict[str, Any]) -> dict[str, Any]:
+    known = options(name)
+    checked = {}
+    for key, value in given.items():
+        if value is None:
+            continue
+        if key not in known:
+            raise UnknownNameError(f"option of {name}", key, known)
+        checked[key] = _converted(value, known[key], f"option {key} of {name}")
+    friction = checked.get("friction", 1.0)
+    if not 0.05 <= friction <= 1.5:
+        raise CanrollError(f"friction {friction:g}: roads offer 0.05 to 1.5")
+    preview = checked.get("preview_time", 0.0)
+    if preview != 0.0 and not 0.3 <= preview <= 3.0:
+        raise CanrollError(f"preview time {preview:g} s: a driver looks 0.3 to 3 s ahead")
+    for key in ("radius", "length", "spacing", "duration", "scale"):
+        if key in checked and checked[key] <= 0:
+            raise CanrollError(f"option {key} of {name}: {checked[key]:g} must be positive")
+    if abs(checked.get("bank_deg", 0.0)) > 30:
+        raise CanrollError(f"bank {checked['bank_deg']:g} degrees: roads bank up to 30")
+    return checked
+
+
+def build(
+    name: str,
+    vehicle: Vehicle,
+    speed: float | None = None,
+    seed: int = 0,
+    **given: Any,  # noqa: ANN401
+) -> Maneuver:
+    """Prepare one manoeuvre for one run.
+
+    Parameters
+    ----------
+    name
+        One of :func:`names`.
+    speed
+        Entry speed in m/s; by default that of the vehicle or the manoeuvre.
+    seed
+        Of what is random in the manoeuvre, the road.
+    given
+        Options of :func:`options`; None leaves the default. Among them ``preview_time`` (s), the
+        driver's preview instead of the vehicle's: 0.5 experienced, 0.75, 1.0 novice; ``friction``
+        of the road; ``chassis_control``, the vehicle's own yaw control.
+
+    Raises
+    ------
+    UnknownNameError
+        No manoeuvre or option has that name.
+    CanrollError
+        A speed or an option is outside of what the manoeuvre can be driven at.
+    """
+    kind = _kind(name)
+    speed = default_speed(name, vehicle) if speed is None else speed
+    if not SLOWEST_KMH <= speed * 3.6 <= kind.fastest_kmh + 1e-6:
+        raise CanrollError(
+            f"speed {speed * 3.6:g} km/h: the {kind.title} is driven at "
+            f"{SLOWEST_KMH:g} to {kind.fastest_kmh:g} km/h"
+        )
+    chosen = {**options(name), **_checked(name, given)}
+    common = {key: chosen.pop(key) for key in ("friction", "chassis_control", "preview_time")}
+    plan = kind.plan(vehicle, speed, seed, **chosen)
+    standard = kind.standard
+    if name == "double_lane_change":
+        if speed * 3.6 > 80.5:
+            standard += ", non-standard: driven faster than 80 km/h"
+        if vehicle.lane_offset != 3.5:
+            standard += f", non-standard: lane offset {vehicle.lane_offset:g} m"
+    return Maneuver(
+        name=name,
+        title=kind.title,
+        standard=standard,
+        speed=speed,
+        duration_ns=round(plan.duration * 1e9 / STEP_NS) * STEP_NS,
+        drive=make_drive(vehicle, speed, plan, **common),
+    )
+
+
+def replay(maneuver: Maneuver, steer: Vector) -> Maneuver:
+    """The same manoeuvre with the steering of an earlier run played back, no driver in the loop.
+
+    ``steer``: road-wheel angle (rad), one value a step, as :func:`simulate.run_passive` gives it.
+    What a law changes then is the car alone, not what the driver makes of it. The recorded angle
+    holds what the chassis control added, so that is off.
+    """
+    parameters = maneuver.drive.parameters.copy()
+    parameters[D_CHASSIS_CONTROL] = 0.0
+    parameters[D_TABLE_STEP] = STEP_NS * 1e-9
+    parameters[D_STEER_RATE] = np.inf
+    drive = maneuver.drive._replace(
+        kind=STEER_TABLE, parameters=parameters, table=steer.copy(), memory=np.zeros(N_MEMORY)
+    )
+    return replace(maneuver, title=f"{maneuver.title}, steering replayed", drive=drive)

@@ -1,0 +1,126 @@
+"""Manoeuvres that a driver steers along a path: lane changes, circles, straights over bad road.
+
+Every function plans one manoeuvre from the vehicle, the entry speed (m/s), a seed for what is
+random, and options of its own.
+"""
+
+from math import pi, radians
+
+import numpy as np
+
+from plant_sim.driving import path, road
+from plant_sim.driving.drive import Plan
+from vehicles import Vehicle
+
+APPROACH = 15.0
+"""Straight before the first lane of a cone track, and after the last (m)."""
+
+
+def double_lane_change(vehicle: Vehicle, speed: float, _seed: int) -> Plan:
+    """ISO 3888-1 at held speed; the standard's lateral offset unless the vehicle states its own."""
+    lanes = path.double_lane_change(vehicle.geometry.width, vehicle.lane_offset)
+    end = lanes[-1].start + lanes[-1].length
+    xy = path.through(lanes, approach=APPROACH, run_out=APPROACH + 3 * speed)
+    return Plan((2 * APPROACH + end) / speed, path_xy=xy)
+
+
+def moose(vehicle: Vehicle, speed: float, _seed: int) -> Plan:
+    """ISO 3888-2: accelerator released 2 m into the first lane."""
+    lanes = path.obstacle_avoidance(vehicle.geometry.width)
+    end = lanes[-1].start + lanes[-1].length
+    return Plan(
+        (2 * APPROACH + end) / speed + 2.0,
+        path_xy=path.through(lanes, approach=APPROACH, run_out=120.0),
+        release_time=(APPROACH + 2.0) / speed,
+    )
+
+
+def roundabout(vehicle: Vehicle, speed: float, _seed: int) -> Plan:
+    """Half way round a circle of 22 m radius, straight in and out, at held speed.
+
+    Entered faster than the driver would dare to take it, the wheel is turned after the circle all
+    the same.
+    """
+    radius, approach, easing = 22.0, 30.0, 8.0
+    arc = radius * pi - easing
+    sections = [
+        (approach, 0.0),
+        (easing, 1 / radius),
+        (arc, 1 / radius),
+        (easing, 0.0),
+        (approach + 3.0 * speed, 0.0),
+    ]
+    return Plan(
+        (2 * approach + 2 * easing + arc) / speed,
+        path_xy=path.from_curvature(sections),
+        at_the_limit=speed**2 / radius > vehicle.driver.lateral_acceleration_limit,
+    )
+
+
+CIRCLE_DURATION = 12.0
+"""How long a curve of constant radius is driven (s)."""
+
+
+def _circle(radius: float, speed: float) -> path.XY:
+    approach, easing = 10.0, max(10.0, speed)
+    arc = (CIRCLE_DURATION + 3.0) * speed
+    return path.from_curvature([(approach, 0.0), (easing, 1 / radius), (arc, 1 / radius)])
+
+
+def constant_radius(_vehicle: Vehicle, speed: float, _seed: int, *, radius: float = 100.0) -> Plan:
+    """ISO 4138 constant radius: on a circle to the left at held speed."""
+    return Plan(CIRCLE_DURATION, path_xy=_circle(radius, speed), at_the_limit=True)
+
+
+def banked_curve(
+    _vehicle: Vehicle,
+    speed: float,
+    _seed: int,
+    *,
+    radius: float = 150.0,
+    bank_deg: float = -5.0,
+) -> Plan:
+    """A left curve whose road banks with its curvature; a negative bank leans into the curve."""
+    travelled = np.arange(0.0, CIRCLE_DURATION * speed + 10.0, 1.0)
+    part = np.clip((travelled - 10.0) / max(10.0, speed), 0.0, 1.0)
+    return Plan(CIRCLE_DURATION, path_xy=_circle(radius, speed), bank=radians(bank_deg) * part)
+
+
+def _straight(length: float) -> path.XY:
+    x = np.arange(0.0, length, path.STEP)
+    return x, np.zeros_like(x)
+
+
+def bumps(
+    _vehicle: Vehicle,
+    speed: float,
+    _seed: int,
+    *,
+    height: float = 0.05,
+    length: float = 1.5,
+    spacing: float = 12.0,
+) -> Plan:
+    """Straight ahead over four bumps under the left wheels only; height and lengths in m."""
+    left = road.bumps(height=height, length=length, spacing=spacing, count=4, start=20.0)
+    distance = 20.0 + 4 * spacing + 2.0 * speed
+    return Plan(
+        distance / speed,
+        path_xy=_straight(distance + 5 * speed),
+        road=(left, np.zeros_like(left)),
+        road_step=road.STEP,
+    )
+
+
+def random_road(
+    vehicle: Vehicle, speed: float, seed: int, *, road_class: str = "C", duration: float = 20.0
+) -> Plan:
+    """Straight ahead on a road of an ISO 8608 class, A to E, for ``duration`` (s)."""
+    geometry = vehicle.geometry
+    distance = duration * speed + geometry.wheelbase + 10.0
+    width = geometry.half_track_front + geometry.half_track_rear
+    return Plan(
+        duration,
+        path_xy=_straight(distance + 5 * speed),
+        road=road.random_tracks(road_class, length=distance, track=width, seed=seed),
+        road_step=road.STEP,
+    )

@@ -1,0 +1,55 @@
+"""Road surfaces: bumps, and random roads after ISO 8608 with two correlated wheel tracks."""
+
+import numpy as np
+
+from canroll.errors import UnknownNameError
+from plant_sim.bodies.integrate import Vector
+
+STEP = 0.05
+"""Distance between the points of a road profile (m)."""
+
+CLASSES = {"A": 16e-6, "B": 64e-6, "C": 256e-6, "D": 1024e-6, "E": 4096e-6}
+"""Displacement power spectral density at 0.1 cycles/m (m³), ISO 8608 table C.1, geometric mean."""
+
+REFERENCE_FREQUENCY = 0.1
+LOWEST_FREQUENCY = 0.011
+HIGHEST_FREQUENCY = 2.83
+
+
+def bumps(*, height: float, length: float, spacing: float, count: int, start: float) -> Vector:
+    """Cosine bumps of ``height`` over ``length``, the first at ``start`` (all m)."""
+    s = np.arange(0.0, start + count * spacing + 2 * length, STEP)
+    profile = np.zeros_like(s)
+    for i in range(count):
+        part = (s - start - i * spacing) / length
+        inside = (part > 0) & (part < 1)
+        profile[inside] = 0.5 * height * (1 - np.cos(2 * np.pi * part[inside]))
+    return profile
+
+
+def random_tracks(
+    road_class: str, *, length: float, track: float, seed: int
+) -> tuple[Vector, Vector]:
+    """Left and right profile (m) of a road of that ISO 8608 class, waviness 2.
+
+    ``length`` and ``track`` (distance between the wheel tracks) in m. Long waves are common to both
+    tracks, short ones are not: their coherence at n cycles/m is 1/(1 + (n·track)²). Wavelengths of
+    0.35 to 90 m. Starts level. The same ``seed`` gives the same road.
+    """
+    if road_class not in CLASSES:
+        raise UnknownNameError("road class", road_class, CLASSES)
+    count = 2 ** int(np.ceil(np.log2(max(length, 2 / LOWEST_FREQUENCY) / STEP)))
+    frequency = np.fft.rfftfreq(count, STEP)
+    density = np.zeros_like(frequency)
+    band = (frequency >= LOWEST_FREQUENCY) & (frequency <= HIGHEST_FREQUENCY)
+    density[band] = CLASSES[road_class] * (frequency[band] / REFERENCE_FREQUENCY) ** -2
+    amplitude = np.sqrt(density * frequency[1] / 2) * count
+    phases = np.random.default_rng(seed).uniform(0.0, 2 * np.pi, (2, frequency.size))
+    first, second = amplitude * np.exp(1j * phases)
+    coherence = 1 / (1 + (frequency * track) ** 2)
+    mixed = coherence * first + np.sqrt(1 - coherence**2) * second
+    s = np.arange(count) * STEP
+    ease = np.clip(s / 10.0, 0.0, 1.0)
+    left, right = (np.fft.irfft(spectrum, count) * ease for spectrum in (first, mixed))
+    points = round(length / STEP) + 1
+    return left[:points], right[:points]

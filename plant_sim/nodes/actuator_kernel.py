@@ -1,0 +1,146 @@
+"""The smart actuator node: accepts, holds, times out, acknowledges and reports.
+
+The node works at 1 ms, on the plant's grid. A command frame counts once end-to-end protection
+lets it through; it is held until the command timeout, then the demand ramps to zero. A disabled
+node takes and acknowledges commands and delivers nothing.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.kernels.jit import njit
+from plant_sim.nodes import codec, e2e
+from plant_sim.nodes.codec import Codec
+
+SUSPENSION, BARS, DAMPERS, VALVES = range(4)
+
+# Status of a corner, as the DBC numbers it.
+STATUS_OK, STATUS_LIMITED, STATUS_STUCK, STATUS_FLOATING = range(4)
+# Kinds of faults, and columns of Actuators.fault.
+STUCK, FLOATING, WEAK = range(3)
+FAULT_CORNER, FAULT_KIND, FAULT_START, FAULT_END = range(4)
+
+# Slots of Actuators.flag. STATUS, LATCHED: one for each corner.
+(
+    KIND,
+    ENABLED,
+    POWERED,
+    HELD,
+    COUNTER,
+    SOURCE,
+    TIMEOUT,
+    T_ACCEPTED,
+    REJECTED,
+    STATUS,
+) = range(10)
+LATCHED = STATUS + 4
+N_FLAGS = LATCHED + 4
+NO_COUNTER = 15
+
+# Slots of Actuators.state: four channels each, then both axles each, then the hydraulics.
+DEMAND, REFERENCE, ACTUAL, APPLIED = 0, 4, 8, 12
+DELIVERED, ESTIMATE = 16, 18
+HYDRAULICS = 20
+N_STATE = HYDRAULICS + 10
+
+# Columns of Actuators.message.
+MESSAGE, FIRST_SIGNAL, CHANNELS = range(3)
+
+# Room in the node's tables: accepted messages, points of the damper map, faults.
+MESSAGES, CURVE_POINTS, FAULTS = 2, 8, 8
+
+
+class Actuators(NamedTuple):
+    """One actuator node: configuration, state, accepted messages with their E2E receivers."""
+
+    setting: NDArray[np.float64]
+    curve: NDArray[np.float64]
+    state: NDArray[np.float64]
+    flag: NDArray[np.int64]
+    message: NDArray[np.int64]
+    receiver: NDArray[np.int64]
+    report: NDArray[np.int64]
+    fault: NDArray[np.int64]
+    fault_value: NDArray[np.float64]
+    supervision: e2e.Supervision
+
+
+@njit
+def listens(node: Actuators, tables: Codec, ident: int) -> int:
+    """Which of the node's messages carries ``ident``; -1 for none."""
+    for which in range(MESSAGES):
+        message = node.message[which, MESSAGE]
+        if message >= 0 and tables.message[message, codec.IDENT] == ident:
+            return which
+    return -1
+
+
+@njit
+def receive(node: Actuators, tables: Codec, which: int, word: int, t_ns: int) -> bool:
+    """Take a command frame in at ``t_ns``; whether it was accepted.
+
+    A signal that carries the error or not-available code demands nothing of its channel.
+    """
+    row = node.message[which]
+    data_id = tables.message[row[MESSAGE], codec.DATA_ID]
+    status = e2e.check(node.receiver[which], node.supervision, data_id, word)
+    if status not in (e2e.OK, e2e.SOME_LOST, e2e.INITIAL):
+        node.flag[REJECTED] += 1
+        return False
+    for channel in range(row[CHANNELS]):
+        signal = row[FIRST_SIGNAL] + channel
+        raw = codec.extract(tables, signal, word)
+        value = raw * tables.scaling[signal, codec.SCALE] + tables.scaling[signal, codec.OFFSET]
+        node.state[DEMAND + channel] = value if codec.valid(tables, signal, raw) else 0.0
+    node.flag[HELD] = 1
+    node.flag[COUNTER] = (word >> 8) & 0xF
+    node.flag[SOURCE] = which
+    node.flag[T_ACCEPTED] = t_ns
+    return True
+
+
+@njit
+def supervise(node: Actuators, t_ns: int) -> None:
+    """Let go of a command that has not been renewed within the timeout."""
+    if node.flag[HELD] and t_ns - node.flag[T_ACCEPTED] > node.flag[TIMEOUT]:
+        node.flag[HELD] = 0
+        node.state[DEMAND : DEMAND + 4] = 0.0
+
+
+@njit
+def fault_of(node: Actuators, first: int, last: int, t_ns: int) -> int:
+    """Row of the worst fault that corners ``first`` to ``last`` have at ``t_ns``; -1 for none."""
+    found = -1
+    for number in range(FAULTS):
+        if not first <= node.fault[number, FAULT_CORNER] <= last:
+            continue
+        active = node.fault[number, FAULT_START] <= t_ns < node.fault[number, FAULT_END]
+        if active and (found < 0 or node.fault[number, FAULT_KIND] < node.fault[found, FAULT_KIND]):
+            found = number
+    return found
+
+
+@njit
+def set_status(node: Actuators, first: int, last: int, status: int) -> None:
+    """Note the status of corners ``first`` to ``last``; the worst stays until it is reported."""
+    for corner in range(first, last + 1):
+        node.flag[STATUS + corner] = status
+        node.flag[LATCHED + corner] = max(node.flag[LATCHED + corner], status)
+
+
+@njit
+def report(node: Actuators, tables: Codec) -> int:
+    """Payload word of ActuatorState without counters and checksum; clears the latched status."""
+    word = 0
+    for axle in range(2):
+        signal = node.report[axle]
+        raw = codec.raw_value(tables, signal, node.state[ESTIMATE + axle])
+        word = codec.insert(tables, signal, word, raw)
+    for corner in range(4):
+        word = codec.insert(tables, node.report[2 + corner], word, node.flag[LATCHED + corner])
+        node.flag[LATCHED + corner] = node.flag[STATUS + corner]
+    word = codec.insert(tables, node.report[6], word, node.flag[ENABLED])
+    word = codec.insert(tables, node.report[7], word, node.flag[HELD])
+    return codec.insert(tables, node.report[8], word, node.flag[COUNTER])

@@ -1,0 +1,262 @@
+"""What the four kinds of roll actuators do in one step of 1 ms.
+
+Forces act on the body, upwards, with their reaction on the wheel; moments lift the left side.
+Force over a step is the mean of its values at both ends, so that a lag costs no half step.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.bodies import ports
+from plant_sim.kernels.jit import njit
+from plant_sim.nodes import hydraulics
+from plant_sim.nodes.actuator_kernel import (
+    ACTUAL,
+    APPLIED,
+    BARS,
+    DAMPERS,
+    DELIVERED,
+    DEMAND,
+    ENABLED,
+    ESTIMATE,
+    FAULT_KIND,
+    FLOATING,
+    HELD,
+    HYDRAULICS,
+    KIND,
+    POWERED,
+    REFERENCE,
+    SOURCE,
+    STATUS_FLOATING,
+    STATUS_LIMITED,
+    STATUS_OK,
+    STATUS_STUCK,
+    STUCK,
+    SUSPENSION,
+    WEAK,
+    Actuators,
+    fault_of,
+    set_status,
+)
+
+# Slots of Actuators.setting. LAG is the share of the way to its reference that a channel goes in
+# a step, RATE and RAMP the reference's change in a step while a command is held and after it.
+(
+    LAG,
+    LIMIT,
+    RATE,
+    RAMP,
+    POWER,
+    TRACK_FRONT,
+    TRACK_REAR,
+    ESTIMATE_GAIN,
+    ESTIMATE_LAG,
+    CURRENT_LIMIT,
+    TORQUE_LOOP,
+    INTEGRATED,
+    HYDRAULIC_PARAMETERS,
+) = range(13)
+
+# Second message of the nodes that take two, besides currents.
+FORCES = MOMENTS = 1
+
+Vector = NDArray[np.float64]
+
+
+@njit
+def clip(value: float, limit: float) -> float:
+    """``value`` within ± ``limit``."""
+    return min(max(value, -limit), limit)
+
+
+@njit
+def refer(node: Actuators, channel: int, demand: float) -> bool:
+    """Move a channel's reference towards ``demand``; whether limit or rate bound it."""
+    setting, state = node.setting, node.state
+    kept = clip(demand, setting[LIMIT])
+    change = setting[RATE] if node.flag[HELD] else setting[RAMP]
+    step = kept - state[REFERENCE + channel]
+    state[REFERENCE + channel] += clip(step, change)
+    return bool(kept != demand or abs(step) > change)
+
+
+@njit
+def settle(  # noqa: PLR0917
+    node: Actuators, channel: int, first: int, last: int, target: float, bound: bool, t_ns: int
+) -> None:
+    """Follow ``target`` with the lag, unless a fault of corners ``first`` to ``last`` forbids."""
+    state = node.state
+    status = STATUS_LIMITED if bound else STATUS_OK
+    gain = 1.0
+    fault = fault_of(node, first, last, t_ns)
+    if not node.flag[POWERED]:
+        target, status = 0.0, STATUS_FLOATING
+    elif fault >= 0:
+        kind = node.fault[fault, FAULT_KIND]
+        if kind == STUCK:
+            target, status = state[ACTUAL + channel], STATUS_STUCK
+        elif kind == FLOATING:
+            target, status = 0.0, STATUS_FLOATING
+        else:
+            gain, status = node.fault_value[fault], STATUS_LIMITED
+    before = state[ACTUAL + channel]
+    state[ACTUAL + channel] += node.setting[LAG] * (target * gain - before)
+    state[APPLIED + channel] = 0.5 * (before + state[ACTUAL + channel])
+    set_status(node, first, last, status)
+
+
+@njit
+def _suspension(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
+    state = node.state
+    for corner in range(4):
+        demand = state[DEMAND + corner] if node.flag[ENABLED] else 0.0
+        bound = refer(node, corner, demand)
+        target = state[REFERENCE + corner]
+        stroke = outputs[ports.TRAVEL_RATE + corner]
+        if target * stroke > node.setting[POWER]:
+            target = node.setting[POWER] / stroke
+            bound = True
+        settle(node, corner, corner, corner, target, bound, t_ns)
+        inputs[ports.CORNER_FORCE + corner] = state[APPLIED + corner]
+
+
+@njit
+def _bars(node: Actuators, inputs: Vector, t_ns: int) -> None:
+    state = node.state
+    for axle in range(2):
+        demand = state[DEMAND + axle] if node.flag[ENABLED] else 0.0
+        bound = refer(node, axle, demand)
+        # A bar joins both corners of its axle: the worse of their faults decides.
+        settle(node, axle, 2 * axle, 2 * axle + 1, state[REFERENCE + axle], bound, t_ns)
+        inputs[ports.BAR_MOMENT_FRONT + axle] = state[APPLIED + axle]
+
+
+@njit
+def span(curve: Vector, rate: float) -> float:
+    """Force (N) between softest and firmest setting at stroke rate ``rate`` >= 0 (m/s).
+
+    ``curve`` (3, n): rates, soft and firm forces; the last slope goes on beyond the last rate.
+    """
+    last = curve.shape[1] - 1
+    k = 1
+    while k < last and rate > curve[0, k]:
+        k += 1
+    share = (rate - curve[0, k - 1]) / (curve[0, k] - curve[0, k - 1])
+    low = curve[2, k - 1] - curve[1, k - 1]
+    high = curve[2, k] - curve[1, k]
+    return float(max(low + share * (high - low), 0.0))
+
+
+@njit
+def semi_active_setting(curve: Vector, force: float, stroke_rate: float) -> float:
+    """Damper setting (0 soft to 1 firm) for ``force`` (N) on the body on top of the soft one.
+
+    The four conditions of Yim 2020 (25) to (28), one corner at a time: a damper only opposes its
+    stroke, so a force along the stroke gets the softest setting.
+    """
+    if force * stroke_rate >= 0.0:
+        return 0.0
+    room = span(curve, abs(stroke_rate))
+    if abs(force) >= room:
+        return 1.0
+    return abs(force) / room
+
+
+@njit
+def _dampers(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
+    state = node.state
+    for corner in range(4):
+        stroke = outputs[ports.TRAVEL_RATE + corner]
+        demand = state[DEMAND + corner] if node.flag[ENABLED] else 0.0
+        if node.flag[SOURCE] == FORCES:
+            wanted = semi_active_setting(node.curve, demand, stroke)
+        else:
+            wanted = demand * 1e-3 / node.setting[CURRENT_LIMIT]
+        bound = refer(node, corner, max(wanted, 0.0))
+        settle(node, corner, corner, corner, state[REFERENCE + corner], bound, t_ns)
+        force = state[APPLIED + corner] * span(node.curve, abs(stroke))
+        inputs[ports.CORNER_FORCE + corner] = -force if stroke > 0.0 else force
+
+
+@njit
+def _valve_current(node: Actuators, axle: int, actual: float) -> float:
+    """Current (A) that the axle's command asks for; a disabled node keeps the moment at zero."""
+    parameters, loop = node.setting[HYDRAULIC_PARAMETERS:], node.setting[TORQUE_LOOP]
+    if not node.flag[ENABLED] or not node.flag[HELD]:
+        return hydraulics.torque_loop(parameters, loop, 0.0, actual)
+    demand = node.state[DEMAND + axle]
+    if node.flag[SOURCE] == MOMENTS:
+        return hydraulics.torque_loop(parameters, loop, demand, actual)
+    return float(demand * 1e-3)
+
+
+@njit
+def _valve_axle(node: Actuators, axle: int, outputs: Vector, inputs: Vector, t_ns: int) -> int:
+    """Let one electro-hydraulic bar work for a step; its status."""
+    state, setting = node.state, node.setting
+    parameters = setting[HYDRAULIC_PARAMETERS:]
+    first = HYDRAULICS + 5 * axle
+    motor = state[first : first + 5]
+    angle = outputs[ports.BAR_ANGLE + axle] if setting[INTEGRATED] else motor[hydraulics.ANGLE]
+    before = hydraulics.active_moment(parameters, angle)
+    wanted = _valve_current(node, axle, before)
+    current = clip(wanted, setting[CURRENT_LIMIT])
+    status = STATUS_OK if current == wanted else STATUS_LIMITED
+    fault = fault_of(node, 2 * axle, 2 * axle + 1, t_ns)
+    kind = node.fault[fault, FAULT_KIND] if fault >= 0 else -1
+    locked = not node.flag[POWERED] or kind == FLOATING
+    if locked:
+        current, status = 0.0, STATUS_FLOATING
+    elif kind == STUCK:
+        current, status = 0.0, STATUS_STUCK
+    elif kind == WEAK:
+        current, status = current * node.fault_value[fault], STATUS_LIMITED
+    if setting[INTEGRATED]:
+        inputs[ports.VALVE_CURRENT_FRONT + axle] = current
+        state[APPLIED + axle] = before
+        return status
+    if locked or not node.flag[ENABLED]:
+        # The fail-safe valve holds the shaft in the middle: a plain bar.
+        motor[:] = 0.0
+    else:
+        left = 2 * axle
+        span = 2.0 * setting[TRACK_FRONT + axle]
+        roll = (outputs[ports.TRAVEL + left] - outputs[ports.TRAVEL + left + 1]) / span
+        rate = (outputs[ports.TRAVEL_RATE + left] - outputs[ports.TRAVEL_RATE + left + 1]) / span
+        if hydraulics.advance(motor, parameters, current, roll, rate):
+            status = max(status, STATUS_LIMITED)
+    after = hydraulics.active_moment(parameters, motor[hydraulics.ANGLE])
+    state[APPLIED + axle] = 0.5 * (before + after)
+    inputs[ports.BAR_MOMENT_FRONT + axle] = state[APPLIED + axle]
+    return status
+
+
+@njit
+def _valves(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
+    for axle in range(2):
+        status = _valve_axle(node, axle, outputs, inputs, t_ns)
+        set_status(node, 2 * axle, 2 * axle + 1, status)
+
+
+@njit
+def act(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
+    """Fill the actuator slots of ``inputs`` for the step that begins at ``t_ns``."""
+    state, setting = node.state, node.setting
+    kind = node.flag[KIND]
+    if kind == SUSPENSION:
+        _suspension(node, outputs, inputs, t_ns)
+    elif kind == BARS:
+        _bars(node, inputs, t_ns)
+    elif kind == DAMPERS:
+        _dampers(node, outputs, inputs, t_ns)
+    else:
+        _valves(node, outputs, inputs, t_ns)
+    for axle in range(2):
+        if kind in (SUSPENSION, DAMPERS):
+            left = ports.CORNER_FORCE + 2 * axle
+            total = setting[TRACK_FRONT + axle] * (inputs[left] - inputs[left + 1])
+        else:
+            total = state[APPLIED + axle]
+        state[DELIVERED + axle] = total
+        error = setting[ESTIMATE_GAIN] * total - state[ESTIMATE + axle]
+        state[ESTIMATE + axle] += setting[ESTIMATE_LAG] * error

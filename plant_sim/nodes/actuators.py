@@ -1,0 +1,232 @@
+"""Actuator options, and the node made of them for one vehicle."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.nodes import actuator_kernel, codec, e2e, hydraulics
+from plant_sim.nodes.actuator_kernel import Actuators
+from vehicles.model import SemiActiveDampers, Vehicle
+
+KINDS = {
+    "suspension": actuator_kernel.SUSPENSION,
+    "bars": actuator_kernel.BARS,
+    "dampers": actuator_kernel.DAMPERS,
+    "valves": actuator_kernel.VALVES,
+}
+"""Actuators by name: four-corner active suspension, active anti-roll bars, semi-active dampers,
+electro-hydraulic bars."""
+
+COMMANDS = {
+    "suspension": (("SuspensionForceCommand", "ForceFrontLeft", 4),),
+    "bars": (("AntiRollBarCommand", "TorqueFront", 2),),
+    "dampers": (
+        ("DamperCommand", "CurrentFrontLeft", 4),
+        ("SuspensionForceCommand", "ForceFrontLeft", 4),
+    ),
+    "valves": (("ValveCommand", "CurrentFront", 2), ("AntiRollBarCommand", "TorqueFront", 2)),
+}
+"""Messages that each node takes: name, first signal, channels. Dampers turn forces into settings
+by the rule of a semi-active device, valves close a torque loop on moments, both at 1 ms."""
+
+CORNERS = ("front_left", "front_right", "rear_left", "rear_right")
+FAULTS = {
+    "stuck": actuator_kernel.STUCK,
+    "floating": actuator_kernel.FLOATING,
+    "weak": actuator_kernel.WEAK,
+}
+
+NOMINAL_TEMPERATURE = 40.0
+NOMINAL_SUPPLY = 13.5
+LOWEST_SUPPLY = 9.0
+RAMP_TIME = 0.1
+TORQUE_LOOP_BANDWIDTH = 40.0
+# Hydraulic oil's viscosity falls by about 2.3 % a kelvin around its working temperature.
+THICKENING_PER_KELVIN = 0.023
+THICKEST, THINNEST = 10.0, 0.5
+
+_REPORT = (
+    "DeliveredMomentFront",
+    "DeliveredMomentRear",
+    "StatusFrontLeft",
+    "StatusFrontRight",
+    "StatusRearLeft",
+    "StatusRearRight",
+    "Enabled",
+    "CommandHeld",
+    "AcceptedCounter",
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActuatorFault:
+    """A fault of the actuator at ``corner`` from ``start`` to ``end`` (s).
+
+    Kinds: "stuck" holds what is delivered, "floating" delivers nothing, "weak" delivers the share
+    ``value`` of what is asked.
+    """
+
+    corner: str
+    kind: str
+    start: float = 0.0
+    end: float = math.inf
+    value: float = 0.5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActuatorOptions:
+    """How the vehicle's actuators are run.
+
+    ``estimate_error``: gain error of the delivered-moment estimate, within ± 0.2;
+    ``estimate_lag`` (s) its first-order lag. ``oil_temperature`` (°C): cold oil slows hydraulic
+    actuators. ``supply`` (V): below nominal, limits shrink in proportion; below 9 V nothing is
+    delivered.
+    """
+
+    estimate_error: float = 0.0
+    estimate_lag: float = 0.005
+    oil_temperature: float = NOMINAL_TEMPERATURE
+    supply: float = NOMINAL_SUPPLY
+    supervision: e2e.Supervision = field(default_factory=e2e.Supervision)
+    faults: tuple[ActuatorFault, ...] = ()
+
+
+def thickening(temperature: float) -> float:
+    """Viscosity of the hydraulic oil at ``temperature`` (°C) over that at 40 °C."""
+    exponent = THICKENING_PER_KELVIN * (NOMINAL_TEMPERATURE - temperature)
+    return min(max(math.exp(exponent), THINNEST), THICKEST)
+
+
+def _approach(lag: float) -> float:
+    return 1 - math.exp(-1e-3 / lag) if lag > 0 else 1.0
+
+
+def _settings(
+    vehicle: Vehicle, kind: str, options: ActuatorOptions, integrated: bool
+) -> list[float]:
+    """Lag, limit, rate, power of one channel with oil and supply taken in; inf where unlimited."""
+    data = vehicle.actuators
+    cold = thickening(options.oil_temperature)
+    power = min(options.supply / NOMINAL_SUPPLY, 1.0)
+    if kind == "suspension":
+        active = data.suspension
+        values = (active.lag * cold, active.force_limit * power, active.force_rate_limit * power)
+        watts = active.power_limit * power
+    elif kind == "bars":
+        bars = data.bars
+        values = (bars.lag * cold, bars.torque_limit * power, bars.torque_rate_limit * power)
+        watts = math.inf
+    elif kind == "dampers":
+        values = (data.dampers.lag, power, math.inf)
+        watts = math.inf
+    else:
+        values = (0.0, math.inf, math.inf)
+        watts = math.inf
+    lag, limit, rate = values
+    ramp = limit / RAMP_TIME * 1e-3 if math.isfinite(limit) else math.inf
+    return [
+        _approach(lag),
+        limit,
+        rate * 1e-3,
+        min(ramp, rate * 1e-3),
+        watts,
+        vehicle.geometry.half_track_front,
+        vehicle.geometry.half_track_rear,
+        1 + options.estimate_error,
+        _approach(options.estimate_lag),
+        data.valves.current_limit * power if kind == "valves" else data.dampers.current_limit,
+        TORQUE_LOOP_BANDWIDTH,
+        float(integrated),
+    ]
+
+
+def _check(kind: str, options: ActuatorOptions, timeout_ms: float) -> None:
+    if kind not in KINDS:
+        raise UnknownNameError("actuator", kind, KINDS)
+    if abs(options.estimate_error) > 0.2:
+        raise CanrollError("actuators: estimate_error must lie within -0.2 and 0.2")
+    if not timeout_ms > 0:
+        raise CanrollError("actuators: the command timeout must be positive")
+    if len(options.faults) > actuator_kernel.FAULTS:
+        raise CanrollError(f"actuators: at most {actuator_kernel.FAULTS} faults in a run")
+    for fault in options.faults:
+        if fault.corner not in CORNERS:
+            raise UnknownNameError("corner", fault.corner, CORNERS)
+        if fault.kind not in FAULTS:
+            raise UnknownNameError("actuator fault", fault.kind, FAULTS)
+        if not 0 <= fault.start < fault.end:
+            raise CanrollError(f"actuator fault at {fault.corner}: start must be before end")
+
+
+def _curve(data: SemiActiveDampers) -> NDArray[np.float64]:
+    """Rates, soft and firm forces (3, n), the last slope carried on to fill the table."""
+    curve = np.array([data.rate, data.soft_force, data.firm_force])
+    if curve.shape[1] > actuator_kernel.CURVE_POINTS:
+        raise CanrollError(f"dampers: at most {actuator_kernel.CURVE_POINTS} points in their map")
+    slope = curve[:, -1] - curve[:, -2]
+    missing = np.arange(1, actuator_kernel.CURVE_POINTS - curve.shape[1] + 1)
+    return np.hstack([curve, curve[:, -1:] + slope[:, None] * missing])
+
+
+def _fault_tables(
+    faults: tuple[ActuatorFault, ...],
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    table = np.full((actuator_kernel.FAULTS, 4), -1, dtype=np.int64)
+    value = np.zeros(actuator_kernel.FAULTS)
+    for number, fault in enumerate(faults):
+        end = fault.end * 1e9 if math.isfinite(fault.end) else 2**62
+        table[number] = (
+            CORNERS.index(fault.corner),
+            FAULTS[fault.kind],
+            round(fault.start * 1e9),
+            round(end),
+        )
+        value[number] = fault.value
+    return table, value
+
+
+def build(
+    vehicle: Vehicle,
+    kind: str,
+    *,
+    options: ActuatorOptions,
+    enabled: bool,
+    timeout_ms: float,
+    integrated: bool = False,
+) -> Actuators:
+    """Actuator node of ``vehicle``; ``integrated``: the body itself has the electro-hydraulics."""
+    _check(kind, options, timeout_ms)
+    flag = np.zeros(actuator_kernel.N_FLAGS, dtype=np.int64)
+    flag[actuator_kernel.KIND] = KINDS[kind]
+    flag[actuator_kernel.ENABLED] = enabled
+    flag[actuator_kernel.POWERED] = options.supply >= LOWEST_SUPPLY
+    flag[actuator_kernel.COUNTER] = actuator_kernel.NO_COUNTER
+    flag[actuator_kernel.TIMEOUT] = round(timeout_ms * 1e6)
+    message = np.full((actuator_kernel.MESSAGES, 3), -1, dtype=np.int64)
+    for row, (name, first, channels) in zip(message, COMMANDS[kind], strict=False):
+        row[:] = codec.message_index(name), codec.signal_index(name, first), channels
+    fault, value = _fault_tables(options.faults)
+    return Actuators(
+        setting=np.concatenate(
+            [
+                _settings(vehicle, kind, options, integrated),
+                hydraulics.parameters(
+                    vehicle.actuators.valves, thickening=thickening(options.oil_temperature)
+                ),
+            ]
+        ),
+        curve=_curve(vehicle.actuators.dampers),
+        state=np.zeros(actuator_kernel.N_STATE),
+        flag=flag,
+        message=message,
+        receiver=np.array([e2e.receiver_state(options.supervision)] * actuator_kernel.MESSAGES),
+        report=np.array(
+            [codec.signal_index("ActuatorState", name) for name in _REPORT], dtype=np.int64
+        ),
+        fault=fault,
+        fault_value=value,
+        supervision=options.supervision,
+    )

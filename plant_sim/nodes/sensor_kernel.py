@@ -1,0 +1,199 @@
+"""Sensor nodes: from the plant's true motion to protected payloads at the DBC's cycle times.
+
+Every channel is filtered by a first-order low-pass at 1 ms, sampled at its node's own clock
+(between two steps of the plant, linearly), then takes noise, bias, drift, faults, range and LSB.
+Noise is white up to the low-pass: an Ornstein-Uhlenbeck process advanced exactly from sample to
+sample, of variance density² · bandwidth · π/2.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.bodies import ports
+from plant_sim.kernels.jit import njit
+from plant_sim.kernels.random import uniform
+from plant_sim.nodes import codec, e2e
+from plant_sim.nodes.codec import Codec
+from plant_sim.nodes.imu_motion import FORCE, RATE, specific_motion
+
+# Channels, in the order of the DBC's signals, node by node.
+ROLL_RATE, LATERAL, YAW_RATE = 0, 1, 2
+SPEED, STEERING, LONGITUDINAL = 3, 4, 5
+STROKE_RATE, TRAVEL = 6, 10
+REFERENCE = 14
+N_CHANNELS = 17
+
+# Columns of Sensors.channel; from FILTERED on they are state.
+(
+    KEEP,
+    OLD,
+    NEW,
+    NOISE,
+    NOISE_MEMORY,
+    BIAS,
+    DRIFT_STEP,
+    RANGE,
+    LSB,
+    TO_BUS,
+    FILTERED,
+    PREVIOUS,
+    COLOURED,
+    DRIFT,
+    LAST,
+    INPUT,
+    N_COLUMNS,
+) = range(17)
+# Columns of Sensors.node. The message of a node without channels is built elsewhere.
+(
+    MESSAGE,
+    FIRST_CHANNEL,
+    CHANNELS,
+    PERIOD,
+    LATENCY,
+    NEXT,
+    SAMPLES,
+    SAMPLE_SIGNAL,
+    BUS_NODE,
+    N_NODE_COLUMNS,
+) = range(10)
+# Columns of Sensors.fault, and kinds of faults.
+FAULT_CHANNEL, FAULT_KIND, FAULT_START, FAULT_END = range(4)
+STUCK, OFFSET, DROPOUT, BURST, INVALID = range(5)
+# Room for faults; an unused row has channel -1.
+FAULTS = 16
+
+STEP = 1e-3
+STEP_NS = 1_000_000
+
+
+class Sensors(NamedTuple):
+    """Tables of every sensor node.
+
+    ``mounting`` (9) turns body axes into the IMU's, ``arm`` (3) is its place (m from the sprung
+    CG), ``motion`` (6) what it feels there.
+    """
+
+    channel: NDArray[np.float64]
+    signal: NDArray[np.int64]
+    node: NDArray[np.int64]
+    fault: NDArray[np.int64]
+    fault_value: NDArray[np.float64]
+    mounting: NDArray[np.float64]
+    arm: NDArray[np.float64]
+    motion: NDArray[np.float64]
+    steering_ratio: NDArray[np.float64]
+
+
+@njit
+def normal(seed: int, stream: int, count: int) -> float:
+    """Standard normal draw number ``count`` of ``stream`` (Box and Muller)."""
+    radius = math.sqrt(-2.0 * math.log(1.0 - uniform(seed, stream, 2 * count)))
+    return radius * math.cos(2.0 * math.pi * uniform(seed, stream, 2 * count + 1))
+
+
+@njit
+def _low_pass(channel: NDArray[np.float64], index: int, value: float) -> None:
+    # Exact for an input that is linear over the step.
+    row = channel[index]
+    row[PREVIOUS] = row[FILTERED]
+    row[FILTERED] = row[KEEP] * row[FILTERED] + row[OLD] * row[INPUT] + row[NEW] * value
+    row[INPUT] = value
+
+
+@njit
+def _along(mounting: NDArray[np.float64], axis: int, vector: NDArray[np.float64], at: int) -> float:
+    total = 0.0
+    for k in range(3):
+        total += mounting[3 * axis + k] * vector[at + k]
+    return total
+
+
+@njit
+def observe(sensors: Sensors, inputs: NDArray[np.float64], outputs: NDArray[np.float64]) -> None:
+    """Take in the plant's motion at the end of a step and advance the channels' low-passes."""
+    motion, turn, channel = sensors.motion, sensors.mounting, sensors.channel
+    specific_motion(inputs, outputs, sensors.arm, motion)
+    _low_pass(channel, ROLL_RATE, _along(turn, 0, motion, RATE))
+    _low_pass(channel, YAW_RATE, _along(turn, 2, motion, RATE))
+    _low_pass(channel, LONGITUDINAL, _along(turn, 0, motion, FORCE))
+    _low_pass(channel, LATERAL, _along(turn, 1, motion, FORCE))
+    _low_pass(channel, SPEED, outputs[ports.VX])
+    _low_pass(channel, STEERING, inputs[ports.STEER] * sensors.steering_ratio[0])
+    for wheel in range(4):
+        _low_pass(channel, STROKE_RATE + wheel, outputs[ports.TRAVEL_RATE + wheel])
+        _low_pass(channel, TRAVEL + wheel, outputs[ports.TRAVEL + wheel])
+    _low_pass(channel, REFERENCE, outputs[ports.ROLL])
+    _low_pass(channel, REFERENCE + 1, outputs[ports.ROLL_RATE])
+    _low_pass(channel, REFERENCE + 2, outputs[ports.AY])
+
+
+@njit
+def measure(  # noqa: PLR0917
+    sensors: Sensors, index: int, back: float, t_ns: int, count: int, seed: int
+) -> float:
+    """Value of a channel at a sample in the unit of the bus; nan where the sensor reports failure.
+
+    ``back`` is how far the instant ``t_ns`` lies before the last step, as a share of a step.
+    """
+    row = sensors.channel[index]
+    value = row[FILTERED] + back * (row[PREVIOUS] - row[FILTERED])
+    if row[NOISE] > 0.0:
+        fresh = math.sqrt(1.0 - row[NOISE_MEMORY] ** 2) * normal(seed, index, count)
+        row[COLOURED] = row[NOISE_MEMORY] * row[COLOURED] + fresh
+        value += row[NOISE] * row[COLOURED]
+    if row[DRIFT_STEP] > 0.0:
+        row[DRIFT] += row[DRIFT_STEP] * normal(seed, N_CHANNELS + index, count)
+    value += row[BIAS] + row[DRIFT]
+    for number in range(FAULTS):
+        fault = sensors.fault[number]
+        if fault[FAULT_CHANNEL] != index or not fault[FAULT_START] <= t_ns < fault[FAULT_END]:
+            continue
+        if fault[FAULT_KIND] == STUCK:
+            return float(row[LAST] * row[TO_BUS])
+        if fault[FAULT_KIND] == INVALID:
+            return math.nan
+        if fault[FAULT_KIND] == OFFSET:
+            value += sensors.fault_value[number]
+        elif fault[FAULT_KIND] == BURST:
+            value += sensors.fault_value[number] * normal(seed, 2 * N_CHANNELS + number, count)
+    value = min(max(value, -row[RANGE]), row[RANGE])
+    if row[LSB] > 0.0:
+        value = math.floor(value / row[LSB] + 0.5) * row[LSB]
+    row[LAST] = value
+    return float(value * row[TO_BUS])
+
+
+@njit
+def silent(sensors: Sensors, node: int, t_ns: int) -> bool:
+    """Whether a dropout keeps the node from sending its sample of ``t_ns``."""
+    first = sensors.node[node, FIRST_CHANNEL]
+    for number in range(FAULTS):
+        fault = sensors.fault[number]
+        ours = first <= fault[FAULT_CHANNEL] < first + sensors.node[node, CHANNELS]
+        if ours and fault[FAULT_KIND] == DROPOUT and fault[FAULT_START] <= t_ns < fault[FAULT_END]:
+            return True
+    return False
+
+
+@njit
+def sample(  # noqa: PLR0917
+    sensors: Sensors, tables: Codec, node: int, t_ns: int, now_ns: int, seed: int, word: int
+) -> int:
+    """Payload of the node's sample at ``t_ns``, protected; ``now_ns`` is the last step's end.
+
+    ``word`` holds what the node puts in by itself; its counters advance.
+    """
+    row = sensors.node[node]
+    count = row[SAMPLES]
+    back = (now_ns - t_ns) / STEP_NS
+    for index in range(row[FIRST_CHANNEL], row[FIRST_CHANNEL] + row[CHANNELS]):
+        value = measure(sensors, index, back, t_ns, count, seed)
+        signal = sensors.signal[index]
+        word = codec.insert(tables, signal, word, codec.raw_value(tables, signal, value))
+    word = codec.insert(tables, row[SAMPLE_SIGNAL], word, count % 16)
+    row[SAMPLES] += 1
+    data_id = tables.message[row[MESSAGE], codec.DATA_ID]
+    return e2e.protect(data_id, count % e2e.COUNTERS, word)

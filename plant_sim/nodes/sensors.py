@@ -1,0 +1,223 @@
+"""Sensor options, and the tables made of them for one vehicle and seed."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.nodes import codec, sensor_kernel
+from plant_sim.nodes.imu_motion import N_MOTION
+from plant_sim.nodes.sensor_kernel import Sensors
+from vehicles.model import Channel, Vehicle
+
+NODES = (
+    "Imu",
+    "VehicleMotion",
+    "SuspensionRate",
+    "SuspensionTravel",
+    "RollReference",
+    "ActuatorState",
+)
+"""Messages of the plant's nodes in the order of the node table."""
+
+FAULTS = {
+    "stuck": sensor_kernel.STUCK,
+    "offset": sensor_kernel.OFFSET,
+    "dropout": sensor_kernel.DROPOUT,
+    "burst": sensor_kernel.BURST,
+    "invalid": sensor_kernel.INVALID,
+}
+
+_SIGNALS = (
+    ("Imu", ("RollRate", "LateralAcceleration", "YawRate")),
+    ("VehicleMotion", ("VehicleSpeed", "SteeringWheelAngle", "LongitudinalAcceleration")),
+    ("SuspensionRate", ("RateFrontLeft", "RateFrontRight", "RateRearLeft", "RateRearRight")),
+    (
+        "SuspensionTravel",
+        ("TravelFrontLeft", "TravelFrontRight", "TravelRearLeft", "TravelRearRight"),
+    ),
+    ("RollReference", ("RollAngle", "RollRate", "LateralAcceleration")),
+    ("ActuatorState", ()),
+)
+_PER_UNIT = {
+    "deg/s": 180 / math.pi,
+    "deg": 180 / math.pi,
+    "m/s2": 1.0,
+    "km/h": 3.6,
+    "mm": 1e3,
+    "mm/s": 1e3,
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorFault:
+    """A fault of one signal from ``start`` to ``end`` (s).
+
+    ``signal`` is written "Imu.RollRate". Kinds: "stuck" holds the last value, "offset" adds
+    ``value`` and "burst" white noise of deviation ``value`` (SI units), "dropout" keeps the whole
+    message off the bus, "invalid" sends the error code.
+    """
+
+    signal: str
+    kind: str
+    start: float = 0.0
+    end: float = math.inf
+    value: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorOptions:
+    """How the vehicle's sensors are run.
+
+    ``noise`` and ``bias`` scale the vehicle's figures (0 switches them off); the bias is drawn
+    from the seed, uniform within the vehicle's bound. ``filtered`` and ``delayed`` keep low-passes
+    and latencies. ``temperature`` is K above calibration; ``drift`` the random walk of each bias
+    per √s as a share of its bound. ``phases``: instant of a node's first sample (s) by message;
+    others are drawn from the seed within their cycle time, 0 for all where ``synchronous``.
+    ``lsb``: step of a sensor's own converter (SI units) by signal, where coarser than the bus's.
+    """
+
+    noise: float = 1.0
+    bias: float = 1.0
+    filtered: bool = True
+    delayed: bool = True
+    temperature: float = 0.0
+    drift: float = 0.0
+    phases: Mapping[str, float] = field(default_factory=dict)
+    synchronous: bool = False
+    lsb: Mapping[str, float] = field(default_factory=dict)
+    faults: tuple[SensorFault, ...] = ()
+
+    @classmethod
+    def ideal(cls, **changes: object) -> "SensorOptions":
+        """Sensors that say the truth as well as the bus can, at once."""
+        plain = {"noise": 0.0, "bias": 0.0, "filtered": False, "delayed": False}
+        return cls(**{**plain, **changes})  # type: ignore[arg-type]
+
+
+def delay(channel: Channel, *, options: SensorOptions) -> float:
+    """Delay of a slow signal from motion to queued frame (s): low-pass and latency."""
+    filtered = 1 / (2 * math.pi * channel.bandwidth) if options.filtered else 0.0
+    return filtered + (channel.latency if options.delayed else 0.0)
+
+
+def _channels(vehicle: Vehicle) -> list[Channel | None]:
+    data = vehicle.sensors
+    imu = [data.roll_rate, data.lateral_acceleration, data.yaw_rate]
+    motion = [data.speed, data.steering_wheel, data.longitudinal_acceleration]
+    return [*imu, *motion, *[data.suspension_rate] * 4, *[data.suspension_travel] * 4, *[None] * 3]
+
+
+def _rotation(angles: tuple[float, float, float]) -> NDArray[np.float64]:
+    """Turn of a vector into the axes of a sensor mounted askew by angles about x, y, z (rad)."""
+    (sx, sy, sz), (cx, cy, cz) = np.sin(angles), np.cos(angles)
+    about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
+    about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
+    about_z = np.array([[cz, -sz, 0], [sz, cz, 0], [0, 0, 1]])
+    return np.asarray((about_z @ about_y @ about_x).T, dtype=np.float64)
+
+
+def signal_channel(name: str) -> int:
+    """Row of the channel table for a signal written "Imu.RollRate"."""
+    names = [f"{message}.{signal}" for message, signals in _SIGNALS for signal in signals]
+    if name not in names:
+        raise UnknownNameError("sensor signal", name, names)
+    return names.index(name)
+
+
+def _low_pass(bandwidth: float) -> tuple[float, float, float]:
+    """Weights of the last output, the last input and the new one for input linear in a step."""
+    rate = 2 * math.pi * bandwidth * sensor_kernel.STEP
+    keep = math.exp(-rate)
+    mean = (1 - keep) / rate
+    return keep, mean - keep, 1 - mean
+
+
+def _channel(
+    data: Channel | None,
+    unit: str,
+    period: float,
+    options: SensorOptions,
+    draws: np.random.Generator,
+) -> NDArray[np.float64]:
+    row = np.zeros(sensor_kernel.N_COLUMNS)
+    row[sensor_kernel.NEW] = 1.0
+    row[sensor_kernel.RANGE] = math.inf
+    row[sensor_kernel.TO_BUS] = _PER_UNIT[unit]
+    if data is None:
+        return row
+    if options.filtered:
+        row[[sensor_kernel.KEEP, sensor_kernel.OLD, sensor_kernel.NEW]] = _low_pass(data.bandwidth)
+    warming = data.bias_per_kelvin * options.temperature
+    row[sensor_kernel.BIAS] = options.bias * (data.bias + abs(warming)) * draws.uniform(-1, 1)
+    row[sensor_kernel.DRIFT_STEP] = options.drift * options.bias * data.bias * math.sqrt(period)
+    row[sensor_kernel.NOISE] = (
+        options.noise * data.noise_density * math.sqrt(math.pi / 2 * data.bandwidth)
+    )
+    row[sensor_kernel.NOISE_MEMORY] = math.exp(-2 * math.pi * data.bandwidth * period)
+    row[sensor_kernel.RANGE] = data.range
+    return row
+
+
+def _fault(fault: SensorFault) -> list[int]:
+    if fault.kind not in FAULTS:
+        raise UnknownNameError("sensor fault", fault.kind, FAULTS)
+    if not 0 <= fault.start < fault.end:
+        raise CanrollError(f"sensor fault of {fault.signal}: start must be >= 0 and before end")
+    end = fault.end * 1e9 if math.isfinite(fault.end) else 2**62
+    return [signal_channel(fault.signal), FAULTS[fault.kind], round(fault.start * 1e9), round(end)]
+
+
+def build(vehicle: Vehicle, *, options: SensorOptions, seed: int) -> Sensors:
+    """Tables of all sensor nodes of ``vehicle``; the same seed gives the same sensors."""
+    for message in options.phases:
+        if message not in NODES:
+            raise UnknownNameError("sensor message", message, NODES)
+    tables = codec.load()
+    draws = np.random.default_rng([seed, 1])
+    data = _channels(vehicle)
+    channels: list[NDArray[np.float64]] = []
+    signals: list[int] = []
+    node = np.zeros((len(NODES), sensor_kernel.N_NODE_COLUMNS), dtype=np.int64)
+    for row, (message, names) in zip(node, _SIGNALS, strict=True):
+        index = codec.message_index(message)
+        period = int(tables.message[index, codec.CYCLE_MS]) * 1_000_000
+        drawn = 0 if options.synchronous else int(draws.integers(period))
+        members = data[len(channels) : len(channels) + len(names)]
+        latency = max((c.latency for c in members if c), default=0.0) if options.delayed else 0.0
+        row[sensor_kernel.MESSAGE] = index
+        row[sensor_kernel.FIRST_CHANNEL] = len(channels)
+        row[sensor_kernel.CHANNELS] = len(names)
+        row[sensor_kernel.PERIOD] = period
+        row[sensor_kernel.LATENCY] = round(latency * 1e9)
+        row[sensor_kernel.NEXT] = (
+            round(options.phases[message] * 1e9) if message in options.phases else drawn
+        )
+        row[sensor_kernel.SAMPLE_SIGNAL] = codec.signal_index(message, "SampleCounter")
+        for name, member in zip(names, members, strict=True):
+            signals.append(codec.signal_index(message, name))
+            unit = codec.unit(message, name)
+            channels.append(_channel(member, unit, period * 1e-9, options, draws))
+    channel = np.array(channels)
+    for name, step in options.lsb.items():
+        channel[signal_channel(name), sensor_kernel.LSB] = step
+    if len(options.faults) > sensor_kernel.FAULTS:
+        raise CanrollError(f"sensors: at most {sensor_kernel.FAULTS} faults in a run")
+    fault = np.full((sensor_kernel.FAULTS, 4), -1, dtype=np.int64)
+    value = np.zeros(sensor_kernel.FAULTS)
+    for number, entry in enumerate(options.faults):
+        fault[number], value[number] = _fault(entry), entry.value
+    return Sensors(
+        channel,
+        np.array(signals, dtype=np.int64),
+        node,
+        fault,
+        value,
+        _rotation(vehicle.sensors.imu_misalignment).ravel(),
+        np.array(vehicle.sensors.imu_position),
+        np.zeros(N_MOTION),
+        np.array([vehicle.steering.ratio]),
+    )

@@ -1,0 +1,185 @@
+"""Handling of the passive vehicle: understeer (ISO 4138), frequency response (ISO 7401), limits."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import atan, degrees, pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError, VerdictError
+from plant_sim.bodies import Body, ports
+from plant_sim.bodies.integrate import Vector
+from plant_sim.driving.drive import STEP_NS, Plan, make_drive, steady_steer, understeer
+from plant_sim.driving.driver import STEER_TABLE
+from plant_sim.driving.maneuvers import Maneuver, build
+from plant_sim.world.open_loop import run_passive
+from vehicles import GRAVITY, Vehicle
+
+SETTLED = 1000
+"""How many of the last milliseconds of a steady run are averaged."""
+
+LINEAR_ACCELERATION = 3.0
+"""Lateral acceleration (m/s²) up to which the gradients are fitted."""
+
+
+@dataclass(frozen=True, slots=True)
+class SteadyState:
+    """One steady turn, SI units: what ISO 4138 plots over the lateral acceleration."""
+
+    speed: float
+    lateral_acceleration: float
+    steer: float
+    roll: float
+    sideslip: float
+
+
+@dataclass(frozen=True, slots=True)
+class Understeer:
+    """Constant-radius test: its steady states, and gradients of their linear part.
+
+    ``gradient`` and ``closed_form`` in degrees of road-wheel angle per g, ``roll_gradient`` in
+    degrees per g, ``limit`` the largest steady lateral acceleration reached (m/s²).
+    """
+
+    radius: float
+    states: tuple[SteadyState, ...]
+    gradient: float
+    closed_form: float
+    roll_gradient: float
+    limit: float
+
+
+def constant_radius(vehicle: Vehicle, body: Body, *, radius: float = 100.0) -> Understeer:
+    """Drive a circle of ``radius`` (m) faster and faster, each speed to its steady state.
+
+    Raises
+    ------
+    CanrollError
+        The radius is below 20 m, where no driver holds a van's steady turn.
+    """
+    if not radius >= 20.0:
+        raise CanrollError(f"radius {radius:g} m: a steady-state circle has 20 m or more")
+    states = []
+    for lateral in np.arange(0.5, 12.0, 0.5):
+        speed = sqrt(lateral * radius)
+        if not 5 / 3.6 <= speed <= 160 / 3.6:
+            continue
+        maneuver = build("constant_radius", vehicle, speed, radius=radius)
+        outputs, steer = run_passive(vehicle, body, maneuver)
+        last = outputs[-SETTLED:].mean(axis=0)
+        off = abs(last[ports.PATH_ERROR]) > 0.05 * radius
+        if outputs[-1, ports.ROLLOVER] or off or last[ports.VX] < 0.95 * speed:
+            break
+        states.append(
+            SteadyState(
+                speed=float(last[ports.VX]),
+                lateral_acceleration=float(last[ports.AY]),
+                steer=float(steer[-SETTLED:].mean()),
+                roll=float(last[ports.ROLL]),
+                sideslip=atan(last[ports.VY] / last[ports.VX]),
+            )
+        )
+    linear = [state for state in states if state.lateral_acceleration <= LINEAR_ACCELERATION]
+    if len(linear) < 2:
+        raise VerdictError(f"{vehicle.name} reaches no steady turn on a circle of {radius:g} m")
+    lateral = np.array([state.lateral_acceleration for state in linear])
+    # What steering is left once the curvature really driven has had its share.
+    beyond = [
+        state.steer - vehicle.geometry.wheelbase * state.lateral_acceleration / state.speed**2
+        for state in linear
+    ]
+    roll = [state.roll for state in linear]
+    return Understeer(
+        radius=radius,
+        states=tuple(states),
+        gradient=degrees(np.polyfit(lateral, beyond, 1)[0]) * GRAVITY,
+        closed_form=degrees(understeer(vehicle)) * GRAVITY,
+        roll_gradient=degrees(np.polyfit(lateral, roll, 1)[0]) * GRAVITY,
+        limit=max(state.lateral_acceleration for state in states),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class FrequencyResponse:
+    """Complex response per road-wheel angle (rad) over ``frequency`` (Hz), SI units."""
+
+    speed: float
+    frequency: Vector
+    yaw_rate: NDArray[np.complex128]
+    lateral_acceleration: NDArray[np.complex128]
+    roll: NDArray[np.complex128]
+
+
+def frequency_response(
+    vehicle: Vehicle,
+    body: Body,
+    *,
+    speed: float = 100 / 3.6,
+    lateral_acceleration: float = 2.0,
+    frequencies: Vector | None = None,
+) -> FrequencyResponse:
+    """Steer in sines, one frequency after the other, and take each response's first harmonic.
+
+    ``lateral_acceleration`` (m/s²) is what the steering amplitude would hold in steady state;
+    ISO 7401 asks for 4 at most. Frequencies in Hz, 0.2 to 4 by default.
+    """
+    if frequencies is None:
+        frequencies = np.geomspace(0.2, 4.0, 14)
+    amplitude = steady_steer(vehicle, speed, lateral_acceleration)
+    step = STEP_NS * 1e-9
+    columns = (ports.YAW_RATE, ports.AY, ports.ROLL)
+    responses = np.empty((len(columns), frequencies.size), dtype=np.complex128)
+    for i, frequency in enumerate(frequencies):
+        period = round(1 / (frequency * step))
+        settle = period * int(np.ceil(4.0 / (period * step)))
+        measured = period * max(2, int(np.ceil(1.0 / (period * step))))
+        # The sine's period is a whole number of steps, so that the harmonic leaks nowhere.
+        phase = 2 * pi * np.arange(settle + measured) / period
+        plan = Plan(
+            (settle + measured) * step,
+            kind=STEER_TABLE,
+            table=amplitude * np.sin(phase),
+            table_step=step,
+            steer_rate=np.inf,
+        )
+        duration = (settle + measured) * STEP_NS
+        drive = make_drive(vehicle, speed, plan)
+        maneuver = Maneuver("sine", "sine", "ISO 7401", speed, duration, drive)
+        outputs, steer = run_passive(vehicle, body, maneuver)
+        # A row shows the car at the end of the step over which its steering was held: half a step
+        # later than that steering's mean.
+        window = np.exp(-1j * phase[settle:])
+        driven = steer[settle:] @ window
+        later = np.exp(-1j * pi / period)
+        for row, column in enumerate(columns):
+            responses[row, i] = (outputs[settle:, column] @ window) * later / driven
+    return FrequencyResponse(speed, frequencies, responses[0], responses[1], responses[2])
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedLimit:
+    """Highest speed (m/s) that passed and lowest that failed; None where none did."""
+
+    passed: float | None
+    failed: float | None
+
+
+def bisect_speed(
+    fails: Callable[[float], bool], *, low: float, high: float, tolerance: float
+) -> SpeedLimit:
+    """Find by bisection where ``fails(speed)`` turns true between ``low`` and ``high`` (m/s).
+
+    Assumes that more speed is never safer; ``tolerance`` (m/s) is the final bracket.
+    """
+    if fails(low):
+        return SpeedLimit(None, low)
+    if not fails(high):
+        return SpeedLimit(high, None)
+    while high - low > tolerance:
+        middle = 0.5 * (low + high)
+        if fails(middle):
+            high = middle
+        else:
+            low = middle
+    return SpeedLimit(low, high)

@@ -1,0 +1,117 @@
+"""The plant alone, without sensors, bus or controller: for tuning, limits and checks."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError
+from plant_sim.bodies import Body, initial_inputs, ports
+from plant_sim.bodies.integrate import Vector
+from plant_sim.driving.drive import STEP_NS
+from plant_sim.driving.driver import ACCELERATION_TABLE, Drive
+from plant_sim.driving.driver import drive as apply_drive
+from plant_sim.driving.maneuvers import Maneuver
+from plant_sim.kernels.jit import njit
+from plant_sim.world import recording
+from vehicles import Vehicle
+
+
+@njit
+def advance(  # noqa: PLR0917
+    step: Any,  # noqa: ANN401
+    state: Vector,
+    inputs: Vector,
+    parameters: Vector,
+    outputs: Vector,
+    dt: float,
+) -> None:
+    """One step of the body whose C function is ``step``, callable from Python."""
+    step(state, inputs, parameters, outputs, dt)
+
+
+class _Run(NamedTuple):
+    state: Vector
+    inputs: Vector
+    parameters: Vector
+    outputs: Vector
+    record: NDArray[np.float64]
+    steer: Vector
+
+
+@njit
+def _drive_through(step: Any, drive: Drive, run: _Run, step_ns: int) -> int:  # noqa: ANN401
+    """Run until the record is full or the car has rolled over; how many steps were recorded."""
+    for k in range(run.record.shape[0]):
+        apply_drive(k * step_ns, run.outputs, run.inputs, drive)
+        step(run.state, run.inputs, run.parameters, run.outputs, step_ns * 1e-9)
+        run.record[k] = run.outputs
+        run.steer[k] = run.inputs[ports.STEER]
+        if run.outputs[ports.ROLLOVER] != 0.0:
+            return k + 1
+    return int(run.record.shape[0])
+
+
+def start(
+    vehicle: Vehicle, body: Body, maneuver: Maneuver
+) -> tuple[Vector, Vector, Vector, Vector]:
+    """State, inputs, parameters and outputs of ``body`` before the first step of ``maneuver``.
+
+    Raises
+    ------
+    CanrollError
+        The manoeuvre prescribes the lateral acceleration, and the body makes its own by its tyres.
+    """
+    if maneuver.drive.kind == ACCELERATION_TABLE and body.name != "roll1":
+        raise CanrollError(
+            f"a lateral acceleration drives the plant roll1 alone: {body.name} makes its own, "
+            "give it a steering-wheel angle"
+        )
+    state, parameters = body.build(vehicle, maneuver.speed)
+    inputs, outputs = initial_inputs(), np.zeros(ports.N_OUTPUTS)
+    advance(body.step, state, inputs, parameters, outputs, 0.0)
+    return state, inputs, parameters, outputs
+
+
+def run_passive(
+    vehicle: Vehicle, body: Body, maneuver: Maneuver
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Drive ``maneuver`` with all actuators off.
+
+    Returns
+    -------
+    outputs
+        One row a millisecond, columns as in :mod:`plant_sim.bodies.ports`; ends early on a rollover.
+    steer
+        The road-wheel angle of each row (rad).
+    """
+    state, inputs, parameters, outputs = start(vehicle, body, maneuver)
+    steps = maneuver.duration_ns // STEP_NS
+    record = np.empty((steps, ports.N_OUTPUTS))
+    run = _Run(state, inputs, parameters, outputs, record, np.empty(steps))
+    count = _drive_through(body.step, maneuver.drive, run, STEP_NS)
+    return run.record[:count], run.steer[:count]
+
+
+def load_transfer(outputs: NDArray[np.float64], axle: int) -> NDArray[np.float64]:
+    """Normalised load transfer (F_zR − F_zL)/(F_zR + F_zL) of axle 0 (front) or 1 (rear).
+
+    ``outputs``: rows as :func:`run_passive` gives them. 0 where the whole axle is off the road.
+    """
+    left = outputs[:, ports.WHEEL_LOAD + 2 * axle]
+    right = outputs[:, ports.WHEEL_LOAD + 2 * axle + 1]
+    total = left + right
+    return np.divide(right - left, total, out=np.zeros_like(total), where=total > 0)
+
+
+def signals(
+    outputs: NDArray[np.float64], steer: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """The rows of :func:`run_passive` by signal name, as a world's recording names them."""
+    named = {
+        name: outputs[:, column]
+        for name, column in recording.SIGNALS.items()
+        if column < ports.N_OUTPUTS
+    }
+    time = (np.arange(1, len(outputs) + 1) * (STEP_NS * 1e-9)).astype(np.float64)
+    return {"time": time, **named, "steer": steer}

@@ -1,0 +1,113 @@
+"""What a run leaves behind: one row of every signal each millisecond, and every applied command."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.bodies import ports
+from plant_sim.kernels.jit import njit
+from plant_sim.nodes import actuator_kernel
+from plant_sim.nodes.actuator_kernel import Actuators
+
+INPUTS = ports.N_OUTPUTS
+ACTUATOR = INPUTS + ports.N_INPUTS
+N_COLUMNS = ACTUATOR + 13
+
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+AXLES = ("front", "rear")
+
+
+def _four(name: str, first: int) -> dict[str, int]:
+    return {f"{name}_{wheel}": first + i for i, wheel in enumerate(WHEELS)}
+
+
+def _two(name: str, first: int) -> dict[str, int]:
+    return {f"{name}_{axle}": first + i for i, axle in enumerate(AXLES)}
+
+
+SIGNALS: dict[str, int] = {
+    "x": ports.X,
+    "y": ports.Y,
+    "yaw": ports.YAW,
+    "vx": ports.VX,
+    "vy": ports.VY,
+    "ax": ports.AX,
+    "ay": ports.AY,
+    "yaw_rate": ports.YAW_RATE,
+    "yaw_acc": ports.YAW_ACC,
+    "roll": ports.ROLL,
+    "roll_rate": ports.ROLL_RATE,
+    "roll_acc": ports.ROLL_ACC,
+    "pitch": ports.PITCH,
+    "pitch_rate": ports.PITCH_RATE,
+    "pitch_acc": ports.PITCH_ACC,
+    "heave": ports.HEAVE,
+    "heave_rate": ports.HEAVE_RATE,
+    "heave_acc": ports.HEAVE_ACC,
+    **_four("wheel_load", ports.WHEEL_LOAD),
+    **_four("travel", ports.TRAVEL),
+    **_four("travel_rate", ports.TRAVEL_RATE),
+    **_four("wheel_speed", ports.WHEEL_SPEED),
+    **_four("wheel_height", ports.WHEEL_HEIGHT),
+    **_four("lateral_force", ports.LATERAL_FORCE),
+    "path_error": ports.PATH_ERROR,
+    "rollover": ports.ROLLOVER,
+    "two_wheel_lift": ports.TWO_WHEEL_LIFT,
+    **_two("bar_angle", ports.BAR_ANGLE),
+    **_two("bar_pressure", ports.BAR_PRESSURE),
+    "steer": INPUTS + ports.STEER,
+    "bank": INPUTS + ports.BANK,
+    "friction": INPUTS + ports.FRICTION,
+    **_four("corner_force", INPUTS + ports.CORNER_FORCE),
+    **_two("bar_moment", INPUTS + ports.BAR_MOMENT_FRONT),
+    **_two("valve_current", INPUTS + ports.VALVE_CURRENT_FRONT),
+    **_four("demand", ACTUATOR),
+    **_two("moment", ACTUATOR + 4),
+    **_two("moment_estimate", ACTUATOR + 6),
+    "command_held": ACTUATOR + 8,
+    **_four("status", ACTUATOR + 9),
+}
+"""Column of each recorded signal, SI units. ``demand``: the accepted command by channel (N, N·m or
+mA); ``moment``: delivered roll moment on the body by axle; ``status``: 0 OK, 1 limited, 2 stuck,
+3 floating."""
+
+# Columns of a row of applied commands.
+SAMPLED, SUBMITTED, RECEIVED, APPLIED, COUNTER, N_COMMAND = range(6)
+
+COMMAND = np.dtype(
+    [
+        ("t_sample", "i8"),
+        ("t_submitted", "i8"),
+        ("t_received", "i8"),
+        ("t_applied", "i8"),
+        ("counter", "i8"),
+    ]
+)
+"""One applied command, instants in ns; ``t_sample`` is -1 before the first sample."""
+
+
+@njit
+def record(
+    rows: NDArray[np.float64],
+    number: int,
+    outputs: NDArray[np.float64],
+    inputs: NDArray[np.float64],
+    node: Actuators,
+) -> None:
+    """Fill row ``number`` of ``rows`` at the end of a step."""
+    row = rows[number]
+    for i in range(INPUTS):
+        row[i] = outputs[i]
+    for i in range(ports.N_INPUTS):
+        row[INPUTS + i] = inputs[i]
+    for i in range(4):
+        row[ACTUATOR + i] = node.state[actuator_kernel.DEMAND + i]
+        row[ACTUATOR + 4 + i] = node.state[actuator_kernel.DELIVERED + i]
+        row[ACTUATOR + 9 + i] = node.flag[actuator_kernel.STATUS + i]
+    row[ACTUATOR + 8] = node.flag[actuator_kernel.HELD]
+
+
+def signals(
+    rows: NDArray[np.float64], times: NDArray[np.float64]
+) -> dict[str, NDArray[np.float64]]:
+    """Recorded signals by name, ``time`` (s) first; views of ``rows``."""
+    return {"time": times, **{name: rows[:, column] for name, column in SIGNALS.items()}}

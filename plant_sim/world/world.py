@@ -1,0 +1,211 @@
+"""Everything outside the ECU in one object: vehicle, driver, sensors, actuators and bus.
+
+The ECU sees frames only: it queues what it sends at an instant and gets what it receives up to
+another. One compiled kernel advances everything in between; time is an argument, never a clock.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import int64, typeof
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError
+from plant_sim import can_bus
+from plant_sim.bodies import body as body_named
+from plant_sim.driving.maneuvers import Maneuver
+from plant_sim.nodes.actuators import ActuatorOptions
+from plant_sim.nodes.sensors import SensorOptions
+from plant_sim.world import recording, world_parts
+from plant_sim.world.world_kernel import (
+    APPLIED_COMMANDS,
+    FRAME,
+    OUTBOX,
+    ROWS,
+    STANDARD_IDENT,
+    STEP_NS,
+    advance,
+)
+from vehicles.model import Vehicle
+
+__all__ = ["FRAME", "World"]
+
+# The most that the loop is asked for at a time: neither the log nor the inbox overflows in it.
+_CHUNK_NS = 200_000_000
+
+
+class World:
+    """One run of one vehicle through one manoeuvre, seen from its bus.
+
+    Parameters
+    ----------
+    vehicle, body, maneuver
+        What drives where: ``vehicles.load``, a name of ``plant_sim.bodies`` (the linear full car
+        has the hydraulics of ``valves`` built in), ``maneuvers.build``.
+    actuator
+        ``suspension``, ``bars``, ``dampers`` or ``valves``.
+    profile
+        The bus: ``can_bus.load_profile``.
+    seed
+        Of all that is random: sensor noise and bias, sampling phases, background traffic.
+    enabled
+        False: the actuators take and acknowledge commands but deliver nothing.
+    command
+        Message that commands the actuator where it takes several.
+    command_timeout_ms
+        The actuators let go of a command that is older.
+    sensors, actuators
+        How sensors and actuators are run.
+    bus
+        Further options of ``can_bus.make_network``.
+
+    Raises
+    ------
+    UnknownNameError
+        For a body, actuator, command, signal or fault that does not exist.
+    """
+
+    def __init__(
+        self,
+        *,
+        vehicle: Vehicle,
+        body: str,
+        actuator: str,
+        maneuver: Maneuver,
+        profile: can_bus.BusProfile,
+        seed: int = 0,
+        enabled: bool = True,
+        command: str | None = None,
+        command_timeout_ms: float = 160.0,
+        sensors: SensorOptions | None = None,
+        actuators: ActuatorOptions | None = None,
+        **bus: Any,  # noqa: ANN401
+    ) -> None:
+        hydraulic = body == "fullcar" and actuator == "valves"
+        plant = body_named("fullcar_hydraulic" if hydraulic else body)
+        self.duration_ns = maneuver.duration_ns
+        self.now_ns = 0
+        self._parts = world_parts.assemble(
+            vehicle=vehicle,
+            plant=plant,
+            actuator=actuator,
+            maneuver=maneuver,
+            profile=profile,
+            seed=seed,
+            enabled=enabled,
+            command=command,
+            command_timeout_ms=command_timeout_ms,
+            sensors=sensors or SensorOptions(),
+            actuators=actuators or ActuatorOptions(),
+            bus=bus,
+        )
+        memory = self._parts.memory[0]
+        # Single integers are read and written faster through buffers than through arrays.
+        self._clock = memory["clock"].data
+        self._bus_clock = self._parts.network.clock.data
+        self._outbox: NDArray[np.int64] = memory["outbox"]
+        self._received: NDArray[Any] = memory["received"]
+        self._outputs: NDArray[np.float64] = memory["outputs"]
+        self._recorded_until_ns = (len(self._parts.rows) - 1) * STEP_NS
+        # Called by its entry point: to type the arguments anew costs more than a step of the plant.
+        kernel: Any = advance
+        self._kernel = kernel.compile((typeof(self._parts), int64))
+        self._drained = 0
+        self._log: list[NDArray[Any]] = []
+
+    def submit(self, t_ns: int, ident: int, payload: bytes) -> None:
+        """Queue a frame at the ECU at ``t_ns`` (ns), not before the last ``advance``'s end.
+
+        The sample that the frame can know of is the last that ``advance`` has returned.
+        """
+        if t_ns < self.now_ns:
+            raise CanrollError(
+                f"frame 0x{ident:X} submitted at {t_ns} ns, in the past of the world"
+            )
+        if not 0 <= ident <= STANDARD_IDENT or len(payload) > 8:
+            raise CanrollError(
+                f"frame 0x{ident:X} of {len(payload)} bytes: the ECU sends classic frames with "
+                "identifiers of 11 bits and at most 8 bytes"
+            )
+        count = self._clock[OUTBOX]
+        if count == len(self._outbox):
+            raise CanrollError(f"more than {len(self._outbox)} frames submitted in one tick")
+        word = int.from_bytes(bytes(payload).ljust(8, b"\0"), "little", signed=True)
+        self._outbox[count] = (t_ns, ident, len(payload), word)
+        self._clock[OUTBOX] = count + 1
+
+    def advance(self, until_ns: int) -> NDArray[Any]:
+        """Let everything happen up to ``until_ns``; frames (``FRAME``) the ECU received since."""
+        if until_ns < self.now_ns:
+            raise CanrollError(f"the world is at {self.now_ns} ns and cannot go back to {until_ns}")
+        if until_ns > self._recorded_until_ns:
+            self._make_room(until_ns)
+        chunks = []
+        while until_ns - self.now_ns > _CHUNK_NS:
+            chunks.append(self._advance_to(self.now_ns + _CHUNK_NS))
+        last = self._advance_to(until_ns)
+        return np.concatenate([*chunks, last]) if chunks else last
+
+    @property
+    def finished(self) -> bool:
+        """Whether the manoeuvre is over or the vehicle has rolled over."""
+        return self.now_ns >= self.duration_ns or self.rolled_over
+
+    @property
+    def rolled_over(self) -> bool:
+        """Whether the vehicle has rolled over, an end state."""
+        return bool(self._outputs[recording.SIGNALS["rollover"]])
+
+    @property
+    def signals(self) -> dict[str, NDArray[np.float64]]:
+        """Signals by name (``recording.SIGNALS``), one value a millisecond, ``time`` in s."""
+        count = self._clock[ROWS]
+        times = np.arange(1, count + 1, dtype=np.float64) * (STEP_NS * 1e-9)
+        return recording.signals(self._parts.rows[:count], times)
+
+    @property
+    def frames(self) -> NDArray[Any]:
+        """The whole bus log so far (``can_bus.log_dtype``), in the order of reception."""
+        self._drain()
+        if len(self._log) > 1:
+            self._log = [np.concatenate(self._log)]
+        return self._log[0]
+
+    @property
+    def commands(self) -> NDArray[Any]:
+        """Applied commands (``recording.COMMAND``), repeated heartbeats included."""
+        count = self._clock[APPLIED_COMMANDS]
+        rows = np.ascontiguousarray(self._parts.commands[:count])
+        return rows.view(recording.COMMAND)[:, 0]
+
+    @property
+    def ages(self) -> NDArray[np.int64]:
+        """Age of the newest sample behind each applied command when it is applied (ns)."""
+        commands = self.commands
+        known = commands[commands["t_sample"] >= 0]
+        return np.asarray(known["t_applied"] - known["t_sample"], dtype=np.int64)
+
+    @property
+    def network(self) -> can_bus.Network:
+        """The bus, for its accounts (``can_bus.account``, ``can_bus.load``)."""
+        return self._parts.network
+
+    def _advance_to(self, until_ns: int) -> NDArray[Any]:
+        count = self._kernel(self._parts, until_ns)
+        self.now_ns = until_ns
+        if self._bus_clock[can_bus.LOGGED] - self._drained > world_parts.LOG_CAPACITY // 2:
+            self._drain()
+        return self._received[:count].copy()
+
+    def _make_room(self, until_ns: int) -> None:
+        old, steps = self._parts, 2 * until_ns // STEP_NS + 2
+        rows, commands = world_parts.record_room(steps)
+        rows[: len(old.rows)] = old.rows
+        commands[: len(old.commands)] = old.commands
+        self._parts = old._replace(rows=rows, commands=commands)
+        self._recorded_until_ns = (steps - 1) * STEP_NS
+
+    def _drain(self) -> None:
+        entries, self._drained, missed = can_bus.drain(self._parts.network, self._drained)
+        assert missed == 0
+        self._log.append(entries)

@@ -1,0 +1,249 @@
+"""The compiled loop over vehicle, driver, sensors, actuators and bus.
+
+Order within a step from t to t + 1 ms: frames received up to t reach actuators and ECU, the
+actuator node works, the driver steers, the body moves, and sensors that sample within the step
+queue their frames. Nothing in a step depends on what happens later on the bus.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim import can_bus as bus
+from plant_sim.bodies import ports
+from plant_sim.driving.driver import Drive, drive
+from plant_sim.kernels.jit import njit, step_at
+from plant_sim.nodes import actuator_kernel, codec, sensor_kernel
+from plant_sim.nodes.actuator_kernel import Actuators
+from plant_sim.nodes.actuator_models import act
+from plant_sim.nodes.codec import Codec
+from plant_sim.nodes.sensor_kernel import Sensors
+from plant_sim.world import recording
+
+STEP_NS = 1_000_000
+
+FRAME = np.dtype([("t_ns", "i8"), ("ident", "u4"), ("length", "u1"), ("payload", "u1", (8,))])
+"""A frame received at the ECU at ``t_ns``."""
+
+# Slots of Memory.clock.
+(
+    PLANT_NS,
+    ROWS,
+    LOG_CURSOR,
+    RECEIVED,
+    OUTBOX,
+    SUBMISSIONS,
+    APPLIED_COMMANDS,
+    PENDING,
+    IMU_SAMPLE,
+    IMU_LATENCY,
+    ECU_SEGMENT,
+    ACTUATOR_SEGMENT,
+    SEED,
+    STATE_NODE,
+    STEP,
+    STATES,
+    PARAMETERS,
+    N_CLOCK,
+) = range(18)
+NOTHING = -1
+
+# Memory.roles: who takes in a frame of each standard identifier.
+NOBODY, FOR_ACTUATOR, FOR_ECU, FOR_ECU_IMU = range(4)
+STANDARD_IDENT = 0x7FF
+
+# Columns of Memory.outbox and of Memory.flight (commands on their way, a ring).
+OUT_TIME, OUT_IDENT, OUT_LENGTH, OUT_WORD, N_OUTBOX = range(5)
+FLIGHT_SUBMITTED, FLIGHT_SAMPLE, N_FLIGHT = range(3)
+
+
+class Memory(NamedTuple):
+    """What the loop works on besides driver and bus; becomes one record.
+
+    ``state`` and ``parameters`` have room for every body's; ``STATES`` and ``PARAMETERS`` count
+    those in use, ``STEP`` is the address of the body's step.
+    """
+
+    clock: NDArray[np.int64]
+    state: NDArray[np.float64]
+    inputs: NDArray[np.float64]
+    parameters: NDArray[np.float64]
+    outputs: NDArray[np.float64]
+    received: NDArray[Any]
+    payload: NDArray[np.uint8]
+    outbox: NDArray[np.int64]
+    flight: NDArray[np.int64]
+    roles: NDArray[np.uint8]
+    sensors: Sensors
+    actuators: Actuators
+    tables: Codec
+
+
+class Parts(NamedTuple):
+    """Everything the loop works on, in place; ``memory`` is a record of ``Memory``.
+
+    Only what differs in size from run to run stands beside the record.
+    """
+
+    memory: NDArray[Any]
+    rows: NDArray[np.float64]
+    commands: NDArray[np.int64]
+    drive: Drive
+    network: bus.Network
+
+
+@njit
+def word_of(payload: NDArray[np.uint8]) -> int:
+    """Payload bytes as one 64-bit word, byte 0 lowest."""
+    word = 0
+    for byte in range(8):
+        word |= int(payload[byte]) << (8 * byte)
+    return word
+
+
+@njit
+def _send(  # noqa: PLR0917
+    world: Memory,
+    network: bus.State,
+    node: int,
+    t_ns: int,
+    ident: int,
+    length: int,
+    word: int,
+) -> None:
+    for byte in range(8):
+        world.payload[byte] = (word >> (8 * byte)) & 0xFF
+    bus.submit(network, node, t_ns, ident, length, world.payload, 0)
+
+
+@njit
+def _post(world: Memory, network: bus.State) -> None:
+    """Queue what the ECU has submitted, and note which sample each command can know of."""
+    clock = world.clock
+    for k in range(clock[OUTBOX]):
+        out = world.outbox[k]
+        ident = out[OUT_IDENT]
+        _send(world, network, bus.ECU, out[OUT_TIME], ident, out[OUT_LENGTH], out[OUT_WORD])
+        if world.roles[ident & STANDARD_IDENT] == FOR_ACTUATOR:
+            flight = world.flight[clock[SUBMISSIONS] % len(world.flight)]
+            flight[FLIGHT_SUBMITTED] = out[OUT_TIME]
+            flight[FLIGHT_SAMPLE] = clock[IMU_SAMPLE]
+            clock[SUBMISSIONS] += 1
+    clock[OUTBOX] = 0
+
+
+@njit
+def _accepted(world: Memory, row: NDArray[np.int64], t_origin: int, t_received: int) -> None:
+    """Note a command that the actuators will apply in the next step."""
+    clock = world.clock
+    row[recording.SAMPLED] = NOTHING
+    for back in range(1, min(clock[SUBMISSIONS], len(world.flight)) + 1):
+        flight = world.flight[(clock[SUBMISSIONS] - back) % len(world.flight)]
+        if flight[FLIGHT_SUBMITTED] == t_origin:
+            row[recording.SAMPLED] = flight[FLIGHT_SAMPLE]
+            break
+    row[recording.SUBMITTED] = t_origin
+    row[recording.RECEIVED] = t_received
+    row[recording.COUNTER] = world.actuators.flag[actuator_kernel.COUNTER]
+    clock[PENDING] = 1
+
+
+@njit
+def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> None:
+    """Hand frames that the bus has delivered since the last call to the actuators and the ECU."""
+    clock = world.clock
+    total = network.clock[bus.LOGGED]
+    for number in range(clock[LOG_CURSOR], total):
+        entry = network.log[number % network.clock[bus.LOG_SIZE]]
+        role = world.roles[entry.ident & STANDARD_IDENT]
+        if role == NOBODY or entry.outcome != bus.DELIVERED or entry.flags != 0:
+            continue
+        if role == FOR_ACTUATOR:
+            if entry.segment != clock[ACTUATOR_SEGMENT]:
+                continue
+            which = actuator_kernel.listens(world.actuators, world.tables, entry.ident)
+            word = word_of(entry.payload)
+            if actuator_kernel.receive(
+                world.actuators, world.tables, which, word, entry.t_received
+            ):
+                row = commands[clock[APPLIED_COMMANDS]]
+                _accepted(world, row, entry.t_origin, entry.t_received)
+        elif entry.segment == clock[ECU_SEGMENT]:
+            frame = world.received[clock[RECEIVED]]
+            frame.t_ns = entry.t_received
+            frame.ident = entry.ident
+            frame.length = entry.length
+            for byte in range(8):
+                frame.payload[byte] = entry.payload[byte]
+            clock[RECEIVED] += 1
+            if role == FOR_ECU_IMU:
+                clock[IMU_SAMPLE] = entry.t_origin - clock[IMU_LATENCY]
+    clock[LOG_CURSOR] = total
+
+
+@njit
+def _sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
+    """Sample at every instant of the node's clock up to ``now_ns`` and queue the frames."""
+    clock = world.clock
+    node = world.sensors.node[number]
+    message = world.tables.message[node[sensor_kernel.MESSAGE]]
+    while node[sensor_kernel.NEXT] <= now_ns:
+        t_ns = node[sensor_kernel.NEXT]
+        word = 0
+        if number == clock[STATE_NODE]:
+            word = actuator_kernel.report(world.actuators, world.tables)
+        word = sensor_kernel.sample(
+            world.sensors, world.tables, number, t_ns, now_ns, clock[SEED], word
+        )
+        if not sensor_kernel.silent(world.sensors, number, t_ns):
+            t_queued = t_ns + node[sensor_kernel.LATENCY]
+            ident, length = message[codec.IDENT], message[codec.LENGTH]
+            _send(world, network, node[sensor_kernel.BUS_NODE], t_queued, ident, length, word)
+        node[sensor_kernel.NEXT] += node[sensor_kernel.PERIOD]
+
+
+@njit
+def advance(parts: Parts, until_ns: int) -> int:
+    """Let everything happen up to and including ``until_ns``; the body ends on the next full ms.
+
+    Returns
+    -------
+    received
+        How many frames the ECU has received: the first of ``Memory.received``.
+    """
+    world, network = parts.memory[0], parts.network.state[0]
+    rows, commands, driver = parts.rows, parts.commands, parts.drive
+    clock = world.clock
+    # Views into the record: unlike arrays of their own they have no references to be counted.
+    inputs, outputs = world.inputs[:], world.outputs[:]
+    state, parameters = world.state[: clock[STATES]], world.parameters[: clock[PARAMETERS]]
+    step = step_at(clock[STEP])
+    clock[RECEIVED] = 0
+    _post(world, network)
+    while clock[PLANT_NS] < until_ns:
+        t_ns = clock[PLANT_NS]
+        bus.run(network, t_ns)
+        if clock[LOG_CURSOR] < network.clock[bus.LOGGED]:
+            _deliver(world, network, commands)
+        actuator_kernel.supervise(world.actuators, t_ns)
+        act(world.actuators, outputs, inputs, t_ns)
+        if clock[PENDING]:
+            commands[clock[APPLIED_COMMANDS], recording.APPLIED] = t_ns
+            clock[APPLIED_COMMANDS] += 1
+            clock[PENDING] = 0
+        if outputs[ports.ROLLOVER] == 0.0:
+            drive(t_ns, outputs, inputs, driver)
+            step(state, inputs, parameters, outputs, 1e-3)
+        t_ns += STEP_NS
+        clock[PLANT_NS] = t_ns
+        sensor_kernel.observe(world.sensors, inputs, outputs)
+        for number in range(len(world.sensors.node)):
+            if world.sensors.node[number, sensor_kernel.NEXT] <= t_ns:
+                _sense(world, network, number, t_ns)
+        recording.record(rows, clock[ROWS], outputs, inputs, world.actuators)
+        clock[ROWS] += 1
+    bus.run(network, until_ns)
+    _deliver(world, network, commands)
+    received: int = clock[RECEIVED]
+    return received

@@ -1,0 +1,168 @@
+"""What a world is made of: bodies, nodes and bus joined for one run."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import UnknownNameError
+from plant_sim import (
+    can_bus,
+)
+from plant_sim.bodies import Body
+from plant_sim.driving.maneuvers import Maneuver
+from plant_sim.kernels.records import to_record
+from plant_sim.nodes import (
+    actuators as actuator_setup,
+)
+from plant_sim.nodes import (
+    codec,
+    sensor_kernel,
+)
+from plant_sim.nodes import (
+    sensors as sensor_setup,
+)
+from plant_sim.nodes.actuators import ActuatorOptions
+from plant_sim.nodes.sensors import SensorOptions
+from plant_sim.world import (
+    open_loop,
+    recording,
+)
+from plant_sim.world import world_kernel as kernel
+from plant_sim.world.world_kernel import Memory, Parts
+from vehicles.model import Vehicle
+
+LOG_CAPACITY = 1 << 15
+_OUTBOX_CAPACITY = 256
+_INBOX_CAPACITY = 8192
+_FLIGHT_CAPACITY = 64
+_STATES, _PARAMETERS = 64, 2048
+
+_SENDERS = {
+    "Imu": can_bus.IMU,
+    "VehicleMotion": can_bus.CHASSIS,
+    "SuspensionRate": can_bus.SUSPENSION,
+    "SuspensionTravel": can_bus.SUSPENSION,
+    "RollReference": can_bus.REFERENCE,
+    "ActuatorState": can_bus.ACTUATOR,
+}
+
+
+def _ident(message: str) -> int:
+    return int(codec.load().message[codec.message_index(message), codec.IDENT])
+
+
+def _command(actuator: str, command: str | None) -> str:
+    known = [name for name, _, _ in actuator_setup.COMMANDS[actuator]]
+    if command is not None and command not in known:
+        raise UnknownNameError(f"command of actuator '{actuator}'", command, known)
+    return command or known[0]
+
+
+def _roles(actuator: str) -> NDArray[np.uint8]:
+    """Who takes in a frame of each standard identifier."""
+    roles = np.full(kernel.STANDARD_IDENT + 1, kernel.NOBODY, dtype=np.uint8)
+    roles[[_ident(name) for name in sensor_setup.NODES]] = kernel.FOR_ECU
+    roles[_ident("Imu")] = kernel.FOR_ECU_IMU
+    commands = [_ident(name) for name, _, _ in actuator_setup.COMMANDS[actuator]]
+    roles[commands] = kernel.FOR_ACTUATOR
+    return roles
+
+
+def _sensors(
+    vehicle: Vehicle,
+    options: SensorOptions,
+    seed: int,
+    inputs: NDArray[np.float64],
+    outputs: NDArray[np.float64],
+) -> sensor_kernel.Sensors:
+    """Sensor nodes on their bus nodes, low-passes settled on the state that the run starts in."""
+    nodes = sensor_setup.build(vehicle, options=options, seed=seed)
+    for row, message in zip(nodes.node, sensor_setup.NODES, strict=True):
+        row[sensor_kernel.BUS_NODE] = _SENDERS[message]
+    sensor_kernel.observe(nodes, inputs, outputs)
+    for column in (sensor_kernel.FILTERED, sensor_kernel.PREVIOUS):
+        nodes.channel[:, column] = nodes.channel[:, sensor_kernel.INPUT]
+    return nodes
+
+
+def _clock(nodes: sensor_kernel.Sensors, network: can_bus.Network, seed: int) -> NDArray[np.int64]:
+    clock = np.zeros(kernel.N_CLOCK, dtype=np.int64)
+    clock[kernel.IMU_SAMPLE] = kernel.NOTHING
+    clock[kernel.IMU_LATENCY] = nodes.node[sensor_setup.NODES.index("Imu"), sensor_kernel.LATENCY]
+    clock[kernel.ECU_SEGMENT] = network.nodes["segment"][can_bus.ECU]
+    clock[kernel.ACTUATOR_SEGMENT] = network.nodes["segment"][can_bus.ACTUATOR]
+    clock[kernel.SEED] = seed
+    clock[kernel.STATE_NODE] = sensor_setup.NODES.index("ActuatorState")
+    return clock
+
+
+def _in_room(values: NDArray[np.float64], room: int) -> NDArray[np.float64]:
+    return np.concatenate((values, np.zeros(room - len(values))))
+
+
+def record_room(steps: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Empty tables for the signals and the applied commands of ``steps`` milliseconds."""
+    rows = np.zeros((steps, recording.N_COLUMNS))
+    return rows, np.zeros((steps, recording.N_COMMAND), dtype=np.int64)
+
+
+def assemble(
+    *,
+    vehicle: Vehicle,
+    plant: Body,
+    actuator: str,
+    maneuver: Maneuver,
+    profile: can_bus.BusProfile,
+    seed: int,
+    enabled: bool,
+    command: str | None,
+    command_timeout_ms: float,
+    sensors: SensorOptions,
+    actuators: ActuatorOptions,
+    bus: dict[str, Any],
+) -> Parts:
+    """Everything the kernel works on, at time 0; the parameters are those of ``World``."""
+    node = actuator_setup.build(
+        vehicle,
+        actuator,
+        options=actuators,
+        enabled=enabled,
+        timeout_ms=command_timeout_ms,
+        integrated=actuator == "valves" and plant.name == "fullcar_hydraulic",
+    )
+    network = can_bus.make_network(
+        profile,
+        seed=seed,
+        command=_command(actuator, command),
+        log_capacity=LOG_CAPACITY,
+        **bus,
+    )
+    state, inputs, parameters, outputs = open_loop.start(vehicle, plant, maneuver)
+    nodes = _sensors(vehicle, sensors, seed, inputs, outputs)
+    clock = _clock(nodes, network, seed)
+    clock[kernel.STEP] = plant.step.address
+    clock[kernel.STATES], clock[kernel.PARAMETERS] = len(state), len(parameters)
+    memory = Memory(
+        clock=clock,
+        state=_in_room(state, _STATES),
+        inputs=inputs,
+        parameters=_in_room(parameters, _PARAMETERS),
+        outputs=outputs,
+        received=np.zeros(_INBOX_CAPACITY, dtype=kernel.FRAME),
+        payload=np.zeros(8, dtype=np.uint8),
+        outbox=np.zeros((_OUTBOX_CAPACITY, kernel.N_OUTBOX), dtype=np.int64),
+        flight=np.full((_FLIGHT_CAPACITY, kernel.N_FLIGHT), kernel.NOTHING, dtype=np.int64),
+        roles=_roles(actuator),
+        sensors=nodes,
+        actuators=node,
+        tables=codec.load(),
+    )
+    rows, commands = record_room(maneuver.duration_ns // kernel.STEP_NS + 1)
+    return Parts(
+        memory=to_record(memory),
+        rows=rows,
+        commands=commands,
+        drive=maneuver.drive,
+        network=network,
+    )

@@ -1,0 +1,235 @@
+"""The emitter: refused constructs, what the C says, and what gcc says of it."""
+
+import re
+import shutil
+import subprocess
+
+import pytest
+
+from codegen.c99 import emit
+from codegen.subset.program import SubsetError
+
+WARNINGS = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Wconversion", "-Wsign-conversion"]
+WARNINGS += ["-Wshadow", "-Wpedantic", "-Werror"]
+# what a compiler calls by itself for the loops it recognises
+COMPILERS_OWN = ("memcpy", "memset", "memmove")
+
+# construct, the words of the refusal; the line at fault is marked by "# here"
+REFUSED = {
+    "while": ("while ecu.count < 3:  # here\n ecu.count = 1", "while is not in the subset"),
+    "floor division": ("a: i32 = ecu.count // 2  # here", "// is not in the subset: use tdiv"),
+    "modulo": ("a: i32 = ecu.count % 2  # here", "% is not in the subset: use tdiv"),
+    "division": ("a: i32 = ecu.count / 2  # here", "/ is not in the subset: use tdiv"),
+    "power": ("a: i32 = ecu.count**2  # here", "** is not in the subset"),
+    "invert": ("a: i32 = ~ecu.count  # here", "is not in the subset"),
+    "float": ("a: i32 = 1.5  # here", "only integers"),
+    "bool": ("ecu.count = True  # here", "only integers"),
+    "string": ("ecu.count = 'a'  # here", "only integers"),
+    "list": ("ecu.count = [1]  # here", "a list is not in the subset"),
+    "lambda": ("ecu.count = (lambda: 1)()  # here", "no function of the firmware"),
+    "comparison as number": ("ecu.count = ecu.small > 1  # here", "a comparison is no number"),
+    "number as condition": ("if ecu.count:  # here\n ecu.count = 1", "write '!= 0'"),
+    "chained comparison": ("if 0 < ecu.count < 3:  # here\n ecu.count = 1", "join them by 'and'"),
+    "is": ("if ecu.count is 3:  # here\n ecu.count = 1", "no comparison of integers"),
+    "in": ("if ecu.count in TABLE:  # here\n ecu.count = 1", "no comparison of integers"),
+    "undeclared": ("a = 1  # here", "is not declared here"),
+    "without value": ("a: i32  # here", "needs a value where it is declared"),
+    "declared twice": ("a: i32 = 1\na: i32 = 2  # here", "a is declared twice"),
+    "unknown type": ("a: float = 1  # here", "declared as name: i32"),
+    "out of scope": (
+        "if ecu.count > 1:\n a: i32 = 1\n ecu.count = a\necu.count = a  # here",
+        "a is not known here",
+    ),
+    "counter after loop": (
+        "for k in range(3):\n ecu.count = k\necu.count = k  # here",
+        "k is not known here",
+    ),
+    "counter assigned": ("for k in range(3):\n k = 2  # here", "belongs to its loop"),
+    "loop over table": ("for k in TABLE:  # here\n ecu.count = k", "for name in range"),
+    "loop else": ("for k in range(3):  # here\n ecu.count = k\nelse:\n ecu.count = 1", "no else"),
+    "moving bound": (
+        "n: i32 = 3\nfor k in range(n):  # here\n n = k",
+        "the loop changes its bound n",
+    ),
+    "bound in state": ("for k in range(ecu.small):  # here\n ecu.x[0] = k", "or calibrated"),
+    "step zero": ("for k in range(0, 3, 0):  # here\n ecu.count = k", "step is not 0"),
+    "break": ("for k in range(3):\n break  # here", "break is not in the subset"),
+    "variable shift": ("a: i64 = 1 << ecu.count  # here", "a shift count is a constant"),
+    "large shift": ("a: i64 = ecu.count >> 63  # here", "lies in 0"),
+    "constant record": ("cal.shift = 3  # here", "the calibration is constant"),
+    "unknown field": ("ecu.cuont = 3  # here", "Ecu has no field cuont"),
+    "unknown function": ("foo(ecu)  # here", "no function of the firmware"),
+    "builtin": ("ecu.count = abs(ecu.count)  # here", "no function of the firmware"),
+    "keyword": ("a: i32 = clamp(v=1, lo=2, hi=3)  # here", "arguments are positional"),
+    "argument count": ("a: i32 = sat32(1, 2)  # here", "sat32 takes 1 arguments"),
+    "memory of no record": ("a: i32 = word(ecu.count, 1)  # here", "word takes a record"),
+    "cleared constants": ("clear(cal)  # here", "the calibration is constant"),
+    "clear as number": ("ecu.count = clear(ecu)  # here", "clear returns nothing"),
+    "slice": ("ecu.x[0:2] = 1  # here", "no slices"),
+    "array as number": ("a: i32 = ecu.x  # here", "give its indices"),
+    "table as number": ("a: i32 = TABLE  # here", "give its indices"),
+    "index of scalar": ("a: i32 = ecu.count[0]  # here", "is no array"),
+    "two targets": ("ecu.count = ecu.x[0] = 1  # here", "one assignment at a time"),
+    "tuple": ("ecu.count, ecu.x[0] = 1, 2  # here", "a tuple"),
+    "no effect": ("ecu.count + 1  # here", "an expression without effect"),
+    "pass": ("pass  # here", "pass is not in the subset"),
+    "with": ("with ecu:  # here\n ecu.count = 1", "with is not in the subset"),
+    "try": ("try:  # here\n ecu.count = 1\nfinally:\n ecu.count = 2", "try is not in the subset"),
+    "inner function": ("def g() -> None:  # here\n ecu.count = 1", "a function in a function"),
+    "conditional expression": (
+        "ecu.count = 1 if ecu.small > 1 else 2  # here",
+        "a conditional expression is not in the subset",
+    ),
+    "return value": ("return 1  # here", "is declared to return otherwise"),
+    "name of C": ("int: i32 = 1  # here", "another meaning in C"),
+    "name of a type": ("x_t: i32 = 1  # here", "another meaning in C"),
+    "order of calls": ("ecu.count = set_it(ecu) + set_it(ecu)  # here", "C orders them freely"),
+    "call beside read": ("ecu.count = set_it(ecu) + ecu.x[0]  # here", "C orders them freely"),
+    "wide in narrow": ("a: i32 = ecu.count << 40  # here", "may not fit i32"),
+    "wide in field": ("ecu.x[1] = ecu.x[0] * MASK  # here", "may not fit i32"),
+    "negative in byte": ("ecu.small = ecu.x[0]  # here", "may not fit u8"),
+    "wide argument": ("take(ecu.count * MASK)  # here", "may not fit i32"),
+}
+
+HELPERS = """
+def set_it(ecu: Ecu) -> i32:
+    ecu.count = 1
+    return 2
+
+
+def take(v: i32) -> None:
+    a: i32 = v
+    a = a
+
+
+"""
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_construct_names_file_line_and_rule(sample, name):
+    body, rule = REFUSED[name]
+    lines = "".join(f"    {line}\n" for line in body.splitlines())
+    path = sample.write(HELPERS + f"def run(ecu: Ecu, cal: Calibration) -> None:\n{lines}")
+    with pytest.raises(SubsetError) as caught:
+        emit.emit("sample", path)
+    place = f"{sample.file}:{sample.line_of('# here')}: "
+    assert str(caught.value).startswith(place), caught.value
+    assert rule in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "rule"),
+    [
+        ("import math\n", "a module holds"),
+        ("from math import sin\n", "only the firmware imports itself"),
+        ("from firmware.state import N as M\n", "no 'as'"),
+        ("X = 1.5\n", "not a constant of ints"),
+        ("X = (1, 2)\n", "a table states its type"),
+        ("X: tuple[u8, ...] = (1, 256)\n", "256 does not fit u8"),
+        ("for i in range(3):\n    N = i\n", "a module holds"),
+        ("class A:\n    pass\n", "a class is a @record"),
+        ("def f(a) -> None:\n    a = 1\n", "states its type"),
+        ("def f(a: i32):\n    return a\n", "states what it returns"),
+        ("def f(a: i32 = 1) -> i32:\n    return a\n", "without defaults"),
+        ("def f(*a: i32) -> i32:\n    return 1\n", "positional"),
+        ("def f(a: float) -> i32:\n    return 1\n", "is no type"),
+        ("@record\ndef f(a: i32) -> i32:\n    return a\n", "no decorators"),
+        ("def f(a: i32) -> i32:\n    return f(a)\n", "no recursion"),
+        ("def f(a: i32) -> i32:\n    if a > 1:\n        return 1\n", "must end in a return"),
+        ("def f(e: Ecu) -> Ecu:\n    return e\n", "returns a scalar or None"),
+    ],
+)
+def test_refused_module_contents(sample, text, rule):
+    with pytest.raises(SubsetError, match=re.escape(rule)) as caught:
+        emit.emit("sample", sample.write(text))
+    assert str(caught.value).startswith(str(sample.file))
+
+
+GOOD = '''
+def inner(ecu: Ecu, row: Annotated[list[i32], 2], k: i32) -> i32:
+    """Return a sum, with ``k``."""
+    # of the row
+    row[0] = clamp(row[1] + k, -8, 8)  # first
+    if ecu.count > 3 and (k != 2 or not ecu.small == 1):
+        return row[0] - 1
+    elif k == I32_MAX:
+        return -TABLE[1]
+    else:
+        return tdiv(k, 3)
+
+
+def run(ecu: Ecu, cal: Calibration, k: i32) -> i32:
+    acc: i64 = 0
+    for j in range(cal.order):
+        acc += cal.gain[j] * ecu.x[j]
+    for _ in range(2):
+        for _ in range(2):
+            acc -= MASK >> 3
+    for j in range(2, -1, -1):
+        acc += j << 4
+    ecu.x[0] = clamp(rsh(acc, cal.shift), -1000, 1000)
+    ecu.small = byte((ecu.bytes[3] >> 4) & 7)
+    ecu.small |= 1
+    step: i32 = narrow(clamp(k, 0, 50) - 25)
+    if step < 0:
+        step += 25
+    ecu.count = step
+    return inner(ecu, ecu.m[1], sat32(k * MASK))
+'''
+
+
+@pytest.fixture
+def good(sample):
+    return emit.emit("sample", sample.write(GOOD))
+
+
+def test_c_reads_like_the_source(sample, good):
+    c = good["canroll_sample.c"]
+    assert "/* Return a sum, with k. */" in c
+    assert "    /* of the row */\n    row[0] = canroll_clamp(" in c
+    assert "/* first */" in c
+    assert "acc += (int64_t)cal->gain[j] * ecu->x[j];" in c
+    assert "for (int32_t j = 2; j > -1; j--) {" in c
+    assert "if ((ecu->count > 3) && ((k != 2) || (!(ecu->small == 1)))) {" in c
+    assert "int32_t canroll_run(canroll_ecu *ecu, const canroll_calibration *cal, int32_t k)" in c
+    assert "volatile uint8_t bytes[8]; /* mailbox */" in good["canroll_state.h"]
+    assert "/* counters */" in good["canroll_state.h"]
+    assert "x[3]; /* position, m Q4 */" in good["canroll_state.h"]
+
+
+def test_arithmetic_is_32_bits_where_it_fits(sample):
+    text = "a: i32 = ecu.x[0] * ecu.x[1] + ecu.count\n    return a * a\n"
+    text = f"def run(ecu: Ecu) -> i64:\n    {text}"
+    c = emit.emit("sample", sample.write(text))["canroll_sample.c"]
+    assert "int32_t a = ecu->x[0] * ecu->x[1] + ecu->count;" in c
+    assert "return (int64_t)a * a;" in c
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
+def test_gcc_has_nothing_to_say(tmp_path, good):
+    check(tmp_path, good)
+
+
+@pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
+def test_gcc_has_nothing_to_say_of_the_firmware(tmp_path):
+    files = emit.emit()
+    check(tmp_path, files)
+    for text in files.values():
+        assert text.isascii()
+        assert max(map(len, text.splitlines())) <= 104
+
+
+def check(tmp_path, files):
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    sources = [str(path) for path in tmp_path.glob("*.c")]
+    out = str(tmp_path / "all.o")
+    command = ["gcc", *WARNINGS, "-r", "-nostdlib", "-o", out, *sources]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    assert result.returncode == 0, result.stderr
+    symbols = subprocess.run(["nm", out], capture_output=True, text=True, check=True).stdout
+    for line in symbols.splitlines():
+        kind, name = line.split()[-2:]
+        assert kind not in "bBdDcC", f"{name}: the firmware keeps no state of its own"
+        assert kind != "U" or name in COMPILERS_OWN, f"{name}: no library is called"
+        assert kind not in "TR" or name.startswith("canroll_"), name

@@ -1,0 +1,168 @@
+"""The exported bundle builds and passes with cc alone, on a bare Cortex-M, and for a user's bus."""
+
+import shutil
+import subprocess
+
+import cantools
+import pytest
+
+from canroll.errors import CanrollError
+from codegen.export import a2l, bundle
+from codegen.export.header import gains_header
+from codegen.generated import signals
+from codegen.run import cortex, ecu_traffic, memory_image, native
+from firmware.calibration import Calibration
+from firmware.state import Ecu
+from firmware.subset import fields
+from hil.cli import export_c
+
+pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
+
+MAP = """schema = 1
+[receive.imu]
+message = "Inertial"
+signals.Rate = "roll_rate"
+signals.Lateral = "lateral_acceleration"
+[receive.actuator_state]
+message = "Actuators"
+signals.Front = "delivered[0]"
+signals.Rear = "delivered[1]"
+[transmit.suspension_force]
+message = "Forces"
+signals.Left = "force[0]"
+signals.Right = "force[1]"
+"""
+DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: Ecu Car
+BO_ 291 Inertial: 5 Car
+ SG_ Rate : 7|16@0- (0.01,0) [-327|327] "deg/s" Ecu
+ SG_ Lateral : 23|12@0+ (0.02,-40) [-40|40] "m/s2" Ecu
+BO_ 292 Actuators: 4 Car
+ SG_ Front : 0|16@1- (1,0) [-32767|32766] "Nm" Ecu
+ SG_ Rear : 16|16@1- (1,0) [-32767|32766] "Nm" Ecu
+BO_ 293 Forces: 4 Ecu
+ SG_ Left : 7|16@0- (0.5,0) [-4000|4000] "N" Car
+ SG_ Right : 23|16@0- (0.5,0) [-4000|4000] "N" Car
+"""
+
+
+def export(record, traffic, dbc=signals.DBC, map_file=signals.MAP):
+    return bundle.Export(
+        record=record,
+        gains=gains_header(record, title=["sample"]),
+        title="A sample.",
+        dbc=dbc,
+        map_file=map_file,
+        traffic=traffic,
+        origin="Random vectors.",
+    )
+
+
+def make(folder, *goals):
+    return subprocess.run(
+        ["make", "-C", str(folder), *goals],
+        capture_output=True,
+        text=True,
+        timeout=200,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("bundle")
+    bundle.write(
+        path, export(ecu_traffic.random_calibration(3), ecu_traffic.random_traffic(3, 100))
+    )
+    return path
+
+
+def test_make_test_passes_with_a_compiler_alone(folder):
+    result = make(folder, "test", "CFLAGS=-std=c99 -O1 -Wall -Wextra -Wpedantic -Werror")
+    assert result.returncode == 0, result.stderr
+    assert "PASS: 100 ticks" in result.stdout
+
+
+def test_a_changed_gain_is_noticed(folder, tmp_path):
+    shutil.copytree(folder, tmp_path / "changed")
+    source = tmp_path / "changed" / "src" / "canroll_observer.c"
+    text = source.read_text()
+    assert text.count("canroll_scaled(acc, cal->phi_shift[i])") == 1
+    source.write_text(
+        text.replace(
+            "canroll_scaled(acc, cal->phi_shift[i])", "canroll_sat31(acc >> cal->phi_shift[i])"
+        )
+    )
+    result = make(tmp_path / "changed", "test")
+    assert result.returncode != 0
+    assert "FAIL: tick" in result.stdout
+
+
+@pytest.mark.parametrize("name", ["Makefile", "CMakeLists.txt"])
+def test_it_is_built_with_the_flags_that_the_figures_are_of(folder, name):
+    assert " ".join(cortex.OPTIMISATION) in (folder / name).read_text()
+
+
+@pytest.mark.skipif(not cortex.has_gcc_and_qemu(), reason="needs arm-none-eabi-gcc and QEMU")
+def test_the_same_vectors_pass_on_a_bare_cortex_m(folder):
+    result = make(folder, "run", "example.elf")
+    assert result.returncode == 0, result.stderr
+    assert "PASS" in result.stdout
+    base = a2l.addresses(folder / "firmware.elf")
+    assert base["ecu"] >= 0x20000000 > base["calibration"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which("cmake"), reason="needs cmake")
+def test_cmake_builds_it_too(folder, tmp_path):
+    for command in (
+        ["cmake", "-S", str(folder), "-B", str(tmp_path)],
+        ["cmake", "--build", str(tmp_path)],
+        ["ctest", "--test-dir", str(tmp_path)],
+    ):
+        result = subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
+        assert result.returncode == 0, result.stderr + result.stdout
+
+
+def test_a2l_has_every_field_at_its_offset(folder):
+    text = (folder / "canroll.a2l").read_text()
+    assert text.count("/begin") == text.count("/end")
+    for name, record in (("calibration", Calibration), ("ecu", Ecu)):
+        for field in fields(record):
+            offset = memory_image.dtype(record).fields[field.name][1]
+            assert f'{name}.{field.name} "' in text
+            assert f'SYMBOL_LINK "{name}" {offset}\n' in text
+    moved = a2l.a2l({"ecu": 0x20000010, "calibration": 0x1000})
+    offset = memory_image.dtype(Ecu).fields["x"][1]
+    assert f"ECU_ADDRESS 0x{0x20000010 + offset:08X}" in moved
+
+
+def test_a_users_own_bus_without_e2e(tmp_path):
+    (tmp_path / "own.dbc").write_text(DBC)
+    (tmp_path / "own.toml").write_text(MAP)
+    record = ecu_traffic.random_calibration(3)
+    record.e2e = 0
+    traffic = ecu_traffic.random_traffic(2, 60, hostile=1.0)
+    out = tmp_path / "out"
+    bundle.write(out, export(record, traffic, tmp_path / "own.dbc", tmp_path / "own.toml"))
+    result = make(out, "test")
+    assert result.returncode == 0, result.stderr + result.stdout
+    source = (out / "src" / "canroll_signals.c").read_text()
+    assert "291, 0, 0, 292, 0" in source
+    readme = (out / "README.md").read_text()
+    assert "| receive | 0 | 0x123 | Inertial" in readme
+    assert "no end-to-end protection" in readme
+    assert "canroll_codec_inertial_unpack" in (out / "codec" / "canroll_codec.h").read_text()
+    assert cantools.database.load_file(out / "own.dbc").get_message_by_name("Forces")
+
+
+def test_the_readme_leaves_no_gap(folder):
+    text = (folder / "README.md").read_text()
+    assert "{" not in text.replace("{ ", "")
+
+
+def test_an_image_without_the_records_is_refused(tmp_path):
+    with pytest.raises(CanrollError, match="no such image"):
+        export_c.address(tmp_path, tmp_path / "none.elf")

@@ -1,0 +1,209 @@
+"""The generated signals module against cantools, frame by frame and bit by bit."""
+
+import math
+import re
+import tomllib
+
+import cantools
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import dbc
+from canroll.errors import CanrollError
+from codegen.generated import bus_map
+from codegen.generated import signals as signal_source
+from firmware import signals
+from firmware.calibration import N_RX
+from firmware.state import Ecu
+from firmware.subset import fields
+
+TO_SI = {
+    "deg": math.pi / 180,
+    "deg/s": math.pi / 180,
+    "km/h": 1 / 3.6,
+    "mm": 1e-3,
+    "mm/s": 1e-3,
+}
+BUS = bus_map.load(signal_source.DBC, signal_source.MAP)
+TABLE = {field.name: field for field in fields(Ecu)}
+PHYSICAL = {name for slot in bus_map.VALID_BITS.values() for name in slot}
+
+
+def place(text):
+    name, _, rest = text.partition("[")
+    return name, int(rest[:-1]) if rest else None
+
+
+def get(ecu, text):
+    name, index = place(text)
+    value = getattr(ecu, name)
+    return value if index is None else value[index]
+
+
+def put(ecu, text, value):
+    name, index = place(text)
+    if index is None:
+        setattr(ecu, name, value)
+    else:
+        getattr(ecu, name)[index] = value
+
+
+def test_checked_in_module_is_what_the_dbc_says():
+    assert signal_source.SIGNALS.read_text(encoding="utf-8") == signal_source.generate()
+
+
+def test_tables_match_the_dbc():
+    database = dbc.load()
+    for boxes, ids, data_ids in (
+        (BUS.received, signals.RX_IDS, signals.RX_DATA_IDS),
+        (BUS.transmitted, signals.TX_IDS, signals.TX_DATA_IDS),
+    ):
+        for box, ident, data_id in zip(boxes, ids, data_ids, strict=True):
+            message = database.get_message_by_frame_id(ident)
+            assert message.name == box.name
+            assert dbc.data_id(message) == data_id
+
+
+@given(st.binary(min_size=8, max_size=8))
+def test_unpacked_fields_are_what_cantools_decodes(payload):
+    for slot, box in enumerate(BUS.received):
+        decoded = dbc.load().decode_message(box.name, payload, decode_choices=False)
+        raws = dbc.load().decode_message(box.name, payload, decode_choices=False, scaling=False)
+        ecu = Ecu()
+        for signal in box.signals:
+            put(ecu, signal.place.text, 1)
+        ecu.rx_payload[2 * slot + 1] = list(payload)
+        signals.unpack(ecu, slot, 2 * slot + 1)
+        for signal in box.signals:
+            unit = dbc.load().get_message_by_name(box.name).get_signal_by_name(signal.name).unit
+            field = TABLE[place(signal.place.text)[0]]
+            exact = decoded[signal.name] * TO_SI.get(unit, 1) * 2**field.f.q
+            got = get(ecu, signal.place.text)
+            text = str(
+                dbc.load().get_message_by_name(box.name).get_signal_by_name(signal.name).choices
+            )
+            top = 2 ** (signal.length - 1) if signal.signed else 2**signal.length
+            reserved = "Not available" in text and raws[signal.name] in (top - 2, top - 1)
+            if signal.place.text in PHYSICAL:
+                bit = bus_map.VALID_BITS[box.slot].index(signal.place.text)
+                assert ecu.valid[slot] >> bit & 1 == (not reserved)
+            if reserved:
+                assert got == 1
+            else:
+                limited = min(max(exact, field.f.lo), field.f.hi)
+                assert abs(got - limited) <= 0.5 + abs(exact) * 2e-9
+
+
+@given(st.data())
+def test_packed_frames_are_what_cantools_encodes(data):
+    for slot, box in enumerate(BUS.transmitted):
+        message = dbc.load().get_message_by_name(box.name)
+        ecu = Ecu()
+        expected = {}
+        page = data.draw(st.integers(0, 4))
+        for signal in box.signals:
+            lo, hi = signal.place.lo, signal.place.hi
+            value = data.draw(st.integers(lo, hi) | st.sampled_from([lo, hi, 0]))
+            if signal.place.text == "diagnostics_page":
+                value = page
+            if signal.page is not None and signal.page != page:
+                continue
+            put(ecu, signal.place.text, value)
+            definition = message.get_signal_by_name(signal.name)
+            unit = definition.unit
+            physical = value / 2**signal.place.q / TO_SI.get(unit, 1)
+            expected[signal.name] = min(max(physical, definition.minimum), definition.maximum)
+        signals.pack(ecu, slot)
+        got = message.decode(bytes(ecu.tx_payload[slot]), decode_choices=False)
+        for name, physical in expected.items():
+            step = message.get_signal_by_name(name).scale
+            assert abs(got[name] - physical) <= step / 2 * (1 + 1e-6), name
+        mapped = {signal.name for signal in box.signals}
+        assert all(got[name] == 0 for name in got if name not in mapped)
+
+
+USER_DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: Ecu Car
+BO_ 2566844672 Yaw: 6 Car
+ SG_ Rate : 7|12@0- (0.1,-5) [-200|199] "deg/s" Ecu
+ SG_ Lateral : 11|12@0+ (0.01,-20.48) [-20.48|20.45] "g" Ecu
+VAL_ 2566844672 Lateral 4095 "SNA" ;
+"""
+USER_MAP = """schema = 1
+[receive.imu]
+message = "Yaw"
+signals.Rate = "roll_rate"
+signals.Lateral = { field = "lateral_acceleration", unavailable = [4094] }
+"""
+
+
+def user(tmp_path, dbc_text=USER_DBC, map_text=USER_MAP):
+    (tmp_path / "user.dbc").write_text(dbc_text)
+    (tmp_path / "user.toml").write_text(map_text)
+    return tmp_path / "user.dbc", tmp_path / "user.toml"
+
+
+def test_a_users_big_endian_bus_with_offsets_and_no_e2e(tmp_path):
+    paths = user(tmp_path)
+    namespace = {}
+    exec(compile(signal_source.generate(*paths), "signals", "exec"), namespace)
+    message = cantools.database.load_file(paths[0]).messages[0]
+    assert namespace["RX_IDS"][0] == message.frame_id | bus_map.EXTENDED
+    assert namespace["RX_DATA_IDS"] == (0,) * N_RX
+    ecu = Ecu()
+    for rate in (-200.0, -5.0, 0.0, 12.3, 199.0):
+        for raw in (0, 2048, 4093, 4094, 4095):
+            lateral = raw * 0.01 - 20.48
+            payload = message.encode({"Rate": rate, "Lateral": lateral}, strict=False, scaling=True)
+            ecu.rx_payload[0] = [*payload, 0, 0]
+            before, sample = ecu.lateral_acceleration, ecu.imu_sample
+            namespace["unpack"](ecu, 0, 0)
+            assert ecu.roll_rate / 2**27 == pytest.approx(math.radians(rate), abs=1e-7)
+            assert ecu.imu_sample == (sample + 1) % 16
+            if raw >= 4094:
+                assert ecu.lateral_acceleration == before
+                assert ecu.valid[0] == 1
+            else:
+                exact = min(max(lateral * 9.80665, -64), 64)
+                assert ecu.lateral_acceleration / 2**24 == pytest.approx(exact, abs=1e-6)
+                assert ecu.valid[0] == 3
+    ecu.valid[1] = 7
+    namespace["unpack"](ecu, 1, 2)
+    assert ecu.valid[1] == 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ("schema = 1", "schema = 2", "schema must be 1"),
+        ("[receive.imu]", "[receive.imus]", "did you mean 'imu'"),
+        ('"Yaw"', '"Jaw"', "did you mean 'Yaw'"),
+        ("signals.Rate", "signals.Rat", "did you mean 'Rate'"),
+        ('"roll_rate"', '"roll_rte"', "did you mean 'roll_rate'"),
+        ('"roll_rate"', '"speed"', "'deg/s' is no unit of speed"),
+        ('"roll_rate"', '"stroke_rate"', "shape"),
+        ('"roll_rate"', '"stroke_rate[4]"', "4 elements"),
+        ('"roll_rate"', '"roll_rate + 1"', "field & mask"),
+        ('"roll_rate"', '"status[0] & 1"', "deg/s"),
+    ],
+)
+def test_a_wrong_map_is_named(tmp_path, old, new, word):
+    paths = user(tmp_path, map_text=USER_MAP.replace(old, new, 1))
+    with pytest.raises(CanrollError, match=re.escape(word)) as caught:
+        signal_source.generate(*paths)
+    assert "user.toml" in str(caught.value)
+
+
+UNUSED = {"LongitudinalAcceleration"}
+
+
+def test_map_covers_every_signal_but_the_e2e_header_and_what_the_loop_has_no_use_for():
+    document = tomllib.loads(signal_source.MAP.read_text(encoding="utf-8"))
+    for direction in ("receive", "transmit"):
+        for table in document[direction].values():
+            message = dbc.load().get_message_by_name(table["message"])
+            names = {signal.name for signal in message.signals} - {"Checksum", "Counter"} - UNUSED
+            assert set(table["signals"]) == names

@@ -1,0 +1,201 @@
+"""The prover: finds what is wrong, accepts what is right, and never misses what really happens."""
+
+import random
+import shutil
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from canroll.errors import CanrollError
+from codegen.proof import intervals as iv
+from codegen.proof.intervals import Value
+from codegen.proof.prove import prove
+from codegen.run import ecu_traffic, memory_image
+from codegen.subset.parse import load
+from codegen.subset.program import FIRMWARE
+from firmware import subset
+from firmware.calibration import Calibration
+from hil.cli import prove as command
+
+WRONG = {
+    "overflow": (
+        "a: i64 = ecu.x[0] * MASK\nb: i64 = a * MASK  # here\necu.count = clamp(b, 0, 9)",
+        "overflows 64 bits",
+    ),
+    "field": ("ecu.count = ecu.count + 1  # here", "count is declared in [0, 100]: [1, 101]"),
+    "index": ("ecu.x[clamp(ecu.count, 0, 3)] = 1  # here", "index of 3 elements: [0, 3]"),
+    "row": ("ecu.m[0][ecu.small] = 1  # here", "index of 2 elements: [0, 9]"),
+    "divisor": ("ecu.count = clamp(tdiv(5, ecu.small), 0, 5)  # here", "divides by zero"),
+    "shift": ("a: i64 = rsh(5, ecu.small)  # here\necu.count = clamp(a, 0, 5)", "shift count"),
+    "rounding": (
+        "a: i64 = ecu.x[0] * (1 << 53)\nb: i64 = rsh(a, 62)  # here\necu.count = clamp(b, 0, 5)",
+        "rounding overflows 64 bits",
+    ),
+    "narrow": ("a: i32 = narrow(ecu.x[0] * MASK)  # here\necu.count = clamp(a, 0, 5)", "i32"),
+    "local": ("a: i32 = ecu.x[0] * MASK  # here\necu.count = clamp(a, 0, 5)", "does not fit i32"),
+    "31 bits": ("ecu.count = sat31(ecu.x[0] * MASK)  # here", "[-1073741824, 1073741823]"),
+    "scaling": ("a: i64 = scaled(5, ecu.small)  # here\necu.count = clamp(a, 0, 5)", "shift count"),
+    "word": (
+        "a: i32 = word(ecu, ecu.small + 8)  # here\necu.count = clamp(a, 0, 5)",
+        "index of 12 elements: [8, 17]",
+    ),
+    "loop": (
+        "a: i32 = 0\nfor k in range(4):\n a += 1 << 30  # here\necu.count = clamp(a, 0, 5)",
+        "does not fit i32",
+    ),
+}
+
+RIGHT = """
+def head(ecu: Ecu, k: i32) -> i32:
+    if k < 0 or k >= N:
+        return 0
+    return ecu.x[k]
+
+
+def good(v: i32) -> i32:
+    if v >= 1 and v <= 3:
+        return 1
+    return 0
+
+
+def run(ecu: Ecu, cal: Calibration, k: i32) -> None:
+    acc: i64 = 0
+    for j in range(cal.order):
+        acc += cal.gain[j] * ecu.x[j]
+    ecu.x[0] = clamp(rsh(acc, 31), -1000, 1000)
+    step: i32 = ecu.small + 1
+    if step > 9:
+        step = 0
+    ecu.small = byte(step)
+    if good(k) == 1:
+        ecu.x[k - 1] = 0
+    asked: i32 = good(k)
+    if asked == 0:
+        return
+    ecu.count = clamp(tdiv(100, k), 0, 100)
+    ecu.x[1] = head(ecu, k)
+"""
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_is_named_with_line_and_range(sample, name):
+    body, what = WRONG[name]
+    lines = "".join(f"    {line}\n" for line in body.splitlines())
+    path = sample.write(f"def run(ecu: Ecu) -> None:\n{lines}")
+    findings = [str(finding) for finding in prove(load("sample", path)).findings]
+    assert findings, name
+    assert findings[0].startswith(f"{sample.file}:{sample.line_of('# here')}: ")
+    assert what in findings[0]
+
+
+def test_what_is_right_is_accepted(sample):
+    assert prove(load("sample", sample.write(RIGHT))).findings == ()
+
+
+def test_the_firmware_is_proved():
+    proof = prove()
+    assert proof.findings == ()
+    assert len(proof.seen) > 4000
+
+
+@pytest.mark.parametrize(
+    ("module", "clamped", "bare"),
+    [
+        (
+            "control_law",
+            "step: i32 = sat31(steps * cal.slew_max)",
+            "step: i32 = steps * cal.slew_max",
+        ),
+        (
+            "allocation",
+            "ecu.given = sat31(front - lack + rear)",
+            "ecu.given = front - lack + rear",
+        ),
+        (
+            "observer",
+            "z[i] = scaled(acc, cal.phi_shift[i])",
+            "z[i] = clamp(rsh(acc, cal.phi_shift[i]), -(1 << 30), 1 << 30)",
+        ),
+    ],
+)
+def test_a_removed_clamp_is_found(tmp_path, module, clamped, bare):
+    for path in FIRMWARE.glob("*.py"):
+        shutil.copy(path, tmp_path)
+    path = tmp_path / f"{module}.py"
+    source = path.read_text()
+    assert source.count(clamped) == 1
+    path.write_text(source.replace(clamped, bare))
+    findings = prove(load(folder=tmp_path)).findings
+    line = source[: source.index(clamped)].count("\n") + 1
+    assert f"{path}:{line}: " in " ".join(map(str, findings))
+
+
+def test_the_command_proves_a_calibration_of_its_own(capsys):
+    assert command.report(ecu_traffic.random_calibration(1), name="mine") == 0
+    assert "proved for mine" in capsys.readouterr().out
+    with pytest.raises(CanrollError, match="the ECU refuses it: rule"):
+        command.report(Calibration(), name="mine")
+
+
+def test_one_calibration_is_narrower_than_all():
+    record = ecu_traffic.random_calibration(1)
+    one = prove(calibration=memory_image.elements(record))
+    assert one.findings == ()
+    assert len(one.seen) < len(prove().seen)
+
+
+ends = st.integers(-(2**40), 2**40)
+
+
+@st.composite
+def values(draw, elements=ends):
+    a, b = sorted((draw(elements), draw(elements)))
+    inside = draw(st.integers(a, b))
+    return Value(a, b), inside
+
+
+@given(values(), values(), values(), st.integers(1, 62), st.integers(1, 62))
+def test_intervals_hold_what_the_integers_give(a, b, c, n, m):
+    (va, x), (vb, y), (vc, z) = a, b, c
+
+    def holds(value, result):
+        assert value.lo <= result <= value.hi
+
+    holds(iv.add(va, vb), x + y)
+    holds(iv.negate(va), -x)
+    holds(iv.multiply(va, vb), x * y)
+    holds(iv.hull(va, vb), x)
+    for sign, result in (("&", x & y), ("|", x | y), ("^", x ^ y)):
+        holds(iv.bitwise(sign, va, vb), result)
+    holds(iv.clamp(va, vb, vc), subset.clamp(x, y, z))
+    lo, hi = sorted((n, m))
+    for count in (lo, hi, (lo + hi) // 2):
+        holds(iv.shift_rounded(va, Value(lo, hi)), subset.rsh(x, count))
+    if y:
+        holds(iv.divide(va, vb), subset.tdiv(x, y))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_values_met_at_run_time_lie_in_the_intervals(sample, seed):
+    path = sample.write(RIGHT)
+    program = load("sample", path)
+    proof = prove(program)
+    run = program.modules["sample"].functions["run"]
+    last = run.node.body[-2]
+    interval = proof.seen[id(last.value)]
+    namespace = {}
+    state = {}
+    exec(compile(sample.state, "state", "exec"), state)
+    head = sample.head.replace("from firmware.state import N, MASK, Calibration, Ecu", "")
+    exec(compile(head, "sample", "exec"), namespace)
+    namespace.update(state)
+    exec(compile(RIGHT, "sample", "exec"), namespace)
+    random.seed(seed)
+    ecu, cal = state["Ecu"](), state["Calibration"]()
+    ecu.x = [random.randint(-1000, 1000) for _ in range(3)]
+    cal.order = 3
+    cal.gain = [random.randint(-(1 << 20), 1 << 20) for _ in range(3)]
+    namespace["run"](ecu, cal, random.randint(-2, 5))
+    assert ecu.count == 0 or interval.lo <= ecu.count <= interval.hi
+    assert all(-1000 <= x <= 1000 for x in ecu.x)

@@ -1,0 +1,450 @@
+"""From design to integers and back: formats, file, errors, header, command line."""
+
+import json
+import subprocess
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from canroll.errors import CanrollError, UnknownNameError, VerdictError
+from codegen.export.header import comment, gains_header
+from firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
+from firmware.check import check
+from firmware.subset import fields
+from gain_gen.calibration import calibration_file
+from gain_gen.calibration.dequantise import dequantise
+from gain_gen.calibration.freeze import calibrate, summary
+from gain_gen.calibration.header_notes import physical_notes, title
+from gain_gen.calibration.quantise import Options
+from gain_gen.calibration.record import fill, flatten, identify, packed, seal
+from gain_gen.calibration.rounding_error import integer_loop, manoeuvre_error, measured
+from gain_gen.calibration.rows import quantise, quantise_row
+from gain_gen.calibration.vehicle_part import damper_knee, moment_limit, static_share, steering_gain
+from gain_gen.design import LAWS, design
+from gain_gen.margin_report import margin_report
+from gain_gen.models.controller import matrices
+from gain_gen.models.task import Delay, Task
+from hil.cli.main import main
+from vehicles import load
+
+
+def task(vehicle="van_real", delay=0.02, **options):
+    return Task(load(vehicle), Delay.constant(delay), **options)
+
+
+@pytest.fixture(scope="module")
+def lqg():
+    return design("lqg_delay", task())
+
+
+@pytest.fixture(scope="module")
+def calibrated(lqg):
+    return calibrate(lqg)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    values=st.lists(
+        st.floats(-1e6, 1e6).filter(lambda v: v == 0.0 or abs(v) > 1e-9), min_size=1, max_size=6
+    ),
+    result=st.integers(10, 30),
+)
+def test_rows_keep_their_values_and_their_bounds(values, result):
+    """Either the row is refused, or each coefficient is exact to half a unit of its format."""
+    factors = tuple(24 + i for i in range(len(values)))
+    try:
+        row = quantise_row(np.array(values), factors, result, name="row")
+    except CanrollError as error:
+        assert "row" in str(error)
+        return
+    assert max(abs(n) for n in row.stored) <= COEFFICIENT
+    assert sum(abs(n) for n in row.stored) * STATE_MAX + (1 << row.shift) < 1 << 62
+    assert 1 <= row.shift <= 62
+    for value, n, q in zip(values, row.stored, row.formats, strict=True):
+        assert abs(n * 2.0**-q - value) <= 0.5000001 * 2.0**-q + 1e-15 * abs(value)
+
+
+def test_a_coefficient_that_does_not_fit_is_refused_by_name():
+    with pytest.raises(CanrollError, match="gain"):
+        quantise_row(np.array([1e12]), (14,), 30, name="gain")
+    with pytest.raises(CanrollError, match="not a number"):
+        quantise_row(np.array([np.nan]), (14,), 14, name="gain")
+    with pytest.raises(CanrollError, match=r"speed: 9 is outside 0 to 8"):
+        quantise(9.0, 4, 0, 128, name="speed")
+
+
+@pytest.mark.parametrize("vehicle", ["van_2021", "van_real", "suv_2020"])
+@pytest.mark.parametrize("law", ["lqg_delay", "lqr", "hinf_delay", "smc", "ay_feedforward"])
+def test_every_law_is_accepted_by_the_ecu_and_keeps_its_response(law, vehicle):
+    answer = design(law, task(vehicle))
+    record, tables = calibrate(answer)
+    assert check(record) == 0
+    assert answer.is_verified
+    exact = matrices(answer.controller)
+    integers = matrices(dequantise(record))
+    for one, other in zip(exact, integers, strict=True):
+        size = 1.0 + np.abs(one).max(initial=0.0)
+        np.testing.assert_allclose(other, one, rtol=2e-5, atol=1e-7 * size)
+    assert tables["verification"]["quantised_moment_nm"]["value"] < 0.1
+
+
+def test_integer_loop_is_the_firmware_and_a_wrong_gain_shows(lqg, calibrated):
+    """The moment error must notice a coefficient that is off by one part in a thousand."""
+    record, _ = calibrated
+    assert manoeuvre_error(lqg, record) < 0.05
+    spoiled = fill({field.name: getattr(record, field.name) for field in fields(Calibration)})
+    spoiled.feedback[0] = round(spoiled.feedback[0] * 1.001)
+    assert manoeuvre_error(lqg, spoiled) > 1.0
+    inputs = measured(lqg, 1e4)
+    assert np.abs(inputs[:, 1]).max() > 3.0
+    advance = integer_loop(record)
+    assert all(advance(np.zeros(4)) == 0.0 for _ in range(3))
+
+
+def test_identification_scales_rebuild_the_nominal_model():
+    """model_scale times the Taylor entries of the nominal plant gives phi and gamma again."""
+    answer = design("lqg_delay", task("suv_2020"))
+    record, _ = calibrate(answer, Options(identification=True))
+    a = record.model_stiffness / 2**30
+    b = record.model_damping / 2**30
+    square = b * b - a
+    taylor = {
+        (0, 0): 1 - a / 2 + a * b / 6,
+        (0, 1): 1 - b / 2 + square / 6,
+        (1, 0): a * b / 2 - a - a * square / 6,
+        (1, 1): 1 - b + square / 2 + (a * b - b * square) / 6,
+    }
+    for (i, j), value in taylor.items():
+        assert record.model_scale[i][j] * value == pytest.approx(record.phi[i][j], rel=3e-4)
+    moment = 0.5 - b / 6
+    assert record.model_scale[0][3] * moment == pytest.approx(record.gamma[0], rel=2e-3)
+    assert record.model_scale[1][3] * taylor[0, 1] == pytest.approx(record.gamma[1], rel=3e-4)
+
+
+def test_covariance_settings_run_to_the_steady_gain(lqg, calibrated):
+    """The scaled Riccati recursion in float64 ends at the constant gains of the same filter."""
+    record, _ = calibrated
+    one = 2.0**24
+    phi = np.array(record.covariance_phi) / one
+    output = np.array(record.covariance_output) / one
+    process = np.diag(np.array(record.process_noise) / one)
+    measurement = np.array(record.measurement_noise) / one
+    covariance = np.diag(np.array(record.covariance_start) / one)
+    gains = np.zeros((2, 5))
+    for _ in range(3000):
+        covariance = phi @ covariance @ phi.T + process
+        for m in range(2):
+            gains[m] = (
+                covariance @ output[m] / (output[m] @ covariance @ output[m] + measurement[m])
+            )
+            covariance = covariance - np.outer(gains[m], output[m] @ covariance)
+    q_state, q_measured = (30, 27, 24, 24, 27), (27, 24)
+    expected = lqg.controller.observer.correction
+    for m in range(2):
+        for i in range(4):
+            shift = record.covariance_gain_shift[m][i]
+            physical = gains[m][i] * one * 2.0 ** -(shift + q_state[i] - q_measured[m])
+            # only the variances of the process noise are kept, not its correlations
+            assert physical == pytest.approx(expected[m, i], rel=0.5, abs=2e-3)
+
+
+def test_file_comes_back_as_it_was(tmp_path, calibrated):
+    record, tables = calibrated
+    path = tmp_path / "sub" / "calibration.toml"
+    calibration_file.save(path, record, tables)
+    loaded = calibration_file.load(path)
+    assert packed(loaded.record) == packed(record)
+    assert loaded.record.crc == record.crc
+    assert loaded.law == "lqg_delay"
+    assert loaded.vehicle == "van_real"
+    assert loaded.verified
+    assert calibration_file.dumps(loaded.record, loaded.tables) == path.read_text()
+    assert tomllib.loads(path.read_text())["schema"] == 1
+    assert loaded.delay_warning(0.01) == ""
+    assert "expect a limit cycle" in loaded.delay_warning(10.0) or loaded.max_delay == np.inf
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("schema = 1", "schema = 2", r"schema 2, this version reads 1"),
+        ("tick_us = 10000", "tick_us = 50", r":\d+: 'tick_us' = 50 is outside 1000 to 20000"),
+        ("tick_us = 10000", "tick_us = 9000", r":\d+: crc does not match"),
+        ("tick_us = 10000", "tick_us = 1.5", r":\d+: 'tick_us' must hold integers, not 1.5"),
+        ("tick_us = 10000", "tikc_us = 10000", r":\d+: unknown key 'tikc_us', did you mean"),
+        ("tick_us = 10000\n", "", r"missing key 'tick_us'"),
+        ("[margins]", "[marigns]", r"unknown key 'marigns'"),
+        ("law = 0", "law = [0]", r"'law' must hold integers"),
+        ("schema = 1", "schema = ", r"not a TOML file"),
+        ('law = "lqg_delay"\n', "", r"\[design\] missing key 'law'"),
+    ],
+)
+def test_a_spoiled_file_is_refused_in_one_line(tmp_path, calibrated, old, new, message):
+    text = calibration_file.dumps(*calibrated)
+    assert old in text
+    path = tmp_path / "calibration.toml"
+    path.write_text(text.replace(old, new))
+    with pytest.raises(CanrollError, match=message) as caught:
+        calibration_file.load(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_unreadable_and_unwritable_files(tmp_path, calibrated):
+    with pytest.raises(CanrollError, match="cannot read calibration"):
+        calibration_file.load(tmp_path / "none.toml")
+    blocker = tmp_path / "file"
+    blocker.write_text("")
+    with pytest.raises(CanrollError, match="cannot write"):
+        calibration_file.save(blocker / "calibration.toml", *calibrated)
+
+
+def test_crc_covers_every_field(calibrated):
+    record, _ = calibrated
+    values = {field.name: getattr(record, field.name) for field in fields(Calibration)}
+    for field in fields(Calibration):
+        if field.name == "crc":
+            continue
+        changed = fill(values)
+        value = getattr(changed, field.name)
+        first = next(iter(flatten(value)))
+        moved = first + 1 if first < field.f.hi else first - 1
+        if isinstance(value, list) and isinstance(value[0], list):
+            value[0][0] = moved
+        elif isinstance(value, list):
+            value[0] = moved
+        else:
+            setattr(changed, field.name, moved)
+        assert seal(changed).crc != record.crc, field.name
+    assert identify(fill(values)).id == record.id
+
+
+def test_header_compiles_alone_and_holds_the_same_integers(tmp_path, lqg, calibrated):
+    record, _ = calibrated
+    text = gains_header(record, title=title(lqg), physical=physical_notes(record))
+    header = tmp_path / "canroll_gains.h"
+    header.write_text(text)
+    strict = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror"]
+    subprocess.run(["gcc", *strict, "-fsyntax-only", str(header)], check=True)
+    program = tmp_path / "dump.c"
+    lines = ['#include "canroll_gains.h"', "#include <stdio.h>"]
+    lines += ["static const canroll_calibration g = CANROLL_CALIBRATION_INITIALISER;"]
+    lines += ["int main(void) {"]
+    for field in fields(Calibration):
+        kind = "uint8_t" if field.kind == "u8" else "int32_t"
+        count = int(np.prod(field.shape)) if field.shape else 1
+        lines += [
+            f"    {{ const {kind} *p = (const {kind} *)&g.{field.name};",
+            f'      for (int i = 0; i < {count}; i++) printf("%ld\\n", (long)p[i]); }}',
+        ]
+    lines += ["    return 0;", "}"]
+    program.write_text("\n".join(lines))
+    binary = tmp_path / "dump"
+    subprocess.run(["gcc", "-std=c99", str(program), "-o", str(binary)], check=True)
+    printed = subprocess.run([str(binary)], check=True, capture_output=True, text=True).stdout
+    expected = [v for f in fields(Calibration) for v in flatten(getattr(record, f.name))]
+    assert [int(line) for line in printed.split()] == expected
+
+
+def test_header_comments_cannot_end_early():
+    assert comment("a */ b /* c \\ d\n e") == "a * / b / * c / d  e"
+    text = gains_header(Calibration(), title=["law */ int x;"])
+    assert "law * / int x;" in text
+
+
+def test_limits_follow_the_actuators():
+    van = task()
+    share = static_share(van.vehicle)
+    limit = moment_limit(van, share)
+    geometry = van.vehicle.geometry
+    front = limit * share / (2 * geometry.half_track_front)
+    rear = limit * (1 - share) / (2 * geometry.half_track_rear)
+    assert max(front, rear) == pytest.approx(van.vehicle.actuators.suspension.force_limit)
+    bars = moment_limit(replace(van, actuator="bars"), share)
+    assert bars * max(share, 1 - share) == pytest.approx(van.vehicle.actuators.bars.torque_limit)
+
+
+def test_damper_knee_is_where_the_curve_bends():
+    dampers = load("van_real").actuators.dampers
+    assert damper_knee(dampers, dampers.firm_force)[:2] == pytest.approx((0.15, 3300.0))
+    assert damper_knee(dampers, dampers.soft_force)[:2] == pytest.approx((0.3, 1200.0))
+
+
+def test_steering_gain_is_that_of_the_steady_turn():
+    """Against the ratio a_y / δ of the bicycle's steady equations solved as a linear system."""
+    vehicle = load("van_real")
+    geometry, tyre, speed = vehicle.geometry, vehicle.tyre, 20.0
+    front, rear = tyre.cornering_stiffness_front, tyre.cornering_stiffness_rear
+    lf, lr, mass = geometry.cg_to_front_axle, geometry.cg_to_rear_axle, vehicle.total_mass
+    # unknowns: sideslip, yaw rate; steady lateral and yaw balance at δ = 1
+    matrix = np.array(
+        [
+            [-(front + rear), -(front * lf - rear * lr) / speed - mass * speed],
+            [-(front * lf - rear * lr), -(front * lf**2 + rear * lr**2) / speed],
+        ]
+    )
+    _, yaw_rate = np.linalg.solve(matrix, -np.array([front, front * lf]))
+    expected = speed * yaw_rate / vehicle.steering.ratio
+    assert steering_gain(vehicle, speed) == pytest.approx(expected, rel=1e-9)
+
+
+def test_unknown_names_and_impossible_numbers():
+    with pytest.raises(UnknownNameError, match="did you mean 'lqg_delay'"):
+        design("lqg_dely", task())
+    with pytest.raises(UnknownNameError, match="observer"):
+        design("lqr", task(observer="three_sensors"))
+    with pytest.raises(CanrollError, match="tick"):
+        design("lqr", task(tick=0.05))
+    with pytest.raises(CanrollError, match="ring of past commands"):
+        design("lqg_delay", task(delay=0.5))
+    with pytest.raises(VerdictError, match="nothing is written"):
+        design("lqg_delay", replace(task(), delay=Delay(0.02, 0.02, 0.6)))
+
+
+def test_custom_gains(tmp_path):
+    path = tmp_path / "gains.toml"
+    path.write_text("K = [[72000.0, 30000.0]]\nKff = 600.0\n")
+    answer = design("custom", task(matrices=str(path)))
+    np.testing.assert_allclose(answer.controller.feedback[:2], [72000.0, 30000.0])
+    stored = tmp_path / "compensator.npz"
+    a, b = np.diag([0.9, 0.5]), np.array([[1e-3, 2.0, 0, 0], [0, 0.1, 0.2, 0]])
+    c, d = np.array([[-2000.0, -300.0]]), np.array([[0.0, -20000.0, -100.0, 0.0]])
+    np.savez(stored, A=a, B=b, C=c, D=d)
+    answer = design("custom", task(matrices=str(stored)))
+    record, tables = calibrate(answer)
+    assert record.law == 2
+    assert record.compensator_order == 2
+    assert tables["verification"]["quantised_moment_nm"]["ok"]
+    # scaling the states must not change what the compensator does
+    scaled = answer.controller.compensator
+    z = np.exp(0.3j)
+    before = c @ np.linalg.solve(z * np.eye(2) - a, b) + d
+    after = scaled.c @ np.linalg.solve(z * np.eye(2) - scaled.a, scaled.b) + scaled.d
+    np.testing.assert_allclose(after, before, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("gains.csv", "1", "give a .npz, .mat or .toml"),
+        ("gains.toml", "K = [[1.0, 2.0, 3.0]]", "K has 3 entries"),
+        ("gains.toml", "L = [[1.0]]", "unknown matrix 'L'"),
+        ("gains.toml", "A = [[0.5]]\nB = [[1.0, 0, 0, 0]]\nC = [[1.0]]", "D is missing"),
+        ("gains.toml", "A = [[0.5]]\nB = [[1.0]]\nC = [[1.0]]\nD = [[0, 0, 0, 0]]", "B is"),
+        ("gains.npz", "not a zip", "cannot read matrices"),
+    ],
+)
+def test_custom_files_that_do_not_fit(tmp_path, name, content, message):
+    path = tmp_path / name
+    path.write_text(content)
+    with pytest.raises(CanrollError, match=message):
+        design("custom", task(matrices=str(path)))
+    with pytest.raises(CanrollError, match="needs --matrices"):
+        design("custom", task())
+
+
+def test_margins_of_the_integers_are_those_of_the_design(tmp_path, lqg, calibrated):
+    path = tmp_path / "calibration.toml"
+    calibration_file.save(path, *calibrated)
+    report = margin_report(calibration_file.load(path))
+    at_design = next(p for p in report.over_delay if p.delay == lqg.task.delay.nominal)
+    assert at_design.margins.gain_db == pytest.approx(lqg.margins["gain_db"], rel=1e-3)
+    assert at_design.roll_rms_ratio == pytest.approx(
+        lqg.margins["roll_rms_ratio_nominal_delay"], rel=1e-3
+    )
+    assert report.max_delay == pytest.approx(lqg.max_delay, abs=3e-4)
+    nothing = report.over_gain[0]
+    assert nothing.gamma == pytest.approx(report.passive_gamma, rel=1e-6)
+    assert nothing.roll_rms_ratio == pytest.approx(1.0, rel=1e-6)
+
+
+def test_summary_is_plain_json(lqg):
+    text = json.dumps(summary(lqg), allow_nan=False)
+    assert set(json.loads(text)) >= {
+        "law", "vehicle", "delay_s", "tick_s", "gain", "gamma", "gamma_bound", "max_delay_s",
+        "rightmost_root", "margins", "verified", "solve_s",
+    }  # fmt: skip
+
+
+def test_command_line_writes_and_reads(tmp_path, capsys):
+    out = tmp_path / "out"
+    arguments = ["design", "--law", "hinf_delay", "--vehicle", "van_2021", "--delay", "100"]
+    assert main([*arguments, "--json", "--out", str(out)]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["gain"][0][0] == pytest.approx(-2871.0, rel=0.05)
+    assert answer["max_delay_s"] is None
+    assert all(check["ok"] for check in answer["verified"].values())
+    assert answer["verified"]["quantised_moment_nm"]["value"] < 0.1
+    assert answer["margins"]["exact_best_gain"] == pytest.approx(-2624.0, rel=0.03)
+    assert (out / "canroll_gains.h").is_file()
+    path = out / "calibration.toml"
+    assert main(["margins", str(path), "--out", str(out)]) == 0
+    assert "admits any delay" in capsys.readouterr().out
+    assert (out / "margins.png").stat().st_size > 10_000
+    assert main(["margins", str(path), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["law"] == "hinf_delay"
+
+
+def test_command_line_says_what_is_wrong(tmp_path, capsys):
+    out = ["--out", str(tmp_path)]
+    assert main(["design", "--law", "hinf_nodelay", "--gains", "as_printed", *out]) == 1
+    printed = capsys.readouterr()
+    assert "NOT VERIFIED" in printed.out
+    assert not calibration_file.load(tmp_path / "calibration.toml").verified
+    assert "NOT VERIFIED" in (tmp_path / "canroll_gains.h").read_text()
+    (tmp_path / "empty.toml").write_text("")
+    for arguments, code, message in (
+        (["design", "--law", "nosuch"], 2, "unknown law"),
+        (["design", "--delay", "-3"], 2, "must not be negative"),
+        (["design", "--vehicle", "vna_2021"], 2, "did you mean 'van_2021'"),
+        (
+            ["design", "--law", "hinf_delay", "--vehicle", "van_2021", "--delay", "2000"],
+            1,
+            "feasib",
+        ),
+        (["design", "--delay", "20", "--delay-from-bus", "500k"], 2, "excludes"),
+        (["margins", str(tmp_path / "none")], 2, "cannot read calibration"),
+        (["margins", str(tmp_path / "empty.toml")], 2, "is empty"),
+        (["design", "--vehicle", str(tmp_path / "empty.toml")], 2, "is empty"),
+        (["design", "--runs", "3"], 2, "belongs to --compare"),
+        (["design", "--over-bus", "500k"], 2, "belongs to --compare"),
+        (["design", "--gamma", "1.4"], 2, "leave it out for lqg_delay"),
+        (["design", "--law", "hinf_delay", "--gamma", "-1"], 2, "above 0"),
+        (["design", "--gains", "as_printed"], 2, "no gains are printed for lqg_delay"),
+        (["design", "--law", "custom", "--matrices", str(tmp_path)], 2, "it is a directory"),
+    ):
+        assert main([*arguments, *(out if arguments[0] == "design" else [])]) == code
+        error = capsys.readouterr().err
+        assert message in error
+        assert error.count("\n") == 1
+
+
+def test_printed_gains_are_never_verified_and_every_number_has_its_unit(tmp_path, capsys):
+    words = ["--vehicle", "suv_2020", "--law", "lqr", "--gains", "as_printed"]
+    code = main(["design", *words, "--out", str(tmp_path)])
+    shown = capsys.readouterr().out
+    assert code == int(" FAILS" in shown)
+    assert not calibration_file.load(tmp_path / "calibration.toml").verified
+    assert "warning: NOT VERIFIED: lqr with the gains as printed" in shown
+    assert main(["design", "--law", "hinf_delay", "--out", str(tmp_path)]) == 0
+    shown = capsys.readouterr().out
+    assert " dB" in shown
+    assert " deg" in shown
+    assert "largest delay, sampled loop" in shown
+    assert " inf" not in shown
+
+
+def test_an_ideal_law_is_shown_and_not_written(tmp_path, capsys):
+    arguments = ["design", "--law", "lqr_full_car_ideal", "--vehicle", "car_2020", "--json"]
+    assert main([*arguments, "--actuator", "valves", "--out", str(tmp_path / "none")]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["deployable"] is False
+    assert np.shape(answer["gain"]) == (2, 26)
+    assert not (tmp_path / "none").exists()
+
+
+def test_every_law_has_a_line_of_documentation():
+    assert all((function.__doc__ or "").strip() for function in LAWS.values())

@@ -1,0 +1,71 @@
+"""The commands: export-c refuses what is not verified, timing judges the budget."""
+
+import argparse
+import json
+
+import pytest
+
+from canroll.errors import CanrollError, VerdictError
+from codegen.run import cortex, native
+from hil.cli import export_c, prove, timing
+
+pytestmark = [
+    pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler"),
+    pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]"),
+]
+
+
+def parse(module, *words):
+    parser = argparse.ArgumentParser()
+    module.add_parser(parser.add_subparsers(dest="command"))
+    return parser.parse_args(words)
+
+
+def test_half_a_bus_is_refused(tmp_path):
+    args = parse(export_c, "export-c", str(tmp_path), "--dbc", "own.dbc")
+    with pytest.raises(CanrollError, match="--dbc and --map belong together"):
+        export_c.run(args)
+
+
+def test_an_unverified_design_needs_the_word(tmp_path, monkeypatch):
+    args = parse(export_c, "export-c", str(tmp_path / "out"))
+    plan = export_c.plan
+
+    def doubtful(*names, **options):
+        settings, controller = plan(*names, **options)
+        controller.tables["design"]["verified"] = False
+        return settings, controller
+
+    monkeypatch.setattr(export_c, "plan", doubtful)
+    with pytest.raises(VerdictError, match="--unverified"):
+        export_c.run(args)
+    assert not (tmp_path / "out").exists()
+    assert export_c.run(parse(export_c, "export-c", str(tmp_path / "out"), "--unverified")) == 0
+    assert "NOT VERIFIED" in (tmp_path / "out" / "README.md").read_text()
+    assert "NOT VERIFIED" in (tmp_path / "out" / "include" / "canroll_gains.h").read_text()
+
+
+def test_timing_counts_a_replayed_manoeuvre(capsys):
+    words = ("timing", "--duration", "0.5", "--counter", "unicorn", "--backend", "cortex-m4")
+    assert timing.run(parse(timing, *words)) == 0
+    out = capsys.readouterr().out
+    assert "unicorn, instructions (not cycles)" in out
+    assert "PASS" in out
+
+
+@pytest.mark.parametrize("words", [("file",), ("file/below",), ("/proc/x",)])
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path, words):
+    (tmp_path / "file").write_text("")
+    args = parse(export_c, "export-c", str(tmp_path / words[0]))
+    with pytest.raises(CanrollError, match=r"^cannot write to ") as caught:
+        export_c.run(args)
+    assert "\n" not in str(caught.value)
+    assert (tmp_path / "file").read_text() == ""
+
+
+def test_the_proof_as_json(capsys):
+    assert prove.run(parse(prove, "prove", "--json")) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["proved"] is True
+    assert answer["findings"] == []
+    assert answer["expressions"] > 1000

@@ -1,0 +1,140 @@
+import argparse
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import hil.cli
+from canroll.errors import VerdictError
+from hil.cli import main as cli
+
+
+@pytest.fixture
+def command(monkeypatch):
+    """Register a command whose run is the function given."""
+
+    def register(run):
+        module = ModuleType("hil.cli.run")
+
+        def add_parser(subparsers):
+            parser = subparsers.add_parser("run")
+            parser.add_argument("--count", type=int)
+            parser.set_defaults(run=run)
+
+        module.add_parser = add_parser
+        monkeypatch.setattr(cli, "import_module", lambda name: module)
+
+    return register
+
+
+def test_every_command_module_has_a_line_of_help():
+    folder = Path(hil.cli.__file__).parent
+    modules = {path.stem.replace("_", "-") for path in folder.glob("[a-z]*.py")}
+    assert modules <= set(cli.COMMANDS)
+    assert set(cli.available()) == modules
+
+
+def test_help_names_every_command(capsys):
+    assert cli.main(["--help"]) == 0
+    out = capsys.readouterr().out
+    assert all(name in out for name in cli.available())
+
+
+def test_nothing_to_do_prints_help_and_is_a_usage_error(capsys):
+    assert cli.main([]) == 2
+    assert "commands:" in capsys.readouterr().out
+
+
+def test_unknown_command_suggests_the_nearest(capsys):
+    assert cli.main(["rnu"]) == 2
+    assert capsys.readouterr().err == "canroll: unknown command 'rnu': did you mean 'run'?\n"
+
+
+def test_an_unknown_option_names_the_commands_own_help(capsys, command):
+    command(lambda args: 0)
+    assert cli.main(["run", "--cuont", "3", "more"]) == 2
+    error = capsys.readouterr().err
+    assert error == "canroll: 'run' takes no --cuont 3 more (see 'canroll run --help')\n"
+
+
+def test_wrong_option_is_one_line(capsys, command):
+    command(lambda args: 0)
+    assert cli.main(["run", "--count", "many"]) == 2
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1
+    assert "--count" in error and "canroll run --help" in error
+    assert cli.main(["--nope"]) == 2
+
+
+def test_errors_become_a_line_and_their_exit_code(capsys, command):
+    def refuse(args: argparse.Namespace) -> int:
+        raise VerdictError("no gain keeps this delay stable: lower the delay")
+
+    command(refuse)
+    assert cli.main(["run"]) == 1
+    assert capsys.readouterr().err == "canroll: no gain keeps this delay stable: lower the delay\n"
+
+
+def test_interrupt_is_130(command):
+    def interrupt(args):
+        raise KeyboardInterrupt
+
+    command(interrupt)
+    assert cli.main(["run"]) == 130
+
+
+def test_the_commands_answer_is_the_exit_code(command):
+    command(lambda args: args.count)
+    assert cli.main(["run", "--count", "7"]) == 7
+
+
+def test_a_closed_pipe_is_quiet():
+    program = "import sys; from hil import cli; sys.exit(cli.main(['--help']))"
+    process = subprocess.run(
+        f'{sys.executable} -c "{program}" | true; echo ${{PIPESTATUS[0]}}',
+        shell=True,
+        executable="/bin/bash",
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert process.stderr == ""
+
+
+def test_help_loads_no_heavy_package():
+    program = (
+        "import sys; from hil import cli; cli.main(['--help']);"
+        "print(sorted({'numpy','numba','scipy','cvxpy','matplotlib','rich'} & set(sys.modules)))"
+    )
+    process = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
+    )
+    assert process.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize(
+    ("package", "line"),
+    [
+        ("elftools", "needs elftools/unicorn/ziglang: .venv/bin/pip install -e '.[target]'"),
+        ("asammdf", "needs asammdf: .venv/bin/pip install -e '.[asammdf]'"),
+    ],
+)
+def test_a_missing_extra_is_a_line_that_says_how_to_install_it(
+    command, capsys, monkeypatch, package, line
+):
+    monkeypatch.setitem(sys.modules, package, None)
+    command(lambda args: import_module(f"{package}.part"))
+    assert cli.main(["run"]) == 2
+    error = capsys.readouterr().err
+    assert line in error
+    assert error.count("\n") == 1
+
+
+def test_another_missing_module_is_not_hidden(command):
+    command(lambda args: import_module("no_such_module_at_all"))
+    with pytest.raises(ModuleNotFoundError):
+        cli.main(["run"])

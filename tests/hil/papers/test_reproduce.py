@@ -1,0 +1,341 @@
+import json
+import math
+import re
+
+import numpy as np
+import pytest
+from scipy import signal
+
+import vehicles
+from hil.cli.main import main
+from hil.papers import viadero2022, yim2020
+from hil.papers.chatter import fast_share
+from hil.papers.effort_section import BESIDE, OURS, beside, rows
+from hil.papers.ideal_bars import linear_run
+from hil.papers.paper_runs import cycle_reason, plots
+from hil.papers.printed_rows import (
+    NOT_REPRODUCIBLE,
+    REPRODUCED,
+    SAME_ORDERING,
+    VERDICTS,
+    Row,
+    judged,
+    printed,
+)
+from hil.papers.reproduce import PAPERS, reproduce, to_json, to_markdown
+from hil.papers.reproduction_page import reproduction_page
+from hil.papers.roll_model import STEP, motion
+from hil.papers.section import text as shown
+from hil.papers.viadero2022_certificate import WATCHED, relative_rule
+from hil.papers.vu2020 import frequency_domain
+from hil.runs import experiment
+from hil.studies import equal_effort
+from hil.studies.equal_effort import EFFORT_TOLERANCE, FIGURES, Comparison
+from vehicles.full_car import REPAIRED
+
+TABLE_3 = "reduction_db_at_1_rad_s"
+
+
+def row(printed_value, ours, group="g", **more):
+    return Row("p", "t", "r", "q", printed_value, ours, group, "because", **more)
+
+
+def verdicts(*rows):
+    return [found.verdict for found in judged(rows)]
+
+
+def test_within_the_tolerance_is_reproduced():
+    assert verdicts(row(2.0, 2.29), row(4.0, 3.41)) == [REPRODUCED, REPRODUCED]
+
+
+def test_further_off_but_in_order():
+    assert verdicts(row(2.0, 3.0), row(4.0, 4.1)) == [SAME_ORDERING, REPRODUCED]
+
+
+def test_out_of_order():
+    assert verdicts(row(2.0, 5.0), row(4.0, 4.1)) == [NOT_REPRODUCIBLE, REPRODUCED]
+
+
+def test_printed_ties_have_no_order():
+    assert verdicts(row(2.0, 3.0), row(2.01, 2.5)) == [SAME_ORDERING, SAME_ORDERING]
+
+
+def test_groups_are_apart():
+    assert verdicts(row(2.0, 5.0, "a"), row(4.0, 4.1, "b"))[0] == SAME_ORDERING
+
+
+@pytest.mark.parametrize(
+    ("ours", "verdict"),
+    [(0.3, NOT_REPRODUCIBLE), (-30.0, NOT_REPRODUCIBLE), (10.0, SAME_ORDERING), (28, REPRODUCED)],
+)
+def test_a_number_on_its_own_needs_its_sign_and_size(ours, verdict):
+    assert verdicts(row(27.8, ours, "")) == [verdict]
+
+
+def test_reasons_stand_where_they_are_needed():
+    met, calibrated, missed = judged(
+        [row(2.0, 2.0), row(2.0, 2.1, calibrated=True), row(2.0, 5.0, "x")]
+    )
+    assert met.reason == ""
+    assert "calibrated" in calibrated.reason
+    assert missed.reason == "because"
+
+
+def test_every_paper_has_its_tables():
+    assert set(PAPERS) == {"redondo2021", "viadero2022", "vu2020", "yim2020"}
+    assert printed("viadero2022")["double_lane_change_100"]["active"]["roll_max"] == 2.22
+
+
+@pytest.fixture(scope="module")
+def viadero():
+    return reproduce(["viadero2022"], lambda title, share: None, runs=0)
+
+
+def test_the_event_triggered_paper_comes_out(viadero):
+    """Roll angle and transmission rate at 100 km/h are met, and not by calibration."""
+    (part,) = viadero
+    met = {
+        (r.row, r.quantity)
+        for r in part.rows
+        if r.verdict == REPRODUCED and not r.calibrated and "100 km/h" in r.table
+    }
+    assert {("active", "roll_rms"), ("active", "roll_max")} <= met
+    assert len(part.rows) == 18
+    assert sum(part.counts.values()) == 18
+
+
+def test_rows_of_the_json(viadero):
+    data = json.loads(json.dumps(to_json(viadero), allow_nan=False))
+    keys = {"paper", "table", "row", "quantity", "printed", "ours", "difference_percent"}
+    for found in data["rows"]:
+        assert set(found) == keys | {"verdict", "reason"}
+        assert found["verdict"] in VERDICTS
+        assert math.isfinite(found["ours"])
+        if found["verdict"] == NOT_REPRODUCIBLE:
+            assert len(found["reason"]) > 30
+        ratio = found["ours"] / found["printed"]
+        assert found["difference_percent"] == pytest.approx(100 * ratio - 100)
+
+
+def test_the_page_has_a_chapter_a_paper_with_its_plots(viadero):
+    page = reproduction_page(viadero)
+    assert page.count('data-figures="viadero2022"') == 1
+    assert page.index("Mean load and worst case") < page.index('data-figures="viadero2022"')
+    assert page.index('data-figures="viadero2022"') < page.index("<h2>Parameters")
+    assert "<nav>" not in page
+    both = reproduction_page([*viadero, *viadero])
+    links = re.findall(r'<a href="#([^"]+)"', both)
+    assert len(links) == 2
+    assert f'<h2 id="{links[0]}"' in both
+
+
+def test_markdown_has_a_line_a_number(viadero):
+    lines = [line for line in to_markdown(viadero).splitlines() if line.startswith("| Table")]
+    assert len(lines) == 18
+
+
+def test_unknown_paper(capsys):
+    assert main(["reproduce", "viadero2021", "--json"]) == 2
+    assert "did you mean 'viadero2022'?" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_all_papers_through_the_command(tmp_path, capsys):
+    assert main(["reproduce", "--json", "--out", str(tmp_path)]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert len(data["rows"]) == 221
+    assert {found["paper"] for found in data["rows"]} == set(PAPERS)
+    assert all(f["reason"] for f in data["rows"] if f["verdict"] != REPRODUCED)
+    # plants are calibrated on passive rows alone
+    assert all("passive" in f["row"] for f in data["rows"] if "calibrated" in f["reason"][:10])
+    assert {path.suffix for path in tmp_path.iterdir()} == {".html", ".md", ".json"}
+
+
+def section(data, key):
+    return next(part for part in data["sections"] if part["section"] == key)["rows"]
+
+
+def test_both_readings_of_the_measured_output(viadero):
+    """The printed P certifies the roll rate at one sampling period, and nothing else."""
+    rate, angle, table = section(to_json(viadero), "readings_of_y")
+    assert rate["certified_gamma_squared_20_ms"] < table["certified_gamma_squared_20_ms"] == 16.96
+    assert rate["certified_gamma_squared_40_ms"] is None
+    assert angle["certified_gamma_squared_20_ms"] is None
+    for row in (rate, angle):
+        assert row["small_gain_40_ms"] < 1
+        assert row["roll_rms_change_percent"] < 0
+    # the gain as stiffness on the angle gives more H∞ level than as damping on the rate
+    assert angle["exact_gamma_squared_40_ms"] > rate["exact_gamma_squared_40_ms"]
+
+
+def test_rolling_is_a_second_order_system():
+    """Without control the exact steps are scipy's; a dead sensor changes nothing."""
+    model = vehicles.load("van_2022").design
+    time = np.arange(3000) * STEP
+    lateral = 3 * np.sin(2 * time)
+    free = motion(model, None, lateral)
+    stiffness = model.effective_stiffness
+    system = signal.TransferFunction(
+        [model.roll_arm], [model.roll_inertia, model.roll_damping, stiffness]
+    )
+    _, expected, _ = signal.lsim(system, lateral, time, interp=False)
+    assert free[:, 0] == pytest.approx(expected, abs=1e-9)
+    assert np.array_equal(motion(model, np.zeros((1, 2)), lateral), free)
+
+
+def test_relative_rule():
+    assert relative_rule(np.zeros(5)) == 0
+    assert relative_rule(np.array([1.0, 1.01, 1.02, 2.0, 2.01])) == 2
+    dying = np.array([1.0, 0.4, 0.3])
+    assert relative_rule(dying) == 2
+    assert relative_rule(dying, floor=0.7) == 1
+
+
+def test_printed_multipliers_certify_nothing(viadero):
+    rate, angle, _ = section(to_json(viadero), "readings_of_y")
+    for row in (rate, angle):
+        for delay in ("20_ms", "40_ms"):
+            assert row[f"printed_multipliers_gamma_squared_{delay}"] is None
+    note = next(s["note"] for s in to_json(viadero)["sections"] if s["section"] == "readings_of_y")
+    assert "R = 3.4e-09 and S = 1.25e-10 as printed certify nothing" in note
+
+
+def test_gains_behind_the_tables(viadero):
+    (row,) = section(to_json(viadero), "design")
+    assert row["gain_as_printed"] == "13553"
+    assert row["gamma_printed"] == pytest.approx(math.sqrt(16.96))
+    assert row["gamma_as_printed"] > row["gamma_printed"] > row["gamma_computed"]
+    assert row["admitted_delay_ms_as_printed"] < row["admitted_delay_ms_computed"]
+
+
+@pytest.mark.parametrize(
+    ("scenario", "keywords"),
+    [
+        ("double_lane_change", {**viadero2022.COMMON, "speed_kmh": 100.0}),
+        ("moose", {**yim2020.COMMON, "law": "hinf", "actuator": "bars"}),
+    ],
+)
+def test_limit_cycles_come_of_what_the_design_model_leaves_out(scenario, keywords):
+    """The reason that the rows give: the same gain on the same net rests on the 1-DOF model."""
+    assert "leaves out" in cycle_reason(experiment.run(scenario, **keywords))
+    model = experiment.run(scenario, **{**keywords, "plant": "roll1"})
+    assert cycle_reason(model) == ""
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(11512.3, "11512"), (-11512.3, "−11512"), (1234.5, "1234"), (0.001234, "0.001234"),
+     (999.96, "1000"), (12.3456, "12.35"), (0.0, "0"), (None, "none"), ("law", "law")],
+)  # fmt: skip
+def test_numbers_have_four_digits_and_no_exponent(value, text):
+    assert shown(value) == text
+
+
+def test_the_run_without_control_is_named_where_there_are_several():
+    one, two = (
+        experiment.run("double_lane_change", law="passive", speed_kmh=speed, duration=0.5)
+        for speed in (60.0, 80.0)
+    )
+    for results, name in (
+        ({"a, first": one, "a, second": one}, "without control"),
+        ({"60 km/h": one, "80 km/h": two}, "60 km/h, without control"),
+    ):
+        assert plots("p", "t", results)[0].series[0].name == name
+
+
+def test_triggering_lowers_the_mean_load_alone(viadero):
+    every, event = section(to_json(viadero), "load_and_bound")
+    assert event["mean_load_percent"] < every["mean_load_percent"]
+    assert event["commands_per_second"] < every["commands_per_second"]
+    for message in WATCHED:
+        assert event[f"{message}_bound_ms"] == every[f"{message}_bound_ms"]
+        for row in (every, event):
+            assert row[f"{message}_seen_ms"] <= row[f"{message}_bound_ms"]
+
+
+def test_fast_share_of_a_command():
+    time = np.arange(1000) * 0.01
+    slow, fast = np.sin(2 * np.pi * time), np.sin(2 * np.pi * 8 * time)
+    assert fast_share(slow, 0.01) < 1e-6
+    assert fast_share(slow + 0.5 * fast, 0.01) == pytest.approx(0.2, abs=1e-3)
+    assert fast_share(np.zeros(100), 0.01) == 0
+
+
+def test_rows_of_a_comparison():
+    """Differences are of the reference's mean; a law that cannot run is told, not left out."""
+    runs = np.ones((4, len(FIGURES)))
+    entries = {entry.name: entry for entry in OURS}
+    less = runs.copy()
+    less[:, :2] = np.array([0.5, 0.5, 0.6, 0.4])[:, None]
+    nothing = np.full_like(runs, np.nan)
+    found = rows(
+        Comparison(
+            (
+                equal_effort.Row(entries["hinf_delay"], 1.0, runs),
+                equal_effort.Row(entries["lqg_delay"], 0.5, less),
+                equal_effort.Row(entries["ay_feedforward"], 1.0, nothing, "too little"),
+            ),
+            "hinf_delay", 1.0, 4, "500k", "van_real", "moose",
+        )
+    )  # fmt: skip
+    reference, ours, refused = found
+    assert reference["roll_rms_difference_percent"] == 0
+    assert ours["roll_rms_difference_percent"] == pytest.approx(-50)
+    assert ours["low_percent"] < -50 < ours["high_percent"] < 0
+    assert ours["verdict"] == "better"
+    assert refused["verdict"] == "too little"
+    assert refused["roll_rms_deg"] is refused["low_percent"] is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("paper", PAPERS)
+def test_ours_beside_theirs(paper):
+    """Every scaled law spends what the reference spends, and the trade-off has a curve a law."""
+    sections, figure = beside(paper, lambda title, share: None, runs=2)
+    scaled = {entry.name for entry in (*BESIDE[paper].own_laws, *OURS) if entry.scaled}
+    for part in sections:
+        found = {row["law"]: row for row in part.rows}
+        assert {"passive", "hinf_delay", "ay_feedforward", "lqg_delay"} <= set(found)
+        budget = found["hinf_delay"]["moment_rms_nm"]
+        for law in scaled & set(found):
+            row = found[law]
+            met = row["moment_rms_nm"] == pytest.approx(budget, rel=EFFORT_TOLERANCE)
+            assert met != ("the RMS moment" in row["verdict"])
+        for law in ("ay_feedforward", "lqg_delay"):
+            assert found[law]["moment_rms_nm"] == pytest.approx(budget, rel=EFFORT_TOLERANCE)
+            # less roll for the effort than the roll rate alone gives
+            assert found[law]["high_percent"] < 0
+    assert [curve.name for curve in figure.series[1:]] == [entry.name for entry in OURS]
+
+
+def test_nearest_to_the_printed_drop_of_wheel_motion():
+    """The figure in the reason: feedback that no actuator has, on the car as printed."""
+    rows = {row.quantity: row for row in frequency_domain(printed("vu2020")[TABLE_3])}
+    for quantity in ("z1_db", "z2_db", "force_front_left_db"):
+        row = rows[quantity]
+        nearest = float(re.search(r"nearest: (-?[\d.]+) dB", row.finding).group(1))
+        assert row.ours < 1
+        assert 15 < nearest < row.printed
+
+
+def test_ideal_law_on_the_linear_car():
+    """Control takes roll away at rest and in the limit of a steady turn alike."""
+    steer = np.full(4000, 0.01)
+    free, idle = linear_run(REPAIRED, steer, 20.0, controlled=False)
+    held, currents = linear_run(REPAIRED, steer, 20.0, controlled=True)
+    assert not idle.any()
+    assert np.abs(currents).max() > 0
+    assert abs(held[-1]) < 0.7 * abs(free[-1])
+    assert not linear_run(REPAIRED, np.zeros(50), 20.0, controlled=True)[0].any()
+
+
+def test_sections_are_in_the_markdown(viadero):
+    text = to_markdown(viadero)
+    for part in to_json(viadero)["sections"]:
+        assert f"### {part['title']}" in text
+        assert len({frozenset(row) for row in part["rows"]}) == 1
+
+
+def test_one_run_has_no_interval(capsys):
+    assert main(["reproduce", "viadero2022", "--runs", "1", "--json"]) == 2
+    assert "at least 2" in capsys.readouterr().err

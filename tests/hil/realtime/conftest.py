@@ -1,0 +1,82 @@
+"""A clock that only moves when it is slept on or told to, and a bus that is a list."""
+
+import pytest
+
+from hil.realtime import ecu_loop, plant_loop
+from hil.runs import frozen
+
+
+class Clock:
+    """Stands in for the module ``time`` in a loop; ``late`` adds to chosen sleeps, ns."""
+
+    def __init__(self):
+        self.now = 1_000_000_000
+        self.late = {}
+        self.sleeps = 0
+
+    def monotonic_ns(self):
+        return self.now
+
+    def monotonic(self):
+        return self.now * 1e-9
+
+    def sleep(self, seconds):
+        self.now += round(seconds * 1e9) + self.late.get(self.sleeps, 0)
+        self.sleeps += 1
+
+
+@pytest.fixture(scope="session")
+def make_clock():
+    return Clock
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    clock = Clock()
+    for loop in (ecu_loop, plant_loop):
+        monkeypatch.setattr(loop, "time", clock)
+    return clock
+
+
+class ListBus:
+    """What is in ``waiting`` is received once; what is sent is kept with its instant."""
+
+    failed = 0
+
+    def __init__(self, clock):
+        self.clock = clock
+        self.waiting = []
+        self.out = []
+        self.sent = self.received = 0
+
+    def receive(self):
+        waiting, self.waiting = self.waiting, []
+        self.received += len(waiting)
+        return waiting
+
+    def send(self, ident, payload):
+        self.out.append((self.clock.now, ident, payload))
+        self.sent += 1
+
+    def close(self):
+        pass
+
+
+@pytest.fixture
+def list_bus(clock):
+    return ListBus(clock)
+
+
+@pytest.fixture(scope="session")
+def calibration():
+    return frozen.prepare(frozen.Request(law="lqr"), bus="500k").record
+
+
+@pytest.fixture(scope="session")
+def calibration_file(tmp_path_factory):
+    from gain_gen.calibration import calibration_file as files
+
+    prepared = frozen.prepare(frozen.Request(law="lqr"), bus="500k")
+    path = tmp_path_factory.mktemp("design") / "calibration.toml"
+    files.save(path, prepared.record, prepared.tables)
+    return path

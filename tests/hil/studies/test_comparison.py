@@ -1,0 +1,128 @@
+import json
+
+import pytest
+
+from canroll.errors import CanrollError, UnknownNameError
+from hil.cli.main import main
+from hil.studies.comparison import describe, parse_range, runs
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [
+        ("60:160:20", [60, 80, 100, 120, 140, 160]),
+        ("60:155:20", [60, 80, 100, 120, 140]),
+        ("0.1:0.3:0.1", [0.1, 0.2, 0.3]),
+        ("100:60:-20", [100, 80, 60]),
+        ("80:100", [80, 90, 100]),
+        ("50,70", [50, 70]),
+        ("80", [80]),
+    ],
+)
+def test_ranges(text, numbers):
+    assert parse_range(text) == pytest.approx(numbers)
+
+
+@pytest.mark.parametrize(
+    "text", ["a:b:c", "60:160:0", "160:60:20", "0:1e9:1", "", "1:2:3:4", "nan:1:1"]
+)
+def test_what_is_no_range(text):
+    with pytest.raises(CanrollError, match="range"):
+        parse_range(text)
+
+
+def test_descriptions_of_runs():
+    assert describe("lqr") == {"law": "lqr"}
+    assert describe("mine/calibration.toml") == {"calibration": "mine/calibration.toml"}
+    assert describe("law=lqr,tick=5,speed=90,seed=3") == {
+        "law": "lqr", "tick_ms": 5.0, "speed_kmh": 90.0, "seed": 3,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("text", ["lqq", "las=lqr", "law"])
+def test_unknown_names_in_descriptions(text):
+    with pytest.raises(UnknownNameError):
+        describe(text)
+
+
+def test_a_number_that_is_none():
+    with pytest.raises(CanrollError, match="'tick=fast'"):
+        describe("tick=fast")
+
+
+def test_runs_that_differ_in_their_law_share_the_run_without_control():
+    first, second, other = runs(
+        "double_lane_change",
+        [("a", {"law": "lqr"}), ("b", {"law": "smc"}), ("c", {"law": "lqr", "seed": 1})],
+        common={"vehicle": "van_2021"},
+        duration=1.0,
+    )
+    assert first.result.passive is second.result.passive
+    assert other.result.passive is not first.result.passive
+    assert first.result.record.id != second.result.record.id
+
+
+def test_compare_writes_a_page_and_the_numbers(tmp_path, capsys):
+    arguments = ["compare", "lqr", "law=lqr,actuator=bars", "--duration", "1.5", "--json"]
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert [run["name"] for run in data["runs"]] == ["lqr", "law=lqr,actuator=bars"]
+    assert data["runs"][1]["actuator"] == "bars"
+    page = (tmp_path / "comparison.html").read_text()
+    assert 'data-key="runs.1.controlled.roll_max_deg"' in page
+    assert json.loads((tmp_path / "comparison.json").read_text())["runs"] == data["runs"]
+
+
+def test_saved_runs_are_compared_as_driven_ones(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for law in ("lqr", "ay_feedforward"):
+        options = ["--law", law, "--duration", "1.5", "--out", law + "_run", "--json"]
+        assert main(["run", "double_lane_change", *options]) == 0
+    capsys.readouterr()
+    saved = ["lqr_run", "ay_feedforward_run"]
+    assert main(["compare", "smc", *saved, "--duration", "1.5", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert [run["name"] for run in data["runs"]] == ["smc", *saved]
+    for law, run in zip(("lqr", "ay_feedforward"), data["runs"][1:], strict=True):
+        told = json.loads((tmp_path / f"{law}_run" / "result.json").read_text())
+        assert {**run, "name": None} == {**told, "name": None}
+    assert main(["compare", *saved]) == 0
+    assert "warning" not in capsys.readouterr().out
+    page = (tmp_path / "out" / "comparison.html").read_text()
+    assert 'data-key="runs.1.controlled.roll_max_deg"' in page
+    assert main(["compare", "lqr_run", "lqr", "--scenario", "roundabout", "--duration", "1"]) == 2
+    assert "compare runs of one manoeuvre" in capsys.readouterr().err
+
+
+def test_another_car_is_told(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    arguments = ["compare", "law=lqr,vehicle=van_2021", "law=lqr,vehicle=van_real"]
+    assert main([*arguments, "--duration", "2"]) == 0
+    assert "law=lqr,vehicle=van_real has another vehicle" in capsys.readouterr().out
+
+
+def test_sweep_over_speeds_and_laws(tmp_path, capsys):
+    arguments = ["sweep", "--speed", "60:80:20", "--law", "lqr,ay_feedforward"]
+    assert main([*arguments, "--out", str(tmp_path)]) == 0
+    assert "lqr (deg)" in capsys.readouterr().out
+    data = json.loads((tmp_path / "sweep.json").read_text())
+    assert [run["speed_kmh"] for run in data["laws"]["lqr"]] == [60, 80]
+    assert all(run["helps"] for runs in data["laws"].values() for run in runs)
+    assert "60 to 80 km/h" in (tmp_path / "sweep.html").read_text()
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["compare", "lqr", "lqr"],
+        ["compare", "lqq"],
+        ["sweep", "--speed", "fast"],
+        ["sweep", "--law", "lqr,smv"],
+        ["sweep", "nosuch"],
+        ["compare", "lqr", "--scenario", "nosuch"],
+    ],
+)
+def test_usage_errors(arguments, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    assert capsys.readouterr().err.count("\n") == 1

@@ -1,0 +1,231 @@
+"""The full car against python-control, on equations written down anew from the paper."""
+
+import control
+import numpy as np
+import pytest
+
+import vehicles
+from plant_sim import bodies
+from plant_sim.bodies import linear_car, ports
+from plant_sim.world import open_loop
+from vehicles.full_car import (
+    AS_PRINTED,
+    INPUTS,
+    REPAIRED,
+    STATES,
+    frequency_response,
+    from_vehicle,
+    state_matrices,
+)
+
+SPEED = 70 / 3.6
+
+
+def descriptor(car, speed):
+    """E, A, B of Vu 2020, equations 1 to 12, one scalar equation at a time, paper's wheel order."""
+    g, valves = 9.81, car.valves
+    names = [
+        *("zs", "th", "ph", "z1", "z2", "z3", "z4", "dzs", "dth", "dph", "dz1", "dz2", "dz3"),
+        *("dz4", "be", "r", "xf", "dxf", "pf", "tf", "dtf", "xr", "dxr", "pr", "tr", "dtr"),
+    ]
+    at = {name: i for i, name in enumerate(names)}
+    e, a, b = np.zeros((26, 26)), np.zeros((26, 26)), np.zeros((26, 7))  # d, q1..q4, uf, ur
+    for name in names[:7]:
+        e[at[name], at[name]] = 1
+        a[at[name], at["d" + name]] = 1
+    c = car.half_track[0]
+    corners = {  # wheel: (x, y, axle), 1 FL, 2 RL, 3 RR, 4 FR
+        1: (car.distance[0], c, 0),
+        2: (car.distance[1], c, 1),
+        3: (car.distance[1], -c, 1),
+        4: (car.distance[0], -c, 0),
+    }
+    m, h = car.sprung_mass, car.roll_height
+    e[at["dzs"], at["dzs"]] = m
+    e[at["dth"], at["dth"]] = car.pitch_inertia + m * car.pitch_height**2
+    a[at["dth"], at["th"]] = m * g * car.pitch_height
+    e[at["dph"], at["dph"]] = car.roll_inertia + m * h**2
+    e[at["dph"], at["be"]] = -m * h * speed
+    a[at["dph"], at["r"]] = m * h * speed
+    a[at["dph"], at["ph"]] = m * g * h
+    for w, (x, y, axle) in corners.items():
+        e[at[f"dz{w}"], at[f"dz{w}"]] = car.unsprung[axle]
+        a[at[f"dz{w}"], at[f"z{w}"]] -= car.tyre_stiffness
+        b[at[f"dz{w}"], w] = car.tyre_stiffness
+        for rate, factor in (("", -car.spring[axle]), ("d", -car.damping[axle])):
+            for part, gain in (("zs", 1), ("th", -x), ("ph", y), (f"z{w}", -1)):
+                force = factor * gain
+                a[at["dzs"], at[rate + part]] += force
+                a[at["dth"], at[rate + part]] -= x * force
+                a[at["dph"], at[rate + part]] += y * force
+                a[at[f"dz{w}"], at[rate + part]] -= force
+    for left, right, tag, u in ((1, 4, "f", 5), (2, 3, "r", 6)):
+        nh, kb = valves.lever_ratio, valves.bar_stiffness
+        torque = {"ph": kb * nh, f"z{left}": -kb * nh / (2 * c), f"z{right}": kb * nh / (2 * c)}
+        torque[f"t{tag}"] = kb
+        for part, gain in torque.items():
+            a[at["dph"], at[part]] -= nh * gain
+            a[at[f"dz{left}"], at[part]] += nh * gain / (2 * c)
+            a[at[f"dz{right}"], at[part]] -= nh * gain / (2 * c)
+            a[at[f"dt{tag}"], at[part]] -= gain
+        w = valves.valve_frequency
+        e[at[f"x{tag}"], at[f"x{tag}"]] = 1
+        a[at[f"x{tag}"], at[f"dx{tag}"]] = 1
+        e[at[f"dx{tag}"], at[f"dx{tag}"]] = 1 / w**2
+        a[at[f"dx{tag}"], at[f"dx{tag}"]] = -2 * valves.valve_damping / w
+        a[at[f"dx{tag}"], at[f"x{tag}"]] = -1
+        b[at[f"dx{tag}"], u] = valves.valve_gain
+        e[at[f"p{tag}"], at[f"p{tag}"]] = valves.volume / (4 * valves.bulk_modulus)
+        a[at[f"p{tag}"], at[f"x{tag}"]] = valves.flow_gain
+        a[at[f"p{tag}"], at[f"p{tag}"]] = -valves.pressure_coefficient - valves.leakage
+        a[at[f"p{tag}"], at[f"dt{tag}"]] = valves.leakage_by_rotation - valves.displacement
+        e[at[f"t{tag}"], at[f"t{tag}"]] = 1
+        a[at[f"t{tag}"], at[f"dt{tag}"]] = 1
+        e[at[f"dt{tag}"], at[f"dt{tag}"]] = valves.motor_inertia
+        a[at[f"dt{tag}"], at[f"p{tag}"]] = valves.displacement
+        a[at[f"dt{tag}"], at[f"dt{tag}"]] = -valves.motor_damping
+    cf, cr = car.cornering
+    front, rear = car.distance[0], -car.distance[1]
+    e[at["be"], at["be"]] = car.mass * speed
+    e[at["be"], at["dph"]] = -m * h
+    a[at["be"], at["be"]] = -cf - cr
+    a[at["be"], at["r"]] = -car.mass * speed - cf * front / speed + cr * rear / speed
+    b[at["be"], 0] = cf
+    e[at["r"], at["r"]] = car.yaw_inertia
+    a[at["r"], at["be"]] = -front * cf + rear * cr
+    a[at["r"], at["r"]] = -(front**2 * cf + rear**2 * cr) / speed
+    b[at["r"], 0] = front * cf
+    return np.linalg.solve(e, a), np.linalg.solve(e, b), at
+
+
+OURS = {"zs": "heave", "th": "pitch", "ph": "roll", "dph": "roll_rate", "z1": "hop_fl"}
+OURS |= {"z2": "hop_rl", "z3": "hop_rr", "z4": "hop_fr", "be": "sideslip", "r": "yaw_rate"}
+OURS |= {"pf": "pressure_front", "tr": "angle_rear"}
+ROADS = {1: "road_fl", 2: "road_rl", 3: "road_rr", 4: "road_fr"}
+DRIVES = {0: "steer", 5: "current_front", 6: "current_rear"} | ROADS
+
+
+@pytest.mark.parametrize("car", [AS_PRINTED, REPAIRED], ids=["as_printed", "repaired"])
+def test_frequency_response_equals_python_control_on_the_printed_equations(car):
+    a, b, at = descriptor(car, SPEED)
+    omega = np.geomspace(0.1, 60.0, 25)
+    reference = control.ss(a, b, np.eye(26), np.zeros((26, 7)))(1j * omega)
+    ours = frequency_response(car, SPEED, omega / (2 * np.pi))
+    for theirs, name in OURS.items():
+        for column, drive in DRIVES.items():
+            mine = ours[STATES.index(name), INPUTS.index(drive)]
+            other = reference[at[theirs], column]
+            floor = 1e-3 * np.abs(reference[at["ph"], column]).max()
+            floor *= 1e6 if name.startswith("pressure") else 1.0
+            size = max(np.abs(other).max(), floor)
+            assert np.abs(mine - other).max() <= 1e-7 * size, (theirs, drive)
+
+
+@pytest.mark.parametrize("car", [AS_PRINTED, REPAIRED], ids=["as_printed", "repaired"])
+def test_stable_with_the_bar_spring(car):
+    a, _ = state_matrices(car, SPEED)
+    assert np.linalg.eigvals(a).real.max() < 0
+
+
+def test_modes_of_the_repaired_car():
+    """Heave near 1.3 Hz, four wheel hops between 9 and 11.5 Hz: the tyre is 250 kN/m."""
+    a, _ = state_matrices(REPAIRED, SPEED)
+    frequencies = np.abs(np.linalg.eigvals(a)) / (2 * np.pi)
+    assert np.sum((frequencies > 9.0) & (frequencies < 11.6)) == 8
+    assert np.any(np.abs(frequencies - 1.3) < 0.06)
+
+
+def test_the_bars_cannot_reach_heave_and_pitch():
+    """Controllable dimension 18 of 26 (Popov-Belevitch-Hautus on the scaled pair)."""
+    a, b = state_matrices(REPAIRED, SPEED)
+    b = b[:, [INPUTS.index("current_front"), INPUTS.index("current_rear")]]
+    scale = np.ones(26)
+    for name in ("pressure_front", "pressure_rear"):
+        scale[STATES.index(name)] = 1e6
+    for name in ("spool_front", "spool_rear"):
+        scale[STATES.index(name)] = 1e-5
+    for name in ("spool_rate_front", "spool_rate_rear"):
+        scale[STATES.index(name)] = 1e-3
+    a, b = a * scale / scale[:, None], b / scale[:, None]
+    unreachable = 0
+    for value in np.linalg.eigvals(a):
+        pair = np.hstack([a - value * np.eye(26), b])
+        singular = np.linalg.svd(pair, compute_uv=False)
+        unreachable += singular[-1] < 1e-9 * singular[0]
+    assert unreachable == 8
+
+
+def simulated(body, vehicle, seconds, speed=SPEED, **slots):
+    state, parameters = body.build(vehicle, speed)
+    inputs, outputs = bodies.initial_inputs(), np.zeros(ports.N_OUTPUTS)
+    for name, value in slots.items():
+        inputs[getattr(ports, name)] = value
+    for _ in range(round(seconds * 1000)):
+        open_loop.advance(body.step, state, inputs, parameters, outputs, 1e-3)
+    return outputs
+
+
+@pytest.mark.parametrize("name", vehicles.names())
+def test_steady_turn_agrees_with_the_roll_plant(name):
+    vehicle = vehicles.load(name)
+    full = simulated(bodies.body("fullcar"), vehicle, 8.0, STEER=0.005)
+    roll = simulated(bodies.body("roll1"), vehicle, 8.0, STEER=0.005)
+    assert full[ports.AY] == pytest.approx(roll[ports.AY], rel=1e-4)
+    # The linear full car leaves out how a tilted axle carries its load, a few per cent of roll.
+    assert full[ports.ROLL] == pytest.approx(roll[ports.ROLL], rel=0.06)
+    for axle in (0, 1):
+        transfers = [open_loop.load_transfer(x[None], axle)[0] for x in (full, roll)]
+        assert transfers[0] == pytest.approx(transfers[1], rel=0.06)
+
+
+def test_step_equals_scipy():
+    from scipy.linalg import expm
+
+    vehicle = vehicles.load("van_real")
+    _, parameters = bodies.body("fullcar_hydraulic").build(vehicle, 20.0)
+    n = linear_car.N_LINEAR
+    start = linear_car.P_MATRICES
+    a = parameters[start : start + n * n].reshape(n, n)
+    b = parameters[start + n * n :].reshape(n, len(INPUTS))
+    outputs = simulated(
+        bodies.body("fullcar_hydraulic"),
+        vehicle,
+        0.5,
+        speed=20.0,
+        STEER=0.01,
+        VALVE_CURRENT_REAR=-0.05,
+    )
+    augmented = np.zeros((n + 1, n + 1))
+    augmented[:n, :n] = a
+    augmented[:n, n] = b[:, INPUTS.index("steer")] * 0.01
+    augmented[:n, n] += b[:, INPUTS.index("current_rear")] * -0.05
+    expected = (expm(augmented * 0.5) @ np.eye(n + 1)[n])[:n]
+    assert outputs[ports.ROLL] == pytest.approx(expected[STATES.index("roll")], rel=1e-6)
+    assert outputs[ports.YAW_RATE] == pytest.approx(expected[STATES.index("yaw_rate")], rel=1e-6)
+
+
+def test_valve_current_rolls_the_body_and_meets_its_limits():
+    vehicle = vehicles.load("van_real")
+    body = bodies.body("fullcar_hydraulic")
+    pushed = simulated(body, vehicle, 4.0, VALVE_CURRENT_FRONT=0.5)
+    other = simulated(body, vehicle, 4.0, VALVE_CURRENT_FRONT=-0.5)
+    assert pushed[ports.ROLL] == pytest.approx(-other[ports.ROLL], rel=1e-9)
+    assert abs(pushed[ports.ROLL]) > 1e-3
+    assert np.sign(pushed[ports.BAR_MOMENT]) == np.sign(pushed[ports.ROLL])
+    valves = vehicle.actuators.valves
+    hard = simulated(body, vehicle, 4.0, VALVE_CURRENT_FRONT=100.0)
+    assert abs(hard[ports.BAR_PRESSURE]) <= valves.supply_pressure * (1 + 1e-12)
+    assert abs(hard[ports.BAR_ANGLE]) <= valves.angle_limit * (1 + 1e-12)
+
+
+def test_one_sided_road_rolls_the_body():
+    outputs = simulated(bodies.body("fullcar"), vehicles.load("van_real"), 3.0, ROAD_HEIGHT=0.02)
+    assert outputs[ports.ROLL] > 0 and outputs[ports.PITCH] < 0
+
+
+def test_linearisation_keeps_mass_and_axles():
+    vehicle = vehicles.load("van_real")
+    car = from_vehicle(vehicle, suspension_stiffness=vehicle.plant.roll_stiffness)
+    assert car.mass == vehicle.total_mass and car.valves is None
+    static = linear_car.parameters_of(car, 10.0)[linear_car.P_STATIC : linear_car.P_STATIC + 2]
+    assert 2 * static.sum() == pytest.approx(vehicle.total_mass * vehicles.GRAVITY, rel=1e-12)

@@ -1,0 +1,272 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import vehicles
+from canroll.errors import CanrollError
+from plant_sim import bodies
+from plant_sim.bodies import nonlinear_car, parameters, ports, tyre
+from plant_sim.bodies.parameters import steady_roll_gradient, suspension_roll_stiffness
+from plant_sim.driving import maneuvers
+from plant_sim.world import open_loop
+
+BODY = bodies.body("nonlinear")
+
+
+class Car:
+    """One nonlinear car stepped by hand."""
+
+    def __init__(self, vehicle, speed, **slots):
+        self.state, self.parameters = BODY.build(vehicle, speed)
+        self.inputs = bodies.initial_inputs()
+        for name, value in slots.items():
+            self.inputs[getattr(ports, name)] = value
+        self.outputs = np.zeros(ports.N_OUTPUTS)
+
+    def run(self, seconds, dt=1e-3, hold_speed=None):
+        mass = self.parameters[parameters.P_MASS]
+        for _ in range(round(seconds / dt)):
+            if hold_speed is not None:
+                self.inputs[ports.DRIVE_FORCE] = (
+                    5 * mass * (hold_speed - self.state[nonlinear_car.VX])
+                )
+            open_loop.advance(BODY.step, self.state, self.inputs, self.parameters, self.outputs, dt)
+        return self.outputs
+
+
+def smooth(vehicle):
+    """The same vehicle with linear dampers: nothing in it has a kink."""
+    suspension = replace(
+        vehicle.suspension, rebound_bump_ratio=1.0, knee_speed=50.0, high_speed_ratio=1.0
+    )
+    return replace(
+        vehicle, suspension=suspension, tyre=replace(vehicle.tyre, rolling_resistance=0.0)
+    )
+
+
+@pytest.mark.parametrize("name", vehicles.names())
+def test_static_loads_carry_the_weight(name):
+    vehicle = vehicles.load(name)
+    loads = Car(vehicle, 20.0).run(1e-9, dt=1e-9)[ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4]
+    assert loads.sum() == pytest.approx(vehicle.total_mass * vehicles.GRAVITY, rel=1e-9)
+
+
+def test_straight_run_stays_straight_and_level():
+    car = Car(vehicles.load("van_real"), 30.0)
+    outputs = car.run(5.0, hold_speed=30.0)
+    assert abs(outputs[ports.Y]) < 1e-9 and abs(outputs[ports.ROLL]) < 1e-9
+    assert abs(outputs[ports.YAW]) < 1e-9
+
+
+@pytest.mark.parametrize("name", vehicles.names())
+def test_steady_roll_and_understeer_equal_their_closed_forms(name):
+    vehicle = vehicles.load(name)
+    # The closed form knows no rolling resistance, which grows on the outer wheels.
+    vehicle = replace(vehicle, tyre=replace(vehicle.tyre, rolling_resistance=0.0))
+    speed, steer = 20.0, 0.001
+    outputs = Car(vehicle, speed, STEER=steer).run(10.0, hold_speed=speed)
+    lateral = outputs[ports.AY]
+    stiffness = suspension_roll_stiffness(vehicle)
+    assert outputs[ports.ROLL] / lateral == pytest.approx(
+        steady_roll_gradient(vehicle, stiffness), rel=0.01
+    )
+    curvature = outputs[ports.YAW_RATE] / outputs[ports.VX]
+    expected = vehicle.geometry.wheelbase * curvature + maneuvers.understeer(vehicle) * lateral
+    assert steer == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize("name", vehicles.names())
+def test_all_plants_share_one_roll_gradient(name):
+    vehicle = vehicles.load(name)
+    gradient = vehicle.plant.roll_arm / vehicle.plant.effective_stiffness
+    stiffness = suspension_roll_stiffness(vehicle)
+    assert steady_roll_gradient(vehicle, stiffness) == pytest.approx(gradient, rel=1e-9)
+
+
+def test_loads_balance_the_overturning_moment_in_a_steady_turn():
+    vehicle = vehicles.load("van_real")
+    car = Car(vehicle, 20.0, STEER=0.02)
+    outputs = car.run(10.0, hold_speed=20.0)
+    loads = outputs[ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4]
+    tracks = vehicle.geometry.half_track_front, vehicle.geometry.half_track_rear
+    moment = tracks[0] * (loads[1] - loads[0]) + tracks[1] * (loads[3] - loads[2])
+    lean = vehicle.plant.roll_arm * vehicles.GRAVITY * outputs[ports.ROLL]
+    overturning = vehicle.total_mass * vehicle.cg_height * outputs[ports.AY] + lean
+    assert moment == pytest.approx(overturning, rel=0.015)
+    assert loads.sum() == pytest.approx(vehicle.total_mass * vehicles.GRAVITY, rel=1e-5)
+
+
+def test_mirrored_steering_gives_the_mirrored_run():
+    vehicle = vehicles.load("suv_2020")
+    left = Car(vehicle, 22.0, STEER=0.05).run(2.0)
+    right = Car(vehicle, 22.0, STEER=-0.05).run(2.0)
+    for slot in (ports.Y, ports.YAW, ports.ROLL, ports.ROLL_RATE, ports.AY, ports.VY):
+        assert left[slot] == pytest.approx(-right[slot], rel=1e-12)
+    for a, b in ((0, 1), (1, 0), (2, 3), (3, 2)):
+        for slot in (ports.WHEEL_LOAD, ports.TRAVEL):
+            assert left[slot + a] == pytest.approx(right[slot + b], rel=1e-12)
+
+
+def test_fourth_order_convergence():
+    """Errors against a fine run fall sixteenfold with each halving of the step."""
+    vehicle = smooth(vehicles.load("van_real"))
+
+    def final(dt):
+        car = Car(vehicle, 25.0, STEER=0.01)
+        car.run(0.4, dt=dt)
+        return car.state[: nonlinear_car.LIFTED_TIME]
+
+    exact = final(0.125e-3)
+    errors = [np.abs(final(dt) - exact).max() for dt in (4e-3, 2e-3, 1e-3)]
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert np.all(orders > 3.7) and np.all(orders < 4.5)
+
+
+def energy(car):
+    """Kinetic and potential energy of the whole car over a flat road (J)."""
+    s, p = car.state, car.parameters
+    g = vehicles.GRAVITY
+    coupling = p[parameters.P_SPRUNG] * p[parameters.P_ARM]
+    total = 0.5 * p[parameters.P_MASS] * (s[nonlinear_car.VX] ** 2 + s[nonlinear_car.VY] ** 2)
+    total += 0.5 * p[parameters.P_YAW_INERTIA] * s[nonlinear_car.YAW_RATE] ** 2
+    total -= coupling * s[nonlinear_car.VY] * s[nonlinear_car.ROLL_RATE]
+    total += 0.5 * p[parameters.P_ROLL_INERTIA] * s[nonlinear_car.ROLL_RATE] ** 2
+    total += 0.5 * p[parameters.P_SPRUNG] * s[nonlinear_car.HEAVE_RATE] ** 2
+    total += 0.5 * p[parameters.P_PITCH_INERTIA] * s[nonlinear_car.PITCH_RATE] ** 2
+    total += coupling * g * (np.cos(s[nonlinear_car.ROLL]) - 1.0)
+    for axle in range(2):
+        track, x = p[parameters.P_TRACK + axle], p[parameters.P_BODY_DISTANCE + axle]
+        travel = []
+        for side in range(2):
+            wheel, y = 2 * axle + side, track * (1 - 2 * side)
+            hop = s[nonlinear_car.HOP + wheel]
+            travel.append(
+                s[nonlinear_car.HEAVE]
+                - x * s[nonlinear_car.PITCH]
+                + y * s[nonlinear_car.ROLL]
+                - hop
+            )
+            total += 0.5 * p[parameters.P_SPIN_INERTIA] * s[nonlinear_car.SPIN + wheel] ** 2
+            total += 0.5 * p[parameters.P_UNSPRUNG + axle] * s[nonlinear_car.HOP_RATE + wheel] ** 2
+            total += 0.5 * p[parameters.P_TYRE_STIFFNESS] * hop**2
+            total += 0.5 * p[parameters.P_SPRING + axle] * travel[-1] ** 2
+        total += 0.5 * p[parameters.P_BAR + axle] * ((travel[0] - travel[1]) / (2 * track)) ** 2
+        tilt = (s[nonlinear_car.HOP + 2 * axle] - s[nonlinear_car.HOP + 2 * axle + 1]) / (2 * track)
+        held = p[parameters.P_SPRUNG_LOAD + axle] * p[parameters.P_ROLL_CENTRE + axle]
+        held += 2 * p[parameters.P_UNSPRUNG + axle] * g * p[parameters.P_RADIUS]
+        total -= 0.5 * held * tilt**2
+    return total
+
+
+@pytest.mark.parametrize("steer", [0.0, 0.03, 0.15])
+def test_a_passive_car_never_creates_energy(steer):
+    """Disturbed in heave, roll, pitch and sideslip, or cornering on locked steering."""
+    vehicle = vehicles.load("van_real")
+    vehicle = replace(vehicle, tyre=replace(vehicle.tyre, rolling_resistance=0.0))
+    car = Car(vehicle, 20.0, STEER=steer)
+    car.state[nonlinear_car.HEAVE] = 0.03
+    car.state[nonlinear_car.ROLL] = 0.05
+    car.state[nonlinear_car.PITCH] = 0.02
+    car.state[nonlinear_car.VY] = 0.3
+    energies = [energy(car)]
+    for _ in range(40):
+        car.run(0.05)
+        energies.append(energy(car))
+    assert np.diff(energies).max() <= 1e-9 * energies[0]
+    assert energies[-1] < energies[0]
+
+
+def test_wheels_lift_and_a_rollover_is_an_end_state():
+    """On grippy tyres a tall van tips before it slides; the state then stays as it was."""
+    vehicle = vehicles.load("van_real")
+    vehicle = replace(vehicle, tyre=replace(vehicle.tyre, friction=1.6, friction_load_slope=0.05))
+    car = Car(vehicle, 27.0, STEER=0.12)
+    lifted = False
+    for _ in range(100):
+        car.run(0.05)
+        lifted = lifted or car.outputs[ports.TWO_WHEEL_LIFT] == 1.0
+    assert lifted and car.outputs[ports.ROLLOVER] == 1.0
+    assert car.outputs[ports.WHEEL_LOAD] == 0.0 and car.outputs[ports.WHEEL_HEIGHT] > 0.05
+    before = car.state.copy()
+    car.run(0.1)
+    assert np.array_equal(before, car.state)
+
+
+def test_a_low_car_slides_instead():
+    vehicle = vehicles.load("suv_2020")
+    low = replace(
+        vehicle,
+        geometry=replace(
+            vehicle.geometry, roll_centre_height_front=0.02, roll_centre_height_rear=0.05
+        ),
+    )
+    outputs = Car(low, 27.0, STEER=0.12, FRICTION=0.6).run(3.0)
+    assert outputs[ports.ROLLOVER] == 0.0
+    assert abs(outputs[ports.AY]) < 0.62 * vehicles.GRAVITY
+
+
+def test_actuators_push_on_the_body_and_back_on_the_wheels():
+    vehicle = vehicles.load("van_real")
+    free = Car(vehicle, 10.0).run(3.0, hold_speed=10.0).copy()
+    lifted = Car(vehicle, 10.0, CORNER_FORCE=800.0).run(3.0, hold_speed=10.0)
+    assert lifted[ports.ROLL] > 1e-3
+    assert lifted[ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4].sum() == pytest.approx(
+        free[ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4].sum(), rel=1e-6
+    )
+    barred = Car(vehicle, 10.0, BAR_MOMENT_REAR=800.0).run(3.0, hold_speed=10.0)
+    assert barred[ports.ROLL] > 1e-3
+
+
+def test_bank_leans_the_car_downhill():
+    outputs = Car(vehicles.load("van_real"), 15.0, BANK=0.06).run(0.5, hold_speed=15.0)
+    assert outputs[ports.ROLL] > 0 and outputs[ports.Y] < 0
+
+
+def test_brakes_stop_the_car_nose_down():
+    car = Car(vehicles.load("van_real"), 20.0)
+    car.inputs[ports.BRAKE_FORCE : ports.BRAKE_FORCE + 4] = [4000.0, 4000.0, 2500.0, 2500.0]
+    outputs = car.run(1.0)
+    assert outputs[ports.AX] == pytest.approx(-13000.0 / 2720.0, rel=0.03)
+    assert outputs[ports.PITCH] > 0
+    front = outputs[ports.WHEEL_LOAD] + outputs[ports.WHEEL_LOAD + 1]
+    assert front > 2720 * 9.81 * 1.91 / 3.66
+
+
+def test_a_car_that_slid_to_a_stop_comes_to_rest():
+    car = Car(vehicles.load("van_real"), 8.0, STEER=-0.15)
+    car.inputs[ports.BRAKE_FORCE : ports.BRAKE_FORCE + 4] = 4000.0
+    outputs = car.run(4.0)
+    assert abs(outputs[ports.VX]) < 0.1 and abs(outputs[ports.YAW_RATE]) < 0.02
+    assert abs(outputs[ports.ROLL_RATE]) < 0.01
+
+
+def test_tyre_is_linear_when_small_and_round_when_large():
+    assert tyre.forces(10.0, 20.0, 5000.0, 1.4, -0.5) == pytest.approx((10.0, 20.0), rel=1e-3)
+    x, y = tyre.forces(30000.0, 40000.0, 5000.0, 1.4, -0.5)
+    assert np.hypot(x, y) <= 5000.0 and y / x == pytest.approx(4 / 3)
+    assert tyre.forces(10.0, 10.0, 0.0, 1.4, -0.5) == (0.0, 0.0)
+    peak = max(tyre.curve(s, 1.4, -0.5) for s in np.linspace(0, 20, 2000))
+    assert peak == pytest.approx(1.0, abs=1e-6)
+
+
+def test_data_that_cannot_be_built_says_why():
+    van = vehicles.load("van_real")
+    with pytest.raises(CanrollError, match="tyres alone roll more"):
+        BODY.build(replace(van, tyre=replace(van.tyre, vertical_stiffness=30000.0)), 20.0)
+    stiff = replace(van.suspension, spring_rate_front=200000.0)
+    with pytest.raises(CanrollError, match="lower it by"):
+        BODY.build(replace(van, suspension=stiff), 20.0)
+
+
+@pytest.mark.parametrize("name", ["van_real", "van_2021"])
+def test_gentle_manoeuvres_agree_with_the_linear_plant(name):
+    vehicle = vehicles.load(name)
+    runs = {
+        plant: open_loop.run_passive(
+            vehicle, bodies.body(plant), maneuvers.build("roundabout", vehicle)
+        )[0]
+        for plant in ("roll1", "nonlinear")
+    }
+    peaks = [np.abs(run[:, ports.ROLL]).max() for run in runs.values()]
+    assert peaks[1] == pytest.approx(peaks[0], rel=0.05)

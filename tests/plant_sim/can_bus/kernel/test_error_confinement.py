@@ -1,0 +1,250 @@
+"""Error frames, counters, error-passive, bus-off and recovery; colliding and lonely nodes."""
+
+import numpy as np
+import pytest
+
+from plant_sim.can_bus import (
+    DELIVERED,
+    ERROR,
+    Fault,
+    NetworkSpec,
+    Node,
+    Segment,
+    Source,
+    account,
+    advance,
+    build_network,
+    drain,
+    enqueue,
+)
+from plant_sim.can_bus.kernel.layout import BUS_OFF, ERROR_ACTIVE, ERROR_PASSIVE
+from plant_sim.can_bus.wire.bits import wire_bits
+from plant_sim.can_bus.wire.frame import frame_bits
+
+BIT = 2000
+MS = 1_000_000
+PAYLOAD = np.arange(8, dtype=np.uint8)
+
+
+def bus(*, nodes=3, faults=(), sources=(), rate=0.0, seed=0, policy="priority", **options):
+    return build_network(
+        NetworkSpec(
+            (Segment(500_000, bit_error_rate=rate),),
+            tuple(Node(f"n{i}", policy=policy, **options) for i in range(nodes)),
+            sources=sources,
+            faults=faults,
+            seed=seed,
+        )
+    )
+
+
+def entries(network):
+    return drain(network, 0)[0]
+
+
+def receivers_flag(bits, position):
+    """Length of the superposed error flags, by letting a receiver watch the bus bit by bit.
+
+    It knows the rule alone: six equal bits in a row are an error, then it sends six dominant ones.
+    """
+    seen = [*bits[:position], 1 - bits[position]]
+    wire, answering = 0, None
+    while True:
+        sender_done = wire >= 6
+        if answering is not None and answering >= 6 and sender_done:
+            return wire
+        seen.append(0)
+        wire += 1
+        if answering is not None:
+            answering += 1
+        elif len(set(seen[-6:])) == 1:
+            answering = 0
+
+
+@pytest.mark.parametrize("position", range(1, 100, 7))
+def test_an_error_frame_is_as_long_as_a_watching_receiver_makes_it(position):
+    network = bus(faults=(Fault("disturb", "n0", value=position, count=1),))
+    enqueue(network, 0, 0, 0x2AA, 8, PAYLOAD)
+    advance(network, 10 * MS)
+    broken, good = entries(network)
+    out = np.zeros(800, np.uint8)
+    count, _, _ = wire_bits(0x2AA, 0, 8, PAYLOAD, out)
+    assert position < count - 10
+    flag = receivers_flag([int(b) for b in out[:count]], position)
+    assert 6 <= flag <= 12
+    assert broken["outcome"] == ERROR
+    assert broken["t_received"] == (position + 1) * BIT
+    assert broken["t_end"] == (position + 1 + flag + 8 + 3) * BIT
+    assert (good["outcome"], good["attempts"]) == (DELIVERED, 2)
+    assert good["t_start"] == broken["t_end"]
+
+
+def test_counters_rise_by_eight_and_one_and_fall_by_one():
+    network = bus(faults=(Fault("disturb", "n0", count=3),))
+    enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
+    advance(network, 10 * MS)
+    assert list(network.nodes["transmit_errors"]) == [23, 0, 0]
+    assert list(network.nodes["receive_errors"]) == [0, 2, 2]
+    for i in range(30):
+        enqueue(network, 0, (10 + i) * MS, 0x100, 8, PAYLOAD)
+    advance(network, 50 * MS)
+    assert list(network.nodes["transmit_errors"]) == [0, 0, 0]
+    assert list(network.nodes["receive_errors"]) == [0, 0, 0]
+
+
+def test_an_error_passive_node_waits_eight_bits_behind_its_own_frames():
+    network = bus(faults=(Fault("disturb", "n0", count=16),))
+    enqueue(network, 0, 0, 0x100, 0, PAYLOAD)
+    enqueue(network, 0, 0, 0x101, 0, PAYLOAD)
+    advance(network, 100 * MS)
+    assert network.nodes["state"][0] == ERROR_ACTIVE
+    log = entries(network)
+    destroyed = log[log["outcome"] == ERROR]
+    assert len(destroyed) == 16
+    # the sixteenth error makes the node passive: eight more bits before the next attempt
+    good = log[log["outcome"] == DELIVERED]
+    assert good["t_start"][0] == destroyed["t_end"][-1] + 8 * BIT
+
+
+def test_another_node_may_use_the_time_a_passive_node_waits():
+    network = bus(faults=(Fault("disturb", "n0", count=16),))
+    enqueue(network, 0, 0, 0x100, 0, PAYLOAD)
+    advance(network, 100 * MS)
+    network = bus(faults=(Fault("disturb", "n0", count=16),))
+    enqueue(network, 0, 0, 0x100, 0, PAYLOAD)
+    enqueue(network, 1, 10, 0x700, 0, PAYLOAD)
+    advance(network, 100 * MS)
+    log = entries(network)
+    good = log[log["outcome"] == DELIVERED]
+    assert list(good["ident"]) == [0x700, 0x100]
+
+
+def test_bus_off_after_thirty_two_errors_then_recovery():
+    network = bus(
+        sources=(Source("n0", 0x100, 8, 10 * MS), Source("n1", 0x200, 8, 1 * MS)),
+        faults=(Fault("disturb", "n0", 100 * MS, count=32),),
+    )
+    advance(network, 100 * MS)
+    assert network.nodes["state"][0] == ERROR_ACTIVE
+    advance(network, 102 * MS)
+    assert network.nodes["state"][0] == ERROR_PASSIVE
+    while network.nodes["state"][0] != BUS_OFF:
+        advance(network, int(network.clock[0]) + 10_000)
+    off = int(network.clock[0])
+    while network.nodes["state"][0] == BUS_OFF:
+        advance(network, int(network.clock[0]) + 10_000)
+    back = int(network.clock[0])
+    # 128 sequences of 11 recessive bits take 2.8 ms of an idle bus, longer of a busy one
+    assert 128 * 11 * BIT <= back - off <= 128 * 11 * BIT * 2
+    advance(network, 1_000 * MS)
+    log = entries(network)
+    lost = account(network, 0)
+    assert lost.outcomes["lost: bus-off"] >= 1
+    assert lost.balanced
+    assert network.nodes["bus_offs"][0] == 1
+    mine = log[(log["ident"] == 0x100) & (log["outcome"] == DELIVERED)]
+    assert (mine["t_received"] > back).sum() >= 85
+
+
+def test_a_node_that_does_not_recover_stays_off():
+    network = bus(
+        sources=(Source("n0", 0x100, 8, 10 * MS), Source("n1", 0x200, 8, 1 * MS)),
+        faults=(Fault("disturb", "n0", count=32),),
+        recovers=False,
+    )
+    advance(network, 1_000 * MS)
+    assert network.nodes["state"][0] == BUS_OFF
+    result = account(network, 0)
+    assert result.outcomes["lost: bus-off"] == 101
+    assert result.balanced
+
+
+def test_recovery_on_an_idle_bus_takes_128_times_11_bits():
+    network = bus(faults=(Fault("disturb", "n0", count=32),))
+    enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
+    advance(network, 20 * MS)
+    end = int(entries(network)["t_end"].max())
+    network = bus(faults=(Fault("disturb", "n0", count=32),))
+    enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
+    advance(network, end + 128 * 11 * BIT - 1)
+    assert network.nodes["state"][0] == BUS_OFF
+    advance(network, end + 128 * 11 * BIT)
+    assert network.nodes["state"][0] == ERROR_ACTIVE
+
+
+def test_single_shot_loses_instead_of_repeating():
+    network = bus(faults=(Fault("disturb", "n0", count=1),), single_shot=True)
+    enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
+    advance(network, 10 * MS)
+    assert account(network, 0).outcomes["lost: single shot"] == 1
+    assert account(network, 0).balanced
+
+
+def test_a_stale_frame_is_not_repeated_where_a_newer_one_waits():
+    network = bus(faults=(Fault("disturb", "n0", value=60, count=1),), policy="replace")
+    enqueue(network, 0, 0, 0x100, 1, np.array([1], np.uint8))
+    enqueue(network, 0, 50_000, 0x100, 1, np.array([2], np.uint8))
+    advance(network, 10 * MS)
+    log = entries(network)
+    assert list(log[log["outcome"] == DELIVERED]["payload"][:, 0]) == [2]
+    assert account(network, 0).outcomes["superseded"] == 1
+    assert account(network, 0).balanced
+
+
+def test_a_lonely_node_becomes_passive_but_never_bus_off():
+    network = bus(nodes=1)
+    enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
+    advance(network, 1_000 * MS)
+    assert network.nodes["state"][0] == ERROR_PASSIVE
+    assert network.nodes["transmit_errors"][0] == 128
+    result = account(network, 0)
+    assert result.waiting == 1
+    assert result.balanced
+
+
+def test_a_masquerading_node_with_other_data_drives_both_off_the_bus():
+    network = bus(
+        nodes=4,
+        sources=(
+            Source("n0", 0x100, 8, 10 * MS, payload=bytes(8)),
+            Source("n1", 0x100, 8, 10 * MS, payload=bytes([255] * 8)),
+            Source("n2", 0x300, 8, 10 * MS),
+        ),
+        recovers=False,
+    )
+    advance(network, 500 * MS)
+    assert list(network.nodes["state"][:2]) == [BUS_OFF, BUS_OFF]
+    assert network.nodes["state"][3] != BUS_OFF
+    log = entries(network)
+    assert not (log[log["ident"] == 0x100]["outcome"] == DELIVERED).any()
+    assert account(network, 0).balanced
+
+
+def test_identical_frames_of_two_nodes_do_not_disturb_each_other():
+    network = bus()
+    for node in (0, 1):
+        enqueue(network, node, 0, 0x100, 8, PAYLOAD)
+    advance(network, 10 * MS)
+    log = entries(network)
+    assert list(log["outcome"]) == [DELIVERED, DELIVERED]
+    assert len(set(log["t_received"])) == 1
+
+
+def test_random_errors_have_the_rate_they_are_given():
+    rate = 1e-4
+    network = bus(sources=(Source("n0", 0x100, 8, 0.5 * MS),), rate=rate, seed=3)
+    destroyed = attempts = 0
+    cursor = 0
+    expected = 0.0
+    for now in range(1, 21):
+        advance(network, now * 250 * MS)
+        log, cursor, missed = drain(network, cursor)
+        assert missed == 0
+        attempts += len(log)
+        destroyed += int((log["outcome"] == ERROR).sum())
+        for entry in log:
+            bits = frame_bits(0x100, 0, 8, entry["payload"])[0] - 3
+            expected += 1.0 - (1.0 - rate) ** (bits - 1)
+    assert attempts > 10_000
+    assert abs(destroyed - expected) < 4.0 * np.sqrt(expected)
+    assert account(network, 0).balanced

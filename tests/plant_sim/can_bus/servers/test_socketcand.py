@@ -1,0 +1,260 @@
+"""The socketcand server: stock python-can connects; bad input and slow clients do no harm."""
+
+import socket
+import subprocess
+import sys
+import threading
+import time
+
+import can
+import pytest
+
+import dbc
+from canroll.errors import CanrollError
+from plant_sim.can_bus.kernel.network import build_network
+from plant_sim.can_bus.servers.socketcand import MAX_CLIENTS, SocketcandServer
+from plant_sim.can_bus.servers.socketcand_protocol import ProtocolError, parse_frame
+from plant_sim.can_bus.servers.wall_clock import serve_network
+from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.traffic.files import load_traffic
+from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE
+
+DIAGNOSTICS = dbc.load().get_message_by_name("RollControlDiagnostics").frame_id
+
+
+@pytest.fixture
+def server():
+    with SocketcandServer(port=0) as running:
+        yield running
+
+
+def eventually(condition, seconds=10.0):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if condition():
+            return True
+        time.sleep(0.005)
+    return False
+
+
+def client(server):
+    host, port = server.address
+    return can.Bus(server.channel, interface="socketcand", host=host, port=port)
+
+
+def raw(server, text=b""):
+    connection = socket.create_connection(server.address, timeout=10.0)
+    assert connection.recv(64) == b"< hi >"
+    connection.sendall(text)
+    return connection
+
+
+def everything(connection):
+    data = b""
+    while True:
+        try:
+            piece = connection.recv(4096)
+        except ConnectionResetError:
+            return data
+        if not piece:
+            return data
+        data += piece
+
+
+def test_python_can_sends_and_receives(server):
+    with client(server) as bus:
+        bus.send(can.Message(arbitration_id=0x123, data=[1, 0xAB], is_extended_id=False))
+        bus.send(can.Message(arbitration_id=0x18FF00F1, data=[], is_extended_id=True))
+        assert server.wait(10.0)
+        frames = []
+        assert eventually(lambda: frames.extend(server.take()) or len(frames) == 2)
+        assert [f[1:] for f in frames] == [
+            (0x123, 0, 2, b"\x01\xab"),
+            (0x18FF00F1, EXTENDED, 0, b""),
+        ]
+        time.sleep(0.15)
+        server.publish(0x0A0, 0, bytes(range(8)), length=8, time_s=12.5)
+        server.publish(0x1ABCDEF0, EXTENDED, b"", length=0, time_s=12.75)
+        one, two = bus.recv(10.0), bus.recv(10.0)
+        assert (one.arbitration_id, one.is_extended_id, one.timestamp) == (0x0A0, False, 12.5)
+        assert bytes(one.data) == bytes(range(8))
+        assert (two.arbitration_id, two.is_extended_id, bytes(two.data)) == (0x1ABCDEF0, True, b"")
+
+
+def test_own_frames_are_not_echoed_and_others_are(server):
+    with client(server) as one, client(server) as two:
+        one.send(can.Message(arbitration_id=0x55, data=[1], is_extended_id=False))
+        assert server.wait(10.0)
+        (frame,) = server.take()
+        time.sleep(0.15)
+        server.publish(
+            frame.ident, frame.flags, frame.payload, length=1, time_s=1.0, sender=frame.client
+        )
+        assert two.recv(10.0).arbitration_id == 0x55
+        assert one.recv(0.2) is None
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"hello",
+        b"< open nosuch >",
+        b"< send 123 1 0 >",
+        b"< open simbus >< nonsense >",
+        b"< open simbus >< send 800 1 0 >",
+        b"< open simbus >< send 123 9 0 0 0 0 0 0 0 0 0 >",
+        b"< open simbus >< send 123 2 0 >",
+        b"< open simbus >< send 123 1 100 >",
+        b"< open simbus >< send 123 1 -1 >",
+        b"< open simbus >< send xyz 0 >",
+        b"< open simbus >< send >",
+        b"< open simbus >< subscribe 0 0 z >",
+        b"< open simbus >< \xff\xfe >",
+        b"<" + b"a" * 5000,
+        b"< open simbus ><" + b" " * 300 + b"echo >",
+    ],
+)
+def test_malformed_and_oversized_input_is_refused(server, text):
+    with raw(server, text) as connection:
+        answer = everything(connection)
+    assert b"< error " in answer
+    assert eventually(lambda: server.refused == 1 and server.clients == 0)
+    assert server.take() == []
+    with client(server) as bus:
+        assert bus.channel == "simbus"
+
+
+def test_commands_may_arrive_in_pieces(server):
+    with raw(server) as connection:
+        for byte in b"< open simbus >< send 1A2 3 1 2 3 >< sendrtr 123 4 >< echo >":
+            connection.sendall(bytes([byte]))
+        assert eventually(lambda: server._taken and len(server._taken) == 2)
+        frames = server.take()
+        assert frames[0][1:] == (0x1A2, 0, 3, b"\x01\x02\x03")
+        assert frames[1][1:] == (0x123, REMOTE, 4, b"")
+
+
+def test_subscriptions_select_identifiers(server):
+    with raw(server, b"< open simbus >< subscribe 0 0 123 >< echo >") as connection:
+        data = b""
+        while b"echo" not in data:
+            data += connection.recv(100)
+        server.publish(0x124, 0, b"\1", length=1, time_s=0.5)
+        server.publish(0x123, 0, b"\2", length=1, time_s=0.5)
+        server.publish(0x123, REMOTE, b"", length=4, time_s=0.5)
+        text = b""
+        while text.count(b">") < 2:
+            text += connection.recv(100)
+        assert text == b"< frame 123 0.500000 02 >< rtr 123 0.500000 4 >"
+
+
+def test_a_slow_client_loses_frames_that_are_counted_and_nobody_waits(server):
+    slow = raw(server, b"< open simbus >< rawmode >")
+    assert eventually(lambda: server.clients == 1)
+    time.sleep(0.2)
+    with client(server) as quick:
+        time.sleep(0.2)
+        count = 0
+        while server.lost == 0 and count < 2_000_000:
+            server.publish(0x100, 0, bytes(8), length=8, time_s=1.0)
+            count += 1
+            if count % 1000 == 0:
+                while quick.recv(0.0) is not None:
+                    pass
+        assert server.lost > 0
+        assert server.clients == 2
+        # the one that reads still gets what is published
+        while quick.recv(0.3) is not None:
+            pass
+        before = server.lost
+        server.publish(0x7, 0, b"", length=0, time_s=2.0)
+        assert quick.recv(10.0).arbitration_id == 7
+        assert server.lost >= before
+    slow.close()
+
+
+def test_fd_frames_have_no_form_and_are_counted(server):
+    with client(server):
+        time.sleep(0.2)
+        server.publish(0x1, FD, bytes(12), length=12, time_s=0.0)
+        assert server.lost == 1
+
+
+def test_places_are_limited_and_come_free(server):
+    clients = [raw(server) for _ in range(MAX_CLIENTS)]
+    assert eventually(lambda: server.clients == MAX_CLIENTS)
+    with socket.create_connection(server.address, timeout=10.0) as extra:
+        assert everything(extra) == b""
+    for connection in clients:
+        connection.close()
+    assert eventually(lambda: server.clients == 0)
+
+
+def test_it_listens_on_loopback_and_says_when_the_port_is_taken(server):
+    assert server.address[0] == "127.0.0.1"
+    with pytest.raises(CanrollError, match="cannot listen"):
+        SocketcandServer(port=server.address[1])
+
+
+def test_words_of_a_frame():
+    assert parse_frame(["send", "00000123", "1", "f"]) == (0x123, EXTENDED, 1, b"\x0f")
+    with pytest.raises(ProtocolError):
+        parse_frame(["sendrtr", "123", "4", "1"])
+
+
+def contract_traffic():
+    traffic = load_traffic(dbc.PATH)
+    return build_network(traffic_spec(traffic.messages, bitrate=traffic.bitrate))
+
+
+@pytest.fixture
+def served():
+    """A network with the contract's traffic on a free port; yields where it listens."""
+    probe = socket.create_server(("127.0.0.1", 0))
+    port = probe.getsockname()[1]
+    probe.close()
+    told = []
+    thread = threading.Thread(
+        target=serve_network,
+        args=(contract_traffic(),),
+        kwargs={"port": port, "announce": told.append, "duration_s": 30.0},
+        daemon=True,
+    )
+    thread.start()
+    assert eventually(lambda: told, 60.0)
+    return port
+
+
+def test_a_served_network_is_a_live_bus(served):
+    with can.Bus("simbus", interface="socketcand", host="127.0.0.1", port=served) as one:
+        messages = [one.recv(10.0) for _ in range(100)]
+        known = {m.frame_id for m in dbc.load().messages}
+        assert {m.arbitration_id for m in messages} <= known
+        assert len({m.arbitration_id for m in messages}) >= 10
+        # the payloads are made up, and the diagnostics' page then often one that there is not
+        for message in (m for m in messages if m.arbitration_id != DIAGNOSTICS):
+            dbc.load().decode_message(message.arbitration_id, message.data, decode_choices=False)
+        with can.Bus("simbus", interface="socketcand", host="127.0.0.1", port=served) as two:
+            time.sleep(0.2)
+            two.send(can.Message(arbitration_id=0x001, data=[7], is_extended_id=False))
+            assert any(one.recv(10.0).arbitration_id == 1 for _ in range(2000))
+
+
+def test_the_stock_logger_writes_what_is_on_the_bus(served, tmp_path):
+    path = tmp_path / "bus.log"
+    logger = subprocess.Popen(
+        [
+            *(sys.executable, "-m", "can.logger", "-i", "socketcand", "-c", "simbus"),
+            *("-f", str(path), "--bus-kwargs", "host=127.0.0.1", f"port={served}"),
+        ],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    try:
+        assert eventually(lambda: path.exists() and path.stat().st_size > 4000, 20.0)
+    finally:
+        logger.send_signal(2)
+        logger.wait(10.0)
+    with can.LogReader(path) as reader:
+        idents = {message.arbitration_id for message in reader}
+    assert dbc.load().get_message_by_name("Imu").frame_id in idents

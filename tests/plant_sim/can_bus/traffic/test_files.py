@@ -1,0 +1,187 @@
+"""Traffic sets from DBC and TOML, and the command that analyses them."""
+
+import argparse
+import json
+from pathlib import Path
+
+import pytest
+
+import dbc
+from canroll.errors import CanrollError, UnknownNameError
+from hil.cli import bus as command
+from plant_sim.can_bus.traffic.files import load_traffic
+from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
+
+MS = 1_000_000
+SET = """
+bitrate = 250000
+[[message]]
+name = "a"
+id = 0x100
+bytes = 8
+period_ms = 10
+offset_ms = 1.5
+jitter_ms = 0.25
+node = "one"
+[[message]]
+name = "b"
+id = 0x18FF00F1
+bytes = 4
+period_ms = 2.5
+extended = true
+[[message]]
+name = "c"
+id = 5
+bytes = 64
+period_ms = 100
+fd = true
+[[message]]
+name = "d"
+id = 6
+bits = 125
+period_ms = 20
+"""
+COUNTER_EXAMPLE = """
+bitrate = 125000
+message = [
+  { name = "A", id = 1, bits = 125, period_ms = 2.5 },
+  { name = "B", id = 2, bits = 125, period_ms = 3.5 },
+  { name = "C", id = 3, bits = 125, period_ms = 3.5 },
+]
+"""
+
+
+def write(folder, text):
+    path = folder / "set.toml"
+    path.write_text(text)
+    return path
+
+
+def run(*arguments):
+    parser = argparse.ArgumentParser()
+    command.add_parser(parser.add_subparsers())
+    args = parser.parse_args(["bus", *map(str, arguments)])
+    return args.run(args)
+
+
+def test_a_toml_set_is_read_as_it_says(tmp_path):
+    traffic = load_traffic(write(tmp_path, SET))
+    assert traffic.bitrate == 250_000
+    a, b, c, d = traffic.messages
+    assert (a.ident, a.length, a.period_ns, a.offset_ns, a.jitter_ns, a.sender) == (
+        0x100,
+        8,
+        10 * MS,
+        1_500_000,
+        250_000,
+        "one",
+    )
+    assert (b.flags, b.period_ns) == (EXTENDED, 2.5 * MS)
+    assert c.flags == FD | BIT_RATE_SWITCH
+    assert d.bits == 125
+    assert load_traffic(write(tmp_path, SET), bitrate=1_000_000).bitrate == 1_000_000
+
+
+def test_the_contract_is_read_with_its_cycle_times():
+    traffic = load_traffic(dbc.PATH)
+    found = {m.name: m for m in traffic.messages}
+    assert len(found) == len(dbc.load().messages)
+    assert found["Imu"].period_ns == 10 * MS
+    # sent on events as well: its period is the least distance, a tick
+    assert found["SuspensionForceCommand"].period_ns == 10 * MS
+    assert found["RollControlStatus"].period_ns == 100 * MS
+    assert found["Imu"].sender == "Imu"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ("bitrate = 250000", "bitrate = 0", "bitrate"),
+        ("bitrate = 250000", "bitrat = 250000", "did you mean 'bitrate'"),
+        ("id = 0x100", "", "'id' is missing"),
+        ("id = 0x100", "id = 0x800", "11 bits"),
+        ("id = 0x100", "id = -1", "whole number"),
+        ("bytes = 8", "bytes = 9", "no 9 payload bytes"),
+        ("bytes = 8", "byts = 8", "did you mean 'bytes'"),
+        ("bytes = 8", "bytes = 8\nbits = 100", "not both"),
+        ("period_ms = 10\n", "period_ms = 0\n", "period_ms"),
+        ("period_ms = 10\n", 'period_ms = "10"\n', "period_ms"),
+        ('name = "b"', 'name = "a"', "two messages"),
+        ("[[message]]", "[message", "set.toml"),
+    ],
+)
+def test_a_broken_set_says_what_is_wrong(tmp_path, old, new, word):
+    assert old in SET
+    with pytest.raises(CanrollError, match=word) as caught:
+        load_traffic(write(tmp_path, SET.replace(old, new, 1)))
+    assert "\n" not in str(caught.value)
+
+
+def test_other_files_are_refused(tmp_path):
+    (tmp_path / "x.dbc").write_text("this is no dbc")
+    for name, word in (
+        ("x.dbc", "not a readable DBC"),
+        ("y.toml", "no such file"),
+        ("z.csv", ".dbc"),
+    ):
+        with pytest.raises(CanrollError, match=word):
+            load_traffic(tmp_path / name)
+    with pytest.raises(CanrollError, match="no periodic message"):
+        load_traffic(write(tmp_path, "bitrate = 1000"))
+
+
+def test_the_command_prints_the_json_it_promises(tmp_path, capsys):
+    assert run(write(tmp_path, COUNTER_EXAMPLE), "--json", "--simulate", 2) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["utilisation"] == pytest.approx(1 / 2.5 + 2 / 3.5)
+    assert result["messages"]["C"] == {
+        "response_bound_ms": 3.5,
+        "response_min_ms": 2.5,
+        "response_mean_ms": pytest.approx(3.0, abs=0.01),
+        "response_max_ms": 3.5,
+    }
+
+
+def test_a_bound_that_does_not_exist_is_null(tmp_path, capsys):
+    overloaded = COUNTER_EXAMPLE.replace("2.5", "1.5")
+    assert run(write(tmp_path, overloaded), "--json", "--simulate", 0) == 0
+    result = json.loads(capsys.readouterr().out)["messages"]
+    assert [result[n]["response_bound_ms"] for n in "ABC"] == [2.0, 5.0, None]
+    assert result["A"]["response_max_ms"] is None
+
+
+def test_the_command_compares_delay_bounds_with_simulated_ages(capsys):
+    assert run(dbc.PATH, "--json", "--simulate", 4, "--bitrate", 250000) == 0
+    result = json.loads(capsys.readouterr().out)
+    delay = result["delay"]
+    assert 0 < delay["age_min_ms"] < delay["age_max_ms"] <= delay["age_bound_ms"]
+    assert delay["age_max_ms"] > 0.7 * delay["age_bound_ms"]
+    for message in result["messages"].values():
+        assert message["response_max_ms"] <= message["response_bound_ms"]
+
+
+def test_the_table_names_every_message(capsys):
+    assert run(dbc.PATH, "--simulate", 1, "--worst-case-lengths") == 0
+    text = capsys.readouterr().out
+    for message in dbc.load().messages:
+        assert message.name in text
+    assert "sample-to-force age" in text
+
+
+def test_the_table_says_why_a_bound_is_missing(tmp_path, capsys):
+    text = COUNTER_EXAMPLE.replace("2.5", "1.5").replace("id = 2,", "id = 2, fifo = true,")
+    assert run(write(tmp_path, text), "--simulate", 0) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "without a bound, bus overloaded at this priority: C" in out
+    assert "without a bound, FIFO queue: not covered: B" in out
+
+
+def test_the_command_refuses_nonsense(tmp_path):
+    with pytest.raises(CanrollError, match="--simulate"):
+        run(dbc.PATH, "--simulate", -1)
+    with pytest.raises(CanrollError, match="bit rate"):
+        run(dbc.PATH, "--bitrate", -1)
+    with pytest.raises(UnknownNameError):
+        run(write(tmp_path, "nonsense = 1"))
+    with pytest.raises(CanrollError, match="no such file"):
+        run(Path("nosuch.dbc"))

@@ -1,0 +1,233 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import vehicles
+from canroll.errors import CanrollError, UnknownNameError
+from plant_sim import bodies
+from plant_sim.bodies import ports
+from plant_sim.driving import driver, maneuvers, path, steer_maneuvers
+from plant_sim.world import open_loop
+
+ROLL1, NONLINEAR = bodies.body("roll1"), bodies.body("nonlinear")
+VAN = vehicles.load("van_real")
+DRIVEN = [name for name in maneuvers.names() if name != "from_file"]
+
+
+def run(name, vehicle=VAN, body=NONLINEAR, speed=None, **options):
+    maneuver = maneuvers.build(name, vehicle, speed, **options)
+    return open_loop.run_passive(vehicle, body, maneuver)
+
+
+def test_unknown_names_speeds_and_options_are_refused():
+    with pytest.raises(UnknownNameError, match="did you mean 'roundabout'"):
+        maneuvers.build("roundabuot", VAN)
+    for speed in (-5 / 3.6, 0.0, 400 / 3.6, float("nan")):
+        with pytest.raises(CanrollError, match="km/h"):
+            maneuvers.build("double_lane_change", VAN, speed)
+    with pytest.raises(CanrollError, match="preview"):
+        maneuvers.build("double_lane_change", VAN, preview_time=0.1)
+    with pytest.raises(CanrollError, match="friction"):
+        maneuvers.build("moose", VAN, friction=0.0)
+    with pytest.raises(UnknownNameError, match="did you mean 'radius'"):
+        maneuvers.build("constant_radius", VAN, radus=50)
+    with pytest.raises(CanrollError, match="no number"):
+        maneuvers.build("constant_radius", VAN, radius="wide")
+    with pytest.raises(CanrollError, match="must be positive"):
+        maneuvers.build("constant_radius", VAN, radius=-50)
+    with pytest.raises(CanrollError, match="neither on nor off"):
+        maneuvers.build("moose", VAN, chassis_control="maybe")
+    with pytest.raises(UnknownNameError, match="road class"):
+        maneuvers.build("random_road", VAN, road_class="Z")
+
+
+def test_options_of_a_command_line_come_as_text():
+    with_text = maneuvers.build("moose", VAN, friction="0.5", chassis_control="off")
+    assert with_text.drive.parameters[driver.D_FRICTION] == 0.5
+    assert with_text.drive.parameters[driver.D_CHASSIS_CONTROL] == 0.0
+    assert maneuvers.options("constant_radius")["radius"] == 100.0
+
+
+def test_lanes_follow_the_standards():
+    first, side, last = path.double_lane_change(2.0, 3.5)
+    assert (first.width, side.width, last.width) == pytest.approx((2.45, 2.65, 2.85))
+    assert (side.centre - side.width / 2) - (first.centre - first.width / 2) == pytest.approx(3.5)
+    assert last.start + last.length == 125.0
+    first, side, last = path.obstacle_avoidance(2.0)
+    gap = (side.centre - side.width / 2) - (first.centre + first.width / 2)
+    assert gap == pytest.approx(1.0) and side.width == 3.0 and last.width == 3.0
+    assert last.start + last.length == 61.0
+
+
+def test_aim_line_runs_along_the_lanes():
+    lanes = path.double_lane_change(2.0, 3.5)
+    x, y = path.through(lanes, approach=10.0, run_out=20.0)
+    for lane in lanes:
+        inside = (x > 10.0 + lane.start) & (x < 10.0 + lane.start + lane.length)
+        assert np.allclose(y[inside], lane.centre, atol=2e-3)
+    assert np.hypot(np.diff(x), np.diff(y)) == pytest.approx(path.STEP, rel=1e-3)
+
+
+def test_path_from_curvature_closes_a_circle():
+    radius = 22.0
+    x, y = path.from_curvature([(1e-3, 1 / radius), (2 * np.pi * radius, 1 / radius)])
+    assert np.hypot(x - x[0], y - radius).min() == pytest.approx(radius, rel=1e-3)
+    assert np.hypot(x[-1], y[-1]) < path.STEP
+
+
+@pytest.mark.parametrize("name", vehicles.names())
+def test_driver_keeps_the_track_below_the_friction_limit(name):
+    vehicle = vehicles.load(name)
+    for maneuver, off in (("double_lane_change", 1.0), ("roundabout", 0.5)):
+        outputs, steer = run(maneuver, vehicle, ROLL1)
+        assert np.abs(outputs[:, ports.PATH_ERROR]).max() < off
+        assert np.abs(outputs[:, ports.AY]).max() < vehicle.tyre.friction * vehicles.GRAVITY
+        assert np.abs(outputs[-1, ports.ROLL]) < np.abs(outputs[:, ports.ROLL]).max()
+        assert np.abs(np.diff(steer)).max() <= vehicle.steering.rate_limit * 1e-3 + 1e-12
+
+
+@pytest.mark.parametrize("name", DRIVEN)
+def test_every_manoeuvre_runs_to_its_end_on_every_plant(name):
+    for body in bodies.BODIES.values():
+        if body.name.startswith("fullcar") and name in ("fishhook", "j_turn", "sine_with_dwell"):
+            continue  # far beyond what a linear tyre means
+        outputs, _ = run(name, body=body)
+        assert np.isfinite(outputs).all()
+        assert outputs[-1, ports.X] != 0.0
+
+
+@pytest.mark.parametrize("speed_kmh", [60, 80, 100, 120, 140, 160])
+@pytest.mark.parametrize("preview", [0.75, 1.0])
+def test_double_lane_change_stays_on_the_road_at_all_its_speeds(speed_kmh, preview):
+    outputs, _ = run("double_lane_change", speed=speed_kmh / 3.6, preview_time=preview)
+    assert outputs[:, ports.ROLLOVER].max() == 0.0
+    assert np.abs(outputs[:, ports.PATH_ERROR]).max() < 6.0
+
+
+def test_double_lane_change_beyond_80_is_marked():
+    assert maneuvers.build("double_lane_change", VAN, 80 / 3.6).standard == "ISO 3888-1"
+    assert "non-standard" in maneuvers.build("double_lane_change", VAN, 100 / 3.6).standard
+
+
+def test_roundabout_is_driven_at_its_radius():
+    outputs, _ = run("roundabout", body=ROLL1)
+    middle = outputs[len(outputs) // 2]
+    assert middle[ports.VX] / middle[ports.YAW_RATE] == pytest.approx(22.0, rel=0.05)
+
+
+def test_replayed_steering_repeats_the_run():
+    maneuver = maneuvers.build("double_lane_change", VAN)
+    outputs, steer = open_loop.run_passive(VAN, NONLINEAR, maneuver)
+    again, replayed = open_loop.run_passive(VAN, NONLINEAR, maneuvers.replay(maneuver, steer))
+    assert replayed == pytest.approx(steer, abs=1e-12)
+    assert again[:, ports.ROLL] == pytest.approx(outputs[:, ports.ROLL], abs=1e-9)
+    stiffer = replace(VAN, plant=replace(VAN.plant, roll_damping=1.2 * VAN.plant.roll_damping))
+    other, same = open_loop.run_passive(stiffer, NONLINEAR, maneuvers.replay(maneuver, steer))
+    assert same == pytest.approx(steer, abs=1e-12)
+    assert not np.allclose(other[:, ports.ROLL], outputs[:, ports.ROLL])
+
+
+def test_fishhook_reverses_when_the_roll_rate_has_died_down():
+    outputs, steer = run("fishhook", speed=60 / 3.6)
+    amplitude = steer.max()
+    assert amplitude == pytest.approx(6.5 * steer_maneuvers.reference_angle(VAN))
+    assert steer.min() == pytest.approx(-amplitude)
+    reversal = np.flatnonzero(np.isclose(steer, amplitude, atol=1e-9))[-1]
+    assert abs(outputs[reversal, ports.ROLL_RATE]) < np.radians(2.0)
+    assert np.abs(np.diff(steer)).max() * 1000 * VAN.steering.ratio <= np.radians(721.0)
+    held = np.isclose(steer, -amplitude, atol=1e-9).sum() / 1000
+    assert held == pytest.approx(3.0, abs=0.05)
+    assert steer[-1] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_fishhook_lifts_two_wheels_of_the_laden_van_and_more_speed_rolls_it_over():
+    gentle, _ = run("fishhook", speed=50 / 3.6)
+    lifting, _ = run("fishhook", speed=80 / 3.6)
+    rolling, _ = run("fishhook", speed=100 / 3.6)
+    assert gentle[:, ports.TWO_WHEEL_LIFT].max() == 0.0
+    assert lifting[:, ports.TWO_WHEEL_LIFT].max() == 1.0
+    assert rolling[-1, ports.ROLLOVER] == 1.0
+
+
+def test_sine_with_dwell_has_the_frequency_and_dwell_of_the_standard():
+    table = steer_maneuvers.sine_with_dwell_table(1.0)
+    time = np.arange(table.size) * steer_maneuvers.TABLE_STEP - steer_maneuvers.START
+    assert time[np.argmax(table)] == pytest.approx(0.25 / 0.7, abs=2e-3)
+    dwell = time[np.isclose(table, -1.0, atol=1e-12)]
+    assert dwell.max() - dwell.min() == pytest.approx(0.5, abs=3e-3)
+    assert dwell.min() == pytest.approx(0.75 / 0.7, abs=3e-3)
+    assert np.all(table[time > 1 / 0.7 + 0.501] == 0.0)
+
+
+def test_signal_files(tmp_path):
+    file = tmp_path / "ay.csv"
+    file.write_text("time,lateral_acceleration\n0,0\n1,2\n3,2\n")
+    outputs, _ = run("from_file", body=ROLL1, file=str(file))
+    assert outputs[-1, ports.AY] == pytest.approx(2.0) and len(outputs) == 3000
+    with pytest.raises(CanrollError, match="drives the plant roll1 alone"):
+        run("from_file", body=NONLINEAR, file=str(file))
+    file.write_text("time,steering_wheel_deg\n0,0\n1,33\n4,33\n")
+    _, steer = run("from_file", file=str(file))
+    assert steer[-1] * VAN.steering.ratio == pytest.approx(np.radians(33.0))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "header"),
+        ("time,speed\n0,1\n", "header"),
+        ("time,lateral_acceleration\n0,1\n", "two rows"),
+        ("time,lateral_acceleration\n0,1\n0,2\n", "line 3: time must grow"),
+        ("time,lateral_acceleration\n0,1\n1,x\n", "line 3: needs two numbers"),
+        ("time,lateral_acceleration\n0,1\n1,nan\n", "line 3: not finite"),
+    ],
+)
+def test_signal_files_that_are_wrong_say_where(tmp_path, text, message):
+    file = tmp_path / "bad.csv"
+    file.write_text(text)
+    with pytest.raises(CanrollError, match=message):
+        maneuvers.build("from_file", VAN, file=str(file))
+
+
+def test_signal_file_is_needed_and_must_exist(tmp_path):
+    with pytest.raises(CanrollError, match="needs a file"):
+        maneuvers.build("from_file", VAN)
+    with pytest.raises(CanrollError, match="cannot read signal file"):
+        maneuvers.build("from_file", VAN, file=str(tmp_path / "none.csv"))
+
+
+def test_banked_curve_needs_less_suspension_roll_when_it_leans_in():
+    leaning, _ = run("banked_curve", bank_deg=-6.0)
+    level, _ = run("banked_curve", bank_deg=0.0)
+    adverse, _ = run("banked_curve", bank_deg=6.0)
+    rolls = [outputs[-1, ports.ROLL] for outputs in (leaning, level, adverse)]
+    assert rolls[0] < rolls[1] < rolls[2]
+
+
+def test_chassis_control_brakes_and_steers_towards_the_linear_car():
+    """A car that would spin on a slippery road keeps its yaw rate near the reference."""
+    loose = replace(VAN, tyre=replace(VAN.tyre, cornering_stiffness_rear=0.8 * 165000.0))
+    yaw = {}
+    for on in (True, False):
+        options = {"friction": 0.4, "scale": 3.0, "chassis_control": on}
+        outputs, _ = run("sine_with_dwell", loose, **options)
+        yaw[on] = outputs[:, ports.YAW_RATE]
+    late = slice(-1500, None)
+    assert np.abs(yaw[True][late]).max() < np.abs(yaw[False][late]).max()
+
+
+def test_same_manoeuvre_gives_the_same_bytes():
+    for name, seed in (("double_lane_change", 0), ("random_road", 3)):
+        runs = [
+            open_loop.run_passive(VAN, NONLINEAR, maneuvers.build(name, VAN, seed=seed))[0]
+            for _ in range(2)
+        ]
+        assert runs[0].tobytes() == runs[1].tobytes()
+    roads = [maneuvers.build("random_road", VAN, seed=seed).drive.road_left for seed in (1, 2)]
+    assert not np.array_equal(*roads)
+
+
+def test_sample_interpolates_and_holds_its_ends():
+    table = np.array([1.0, 3.0, 2.0])
+    assert [driver.sample(table, at) for at in (-1.0, 0.5, 1.5, 9.0)] == [1.0, 2.0, 2.5, 2.0]

@@ -1,0 +1,110 @@
+"""The plant's array codec against cantools, frame by frame."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import dbc
+from canroll.errors import UnknownNameError
+from plant_sim.nodes import codec
+
+TABLES = codec.load()
+MESSAGES = dbc.load().messages
+
+
+def payload(word: int, length: int) -> bytes:
+    return (word & (1 << 64) - 1).to_bytes(8, "little")[:length]
+
+
+def word_of(data: bytes) -> int:
+    return int.from_bytes(data.ljust(8, b"\0"), "little", signed=True)
+
+
+@st.composite
+def raw_messages(draw):
+    message = draw(st.sampled_from(MESSAGES))
+    switch = next((s for s in message.signals if s.is_multiplexer), None)
+    pages = sorted({p for s in message.signals for p in s.multiplexer_ids or ()})
+    page = draw(st.sampled_from(pages)) if switch else None
+    raw = {}
+    for signal in message.signals:
+        if signal.is_multiplexer:
+            raw[signal.name] = page
+        elif not signal.multiplexer_ids or page in signal.multiplexer_ids:
+            row = TABLES.field[codec.signal_index(message.name, signal.name)]
+            raw[signal.name] = draw(
+                st.integers(int(row[codec.RAW_MIN]), int(row[codec.RAW_MAX]))
+                | st.sampled_from([int(row[codec.RAW_MIN]), int(row[codec.RAW_MAX])])
+            )
+    return message, raw
+
+
+@settings(max_examples=400, deadline=None)
+@given(raw_messages())
+def test_encode_and_decode_agree_with_cantools(case):
+    message, raw = case
+    expected = message.encode(raw, scaling=False)
+    index = codec.message_index(message.name)
+    physical = message.decode(expected, decode_choices=False)
+    names = codec.signal_names(message.name)
+    values = np.array([float(physical.get(name, math.nan)) for name in names])
+    word = codec.encode(TABLES, index, values)
+    assert payload(word, message.length) == expected
+
+    decoded = np.empty(len(names))
+    codec.decode(TABLES, index, word_of(expected), decoded)
+    for name, value in zip(names, decoded, strict=True):
+        if name in physical:
+            assert value == pytest.approx(float(physical[name]), rel=1e-15, abs=1e-15)
+        else:
+            assert math.isnan(value)
+
+
+@settings(deadline=None)
+@given(st.floats(-1e4, 1e4), st.sampled_from(["RollRate", "LateralAcceleration", "YawRate"]))
+def test_rounds_to_nearest_and_clips_to_the_range_of_the_dbc(value, name):
+    signal = dbc.load().get_message_by_name("Imu").get_signal_by_name(name)
+    row = codec.signal_index("Imu", name)
+    raw = codec.raw_value(TABLES, row, value)
+    kept = min(max(value, signal.minimum), signal.maximum)
+    assert abs(raw * signal.scale - kept) <= signal.scale / 2 * (1 + 1e-9)
+    assert codec.valid(TABLES, row, raw)
+
+
+@pytest.mark.parametrize("steps", [0.4, 0.6, 1.0, 1e6])
+def test_what_is_out_of_range_never_becomes_an_error_code(steps):
+    signal = dbc.load().get_message_by_name("Imu").get_signal_by_name("RollRate")
+    row = codec.signal_index("Imu", "RollRate")
+    top = int(TABLES.field[row, codec.RAW_MAX])
+    assert codec.raw_value(TABLES, row, signal.maximum + steps * signal.scale) == top
+    assert codec.raw_value(TABLES, row, signal.minimum - steps * signal.scale) == -top
+
+
+def test_not_a_number_is_sent_as_the_error_code():
+    row = codec.signal_index("Imu", "RollRate")
+    raw = codec.raw_value(TABLES, row, math.nan)
+    signal = dbc.load().get_message_by_name("Imu").get_signal_by_name("RollRate")
+    assert str(signal.choices[raw]) == "Error"
+    assert not codec.valid(TABLES, row, raw)
+
+
+def test_insert_leaves_every_other_bit_alone():
+    row = codec.signal_index("SuspensionForceCommand", "ForceFrontRight")
+    word = codec.insert(TABLES, row, -1, 5)
+    assert codec.extract(TABLES, row, word) == 5
+    assert codec.insert(TABLES, row, word, -1) == -1
+
+
+def test_tables_hold_every_message_of_the_dbc():
+    assert [int(m[codec.IDENT]) for m in TABLES.message] == [m.frame_id for m in MESSAGES]
+    assert len(TABLES.field) == sum(len(m.signals) for m in MESSAGES)
+
+
+def test_unknown_names_suggest_the_nearest():
+    with pytest.raises(UnknownNameError, match="did you mean 'Imu'"):
+        codec.message_index("Imus")
+    with pytest.raises(UnknownNameError, match="RollRate"):
+        codec.signal_index("Imu", "RollRat")

@@ -1,0 +1,266 @@
+"""Sensor channels: low-pass, noise, bias, range, faults and sampling instants."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scipy import signal as sps
+
+import dbc
+import vehicles
+from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.bodies import ports
+from plant_sim.nodes import codec, sensor_kernel
+from plant_sim.nodes import sensors as sensor_setup
+from plant_sim.nodes.sensors import SensorFault, SensorOptions
+
+VEHICLE = vehicles.load("van_real")
+STEP_NS = 1_000_000
+IMU = sensor_setup.NODES.index("Imu")
+LEVEL = dataclasses.replace(
+    VEHICLE,
+    sensors=dataclasses.replace(
+        VEHICLE.sensors, imu_position=(0.0, 0.0, 0.0), imu_misalignment=(0.0, 0.0, 0.0)
+    ),
+)
+
+
+def make(vehicle=LEVEL, seed=3, **options):
+    return sensor_setup.build(vehicle, options=SensorOptions(**options), seed=seed)
+
+
+def ideal(*faults, vehicle=LEVEL, **options):
+    return sensor_setup.build(
+        vehicle, options=SensorOptions.ideal(faults=faults, **options), seed=3
+    )
+
+
+def observe(nodes, **outputs):
+    vector = np.zeros(ports.N_OUTPUTS)
+    for name, value in outputs.items():
+        vector[getattr(ports, name.upper())] = value
+    sensor_kernel.observe(nodes, np.zeros(ports.N_INPUTS), vector)
+
+
+def read(nodes, t_ns, node=IMU, now_ns=None):
+    message = dbc.load().get_message_by_name(sensor_setup.NODES[node])
+    word = sensor_kernel.sample(nodes, codec.load(), node, t_ns, now_ns or t_ns, 3, 0)
+    return message.decode((word & (1 << 64) - 1).to_bytes(8, "little"), decode_choices=False)
+
+
+def test_ideal_sensors_put_the_truth_on_the_bus():
+    nodes = ideal()
+    observe(nodes, roll_rate=0.5, ay=-3.0, yaw_rate=0.2)
+    values = read(nodes, STEP_NS)
+    assert values["RollRate"] == pytest.approx(math.degrees(0.5), abs=0.0026)
+    assert values["LateralAcceleration"] == pytest.approx(-3.0, abs=0.00063)
+    assert values["YawRate"] == pytest.approx(math.degrees(0.2), abs=0.0026)
+
+
+@pytest.mark.parametrize("name", ["SuspensionRate", "SuspensionTravel"])
+def test_strokes_come_out_in_millimetres_wheel_by_wheel(name):
+    nodes = ideal()
+    vector = np.zeros(ports.N_OUTPUTS)
+    vector[ports.TRAVEL : ports.TRAVEL + 4] = [0.01, -0.02, 0.03, -0.04]
+    vector[ports.TRAVEL_RATE : ports.TRAVEL_RATE + 4] = [0.1, -0.2, 0.3, -0.4]
+    sensor_kernel.observe(nodes, np.zeros(ports.N_INPUTS), vector)
+    values = list(read(nodes, STEP_NS, sensor_setup.NODES.index(name)).values())[2:6]
+    scale = 100 if name == "SuspensionRate" else 10
+    assert values == pytest.approx([scale, -2 * scale, 3 * scale, -4 * scale])
+
+
+def test_chassis_sends_speed_steering_wheel_and_longitudinal_acceleration():
+    nodes = ideal()
+    inputs, outputs = np.zeros(ports.N_INPUTS), np.zeros(ports.N_OUTPUTS)
+    inputs[ports.STEER], outputs[ports.VX], outputs[ports.AX] = 0.05, 25.0, 1.5
+    sensor_kernel.observe(nodes, inputs, outputs)
+    values = read(nodes, STEP_NS, sensor_setup.NODES.index("VehicleMotion"))
+    assert values["VehicleSpeed"] == pytest.approx(90.0)
+    ratio = VEHICLE.steering.ratio
+    assert values["SteeringWheelAngle"] == pytest.approx(math.degrees(0.05 * ratio), abs=0.051)
+    assert values["LongitudinalAcceleration"] == pytest.approx(1.5, abs=0.00063)
+
+
+def test_counters_advance_with_every_sample():
+    nodes = ideal()
+    seen = [read(nodes, k * STEP_NS) for k in range(40)]
+    assert [v["SampleCounter"] for v in seen] == [k % 16 for k in range(40)]
+    assert [v["Counter"] for v in seen] == [k % 15 for k in range(40)]
+
+
+def test_a_sample_between_two_steps_is_interpolated():
+    nodes = ideal()
+    observe(nodes, roll_rate=0.0)
+    observe(nodes, roll_rate=0.4)
+    values = read(nodes, 1_250_000, now_ns=2_000_000)
+    assert values["RollRate"] == pytest.approx(math.degrees(0.1), abs=0.0026)
+
+
+def test_low_pass_is_that_of_scipy():
+    nodes = make(noise=0.0, bias=0.0)
+    bandwidth = VEHICLE.sensors.roll_rate.bandwidth
+    t = np.arange(400) * 1e-3
+    truth = 0.5 * np.sin(2 * np.pi * 7 * t)
+    rate = 2 * np.pi * bandwidth
+    _, expected, _ = sps.lsim(([rate], [1.0, rate]), truth, t)
+    filtered = []
+    for value in truth:
+        observe(nodes, roll_rate=value)
+        filtered.append(nodes.channel[sensor_kernel.ROLL_RATE, sensor_kernel.FILTERED])
+    np.testing.assert_allclose(filtered, expected, atol=1e-12)
+
+
+def test_noise_has_the_stated_density_and_is_white_below_the_low_pass():
+    nodes = make(bias=0.0)
+    data = VEHICLE.sensors.lateral_acceleration
+    samples = np.array(
+        [
+            sensor_kernel.measure(nodes, sensor_kernel.LATERAL, 0.0, k, k, 5)
+            for k in range(40_000)
+        ]
+    )  # fmt: skip
+    deviation = data.noise_density * math.sqrt(math.pi / 2 * data.bandwidth)
+    assert samples.std() == pytest.approx(deviation, rel=0.02)
+    assert abs(samples.mean()) < 4 * deviation / 200
+    neighbours = np.corrcoef(samples[:-1], samples[1:])[0, 1]
+    assert neighbours == pytest.approx(math.exp(-2 * math.pi * data.bandwidth * 0.01), abs=0.02)
+    # One-sided density well below the low-pass, were the sensor sampled without end.
+    dense = make(bias=0.0)
+    row = dense.channel[sensor_kernel.LATERAL]
+    row[sensor_kernel.NOISE_MEMORY] = math.exp(-2 * math.pi * data.bandwidth * 1e-3)
+    fast = np.array(
+        [sensor_kernel.measure(dense, sensor_kernel.LATERAL, 0.0, k, k, 5) for k in range(200_000)]
+    )
+    frequency, power = sps.welch(fast, 1e3, nperseg=4096)
+    low = power[(frequency > 0.5) & (frequency < 5)].mean()
+    assert math.sqrt(low) == pytest.approx(data.noise_density, rel=0.05)
+
+
+def test_bias_is_drawn_within_its_bound_and_grows_with_temperature():
+    bound = VEHICLE.sensors.lateral_acceleration.bias
+    drawn = [make(seed=s).channel[sensor_kernel.LATERAL, sensor_kernel.BIAS] for s in range(40)]
+    assert max(map(abs, drawn)) <= bound
+    assert max(map(abs, drawn)) > 0.8 * bound
+    assert min(drawn) < 0 < max(drawn)
+    cold = make(temperature=-60.0).channel[sensor_kernel.LATERAL, sensor_kernel.BIAS]
+    assert abs(cold) > abs(make().channel[sensor_kernel.LATERAL, sensor_kernel.BIAS])
+
+
+def test_drift_walks_by_the_root_of_time():
+    spread = []
+    for seed in range(60):
+        nodes = make(seed=seed, noise=0.0, bias=1.0, drift=0.5)
+        for k in range(100):
+            sensor_kernel.measure(nodes, sensor_kernel.ROLL_RATE, 0.0, k, k, seed)
+        spread.append(nodes.channel[sensor_kernel.ROLL_RATE, sensor_kernel.DRIFT])
+    expected = 0.5 * VEHICLE.sensors.roll_rate.bias * 1.0
+    assert np.std(spread) == pytest.approx(expected, rel=0.3)
+
+
+def test_bias_and_drift_are_in_what_is_sent():
+    nodes = ideal()
+    observe(nodes, roll_rate=math.radians(10.0))
+    nodes.channel[sensor_kernel.ROLL_RATE, sensor_kernel.BIAS] = math.radians(1.0)
+    nodes.channel[sensor_kernel.ROLL_RATE, sensor_kernel.DRIFT] = math.radians(0.5)
+    assert read(nodes, STEP_NS)["RollRate"] == pytest.approx(11.5, abs=0.0026)
+
+
+@pytest.mark.parametrize(("truth", "sent"), [(0.114, 0.1), (0.126, 0.15), (-0.126, -0.15)])
+def test_a_coarse_converter_rounds_to_its_own_step(truth, sent):
+    nodes = ideal(lsb={"Imu.LateralAcceleration": 0.05})
+    observe(nodes, ay=truth)
+    assert read(nodes, STEP_NS)["LateralAcceleration"] == pytest.approx(sent, abs=0.00063)
+
+
+def test_range_clips():
+    nodes = ideal()
+    observe(nodes, roll_rate=50.0)
+    values = read(nodes, STEP_NS)
+    limit = min(math.degrees(VEHICLE.sensors.roll_rate.range), 163.825)
+    assert values["RollRate"] == pytest.approx(limit, abs=0.0026)
+
+
+@pytest.mark.parametrize(
+    ("kind", "value", "expected"),
+    [("stuck", 0.0, 10.0), ("offset", math.radians(2.0), 22.0), ("invalid", 0.0, 163.83)],
+)
+def test_faults_change_one_signal_while_they_last(kind, value, expected):
+    fault = SensorFault(signal="Imu.RollRate", kind=kind, start=0.01, end=0.02, value=value)
+    nodes = ideal(fault)
+    observe(nodes, roll_rate=math.radians(10.0), yaw_rate=0.1)
+    assert read(nodes, 5_000_000)["RollRate"] == pytest.approx(10.0)
+    observe(nodes, roll_rate=math.radians(20.0), yaw_rate=0.1)
+    during = read(nodes, 15_000_000)
+    assert during["RollRate"] == pytest.approx(expected, abs=0.0026)
+    assert during["YawRate"] == pytest.approx(math.degrees(0.1), abs=0.0026)
+    assert read(nodes, 20_000_000)["RollRate"] == pytest.approx(20.0)
+
+
+def test_a_burst_adds_noise_of_the_stated_size():
+    nodes = ideal(SensorFault(signal="Imu.RollRate", kind="burst", value=0.1))
+    values = [
+        sensor_kernel.measure(nodes, sensor_kernel.ROLL_RATE, 0.0, k, k, 5) for k in range(4000)
+    ]
+    assert np.std(np.radians(values)) == pytest.approx(0.1, rel=0.05)
+
+
+def test_a_dropout_silences_the_whole_node_and_only_it():
+    nodes = ideal(SensorFault(signal="Imu.YawRate", kind="dropout", start=0.1, end=0.2))
+    assert not sensor_kernel.silent(nodes, IMU, 99_999_999)
+    assert sensor_kernel.silent(nodes, IMU, 100_000_000)
+    assert not sensor_kernel.silent(nodes, IMU, 200_000_000)
+    assert not sensor_kernel.silent(nodes, sensor_setup.NODES.index("VehicleMotion"), 100_000_000)
+
+
+def test_the_same_seed_gives_the_same_sensor_and_another_another():
+    def run(seed):
+        nodes = make(seed=seed)
+        return [sensor_kernel.sample(nodes, codec.load(), IMU, k, k, seed, 0) for k in range(50)]
+
+    assert run(1) == run(1)
+    assert run(1) != run(2)
+
+
+def test_phases_are_seeded_within_the_cycle_or_set():
+    drawn = make(seed=9).node
+    assert all(0 <= row[sensor_kernel.NEXT] < row[sensor_kernel.PERIOD] for row in drawn)
+    assert len({int(row[sensor_kernel.NEXT]) for row in drawn}) == len(drawn)
+    assert not make(synchronous=True).node[:, sensor_kernel.NEXT].any()
+    assert make(phases={"Imu": 0.0042}).node[IMU, sensor_kernel.NEXT] == 4_200_000
+
+
+def test_periods_are_those_of_the_dbc():
+    for row, name in zip(make().node, sensor_setup.NODES, strict=True):
+        cycle = dbc.load().get_message_by_name(name).cycle_time
+        assert row[sensor_kernel.PERIOD] == cycle * 1_000_000
+
+
+def test_misalignment_and_arm_are_felt():
+    nodes = ideal(vehicle=VEHICLE)
+    outputs, inputs = np.zeros(ports.N_OUTPUTS), np.zeros(ports.N_INPUTS)
+    outputs[ports.ROLL_ACC] = 2.0
+    sensor_kernel.observe(nodes, inputs, outputs)
+    lateral = nodes.channel[sensor_kernel.LATERAL, sensor_kernel.INPUT]
+    arm, askew = VEHICLE.sensors.imu_position, VEHICLE.sensors.imu_misalignment
+    gravity = 9.81 + 2.0 * arm[1]
+    assert lateral == pytest.approx(-2.0 * arm[2] + gravity * math.sin(askew[0]), abs=1e-3)
+
+
+def fault(signal="Imu.RollRate", kind="stuck", **when):
+    return {"faults": (SensorFault(signal=signal, kind=kind, **when),)}
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "text"),
+    [
+        (fault("Imu.RolRate"), UnknownNameError, "Imu.RollRate"),
+        (fault(kind="stick"), UnknownNameError, "stuck"),
+        (fault(start=2, end=1), CanrollError, "start"),
+        ({"faults": fault()["faults"] * 17}, CanrollError, "at most 16"),
+        ({"phases": {"Imo": 0.0}}, UnknownNameError, "Imu"),
+    ],
+)
+def test_impossible_options_are_refused(options, error, text):
+    with pytest.raises(error, match=text):
+        make(**options)

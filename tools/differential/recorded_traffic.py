@@ -1,0 +1,82 @@
+"""Traffic of driven manoeuvres, recorded in closed loop, for all laws, actuators and observers.
+
+What a random calibration meets in random traffic is mostly SAFE. Here the loop controls: each
+recording is a design of the gain generator at work on its own plant.
+"""
+
+from dataclasses import dataclass
+
+from codegen.run.backends import open_backend
+from codegen.run.ecu_traffic import Traffic
+from codegen.run.recorder import Recorder
+from firmware.calibration import Calibration
+from hil.runs.experiment import build_world, plan
+from hil.runs.virtual_time import closed_loop
+
+DURATION = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """What is designed and driven."""
+
+    scenario: str
+    law: str
+    actuator: str | None = None
+    observer: str | None = None
+    trigger: str | None = None
+    identification: bool = False
+
+
+CASES = (
+    Case("double_lane_change", "lqr"),
+    Case("j_turn", "lqr", observer="one_sensor"),
+    Case("double_lane_change", "lqr", observer="propagated", identification=True),
+    Case("j_turn", "lqr", observer="steering", trigger="event"),
+    Case("double_lane_change", "lqr", observer="reference"),
+    Case("double_lane_change", "lqr", actuator="bars"),
+    Case("double_lane_change", "lqr", actuator="dampers"),
+    Case("j_turn", "hinf_delay"),
+    Case("double_lane_change", "hinf_nodelay"),
+    Case("double_lane_change", "hinf_event", trigger="event"),
+    Case("double_lane_change", "lqg_delay", actuator="bars"),
+    Case("j_turn", "hinf", observer="propagated"),
+    Case("double_lane_change", "smc", actuator="bars", observer="propagated"),
+    Case("j_turn", "rate_feedforward"),
+    Case("double_lane_change", "ay_feedforward", actuator="dampers"),
+    Case("double_lane_change", "lqr_full_car", actuator="valves"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """A case with its calibration and what its ECU received."""
+
+    case: Case
+    calibration: Calibration
+    traffic: Traffic
+
+
+def record(case: Case, duration: float = DURATION) -> Recording:
+    """Design and drive a case for ``duration`` s."""
+    settings, controller = plan(
+        case.scenario,
+        law=case.law,
+        actuator=case.actuator,
+        observer=case.observer,
+        trigger=case.trigger,
+        identification=case.identification or None,
+    )
+    recorder = Recorder(open_backend(settings.backend, controller.record))
+    closed_loop(
+        build_world(settings, enabled=True),
+        recorder,
+        tick_ns=round(settings.tick * 1e9),
+        duration_ns=round(duration * 1e9),
+    )
+    return Recording(case, controller.record, recorder.traffic)
+
+
+def recordings(duration: float = DURATION) -> list[Recording]:
+    """Every case, recorded."""
+    return [record(case, duration) for case in CASES]
