@@ -36,12 +36,12 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Delay": ("gain_gen.design", "Delay"),
-    "Design": ("gain_gen.design", "Design"),
+    "Delay": ("gain_gen.models.task", "Delay"),
+    "Design": ("gain_gen.models.task", "Design"),
     "Result": ("hil.runs.result", "Result"),
-    "Task": ("gain_gen.design", "Task"),
-    "design": ("gain_gen.laws", "design"),
-    "load_calibration": ("gain_gen.calibration", "load"),
+    "Task": ("gain_gen.models.task", "Task"),
+    "design": ("gain_gen.design", "design"),
+    "load_calibration": ("gain_gen.calibration.calibration_file", "load"),
     "load_vehicle": ("vehicles", "load"),
     "run": ("hil.runs.experiment", "run"),
 }

@@ -11,10 +11,7 @@ from gain_gen.laws.hinf_delay import design_hinf_delay
 from gain_gen.laws.hinf_event import design_hinf_event
 from gain_gen.laws.hinf_state import design_hinf
 from gain_gen.laws.lqr_full_car import design_lqr_full_car, design_lqr_full_car_ideal
-from gain_gen.laws.roll_rate_feedback import (
-    design_hinf_nodelay,
-    design_rate_feedforward,
-)
+from gain_gen.laws.roll_rate_feedback import design_hinf_nodelay, design_rate_feedforward
 from gain_gen.laws.state_feedback import (
     design_ay_feedforward,
     design_lqg_delay,

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[1] / "docs"
 EXAMPLES = re.findall(
     r"^## (.+?)$.*?```python\n(.*?)```", (DOCS / "api.md").read_text(), re.S | re.M
 )

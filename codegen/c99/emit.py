@@ -2,8 +2,8 @@
 
 One .c and .h a module, ``canroll_`` before every name, comments and docstrings carried over,
 no state but the caller's records, no library call. Operations are done in 32 bits where
-:mod:`codegen.proof.interpreter` shows that they fit, else in 64; a 64-bit value goes into a narrower place
-only where it is shown to fit, so that no cast changes a value.
+:mod:`codegen.proof.interpreter` shows that they fit, else in 64; a 64-bit value goes into a
+narrower place only where it is shown to fit, so that no cast changes a value.
 """
 
 import ast
@@ -13,16 +13,7 @@ from pathlib import Path
 
 from codegen.c99.function import Body
 from codegen.c99.linkage import linkage
-from codegen.c99.text import (
-    C_TYPES,
-    RUNTIME,
-    WIDTH,
-    broken,
-    comment,
-    fits,
-    literal,
-    plain,
-)
+from codegen.c99.text import C_TYPES, RUNTIME, WIDTH, broken, comment, fits, literal, plain
 from codegen.proof.interpreter import Interpreter
 from codegen.proof.intervals import Value
 from codegen.proof.prove import prove

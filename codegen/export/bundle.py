@@ -28,8 +28,8 @@ from codegen.subset.program import FIRMWARE
 from firmware.calibration import Calibration
 from firmware.state import Ecu
 
-TEMPLATES = Path(__file__).with_name("bundle_files")
-BOARD = Path(__file__).with_name("board")
+TEMPLATES = Path(__file__).with_name("templates")
+BOARD = Path(__file__).parents[1] / "board"
 FNV_OFFSET, FNV_PRIME = 2166136261, 16777619
 
 

@@ -13,8 +13,8 @@ DEVIATIONS = {
     "10.1": "bits are taken from signed values that are not negative; the right shift of negative "
     "values is checked at compile time to keep the sign",
     "10.4": "constants of anonymous enumerations are compared with the integers they are kept in",
-    "10.8": "every operation is shown by codegen.proof.prove to fit the type it is computed in: the cast "
-    "widens a value that already fits",
+    "10.8": "every operation is shown by the overflow proof to fit the type it is computed in: the "
+    "cast widens a value that already fits",
     "11.5": "the range check reads the calibration, words and bytes, as arrays of either, and "
     "init clears the state as an array of words",
     "12.1": "products bind closer than sums, quotients in order: no further brackets are needed",

@@ -30,7 +30,7 @@ from codegen.generated.signal_code import (
     wrapped,
 )
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 DBC = ROOT / "dbc" / "roll_control.dbc"
 MAP = ROOT / "dbc" / "roll_control.toml"
 SIGNALS = ROOT / "firmware" / "signals.py"

@@ -1,10 +1,11 @@
 """Proof that the loop can't overflow, index or divide wrongly, for all states and all frames.
 
-Each entry point runs on intervals (:mod:`codegen.proof.interpreter`), from any state within the declared
-field ranges, any bytes in the mailboxes and any calibration that ``check`` accepts; ``check``
-itself from any calibration at all. Every intermediate fits 64 bits, every store its type and its
-field's range, every index its array, no divisor is zero, every shift count lies in 1 … 62. As the
-field ranges are both assumed and shown, they are an invariant: it holds from ``init`` on, for ever.
+Each entry point runs on intervals (:mod:`codegen.proof.interpreter`), from any state within the
+declared field ranges, any bytes in the mailboxes and any calibration that ``check`` accepts;
+``check`` itself from any calibration at all. Every intermediate fits 64 bits, every store its type
+and its field's range, every index its array, no divisor is zero, every shift count lies in 1 … 62.
+As the field ranges are both assumed and shown, they are an invariant: it holds from ``init`` on,
+for ever.
 """
 
 from collections.abc import Mapping

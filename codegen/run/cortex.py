@@ -28,7 +28,7 @@ from codegen.c99 import emit
 from codegen.run.ecu_traffic import EVENT
 from firmware.signals import TX_LENGTHS
 
-BOARD = Path(__file__).with_name("board")
+BOARD = Path(__file__).parents[1] / "board"
 OPTIMISATION = ("-Os", "-fno-move-loop-invariants", "-fno-schedule-insns2", "-fno-if-conversion2")
 """What makes this code both small and quick: fewer registers saved and spilled, and no conditional
 instructions that a branch would skip. The exported bundle is built with the same flags."""

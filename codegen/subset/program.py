@@ -11,7 +11,7 @@ from pathlib import Path
 
 from canroll.errors import CanrollError
 
-FIRMWARE = Path(__file__).resolve().parent.parent / "firmware"
+FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 PACKAGE = "firmware"
 RUNTIME = "subset"
 KINDS = {"i32": (-(2**31), 2**31 - 1), "i64": (-(2**63), 2**63 - 1), "u8": (0, 255)}

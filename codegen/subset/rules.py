@@ -11,14 +11,7 @@ from collections.abc import Callable
 
 from codegen.subset.effects import writers
 from codegen.subset.expression_rules import ARITHMETIC, ExpressionRules, words
-from codegen.subset.program import (
-    CONST_RECORD,
-    INTRINSICS,
-    KINDS,
-    Function,
-    Program,
-    evaluate,
-)
+from codegen.subset.program import CONST_RECORD, INTRINSICS, KINDS, Function, Program, evaluate
 
 C_WORDS = frozenset(
     re.findall(

@@ -6,11 +6,7 @@ from math import exp, log, sqrt
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from gain_gen.analysis.certificates import (
-    LinearPlant,
-    bounded_real_block,
-    largest_eigenvalue,
-)
+from gain_gen.analysis.certificates import LinearPlant, bounded_real_block, largest_eigenvalue
 from gain_gen.analysis.delay_system import h_infinity, largest_delay, rightmost_root
 from gain_gen.laws.state_feedback import (
     FEEDFORWARD_SHARE,

@@ -8,13 +8,7 @@ from typing import Any
 
 from canroll.errors import CanrollError
 from hil.cli.page_files import add_page_options, folder, write
-from hil.cli.run import (
-    add_condition_options,
-    add_run_options,
-    answer,
-    key_values,
-    run_keywords,
-)
+from hil.cli.run import add_condition_options, add_run_options, answer, key_values, run_keywords
 
 DEFAULT_RUNS = 100
 

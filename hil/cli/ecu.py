@@ -8,10 +8,10 @@ from canroll.errors import CanrollError, VerdictError
 from codegen.run.backends import BACKENDS, default_backend, open_backend
 from firmware.signals import TX_IDS
 from gain_gen.calibration.calibration_file import load as load_calibration
-from hil import phase
 from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
 from hil.realtime.bus_link import CanLink, add_bus_arguments, open_link
 from hil.realtime.phase_lock import PhaseLock
+from hil.runs import phase
 
 MODES = ("INIT", "ACTIVE", "DEGRADED", "SAFE")
 TRACE_SECONDS = 600
@@ -91,6 +91,15 @@ def peer_timeout(args: argparse.Namespace) -> float | None:
     given = PEER_TIMEOUT[args.pace] if args.peer_timeout is None else args.peer_timeout
     nanoseconds(given, "--peer-timeout")
     return given or None
+
+
+def add_prepare_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of programs whose kernels may have to be compiled first."""
+    parser.add_argument(
+        "--prepare",
+        action="store_true",
+        help="only compile what the run needs, into the cache; no bus is opened",
+    )
 
 
 def nanoseconds(seconds: float | None, option: str) -> int | None:

@@ -10,7 +10,7 @@ from typing import Any
 import can
 
 from canroll.errors import CanrollError
-from hil.cli.ecu import PACES
+from hil.cli.ecu import PACES, add_prepare_option
 from hil.cli.run import add_condition_options, add_run_options, path_named, run_keywords
 from hil.realtime.bus_link import add_bus_arguments, has_bus
 
@@ -64,6 +64,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--json", action="store_true", help="print one JSON object; files only with --out"
     )
+    add_prepare_option(parser)
     parser.set_defaults(run=run)
 
 
@@ -102,6 +103,9 @@ def run(args: argparse.Namespace) -> int:
     from hil.runs.logs import check_suffix, write_log  # noqa: PLC0415
     from hil.runs.virtual_time import Interrupted  # noqa: PLC0415
 
+    if args.prepare:
+        hil_run.prepare(args.scenario, duration=args.duration, **run_keywords(args))
+        return 0
     if args.side_channel is not None and args.pace != "lockstep":
         raise CanrollError("--side-channel carries the grants of --pace lockstep: give both")
     out = args.out or (None if args.json else DEFAULT_OUT)

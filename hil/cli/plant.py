@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import vehicles
 from canroll.errors import CanrollError
 from firmware.signals import TX_IDS
-from hil.cli.ecu import add_loop_options, nanoseconds, peer_timeout
+from hil.cli.ecu import add_loop_options, add_prepare_option, nanoseconds, peer_timeout
 from hil.cli.run import (
     add_condition_options,
     key_values,
@@ -73,6 +73,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="for the first frame of the ECU, 0: start at once (default: %(default)g)",
     )
     add_loop_options(parser)
+    add_prepare_option(parser)
     parser.add_argument(
         "--phase",
         type=float,
@@ -102,6 +103,8 @@ def run(args: argparse.Namespace) -> int:
         raise CanrollError("--phase: in real time the ECU keeps it: give it to 'canroll ecu'")
     # compiled before the clock runs: this world is thrown away
     world_of(args).advance(plant_loop.STEP_NS)
+    if args.prepare:
+        return 0
     world = world_of(args)
     with process.stop_on_signals() as stop:
         notes = []
@@ -171,8 +174,8 @@ def _drive_granting(
     args: argparse.Namespace, world: "World", link: Link, stop: process.Stop
 ) -> "Outcome | None":
     """Drive in lock step with the ECU that answers; None where a stop is asked for before."""
-    from hil import phase  # noqa: PLC0415
     from hil.realtime import lockstep, plant_loop, side_channel  # noqa: PLC0415
+    from hil.runs import phase  # noqa: PLC0415
 
     channel: lockstep.Channel
     if args.side_channel is None:

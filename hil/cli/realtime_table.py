@@ -6,15 +6,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from hil.realtime.timing import QUANTILES
-
-ROWS = {
-    "start_jitter_us": "tick start after its deadline",
-    "tick_us": "tick duration",
-    "latency_us": "sample to force",
-    "plant_jitter_us": "plant step after its deadline",
-    "plant_step_us": "plant step duration",
-}
+from hil.realtime.timing import QUANTILES, ROWS
 
 
 def show_timing(timing: Mapping[str, Any]) -> None:

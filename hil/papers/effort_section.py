@@ -1,6 +1,6 @@
 """Ours beside theirs: each paper's laws, the plain feedforward and ours at equal effort.
 
-The comparison contract of :mod:`hil.studies.equal_effort`, on the paper's vehicle and on a complete van.
+The comparison of :mod:`hil.studies.equal_effort`, on the paper's vehicle and on a complete van.
 """
 
 from collections.abc import Mapping, Sequence

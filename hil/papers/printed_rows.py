@@ -72,7 +72,7 @@ class Row:
 @cache
 def printed(paper: str) -> dict[str, Any]:
     """Return the printed tables of a paper."""
-    text = (files("hil.papers") / "paper_tables.toml").read_text(encoding="utf-8")
+    text = (files("hil.papers") / "printed.toml").read_text(encoding="utf-8")
     tables: dict[str, Any] = tomllib.loads(text)[paper]
     return tables
 

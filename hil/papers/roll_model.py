@@ -2,13 +2,7 @@
 
 import numpy as np
 
-from gain_gen.models.roll import (
-    Matrix,
-    lateral_input,
-    moment_input,
-    state_matrix,
-    zero_order_hold,
-)
+from gain_gen.models.roll import Matrix, lateral_input, moment_input, state_matrix, zero_order_hold
 from hil.runs.metrics import Vector
 from vehicles import RollModel
 

@@ -14,12 +14,7 @@ import vehicles
 from gain_gen.analysis.certificates import certified_level, event_block, event_small_gain, si_plant
 from gain_gen.analysis.delay_system import h_infinity, largest_delay
 from gain_gen.laws.hinf_event import EPSILON_SQUARED, PRINTED_EVENT_GAIN
-from gain_gen.models.roll import (
-    PERFORMANCE,
-    ROLL_RATE,
-    disturbance_input,
-    moment_input,
-)
+from gain_gen.models.roll import PERFORMANCE, ROLL_RATE, disturbance_input, moment_input
 from hil.papers.printed_rows import printed
 from hil.papers.roll_model import motion
 from hil.papers.section import Section, Value, finite

@@ -7,6 +7,7 @@ calls :meth:`Link.receive` once a period.
 import argparse
 import errno
 import logging
+import select
 import socket
 import time
 from collections.abc import Callable
@@ -61,6 +62,9 @@ class Link(Protocol):
 class CanLink:
     """A link over a python-can bus; one whose server went away is opened again when it is back.
 
+    Attributes:
+        lost: the server went away and has not been found again.
+
     Args:
         bus: open.
         reopen: opens it again; raises CanrollError while that fails. None: never.
@@ -69,8 +73,10 @@ class CanLink:
     def __init__(self, bus: can.BusABC, reopen: Callable[[], can.BusABC] | None = None) -> None:
         self.bus = bus
         self.sent = self.received = self._failed = 0
+        self.lost = False
         self._reopen = reopen
         self._retry_at = float("inf")
+        self._stream = _stream_of(bus)
 
     @property
     def failed(self) -> int:
@@ -78,34 +84,42 @@ class CanLink:
         return self._failed
 
     def receive(self) -> list[Frame]:
-        """Return the data frames of 11 bits that wait; an interface gone down has none."""
-        frames: list[Frame] = []
-        while (frame := self._take(0.0)) is not None:
-            if not frame[0] & EXTENDED:
-                frames.append(frame)
-        return frames
+        """Return the data frames with 11 bits that wait; an interface gone down has none."""
+        frames = [data_frame(message) for message in self.messages()]
+        return [frame for frame in frames if frame is not None and not frame[0] & EXTENDED]
 
     def next(self, timeout: float) -> Frame | None:
         """Return the next data frame, None where none comes within ``timeout`` seconds."""
-        return self._take(timeout)
+        until = time.monotonic() + timeout
+        while (message := self._recv(max(0.0, until - time.monotonic()))) is not None:
+            if (frame := data_frame(message)) is not None:
+                return frame
+        return None
 
-    def _take(self, timeout: float) -> Frame | None:
+    def messages(self) -> list[can.Message]:
+        """Return all that waits, of any kind, with the interface's time stamps."""
+        found = []
+        while (message := self._recv(0.0)) is not None:
+            found.append(message)
+        return found
+
+    def _recv(self, timeout: float) -> can.Message | None:
         if time.monotonic() > self._retry_at:
             self._try_again()
-        until = time.monotonic() + timeout
+        message, down = None, False
         try:
-            while (message := self.bus.recv(timeout)) is not None:
-                if not (message.is_error_frame or message.is_remote_frame):
-                    ident = message.arbitration_id
-                    if message.is_extended_id:
-                        return ident | EXTENDED, bytes(message.data)
-                    self.received += 1
-                    return ident, bytes(message.data)
-                timeout = max(0.0, until - time.monotonic())
+            message = self.bus.recv(timeout)
         except (can.CanError, OSError):
-            # an interface that is down has no frames; without the pause a waiting loop would spin
-            time.sleep(min(timeout, RETRY))
-        return None
+            down = True
+        if message is None:
+            if not self.lost and _ended(self._stream):
+                self._lose()
+            if down or self.lost:
+                # a bus that is gone does not wait: whoever waits for it would spin
+                time.sleep(min(timeout, RETRY))
+        elif not (message.is_error_frame or message.is_remote_frame or message.is_extended_id):
+            self.received += 1
+        return message
 
     def send(self, ident: int, payload: bytes) -> None:
         """Send a frame."""
@@ -117,11 +131,15 @@ class CanLink:
             self.bus.send(message)
         except ConnectionError:
             self._failed += 1
-            self._retry_at = min(self._retry_at, time.monotonic() + RETRY)
+            self._lose()
         except (can.CanError, OSError):
             self._failed += 1
         else:
             self.sent += not extended
+
+    def _lose(self) -> None:
+        self.lost = True
+        self._retry_at = min(self._retry_at, time.monotonic() + RETRY)
 
     def _try_again(self) -> None:
         self._retry_at = float("inf")
@@ -134,10 +152,37 @@ class CanLink:
         else:
             self.bus.shutdown()
             self.bus = bus
+            self.lost = False
+            self._stream = _stream_of(bus)
 
     def close(self) -> None:
         """Shut the bus down."""
         self.bus.shutdown()
+
+
+def data_frame(message: can.Message) -> Frame | None:
+    """Return a message as a frame, None for an error frame or a remote request."""
+    if message.is_error_frame or message.is_remote_frame:
+        return None
+    extended = EXTENDED if message.is_extended_id else 0
+    return message.arbitration_id | extended, bytes(message.data)
+
+
+def _stream_of(bus: can.BusABC) -> socket.socket | None:
+    """Return the TCP connection that a bus is read from, None where it is no such bus."""
+    ends = (value for value in vars(bus).values() if isinstance(value, socket.socket))
+    return next((end for end in ends if end.type == socket.SOCK_STREAM), None)
+
+
+def _ended(stream: socket.socket | None) -> bool:
+    """Tell whether the far end has closed the connection: python-can reads that as silence."""
+    if stream is None:
+        return False
+    try:
+        readable, _, _ = select.select([stream], [], [], 0)
+        return bool(readable) and not stream.recv(1, socket.MSG_PEEK)
+    except (OSError, ValueError):
+        return True
 
 
 def has_bus(args: argparse.Namespace) -> bool:

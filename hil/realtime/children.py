@@ -79,7 +79,7 @@ def start(children: list[Program], name: str, arguments: list[str]) -> Program:
     child = Program(
         name,
         subprocess.Popen(
-            [sys.executable, "-m", "hil.cli", *arguments],
+            [sys.executable, "-m", "hil.cli.main", *arguments],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

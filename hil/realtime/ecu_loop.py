@@ -16,12 +16,12 @@ from firmware.event_trigger import command_slot
 from firmware.signals import RX_IDS, TX_IDS, TX_LENGTHS, pack
 from firmware.state import SAFE, Ecu
 from firmware.transmit import queue
-from hil.phase import IMU
 from hil.realtime.bus_link import Frame, Link
 from hil.realtime.lockstep import Grants
 from hil.realtime.phase_lock import PhaseLock
 from hil.realtime.process import Stop, collector_off
 from hil.realtime.tick_trace import Recorder
+from hil.runs.phase import IMU
 
 STOPPED, PEER_LOST, DURATION = "stopped", "peer lost", "duration over"
 AWAKE_NS = 300_000

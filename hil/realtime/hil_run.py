@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from codegen.run.backends import open_backend
 from hil.realtime import session
 from hil.runs import experiment
 from hil.runs.experiment import with_files
@@ -61,6 +62,7 @@ def run(
     timing: dict[str, Any] = {}
     controlled = None
     if settings.law != PASSIVE:
+        announce("starting plant and ECU")
         trace, timing = session.drive(settings, controller, setup, enabled=True)
         controlled = cut(trace, judged)
     if passive_by_programs or controlled is None:
@@ -69,9 +71,21 @@ def run(
         invalid = [*timing.get("not_valid", ()), *passive_timing["not_valid"]]
         timing = (timing or passive_timing) | {"not_valid": invalid, "valid": not invalid}
     else:
+        announce("without control in virtual time")
         passive = experiment.drive(settings, controller, enabled=False, duration=duration)
     result = experiment.assess(settings, controller, passive, controlled)
     return replace(result, timing=timing), timing
+
+
+def prepare(scenario: str, **keywords: Any) -> None:  # noqa: ANN401
+    """Compile what :func:`run` with the same manoeuvre and ``keywords`` needs, into the caches.
+
+    Raises:
+        CanrollError: a name or number that cannot be; the message says what to do.
+    """
+    settings, controller = experiment.plan(scenario, **keywords)
+    experiment.build_world(settings, enabled=True)
+    open_backend(settings.backend, controller.record)
 
 
 def cut(trace: Trace, duration: float) -> Trace:

@@ -141,7 +141,7 @@ def load(path: Path) -> TickTrace:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What a backend made of a trace: one row a tick (:data:`hil.runs.trace.TICK`), first difference."""
+    """A backend's run of a trace: a row a tick (:data:`hil.runs.trace.TICK`), first difference."""
 
     rows: NDArray[np.void]
     difference: str | None

@@ -13,6 +13,14 @@ from hil.realtime.tick_trace import TickTrace
 from plant_sim.can_bus import DELIVERED, ECU
 
 QUANTILES = {"min": 0.0, "p50": 0.5, "p99": 0.99, "p99.9": 0.999, "max": 1.0}
+ROWS = {
+    "start_jitter_us": "tick start after its deadline",
+    "tick_us": "tick duration",
+    "latency_us": "sample to force",
+    "plant_jitter_us": "plant step after its deadline",
+    "plant_step_us": "plant step duration",
+}
+"""What is timed of a run in real time, and its name."""
 IMU = 0xA0
 
 Times = NDArray[np.int64]

@@ -161,7 +161,7 @@ def _groups(page: Page) -> str:
 
 def render(page: Page) -> str:
     """Return the page as one HTML document that needs nothing else, not even a network."""
-    assets = files("hil.report")
+    assets = files("hil.report") / "assets"
     style = (assets / "page.css").read_text(encoding="utf-8")
     names = ("base.js", "plot.js", "playback.js", "page.js")
     scripts = [(assets / name).read_text(encoding="utf-8") for name in names]

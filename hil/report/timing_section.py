@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.cli.realtime_table import ROWS
-from hil.realtime.timing import QUANTILES
+from hil.realtime.timing import QUANTILES, ROWS
 from hil.report.figure import Figure, Series, histogram
 from hil.report.page import Cell, Table
 from hil.report.tables import number

@@ -25,12 +25,12 @@ open_ecu = open_backend
 
 
 def record_tick(row: np.void, t: float, state: Ecu) -> None:
-    """Fill one entry of :data:`hil.runs.trace.TICK` from the state after a tick at ``t`` seconds."""
+    """Fill an entry of :data:`hil.runs.trace.TICK` from the state after a tick at ``t`` seconds."""
     _fill(row, t, lambda name: getattr(state, name))
 
 
 def tick_rows(times: Sequence[float], images: Sequence[bytes]) -> NDArray[np.void]:
-    """Return entries of :data:`hil.runs.trace.TICK` from the records after ticks at ``times`` (s)."""
+    """Return rows of :data:`hil.runs.trace.TICK` from the records after ticks at ``times`` (s)."""
     states = np.frombuffer(b"".join(images), dtype(Ecu))
     rows = np.zeros(len(states), TICK)
     _fill(rows, times, lambda name: np.moveaxis(states[name], 0, -1))

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError, UnknownNameError
 from firmware.calibration import ONE
 from gain_gen.models.task import Delay
-from hil import phase
 from hil.runs import conditions as conditions_of
-from hil.runs import limit_cycle, metrics, standard, steering_replay
+from hil.runs import limit_cycle, metrics, phase, standard, steering_replay
 from hil.runs.choices import Choices
 from hil.runs.delay import sample_to_force
 from hil.runs.ecu import BACKENDS, default_backend, open_ecu

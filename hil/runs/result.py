@@ -6,9 +6,9 @@ from typing import Any
 
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
-from hil.phase import Phase
 from hil.runs.limit_cycle import LimitCycle
 from hil.runs.metrics import Can, Metrics, Trigger
+from hil.runs.phase import Phase
 from hil.runs.standard import Standard
 from hil.runs.trace import Trace
 from vehicles import Vehicle

@@ -25,8 +25,8 @@ FIGURES = (
     "nlt_rear_max",
     "steer_rms_deg",
 )
-"""Figures of :class:`hil.runs.metrics.Metrics`, and the RMS steering angle at the road wheels: what a
-car that understeers more takes more of on the same path."""
+"""Figures of :class:`hil.runs.metrics.Metrics`, and the RMS steering angle at the road wheels:
+what a car that understeers more takes more of on the same path."""
 MOMENT_RMS = FIGURES.index("moment_rms_nm")
 BUDGET_TOLERANCE = 0.005
 """How near to the budget a law is scaled, as share of it."""

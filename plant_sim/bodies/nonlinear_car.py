@@ -3,9 +3,9 @@
 [m, −m_s h; −m_s h, I_x + m_s h²] [a; φ''] =
     [ΣF_y − m g sin η; Σ y F + m_s g h (sin φ cos η + sin η)],  a = v_y' + v_x r,
 with h the sprung CG above the roll axis and η the road bank. Each axle passes the rest of its
-lateral force at its roll centre. Tyres: :mod:`plant_sim.bodies.tyre`, with the lateral slip relaxed over a
-length and taken at the contact patch. Wheels lift off; two wheels held off, or a large roll angle,
-end the run as a rollover.
+lateral force at its roll centre. Tyres: :mod:`plant_sim.bodies.tyre`, with the lateral slip relaxed
+over a length and taken at the contact patch. Wheels lift off; two wheels held off, or a large roll
+angle, end the run as a rollover.
 """
 
 from math import cos, sin

@@ -202,6 +202,6 @@ _advance = rk4(derivative)
 
 @cfunc("void(f8[::1], f8[::1], f8[::1], f8[::1], f8)")
 def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt: float) -> None:
-    """Advance ``state`` by ``dt`` (s) and fill ``outputs`` (slots of :mod:`plant_sim.bodies.ports`)."""
+    """Advance ``state`` by ``dt`` (s) and fill ``outputs`` (:mod:`plant_sim.bodies.ports`)."""
     _advance(state, inputs, parameters, dt)
     _observe(state, inputs, parameters, outputs)

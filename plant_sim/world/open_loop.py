@@ -81,7 +81,7 @@ def run_passive(
     Returns
     -------
     outputs
-        One row a millisecond, columns as in :mod:`plant_sim.bodies.ports`; ends early on a rollover.
+        One row a millisecond, columns of :mod:`plant_sim.bodies.ports`; ends early on a rollover.
     steer
         The road-wheel angle of each row (rad).
     """

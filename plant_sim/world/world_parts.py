@@ -6,28 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import UnknownNameError
-from plant_sim import (
-    can_bus,
-)
+from plant_sim import can_bus
 from plant_sim.bodies import Body
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.kernels.records import to_record
-from plant_sim.nodes import (
-    actuators as actuator_setup,
-)
-from plant_sim.nodes import (
-    codec,
-    sensor_kernel,
-)
-from plant_sim.nodes import (
-    sensors as sensor_setup,
-)
+from plant_sim.nodes import actuators as actuator_setup
+from plant_sim.nodes import codec, sensor_kernel
+from plant_sim.nodes import sensors as sensor_setup
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.sensors import SensorOptions
-from plant_sim.world import (
-    open_loop,
-    recording,
-)
+from plant_sim.world import open_loop, recording
 from plant_sim.world import world_kernel as kernel
 from plant_sim.world.world_kernel import Memory, Parts
 from vehicles.model import Vehicle

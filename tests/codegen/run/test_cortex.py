@@ -3,15 +3,7 @@
 import numpy as np
 import pytest
 
-from codegen.run import (
-    backends,
-    cortex,
-    ecu_traffic,
-    memory_image,
-    native,
-    qemu,
-    unicorn,
-)
+from codegen.run import backends, cortex, ecu_traffic, memory_image, native, qemu, unicorn
 from codegen.run.footprint import FLOAT, footprint
 from codegen.run.recorder import Recorder
 from firmware.calibration import Calibration

@@ -24,7 +24,7 @@ another step of the model, by arm-none-eabi-gcc 12.2. The target of 1.1 is not m
 
 @pytest.fixture(scope="module")
 def handwritten():
-    folder = Path(__file__).parents[2] / "benchmarks" / "handwritten"
+    folder = Path(__file__).parents[3] / "benchmarks" / "handwritten"
     spec = importlib.util.spec_from_file_location("handwritten", folder / "__init__.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

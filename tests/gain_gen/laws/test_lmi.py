@@ -20,11 +20,7 @@ from gain_gen.laws.hinf_event import design_hinf_event
 from gain_gen.laws.hinf_state import design_hinf, discrete_level
 from gain_gen.laws.lmi import Clock
 from gain_gen.laws.lmi_event import EventProgram, fixed_lyapunov_certificate
-from gain_gen.laws.roll_rate_feedback import (
-    design_hinf_nodelay,
-    exact_gamma,
-    exact_optimum,
-)
+from gain_gen.laws.roll_rate_feedback import design_hinf_nodelay, exact_gamma, exact_optimum
 from gain_gen.laws.state_gains import discrete_plant, yim_weights
 from gain_gen.models.roll import ROLL_ANGLE, ROLL_RATE, normalise
 from gain_gen.models.task import Delay, Task

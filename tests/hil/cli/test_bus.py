@@ -8,7 +8,7 @@ import pytest
 from hil.cli import bus
 from hil.cli.main import main
 
-DBC = Path(__file__).parents[2] / "dbc" / "roll_control.dbc"
+DBC = Path(__file__).parents[3] / "dbc" / "roll_control.dbc"
 ROW = """
 [[message]]
 name = "{name}"

@@ -43,6 +43,14 @@ def wait_for(receive, count):
     return frames
 
 
+def wait_until(holds):
+    """Return when ``holds()``; fail where it has taken far too long."""
+    until = time.monotonic() + 60
+    while not holds():
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
 def test_python_can_talks_to_the_plants_own_bus(plant_bus):
     ecu, onlooker = connect(plant_bus), connect(plant_bus)
     time.sleep(0.3)  # the server keeps quiet right after a client has opened the bus
@@ -81,6 +89,27 @@ def test_a_server_that_comes_back_is_found_again(monkeypatch):
         time.sleep(0.02)
     assert (0x80, b"\x01") in heard
     ecu.close()
+    again.close()
+
+
+def test_who_only_listens_finds_a_server_that_comes_back(monkeypatch):
+    monkeypatch.setattr(bus_link, "RETRY", 0.05)
+    first = own_bus.serve("127.0.0.1:0")
+    onlooker = connect(first)
+    address = first.options.split("host=")[1].replace(" port=", ":")
+    assert onlooker.receive() == []
+    assert not onlooker.lost
+    first.close()
+    wait_until(lambda: onlooker.receive() == [] and onlooker.lost)
+    again = own_bus.serve(address)
+    wait_until(lambda: onlooker.receive() == [] and not onlooker.lost)
+
+    def heard():
+        again.send(0xA0, b"\x01")
+        return (0xA0, b"\x01") in onlooker.receive()
+
+    wait_until(heard)
+    onlooker.close()
     again.close()
 
 

@@ -28,7 +28,7 @@ class Program:
         self.log = log
         with log.open("w") as out:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "hil.cli", *map(str, arguments)],
+                [sys.executable, "-m", "hil.cli.main", *map(str, arguments)],
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=subprocess.STDOUT,

@@ -16,7 +16,7 @@ import dbc
 from hil.cli.main import main
 from hil.realtime import tick_trace
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 VCAN_VM = ROOT / "scripts" / "vcan-vm"
 
 ATTEMPTS = 5
@@ -71,7 +71,8 @@ def witnessed_once(folder):
     script = f"""
         cd {folder}
         candump -r 4194304 -L vcan0 >dump.log & witness=$!
-        "$PYTHON" -m hil.cli hil double_lane_change -i socketcan -c vcan0 --out out --json >hil.json
+        "$PYTHON" -m hil.cli.main hil double_lane_change -i socketcan -c vcan0 --out out --json \\
+            >hil.json
         sleep 0.5
         kill $witness
     """
@@ -119,10 +120,17 @@ def test_candump_saw_what_the_firmware_sent_and_cantools_understands_it(witnesse
     assert np.ptp([command["ForceFrontLeft"] for command in commands]) > 500
 
 
+def test_the_guest_passes_on_streams_and_exit_code(tmp_path):
+    """What is a pipe here is no terminal there, so that no progress gets into a log."""
+    python = "import sys; print(sys.stdout.isatty(), sys.stderr.isatty()); sys.exit('gone')"
+    ran = on_vcan(f'"$PYTHON" -c "{python}"', tmp_path)
+    assert (ran.returncode, ran.stdout, ran.stderr) == (1, "False False\n", "gone\n")
+
+
 def test_a_missing_interface_is_one_line(tmp_path, calibration_file):
     script = f"""
         cd {tmp_path}
-        "$PYTHON" -m hil.cli ecu -i socketcan -c vcan7 --calibration {calibration_file}
+        "$PYTHON" -m hil.cli.main ecu -i socketcan -c vcan7 --calibration {calibration_file}
     """
     ran = on_vcan(script, tmp_path)
     assert ran.returncode == 2
@@ -135,7 +143,7 @@ def test_either_side_rejoins_on_vcan(tmp_path, calibration_file):
     script = f"""
         cd {tmp_path}
         bus="-i socketcan -c vcan0 --peer-timeout 0"
-        canroll="$PYTHON -m hil.cli"
+        canroll="$PYTHON -m hil.cli.main"
         waits() {{ for _ in $(seq 3000); do grep -q "$1" "$2" && return; sleep 0.1; done; exit 9; }}
         $canroll plant double_lane_change $bus --duration 900 >plant1 & plant=$!
         waits "plant waits" plant1

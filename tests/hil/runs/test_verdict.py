@@ -135,7 +135,7 @@ def test_a_table_into_a_closed_pipe_is_no_failure():
     with pytest.raises(BrokenPipeError):
         terminal.Console().on_broken_pipe()
     process = subprocess.run(
-        f"{sys.executable} -m hil.cli run j_turn --law passive --duration 0.1 --json | true;"
+        f"{sys.executable} -m hil.cli.main run j_turn --law passive --duration 0.1 --json | true;"
         " exit ${PIPESTATUS[0]}",
         shell=True,
         executable="/bin/bash",

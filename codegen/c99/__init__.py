@@ -1,0 +1,1 @@
+"""The subset as C99."""

@@ -1,0 +1,1 @@
+"""The sources that are generated for the firmware: its signals and its limits."""

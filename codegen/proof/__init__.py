@@ -1,0 +1,1 @@
+"""Abstract interpretation on intervals: that no operation of the firmware overflows."""

@@ -1,0 +1,1 @@
+"""The integer subset of Python: its sources parsed, its rules checked."""

@@ -1,0 +1,1 @@
+"""A design as integers: quantised, its rounding error analysed, in a file."""

@@ -1,0 +1,1 @@
+"""Design models: vehicle, observer, controller, and the task of a design."""

@@ -1,0 +1,1 @@
+"""Many runs: comparison, equal effort, campaign."""

@@ -1,0 +1,1 @@
+"""The bus to the bit: arbitration, queues, errors, log; compiled."""

@@ -1,0 +1,1 @@
+"""The simulated bus for other programs: python-can and socketcand."""

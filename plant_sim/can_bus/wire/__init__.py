@@ -1,0 +1,1 @@
+"""A frame as bits: layout, stuffing, CRC, durations."""

@@ -1,0 +1,1 @@
+"""Road, path, driver, manoeuvres, and the standards that judge them."""

@@ -1,0 +1,1 @@
+"""What every kernel builds on: compilation, records as arrays, random numbers."""

@@ -1,0 +1,1 @@
+"""Vehicle, nodes, driver and bus advanced together."""

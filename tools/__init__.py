@@ -1,0 +1,1 @@
+"""Tools for whoever changes canroll; no part of the installed package."""

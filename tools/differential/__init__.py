@@ -1,0 +1,1 @@
+"""All backends tick by tick on the same traffic."""
