@@ -65,11 +65,15 @@ class Program:
 
     def failure(self) -> CanrollError:
         """Return why it ended: its last words, or what killed it."""
+        self.listen()
         code = self.running.returncode
         if code < 0:
             return VerdictError(
                 f"not valid: the {self.name} was killed by {signal.Signals(-code).name}"
             )
+        if code == 0:
+            ended = (self.said.strip().splitlines() or [f"{self.name} ends"])[-1]
+            return VerdictError(f"not valid: {ended}, before the other side did")
         words = self.last_words()
         return VerdictError(words) if code == VerdictError.exit_code else CanrollError(words)
 

@@ -66,7 +66,7 @@ class Page:
     """All that goes on a report page.
 
     ``result`` is embedded whole and can be saved from it; ``groups`` are titles of further groups
-    of figures.
+    of figures; ``greyed``: its figures say nothing, as the verdict on top explains.
     """
 
     title: str
@@ -80,6 +80,7 @@ class Page:
     provenance: Sequence[tuple[str, str]]
     result: Mapping[str, object] = field(default_factory=dict)
     groups: Mapping[str, str] = field(default_factory=dict)
+    greyed: bool = False
 
 
 def _text(value: object) -> str:
@@ -177,7 +178,7 @@ def render(page: Page) -> str:
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f"<title>{_text(page.title)}</title>",
             '<link rel="icon" href="data:,">',
-            f"<style>{style}</style></head><body>",
+            f"<style>{style}</style></head><body{' class=greyed' if page.greyed else ''}>",
             f"<h1>{_text(page.title)}</h1>",
             f'<p class="soft">{_text(page.subtitle)}</p>',
             f'<div class="verdict {mark}"><strong>{_text(page.verdict.headline)}</strong>'
