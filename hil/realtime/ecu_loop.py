@@ -182,6 +182,7 @@ def run_granted(
             recorder.tick(number, elapsed, due, due, due + time.monotonic_ns() - began)
             ticks += 1
         link.send(*zero_command(calibration, command))
+        grants.end(1)
     return Outcome(reason, ticks, 0, ecu.state.mode)
 
 

@@ -26,6 +26,8 @@ from hil.realtime.process import Stop
 GRANT = EXTENDED | 0x1CA00000
 ACKNOWLEDGEMENT = EXTENDED | 0x1CA00001
 
+END = 0xFFFFFFFF
+"""Number in the last note of a side: it goes."""
 RESEND = 1.0
 """Time without an answer after which a grant is sent again, s: for an ECU that joins late."""
 LOST = 30.0
@@ -152,12 +154,17 @@ class _Heard:
 class GrantedEcu:
     """The ECU behind a bus, as the loop of virtual time uses one.
 
+    Attributes:
+        tick_us: period of the ECU that was greeted, µs.
+        gone: whether it has said that it ends.
+
     Args:
         link: the bus.
         channel: of grants.
         idents: identifiers that the ECU sends.
         stop: looked at while waiting.
-        peer_timeout: time that an answer may take, s; None: as long as it likes.
+        peer_timeout: time that an answer may take, s; None: as long as it likes, and another ECU
+            may take over from one that ends.
     """
 
     def __init__(
@@ -173,6 +180,7 @@ class GrantedEcu:
         self._heard = _Heard(link, idents)
         self._peer_timeout = peer_timeout
         self._sent = self._number = self.tick_us = 0
+        self.gone = False
 
     def greet(self, timeout: float | None) -> bool:
         """Wait until an ECU answers; its period is in ``tick_us`` then.
@@ -206,12 +214,19 @@ class GrantedEcu:
         note = self._ask(Note(count, self._number), self._peer_timeout)
         if note is None:
             return []
+        if note.number == END:
+            self.gone = True
+            return self._heard.all(note.count, "of the ECU at its end", self._stop)
         if note.tick_us != self.tick_us:
             raise VerdictError(
                 f"lock step: the ECU now ticks every {note.tick_us / 1000:g} ms, "
                 f"it did every {self.tick_us / 1000:g} ms"
             )
         return self._heard.all(note.count, f"of the ECU in tick {self._number}", self._stop)
+
+    def end(self) -> None:
+        """Tell the ECU that the run is over."""
+        self._channel.send(Note(0, END))
 
     def _ask(self, question: Note, timeout: float | None) -> Note | None:
         began = asked = time.monotonic()
@@ -220,6 +235,10 @@ class GrantedEcu:
             note = self._channel.wait(SLICE, self._heard.take)
             if note is not None and note.number == question.number:
                 return note
+            if note is not None and note.number == END:
+                if timeout is not None and question.number:
+                    return note
+                self._heard.frames.clear()
             now = time.monotonic()
             if timeout is not None and now - began > timeout:
                 raise PeerLostError(f"lock step: no answer from the ECU within {timeout:g} s")
@@ -257,7 +276,9 @@ class Grants:
         self._sent = 0
 
     def wait(self, timeout: float | None) -> Grant | None:
-        """Return the next grant; None where none comes within ``timeout`` s or a stop is asked for.
+        """Return the next grant; None where the plant has gone or a stop is asked for.
+
+        The plant has gone when it says so, or says nothing for ``timeout`` s; None: it never has.
 
         Raises:
             VerdictError: frames are lost.
@@ -267,6 +288,9 @@ class Grants:
             note = self._channel.wait(SLICE, self._heard.take)
             if note is None:
                 if timeout is not None and time.monotonic() - began > timeout:
+                    return None
+            elif note.number == END:
+                if timeout is not None and self._number is not None:
                     return None
             elif note.number == 0:
                 if self._number != 0:
@@ -283,6 +307,10 @@ class Grants:
                 self._number = note.number
                 return Grant(note.number, frames)
         return None
+
+    def end(self, sent: int) -> None:
+        """Tell the plant that the ECU ends, having sent so many last frames."""
+        self._channel.send(Note(sent, END, self._tick_us))
 
     def done(self, sent: int) -> None:
         """Acknowledge the tick: it has sent so many frames."""

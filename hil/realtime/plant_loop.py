@@ -23,6 +23,8 @@ FINISHED, STOPPED, PEER_LOST, NO_PEER = "finished", "stopped", "peer lost", "no 
 
 STEP_NS = 500_000
 """Period of the loop: frames wait for it in both directions, so it is half the body's step."""
+LAST_NS = 100_000_000
+"""Time that a plant in lock step goes on for when the ECU has said that it ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +125,12 @@ def run_granting(
             if stop.requested:
                 reason = STOPPED
                 break
+            if ecu.gone:
+                # what it sent last still reaches the actuators
+                world.advance(world.now_ns + LAST_NS)
+                reason = PEER_LOST
+                break
     except PeerLostError:
         reason = PEER_LOST
+    ecu.end()
     return Outcome(reason, 0, world.now_ns, np.zeros((0, 2), dtype=np.int64))
