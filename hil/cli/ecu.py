@@ -165,6 +165,8 @@ def run(args: argparse.Namespace) -> int:
                     )
         finally:
             link.close()
+        if lock is not None and not lock.locked:
+            notes.append("ticks not locked to the Imu frames: none came, or too irregularly")
         if args.trace is not None:
             about = {
                 "reason": outcome.reason,

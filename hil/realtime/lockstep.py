@@ -142,10 +142,10 @@ class _Heard:
                     f"lock step: {count - len(self.frames)} of the {count} frames {what} are lost"
                 )
         if len(self.frames) > count:
-            idents = ", ".join(f"0x{ident:03X}" for ident, _ in self.frames[count:])
+            idents = ", ".join(f"0x{ident:03X}" for ident, _ in self.frames)
             raise VerdictError(
-                f"lock step: {len(self.frames)} frames {what} instead of {count}: "
-                f"another node sends {idents} on this bus"
+                f"lock step: {len(self.frames)} frames {what} instead of {count} ({idents}): "
+                "another node sends some of them"
             )
         frames, self.frames = self.frames, []
         return frames

@@ -3,10 +3,13 @@
 A frame is late by whatever the bus was busy with, never early: the earliest arrivals within the
 sensor's cycle tell its clock. The estimate follows an earlier arrival at once, within a limit, and
 creeps towards later ones, so that it neither jumps for a held-up frame nor loses a slow clock.
+Frames that come anyhow, as through a gateway that delays at random, have no clock to be found.
 """
 
-ACQUIRE = 8
+ACQUIRE = 12
 """Frames that the first estimate rests on."""
+REGULAR = 0.3
+"""Share of the cycle within which they must come."""
 CREEP_NS = 2_000
 """The estimate moves later by so much a frame: 200 ppm at a frame every 10 ms."""
 PULL_NS = 50_000
@@ -25,20 +28,23 @@ class PhaseLock:
     def __init__(self, *, phase_ns: int, cycle_ns: int) -> None:
         self.locked = False
         self._phase, self._cycle = phase_ns, cycle_ns
-        self._earliest = self._heard = 0
+        self._first: list[int] = []
+        self._earliest = 0
         self._jump = False
 
     def arrived(self, t_ns: int) -> None:
         """Take the arrival of a sensor's frame."""
-        if self._heard == 0:
-            self._earliest = t_ns
-        self._heard += 1
-        late = self._wrapped(t_ns - self._earliest)
-        if self._heard <= ACQUIRE:
-            self._earliest += min(late, 0)
-            self.locked = self._jump = self._heard == ACQUIRE
-        else:
+        if self.locked:
+            late = self._wrapped(t_ns - self._earliest)
             self._earliest += max(min(late, CREEP_NS), -PULL_NS)
+            return
+        self._first.append(t_ns)
+        if len(self._first) == ACQUIRE:
+            late_by = [self._wrapped(arrival - t_ns) for arrival in self._first]
+            if max(late_by) - min(late_by) <= REGULAR * self._cycle:
+                self._earliest = t_ns + min(late_by)
+                self.locked = self._jump = True
+            self._first = []
 
     def correction(self, deadline_ns: int) -> int:
         """Return by how much a deadline is to move, ns: once by all of it, then slowly."""

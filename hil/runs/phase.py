@@ -19,6 +19,8 @@ IMU: int = MESSAGE.frame_id
 IMU_PERIOD_NS = int(MESSAGE.cycle_time) * 1_000_000
 LISTEN_NS = 500_000_000
 """Time in which the earliest arrival of an Imu frame is looked for."""
+REGULAR_NS = 3_000_000
+"""Imu frames that come more irregularly than this have no phase that a tick could keep."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,15 +84,20 @@ def earliest_arrival_ns(world: World) -> int:
     """Return the earliest instant of the sensor's cycle at which an Imu frame reaches the ECU.
 
     Raises:
-        CanrollError: none does.
+        CanrollError: none does, or they come anyhow.
     """
     segment = int(world.network.nodes["segment"][ECU])
     world.advance(LISTEN_NS)
     imu = _received(world.frames, segment)
     if not len(imu):
         raise CanrollError("no Imu frame reaches the ECU: its ticks can have no phase")
-    response = int(np.min(imu["t_received"] - imu["t_origin"]))
-    return (int(imu["t_origin"][0]) + response) % IMU_PERIOD_NS
+    responses = imu["t_received"] - imu["t_origin"]
+    if np.ptp(responses) > REGULAR_NS:
+        raise CanrollError(
+            f"Imu frames take {1e-6 * np.min(responses):.1f} to {1e-6 * np.max(responses):.1f} ms "
+            "on this bus: its ticks can have no phase against them"
+        )
+    return (int(imu["t_origin"][0]) + int(np.min(responses))) % IMU_PERIOD_NS
 
 
 def measured(ticks: NDArray[np.float64], frames: NDArray[np.void]) -> Phase | None:
