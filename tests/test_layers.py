@@ -1,9 +1,10 @@
-"""Who may import whom: what keeps firmware and plant apart, and the drawing in docs true."""
+"""Who may import whom: floors, no circles, firmware and plant apart, the drawing in docs true."""
 
-import ast
 from pathlib import Path
 
 import pytest
+
+from tools.floors import FLOORS, circles, drawing, imports, modules, room_of, rooms, upward
 
 ROOT = Path(__file__).parents[1]
 MAY_IMPORT = {
@@ -14,28 +15,84 @@ MAY_IMPORT = {
     "gain_gen": {"firmware", "codegen", "vehicles"},
     "plant_sim": {"dbc", "vehicles"},
 }
-"""Packages of ours beside itself; ``canroll.errors`` is everybody's, ``hil`` may import all."""
+"""Packages beside itself: firmware and plant stay apart; ``canroll.errors`` is everybody's."""
+MOST_FILES = {"firmware": 20, "hil.cli": 25}
+"""Rooms that may hold more files than others, ``__init__.py`` not counted."""
 
 
-def imported(path):
-    """Yield the modules that a file imports, wherever in it."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
+@pytest.fixture(scope="module")
+def graph():
+    return imports()
 
 
 @pytest.mark.parametrize("package", MAY_IMPORT)
-def test_a_package_imports_only_what_it_may(package):
-    ours = {*MAY_IMPORT, "hil", "canroll"}
+def test_a_package_imports_only_what_it_may(package, graph):
     allowed = {*MAY_IMPORT[package], package}
-    files = sorted((ROOT / package).rglob("*.py"))
-    assert files
+    own = {name: targets for name, targets in graph.items() if name.split(".")[0] == package}
+    assert own
     wrong = [
-        f"{path.relative_to(ROOT)}: {module}"
-        for path in files
-        for module in imported(path)
-        if module.split(".")[0] in ours - allowed and module != "canroll.errors"
+        f"{name}: {target}"
+        for name, targets in own.items()
+        for target in targets
+        if target.split(".")[0] not in allowed and target != "canroll.errors"
     ]
     assert not wrong
+
+
+def test_no_import_leads_upward(graph):
+    assert upward(graph) == []
+
+
+def test_no_circles_of_files_or_rooms(graph):
+    assert circles(graph) == []
+    assert circles(rooms(graph)) == []
+
+
+def test_every_room_stands_on_one_floor():
+    known = modules()
+    standing = {room_of(name, known) for name in known if known[name].read_text().strip()}
+    listed = [room for level in FLOORS for room in level]
+    assert len(listed) == len(set(listed))
+    empty = {"codegen", "plant_sim", "hil"}  # nothing but rooms
+    assert standing == {*listed} | empty
+
+
+def test_a_room_is_not_crowded():
+    known = modules()
+    count = {}
+    for name, path in known.items():
+        if path.name != "__init__.py":
+            room = room_of(name, known)
+            count[room] = count.get(room, 0) + 1
+    crowded = {room: n for room, n in count.items() if n > MOST_FILES.get(room, 16)}
+    assert not crowded
+
+
+def test_the_drawing_of_the_architecture_is_true(graph):
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    assert drawing(graph) in page, "scripts/refresh-docs docs/architecture.md"
+
+
+@pytest.mark.parametrize(
+    ("graph", "found"),
+    [
+        ({"a": {"b"}, "b": {"c"}, "c": set()}, []),
+        ({"a": {"b"}, "b": {"a"}, "c": {"a"}}, [["a", "b"]]),
+        (
+            {"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"e"}, "e": {"d"}},
+            [["a", "b", "c"], ["d", "e"]],
+        ),
+    ],
+)
+def test_circles_are_found(graph, found):
+    assert sorted(circles(graph)) == found
+
+
+def test_an_import_upward_is_found(tmp_path):
+    for package, text in (("gain_gen", "from hil.runs import trace\n"), ("hil", "")):
+        (tmp_path / package).mkdir()
+        (tmp_path / package / "__init__.py").write_text(text)
+    (tmp_path / "hil" / "runs").mkdir()
+    (tmp_path / "hil" / "runs" / "__init__.py").write_text("")
+    (tmp_path / "hil" / "runs" / "trace.py").write_text("")
+    assert upward(imports(tmp_path), tmp_path) == ["gain_gen imports hil.runs.trace"]

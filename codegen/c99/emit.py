@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from codegen.c99.function import Body
-from codegen.c99.linkage import linkage
+from codegen.c99.linkage import Names, linkage
 from codegen.c99.text import C_TYPES, RUNTIME, WIDTH, broken, comment, fits, literal, plain
 from codegen.proof.interpreter import Interpreter
 from codegen.proof.intervals import Value
@@ -60,19 +60,7 @@ class Emitter:
         # whatever no entry point reaches is typed by its function alone
         self.seen = {**self.analysis.seen, **prove(program).seen}
         self.linkage = linkage(program)
-
-    # names
-
-    def function_name(self, function: Function) -> str:
-        """The C name of a function."""
-        return self.linkage.public.get(function.key, f"canroll_{function.module}_{function.name}")
-
-    def constant_name(self, constant: Constant) -> str:
-        """The C name of a constant, with its module where another has the same."""
-        homes = [m for m in self.program.modules.values() if constant.name in m.constants]
-        middle = f"{constant.module}_" if len(homes) > 1 or constant.type.shape else ""
-        name = f"canroll_{middle}{constant.name}"
-        return name.lower() if constant.type.shape else name.upper()
+        self.names = Names(program, self.linkage.public)
 
     # files
 
@@ -140,7 +128,7 @@ class Emitter:
                 if own:
                     yield from comment(text)
             last = constant.line + max(0, self._height(module, constant) - 1)
-            name = self.constant_name(constant)
+            name = self.names.constant(constant)
             if table:
                 if group:
                     yield from self._enumeration(group)
@@ -169,7 +157,7 @@ class Emitter:
 
     def _table(self, constant: Constant, storage: str, *, body: bool) -> Iterator[str]:
         sizes = "".join(f"[{n}]" for n in constant.type.shape)
-        head = f"{storage} {C_TYPES[constant.type.kind]} {self.constant_name(constant)}{sizes}"
+        head = f"{storage} {C_TYPES[constant.type.kind]} {self.names.constant(constant)}{sizes}"
         if not body:
             yield f"{head};"
             return
@@ -215,7 +203,9 @@ class Emitter:
                 parameters.append(f"{C_TYPES[its.kind]} {name}")
         result = C_TYPES[function.result] if function.result else "void"
         static = "" if function.key in self.linkage.shared else "static "
-        return f"{static}{result} {self.function_name(function)}({', '.join(parameters) or 'void'})"
+        return (
+            f"{static}{result} {self.names.function(function)}({', '.join(parameters) or 'void'})"
+        )
 
     def _source(self, module: Module, functions: list[Function]) -> str:
         lines = [f"/* Generated from {module.path.name}. */"]
@@ -256,7 +246,7 @@ class Emitter:
             lines += comment(doc)
         lines += broken(self._prototype(function))
         lines.append("{")
-        body = Body(self, module, function)
+        body = Body(self.program, self.names, self.seen, module, function)
         used = {n.id for n in ast.walk(function.node) if isinstance(n, ast.Name)}
         lines += [f"    (void){name};" for name in function.parameters if name not in used]
         lines += body.lines()

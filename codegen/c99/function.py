@@ -1,10 +1,10 @@
 """Function bodies as C: statements, expressions, and the comments between them."""
 
 import ast
-from collections.abc import Iterable, Iterator
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Mapping
 
 from codegen.c99.intrinsics import intrinsic
+from codegen.c99.linkage import Names
 from codegen.c99.text import (
     BOTH,
     C_TYPES,
@@ -24,10 +24,7 @@ from codegen.c99.text import (
 from codegen.proof.expressions import ARITHMETIC
 from codegen.proof.intervals import Value
 from codegen.subset.effects import local_kinds
-from codegen.subset.program import MEMORY, Function, Module, SubsetError, evaluate
-
-if TYPE_CHECKING:
-    from codegen.c99.emit import Emitter
+from codegen.subset.program import MEMORY, Function, Module, Program, SubsetError, evaluate
 
 COMPARISONS = {
     ast.Lt: "<",
@@ -40,18 +37,25 @@ COMPARISONS = {
 
 
 class Body:
-    """The statements of one function."""
+    """The statements of one function; ``seen`` are the intervals of its expressions."""
 
-    def __init__(self, emitter: "Emitter", module: Module, function: Function) -> None:
-        self.emitter = emitter
-        self.program = emitter.program
+    def __init__(
+        self,
+        program: Program,
+        names: Names,
+        seen: Mapping[int, Value],
+        module: Module,
+        function: Function,
+    ) -> None:
+        self.program = program
+        self.names = names
         self.module = module
         self.function = function
         self.kinds = local_kinds(function)
         self.counters: dict[str, str] = {}
         first = function.node.body[0]
         self.line = first.lineno - 1
-        self.seen = emitter.seen
+        self.seen = seen
 
     def lines(self) -> list[str]:
         """All lines between the braces."""
@@ -191,7 +195,7 @@ class Body:
             return f"{base}[{index.text}]", kind
         constant = self.program.constant(self.module, node)
         if constant is not None:
-            return self.emitter.constant_name(constant), constant.type.kind
+            return self.names.constant(constant), constant.type.kind
         if isinstance(node, ast.Attribute):
             assert isinstance(node.value, ast.Name)
             record = self.program.record(self.function.parameters[node.value.id].record)
@@ -233,7 +237,7 @@ class Body:
             if constant is not None and isinstance(constant.value, int):
                 exact = Value(constant.value, constant.value)
                 kind = "literal" if fits(exact, "i32") else "i64"
-                return Expression(self.emitter.constant_name(constant), PRIMARY, kind, exact)
+                return Expression(self.names.constant(constant), PRIMARY, kind, exact)
         if isinstance(node, ast.Attribute | ast.Subscript):
             text, kind = self.place(node)
             return Expression(text, PRIMARY, kind, seen)
@@ -292,5 +296,5 @@ class Body:
                 texts.append(self.place(argument)[0])
             else:
                 texts.append(self.stored(argument, self.value(argument), its.kind))
-        text = f"{self.emitter.function_name(called)}({', '.join(texts)})"
+        text = f"{self.names.function(called)}({', '.join(texts)})"
         return Expression(text, PRIMARY, called.result or "i32", seen)

@@ -1,10 +1,10 @@
-"""What of a program C sees where: entry points, reachable and shared functions, volatile arrays."""
+"""C linkage: names, public, shared and static symbols, volatile arrays."""
 
 import ast
 from dataclasses import dataclass
 
 from codegen.proof.prove import entry_points
-from codegen.subset.program import Function, Module, Program, calls
+from codegen.subset.program import Constant, Function, Module, Program, calls
 
 Key = tuple[str, str]
 
@@ -22,8 +22,27 @@ class Linkage:
     volatile: frozenset[tuple[Key, str]]
 
 
+@dataclass(frozen=True, slots=True)
+class Names:
+    """The C names of a program; ``public`` are those of the entry points."""
+
+    program: Program
+    public: dict[Key, str]
+
+    def function(self, function: Function) -> str:
+        """The C name of a function."""
+        return self.public.get(function.key, f"canroll_{function.module}_{function.name}")
+
+    def constant(self, constant: Constant) -> str:
+        """The C name of a constant, with its module where another has the same."""
+        homes = [m for m in self.program.modules.values() if constant.name in m.constants]
+        middle = f"{constant.module}_" if len(homes) > 1 or constant.type.shape else ""
+        name = f"canroll_{middle}{constant.name}"
+        return name.lower() if constant.type.shape else name.upper()
+
+
 def linkage(program: Program) -> Linkage:
-    """Find out what of ``program`` C sees where."""
+    """Return the linkage of ``program``."""
     public = {f.key: f"canroll_{f.name}" for f in entry_points(program)}
     reachable = _reachable(program, public)
     return Linkage(public, reachable, _shared(program, public, reachable), _volatile(program))

@@ -6,20 +6,16 @@ All give the same bytes on the bus and the same state, for any calibration and a
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.errors import UnknownNameError
 from codegen.run import memory_image, native
+from codegen.run.ecu_traffic import EVENT, SLOT, Frame, Payload, Traffic, refused
 from firmware import ecu as firmware
 from firmware.calibration import Calibration
-from firmware.signals import RX_IDS, TX_IDS, TX_LENGTHS
+from firmware.signals import TX_IDS, TX_LENGTHS
 from firmware.state import Ecu
 
-Frame = tuple[int, bytes]
-Payload = NDArray[np.uint8] | bytes
-
 BACKENDS = ("python", "native", "cortex-m0", "cortex-m3", "cortex-m4")
-SLOT = {ident: slot for slot, ident in enumerate(RX_IDS) if ident}
 
 
 @runtime_checkable
@@ -40,11 +36,6 @@ class Backend(Protocol):
         """The bytes of the state record, as C lays it out."""
 
 
-def refuse(rule: int) -> CanrollError:
-    """The error for a calibration that the ECU's own check refuses."""
-    return CanrollError(f"the ECU refuses the calibration: rule {rule} of its check")
-
-
 class PythonEcu:
     """The firmware run by CPython, line by line."""
 
@@ -53,7 +44,7 @@ class PythonEcu:
         self._ecu = Ecu()
         rule = firmware.init(self._ecu, calibration)
         if rule:
-            raise refuse(rule)
+            raise refused(rule)
 
     @property
     def state(self) -> Ecu:
@@ -162,3 +153,38 @@ def open_backend(name: str, calibration: Calibration) -> Backend:
 
         return CortexEcu(calibration, cpu=name)
     raise UnknownNameError("backend", name, BACKENDS)
+
+
+class Recorder:
+    """A backend before another that records what came through so far as :attr:`traffic`."""
+
+    def __init__(self, backend: Backend) -> None:
+        self._backend = backend
+        self._rows: list[tuple[int, int, int, list[int]]] = []
+        self._elapsed: list[int] = []
+
+    @property
+    def traffic(self) -> Traffic:
+        """Frames and elapsed ticks of all ticks so far."""
+        return Traffic(np.array(self._rows, EVENT), np.array(self._elapsed, np.int32))
+
+    @property
+    def state(self) -> Ecu:
+        """The state record, to be read only."""
+        return self._backend.state
+
+    def image(self) -> bytes:
+        """The bytes of the state record, as C lays it out."""
+        return self._backend.image()
+
+    def receive(self, ident: int, payload: Payload, length: int) -> None:
+        """Put a received frame in its mailbox."""
+        if ident in SLOT:
+            data = list(bytes(payload).ljust(8, b"\0"))
+            self._rows.append((len(self._elapsed), SLOT[ident], length, data))
+        self._backend.receive(ident, payload, length)
+
+    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
+        """Run one tick and return the frames to send, in order."""
+        self._elapsed.append(elapsed_ticks)
+        return self._backend.tick(elapsed_ticks)

@@ -11,14 +11,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.errors import CanrollError
 from firmware import check, e2e
 from firmware.calibration import STATE_MAX, Calibration
-from firmware.signals import RX_DATA_IDS
+from firmware.signals import RX_DATA_IDS, RX_IDS
 from firmware.state import RX_ACTUATOR_STATE
 from firmware.subset import fields
 
 EVENT = np.dtype([("tick", "<i4"), ("message", "<i4"), ("length", "<i4"), ("payload", "u1", (8,))])
 """One frame in the tick before which it arrives, or in which it is sent."""
+
+Frame = tuple[int, bytes]
+"""Identifier and payload."""
+Payload = NDArray[np.uint8] | bytes
+SLOT = {ident: slot for slot, ident in enumerate(RX_IDS) if ident}
+"""Mailbox of each identifier that the ECU receives."""
 
 N_RX = len(RX_DATA_IDS)
 RESERVED_CODES = (0x7FFF, 0x7FFE, 0xFFFF, 0xFFFE)
@@ -35,6 +42,11 @@ class Traffic:
     def ticks(self) -> int:
         """Number of ticks."""
         return len(self.elapsed)
+
+
+def refused(rule: int) -> CanrollError:
+    """The error for a calibration that the ECU's own check refuses."""
+    return CanrollError(f"the ECU refuses the calibration: rule {rule} of its check")
 
 
 def random_calibration(seed: int) -> Calibration:

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from canroll import build_cache
 from canroll.errors import CanrollError
 from codegen.c99 import emit
-from codegen.run.ecu_traffic import EVENT, Traffic
+from codegen.run.ecu_traffic import EVENT, Traffic, refused
 from codegen.run.memory_image import dtype
 from firmware.calibration import Calibration
 from firmware.state import Ecu
@@ -139,11 +139,11 @@ class Library:
         """Return one initialised ECU for each calibration; raise where one is refused."""
         ecus = np.zeros(len(calibrations), dtype(Ecu))
         for i in range(len(calibrations)):
-            refused = self.lib.canroll_start(
+            rule = self.lib.canroll_start(
                 self.ffi.from_buffer(ecus[i : i + 1]), self.ffi.from_buffer(calibrations[i : i + 1])
             )
-            if refused:
-                raise CanrollError(f"the ECU refuses the calibration: rule {refused} of its check")
+            if rule:
+                raise refused(rule)
         return ecus
 
     def replay(

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from codegen.run import memory_image
 from codegen.run.cortex import CPUS, Run, sent, zig_image
-from codegen.run.ecu_traffic import Traffic
+from codegen.run.ecu_traffic import SLOT, Traffic, refused
 from firmware.calibration import Calibration
-from firmware.signals import RX_IDS, TX_IDS, TX_LENGTHS
+from firmware.signals import TX_IDS, TX_LENGTHS
 from firmware.state import Ecu
 
 ECU, CALIBRATION, PAYLOAD, STACK_TOP, STACK, RETURN = (
@@ -24,7 +24,6 @@ ECU, CALIBRATION, PAYLOAD, STACK_TOP, STACK, RETURN = (
     0x20007000,
 )
 PAINT = b"\xa5"
-SLOT = {ident: slot for slot, ident in enumerate(RX_IDS) if ident}
 
 
 class CortexEcu:
@@ -62,9 +61,7 @@ class CortexEcu:
             self._machine.hook_add(unicorn.UC_HOOK_CODE, self._counted)
         rule = self._call("canroll_init", ECU, CALIBRATION)
         if rule:
-            from codegen.run.backends import refuse  # noqa: PLC0415
-
-            raise refuse(rule)
+            raise refused(rule)
 
     def _counted(self, machine: Any, address: int, size: int, data: Any) -> None:  # noqa: ANN401
         self.instructions += 1

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from importlib.metadata import version
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from canroll.errors import CanrollError
 from firmware.calibration import Calibration
 from firmware.check import check
+from gain_gen.calibration.dequantise import physical_rows
 from gain_gen.calibration.quantise import Options, Quantised, law_kind, quantise_design
 from gain_gen.calibration.record import fill, identify
 from gain_gen.calibration.rounding_error import quantisation_checks
@@ -158,3 +160,27 @@ def summary(design: Design) -> Tables:
 def _finite(value: float) -> float | None:
     """JSON has no infinity: null stands for it."""
     return float(value) if np.isfinite(value) else None
+
+
+def title(design: Design) -> list[str]:
+    """Return the lines at the top of the header."""
+    task = design.task
+    verdict = "every check of the design holds"
+    if not design.is_verified:
+        failing = f"fails {', '.join(sorted(design.failures))}"
+        verdict = f"NOT VERIFIED: {failing if design.failures else 'gains as printed'}"
+    admitted = f"{1e3 * design.max_delay:.4g}" if isfinite(design.max_delay) else "any"
+    return [
+        f"canroll gains: {design.law} for {task.vehicle.name} ({task.actuator}), {task.gains}",
+        f"tick {1e3 * task.tick:g} ms, designed for {1e3 * task.delay.nominal:g} ms from sample "
+        f"to force, admits {admitted} ms",
+        verdict,
+    ]
+
+
+def physical_notes(record: Calibration) -> dict[str, str]:
+    """Return the coefficient rows in SI units, as comments by field."""
+    return {
+        name: "; ".join(" ".join(f"{value:.6g}" for value in row) for row in rows)
+        for name, rows in physical_rows(record).items()
+    }

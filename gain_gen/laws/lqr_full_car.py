@@ -18,13 +18,14 @@ from gain_gen.models.full_car import (
     SPEED,
     STEER,
     FullCarModel,
+    balanced,
     car_of,
     full_car_model,
     ideal_gain,
     reductions,
+    truncated,
     weights,
 )
-from gain_gen.models.reduction import balanced, truncated
 from gain_gen.models.roll import Matrix, stationary_covariance, zero_order_hold
 from gain_gen.models.task import Check, Solution, Task, above, below
 from vehicles.full_car import AS_PRINTED

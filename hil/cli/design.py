@@ -9,8 +9,7 @@ from pathlib import Path
 from canroll.errors import CanrollError
 from codegen.export.header import gains_header
 from gain_gen.calibration import calibration_file
-from gain_gen.calibration.freeze import calibrate, summary
-from gain_gen.calibration.header_notes import physical_notes, title
+from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
 from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options
 from gain_gen.design import LAWS, OBSERVERS, design
 from gain_gen.models.task import Check, Delay, Design, Task
@@ -142,8 +141,7 @@ def delay_of(args: argparse.Namespace, vehicle: Vehicle) -> Delay:
     if args.delay_from_bus is not None:
         if args.delay is not None or args.delay_min is not None:
             raise CanrollError("--delay-from-bus excludes --delay and --delay-min")
-        from hil.runs.delay import sample_to_force  # noqa: PLC0415
-        from hil.runs.frozen import COMMANDS  # noqa: PLC0415 - loads compiled kernels
+        from hil.runs.frozen import COMMANDS, sample_to_force  # noqa: PLC0415
         from plant_sim.can_bus import load_profile  # noqa: PLC0415
 
         command = COMMANDS[ACTUATOR_NUMBER[args.actuator]]

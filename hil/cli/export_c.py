@@ -15,10 +15,9 @@ from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.generated.bus_map import load as load_map
 from codegen.run import ecu_traffic
-from codegen.run.backends import open_backend
+from codegen.run.backends import Recorder, open_backend
 from codegen.run.ecu_traffic import Traffic
-from codegen.run.recorder import Recorder
-from gain_gen.calibration.header_notes import physical_notes
+from gain_gen.calibration.freeze import physical_notes
 from gain_gen.calibration.record import identify
 from hil.runs.experiment import build_world, plan
 from hil.runs.frozen import Controller

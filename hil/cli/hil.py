@@ -15,6 +15,8 @@ from hil.cli.run import add_condition_options, add_run_options, path_named, run_
 from hil.realtime.bus_link import add_bus_arguments, has_bus
 
 DEFAULT_OUT = Path("out")
+CHECKED = "double_lane_change"
+"""The manoeuvre on whose frames ``--check`` times the firmware where none is named."""
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -24,7 +26,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="run ECU and plant as two processes in real time",
         description="Drive a manoeuvre in real time: ECU and vehicle are programs of their own.",
     )
-    parser.add_argument("scenario", help="double_lane_change, roundabout, …")
+    parser.add_argument("scenario", nargs="?", help="double_lane_change, roundabout, …")
     add_bus_arguments(parser)
     add_run_options(parser)
     add_condition_options(parser)
@@ -65,6 +67,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--json", action="store_true", help="print one JSON object; files only with --out"
     )
     add_prepare_option(parser)
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="measure what tick this machine can hold; --duration S of it (default: 10)",
+    )
     parser.set_defaults(run=run)
 
 
@@ -97,6 +104,10 @@ def bus_options(args: argparse.Namespace) -> list[str]:
 
 def run(args: argparse.Namespace) -> int:
     """Drive, report and write; 1 if control does not help, or the run is not valid."""
+    if args.scenario is None and not args.check:
+        raise CanrollError("which manoeuvre? Name one, such as double_lane_change")
+    if args.check and not args.prepare:
+        return check_machine(args)
     from hil.realtime import hil_run  # noqa: PLC0415
     from hil.report.run_folder import check_parent, usable_folder, write_files, write_text  # noqa: PLC0415
     from hil.runs import signal_files  # noqa: PLC0415 - loads compiled kernels
@@ -104,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
     from hil.runs.virtual_time import Interrupted  # noqa: PLC0415
 
     if args.prepare:
-        hil_run.prepare(args.scenario, duration=args.duration, **run_keywords(args))
+        hil_run.prepare(args.scenario or CHECKED, duration=args.duration, **run_keywords(args))
         return 0
     if args.side_channel is not None and args.pace != "lockstep":
         raise CanrollError("--side-channel carries the grants of --pace lockstep: give both")
@@ -143,6 +154,33 @@ def run(args: argparse.Namespace) -> int:
             result = hil_run.with_files(result, files)
         report(result.to_json() | {"timing": timing}, args, result)
     return result.exit_code
+
+
+def check_machine(args: argparse.Namespace) -> int:
+    """Measure what tick the machine can hold; 1 if it is longer than the one that is asked for."""
+    from hil.realtime.check import measure, round_trip  # noqa: PLC0415
+    from hil.realtime.check.show import show  # noqa: PLC0415
+    from hil.runs import experiment  # noqa: PLC0415 - loads compiled kernels
+
+    for option in ("out", "log", "signals"):
+        if getattr(args, option) is not None:
+            raise CanrollError(f"--check writes no files: leave --{option} out")
+    scenario = args.scenario or CHECKED
+    settings, controller = experiment.plan(scenario, **run_keywords(args))  # type: ignore[arg-type]
+    bus = round_trip.parse_bus(options) if (options := bus_options(args)) else None
+    seen = measure.measure(
+        settings,
+        controller,
+        bus,
+        duration=measure.DURATION if args.duration is None else args.duration,
+        announce=(lambda text: None) if args.json or not sys.stderr.isatty() else _announce,
+    )
+    answer = measure.report(seen, settings.tick * 1e3)
+    if args.json:
+        print(json.dumps(answer))
+    else:
+        show(answer)
+    return 0 if answer["held"] else 1
 
 
 def _announce(text: str) -> None:

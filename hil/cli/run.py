@@ -142,7 +142,7 @@ def add_condition_options(parser: argparse.ArgumentParser) -> None:
 
 
 def run_keywords(args: argparse.Namespace) -> dict[str, object]:
-    """Return the keywords of :func:`hil.run` that the options ask for."""
+    """Return the keywords of :func:`canroll.run` that the options ask for."""
     given = {
         "vehicle": args.vehicle,
         "law": args.law,

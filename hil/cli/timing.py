@@ -6,11 +6,10 @@ from dataclasses import replace
 
 from canroll.errors import CanrollError
 from codegen.run import cortex, qemu, unicorn
-from codegen.run.backends import open_backend
+from codegen.run.backends import Recorder, open_backend
 from codegen.run.cortex import CPUS, Run
 from codegen.run.ecu_traffic import Traffic
 from codegen.run.footprint import Footprint, footprint
-from codegen.run.recorder import Recorder
 from hil.cli import host_timing
 from hil.realtime.budget import Budget, budget_of
 from hil.runs.experiment import build_world, plan

@@ -11,15 +11,13 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
-from hil.papers.printed_rows import Report
-from hil.papers.section import Section, Value, finite
+from hil.papers.paper_table import Report, Section, Value, finite
 from hil.report.curves import dash
 from hil.report.figure import Figure, Series
 from hil.runs.experiment import plan
 from hil.studies import equal_effort
-from hil.studies.compared_laws import Entry
 from hil.studies.effort import FIGURES, driven, roll_without_control
-from hil.studies.equal_effort import Comparison
+from hil.studies.equal_effort import Comparison, Entry
 
 RUNS = 20
 """Paired runs by default; 200 take ten times as long."""

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from firmware.state import ACTIVE, DEGRADED
-from hil.papers.printed_rows import Report, Row
-from hil.papers.section import Section
+from hil.papers.paper_table import Report, Row, Section
 from hil.report.curves import dash as dashes
 from hil.report.figure import DASHED, Figure, Series
 from hil.runs.metrics import moment
@@ -33,7 +32,7 @@ class Recomputed:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """One run of a table: its row, and the keywords of :func:`hil.run`."""
+    """One run of a table: its row, and the keywords of :func:`canroll.run`."""
 
     row: str
     keywords: Mapping[str, Any]

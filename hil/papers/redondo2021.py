@@ -2,11 +2,9 @@
 
 from gain_gen.laws.hinf_delay import PRINTED_DELAY_GAIN
 from gain_gen.models.roll import ROLL_RATE
-from hil.papers.chatter import chatter
-from hil.papers.design_numbers import design_numbers
+from hil.papers.linear_roll import chatter, design_numbers, motion
 from hil.papers.paper_runs import Case, Recomputed, cycle_reason, drive, plots
-from hil.papers.printed_rows import Report, Row, printed
-from hil.papers.roll_model import motion
+from hil.papers.paper_table import Report, Row, printed
 from hil.report.figure import Figure
 from hil.runs.metrics import peak, rms
 from hil.runs.result import Result

@@ -9,8 +9,7 @@ from canroll.errors import CanrollError, UnknownNameError
 from hil.papers import redondo2021, viadero2022, vu2020, yim2020
 from hil.papers.effort_section import RUNS, beside
 from hil.papers.paper_runs import Recomputed
-from hil.papers.printed_rows import VERDICTS, Report, Row, judged
-from hil.papers.section import Section, digits
+from hil.papers.paper_table import VERDICTS, Report, Row, Section, digits, judged
 from hil.report.figure import Figure
 
 

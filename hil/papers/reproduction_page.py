@@ -6,9 +6,8 @@ from dataclasses import replace
 from importlib.metadata import version
 from itertools import groupby
 
-from hil.papers.printed_rows import LEAST_SHARE, TOLERANCE
+from hil.papers.paper_table import LEAST_SHARE, TOLERANCE, digits
 from hil.papers.reproduce import Reproduction, summary, to_json
-from hil.papers.section import digits
 from hil.report.page import Cell, Page, Table, Verdict, render
 from hil.report.tables import change
 

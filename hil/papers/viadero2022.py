@@ -3,10 +3,9 @@
 import numpy as np
 
 from hil.papers import viadero2022_certificate
-from hil.papers.design_numbers import design_numbers
+from hil.papers.linear_roll import design_numbers
 from hil.papers.paper_runs import Case, Recomputed, cycle_reason, drive, plots
-from hil.papers.printed_rows import Report, Row, printed
-from hil.papers.section import Section
+from hil.papers.paper_table import Report, Row, Section, printed
 from hil.report.figure import Figure, Series
 from hil.runs.result import Result
 

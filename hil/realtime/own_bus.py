@@ -70,6 +70,10 @@ class OwnBus:
         )
         self.sent += not flags
 
+    def wait(self, timeout: float) -> bool:
+        """Wait until a client has sent something, at most ``timeout`` s."""
+        return self._server.wait(timeout)
+
     def close(self) -> None:
         """End all connections."""
         self._server.close()

@@ -21,8 +21,7 @@ from firmware.calibration import Calibration
 from firmware.subset import fields
 from gain_gen.calibration.record import fill
 from hil.realtime.bus_link import Frame
-from hil.runs.ecu import record_tick
-from hil.runs.trace import TICK
+from hil.runs.trace import TICK, record_tick
 
 TICKS = np.dtype(
     [

@@ -7,7 +7,7 @@ from pathlib import Path
 from canroll.errors import CanrollError
 from codegen.export.header import gains_header
 from gain_gen.calibration import calibration_file
-from gain_gen.calibration.header_notes import physical_notes
+from gain_gen.calibration.freeze import physical_notes
 from hil.report.picture import draw_picture
 from hil.report.run_page import run_page
 from hil.runs import saved_run

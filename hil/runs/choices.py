@@ -1,4 +1,4 @@
-"""What a run can be asked for: the keywords of :func:`hil.run`, in one place."""
+"""What a run can be asked for: the keywords of :func:`canroll.run`, in one place."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

@@ -9,14 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
+from codegen.run.backends import BACKENDS, default_backend, open_backend
 from firmware.calibration import ONE
 from gain_gen.models.task import Delay
 from hil.runs import conditions as conditions_of
 from hil.runs import limit_cycle, metrics, phase, standard, steering_replay
 from hil.runs.choices import Choices
-from hil.runs.delay import sample_to_force
-from hil.runs.ecu import BACKENDS, default_backend, open_ecu
-from hil.runs.frozen import COMMAND_TIMEOUT, PASSIVE, Controller, Request, choose, prepare
+from hil.runs.frozen import (
+    COMMAND_TIMEOUT,
+    PASSIVE,
+    Controller,
+    Request,
+    choose,
+    prepare,
+    sample_to_force,
+)
 from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS, closed_loop
@@ -162,7 +169,7 @@ def drive(
         maneuver, stage = maneuvers.replay(maneuver, steer), "replay"
     trace = closed_loop(
         build_world(settings, enabled=enabled, maneuver=maneuver),
-        open_ecu(settings.backend, controller.record),
+        open_backend(settings.backend, controller.record),
         tick_ns=round(settings.tick * 1e9),
         offset_ns=tick_offset_ns(settings),
         duration_ns=None if duration is None else round(duration * 1e9),

@@ -14,9 +14,10 @@ from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options, law_kind
 from gain_gen.design import LAWS, OBSERVERS, design
-from gain_gen.models.task import Design, Task
-from hil.runs.delay import sample_to_force
-from plant_sim.can_bus import load_profile
+from gain_gen.models.task import Delay, Design, Task
+from plant_sim.can_bus import BusProfile, load_profile
+from plant_sim.can_bus.delay_bounds import delay_bounds
+from plant_sim.nodes.sensors import SensorOptions, delay
 from vehicles import Vehicle
 
 COMMANDS = {
@@ -192,3 +193,31 @@ def _loaded(calibration: LoadedCalibration, request: Request, bus: str) -> Contr
         tables=calibration.tables,
         warnings=(*warnings, *([beyond] if beyond else [])),
     )
+
+
+RUN_TIME = 200e-6
+"""From the start of a tick to its frames in the controller's queue, s: the loop takes 10 k to 20 k
+instructions on a Cortex-M0, which is less at 100 MHz."""
+
+
+def sample_to_force(
+    vehicle: Vehicle, command: str, profile: BusProfile, *, tick: float = 0.010
+) -> Delay:
+    """Return the bounds of the delay on this bus, and their middle.
+
+    The low-pass of the roll-rate sensor and its latency are in it; the hold of the command over
+    the next tick is not, for the sampled design model has it already.
+
+    Args:
+        vehicle: its sensors.
+        command: message that commands the actuators.
+        profile: the bus.
+        tick: period of the loop, s.
+
+    Raises:
+        VerdictError: the bus is so loaded that there is no bound.
+    """
+    bounds = delay_bounds(profile, tick_ms=1e3 * tick, command=command, run_time_s=RUN_TIME)
+    sensor = delay(vehicle.sensors.roll_rate, options=SensorOptions())
+    least, most = sensor + bounds.age_min, sensor + bounds.age_max
+    return Delay((least + most) / 2, least, most)

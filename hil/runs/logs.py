@@ -1,6 +1,7 @@
 """Bus logs through python-can's writers, the same bytes for the same seed."""
 
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError
 from plant_sim.can_bus import DELIVERED, ECU
 from plant_sim.can_bus.kernel.layout import ERROR
-from plant_sim.can_bus.wire.frame import EXTENDED, FD
+from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
 
 SUFFIXES = (".asc", ".blf", ".log", ".mf4")
 
@@ -36,18 +37,35 @@ def messages(frames: NDArray[Any]) -> Iterator[can.Message]:
     seen = frames[np.isin(frames["outcome"], (DELIVERED, ERROR))]
     for entry in seen[np.argsort(seen["t_received"], kind="stable")]:
         error = bool(entry["outcome"] == ERROR)
+        flags = 0 if error else int(entry["flags"])
         length = 0 if error else int(entry["length"])
+        remote = bool(flags & REMOTE)
         yield can.Message(
             timestamp=int(entry["t_received"]) * 1e-9,
             arbitration_id=0 if error else int(entry["ident"]),
-            is_extended_id=bool(entry["flags"] & EXTENDED) and not error,
+            is_extended_id=bool(flags & EXTENDED),
+            is_remote_frame=remote,
             is_error_frame=error,
-            is_fd=bool(entry["flags"] & FD) and not error,
+            is_fd=bool(flags & FD),
+            bitrate_switch=bool(flags & BIT_RATE_SWITCH),
+            error_state_indicator=bool(flags & ERROR_STATE),
             is_rx=bool(entry["sender"] != ECU),
             channel=int(entry["segment"]),
             dlc=length,
-            data=entry["payload"][:length].tobytes(),
+            data=None if remote else entry["payload"][:length].tobytes(),
         )
+
+
+def _start_at_zero(logger: Any) -> None:  # noqa: ANN401 - whichever writer the suffix has
+    """Make time 0 of a log the start of the run.
+
+    Left alone, .asc and .blf count from their first frame, .mf4 from the moment of writing.
+    """
+    if isinstance(logger, can.ASCWriter | can.BLFWriter):
+        logger.log_event("Start of run", 0.0)
+    elif isinstance(logger, can.MF4Writer):
+        logger._mdf.header.start_time = datetime.fromtimestamp(0.0, UTC)
+        logger._start_time = logger.last_timestamp = 0.0
 
 
 def write_log(path: Path, frames: NDArray[Any]) -> Path:
@@ -59,6 +77,7 @@ def write_log(path: Path, frames: NDArray[Any]) -> Path:
     check_suffix(path)
     try:
         with can.Logger(str(path)) as logger:
+            _start_at_zero(logger)
             for message in messages(frames):
                 logger.on_message_received(message)
     except OSError as error:

@@ -1,9 +1,15 @@
 """What a run leaves behind, as arrays."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from codegen.run.memory_image import dtype
+from firmware import calibration as formats
+from firmware.state import GYRO_BIAS, LATERAL, LATERAL_RATE, ROLL, ROLL_RATE, Ecu
 
 TICK = np.dtype(
     [
@@ -32,7 +38,7 @@ class Trace:
         signals: the vehicle every millisecond, one float64 array a signal, SI units; "time" in s.
         frames: the bus log, one entry a frame and segment, times in ns.
         ages: sample-to-force age of each newly applied command, ns.
-        ticks: what the ECU did, one entry a tick (:data:`hil.runs.ecu.TICK`).
+        ticks: what the ECU did, one entry a tick (:data:`TICK`).
         duration: length of the run, s.
         complete: False where it was interrupted.
     """
@@ -43,3 +49,32 @@ class Trace:
     ticks: NDArray[np.void]
     duration: float
     complete: bool = True
+
+
+def record_tick(row: np.void, t: float, state: Ecu) -> None:
+    """Fill an entry of :data:`TICK` from the state after a tick at ``t`` seconds."""
+    _fill(row, t, lambda name: getattr(state, name))
+
+
+def tick_rows(times: Sequence[float], images: Sequence[bytes]) -> NDArray[np.void]:
+    """Return rows of :data:`TICK` from the records after ticks at ``times`` (s)."""
+    states = np.frombuffer(b"".join(images), dtype(Ecu))
+    rows = np.zeros(len(states), TICK)
+    _fill(rows, times, lambda name: np.moveaxis(states[name], 0, -1))
+    return rows
+
+
+def _fill(rows: Any, t: Any, field: Callable[[str], Any]) -> None:  # noqa: ANN401
+    """Fill one entry or many: ``field`` gives a field of the record, ticks on the last axis."""
+    state = field("x")
+    rows["t"] = t
+    rows["mode"] = field("mode")
+    rows["triggered"] = field("triggered")
+    rows["troubles"] = field("trouble_active")
+    rows["moment"] = np.divide(field("moment"), 2**formats.Q_MOMENT)
+    rows["outputs"] = np.transpose(np.divide(field("outputs"), 2**formats.Q_MOMENT))
+    rows["roll"] = np.divide(state[ROLL], 2**formats.Q_ANGLE)
+    rows["roll_rate"] = np.divide(state[ROLL_RATE], 2**formats.Q_RATE)
+    rows["lateral_acceleration"] = np.divide(state[LATERAL], 2**formats.Q_ACCELERATION)
+    rows["lateral_rate"] = np.divide(state[LATERAL_RATE], 2**formats.Q_ACCELERATION)
+    rows["gyro_bias"] = np.divide(state[GYRO_BIAS], 2**formats.Q_RATE)

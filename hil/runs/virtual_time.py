@@ -6,9 +6,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.runs.delay import RUN_TIME
-from hil.runs.ecu import Backend, tick_rows
-from hil.runs.trace import Trace
+from codegen.run.backends import Backend
+from hil.runs.frozen import RUN_TIME
+from hil.runs.trace import Trace, tick_rows
 from plant_sim.world.world import World
 
 RUN_TIME_NS = round(RUN_TIME * 1e9)

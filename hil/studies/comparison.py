@@ -80,7 +80,7 @@ def runs(
 
     Args:
         scenario: name of the manoeuvre.
-        wanted: name and keywords of :func:`hil.run` for each.
+        wanted: name and keywords of :func:`canroll.run` for each.
         common: keywords that hold for all where a description has no other.
         duration: s, where shorter than the manoeuvre.
         progress: called with the name of the run and the share done.

@@ -1,4 +1,4 @@
-"""The contract by which laws are compared: equal plant, knowledge, delays, noise and effort.
+"""Laws compared at equal effort: equal plant, knowledge, delays and noise.
 
 Every law is designed from the same design model and bus, drives the same manoeuvre on the same
 plant with the same seeds (so that every difference is paired), and is scaled to the same RMS
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from hil.runs.experiment import plan
-from hil.studies.compared_laws import ENTRIES, PRINTED, REFERENCE, Entry
 from hil.studies.effort import (
     FIGURES,
     BudgetError,
@@ -28,6 +27,55 @@ from hil.studies.effort import (
     driven,
     roll_without_control,
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One law of the comparison.
+
+    Attributes:
+        name: as the table calls it.
+        sensors: "S1": the paper's, roll rate alone; "S2": all; "": no sensors at all.
+        keywords: what :func:`hil.runs.experiment.plan` is called with.
+        scaled: to the common budget; a paper's law as printed is not.
+        stiffer_bar: factor on the plant's roll stiffness instead of a law, or zero.
+    """
+
+    name: str
+    sensors: str
+    keywords: Mapping[str, Any]
+    scaled: bool = True
+    stiffer_bar: float = 0.0
+
+
+ENTRIES = (
+    Entry("passive", "", {"law": "passive"}, scaled=False),
+    Entry("stiffer bar", "", {"law": "passive"}, scaled=False, stiffer_bar=1.3),
+    Entry("hinf_delay", "S1", {"law": "hinf_delay"}),
+    Entry("hinf_nodelay", "S1", {"law": "hinf_nodelay"}),
+    Entry("hinf_event", "S1", {"law": "hinf_event"}),
+    Entry("ay_feedforward", "S2", {"law": "ay_feedforward"}),
+    Entry("rate_feedforward", "S2", {"law": "rate_feedforward"}),
+    Entry("lqr, feedback only", "S2", {"law": "lqr", "feedforward": False}),
+    Entry("hinf, feedback only", "S2", {"law": "hinf", "feedforward": False}),
+    Entry("smc, feedback only", "S2", {"law": "smc", "feedforward": False}),
+    Entry("lqr", "S2", {"law": "lqr"}),
+    Entry("hinf", "S2", {"law": "hinf"}),
+    Entry("smc", "S2", {"law": "smc"}),
+    Entry("lqg_delay", "S2", {"law": "lqg_delay"}),
+)
+PRINTED = (
+    Entry(
+        "hinf_delay as printed", "S1", {"law": "hinf_delay", "gains": "as_printed"}, scaled=False
+    ),
+    Entry(
+        "hinf_event as printed", "S1", {"law": "hinf_event", "gains": "as_printed"}, scaled=False
+    ),
+)
+"""Laws whose printed gains are for one vehicle: van_2021."""
+REFERENCE = "hinf_delay"
+"""The paper's structure, tuned on the plant at hand: its effort is the budget of all."""
+
 
 ROLL = FIGURES[:2]
 NO_WORSE = {

@@ -24,7 +24,6 @@ Beside the kernels: ``analysis`` (worst-case response times), ``delay_bounds`` (
 other programs ``simbus`` (a python-can interface) and ``socketcand`` with ``serving`` (a server).
 """
 
-from plant_sim.can_bus.kernel.account import Account, account, drain, load
 from plant_sim.can_bus.kernel.layout import (
     DELIVERED,
     ERROR,
@@ -37,6 +36,7 @@ from plant_sim.can_bus.kernel.layout import (
     State,
     logged,
 )
+from plant_sim.can_bus.kernel.ledger import Account, account, drain, load
 from plant_sim.can_bus.kernel.log import log_dtype
 from plant_sim.can_bus.kernel.network import (
     Fault,

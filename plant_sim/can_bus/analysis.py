@@ -2,13 +2,14 @@
 
 Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted,
 revisited and revised", Real-Time Systems 35 (2007): equations 4 to 11, every instance in the busy
-period examined. Response times end behind the interframe space. All arithmetic in integer
-nanoseconds.
+period examined. Response times end behind the interframe space. All arithmetic is exact, in integer
+nanoseconds. What the analysis does not cover gets no bound, with the reason: frames of nodes with a
+FIFO queue and what such a queue hides, and identifiers that several nodes send. Bounds with an
+error model hold as long as no node becomes error-passive.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil
 from typing import Final
 
 from plant_sim.can_bus.traffic.messages import BusMessage
@@ -17,6 +18,8 @@ from plant_sim.can_bus.wire.frame import arbitration_key, duration_ns
 ERROR_OVERHEAD_BITS: Final = 31
 """Longest error frame with interframe space and suspend transmission: 12 + 8 + 3 + 8 bits."""
 _MAX_STEPS: Final = 200_000
+"""Of all fixed points of one message: a busy period this long is all but overload."""
+OVERLOADED: Final = "bus overloaded at this priority"
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +34,9 @@ class ErrorModel:
 class ResponseBound:
     """Response times of one message from its nominal release, in nanoseconds.
 
-    ``bound_ns`` None: no bound exists (``reason`` says why). ``instances``: how many instances
-    in the busy period were examined.
+    ``bound_ns`` None: there is none, and ``reason`` says why; ``covered``: because the set has no
+    bound (overload, identifiers used twice), not because the analysis does not cover it.
+    ``instances``: how many instances in the busy period were examined.
     """
 
     message: BusMessage
@@ -40,20 +44,71 @@ class ResponseBound:
     bound_ns: int | None
     instances: int = 0
     reason: str = ""
-
-
-def _ceil_div(numerator: float, period: float) -> int:
-    if isinstance(period, int) or period.is_integer():
-        return -(-int(numerator) // int(period))
-    return ceil(numerator / period)
+    covered: bool = True
 
 
 @dataclass(frozen=True, slots=True)
 class _Task:
+    """A message as the analysis sees it; its period is ``above / below`` ns, exactly."""
+
     key: int
-    period: float
+    above: int
+    below: int
     jitter: int
     worst: int
+
+    def releases(self, window: int) -> int:
+        """Return how many nominal releases a half-open window of ``window`` ns can hold."""
+        return -(-window * self.below // self.above)
+
+    def demand(self, window: int) -> int:
+        """Return the time on the bus that its frames of a window take at most."""
+        return self.releases(window + self.jitter) * self.worst
+
+    @property
+    def share(self) -> float:
+        """Share of the time that it can keep the bus busy."""
+        return self.worst * self.below / self.above
+
+
+def _task(message: BusMessage, bitrate: int, data_bitrate: int) -> _Task:
+    above, below = float(message.period_ns).as_integer_ratio()
+    return _Task(
+        arbitration_key(message.ident, message.flags),
+        above,
+        below,
+        # releases at whole nanoseconds: that rounding is jitter, too
+        message.jitter_ns + (below != 1),
+        message.worst_ns(bitrate, data_bitrate),
+    )
+
+
+def _obstacles(messages: Sequence[BusMessage]) -> list[tuple[str, bool]]:
+    """Return for every message why it can have no bound, empty where it can; and ``covered``."""
+    keys = [arbitration_key(m.ident, m.flags) for m in messages]
+    nodes: dict[int, list[str]] = {}
+    for message, key in zip(messages, keys, strict=True):
+        nodes.setdefault(key, []).append(message.sender)
+    for message, key in zip(messages, keys, strict=True):
+        if len(set(nodes[key])) > 1:
+            reason = f"identifier {message.ident:X} used by several nodes: their frames collide"
+            return [(reason, True)] * len(messages)
+    hidden = {
+        node: [k for m, k in zip(messages, keys, strict=True) if m.sender == node]
+        for node in dict.fromkeys(m.sender for m in messages if m.fifo)
+    }
+    found = []
+    for message, key in zip(messages, keys, strict=True):
+        over = [node for node, mixed in hidden.items() if min(mixed) < key < max(mixed)]
+        if len(nodes[key]) > 1:
+            found.append((f"identifier {message.ident:X} used twice", True))
+        elif message.sender in hidden:
+            found.append(("FIFO queue: not covered", False))
+        elif over:
+            found.append((f"FIFO queue of {over[0]} holds back urgent frames: not covered", False))
+        else:
+            found.append(("", True))
+    return found
 
 
 def response_bounds(
@@ -72,30 +127,19 @@ def response_bounds(
         data_bitrate: of the data phase of FD frames with bit-rate switch, 0: none.
         errors: bounds how often frames are disturbed; None: never.
     """
-    tasks = [
-        _Task(
-            arbitration_key(m.ident, m.flags),
-            m.period_ns,
-            m.jitter_ns,
-            m.worst_ns(bitrate, data_bitrate),
-        )
-        for m in messages
-    ]
+    tasks = [_task(message, bitrate, data_bitrate) for message in messages]
     bit = int(duration_ns(1, bitrate))
     bounds = []
-    for message, task in zip(messages, tasks, strict=True):
+    obstacles = _obstacles(messages)
+    for message, task, (obstacle, covered) in zip(messages, tasks, obstacles, strict=True):
         best = message.best_ns(bitrate, data_bitrate)
-        if message.fifo:
-            bounds.append(ResponseBound(message, best, None, reason="FIFO queue: not covered"))
+        if obstacle:
+            bounds.append(ResponseBound(message, best, None, 0, obstacle, covered))
             continue
         higher = [t for t in tasks if t.key < task.key]
-        same = [t for t in tasks if t.key == task.key and t is not task]
-        if same:
-            bounds.append(ResponseBound(message, best, None, reason="identifier used twice"))
-            continue
         blocking = max((t.worst for t in tasks if t.key > task.key), default=0)
         bound, instances = _bound(task, higher, blocking, bit, errors)
-        reason = "" if bound is not None else "bus overloaded at this priority"
+        reason = OVERLOADED if bound is None else ""
         bounds.append(ResponseBound(message, best, bound, instances, reason))
     return bounds
 
@@ -109,35 +153,34 @@ def _bound(
     def disturbance(window: int) -> int:
         if errors is None:
             return 0
-        return (errors.burst - 1 + _ceil_div(window, errors.interval_ns)) * longest
+        return (errors.burst - 1 - (-window // errors.interval_ns)) * longest
 
-    used = sum(t.worst / t.period for t in level)
+    used = sum(t.share for t in level)
     used += longest / errors.interval_ns if errors else 0.0
     if used >= 1.0:
         return None, 0
-    busy = task.worst
-    for _ in range(_MAX_STEPS):
-        longer = blocking + disturbance(busy)
-        longer += sum(_ceil_div(busy + t.jitter, t.period) * t.worst for t in level)
-        if longer == busy:
-            break
+    steps = _MAX_STEPS
+    busy, longer = 0, task.worst
+    while longer != busy:
         busy = longer
-    else:
-        return None, 0
-    instances = _ceil_div(busy + task.jitter, task.period)
-    worst = 0
-    wait = 0
+        longer = blocking + disturbance(busy) + sum(t.demand(busy) for t in level)
+        steps -= 1
+        if steps == 0:
+            return None, 0
+    instances = task.releases(busy + task.jitter)
+    worst = wait = 0
     for instance in range(instances):
-        wait = max(wait, blocking + instance * task.worst)
-        for _ in range(_MAX_STEPS):
-            longer = blocking + instance * task.worst + disturbance(wait + task.worst)
-            longer += sum(_ceil_div(wait + t.jitter + bit, t.period) * t.worst for t in higher)
-            if longer == wait:
-                break
+        first = blocking + instance * task.worst
+        longer, wait = max(wait, first), -1
+        while longer != wait:
             wait = longer
-        else:
-            return None, instances
-        worst = max(worst, task.jitter + wait - int(instance * task.period) + task.worst)
+            longer = first + disturbance(wait + task.worst)
+            longer += sum(t.demand(wait + bit) for t in higher)
+            steps -= 1
+            if steps == 0:
+                return None, instances
+        nominal = instance * task.above // task.below
+        worst = max(worst, task.jitter + wait - nominal + task.worst)
     return worst, instances
 
 
@@ -149,24 +192,18 @@ def response_bound_1994(
     Tindell, Burns, "Guaranteeing message latencies on Controller Area Network" (1994); refuted in
     2007: it can lie below the real worst case. Kept for comparison only.
     """
-    message = next(m for m in messages if m.name == name)
-    key = arbitration_key(message.ident, message.flags)
-    others = [m for m in messages if m.name != name]
-    higher = [m for m in others if arbitration_key(m.ident, m.flags) < key]
-    lower = [m for m in others if arbitration_key(m.ident, m.flags) > key]
-    blocking = max((m.worst_ns(bitrate, data_bitrate) for m in lower), default=0)
+    tasks = {m.name: _task(m, bitrate, data_bitrate) for m in messages}
+    task = tasks.pop(name)
+    higher = [t for t in tasks.values() if t.key < task.key]
+    blocking = max((t.worst for t in tasks.values() if t.key > task.key), default=0)
     bit = int(duration_ns(1, bitrate))
-    worst = message.worst_ns(bitrate, data_bitrate)
-    if sum(m.worst_ns(bitrate, data_bitrate) / m.period_ns for m in higher) >= 1.0:
+    if sum(t.share for t in higher) >= 1.0:
         return None
     wait = blocking
     while True:
-        longer = blocking + sum(
-            _ceil_div(wait + m.jitter_ns + bit, m.period_ns) * m.worst_ns(bitrate, data_bitrate)
-            for m in higher
-        )
+        longer = blocking + sum(t.demand(wait + bit) for t in higher)
         if longer == wait:
-            return message.jitter_ns + wait + worst
+            return task.jitter + wait + task.worst
         wait = longer
 
 

@@ -7,10 +7,11 @@ Responses across a gateway are bounded segment by segment, the response on the o
 jitter on the other, until nothing changes (holistic analysis; Tindell, Clark 1994).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from canroll.errors import CanrollError, VerdictError
+from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from plant_sim.can_bus.analysis import ErrorModel, response_bounds
 from plant_sim.can_bus.profiles import (
     DEFAULT_COMMAND,
@@ -179,6 +180,60 @@ def delay_bounds(
         actuator_period_s=actuator_period_s,
         n_lost=n_lost,
     )
+
+
+def delay_bounds_of_set(
+    messages: Sequence[BusMessage],
+    sensor: str,
+    command: str,
+    *,
+    tick_ms: float,
+    bitrate: int,
+    data_bitrate: int = 0,
+    errors: ErrorModel | None = None,
+) -> DelayBounds | None:
+    """Return the bounds of the total delay over two messages of a set on one bus.
+
+    None where one of them has no response bound with the command sent in every tick.
+
+    Raises:
+        CanrollError: the two are not two messages of the set.
+    """
+    sent = loop_messages(messages, sensor, command, tick_ms=tick_ms)
+    bounds = response_bounds(sent, bitrate=bitrate, data_bitrate=data_bitrate, errors=errors)
+    paths = {
+        b.message.name: Path(
+            b.message.least_delivery_ns(bitrate, data_bitrate) * _NS, b.bound_ns * _NS
+        )
+        for b in bounds
+        if b.bound_ns is not None
+    }
+    if sensor not in paths or command not in paths:
+        return None
+    period = next(m.period_ns for m in sent if m.name == sensor)
+    return total_delay(
+        paths[sensor], paths[command], sensor_period_s=period * _NS, tick_s=tick_ms * 1e-3
+    )
+
+
+def loop_messages(
+    messages: Sequence[BusMessage], sensor: str, command: str, *, tick_ms: float
+) -> list[BusMessage]:
+    """Return a set as a control loop sends it: the command in every tick.
+
+    Raises:
+        CanrollError: ``sensor`` and ``command`` are not two messages of the set.
+    """
+    names = [message.name for message in messages]
+    for name in (sensor, command):
+        if name not in names:
+            raise UnknownNameError("message of the set", name, names)
+    if sensor == command:
+        raise CanrollError(f"message '{sensor}' cannot be both sensor and command")
+    return [
+        replace(m, period_ns=float(round(tick_ms * MS))) if m.name == command else m
+        for m in messages
+    ]
 
 
 def total_delay(

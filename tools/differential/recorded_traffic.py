@@ -6,9 +6,8 @@ recording is a design of the gain generator at work on its own plant.
 
 from dataclasses import dataclass
 
-from codegen.run.backends import open_backend
+from codegen.run.backends import Recorder, open_backend
 from codegen.run.ecu_traffic import Traffic
-from codegen.run.recorder import Recorder
 from firmware.calibration import Calibration
 from hil.runs.experiment import build_world, plan
 from hil.runs.virtual_time import closed_loop

@@ -27,6 +27,9 @@ FAULTS: Final = {
 }
 NEVER: Final = layout.NEVER
 MAX_CAPACITY: Final = layout.MAX_FRAMES
+MAX_BITRATE: Final = 1_000_000
+MAX_DATA_BITRATE: Final = 8_000_000
+"""Of arbitration and of the data of FD frames, bit/s (ISO 11898-1 and -2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,8 +156,7 @@ def _check(spec: NetworkSpec) -> None:
         if count > room:
             raise CanrollError(f"a network has room for {room} {what}, not {count}")
     for segment in spec.segments:
-        if segment.bitrate <= 0 or segment.data_bitrate < 0:
-            raise CanrollError(f"bit rate {segment.bitrate} bit/s: it must be above 0")
+        check_rates(segment.bitrate, segment.data_bitrate)
         if not 0.0 <= segment.bit_error_rate < 1.0:
             raise CanrollError(f"bit error rate {segment.bit_error_rate}: it must be in [0, 1)")
     for node in spec.nodes:
@@ -166,6 +168,20 @@ def _check(spec: NetworkSpec) -> None:
         if source.period_ns <= 0:
             raise CanrollError(f"message 0x{source.ident:X}: its period must be above 0")
         check_frame(source.ident, source.length, source.flags)
+
+
+def check_rates(bitrate: int, data_bitrate: int) -> None:
+    """Refuse bit rates that no CAN bus has; a ``data_bitrate`` of 0 stands for none."""
+    if bitrate <= 0:
+        raise CanrollError(f"bit rate {bitrate} bit/s: it must be above 0")
+    if bitrate > MAX_BITRATE:
+        raise CanrollError(f"bit rate {bitrate} bit/s: at most {MAX_BITRATE} bit/s")
+    if data_bitrate > MAX_DATA_BITRATE:
+        raise CanrollError(f"data bit rate {data_bitrate} bit/s: at most {MAX_DATA_BITRATE} bit/s")
+    if data_bitrate and data_bitrate < bitrate:
+        raise CanrollError(
+            f"data bit rate {data_bitrate} bit/s: at least the {bitrate} bit/s of arbitration"
+        )
 
 
 def check_frame(ident: int, length: int, flags: int) -> None:

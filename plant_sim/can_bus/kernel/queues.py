@@ -45,6 +45,7 @@ def enqueue(
     length: int,
     payload: NDArray[np.uint8],
     flags: int = 0,
+    bits: int = 0,
 ) -> bool:
     """Hand a frame to the transmit queue of ``node`` at ``t_ns``.
 
@@ -56,6 +57,7 @@ def enqueue(
         length: payload bytes.
         payload: one-dimensional array of at least ``length`` bytes; copied.
         flags: ``EXTENDED``, ``REMOTE``, ``FD``, ``BIT_RATE_SWITCH`` or 0.
+        bits: above 0: its length on the wire, interframe space included, whatever it holds.
 
     Returns:
         False where the network's store of frames is full: the frame is lost and accounted for.
@@ -65,7 +67,7 @@ def enqueue(
             ``length``, or the network has seen as many different identifiers as it has room for
             (``MAX_MESSAGES``).
     """
-    return submit(network.state[0], node, t_ns, ident, length, payload, flags)
+    return submit(network.state[0], node, t_ns, ident, length, payload, flags, bits)
 
 
 @njit
@@ -77,6 +79,7 @@ def submit(
     length: int,
     payload: NDArray[np.uint8],
     flags: int,
+    bits: int = 0,
 ) -> bool:
     """``enqueue`` for kernels that hold the network's record."""
     if t_ns < bus.clock[NOW]:
@@ -88,6 +91,7 @@ def submit(
     slot = store(bus, message, t_ns, t_ns, length, payload, flags)
     if slot < 0:
         return False
+    bus.frames[slot].bits = bits
     schedule(bus, t_ns, slot)
     return True
 

@@ -13,7 +13,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from plant_sim.can_bus.kernel.account import drain
 from plant_sim.can_bus.kernel.layout import (
     BUS_OFF,
     DELIVERED,
@@ -24,6 +23,7 @@ from plant_sim.can_bus.kernel.layout import (
     NOW,
     Network,
 )
+from plant_sim.can_bus.kernel.ledger import drain
 from plant_sim.can_bus.kernel.network import Node, add_node
 from plant_sim.can_bus.kernel.queues import enqueue
 from plant_sim.can_bus.kernel.scheduler import advance, next_event_ns

@@ -15,16 +15,53 @@ import threading
 import time
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, NamedTuple
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus.servers.socketcand_protocol import (
-    ProtocolError,
-    Received,
-    format_frame,
-    parse_frame,
-)
-from plant_sim.can_bus.wire.frame import FD
+from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE
+
+
+class Received(NamedTuple):
+    """A frame that a client sent; ``client`` is its place, 0 to ``MAX_CLIENTS − 1``."""
+
+    client: int
+    ident: int
+    flags: int
+    length: int
+    payload: bytes
+
+
+class ProtocolError(Exception):
+    """A client said something that is not in the protocol."""
+
+
+def parse_frame(words: list[str]) -> tuple[int, int, int, bytes]:
+    """Return identifier, flags, length and payload of a ``send`` or ``sendrtr`` command.
+
+    Raises:
+        ProtocolError: it is not a frame that fits a classic CAN bus.
+    """
+    try:
+        ident, length = int(words[1], 16), int(words[2], 16)
+        payload = bytes(int(word, 16) for word in words[3:])
+    except (IndexError, ValueError) as error:
+        raise ProtocolError("malformed frame") from error
+    flags = EXTENDED if len(words[1]) > 3 else 0
+    remote = words[0] == "sendrtr"
+    flags |= REMOTE if remote else 0
+    fits = 0 <= ident < (1 << 29 if flags & EXTENDED else 1 << 11) and 0 <= length <= 8
+    if not fits or len(payload) != (0 if remote else length):
+        raise ProtocolError("no such frame")
+    return ident, flags, length, payload
+
+
+def format_frame(ident: int, flags: int, time_s: float, payload: bytes, length: int) -> bytes:
+    """Return a received frame as clients in raw mode read it."""
+    name = f"{ident:08X}" if flags & EXTENDED else f"{ident:03X}"
+    if flags & REMOTE:
+        return f"< rtr {name} {time_s:.6f} {length} >".encode()
+    return f"< frame {name} {time_s:.6f} {payload.hex().upper()} >".encode()
+
 
 DEFAULT_PORT: Final = 29536
 MAX_CLIENTS: Final = 16
@@ -55,13 +92,14 @@ class SocketcandServer:
         lost: frames that slow clients did not get.
         refused: connections closed because of malformed or oversized input.
         dropped: frames of clients that nobody took in time.
+        fd_frames: FD frames that no client could be given.
     """
 
     def __init__(
         self, *, channel: str = "simbus", host: str = "127.0.0.1", port: int = DEFAULT_PORT
     ) -> None:
         self.channel = channel
-        self.lost = self.refused = self.dropped = 0
+        self.lost = self.refused = self.dropped = self.fd_frames = 0
         self._clients: dict[int, _Client] = {}
         self._taken: deque[Received] = deque()
         self._lock = threading.Lock()
@@ -96,18 +134,21 @@ class SocketcandServer:
     ) -> None:
         """Give a frame to every client but ``sender``; never waits.
 
-        FD frames have no form in the protocol and are counted as lost.
+        FD frames have no form in the protocol: nobody gets them, and ``fd_frames`` counts them.
         """
+        if flags & FD:
+            self.fd_frames += 1
+            return
         with self._lock:
             now = time.monotonic()
-            text = b"" if flags & FD else format_frame(ident, flags, time_s, payload, length)
+            text = format_frame(ident, flags, time_s, payload, length)
             for client in self._clients.values():
                 if client.place == sender or client.closing:
                     continue
                 wanted = client.raw or ident in client.subscribed
                 if not wanted or now < client.quiet_until:
                     continue
-                if not text or len(client.outgoing) + len(text) > _BACKLOG_BYTES:
+                if len(client.outgoing) + len(text) > _BACKLOG_BYTES:
                     self.lost += 1
                 else:
                     client.outgoing += text

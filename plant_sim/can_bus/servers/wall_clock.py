@@ -6,8 +6,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from plant_sim.can_bus.kernel.account import drain
 from plant_sim.can_bus.kernel.layout import DELIVERED, MAX_PAYLOAD, NOW, Network
+from plant_sim.can_bus.kernel.ledger import drain
 from plant_sim.can_bus.kernel.network import Node, add_node
 from plant_sim.can_bus.kernel.queues import enqueue
 from plant_sim.can_bus.kernel.scheduler import advance, next_event_ns
@@ -79,5 +79,8 @@ def serve_network(
                 pause = (int(next_event_ns(network)) - elapsed) * 1e-9
                 server.wait(min(max(pause, 0.0), _IDLE_S))
         except KeyboardInterrupt:
-            announce(f"{server.lost} frames lost to slow clients, {server.refused} refused")
+            announce(
+                f"{server.lost} frames lost to slow clients, {server.refused} refused,"
+                f" {server.fd_frames} FD frames that no client could be given"
+            )
         return server

@@ -7,7 +7,8 @@ A TOML file has ``bitrate`` and tables ``[[message]]`` with ``name``, ``id``, ``
 """
 
 import tomllib
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,7 +16,7 @@ import cantools
 from cantools.database import Database, Message
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.can_bus.kernel.network import check_frame
+from plant_sim.can_bus.kernel.network import check_frame, check_rates
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
 
@@ -46,18 +47,19 @@ class Traffic:
     left_out: tuple[str, ...] = ()
 
 
-def load_traffic(path: Path, *, bitrate: int | None = None) -> Traffic:
+def load_traffic(
+    path: Path, *, bitrate: int | None = None, data_bitrate: int | None = None
+) -> Traffic:
     """Read a traffic set from ``path``, a ``.dbc`` or a ``.toml`` file.
 
     Args:
         path: the file.
         bitrate: overrides the file's own; for a DBC without one: 500 kbit/s.
+        data_bitrate: of FD frames with bit-rate switch, overrides the file's own.
 
     Raises:
         CanrollError: the file cannot be read or says something impossible.
     """
-    if bitrate is not None and bitrate <= 0:
-        raise CanrollError(f"bit rate {bitrate} bit/s: it must be above 0")
     suffix = path.suffix.lower()
     if suffix not in {".dbc", ".toml"}:
         raise CanrollError(f"{path}: a traffic set is a .dbc or a .toml file")
@@ -66,9 +68,18 @@ def load_traffic(path: Path, *, bitrate: int | None = None) -> Traffic:
     traffic = _from_dbc(path) if suffix == ".dbc" else _from_toml(path)
     if not traffic.messages:
         raise CanrollError(f"{path}: no periodic message in it")
-    if bitrate is None:
-        return traffic
-    return Traffic(bitrate, traffic.data_bitrate, traffic.messages, traffic.left_out)
+    for name, count in Counter(message.name for message in traffic.messages).items():
+        if count > 1:
+            raise CanrollError(f"{path}: two messages are named '{name}'")
+    if bitrate is not None:
+        traffic = replace(traffic, bitrate=bitrate)
+    if data_bitrate is not None:
+        traffic = replace(traffic, data_bitrate=data_bitrate)
+    try:
+        check_rates(traffic.bitrate, traffic.data_bitrate)
+    except CanrollError as error:
+        raise CanrollError(f"{path}: {error}") from error
+    return traffic
 
 
 def _from_dbc(path: Path) -> Traffic:
@@ -84,13 +95,28 @@ def _from_dbc(path: Path) -> Traffic:
             messages.append(_dbc_message(message, period))
         else:
             left_out.append(message.name)
-    bitrate = next((bus.baudrate for bus in database.buses if bus.baudrate), DEFAULT_BITRATE)
-    return Traffic(bitrate, 0, tuple(messages), tuple(left_out))
+    bitrate = _attribute(database, "Baudrate") or DEFAULT_BITRATE
+    switched = any(m.flags & BIT_RATE_SWITCH for m in messages)
+    data_bitrate = _attribute(database, "BaudrateCANFD") if switched else 0
+    try:
+        for found in messages:
+            check_frame(found.ident, found.length, found.flags)
+    except CanrollError as error:
+        raise CanrollError(f"{path}: {error}") from error
+    return Traffic(bitrate, data_bitrate, tuple(messages), tuple(left_out))
 
 
-def _attribute(message: Message, name: str) -> int:
-    attribute = message.dbc.attributes.get(name) if message.dbc else None
-    return int(attribute.value) if attribute else 0
+def _attribute(source: Database | Message, name: str, default: int = 0) -> int:
+    """Return a number, or the place of a choice: as set, else the file's default for all."""
+    if not source.dbc:
+        return default
+    attribute = source.dbc.attributes.get(name)
+    definition = source.dbc.attribute_definitions.get(name)
+    value = attribute.value if attribute else definition.default_value if definition else None
+    if value is None:
+        return default
+    choices = list(definition.choices or ()) if definition else []
+    return choices.index(value) if value in choices else int(float(value))
 
 
 def _period_ms(message: Message) -> int:
@@ -103,7 +129,7 @@ def _period_ms(message: Message) -> int:
 
 def _dbc_message(message: Message, period_ms: int) -> BusMessage:
     flags = (EXTENDED if message.is_extended_frame else 0) | (FD if message.is_fd else 0)
-    if message.is_fd:
+    if message.is_fd and _attribute(message, "CANFD_BRS", 1):
         flags |= BIT_RATE_SWITCH
     return BusMessage(
         name=message.name,
@@ -134,10 +160,6 @@ def _from_toml(path: Path) -> Traffic:
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise CanrollError(f"{path}: messages are tables [[message]]")
     messages = [_toml_message(path, i, row) for i, row in enumerate(rows, 1)]
-    names = [message.name for message in messages]
-    for name in names:
-        if names.count(name) > 1:
-            raise CanrollError(f"{path}: two messages are named '{name}'")
     return Traffic(bitrate, data_bitrate, tuple(messages))
 
 

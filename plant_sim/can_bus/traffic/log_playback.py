@@ -1,6 +1,7 @@
 """Recorded traffic as background: logs that python-can reads, fed into a network."""
 
 from collections.abc import Collection
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -8,7 +9,7 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.can_bus.kernel.layout import FREE_FRAME, MAX_PAYLOAD, NOW, Network
 from plant_sim.can_bus.kernel.queues import enqueue
 from plant_sim.can_bus.wire.frame import (
@@ -25,7 +26,7 @@ from plant_sim.kernels.jit import njit
 SUFFIXES: Final = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db")
 
 
-class Recording(NamedTuple):
+class Frames(NamedTuple):
     """Recorded frames in the order of their queueing, times from 0 in nanoseconds."""
 
     t_ns: NDArray[np.int64]
@@ -34,9 +35,34 @@ class Recording(NamedTuple):
     length: NDArray[np.int64]
     payload: NDArray[np.uint8]
 
+    def piece(self, from_ns: int, to_ns: int) -> "Frames":
+        """Return the frames queued from ``from_ns`` until before ``to_ns``, that start at 0."""
+        part = slice(*np.searchsorted(self.t_ns, (from_ns, to_ns)))
+        return Frames(
+            self.t_ns[part] - from_ns,
+            self.ident[part],
+            self.flags[part],
+            self.length[part],
+            self.payload[part],
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """Frames of one channel of a log, and the time from the first frame to the last."""
+
+    frames: Frames
+    channel: str
+    duration_s: float
+
 
 def load_recording(
-    path: Path, *, bitrate: int, data_bitrate: int = 0, leave_out: Collection[int] = ()
+    path: Path,
+    *,
+    bitrate: int,
+    data_bitrate: int = 0,
+    leave_out: Collection[tuple[int, bool]] = (),
+    channel: str | None = None,
 ) -> Recording:
     """Read a log; its first frame is queued at time 0.
 
@@ -47,10 +73,14 @@ def load_recording(
         path: a log of a format python-can knows by its suffix.
         bitrate: of the recorded bus, bit/s.
         data_bitrate: of FD frames with bit-rate switch, 0: as ``bitrate``.
-        leave_out: identifiers that are not replayed, such as those simulated anyway.
+        leave_out: identifiers that are not replayed, such as those simulated anyway, each with
+            whether it is extended.
+        channel: of the log, as python-can names it; None: its only one.
 
     Raises:
-        CanrollError: the file cannot be read, or has no frame to replay.
+        CanrollError: the file cannot be read, has no frame to replay, or has several channels and
+            none is chosen.
+        UnknownNameError: it has no such channel.
     """
     if not path.is_file():
         raise CanrollError(f"{path}: no such file")
@@ -61,7 +91,10 @@ def load_recording(
             messages = [m for m in reader if not m.is_error_frame]
     except Exception as error:  # python-can's readers let through whatever their parsers raise
         raise CanrollError(f"{path}: not a readable bus log: {error}") from error
-    messages = [m for m in messages if m.arbitration_id not in leave_out]
+    channel, messages = _of_channel(path, messages, channel)
+    times = [m.timestamp for m in messages]
+    duration = max(times, default=0.0) - min(times, default=0.0)
+    messages = [m for m in messages if (m.arbitration_id, m.is_extended_id) not in leave_out]
     if not messages:
         raise CanrollError(f"{path}: no frame to replay in it")
     payload = np.zeros((len(messages), MAX_PAYLOAD), np.uint8)
@@ -80,7 +113,22 @@ def load_recording(
         received[i] -= taken + int(duration_ns(fast, data_bitrate or bitrate))
     order = np.argsort(received, kind="stable")
     queued = received[order] - received.min()
-    return Recording(queued, ident[order], flags[order], length[order], payload[order])
+    frames = Frames(queued, ident[order], flags[order], length[order], payload[order])
+    return Recording(frames, channel, round(duration, 6))
+
+
+def _of_channel(
+    path: Path, messages: list[can.Message], channel: str | None
+) -> tuple[str, list[can.Message]]:
+    known = sorted({str(m.channel) for m in messages})
+    if channel is None and len(known) > 1:
+        raise CanrollError(
+            f"{path}: frames of channels {', '.join(known)}: choose one with --channel"
+        )
+    chosen = channel if channel is not None else "".join(known)
+    if messages and chosen not in known:
+        raise UnknownNameError(f"channel of {path}", chosen, known)
+    return chosen, [m for m in messages if str(m.channel) == chosen]
 
 
 def _flags(message: can.Message) -> int:
@@ -91,7 +139,7 @@ def _flags(message: can.Message) -> int:
 
 
 @njit
-def feed(network: Network, recording: Recording, node: int, cursor: int, until_ns: int) -> int:
+def feed(network: Network, frames: Frames, node: int, cursor: int, until_ns: int) -> int:
     """Queue recorded frames up to ``until_ns`` from ``node``; call it before ``advance``.
 
     Returns:
@@ -99,17 +147,17 @@ def feed(network: Network, recording: Recording, node: int, cursor: int, until_n
         early where the network's store is full, and goes on with the next call.
     """
     clock = network.state[0].clock
-    while cursor < len(recording.t_ns) and recording.t_ns[cursor] <= until_ns:
+    while cursor < len(frames.t_ns) and frames.t_ns[cursor] <= until_ns:
         if clock[FREE_FRAME] < 0:
             break
         enqueue(
             network,
             node,
-            max(recording.t_ns[cursor], clock[NOW]),
-            recording.ident[cursor],
-            recording.length[cursor],
-            recording.payload[cursor],
-            recording.flags[cursor],
+            max(frames.t_ns[cursor], clock[NOW]),
+            frames.ident[cursor],
+            frames.length[cursor],
+            frames.payload[cursor],
+            frames.flags[cursor],
         )
         cursor += 1
     return cursor

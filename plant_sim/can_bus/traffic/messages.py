@@ -3,7 +3,12 @@
 from dataclasses import dataclass
 
 from plant_sim.can_bus.kernel.network import Source
-from plant_sim.can_bus.wire.frame import best_case_bits, transmission_ns, worst_case_bits
+from plant_sim.can_bus.wire.frame import (
+    RECEPTION_BITS_BEFORE_END,
+    best_case_bits,
+    transmission_ns,
+    worst_case_ns,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,13 +34,23 @@ class BusMessage:
 
     def worst_ns(self, bitrate: int, data_bitrate: int = 0) -> int:
         """Return the longest time its frame can take, interframe space included."""
-        bits = (self.bits, 0) if self.bits else worst_case_bits(self.length, self.flags)
-        return transmission_ns(bits, bitrate=bitrate, data_bitrate=data_bitrate)
+        if self.bits:
+            return transmission_ns((self.bits, 0), bitrate=bitrate)
+        return worst_case_ns(self.length, self.flags, bitrate=bitrate, data_bitrate=data_bitrate)
 
     def best_ns(self, bitrate: int, data_bitrate: int = 0) -> int:
         """Return the shortest time its frame can take, interframe space included."""
-        bits = (self.bits, 0) if self.bits else best_case_bits(self.length, self.flags)
-        return transmission_ns(bits, bitrate=bitrate, data_bitrate=data_bitrate)
+        return transmission_ns(self._best_bits, bitrate=bitrate, data_bitrate=data_bitrate)
+
+    def least_delivery_ns(self, bitrate: int, data_bitrate: int = 0) -> int:
+        """Return the shortest time from its queueing to its reception."""
+        nominal, data = self._best_bits
+        taken = nominal - RECEPTION_BITS_BEFORE_END, data
+        return transmission_ns(taken, bitrate=bitrate, data_bitrate=data_bitrate)
+
+    @property
+    def _best_bits(self) -> tuple[int, int]:
+        return (self.bits, 0) if self.bits else best_case_bits(self.length, self.flags)
 
     def source(self) -> Source:
         """Return the source that sends it in a simulation."""

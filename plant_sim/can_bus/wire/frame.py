@@ -216,6 +216,20 @@ def worst_case_bits(length: int, flags: int = 0) -> tuple[int, int]:
     return bits + ((54 if flags & EXTENDED else 34) + 8 * count - 1) // 4, 0
 
 
+def worst_case_ns(length: int, flags: int = 0, *, bitrate: int, data_bitrate: int = 0) -> int:
+    """Return an upper bound of a frame's time over identifiers and payloads, in nanoseconds.
+
+    With bit-rate switch stuff bits may stand in either part, and each part's time is rounded to
+    whole nanoseconds: the longest of all divisions counts.
+    """
+    nominal, data = worst_case_bits(length, flags)
+    movable = (35 if flags & EXTENDED else 16) // 4 if data else 0
+    return max(
+        transmission_ns((nominal - k, data + k), bitrate=bitrate, data_bitrate=data_bitrate)
+        for k in range(movable + 1)
+    )
+
+
 def transmission_ns(bits: tuple[int, int], *, bitrate: int, data_bitrate: int | None = None) -> int:
     """Return the time of a frame of ``(nominal, data)`` bits in nanoseconds."""
     nominal, data = bits

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from codegen.run import backends, cortex, ecu_traffic, memory_image, native, qemu, unicorn
+from codegen.run.backends import Recorder
 from codegen.run.footprint import FLOAT, footprint
-from codegen.run.recorder import Recorder
 from firmware.calibration import Calibration
 from firmware.signals import RX_IDS
 from firmware.state import Ecu

@@ -17,8 +17,7 @@ from firmware.check import check
 from firmware.subset import fields
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.dequantise import dequantise
-from gain_gen.calibration.freeze import calibrate, summary
-from gain_gen.calibration.header_notes import physical_notes, title
+from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
 from gain_gen.calibration.quantise import Options
 from gain_gen.calibration.record import fill, flatten, identify, packed, seal
 from gain_gen.calibration.rounding_error import integer_loop, manoeuvre_error, measured

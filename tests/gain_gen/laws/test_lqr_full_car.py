@@ -16,12 +16,13 @@ from gain_gen.models.full_car import (
     ROLL,
     SPEED,
     STEER,
+    balanced,
     full_car_model,
     ideal_gain,
     reduction_db,
+    truncated,
     weights,
 )
-from gain_gen.models.reduction import balanced, truncated
 from gain_gen.models.roll import stationary_covariance
 from gain_gen.models.task import Delay, Task
 from vehicles import load

@@ -1,7 +1,9 @@
 """The command ``canroll bus``: what it refuses, and its verdict."""
 
+import json
 from pathlib import Path
 
+import can
 import numpy as np
 import pytest
 
@@ -30,6 +32,12 @@ def traffic(folder, *, period):
     [
         (["--serve", "99999"], "a port is 0 to 65535"),
         (["--bitrate", "2000000"], "at most 1000000 bit/s"),
+        (["--data-bitrate", "250000"], "data bit rate 250000 bit/s: at least the 500000"),
+        (["--data-bitrate", "9000000"], "data bit rate 9000000 bit/s: at most 8000000"),
+        (["--serve", "--replay", "x.log"], "--serve takes no --replay"),
+        (["--simulate", "0", "--replay", "x.log"], "--replay needs --simulate above 0"),
+        (["--channel", "1"], "--channel is one of a log: give --replay"),
+        (["--sensor", "SuspensionForceCommand"], "both sensor and command"),
         (["--sensor", "Imi"], "did you mean 'Imu'?"),
         (["--command", "SuspensionForce"], "did you mean 'SuspensionForceCommand'?"),
     ],
@@ -41,26 +49,143 @@ def test_what_cannot_be_is_one_line(tmp_path, capsys, options, message):
     assert error.count("\n") == 1
 
 
-def test_an_overloaded_bus_is_an_answer_and_no_failure(tmp_path, capsys):
+def test_an_overloaded_bus_fails_its_verdict_behind_the_whole_answer(tmp_path, capsys):
     assert main(["bus", traffic(tmp_path, period=10), "--simulate", "0.1"]) == 0
     assert "without a bound" not in capsys.readouterr().out
-    assert main(["bus", traffic(tmp_path, period=1), "-b", "125000", "--simulate", "0.1"]) == 0
-    assert "without a bound, bus overloaded" in capsys.readouterr().out
+    assert main(["bus", traffic(tmp_path, period=1), "-b", "125000", "--simulate", "0.1"]) == 1
+    text = capsys.readouterr()
+    assert "without a bound, bus overloaded" in text.out
+    assert "Imu to SuspensionForceCommand" in text.out
+    assert text.err == ""
+
+
+def test_an_identifier_used_twice_fails_the_verdict(tmp_path, capsys):
+    path = tmp_path / "twice.toml"
+    rows = [ROW.format(name=n, ident=i, period=10) for n, i in (("a", 5), ("b", 5), ("c", 6))]
+    path.write_text("".join(row + f'node = "{i}"' for i, row in enumerate(rows)))
+    assert main(["bus", str(path), "--json", "--simulate", "0.1"]) == 1
+    found = json.loads(capsys.readouterr().out)["messages"]
+    assert [found[name]["response_bound_ms"] for name in "abc"] == [None, None, None]
+    # one node alone sends them one after the other: nobody else is hurt
+    path.write_text("".join(rows))
+    assert main(["bus", str(path), "--json", "--simulate", "0.1"]) == 1
+    found = json.loads(capsys.readouterr().out)["messages"]
+    assert [found[name]["response_bound_ms"] is None for name in "abc"] == [True, True, False]
+    assert found["a"]["response_max_ms"] == found["b"]["response_max_ms"] > 0
+
+
+def test_what_the_analysis_does_not_cover_is_no_failure(tmp_path, capsys):
+    path = tmp_path / "fifo.toml"
+    path.write_text(ROW.format(name="a", ident=5, period=10) + "fifo = true")
+    assert main(["bus", str(path), "--simulate", "0.1"]) == 0
+    assert "without a bound, FIFO queue: not covered: a" in capsys.readouterr().out
+
+
+def logged(path, *frames, channels=(0,)):
+    with can.Logger(str(path)) as logger:
+        for place, (time_s, ident) in enumerate(frames):
+            logger(
+                can.Message(
+                    timestamp=1e9 + time_s,
+                    arbitration_id=ident & 0x1FFFFFFF,
+                    is_extended_id=ident > 0x7FF,
+                    data=bytes(8),
+                    channel=channels[place % len(channels)],
+                )
+            )
+    return str(path)
+
+
+def test_beside_a_recording_there_is_no_bound(tmp_path, capsys):
+    """The bounds once stood beside responses three times as long, for they ignored it."""
+    burst = [(0.1 + k * 0.00027, 0x10 + k) for k in range(40)]
+    log = logged(tmp_path / "burst.log", *burst, (1.5, 0x10))
+    command = ["bus", traffic(tmp_path, period=10), "--simulate", "1", "--replay", log]
+    assert main(command) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "without a bound, beside a recording, whose periods nobody knows: Imu, Susp" in text
+    assert "age at most" not in text
+    assert main([*command, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["messages"]["Imu"]["response_bound_ms"] is None
+    assert found["messages"]["Imu"]["response_max_ms"] > 1.0
+    assert found["delay"]["age_bound_ms"] is found["delay"]["tau_max_ms"] is None
+    assert found["delay"]["age_max_ms"] > found["delay"]["age_min_ms"] > 0.0
+    assert found["recording"] == {"frames": 41, "duration_s": 1.4, "channel": "can0"}
+
+
+def test_ages_are_simulated_beside_the_whole_recording(tmp_path, capsys):
+    def longest(*, at):
+        flood = [(0.0, 0x10), *((at + k * 0.0002, 0x10 + k % 40) for k in range(300))]
+        log = logged(tmp_path / "flood.log", *flood, (1.0, 0x10))
+        command = ["bus", traffic(tmp_path, period=10), "--simulate", "1", "--replay", log]
+        assert main([*command, "--json"]) == 0
+        return json.loads(capsys.readouterr().out)["delay"]["age_max_ms"]
+
+    quiet = longest(at=5.0)
+    assert longest(at=0.0) > quiet + 1.0
+    assert longest(at=0.6) > quiet + 1.0
+
+
+def test_a_recording_shorter_than_the_run_says_so(tmp_path, capsys):
+    log = logged(tmp_path / "short.log", (0.0, 0x10), (0.25, 0x10))
+    command = ["bus", traffic(tmp_path, period=10), "--replay", log, "--simulate"]
+    assert main([*command, "1"]) == 0
+    assert "short.log ends after 0.25 s of 1 s" in capsys.readouterr().out
+    assert main([*command, "0.25"]) == 0
+    assert "ends after" not in capsys.readouterr().out
+
+
+def test_a_recording_of_several_channels_has_to_be_chosen_from(tmp_path, capsys):
+    frames = [(0.1 * k, 0x10 + k % 2) for k in range(10)]
+    log = logged(tmp_path / "two.asc", *frames, channels=(0, 1))
+    command = ["bus", traffic(tmp_path, period=10), "--simulate", "1", "--json", "--replay", log]
+    assert main(command) == 2
+    assert "frames of channels 0, 1: choose one with --channel" in capsys.readouterr().err
+    assert main([*command, "--channel", "2"]) == 2
+    assert "unknown channel" in capsys.readouterr().err
+    assert main([*command, "--channel", "1"]) == 0
+    assert json.loads(capsys.readouterr().out)["recording"]["frames"] == 5
+
+
+def test_an_extended_identifier_is_another_one(tmp_path, capsys):
+    """The set's 0xA0 has 11 bits: the recorded one of 29 bits is not left out for it."""
+    log = tmp_path / "extended.log"
+    log.write_text("(1.0) can0 000000A0#00\n(1.1) can0 0A0#00\n")
+    command = ["bus", traffic(tmp_path, period=10), "--simulate", "1", "--json"]
+    assert main([*command, "--replay", str(log)]) == 0
+    assert json.loads(capsys.readouterr().out)["recording"]["frames"] == 1
+
+
+FD_ROW = ROW.replace("bytes = 8", "bytes = 64\nfd = true")
+
+
+def test_the_data_bit_rate_can_be_given(tmp_path, capsys):
+    path = tmp_path / "fd.toml"
+    path.write_text(FD_ROW.format(name="Radar", ident=5, period=10))
+    longest = []
+    for options in ([], ["--data-bitrate", "2000000"], ["--data-bitrate", "8000000"]):
+        assert main(["bus", str(path), "--simulate", "0.1", *options]) == 0
+        assert ("no data bit rate" in capsys.readouterr().out) is not bool(options)
+        assert main(["bus", str(path), "--simulate", "0", "--json", *options]) == 0
+        found = json.loads(capsys.readouterr().out)["messages"]
+        longest.append(found["Radar"]["response_bound_ms"])
+    assert longest[0] > 2 * longest[1] > 2 * longest[2]
 
 
 def test_an_age_equal_to_its_bound_is_not_above_it(monkeypatch, capsys):
     bound = {}
-    total_delay = bus.total_delay
+    delay_bounds = bus.delay_bounds_of_set
 
-    def noted(*paths, **periods):
-        bound["total"] = total_delay(*paths, **periods)
+    def noted(*messages, **rates):
+        bound["total"] = delay_bounds(*messages, **rates)
         return bound["total"]
 
-    def ages(*network_and_loop, duration_ns):
+    def ages(*messages, **options):
         return np.array([round(bound["total"].age_max * 1e9) + bound["beyond_ns"]])
 
-    monkeypatch.setattr(bus, "total_delay", noted)
-    monkeypatch.setattr(bus, "simulate_ages", ages)
+    monkeypatch.setattr(bus, "delay_bounds_of_set", noted)
+    monkeypatch.setattr(bus, "simulate_ages_of_set", ages)
     for bound["beyond_ns"], code in ((0, 0), (1, 1)):
         assert main(["bus", str(DBC), "--simulate", "0.1"]) == code
     assert "above its bound" in capsys.readouterr().err

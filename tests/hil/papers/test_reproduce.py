@@ -9,11 +9,10 @@ from scipy import signal
 import vehicles
 from hil.cli.main import main
 from hil.papers import viadero2022, yim2020
-from hil.papers.chatter import fast_share
 from hil.papers.effort_section import BESIDE, OURS, beside, rows
-from hil.papers.ideal_bars import linear_run
+from hil.papers.linear_roll import STEP, fast_share, motion
 from hil.papers.paper_runs import cycle_reason, plots
-from hil.papers.printed_rows import (
+from hil.papers.paper_table import (
     NOT_REPRODUCIBLE,
     REPRODUCED,
     SAME_ORDERING,
@@ -22,12 +21,11 @@ from hil.papers.printed_rows import (
     judged,
     printed,
 )
+from hil.papers.paper_table import text as shown
 from hil.papers.reproduce import PAPERS, reproduce, to_json, to_markdown
 from hil.papers.reproduction_page import reproduction_page
-from hil.papers.roll_model import STEP, motion
-from hil.papers.section import text as shown
 from hil.papers.viadero2022_certificate import WATCHED, relative_rule
-from hil.papers.vu2020 import frequency_domain
+from hil.papers.vu2020 import frequency_domain, linear_run
 from hil.runs import experiment
 from hil.studies import equal_effort
 from hil.studies.equal_effort import EFFORT_TOLERANCE, FIGURES, Comparison

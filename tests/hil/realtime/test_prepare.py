@@ -12,7 +12,7 @@ from hil.cli.main import main
 def canroll(cache, *arguments):
     """Run a command whose caches are in ``cache``; return what it said."""
     ran = subprocess.run(
-        [sys.executable, "-m", "hil.cli", *arguments],
+        [sys.executable, "-m", "hil.cli.main", *arguments],
         env={**os.environ, "XDG_CACHE_HOME": str(cache)},
         capture_output=True,
         text=True,
@@ -47,6 +47,7 @@ def test_preparing_opens_no_bus(capsys):
     bus = ["-i", "socketcan", "-c", "none0"]
     assert main(["plant", "double_lane_change", *bus, "--prepare"]) == 0
     assert main(["hil", "double_lane_change", "--law", "lqr", *bus, "--prepare"]) == 0
+    assert main(["hil", "--check", *bus, "--prepare"]) == 0
     assert capsys.readouterr() == ("", "")
 
 

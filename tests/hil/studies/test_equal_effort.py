@@ -9,9 +9,8 @@ from scipy import stats
 
 from canroll.errors import CanrollError
 from hil.studies import equal_effort
-from hil.studies.compared_laws import Entry
 from hil.studies.effort import FIGURES, BudgetError, Driven, at_budget, at_rest
-from hil.studies.equal_effort import Comparison, Row, compare, paired, table
+from hil.studies.equal_effort import Comparison, Entry, Row, compare, paired, table
 
 
 def row(name, *, roll=1.0, peak=2.0, moment=500.0, most=900.0, transfer=0.3, steer=2.0, seed=0):

@@ -12,7 +12,7 @@ from plant_sim.can_bus.analysis import (
     response_bounds,
     worst_case_utilisation,
 )
-from plant_sim.can_bus.kernel.account import drain
+from plant_sim.can_bus.kernel.ledger import drain
 from plant_sim.can_bus.kernel.network import (
     Fault,
     NetworkSpec,
@@ -69,7 +69,7 @@ def test_no_bound_where_the_bus_is_overloaded():
 
 def test_fifo_queues_are_marked_as_not_covered():
     bounds = response_bounds(
-        [BusMessage("a", 1, 8, 10 * MS, fifo=True), BusMessage("b", 2, 8, 10 * MS)],
+        [BusMessage("a", 1, 8, 10 * MS, "x", fifo=True), BusMessage("b", 2, 8, 10 * MS, "y")],
         bitrate=500_000,
     )
     assert bounds[0].bound_ns is None

@@ -20,12 +20,13 @@ from plant_sim.can_bus import (
     load_profile,
     make_network,
 )
+from plant_sim.can_bus.ages import Loop, simulate_ages
 from plant_sim.can_bus.analysis import response_bounds
 from plant_sim.can_bus.delay_bounds import delay_bounds, message_paths
 from plant_sim.can_bus.profiles import MS, background_of, own_messages
-from plant_sim.can_bus.simulation import Loop, simulate_ages
 
 FRAMES = {m.name: m.frame_id for m in dbc.load().messages}
+OWN = {m.name: m for m in own_messages()}
 
 
 def run_own_messages(network, profile, *, seconds, seed=0):
@@ -99,12 +100,11 @@ def test_twenty_milliseconds_are_ten_to_twenty_in_total():
 
 def loop_of(*, tick_ms, offset_ns):
     return Loop(
+        sensor=OWN["Imu"],
+        command=OWN["SuspensionForceCommand"],
         sensor_node=IMU,
-        sensor_ident=FRAMES["Imu"],
         command_node=ECU,
-        command_ident=FRAMES["SuspensionForceCommand"],
         actuator_node=ACTUATOR,
-        sensor_ns=10 * MS,
         tick_ns=round(tick_ms * MS),
         tick_offset_ns=offset_ns,
     )

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import dbc
+from codegen.run.backends import open_backend
 from hil.runs import experiment, virtual_time
-from hil.runs.ecu import open_ecu
 from plant_sim.can_bus import DELIVERED, ERROR, IMU, OUTCOMES, Fault, account, load_profile
 from plant_sim.driving import maneuvers
 from plant_sim.world.world import World
@@ -28,7 +28,7 @@ def disturbed():
         command=settings.command,
         faults=(Fault("disturb", "Imu", START, END),),
     )
-    ecu = open_ecu("python", controller.record)
+    ecu = open_backend("python", controller.record)
     trace = virtual_time.closed_loop(
         world, ecu, tick_ns=round(settings.tick * 1e9), duration_ns=4 * 10**9
     )

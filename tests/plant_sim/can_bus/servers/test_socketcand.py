@@ -11,9 +11,15 @@ import pytest
 
 import dbc
 from canroll.errors import CanrollError
+from hil.cli import bus
+from hil.cli.main import main
 from plant_sim.can_bus.kernel.network import build_network
-from plant_sim.can_bus.servers.socketcand import MAX_CLIENTS, SocketcandServer
-from plant_sim.can_bus.servers.socketcand_protocol import ProtocolError, parse_frame
+from plant_sim.can_bus.servers.socketcand import (
+    MAX_CLIENTS,
+    ProtocolError,
+    SocketcandServer,
+    parse_frame,
+)
 from plant_sim.can_bus.servers.wall_clock import serve_network
 from plant_sim.can_bus.simulation import traffic_spec
 from plant_sim.can_bus.traffic.files import load_traffic
@@ -177,7 +183,19 @@ def test_fd_frames_have_no_form_and_are_counted(server):
     with client(server):
         time.sleep(0.2)
         server.publish(0x1, FD, bytes(12), length=12, time_s=0.0)
-        assert server.lost == 1
+        assert (server.fd_frames, server.lost) == (1, 0)
+
+
+def test_serving_says_which_frames_its_clients_do_not_see(tmp_path, capsys, monkeypatch):
+    served = []
+    monkeypatch.setattr(bus, "serve_network", lambda network, **_: served.append(network))
+    path = tmp_path / "fd.toml"
+    row = "[[message]]\nname = '{0}'\nid = {1}\nperiod_ms = 10\nbytes = 8\nfd = {2}\n"
+    path.write_text(row.format("Radar", 1, "true") + row.format("Wheels", 2, "false"))
+    assert main(["bus", str(path), "--serve"]) == 0
+    told = capsys.readouterr().out
+    assert told == "socketcand has no FD frames: on the bus, but not seen by clients: Radar\n"
+    assert len(served) == 1
 
 
 def test_places_are_limited_and_come_free(server):

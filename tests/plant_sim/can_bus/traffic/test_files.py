@@ -93,10 +93,73 @@ def test_the_contract_is_read_with_its_cycle_times():
     assert found["Imu"].sender == "Imu"
 
 
+FD_DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: Radar Camera
+BO_ 2566844672 Targets: 64 Radar
+ SG_ a : 0|8@1+ (1,0) [0|0] "" Camera
+BO_ 100 Lines: 32 Camera
+ SG_ a : 0|8@1+ (1,0) [0|0] "" Radar
+BO_ 101 Classic: 8 Camera
+ SG_ a : 0|8@1+ (1,0) [0|0] "" Radar
+BA_DEF_ "Baudrate" INT 0 1000000;
+BA_DEF_ "BaudrateCANFD" INT 0 16000000;
+BA_DEF_ BO_ "GenMsgCycleTime" INT 0 10000;
+BA_DEF_ BO_ "VFrameFormat" ENUM {frames};
+BA_DEF_ BO_ "CANFD_BRS" ENUM "0","1";
+BA_DEF_DEF_ "Baudrate" 500000;
+BA_DEF_DEF_ "BaudrateCANFD" 2000000;
+BA_DEF_DEF_ "GenMsgCycleTime" 20;
+BA_DEF_DEF_ "VFrameFormat" "StandardCAN";
+BA_DEF_DEF_ "CANFD_BRS" "1";
+BA_ "Baudrate" 250000;
+BA_ "BaudrateCANFD" 4000000;
+BA_ "VFrameFormat" BO_ 2566844672 15;
+BA_ "VFrameFormat" BO_ 100 14;
+BA_ "CANFD_BRS" BO_ 100 0;
+""".format(
+    frames=",".join(
+        f'"{name}"'
+        for name in (
+            "StandardCAN",
+            "ExtendedCAN",
+            *("reserved",) * 12,
+            "StandardCAN_FD",
+            "ExtendedCAN_FD",
+        )
+    )
+)
+
+
+@pytest.mark.parametrize(
+    ("without", "rates", "switched"),
+    [
+        ("nothing", (250_000, 4_000_000), [True, False]),
+        ('BA_ "Baudrate', (500_000, 2_000_000), [True, False]),
+        ('BA_ "CANFD_BRS', (250_000, 4_000_000), [True, True]),
+        ("CANFD_BRS", (250_000, 4_000_000), [True, True]),
+        ("BaudrateCANFD", (250_000, 0), [True, False]),
+    ],
+)
+def test_a_dbc_tells_its_data_bit_rate_and_which_frames_switch(tmp_path, without, rates, switched):
+    path = tmp_path / "fd.dbc"
+    path.write_text("".join(x for x in FD_DBC.splitlines(keepends=True) if without not in x))
+    traffic = load_traffic(path)
+    assert (traffic.bitrate, traffic.data_bitrate) == rates
+    targets, lines, classic = traffic.messages
+    assert [m.flags & FD for m in traffic.messages] == [FD, FD, 0]
+    assert [bool(m.flags & BIT_RATE_SWITCH) for m in (targets, lines)] == switched
+    assert targets.flags & EXTENDED
+    assert classic.flags == 0
+    assert load_traffic(path, data_bitrate=5_000_000).data_bitrate == 5_000_000
+
+
 @pytest.mark.parametrize(
     ("old", "new", "word"),
     [
         ("bitrate = 250000", "bitrate = 0", "bitrate"),
+        ("bitrate = 250000", "bitrate = 250000\ndata_bitrate = 125000", "at least the 250000"),
         ("bitrate = 250000", "bitrat = 250000", "did you mean 'bitrate'"),
         ("id = 0x100", "", "'id' is missing"),
         ("id = 0x100", "id = 0x800", "11 bits"),
@@ -144,7 +207,7 @@ def test_the_command_prints_the_json_it_promises(tmp_path, capsys):
 
 def test_a_bound_that_does_not_exist_is_null(tmp_path, capsys):
     overloaded = COUNTER_EXAMPLE.replace("2.5", "1.5")
-    assert run(write(tmp_path, overloaded), "--json", "--simulate", 0) == 0
+    assert run(write(tmp_path, overloaded), "--json", "--simulate", 0) == 1
     result = json.loads(capsys.readouterr().out)["messages"]
     assert [result[n]["response_bound_ms"] for n in "ABC"] == [2.0, 5.0, None]
     assert result["A"]["response_max_ms"] is None
@@ -169,8 +232,10 @@ def test_the_table_names_every_message(capsys):
 
 
 def test_the_table_says_why_a_bound_is_missing(tmp_path, capsys):
-    text = COUNTER_EXAMPLE.replace("2.5", "1.5").replace("id = 2,", "id = 2, fifo = true,")
-    assert run(write(tmp_path, text), "--simulate", 0) == 0
+    text = COUNTER_EXAMPLE.replace("2.5", "1.5").replace(
+        "id = 2,", "id = 2, node = 'B', fifo = true,"
+    )
+    assert run(write(tmp_path, text), "--simulate", 0) == 1
     out = " ".join(capsys.readouterr().out.split())
     assert "without a bound, bus overloaded at this priority: C" in out
     assert "without a bound, FIFO queue: not covered: B" in out

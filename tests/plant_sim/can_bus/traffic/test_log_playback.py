@@ -46,15 +46,15 @@ def recorded(path, *, seconds=1.0):
     return entries
 
 
-def replay(recording, **options):
+def replay(frames, **options):
     network = build_network(
         NetworkSpec((Segment(500_000),), (Node("player", policy="priority"), Node("x")), **options)
     )
     cursor = 0
     for until in range(10 * MS, 1_100 * MS, 10 * MS):
-        cursor = feed(network, recording, 0, cursor, until)
+        cursor = feed(network, frames, 0, cursor, until)
         advance(network, until)
-    assert cursor == len(recording.t_ns)
+    assert cursor == len(frames.t_ns)
     assert account(network, 0).balanced
     return drain(network, 0)[0]
 
@@ -63,7 +63,7 @@ def replay(recording, **options):
 def test_a_replayed_log_is_received_when_it_was_recorded(tmp_path, suffix):
     path = tmp_path / f"bus{suffix}"
     before = recorded(path)
-    after = replay(load_recording(path, bitrate=500_000))
+    after = replay(load_recording(path, bitrate=500_000).frames)
     assert len(after) == len(before)
     assert list(after["ident"]) == list(before["ident"])
     assert (after["payload"] == before["payload"]).all()
@@ -76,9 +76,9 @@ def test_a_replayed_log_is_received_when_it_was_recorded(tmp_path, suffix):
 def test_replayed_frames_compete_with_others(tmp_path):
     path = tmp_path / "bus.log"
     before = recorded(path)
-    recording = load_recording(path, bitrate=500_000, leave_out={0x200})
+    recording = load_recording(path, bitrate=500_000, leave_out={(0x200, False)})
     urgent = Source("x", 0x010, 8, 1 * MS)
-    log = replay(recording, sources=(urgent,))
+    log = replay(recording.frames, sources=(urgent,))
     mine = log[log["sender"] == 0]
     assert 0x200 not in mine["ident"]
     assert len(mine) == (before["ident"] != 0x200).sum()

@@ -1,0 +1,153 @@
+"""The papers' own loop: the 1-DOF roll model under sampled, delayed feedback, and nothing else."""
+
+from collections.abc import Mapping, Sequence
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+from gain_gen.models.roll import Matrix, lateral_input, moment_input, state_matrix, zero_order_hold
+from hil.papers.paper_table import Section, Value, digits, finite, printed
+from hil.runs.experiment import plan
+from hil.runs.metrics import Vector
+from hil.runs.result import Result
+from vehicles import RollModel
+
+STEP = 0.001
+
+
+def motion(
+    model: RollModel,
+    feedback: Matrix | None,
+    lateral: Vector,
+    *,
+    sampling: float = STEP,
+    delay: float = 0.0,
+) -> Vector:
+    """Return [φ, φ'] each millisecond, (n, 2), under u = K [φ, φ'].
+
+    Args:
+        model: design model.
+        feedback: K, (1, 2); None: without control.
+        lateral: lateral acceleration each millisecond, m/s².
+        sampling: period of the measurement, s.
+        delay: from the sample to the moment, s.
+    """
+    inputs = np.hstack([lateral_input(model), moment_input(model)])
+    a, b = zero_order_hold(state_matrix(model), inputs, STEP)
+    every, late = round(sampling / STEP), round(delay / STEP)
+    states = np.zeros((len(lateral), 2))
+    state, arrived, queue = np.zeros(2), 0.0, [0.0] * late
+    asked = 0.0
+    for k, acceleration in enumerate(lateral):
+        states[k] = state
+        if feedback is not None:
+            if k % every == 0:
+                asked = float((feedback @ state)[0])
+            queue.append(asked)
+            arrived = queue.pop(0)
+        state = a @ state + b @ np.array([acceleration, arrived])
+        # an unstable reading is shown as one, not as an overflow
+        state = np.clip(state, -1e3, 1e3)
+    return states
+
+
+FAST = 3.0
+"""Frequency above which neither manoeuvre nor body asks for a moment, Hz."""
+
+
+def fast_share(values: Vector, step: float, *, above: float = FAST) -> float:
+    """Return the share of the variance of ``values`` (every ``step`` s) above a frequency, Hz."""
+    power = np.abs(np.fft.rfft((values - np.mean(values)) * np.hanning(len(values)))) ** 2
+    total = float(np.sum(power))
+    fast = np.fft.rfftfreq(len(values), step) > above
+    return float(np.sum(power[fast])) / total if total else 0.0
+
+
+def chatter(results: Mapping[str, Result]) -> Section:
+    """Return a row a run: what of its command is fast, and the limit cycle if there is one."""
+    rows: list[dict[str, Value]] = []
+    for name, result in results.items():
+        assert result.controlled is not None
+        ticks = result.controlled.ticks
+        step = float(ticks["t"][1] - ticks["t"][0])
+        rows.append(
+            {
+                "run": name.replace("_", " "),
+                "fast_percent": 100 * fast_share(ticks["moment"], step),
+                "moment_max_nm": float(np.max(np.abs(ticks["moment"]))),
+                "limit_cycle": str(result.limit_cycle) if result.limit_cycle else "none",
+            }
+        )
+    return Section(
+        "chatter",
+        "Does the command chatter?",
+        {
+            "run": "run",
+            "fast_percent": f"power above {FAST:g} Hz (%)",
+            "moment_max_nm": "moment asked, max (N·m)",
+            "limit_cycle": "limit cycle",
+        },
+        rows,
+        "The paper finds its control input below 1.5 Hz. The delay-aware gain agrees; the "
+        "delay-unaware one, as printed, is a limit cycle between the actuators' limits.",
+    )
+
+
+MS = 1e3
+NOTE = (
+    "γ: exact H∞ level over frequencies, whatever theorem found the gain, at the longest delay "
+    "that the law knows of on this net (hinf_nodelay: none); none: the loop is not stable there, "
+    "or the law has no level. Least γ: of any gain of this structure at that delay. Admits: the "
+    "largest constant delay from sample to force at which the design model is stable; any: at "
+    "every delay."
+)
+
+
+def design_numbers(paper: str, common: Mapping[str, Any], laws: Sequence[str], why: str) -> Section:
+    """Return a row a law: gain, level and admitted delay, printed and recomputed.
+
+    Args:
+        paper: its key.
+        common: keywords of the paper's runs.
+        laws: names.
+        why: what the printed gains are read as, and why they differ.
+    """
+    level = printed(paper).get("gamma_squared")
+    rows: list[dict[str, Value]] = []
+    for law in laws:
+        row: dict[str, Value] = {"law": law}
+        for gains in ("as_printed", "computed"):
+            keywords = {**common, "law": law, "gains": gains}
+            _, controller = plan("double_lane_change", **keywords)
+            margins = controller.tables["margins"]
+            most = finite(MS * margins["max_delay_s"])
+            row |= {
+                f"gain_{gains}": _gain(controller.tables["gains"]),
+                f"gamma_{gains}": finite(margins.get("gamma", float("nan"))),
+                f"admitted_delay_ms_{gains}": "any" if most is None else most,
+            }
+        row["gamma_printed"] = None if level is None else sqrt(level)
+        row["gamma_least"] = finite(margins.get("exact_best_gamma", float("nan")))
+        rows.append(row)
+    columns = {
+        "law": "law",
+        "gain_as_printed": "gain, printed (N·m per rad, N·m·s per rad)",
+        "gain_computed": "recomputed",
+        "gamma_printed": "γ, printed",
+        "gamma_as_printed": "γ of the printed gain",
+        "gamma_computed": "γ recomputed",
+        "gamma_least": "least γ",
+        "admitted_delay_ms_as_printed": "printed gain admits (ms)",
+        "admitted_delay_ms_computed": "recomputed gain admits (ms)",
+    }
+    return Section(
+        "design", "The gains behind the tables", columns, rows, f"{NOTE} {why}", upright=True
+    )
+
+
+def _gain(gains: Mapping[str, Any]) -> str:
+    """Return roll-rate gain, or the gains on roll angle and rate, of u = −K x."""
+    if "output_gain" in gains:
+        return digits(-gains["output_gain"][0], 4)
+    return ", ".join(digits(value, 4) for value in gains["feedback"][:2])

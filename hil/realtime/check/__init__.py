@@ -1,0 +1,1 @@
+"""What tick this machine can hold, measured before hardware is connected."""

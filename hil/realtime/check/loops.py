@@ -1,0 +1,132 @@
+"""Loops at absolute deadlines on every core at once, as a run has them, and how late they wake.
+
+The loop on the ECU's core also runs the firmware, once a tick, on the frames of a driven manoeuvre.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from multiprocessing.synchronize import Barrier
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from codegen.run.backends import open_backend
+from firmware.calibration import Calibration
+from hil.realtime.bus_link import Frame
+from hil.realtime.check.machine import Counters, counters
+from hil.realtime.check.workers import CONTEXT, Child, Send, ended
+from hil.realtime.process import collector_off, prepare
+
+ECU, PLANT, SPARE = "ECU", "plant", "spare"
+"""Parts that a core has in a run."""
+PERIOD_NS = 1_000_000
+NAP_NS, NAPS = 50_000, 200
+START = 120.0
+"""Time the processes may take to be ready, s."""
+
+Times = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Ticks:
+    """What the firmware is run on: one list of received frames a tick."""
+
+    backend: str
+    calibration: Calibration
+    received: Sequence[Sequence[Frame]]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a loop runs: core (None: not pinned), its part in a run, SCHED_FIFO priority."""
+
+    core: int | None
+    role: str
+    priority: int
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """What one loop measured.
+
+    Attributes:
+        late_ns: of every period, from the deadline to the first instruction after it.
+        ticks_ns: duration of each tick of the firmware; of the ECU's loop only.
+        overshoot_ns: by how much sleeps of :data:`NAP_NS` were longer.
+        slack_ns: by which the kernel may delay the process's timers; None: unknown.
+        own_s: processor time that the loop itself used, s.
+        counted: what the machine counted meanwhile; with the ECU's loop only.
+        notes: what the system refused.
+    """
+
+    place: Place
+    late_ns: Times
+    ticks_ns: Times = field(default_factory=lambda: np.zeros(0, np.int64))
+    overshoot_ns: Times = field(default_factory=lambda: np.zeros(0, np.int64))
+    slack_ns: int | None = None
+    own_s: float = 0.0
+    counted: Counters | None = None
+    notes: tuple[str, ...] = ()
+
+
+def measure(places: Sequence[Place], seconds: float, ticks: Ticks) -> list[Loop]:
+    """Run a loop at each of ``places``, all at the same time, for ``seconds``.
+
+    Raises:
+        CanrollError: one of the processes fell over.
+    """
+    together = CONTEXT.Barrier(len(places))
+    children: list[Child] = []
+    with ended(children):
+        for place in places:
+            given = ticks if place.role == ECU else None
+            children.append(Child(_loop, together, place, seconds, given))
+        return [child.receive(START + seconds) for child in children]
+
+
+def _loop(send: Send, together: Barrier, place: Place, seconds: float, ticks: Ticks | None) -> None:
+    notes = prepare(cpu=place.core, priority=place.priority)
+    slack = Path("/proc/self/timerslack_ns")
+    ecu = None if ticks is None else open_backend(ticks.backend, ticks.calibration)
+    late = np.zeros(round(seconds * 1e9) // PERIOD_NS + 1, np.int64)
+    received = [] if ticks is None else ticks.received
+    took = np.zeros(len(late), np.int64)
+    count = done = 0
+    periods = 1 if ticks is None else ticks.calibration.tick_us * 1000 // PERIOD_NS
+    clock, sleep = time.monotonic_ns, time.sleep
+    with collector_off():
+        # a collection on one core would hold up another loop that shares it
+        together.wait(START)
+        used, before = time.process_time(), counters()
+        deadline = clock() + PERIOD_NS
+        until = deadline + round(seconds * 1e9)
+        while deadline < until:
+            while (wait := deadline - clock()) > 0:
+                sleep(wait * 1e-9)
+            start = clock()
+            late[count] = start - deadline
+            if ecu is not None and count % periods == 0:
+                for ident, payload in received[done % len(received)]:
+                    ecu.receive(ident, payload, len(payload))
+                ecu.tick(1)
+                took[done] = clock() - start
+                done += 1
+            count += 1
+            # a loop that was held up goes on at the next deadline, as those of a run do
+            deadline += PERIOD_NS * max(1, -(-(clock() - deadline) // PERIOD_NS))
+    used = time.process_time() - used
+    counted = None if ecu is None else counters().since(before)
+    found = int(slack.read_text(encoding="ascii")) if slack.exists() else None
+    naps = _naps()
+    send(Loop(place, late[:count], took[:done], naps, found, used, counted, tuple(notes)))
+
+
+def _naps() -> Times:
+    found = np.zeros(NAPS, np.int64)
+    for k in range(NAPS):
+        start = time.monotonic_ns()
+        time.sleep(NAP_NS * 1e-9)
+        found[k] = time.monotonic_ns() - start - NAP_NS
+    return found

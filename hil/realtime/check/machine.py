@@ -1,0 +1,189 @@
+"""What Linux says of a machine that loops with deadlines depend on, read from /proc and /sys.
+
+A file that is not there, or cannot be read, gives None: unknown, never a guess.
+"""
+
+import os
+import resource
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+HERTZ = os.sysconf("SC_CLK_TCK")
+"""Units of /proc/stat a second."""
+_BUSY = (0, 1, 2, 5, 6)
+"""Columns of /proc/stat in which a core works: user, nice, system, irq, softirq."""
+_STEAL = 7
+
+
+@dataclass(frozen=True, slots=True)
+class Core:
+    """What is set for one core.
+
+    Attributes:
+        isolated: left alone by the scheduler (isolcpus).
+        governor: of its frequency; None where the machine does not say.
+        idle_state: the deepest enabled idle state; None where there is none.
+        idle_exit_us: how long that one takes to wake, µs.
+    """
+
+    number: int
+    isolated: bool
+    governor: str | None = None
+    idle_state: str | None = None
+    idle_exit_us: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Machine:
+    """What is set for all of it.
+
+    Attributes:
+        cores: those a process of ours may run on.
+        kernel: release and build.
+        realtime_kernel: PREEMPT_RT, by /sys/kernel/realtime.
+        hypervisor: the kernel runs on one, by the processor's flags.
+        clocksource: what the kernel reads the time from.
+        rt_runtime: share of the time that real-time processes may have; 1: all.
+        quota: cores' worth of time that the control group may use; None: not limited.
+        rtprio_limit: highest SCHED_FIFO priority without root (``ulimit -r``).
+        memlock_limit: bytes that may be locked without root (``ulimit -l``); None: all.
+    """
+
+    cores: tuple[Core, ...]
+    kernel: str
+    realtime_kernel: bool
+    hypervisor: bool
+    clocksource: str | None
+    rt_runtime: float | None
+    quota: float | None
+    rtprio_limit: int
+    memlock_limit: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Counters:
+    """What /proc and the control group count, since boot: s by core, and times throttled."""
+
+    busy: dict[int, float]
+    steal: dict[int, float]
+    throttled: int
+
+    def since(self, before: "Counters") -> "Counters":
+        """Return what was added after ``before``."""
+        return Counters(
+            {core: value - before.busy.get(core, 0.0) for core, value in self.busy.items()},
+            {core: value - before.steal.get(core, 0.0) for core, value in self.steal.items()},
+            self.throttled - before.throttled,
+        )
+
+
+def read(numbers: Iterable[int], root: Path = Path("/")) -> Machine:
+    """Read what is set for the machine and its cores; ``root`` has its /proc and /sys."""
+    isolated = core_list(_text(root / "sys/devices/system/cpu/isolated") or "")
+    runtime = _number(root / "proc/sys/kernel/sched_rt_runtime_us")
+    period = _number(root / "proc/sys/kernel/sched_rt_period_us")
+    share = None
+    if runtime is not None and period:
+        share = 1.0 if runtime < 0 else runtime / period
+    name = os.uname()
+    flags = _text(root / "proc/cpuinfo") or ""
+    locked = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
+    return Machine(
+        cores=tuple(_core(root, number, number in isolated) for number in numbers),
+        kernel=f"{name.release} {name.version}",
+        realtime_kernel=_text(root / "sys/kernel/realtime") == "1",
+        hypervisor=any("hypervisor" in x.split() for x in flags.splitlines() if "flags" in x),
+        clocksource=_text(root / "sys/devices/system/clocksource/clocksource0/current_clocksource"),
+        rt_runtime=share,
+        quota=_quota(root),
+        rtprio_limit=_limit(resource.RLIMIT_RTPRIO),
+        memlock_limit=None if locked == resource.RLIM_INFINITY else locked,
+    )
+
+
+def counters(root: Path = Path("/")) -> Counters:
+    """Read what is counted."""
+    busy, steal = {}, {}
+    for line in (_text(root / "proc/stat") or "").splitlines():
+        name, *rest = line.split()
+        if name.startswith("cpu") and name[3:].isdigit():
+            values = [int(value) / HERTZ for value in rest]
+            busy[int(name[3:])] = sum(values[k] for k in _BUSY)
+            steal[int(name[3:])] = values[_STEAL] if len(values) > _STEAL else 0.0
+    throttled = 0
+    for folder in _control_groups(root):
+        for line in (_text(folder / "cpu.stat") or "").splitlines():
+            if line.startswith("nr_throttled "):
+                throttled += int(line.split()[1])
+    return Counters(busy, steal, throttled)
+
+
+def core_list(text: str) -> set[int]:
+    """Return the cores of a list such as "1,4-6"; none of an empty one."""
+    found: set[int] = set()
+    for part in text.strip().split(","):
+        first, _, last = part.partition("-")
+        if first.isdigit():
+            found.update(range(int(first), int(last or first) + 1))
+    return found
+
+
+def _core(root: Path, number: int, isolated: bool) -> Core:
+    folder = root / f"sys/devices/system/cpu/cpu{number}"
+    states = []
+    for state in sorted((folder / "cpuidle").glob("state*")):
+        exit_us = _number(state / "latency")
+        if exit_us is not None and not _number(state / "disable"):
+            states.append((exit_us, _text(state / "name") or state.name))
+    exit_us, name = max(states, default=(0, None))
+    return Core(number, isolated, _text(folder / "cpufreq/scaling_governor"), name, exit_us)
+
+
+def _quota(root: Path) -> float | None:
+    """Return the smallest limit on processor time among our control groups, in cores."""
+    found = []
+    for folder in _control_groups(root):
+        words = (_text(folder / "cpu.max") or "").split()
+        if len(words) == 2 and words[0] != "max":
+            found.append(int(words[0]) / int(words[1]))
+        quota, period = (_number(folder / f"cpu.cfs_{name}_us") for name in ("quota", "period"))
+        if quota is not None and period and quota > 0:
+            found.append(quota / period)
+    return min(found, default=None)
+
+
+def _control_groups(root: Path) -> list[Path]:
+    """Return the folders of the control groups that limit us, of version 2 or 1."""
+    folders = []
+    for line in (_text(root / "proc/self/cgroup") or "").splitlines():
+        _, controllers, path = line.split(":", 2)
+        if not controllers:
+            base = root / "sys/fs/cgroup"
+        elif "cpu" in controllers.split(","):
+            base = root / "sys/fs/cgroup" / controllers
+        else:
+            continue
+        own = base / path.strip("/")
+        folders += [own, *(p for p in own.parents if p == base or base in p.parents)]
+    return folders
+
+
+def _limit(kind: int) -> int:
+    soft = resource.getrlimit(kind)[0]
+    return 99 if soft == resource.RLIM_INFINITY else soft
+
+
+def _text(path: Path) -> str | None:
+    try:
+        return path.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return None
+
+
+def _number(path: Path) -> int | None:
+    text = _text(path)
+    try:
+        return None if text is None else int(text)
+    except ValueError:
+        return None

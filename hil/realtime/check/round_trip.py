@@ -1,0 +1,174 @@
+"""What the bus costs: a frame out, echoed by a process on another core, and back.
+
+Both wait in the kernel for their frame, so the wake-ups of both are in it. On an interface that one
+program opens alone, an adapter, only reading an empty bus is timed: the echo is another node's.
+"""
+
+import argparse
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import can
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.realtime import own_bus
+from hil.realtime.bus_link import CanLink, add_bus_arguments, open_link
+from hil.realtime.check.loops import Place
+from hil.realtime.check.workers import Child, Send, ended
+from hil.realtime.process import collector_off, prepare
+
+PING, PONG = 0x7FE, 0x7FF
+"""The weakest identifiers of all: whatever else is on a real bus goes first."""
+SHARED = ("socketcan", "socketcand", "udp_multicast")
+"""Interfaces that several programs of one machine can open at the same time."""
+PATIENCE = 0.5
+"""s without an echo after which a frame counts as lost; after :data:`GIVE_UP` of them it ends."""
+GIVE_UP = 3
+PAUSE = 0.001
+QUIET = 0.2
+"""A socketcand server keeps quiet right after a client has opened its bus."""
+POLLS = 200
+START = 60.0
+
+Times = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class RoundTrip:
+    """What was measured on an interface.
+
+    Attributes:
+        interface: python-can's name and channel, or "the plant's own bus".
+        trips_ns: round trips; none where the interface does not allow the measurement.
+        poll_ns: reading once where nothing waits: what every tick pays.
+        lost: frames that did not come back.
+        missing: why there is no round trip; None where there is one.
+    """
+
+    interface: str
+    trips_ns: Times
+    poll_ns: Times
+    lost: int = 0
+    missing: str | None = None
+
+
+def measure(bus: argparse.Namespace | None, seconds: float, near: Place, far: Place) -> RoundTrip:
+    """Time round trips for ``seconds``.
+
+    Args:
+        bus: python-can's options; None: a bus of our own, as the plant's.
+        seconds: at most.
+        near: where the frames go out: the ECU's place.
+        far: where they are echoed: the plant's.
+
+    Raises:
+        CanrollError: the bus cannot be opened; the message says what mends it.
+    """
+    children: list[Child] = []
+    with ended(children):
+        if bus is None or interface_of(bus) in SHARED:
+            children.append(Child(_echo, bus, far))
+            joined = children[0].receive(START)
+            children.append(Child(_trips, joined, seconds, near))
+        else:
+            children.append(Child(_polls, bus, near))
+        found: RoundTrip = children[-1].receive(START + seconds)
+    return found if bus is not None else replace(found, interface="the plant's own bus")
+
+
+def interface_of(bus: argparse.Namespace) -> str:
+    """Return the name of python-can's interface, from the options or its configuration."""
+    return str(getattr(bus, "interface", None) or can.util.load_config().get("interface"))
+
+
+def _name(bus: argparse.Namespace) -> str:
+    return f"{interface_of(bus)} {getattr(bus, 'channel', '')}".strip()
+
+
+def _echo(send: Send, bus: argparse.Namespace | None, place: Place) -> None:
+    """Answer every ping; first send the options of a bus that the other side can join."""
+    if bus is None:
+        server = own_bus.serve("127.0.0.1:0")
+        prepare(cpu=place.core, priority=place.priority)
+        send(parse_bus(server.options.split()))
+        while True:
+            server.wait(PATIENCE)
+            for ident, payload in server.receive():
+                if ident == PING:
+                    server.send(PONG, payload)
+    link = open_link(bus)
+    prepare(cpu=place.core, priority=place.priority)
+    send(bus)
+    while True:
+        message = link.bus.recv(PATIENCE)
+        if message is not None and message.arbitration_id == PING:
+            link.send(PONG, bytes(message.data))
+
+
+def _trips(send: Send, bus: argparse.Namespace, seconds: float, place: Place) -> None:
+    link = open_link(bus)
+    prepare(cpu=place.core, priority=place.priority)
+    time.sleep(QUIET)
+    polls = _time_polls(link)
+    trips: list[int] = []
+    lost = in_a_row = number = 0
+    until = time.monotonic() + seconds
+    with collector_off():
+        while time.monotonic() < until and in_a_row < GIVE_UP:
+            number += 1
+            payload = number.to_bytes(8, "big")
+            start = time.monotonic_ns()
+            link.send(PING, payload)
+            if _came_back(link, payload, start + round(PATIENCE * 1e9)):
+                trips.append(time.monotonic_ns() - start)
+                in_a_row = 0
+            else:
+                lost += 1
+                in_a_row += 1
+            time.sleep(PAUSE)
+    missing = None
+    if not trips:
+        missing = (
+            f"{link.failed} of {lost} frames were refused by the interface"
+            if link.failed
+            else f"none of {lost} frames came back: does another node acknowledge them?"
+        )
+    link.close()
+    send(RoundTrip(_name(bus), np.array(trips, np.int64), polls, lost, missing))
+
+
+def _came_back(link: CanLink, payload: bytes, until_ns: int) -> bool:
+    while (left := until_ns - time.monotonic_ns()) > 0:
+        message = link.bus.recv(left * 1e-9)
+        if message is None:
+            continue
+        if message.arbitration_id == PONG and bytes(message.data) == payload:
+            return True
+    return False
+
+
+def _polls(send: Send, bus: argparse.Namespace, place: Place) -> None:
+    link = open_link(bus)
+    prepare(cpu=place.core, priority=place.priority)
+    polls = _time_polls(link)
+    link.close()
+    missing = f"one program alone opens '{interface_of(bus)}': the echo needs a second node"
+    send(RoundTrip(_name(bus), np.zeros(0, np.int64), polls, 0, missing))
+
+
+def _time_polls(link: CanLink) -> Times:
+    found = np.zeros(POLLS, np.int64)
+    for k in range(POLLS):
+        start = time.monotonic_ns()
+        link.receive()
+        found[k] = time.monotonic_ns() - start
+    return found
+
+
+def parse_bus(options: Sequence[str]) -> argparse.Namespace:
+    """Return python-can's options, parsed."""
+    parser = argparse.ArgumentParser()
+    add_bus_arguments(parser)
+    return parser.parse_args(options)

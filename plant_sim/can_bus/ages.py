@@ -1,0 +1,177 @@
+"""Simulated ages: from a sensor's sample to the instant an actuator applies what came of it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.can_bus.delay_bounds import loop_messages
+from plant_sim.can_bus.kernel.layout import DELIVERED, MAX_PAYLOAD, SEED, Network, logged
+from plant_sim.can_bus.kernel.ledger import drain
+from plant_sim.can_bus.kernel.network import build_network
+from plant_sim.can_bus.kernel.queues import enqueue
+from plant_sim.can_bus.kernel.scheduler import advance
+from plant_sim.can_bus.simulation import LISTENER, add_player, longest, traffic_spec
+from plant_sim.can_bus.traffic.log_playback import Frames, Recording, feed
+from plant_sim.can_bus.traffic.messages import BusMessage
+from plant_sim.can_bus.wire.frame import EXTENDED
+from plant_sim.kernels.random import random_bits, uniform
+
+_JITTER_STREAM: Final = 1 << 44
+_PAYLOAD_STREAM: Final = 1 << 45
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """A control loop over a bus: its two messages, the numbers of its nodes, times in nanoseconds.
+
+    The command is sent in every tick, whatever its own period; both messages are queued up to
+    their jitter late.
+    """
+
+    sensor: BusMessage
+    command: BusMessage
+    sensor_node: int
+    command_node: int
+    actuator_node: int
+    tick_ns: int
+    tick_offset_ns: int = 0
+    actuator_ns: int = 1_000_000
+
+
+class _Sender:
+    """Queues the frames of one message, random in payload and jitter, never out of order."""
+
+    def __init__(self, network: Network, node: int, message: BusMessage) -> None:
+        self.network, self.node, self.message = network, node, message
+        self.payload = np.zeros(MAX_PAYLOAD, np.uint8)
+        self.sent, self.last_ns = 0, -1
+
+    def send(self, nominal_ns: int) -> int:
+        """Queue a frame that is nominally released now; return when it is queued."""
+        message, seed = self.message, int(self.network.clock[SEED])
+        draw = float(uniform(seed, _JITTER_STREAM + message.ident, self.sent))
+        queued = max(nominal_ns + int(draw * (message.jitter_ns + 1)), self.last_ns + 1)
+        words = [
+            int(random_bits(seed, _PAYLOAD_STREAM + message.ident, self.sent * 8 + k))
+            for k in range(-(-message.length // 8))
+        ]
+        data = np.array(words, np.uint64).view(np.uint8)
+        self.payload[: len(data)] = data
+        enqueue(
+            self.network,
+            self.node,
+            queued,
+            message.ident,
+            message.length,
+            self.payload,
+            message.flags,
+            message.bits,
+        )
+        self.sent, self.last_ns = self.sent + 1, queued
+        return queued
+
+
+def simulate_ages(
+    network: Network, loop: Loop, *, duration_ns: int, replayed: Frames | None = None
+) -> NDArray[np.int64]:
+    """Return the sample-to-force age of every command that the actuator applied, nanoseconds.
+
+    A sensor samples and sends; in every tick the ECU sends a command computed from the newest
+    sample it has received; the actuator looks at what it has received once a period. The age runs
+    from the sample to that look. ``replayed``: frames that another node sends beside all that.
+    """
+    home = int(network.nodes["segment"][loop.command_node])
+    far = int(network.nodes["segment"][loop.actuator_node])
+    sensor = _Sender(network, loop.sensor_node, loop.sensor)
+    command = _Sender(network, loop.command_node, loop.command)
+    ages: list[int] = []
+    newest, waiting, cursor = -1, -1, 0
+    sampled: dict[int, int] = {}
+    computed: dict[int, int] = {}
+    sample, tick, look = loop.sensor.offset_ns, loop.tick_offset_ns, 0
+    player, fed = -1 if replayed is None else add_player(network), 0
+    while True:
+        now = min(sample, tick, look)
+        if now > duration_ns:
+            return np.array(ages, np.int64)
+        if replayed is not None:
+            fed = feed(network, replayed, player, fed, now)
+        advance(network, now)
+        assert logged(network) - cursor <= len(network.log)
+        entries, cursor, _ = drain(network, cursor)
+        entries = entries[entries["outcome"] == DELIVERED]
+        for entry in entries[np.isin(entries["ident"], (loop.sensor.ident, loop.command.ident))]:
+            origin = int(entry["t_origin"])
+            if _is(entry, loop.sensor, home):
+                newest = max(newest, sampled.pop(origin, -1))
+            elif _is(entry, loop.command, far):
+                waiting = computed.pop(origin, waiting)
+        if now == look:
+            if waiting >= 0:
+                ages.append(now - waiting)
+                waiting = -1
+            look += loop.actuator_ns
+        if now == tick:
+            if newest >= 0:
+                computed[command.send(now)] = newest
+            tick += loop.tick_ns
+        if now == sample:
+            sampled[sensor.send(now)] = now
+            sample = loop.sensor.offset_ns + round(sensor.sent * loop.sensor.period_ns)
+
+
+def _is(entry: np.void, message: BusMessage, segment: int) -> bool:
+    same = entry["ident"] == message.ident and entry["segment"] == segment
+    return bool(same and (entry["flags"] ^ message.flags) & EXTENDED == 0)
+
+
+def simulate_ages_of_set(
+    messages: Sequence[BusMessage],
+    sensor: str,
+    command: str,
+    *,
+    tick_ms: float,
+    duration_s: float,
+    bitrate: int,
+    data_bitrate: int = 0,
+    seed: int = 0,
+    worst_case_lengths: bool = False,
+    phases: int = 20,
+    recording: Recording | None = None,
+) -> NDArray[np.int64]:
+    """Return sample-to-force ages over two messages of a set on one bus, nanoseconds.
+
+    The duration is divided into ``phases`` runs, each with another phase of the tick and the next
+    piece of the recording, if there is one.
+
+    Raises:
+        CanrollError: ``sensor`` and ``command`` are not two messages of the set.
+    """
+    sent = {m.name: m for m in loop_messages(messages, sensor, command, tick_ms=tick_ms)}
+    if worst_case_lengths:
+        sent = {name: longest(message) for name, message in sent.items()}
+    spec = traffic_spec(list(sent.values()), bitrate=bitrate, data_bitrate=data_bitrate, seed=seed)
+    ours = [place for place, name in enumerate(sent) if name in {sensor, command}]
+    others = tuple(s for place, s in enumerate(spec.sources) if place not in ours)
+    nodes = [node.name for node in spec.nodes]
+    tick, duration = round(tick_ms * 1e6), round(duration_s * 1e9 / phases)
+    ages = []
+    for phase in range(phases):
+        network = build_network(replace(spec, sources=others, seed=seed + phase))
+        loop = Loop(
+            sensor=sent[sensor],
+            command=sent[command],
+            sensor_node=nodes.index(sent[sensor].sender),
+            command_node=nodes.index(sent[command].sender),
+            actuator_node=nodes.index(LISTENER),
+            tick_ns=tick,
+            tick_offset_ns=tick * phase // phases,
+        )
+        replayed = None
+        if recording is not None:
+            replayed = recording.frames.piece(phase * duration, (phase + 1) * duration)
+        ages.append(simulate_ages(network, loop, duration_ns=duration, replayed=replayed))
+    return np.concatenate(ages)

@@ -1,0 +1,56 @@
+"""Bus logs: every format has the same frames at the same times, from the start of the run."""
+
+import can
+import numpy as np
+import pytest
+
+from hil.runs.logs import SUFFIXES, write_log
+from plant_sim.can_bus.kernel.layout import DELIVERED, ERROR, LOST_OVERFLOW, log_dtype
+from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
+
+ROWS = (
+    # time in ns, identifier, flags, length, segment, outcome
+    (12_345_678, 0x123, 0, 8, 0, DELIVERED),
+    (20_000_000, 0x1ABCDEF0, EXTENDED, 3, 0, DELIVERED),
+    (30_000_001, 0x10, FD, 12, 1, DELIVERED),
+    (40_000_000, 0x18FF00F1, EXTENDED | FD | BIT_RATE_SWITCH, 64, 0, DELIVERED),
+    (50_000_000, 0x11, FD | BIT_RATE_SWITCH | ERROR_STATE, 8, 0, DELIVERED),
+    (55_000_000, 0x12, REMOTE, 5, 0, DELIVERED),
+    (60_000_000, 0x13, 0, 8, 0, ERROR),
+    (70_000_000, 0x14, 0, 8, 0, LOST_OVERFLOW),
+    (1_234_567_890, 0x15, 0, 0, 0, DELIVERED),
+)
+
+
+def frames():
+    found = np.zeros(len(ROWS), log_dtype())
+    for entry, row in zip(found, ROWS, strict=True):
+        for key, value in zip(
+            ("t_received", "ident", "flags", "length", "segment", "outcome"), row, strict=True
+        ):
+            entry[key] = value
+        entry["payload"][: row[3]] = np.arange(1, row[3] + 1)
+    return found
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_what_is_written_is_read_back(tmp_path, suffix):
+    if suffix == ".mf4":
+        pytest.importorskip("asammdf", reason="needs asammdf")
+    path = write_log(tmp_path / f"bus{suffix}", frames())
+    with can.LogReader(path) as reader:
+        found = list(reader)
+    seen = [row for row in ROWS if row[5] != LOST_OVERFLOW]
+    assert [m.timestamp for m in found] == pytest.approx([r[0] * 1e-9 for r in seen], abs=1e-6)
+    for message, (_, ident, flags, length, segment, outcome) in zip(found, seen, strict=True):
+        assert message.is_error_frame == (outcome == ERROR)
+        if outcome == ERROR:
+            continue
+        assert str(message.channel) in {str(segment), f"can{segment}"}
+        assert message.arbitration_id == ident
+        assert message.is_extended_id == bool(flags & EXTENDED)
+        assert message.is_remote_frame == bool(flags & REMOTE)
+        assert message.is_fd == bool(flags & FD)
+        assert message.bitrate_switch == bool(flags & BIT_RATE_SWITCH)
+        assert message.error_state_indicator == bool(flags & ERROR_STATE)
+        assert bytes(message.data) == bytes(range(1, 0 if flags & REMOTE else length + 1))

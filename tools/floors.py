@@ -1,0 +1,171 @@
+"""The floors of the project, its import graph, and the drawing of both.
+
+    python -m tools.floors     prints the drawing of docs/architecture.md (Mermaid)
+
+A room is a folder with the Python files directly in it. A file imports from its own room or from
+rooms on lower floors; rooms on one floor don't know each other.
+"""
+
+import ast
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+FLOORS: tuple[tuple[str, ...], ...] = (
+    ("canroll.errors",),
+    ("plant_sim.kernels", "dbc", "firmware", "vehicles"),
+    ("plant_sim.can_bus.wire", "codegen.subset"),
+    ("plant_sim.can_bus.kernel", "codegen.proof"),
+    ("plant_sim.can_bus.traffic", "codegen.c99"),
+    ("plant_sim.can_bus", "codegen.generated"),
+    ("plant_sim.can_bus.servers", "codegen.run"),
+    ("plant_sim.bodies", "codegen.export", "gain_gen.models"),
+    ("plant_sim.nodes", "plant_sim.driving", "gain_gen.analysis"),
+    ("plant_sim.world", "gain_gen.laws"),
+    ("gain_gen.calibration",),
+    ("gain_gen",),
+    ("hil.runs",),
+    ("hil.realtime",),
+    ("hil.realtime.check",),
+    ("hil.report",),
+    ("hil.studies",),
+    ("hil.papers",),
+    ("hil.cli",),
+    ("canroll", "tools"),
+    ("tools.mutation", "tools.differential"),
+)
+"""Rooms, lowest floor first; ``canroll.errors`` is a file that all may import."""
+
+PACKAGES = ("canroll", "codegen", "dbc", "firmware", "gain_gen", "hil", "plant_sim", "tools")
+PACKAGES += ("vehicles",)
+
+Graph = Mapping[str, frozenset[str]]
+
+
+def modules(root: Path = ROOT) -> dict[str, Path]:
+    """Return the modules of the project by dotted name; a package is its ``__init__.py``."""
+    return {
+        ".".join(path.relative_to(root).with_suffix("").parts).removesuffix(".__init__"): path
+        for package in PACKAGES
+        for path in sorted((root / package).rglob("*.py"))
+    }
+
+
+def imports(root: Path = ROOT) -> dict[str, frozenset[str]]:
+    """Return which modules of the project each module imports, wherever in it."""
+    known = modules(root)
+    return {
+        name: frozenset(_imported(path, known)) - {name} for name, path in sorted(known.items())
+    }
+
+
+def _imported(path: Path, known: Mapping[str, Path]) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in known)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                if inner in known or node.module in known:
+                    yield inner if inner in known else node.module
+
+
+def room_of(module: str, known: Mapping[str, Path]) -> str:
+    """Return the room that a module stands in."""
+    if module == FLOORS[0][0]:
+        return module
+    package = known[module].name == "__init__.py"
+    return module if package else module.rpartition(".")[0]
+
+
+def rooms(graph: Graph, root: Path = ROOT) -> dict[str, frozenset[str]]:
+    """Return which rooms each room imports from."""
+    known = modules(root)
+    found: dict[str, set[str]] = {}
+    for module, targets in graph.items():
+        room = room_of(module, known)
+        found.setdefault(room, set()).update(room_of(target, known) for target in targets)
+    return {room: frozenset(targets - {room}) for room, targets in found.items()}
+
+
+def circles(graph: Graph) -> list[list[str]]:
+    """Return the strongly connected parts of a graph with more than one node (Tarjan)."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(node: str) -> None:
+        index[node] = low[node] = len(index)
+        stack.append(node)
+        for target in sorted(graph.get(node, ())):
+            if target not in index:
+                visit(target)
+                low[node] = min(low[node], low[target])
+            elif target in stack:
+                low[node] = min(low[node], index[target])
+        if low[node] == index[node]:
+            part = stack[stack.index(node) :]
+            del stack[stack.index(node) :]
+            if len(part) > 1:
+                found.append(sorted(part))
+
+    for node in sorted(graph):
+        if node not in index:
+            visit(node)
+    return found
+
+
+def drawing(graph: Graph) -> str:
+    """Return the rooms as a Mermaid flowchart; an arrow that others imply is left out."""
+    found = rooms(graph)
+    lines = ["```mermaid", "flowchart TD"]
+    for package in PACKAGES:
+        inside = [r for level in FLOORS for r in level if r.split(".")[0] == package and r in found]
+        nodes = [f'{_id(room)}["{_title(room)}"]' for room in inside]
+        if len(nodes) == 1 or package == "canroll":  # errors and interface are at the two ends
+            lines += [f"    {node}" for node in nodes]
+        else:
+            lines += [f"    subgraph in_{package}[{package}]"]
+            lines += [*(f"        {node}" for node in nodes), "    end"]
+    for room in sorted(found):
+        for target in sorted(found[room]):
+            if not any(target in _reached(found, other) for other in found[room] - {target}):
+                lines.append(f"    {_id(room)} --> {_id(target)}")
+    return "\n".join([*lines, "```"])
+
+
+def _id(room: str) -> str:
+    return room.replace(".", "_")
+
+
+def _title(room: str) -> str:
+    return room if room.startswith("canroll") else room.partition(".")[2] or room
+
+
+def _reached(found: Graph, room: str) -> set[str]:
+    """Return all rooms below ``room`` that it needs, near or far."""
+    todo, seen = [room], set()
+    while todo:
+        for target in found.get(todo.pop(), frozenset()) - seen:
+            seen.add(target)
+            todo.append(target)
+    return seen
+
+
+def upward(graph: Graph, root: Path = ROOT) -> list[str]:
+    """Return the imports that don't lead to a lower floor or stay in their room, as text."""
+    known = modules(root)
+    floor = {room: number for number, level in enumerate(FLOORS) for room in level}
+    return [
+        f"{module} imports {target}"
+        for module, targets in graph.items()
+        for target in sorted(targets)
+        for here, there in ((room_of(module, known), room_of(target, known)),)
+        if here != there and floor.get(here, -1) <= floor.get(there, len(FLOORS))
+    ]
+
+
+if __name__ == "__main__":
+    print(drawing(imports()))
