@@ -89,7 +89,7 @@ def start_run(programs, *arguments):
     pids = {}
     for pid in map(int, children.read_text().split()):
         words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
-        pids["plant" if b"plant" in words else "ecu"] = pid
+        pids["ecu" if b"ecu" in words else "plant"] = pid
     assert pids.keys() == {"plant", "ecu"}
     return run, pids
 
@@ -301,7 +301,7 @@ def test_stopped_ecu_commands_zero_and_leaves_its_files(programs, calibration_fi
     assert ecu.end() == 0
     assert "ECU ends (duration over) in ACTIVE: 250 ticks" in ecu.said
     assert vehicle.end() == 0
-    assert "(peer lost) after 2.60 s" in vehicle.said
+    assert "(peer lost) after 2.61 s" in vehicle.said
     frames = plant_record.load(record).frames
     commands = frames[(frames["ident"] == 0x80) & (frames["outcome"] == DELIVERED)]
     last = dbc.load().decode_message(0x80, commands["payload"][-1][:8].tobytes())
