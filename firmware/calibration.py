@@ -62,7 +62,7 @@ class Calibration:
     identification: Annotated[u8, F(0, 1, 0, "", "1: roll stiffness and damping are identified")]
     offset_learning: Annotated[u8, F(0, 1, 0, "", "1: sensor offsets are learnt when straight")]
     event_trigger: Annotated[u8, F(0, 1, 0, "", "0: a command every tick, 1: when it matters")]
-    e2e: Annotated[u8, F(0, 1, 0, "", "1: frames carry and need E2E profile 1")]
+    e2e: Annotated[u8, F(0, 1, 0, "", "1: frames carry and need their protection")]
 
     # supervision, per received message
     timeout_ticks: Annotated[list[i32], N_RX, F(0, 100000, 0, "ticks", "0: not needed")]

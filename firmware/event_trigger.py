@@ -7,6 +7,7 @@ then it is sent again. Over a network the echo may lag several commands behind; 
 nothing is wrong.
 """
 
+from firmware import signals
 from firmware.calibration import BARS, DAMPERS, N_RING, SUSPENSION, Calibration
 from firmware.state import (
     AGE_MAX,
@@ -22,6 +23,7 @@ from firmware.subset import I32_MAX, byte, clamp, i32, i64, rsh, u8
 NOTHING = 0
 TRIGGERED = 1
 HEARTBEAT = 2
+NO_ECHO = 255
 # squares are taken of quarter newton metres
 COARSE = 12
 
@@ -83,8 +85,8 @@ def trigger(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         ecu.triggered = HEARTBEAT
     if ecu.triggered != NOTHING:
         ecu.since_sent = 0
-        # without counters there is no echo to wait for
-        ecu.waiting = cal.e2e
+        # without a counter that comes back there is no echo to wait for
+        ecu.waiting = cal.e2e & signals.TX_ECHOED[command_slot(cal)]
         if ecu.commands_sent < I32_MAX:
             ecu.commands_sent += 1
         if ecu.triggered == HEARTBEAT and ecu.heartbeats_sent < I32_MAX:
@@ -102,5 +104,5 @@ def trigger(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
 
 def init_trigger(ecu: Ecu) -> None:
     """Start with nothing sent and nothing echoed."""
-    ecu.echo = 15
+    ecu.echo = NO_ECHO
     ecu.since_sent = AGE_MAX

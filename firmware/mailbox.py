@@ -6,7 +6,7 @@ the tick turns ``rx_side`` over by one byte store and then owns the other side. 
 
 from typing import Annotated
 
-from firmware import e2e, signals
+from firmware import e2e, protection, signals
 from firmware.calibration import N_RX, Calibration
 from firmware.state import (
     AGE_MAX,
@@ -22,13 +22,19 @@ NO_SAMPLE = 16
 
 
 def receive(ecu: Ecu, message: i32, payload: Annotated[list[u8], 8], length: i32) -> None:
-    """Store a frame of ``message`` (RX_…), unless it is too short; the only writer of the slots."""
+    """Store a frame of ``message`` (RX_…); the only writer of the slots.
+
+    ``payload`` has ``length`` bytes; a frame that is too short or of another page is passed by.
+    """
     if message < 0 or message >= N_RX:
         return
-    if length < signals.RX_LENGTHS[message]:
+    size: i32 = signals.RX_LENGTHS[message]
+    if length < size:
+        return
+    if signals.wanted(message, payload) == 0:
         return
     slot: i32 = 2 * message + ecu.rx_side[message]
-    for k in range(8):
+    for k in range(size):
         ecu.rx_payload[slot][k] = payload[k]
     ecu.rx_fresh[slot] = 1
 
@@ -51,12 +57,13 @@ def take(ecu: Ecu, cal: Calibration, message: i32) -> i32:
     side: u8 = ecu.rx_side[message]
     ecu.rx_side[message] = 1 - side
     slot: i32 = 2 * message + side
+    e2e.due(ecu, message)
     if ecu.rx_fresh[slot] == 0:
         e2e.missed(ecu, message)
         return 0
     ecu.rx_fresh[slot] = 0
     if cal.e2e == 1:
-        if e2e.check(ecu, cal, message, ecu.rx_payload[slot], signals.RX_DATA_IDS[message]) == 0:
+        if protection.check(ecu, cal, message, slot) == 0:
             return 0
     ecu.age[message] = 0
     signals.unpack(ecu, message, slot)

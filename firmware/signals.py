@@ -3,8 +3,10 @@
 Frames of roll_control.dbc.
 ``unpack`` turns the bytes of a mailbox into fields; a signal that carries one of its reserved
 codes (error, not available) keeps its field and clears its bit of ``ecu.valid``. ``pack`` writes
-the bytes of a frame, rounded to nearest and limited as the DBC says; E2E adds its header.
+the bytes of a frame, rounded to nearest and limited as the DBC says; ``protection`` comes after it.
 """
+
+from typing import Annotated
 
 from firmware.state import (
     RX_ACTUATOR_STATE,
@@ -22,13 +24,20 @@ from firmware.state import (
 )
 from firmware.subset import byte, clamp, i32, i64, rsh, u8
 
-# identifiers (bit 30: a 29-bit one; 0: the mailbox stays empty), lengths, E2E data ids
+# identifiers (bit 30: a 29-bit one; 0: the mailbox stays empty), lengths
 RX_IDS: tuple[i32, ...] = (0xA0, 0xB0, 0xC0, 0xD0, 0xD8)
 RX_LENGTHS: tuple[u8, ...] = (8, 8, 8, 8, 8)
-RX_DATA_IDS: tuple[i32, ...] = (3232, 3248, 3264, 3280, 3288)
 TX_IDS: tuple[i32, ...] = (0x80, 0x81, 0x82, 0x83, 0x300, 0x301)
 TX_LENGTHS: tuple[u8, ...] = (8, 8, 8, 8, 8, 8)
-TX_DATA_IDS: tuple[i32, ...] = (3200, 3201, 3202, 3203, 3840, 3841)
+# of each frame sent: 1 where the actuators echo its counter
+TX_ECHOED: tuple[u8, ...] = (1, 1, 1, 1, 1, 1)
+# pages of the diagnostics, which are sent in turn
+PAGES = 5
+
+
+def wanted(message: i32, payload: Annotated[list[u8], 8]) -> i32:
+    """Return 1 where the mailbox ``message`` takes a frame, by the page that it is."""
+    return 1
 
 
 def received(ecu: Ecu, slot: i32) -> i64:

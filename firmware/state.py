@@ -183,11 +183,11 @@ class Ecu:
     rx_side: Annotated[list[u8], N_RX, F(0, 1, 0, "", "side that receive() writes", True)]
     tx_payload: Annotated[list[list[u8]], N_TX, 8, F(0, 255, 0, "", "bytes to send")]
     tx_pending: Annotated[list[u8], N_TX, F(0, 1, 0, "", "1: to be sent; the sender clears it")]
-    tx_counter: Annotated[list[u8], N_TX, F(0, 14, 0, "", "E2E counter of the last frame")]
+    tx_counter: Annotated[list[u8], N_TX, F(0, 255, 0, "", "E2E counter of the last frame")]
 
-    # E2E profile 1 receivers
-    e2e_last: Annotated[list[u8], N_RX, F(0, 15, 0, "", "last valid counter, 15: none yet")]
-    e2e_delta: Annotated[list[u8], N_RX, F(0, 14, 0, "", "counter step accepted now")]
+    # E2E receivers
+    e2e_last: Annotated[list[u8], N_RX, F(0, 255, 0, "", "last valid counter, 255: none yet")]
+    e2e_delta: Annotated[list[u8], N_RX, F(0, 15, 0, "", "counter step accepted now")]
     e2e_repeated: Annotated[list[u8], N_RX, F(0, 14, 0, "", "checks without new data")]
     e2e_resync: Annotated[list[u8], N_RX, F(0, 14, 0, "", "good frames a resync still takes")]
 
@@ -200,7 +200,7 @@ class Ecu:
     status: Annotated[list[u8], 4, F(0, 3, 0, "", "corner: 0 ok 1 limited 2 stuck 3 floating")]
     enabled: Annotated[u8, F(0, 1, 0, "", "1: the actuators follow commands")]
     command_held: Annotated[u8, F(0, 1, 0, "", "1: the actuators hold a command")]
-    accepted_counter: Annotated[u8, F(0, 15, 0, "", "echo of the accepted command")]
+    accepted_counter: Annotated[u8, F(0, 255, 0, "", "echo of the accepted command")]
     actuator_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of ActuatorState")]
     reference_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of RollReference")]
 
@@ -225,6 +225,6 @@ class Ecu:
 
     # trigger
     waiting: Annotated[u8, F(0, 1, 0, "", "1: the last command is not acknowledged yet")]
-    echo: Annotated[u8, F(0, 15, 0, "", "counter acknowledged last, 15: none")]
+    echo: Annotated[u8, F(0, 255, 0, "", "counter acknowledged last, 255: none")]
     triggered: Annotated[u8, F(0, 2, 0, "", "this tick: 0 nothing, 1 trigger, 2 heartbeat")]
-    diagnostics_page: Annotated[u8, F(0, 4, 0, "", "next page of the diagnostics")]
+    diagnostics_page: Annotated[u8, F(0, 255, 0, "", "number of the next page to send")]

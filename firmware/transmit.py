@@ -1,6 +1,6 @@
 """Frames of the ECU: the command where one is triggered, status and diagnostics in turn."""
 
-from firmware import e2e, signals
+from firmware import protection, signals
 from firmware.calibration import Calibration
 from firmware.event_trigger import NOTHING, command_slot
 from firmware.state import (
@@ -12,17 +12,15 @@ from firmware.state import (
 )
 from firmware.subset import byte, clamp, i32
 
-LAST_PAGE = 4
-
 
 def queue(ecu: Ecu, cal: Calibration, slot: i32) -> None:
     """Protect the frame in ``slot`` and mark it for sending."""
     if cal.e2e == 1:
         counter: i32 = ecu.tx_counter[slot] + 1
-        if counter >= e2e.COUNTERS:
+        if counter >= protection.TX_COUNTERS[slot]:
             counter = 0
-        ecu.tx_counter[slot] = byte(clamp(counter, 0, 14))
-        e2e.protect(ecu.tx_payload[slot], signals.TX_DATA_IDS[slot], ecu.tx_counter[slot])
+        ecu.tx_counter[slot] = byte(counter)
+        protection.protect(ecu, slot)
     ecu.tx_pending[slot] = 1
 
 
@@ -39,7 +37,7 @@ def transmit(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         signals.pack(ecu, TX_DIAGNOSTICS)
         queue(ecu, cal, TX_DIAGNOSTICS)
         page: i32 = ecu.diagnostics_page + 1
-        if page > LAST_PAGE:
+        if page >= signals.PAGES:
             page = 0
         ecu.diagnostics_page = byte(page)
 
@@ -47,4 +45,4 @@ def transmit(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
 def init_transmit(ecu: Ecu) -> None:
     """Let the first counters be 0."""
     for slot in range(N_TX):
-        ecu.tx_counter[slot] = 14
+        ecu.tx_counter[slot] = byte(clamp(protection.TX_COUNTERS[slot] - 1, 0, 255))

@@ -10,6 +10,7 @@ import pytest
 
 import vehicles
 from codegen.generated import bus_map
+from codegen.generated.frame_protection import ATTRIBUTES
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.design import design
@@ -116,6 +117,18 @@ def test_a_map_leads_from_signals_to_fields(example, tmp_path):
     told = section("A map of your bus")
     for slot in (*bus_map.RECEIVED, *bus_map.TRANSMITTED):
         assert f"`{slot}`" in told
+
+
+def test_a_map_protects_a_frame(example, tmp_path):
+    (tmp_path / "car.dbc").write_text(BUS["car.dbc"], encoding="utf-8")
+    mapped = bus_map.load(tmp_path / "car.dbc", example("protection.toml"))
+    own = mapped.received[0].protection
+    assert (own.checksum.method, own.checksum.byte, own.identity) == ("crc8", 5, 0x42)
+    assert (own.counter.byte, own.counter.bit, own.counter.values) == (4, 4, 15)
+    assert mapped.transmitted[0].protection is None
+    told = section("A map of your bus")
+    for attribute, key in ATTRIBUTES.items():
+        assert f"`{attribute}`" in told and f"`{key}`" in told
 
 
 def test_a_manoeuvre_from_a_file_steers(example):

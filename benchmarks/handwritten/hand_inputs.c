@@ -5,7 +5,7 @@
 
 /* the checksum after both bytes of the data id */
 enum { CRC_IMU = 32, CRC_MOTION = 148, CRC_ACTUATORS = 11 };
-enum { COUNTERS = 15, NO_COUNTER = 15, CHECKS_MAX = 14 };
+enum { COUNTERS = 15, NO_COUNTER = 255, CHECKS_MAX = 14, STEP_MAX = 15 };
 
 /* CRC-8 SAE J1850 */
 static const uint8_t crc_table[256] = {
@@ -65,12 +65,17 @@ static uint8_t more(uint8_t checks)
     return (checks < CHECKS_MAX) ? (uint8_t)(checks + 1) : CHECKS_MAX;
 }
 
+static uint8_t wider(uint8_t step)
+{
+    return (step < STEP_MAX) ? (uint8_t)(step + 1) : STEP_MAX;
+}
+
 /* E2E_P01Check: whether the data of a frame may be used. */
 static bool e2e_passed(canroll_ecu *ecu, const canroll_calibration *cal, uint32_t m,
     uint32_t start, hand_frame frame)
 {
     const uint8_t counter = (frame.lo >> 8) & 15;
-    const uint8_t tolerated = more(ecu->e2e_delta[m]);
+    const uint8_t tolerated = wider(ecu->e2e_delta[m]);
     int32_t step;
     if (counter >= COUNTERS || hand_crc(start, frame) != (frame.lo & 255)) {
         ecu->e2e_delta[m] = tolerated;
@@ -131,7 +136,7 @@ static bool took(canroll_ecu *ecu, const canroll_calibration *cal, uint32_t m, u
             return true;
         }
     } else {
-        ecu->e2e_delta[m] = more(ecu->e2e_delta[m]);
+        ecu->e2e_delta[m] = wider(ecu->e2e_delta[m]);
         ecu->e2e_repeated[m] = more(ecu->e2e_repeated[m]);
     }
     ecu->age[m] = aged(ecu->age[m], elapsed);

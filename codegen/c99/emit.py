@@ -198,6 +198,8 @@ class Emitter:
             elif its.shape:
                 volatile = "volatile " if (function.key, name) in self.linkage.volatile else ""
                 sizes = "".join(f"[{n}]" for n in its.shape)
+                if (function.key, name) in self.linkage.open:
+                    sizes = "[]"
                 parameters.append(f"{const}{volatile}{C_TYPES[its.kind]} {name}{sizes}")
             else:
                 parameters.append(f"{C_TYPES[its.kind]} {name}")

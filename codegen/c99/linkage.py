@@ -1,25 +1,29 @@
 """C linkage: names, public, shared and static symbols, volatile arrays."""
 
 import ast
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from codegen.proof.prove import entry_points
 from codegen.subset.program import Constant, Function, Module, Program, calls
 
 Key = tuple[str, str]
+Begin = Callable[[Program, Function, ast.expr], bool]
 
 
 @dataclass(frozen=True, slots=True)
 class Linkage:
     """``public``: entry points with the short C names that callers see; ``reachable``: what they
     call; ``shared``: functions and constants that more than their own module uses; ``volatile``:
-    array parameters that are somewhere given a field an interrupt may write.
+    array parameters that are somewhere given a field an interrupt may write; ``open``: those that
+    a caller of an entry point gives, which may be shorter than the subset says.
     """
 
     public: dict[Key, str]
     reachable: frozenset[Key]
     shared: frozenset[Key]
     volatile: frozenset[tuple[Key, str]]
+    open: frozenset[tuple[Key, str]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +49,16 @@ def linkage(program: Program) -> Linkage:
     """Return the linkage of ``program``."""
     public = {f.key: f"canroll_{f.name}" for f in entry_points(program)}
     reachable = _reachable(program, public)
-    return Linkage(public, reachable, _shared(program, public, reachable), _volatile(program))
+    shared = _shared(program, public, reachable)
+    given = {
+        (function.key, name)
+        for function in program.functions()
+        if function.key in public
+        for name, its in function.parameters.items()
+        if its.shape
+    }
+    volatile = _passed_on(program, set(), _is_volatile)
+    return Linkage(public, reachable, shared, volatile, _passed_on(program, given, _never))
 
 
 def _reachable(program: Program, public: dict[Key, str]) -> frozenset[Key]:
@@ -82,42 +95,59 @@ def _foreign(program: Program, module: Module, node: ast.expr) -> set[Key]:
     return set()
 
 
-def _volatile(program: Program) -> frozenset[tuple[Key, str]]:
-    found: set[tuple[Key, str]] = set()
+def _passed_on(
+    program: Program, found: set[tuple[Key, str]], begins: Begin
+) -> frozenset[tuple[Key, str]]:
+    """``found`` and all array parameters that are given one of them or what ``begins`` holds of."""
     grown = True
     while grown:
         before = len(found)
         for function in program.functions():
             for node in ast.walk(function.node):
                 if isinstance(node, ast.Call):
-                    found |= _volatile_arguments(program, function, node, found)
+                    found |= _arguments(program, function, node, found, begins)
         grown = len(found) > before
     return frozenset(found)
 
 
-def _volatile_arguments(
-    program: Program, function: Function, node: ast.Call, found: set[tuple[Key, str]]
+def _arguments(
+    program: Program,
+    function: Function,
+    node: ast.Call,
+    found: set[tuple[Key, str]],
+    begins: Begin,
 ) -> set[tuple[Key, str]]:
     called = program.function(program.modules[function.module], node.func)
     if called is None:
         return set()
-    pairs = zip(called.parameters.items(), node.args, strict=True)
+    arguments = zip(called.parameters.items(), node.args, strict=True)
     return {
         (called.key, name)
-        for (name, its), argument in pairs
-        if its.shape and _is_volatile(program, function, argument, found)
+        for (name, its), argument in arguments
+        if its.shape
+        and (_base(function, argument) in found or begins(program, function, _array(argument)))
     }
 
 
-def _is_volatile(
-    program: Program, function: Function, node: ast.expr, found: set[tuple[Key, str]]
-) -> bool:
+def _array(node: ast.expr) -> ast.expr:
+    """The array of which ``node`` is an element or a row."""
     while isinstance(node, ast.Subscript):
         node = node.value
-    if isinstance(node, ast.Name):
-        return (function.key, node.id) in found
+    return node
+
+
+def _base(function: Function, node: ast.expr) -> tuple[Key, str] | None:
+    array = _array(node)
+    return (function.key, array.id) if isinstance(array, ast.Name) else None
+
+
+def _is_volatile(program: Program, function: Function, node: ast.expr) -> bool:
     if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
         owner = function.parameters.get(node.value.id)
         if owner is not None and owner.kind == "record":
             return program.record(owner.record).fields[node.attr].volatile
+    return False
+
+
+def _never(program: Program, function: Function, node: ast.expr) -> bool:
     return False

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from codegen.c99 import emit
 from codegen.export import a2l, misra
-from codegen.generated import signals
+from codegen.generated import protection, signals
 from codegen.generated.bus_map import EXTENDED, BusMap
 from codegen.generated.bus_map import load as load_map
+from codegen.generated.frame_protection import Protection
 from codegen.run import memory_image, native
 from codegen.run.cortex import OPTIMISATION
 from codegen.run.ecu_traffic import Traffic
@@ -30,6 +31,8 @@ from firmware.state import Ecu
 
 TEMPLATES = Path(__file__).with_name("templates")
 BOARD = Path(__file__).parents[1] / "board"
+GENERATED = {"signals.py": signals.generate, "protection.py": protection.generate}
+"""Modules of the firmware that a bus makes."""
 FNV_OFFSET, FNV_PRIME = 2166136261, 16777619
 
 
@@ -64,8 +67,8 @@ def sources(dbc: Path, map_file: Path) -> dict[str, str]:
         folder = Path(temporary)
         for path in FIRMWARE.glob("*.py"):
             shutil.copy(path, folder)
-        text = signals.generate(dbc, map_file)
-        (folder / "signals.py").write_text(text, encoding="utf-8")
+        for name, generate in GENERATED.items():
+            (folder / name).write_text(generate(dbc, map_file), encoding="utf-8")
         return emit.emit(folder=folder)
 
 
@@ -185,10 +188,9 @@ def _codec(dbc: Path) -> dict[str, str]:
 
 
 def _readme(export: Export, bus: BusMap) -> str:
-    protected = any(box.data_id for box in (*bus.received, *bus.transmitted))
     protection = (
-        "Bytes 0 and 1 carry AUTOSAR E2E profile 1, variant 1A (checksum, 4-bit counter)."
-        if protected and export.record.e2e
+        "Checksums and counters are as the table says."
+        if bus.protected and export.record.e2e
         else "The frames carry no end-to-end protection (`calibration.e2e` is 0)."
     )
     text = (TEMPLATES / "README.md").read_text(encoding="utf-8")
@@ -208,11 +210,28 @@ def _readme(export: Export, bus: BusMap) -> str:
 
 
 def _frames(bus: BusMap) -> Iterator[str]:
-    yield "| | number | identifier | frame |"
-    yield "| --- | --- | --- | --- |"
+    yield "| | number | identifier | bytes | protection | frame |"
+    yield "| --- | --- | --- | --- | --- | --- |"
     for word, boxes in (("receive", bus.received), ("send", bus.transmitted)):
         for number, box in enumerate(boxes):
             if box.name:
                 wide = " (29 bits)" if box.ident & EXTENDED else ""
                 ident = f"0x{box.ident & (EXTENDED - 1):X}{wide}"
-                yield f"| {word} | {number} | {ident} | {box.name}: {box.comment} |"
+                its = described(box.protection)
+                name = f"{box.name}: {box.comment}" if box.comment else box.name
+                if box.pages:
+                    name += f" (page {', '.join(str(page) for page in box.pages)})"
+                yield f"| {word} | {number} | {ident} | {box.length} | {its} | {name} |"
+
+
+def described(its: Protection | None) -> str:
+    """A frame's protection in a few words: what, where, over how many bytes."""
+    if its is None:
+        return "none"
+    parts = ["own" if its.profile == "own" else f"E2E profile {its.profile}"]
+    if its.checksum is not None:
+        parts.append(f"checksum in byte {its.checksum.byte} over {its.length} bytes")
+    if its.counter is not None:
+        low = 8 * its.counter.byte + its.counter.bit
+        parts.append(f"counter 0 to {its.counter.values - 1} at bit {low}")
+    return ", ".join(parts)

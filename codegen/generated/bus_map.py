@@ -13,10 +13,18 @@ from pathlib import Path
 from typing import Any
 
 import cantools
-from cantools.database import Database, Message
+from cantools.database import Database
 
 from canroll.errors import CanrollError, UnknownNameError
-from codegen.generated.mapped_signal import MappedSignal, map_signal
+from codegen.generated.frame_protection import Protection, protection
+from codegen.generated.mapped_signal import MappedSignal, RawSignal, map_signal
+from codegen.generated.multiplexing import (
+    all_pages,
+    pages,
+    refuse_several,
+    refuse_unset,
+    selector,
+)
 
 RECEIVED = (
     "imu",
@@ -41,20 +49,31 @@ VALID_BITS = {
     "actuator_state": ("delivered[0]", "delivered[1]"),
     "roll_reference": ("reference_roll", "reference_rate", "reference_acceleration"),
 }
+COMMANDS = ("suspension_force", "anti_roll_bar", "damper", "valve")
+IN_TURN = "diagnostics"
+"""The one mailbox that sends the pages of its frame in turn."""
 EXTENDED = 1 << 30
 
 
 @dataclass(frozen=True, slots=True)
 class Mailbox:
-    """One mailbox of the firmware and the frame in it; ``name`` "" means that it stays empty."""
+    """One mailbox of the firmware and the frame in it; ``name`` "" means that it stays empty.
+
+    ``pages`` are the values of the multiplexer ``selector`` that the mailbox takes or sends; both
+    are empty where no signal in use is multiplexed. ``cycle`` is the number of pages that the
+    message has.
+    """
 
     slot: str
-    name: str
-    comment: str
-    ident: int
-    length: int
-    data_id: int
-    signals: tuple[MappedSignal, ...]
+    name: str = ""
+    comment: str = ""
+    ident: int = 0
+    length: int = 0
+    protection: Protection | None = None
+    signals: tuple[MappedSignal, ...] = ()
+    selector: RawSignal | None = None
+    pages: tuple[int, ...] = ()
+    cycle: int = 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +82,25 @@ class BusMap:
 
     received: tuple[Mailbox, ...]
     transmitted: tuple[Mailbox, ...]
+
+    @property
+    def protected(self) -> bool:
+        """Whether any frame has a checksum or a counter."""
+        return any(box.protection for box in (*self.received, *self.transmitted))
+
+    @property
+    def echoed(self) -> tuple[bool, ...]:
+        """Of each frame sent, whether the actuators echo its counter and say that they hold it."""
+        state = self.received[RECEIVED.index("actuator_state")]
+        taken = {signal.place.text for signal in state.signals}
+        echo = {"accepted_counter", "command_held"} <= taken
+        return tuple(echo and _counts(box) > 0 for box in self.transmitted)
+
+
+def _counts(box: Mailbox) -> int:
+    """Number of values of a frame's counter, 0 where it has none."""
+    counter = box.protection.counter if box.protection else None
+    return counter.values if counter else 0
 
 
 def load(dbc: Path, map_file: Path) -> BusMap:
@@ -94,7 +132,21 @@ def load(dbc: Path, map_file: Path) -> BusMap:
         boxes[direction] = tuple(
             _mailbox(database, map_file, direction, slot, tables.get(slot)) for slot in slots
         )
-    return BusMap(boxes["receive"], boxes["transmit"])
+    bus = BusMap(boxes["receive"], boxes["transmit"])
+    _refuse_short_echo(bus, map_file)
+    return bus
+
+
+def _refuse_short_echo(bus: BusMap, map_file: Path) -> None:
+    """The echo of a counter must hold all its values."""
+    for signal in bus.received[RECEIVED.index("actuator_state")].signals:
+        if signal.place.text == "accepted_counter":
+            for box, echoed in zip(bus.transmitted, bus.echoed, strict=True):
+                if echoed and box.slot in COMMANDS and _counts(box) > 1 << signal.length:
+                    raise CanrollError(
+                        f"{map_file} [receive.actuator_state]: {signal.name} has {signal.length} "
+                        f"bits and can't echo the {_counts(box)} counter values of {box.name}"
+                    )
 
 
 def _mailbox(
@@ -102,7 +154,10 @@ def _mailbox(
 ) -> Mailbox:
     where = f"{map_file} [{direction}.{slot}]"
     if table is None:
-        return Mailbox(slot, "", "", 0, 0, 0, ())
+        return Mailbox(slot)
+    for key in table:
+        if key not in ("message", "signals", "protection"):
+            raise UnknownNameError(f"key in {where}", key, ("message", "signals", "protection"))
     messages = {message.name: message for message in database.messages}
     name = table.get("message", "")
     if name not in messages:
@@ -116,6 +171,12 @@ def _mailbox(
         if signal_name not in known:
             raise UnknownNameError(f"signal of {name} in {where}", signal_name, known)
         mapped.append(map_signal(known[signal_name], entry, f"{where} {signal_name}"))
+    choice = selector(message, where)
+    chosen = pages(mapped)
+    if slot != IN_TURN:
+        refuse_several(message, chosen, where)
+    if direction == "transmit":
+        refuse_unset(message, mapped, where)
     if direction == "receive":
         taken = {signal.place.text for signal in mapped}
         if slot != "roll_reference" and not taken & set(VALID_BITS[slot]):
@@ -123,17 +184,16 @@ def _mailbox(
         if any(signal.place.mask is not None for signal in mapped):
             raise CanrollError(f"{where}: a mask makes sense only in a transmitted frame")
     ident = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
+    used = {signal.name for signal in mapped} | ({choice.name} if choice else set())
     return Mailbox(
         slot=slot,
         name=name,
         comment=message.comment or "",
         ident=ident,
         length=message.length,
-        data_id=_data_id(message),
+        protection=protection(message, table.get("protection"), used, where),
         signals=tuple(sorted(mapped, key=lambda signal: signal.page or 0)),
+        selector=choice if chosen else None,
+        pages=chosen,
+        cycle=len(all_pages(message)) if chosen else 1,
     )
-
-
-def _data_id(message: Message) -> int:
-    attribute = message.dbc.attributes.get("E2EDataId") if message.dbc else None
-    return int(attribute.value) if attribute else 0

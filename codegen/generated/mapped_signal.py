@@ -72,15 +72,24 @@ class Piece:
     signal_bit: int
 
 
-@dataclass(frozen=True, slots=True)
-class MappedSignal:
-    """One signal and its field; a raw n carries ``scale`` * n + ``offset`` field integers."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RawSignal:
+    """Where a signal's raw code stands in the frame."""
 
     name: str
-    place: Place
     pieces: tuple[Piece, ...]
     length: int
     signed: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MappedSignal(RawSignal):
+    """One signal and its field; a raw n carries ``scale`` * n + ``offset`` field integers.
+
+    ``page`` is the value of the frame's multiplexer at which the signal is there, None: always.
+    """
+
+    place: Place
     scale: Fraction
     offset: Fraction
     unavailable: tuple[int, ...]
@@ -184,18 +193,31 @@ def _place(entry: str | Mapping[str, Any], where: str) -> Place:
     )
 
 
+def raw_signal(signal: Signal) -> RawSignal:
+    """A signal's raw code alone."""
+    return RawSignal(
+        name=signal.name,
+        pieces=_pieces(signal),
+        length=signal.length,
+        signed=signal.is_signed,
+    )
+
+
+def bits_of(signal: Signal) -> list[int]:
+    """Bits of the frame that a signal takes, its least significant first; 8 k + b of byte k."""
+    if signal.byte_order == "little_endian":
+        return [signal.start + i for i in range(signal.length)]
+    byte, bit = divmod(signal.start, 8)
+    first = byte * 8 + 7 - bit
+    places = [divmod(first + i, 8) for i in reversed(range(signal.length))]
+    return [8 * byte + 7 - bit for byte, bit in places]
+
+
 def _pieces(signal: Signal) -> tuple[Piece, ...]:
     """Cut a signal where bytes end, its least significant bit first."""
-    if signal.byte_order == "little_endian":
-        positions = [divmod(signal.start + i, 8) for i in range(signal.length)]
-    else:
-        byte, bit = divmod(signal.start, 8)
-        first = byte * 8 + 7 - bit
-        positions = [
-            ((first + i) // 8, 7 - (first + i) % 8) for i in reversed(range(signal.length))
-        ]
     pieces: list[Piece] = []
-    for i, (byte, bit) in enumerate(positions):
+    for i, place in enumerate(bits_of(signal)):
+        byte, bit = divmod(place, 8)
         last = pieces[-1] if pieces else None
         if last is not None and last.byte == byte:
             pieces[-1] = Piece(byte, last.bit, last.width + 1, last.signal_bit)

@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from fractions import Fraction
 from math import floor
 
-from codegen.generated.mapped_signal import MappedSignal
+from codegen.generated.mapped_signal import MappedSignal, RawSignal
 
 FACTOR_BITS = 30
 FRAME_BITS = 64
+LARGEST_SHIFT = 62
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +25,7 @@ class Run:
     width: int
 
 
-def runs(signal: MappedSignal) -> list[Run]:
+def runs(signal: RawSignal) -> list[Run]:
     """The runs of a signal; one, unless it is of big-endian byte order."""
     found: list[Run] = []
     for piece in sorted(signal.pieces, key=lambda piece: piece.signal_bit):
@@ -37,16 +38,17 @@ def runs(signal: MappedSignal) -> list[Run]:
     return found
 
 
-def raw_name(signal: MappedSignal) -> str:
+def raw_name(signal: RawSignal) -> str:
     """The local that holds a signal's raw code."""
     return f"raw_{_snake(signal.name)}"
 
 
-def gathered(signal: MappedSignal) -> str:
+def gathered(signal: RawSignal) -> str:
     """The raw code from ``frame``; the sign comes by offset, without a branch."""
     terms = []
     for run in runs(signal):
-        term = f"(frame >> {run.frame_bit})" if run.frame_bit else "frame"
+        term = _shifted("frame", ">>", run.frame_bit)
+        term = f"({term})" if run.frame_bit else term
         term = f"{term} & {(1 << run.width) - 1}"
         terms.append(f"(({term}) << {run.signal_bit})" if run.signal_bit else f"({term})")
     text = " | ".join(terms)
@@ -56,7 +58,7 @@ def gathered(signal: MappedSignal) -> str:
     return f"({text if len(terms) == 1 else f'({text})'} ^ {half}) - {half}"
 
 
-def placed(signal: MappedSignal) -> Iterator[str]:
+def placed(signal: RawSignal) -> Iterator[str]:
     """The terms that put a signal's raw code into ``frame``."""
     text = raw_name(signal)
     for run in runs(signal):
@@ -65,7 +67,25 @@ def placed(signal: MappedSignal) -> Iterator[str]:
         if run.frame_bit + run.width == FRAME_BITS:
             half = 1 << (run.width - 1)
             term = f"(({term} ^ {half}) - {half})"
-        yield f"{term} << {run.frame_bit}" if run.frame_bit else term
+        yield _shifted(term, "<<", run.frame_bit)
+
+
+def chosen(signal: RawSignal, payload: str) -> str:
+    """The raw code of an unsigned signal from the bytes of ``payload``."""
+    terms = []
+    for piece in signal.pieces:
+        term = f"{payload}[{piece.byte}]"
+        term = f"({term} >> {piece.bit})" if piece.bit else term
+        term = f"({term} & {(1 << piece.width) - 1})"
+        terms.append(f"({term} << {piece.signal_bit})" if piece.signal_bit else term)
+    return " | ".join(terms)
+
+
+def _shifted(term: str, operator: str, count: int) -> str:
+    """A shift by ``count``, in two steps where the subset has no count that large."""
+    if count > LARGEST_SHIFT:
+        return f"({term} {operator} {LARGEST_SHIFT}) {operator} {count - LARGEST_SHIFT}"
+    return f"{term} {operator} {count}" if count else term
 
 
 def unpacked(signal: MappedSignal) -> str:

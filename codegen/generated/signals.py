@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from codegen.generated.bus_map import (
+    IN_TURN,
     RECEIVED,
     SAMPLE_COUNTERS,
     TRANSMITTED,
@@ -19,9 +20,10 @@ from codegen.generated.bus_map import (
     Mailbox,
     load,
 )
-from codegen.generated.mapped_signal import MappedSignal
+from codegen.generated.mapped_signal import MappedSignal, RawSignal
 from codegen.generated.signal_code import (
     available,
+    chosen,
     gathered,
     packed,
     placed,
@@ -43,8 +45,10 @@ HEADER = '''\
 Frames of {names}.
 ``unpack`` turns the bytes of a mailbox into fields; a signal that carries one of its reserved
 codes (error, not available) keeps its field and clears its bit of ``ecu.valid``. ``pack`` writes
-the bytes of a frame, rounded to nearest and limited as the DBC says; E2E adds its header.
+the bytes of a frame, rounded to nearest and limited as the DBC says; ``protection`` comes after it.
 """
+
+from typing import Annotated
 
 from firmware.state import {imports}
 from firmware.subset import byte, clamp, i32, i64, rsh, u8
@@ -75,7 +79,7 @@ def generate(dbc: Path = DBC, map_file: Path = MAP) -> str:
     slots = sorted([f"RX_{s.upper()}" for s in RECEIVED] + [f"TX_{s.upper()}" for s in TRANSMITTED])
     imports = "".join(f"    {name},\n" for name in [*slots, "Ecu"])
     lines = HEADER.format(names=dbc.name, imports=f"(\n{imports})").splitlines()
-    lines += ["", *_tables(bus), "", "", *FRAMES.splitlines()]
+    lines += ["", *_tables(bus), "", "", *_wanted(bus), "", "", *FRAMES.splitlines()]
     for box in bus.received:
         lines += ["", "", *_unpack(box)]
     for box in bus.transmitted:
@@ -85,12 +89,35 @@ def generate(dbc: Path = DBC, map_file: Path = MAP) -> str:
 
 
 def _tables(bus: BusMap) -> Iterable[str]:
-    yield "# identifiers (bit 30: a 29-bit one; 0: the mailbox stays empty), lengths, E2E data ids"
+    yield "# identifiers (bit 30: a 29-bit one; 0: the mailbox stays empty), lengths"
     for prefix, boxes in (("RX", bus.received), ("TX", bus.transmitted)):
         ids = ", ".join(f"0x{box.ident:X}" if box.name else "0" for box in boxes)
         yield f"{prefix}_IDS: tuple[i32, ...] = ({ids})"
         yield f"{prefix}_LENGTHS: tuple[u8, ...] = ({', '.join(str(b.length) for b in boxes)})"
-        yield f"{prefix}_DATA_IDS: tuple[i32, ...] = ({', '.join(str(b.data_id) for b in boxes)})"
+    yield "# of each frame sent: 1 where the actuators echo its counter"
+    echoed = ", ".join(str(int(each)) for each in bus.echoed)
+    yield f"TX_ECHOED: tuple[u8, ...] = ({echoed})"
+    yield "# pages of the diagnostics, which are sent in turn"
+    yield f"PAGES = {max(len(_in_turn(bus).pages), 1)}"
+
+
+def _in_turn(bus: BusMap) -> Mailbox:
+    return next(box for box in bus.transmitted if box.slot == IN_TURN)
+
+
+def _wanted(bus: BusMap) -> Iterable[str]:
+    yield "def wanted(message: i32, payload: Annotated[list[u8], 8]) -> i32:"
+    yield '    """Return 1 where the mailbox ``message`` takes a frame, by the page that it is."""'
+    for box in bus.received:
+        if box.selector is not None:
+            yield f"    if message == RX_{box.slot.upper()}:"
+            yield f"        {raw_name(box.selector)}: i32 = {chosen(box.selector, 'payload')}"
+            yield f"        if {raw_name(box.selector)} != {box.pages[0]}:"
+            yield "            return 0"
+        elif not box.name:
+            yield f"    if message == RX_{box.slot.upper()}:"
+            yield "        return 0"
+    yield "    return 1"
 
 
 def _unpack(box: Mailbox) -> Iterable[str]:
@@ -144,12 +171,39 @@ def _pack(box: Mailbox) -> Iterable[str]:
     yield f'    """Return the frame {_identified(box)}."""'
     yield "    frame: i64 = 0"
     yield from _fill([signal for signal in box.signals if signal.page is None], "    ")
-    keyword = "if"
-    for page in sorted({signal.page for signal in box.signals if signal.page is not None}):
-        yield f"    {keyword} ecu.diagnostics_page == {page}:"
-        keyword = "elif"
-        yield from _fill([signal for signal in box.signals if signal.page == page], "        ")
+    if box.selector is not None and box.slot == IN_TURN:
+        yield from _pages_in_turn(box, box.selector)
+    elif box.selector is not None:
+        yield from _page(box, box.selector, box.pages[0], "    ")
     yield "    return frame"
+
+
+def _pages_in_turn(box: Mailbox, selector: RawSignal) -> Iterable[str]:
+    """A branch for each page, by the number of the one that is due."""
+    if len(box.pages) == 1:
+        yield from _page(box, selector, box.pages[0], "    ")
+        return
+    in_order = box.pages == tuple(range(len(box.pages)))
+    if in_order:
+        yield f"    {raw_name(selector)}: i32 = ecu.diagnostics_page"
+        for term in placed(selector):
+            yield f"    frame |= {term}"
+    keyword = "if"
+    for number, page in enumerate(box.pages):
+        yield f"    {keyword} ecu.diagnostics_page == {number}:"
+        keyword = "elif"
+        if in_order:
+            yield from _fill([its for its in box.signals if its.page == page], "        ")
+        else:
+            yield from _page(box, selector, page, "        ")
+
+
+def _page(box: Mailbox, selector: RawSignal, page: int, indent: str) -> Iterable[str]:
+    """The selector and the signals of one page."""
+    yield f"{indent}{raw_name(selector)}: i32 = {page}"
+    for term in placed(selector):
+        yield f"{indent}frame |= {term}"
+    yield from _fill([signal for signal in box.signals if signal.page == page], indent)
 
 
 def _fill(signals: list[MappedSignal], indent: str) -> Iterable[str]:

@@ -6,15 +6,18 @@ reserved codes, silence, missed ticks.
 """
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
-from firmware import check, e2e
-from firmware.calibration import STATE_MAX, Calibration
-from firmware.signals import RX_DATA_IDS, RX_IDS
+from codegen.generated import signals
+from codegen.generated.bus_map import BusMap, Mailbox, load
+from firmware import check
+from firmware.calibration import N_RX, STATE_MAX, Calibration
+from firmware.signals import RX_IDS
 from firmware.state import RX_ACTUATOR_STATE
 from firmware.subset import fields
 
@@ -27,7 +30,6 @@ Payload = NDArray[np.uint8] | bytes
 SLOT = {ident: slot for slot, ident in enumerate(RX_IDS) if ident}
 """Mailbox of each identifier that the ECU receives."""
 
-N_RX = len(RX_DATA_IDS)
 RESERVED_CODES = (0x7FFF, 0x7FFE, 0xFFFF, 0xFFFE)
 
 
@@ -99,8 +101,20 @@ def _plausible(record: Calibration, rng: np.random.Generator) -> None:
             row[i] = max(row[i], 1 << 20)
 
 
-def random_traffic(seed: int, ticks: int, *, hostile: float = 0.15) -> Traffic:
-    """Traffic of all messages over ``ticks``; ``hostile`` is the share of frames that hurt."""
+@cache
+def built_in() -> BusMap:
+    """The frames of ``dbc/roll_control.dbc``."""
+    return load(signals.DBC, signals.MAP)
+
+
+def random_traffic(
+    seed: int, ticks: int, *, hostile: float = 0.15, bus: BusMap | None = None
+) -> Traffic:
+    """Traffic of all messages over ``ticks``; ``hostile`` is the share of frames that hurt.
+
+    ``bus`` has the frames, by default those of the built-in bus.
+    """
+    boxes = (bus or built_in()).received
     rng = np.random.default_rng(seed)
     counters = np.zeros(N_RX, np.int64)
     samples = np.zeros(N_RX, np.int64)
@@ -110,13 +124,15 @@ def random_traffic(seed: int, ticks: int, *, hostile: float = 0.15) -> Traffic:
         for message in range(N_RX):
             if rng.random() < 0.1:
                 continue
-            counters[message] = (counters[message] + 1) % 15
+            counters[message] = (counters[message] + 1) % _values(boxes[message])
             samples[message] = (samples[message] + 1) % 16
             words[message] = _signals(rng, int(words[message]))
-            payload = _payload(message, int(words[message]), samples[message], counters[message])
-            length = 8
+            box = boxes[message]
+            payload = _payload(message, int(words[message]), samples[message])
+            payload = _finished(box, payload, int(counters[message]))
+            length = box.length
             if rng.random() < hostile:
-                payload, length = _spoiled(rng, payload, message)
+                payload, length = _spoiled(rng, payload, box)
             rows.append((tick, message, length, payload))
     elapsed = np.ones(ticks, np.int32)
     missed = rng.random(ticks) < 0.02
@@ -146,7 +162,8 @@ def disturbed(
             if rng.random() < 0.2:
                 continue
             if rng.random() < 0.3:
-                payload, length = _spoiled(rng, payload, int(event["message"]))
+                box = built_in().received[event["message"]]
+                payload, length = _spoiled(rng, payload, box)
         rows.append((event["tick"], event["message"], length, payload))
     elapsed = traffic.elapsed.copy()
     missed = hurt & (rng.random(traffic.ticks) < 0.05)
@@ -170,27 +187,44 @@ def _signals(rng: np.random.Generator, word: int) -> int:
     return parts[0] | parts[1] << 16 | parts[2] << 32
 
 
-def _payload(message: int, word: int, sample: int, counter: int) -> list[int]:
+def _payload(message: int, word: int, sample: int) -> list[int]:
     bits = (int(sample) << 60) | (word << 12)
     if message == RX_ACTUATOR_STATE:
         bits = (bits & ~(0xF << 58)) | (int(sample) << 58)
-    payload = list((bits & ((1 << 64) - 1)).to_bytes(8, "little"))
-    e2e.protect(payload, RX_DATA_IDS[message], int(counter))
-    return payload
+    return list((bits & ((1 << 64) - 1)).to_bytes(8, "little"))
 
 
-def _spoiled(rng: np.random.Generator, payload: list[int], message: int) -> tuple[list[int], int]:
+def _values(box: Mailbox) -> int:
+    """Number of values of a frame's counter; 15 where it has none."""
+    counter = box.protection.counter if box.protection else None
+    return counter.values if counter else 15
+
+
+def _finished(box: Mailbox, payload: list[int], counter: int) -> list[int]:
+    """The frame with its page and its protection, eight bytes of which it uses its own."""
+    frame = bytearray(payload[: box.length])
+    if box.selector is not None:
+        for piece in box.selector.pieces:
+            mask = ((1 << piece.width) - 1) << piece.bit
+            part = (box.pages[0] >> piece.signal_bit) << piece.bit & mask
+            frame[piece.byte] = frame[piece.byte] & ~mask | part
+    if box.protection is not None:
+        box.protection.apply(frame, counter)
+    return [*frame, *bytes(8 - box.length)]
+
+
+def _spoiled(rng: np.random.Generator, payload: list[int], box: Mailbox) -> tuple[list[int], int]:
     kind = int(rng.integers(0, 5))
     payload = list(payload)
     if kind == 0:
         payload[int(rng.integers(0, 8))] ^= 1 << int(rng.integers(0, 8))
     elif kind == 1:
-        e2e.protect(payload, RX_DATA_IDS[message], int(rng.integers(0, 16)))
+        payload = _finished(box, payload, int(rng.integers(0, 16)))
     elif kind == 2:
         return payload, int(rng.integers(-3, 300))
     elif kind == 3:
         payload = rng.integers(0, 256, 8).tolist()
-        e2e.protect(payload, RX_DATA_IDS[message], int(rng.integers(0, 15)))
+        payload = _finished(box, payload, int(rng.integers(0, 15)))
     else:
         payload = rng.integers(0, 256, 8).tolist()
-    return payload, 8
+    return payload, box.length

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import dbc
 from canroll.errors import CanrollError, VerdictError
-from codegen.run.backends import BACKENDS, default_backend, open_backend
+from codegen.run import BACKENDS
+from codegen.run.backends import default_backend, open_backend
 from firmware.signals import TX_IDS
 from gain_gen.calibration.calibration_file import load as load_calibration
 from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
 from hil.realtime.bus_link import CanLink, add_bus_arguments, open_link
+from hil.realtime.hardware import bus_record
 from hil.realtime.phase_lock import PhaseLock
 from hil.runs import phase
 
@@ -179,8 +181,15 @@ def run(args: argparse.Namespace) -> int:
                 "full": recorder.full,
                 "compilations": compiled.count,
                 "pace": args.pace,
+                "bus": bus_record.about_of(link.record),
             }
-            trace = tick_trace.TickTrace(calibration, recorder.ticks(), recorder.frames(), about)
+            trace = tick_trace.TickTrace(
+                calibration,
+                recorder.ticks(),
+                recorder.frames(),
+                about,
+                bus_record.entries_of(link.record),
+            )
             tick_trace.save(args.trace, trace)
     print(
         f"ECU ends ({outcome.reason}) in {MODES[outcome.mode]}: {outcome.ticks} ticks, "

@@ -13,10 +13,12 @@ from canroll.errors import CanrollError, VerdictError
 from codegen.export import a2l, bundle
 from codegen.export.header import gains_header
 from codegen.generated import signals
+from codegen.generated.bus_map import BusMap
 from codegen.generated.bus_map import load as load_map
 from codegen.run import ecu_traffic
 from codegen.run.backends import Recorder, open_backend
 from codegen.run.ecu_traffic import Traffic
+from firmware.calibration import Calibration
 from gain_gen.calibration.freeze import physical_notes
 from gain_gen.calibration.record import identify
 from hil.runs.experiment import build_world, plan
@@ -107,11 +109,15 @@ def described(
     own = args.dbc is not None
     if own:
         bus = load_map(args.dbc, args.map)
-        if record.e2e and not any(box.data_id for box in (*bus.received, *bus.transmitted)):
+        if record.e2e and not bus.protected:
             record.e2e = 0
             identify(record)
-        traffic = ecu_traffic.random_traffic(1, HOSTILE_TICKS, hostile=1.0)
-        origin = f"The vectors are {traffic.ticks} ticks of random frames."
+        refuse_wide_steps(bus, record, args.map)
+        traffic = ecu_traffic.random_traffic(1, HOSTILE_TICKS, bus=bus)
+        origin = (
+            f"The vectors are {traffic.ticks} ticks of random frames, some with wrong checksums, "
+            "counters and lengths."
+        )
     else:
         run_in = recorded(settings, controller)
         traffic = joined(run_in, ecu_traffic.random_traffic(1, HOSTILE_TICKS))
@@ -128,6 +134,18 @@ def described(
         traffic=traffic,
         origin=origin,
     )
+
+
+def refuse_wide_steps(bus: BusMap, record: Calibration, map_file: Path) -> None:
+    """Raise where a page of a multiplexed frame comes with larger counter steps than accepted."""
+    for box, accepted in zip(bus.received, record.e2e_max_delta, strict=True):
+        counter = box.protection.counter if box.protection else None
+        if record.e2e and counter is not None and box.cycle > accepted:
+            raise CanrollError(
+                f"{map_file} [receive.{box.slot}]: {box.name} counts over its {box.cycle} pages; "
+                f"the calibration accepts steps of {accepted} (e2e_max_delta): raise it, or map a "
+                "frame that is not multiplexed"
+            )
 
 
 def recorded(settings: Settings, controller: Controller) -> Traffic:

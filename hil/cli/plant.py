@@ -91,6 +91,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def run(args: argparse.Namespace) -> int:
     """Simulate until the manoeuvre is over, the ECU is lost or a signal comes."""
     from hil.realtime import plant_loop, plant_record, warm  # noqa: PLC0415
+    from hil.realtime.hardware import bus_record  # noqa: PLC0415
     from hil.report.run_folder import check_parent  # noqa: PLC0415
     from hil.runs import logs, signal_files  # noqa: PLC0415 - loads compiled kernels
 
@@ -140,8 +141,11 @@ def run(args: argparse.Namespace) -> int:
                 "failed": link.failed,
                 "compilations": compiled.count,
                 "pace": args.pace,
+                "bus": bus_record.about_of(link.record),
             }
-            plant_record.save(args.record, world, outcome, about)
+            plant_record.save(
+                args.record, world, outcome, about, bus_record.entries_of(link.record)
+            )
         if args.log is not None:
             logs.write_log(args.log, world.frames)
         if args.signals is not None:

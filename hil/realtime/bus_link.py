@@ -17,6 +17,8 @@ import can
 from can.cli import add_bus_arguments, create_bus_from_namespace
 
 from canroll.errors import CanrollError
+from hil.realtime.hardware import interfaces
+from hil.realtime.hardware.bus_record import BusRecord, source
 
 __all__ = ["EXTENDED", "CanLink", "Frame", "Link", "add_bus_arguments", "has_bus", "open_link"]
 
@@ -38,6 +40,10 @@ class Link(Protocol):
 
     sent: int
     received: int
+
+    @property
+    def record(self) -> BusRecord | None:
+        """What went over a real bus; None where it is none."""
 
     @property
     def failed(self) -> int:
@@ -64,14 +70,26 @@ class CanLink:
 
     Attributes:
         lost: the server went away and has not been found again.
+        record: everything that went over the bus, None where it is not kept.
 
     Args:
         bus: open.
         reopen: opens it again; raises CanrollError while that fails. None: never.
+        record: takes everything that goes over the bus.
+        echoes: the interface gives back what was sent, which nobody wants to hear.
     """
 
-    def __init__(self, bus: can.BusABC, reopen: Callable[[], can.BusABC] | None = None) -> None:
+    def __init__(
+        self,
+        bus: can.BusABC,
+        reopen: Callable[[], can.BusABC] | None = None,
+        *,
+        record: BusRecord | None = None,
+        echoes: bool = False,
+    ) -> None:
         self.bus = bus
+        self.record = record
+        self._echoes = echoes
         self.sent = self.received = self._failed = 0
         self.lost = False
         self._reopen = reopen
@@ -108,7 +126,7 @@ class CanLink:
             self._try_again()
         message, down = None, False
         try:
-            message = self.bus.recv(timeout)
+            message = self._read(timeout)
         except (can.CanError, OSError):
             down = True
         if message is None:
@@ -117,9 +135,30 @@ class CanLink:
             if down or self.lost:
                 # a bus that is gone does not wait: whoever waits for it would spin
                 time.sleep(min(timeout, RETRY))
-        elif not (message.is_error_frame or message.is_remote_frame or message.is_extended_id):
+            return None
+        if self.record is not None:
+            self.record.heard(message)
+        if not (message.is_error_frame or message.is_remote_frame or message.is_extended_id):
             self.received += 1
         return message
+
+    def _read(self, timeout: float) -> can.Message | None:
+        """Read the next message; None where none comes within ``timeout`` seconds.
+
+        A serial adapter is asked first, for python-can waits 1 ms for it in any case, and its
+        acknowledgement of a frame reads as nothing although other frames wait behind it.
+        """
+        serial = getattr(self.bus, "serialPortOrig", None)
+        if serial is not None and timeout == 0 and not serial.in_waiting:
+            return None
+        until = time.monotonic() + timeout
+        while True:
+            message = self.bus.recv(max(0.0, until - time.monotonic()))
+            if message is None:
+                if serial is None or not serial.in_waiting:
+                    return None
+            elif message.is_rx or not self._echoes:
+                return message
 
     def send(self, ident: int, payload: bytes) -> None:
         """Send a frame."""
@@ -136,6 +175,8 @@ class CanLink:
             self._failed += 1
         else:
             self.sent += not extended
+            if self.record is not None:
+                self.record.sent(message.arbitration_id, payload, extended=extended)
 
     def _lose(self) -> None:
         self.lost = True
@@ -202,17 +243,38 @@ def open_link(args: argparse.Namespace) -> CanLink:
         CanrollError: it cannot be opened; the message says which command mends it.
     """
     logging.getLogger("can").setLevel(logging.CRITICAL)
-    return CanLink(_open(args), lambda: _open(args))
+    name, channel, bitrate, kwargs = options_of(args)
+    clock = interfaces.clock_of(name, kwargs)
+    return CanLink(
+        _open(args),
+        lambda: _open(args),
+        record=BusRecord(source(name, channel, clock, bitrate)),
+        echoes=interfaces.echoes(name),
+    )
+
+
+def options_of(args: argparse.Namespace) -> tuple[str, str, int | None, dict[str, Any]]:
+    """Return interface, channel, bit rate (None: not given) and arguments of the bus's class.
+
+    What the options leave open comes from python-can's configuration (can.rc, environment).
+    """
+    configured = {} if "interface" in args else can.util.load_config()
+    name = str(getattr(args, "interface", configured.get("interface", "")))
+    channel = getattr(args, "channel", configured.get("channel"))
+    bitrate = getattr(args, "bitrate", configured.get("bitrate"))
+    kwargs = getattr(args, "bus_kwargs", {})
+    return name, str("" if channel is None else channel), bitrate, kwargs
 
 
 def _open(args: argparse.Namespace) -> can.BusABC:
-    kwargs: dict[str, Any] = {}
-    if getattr(args, "interface", None) == "socketcand":
-        options = getattr(args, "bus_kwargs", {})
-        _reachable(str(options.get("host", "")), int(options.get("port", 0)))
-        kwargs = {"tcp_tune": True}
     try:
+        name, channel, bitrate, options = options_of(args)
+        kwargs = interfaces.arguments_for(name, channel, bitrate, options)
+        if name == "socketcand":
+            _reachable(str(options.get("host", "")), int(options.get("port", 0)))
         bus = create_bus_from_namespace(args, **kwargs)
+    except can.CanInterfaceNotImplementedError as error:
+        raise CanrollError(explain(error, args)) from error
     except argparse.ArgumentError as error:
         raise CanrollError(explain(error.__cause__ or error, args)) from error
     raw = getattr(bus, "socket", None)
@@ -250,14 +312,16 @@ def explain(error: BaseException, args: argparse.Namespace) -> str:
         )
     if number in (errno.EPERM, errno.EACCES):
         return f"no permission for '{channel}' on {interface}: run as root"
-    if isinstance(error, (can.CanInterfaceNotImplementedError, ImportError)):
-        if "interface" not in args:
-            return "which bus? Say so with -i and -c, for example -i socketcan -c vcan0"
-        return (
-            f"python-can lacks the driver for '{interface}' ({_first_line(error)}): "
-            f"pip install 'python-can[{interface}]'"
-        )
-    return f"cannot open '{channel}' on {interface}: {_first_line(error)}"
+    if "interface" not in args and isinstance(error, can.CanInterfaceNotImplementedError):
+        return "which bus? Say so with -i and -c, for example -i socketcan -c vcan0"
+    known = interfaces.INTERFACES.get(interface)
+    if interfaces.driver_is_missing(error) or isinstance(
+        error, can.CanInterfaceNotImplementedError
+    ):
+        needs = known.needs if known else "a package or driver of its own, see python-can's pages"
+        return f"-i {interface} needs {needs} ({_first_line(error)})"
+    plugged = f": is it plugged in? It opens as {known.options}" if known else ""
+    return f"cannot open '{channel}' on {interface} ({_first_line(error)}){plugged}"
 
 
 def _first_line(error: BaseException) -> str:

@@ -28,6 +28,7 @@ def run(
     pace: str = "realtime",
     side_channel: str | None = None,
     announce: Callable[[str], None] = lambda text: None,
+    serve: str | None = None,
     **keywords: Any,  # noqa: ANN401
 ) -> tuple[Result, dict[str, Any]]:
     """Drive a manoeuvre by two programs and return the result and its ``timing`` object.
@@ -41,6 +42,7 @@ def run(
         pace: "realtime", or "lockstep": the plant grants the ECU's ticks.
         side_channel: address for the grants of lock step; None: the bus carries them.
         announce: told in a few words what is under way.
+        serve: ``HOST:PORT`` of the plant's own bus; None: a free port on loopback.
         keywords: of :func:`hil.runs.experiment.plan`.
 
     Raises:
@@ -58,6 +60,7 @@ def run(
         announce=announce,
         pace=pace,
         side_channel=side_channel,
+        serve=serve,
     )
     timing: dict[str, Any] = {}
     controlled = None

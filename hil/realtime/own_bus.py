@@ -16,7 +16,9 @@ CHANNEL = "plant"
 
 
 class OwnBus:
-    """A link whose far side are the clients of a server."""
+    """A link whose far side are the clients of a server; it is no real bus and keeps no record."""
+
+    record = None
 
     def __init__(self, server: SocketcandServer) -> None:
         self._server = server

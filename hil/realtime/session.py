@@ -34,6 +34,7 @@ class Setup:
         announce: told in a few words what is under way.
         pace: "realtime", or "lockstep": the plant grants the ECU's ticks.
         side_channel: address for the grants of lock step, HOST:PORT; None: the bus carries them.
+        serve: ``HOST:PORT`` of the plant's own bus; None: a free port on loopback.
     """
 
     bus_options: Sequence[str]
@@ -43,6 +44,7 @@ class Setup:
     announce: Callable[[str], None]
     pace: str = "realtime"
     side_channel: str | None = None
+    serve: str | None = None
 
 
 def choose_cores() -> tuple[int, int] | None:
@@ -76,6 +78,7 @@ def drive(
         bus = list(setup.bus_options)
         if not bus:
             bus = programs.wait_for(plant, "serving ").split()[1:]
+            setup.announce(f"to watch: canroll watch {' '.join(bus)}")
         grants = [] if setup.side_channel is None else _grants(plant)
         programs.wait_for(plant, "plant waits")
         arguments = ["ecu", "--calibration", str(gains), "--backend", settings.backend]
@@ -112,7 +115,7 @@ def plant_arguments(
     # its ECU is watched: it comes, or its end is noticed
     arguments += ["--wait", str(programs.START)]
     if not setup.bus_options:
-        arguments += ["--serve", "127.0.0.1:0"]
+        arguments += ["--serve", setup.serve or "127.0.0.1:0"]
     options = {
         "vehicle": controller.tables["design"]["vehicle"],
         "actuator": settings.actuator,
@@ -287,6 +290,7 @@ def timing_object(
         "cores": dict(zip(("plant", "ecu"), setup.cores, strict=True)) if setup.cores else None,
         "judged": setup.cores is not None and setup.pace == "realtime",
         "notes": sorted(set(notes)),
+        "bus": {"ecu": _bus_seen(ecu, plant), "plant": _bus_seen(plant, plant)},
         "histograms": {
             "start_jitter": timing.histogram(jitter),
             "tick": timing.histogram(timing.durations(ran)),
@@ -300,6 +304,13 @@ def timing_object(
             }
         ),
     }
+
+
+def _bus_seen(program: PlantRecord | TickTrace, plant: PlantRecord) -> dict[str, Any] | None:
+    """Return what a program saw of the real bus while the plant ran."""
+    read = program.bus["read_ns"]
+    ran = (read >= int(plant.about["start_ns"])) & (read <= int(plant.about["end_ns"]))
+    return timing.bus_figures(program.bus[ran], program.about.get("bus"))
 
 
 def frames_lost(plant: PlantRecord, ecu: TickTrace) -> int:

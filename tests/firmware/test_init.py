@@ -65,8 +65,8 @@ def test_everything_starts_at_zero_but_what_is_calibrated_or_means_that_nothing_
         # nothing is known of the vehicle's motion and moment, no counter has been seen
         "motion_lost": 1,
         "moment_unknown": 1,
-        "echo": 15,
-        "e2e_last": [15] * fw.N_RX,
+        "echo": 255,
+        "e2e_last": [255] * fw.N_RX,
         "last_sample": [16] * fw.N_RX,
         # as calibrated
         "e2e_delta": cal.e2e_max_delta,

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 import dbc
 from firmware import calibration as fw
-from firmware import e2e, signals
 from firmware import ecu as loop
+from firmware import protection, signals
 from firmware.calibration import N_RX, Calibration
 from firmware.check import check
 from firmware.state import RX_ACTUATOR_STATE, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE, Ecu
@@ -115,7 +115,7 @@ class Storm:
             if message == RX_ACTUATOR_STATE:
                 payload[7] = (payload[7] + 4) & 255
             self.counter[message] = (self.counter[message] + 1) % 15
-            e2e.protect(payload, self.data_ids[message], self.counter[message])
+            protection.protect_0(payload, self.counter[message], self.data_ids[message])
             if rng.random() < 0.05:
                 payload[rng.randrange(8)] ^= 1 << rng.randrange(8)
             self.last[message] = list(payload)

@@ -152,10 +152,41 @@ def test_a_users_own_bus_without_e2e(tmp_path):
     source = (out / "src" / "canroll_signals.c").read_text()
     assert "291, 0, 0, 292, 0" in source
     readme = (out / "README.md").read_text()
-    assert "| receive | 0 | 0x123 | Inertial" in readme
+    assert "| receive | 0 | 0x123 | 5 | none | Inertial |" in readme
     assert "no end-to-end protection" in readme
     assert "canroll_codec_inertial_unpack" in (out / "codec" / "canroll_codec.h").read_text()
     assert cantools.database.load_file(out / "own.dbc").get_message_by_name("Forces")
+
+
+SHORT = """#include <stdlib.h>
+#include <string.h>
+#include "canroll.h"
+static canroll_ecu ecu;
+int main(void)
+{
+    uint8_t *payload = malloc(5);
+    memset(payload, 85, 5);
+    canroll_receive(&ecu, 0, payload, 5);
+    canroll_receive(&ecu, 0, payload, 4);
+    free(payload);
+    return ecu.rx_fresh[0] == 1 && ecu.rx_payload[0][4] == 85 && ecu.rx_payload[0][5] == 0 ? 0 : 1;
+}
+"""
+
+
+def test_receive_reads_no_more_than_the_frame_has(tmp_path):
+    (tmp_path / "own.dbc").write_text(DBC)
+    (tmp_path / "own.toml").write_text(MAP)
+    files = bundle.sources(tmp_path / "own.dbc", tmp_path / "own.toml")
+    for name, text in {**files, "short.c": SHORT}.items():
+        (tmp_path / name).write_text(text)
+    program = tmp_path / "short"
+    flags = ["-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-fsanitize=address,undefined"]
+    sources = [str(path) for path in sorted(tmp_path.glob("*.c"))]
+    build = [native.compiler(), *flags, "-o", str(program), *sources]
+    for command in (build, [str(program)]):
+        result = subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
+        assert result.returncode == 0, result.stderr
 
 
 def test_the_readme_leaves_no_gap(folder):

@@ -11,10 +11,11 @@ from hypothesis import strategies as st
 
 import dbc
 from canroll.errors import CanrollError
+from codegen.export import bundle
 from codegen.generated import bus_map
+from codegen.generated import protection as protection_source
 from codegen.generated import signals as signal_source
-from firmware import signals
-from firmware.calibration import N_RX
+from firmware import protection, signals
 from firmware.state import Ecu
 from firmware.subset import fields
 
@@ -51,13 +52,15 @@ def put(ecu, text, value):
 
 def test_checked_in_module_is_what_the_dbc_says():
     assert signal_source.SIGNALS.read_text(encoding="utf-8") == signal_source.generate()
+    checked_in = protection_source.PROTECTION.read_text(encoding="utf-8")
+    assert checked_in == protection_source.generate()
 
 
 def test_tables_match_the_dbc():
     database = dbc.load()
     for boxes, ids, data_ids in (
-        (BUS.received, signals.RX_IDS, signals.RX_DATA_IDS),
-        (BUS.transmitted, signals.TX_IDS, signals.TX_DATA_IDS),
+        (BUS.received, signals.RX_IDS, protection.RX_DATA_IDS),
+        (BUS.transmitted, signals.TX_IDS, protection.TX_DATA_IDS),
     ):
         for box, ident, data_id in zip(boxes, ids, data_ids, strict=True):
             message = database.get_message_by_frame_id(ident)
@@ -105,8 +108,6 @@ def test_packed_frames_are_what_cantools_encodes(data):
         for signal in box.signals:
             lo, hi = signal.place.lo, signal.place.hi
             value = data.draw(st.integers(lo, hi) | st.sampled_from([lo, hi, 0]))
-            if signal.place.text == "diagnostics_page":
-                value = page
             if signal.page is not None and signal.page != page:
                 continue
             put(ecu, signal.place.text, value)
@@ -114,13 +115,15 @@ def test_packed_frames_are_what_cantools_encodes(data):
             unit = definition.unit
             physical = value / 2**signal.place.q / TO_SI.get(unit, 1)
             expected[signal.name] = min(max(physical, definition.minimum), definition.maximum)
+        ecu.diagnostics_page = page
+        if box.pages:
+            expected["Page"] = page
         signals.pack(ecu, slot)
         got = message.decode(bytes(ecu.tx_payload[slot]), decode_choices=False)
         for name, physical in expected.items():
             step = message.get_signal_by_name(name).scale
             assert abs(got[name] - physical) <= step / 2 * (1 + 1e-6), name
-        mapped = {signal.name for signal in box.signals}
-        assert all(got[name] == 0 for name in got if name not in mapped)
+        assert all(got[name] == 0 for name in got if name not in expected)
 
 
 USER_DBC = """VERSION ""
@@ -152,7 +155,7 @@ def test_a_users_big_endian_bus_with_offsets_and_no_e2e(tmp_path):
     exec(compile(signal_source.generate(*paths), "signals", "exec"), namespace)
     message = cantools.database.load_file(paths[0]).messages[0]
     assert namespace["RX_IDS"][0] == message.frame_id | bus_map.EXTENDED
-    assert namespace["RX_DATA_IDS"] == (0,) * N_RX
+    assert not bus_map.load(*paths).protected
     ecu = Ecu()
     for rate in (-200.0, -5.0, 0.0, 12.3, 199.0):
         for raw in (0, 2048, 4093, 4094, 4095):
@@ -198,6 +201,7 @@ def test_a_wrong_map_is_named(tmp_path, old, new, word):
 
 
 UNUSED = {"LongitudinalAcceleration"}
+SELECTORS = {"Page"}
 
 
 def test_map_covers_every_signal_but_the_e2e_header_and_what_the_loop_has_no_use_for():
@@ -205,5 +209,51 @@ def test_map_covers_every_signal_but_the_e2e_header_and_what_the_loop_has_no_use
     for direction in ("receive", "transmit"):
         for table in document[direction].values():
             message = dbc.load().get_message_by_name(table["message"])
-            names = {signal.name for signal in message.signals} - {"Checksum", "Counter"} - UNUSED
+            names = {signal.name for signal in message.signals} - {"Checksum", "Counter"}
+            names -= UNUSED | SELECTORS
             assert set(table["signals"]) == names
+
+
+TOP_DBC = """VERSION ""
+NS_ :
+BS_:
+BU_: Ecu Car
+BO_ 100 Corners: 8 Car
+ SG_ Stuck : 63|1@1+ (1,0) [0|1] "" Ecu
+ SG_ Held : {held} (1,0) [0|1] "" Ecu
+ SG_ Front : 0|16@1- (1,0) [-8000|8000] "Nm" Ecu
+BO_ 101 Status: 8 Ecu
+ SG_ Lost : 63|1@1+ (1,0) [0|1] "" Car
+ SG_ Mode : {mode} (1,0) [0|3] "" Car
+"""
+TOP_MAP = """schema = 1
+[receive.actuator_state]
+message = "Corners"
+signals.Stuck = "enabled"
+signals.Held = "command_held"
+signals.Front = "delivered[0]"
+[transmit.status]
+message = "Status"
+signals.Lost = "lateral_lost"
+signals.Mode = "mode"
+"""
+
+
+@pytest.mark.parametrize(("held", "mode"), [("62|1@1+", "61|2@1+"), ("56|1@0+", "57|2@0+")])
+def test_a_signal_at_bit_63(tmp_path, held, mode):
+    paths = user(tmp_path, TOP_DBC.format(held=held, mode=mode), TOP_MAP)
+    namespace = {}
+    exec(compile(signal_source.generate(*paths), "signals", "exec"), namespace)
+    # nor does the emitter have anything against it
+    assert "canroll_signals.c" in bundle.sources(*paths)
+    corners, status = cantools.database.load_file(paths[0]).messages
+    ecu = Ecu()
+    for k in range(4):
+        values = {"Stuck": k & 1, "Held": k >> 1, "Front": -8000}
+        ecu.rx_payload[6] = list(corners.encode(values))
+        namespace["unpack"](ecu, 3, 6)
+        assert (ecu.enabled, ecu.command_held) == (k & 1, k >> 1)
+        assert ecu.delivered[0] == -8000 << 14
+        ecu.lateral_lost, ecu.mode = k & 1, k
+        namespace["pack"](ecu, 4)
+        assert status.decode(bytes(ecu.tx_payload[4])) == {"Lost": k & 1, "Mode": k}

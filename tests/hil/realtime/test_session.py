@@ -8,8 +8,6 @@ import json
 import os
 import re
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -21,56 +19,6 @@ import dbc
 from hil.cli.main import main
 from hil.realtime import plant_record, tick_trace
 from plant_sim.can_bus import DELIVERED
-
-PATIENCE = 1800.0
-
-
-class Program:
-    """A canroll program in the background; its lines are waited for."""
-
-    def __init__(self, log, *arguments):
-        self.log = log
-        with log.open("w") as out:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "hil.cli.main", *map(str, arguments)],
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-
-    @property
-    def said(self):
-        return self.log.read_text()
-
-    def wait_for(self, text):
-        until = time.monotonic() + PATIENCE
-        while text not in self.said:
-            assert self.process.poll() is None or text in self.said, self.said
-            assert time.monotonic() < until, self.said
-            time.sleep(0.01)
-
-    def end(self):
-        return self.process.wait(PATIENCE)
-
-    def kill(self):
-        self.process.send_signal(signal.SIGKILL)
-        self.process.wait()
-
-
-@pytest.fixture
-def programs(tmp_path):
-    started = []
-
-    def start(name, *arguments):
-        program = Program(tmp_path / f"{name}-{len(started)}.txt", *arguments)
-        started.append(program)
-        return program
-
-    yield start
-    for program in started:
-        if program.process.poll() is None:
-            program.kill()
 
 
 def plant(programs, *arguments, serve="127.0.0.1:0"):

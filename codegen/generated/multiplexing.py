@@ -1,0 +1,65 @@
+"""Multiplexed frames: the selector of a message, and which of its pages a mailbox uses.
+
+Simple multiplexing (one selector, each other signal on one page or on all) is what the firmware
+knows. A mailbox that receives takes one page and passes by the frames of all others, so that its
+age is that of the page. One that sends sets the selector to the page of its signals; only the
+diagnostics send several pages, in turn.
+"""
+
+from collections.abc import Sequence
+
+from cantools.database.can import Message
+
+from canroll.errors import CanrollError
+from codegen.generated.mapped_signal import MappedSignal, RawSignal, raw_signal
+
+
+def selector(message: Message, where: str) -> RawSignal | None:
+    """The selector of a message, or None; raise CanrollError for extended multiplexing."""
+    selectors = [signal for signal in message.signals if signal.is_multiplexer]
+    for signal in message.signals:
+        ids = signal.multiplexer_ids or ()
+        if len(selectors) > 1 or len(ids) > 1 or (signal.is_multiplexer and ids):
+            raise CanrollError(
+                f"{where}: {message.name} has extended multiplexing (at {signal.name}); only one "
+                "selector with one value a signal is supported"
+            )
+    if not selectors:
+        return None
+    if selectors[0].is_signed or selectors[0].is_float:
+        raise CanrollError(f"{where}: the selector {selectors[0].name} must be unsigned")
+    return raw_signal(selectors[0])
+
+
+def all_pages(message: Message) -> tuple[int, ...]:
+    """The values of the selector that the message knows."""
+    ids = {page for signal in message.signals for page in signal.multiplexer_ids or ()}
+    return tuple(sorted(ids))
+
+
+def pages(mapped: Sequence[MappedSignal]) -> tuple[int, ...]:
+    """The pages that the signals in use are on; empty where all are on every page."""
+    return tuple(sorted({signal.page for signal in mapped if signal.page is not None}))
+
+
+def refuse_several(message: Message, chosen: tuple[int, ...], where: str) -> None:
+    """Raise CanrollError where a mailbox of one page has signals of more."""
+    if len(chosen) > 1:
+        raise CanrollError(
+            f"{where}: the signals are on pages {', '.join(map(str, chosen))} of {message.name}, "
+            "and a mailbox has one: map those of one page"
+        )
+
+
+def refuse_unset(message: Message, mapped: Sequence[MappedSignal], where: str) -> None:
+    """Raise CanrollError where a frame to send leaves open which page it is."""
+    for signal in message.signals:
+        if signal.is_multiplexer and signal.name in {its.name for its in mapped}:
+            raise CanrollError(
+                f"{where}: {signal.name} is the selector: it is set to the page that is sent; "
+                "take it out of the map"
+            )
+    if all_pages(message) and not pages(mapped):
+        raise CanrollError(
+            f"{where}: {message.name} is multiplexed: map a signal of the page to be sent"
+        )
