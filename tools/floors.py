@@ -39,7 +39,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
 )
 """Rooms, lowest floor first; the two lowest hold single files."""
 
-GROUND = ("canroll.errors", "canroll.registry", "canroll.typing")
+GROUND = ("canroll.build_cache", "canroll.errors", "canroll.registry", "canroll.typing")
 """Files of ``canroll`` that all may import; the rest of it is on the highest floor."""
 PACKAGES = ("canroll", "codegen", "dbc", "firmware", "gain_gen", "hil", "plant_sim", "tools")
 PACKAGES += ("vehicles",)

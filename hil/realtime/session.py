@@ -11,11 +11,11 @@ import numpy as np
 from canroll.errors import CanrollError
 from gain_gen.calibration import calibration_file
 from hil.realtime import children as programs
-from hil.realtime import plant_record, process, tick_trace, timing, validity
+from hil.realtime import plant_record, process, tick_trace, timing
 from hil.realtime.children import Program
 from hil.realtime.plant_record import PlantRecord
 from hil.realtime.tick_trace import TickTrace
-from hil.runs import experiment
+from hil.runs import experiment, validity
 from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.runs.trace import Trace

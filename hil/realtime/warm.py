@@ -34,6 +34,7 @@ class _Rehearsal:
     """A link to nobody: the same frames come in again and again, what is sent is gone."""
 
     failed = 0
+    record = None
 
     def __init__(self, frames: list[Frame]) -> None:
         self._frames, self._place = frames, 0

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from hil.realtime import validity
-from hil.runs import experiment
+from hil.runs import experiment, validity
 
 GOOD = validity.Run(
     due=697,
