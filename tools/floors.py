@@ -13,7 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("canroll.errors",),
+    ("canroll.build_cache", "canroll.errors"),
     ("canroll.registry", "canroll.typing"),
     ("plant_sim.kernels", "dbc", "firmware", "vehicles"),
     ("plant_sim.can_bus.wire", "codegen.subset"),

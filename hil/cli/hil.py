@@ -63,7 +63,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="where longer than the manoeuvre only the timing counts it",
     )
     parser.add_argument(
-        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4"
+        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
     )
     parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
     parser.add_argument(

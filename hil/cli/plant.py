@@ -81,7 +81,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="lock step: grant ticks so long after the Imu frames (default: as virtual time does)",
     )
     parser.add_argument(
-        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4"
+        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
     )
     parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
     parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)

@@ -68,6 +68,7 @@ class Observation:
         heard: when the controller and the vehicle were last heard, s.
         undecoded: frames of the contract that it does not explain.
         missing: frames that the counter in the message skipped, by message name.
+        error_frames: those that the interface reports.
     """
 
     bitrate: int
@@ -76,6 +77,7 @@ class Observation:
     heard: dict[str, float] = field(default_factory=dict)
     undecoded: int = 0
     missing: Counter[str] = field(default_factory=Counter)
+    error_frames: int = 0
     _recent: deque[tuple[float, str, int]] = field(default_factory=deque)
     _delays: dict[str, deque[tuple[float, float]]] = field(default_factory=dict)
     _last: dict[str, tuple[float, int]] = field(default_factory=dict)
@@ -228,6 +230,7 @@ class Observation:
             "frames": dict(sorted(self.frames.items())),
             "missing": dict(sorted(self.missing.items())),
             "undecoded": self.undecoded,
+            "error_frames": self.error_frames,
         }
 
 

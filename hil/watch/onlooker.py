@@ -25,8 +25,10 @@ class Onlooker:
         return self.take(self.link.messages())
 
     def take(self, messages: Iterable[can.Message]) -> list[Seen]:
-        """Take in messages that have just been received; error frames tell nothing."""
+        """Take in messages that have just been received; error frames are only counted."""
+        messages = list(messages)
         frames = [message for message in messages if not message.is_error_frame]
+        self.seen.error_frames += len(messages) - len(frames)
         now = time.monotonic()
         times = self._clock.instants([frame.timestamp for frame in frames], now)
         seen = [

@@ -204,7 +204,8 @@ def live_page(*, bitrate: int, assumed: bool) -> str:
         '<section><h2>Messages</h2><div class="scroll"><table><thead><tr><th scope="col">message'
         '</th><th scope="col">frames</th><th scope="col">a second</th><th scope="col">missing'
         '</th></tr></thead><tbody id="messages"></tbody></table></div>'
-        '<p class="soft">Missing: skipped by the counter in the message, as seen from here.</p>'
+        '<p class="soft">Missing: skipped by the counter in the message, as seen from here. '
+        'Error frames that the interface reports: <span id="errors">–</span>.</p>'
         "</section></div>",
         data_element("data", data),
     ]

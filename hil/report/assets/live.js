@@ -131,6 +131,7 @@ function showMessages(values, rates) {
     const cells = [name, String(count), rates[name].toFixed(0), name.startsWith("0x") ? "" : String(values.missing[name] ?? 0)];
     cells.forEach((text, column) => say(row.cells[column] ?? row.insertCell(), text));
   });
+  say(byId("errors"), String(values.error_frames));
 }
 
 function showEvents(events) {
@@ -164,6 +165,7 @@ function take(message) {
   showEvents(message.events);
   const { kind, headline, text } = message.state;
   showState(kind, headline, text);
+  document.title = `${kind === "good" ? message.values.mode ?? headline : headline} – roll control`;
   showTiles(message.values);
   showMessages(message.values, message.rates);
   if (!view.dirty) requestAnimationFrame(draw);

@@ -23,7 +23,7 @@ from plant_sim.can_bus.wire.frame import (
 )
 from plant_sim.kernels.jit import njit
 
-SUFFIXES: Final = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db")
+SUFFIXES: Final = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db", ".pcap", ".pcapng")
 
 
 class Frames(NamedTuple):
@@ -89,6 +89,8 @@ def load_recording(
     try:
         with can.LogReader(path) as reader:
             messages = [m for m in reader if not m.is_error_frame]
+    except CanrollError as error:
+        raise CanrollError(f"{path}: {error}") from error
     except Exception as error:  # python-can's readers let through whatever their parsers raise
         raise CanrollError(f"{path}: not a readable bus log: {error}") from error
     channel, messages = _of_channel(path, messages, channel)

@@ -8,6 +8,7 @@ import json
 import os
 import re
 import signal
+import socket
 import time
 from pathlib import Path
 
@@ -108,6 +109,15 @@ def test_a_run_in_real_time_says_what_it_was(tmp_path, capsys):
     for name in answer["files"].values():
         assert Path(name).stat().st_size > 0
     assert main(["ecu", "--replay", str(out / "ticks.npz"), "--backend", "python"]) == 0
+
+
+def test_where_to_watch_a_run_is_said(tmp_path, capsys):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    arguments = ["hil", "double_lane_change", "--law", "lqr", "--duration", "0.5"]
+    main([*arguments, "--serve", f"127.0.0.1:{port}", "--out", str(tmp_path)])
+    bus = f"-i socketcand -c plant --bus-kwargs host=127.0.0.1 port={port}"
+    assert f"to watch: canroll watch {bus}\n" in capsys.readouterr().err
 
 
 def test_a_program_that_falls_over_is_quoted(tmp_path, capsys):
