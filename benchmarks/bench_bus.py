@@ -1,4 +1,5 @@
-"""The bus kernel: frames a second, cost over the number of messages, and memory over many frames.
+"""The bus kernel: frames a second, cost over the number of messages, and memory over many frames;
+and what a frame costs a python-can program on ``simbus`` beside python-can's own ``virtual``.
 
 Every frame has random payload, exact stuffing, arbitration and an account. Rates are also given as
 multiples of a yardstick measured in the same run (one step of a compiled shift register), so
@@ -9,6 +10,7 @@ import argparse
 import resource
 import time
 
+import can
 import numpy as np
 from numba import njit
 
@@ -70,6 +72,23 @@ def rate(messages, *, frames, runs):
     return best
 
 
+def cost_of_a_frame(interface, *, frames, runs, **options):
+    """Seconds to send a frame and to receive it, by turns, best of ``runs``."""
+    best = float("inf")
+    with (
+        can.Bus("bench", interface=interface, **options) as one,
+        can.Bus("bench", interface=interface) as two,
+    ):
+        message = can.Message(arbitration_id=0x123, is_extended_id=False, data=bytes(8))
+        for _ in range(runs):
+            start = time.process_time()
+            for _ in range(frames):
+                one.send(message)
+                two.recv(1.0)
+            best = min(best, (time.process_time() - start) / frames)
+    return best
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--frames", type=int, default=300_000)
@@ -93,6 +112,13 @@ def main():
             f" {1.0 / rates[messages] / unit:5.0f} yardsticks a frame"
         )
     print(f"cost of a frame, 200 messages to 10: {rates[10] / rates[200]:.2f}")
+    costs = {
+        name: cost_of_a_frame(name, frames=5_000, runs=options.runs, **more)
+        for name, more in (("virtual", {}), ("simbus", {"virtual_time": True}))
+    }
+    ratio = costs["simbus"] / costs["virtual"]
+    told = ", ".join(f"{name} {cost * 1e6:.1f} µs" for name, cost in costs.items())
+    print(f"to send and receive a frame with python-can: {told}, {ratio:.2f} times")
     network = network_of(12)
     advance(network, 1000 * MS)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

@@ -12,7 +12,8 @@ import numpy as np
 
 from canroll.errors import CanrollError
 from gain_gen.calibration.freeze import calibrate
-from gain_gen.design import LAWS, design
+from gain_gen.design import design
+from gain_gen.laws import LAWS
 from gain_gen.models.task import Delay, Task
 from vehicles import load
 

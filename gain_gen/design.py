@@ -1,40 +1,13 @@
 """The laws by name, and the one way from a task to a verified design."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from math import isfinite
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from gain_gen.analysis.verify import verify
-from gain_gen.laws.custom import design_custom
-from gain_gen.laws.hinf_delay import design_hinf_delay
-from gain_gen.laws.hinf_event import design_hinf_event
-from gain_gen.laws.hinf_state import design_hinf
-from gain_gen.laws.lqr_full_car import design_lqr_full_car, design_lqr_full_car_ideal
-from gain_gen.laws.roll_rate_feedback import design_hinf_nodelay, design_rate_feedforward
-from gain_gen.laws.state_feedback import (
-    design_ay_feedforward,
-    design_lqg_delay,
-    design_lqr,
-    design_smc,
-    sensor_noise,
-)
-from gain_gen.models.task import Design, Solution, Task
-
-LAWS: dict[str, Callable[[Task], Solution]] = {
-    "lqg_delay": design_lqg_delay,
-    "hinf_delay": design_hinf_delay,
-    "hinf_nodelay": design_hinf_nodelay,
-    "hinf_event": design_hinf_event,
-    "lqr": design_lqr,
-    "hinf": design_hinf,
-    "smc": design_smc,
-    "ay_feedforward": design_ay_feedforward,
-    "rate_feedforward": design_rate_feedforward,
-    "lqr_full_car": design_lqr_full_car,
-    "lqr_full_car_ideal": design_lqr_full_car_ideal,
-    "custom": design_custom,
-}
+from gain_gen.laws import LAWS, OBSERVERS
+from gain_gen.laws.state_feedback import sensor_noise
+from gain_gen.models.task import Design, Task
 
 SOFTENED = ("hinf_delay", "hinf_nodelay", "hinf_event", "hinf", "smc")
 """Laws that know nothing of hold and actuator: made gentler until the real loop admits them."""
@@ -42,8 +15,6 @@ SOFTEST = 12
 
 PRINTED = ("hinf_delay", "hinf_nodelay", "hinf_event", "lqr", "hinf", "smc")
 """Laws whose papers print gains."""
-
-OBSERVERS = ("two_sensors", "one_sensor", "steering", "propagated", "reference")
 
 
 def design(law: str, task: Task) -> Design:
@@ -54,8 +25,7 @@ def design(law: str, task: Task) -> Design:
         CanrollError: a tick or delay that cannot be.
         VerdictError: infeasible, or a computed design failed a check: it is not to be used.
     """
-    if law not in LAWS:
-        raise UnknownNameError("law", law, LAWS)
+    solve = LAWS[law]
     if task.observer not in OBSERVERS:
         raise UnknownNameError("observer", task.observer, OBSERVERS)
     if task.gains == "as_printed" and law not in PRINTED:
@@ -71,7 +41,7 @@ def design(law: str, task: Task) -> Design:
     if not 0.0 <= task.delay.least <= task.delay.nominal <= task.delay.most:
         raise CanrollError("the delay must not be negative and its bounds must be in order")
     task = replace(task, noise=sensor_noise(task.vehicle))
-    answer = verify(law, task, LAWS[law](task))
+    answer = verify(law, task, solve(task))
     if task.gains == "as_printed":
         failing = f", fails {', '.join(answer.failures)}" if answer.failures else ""
         told = f"NOT VERIFIED: {law} with the gains as printed{failing}"
@@ -79,7 +49,7 @@ def design(law: str, task: Task) -> Design:
     if answer.is_verified:
         return answer
     for softness in range(1, SOFTEST if law in SOFTENED else 0):
-        gentler = verify(law, task, LAWS[law](replace(task, softness=softness)))
+        gentler = verify(law, task, solve(replace(task, softness=softness)))
         if gentler.is_verified:
             told = (
                 f"{law}: softened {softness} times, as the plain design fails "

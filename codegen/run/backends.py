@@ -8,14 +8,12 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from canroll.errors import UnknownNameError
-from codegen.run import memory_image, native
+from codegen.run import BACKENDS, memory_image, native
 from codegen.run.ecu_traffic import EVENT, SLOT, Frame, Payload, Traffic, refused
 from firmware import ecu as firmware
 from firmware.calibration import Calibration
 from firmware.signals import TX_IDS, TX_LENGTHS
 from firmware.state import Ecu
-
-BACKENDS = ("python", "native", "cortex-m0", "cortex-m3", "cortex-m4")
 
 
 @runtime_checkable

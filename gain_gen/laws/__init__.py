@@ -1,1 +1,30 @@
-"""The control laws, one family a module."""
+"""The control laws, one family a module, and their names."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from canroll.registry import Registry
+
+if TYPE_CHECKING:
+    from gain_gen.models.task import Solution, Task
+
+OBSERVERS = ("two_sensors", "one_sensor", "steering", "propagated", "reference")
+
+LAWS: "Registry[Callable[[Task], Solution]]" = Registry(
+    "law",
+    "canroll.laws",
+    {
+        "lqg_delay": "gain_gen.laws.state_feedback:design_lqg_delay",
+        "hinf_delay": "gain_gen.laws.hinf_delay:design_hinf_delay",
+        "hinf_nodelay": "gain_gen.laws.roll_rate_feedback:design_hinf_nodelay",
+        "hinf_event": "gain_gen.laws.hinf_event:design_hinf_event",
+        "lqr": "gain_gen.laws.state_feedback:design_lqr",
+        "hinf": "gain_gen.laws.hinf_state:design_hinf",
+        "smc": "gain_gen.laws.state_feedback:design_smc",
+        "ay_feedforward": "gain_gen.laws.state_feedback:design_ay_feedforward",
+        "rate_feedforward": "gain_gen.laws.roll_rate_feedback:design_rate_feedforward",
+        "lqr_full_car": "gain_gen.laws.lqr_full_car:design_lqr_full_car",
+        "lqr_full_car_ideal": "gain_gen.laws.lqr_full_car:design_lqr_full_car_ideal",
+        "custom": "gain_gen.laws.custom:design_custom",
+    },
+)

@@ -11,7 +11,8 @@ from codegen.export.header import gains_header
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
 from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options
-from gain_gen.design import LAWS, OBSERVERS, design
+from gain_gen.design import design
+from gain_gen.laws import LAWS, OBSERVERS
 from gain_gen.models.task import Check, Delay, Design, Task
 from vehicles import Vehicle, load
 

@@ -4,10 +4,12 @@ import argparse
 from pathlib import Path
 
 from canroll.errors import CanrollError, VerdictError
-from codegen.run.backends import BACKENDS, default_backend, open_backend
+from codegen.run import BACKENDS
+from codegen.run.backends import default_backend, open_backend
 from gain_gen.calibration.calibration_file import load as load_calibration
 from hil.realtime import ecu_loop, process, tick_trace
 from hil.realtime.bus_link import add_bus_arguments, open_link
+from hil.realtime.hardware import bus_record
 
 MODES = ("INIT", "ACTIVE", "DEGRADED", "SAFE")
 TRACE_SECONDS = 600
@@ -112,8 +114,15 @@ def run(args: argparse.Namespace) -> int:
                 "received": link.received,
                 "failed": link.failed,
                 "full": recorder.full,
+                "bus": bus_record.about_of(link.record),
             }
-            trace = tick_trace.TickTrace(calibration, recorder.ticks(), recorder.frames(), about)
+            trace = tick_trace.TickTrace(
+                calibration,
+                recorder.ticks(),
+                recorder.frames(),
+                about,
+                bus_record.entries_of(link.record),
+            )
             tick_trace.save(args.trace, trace)
     print(
         f"ECU ends ({outcome.reason}) in {MODES[outcome.mode]}: {outcome.ticks} ticks, "

@@ -12,7 +12,8 @@ import can
 from canroll.errors import CanrollError
 from hil.cli.ecu import add_prepare_option
 from hil.cli.run import add_condition_options, add_run_options, path_named, run_keywords
-from hil.realtime.bus_link import add_bus_arguments, has_bus
+from hil.realtime.bus_link import add_bus_arguments, has_bus, options_of
+from hil.realtime.hardware.interfaces import INTERFACES, is_shared
 
 DEFAULT_OUT = Path("out")
 CHECKED = "double_lane_change"
@@ -28,6 +29,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument("scenario", nargs="?", help="double_lane_change, roundabout, …")
     add_bus_arguments(parser)
+    parser.add_argument(
+        "--serve",
+        metavar="HOST:PORT",
+        help="without -i: the plant's own bus, for 'canroll watch' (default: a free port)",
+    )
     add_run_options(parser)
     add_condition_options(parser)
     parser.add_argument(
@@ -43,7 +49,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="where longer than the manoeuvre only the timing counts it",
     )
     parser.add_argument(
-        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4"
+        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
     )
     parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
     parser.add_argument(
@@ -67,10 +73,12 @@ def bus_options(args: argparse.Namespace) -> list[str]:
     What the options leave open comes from python-can's configuration (can.rc, environment).
 
     Raises:
-        CanrollError: an interface that only one process can see.
+        CanrollError: an interface that only one process can see, or one beside ``--serve``.
     """
     if not has_bus(args):
         return []
+    if args.serve is not None:
+        raise CanrollError(f"--serve {args.serve} is for the plant's own bus: leave out -i")
     configured = {} if "interface" in args else can.util.load_config()
     options = []
     for name in ("interface", "channel", "bitrate", "data_bitrate"):
@@ -103,6 +111,7 @@ def run(args: argparse.Namespace) -> int:
     if args.prepare:
         hil_run.prepare(args.scenario or CHECKED, duration=args.duration, **run_keywords(args))
         return 0
+    refuse_one_adapter(args)
     out = args.out or (None if args.json else DEFAULT_OUT)
     for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
@@ -117,6 +126,7 @@ def run(args: argparse.Namespace) -> int:
                 passive_in_real_time=args.passive == "hil",
                 duration=args.duration,
                 announce=(lambda text: None) if args.json else _announce,
+                serve=args.serve,
                 **run_keywords(args),
             )
         except Interrupted as stopped:
@@ -136,6 +146,18 @@ def run(args: argparse.Namespace) -> int:
             result = hil_run.with_files(result, files)
         report(result.to_json() | {"timing": timing}, args, result)
     return 1 if result.helps is False else 0
+
+
+def refuse_one_adapter(args: argparse.Namespace) -> None:
+    """Raise CanrollError where two programs cannot open the bus at the same time."""
+    if not has_bus(args):
+        return
+    name, channel, _, _ = options_of(args)
+    if name in INTERFACES and not is_shared(name):
+        raise CanrollError(
+            f"-i {name}: one program alone opens {channel}: give 'canroll plant' and "
+            "'canroll ecu' an adapter each"
+        )
 
 
 def check_machine(args: argparse.Namespace) -> int:

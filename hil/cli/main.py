@@ -38,6 +38,7 @@ COMMANDS = {
 EXTRAS = {
     "target": ("elftools", "unicorn", "ziglang"),
     "asammdf": ("asammdf",),
+    "web": ("websockets",),
 }
 """Extras of this package, and the packages that come only with them."""
 

@@ -73,7 +73,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add_loop_options(parser)
     add_prepare_option(parser)
     parser.add_argument(
-        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4"
+        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
     )
     parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
     parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
@@ -83,6 +83,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def run(args: argparse.Namespace) -> int:
     """Simulate until the manoeuvre is over, the ECU is lost or a signal comes."""
     from hil.realtime import plant_loop, plant_record  # noqa: PLC0415
+    from hil.realtime.hardware import bus_record  # noqa: PLC0415
     from hil.report.run_folder import check_parent  # noqa: PLC0415
     from hil.runs import logs, signal_files  # noqa: PLC0415 - loads compiled kernels
 
@@ -134,8 +135,11 @@ def run(args: argparse.Namespace) -> int:
                 "sent": link.sent,
                 "received": link.received,
                 "failed": link.failed,
+                "bus": bus_record.about_of(link.record),
             }
-            plant_record.save(args.record, world, outcome, about)
+            plant_record.save(
+                args.record, world, outcome, about, bus_record.entries_of(link.record)
+            )
         if args.log is not None:
             logs.write_log(args.log, world.frames)
         if args.signals is not None:

@@ -6,7 +6,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from hil.realtime.timing import QUANTILES, ROWS
+from hil.realtime.timing import QUANTILES, ROWS, bus_lines
 
 
 def show_timing(timing: Mapping[str, Any]) -> None:
@@ -25,5 +25,7 @@ def show_timing(timing: Mapping[str, Any]) -> None:
         f"{timing['ticks']} ticks, {timing['deadline_misses']} missed, "
         f"{timing['frames_lost']} frames lost"
     )
+    for line in bus_lines(timing):
+        console.print(line, soft_wrap=True, markup=False)
     for note in timing["notes"]:
         console.print(f"[yellow]note:[/yellow] {note}", soft_wrap=True)

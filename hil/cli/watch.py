@@ -1,6 +1,7 @@
 """``canroll watch``: what the roll controller does, told by its bus alone."""
 
 import argparse
+import asyncio
 import json
 import sys
 import time
@@ -12,12 +13,15 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from canroll.errors import CanrollError
 from hil.cli.ecu import nanoseconds
 from hil.realtime import process
-from hil.realtime.bus_link import CanLink, add_bus_arguments, open_link
-from hil.realtime.observation import Observation
+from hil.realtime.bus_link import add_bus_arguments, open_link
+from hil.watch.observation import Observation
+from hil.watch.onlooker import Onlooker
 
 DEFAULT_BITRATE = 500_000
+DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8029
 REFRESH = 0.1
 MODE_STYLES = {"INIT": "yellow", "ACTIVE": "green", "DEGRADED": "yellow", "SAFE": "red"}
 
@@ -32,27 +36,32 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add_bus_arguments(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="default: until Ctrl-C")
     parser.add_argument(
+        "--web", action="store_true", help="live plots on a page in the browser, not the terminal"
+    )
+    parser.add_argument(
+        "--port",
+        type=int,
+        metavar="N",
+        help=f"of the page, 0: a free one (default: {DEFAULT_PORT})",
+    )
+    parser.add_argument(
+        "--host",
+        metavar="ADDRESS",
+        help=f"to serve the page to other machines too (default: {DEFAULT_HOST}, this one alone)",
+    )
+    parser.add_argument(
         "--json", action="store_true", help="show nothing, print one JSON object at the end"
     )
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Watch until stopped; 0 where the controller was seen, 1 where the bus was silent."""
+    """Watch until stopped; 0 where frames were seen, 1 where the bus was silent."""
     duration = nanoseconds(args.duration, "--duration")
-    link = open_link(args)
+    watch = watch_in_browser if in_browser(args) else watch_in_terminal
     seen = Observation(getattr(args, "bitrate", DEFAULT_BITRATE))
     until = float("inf") if duration is None else time.monotonic() + duration * 1e-9
-    show = sys.stdout.isatty() and not args.json
-    try:
-        with process.stop_on_signals() as stop, Live(auto_refresh=False, screen=show) as live:
-            while not stop.requested and time.monotonic() < until:
-                time.sleep(REFRESH)
-                look(link, seen)
-                if show:
-                    live.update(view(seen.summary(), seen), refresh=True)
-    finally:
-        link.close()
+    watch(args, seen, until)
     if args.json:
         print(json.dumps(seen.summary()))
     else:
@@ -60,12 +69,61 @@ def run(args: argparse.Namespace) -> int:
     return 0 if seen.frames else 1
 
 
-def look(link: CanLink, seen: Observation) -> None:
-    """Take in everything that waits on the bus."""
-    now = time.monotonic()
-    for frame in link.receive():
-        seen.see(now, frame)
-    seen.pass_time(now)
+def in_browser(args: argparse.Namespace) -> bool:
+    """Tell whether a page is asked for.
+
+    Raises:
+        CanrollError: options of the page that cannot be, or without ``--web``.
+    """
+    for name in ("port", "host"):
+        if getattr(args, name) is not None and not args.web:
+            raise CanrollError(f"--{name} is of the page in the browser: add --web")
+    if args.port is not None and not 0 <= args.port <= 65535:
+        raise CanrollError(f"--port {args.port}: 1 to 65535, or 0 for a free one")
+    return bool(args.web)
+
+
+def watch_in_terminal(args: argparse.Namespace, seen: Observation, until: float) -> None:
+    """Fill ``seen``, and show it where a terminal is, until the monotonic clock is at ``until``."""
+    link = open_link(args)
+    onlooker = Onlooker(link, seen)
+    show = sys.stdout.isatty() and not args.json
+    try:
+        with process.stop_on_signals() as stop, Live(auto_refresh=False, screen=show) as live:
+            while not stop.requested and time.monotonic() < until:
+                time.sleep(REFRESH)
+                onlooker.look()
+                if show:
+                    live.update(view(seen.summary(), seen), refresh=True)
+    finally:
+        link.close()
+
+
+def watch_in_browser(args: argparse.Namespace, seen: Observation, until: float) -> None:
+    """Fill ``seen``, and serve the page that shows it, until the clock is at ``until``."""
+    from hil.watch import server  # noqa: PLC0415 - needs the extra "web"
+    from hil.watch.page import live_page  # noqa: PLC0415
+
+    host = args.host or DEFAULT_HOST
+    address = server.Address(host=host, port=DEFAULT_PORT if args.port is None else args.port)
+    page = live_page(bitrate=seen.bitrate, assumed="bitrate" not in args)
+    out = sys.stderr if args.json else sys.stdout
+
+    def announce(url: str) -> None:
+        if not server.is_loopback(host):
+            print(f"note: whoever reaches {host} can watch too", file=out)
+        print(f"watching at {url} (Ctrl-C ends)", file=out, flush=True)
+
+    link = open_link(args)
+    try:
+        with process.stop_on_signals() as stop:
+            asyncio.run(
+                server.run(
+                    Onlooker(link, seen), page, address, stop=stop, until=until, announce=announce
+                )
+            )
+    finally:
+        link.close()
 
 
 def view(summary: Mapping[str, Any], seen: Observation) -> Group:

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
-from hil.papers.paper_table import Report, Section, Value, finite
+from canroll.typing import Progress
+from hil.papers.paper_table import Section, Value, finite
 from hil.report.curves import dash
 from hil.report.figure import Figure, Series
 from hil.runs.experiment import plan
@@ -149,7 +150,7 @@ BESIDE = {
 }
 
 
-def beside(paper: str, report: Report, *, runs: int = RUNS) -> tuple[list[Section], Figure]:
+def beside(paper: str, report: Progress, *, runs: int = RUNS) -> tuple[list[Section], Figure]:
     """Return both comparisons of a paper and the trade-off on the complete van.
 
     Args:
@@ -166,7 +167,7 @@ def beside(paper: str, report: Report, *, runs: int = RUNS) -> tuple[list[Sectio
 
 
 def _section(
-    key: str, setting: Setting, laws: Sequence[Entry], report: Report, runs: int
+    key: str, setting: Setting, laws: Sequence[Entry], report: Progress, runs: int
 ) -> Section:
     title = f"ours beside theirs, {setting.vehicle}"
     found = equal_effort.compare(

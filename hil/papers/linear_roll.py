@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from canroll.typing import Vector
 from gain_gen.models.roll import Matrix, lateral_input, moment_input, state_matrix, zero_order_hold
 from hil.papers.paper_table import Section, Value, digits, finite, printed
 from hil.runs.experiment import plan
-from hil.runs.metrics import Vector
 from hil.runs.result import Result
 from vehicles import RollModel
 

@@ -6,15 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from canroll.typing import Progress
 from firmware.state import ACTIVE, DEGRADED
-from hil.papers.paper_table import Report, Row, Section
+from hil.papers.paper_table import Row, Section
 from hil.report.curves import dash as dashes
 from hil.report.figure import DASHED, Figure, Series
 from hil.runs.metrics import moment
 from hil.runs.result import Result
 from hil.runs.trace import Trace
 from hil.studies.comparison import Named, runs
-from plant_sim.world.recording import WHEELS
+from plant_sim.bodies.ports import WHEELS
 from vehicles import GRAVITY
 
 SETTLED = 0.3
@@ -39,7 +40,7 @@ class Case:
 
 
 def drive(
-    scenario: str, cases: Sequence[Case], common: Mapping[str, Any], report: Report
+    scenario: str, cases: Sequence[Case], common: Mapping[str, Any], report: Progress
 ) -> dict[str, Result]:
     """Return the result of every case by its row; they share the run without control."""
     wanted = [(case.row, case.keywords) for case in cases]

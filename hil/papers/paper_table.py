@@ -1,7 +1,7 @@
 """One printed number beside ours, and the verdict on it."""
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -21,8 +21,6 @@ TIE = 0.02
 """Printed values closer than this share have no order."""
 LEAST_SHARE = 0.25
 """Share of a printed number that a lone one must reach to be of the same order."""
-
-Report = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,10 +1,11 @@
 """Redondo, Boada, Díaz 2021: delay-aware and delay-unaware H∞ roll-rate feedback of a van."""
 
+from canroll.typing import Progress
 from gain_gen.laws.hinf_delay import PRINTED_DELAY_GAIN
 from gain_gen.models.roll import ROLL_RATE
 from hil.papers.linear_roll import chatter, design_numbers, motion
 from hil.papers.paper_runs import Case, Recomputed, cycle_reason, drive, plots
-from hil.papers.paper_table import Report, Row, printed
+from hil.papers.paper_table import Row, printed
 from hil.report.figure import Figure
 from hil.runs.metrics import peak, rms
 from hil.runs.result import Result
@@ -54,7 +55,7 @@ GAINS = (
 )
 
 
-def recompute(report: Report) -> Recomputed:
+def recompute(report: Progress) -> Recomputed:
     """Return every number of Tables 2 to 7."""
     found: list[Row] = []
     figures: list[Figure] = []

@@ -6,10 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.typing import Progress
 from hil.papers import redondo2021, viadero2022, vu2020, yim2020
 from hil.papers.effort_section import RUNS, beside
 from hil.papers.paper_runs import Recomputed
-from hil.papers.paper_table import VERDICTS, Report, Row, Section, digits, judged
+from hil.papers.paper_table import VERDICTS, Row, Section, digits, judged
 from hil.report.figure import Figure
 
 
@@ -20,7 +21,7 @@ class Paper:
     name: str
     title: str
     conditions: str
-    recompute: Callable[[Report], Recomputed]
+    recompute: Callable[[Progress], Recomputed]
 
 
 PAPERS = {
@@ -50,7 +51,7 @@ class Reproduction:
         return {verdict: found[verdict] for verdict in VERDICTS}
 
 
-def reproduce(names: Sequence[str], report: Report, *, runs: int = RUNS) -> list[Reproduction]:
+def reproduce(names: Sequence[str], report: Progress, *, runs: int = RUNS) -> list[Reproduction]:
     """Recompute the tables of the papers named, all of them for none.
 
     Args:

@@ -2,10 +2,11 @@
 
 import numpy as np
 
+from canroll.typing import Progress
 from hil.papers import viadero2022_certificate
 from hil.papers.linear_roll import design_numbers
 from hil.papers.paper_runs import Case, Recomputed, cycle_reason, drive, plots
-from hil.papers.paper_table import Report, Row, Section, printed
+from hil.papers.paper_table import Row, Section, printed
 from hil.report.figure import Figure, Series
 from hil.runs.result import Result
 
@@ -54,7 +55,7 @@ GAINS = (
 )
 
 
-def recompute(report: Report) -> Recomputed:
+def recompute(report: Progress) -> Recomputed:
     """Return every number of Tables I and II, and the transmission rates."""
     found: list[Row] = []
     figures: list[Figure] = []

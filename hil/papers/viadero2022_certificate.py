@@ -11,13 +11,14 @@ from math import sqrt
 import numpy as np
 
 import vehicles
+from canroll.typing import Vector
 from gain_gen.analysis.certificates import certified_level, event_block, event_small_gain, si_plant
 from gain_gen.analysis.delay_system import h_infinity, largest_delay
 from gain_gen.laws.hinf_event import EPSILON_SQUARED, PRINTED_EVENT_GAIN
 from gain_gen.models.roll import PERFORMANCE, ROLL_RATE, disturbance_input, moment_input
 from hil.papers.linear_roll import motion
 from hil.papers.paper_table import Section, Value, finite, printed
-from hil.runs.metrics import Vector, peak, rms
+from hil.runs.metrics import peak, rms
 from hil.runs.result import Result
 from plant_sim.can_bus import load_profile
 from plant_sim.can_bus.delay_bounds import message_paths

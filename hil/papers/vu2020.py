@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from canroll.typing import Progress, Vector
 from gain_gen.models.full_car import (
     INPUT_WEIGHT,
     ROLL,
@@ -13,9 +14,9 @@ from gain_gen.models.full_car import (
 )
 from gain_gen.models.roll import zero_order_hold
 from hil.papers.paper_runs import Case, Recomputed, cycle_reason, drive, force_rms, plots
-from hil.papers.paper_table import Report, Row, Section, Value, printed
+from hil.papers.paper_table import Row, Section, Value, printed
 from hil.report.figure import DASHED, DOTTED, SOLID, Figure, Series
-from hil.runs.metrics import Vector, peak, rms
+from hil.runs.metrics import peak, rms
 from hil.runs.result import Result
 from plant_sim.bodies.parameters import suspension_roll_stiffness
 from vehicles.full_car import AS_PRINTED, REPAIRED, FullCar, from_vehicle
@@ -147,7 +148,7 @@ TRANSFER = (
 )
 
 
-def recompute(report: Report) -> Recomputed:
+def recompute(report: Progress) -> Recomputed:
     """Return every number of Tables 3, 4 and 5."""
     tables = printed(PAPER)
     found = frequency_domain(tables["reduction_db_at_1_rad_s"])

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from canroll.typing import Progress
 from hil.papers.linear_roll import design_numbers
 from hil.papers.paper_runs import (
     Case,
@@ -15,7 +16,7 @@ from hil.papers.paper_runs import (
     plots,
     roll_error_deg,
 )
-from hil.papers.paper_table import Report, Row, Section, Value, printed
+from hil.papers.paper_table import Row, Section, Value, printed
 from hil.report.figure import Figure
 from hil.runs.metrics import rms
 from hil.runs.result import Result
@@ -24,7 +25,7 @@ LAWS = ("lqr", "hinf", "smc")
 ACTUATORS = ("bars", "dampers")
 
 
-def case_1(common: Mapping[str, Any], report: Report) -> Section:
+def case_1(common: Mapping[str, Any], report: Progress) -> Section:
     """Return case 1 for both actuators, each law without and with feedforward.
 
     Args:
@@ -134,7 +135,7 @@ RECOMPUTED = (
 )
 
 
-def recompute(report: Report) -> Recomputed:
+def recompute(report: Progress) -> Recomputed:
     """Return every number of Tables 3 to 6, and the observer-free case 1, which has none."""
     found: list[Row] = []
     figures: list[Figure] = []

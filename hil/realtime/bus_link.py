@@ -11,17 +11,20 @@ import select
 import socket
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any, Protocol
 
 import can
 from can.cli import add_bus_arguments, create_bus_from_namespace
 
 from canroll.errors import CanrollError
+from hil.realtime.hardware import interfaces
+from hil.realtime.hardware.bus_record import BusRecord, source
 
-__all__ = ["CanLink", "Frame", "Link", "add_bus_arguments", "has_bus", "open_link"]
+__all__ = ["EXTENDED", "CanLink", "Frame", "Link", "add_bus_arguments", "has_bus", "open_link"]
 
 Frame = tuple[int, bytes]
+EXTENDED = 1 << 31
+"""In an identifier: it has 29 bits, as in a frame of SocketCAN."""
 RECEIVE_BUFFER = 1 << 20
 """A raw CAN socket left alone holds 278 frames by default and then drops silently."""
 
@@ -32,18 +35,28 @@ RETRY = 0.5
 class Link(Protocol):
     """Frames in and out, whatever carries them.
 
-    ``sent`` and ``received`` count frames.
+    ``sent`` and ``received`` count the frames with identifiers of 11 bits: those of the contract.
     """
 
     sent: int
     received: int
 
     @property
+    def record(self) -> BusRecord | None:
+        """What went over a real bus; None where it is none."""
+
+    @property
     def failed(self) -> int:
         """Frames that could not be sent."""
 
     def receive(self) -> list[Frame]:
-        """Return the frames (identifier, payload) that wait, in order, without waiting."""
+        """Return the frames of 11 bits (identifier, payload) that wait, without waiting."""
+
+    def next(self, timeout: float) -> Frame | None:
+        """Return the next data frame, None where none comes within ``timeout`` seconds.
+
+        The identifier of a frame with 29 bits carries :data:`EXTENDED`.
+        """
 
     def send(self, ident: int, payload: bytes) -> None:
         """Send a frame; a bus that does not take it makes it count as failed."""
@@ -57,14 +70,26 @@ class CanLink:
 
     Attributes:
         lost: the server went away and has not been found again.
+        record: everything that went over the bus, None where it is not kept.
 
     Args:
         bus: open.
         reopen: opens it again; raises CanrollError while that fails. None: never.
+        record: takes everything that goes over the bus.
+        echoes: the interface gives back what was sent, which nobody wants to hear.
     """
 
-    def __init__(self, bus: can.BusABC, reopen: Callable[[], can.BusABC] | None = None) -> None:
+    def __init__(
+        self,
+        bus: can.BusABC,
+        reopen: Callable[[], can.BusABC] | None = None,
+        *,
+        record: BusRecord | None = None,
+        echoes: bool = False,
+    ) -> None:
         self.bus = bus
+        self.record = record
+        self._echoes = echoes
         self.sent = self.received = self._failed = 0
         self.lost = False
         self._reopen = reopen
@@ -78,37 +103,80 @@ class CanLink:
 
     def receive(self) -> list[Frame]:
         """Return the data frames with 11 bits that wait; an interface gone down has none."""
-        frames = [
-            (message.arbitration_id, bytes(message.data))
-            for message in self.messages()
-            if not (message.is_error_frame or message.is_remote_frame or message.is_extended_id)
-        ]
-        self.received += len(frames)
-        return frames
+        frames = [data_frame(message) for message in self.messages()]
+        return [frame for frame in frames if frame is not None and not frame[0] & EXTENDED]
+
+    def next(self, timeout: float) -> Frame | None:
+        """Return the next data frame, None where none comes within ``timeout`` seconds."""
+        until = time.monotonic() + timeout
+        while (message := self._recv(max(0.0, until - time.monotonic()))) is not None:
+            if (frame := data_frame(message)) is not None:
+                return frame
+        return None
 
     def messages(self) -> list[can.Message]:
         """Return all that waits, of any kind, with the interface's time stamps."""
-        if time.monotonic() > self._retry_at:
-            self._try_again()
-        found: list[can.Message] = []
-        with suppress(can.CanError, OSError):
-            while (message := self.bus.recv(0)) is not None:
-                found.append(message)
-        if not found and not self.lost and _ended(self._stream):
-            self._lose()
+        found = []
+        while (message := self._recv(0.0)) is not None:
+            found.append(message)
         return found
 
-    def send(self, ident: int, payload: bytes) -> None:
-        """Send a frame with an 11-bit identifier."""
+    def _recv(self, timeout: float) -> can.Message | None:
+        if time.monotonic() > self._retry_at:
+            self._try_again()
+        message, down = None, False
         try:
-            self.bus.send(can.Message(arbitration_id=ident, data=payload, is_extended_id=False))
+            message = self._read(timeout)
+        except (can.CanError, OSError):
+            down = True
+        if message is None:
+            if not self.lost and _ended(self._stream):
+                self._lose()
+            if down or self.lost:
+                # a bus that is gone does not wait: whoever waits for it would spin
+                time.sleep(min(timeout, RETRY))
+            return None
+        if self.record is not None:
+            self.record.heard(message)
+        if not (message.is_error_frame or message.is_remote_frame or message.is_extended_id):
+            self.received += 1
+        return message
+
+    def _read(self, timeout: float) -> can.Message | None:
+        """Read the next message; None where none comes within ``timeout`` seconds.
+
+        A serial adapter is asked first, for python-can waits 1 ms for it in any case, and its
+        acknowledgement of a frame reads as nothing although other frames wait behind it.
+        """
+        serial = getattr(self.bus, "serialPortOrig", None)
+        if serial is not None and timeout == 0 and not serial.in_waiting:
+            return None
+        until = time.monotonic() + timeout
+        while True:
+            message = self.bus.recv(max(0.0, until - time.monotonic()))
+            if message is None:
+                if serial is None or not serial.in_waiting:
+                    return None
+            elif message.is_rx or not self._echoes:
+                return message
+
+    def send(self, ident: int, payload: bytes) -> None:
+        """Send a frame."""
+        extended = bool(ident & EXTENDED)
+        message = can.Message(
+            arbitration_id=ident & ~EXTENDED, data=payload, is_extended_id=extended
+        )
+        try:
+            self.bus.send(message)
         except ConnectionError:
             self._failed += 1
             self._lose()
         except (can.CanError, OSError):
             self._failed += 1
         else:
-            self.sent += 1
+            self.sent += not extended
+            if self.record is not None:
+                self.record.sent(message.arbitration_id, payload, extended=extended)
 
     def _lose(self) -> None:
         self.lost = True
@@ -131,6 +199,14 @@ class CanLink:
     def close(self) -> None:
         """Shut the bus down."""
         self.bus.shutdown()
+
+
+def data_frame(message: can.Message) -> Frame | None:
+    """Return a message as a frame, None for an error frame or a remote request."""
+    if message.is_error_frame or message.is_remote_frame:
+        return None
+    extended = EXTENDED if message.is_extended_id else 0
+    return message.arbitration_id | extended, bytes(message.data)
 
 
 def _stream_of(bus: can.BusABC) -> socket.socket | None:
@@ -167,17 +243,38 @@ def open_link(args: argparse.Namespace) -> CanLink:
         CanrollError: it cannot be opened; the message says which command mends it.
     """
     logging.getLogger("can").setLevel(logging.CRITICAL)
-    return CanLink(_open(args), lambda: _open(args))
+    name, channel, bitrate, kwargs = options_of(args)
+    clock = interfaces.clock_of(name, kwargs)
+    return CanLink(
+        _open(args),
+        lambda: _open(args),
+        record=BusRecord(source(name, channel, clock, bitrate)),
+        echoes=interfaces.echoes(name),
+    )
+
+
+def options_of(args: argparse.Namespace) -> tuple[str, str, int | None, dict[str, Any]]:
+    """Return interface, channel, bit rate (None: not given) and arguments of the bus's class.
+
+    What the options leave open comes from python-can's configuration (can.rc, environment).
+    """
+    configured = {} if "interface" in args else can.util.load_config()
+    name = str(getattr(args, "interface", configured.get("interface", "")))
+    channel = getattr(args, "channel", configured.get("channel"))
+    bitrate = getattr(args, "bitrate", configured.get("bitrate"))
+    kwargs = getattr(args, "bus_kwargs", {})
+    return name, str("" if channel is None else channel), bitrate, kwargs
 
 
 def _open(args: argparse.Namespace) -> can.BusABC:
-    kwargs: dict[str, Any] = {}
-    if getattr(args, "interface", None) == "socketcand":
-        options = getattr(args, "bus_kwargs", {})
-        _reachable(str(options.get("host", "")), int(options.get("port", 0)))
-        kwargs = {"tcp_tune": True}
     try:
+        name, channel, bitrate, options = options_of(args)
+        kwargs = interfaces.arguments_for(name, channel, bitrate, options)
+        if name == "socketcand":
+            _reachable(str(options.get("host", "")), int(options.get("port", 0)))
         bus = create_bus_from_namespace(args, **kwargs)
+    except can.CanInterfaceNotImplementedError as error:
+        raise CanrollError(explain(error, args)) from error
     except argparse.ArgumentError as error:
         raise CanrollError(explain(error.__cause__ or error, args)) from error
     raw = getattr(bus, "socket", None)
@@ -215,14 +312,16 @@ def explain(error: BaseException, args: argparse.Namespace) -> str:
         )
     if number in (errno.EPERM, errno.EACCES):
         return f"no permission for '{channel}' on {interface}: run as root"
-    if isinstance(error, (can.CanInterfaceNotImplementedError, ImportError)):
-        if "interface" not in args:
-            return "which bus? Say so with -i and -c, for example -i socketcan -c vcan0"
-        return (
-            f"python-can lacks the driver for '{interface}' ({_first_line(error)}): "
-            f"pip install 'python-can[{interface}]'"
-        )
-    return f"cannot open '{channel}' on {interface}: {_first_line(error)}"
+    if "interface" not in args and isinstance(error, can.CanInterfaceNotImplementedError):
+        return "which bus? Say so with -i and -c, for example -i socketcan -c vcan0"
+    known = interfaces.INTERFACES.get(interface)
+    if interfaces.driver_is_missing(error) or isinstance(
+        error, can.CanInterfaceNotImplementedError
+    ):
+        needs = known.needs if known else "a package or driver of its own, see python-can's pages"
+        return f"-i {interface} needs {needs} ({_first_line(error)})"
+    plugged = f": is it plugged in? It opens as {known.options}" if known else ""
+    return f"cannot open '{channel}' on {interface} ({_first_line(error)}){plugged}"
 
 
 def _first_line(error: BaseException) -> str:

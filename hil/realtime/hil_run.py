@@ -26,6 +26,7 @@ def run(
     passive_in_real_time: bool = False,
     duration: float | None = None,
     announce: Callable[[str], None] = lambda text: None,
+    serve: str | None = None,
     **keywords: Any,  # noqa: ANN401
 ) -> tuple[Result, dict[str, Any]]:
     """Drive a manoeuvre in real time and return the result and its ``timing`` object.
@@ -37,6 +38,7 @@ def run(
         passive_in_real_time: drive the run without control in real time too.
         duration: s; beyond the manoeuvre only the timing counts.
         announce: told in a few words what is under way.
+        serve: ``HOST:PORT`` of the plant's own bus; None: a free port on loopback.
         keywords: of :func:`hil.runs.experiment.plan`.
 
     Raises:
@@ -52,6 +54,7 @@ def run(
         cores=session.choose_cores(),
         duration=duration,
         announce=announce,
+        serve=serve,
     )
     timing: dict[str, Any] = {}
     controlled = None

@@ -5,19 +5,24 @@ time. Every client gets every frame but its own, as on vcan.
 """
 
 import time
+from collections import deque
 
 from canroll.errors import CanrollError
-from hil.realtime.bus_link import Frame
+from hil.realtime.bus_link import EXTENDED, Frame
 from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT, SocketcandServer
+from plant_sim.can_bus.wire import frame as wire
 
 CHANNEL = "plant"
 
 
 class OwnBus:
-    """A link whose far side are the clients of a server."""
+    """A link whose far side are the clients of a server; it is no real bus and keeps no record."""
+
+    record = None
 
     def __init__(self, server: SocketcandServer) -> None:
         self._server = server
+        self._waiting: deque[Frame] = deque()
         self.sent = self.received = 0
 
     @property
@@ -32,9 +37,20 @@ class OwnBus:
         return f"-i socketcand -c {CHANNEL} --bus-kwargs host={host} port={port}"
 
     def receive(self) -> list[Frame]:
-        """Return the frames that clients have sent; the other clients get them too."""
-        taken = self._server.take()
-        for frame in taken:
+        """Return the frames of 11 bits that clients have sent; the other clients get them too."""
+        self._take()
+        frames = [frame for frame in self._waiting if not frame[0] & EXTENDED]
+        self._waiting.clear()
+        return frames
+
+    def next(self, timeout: float) -> Frame | None:
+        """Return the next data frame, None where none comes within ``timeout`` seconds."""
+        if not self._waiting and self._server.wait(timeout):
+            self._take()
+        return self._waiting.popleft() if self._waiting else None
+
+    def _take(self) -> None:
+        for frame in self._server.take():
             self._server.publish(
                 frame.ident,
                 frame.flags,
@@ -43,13 +59,18 @@ class OwnBus:
                 time_s=time.time(),
                 sender=frame.client,
             )
-        self.received += len(taken)
-        return [(frame.ident, frame.payload) for frame in taken if not frame.flags]
+            self.received += not frame.flags
+            if not frame.flags & ~wire.EXTENDED:
+                ident = frame.ident | (EXTENDED if frame.flags else 0)
+                self._waiting.append((ident, frame.payload))
 
     def send(self, ident: int, payload: bytes) -> None:
         """Hand a frame to every client."""
-        self._server.publish(ident, 0, payload, length=len(payload), time_s=time.time())
-        self.sent += 1
+        flags = wire.EXTENDED if ident & EXTENDED else 0
+        self._server.publish(
+            ident & ~EXTENDED, flags, payload, length=len(payload), time_s=time.time()
+        )
+        self.sent += not flags
 
     def wait(self, timeout: float) -> bool:
         """Wait until a client has sent something, at most ``timeout`` s."""

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from hil.realtime.hardware.bus_record import ENTRY
 from hil.realtime.plant_loop import Outcome
 from plant_sim.world.world import World
 
@@ -18,7 +19,8 @@ from plant_sim.world.world import World
 class PlantRecord:
     """A plant's run: vehicle signals, bus log, applied commands, its loop's instants.
 
-    ``about``: reason, start_ns, end_ns, sent, received, failed, cpu, notes.
+    ``about``: reason, start_ns, end_ns, sent, received, failed, cpu, notes, bus; ``bus``:
+    everything on the real bus (:data:`hil.realtime.hardware.bus_record.ENTRY`).
     """
 
     signals: dict[str, NDArray[np.float64]]
@@ -27,10 +29,17 @@ class PlantRecord:
     commands: NDArray[np.void]
     loop: NDArray[np.int64]
     about: Mapping[str, Any]
+    bus: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, ENTRY))
 
 
-def save(path: Path, world: World, outcome: Outcome, about: Mapping[str, Any]) -> None:
-    """Write what ``world`` recorded.
+def save(
+    path: Path,
+    world: World,
+    outcome: Outcome,
+    about: Mapping[str, Any],
+    bus: NDArray[np.void],
+) -> None:
+    """Write what ``world`` recorded, and the frames of the real ``bus``.
 
     Raises:
         CanrollError: the file cannot be written.
@@ -46,6 +55,7 @@ def save(path: Path, world: World, outcome: Outcome, about: Mapping[str, Any]) -
                 ages=world.ages,
                 commands=world.commands,
                 loop=outcome.loop,
+                bus=bus,
                 about=np.array(json.dumps(dict(about))),
             )
     except OSError as error:
@@ -68,6 +78,7 @@ def load(path: Path) -> PlantRecord:
                 commands=archive["commands"],
                 loop=archive["loop"],
                 about=json.loads(str(archive["about"])),
+                bus=archive["bus"],
             )
     except (OSError, KeyError, ValueError) as error:
         raise CanrollError(f"cannot read {path}: {error}") from error

@@ -31,6 +31,7 @@ class Setup:
         cores: of plant and ECU; None: not pinned.
         duration: s, None: the manoeuvre's.
         announce: told in a few words what is under way.
+        serve: ``HOST:PORT`` of the plant's own bus; None: a free port on loopback.
     """
 
     bus_options: Sequence[str]
@@ -38,6 +39,7 @@ class Setup:
     cores: tuple[int, int] | None
     duration: float | None
     announce: Callable[[str], None]
+    serve: str | None = None
 
 
 def choose_cores() -> tuple[int, int] | None:
@@ -70,6 +72,7 @@ def drive(
         bus = list(setup.bus_options)
         if not bus:
             bus = programs.wait_for(plant, "serving ").split()[1:]
+            setup.announce(f"to watch: canroll watch {' '.join(bus)}")
         programs.wait_for(plant, "plant waits")
         arguments = ["ecu", "--calibration", str(gains), "--backend", settings.backend]
         arguments += ["--trace", str(ticks), *_core(setup, 1), *bus]
@@ -103,7 +106,7 @@ def plant_arguments(
     """Return the command line of the plant that ``settings`` describe."""
     arguments = ["plant", settings.scenario, *setup.bus_options]
     if not setup.bus_options:
-        arguments += ["--serve", "127.0.0.1:0"]
+        arguments += ["--serve", setup.serve or "127.0.0.1:0"]
     options = {
         "vehicle": controller.tables["design"]["vehicle"],
         "actuator": settings.actuator,
@@ -207,6 +210,7 @@ def timing_object(
         "cores": dict(zip(("plant", "ecu"), setup.cores, strict=True)) if setup.cores else None,
         "judged": setup.cores is not None,
         "notes": sorted(set(notes)),
+        "bus": {"ecu": _bus_seen(ecu, plant), "plant": _bus_seen(plant, plant)},
         "histograms": {
             "start_jitter": timing.histogram(timing.start_jitter(ran)),
             "tick": timing.histogram(timing.durations(ran)),
@@ -220,6 +224,13 @@ def timing_object(
             }
         ),
     }
+
+
+def _bus_seen(program: PlantRecord | TickTrace, plant: PlantRecord) -> dict[str, Any] | None:
+    """Return what a program saw of the real bus while the plant ran."""
+    read = program.bus["read_ns"]
+    ran = (read >= int(plant.about["start_ns"])) & (read <= int(plant.about["end_ns"]))
+    return timing.bus_figures(program.bus[ran], program.about.get("bus"))
 
 
 def frames_lost(plant: PlantRecord, ecu: TickTrace) -> int:

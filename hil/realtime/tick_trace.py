@@ -8,7 +8,7 @@ tick writes into memory set aside beforehand; the file is written after the run.
 import json
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from firmware.calibration import Calibration
 from firmware.subset import fields
 from gain_gen.calibration.record import fill
 from hil.realtime.bus_link import Frame
+from hil.realtime.hardware.bus_record import ENTRY
 from hil.runs.trace import TICK, record_tick
 
 TICKS = np.dtype(
@@ -90,12 +91,16 @@ class Recorder:
 
 @dataclass(frozen=True, slots=True)
 class TickTrace:
-    """A recorded run: calibration, ticks (:data:`TICKS`), frames (:data:`FRAMES`), what else."""
+    """A recorded run: calibration, ticks (:data:`TICKS`), frames (:data:`FRAMES`), what else.
+
+    ``bus``: everything on the real bus (:data:`hil.realtime.hardware.bus_record.ENTRY`).
+    """
 
     calibration: Calibration
     ticks: NDArray[np.void]
     frames: NDArray[np.void]
     about: Mapping[str, Any]
+    bus: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, ENTRY))
 
 
 def save(path: Path, trace: TickTrace) -> None:
@@ -111,6 +116,7 @@ def save(path: Path, trace: TickTrace) -> None:
                 file,
                 ticks=trace.ticks,
                 frames=trace.frames,
+                bus=trace.bus,
                 calibration=np.array(json.dumps(integers)),
                 about=np.array(json.dumps(dict(trace.about))),
             )
@@ -131,6 +137,7 @@ def load(path: Path) -> TickTrace:
                 ticks=archive["ticks"],
                 frames=archive["frames"],
                 about=json.loads(str(archive["about"])),
+                bus=archive["bus"] if "bus" in archive else np.zeros(0, ENTRY),
             )
     except OSError as error:
         raise CanrollError(f"cannot read {path}: {error.strerror or error}") from error

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from firmware.event_trigger import command_slot
 from firmware.signals import TX_IDS
+from hil.realtime.hardware import bus_record
 from hil.realtime.tick_trace import TickTrace
 from plant_sim.can_bus import DELIVERED, ECU
 
@@ -127,6 +128,48 @@ def latencies(
         if known:
             ages.append(int(command["t_applied"]) - known[-1])
     return np.array(ages, dtype=np.int64)
+
+
+def bus_figures(
+    entries: NDArray[np.void], about: Mapping[str, Any] | None
+) -> dict[str, Any] | None:
+    """Return what one program saw of the real bus; None of a bus that is not real.
+
+    ``wait_us`` is how long the frames had lain at the interface when they were read.
+    """
+    if about is None:
+        return None
+    waits, missing = bus_record.waits_ns(entries, about)
+    figures = bus_record.summary(entries, about)
+    return {**figures, "wait_us": quantiles(waits), "wait_missing": missing}
+
+
+def bus_lines(timing: Mapping[str, Any]) -> list[str]:
+    """Return what each program saw of the real bus, in a sentence each."""
+    names = {"ecu": "bus at the ECU", "plant": "bus at the plant"}
+    seen = timing.get("bus", {})
+    return [_bus_line(name, seen[side]) for side, name in names.items() if seen.get(side)]
+
+
+def _bus_line(side: str, figures: Mapping[str, Any]) -> str:
+    """Return :func:`bus_figures` as a sentence."""
+    load = "load unknown" if figures["bitrate"] else "load unknown without -b"
+    if figures["load"] is not None:
+        load = f"load {100 * figures['load']:.1f} % of {figures['bitrate'] / 1000:g} kbit/s"
+    parts = [f"{figures['frames']} frames", load, f"{figures['error_frames']} error frames"]
+    if figures["errors"]:
+        parts[-1] += f" ({', '.join(f'{name} {n}' for name, n in figures['errors'].items())})"
+    if figures["wait_us"] is None:
+        parts.append(f"no wait at the interface: {figures['wait_missing']}")
+    else:
+        wait = figures["wait_us"]
+        parts.append(
+            f"waited {wait['p50']:.0f} µs at the interface, at most {wait['max']:.0f} µs, "
+            f"by {figures['clock']}"
+        )
+    if figures["full"]:
+        parts.append("the record was full before the end")
+    return f"{side}, {figures['interface']}: {'; '.join(parts)}"
 
 
 def _ecu_segment(frames: NDArray[np.void]) -> int:

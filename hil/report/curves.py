@@ -2,11 +2,10 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from canroll.typing import Vector
 from hil.report.figure import (
     DASH_DOTTED,
     DASHED,
@@ -19,7 +18,8 @@ from hil.report.figure import (
 )
 from hil.runs.metrics import axle_load_transfer, moment, response_times
 from hil.runs.trace import Trace
-from plant_sim.world.recording import AXLES, WHEELS
+from plant_sim.bodies.ports import WHEELS
+from plant_sim.world.recording import AXLES
 from vehicles import GRAVITY
 
 PASSIVE_COLOUR = 0
@@ -46,7 +46,6 @@ def dash(place: int) -> int:
     return (SOLID, DASH_DOTTED, DOTTED)[(place - 1) % 3]
 
 
-Vector = NDArray[Any]
 Signal = Callable[[Trace], Vector]
 
 
@@ -282,7 +281,7 @@ def _load(run: Shown, segment: int) -> tuple[Vector, Vector]:
     frames = run.trace.frames
     on = frames[(frames["segment"] == segment) & (frames["t_start"] >= 0)]
     windows = max(int(run.trace.duration / LOAD_WINDOW), 1)
-    edges = LOAD_WINDOW * np.arange(windows + 1)
+    edges: Vector = LOAD_WINDOW * np.arange(windows + 1, dtype=float)
     busy = (on["t_end"] - on["t_start"]) * 1e-9
     sums, _ = np.histogram(on["t_start"] * 1e-9, bins=edges, weights=busy)
     return edges[:-1], 100 * sums / LOAD_WINDOW

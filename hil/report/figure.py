@@ -35,8 +35,9 @@ class Series:
     """One curve, or marks, or bars.
 
     ``kind``: "line", "step" (held until the next x), "marks" (instants along the axis, ``row``
-    above each other) or "bars" (from x to x + ``width``). ``colour`` 0 to 7 of the page's palette,
-    ``dash`` one of the patterns, so that curves differ in more than colour.
+    above each other), "bars" (from x to x + ``width``) or "spans" (along the level that y
+    numbers). ``colour`` 0 to 7 of the page's palette, ``dash`` one of the patterns, so that curves
+    differ in more than colour.
     """
 
     name: str
@@ -65,7 +66,11 @@ class Series:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One plot. ``linked`` ones share range and cursor; ``equal`` ones are maps, not functions."""
+    """One plot. ``linked`` ones share range and cursor; ``equal`` ones are maps, not functions.
+
+    The y axis reaches at least from −``least`` to ``least``; with ``zero`` it begins at 0. Where
+    there are ``levels`` it names them instead, the first at the top.
+    """
 
     id: str
     title: str
@@ -78,6 +83,8 @@ class Figure:
     linked: bool = True
     equal: bool = False
     zero: bool = False
+    least: float = 0.0
+    levels: Sequence[str] = ()
 
     def data(self) -> dict[str, object]:
         """Return what the page needs."""
@@ -93,6 +100,8 @@ class Figure:
             "linked": self.linked,
             "equal": self.equal,
             "zero": self.zero,
+            "least": self.least,
+            "levels": list(self.levels),
         }
 
 

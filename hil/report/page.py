@@ -159,42 +159,66 @@ def _groups(page: Page) -> str:
     )
 
 
+def document(
+    title: str, body: Sequence[str], *, styles: Sequence[str], scripts: Sequence[str]
+) -> str:
+    """Return an HTML document that needs nothing else, not even a network.
+
+    Args:
+        title: of the document, plain text.
+        body: HTML.
+        styles: names of style sheets of this package.
+        scripts: names of its scripts, which run once the body is there.
+    """
+    assets = files("hil.report") / "assets"
+    return "\n".join(
+        [
+            '<!doctype html><html lang="en"><head><meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<title>{_text(title)}</title>",
+            '<link rel="icon" href="data:,">',
+            *(f"<style>{(assets / name).read_text(encoding='utf-8')}</style>" for name in styles),
+            "</head><body>",
+            *body,
+            *(
+                f"<script>{(assets / name).read_text(encoding='utf-8')}</script>"
+                for name in scripts
+            ),
+            "</body></html>",
+        ]
+    )
+
+
+def data_element(name: str, value: object) -> str:
+    """Return the element that holds ``value`` as JSON for the scripts of a page."""
+    return f'<script type="application/json" id="{name}">{_embedded(value)}</script>'
+
+
 def render(page: Page) -> str:
     """Return the page as one HTML document that needs nothing else, not even a network."""
-    assets = files("hil.report") / "assets"
-    style = (assets / "page.css").read_text(encoding="utf-8")
-    names = ("base.js", "plot.js", "playback.js", "page.js")
-    scripts = [(assets / name).read_text(encoding="utf-8") for name in names]
     data = {"figures": [figure.data() for figure in page.figures], "playback": page.playback}
     mark = {True: "good", False: "bad", None: "none"}[page.verdict.good]
     warnings = "".join(f"<li>{_text(warning)}</li>" for warning in page.warnings)
     tables = "".join(_table(table) for table in page.tables)
     among = any(table.group for table in page.tables)
     player = '<h2>Playback</h2><section class="playback" id="playback"></section>'
-    return "\n".join(
-        [
-            '<!doctype html><html lang="en"><head><meta charset="utf-8">',
-            '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f"<title>{_text(page.title)}</title>",
-            '<link rel="icon" href="data:,">',
-            f"<style>{style}</style></head><body>",
-            f"<h1>{_text(page.title)}</h1>",
-            f'<p class="soft">{_text(page.subtitle)}</p>',
-            f'<div class="verdict {mark}"><strong>{_text(page.verdict.headline)}</strong>'
-            f"{_text(page.verdict.text)}</div>",
-            f'<ul class="warnings">{warnings}</ul>' if warnings else "",
-            _contents(page.tables),
-            HINT if among else "",
-            tables,
-            player if page.playback else "",
-            "" if among else HINT,
-            _groups(page),
-            _pairs("Parameters", page.parameters),
-            _pairs("Provenance", page.provenance),
-            '<p><a id="save-json" download="result.json">Save these numbers as JSON</a></p>',
-            f'<script type="application/json" id="result">{_embedded(page.result)}</script>',
-            f'<script type="application/json" id="data">{_embedded(data)}</script>',
-            *(f"<script>{script}</script>" for script in scripts),
-            "</body></html>",
-        ]
-    )
+    body = [
+        f"<h1>{_text(page.title)}</h1>",
+        f'<p class="soft">{_text(page.subtitle)}</p>',
+        f'<div class="verdict {mark}"><strong>{_text(page.verdict.headline)}</strong>'
+        f"{_text(page.verdict.text)}</div>",
+        f'<ul class="warnings">{warnings}</ul>' if warnings else "",
+        _contents(page.tables),
+        HINT if among else "",
+        tables,
+        player if page.playback else "",
+        "" if among else HINT,
+        _groups(page),
+        _pairs("Parameters", page.parameters),
+        _pairs("Provenance", page.provenance),
+        '<p><a id="save-json" download="result.json">Save these numbers as JSON</a></p>',
+        data_element("result", page.result),
+        data_element("data", data),
+    ]
+    scripts = ("base.js", "plot.js", "playback.js", "page.js")
+    return document(page.title, body, styles=("page.css",), scripts=scripts)

@@ -6,7 +6,7 @@ import numpy as np
 
 from hil.report.curves import Shown
 from hil.report.figure import pack
-from plant_sim.world.recording import WHEELS
+from plant_sim.bodies.ports import WHEELS
 from vehicles import Vehicle
 
 STEP = 0.02

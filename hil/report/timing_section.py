@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.realtime.timing import QUANTILES, ROWS
+from hil.realtime.timing import QUANTILES, ROWS, bus_lines
 from hil.report.figure import Figure, Series, histogram
 from hil.report.page import Cell, Table
 from hil.report.tables import number
@@ -32,7 +32,8 @@ def timing_table(timing: Mapping[str, Any]) -> Table:
         f"{timing['ticks']} ticks, {timing['deadline_misses']} missed, {timing['frames_lost']} "
         "frames lost."
     )
-    return Table("Real time", ("", *QUANTILES), rows, " ".join([told, *timing["notes"]]))
+    seen = [f"{line}." for line in bus_lines(timing)]
+    return Table("Real time", ("", *QUANTILES), rows, " ".join([told, *seen, *timing["notes"]]))
 
 
 def timing_figures(timing: Mapping[str, Any]) -> list[Figure]:

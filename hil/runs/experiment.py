@@ -1,6 +1,6 @@
 """One manoeuvre, without and with control, in virtual time."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from math import inf
 from typing import Unpack
@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
-from codegen.run.backends import BACKENDS, default_backend, open_backend
+from canroll.typing import Progress
+from codegen.run import BACKENDS
+from codegen.run.backends import default_backend, open_backend
 from firmware.calibration import ONE
 from hil.runs import conditions as conditions_of
 from hil.runs import limit_cycle, metrics, standard, steering_replay
@@ -37,10 +39,8 @@ SEEDS = 2**31
 AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
 """Manoeuvres made to find the limit of tyres and wheel loads."""
 
-Report = Callable[[str, float], None]
 
-
-def run(scenario: str, *, progress: Report | None = None, **choices: Unpack[Choices]) -> Result:
+def run(scenario: str, *, progress: Progress | None = None, **choices: Unpack[Choices]) -> Result:
     """Drive a manoeuvre without and with control and return what came of it.
 
     Args:
@@ -127,7 +127,7 @@ def simulate(
     controller: Controller,
     *,
     duration: float | None = None,
-    progress: Report | None = None,
+    progress: Progress | None = None,
     passive: Trace | None = None,
 ) -> Result:
     """Run ``controller`` under ``settings``; ``passive`` saves driving the same run twice."""
@@ -151,7 +151,7 @@ def drive(
     *,
     enabled: bool,
     duration: float | None = None,
-    progress: Report | None = None,
+    progress: Progress | None = None,
     steer: NDArray[np.float64] | None = None,
 ) -> Trace:
     """Drive the manoeuvre once; without control the actuators are disabled, the frames go on.

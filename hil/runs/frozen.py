@@ -13,7 +13,8 @@ from firmware.calibration import Calibration
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options, law_kind
-from gain_gen.design import LAWS, OBSERVERS, design
+from gain_gen.design import design
+from gain_gen.laws import LAWS, OBSERVERS
 from gain_gen.models.task import Delay, Design, Task
 from plant_sim.can_bus import BusProfile, load_profile
 from plant_sim.can_bus.delay_bounds import delay_bounds

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from canroll.typing import Vector
 
 HALF_CYCLES_MIN = 6
 SECONDS_MIN = 1.0
@@ -16,8 +17,6 @@ EVENNESS = 0.45
 EXCITED = 0.6
 AVERAGES = (0.0, 1.0, 0.5)
 """Lengths of the moving averages taken off, s."""
-
-Vector = NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)

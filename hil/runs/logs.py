@@ -14,7 +14,7 @@ from plant_sim.can_bus import DELIVERED, ECU
 from plant_sim.can_bus.kernel.layout import ERROR
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
 
-SUFFIXES = (".asc", ".blf", ".log", ".mf4")
+SUFFIXES = (".asc", ".blf", ".log", ".mf4", ".pcap", ".pcapng")
 
 
 def check_suffix(path: Path) -> Path:
@@ -72,7 +72,8 @@ def write_log(path: Path, frames: NDArray[Any]) -> Path:
     """Write a bus log in the format that the suffix of ``path`` names, and return ``path``.
 
     Raises:
-        CanrollError: unknown suffix, or the file cannot be written.
+        CanrollError: unknown suffix, the file cannot be written, or it is a .pcap and the frames
+            are of several segments.
     """
     check_suffix(path)
     try:

@@ -4,16 +4,15 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 import dbc
+from canroll.typing import Vector
 from firmware.state import ACTIVE, DEGRADED
 from hil.runs.trace import Trace
+from plant_sim.bodies.ports import WHEELS
 from plant_sim.can_bus.kernel.layout import DELIVERED
-from plant_sim.world.recording import AXLES, WHEELS
+from plant_sim.world.recording import AXLES
 from vehicles import Vehicle
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

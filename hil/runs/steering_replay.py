@@ -6,13 +6,11 @@ A driver answers what a law does to the car; without him, what changes is the ca
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from canroll.typing import Vector
 from hil.runs.trace import Trace
 from plant_sim.driving.driver import D_PATH_STEP, FISHHOOK, FOLLOW_PATH, Drive
 from plant_sim.driving.maneuvers import Maneuver
-
-Vector = NDArray[np.float64]
 
 
 def differs(maneuver: Maneuver, passive: Trace, controlled: Trace) -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
+from canroll.typing import Progress
 from firmware.state import SAFE
 from hil.runs import conditions
 from hil.runs.experiment import plan, simulate
@@ -26,8 +27,6 @@ NO_HELP, LIMIT_CYCLE, ROLLOVER = "does not help", "limit cycle", "rolls over"
 GOOD = (HELPS, STAYS_HARMLESS)
 QUANTILES = (5, 50, 95)
 QUANTITIES = ("roll_max_deg", "roll_rms_deg", "nlt_front_max", "moment_rms_nm", "path_error_max_m")
-
-Report = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +131,7 @@ def run(
     faults: Sequence[str] = (),
     seed: int = 0,
     jobs: int = 1,
-    progress: Report | None = None,
+    progress: Progress | None = None,
     **choices: Any,  # noqa: ANN401
 ) -> Campaign:
     """Drive a manoeuvre with one calibration on many draws of the world.

@@ -1,12 +1,13 @@
 """Several runs held against each other: laws, buses, speeds, on one page and in one table."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError
-from gain_gen.design import LAWS
+from canroll.typing import Progress
+from gain_gen.laws import LAWS
 from hil.runs import saved_run
 from hil.runs.experiment import plan, simulate
 from hil.runs.frozen import DESIGNED, PASSIVE, choose
@@ -31,8 +32,6 @@ KEYS = {
 """What a run may be described by, as ``key=value``; the same names as the options of a run."""
 
 _KEYWORDS = {"speed": "speed_kmh", "tick": "tick_ms"}
-
-Report = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +70,7 @@ def runs(
     *,
     common: Mapping[str, Any] | None = None,
     duration: float | None = None,
-    progress: Report | None = None,
+    progress: Progress | None = None,
 ) -> Iterator[Named]:
     """Drive ``scenario`` once for every description, and once more without control.
 
@@ -109,7 +108,7 @@ def gather(
     *,
     common: Mapping[str, Any] | None = None,
     duration: float | None = None,
-    progress: Report | None = None,
+    progress: Progress | None = None,
 ) -> list[Named]:
     """Return the runs that ``texts`` name, saved or driven now, in their order.
 
@@ -145,7 +144,7 @@ def _merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]
     return {**common, **own}
 
 
-def _named(progress: Report, name: str) -> Report:
+def _named(progress: Progress, name: str) -> Progress:
     return lambda stage, share: progress(f"{name}, {stage}", share)
 
 

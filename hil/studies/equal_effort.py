@@ -7,7 +7,7 @@ paired differences, without a limit cycle, while moment, path error, steering an
 are no worse.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import astuple, dataclass, replace
 from math import isfinite, sqrt
 from typing import Any
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from canroll.typing import Progress
 from hil.runs.experiment import plan
 from hil.studies.effort import (
     FIGURES,
@@ -94,8 +95,6 @@ EFFORT_TOLERANCE = 0.02
 SEARCHED = 20
 """How many of the runs the factor of a law is searched on."""
 CONFIDENCE = 1.96
-
-Report = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,7 +195,7 @@ def compare(
     runs: int = 200,
     entries: Sequence[Entry] | None = None,
     conditions: Mapping[str, Any] | None = None,
-    progress: Report | None = None,
+    progress: Progress | None = None,
 ) -> Comparison:
     """Drive every law ``runs`` times and return the rows.
 

@@ -3,11 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from canroll.typing import Vector
 from plant_sim.kernels.jit import njit
-
-Vector = NDArray[np.float64]
 
 
 def rk4(derivative: Callable[..., None]) -> Callable[..., None]:

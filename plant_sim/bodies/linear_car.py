@@ -9,9 +9,11 @@ from math import cos, sin
 
 import numpy as np
 
+from canroll.typing import Vector
 from plant_sim.bodies import ports
-from plant_sim.bodies.integrate import Vector, rk4
+from plant_sim.bodies.integrate import rk4
 from plant_sim.bodies.parameters import suspension_roll_stiffness
+from plant_sim.bodies.ports import Body
 from plant_sim.kernels.jit import cfunc, njit
 from vehicles import GRAVITY, Vehicle
 from vehicles.full_car import INPUTS, STATES, FullCar, from_vehicle, state_matrices
@@ -179,3 +181,9 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
     _advance(state, inputs, parameters, dt)
     _limit(state, parameters)
     _observe(state, inputs, parameters, outputs)
+
+
+BODY = Body("fullcar", "linear full car", step, build)
+HYDRAULIC_BODY = Body(
+    "fullcar_hydraulic", "linear full car with electro-hydraulic bars", step, build_hydraulic
+)

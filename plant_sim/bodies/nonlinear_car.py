@@ -12,8 +12,9 @@ from math import cos, sin
 
 import numpy as np
 
+from canroll.typing import Vector
 from plant_sim.bodies import ports, tyre
-from plant_sim.bodies.integrate import Vector, rk4
+from plant_sim.bodies.integrate import rk4
 from plant_sim.bodies.parameters import (
     P_ARM,
     P_BAR,
@@ -53,6 +54,7 @@ from plant_sim.bodies.parameters import (
     P_YAW_INERTIA,
     build_parameters,
 )
+from plant_sim.bodies.ports import Body
 from plant_sim.kernels.jit import cfunc, njit
 from vehicles import GRAVITY, Vehicle
 
@@ -281,3 +283,6 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
     if state[ROLLED_OVER] == 0.0:
         _advance(state, inputs, parameters, dt)
         _observe(state, inputs, parameters, outputs, dt)
+
+
+BODY = Body("nonlinear", "14-DOF nonlinear car", step, build)

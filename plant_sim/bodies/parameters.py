@@ -4,7 +4,7 @@ import numpy as np
 from scipy.optimize import brentq
 
 from canroll.errors import CanrollError
-from plant_sim.bodies.integrate import Vector
+from canroll.typing import Vector
 from vehicles import GRAVITY, Vehicle
 
 # Slots of the parameter vector; those from P_DISTANCE on name the first of two axles.

@@ -4,6 +4,17 @@ Axes: x forward, y left, z up; roll > 0 lifts the left side; bank > 0 is a road 
 higher; wheels in the order front left, front right, rear left, rear right. SI units throughout.
 """
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from canroll.typing import Vector
+from vehicles import Vehicle
+
+WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
+
 # What drives a body. A slot for four wheels names the first of four consecutive ones.
 STEER = 0  # road-wheel angle of the front axle, > 0 left (rad)
 DRIVE_FORCE = 1  # sum of traction at the driven wheels, < 0 brakes evenly (N)
@@ -54,3 +65,26 @@ BAR_MOMENT = (
 BAR_ANGLE = 47  # shaft angle of their hydromotors (rad), 2
 BAR_PRESSURE = 49  # their load pressure (Pa), 2
 N_OUTPUTS = 51
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """One plant body.
+
+    ``step(state, inputs, parameters, outputs, dt)`` is a numba C function: it advances ``state``
+    in place and fills ``outputs``. ``build(vehicle, speed)`` gives the state on a straight road
+    at ``speed`` (m/s) and the parameter vector.
+    """
+
+    name: str
+    title: str
+    step: Any
+    build: Callable[[Vehicle, float], tuple[Vector, Vector]]
+
+
+def initial_inputs() -> Vector:
+    """Inputs of a car on a flat, dry road with nothing applied."""
+    inputs = np.zeros(N_INPUTS)
+    inputs[FRICTION] = 1.0
+    inputs[LATERAL_ACCELERATION] = np.nan
+    return inputs

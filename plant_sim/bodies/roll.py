@@ -9,8 +9,10 @@ from math import cos, isnan, sin
 
 import numpy as np
 
+from canroll.typing import Vector
 from plant_sim.bodies import ports
-from plant_sim.bodies.integrate import Vector, rk4
+from plant_sim.bodies.integrate import rk4
+from plant_sim.bodies.ports import Body
 from plant_sim.kernels.jit import cfunc, njit
 from vehicles import GRAVITY, Vehicle
 
@@ -205,3 +207,6 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
     """Advance ``state`` by ``dt`` (s) and fill ``outputs`` (:mod:`plant_sim.bodies.ports`)."""
     _advance(state, inputs, parameters, dt)
     _observe(state, inputs, parameters, outputs)
+
+
+BODY = Body("roll1", "1-DOF roll model with a linear bicycle", step, build)

@@ -1,1 +1,26 @@
-"""Road, path, driver, manoeuvres, and the standards that judge them."""
+"""Road, path, driver, manoeuvres and their names, and the standards that judge them."""
+
+from typing import TYPE_CHECKING
+
+from canroll.registry import Registry
+
+if TYPE_CHECKING:
+    from plant_sim.driving.drive import Kind
+
+MANEUVERS: "Registry[Kind]" = Registry(
+    "scenario",
+    "canroll.scenarios",
+    {
+        "double_lane_change": "plant_sim.driving.path_maneuvers:DOUBLE_LANE_CHANGE",
+        "moose": "plant_sim.driving.path_maneuvers:MOOSE",
+        "roundabout": "plant_sim.driving.path_maneuvers:ROUNDABOUT",
+        "constant_radius": "plant_sim.driving.path_maneuvers:CONSTANT_RADIUS",
+        "banked_curve": "plant_sim.driving.path_maneuvers:BANKED_CURVE",
+        "bumps": "plant_sim.driving.path_maneuvers:BUMPS",
+        "random_road": "plant_sim.driving.path_maneuvers:RANDOM_ROAD",
+        "fishhook": "plant_sim.driving.steer_maneuvers:NHTSA_FISHHOOK",
+        "j_turn": "plant_sim.driving.steer_maneuvers:J_TURN",
+        "sine_with_dwell": "plant_sim.driving.steer_maneuvers:SINE_WITH_DWELL",
+        "from_file": "plant_sim.driving.steer_maneuvers:FROM_FILE",
+    },
+)

@@ -1,11 +1,12 @@
 """Collects what drives a manoeuvre into the arrays that the driver's kernel reads."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf
 
 import numpy as np
 
-from plant_sim.bodies.integrate import Vector
+from canroll.typing import Vector
 from plant_sim.driving import driver, path
 from plant_sim.driving.driver import FOLLOW_PATH, Drive
 from vehicles import GRAVITY, Vehicle
@@ -44,6 +45,22 @@ class Plan:
     steer_rate: float = 0.0
     at_the_limit: bool = False
     fishhook: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """A manoeuvre before a vehicle and a speed are chosen.
+
+    ``plan(vehicle, speed, seed, **options)`` gives the plan; ``standard`` is what it follows.
+    """
+
+    title: str
+    speed_kmh: float
+    fastest_kmh: float
+    standard: str
+    plan: Callable[..., Plan]
+    friction: float = 1.0
+    chassis_control: bool = False
 
 
 def understeer(vehicle: Vehicle) -> float:

@@ -10,8 +10,8 @@ and the limits of the steering, never asking for more than it dares.
 from math import cos, floor, hypot, sin
 from typing import NamedTuple
 
+from canroll.typing import Vector
 from plant_sim.bodies import ports
-from plant_sim.bodies.integrate import Vector
 from plant_sim.kernels.jit import njit
 from vehicles import GRAVITY
 

@@ -1,6 +1,5 @@
 """The manoeuvres by name: what drives each, at which speeds, for how long."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from inspect import Parameter, signature
 from typing import Any
@@ -8,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.bodies.integrate import Vector
-from plant_sim.driving import path_maneuvers, steer_maneuvers
-from plant_sim.driving.drive import STEP_NS, Plan, make_drive, understeer
+from canroll.typing import Vector
+from plant_sim.driving import MANEUVERS
+from plant_sim.driving.drive import STEP_NS, make_drive, understeer
 from plant_sim.driving.driver import (
     D_CHASSIS_CONTROL,
     D_STEER_RATE,
@@ -53,64 +52,19 @@ class Maneuver:
     drive: Drive
 
 
-@dataclass(frozen=True, slots=True)
-class _Kind:
-    title: str
-    speed_kmh: float
-    fastest_kmh: float
-    standard: str
-    plan: Callable[..., Plan]
-    """(vehicle, speed, seed, **options) to the plan."""
-    friction: float = 1.0
-    chassis_control: bool = False
-
-
-_KINDS: dict[str, _Kind] = {
-    "double_lane_change": _Kind(
-        "double lane change", 80.0, 160.0, "ISO 3888-1", path_maneuvers.double_lane_change
-    ),
-    "moose": _Kind(
-        "obstacle avoidance", 80.0, 100.0, "ISO 3888-2", path_maneuvers.moose, 0.6, True
-    ),
-    "roundabout": _Kind(
-        "roundabout of 22 m radius", 30.0, 120.0, "none", path_maneuvers.roundabout
-    ),
-    "constant_radius": _Kind(
-        "constant radius", 60.0, 160.0, "ISO 4138", path_maneuvers.constant_radius
-    ),
-    "banked_curve": _Kind("banked curve", 80.0, 160.0, "none", path_maneuvers.banked_curve),
-    "bumps": _Kind("one-sided bumps", 40.0, 120.0, "none", path_maneuvers.bumps),
-    "random_road": _Kind("random road", 80.0, 160.0, "ISO 8608", path_maneuvers.random_road),
-    "fishhook": _Kind(
-        "fishhook", 80.0, 120.0, "NHTSA roll-rate feedback fishhook", steer_maneuvers.fishhook
-    ),
-    "j_turn": _Kind("J-turn", 80.0, 120.0, "NHTSA J-turn", steer_maneuvers.j_turn),
-    "sine_with_dwell": _Kind(
-        "sine with dwell", 80.0, 120.0, "FMVSS 126", steer_maneuvers.sine_with_dwell
-    ),
-    "from_file": _Kind("signal of a file", 80.0, 200.0, "none", steer_maneuvers.from_file),
-}
-
-
 def names() -> list[str]:
     """The manoeuvres that :func:`build` knows, sorted."""
-    return sorted(_KINDS)
-
-
-def _kind(name: str) -> _Kind:
-    if name not in _KINDS:
-        raise UnknownNameError("manoeuvre", name, _KINDS)
-    return _KINDS[name]
+    return sorted(MANEUVERS)
 
 
 def title(name: str) -> str:
     """What that manoeuvre is called in a report."""
-    return _kind(name).title
+    return MANEUVERS[name].title
 
 
 def options(name: str) -> dict[str, Any]:
     """The options of that manoeuvre with their defaults; a preview of 0 is the vehicle's own."""
-    kind = _kind(name)
+    kind = MANEUVERS[name]
     parameters = signature(kind.plan).parameters.values()
     own = {item.name: item.default for item in parameters if item.kind is Parameter.KEYWORD_ONLY}
     common = {"friction": kind.friction, "chassis_control": kind.chassis_control}
@@ -119,12 +73,12 @@ def options(name: str) -> dict[str, Any]:
 
 def default_speed(name: str, vehicle: Vehicle) -> float:
     """Entry speed (m/s) of that manoeuvre: the vehicle's own where its file states one."""
-    return vehicle.speeds.get(name, _kind(name).speed_kmh / 3.6)
+    return vehicle.speeds.get(name, MANEUVERS[name].speed_kmh / 3.6)
 
 
 def speed_range(name: str) -> tuple[float, float]:
     """Slowest and fastest entry speed (m/s) of that manoeuvre."""
-    return SLOWEST_KMH / 3.6, _kind(name).fastest_kmh / 3.6
+    return SLOWEST_KMH / 3.6, MANEUVERS[name].fastest_kmh / 3.6
 
 
 def _converted(value: Any, default: Any, what: str) -> Any:  # noqa: ANN401
@@ -198,7 +152,7 @@ def build(
     CanrollError
         A speed or an option is outside of what the manoeuvre can be driven at.
     """
-    kind = _kind(name)
+    kind = MANEUVERS[name]
     speed = default_speed(name, vehicle) if speed is None else speed
     if not SLOWEST_KMH <= speed * 3.6 <= kind.fastest_kmh + 1e-6:
         raise CanrollError(

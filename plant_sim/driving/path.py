@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from plant_sim.bodies.integrate import Vector
+from canroll.typing import Vector
 
 XY = tuple[Vector, Vector]
 

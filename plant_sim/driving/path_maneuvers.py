@@ -9,7 +9,7 @@ from math import pi, radians
 import numpy as np
 
 from plant_sim.driving import path, road
-from plant_sim.driving.drive import Plan
+from plant_sim.driving.drive import Kind, Plan
 from vehicles import Vehicle
 
 APPROACH = 15.0
@@ -124,3 +124,12 @@ def random_road(
         road=road.random_tracks(road_class, length=distance, track=width, seed=seed),
         road_step=road.STEP,
     )
+
+
+DOUBLE_LANE_CHANGE = Kind("double lane change", 80.0, 160.0, "ISO 3888-1", double_lane_change)
+MOOSE = Kind("obstacle avoidance", 80.0, 100.0, "ISO 3888-2", moose, 0.6, True)
+ROUNDABOUT = Kind("roundabout of 22 m radius", 30.0, 120.0, "none", roundabout)
+CONSTANT_RADIUS = Kind("constant radius", 60.0, 160.0, "ISO 4138", constant_radius)
+BANKED_CURVE = Kind("banked curve", 80.0, 160.0, "none", banked_curve)
+BUMPS = Kind("one-sided bumps", 40.0, 120.0, "none", bumps)
+RANDOM_ROAD = Kind("random road", 80.0, 160.0, "ISO 8608", random_road)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from canroll.errors import UnknownNameError
-from plant_sim.bodies.integrate import Vector
+from canroll.typing import Vector
 
 STEP = 0.05
 """Distance between the points of a road profile (m)."""

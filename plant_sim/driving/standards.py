@@ -11,7 +11,8 @@ from math import cos, inf, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.bodies.integrate import Vector
+from canroll.typing import Vector
+from plant_sim.bodies.ports import WHEELS
 from plant_sim.driving import path, steer_maneuvers
 from plant_sim.driving.path_maneuvers import APPROACH
 from vehicles import Vehicle
@@ -25,8 +26,6 @@ OVERHANG = 0.9
 
 CONE_SPACING = 3.0
 """Greatest distance between the cones along a lane (m)."""
-
-WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from canroll.errors import CanrollError
-from plant_sim.bodies.integrate import Vector
-from plant_sim.driving.drive import Plan, steady_steer
+from canroll.typing import Vector
+from plant_sim.driving.drive import Kind, Plan, steady_steer
 from plant_sim.driving.driver import ACCELERATION_TABLE, FISHHOOK, STEER_TABLE
 from vehicles import GRAVITY, Vehicle
 
@@ -132,3 +132,9 @@ def from_file(vehicle: Vehicle, _speed: float, _seed: int, *, file: str = "") ->
     if kind == STEER_TABLE:
         table = np.radians(table) / vehicle.steering.ratio
     return Plan(float(times[-1]), kind=kind, table=table, table_step=TABLE_STEP, steer_rate=inf)
+
+
+NHTSA_FISHHOOK = Kind("fishhook", 80.0, 120.0, "NHTSA roll-rate feedback fishhook", fishhook)
+J_TURN = Kind("J-turn", 80.0, 120.0, "NHTSA J-turn", j_turn)
+SINE_WITH_DWELL = Kind("sine with dwell", 80.0, 120.0, "FMVSS 126", sine_with_dwell)
+FROM_FILE = Kind("signal of a file", 80.0, 200.0, "none", from_file)

@@ -4,9 +4,7 @@ Forces act on the body, upwards, with their reaction on the wheel; moments lift 
 Force over a step is the mean of its values at both ends, so that a lag costs no half step.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.kernels.jit import njit
 from plant_sim.nodes import hydraulics
@@ -59,8 +57,6 @@ from plant_sim.nodes.actuator_kernel import (
 
 # Second message of the nodes that take two, besides currents.
 FORCES = MOMENTS = 1
-
-Vector = NDArray[np.float64]
 
 
 @njit

@@ -10,8 +10,8 @@ angle to its stops.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from canroll.typing import Vector
 from plant_sim.kernels.jit import njit
 from vehicles.model import ElectroHydraulicBars
 
@@ -36,7 +36,6 @@ SPOOL, SPOOL_RATE, PRESSURE, ANGLE, ANGLE_RATE = range(5)
 ) = range(16)
 
 STEP = 1e-3
-Vector = NDArray[np.float64]
 
 
 def parameters(data: ElectroHydraulicBars, *, thickening: float) -> Vector:

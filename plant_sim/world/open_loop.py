@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from canroll.typing import Vector
 from plant_sim.bodies import Body, initial_inputs, ports
-from plant_sim.bodies.integrate import Vector
 from plant_sim.driving.drive import STEP_NS
 from plant_sim.driving.driver import ACCELERATION_TABLE, Drive
 from plant_sim.driving.driver import drive as apply_drive

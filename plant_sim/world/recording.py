@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.bodies import ports
+from plant_sim.bodies.ports import WHEELS
 from plant_sim.kernels.jit import njit
 from plant_sim.nodes import actuator_kernel
 from plant_sim.nodes.actuator_kernel import Actuators
@@ -12,7 +13,6 @@ INPUTS = ports.N_OUTPUTS
 ACTUATOR = INPUTS + ports.N_INPUTS
 N_COLUMNS = ACTUATOR + 13
 
-WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
 AXLES = ("front", "rear")
 
 

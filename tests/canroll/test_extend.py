@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from gain_gen.design import LAWS
+from gain_gen.laws import LAWS
 from hil.cli.main import main
 
 PAGE = (Path(__file__).parents[2] / "docs" / "extend.md").read_text()
@@ -20,7 +20,7 @@ BLOCKS = re.findall(r"^```(\w+) ?(\S*)\n(.*?)^```", PAGE, re.S | re.M)
 def folder(tmp_path_factory):
     """Return the folder that the page leaves behind, without the bundle; each command succeeds."""
     path = tmp_path_factory.mktemp("extend")
-    known = dict(LAWS)
+    known = list(LAWS)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(path)
         for language, name, text in BLOCKS:
@@ -45,7 +45,7 @@ def result_in(folder):
 
 def test_every_kind_of_example_is_there():
     languages = [language for language, _, _ in BLOCKS]
-    assert languages.count("python") == 2 and languages.count("sh") == 4
+    assert languages.count("python") == 3 and languages.count("sh") == 4
     assert {name for _, name, _ in BLOCKS} == {"", "gains.toml", "car.dbc", "car.toml"}
 
 

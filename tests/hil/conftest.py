@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from hil.runs.trace import TICK, Trace
+from plant_sim.bodies.ports import WHEELS
 from plant_sim.can_bus.kernel.layout import log_dtype
-from plant_sim.world.recording import WHEELS
 
 SECONDS = 8.0
 

@@ -56,7 +56,7 @@ def test_disturbed_traffic_hurts_in_episodes_only(recorded):
 
 
 def test_the_cases_are_all_actuators_and_observers():
-    from gain_gen.design import OBSERVERS
+    from gain_gen.laws import OBSERVERS
 
     assert {case.actuator for case in CASES} >= {"bars", "dampers", "valves", None}
     assert {case.observer for case in CASES} >= {None, *OBSERVERS} - {"two_sensors"}

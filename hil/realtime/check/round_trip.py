@@ -8,21 +8,20 @@ import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NoReturn
 
-import can
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.realtime import own_bus
-from hil.realtime.bus_link import CanLink, add_bus_arguments, open_link
+from hil.realtime.bus_link import CanLink, Link, add_bus_arguments, open_link, options_of
 from hil.realtime.check.loops import Place
 from hil.realtime.check.workers import Child, Send, ended
+from hil.realtime.hardware.interfaces import is_shared
 from hil.realtime.process import collector_off, prepare
 
 PING, PONG = 0x7FE, 0x7FF
 """The weakest identifiers of all: whatever else is on a real bus goes first."""
-SHARED = ("socketcan", "socketcand", "udp_multicast")
-"""Interfaces that several programs of one machine can open at the same time."""
 PATIENCE = 0.5
 """s without an echo after which a frame counts as lost; after :data:`GIVE_UP` of them it ends."""
 GIVE_UP = 3
@@ -68,7 +67,7 @@ def measure(bus: argparse.Namespace | None, seconds: float, near: Place, far: Pl
     """
     children: list[Child] = []
     with ended(children):
-        if bus is None or interface_of(bus) in SHARED:
+        if bus is None or is_shared(options_of(bus)[0]):
             children.append(Child(_echo, bus, far))
             joined = children[0].receive(START)
             children.append(Child(_trips, joined, seconds, near))
@@ -78,13 +77,9 @@ def measure(bus: argparse.Namespace | None, seconds: float, near: Place, far: Pl
     return found if bus is not None else replace(found, interface="the plant's own bus")
 
 
-def interface_of(bus: argparse.Namespace) -> str:
-    """Return the name of python-can's interface, from the options or its configuration."""
-    return str(getattr(bus, "interface", None) or can.util.load_config().get("interface"))
-
-
 def _name(bus: argparse.Namespace) -> str:
-    return f"{interface_of(bus)} {getattr(bus, 'channel', '')}".strip()
+    name, channel, _, _ = options_of(bus)
+    return f"{name} {channel}".strip()
 
 
 def _echo(send: Send, bus: argparse.Namespace | None, place: Place) -> None:
@@ -93,18 +88,18 @@ def _echo(send: Send, bus: argparse.Namespace | None, place: Place) -> None:
         server = own_bus.serve("127.0.0.1:0")
         prepare(cpu=place.core, priority=place.priority)
         send(parse_bus(server.options.split()))
-        while True:
-            server.wait(PATIENCE)
-            for ident, payload in server.receive():
-                if ident == PING:
-                    server.send(PONG, payload)
+        _answer(server)
     link = open_link(bus)
     prepare(cpu=place.core, priority=place.priority)
     send(bus)
+    _answer(link)
+
+
+def _answer(bus: Link) -> NoReturn:
     while True:
-        message = link.bus.recv(PATIENCE)
-        if message is not None and message.arbitration_id == PING:
-            link.send(PONG, bytes(message.data))
+        frame = bus.next(PATIENCE)
+        if frame is not None and frame[0] == PING:
+            bus.send(PONG, frame[1])
 
 
 def _trips(send: Send, bus: argparse.Namespace, seconds: float, place: Place) -> None:
@@ -141,10 +136,7 @@ def _trips(send: Send, bus: argparse.Namespace, seconds: float, place: Place) ->
 
 def _came_back(link: CanLink, payload: bytes, until_ns: int) -> bool:
     while (left := until_ns - time.monotonic_ns()) > 0:
-        message = link.bus.recv(left * 1e-9)
-        if message is None:
-            continue
-        if message.arbitration_id == PONG and bytes(message.data) == payload:
+        if link.next(left * 1e-9) == (PONG, payload):
             return True
     return False
 
@@ -154,7 +146,7 @@ def _polls(send: Send, bus: argparse.Namespace, place: Place) -> None:
     prepare(cpu=place.core, priority=place.priority)
     polls = _time_polls(link)
     link.close()
-    missing = f"one program alone opens '{interface_of(bus)}': the echo needs a second node"
+    missing = f"one program alone opens '{options_of(bus)[0]}': the echo needs a second node"
     send(RoundTrip(_name(bus), np.zeros(0, np.int64), polls, 0, missing))
 
 

@@ -4,7 +4,8 @@
 
 const DASHES = ["", "7 4", "2 3", "10 3 2 3"];
 
-const shared = { range: null, cursor: null, plots: [], listeners: [] };
+// window: what linked plots show while nobody has zoomed; dragging: a pointer is down on a plot
+const shared = { range: null, window: null, cursor: null, dragging: false, plots: [], listeners: [] };
 
 function setCursor(x, source = null) {
   shared.cursor = x;
@@ -19,6 +20,7 @@ class Plot {
     this.range = null;
     this.yRange = null;
     this.cursor = null;
+    this.pointer = null;
     this.series = spec.series.map((s) => ({ ...s, x: decode(s.x), y: decode(s.y), shown: true }));
     const caption = tag("figcaption", "", figure);
     tag("h3", "", caption, spec.title);
@@ -70,8 +72,10 @@ class Plot {
   }
 
   valueRange([lo, hi]) {
-    let bottom = this.spec.zero ? 0 : Infinity;
-    let top = this.spec.zero ? 0 : -Infinity;
+    if (this.spec.levels.length) return [this.spec.levels.length - 0.5, -0.5];
+    const { zero, least } = this.spec;
+    let bottom = zero ? 0 : least ? -least : Infinity;
+    let top = zero || least ? least : -Infinity;
     for (const { x, y, shown, kind } of this.series) {
       if (!shown || kind === "marks") continue;
       for (let i = 0; i < x.length; i++) {
@@ -87,14 +91,17 @@ class Plot {
 
   draw() {
     const width = Math.max(this.figure.clientWidth - 26, 200);
-    const height = this.spec.equal ? Math.min(300, width * 0.6) : Math.min(250, width * 0.62);
-    const box = { left: 52, right: width - 16, top: 8, bottom: height - 36 };
+    const levels = this.spec.levels;
+    const least = levels.length ? 16 * levels.length + 44 : 0;
+    const height = this.spec.equal ? Math.min(300, width * 0.6) : Math.max(Math.min(250, width * 0.62), least);
+    const left = Math.max(52, ...levels.map((name) => 16 + 7.4 * name.length));
+    const box = { left, right: width - 16, top: 8, bottom: height - 36 };
     this.box = box;
     this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
     this.svg.style.height = `${height}px`;
     this.svg.replaceChildren();
     const zoomed = this.spec.linked ? shared.range : this.range;
-    const xr = zoomed || this.fullRange();
+    const xr = zoomed || (this.spec.linked && shared.window) || this.fullRange();
     const yr = this.yRange || this.valueRange(xr);
     this.figure.classList.toggle("zoomed", Boolean(zoomed || this.yRange));
     this.sx = (x) => box.left + ((x - xr[0]) / (xr[1] - xr[0])) * (box.right - box.left);
@@ -119,14 +126,17 @@ class Plot {
       element("path", { class: "axis", d: `M${x} ${box.top}V${box.bottom}` }, this.svg);
       element("text", { x, y: box.bottom + 15, "text-anchor": "middle" }, this.svg, label);
     }
-    for (const [value, label] of ticks(yr[0], yr[1], Math.floor(height / 45))) {
+    const levels = this.spec.levels;
+    const named = levels.map((name, place) => [place, name]);
+    for (const [value, label] of levels.length ? named : ticks(yr[0], yr[1], Math.floor(height / 45))) {
       const y = this.sy(value);
-      const kind = value === 0 ? "zero" : "axis";
+      const kind = value === 0 && !levels.length ? "zero" : "axis";
       element("path", { class: kind, d: `M${box.left} ${y}H${box.right}` }, this.svg);
       element("text", { x: box.left - 5, y: y + 4, "text-anchor": "end" }, this.svg, label);
     }
     const middle = (box.left + box.right) / 2;
     element("text", { x: middle, y: height - 4, "text-anchor": "middle" }, this.svg, this.spec.xlabel);
+    if (levels.length) return;
     const turn = `rotate(-90 12 ${(box.top + box.bottom) / 2})`;
     const label = { x: 12, y: (box.top + box.bottom) / 2, "text-anchor": "middle", transform: turn };
     element("text", label, this.svg, this.spec.ylabel);
@@ -151,6 +161,12 @@ class Plot {
         d += `M${left.toFixed(1)} ${base.toFixed(1)}V${this.sy(y[i]).toFixed(1)}H${right.toFixed(1)}V${base.toFixed(1)}Z`;
         points++;
       }
+    } else if (kind === "spans") {
+      for (let i = 0; i < x.length; i++) {
+        if (series.end[i] < xr[0] || x[i] > xr[1]) continue;
+        d += `M${this.sx(x[i]).toFixed(1)} ${this.sy(y[i]).toFixed(1)}H${(this.sx(series.end[i]) + 1).toFixed(1)}`;
+        points++;
+      }
     } else if (kind === "points") {
       for (let i = 0; i < x.length; i++) {
         d += `M${(this.sx(x[i]) - 5).toFixed(1)} ${this.sy(y[i]).toFixed(1)}a5 5 0 1 0 10 0a5 5 0 1 0 -10 0Z`;
@@ -159,7 +175,7 @@ class Plot {
     } else {
       [d, points] = this.line(series, xr);
     }
-    const node = element("path", { class: "series", d }, layer);
+    const node = element("path", { class: kind === "spans" ? "series spans" : "series", d }, layer);
     node.style.stroke = this.colour(series);
     if (kind === "bars" || kind === "points") {
       node.style.fill = this.colour(series);
@@ -231,10 +247,12 @@ class Plot {
     let band = null;
     this.svg.addEventListener("pointerdown", (event) => {
       start = this.place(event);
+      shared.dragging = true;
       this.svg.setPointerCapture(event.pointerId);
     });
     this.svg.addEventListener("pointermove", (event) => {
       const [px, py] = this.place(event);
+      this.pointer = [px, py];
       const x = this.ux(px);
       if (this.spec.linked) setCursor(x, this);
       else {
@@ -261,10 +279,12 @@ class Plot {
         }
       }
       start = null;
+      shared.dragging = false;
     };
     this.svg.addEventListener("pointerup", finish);
     this.svg.addEventListener("pointercancel", finish);
     this.svg.addEventListener("pointerleave", () => {
+      this.pointer = null;
       this.tip.hidden = true;
     });
     this.svg.addEventListener("dblclick", () => this.zoom(null, null));
@@ -290,6 +310,10 @@ class Plot {
     tag("div", "", this.tip, head);
     for (const series of this.series) {
       if (!series.shown || series.kind === "marks" || this.spec.equal || !series.x.length) continue;
+      if (series.kind === "spans") {
+        this.speakSpans(series, x);
+        continue;
+      }
       let i = nearest(series.x, x);
       if (series.kind === "points" && Math.abs(this.sx(series.x[i]) - px) > 12) continue;
       if ((series.kind === "step" || series.kind === "bars") && series.x[i] > x && i > 0) i--;
@@ -302,6 +326,16 @@ class Plot {
     const left = px > (this.box.left + this.box.right) / 2 ? px - this.tip.offsetWidth - 12 : px + 16;
     this.tip.style.left = `${Math.max(0, left + offset)}px`;
     this.tip.style.top = `${this.svg.getBoundingClientRect().top - this.figure.getBoundingClientRect().top + 10}px`;
+  }
+
+  speakSpans(series, x) {
+    for (let i = 0; i < series.x.length; i++) {
+      if (series.x[i] <= x && x <= series.end[i]) {
+        const row = tag("div", "", this.tip);
+        tag("i", "", row).style.background = this.colour(series);
+        row.append(`${series.name}: ${this.spec.levels[series.y[i]]}`);
+      }
+    }
   }
 }
 

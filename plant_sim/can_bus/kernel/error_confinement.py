@@ -187,6 +187,17 @@ def count_error(bus: State, which: int, sender: int, twin: int, kind: int) -> No
 
 
 @njit
+def count_error_flag(bus: State, which: int) -> None:
+    """Raise the receive error counters of all nodes after an error flag on the idle bus."""
+    bus.segments[which].disturbed = 1
+    for index in range(bus.clock[NODE_COUNT]):
+        node = bus.nodes[index]
+        if node.segment == which and node.state != BUS_OFF:
+            node.receive_errors = min(node.receive_errors + 1, 255)
+            _classify(bus, index)
+
+
+@njit
 def purge(bus: State, which: int, sender: int, now: int) -> None:
     """Drop what a node that has left the bus still has queued."""
     segment = bus.segments[which]

@@ -181,7 +181,7 @@ def message_of(bus: State, node: int, ident: int, flags: int) -> int:
     for index in range(bus.clock[GATEWAY_COUNT]):
         gateway = bus.gateways[index]
         same = bus.nodes[gateway.from_node].segment == bus.nodes[node].segment
-        if same and node != gateway.from_node:
+        if same and node != gateway.from_node and key >= 0:
             routed = gateway.routes < 0
             for route in range(gateway.routes):
                 routed = routed or bus.routes[index, route] == key

@@ -9,6 +9,7 @@ queued when the bus is free wins.
 from plant_sim.can_bus.kernel.error_confinement import (
     acknowledged,
     count_error,
+    count_error_flag,
     count_idle,
     count_recessive,
     count_success,
@@ -29,6 +30,7 @@ from plant_sim.can_bus.kernel.layout import (
     ERROR_PASSIVE,
     FAULT_COUNT,
     FIFO,
+    LOGGED,
     LOST_BUS_OFF,
     LOST_NODE_DOWN,
     LOST_ONE_SHOT,
@@ -49,11 +51,13 @@ from plant_sim.can_bus.kernel.ledger import finish, write_log
 from plant_sim.can_bus.kernel.queues import fault_active, offer, release
 from plant_sim.can_bus.kernel.sources import forward, generate
 from plant_sim.can_bus.wire.frame import (
+    ERROR_FLAG,
     ERROR_STATE,
     FD,
     INTERFRAME_BITS,
     OVERLOAD_BITS,
     RECEPTION_BITS_BEFORE_END,
+    RECESSIVE_INDICATOR,
     SUSPEND_BITS,
     duration_ns,
     frame_bits,
@@ -98,6 +102,24 @@ def advance(network: Network, until_ns: int) -> None:
     Ends of frames are appended to ``network.log``; see ``Network``.
     """
     run(network.state[0], until_ns)
+
+
+@njit
+def advance_to_entry(network: Network, until_ns: int) -> bool:
+    """``advance``, but only to the next entry of the log; return whether there was one.
+
+    Where nothing will ever happen up to 2⁶², time stays as it is.
+    """
+    bus = network.state[0]
+    before = bus.clock[LOGGED]
+    while bus.clock[LOGGED] == before:
+        best = _next(bus)[0]
+        if best > until_ns or best == NEVER:
+            if until_ns < NEVER:
+                run(bus, until_ns)
+            return False
+        run(bus, best)
+    return True
 
 
 @njit
@@ -200,7 +222,8 @@ def _start(bus: State, which: int, slot: int, twin: int, now: int) -> None:
     frame = bus.frames[slot]
     if frame.flags & FD:
         passive = bus.nodes[frame.node].state == ERROR_PASSIVE
-        frame.flags = frame.flags & ~ERROR_STATE | (ERROR_STATE if passive else 0)
+        recessive = passive or frame.flags & RECESSIVE_INDICATOR
+        frame.flags = frame.flags & ~ERROR_STATE | (ERROR_STATE if recessive else 0)
     nominal: int = frame.bits
     data = 0
     if nominal == 0:
@@ -222,6 +245,8 @@ def _start(bus: State, which: int, slot: int, twin: int, now: int) -> None:
     segment.disturbance = NO_ERROR
     segment.transmissions += 1
     frame.attempts += 1
+    if frame.flags & ERROR_FLAG:
+        return
     bits = nominal + data - INTERFRAME_BITS
     position, kind = -1, NO_ERROR
     if twin >= 0:
@@ -255,7 +280,9 @@ def _end(bus: State, which: int, now: int) -> None:
     other = bus.frames[twin].node if twin >= 0 else -1
     if segment.bus_off > 0:
         count_recessive(bus, which, 1)
-    if kind == NO_ERROR:
+    if bus.frames[slot].flags & ERROR_FLAG:
+        count_error_flag(bus, which)
+    elif kind == NO_ERROR:
         count_success(bus, which, sender)
     else:
         count_error(bus, which, sender, other, kind)

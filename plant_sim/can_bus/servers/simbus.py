@@ -3,28 +3,60 @@
 ``can.Bus("chassis", interface="simbus", bitrate=500_000)`` is a node on the bus ``chassis`` of
 this process; every further one with the same channel is another node. The first decides the bus:
 
-* ``virtual_time=True``: time passes only in ``recv`` and ``let_pass``, deterministically;
-* ``data_bitrate``, ``fd``: CAN FD; ``bit_error_rate``: disturbed bits; ``seed``;
-* ``traffic``: a ``.dbc`` or ``.toml`` file whose periodic messages are on the bus as well.
+* ``virtual_time=True``: time passes only in ``recv``, ``let_pass`` and a ``send`` that has to wait,
+  deterministically;
+* ``data_bitrate``: of FD frames; ``bit_error_rate``: disturbed bits; ``seed``;
+* ``traffic``: a ``.dbc`` or ``.toml`` file whose periodic messages are on the bus as well;
+* ``acknowledge=True``: a silent node acknowledges all frames. Without, a frame of a node that is
+  alone on the bus is sent again and again, as on a real one.
+
+Each node decides for itself:
+
+* ``fd=True``: it sends and sees FD frames; without, both are as on a classic SocketCAN socket;
+* ``queue="priority"``: its frames compete among each other; by default they keep their order;
+* ``enobufs=True``: ``send`` fails at once when its queue is full, as on SocketCAN;
+* ``receive_own_messages``, and ``preserve_timestamps``: its frames keep their own time stamps.
+
+An error frame that is sent is an error flag on the idle bus: all nodes see and count it.
 """
 
+import errno
+import logging
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from random import randint
 from typing import Any, Final
 
 import can
 from can.typechecking import AutoDetectedConfig
 
-from canroll.errors import CanrollError
-from plant_sim.can_bus.kernel.layout import BUS_OFF, ERROR, ERROR_PASSIVE
-from plant_sim.can_bus.kernel.network import NetworkSpec, Segment, build_network, check_frame
-from plant_sim.can_bus.servers.hub import Hub, Port
+from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.can_bus.kernel.layout import BUS_OFF, ERROR_PASSIVE
+from plant_sim.can_bus.kernel.network import (
+    NetworkSpec,
+    Node,
+    Segment,
+    build_network,
+    check_frame,
+)
+from plant_sim.can_bus.servers.hub import Hub, HubError, Port, QueueFullError, Received
 from plant_sim.can_bus.simulation import traffic_spec
 from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE
+from plant_sim.can_bus.traffic.log_playback import flags_of
+from plant_sim.can_bus.wire.frame import (
+    BIT_RATE_SWITCH,
+    ERROR_FLAG,
+    ERROR_STATE,
+    EXTENDED,
+    FD,
+    RECESSIVE_INDICATOR,
+    REMOTE,
+)
 
-_POLL_S: Final = 0.001
+QUEUES: Final = ("fifo", "priority")
+_LOGGER: Final = logging.getLogger("can.simbus")
 
 
 class _Shared:
@@ -44,6 +76,28 @@ def _truth(value: Any) -> bool:  # noqa: ANN401
     return str(value).strip().lower() in {"1", "true", "yes", "on"}
 
 
+_SETTINGS: Final[dict[str, Callable[[Any], Any]]] = {
+    "bitrate": int,
+    "data_bitrate": int,
+    "virtual_time": _truth,
+    "bit_error_rate": float,
+    "traffic": str,
+    "acknowledge": _truth,
+    "seed": int,
+}
+"""What the first node on a channel decides, and how it is understood."""
+
+
+def _settings(given: dict[str, Any]) -> dict[str, Any]:
+    found = {}
+    for key, understand in _SETTINGS.items():
+        try:
+            found[key] = None if given[key] is None else understand(given[key])
+        except (TypeError, ValueError) as error:
+            raise can.CanInitializationError(f"simbus: {key}={given[key]!r}: a number") from error
+    return found
+
+
 def _open_hub(channel: str, settings: dict[str, Any]) -> Hub:
     shared = _HUBS.get(channel)
     if shared is not None:
@@ -54,21 +108,21 @@ def _open_hub(channel: str, settings: dict[str, Any]) -> Hub:
                     f" not {value}"
                 )
         return shared.hub
-    bitrate = 500_000 if settings["bitrate"] is None else int(settings["bitrate"])
-    data_bitrate = int(settings["data_bitrate"] or 0)
-    error_rate = float(settings["bit_error_rate"] or 0.0)
-    seed = int(settings["seed"] or 0)
-    segment = Segment(bitrate, data_bitrate, bit_error_rate=error_rate)
-    spec = NetworkSpec(segments=(segment,), nodes=(), seed=seed)
-    try:
-        if settings["traffic"] is not None:
-            traffic = load_traffic(Path(settings["traffic"]), bitrate=bitrate)
-            sent = traffic_spec(traffic.messages, bitrate=bitrate, seed=seed)
-            spec = NetworkSpec((segment,), sent.nodes, sent.sources, seed=seed)
-        network = build_network(spec)
-    except CanrollError as error:
-        raise can.CanInitializationError(str(error)) from error
-    hub = Hub(network, virtual_time=bool(settings["virtual_time"]))
+    bitrate = 500_000 if settings["bitrate"] is None else settings["bitrate"]
+    data_bitrate, seed = settings["data_bitrate"], settings["seed"] or 0
+    spec = NetworkSpec(segments=(Segment(bitrate, data_bitrate or 0),), nodes=(), seed=seed)
+    if settings["traffic"] is not None:
+        traffic = load_traffic(
+            Path(settings["traffic"]), bitrate=bitrate, data_bitrate=data_bitrate
+        )
+        spec = traffic_spec(
+            traffic.messages, bitrate=bitrate, data_bitrate=traffic.data_bitrate, seed=seed
+        )
+    errors = settings["bit_error_rate"] or 0.0
+    segments = tuple(replace(s, bit_error_rate=errors) for s in spec.segments)
+    silent = (Node("silent"),) if settings["acknowledge"] else ()
+    spec = replace(spec, segments=segments, nodes=(*spec.nodes, *silent))
+    hub = Hub(build_network(spec), virtual_time=bool(settings["virtual_time"]))
     _HUBS[channel] = _Shared(hub, settings)
     return hub
 
@@ -84,65 +138,100 @@ class SimBus(can.BusABC):
         self,
         channel: Any = "simbus0",  # noqa: ANN401
         *,
-        bitrate: int | None = None,
-        data_bitrate: int | None = None,
-        fd: bool = False,
+        bitrate: int | str | None = None,
+        data_bitrate: int | str | None = None,
+        fd: bool | str = False,
         virtual_time: bool | str | None = None,
         receive_own_messages: bool | str = False,
-        bit_error_rate: float | None = None,
+        preserve_timestamps: bool | str = False,
+        queue: str = "fifo",
+        enobufs: bool | str = False,
+        acknowledge: bool | str | None = None,
+        bit_error_rate: float | str | None = None,
         traffic: str | Path | None = None,
-        seed: int | None = None,
+        seed: int | str | None = None,
         can_filters: Any = None,  # noqa: ANN401
         **kwargs: Any,  # noqa: ANN401
     ) -> None:
-        settings = {
-            "bitrate": None if bitrate is None else int(bitrate),
-            "data_bitrate": None if data_bitrate is None else int(data_bitrate),
-            "virtual_time": None if virtual_time is None else _truth(virtual_time),
-            "bit_error_rate": None if bit_error_rate is None else float(bit_error_rate),
-            "traffic": None if traffic is None else str(traffic),
-            "seed": None if seed is None else int(seed),
-        }
-        with _LOCK:
-            self.hub = _open_hub(str(channel), settings)
-            self.port: Port = self.hub.open_port(receive_own=_truth(receive_own_messages))
-        self.channel = str(channel)
+        self._open = False
+        settings = _settings(
+            {
+                "bitrate": bitrate,
+                "data_bitrate": data_bitrate,
+                "virtual_time": virtual_time,
+                "bit_error_rate": bit_error_rate,
+                "traffic": traffic,
+                "acknowledge": acknowledge,
+                "seed": seed,
+            }
+        )
+        self.channel = channel
+        self._fd = _truth(fd)
+        self._enobufs = _truth(enobufs)
+        self._preserve_timestamps = _truth(preserve_timestamps)
+        try:
+            if queue not in QUEUES:
+                raise UnknownNameError("queue", queue, QUEUES)
+            with _LOCK:
+                self.hub = _open_hub(str(channel), settings)
+                self.port: Port = self.hub.open_port(
+                    receive_own=_truth(receive_own_messages), fd=self._fd, queue=queue
+                )
+        except CanrollError as error:
+            raise can.CanInitializationError(f"simbus: {error}") from error
         self.channel_info = f"simbus {channel}, node {self.port.node}"
-        self._can_protocol = can.CanProtocol.CAN_FD if fd else can.CanProtocol.CAN_20
+        self._can_protocol = can.CanProtocol.CAN_FD if self._fd else can.CanProtocol.CAN_20
         self._open = True
         super().__init__(channel=channel, can_filters=can_filters, **kwargs)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Queue ``msg`` for arbitration.
+        """Queue ``msg`` for arbitration, as soon as the transmit queue has room.
+
+        Args:
+            msg: the frame; an error frame puts an error flag on the bus.
+            timeout: waits at most so many seconds of the bus's own time for room; 0: not at all;
+                None: as long as it takes, unless the bus was opened with ``enobufs``.
 
         Raises:
-            can.CanOperationError: the bus is shut down, the node bus-off, or its queue full for
-                longer than ``timeout`` seconds.
+            can.CanOperationError: the bus is shut down, the node bus-off, its queue full for longer
+                than ``timeout`` (``error_code`` ENOBUFS), the frame impossible or FD without
+                ``fd``; in virtual time also: nobody will ever acknowledge and make room.
         """
         if not self._open:
             raise can.CanOperationError("send on a bus that has been shut down")
-        if msg.is_error_frame:
-            raise can.CanOperationError("error frames come from errors; they cannot be sent")
-        flags = (EXTENDED if msg.is_extended_id else 0) | (REMOTE if msg.is_remote_frame else 0)
-        if msg.is_fd:
-            flags |= FD | (BIT_RATE_SWITCH if msg.bitrate_switch else 0)
-        left = timeout or 0.0
-        while True:
-            if self.hub.node_state(self.port)[0] == BUS_OFF:
-                raise can.CanOperationError(f"{self.channel_info} is bus-off")
-            try:
-                check_frame(msg.arbitration_id, msg.dlc, flags)
-                accepted = self.hub.send(
-                    self.port, msg.arbitration_id, flags, msg.dlc, bytes(msg.data or b"")
-                )
-            except (CanrollError, ValueError) as error:
-                raise can.CanOperationError(str(error)) from error
-            if accepted:
-                return
-            if left <= 0.0:
-                raise can.CanOperationError("transmit queue full")
-            self.hub.let_pass(_POLL_S)
-            left -= _POLL_S
+        if msg.is_fd and not self._fd:
+            raise can.CanOperationError(f"{self.channel_info} has no FD: open it with fd=True")
+        flags = flags_of(msg) | (ERROR_FLAG if msg.is_error_frame else 0)
+        if msg.is_fd and msg.error_state_indicator:
+            flags |= RECESSIVE_INDICATOR
+        try:
+            check_frame(msg.arbitration_id, msg.dlc, flags)
+            self.hub.send(
+                self.port,
+                msg.arbitration_id,
+                flags,
+                msg.dlc,
+                b"" if msg.is_remote_frame else bytes(msg.data),
+                timeout_s=0.0 if self._enobufs else timeout,
+                stamp_s=msg.timestamp if self._preserve_timestamps else None,
+            )
+        except QueueFullError as error:
+            text = f"{self.channel_info}: {error}"
+            raise can.CanOperationError(text, errno.ENOBUFS) from error
+        except (CanrollError, HubError, ValueError) as error:
+            raise can.CanOperationError(f"{self.channel_info}: {error}") from error
+        finally:
+            self._warn()
+
+    def _warn(self) -> None:
+        """Say once a bus that frames of a lone node find nobody who acknowledges them."""
+        if self.hub.unacknowledged and not self.hub.warned:
+            self.hub.warned = True
+            _LOGGER.warning(
+                "simbus %s: nobody acknowledges, as the node is alone on the bus, and sends again"
+                " and again (acknowledge=True adds a silent node that does)",
+                self.channel,
+            )
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Return the next frame, None after ``timeout`` seconds of the bus's own time.
@@ -161,30 +250,33 @@ class SimBus(can.BusABC):
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if not self._open:
             raise can.CanOperationError("recv on a bus that has been shut down")
-        entry = self.hub.receive(self.port, timeout)
-        return (None if entry is None else self._message(entry)), False
+        frame = self.hub.receive(self.port, timeout)
+        if self.hub.unacknowledged:
+            self._warn()
+        return (None if frame is None else self._message(frame)), False
 
-    def _message(self, entry: Any) -> can.Message:  # noqa: ANN401
-        flags, length = int(entry["flags"]), int(entry["length"])
-        broken = entry["outcome"] == ERROR
+    def _message(self, frame: Received) -> can.Message:
+        flags = frame.flags
         remote = bool(flags & REMOTE)
         return can.Message(
-            timestamp=self.hub.epoch_s + int(entry["t_received"]) * 1e-9,
-            arbitration_id=int(entry["ident"]),
+            timestamp=frame.time_s,
+            arbitration_id=frame.ident,
             is_extended_id=bool(flags & EXTENDED),
             is_remote_frame=remote,
-            is_error_frame=broken,
-            dlc=length,
-            data=None if remote else bytes(entry["payload"][:length]),
+            is_error_frame=frame.error,
+            dlc=frame.length,
+            data=None if remote else frame.payload,
             is_fd=bool(flags & FD),
             bitrate_switch=bool(flags & BIT_RATE_SWITCH),
-            is_rx=entry["sender"] != self.port.node,
+            error_state_indicator=bool(flags & ERROR_STATE),
+            is_rx=frame.sender != self.port.node,
             channel=self.channel,
         )
 
     def let_pass(self, duration_s: float) -> None:
         """Let time pass on the bus: in virtual time at once, else as a sleep."""
         self.hub.let_pass(duration_s)
+        self._warn()
 
     @property  # type: ignore[misc]  # python-can lets it be set; the bus alone decides here
     def state(self) -> can.BusState:
@@ -202,10 +294,15 @@ class SimBus(can.BusABC):
         self._open = False
         with _LOCK:
             if self.hub.close_port(self.port):
-                _HUBS.pop(self.channel, None)
+                _HUBS.pop(str(self.channel), None)
                 self.hub.stop()
 
     @staticmethod
     def _detect_available_configs() -> Sequence[AutoDetectedConfig]:
+        """Return the open channels and one that is not."""
         with _LOCK:
-            return [{"interface": "simbus", "channel": channel} for channel in _HUBS]
+            channels = list(_HUBS)
+        unused = "simbus0"
+        while unused in channels:
+            unused = f"simbus{randint(1, 9999)}"
+        return [{"interface": "simbus", "channel": channel} for channel in (*channels, unused)]

@@ -23,7 +23,7 @@ from plant_sim.can_bus.wire.frame import (
 )
 from plant_sim.kernels.jit import njit
 
-SUFFIXES: Final = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db")
+SUFFIXES: Final = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db", ".pcap", ".pcapng")
 
 
 class Frames(NamedTuple):
@@ -89,6 +89,8 @@ def load_recording(
     try:
         with can.LogReader(path) as reader:
             messages = [m for m in reader if not m.is_error_frame]
+    except CanrollError as error:
+        raise CanrollError(f"{path}: {error}") from error
     except Exception as error:  # python-can's readers let through whatever their parsers raise
         raise CanrollError(f"{path}: not a readable bus log: {error}") from error
     channel, messages = _of_channel(path, messages, channel)
@@ -100,7 +102,7 @@ def load_recording(
     payload = np.zeros((len(messages), MAX_PAYLOAD), np.uint8)
     ident = np.array([m.arbitration_id for m in messages], np.int64)
     length = np.array([min(m.dlc, MAX_PAYLOAD if m.is_fd else 8) for m in messages], np.int64)
-    flags = np.array([_flags(m) for m in messages], np.int64)
+    flags = np.array([flags_of(m) for m in messages], np.int64)
     start = messages[0].timestamp
     # microseconds are what logs hold; finer digits are the float's own
     received = np.array([round((m.timestamp - start) * 1e6) * 1000 for m in messages], np.int64)
@@ -131,7 +133,8 @@ def _of_channel(
     return chosen, [m for m in messages if str(m.channel) == chosen]
 
 
-def _flags(message: can.Message) -> int:
+def flags_of(message: can.Message) -> int:
+    """Return the flags of a python-can message, those of :mod:`plant_sim.can_bus.wire.frame`."""
     flags = (EXTENDED if message.is_extended_id else 0) | (REMOTE if message.is_remote_frame else 0)
     if message.is_fd:
         flags |= FD | (BIT_RATE_SWITCH if message.bitrate_switch else 0)

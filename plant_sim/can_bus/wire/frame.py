@@ -20,9 +20,16 @@ BIT_RATE_SWITCH: Final = 8
 ERROR_STATE: Final = 16
 """An FD frame whose sender is error-passive: its ESI bit is recessive."""
 
+ERROR_FLAG: Final = 32
+"""No frame: an error flag that a node sends on the idle bus, and all others answer."""
+RECESSIVE_INDICATOR: Final = 64
+"""An FD frame whose sender asks for a recessive ESI bit, as a gateway does for another's frame."""
+
 INTERFRAME_BITS: Final = 3
 ERROR_DELIMITER_BITS: Final = 8
 ERROR_FLAG_BITS: Final = 6
+ERROR_FRAME_BITS: Final = 2 * ERROR_FLAG_BITS + ERROR_DELIMITER_BITS + INTERFRAME_BITS
+"""On the idle bus: the flag, the answer of all others, delimiter and interframe space."""
 SUSPEND_BITS: Final = 8
 OVERLOAD_BITS: Final = 15
 """Overload frame: a flag of 6 bits, answered one bit later by all other nodes, and delimiter."""
@@ -81,8 +88,10 @@ def arbitration_key(ident: int, flags: int) -> int:
     """Return the 32 bits that decide arbitration, as sent: lower wins.
 
     Base identifier, RTR or SRR, IDE, then extension and RTR: a standard frame beats an extended
-    one of equal base identifier, a data frame its remote frame.
+    one of equal base identifier, a data frame its remote frame. An error flag beats them all.
     """
+    if flags & ERROR_FLAG:
+        return -1
     remote = 1 if flags & REMOTE else 0
     if flags & EXTENDED:
         return (ident >> 18) << 21 | 3 << 19 | (ident & 0x3FFFF) << 1 | remote

@@ -24,7 +24,8 @@ from gain_gen.calibration.record import fill, flatten, identify, packed
 from gain_gen.calibration.rounding_error import integer_loop, manoeuvre_error, measured
 from gain_gen.calibration.rows import quantise, quantise_row
 from gain_gen.calibration.vehicle_part import damper_knee, moment_limit, static_share, steering_gain
-from gain_gen.design import LAWS, design
+from gain_gen.design import design
+from gain_gen.laws import LAWS
 from gain_gen.margin_report import margin_report
 from gain_gen.models.controller import matrices
 from gain_gen.models.task import Delay, Task

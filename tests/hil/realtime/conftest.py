@@ -1,9 +1,16 @@
 """A clock that only moves when it is slept on or told to, and a bus that is a list."""
 
+import signal
+import subprocess
+import sys
+import time
+
 import pytest
 
 from hil.realtime import ecu_loop, plant_loop
 from hil.runs import frozen
+
+PATIENCE = 1800.0
 
 
 class Clock:
@@ -80,3 +87,51 @@ def calibration_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("design") / "calibration.toml"
     files.save(path, prepared.record, prepared.tables)
     return path
+
+
+class Program:
+    """A canroll program in the background; its lines are waited for."""
+
+    def __init__(self, log, *arguments):
+        self.log = log
+        with log.open("w") as out:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "hil.cli.main", *map(str, arguments)],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+
+    @property
+    def said(self):
+        return self.log.read_text()
+
+    def wait_for(self, text):
+        until = time.monotonic() + PATIENCE
+        while text not in self.said:
+            assert self.process.poll() is None or text in self.said, self.said
+            assert time.monotonic() < until, self.said
+            time.sleep(0.01)
+
+    def end(self):
+        return self.process.wait(PATIENCE)
+
+    def kill(self):
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+
+
+@pytest.fixture
+def programs(tmp_path):
+    started = []
+
+    def start(name, *arguments):
+        program = Program(tmp_path / f"{name}-{len(started)}.txt", *arguments)
+        started.append(program)
+        return program
+
+    yield start
+    for program in started:
+        if program.process.poll() is None:
+            program.kill()

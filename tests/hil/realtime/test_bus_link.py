@@ -134,7 +134,7 @@ def test_only_data_frames_with_11_bits_count():
         (OSError(errno.EAFNOSUPPORT, "not supported"), "modprobe -a can_raw vcan"),
         (OSError(errno.EPROTONOSUPPORT, "not supported"), "scripts/vcan-vm"),
         (OSError(errno.EPERM, "not permitted"), "root"),
-        (can.CanInterfaceNotImplementedError("x"), "pip install 'python-can[socketcan]'"),
+        (can.CanInterfaceNotImplementedError("x"), "needs Linux, and the interface up"),
         (ValueError("no such thing\nat all"), "no such thing"),
     ],
 )
@@ -157,7 +157,28 @@ def test_why_a_bus_does_not_open_is_one_line(error, mends):
         (["plant", "double_lane_change", "--wait", "0", "--signals", "a.txt"], ".csv, .mf4"),
         (["hil", "nosuch"], "unknown scenario"),
         (["hil", "double_lane_change", "-i", "virtual", "-c", "x"], "inside one process"),
+        (
+            [
+                "hil",
+                "x",
+                "-i",
+                "socketcan",
+                "-c",
+                "x",
+                "--timing",
+                "f_clock=8000000",
+                "brp=1",
+                "tseg1=13",
+                "tseg2=2",
+                "sjw=1",
+            ],
+            "--timing is for one program",
+        ),
+        (["hil", "double_lane_change", "--serve", "a:1", "-i", "socketcan"], "leave out -i"),
         (["ecu", "--replay", "nosuch.npz"], "cannot read"),
+        (["watch", "--port", "80"], "add --web"),
+        (["watch", "--host", "::"], "add --web"),
+        (["watch", "--web", "--port", "70000"], "1 to 65535"),
     ],
 )
 def test_what_a_user_can_get_wrong_is_one_line(arguments, says, capsys, monkeypatch, tmp_path):
@@ -188,13 +209,15 @@ def test_a_server_that_is_not_there(capsys):
 
 
 def test_both_programs_get_the_bus_that_was_asked_for(monkeypatch):
-    given = options(interface="socketcand", channel="c", bus_kwargs={"host": "h", "port": 7})
+    given = options(
+        interface="socketcand", channel="c", bus_kwargs={"host": "h", "port": 7}, serve=None
+    )
     expected = ["--interface", "socketcand", "--channel", "c", "--bus-kwargs", "host=h", "port=7"]
     assert bus_options(given) == expected
-    assert bus_options(options()) == []
+    assert bus_options(options(serve=None)) == []
     monkeypatch.setenv("CAN_INTERFACE", "socketcan")
     monkeypatch.setenv("CAN_CHANNEL", "vcan3")
-    assert bus_options(options()) == ["--interface", "socketcan", "--channel", "vcan3"]
+    assert bus_options(options(serve=None)) == ["--interface", "socketcan", "--channel", "vcan3"]
 
 
 def test_a_taken_address_is_refused():

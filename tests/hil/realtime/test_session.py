@@ -4,8 +4,7 @@ import json
 import os
 import re
 import signal
-import subprocess
-import sys
+import socket
 import time
 from pathlib import Path
 
@@ -17,56 +16,6 @@ import dbc
 from hil.cli.main import main
 from hil.realtime import plant_record, tick_trace
 from plant_sim.can_bus import DELIVERED
-
-PATIENCE = 120.0
-
-
-class Program:
-    """A canroll program in the background; its lines are waited for."""
-
-    def __init__(self, log, *arguments):
-        self.log = log
-        with log.open("w") as out:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "hil.cli.main", *map(str, arguments)],
-                stdin=subprocess.DEVNULL,
-                stdout=out,
-                stderr=subprocess.STDOUT,
-                start_new_session=True,
-            )
-
-    @property
-    def said(self):
-        return self.log.read_text()
-
-    def wait_for(self, text):
-        until = time.monotonic() + PATIENCE
-        while text not in self.said:
-            assert self.process.poll() is None or text in self.said, self.said
-            assert time.monotonic() < until, self.said
-            time.sleep(0.01)
-
-    def end(self):
-        return self.process.wait(PATIENCE)
-
-    def kill(self):
-        self.process.send_signal(signal.SIGKILL)
-        self.process.wait()
-
-
-@pytest.fixture
-def programs(tmp_path):
-    started = []
-
-    def start(name, *arguments):
-        program = Program(tmp_path / f"{name}-{len(started)}.txt", *arguments)
-        started.append(program)
-        return program
-
-    yield start
-    for program in started:
-        if program.process.poll() is None:
-            program.kill()
 
 
 def plant(programs, *arguments, serve="127.0.0.1:0"):
@@ -112,6 +61,15 @@ def test_a_run_in_real_time_has_the_report_of_one_in_virtual_time(tmp_path, caps
     assert "<h2>Real time</h2>" in page and '"timing-tick"' in page
     assert main(["report", str(out)]) == 0
     assert (out / "report.html").read_text() == page
+
+
+def test_where_to_watch_a_run_is_said(tmp_path, capsys):
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    arguments = ["hil", "double_lane_change", "--law", "lqr", "--duration", "0.5"]
+    main([*arguments, "--serve", f"127.0.0.1:{port}", "--out", str(tmp_path)])
+    bus = f"-i socketcand -c plant --bus-kwargs host=127.0.0.1 port={port}"
+    assert f"to watch: canroll watch {bus}\n" in capsys.readouterr().err
 
 
 def test_a_program_that_falls_over_is_quoted(tmp_path, capsys):

@@ -4,6 +4,7 @@ import can
 import numpy as np
 import pytest
 
+from canroll.errors import CanrollError
 from hil.runs.logs import SUFFIXES, write_log
 from plant_sim.can_bus.kernel.layout import DELIVERED, ERROR, LOST_OVERFLOW, log_dtype
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
@@ -37,7 +38,10 @@ def frames():
 def test_what_is_written_is_read_back(tmp_path, suffix):
     if suffix == ".mf4":
         pytest.importorskip("asammdf", reason="needs asammdf")
-    path = write_log(tmp_path / f"bus{suffix}", frames())
+    written = frames()
+    if suffix == ".pcap":
+        written["segment"] = 1
+    path = write_log(tmp_path / f"bus{suffix}", written)
     with can.LogReader(path) as reader:
         found = list(reader)
     seen = [row for row in ROWS if row[5] != LOST_OVERFLOW]
@@ -46,7 +50,8 @@ def test_what_is_written_is_read_back(tmp_path, suffix):
         assert message.is_error_frame == (outcome == ERROR)
         if outcome == ERROR:
             continue
-        assert str(message.channel) in {str(segment), f"can{segment}"}
+        if suffix != ".pcap":
+            assert str(message.channel) in {str(segment), f"can{segment}"}
         assert message.arbitration_id == ident
         assert message.is_extended_id == bool(flags & EXTENDED)
         assert message.is_remote_frame == bool(flags & REMOTE)
@@ -54,3 +59,8 @@ def test_what_is_written_is_read_back(tmp_path, suffix):
         assert message.bitrate_switch == bool(flags & BIT_RATE_SWITCH)
         assert message.error_state_indicator == bool(flags & ERROR_STATE)
         assert bytes(message.data) == bytes(range(1, 0 if flags & REMOTE else length + 1))
+
+
+def test_a_pcap_has_one_channel(tmp_path):
+    with pytest.raises(CanrollError, match=r"frames of 0 and 1: write a \.pcapng"):
+        write_log(tmp_path / "bus.pcap", frames())

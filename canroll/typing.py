@@ -1,0 +1,10 @@
+"""Types that many modules speak of."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+Progress = Callable[[str, float], None]
+"""Called with what is under way and the share done, 0 to 1."""

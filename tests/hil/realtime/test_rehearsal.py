@@ -1,0 +1,173 @@
+"""Hardware rehearsed: a serial adapter on a pseudo-terminal, and a socketcand peer.
+
+The far side of the adapter is python-can's own socketcand client on the plant's server.
+"""
+
+import argparse
+import json
+import re
+import signal
+import time
+
+import can
+import pytest
+from support.slcan_adapter import SlcanAdapter, line_of
+
+from firmware.signals import TX_IDS
+from hil.cli.main import main
+from hil.realtime import bus_link, tick_trace
+from hil.realtime.hardware import bus_record
+
+pytest.importorskip("serial", reason="needs pyserial")
+
+PATIENCE = 600.0
+
+
+@pytest.fixture
+def far():
+    with can.Bus("rehearsal", interface="virtual") as bus:
+        yield bus
+
+
+@pytest.fixture
+def adapter():
+    with can.Bus("rehearsal", interface="virtual") as behind:
+        plugged = SlcanAdapter(behind)
+        yield plugged
+        plugged.close()
+
+
+@pytest.fixture
+def link(adapter):
+    opened = bus_link.open_link(
+        argparse.Namespace(
+            interface="slcan",
+            channel=adapter.port,
+            bitrate=500_000,
+            bus_kwargs={"sleep_after_open": 0},
+        )
+    )
+    wait_until(lambda: adapter.is_open)
+    yield opened
+    opened.close()
+
+
+def wait_until(true):
+    until = time.monotonic() + PATIENCE
+    while not true():
+        assert time.monotonic() < until
+        time.sleep(0.001)
+
+
+def test_the_adapter_is_set_up_as_its_options_say(adapter, link):
+    assert adapter.bitrate == 500_000
+    assert adapter.refused == []
+
+
+def test_frames_go_both_ways(far, link):
+    frames = [(0x80 + k, bytes(range(k % 9))) for k in range(40)]
+    for frame in frames:
+        link.send(*frame)
+    heard = []
+    for _ in frames:
+        message = far.recv(PATIENCE)
+        heard.append((message.arbitration_id, bytes(message.data)))
+    assert heard == frames
+    for ident, payload in frames:
+        far.send(can.Message(arbitration_id=ident, data=payload, is_extended_id=False))
+    far.send(can.Message(arbitration_id=0x1ABCDEF0, data=b"\x01"))
+    far.send(can.Message(arbitration_id=0x100, is_remote_frame=True, is_extended_id=False, dlc=4))
+    far.send(can.Message(arbitration_id=0x7FF, is_extended_id=False))
+    heard = []
+    wait_until(lambda: heard.extend(link.receive()) or (0x7FF, b"") in heard)
+    assert heard == [*frames, (0x7FF, b"")]
+    assert (link.sent, link.received, link.failed) == (40, 41, 0)
+
+
+def test_an_acknowledgement_hides_no_frame_behind_it(adapter, link):
+    """The adapter answers each frame that is sent; python-can reads the answer as silence."""
+    link.receive()
+    serial = link.bus.serialPortOrig
+    wait_until(lambda: not serial.in_waiting or link.receive())
+    frames = [can.Message(arbitration_id=k, data=[k], is_extended_id=False) for k in (1, 2)]
+    lines = b"z\r" + line_of(frames[0]) + b"z\rZ\r\a" + line_of(frames[1])
+    adapter.write(lines)
+    wait_until(lambda: serial.in_waiting >= len(lines))
+    assert link.receive() == [(1, b"\x01"), (2, b"\x02")]
+
+
+def test_half_a_line_waits_for_its_end(adapter, link):
+    adapter.write(b"t0A02")
+    wait_until(lambda: link.bus.serialPortOrig.in_waiting or link.receive() == [])
+    assert link.receive() == []
+    adapter.write(b"0102\r")
+    assert link.next(PATIENCE) == (0xA0, b"\x01\x02")
+
+
+def test_what_the_adapter_cannot_do_is_one_line(adapter):
+    options = argparse.Namespace(interface="slcan", channel=adapter.port, bitrate=123)
+    with pytest.raises(bus_link.CanrollError, match=r"Invalid bitrate.*500000") as raised:
+        bus_link.open_link(options)
+    assert "\n" not in str(raised.value)
+
+
+def test_the_check_of_an_adapter_says_what_it_could_not_measure(adapter, capsys):
+    bus = ["-i", "slcan", "-c", adapter.port, "-b", "500000"]
+    options = ["--bus-kwargs", "sleep_after_open=0", "--duration", "0.5", "--json"]
+    assert main(["hil", "--check", *bus, *options]) in (0, 1)
+    measured = json.loads(capsys.readouterr().out)["bus"]
+    assert measured["interface"] == f"slcan {adapter.port}"
+    assert measured["round_trip_us"] is None
+    assert "the echo needs a second node" in measured["missing"]
+    assert measured["poll_us"]["max"] > 0
+    assert adapter.bitrate == 500_000
+
+
+@pytest.mark.slow
+def test_an_ecu_behind_an_adapter_and_a_plant_beyond_it(programs, calibration_file, tmp_path):
+    """Whatever the machine's pace: what one side sends, a witness sees and the other side gets."""
+    plant = programs("plant", "plant", "double_lane_change", "--serve", "127.0.0.1:0",
+                     "--duration", 2, "--peer-timeout", 0)  # fmt: skip
+    plant.wait_for("plant waits")
+    host, port = re.search(r"serving .* host=(\S+) port=(\d+)", plant.said).groups()
+    server = {"interface": "socketcand", "host": host, "port": int(port)}
+    trace, seen = tmp_path / "ticks.npz", []
+    with can.Bus("plant", **server) as behind, can.Bus("plant", **server) as witness:
+        adapter = SlcanAdapter(behind)
+        try:
+            ecu = programs(
+                "ecu", "ecu", "--calibration", calibration_file, "--trace", trace,
+                "-i", "slcan", "-c", adapter.port, "-b", "500000", "--peer-timeout", "0",
+                "--bus-kwargs", "sleep_after_open=0",
+            )  # fmt: skip
+            while plant.process.poll() is None:
+                seen += all_of(witness)
+            assert plant.end() == 0, plant.said
+            ecu.process.send_signal(signal.SIGTERM)
+            assert ecu.end() == 0, ecu.said
+        finally:
+            adapter.close()
+    recorded = tick_trace.load(trace)
+    assert tick_trace.replay(recorded, "python").difference is None
+    ours = recorded.frames[recorded.frames["sent"] == 1]
+    sent = list(zip(ours["ident"].tolist(), map(bytes, ours["payload"]), strict=True))
+    theirs = [f for f in seen if f[0] in TX_IDS]
+    assert len(theirs) > 10
+    assert theirs == [(ident, data[: len(theirs[k][1])]) for k, (ident, data) in
+                      enumerate(sent[: len(theirs)])]  # fmt: skip
+    got = recorded.frames[recorded.frames["sent"] == 0]
+    assert len(got) > 10
+    plants = {f for f in seen if f[0] not in TX_IDS}
+    assert {(int(f["ident"]), bytes(f["payload"][: f["length"]])) for f in got} <= plants
+    figures = bus_record.summary(recorded.bus, recorded.about["bus"])
+    assert figures["clock"].startswith("this machine's")
+    assert figures["error_frames"] == 0
+    assert figures["load"] > 0
+
+
+def all_of(bus):
+    """What waits on a bus, and what comes within a moment."""
+    found = []
+    while (message := bus.recv(0.05)) is not None:
+        found.append((message.arbitration_id, bytes(message.data)))
+    return found

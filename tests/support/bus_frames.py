@@ -1,0 +1,10 @@
+"""Frames of the bus contract, packed by cantools."""
+
+import dbc
+
+
+def frame(name, **signals):
+    """Return identifier and payload of a message; signals that are not named are 0."""
+    message = dbc.load().get_message_by_name(name)
+    values = {s.name: 0 for s in message.signals if not s.is_multiplexer and not s.multiplexer_ids}
+    return message.frame_id, message.encode(values | signals, strict=True)

@@ -1,0 +1,126 @@
+"""A page in headless Chromium, driven over the DevTools protocol."""
+
+import base64
+import json
+import shutil
+import subprocess
+import tempfile
+import time
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-dev-shm-usage",
+    "--hide-scrollbars",
+    "--remote-debugging-port=0",
+]
+PATIENCE = 120.0
+
+
+class ProtocolError(Exception):
+    """The browser could not do what it was called for."""
+
+
+class Tab:
+    """The one tab of a browser."""
+
+    def __init__(self, socket):
+        self._socket = socket
+        self._calls = 0
+        self.errors = []
+        self.call("Runtime.enable")
+
+    def call(self, method, **parameters):
+        """Call a method of the protocol and return its result."""
+        self._calls += 1
+        call = {"id": self._calls, "method": method, "params": parameters}
+        self._socket.send(json.dumps(call))
+        while True:
+            answer = json.loads(self._socket.recv(PATIENCE))
+            if answer.get("method") == "Runtime.exceptionThrown":
+                self.errors.append(answer["params"]["exceptionDetails"])
+            if answer.get("id") == self._calls:
+                if "error" in answer:
+                    raise ProtocolError(answer["error"])
+                return answer["result"]
+
+    def ask(self, expression):
+        """Return the value of an expression in the page."""
+        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
+        assert "exceptionDetails" not in answer, answer
+        return answer["result"].get("value")
+
+    def wait_for(self, expression):
+        """Return once an expression holds in the page; between two pages there is none."""
+        until = time.monotonic() + PATIENCE
+        while not self._holds(expression):
+            assert time.monotonic() < until, (expression, self.ask("document.body.innerText"))
+            time.sleep(0.02)
+
+    def _holds(self, expression):
+        try:
+            return self.ask(expression)
+        except ProtocolError:
+            return False
+
+    def open(self, url):
+        """Go to an address and wait until its scripts have run."""
+        self.call("Page.navigate", url=url)
+        self.wait_for(f"location.href === {json.dumps(url)} && document.readyState === 'complete'")
+
+    def reload(self):
+        """Load the page again and wait until its scripts have run."""
+        self.ask("window.isOld = true")
+        self.call("Page.reload")
+        self.wait_for("!window.isOld && document.readyState === 'complete'")
+
+    def picture(self, path):
+        """Write what the whole page looks like."""
+        taken = self.call("Page.captureScreenshot", captureBeyondViewport=True)
+        Path(path).write_bytes(base64.b64decode(taken["data"]))
+
+
+@contextmanager
+def tab(*flags):
+    """Run a browser with one tab; a missing package skips the test."""
+    program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
+    if program is None:
+        pytest.skip("needs chromium")
+    client = pytest.importorskip("websockets.sync.client", reason="needs websockets")
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        browser = subprocess.Popen(
+            [program, *FLAGS, *flags, f"--user-data-dir={profile}", "about:blank"],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            with client.connect(_tab_of(browser, Path(profile)), max_size=None) as socket:
+                yield Tab(socket)
+        finally:
+            browser.kill()
+            browser.wait()
+
+
+def _tab_of(browser, profile):
+    """Wait until the browser says where it listens; return the address of its tab."""
+    told = profile / "DevToolsActivePort"
+    until = time.monotonic() + PATIENCE
+    while True:
+        assert browser.poll() is None and time.monotonic() < until
+        lines = told.read_text().splitlines() if told.exists() else []
+        if len(lines) == 2:
+            with urllib.request.urlopen(f"http://127.0.0.1:{lines[0]}/json/list") as answer:
+                tabs = [entry for entry in json.load(answer) if entry["type"] == "page"]
+            if tabs:
+                return tabs[0]["webSocketDebuggerUrl"]
+        time.sleep(0.02)
