@@ -73,10 +73,13 @@ def bus_options(args: argparse.Namespace) -> list[str]:
     What the options leave open comes from python-can's configuration (can.rc, environment).
 
     Raises:
-        CanrollError: an interface that only one process can see, or one beside ``--serve``.
+        CanrollError: an interface that only one process can see, one beside ``--serve``, or
+            options that are for one program.
     """
     if not has_bus(args):
         return []
+    if "timing" in args:
+        raise CanrollError("--timing is for one program: give it to 'canroll plant' and 'ecu'")
     if args.serve is not None:
         raise CanrollError(f"--serve {args.serve} is for the plant's own bus: leave out -i")
     configured = {} if "interface" in args else can.util.load_config()

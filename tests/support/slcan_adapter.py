@@ -18,6 +18,7 @@ class SlcanAdapter:
         port: path of the pseudo-terminal.
         bitrate: that was set, bit/s; None before.
         is_open: the channel was opened and not closed since.
+        answered: number of commands answered.
         refused: commands answered with an error.
     """
 
@@ -27,6 +28,7 @@ class SlcanAdapter:
         self.bus = bus
         self.bitrate: int | None = None
         self.is_open = False
+        self.answered = 0
         self.refused: list[bytes] = []
         self._master, self._slave = os.openpty()
         tty.setraw(self._slave)
@@ -59,6 +61,7 @@ class SlcanAdapter:
             for byte in os.read(self._master, 4096):
                 if byte == OK[0]:
                     self.write(self._answer(line))
+                    self.answered += 1
                     line = b""
                 else:
                     line += bytes([byte])

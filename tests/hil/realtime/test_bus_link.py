@@ -160,7 +160,7 @@ def test_why_a_bus_does_not_open_is_one_line(error, mends):
         (
             [
                 "hil",
-                "x",
+                "double_lane_change",
                 "-i",
                 "socketcan",
                 "-c",
@@ -171,6 +171,7 @@ def test_why_a_bus_does_not_open_is_one_line(error, mends):
                 "tseg1=13",
                 "tseg2=2",
                 "sjw=1",
+                "nof_samples=1",
             ],
             "--timing is for one program",
         ),

@@ -21,6 +21,8 @@ from hil.realtime.hardware import bus_record
 pytest.importorskip("serial", reason="needs pyserial")
 
 PATIENCE = 600.0
+OPENING = 5
+"""Commands of python-can to set the bit rate and open the channel."""
 
 
 @pytest.fixture
@@ -47,7 +49,7 @@ def link(adapter):
             bus_kwargs={"sleep_after_open": 0},
         )
     )
-    wait_until(lambda: adapter.is_open)
+    wait_until(lambda: adapter.answered == OPENING)
     yield opened
     opened.close()
 
