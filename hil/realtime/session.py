@@ -307,10 +307,16 @@ def timing_object(
 
 
 def _bus_seen(program: PlantRecord | TickTrace, plant: PlantRecord) -> dict[str, Any] | None:
-    """Return what a program saw of the real bus while the plant ran."""
+    """Return what a program saw of the real bus while the plant ran.
+
+    In lock step the plant's time is not the clock's: all of it counts, but neither load nor waits.
+    """
+    about = program.about.get("bus")
+    if about is not None and plant.about.get("pace") == "lockstep":
+        return timing.bus_figures(program.bus, {**about, "real_time": False})
     read = program.bus["read_ns"]
     ran = (read >= int(plant.about["start_ns"])) & (read <= int(plant.about["end_ns"]))
-    return timing.bus_figures(program.bus[ran], program.about.get("bus"))
+    return timing.bus_figures(program.bus[ran], about)
 
 
 def frames_lost(plant: PlantRecord, ecu: TickTrace) -> int:
