@@ -50,10 +50,14 @@ LARGE = (1 << 31) - 1
 
 @record
 class Calibration:
-    """Const memory of the ECU; written by the gain generator, never by the loop."""
+    """Const memory of the ECU; written by the gain generator, never by the loop.
 
-    id: Annotated[i32, F(0, LARGE, 0, "", "identifies the calibration")]
-    tick_us: Annotated[i32, F(1000, 20000, 0, "us", "period of the loop")]
+    Bytes first, then words, each in the groups of the loop's stages: no byte is padding, so that
+    the CRC is that of the memory.
+    """
+
+    layout: Annotated[u8, F(1, 1, 0, "", "of this record")]
+    version: Annotated[list[u8], 3, F(0, 255, 0, "", "of canroll that made it: 1.2.3")]
 
     law: Annotated[u8, F(0, 2, 0, "", "0 state feedback, 1 output feedback, 2 compensator")]
     actuator: Annotated[u8, F(0, 3, 0, "", "0 suspension, 1 bars, 2 dampers, 3 valves")]
@@ -65,10 +69,50 @@ class Calibration:
     e2e: Annotated[u8, F(0, 1, 0, "", "1: frames carry and need their protection")]
 
     # supervision, per received message
-    timeout_ticks: Annotated[list[i32], N_RX, F(0, 100000, 0, "ticks", "0: not needed")]
     e2e_max_delta: Annotated[list[u8], N_RX, F(1, 14, 0, "", "largest counter step accepted")]
     e2e_max_repeated: Annotated[list[u8], N_RX, F(0, 14, 0, "", "repetitions before a resync")]
     e2e_sync: Annotated[list[u8], N_RX, F(0, 14, 0, "", "good frames that a resync takes")]
+
+    # observer: states are roll, roll rate, effective a_y, its rate, gyro bias
+    phi_shift: Annotated[list[u8], N_STATES, F(1, 62, 0, "", "shift of each transition row")]
+    output_shift: Annotated[list[u8], N_MEASUREMENTS, F(1, 62, 0, "", "shift of each output row")]
+    correction_shift: Annotated[
+        list[list[u8]], N_MEASUREMENTS, N_STATES, F(1, 62, 0, "", "shift of each gain")
+    ]
+    correction_single_shift: Annotated[list[u8], N_STATES, F(1, 62, 0, "", "its shifts")]
+
+    # propagated covariance of the states, each in units of its own power of two
+    covariance_gain_shift: Annotated[
+        list[list[u8]], 2, N_STATES, F(1, 62, 0, "", "gain Q24 times innovation to the state")
+    ]
+
+    # prediction over the delay
+    predict_steps: Annotated[u8, F(0, N_RING, 0, "ticks", "from the sample to the actuation")]
+
+    # identification of roll stiffness and damping, relative to nominal: theta [int phi, d phi] =
+    # int(M + m h a_y) - I_x d phi', all over a window of ten steps and divided by 100 N·m·s
+    rls_decimation: Annotated[u8, F(1, 20, 0, "ticks", "ticks an identification step takes")]
+
+    # control laws; the moment is minus the sum for state feedback, plus for output feedback
+    feedback_shift: Annotated[u8, F(1, 62, 0, "", "shift of the feedback row")]
+    feedforward_shift: Annotated[u8, F(1, 62, 0, "", "shift of the feedforward row")]
+    output_gain_shift: Annotated[u8, F(1, 62, 0, "", "shift of the output-feedback row")]
+    compensator_order: Annotated[u8, F(0, N_ORDER, 0, "", "number of compensator states")]
+    compensator_outputs: Annotated[u8, F(1, 2, 0, "", "1 moment, or front and rear")]
+    compensator_shift: Annotated[list[u8], N_ORDER, F(1, 60, 0, "", "shift of each state row")]
+    compensator_output_shift: Annotated[list[u8], 2, F(1, 60, 0, "", "shift of each output")]
+
+    # speed schedule and fading
+    schedule_points: Annotated[u8, F(1, N_POINTS, 0, "", "points of the speed schedule")]
+
+    # offset learning
+    offset_shift: Annotated[u8, F(1, 20, 0, "", "offset += error >> shift a tick")]
+
+    id: Annotated[i32, F(0, LARGE, 0, "", "identifies the calibration")]
+    tick_us: Annotated[i32, F(1000, 20000, 0, "us", "period of the loop")]
+
+    # supervision, per received message
+    timeout_ticks: Annotated[list[i32], N_RX, F(0, 100000, 0, "ticks", "0: not needed")]
     init_ticks: Annotated[i32, F(1, 100000, 0, "ticks", "good inputs before ACTIVE")]
     recovery_ticks: Annotated[i32, F(1, 100000, 0, "ticks", "good inputs before SAFE ends")]
     ramp_ticks: Annotated[i32, F(1, 100000, 0, "ticks", "ramp of the authority to and from 0")]
@@ -88,7 +132,6 @@ class Calibration:
     gamma_steering: Annotated[
         list[i32], N_STATES, F(-COEFFICIENT, COEFFICIENT, 0, "", "input: a_y told by steering")
     ]
-    phi_shift: Annotated[list[u8], N_STATES, F(1, 62, 0, "", "shift of each transition row")]
     output: Annotated[
         list[list[i32]],
         N_MEASUREMENTS,
@@ -98,22 +141,17 @@ class Calibration:
     output_moment: Annotated[
         list[i32], N_MEASUREMENTS, F(-COEFFICIENT, COEFFICIENT, 0, "", "and from the moment")
     ]
-    output_shift: Annotated[list[u8], N_MEASUREMENTS, F(1, 62, 0, "", "shift of each output row")]
     correction: Annotated[
         list[list[i32]],
         N_MEASUREMENTS,
         N_STATES,
         F(-COEFFICIENT, COEFFICIENT, 0, "", "Kalman gain, a row a measurement"),
     ]
-    correction_shift: Annotated[
-        list[list[u8]], N_MEASUREMENTS, N_STATES, F(1, 62, 0, "", "shift of each gain")
-    ]
     correction_single: Annotated[
         list[i32],
         N_STATES,
         F(-COEFFICIENT, COEFFICIENT, 0, "", "roll-rate gain when a_y is lost"),
     ]
-    correction_single_shift: Annotated[list[u8], N_STATES, F(1, 62, 0, "", "its shifts")]
     bias_max: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "largest gyro bias believed")]
 
     # propagated covariance of the states, each in units of its own power of two
@@ -123,16 +161,12 @@ class Calibration:
     covariance_output: Annotated[
         list[list[i32]], 2, N_STATES, F(-COEFFICIENT, COEFFICIENT, 24, "", "scaled output rows")
     ]
-    covariance_gain_shift: Annotated[
-        list[list[u8]], 2, N_STATES, F(1, 62, 0, "", "gain Q24 times innovation to the state")
-    ]
     process_noise: Annotated[list[i32], N_STATES, F(0, STATE_MAX, 24, "", "added a tick")]
     measurement_noise: Annotated[list[i32], 2, F(1, STATE_MAX, 24, "", "variance")]
     covariance_start: Annotated[list[i32], N_STATES, F(1, STATE_MAX, 24, "", "initial variance")]
     covariance_max: Annotated[list[i32], N_STATES, F(1, STATE_MAX, 24, "", "cap of a variance")]
 
     # prediction over the delay
-    predict_steps: Annotated[u8, F(0, N_RING, 0, "ticks", "from the sample to the actuation")]
     actuator_rate: Annotated[
         i32, F(0, ONE, Q_UNIT, "", "share of the way to the command the actuator goes a tick")
     ]
@@ -146,7 +180,6 @@ class Calibration:
     rls_start: Annotated[i32, F(1, 1 << 24, 20, "", "initial variance of each ratio")]
     rls_lo: Annotated[list[i32], 2, F(1, STATE_MAX, 28, "", "least stiffness, damping ratio")]
     rls_hi: Annotated[list[i32], 2, F(1, STATE_MAX, 28, "", "largest stiffness, damping ratio")]
-    rls_decimation: Annotated[u8, F(1, 20, 0, "ticks", "ticks an identification step takes")]
     rls_moment: Annotated[i32, F(0, COEFFICIENT, 30, "", "Q14 moment to its impulse a step, Q20")]
     rls_lateral: Annotated[i32, F(0, COEFFICIENT, 30, "", "Q24 a_y to m h a_y a step, Q20")]
     rls_inertia: Annotated[i32, F(0, COEFFICIENT, 30, "", "Q27 rate to I_x rate, Q20")]
@@ -165,19 +198,14 @@ class Calibration:
     feedback: Annotated[
         list[i32], N_STATES, F(-COEFFICIENT, COEFFICIENT, 0, "", "u = -(feedback) x")
     ]
-    feedback_shift: Annotated[u8, F(1, 62, 0, "", "shift of the feedback row")]
     feedforward: Annotated[
         list[i32], N_STATES, F(-COEFFICIENT, COEFFICIENT, 0, "", "u -= (feedforward) x")
     ]
-    feedforward_shift: Annotated[u8, F(1, 62, 0, "", "shift of the feedforward row")]
     output_gain: Annotated[
         list[i32],
         N_MEASUREMENTS,
         F(-COEFFICIENT, COEFFICIENT, 0, "", "u = (gain) [roll rate, a_y, roll]"),
     ]
-    output_gain_shift: Annotated[u8, F(1, 62, 0, "", "shift of the output-feedback row")]
-    compensator_order: Annotated[u8, F(0, N_ORDER, 0, "", "number of compensator states")]
-    compensator_outputs: Annotated[u8, F(1, 2, 0, "", "1 moment, or front and rear")]
     compensator_a: Annotated[
         list[list[i32]], N_ORDER, N_ORDER, F(-COEFFICIENT, COEFFICIENT, 0, "", "states Q24")
     ]
@@ -193,19 +221,16 @@ class Calibration:
         2,
         F(-COEFFICIENT, COEFFICIENT, 0, "", "inputs: the saturated outputs"),
     ]
-    compensator_shift: Annotated[list[u8], N_ORDER, F(1, 60, 0, "", "shift of each state row")]
     compensator_c: Annotated[
         list[list[i32]], 2, N_ORDER, F(-COEFFICIENT, COEFFICIENT, 0, "", "outputs Q14")
     ]
     compensator_d: Annotated[
         list[list[i32]], 2, 4, F(-COEFFICIENT, COEFFICIENT, 0, "", "from the inputs")
     ]
-    compensator_output_shift: Annotated[list[u8], 2, F(1, 60, 0, "", "shift of each output")]
     moment_max: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "largest moment commanded")]
     slew_max: Annotated[i32, F(1, STATE_MAX, Q_MOMENT, "N·m", "largest change of it a tick")]
 
     # speed schedule and fading
-    schedule_points: Annotated[u8, F(1, N_POINTS, 0, "", "points of the speed schedule")]
     schedule_speed: Annotated[
         list[i32], N_POINTS, F(0, 200 << Q_SPEED, Q_SPEED, "m/s", "ascending")
     ]
@@ -222,7 +247,6 @@ class Calibration:
     # offset learning
     straight_steering: Annotated[i32, F(0, STATE_MAX, 24, "rad", "wheel angle that is straight")]
     straight_yaw_rate: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "and yaw rate")]
-    offset_shift: Annotated[u8, F(1, 20, 0, "", "offset += error >> shift a tick")]
     offset_rate_max: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "largest roll-rate offset")]
     offset_acceleration_max: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "largest lateral-acceleration offset")
@@ -252,4 +276,5 @@ class Calibration:
 
     budget_instructions: Annotated[i32, F(0, LARGE, 0, "", "a tick on the target, 0: none")]
     budget_tick_us: Annotated[i32, F(0, LARGE, 0, "us", "p99 tick duration, 0: none")]
+
     crc: Annotated[i32, F(-LARGE - 1, LARGE, 0, "", "CRC-32 of the fields before it")]

@@ -1,4 +1,8 @@
-"""What a calibration must fulfil before it may run."""
+"""What a calibration must fulfil before it may run, and that it stays what it was.
+
+Its CRC is that of Ethernet and ZIP (CRC-32, polynomial 0x04C11DB7 reflected) over the bytes of the
+record before it, as memory has them; bytes between the fields are zero.
+"""
 
 from firmware.calibration import (
     BARS,
@@ -9,15 +13,19 @@ from firmware.calibration import (
     VALVES,
     Calibration,
 )
-from firmware.limits import check_ranges
+from firmware.limits import LAST_WORD, check_ranges
 from firmware.state import (
+    CORRUPT,
+    INIT,
     RX_ACTUATOR_STATE,
     RX_IMU,
     RX_ROLL_REFERENCE,
     RX_SUSPENSION_RATE,
     RX_VEHICLE_MOTION,
+    SAFE,
+    Ecu,
 )
-from firmware.subset import clamp, i32
+from firmware.subset import clamp, i32, word
 
 RULE_SCHEDULE = 501
 RULE_FADE = 502
@@ -29,6 +37,51 @@ RULE_REFERENCE = 507
 RULE_STROKE = 508
 RULE_DELIVERED = 509
 RULE_MOTION = 510
+RULE_CRC = 511
+
+# what four bits leave of a CRC-32
+CRC32: tuple[i32, ...] = (
+    0,
+    498536548,
+    997073096,
+    651767980,
+    1994146192,
+    1802195444,
+    1303535960,
+    1342533948,
+    -306674912,
+    -267414716,
+    -690576408,
+    -882789492,
+    -1687895376,
+    -2032938284,
+    -1609899400,
+    -1111625188,
+)
+
+
+def watch_calibration(ecu: Ecu, cal: Calibration) -> None:
+    """Check another word of the calibration; once the CRC of all is wrong, it is corrupt for good.
+
+    A round takes as many calls as the calibration has words. The remainder is kept inverted, so
+    that it starts at 0.
+    """
+    if ecu.calibration_word == CORRUPT:
+        return
+    at: i32 = clamp(ecu.calibration_word, 0, LAST_WORD - 1)
+    rest: i32 = (ecu.calibration_crc ^ -1) ^ word(cal, at)
+    for _ in range(8):
+        rest = ((rest >> 4) & 0x0FFFFFFF) ^ CRC32[rest & 15]
+    ecu.calibration_crc = rest ^ -1
+    ecu.calibration_word = at + 1
+    if at < LAST_WORD - 1:
+        return
+    ecu.calibration_word = 0
+    if ecu.calibration_crc != cal.crc:
+        ecu.calibration_word = CORRUPT
+        if ecu.mode == INIT:
+            ecu.mode = SAFE
+    ecu.calibration_crc = 0
 
 
 def check(cal: Calibration) -> i32:
@@ -38,7 +91,7 @@ def check(cal: Calibration) -> i32:
     identified ratio exclude one another; 504 valves need a compensator with two outputs; 505 two
     outputs need a compensator that drives bars or valves; 506 the Imu has no timeout; 507 bypass
     needs RollReference; 508 dampers need SuspensionRate; 509 dampers and valves need ActuatorState;
-    510 the speed, which fades the command, needs VehicleMotion.
+    510 the speed, which fades the command, needs VehicleMotion. ``init`` adds 511: a wrong CRC.
     """
     field: i32 = check_ranges(cal)
     if field != 0:

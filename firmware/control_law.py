@@ -86,7 +86,10 @@ def limited(ecu: Ecu, cal: Calibration, wanted: i32, last: i32, steps: i32) -> i
 
 
 def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
-    """Compute the moment of this tick; in INIT and SAFE it only ramps to zero."""
+    """Compute the moment of this tick; in INIT and SAFE it only ramps to zero.
+
+    The slew limit is that of ``steps`` ticks; a compensator takes one step, however many it was.
+    """
     if ecu.mode != ACTIVE and ecu.mode != DEGRADED:
         for k in range(2):
             held: i64 = rsh(ecu.last_outputs[k] * ecu.authority, 30)
@@ -102,8 +105,7 @@ def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
             wanted: i32 = shifted(acc, cal.compensator_output_shift[k])
             ecu.outputs[k] = limited(ecu, cal, wanted, ecu.outputs[k], steps)
         ecu.moment = sat31(ecu.outputs[0] + ecu.outputs[1])
-        for _ in range(steps):
-            advance_compensator(ecu, cal)
+        advance_compensator(ecu, cal)
         return
     u: i32 = 0
     if cal.law == OUTPUT_FEEDBACK:

@@ -30,8 +30,11 @@ def bounded(ecu: Ecu, cal: Calibration) -> None:
         ecu.covariance[i][i] = clamp(variance, 1, cal.covariance_max[i])
 
 
-def propagate(ecu: Ecu, cal: Calibration) -> None:
-    """P = Phi P Phi' + M over one tick, in place: rows of (Phi P)' first, then columns."""
+def propagate(ecu: Ecu, cal: Calibration, steps: i32) -> None:
+    """P = Phi P Phi' + M, in place: rows of (Phi P)' first, then columns.
+
+    Over ``steps`` ticks the noise is that of all of them, the rest that of one.
+    """
     for k in range(N_STATES):
         for i in range(N_STATES):
             row: i64 = weighted(cal.covariance_phi[i], ecu.covariance[k])
@@ -46,7 +49,7 @@ def propagate(ecu: Ecu, cal: Calibration) -> None:
             column: i64 = weighted(cal.covariance_phi[k], ecu.work)
             ecu.covariance[k][i] = shifted(column, Q_COVARIANCE)
             ecu.covariance[i][k] = ecu.covariance[k][i]
-        ecu.covariance[i][i] = sat31(ecu.covariance[i][i] + cal.process_noise[i])
+        ecu.covariance[i][i] = sat31(ecu.covariance[i][i] + steps * cal.process_noise[i])
     bounded(ecu, cal)
 
 

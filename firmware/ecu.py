@@ -7,15 +7,16 @@ The caller owns both records. It calls ``receive`` for every frame, from an inte
 
 from firmware.allocation import allocate
 from firmware.calibration import Calibration
-from firmware.check import check
+from firmware.check import RULE_CRC, check, watch_calibration
 from firmware.control_law import control, init_control
 from firmware.event_trigger import init_trigger, trigger
 from firmware.identification import identify, init_identification
+from firmware.limits import LAST_WORD
 from firmware.mailbox import init_mailboxes, read_inputs, receive
 from firmware.observer import init_observer, learn_offsets, look_ahead, observe
-from firmware.plausibility import TROUBLE_CALIBRATION, latch_troubles
+from firmware.plausibility import TROUBLE_CALIBRATION, TROUBLE_CALIBRATION_CRC, latch_troubles
 from firmware.schedule import schedule
-from firmware.state import AGE_MAX, SAFE, Ecu
+from firmware.state import AGE_MAX, CORRUPT, SAFE, Ecu
 from firmware.subset import I32_MAX, clamp, clear, i32, i64, narrow
 from firmware.supervisor import init_supervisor, supervise
 from firmware.transmit import init_transmit, transmit
@@ -27,15 +28,21 @@ WRAP = 1 << 32
 
 
 def init(ecu: Ecu, cal: Calibration) -> i32:
-    """Start the ECU; return 0, or the rule of ``check`` that refuses the calibration.
+    """Start the ECU; return 0, or what refuses the calibration: 511 its CRC, else as ``check``.
 
     A refused calibration never runs: the mode is SAFE and every later tick does nothing.
     """
     clear(ecu)
-    ecu.refused = check(cal)
+    for _ in range(LAST_WORD):
+        watch_calibration(ecu, cal)
+    ecu.refused = RULE_CRC
+    trouble: i32 = 1 << TROUBLE_CALIBRATION_CRC
+    if ecu.calibration_word != CORRUPT:
+        ecu.refused = check(cal)
+        trouble = 1 << TROUBLE_CALIBRATION
     if ecu.refused != 0:
         ecu.mode = SAFE
-        ecu.found = 1 << TROUBLE_CALIBRATION
+        ecu.found = trouble
         latch_troubles(ecu)
         return ecu.refused
     init_mailboxes(ecu, cal)
@@ -52,13 +59,15 @@ def init(ecu: Ecu, cal: Calibration) -> i32:
 def tick(ecu: Ecu, cal: Calibration, elapsed_ticks: i32) -> None:
     """Run one period of the loop; ``elapsed_ticks`` is more than 1 where ticks were missed.
 
-    Ages count all of them; estimate and compensator make up for at most ``STEPS_MAX``.
+    Ages, ramps and timeouts count all of them, estimate and slew limit at most ``STEPS_MAX``. What
+    was missed is made up for in one step, so that a late tick is hardly longer than any other.
     """
     if ecu.refused != 0:
         return
     elapsed: i32 = clamp(elapsed_ticks, 1, AGE_MAX)
     steps: i32 = clamp(elapsed, 1, STEPS_MAX)
     read_inputs(ecu, cal, elapsed)
+    watch_calibration(ecu, cal)
     supervise(ecu, cal, elapsed)
     schedule(ecu, cal)
     learn_offsets(ecu, cal)

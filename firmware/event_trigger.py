@@ -89,14 +89,14 @@ def trigger(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         ecu.waiting = cal.e2e & signals.TX_ECHOED[command_slot(cal)]
         if ecu.commands_sent < I32_MAX:
             ecu.commands_sent += 1
-        if ecu.triggered == HEARTBEAT and ecu.heartbeats_sent < I32_MAX:
-            ecu.heartbeats_sent += 1
         for k in range(2):
             ecu.sent[k] = ecu.outputs[k]
     under_way: i32 = ecu.ring[ecu.ring_head]
     if ecu.triggered != NOTHING:
         under_way = ecu.given
-    steps: i32 = clamp(elapsed, 1, N_RING)
+    # no more of the ring than the prediction reads
+    read: i32 = clamp(cal.predict_steps, 1, N_RING)
+    steps: i32 = clamp(elapsed, 1, read)
     for _ in range(steps):
         ecu.ring_head = byte((ecu.ring_head + 1) & (N_RING - 1))
         ecu.ring[ecu.ring_head] = under_way

@@ -95,6 +95,17 @@ def correct(ecu: Ecu, cal: Calibration, measured: i32, y: i32, moment: i32) -> N
         add_gains(ecu, cal.correction[measured], cal.correction_shift[measured], innovation)
 
 
+def make_up(ecu: Ecu, missed: i32) -> None:
+    """Go on from ``ahead`` through the estimate as the last tick did, for each tick missed.
+
+    A step of the model a tick would make a late tick later still; the missed ones cost no more
+    than a sum.
+    """
+    for i in range(N_STATES):
+        change: i32 = ecu.x[i] - ecu.ahead[i]
+        ecu.x[i] = sat31(ecu.x[i] + missed * change)
+
+
 def observe(ecu: Ecu, cal: Calibration, steps: i32) -> None:
     """Predict over ``steps`` ticks, then correct by what is fresh and good."""
     if cal.observer == BYPASS:
@@ -104,10 +115,14 @@ def observe(ecu: Ecu, cal: Calibration, steps: i32) -> None:
             ecu.x[LATERAL] = ecu.reference_acceleration
         return
     moment: i32 = acting_moment(ecu, cal)
-    for _ in range(steps):
-        advance(ecu, cal, ecu.x, moment, ecu.steering_acceleration)
-        if cal.observer == PROPAGATED_COVARIANCE:
-            propagate(ecu, cal)
+    if steps > 1:
+        for i in range(N_STATES):
+            ecu.ahead[i] = ecu.x[i]
+    advance(ecu, cal, ecu.x, moment, ecu.steering_acceleration)
+    if steps > 1:
+        make_up(ecu, steps - 1)
+    if cal.observer == PROPAGATED_COVARIANCE:
+        propagate(ecu, cal, steps)
     if ecu.fresh[RX_IMU] == 1:
         if (cal.measurements & 1) != 0 and ecu.bad_ticks[BAD_ROLL_RATE] == 0:
             rate: i32 = sat31(ecu.roll_rate - ecu.offset_rate)

@@ -40,6 +40,7 @@ TROUBLE_CORNER_FLOATING = 14
 TROUBLE_COMMAND = 15
 TROUBLE_TICK_MISSED = 16
 TROUBLE_CALIBRATION = 17
+TROUBLE_CALIBRATION_CRC = 18
 
 ALL_TROUBLES = (1 << N_TROUBLES) - 1
 
@@ -78,12 +79,18 @@ def latch_troubles(ecu: Ecu) -> None:
     ecu.trouble_latched = ecu.trouble_latched | appeared
     left: i32 = ecu.found
     number: i32 = 0
-    for code in range(N_TROUBLES):
+    for _ in range(N_TROUBLES):
         number += left & 1
-        ecu.trouble_count[code] = byte(clamp(ecu.trouble_count[code] + (appeared & 1), 0, 255))
         left = left >> 1
-        appeared = appeared >> 1
     ecu.trouble_number = byte(clamp(number, 0, 15))
+    # eight at a time, as hardly ever one of them is new
+    for first in range(0, N_TROUBLES, 8):
+        if (appeared & 255) != 0:
+            for k in range(first, first + 8):
+                ecu.trouble_count[k] = byte(clamp(ecu.trouble_count[k] + (appeared & 1), 0, 255))
+                appeared = appeared >> 1
+        else:
+            appeared = appeared >> 8
 
 
 def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:

@@ -11,10 +11,10 @@ from firmware.calibration import Calibration
 from firmware.state import Ecu
 from firmware.subset import byte, i32, u8
 
-# data ids; of each frame sent the number of values of its counter, 0: none
+# data ids; of each frame sent the highest value of its counter, 0: none
 RX_DATA_IDS: tuple[i32, ...] = (3232, 3248, 3264, 3280, 3288)
 TX_DATA_IDS: tuple[i32, ...] = (3200, 3201, 3202, 3203, 3840, 3841)
-TX_COUNTERS: tuple[i32, ...] = (15, 15, 15, 15, 15, 15)
+TX_LAST_COUNTERS: tuple[u8, ...] = (14, 14, 14, 14, 14, 14)
 # fmt: off
 CRC8_1D: tuple[u8, ...] = (
     0, 29, 58, 39, 116, 105, 78, 83, 232, 245, 210, 207, 156, 129, 166, 187,

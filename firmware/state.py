@@ -57,6 +57,8 @@ N_TROUBLES = 24
 AGE_MAX = 1 << 20
 STROKE_MAX = 1 << 29
 WINDOW_MAX = 1 << 26
+# ecu.calibration_word where the calibration has not the CRC it carries
+CORRUPT = 1 << 12
 
 
 @record
@@ -90,6 +92,10 @@ class Ecu:
     # supervision
     unchanged: Annotated[list[i32], N_RX, F(0, AGE_MAX, 0, "ticks", "sample counter unchanged")]
     bad_ticks: Annotated[list[i32], 6, F(0, AGE_MAX, 0, "ticks", "a watched value is bad since")]
+    calibration_crc: Annotated[i32, F(I32_MIN, I32_MAX, 0, "", "CRC of its words so far")]
+    calibration_word: Annotated[
+        i32, F(0, CORRUPT, 0, "", "to be checked next, 4096: it is corrupt")
+    ]
     refused: Annotated[i32, F(0, 1000, 0, "", "rule that refused the calibration, 0: none")]
     rate_good: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "last plausible gyro")]
     acceleration_good: Annotated[
@@ -160,7 +166,6 @@ class Ecu:
     unacknowledged: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "waiting without a new echo since")]
     since_sent: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last command")]
     commands_sent: Annotated[i32, F(0, I32_MAX, 0, "", "commands sent, saturates")]
-    heartbeats_sent: Annotated[i32, F(0, I32_MAX, 0, "", "of them heartbeats, saturates")]
     since_status: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last status frame")]
 
     # allocation

@@ -145,8 +145,14 @@ def clear(record: Any) -> None:  # noqa: ANN401
 
 
 def word(record: Any, k: i32) -> i32:  # noqa: ANN401
-    """Return the ``i32`` at byte 4 ``k`` of a record as C lays it out."""
-    return stored(record, 4 * k)
+    """Return the four bytes at byte 4 ``k`` of a record as C lays it out, as one ``i32``."""
+    value = 0
+    for name, indices, shift in words(record.__class__)[k]:
+        found = getattr(record, name)
+        for index in indices:
+            found = found[index]
+        value |= (found & 0xFFFFFFFF) << shift
+    return value - (1 << 32) if value >> 31 else value
 
 
 def octet(record: Any, k: i32) -> u8:  # noqa: ANN401
@@ -161,6 +167,16 @@ def stored(record: Any, place: int) -> int:  # noqa: ANN401
     for index in indices:
         found = found[index]
     return int(found)
+
+
+@cache
+def words(record_class: Any) -> list[list[tuple[str, tuple[int, ...], int]]]:  # noqa: ANN401
+    """Return of every four bytes the elements in them: field, indices, shift of the low bit."""
+    table = places(record_class)
+    size = -(-(max(table) + 1) // 4)
+    return [
+        [(*table[4 * k + b], 8 * b) for b in range(4) if 4 * k + b in table] for k in range(size)
+    ]
 
 
 @cache

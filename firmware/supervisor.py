@@ -4,19 +4,20 @@ INIT waits for good inputs. ACTIVE runs the law. DEGRADED does without one input
 acceleration (one-sensor observer, no feedforward), speed and steering (the last ones are kept), the
 delivered moment (the commanded one is used) or one corner or bar (its moment moves). SAFE ramps the
 command to zero and keeps the heartbeat. Both end by themselves when all is well for the calibrated
-time.
+time, but for a calibration that has changed: that stays.
 """
 
 from firmware.calibration import ONE, Calibration
 from firmware.plausibility import (
     DEGRADING,
+    TROUBLE_CALIBRATION_CRC,
     TROUBLE_TICK_MISSED,
     UNSAFE,
     latch_troubles,
     watch_actuators,
     watch_motion,
 )
-from firmware.state import ACTIVE, AGE_MAX, DEGRADED, INIT, SAFE, Ecu
+from firmware.state import ACTIVE, AGE_MAX, CORRUPT, DEGRADED, INIT, SAFE, Ecu
 from firmware.subset import clamp, i32, sat31, tdiv
 
 
@@ -59,6 +60,9 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
     if elapsed > 1:
         ecu.found = ecu.found | (1 << TROUBLE_TICK_MISSED)
+    if ecu.calibration_word == CORRUPT:
+        ecu.found = ecu.found | (1 << TROUBLE_CALIBRATION_CRC)
+        motion = UNSAFE
     latch_troubles(ecu)
     ecu.good_ticks = clamp(ecu.good_ticks + elapsed, 0, AGE_MAX)
     severity: i32 = motion

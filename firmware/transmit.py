@@ -17,7 +17,7 @@ def queue(ecu: Ecu, cal: Calibration, slot: i32) -> None:
     """Protect the frame in ``slot`` and mark it for sending."""
     if cal.e2e == 1:
         counter: i32 = ecu.tx_counter[slot] + 1
-        if counter >= protection.TX_COUNTERS[slot]:
+        if counter > protection.TX_LAST_COUNTERS[slot]:
             counter = 0
         ecu.tx_counter[slot] = byte(counter)
         protection.protect(ecu, slot)
@@ -45,4 +45,4 @@ def transmit(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
 def init_transmit(ecu: Ecu) -> None:
     """Let the first counters be 0."""
     for slot in range(N_TX):
-        ecu.tx_counter[slot] = byte(clamp(protection.TX_COUNTERS[slot] - 1, 0, 255))
+        ecu.tx_counter[slot] = protection.TX_LAST_COUNTERS[slot]

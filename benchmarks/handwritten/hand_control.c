@@ -40,8 +40,14 @@ void hand_observe(canroll_ecu *ecu, const canroll_calibration *cal, int32_t step
 {
     int32_t *x = ecu->x;
     const int32_t moment = acting_moment(ecu);
-    for (; steps > 0; steps--) {
-        advance(cal, x, moment);
+    const int32_t before[4] = { x[ROLL], x[RATE], x[LATERAL], x[JERK] };
+    advance(cal, x, moment);
+    if (steps > 1) {
+        for (uint32_t i = ROLL; i <= JERK; i++) {
+            const int64_t there = x[i] + (int64_t)(steps - 1) * (x[i] - before[i]);
+            x[i] = (there > STATE_MAX) ? STATE_MAX
+                : ((there < STATE_MIN) ? STATE_MIN : (int32_t)there);
+        }
     }
     if (ecu->fresh[CANROLL_RX_IMU] != 0) {
         const bool lateral_good = ecu->bad_ticks[BAD_LATERAL] == 0;

@@ -1,6 +1,7 @@
 /* Event trigger and the frames that go out; the tick itself. */
 #include <stdbool.h>
 #include "hand.h"
+#include "canroll_check.h"
 
 enum { NOTHING, TRIGGERED, HEARTBEAT };
 enum { STEPS_MAX = 16, LAST_PAGE = 4 };
@@ -39,6 +40,7 @@ static bool moved(const canroll_ecu *ecu, const canroll_calibration *cal)
 
 void hand_trigger(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
+    const int32_t read = (cal->predict_steps > 1) ? cal->predict_steps : 1;
     int32_t under_way;
     acknowledge(ecu);
     ecu->since_sent = aged(ecu->since_sent, elapsed);
@@ -50,7 +52,6 @@ void hand_trigger(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elap
         ecu->triggered = TRIGGERED;
     } else if (ecu->since_sent >= cal->heartbeat_ticks) {
         ecu->triggered = HEARTBEAT;
-        ecu->heartbeats_sent += (ecu->heartbeats_sent < INT32_MAX);
     }
     under_way = ecu->ring[ecu->ring_head];
     if (ecu->triggered != NOTHING) {
@@ -60,7 +61,7 @@ void hand_trigger(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elap
         ecu->sent[0] = ecu->outputs[0];
         under_way = ecu->given;
     }
-    for (int32_t k = (elapsed < CANROLL_N_RING) ? elapsed : CANROLL_N_RING; k > 0; k--) {
+    for (int32_t k = (elapsed < read) ? elapsed : read; k > 0; k--) {
         ecu->ring_head = (ecu->ring_head + 1) & (CANROLL_N_RING - 1);
         ecu->ring[ecu->ring_head] = under_way;
     }
@@ -153,6 +154,7 @@ void canroll_tick(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elap
         return;
     }
     hand_read_inputs(ecu, cal, elapsed);
+    canroll_check_watch_calibration(ecu, cal);
     hand_supervise(ecu, cal, elapsed);
     hand_observe(ecu, cal, steps);
     hand_control(ecu, cal, steps);

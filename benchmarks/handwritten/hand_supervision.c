@@ -4,7 +4,8 @@
 
 enum { ROLL_RATE_BIT = 1 << 6, LATERAL_BIT = 1 << 7, STUCK_BIT = 1 << 8, SPEED_BIT = 1 << 10,
        MOMENT_BIT = 1 << 12, CORNER_STUCK_BIT = 1 << 13, CORNER_FLOATING_BIT = 1 << 14,
-       COMMAND_BIT = 1 << 15, TICK_MISSED_BIT = 1 << 16 };
+       COMMAND_BIT = 1 << 15, TICK_MISSED_BIT = 1 << 16,
+       CALIBRATION_CRC_BIT = 1 << 18 };
 enum { BAD_ROLL_RATE = 0, BAD_LATERAL = 1, BAD_SPEED = 2, BAD_MOMENT = 4 };
 enum { GOOD, DEGRADING, UNSAFE };
 enum { CORNER_STUCK = 2, CORNER_FLOATING = 3, OVERDUE = 8 };
@@ -215,6 +216,10 @@ void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t el
     bool running;
     severity = (motion > severity) ? motion : severity;
     severity = (actuators > severity) ? actuators : severity;
+    if (ecu->calibration_word == CANROLL_CORRUPT) {
+        found |= CALIBRATION_CRC_BIT;
+        severity = UNSAFE;
+    }
     if (found != (uint32_t)ecu->trouble_active) {
         note_troubles(ecu, found);
     }

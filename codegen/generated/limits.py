@@ -26,7 +26,7 @@ BYTES = {bytes}
 # fmt: off
 {low}
 {high}
-# of each field in the order of memory: number of its elements, number of its range
+# of each field in the order of memory, which has no gaps: number of its elements, of its range
 {size}
 {range}
 # fmt: on
@@ -38,8 +38,6 @@ def check_ranges(cal: Calibration) -> i32:
     for field in range(FIELDS):
         its: i32 = RANGE[field]
         size: i32 = SIZE[field]
-        if its < BYTES:
-            at = clamp(((at + 3) >> 2) << 2, 0, LAST_BYTE + 1)
         for _ in range(size):
             value: i32 = 0
             step: i32 = 4

@@ -84,13 +84,14 @@ def _has(box: Mailbox, scheme: Scheme) -> bool:
 
 
 def _tables(bus: BusMap, schemes: Sequence[Scheme]) -> Iterator[str]:
-    yield "# data ids; of each frame sent the number of values of its counter, 0: none"
+    yield "# data ids; of each frame sent the highest value of its counter, 0: none"
     for prefix, boxes in (("RX", bus.received), ("TX", bus.transmitted)):
         common = _common(boxes, schemes)
         if common is not None and common.identified:
             ids = ", ".join(str(_plain(box)) for box in boxes)
             yield f"{prefix}_DATA_IDS: tuple[i32, ...] = ({ids})"
-    yield f"TX_COUNTERS: tuple[i32, ...] = ({', '.join(str(_values(b)) for b in bus.transmitted)})"
+    last = ", ".join(str(max(_values(box) - 1, 0)) for box in bus.transmitted)
+    yield f"TX_LAST_COUNTERS: tuple[u8, ...] = ({last})"
     polynomials = {
         its.polynomial for s in schemes if (its := s.its.checksum) and its.method == "crc8"
     }

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError
 from codegen.generated import signals
 from codegen.generated.bus_map import BusMap, Mailbox, load
+from codegen.run.memory_image import sealed
 from firmware import check
 from firmware.calibration import N_RX, STATE_MAX, Calibration
 from firmware.signals import RX_IDS
@@ -60,7 +61,7 @@ def random_calibration(seed: int) -> Calibration:
             setattr(record, field.name, _random_field(rng, field.f.lo, field.f.hi, field.shape))
         _plausible(record, rng)
         if check.check(record) == 0:
-            return record
+            return sealed(record)
 
 
 def _random_field(

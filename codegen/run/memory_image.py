@@ -5,11 +5,14 @@ bytes are read on the host and on a Cortex-M (both little-endian, 32-bit integer
 four), so states can be compared byte for byte.
 """
 
+import zlib
+from collections.abc import Mapping
 from functools import cache
 from typing import Any
 
 import numpy as np
 
+from firmware.calibration import Calibration
 from firmware.subset import fields
 
 NUMPY = {"i32": "<i4", "u8": "u1"}
@@ -28,6 +31,14 @@ def image(record: Any) -> bytes:  # noqa: ANN401
     for name in packed.dtype.names or ():
         packed[name] = getattr(record, name)
     return packed.tobytes()
+
+
+def sealed(record: Calibration) -> Calibration:
+    """Set the CRC-32 of the bytes before it, as a signed 32-bit number; return ``record``."""
+    places: Mapping[str, Any] = dtype(Calibration).fields or {}
+    checksum = zlib.crc32(image(record)[: int(places["crc"][1])])
+    record.crc = checksum - (1 << 32) if checksum >> 31 else checksum
+    return record
 
 
 def fill(record: Any, data: bytes) -> None:  # noqa: ANN401

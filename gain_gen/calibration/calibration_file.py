@@ -11,9 +11,10 @@ from typing import Any
 import tomli_w
 
 from canroll.errors import CanrollError
+from codegen.run.memory_image import sealed
 from firmware.calibration import Calibration
 from firmware.subset import Field, fields
-from gain_gen.calibration.record import RESERVED, fill, seal
+from gain_gen.calibration.record import RESERVED, fill
 
 SCHEMA = 1
 
@@ -162,7 +163,7 @@ def load(path: str | Path) -> LoadedCalibration:
     for field in table:
         _checked(field, integers[field.name], path, text)
     record = fill(integers)
-    expected = getattr(seal(fill(integers)), RESERVED)
+    expected = getattr(sealed(fill(integers)), RESERVED)
     if getattr(record, RESERVED) != expected:
         raise CanrollError(
             f"{_at(path, text, RESERVED)}: {RESERVED} does not match the fields: the file was "

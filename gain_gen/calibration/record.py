@@ -1,10 +1,13 @@
 """The ECU's calibration record from plain values, sealed with id and CRC."""
 
+import re
 import zlib
 from collections.abc import Iterator, Mapping
+from importlib.metadata import version
 from typing import Any
 
 from canroll.errors import CanrollError
+from codegen.run.memory_image import sealed
 from firmware.calibration import Calibration
 from firmware.subset import fields
 
@@ -57,15 +60,9 @@ def packed(record: Calibration) -> bytes:
     )
 
 
-def seal(record: Calibration) -> Calibration:
-    """Set the CRC-32 of the fields before it, as a signed 32-bit number; return ``record``."""
-    checksum = zlib.crc32(packed(record))
-    setattr(record, RESERVED, checksum - (1 << 32) if checksum >> 31 else checksum)
-    return record
-
-
 def identify(record: Calibration) -> Calibration:
-    """Set the id from the content and seal the record; return ``record``."""
+    """Set version, id (from the content) and CRC of the record; return ``record``."""
+    record.version = [int(part) for part in re.findall(r"\d+", version("canroll"))[:3]]
     setattr(record, IDENTITY, 0)
     setattr(record, IDENTITY, zlib.crc32(b"canroll" + packed(record)) & 0x7FFFFFFF)
-    return seal(record)
+    return sealed(record)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from codegen.run.memory_image import sealed
 from firmware.calibration import (
     PROPAGATED_COVARIANCE,
     Q_ACCELERATION,
@@ -140,7 +141,7 @@ def integer_loop(record: Calibration) -> Callable[[Matrix], float]:
     for name in record.__dict__:
         setattr(wide, name, getattr(record, name))
     wide.slew_max = STATE_MAX
-    init(ecu, wide)
+    init(ecu, sealed(wide))
     ecu.mode = ACTIVE
     ecu.moment_unknown = 0
     ecu.lateral_lost = 0

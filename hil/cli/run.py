@@ -48,4 +48,4 @@ def answer(result: Result, out: Path | None, *, as_json: bool) -> int:
         print(json.dumps(result.to_json()))
     else:
         terminal.show(result)
-    return 1 if result.helps is False else 0
+    return result.exit_code

@@ -225,6 +225,17 @@ class Choices(TypedDict, total=False):
             frozen_in_calibration=True,
         ),
     ]
+    phase_ms: Annotated[
+        float | None,
+        Choice(
+            option="--phase",
+            help="from the earliest arrival of an Imu frame to a tick; by default that of clocks "
+            "that start together, which is the seed's",
+            of=RUN,
+            unit="ms",
+            saved=False,
+        ),
+    ]
     trigger: Annotated[
         str | None,
         Choice(

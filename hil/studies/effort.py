@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from gain_gen.calibration.record import identify
 from hil.runs.choices import PASSIVE
 from hil.runs.experiment import drive
 from hil.runs.frozen import Controller
@@ -80,7 +81,7 @@ def scaled(controller: Controller, factor: float) -> Controller:
     """Return the controller with its moment multiplied, at every speed of the schedule."""
     record = copy(controller.record)
     record.schedule_gain = [round(factor * UNIT_GAIN)] * len(record.schedule_gain)
-    return replace(controller, record=record)
+    return replace(controller, record=identify(record))
 
 
 def roll_without_control(

@@ -2,6 +2,7 @@
 small plant integrated exactly. It shares no arithmetic with the firmware.
 """
 
+import zlib
 from collections import deque
 from dataclasses import dataclass, field
 from functools import cache
@@ -278,10 +279,23 @@ def calibration(
     return cal
 
 
+def sealed(cal: Calibration) -> Calibration:
+    """``cal`` with the CRC of its bytes, as the compilers for the targets lay them out."""
+    cal.crc = 0
+    types = {"i32": "<i4", "u8": "u1"}
+    rows = [(f.name, types[f.kind], f.shape) for f in fields(Calibration)]
+    packed = np.zeros((), np.dtype(rows, align=True))
+    for name in packed.dtype.names:
+        packed[name] = getattr(cal, name)
+    checksum = zlib.crc32(packed.tobytes()[: packed.dtype.fields["crc"][1]])
+    cal.crc = int(np.uint32(checksum).astype(np.int32))
+    return cal
+
+
 def started(cal: Calibration) -> Ecu:
     """An ECU that has accepted ``cal``."""
     ecu = Ecu()
-    refused = loop.init(ecu, cal)
+    refused = loop.init(ecu, sealed(cal))
     assert refused == 0, refused
     return ecu
 

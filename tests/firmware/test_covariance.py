@@ -47,7 +47,7 @@ def run(cal, measurements, ticks: int, riccati: Riccati, ecu=None):
     ecu = ecu or rig.started(cal)
     worst = 0.0
     for k in range(ticks):
-        propagate(ecu, cal)
+        propagate(ecu, cal, 1)
         riccati.propagate()
         for m in measurements(k):
             update(ecu, cal, m, 0)
@@ -107,7 +107,7 @@ def test_it_stays_positive_where_the_cap_binds():
     rig.fill_covariance(cal, model, cap=0.5)
     ecu = rig.started(cal)
     for _ in range(3000):
-        propagate(ecu, cal)
+        propagate(ecu, cal, 1)
         update(ecu, cal, 0, 0)
         assert all(0 < ecu.covariance[i][i] <= cal.covariance_max[i] for i in range(5))
     eigenvalues = np.linalg.eigvalsh(np.array(ecu.covariance) * 2.0**-24)

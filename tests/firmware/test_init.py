@@ -14,7 +14,7 @@ def filled(shape, value):
 
 
 def test_init_leaves_nothing_of_what_was_there():
-    cal = rig.calibration()
+    cal = rig.sealed(rig.calibration())
     dirty, fresh = Ecu(), Ecu()
     for field in fields(Ecu):
         setattr(dirty, field.name, filled(field.shape, field.f.hi))

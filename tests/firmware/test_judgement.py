@@ -307,4 +307,5 @@ def test_trouble_codes_keep_the_numbers_that_diagnostics_know():
         "TROUBLE_COMMAND": 15,
         "TROUBLE_TICK_MISSED": 16,
         "TROUBLE_CALIBRATION": 17,
+        "TROUBLE_CALIBRATION_CRC": 18,
     }

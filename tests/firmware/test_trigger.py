@@ -56,7 +56,7 @@ def test_every_command_of_a_manoeuvre_is_due_and_none_is_missing():
             sent, since = moment, 0
     reasons = [reason for reason, _ in rows]
     assert 20 < reasons.count(TRIGGERED) < 200
-    assert bench.ecu.commands_sent >= bench.ecu.heartbeats_sent >= reasons.count(HEARTBEAT) > 50
+    assert bench.ecu.commands_sent >= reasons.count(HEARTBEAT) > 50
     assert bench.ecu.trouble_latched == 0
 
 
@@ -174,13 +174,14 @@ def test_the_ring_holds_what_the_actuators_can_give():
     assert abs(ecu.ring[ecu.ring_head]) / 2**14 == pytest.approx(most, rel=1e-3)
 
 
-def test_missed_ticks_fill_the_ring_as_often():
-    bench = rig.Bench(rig.calibration(**RULE)).active()
+@pytest.mark.parametrize(("predicted", "elapsed", "moved"), [(8, 4, 4), (3, 4, 3), (0, 4, 1)])
+def test_missed_ticks_fill_what_the_prediction_reads_of_the_ring(predicted, elapsed, moved):
+    bench = rig.Bench(rig.calibration(**RULE, predict_steps=predicted)).active()
     bench.run(0.3, rig.lane_change)
     head = bench.ecu.ring_head
-    bench.step(3.0, elapsed=4)
-    assert (bench.ecu.ring_head - head) % 32 == 4
-    assert len({bench.ecu.ring[(head + k) % 32] for k in range(1, 5)}) == 1
+    bench.step(3.0, elapsed=elapsed)
+    assert (bench.ecu.ring_head - head) % 32 == moved
+    assert len({bench.ecu.ring[(head + k) % 32] for k in range(1, moved + 1)}) == 1
 
 
 def test_dampers_are_never_held():

@@ -144,6 +144,7 @@ def test_a_users_own_bus_without_e2e(tmp_path):
     (tmp_path / "own.toml").write_text(MAP)
     record = ecu_traffic.random_calibration(3)
     record.e2e = 0
+    memory_image.sealed(record)
     traffic = ecu_traffic.random_traffic(2, 60, hostile=1.0)
     out = tmp_path / "out"
     bundle.write(out, export(record, traffic, tmp_path / "own.dbc", tmp_path / "own.toml"))

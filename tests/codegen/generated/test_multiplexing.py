@@ -85,7 +85,7 @@ def calibration():
     cal = ecu_traffic.random_calibration(3)
     cal.observer, cal.actuator, cal.law, cal.compensator_outputs, cal.e2e = 1, 0, 0, 1, 0
     cal.timeout_ticks, cal.status_ticks = [5, 5, 0, 0, 0], 1
-    return cal
+    return memory_image.sealed(cal)
 
 
 def imu(page, **values):

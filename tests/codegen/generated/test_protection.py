@@ -280,6 +280,7 @@ def test_c_sends_and_takes_the_same_frames(tmp_path, name):
     record = ecu_traffic.random_calibration(3)
     record.timeout_ticks = [5, 5, 0, 0, 5] if record.observer == 0 else [5, 5, 0, 0, 0]
     record.e2e, record.status_ticks, record.actuator = 1, 1, 0
+    memory_image.sealed(record)
     cals = np.frombuffer(memory_image.image(record), memory_image.dtype(Calibration), 1).copy()
     traffic = ecu_traffic.random_traffic(5, 40, bus=bus)
     run = library.replay(library.start(cals), cals, [traffic])
@@ -316,6 +317,7 @@ def test_only_the_frames_that_have_a_data_id_are_protected(tmp_path):
     record.timeout_ticks, record.observer, record.actuator = [5, 5, 0, 0, 0], 1, 0
     record.law, record.compensator_outputs = 0, 1
     record.e2e, record.init_ticks = 1, 3
+    memory_image.sealed(record)
     cals = np.frombuffer(memory_image.image(record), memory_image.dtype(Calibration), 1).copy()
     traffic = ecu_traffic.random_traffic(7, 60, hostile=0.0, bus=bus)
     run = library.replay(library.start(cals), cals, [traffic], states=True)

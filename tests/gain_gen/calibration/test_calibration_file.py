@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from codegen.export.header import comment, gains_header
+from codegen.run.memory_image import sealed
 from firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
 from firmware.check import check
 from firmware.subset import fields
@@ -19,7 +20,7 @@ from gain_gen.calibration import calibration_file
 from gain_gen.calibration.dequantise import dequantise
 from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
 from gain_gen.calibration.quantise import Options
-from gain_gen.calibration.record import fill, flatten, identify, packed, seal
+from gain_gen.calibration.record import fill, flatten, identify, packed
 from gain_gen.calibration.rounding_error import integer_loop, manoeuvre_error, measured
 from gain_gen.calibration.rows import quantise, quantise_row
 from gain_gen.calibration.vehicle_part import damper_knee, moment_limit, static_share, steering_gain
@@ -218,7 +219,7 @@ def test_crc_covers_every_field(calibrated):
             value[0] = moved
         else:
             setattr(changed, field.name, moved)
-        assert seal(changed).crc != record.crc, field.name
+        assert sealed(changed).crc != record.crc, field.name
     assert identify(fill(values)).id == record.id
 
 

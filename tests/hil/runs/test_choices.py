@@ -25,6 +25,7 @@ ASKED = {
     "seed": 7,
     "speed_kmh": 71.00000000000001,
     "tick_ms": 5.0,
+    "phase_ms": 3.0,
     "trigger": "every",
     "heartbeat_ms": 40.0,
     "gains": "as_printed",
