@@ -113,6 +113,7 @@ def test_what_the_adapter_cannot_do_is_one_line(adapter):
     assert "\n" not in str(raised.value)
 
 
+@pytest.mark.slow
 def test_the_check_of_an_adapter_says_what_it_could_not_measure(adapter, capsys):
     bus = ["-i", "slcan", "-c", adapter.port, "-b", "500000"]
     options = ["--bus-kwargs", "sleep_after_open=0", "--duration", "0.5", "--json"]
