@@ -1,4 +1,4 @@
-"""``canroll hil``: ECU and plant as two programs in real time, and the report of a run."""
+"""``canroll hil``: ECU and plant as two programs, in real time or in lock step, and the report."""
 
 import argparse
 import json
@@ -10,7 +10,7 @@ from typing import Any
 import can
 
 from canroll.errors import CanrollError
-from hil.cli.ecu import add_prepare_option
+from hil.cli.ecu import PACES, add_prepare_option
 from hil.cli.run import add_condition_options, add_run_options, path_named, run_keywords
 from hil.realtime.bus_link import add_bus_arguments, has_bus, options_of
 from hil.realtime.hardware.interfaces import INTERFACES, is_shared
@@ -41,6 +41,20 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         choices=("virtual", "hil"),
         default="virtual",
         help="how the run without control is made (default: %(default)s time)",
+    )
+    parser.add_argument(
+        "--pace",
+        choices=PACES,
+        default="realtime",
+        help="lockstep: the plant grants the ECU's ticks, the same on any machine however slow "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--side-channel",
+        nargs="?",
+        const="127.0.0.1:0",
+        metavar="HOST:PORT",
+        help="lock step: grants on a TCP connection instead of frames of 29 bits on the bus",
     )
     parser.add_argument(
         "--duration",
@@ -100,7 +114,7 @@ def bus_options(args: argparse.Namespace) -> list[str]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive, report and write; 1 if the verdict is that control does not help."""
+    """Drive, report and write; 1 if control does not help, or the run is not valid."""
     if args.scenario is None and not args.check:
         raise CanrollError("which manoeuvre? Name one, such as double_lane_change")
     if args.check and not args.prepare:
@@ -114,6 +128,8 @@ def run(args: argparse.Namespace) -> int:
     if args.prepare:
         hil_run.prepare(args.scenario or CHECKED, duration=args.duration, **run_keywords(args))
         return 0
+    if args.side_channel is not None and args.pace != "lockstep":
+        raise CanrollError("--side-channel carries the grants of --pace lockstep: give both")
     refuse_one_adapter(args)
     out = args.out or (None if args.json else DEFAULT_OUT)
     for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):
@@ -126,8 +142,10 @@ def run(args: argparse.Namespace) -> int:
                 args.scenario,
                 bus_options=bus_options(args),
                 folder=folder,
-                passive_in_real_time=args.passive == "hil",
+                passive_by_programs=args.passive == "hil",
                 duration=args.duration,
+                pace=args.pace,
+                side_channel=args.side_channel,
                 announce=(lambda text: None) if args.json else _announce,
                 serve=args.serve,
                 **run_keywords(args),
@@ -148,7 +166,7 @@ def run(args: argparse.Namespace) -> int:
             files = {**result.files, "timing": str(path), "ticks": str(out / "ticks.npz")}
             result = hil_run.with_files(result, files)
         report(result.to_json() | {"timing": timing}, args, result)
-    return 1 if result.helps is False else 0
+    return result.exit_code
 
 
 def refuse_one_adapter(args: argparse.Namespace) -> None:

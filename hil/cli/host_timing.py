@@ -12,7 +12,7 @@ from hil.runs import experiment
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive the manoeuvre in real time and print the verdicts; 1 where one of them fails.
+    """Drive the manoeuvre in real time and print the verdicts; 1 where one fails or none holds.
 
     On a single core nothing is judged: two programs that share it say nothing about the ECU.
 
@@ -39,12 +39,17 @@ def run(args: argparse.Namespace) -> int:
         _, timing = session.drive(settings, controller, setup, enabled=True)
     del timing["jitterdebugger"]
     verdicts = judge_host(limits, timing)
-    good = all(verdict.ok for verdict in verdicts)
+    invalid = timing["not_valid"]
+    good = not invalid and all(verdict.ok for verdict in verdicts)
     if args.json:
         named = {v.name: {"value": v.value, "limit": v.limit, "ok": v.ok} for v in verdicts}
         verdict = ("PASS" if good else "FAIL") if verdicts else "not judged"
+        if invalid:
+            verdict = "not valid"
         print(json.dumps({"timing": timing, "verdicts": named, "verdict": verdict}))
     else:
         show_timing(timing)
         print("\n".join(map(str, verdicts)) or "not judged: one core for both programs")
+        if invalid:
+            print(f"not valid: {'; '.join(invalid)}")
     return 0 if good else 1

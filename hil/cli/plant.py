@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import vehicles
 from canroll.errors import CanrollError
-from hil.cli.ecu import add_loop_options, add_prepare_option, nanoseconds
+from firmware.signals import TX_IDS
+from hil.cli.ecu import add_loop_options, add_prepare_option, nanoseconds, peer_timeout
 from hil.cli.run import (
     add_condition_options,
     key_values,
@@ -17,6 +18,7 @@ from hil.realtime import process
 from hil.realtime.bus_link import Link, add_bus_arguments, has_bus, open_link
 
 if TYPE_CHECKING:
+    from hil.realtime.plant_loop import Outcome
     from plant_sim.world.world import World
 
 
@@ -73,6 +75,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add_loop_options(parser)
     add_prepare_option(parser)
     parser.add_argument(
+        "--phase",
+        type=float,
+        metavar="MS",
+        help="lock step: grant ticks so long after the Imu frames (default: as virtual time does)",
+    )
+    parser.add_argument(
         "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
     )
     parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
@@ -82,7 +90,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 def run(args: argparse.Namespace) -> int:
     """Simulate until the manoeuvre is over, the ECU is lost or a signal comes."""
-    from hil.realtime import plant_loop, plant_record  # noqa: PLC0415
+    from hil.realtime import plant_loop, plant_record, warm  # noqa: PLC0415
     from hil.realtime.hardware import bus_record  # noqa: PLC0415
     from hil.report.run_folder import check_parent  # noqa: PLC0415
     from hil.runs import logs, signal_files  # noqa: PLC0415 - loads compiled kernels
@@ -90,39 +98,35 @@ def run(args: argparse.Namespace) -> int:
     for path, check in ((args.log, logs.check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
             check_parent(check(path))
-    peer_timeout = nanoseconds(args.peer_timeout, "--peer-timeout")
-    duration = nanoseconds(args.duration, "--duration")
+    peer_timeout(args)
+    nanoseconds(args.duration, "--duration")
+    if args.phase is not None and args.pace != "lockstep":
+        raise CanrollError("--phase: in real time the ECU keeps it: give it to 'canroll ecu'")
     # compiled before the clock runs: this world is thrown away
     world_of(args).advance(plant_loop.STEP_NS)
     if args.prepare:
         return 0
     world = world_of(args)
     with process.stop_on_signals() as stop:
-        notes = process.prepare(cpu=args.cpu, priority=process.PLANT_PRIORITY)
+        notes = []
+        if args.pace == "realtime":
+            notes = process.prepare(cpu=args.cpu, priority=process.PLANT_PRIORITY)
+            warm.rehearse_plant(lambda: world_of(args))
         for note in notes:
             print(f"note: {note}", flush=True)
         link = _link(args)
         try:
-            if args.wait > 0:
-                print("plant waits for the ECU", flush=True)
-                if not plant_loop.wait_for_ecu(link, stop=stop, timeout=args.wait):
-                    if stop.requested:
-                        return 0
-                    raise CanrollError(f"no ECU within {args.wait:g} s: start 'canroll ecu'")
-            print("plant runs", flush=True)
-            outcome = plant_loop.run(
-                world,
-                link,
-                stop=stop,
-                duration_ns=duration or world.duration_ns,
-                peer_timeout_ns=peer_timeout,
-            )
+            with warm.counted_compilations() as compiled:
+                drive = _drive_granting if args.pace == "lockstep" else _drive
+                outcome = drive(args, world, link, stop)
         finally:
             link.close()
-        late = outcome.loop[:, 0].max() / 1e6
+        if outcome is None:
+            return 0
+        late = outcome.loop[:, 0].max(initial=0) / 1e6
         print(
-            f"plant ends ({outcome.reason}) after {world.now_ns * 1e-9:.2f} s, "
-            f"at most {late:.1f} ms late",
+            f"plant ends ({outcome.reason}) after {world.now_ns * 1e-9:.2f} s"
+            + (f", at most {late:.1f} ms late" if len(outcome.loop) else ""),
             flush=True,
         )
         if args.record is not None:
@@ -135,6 +139,8 @@ def run(args: argparse.Namespace) -> int:
                 "sent": link.sent,
                 "received": link.received,
                 "failed": link.failed,
+                "compilations": compiled.count,
+                "pace": args.pace,
                 "bus": bus_record.about_of(link.record),
             }
             plant_record.save(
@@ -145,6 +151,64 @@ def run(args: argparse.Namespace) -> int:
         if args.signals is not None:
             signal_files.write_signals(args.signals, world.signals)
     return 0
+
+
+def _drive(
+    args: argparse.Namespace, world: "World", link: Link, stop: process.Stop
+) -> "Outcome | None":
+    """Drive in step with the clock once an ECU is heard; None where a stop is asked for before."""
+    from hil.realtime import plant_loop  # noqa: PLC0415
+
+    if args.wait > 0:
+        print("plant waits for the ECU", flush=True)
+        if not plant_loop.wait_for_ecu(link, stop=stop, timeout=args.wait):
+            _check_stopped(args, stop)
+            return None
+    print("plant runs", flush=True)
+    return plant_loop.run(
+        world,
+        link,
+        stop=stop,
+        duration_ns=_duration_ns(args, world),
+        peer_timeout_ns=nanoseconds(peer_timeout(args), "--peer-timeout"),
+    )
+
+
+def _drive_granting(
+    args: argparse.Namespace, world: "World", link: Link, stop: process.Stop
+) -> "Outcome | None":
+    """Drive in lock step with the ECU that answers; None where a stop is asked for before."""
+    from hil.realtime import lockstep, plant_loop, side_channel  # noqa: PLC0415
+    from hil.runs import phase  # noqa: PLC0415
+
+    channel: lockstep.Channel
+    if args.side_channel is None:
+        channel = lockstep.InBand(link, sends=lockstep.GRANT, hears=lockstep.ACKNOWLEDGEMENT)
+    else:
+        channel = side_channel.listen(args.side_channel, link)
+        print(f"grants at {channel.address}", flush=True)
+    ecu = lockstep.GrantedEcu(
+        link, channel, idents=TX_IDS, stop=stop, peer_timeout=peer_timeout(args)
+    )
+    print("plant waits for the ECU", flush=True)
+    if not ecu.greet(args.wait or None):
+        _check_stopped(args, stop)
+        return None
+    offset = 0
+    if args.phase is not None:
+        offset = phase.offset_ns(world_of(args), 1000 * ecu.tick_us, round(1e6 * args.phase))
+    print("plant runs", flush=True)
+    duration_ns = min(_duration_ns(args, world), world.duration_ns)
+    return plant_loop.run_granting(world, ecu, stop=stop, duration_ns=duration_ns, offset_ns=offset)
+
+
+def _duration_ns(args: argparse.Namespace, world: "World") -> int:
+    return nanoseconds(args.duration, "--duration") or world.duration_ns
+
+
+def _check_stopped(args: argparse.Namespace, stop: process.Stop) -> None:
+    if not stop.requested:
+        raise CanrollError(f"no ECU within {args.wait:g} s: start 'canroll ecu'")
 
 
 def world_of(args: argparse.Namespace) -> "World":

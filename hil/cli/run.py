@@ -81,6 +81,12 @@ def add_run_options(
         parser.add_argument("--speed", type=float, metavar="KMH", help=speed_help)
     parser.add_argument("--bus", help="500k, 125k_busy, gateway_20ms, gateway_50ms")
     parser.add_argument("--tick", type=float, metavar="MS", help="period of the loop (default: 10)")
+    parser.add_argument(
+        "--phase",
+        type=float,
+        metavar="MS",
+        help="start ticks so long after the Imu frames (default: as the seed has it)",
+    )
     parser.add_argument("--trigger", help="event or every (default: event)")
     parser.add_argument("--gains", help="computed, or as_printed in the law's paper")
     parser.add_argument(
@@ -147,6 +153,7 @@ def run_keywords(args: argparse.Namespace) -> dict[str, object]:
         "speed_kmh": args.speed,
         "bus": args.bus,
         "tick_ms": args.tick,
+        "phase_ms": args.phase,
         "trigger": args.trigger,
         "gains": args.gains,
         "feedforward": args.feedforward,
@@ -227,4 +234,4 @@ def answer(result: "Result", out: Path | None, *, as_json: bool) -> int:
         print(json.dumps(result.to_json()))
     else:
         terminal.show(result)
-    return 1 if result.helps is False else 0
+    return result.exit_code

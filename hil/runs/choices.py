@@ -19,6 +19,8 @@ class Choices(TypedDict, total=False):
         speed_kmh: entry speed; by default the vehicle's own for this manoeuvre.
         bus: profile: "500k", "125k_busy", "gateway_20ms" or "gateway_50ms".
         tick_ms: period of the ECU's loop, 1 to 20.
+        phase_ms: from the earliest arrival of an Imu frame to a tick; by default what clocks that
+            start together give, which is the seed's.
         trigger: "event" sends a command when it matters, "every" in each tick.
         gains: "computed", or "as_printed" for the numbers of the law's paper.
         feedforward: False leaves the disturbance feedforward out.
@@ -42,6 +44,7 @@ class Choices(TypedDict, total=False):
     speed_kmh: float | None
     bus: str | None
     tick_ms: float | None
+    phase_ms: float | None
     trigger: str | None
     gains: str | None
     feedforward: bool | None

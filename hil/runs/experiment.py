@@ -13,8 +13,9 @@ from canroll.typing import Progress
 from codegen.run import BACKENDS
 from codegen.run.backends import default_backend, open_backend
 from firmware.calibration import ONE
+from gain_gen.models.task import Delay
 from hil.runs import conditions as conditions_of
-from hil.runs import limit_cycle, metrics, standard, steering_replay
+from hil.runs import limit_cycle, metrics, phase, standard, steering_replay
 from hil.runs.choices import Choices
 from hil.runs.frozen import (
     COMMAND_TIMEOUT,
@@ -116,9 +117,12 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         options=tuple(sorted(options.items())),
         faults=tuple(faults),
         conditions=tuple(sorted(conditions.items())),
+        phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
     )
-    # an option that the manoeuvre does not know is refused here
+    # an option that the manoeuvre does not know is refused here, and a phase that cannot be
     _maneuver(settings)
+    if settings.phase is not None:
+        phase.checked_cycle_ns(round(settings.tick * 1e9), round(settings.phase * 1e9))
     return settings, controller
 
 
@@ -167,10 +171,31 @@ def drive(
         build_world(settings, enabled=enabled, maneuver=maneuver),
         open_backend(settings.backend, controller.record),
         tick_ns=round(settings.tick * 1e9),
+        offset_ns=tick_offset_ns(settings),
         duration_ns=None if duration is None else round(duration * 1e9),
         progress=None if progress is None else lambda share: progress(stage, share),
     )
     return trace if steer is None else steering_replay.with_path_error(trace, maneuver.drive)
+
+
+def tick_offset_ns(settings: Settings) -> int:
+    """Return the instant of tick 0: where the chosen phase puts it, else 0."""
+    if settings.phase is None:
+        return 0
+    world = build_world(replace(settings, faults=()), enabled=False)
+    return phase.offset_ns(world, round(settings.tick * 1e9), round(settings.phase * 1e9))
+
+
+def tick_phase_ns(settings: Settings) -> int:
+    """Return the phase that the ticks of virtual time have under ``settings``.
+
+    Raises:
+        CanrollError: they have none.
+    """
+    if settings.phase is not None:
+        return round(settings.phase * 1e9)
+    world = build_world(replace(settings, faults=()), enabled=False)
+    return phase.phase_ns(world, round(settings.tick * 1e9))
 
 
 def build_world(
@@ -203,6 +228,13 @@ def _maneuver(settings: Settings) -> maneuvers.Maneuver:
     )
 
 
+def delay_of(settings: Settings) -> Delay:
+    """Return the bounds of the sample-to-force delay under ``settings``, s."""
+    return sample_to_force(
+        settings.vehicle, settings.command, load_profile(settings.bus), tick=settings.tick
+    )
+
+
 def assess(
     settings: Settings,
     controller: Controller,
@@ -213,9 +245,7 @@ def assess(
     """Return the figures of a pair of runs, and of the replay where there is one."""
     maneuver = _maneuver(settings)
     seen = passive if controlled is None else controlled
-    delay = sample_to_force(
-        settings.vehicle, settings.command, load_profile(settings.bus), tick=settings.tick
-    )
+    delay = delay_of(settings)
     cycle = None
     if controlled is not None:
         cycle = limit_cycle.detect(
@@ -251,6 +281,7 @@ def assess(
         replay=replayed,
         replay_metrics=None if replayed is None else metrics.judge(replayed),
         warnings=tuple(warnings),
+        phase=phase.measured(seen.ticks["t"], seen.frames),
     )
 
 

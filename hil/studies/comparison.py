@@ -24,6 +24,7 @@ KEYS = {
     "speed": float,
     "bus": str,
     "tick": float,
+    "phase": float,
     "trigger": str,
     "gains": str,
     "backend": str,
@@ -31,7 +32,7 @@ KEYS = {
 }
 """What a run may be described by, as ``key=value``; the same names as the options of a run."""
 
-_KEYWORDS = {"speed": "speed_kmh", "tick": "tick_ms"}
+_KEYWORDS = {"speed": "speed_kmh", "tick": "tick_ms", "phase": "phase_ms"}
 
 
 @dataclass(frozen=True, slots=True)
