@@ -5,6 +5,7 @@ import json
 import tempfile
 from pathlib import Path
 
+from hil.cli.options import choices_of
 from hil.cli.realtime_table import show_timing
 from hil.realtime import session
 from hil.realtime.budget import budget_of, judge_host
@@ -19,14 +20,7 @@ def run(args: argparse.Namespace) -> int:
     Args:
         args: calibration or law, scenario, duration and json of ``canroll timing``.
     """
-    settings, controller = experiment.plan(
-        args.scenario,
-        calibration=args.calibration,
-        law=args.law,
-        observer=args.observer,
-        identification=args.identification or None,
-        duration=args.duration,
-    )
+    settings, controller = experiment.plan(args.scenario, **choices_of(args))
     limits = budget_of(controller.record, controller.tables)
     with tempfile.TemporaryDirectory(prefix="canroll-") as scratch:
         setup = session.Setup(

@@ -8,14 +8,13 @@ import vehicles
 from canroll.errors import CanrollError
 from firmware.signals import TX_IDS
 from hil.cli.ecu import add_loop_options, add_prepare_option, nanoseconds, peer_timeout
-from hil.cli.run import (
-    add_condition_options,
-    key_values,
-    maneuver_options,
-    path_named,
-)
+from hil.cli.options import add_choices, add_recording, add_scenario, choices_of
 from hil.realtime import process
 from hil.realtime.bus_link import Link, add_bus_arguments, has_bus, open_link
+from hil.runs.choices import CHOICES, chosen
+
+WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
+"""What a run can be asked for that concerns the plant."""
 
 if TYPE_CHECKING:
     from hil.realtime.plant_loop import Outcome
@@ -29,7 +28,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="the vehicle alone, on any python-can interface",
         description="Simulate the vehicle in real time for an ECU on a CAN bus.",
     )
-    parser.add_argument("scenario", help="double_lane_change, roundabout, …")
+    add_scenario(parser)
     add_bus_arguments(parser)
     parser.add_argument(
         "--serve",
@@ -37,31 +36,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         default="127.0.0.1:29536",
         help="without -i: the plant's own bus, for -i socketcand (default: %(default)s)",
     )
-    parser.add_argument("--vehicle", default="van_real", help="default: %(default)s")
-    parser.add_argument(
-        "--actuator", default="suspension", help="suspension, bars, dampers, valves"
-    )
+    add_choices(parser, (*WORLD, "duration"))
     parser.add_argument(
         "--command",
         dest="command_message",
         metavar="MESSAGE",
         help="what commands the actuators, where they take several messages",
     )
-    parser.add_argument("--plant", default="roll1", help="vehicle model (default: %(default)s)")
-    parser.add_argument("--speed", type=float, metavar="KMH", help="default: the vehicle's own")
-    parser.add_argument(
-        "--bus", default="500k", help="the modelled bus: 500k, 125k_busy, gateway_20ms, …"
-    )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="option of the manoeuvre, such as friction=0.6; may be repeated",
-    )
-    add_condition_options(parser)
-    parser.add_argument("--seed", type=int, default=0, help="default: 0")
-    parser.add_argument("--duration", type=float, metavar="S", help="default: the manoeuvre's")
     parser.add_argument(
         "--passive", action="store_true", help="the actuators acknowledge and do nothing"
     )
@@ -80,10 +61,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         metavar="MS",
         help="lock step: grant ticks so long after the Imu frames (default: as virtual time does)",
     )
-    parser.add_argument(
-        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
-    )
-    parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
+    add_recording(parser)
     parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
     parser.set_defaults(run=run)
 
@@ -218,29 +196,27 @@ def world_of(args: argparse.Namespace) -> "World":
         CanrollError: a name or number that cannot be.
     """
     from hil.runs import conditions  # noqa: PLC0415
-    from hil.runs.frozen import choose  # noqa: PLC0415
     from plant_sim import can_bus  # noqa: PLC0415
     from plant_sim.driving import maneuvers  # noqa: PLC0415
     from plant_sim.world.world import World  # noqa: PLC0415
 
-    vehicle = vehicles.load(args.vehicle)
-    choose("scenario", args.scenario, tuple(maneuvers.names()))
-    choose("actuator", args.actuator, vehicles.ACTUATORS)
-    if args.speed is not None and not args.speed > 0:
-        raise CanrollError(f"--speed {args.speed:g}: above 0 km/h")
+    choices = choices_of(args)
+    vehicle = vehicles.load(chosen(choices, "vehicle"))
     speed = maneuvers.default_speed(args.scenario, vehicle)
-    if args.speed is not None:
-        speed = args.speed / 3.6
-    options = maneuver_options(args.set) or {}
-    sensors, actuators = conditions.options(args.fault, key_values("--condition", args.condition))
+    if args.speed_kmh is not None:
+        speed = args.speed_kmh / 3.6
+    seed = chosen(choices, "seed")
+    sensors, actuators = conditions.options(
+        choices.get("faults", ()), choices.get("conditions", {})
+    )
     return World(
         vehicle=vehicle,
-        body=args.plant,
-        actuator=args.actuator,
+        body=chosen(choices, "plant"),
+        actuator=chosen(choices, "actuator"),
         command=args.command_message,
-        maneuver=maneuvers.build(args.scenario, vehicle, speed, args.seed, **options),
-        profile=can_bus.load_profile(args.bus),
-        seed=args.seed,
+        maneuver=maneuvers.build(args.scenario, vehicle, speed, seed, **choices.get("options", {})),
+        profile=can_bus.load_profile(chosen(choices, "bus")),
+        seed=seed,
         enabled=not args.passive,
         sensors=sensors,
         actuators=actuators,
