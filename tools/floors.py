@@ -13,7 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("canroll.errors",),
+    ("canroll.build_cache", "canroll.errors"),
     ("canroll.registry", "canroll.typing"),
     ("plant_sim.kernels", "dbc", "firmware", "vehicles"),
     ("plant_sim.can_bus.wire", "codegen.subset"),
@@ -39,7 +39,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
 )
 """Rooms, lowest floor first; the two lowest hold single files."""
 
-GROUND = ("canroll.errors", "canroll.registry", "canroll.typing")
+GROUND = ("canroll.build_cache", "canroll.errors", "canroll.registry", "canroll.typing")
 """Files of ``canroll`` that all may import; the rest of it is on the highest floor."""
 PACKAGES = ("canroll", "codegen", "dbc", "firmware", "gain_gen", "hil", "plant_sim", "tools")
 PACKAGES += ("vehicles",)

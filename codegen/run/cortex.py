@@ -22,10 +22,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll import build_cache
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.c99 import emit
 from codegen.run.ecu_traffic import EVENT
-from codegen.run.native import cache_folder
 from firmware.signals import TX_LENGTHS
 
 BOARD = Path(__file__).parents[1] / "board"
@@ -118,7 +118,7 @@ def built(
 ) -> Path:
     """Compile ``files`` by ``command`` into a cached file."""
     key = hashlib.sha256(repr((command, sorted(files.items()), last)).encode()).hexdigest()[:20]
-    target = cache_folder() / f"{key}_{name}"
+    target = build_cache.place("native", f"{key}_{name}")
     if target.exists():
         return target
     with tempfile.TemporaryDirectory(dir=target.parent) as temporary:

@@ -26,6 +26,7 @@ import cffi
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll import build_cache
 from canroll.errors import CanrollError
 from codegen.c99 import emit
 from codegen.run.ecu_traffic import EVENT, Traffic, refused
@@ -207,8 +208,7 @@ def build(files: Mapping[str, str], flags: Sequence[str] = FLAGS) -> Library:
     for part in (*sorted(files.items()), DECLARATIONS, BATCH, flags, version.stdout, sys.version):
         key.update(repr(part).encode())
     name = f"canroll_native_{key.hexdigest()[:20]}"
-    folder = cache_folder()
-    path = folder / f"{name}{sysconfig.get_config_var('EXT_SUFFIX')}"
+    path = build_cache.place("native", f"{name}{sysconfig.get_config_var('EXT_SUFFIX')}")
     if not path.exists():
         _compile(cc, files, flags, name, path)
     spec = importlib.util.spec_from_file_location(name, path)
@@ -216,14 +216,6 @@ def build(files: Mapping[str, str], flags: Sequence[str] = FLAGS) -> Library:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return Library(module)
-
-
-def cache_folder() -> Path:
-    """Where built libraries are kept: ``$XDG_CACHE_HOME/canroll/native``."""
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    folder = home / "canroll" / "native"
-    folder.mkdir(parents=True, exist_ok=True)
-    return folder
 
 
 def _compile(

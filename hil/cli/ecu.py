@@ -3,18 +3,27 @@
 import argparse
 from pathlib import Path
 
+import dbc
 from canroll.errors import CanrollError, VerdictError
 from codegen.run import BACKENDS
 from codegen.run.backends import default_backend, open_backend
+from firmware.signals import TX_IDS
 from gain_gen.calibration.calibration_file import load as load_calibration
-from hil.realtime import ecu_loop, process, tick_trace
-from hil.realtime.bus_link import add_bus_arguments, open_link
+from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
+from hil.realtime.bus_link import CanLink, add_bus_arguments, open_link
 from hil.realtime.hardware import bus_record
+from hil.realtime.phase_lock import PhaseLock
+from hil.runs import phase
 
 MODES = ("INIT", "ACTIVE", "DEGRADED", "SAFE")
 TRACE_SECONDS = 600
 FRAMES_PER_SECOND = 700
 """What the contract's messages come to, with room."""
+PACES = ("realtime", "lockstep")
+PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
+"""Silence after which the other side is taken to be gone, s: in lock step it may be slow."""
+DEFAULT_PHASE_MS = 2.0
+FREE = "free"
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -31,6 +40,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument("--duration", type=float, metavar="S", help="default: until stopped")
     add_loop_options(parser)
+    parser.add_argument(
+        "--phase",
+        type=phase_option,
+        metavar="MS",
+        help="start ticks so long after the Imu frames, 'free': by the ECU's own clock "
+        f"(default: {DEFAULT_PHASE_MS:g})",
+    )
     parser.add_argument("--trace", type=Path, metavar="FILE", help="write the trace of all ticks")
     parser.add_argument(
         "--replay", type=Path, metavar="FILE", help="run a trace again instead and compare"
@@ -41,13 +57,42 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 def add_loop_options(parser: argparse.ArgumentParser) -> None:
     """Add what ECU and plant both take about their loops."""
     parser.add_argument(
+        "--pace",
+        choices=PACES,
+        default="realtime",
+        help="lockstep: the plant grants each tick, as fast as both can (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--side-channel",
+        metavar="HOST:PORT",
+        help="lock step: grants on a TCP connection instead of frames of 29 bits on the bus",
+    )
+    parser.add_argument(
         "--peer-timeout",
         type=float,
-        default=0.8,
         metavar="S",
-        help="end when the other side falls silent, 0: stay and wait (default: %(default)g)",
+        help="end when the other side falls silent, 0: stay and wait "
+        "(default: {realtime:g}, in lock step {lockstep:g})".format(**PEER_TIMEOUT),
     )
     parser.add_argument("--cpu", type=int, metavar="N", help="core to run on")
+
+
+def phase_option(text: str) -> float | str:
+    """Return ``--phase``: a number of ms or "free"."""
+    return text if text == FREE else float(text)
+
+
+def peer_timeout(args: argparse.Namespace) -> float | None:
+    """Return the silence after which the other side is gone, s; None: it is waited for.
+
+    Raises:
+        CanrollError: it is negative, or there is a side channel without lock step.
+    """
+    if args.side_channel is not None and args.pace != "lockstep":
+        raise CanrollError("--side-channel carries the grants of --pace lockstep: give both")
+    given = PEER_TIMEOUT[args.pace] if args.peer_timeout is None else args.peer_timeout
+    nanoseconds(given, "--peer-timeout")
+    return given or None
 
 
 def add_prepare_option(parser: argparse.ArgumentParser) -> None:
@@ -78,8 +123,9 @@ def run(args: argparse.Namespace) -> int:
     if args.calibration is None:
         raise CanrollError("which controller? --calibration FILE, as 'canroll design' writes it")
     duration = nanoseconds(args.duration, "--duration")
-    peer_timeout = nanoseconds(args.peer_timeout, "--peer-timeout")
+    timeout = peer_timeout(args)
     calibration = load_calibration(args.calibration).record
+    lock = phase_lock(args, calibration.tick_us)
     ecu = open_backend(backend, calibration)
     link = open_link(args)
     seconds = args.duration + 1 if args.duration else TRACE_SECONDS
@@ -88,22 +134,41 @@ def run(args: argparse.Namespace) -> int:
         frames=round(seconds * (FRAMES_PER_SECOND + 1e6 / calibration.tick_us)),
     )
     with process.stop_on_signals() as stop:
-        notes = process.prepare(cpu=args.cpu, priority=process.ECU_PRIORITY)
+        notes = []
+        if args.pace == "realtime":
+            notes = process.prepare(cpu=args.cpu, priority=process.ECU_PRIORITY)
+            warm.rehearse_ecu(open_backend(backend, calibration), calibration)
         for note in notes:
             print(f"note: {note}", flush=True)
-        print(f"ECU runs every {calibration.tick_us / 1000:g} ms", flush=True)
         try:
-            outcome = ecu_loop.run(
-                ecu,
-                link,
-                recorder,
-                calibration,
-                stop=stop,
-                duration_ns=duration,
-                peer_timeout_ns=peer_timeout,
-            )
+            with warm.counted_compilations() as compiled:
+                print(f"ECU runs every {calibration.tick_us / 1000:g} ms", flush=True)
+                if args.pace == "realtime":
+                    outcome = ecu_loop.run(
+                        ecu,
+                        link,
+                        recorder,
+                        calibration,
+                        stop=stop,
+                        duration_ns=duration,
+                        peer_timeout_ns=nanoseconds(timeout, "--peer-timeout"),
+                        lock=lock,
+                    )
+                else:
+                    outcome = ecu_loop.run_granted(
+                        ecu,
+                        link,
+                        grants_of(args, link, calibration.tick_us, stop),
+                        recorder,
+                        calibration,
+                        stop=stop,
+                        duration_ns=duration,
+                        peer_timeout=timeout,
+                    )
         finally:
             link.close()
+        if lock is not None and not lock.locked:
+            notes.append("ticks not locked to the Imu frames: none came, or too irregularly")
         if args.trace is not None:
             about = {
                 "reason": outcome.reason,
@@ -114,6 +179,8 @@ def run(args: argparse.Namespace) -> int:
                 "received": link.received,
                 "failed": link.failed,
                 "full": recorder.full,
+                "compilations": compiled.count,
+                "pace": args.pace,
                 "bus": bus_record.about_of(link.record),
             }
             trace = tick_trace.TickTrace(
@@ -130,6 +197,39 @@ def run(args: argparse.Namespace) -> int:
         flush=True,
     )
     return 0
+
+
+def phase_lock(args: argparse.Namespace, tick_us: int) -> PhaseLock | None:
+    """Return what keeps the ticks at their phase; None where they run freely.
+
+    Raises:
+        CanrollError: the tick can have no phase, or not this one.
+    """
+    if args.phase is not None and args.pace == "lockstep":
+        raise CanrollError("--phase: in lock step the plant grants the ticks: give it there")
+    if args.phase == FREE or args.pace == "lockstep":
+        return None
+    if args.phase is None:
+        try:
+            cycle = phase.cycle_ns(1000 * tick_us)
+        except CanrollError:
+            return None
+        return PhaseLock(phase_ns=round(1e6 * DEFAULT_PHASE_MS) % cycle, cycle_ns=cycle)
+    wanted = round(1e6 * args.phase)
+    return PhaseLock(phase_ns=wanted, cycle_ns=phase.checked_cycle_ns(1000 * tick_us, wanted))
+
+
+def grants_of(
+    args: argparse.Namespace, link: CanLink, tick_us: int, stop: process.Stop
+) -> lockstep.Grants:
+    """Return the grants of the plant, on the bus or beside it."""
+    channel: lockstep.Channel
+    if args.side_channel is None:
+        channel = lockstep.InBand(link, sends=lockstep.ACKNOWLEDGEMENT, hears=lockstep.GRANT)
+    else:
+        channel = side_channel.connect(args.side_channel, link)
+    plants = {message.frame_id for message in dbc.load().messages}.difference(TX_IDS)
+    return lockstep.Grants(link, channel, idents=plants, tick_us=tick_us, stop=stop)
 
 
 def replay(path: Path, backend: str) -> int:

@@ -21,6 +21,8 @@ from codegen.run.ecu_traffic import Traffic
 from firmware.calibration import Calibration
 from gain_gen.calibration.freeze import physical_notes
 from gain_gen.calibration.record import identify
+from hil.cli.options import add_choices, choices_of
+from hil.cli.parsers import OF_A_DESIGN
 from hil.runs.experiment import build_world, plan
 from hil.runs.frozen import Controller
 from hil.runs.result import Settings
@@ -35,9 +37,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "export-c", help="export the controller as C99 with test vectors"
     )
     parser.add_argument("folder", type=Path, help="where the bundle goes")
-    parser.add_argument("--calibration", help="calibration.toml (default: design one)")
-    parser.add_argument("--law", help="law to design (default: the one of 'canroll run')")
-    parser.add_argument("--vehicle", help="vehicle to design for")
+    add_choices(parser, ("calibration", *OF_A_DESIGN))
     parser.add_argument(
         "--unverified", action="store_true", help="export even if a check of the design fails"
     )
@@ -59,9 +59,7 @@ def run(args: argparse.Namespace) -> int:
         raise CanrollError("--dbc and --map belong together: give both")
     settings, controller = plan(
         "double_lane_change",
-        calibration=args.calibration,
-        law=args.law,
-        vehicle=args.vehicle,
+        **choices_of(args),
         duration=3.0,
     )
     verified = bool(controller.tables["design"]["verified"])

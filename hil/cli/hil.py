@@ -1,4 +1,4 @@
-"""``canroll hil``: ECU and plant as two programs in real time, and the report of a run."""
+"""``canroll hil``: ECU and plant as two programs, in real time or in lock step, and the report."""
 
 import argparse
 import json
@@ -10,12 +10,19 @@ from typing import Any
 import can
 
 from canroll.errors import CanrollError
-from hil.cli.ecu import add_prepare_option
-from hil.cli.run import add_condition_options, add_run_options, path_named, run_keywords
+from hil.cli.ecu import PACES, add_prepare_option
+from hil.cli.options import (
+    OF_A_RUN,
+    add_answer,
+    add_choices,
+    add_recording,
+    choices_of,
+    folder_of,
+    scenario,
+)
 from hil.realtime.bus_link import add_bus_arguments, has_bus, options_of
 from hil.realtime.hardware.interfaces import INTERFACES, is_shared
 
-DEFAULT_OUT = Path("out")
 CHECKED = "double_lane_change"
 """The manoeuvre on whose frames ``--check`` times the firmware where none is named."""
 
@@ -27,15 +34,16 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="run ECU and plant as two processes in real time",
         description="Drive a manoeuvre in real time: ECU and vehicle are programs of their own.",
     )
-    parser.add_argument("scenario", nargs="?", help="double_lane_change, roundabout, …")
+    parser.add_argument(
+        "scenario", nargs="?", type=scenario, help="double_lane_change, roundabout, …"
+    )
     add_bus_arguments(parser)
     parser.add_argument(
         "--serve",
         metavar="HOST:PORT",
         help="without -i: the plant's own bus, for 'canroll watch' (default: a free port)",
     )
-    add_run_options(parser)
-    add_condition_options(parser)
+    add_choices(parser)
     parser.add_argument(
         "--passive",
         choices=("virtual", "hil"),
@@ -43,21 +51,27 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="how the run without control is made (default: %(default)s time)",
     )
     parser.add_argument(
+        "--pace",
+        choices=PACES,
+        default="realtime",
+        help="lockstep: the plant grants the ECU's ticks, the same on any machine however slow "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--side-channel",
+        nargs="?",
+        const="127.0.0.1:0",
+        metavar="HOST:PORT",
+        help="lock step: grants on a TCP connection instead of frames of 29 bits on the bus",
+    )
+    parser.add_argument(
         "--duration",
         type=float,
         metavar="S",
         help="where longer than the manoeuvre only the timing counts it",
     )
-    parser.add_argument(
-        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
-    )
-    parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
-    parser.add_argument(
-        "--out", type=path_named, metavar="DIR", help="folder for report, traces, … (default: out)"
-    )
-    parser.add_argument(
-        "--json", action="store_true", help="print one JSON object; files only with --out"
-    )
+    add_recording(parser)
+    add_answer(parser, "report, traces, …")
     add_prepare_option(parser)
     parser.add_argument(
         "--check",
@@ -100,7 +114,7 @@ def bus_options(args: argparse.Namespace) -> list[str]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Drive, report and write; 1 if the verdict is that control does not help."""
+    """Drive, report and write; 1 if control does not help, or the run is not valid."""
     if args.scenario is None and not args.check:
         raise CanrollError("which manoeuvre? Name one, such as double_lane_change")
     if args.check and not args.prepare:
@@ -112,10 +126,14 @@ def run(args: argparse.Namespace) -> int:
     from hil.runs.virtual_time import Interrupted  # noqa: PLC0415
 
     if args.prepare:
-        hil_run.prepare(args.scenario or CHECKED, duration=args.duration, **run_keywords(args))
+        hil_run.prepare(
+            args.scenario or CHECKED, duration=args.duration, **choices_of(args, OF_A_RUN)
+        )
         return 0
+    if args.side_channel is not None and args.pace != "lockstep":
+        raise CanrollError("--side-channel carries the grants of --pace lockstep: give both")
     refuse_one_adapter(args)
-    out = args.out or (None if args.json else DEFAULT_OUT)
+    out = folder_of(args)
     for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
             check_parent(check(path), out=out)
@@ -126,11 +144,13 @@ def run(args: argparse.Namespace) -> int:
                 args.scenario,
                 bus_options=bus_options(args),
                 folder=folder,
-                passive_in_real_time=args.passive == "hil",
+                passive_by_programs=args.passive == "hil",
                 duration=args.duration,
+                pace=args.pace,
+                side_channel=args.side_channel,
                 announce=(lambda text: None) if args.json else _announce,
                 serve=args.serve,
-                **run_keywords(args),
+                **choices_of(args, OF_A_RUN),
             )
         except Interrupted as stopped:
             if out is not None:
@@ -148,7 +168,7 @@ def run(args: argparse.Namespace) -> int:
             files = {**result.files, "timing": str(path), "ticks": str(out / "ticks.npz")}
             result = hil_run.with_files(result, files)
         report(result.to_json() | {"timing": timing}, args, result)
-    return 1 if result.helps is False else 0
+    return result.exit_code
 
 
 def refuse_one_adapter(args: argparse.Namespace) -> None:
@@ -173,7 +193,7 @@ def check_machine(args: argparse.Namespace) -> int:
         if getattr(args, option) is not None:
             raise CanrollError(f"--check writes no files: leave --{option} out")
     scenario = args.scenario or CHECKED
-    settings, controller = experiment.plan(scenario, **run_keywords(args))  # type: ignore[arg-type]
+    settings, controller = experiment.plan(scenario, **choices_of(args, OF_A_RUN))
     bus = round_trip.parse_bus(options) if (options := bus_options(args)) else None
     seen = measure.measure(
         settings,

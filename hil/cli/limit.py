@@ -3,55 +3,32 @@
 import argparse
 import json
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from canroll.errors import CanrollError
-from hil.cli.run import add_condition_options, add_run_options, run_keywords
-
-if TYPE_CHECKING:
-    from hil.runs.frozen import Controller
-    from hil.runs.result import Settings
-    from plant_sim.world.handling import SpeedLimit
-
+from hil.cli.options import choices_of
+from hil.runs import experiment
+from hil.runs.choices import PASSIVE
+from hil.runs.frozen import Controller
+from hil.runs.result import Settings
+from plant_sim.driving import maneuvers, standards
+from plant_sim.world import handling
+from plant_sim.world.handling import SpeedLimit
 
 JUDGED = ("double_lane_change", "fishhook", "j_turn", "moose", "sine_with_dwell")
 """Manoeuvres that have criteria to pass or fail by."""
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "limit",
-        help="highest speed at which a manoeuvre is still passed",
-        description="Bisect the entry speed for the highest at which the manoeuvre's criteria are "
-        "met, without and with control: no two wheels of a side two inches off the road, no cone "
-        "hit, the yaw rate decayed, whatever its standard asks for.",
-    )
-    parser.add_argument("scenario", help="fishhook, j_turn, double_lane_change, moose, …")
-    add_run_options(parser, plant="nonlinear", speed_help=argparse.SUPPRESS)
-    add_condition_options(parser)
-    parser.add_argument("--from", dest="low", type=float, default=30.0, metavar="KMH")
-    parser.add_argument("--to", dest="high", type=float, metavar="KMH", help="default: fastest")
-    parser.add_argument(
-        "--tolerance", type=float, default=0.5, metavar="KMH", help="final bracket (default: 0.5)"
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.set_defaults(run=run)
-
-
 def find(
-    settings: "Settings",
-    controller: "Controller",
+    settings: Settings,
+    controller: Controller,
     *,
     enabled: bool,
     low: float,
     high: float,
     tolerance: float,
-) -> "SpeedLimit":
+) -> SpeedLimit:
     """Bisect the entry speed between ``low`` and ``high``; speeds and ``tolerance`` in m/s."""
-    from hil.runs import experiment  # noqa: PLC0415 - loads compiled kernels
-    from plant_sim.driving import standards  # noqa: PLC0415
-    from plant_sim.world import handling  # noqa: PLC0415
 
     def fails(speed: float) -> bool:
         trace = experiment.drive(replace(settings, speed=speed), controller, enabled=enabled)
@@ -65,13 +42,7 @@ def find(
 
 def run(args: argparse.Namespace) -> int:
     """Bisect without and with control and print both limits; 0 whatever they are."""
-    from hil.runs import experiment  # noqa: PLC0415 - loads compiled kernels
-    from hil.runs.frozen import PASSIVE  # noqa: PLC0415
-    from plant_sim.driving import maneuvers  # noqa: PLC0415
 
-    keywords: dict[str, Any] = {"plant": "nonlinear", **run_keywords(args)}
-    if keywords.pop("speed_kmh", None) is not None:
-        raise CanrollError("--speed is what is looked for: give --from and --to instead")
     slowest, fastest = (speed * 3.6 for speed in maneuvers.speed_range(args.scenario))
     if args.scenario not in JUDGED:
         raise CanrollError(
@@ -85,7 +56,7 @@ def run(args: argparse.Namespace) -> int:
         )
     if not 0.01 <= args.tolerance <= high - args.low:
         raise CanrollError(f"tolerance {args.tolerance:g} km/h: must lie in 0.01 to the range")
-    settings, controller = experiment.plan(args.scenario, **keywords)
+    settings, controller = experiment.plan(args.scenario, **choices_of(args))
     bracket = {
         "low": args.low / 3.6,
         "high": high / 3.6,
@@ -114,14 +85,14 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _kmh(limit: "SpeedLimit") -> dict[str, float | None]:
+def _kmh(limit: SpeedLimit) -> dict[str, float | None]:
     speeds = {"passed_kmh": limit.passed, "failed_kmh": limit.failed}
     return {
         name: None if speed is None else round(speed * 3.6, 3) for name, speed in speeds.items()
     }
 
 
-def _words(limit: "SpeedLimit") -> str:
+def _words(limit: SpeedLimit) -> str:
     if limit.passed is None:
         return f"fails already at {(limit.failed or 0.0) * 3.6:.1f} km/h"
     if limit.failed is None:

@@ -6,17 +6,18 @@ from typing import TYPE_CHECKING
 
 import vehicles
 from canroll.errors import CanrollError
-from hil.cli.ecu import add_loop_options, add_prepare_option, nanoseconds
-from hil.cli.run import (
-    add_condition_options,
-    key_values,
-    maneuver_options,
-    path_named,
-)
+from firmware.signals import TX_IDS
+from hil.cli.ecu import add_loop_options, add_prepare_option, nanoseconds, peer_timeout
+from hil.cli.options import add_choices, add_recording, add_scenario, choices_of
 from hil.realtime import process
 from hil.realtime.bus_link import Link, add_bus_arguments, has_bus, open_link
+from hil.runs.choices import CHOICES, chosen
+
+WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
+"""What a run can be asked for that concerns the plant."""
 
 if TYPE_CHECKING:
+    from hil.realtime.plant_loop import Outcome
     from plant_sim.world.world import World
 
 
@@ -27,7 +28,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="the vehicle alone, on any python-can interface",
         description="Simulate the vehicle in real time for an ECU on a CAN bus.",
     )
-    parser.add_argument("scenario", help="double_lane_change, roundabout, …")
+    add_scenario(parser)
     add_bus_arguments(parser)
     parser.add_argument(
         "--serve",
@@ -35,31 +36,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         default="127.0.0.1:29536",
         help="without -i: the plant's own bus, for -i socketcand (default: %(default)s)",
     )
-    parser.add_argument("--vehicle", default="van_real", help="default: %(default)s")
-    parser.add_argument(
-        "--actuator", default="suspension", help="suspension, bars, dampers, valves"
-    )
+    add_choices(parser, (*WORLD, "duration"))
     parser.add_argument(
         "--command",
         dest="command_message",
         metavar="MESSAGE",
         help="what commands the actuators, where they take several messages",
     )
-    parser.add_argument("--plant", default="roll1", help="vehicle model (default: %(default)s)")
-    parser.add_argument("--speed", type=float, metavar="KMH", help="default: the vehicle's own")
-    parser.add_argument(
-        "--bus", default="500k", help="the modelled bus: 500k, 125k_busy, gateway_20ms, …"
-    )
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="KEY=VALUE",
-        help="option of the manoeuvre, such as friction=0.6; may be repeated",
-    )
-    add_condition_options(parser)
-    parser.add_argument("--seed", type=int, default=0, help="default: 0")
-    parser.add_argument("--duration", type=float, metavar="S", help="default: the manoeuvre's")
     parser.add_argument(
         "--passive", action="store_true", help="the actuators acknowledge and do nothing"
     )
@@ -73,16 +56,19 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     add_loop_options(parser)
     add_prepare_option(parser)
     parser.add_argument(
-        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
+        "--phase",
+        type=float,
+        metavar="MS",
+        help="lock step: grant ticks so long after the Imu frames (default: as virtual time does)",
     )
-    parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
+    add_recording(parser)
     parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Simulate until the manoeuvre is over, the ECU is lost or a signal comes."""
-    from hil.realtime import plant_loop, plant_record  # noqa: PLC0415
+    from hil.realtime import plant_loop, plant_record, warm  # noqa: PLC0415
     from hil.realtime.hardware import bus_record  # noqa: PLC0415
     from hil.report.run_folder import check_parent  # noqa: PLC0415
     from hil.runs import logs, signal_files  # noqa: PLC0415 - loads compiled kernels
@@ -90,39 +76,35 @@ def run(args: argparse.Namespace) -> int:
     for path, check in ((args.log, logs.check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
             check_parent(check(path))
-    peer_timeout = nanoseconds(args.peer_timeout, "--peer-timeout")
-    duration = nanoseconds(args.duration, "--duration")
+    peer_timeout(args)
+    nanoseconds(args.duration, "--duration")
+    if args.phase is not None and args.pace != "lockstep":
+        raise CanrollError("--phase: in real time the ECU keeps it: give it to 'canroll ecu'")
     # compiled before the clock runs: this world is thrown away
     world_of(args).advance(plant_loop.STEP_NS)
     if args.prepare:
         return 0
     world = world_of(args)
     with process.stop_on_signals() as stop:
-        notes = process.prepare(cpu=args.cpu, priority=process.PLANT_PRIORITY)
+        notes = []
+        if args.pace == "realtime":
+            notes = process.prepare(cpu=args.cpu, priority=process.PLANT_PRIORITY)
+            warm.rehearse_plant(lambda: world_of(args))
         for note in notes:
             print(f"note: {note}", flush=True)
         link = _link(args)
         try:
-            if args.wait > 0:
-                print("plant waits for the ECU", flush=True)
-                if not plant_loop.wait_for_ecu(link, stop=stop, timeout=args.wait):
-                    if stop.requested:
-                        return 0
-                    raise CanrollError(f"no ECU within {args.wait:g} s: start 'canroll ecu'")
-            print("plant runs", flush=True)
-            outcome = plant_loop.run(
-                world,
-                link,
-                stop=stop,
-                duration_ns=duration or world.duration_ns,
-                peer_timeout_ns=peer_timeout,
-            )
+            with warm.counted_compilations() as compiled:
+                drive = _drive_granting if args.pace == "lockstep" else _drive
+                outcome = drive(args, world, link, stop)
         finally:
             link.close()
-        late = outcome.loop[:, 0].max() / 1e6
+        if outcome is None:
+            return 0
+        late = outcome.loop[:, 0].max(initial=0) / 1e6
         print(
-            f"plant ends ({outcome.reason}) after {world.now_ns * 1e-9:.2f} s, "
-            f"at most {late:.1f} ms late",
+            f"plant ends ({outcome.reason}) after {world.now_ns * 1e-9:.2f} s"
+            + (f", at most {late:.1f} ms late" if len(outcome.loop) else ""),
             flush=True,
         )
         if args.record is not None:
@@ -135,6 +117,8 @@ def run(args: argparse.Namespace) -> int:
                 "sent": link.sent,
                 "received": link.received,
                 "failed": link.failed,
+                "compilations": compiled.count,
+                "pace": args.pace,
                 "bus": bus_record.about_of(link.record),
             }
             plant_record.save(
@@ -147,6 +131,64 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def _drive(
+    args: argparse.Namespace, world: "World", link: Link, stop: process.Stop
+) -> "Outcome | None":
+    """Drive in step with the clock once an ECU is heard; None where a stop is asked for before."""
+    from hil.realtime import plant_loop  # noqa: PLC0415
+
+    if args.wait > 0:
+        print("plant waits for the ECU", flush=True)
+        if not plant_loop.wait_for_ecu(link, stop=stop, timeout=args.wait):
+            _check_stopped(args, stop)
+            return None
+    print("plant runs", flush=True)
+    return plant_loop.run(
+        world,
+        link,
+        stop=stop,
+        duration_ns=_duration_ns(args, world),
+        peer_timeout_ns=nanoseconds(peer_timeout(args), "--peer-timeout"),
+    )
+
+
+def _drive_granting(
+    args: argparse.Namespace, world: "World", link: Link, stop: process.Stop
+) -> "Outcome | None":
+    """Drive in lock step with the ECU that answers; None where a stop is asked for before."""
+    from hil.realtime import lockstep, plant_loop, side_channel  # noqa: PLC0415
+    from hil.runs import phase  # noqa: PLC0415
+
+    channel: lockstep.Channel
+    if args.side_channel is None:
+        channel = lockstep.InBand(link, sends=lockstep.GRANT, hears=lockstep.ACKNOWLEDGEMENT)
+    else:
+        channel = side_channel.listen(args.side_channel, link)
+        print(f"grants at {channel.address}", flush=True)
+    ecu = lockstep.GrantedEcu(
+        link, channel, idents=TX_IDS, stop=stop, peer_timeout=peer_timeout(args)
+    )
+    print("plant waits for the ECU", flush=True)
+    if not ecu.greet(args.wait or None):
+        _check_stopped(args, stop)
+        return None
+    offset = 0
+    if args.phase is not None:
+        offset = phase.offset_ns(world_of(args), 1000 * ecu.tick_us, round(1e6 * args.phase))
+    print("plant runs", flush=True)
+    duration_ns = min(_duration_ns(args, world), world.duration_ns)
+    return plant_loop.run_granting(world, ecu, stop=stop, duration_ns=duration_ns, offset_ns=offset)
+
+
+def _duration_ns(args: argparse.Namespace, world: "World") -> int:
+    return nanoseconds(args.duration, "--duration") or world.duration_ns
+
+
+def _check_stopped(args: argparse.Namespace, stop: process.Stop) -> None:
+    if not stop.requested:
+        raise CanrollError(f"no ECU within {args.wait:g} s: start 'canroll ecu'")
+
+
 def world_of(args: argparse.Namespace) -> "World":
     """Return the world that the options describe, at time 0.
 
@@ -154,29 +196,27 @@ def world_of(args: argparse.Namespace) -> "World":
         CanrollError: a name or number that cannot be.
     """
     from hil.runs import conditions  # noqa: PLC0415
-    from hil.runs.frozen import choose  # noqa: PLC0415
     from plant_sim import can_bus  # noqa: PLC0415
     from plant_sim.driving import maneuvers  # noqa: PLC0415
     from plant_sim.world.world import World  # noqa: PLC0415
 
-    vehicle = vehicles.load(args.vehicle)
-    choose("scenario", args.scenario, tuple(maneuvers.names()))
-    choose("actuator", args.actuator, vehicles.ACTUATORS)
-    if args.speed is not None and not args.speed > 0:
-        raise CanrollError(f"--speed {args.speed:g}: above 0 km/h")
+    choices = choices_of(args)
+    vehicle = vehicles.load(chosen(choices, "vehicle"))
     speed = maneuvers.default_speed(args.scenario, vehicle)
-    if args.speed is not None:
-        speed = args.speed / 3.6
-    options = maneuver_options(args.set) or {}
-    sensors, actuators = conditions.options(args.fault, key_values("--condition", args.condition))
+    if args.speed_kmh is not None:
+        speed = args.speed_kmh / 3.6
+    seed = chosen(choices, "seed")
+    sensors, actuators = conditions.options(
+        choices.get("faults", ()), choices.get("conditions", {})
+    )
     return World(
         vehicle=vehicle,
-        body=args.plant,
-        actuator=args.actuator,
+        body=chosen(choices, "plant"),
+        actuator=chosen(choices, "actuator"),
         command=args.command_message,
-        maneuver=maneuvers.build(args.scenario, vehicle, speed, args.seed, **options),
-        profile=can_bus.load_profile(args.bus),
-        seed=args.seed,
+        maneuver=maneuvers.build(args.scenario, vehicle, speed, seed, **choices.get("options", {})),
+        profile=can_bus.load_profile(chosen(choices, "bus")),
+        seed=seed,
         enabled=not args.passive,
         sensors=sensors,
         actuators=actuators,

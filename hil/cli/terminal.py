@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import astuple
 
 import rich.table
 from rich.console import Console as RichConsole
@@ -77,8 +78,8 @@ def show_files(files: Mapping[str, str]) -> None:
 
 
 def show(result: Result) -> None:
-    """Print title, verdict, warnings, figures and files of a run."""
-    console = Console(highlight=False)
+    """Print title, verdict, warnings, figures and files of a run; dim what says nothing."""
+    console = Console(highlight=False, style="dim" if result.not_valid else "")
     settings = result.settings
     console.print(
         f"[bold]{settings.scenario.replace('_', ' ')}[/bold], {settings.vehicle.name} at "
@@ -89,7 +90,8 @@ def show(result: Result) -> None:
     console.print()
     head = metric_head(result, "passive", "controlled")
     console.print(_table(head, [(row.name, *row.numbers) for row in metric_rows(result)]))
-    told = [text for text in (replay_note(result), *standard.lines(result.standard)) if text]
+    judged = () if result.not_valid else standard.lines(result.standard)
+    told = [text for text in (replay_note(result), *judged) if text]
     if told:
         console.print("\n" + "\n".join(told), soft_wrap=True, markup=False)
     console.print()
@@ -103,4 +105,9 @@ def show(result: Result) -> None:
         f"(heartbeats alone: {100 * trigger.floor:.0f} %)",
         soft_wrap=True,
     )
+    if result.phase is not None:
+        least, mean, most = (1e3 * value for value in astuple(result.phase))
+        console.print(
+            f"a tick starts {mean:.2f} ms after the newest Imu frame ({least:.2f} to {most:.2f} ms)"
+        )
     show_files(result.files)

@@ -7,45 +7,15 @@ from dataclasses import replace
 from canroll.errors import CanrollError
 from codegen.run import cortex, qemu, unicorn
 from codegen.run.backends import Recorder, open_backend
-from codegen.run.cortex import CPUS, Run
+from codegen.run.cortex import Run
 from codegen.run.ecu_traffic import Traffic
 from codegen.run.footprint import Footprint, footprint
 from hil.cli import host_timing
+from hil.cli.options import choices_of
 from hil.realtime.budget import Budget, budget_of
 from hil.runs.experiment import build_world, plan
 from hil.runs.frozen import Controller
 from hil.runs.virtual_time import closed_loop
-
-
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "timing", help="instructions, stack and sizes on the target; budget verdict"
-    )
-    parser.add_argument("--calibration", help="calibration.toml (default: design one)")
-    parser.add_argument("--law", help="law to design (default: the one of 'canroll run')")
-    parser.add_argument("--observer", help="observer to design it with")
-    parser.add_argument("--scenario", default="double_lane_change", help="manoeuvre to replay")
-    parser.add_argument("--duration", type=float, default=5.0, help="s of it (default: 5)")
-    parser.add_argument(
-        "--identification", action="store_true", help="with run-time identification"
-    )
-    parser.add_argument(
-        "--backend",
-        default="cortex-m4",
-        choices=tuple(CPUS),
-        help="processor (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--counter",
-        choices=("qemu", "unicorn"),
-        help="what counts (default: qemu where it is installed)",
-    )
-    parser.add_argument(
-        "--hil", action="store_true", help="run in real time and judge tick, latency and misses"
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,22 +27,17 @@ def run(args: argparse.Namespace) -> int:
     counter = args.counter or ("qemu" if cortex.has_gcc_and_qemu() else "unicorn")
     if counter == "qemu" and not cortex.has_gcc_and_qemu():
         raise CanrollError("--counter qemu needs gcc-arm-none-eabi and qemu-system-arm installed")
-    replayed = (qemu.replay if counter == "qemu" else unicorn.replay)(record, traffic, args.backend)
-    image = (cortex.gcc_image if counter == "qemu" else cortex.zig_image)(args.backend)
+    replayed = (qemu.replay if counter == "qemu" else unicorn.replay)(
+        record, traffic, args.processor
+    )
+    image = (cortex.gcc_image if counter == "qemu" else cortex.zig_image)(args.processor)
     limits = budget_of(record, controller.tables)
     return report(limits, replayed, footprint(image), as_json=args.json)
 
 
 def recorded(args: argparse.Namespace) -> tuple[Controller, Traffic]:
     """Drive the manoeuvre in virtual time; return the controller and what the ECU received."""
-    settings, controller = plan(
-        args.scenario,
-        calibration=args.calibration,
-        law=args.law,
-        observer=args.observer,
-        identification=args.identification or None,
-        duration=args.duration,
-    )
+    settings, controller = plan(args.scenario, **choices_of(args))
     recorder = Recorder(open_backend(settings.backend, controller.record))
     closed_loop(
         build_world(replace(settings), enabled=True),

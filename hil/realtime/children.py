@@ -10,11 +10,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import IO
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, VerdictError
 
-START = 120.0
-"""Time a child may take to be ready, s: a plant that was never run compiles first."""
-GRACE = 10.0
+START = 1800.0
+"""Time a child may take to be ready, s: a plant that was never run compiles first, and a machine
+may be slow. One that has ended is noticed at once."""
+GRACE = 60.0
 """Time a child may take to write its files after it was asked to end, s; then it is killed."""
 
 
@@ -57,9 +58,24 @@ class Program:
             self.running.send_signal(signal.SIGTERM)
 
     def last_words(self) -> str:
-        """Return its last line on stderr, without the program's name."""
+        """Return its last line on stderr, under its name."""
         lines = self.errors.read().decode(errors="replace").strip().splitlines()
-        return lines[-1].removeprefix("canroll: ") if lines else "no reason given"
+        told = lines[-1].removeprefix("canroll: ") if lines else "no reason given"
+        return f"{self.name}: {told}"
+
+    def failure(self) -> CanrollError:
+        """Return why it ended: its last words, or what killed it."""
+        self.listen()
+        code = self.running.returncode
+        if code < 0:
+            return VerdictError(
+                f"not valid: the {self.name} was killed by {signal.Signals(-code).name}"
+            )
+        if code == 0:
+            ended = (self.said.strip().splitlines() or [f"{self.name} ends"])[-1]
+            return VerdictError(f"not valid: {ended}, before the other side did")
+        words = self.last_words()
+        return VerdictError(words) if code == VerdictError.exit_code else CanrollError(words)
 
 
 def start(children: list[Program], name: str, arguments: list[str]) -> Program:
@@ -84,6 +100,7 @@ def wait_for(child: Program, prefix: str, other: Program | None = None) -> str:
 
     Raises:
         CanrollError: it, or ``other``, has ended instead, or it takes too long to start.
+        VerdictError: one of them was killed, or ended with a verdict.
     """
     until = time.monotonic() + START
     with selectors.DefaultSelector() as selector:
@@ -94,10 +111,28 @@ def wait_for(child: Program, prefix: str, other: Program | None = None) -> str:
             if line := child.line(prefix):
                 return line
             if ended:
-                raise CanrollError(f"{ended[0].name}: {ended[0].last_words()}")
+                raise ended[0].failure()
             if other is None and time.monotonic() > until:
                 raise CanrollError(f"{child.name}: not ready within {START:g} s")
             selector.select(0.1)
+
+
+def check_ended(child: Program) -> None:
+    """Wait until a program that has been asked to end, or ends by itself, has written its files.
+
+    Raises:
+        CanrollError: it failed.
+        VerdictError: it failed with a verdict, was killed, or does not end.
+    """
+    try:
+        child.running.wait(GRACE)
+    except subprocess.TimeoutExpired as error:
+        raise VerdictError(
+            f"not valid: the {child.name} does not end within {GRACE:g} s"
+        ) from error
+    # one that had ended by itself, its files written, dies of being asked to
+    if child.running.returncode not in (0, -signal.SIGTERM):
+        raise child.failure()
 
 
 def stop(children: list[Program]) -> None:

@@ -1,6 +1,7 @@
-"""The ECU's loop at absolute deadlines.
+"""The ECU's loop: at absolute deadlines, or tick by tick as the plant grants them.
 
-Tick k is due at a fixed instant on the monotonic clock, so lateness never adds up. A tick that
+Tick k is due at a fixed instant on the monotonic clock, so lateness never adds up; one that is
+locked to the sensor moves with the sensor's clock. A tick that
 would start a whole period late, or that runs into the next deadline, makes the loop skip: the
 firmware is told how many periods went by, as on a microcontroller whose timer kept counting, and
 nothing is caught up. Inside a tick nothing is logged, nothing waits and no collection runs.
@@ -16,10 +17,15 @@ from firmware.signals import RX_IDS, TX_IDS, TX_LENGTHS, pack
 from firmware.state import SAFE, Ecu
 from firmware.transmit import queue
 from hil.realtime.bus_link import Frame, Link
+from hil.realtime.lockstep import Grants
+from hil.realtime.phase_lock import PhaseLock
 from hil.realtime.process import Stop, collector_off
 from hil.realtime.tick_trace import Recorder
+from hil.runs.phase import IMU
 
 STOPPED, PEER_LOST, DURATION = "stopped", "peer lost", "duration over"
+AWAKE_NS = 300_000
+"""The bus is not waited on for the last bit of a period: not every driver's timeout is exact."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +47,7 @@ def run(
     stop: Stop,
     duration_ns: int | None = None,
     peer_timeout_ns: int | None = None,
+    lock: PhaseLock | None = None,
 ) -> Outcome:
     """Run ``ecu`` on ``link`` until it is told to stop, the vehicle is lost or the time is over.
 
@@ -54,8 +61,9 @@ def run(
         stop: looked at once a tick.
         duration_ns: end after this time.
         peer_timeout_ns: end when the vehicle, once heard, is silent for as long; None: never.
+        lock: keeps the ticks at a phase after the Imu frames; None: the clock runs freely.
     """
-    clock, sleep = time.monotonic_ns, time.sleep
+    clock = time.monotonic_ns
     period = calibration.tick_us * 1000
     command_id, command = TX_IDS[command_slot(calibration)], bytes(8)
     ours = frozenset(RX_IDS)
@@ -66,13 +74,14 @@ def run(
         began = clock()
         deadline = began + period
         while True:
-            while (wait := deadline - clock()) > 0:
-                sleep(wait * 1e-9)
+            if lock is not None:
+                deadline += lock.correction(deadline)
+            frames = _wait(link, deadline, lock)
             start = clock()
             late = (start - deadline) // period
             elapsed += late
             number += elapsed
-            for ident, payload in link.receive():
+            for ident, payload in [*frames, *link.receive()]:
                 if ident in ours:
                     ecu.receive(ident, payload, len(payload))
                     recorder.consumed(ident, payload)
@@ -100,6 +109,81 @@ def run(
             deadline = due + skipped * period
         link.send(*zero_command(calibration, command))
     return Outcome(reason, ticks, number - ticks, ecu.state.mode)
+
+
+def _wait(link: Link, deadline: int, lock: PhaseLock | None) -> list[Frame]:
+    """Wait for a deadline; return the frames of 11 bits that came in meanwhile.
+
+    Only a lock needs to know when they came: without one they wait in the driver.
+    """
+    frames = []
+    while (rest := deadline - time.monotonic_ns()) > 0:
+        if lock is None or rest <= AWAKE_NS:
+            time.sleep(rest * 1e-9)
+        elif (frame := link.next((rest - AWAKE_NS) * 1e-9)) is not None:
+            if frame[0] == IMU:
+                lock.arrived(time.monotonic_ns())
+            frames.append(frame)
+    return frames
+
+
+def run_granted(
+    ecu: Backend,
+    link: Link,
+    grants: Grants,
+    recorder: Recorder,
+    calibration: Calibration,
+    *,
+    stop: Stop,
+    duration_ns: int | None = None,
+    peer_timeout: float | None = None,
+) -> Outcome:
+    """Run ``ecu`` in lock step: a tick for every grant, whenever that comes.
+
+    In the trace tick k is due, and starts, at k periods; how long it took is the clock's.
+
+    Args:
+        ecu: initialised from ``calibration``.
+        link: the bus.
+        grants: of the plant.
+        recorder: takes the trace.
+        calibration: names the period and the command message.
+        stop: looked at while waiting.
+        duration_ns: end after so much granted time.
+        peer_timeout: time without a grant after which the plant is lost, s; None: never.
+
+    Raises:
+        VerdictError: frames were lost.
+    """
+    period = calibration.tick_us * 1000
+    command_id, command = TX_IDS[command_slot(calibration)], bytes(8)
+    number = ticks = 0
+    reason = DURATION
+    with collector_off():
+        while duration_ns is None or number * period < duration_ns:
+            grant = grants.wait(peer_timeout)
+            if grant is None:
+                reason = STOPPED if stop.requested else PEER_LOST
+                break
+            began = time.monotonic_ns()
+            elapsed = grant.number - number if 0 < number < grant.number else 1
+            number = grant.number
+            for ident, payload in grant.frames:
+                ecu.receive(ident, payload, len(payload))
+                recorder.consumed(ident, payload)
+            answer = ecu.tick(elapsed)
+            for ident, payload in answer:
+                link.send(ident, payload)
+                recorder.sent(ident, payload)
+                if ident == command_id:
+                    command = payload
+            grants.done(len(answer))
+            due = number * period
+            recorder.tick(number, elapsed, due, due, due + time.monotonic_ns() - began)
+            ticks += 1
+        link.send(*zero_command(calibration, command))
+        grants.end(1)
+    return Outcome(reason, ticks, 0, ecu.state.mode)
 
 
 def zero_command(calibration: Calibration, last: bytes) -> Frame:

@@ -1,4 +1,4 @@
-"""A manoeuvre in real time, judged as a run in virtual time is."""
+"""A manoeuvre driven by two programs, judged as a run in virtual time is."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,8 +10,8 @@ import numpy as np
 from codegen.run.backends import open_backend
 from hil.realtime import session
 from hil.runs import experiment
+from hil.runs.choices import PASSIVE
 from hil.runs.experiment import with_files
-from hil.runs.frozen import PASSIVE
 from hil.runs.result import Result
 from hil.runs.trace import Trace
 
@@ -23,20 +23,24 @@ def run(
     *,
     bus_options: Sequence[str] = (),
     folder: Path,
-    passive_in_real_time: bool = False,
+    passive_by_programs: bool = False,
     duration: float | None = None,
+    pace: str = "realtime",
+    side_channel: str | None = None,
     announce: Callable[[str], None] = lambda text: None,
     serve: str | None = None,
     **keywords: Any,  # noqa: ANN401
 ) -> tuple[Result, dict[str, Any]]:
-    """Drive a manoeuvre in real time and return the result and its ``timing`` object.
+    """Drive a manoeuvre by two programs and return the result and its ``timing`` object.
 
     Args:
         scenario: name of the manoeuvre.
         bus_options: python-can's options, as on the command line; empty: the plant's own bus.
         folder: where calibration and traces of both programs are left.
-        passive_in_real_time: drive the run without control in real time too.
+        passive_by_programs: drive the run without control by the two programs too.
         duration: s; beyond the manoeuvre only the timing counts.
+        pace: "realtime", or "lockstep": the plant grants the ECU's ticks.
+        side_channel: address for the grants of lock step; None: the bus carries them.
         announce: told in a few words what is under way.
         serve: ``HOST:PORT`` of the plant's own bus; None: a free port on loopback.
         keywords: of :func:`hil.runs.experiment.plan`.
@@ -51,9 +55,11 @@ def run(
     setup = session.Setup(
         bus_options=bus_options,
         folder=folder,
-        cores=session.choose_cores(),
+        cores=session.choose_cores() if pace == "realtime" else None,
         duration=duration,
         announce=announce,
+        pace=pace,
+        side_channel=side_channel,
         serve=serve,
     )
     timing: dict[str, Any] = {}
@@ -62,10 +68,11 @@ def run(
         announce("starting plant and ECU")
         trace, timing = session.drive(settings, controller, setup, enabled=True)
         controlled = cut(trace, judged)
-    if passive_in_real_time or controlled is None:
+    if passive_by_programs or controlled is None:
         trace, passive_timing = session.drive(settings, controller, setup, enabled=False)
         passive = cut(trace, judged)
-        timing = timing or passive_timing
+        invalid = [*timing.get("not_valid", ()), *passive_timing["not_valid"]]
+        timing = (timing or passive_timing) | {"not_valid": invalid, "valid": not invalid}
     else:
         announce("without control in virtual time")
         passive = experiment.drive(settings, controller, enabled=False, duration=duration)

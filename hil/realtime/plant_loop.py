@@ -14,19 +14,25 @@ from numpy.typing import NDArray
 
 from firmware.signals import TX_IDS
 from hil.realtime.bus_link import Link
+from hil.realtime.lockstep import GrantedEcu, PeerLostError
 from hil.realtime.process import Stop, collector_off
+from hil.runs.virtual_time import ticks
 from plant_sim.world.world import World
 
 FINISHED, STOPPED, PEER_LOST, NO_PEER = "finished", "stopped", "peer lost", "no ECU"
 
-STEP_NS = 1_000_000
+STEP_NS = 500_000
+"""Period of the loop: frames wait for it in both directions, so it is half the body's step."""
+LAST_NS = 100_000_000
+"""Time that a plant in lock step goes on for when the ECU has said that it ends."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """How the loop ended: why, the monotonic instants of plant time 0 and the end.
 
-    ``loop``: lateness of every period against its deadline and its duration, ns, shape (n, 2).
+    ``loop``: lateness of every period against its deadline and its duration, ns, shape (n, 2);
+    none in lock step, which has no clock. Plant time 0 is then the instant 0.
     """
 
     reason: str
@@ -94,3 +100,37 @@ def run(
                 break
             deadline += step_ns * max(1, -(-(end - deadline) // step_ns))
     return Outcome(reason, began, clock(), loop[:done])
+
+
+def run_granting(
+    world: World, ecu: GrantedEcu, *, stop: Stop, duration_ns: int, offset_ns: int = 0
+) -> Outcome:
+    """Drive ``world`` in lock step with an ECU that has been greeted.
+
+    Args:
+        world: at time 0.
+        ecu: the one behind the bus.
+        stop: looked at once a tick.
+        duration_ns: length of the run.
+        offset_ns: instant of tick 0.
+
+    Raises:
+        VerdictError: frames were lost, or another node sends the ECU's.
+    """
+    reason = FINISHED
+    try:
+        for _ in ticks(
+            world, ecu, tick_ns=1000 * ecu.tick_us, end_ns=duration_ns, offset_ns=offset_ns
+        ):
+            if stop.requested:
+                reason = STOPPED
+                break
+            if ecu.gone:
+                # what it sent last still reaches the actuators
+                world.advance(world.now_ns + LAST_NS)
+                reason = PEER_LOST
+                break
+    except PeerLostError:
+        reason = PEER_LOST
+    ecu.end()
+    return Outcome(reason, 0, world.now_ns, np.zeros((0, 2), dtype=np.int64))

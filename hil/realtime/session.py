@@ -1,7 +1,7 @@
-"""A run in real time: plant and ECU started as two programs, watched, stopped and put together."""
+"""A run of two programs: plant and ECU started, watched, stopped and put together."""
 
-import signal
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,8 @@ from hil.realtime import plant_record, process, tick_trace, timing
 from hil.realtime.children import Program
 from hil.realtime.plant_record import PlantRecord
 from hil.realtime.tick_trace import TickTrace
+from hil.runs import choices, experiment, validity
+from hil.runs.choices import CHOICES
 from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.runs.trace import Trace
@@ -31,6 +33,8 @@ class Setup:
         cores: of plant and ECU; None: not pinned.
         duration: s, None: the manoeuvre's.
         announce: told in a few words what is under way.
+        pace: "realtime", or "lockstep": the plant grants the ECU's ticks.
+        side_channel: address for the grants of lock step, HOST:PORT; None: the bus carries them.
         serve: ``HOST:PORT`` of the plant's own bus; None: a free port on loopback.
     """
 
@@ -39,6 +43,8 @@ class Setup:
     cores: tuple[int, int] | None
     duration: float | None
     announce: Callable[[str], None]
+    pace: str = "realtime"
+    side_channel: str | None = None
     serve: str | None = None
 
 
@@ -51,10 +57,11 @@ def choose_cores() -> tuple[int, int] | None:
 def drive(
     settings: Settings, controller: Controller, setup: Setup, *, enabled: bool
 ) -> tuple[Trace, dict[str, Any]]:
-    """Drive the manoeuvre once in real time; return its trace and the ``timing`` object.
+    """Drive the manoeuvre once as two programs; return its trace and the ``timing`` object.
 
     Raises:
         CanrollError: a program could not start or fell over; its own words.
+        VerdictError: it fell over on the way, or frames of lock step were lost.
         Interrupted: Ctrl-C; both have ended.
     """
     folder = setup.folder
@@ -73,19 +80,20 @@ def drive(
         if not bus:
             bus = programs.wait_for(plant, "serving ").split()[1:]
             setup.announce(f"to watch: canroll watch {' '.join(bus)}")
+        grants = [] if setup.side_channel is None else _grants(plant)
         programs.wait_for(plant, "plant waits")
         arguments = ["ecu", "--calibration", str(gains), "--backend", settings.backend]
-        arguments += ["--trace", str(ticks), *_core(setup, 1), *bus]
+        arguments += ["--trace", str(ticks), *_core(setup, 1), *bus, *_pace(setup), *grants]
+        if setup.pace == "realtime":
+            arguments += ["--phase", _phase(settings)]
         ecu = programs.start(children, "ECU", arguments)
         programs.wait_for(plant, "plant runs", ecu)
-        setup.announce(f"{'with' if enabled else 'without'} control in real time")
+        how = "in lock step" if setup.pace == "lockstep" else "in real time"
+        setup.announce(f"{'with' if enabled else 'without'} control {how}")
         programs.wait_for(plant, "plant ends", ecu)
         ecu.ask_to_stop()
         for child in children:
-            child.running.wait()
-            # an ECU that had ended by itself, its files written, dies of being asked to
-            if child.running.returncode not in (0, -signal.SIGTERM):
-                raise CanrollError(f"{child.name}: {child.last_words()}")
+            programs.check_ended(child)
     except KeyboardInterrupt:
         # the ECU ends first, so that the plant still hears its last command
         programs.stop(children)
@@ -104,32 +112,40 @@ def plant_arguments(
     settings: Settings, controller: Controller, setup: Setup, *, enabled: bool
 ) -> list[str]:
     """Return the command line of the plant that ``settings`` describe."""
-    arguments = ["plant", settings.scenario, *setup.bus_options]
+    arguments = ["plant", settings.scenario, *setup.bus_options, *_pace(setup)]
+    # its ECU is watched: it comes, or its end is noticed
+    arguments += ["--wait", str(programs.START)]
     if not setup.bus_options:
         arguments += ["--serve", setup.serve or "127.0.0.1:0"]
-    options = {
-        "vehicle": controller.tables["design"]["vehicle"],
-        "actuator": settings.actuator,
-        "command": settings.command,
-        "plant": settings.plant,
-        "speed": repr(settings.speed * 3.6),
-        "bus": settings.bus,
-        "seed": settings.seed,
-        "record": setup.folder / "plant.npz",
-    }
-    for name, value in options.items():
-        arguments += [f"--{name}", str(value)]
-    for name, value in settings.options:
-        arguments += ["--set", f"{name}={value}"]
-    for fault in settings.faults:
-        arguments += ["--fault", fault]
-    for name, value in settings.conditions:
-        arguments += ["--condition", f"{name}={value}"]
-    if setup.duration is not None:
-        arguments += ["--duration", str(setup.duration)]
+    arguments += ["--command", settings.command, "--record", str(setup.folder / "plant.npz")]
+    vehicle = {"vehicle": controller.tables["design"]["vehicle"]}
+    asked = settings.choices() | vehicle
+    world = {name: value for name, value in asked.items() if CHOICES[name].of == "world"}
+    arguments += choices.arguments(world | {"duration": setup.duration})
     if not enabled:
         arguments.append("--passive")
+    if setup.side_channel is not None:
+        arguments += ["--side-channel", setup.side_channel]
+    if setup.pace == "lockstep" and settings.phase is not None:
+        arguments += ["--phase", repr(1e3 * settings.phase)]
     return arguments + _core(setup, 0)
+
+
+def _pace(setup: Setup) -> list[str]:
+    return ["--pace", setup.pace]
+
+
+def _grants(plant: Program) -> list[str]:
+    """Return the ECU's option for where the plant grants its ticks."""
+    return ["--side-channel", programs.wait_for(plant, "grants at ").split()[-1]]
+
+
+def _phase(settings: Settings) -> str:
+    """Return the phase of virtual time for the ECU, "free" for a tick that can have none."""
+    try:
+        return repr(experiment.tick_phase_ns(settings) / 1e6)
+    except CanrollError:
+        return "free"
 
 
 def _core(setup: Setup, which: int) -> list[str]:
@@ -152,17 +168,23 @@ def assemble(
         CanrollError: it does not.
     """
     start = int(plant.about["start_ns"])
+    granted = setup.pace == "lockstep"
+    if granted:
+        # the ECU counts periods, and the first of them begins at tick 0
+        start = -experiment.tick_offset_ns(settings)
     again = tick_trace.replay(ecu, settings.backend, start_ns=start)
     if again.difference is not None:
         raise CanrollError(f"the tick trace does not replay: {again.difference}")
     length = float(plant.signals["time"][-1])
-    ages = timing.latencies(
-        ecu,
-        plant.commands,
-        plant.frames,
-        start_ns=start,
-        sensor_latency_ns=_sensor_latency_ns(settings),
-    )
+    ages = plant.ages
+    if not granted:
+        ages = timing.latencies(
+            ecu,
+            plant.commands,
+            plant.frames,
+            start_ns=start,
+            sensor_latency_ns=_sensor_latency_ns(settings),
+        )
     during = (again.rows["t"] >= 0) & (again.rows["t"] <= length)
     trace = Trace(
         signals=plant.signals,
@@ -172,7 +194,46 @@ def assemble(
         duration=length,
         complete=complete,
     )
-    return trace, timing_object(plant, ecu, ages, during, setup)
+    told = timing_object(plant, ecu, ages, during, setup)
+    if complete:
+        told["not_valid"] = validity.reasons(_judged(settings, setup, plant, trace, told))
+        told["valid"] = not told["not_valid"]
+    return trace, told
+
+
+def _judged(
+    settings: Settings,
+    setup: Setup,
+    plant: PlantRecord,
+    trace: Trace,
+    told: Mapping[str, Any],
+) -> validity.Run:
+    """Return what decides whether a run is valid."""
+    whole = experiment.build_world(settings, enabled=False).duration_ns * 1e-9
+    planned = whole if setup.duration is None else setup.duration
+    if setup.pace == "lockstep":
+        planned = min(planned, whole)
+    delay = experiment.delay_of(settings)
+    tick = settings.tick
+    p99 = told["latency_us"] and 1e-6 * told["latency_us"]["p99"]
+    return validity.Run(
+        due=int((planned + 1e-9) / tick) - 1,
+        ticks=int(told["ticks"]),
+        tick=tick,
+        plant_late=(plant.loop[:, 0] * 1e-9).tolist(),
+        frames=int(told["frames"]),
+        lost=int(told["frames_lost"]),
+        planned=planned,
+        driven=trace.duration,
+        rolled_over=bool(plant.signals["rollover"][-1]),
+        commands=len(plant.commands),
+        latencies=len(trace.ages),
+        latency_p99=p99,
+        # a sensor that fails makes samples old on any bus
+        latency_bound=math.inf if settings.faults else delay.most,
+        # time stands still in lock step while something is compiled
+        compilations=int(told["compilations"]) if setup.pace == "realtime" else 0,
+    )
 
 
 def _sensor_latency_ns(settings: Settings) -> int:
@@ -194,25 +255,30 @@ def timing_object(
     """
     ran = TickTrace(ecu.calibration, ecu.ticks[during], ecu.frames, ecu.about)
     notes = [*plant.about["notes"], *ecu.about["notes"]]
-    if setup.cores is None:
-        notes.append("one core for both programs: not pinned, misses are not judged")
+    # granted ticks have no deadline that they could be late for
+    jitter = timing.start_jitter(ran) if setup.pace == "realtime" else np.zeros(0, np.int64)
+    if setup.cores is None and setup.pace == "realtime":
+        notes.append("one core for both programs: not pinned, the budget is not judged")
     if ecu.about["full"]:
         notes.append("the tick trace was full before the end")
     return {
         "deadline_misses": timing.misses(ran),
         "ticks": len(ran.ticks),
-        "start_jitter_us": timing.quantiles(timing.start_jitter(ran)),
+        "start_jitter_us": timing.quantiles(jitter),
         "tick_us": timing.quantiles(timing.durations(ran)),
         "latency_us": timing.quantiles(ages),
         "plant_jitter_us": timing.quantiles(plant.loop[:, 0]),
         "plant_step_us": timing.quantiles(plant.loop[:, 1]),
-        "frames_lost": frames_lost(plant, ecu),
+        "pace": setup.pace,
+        "frames": int(plant.about["sent"]) + int(ecu.about["sent"]),
+        "frames_lost": 0 if setup.pace == "lockstep" else frames_lost(plant, ecu),
+        "compilations": int(plant.about["compilations"]) + int(ecu.about["compilations"]),
         "cores": dict(zip(("plant", "ecu"), setup.cores, strict=True)) if setup.cores else None,
-        "judged": setup.cores is not None,
+        "judged": setup.cores is not None and setup.pace == "realtime",
         "notes": sorted(set(notes)),
         "bus": {"ecu": _bus_seen(ecu, plant), "plant": _bus_seen(plant, plant)},
         "histograms": {
-            "start_jitter": timing.histogram(timing.start_jitter(ran)),
+            "start_jitter": timing.histogram(jitter),
             "tick": timing.histogram(timing.durations(ran)),
             "latency": timing.histogram(ages),
             "plant_jitter": timing.histogram(plant.loop[:, 0]),
@@ -220,17 +286,23 @@ def timing_object(
         "jitterdebugger": timing.jitterdebugger(
             {
                 (setup.cores or (0, 0))[0]: plant.loop[:, 0],
-                (setup.cores or (0, 0))[1]: timing.start_jitter(ran),
+                (setup.cores or (0, 0))[1]: jitter,
             }
         ),
     }
 
 
 def _bus_seen(program: PlantRecord | TickTrace, plant: PlantRecord) -> dict[str, Any] | None:
-    """Return what a program saw of the real bus while the plant ran."""
+    """Return what a program saw of the real bus while the plant ran.
+
+    In lock step the plant's time is not the clock's: all of it counts, but neither load nor waits.
+    """
+    about = program.about.get("bus")
+    if about is not None and plant.about.get("pace") == "lockstep":
+        return timing.bus_figures(program.bus, {**about, "real_time": False})
     read = program.bus["read_ns"]
     ran = (read >= int(plant.about["start_ns"])) & (read <= int(plant.about["end_ns"]))
-    return timing.bus_figures(program.bus[ran], program.about.get("bus"))
+    return timing.bus_figures(program.bus[ran], about)
 
 
 def frames_lost(plant: PlantRecord, ecu: TickTrace) -> int:

@@ -153,7 +153,7 @@ def bus_lines(timing: Mapping[str, Any]) -> list[str]:
 
 def _bus_line(side: str, figures: Mapping[str, Any]) -> str:
     """Return :func:`bus_figures` as a sentence."""
-    load = "load unknown" if figures["bitrate"] else "load unknown without -b"
+    load = f"load unknown {figures['load_missing']}"
     if figures["load"] is not None:
         load = f"load {100 * figures['load']:.1f} % of {figures['bitrate'] / 1000:g} kbit/s"
     parts = [f"{figures['frames']} frames", load, f"{figures['error_frames']} error frames"]

@@ -66,7 +66,7 @@ class Page:
     """All that goes on a report page.
 
     ``result`` is embedded whole and can be saved from it; ``groups`` are titles of further groups
-    of figures.
+    of figures; ``greyed``: its figures say nothing, as the verdict on top explains.
     """
 
     title: str
@@ -80,6 +80,7 @@ class Page:
     provenance: Sequence[tuple[str, str]]
     result: Mapping[str, object] = field(default_factory=dict)
     groups: Mapping[str, str] = field(default_factory=dict)
+    greyed: bool = False
 
 
 def _text(value: object) -> str:
@@ -203,6 +204,7 @@ def render(page: Page) -> str:
     among = any(table.group for table in page.tables)
     player = '<h2>Playback</h2><section class="playback" id="playback"></section>'
     body = [
+        "<main class=greyed>" if page.greyed else "<main>",
         f"<h1>{_text(page.title)}</h1>",
         f'<p class="soft">{_text(page.subtitle)}</p>',
         f'<div class="verdict {mark}"><strong>{_text(page.verdict.headline)}</strong>'
@@ -217,6 +219,7 @@ def render(page: Page) -> str:
         _pairs("Parameters", page.parameters),
         _pairs("Provenance", page.provenance),
         '<p><a id="save-json" download="result.json">Save these numbers as JSON</a></p>',
+        "</main>",
         data_element("result", page.result),
         data_element("data", data),
     ]

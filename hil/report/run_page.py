@@ -35,7 +35,8 @@ def shown(result: Result) -> list[Shown]:
 def verdict(result: Result) -> Verdict:
     """Return the verdict on top: headline, and what it rests on."""
     headline, _, text = result.verdict.partition(": ")
-    return Verdict(None if result.pays else result.helps, headline, text[:1].upper() + text[1:])
+    good = False if result.not_valid else None if result.pays else result.helps
+    return Verdict(good, headline, text[:1].upper() + text[1:])
 
 
 def parameters(result: Result) -> list[tuple[str, str]]:
@@ -98,7 +99,7 @@ def run_page(result: Result) -> str:
     )
     head = metric_head(result, "without control", "with control")
     rows: list[tuple[str | Cell, ...]] = [(row.name, *row.numbers) for row in metric_rows(result)]
-    judged = standard_rows(result)
+    judged = [] if result.not_valid else standard_rows(result)
     tables = [
         Table("Figures", head, rows, f"{NO_ROLL} {replay_note(result)}".strip()),
         *([Table(result.standard.name, STANDARD_HEAD, judged)] if judged else []),
@@ -126,5 +127,6 @@ def run_page(result: Result) -> str:
             parameters=parameters(result),
             provenance=provenance(result),
             result=result.to_json(),
+            greyed=bool(result.not_valid),
         )
     )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
-from plant_sim.can_bus import DELIVERED, ECU
+from plant_sim.can_bus import DELIVERED, ECU, REFUSED
 from plant_sim.can_bus.kernel.layout import ERROR
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
 
@@ -34,7 +34,7 @@ def messages(frames: NDArray[Any]) -> Iterator[can.Message]:
     Frames of the controller count as transmitted, all others as received; the channel is the
     segment. Error frames are kept, frames that never made it to the bus are not.
     """
-    seen = frames[np.isin(frames["outcome"], (DELIVERED, ERROR))]
+    seen = frames[np.isin(frames["outcome"], (DELIVERED, REFUSED, ERROR))]
     for entry in seen[np.argsort(seen["t_received"], kind="stable")]:
         error = bool(entry["outcome"] == ERROR)
         flags = 0 if error else int(entry["flags"])

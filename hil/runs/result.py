@@ -6,8 +6,10 @@ from typing import Any
 
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
+from hil.runs.choices import CHOICES
 from hil.runs.limit_cycle import LimitCycle
 from hil.runs.metrics import Can, Metrics, Trigger
+from hil.runs.phase import Phase
 from hil.runs.standard import Standard
 from hil.runs.trace import Trace
 from vehicles import Vehicle
@@ -33,9 +35,12 @@ WORSE = 1.05
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What was run. ``speed`` in m/s, ``tick`` and ``run_time`` in s; ``command``: the
-    message that commands the actuators; ``options`` of the manoeuvre; ``faults`` and
-    ``conditions`` of sensors and actuators as :func:`hil.runs.conditions.options` reads them.
+    """What was run.
+
+    ``speed`` in m/s, ``tick``, ``run_time`` and ``phase`` in s (phase None: that of clocks that
+    start together); ``command``: the message that commands the actuators; ``options`` of the
+    manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
+    :func:`hil.runs.conditions.options` reads them.
     """
 
     scenario: str
@@ -55,6 +60,20 @@ class Settings:
     options: tuple[tuple[str, Any], ...] = ()
     faults: tuple[str, ...] = ()
     conditions: tuple[tuple[str, Any], ...] = ()
+    phase: float | None = None
+
+    def choices(self) -> dict[str, Any]:
+        """Return these settings by the keywords of a run; what the calibration says is left out."""
+        own = {
+            "vehicle": self.vehicle.name,
+            "speed_kmh": self.speed * 3.6,
+            "tick_ms": self.tick * 1e3,
+            "options": dict(self.options),
+            "faults": list(self.faults),
+            "conditions": dict(self.conditions),
+        }
+        saved = [name for name, choice in CHOICES.items() if choice.saved]
+        return {name: own[name] if name in own else getattr(self, name) for name in saved}
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +100,8 @@ class Result:
         replay_metrics: figures of the replay or None.
         warnings: one line each.
         files: what was written of it, by name.
-        timing: figures of a run in real time as ``canroll hil --json`` prints them; else empty.
+        timing: figures of a run of two programs as ``canroll hil --json`` prints them; else empty.
+        phase: of the ticks, of the controlled run where there is one.
     """
 
     settings: Settings
@@ -102,6 +122,12 @@ class Result:
     warnings: tuple[str, ...] = ()
     files: Mapping[str, str] = field(default_factory=dict)
     timing: Mapping[str, Any] = field(default_factory=dict)
+    phase: Phase | None = None
+
+    @property
+    def not_valid(self) -> tuple[str, ...]:
+        """Why the run has no verdict: it was not driven as it should have been; empty: it was."""
+        return tuple(self.timing.get("not_valid", ()))
 
     @property
     def rolls(self) -> bool:
@@ -121,9 +147,9 @@ class Result:
     def helps(self) -> bool | None:
         """Whether RMS and largest roll angle both fell, without a limit cycle or a rollover.
 
-        None without control or without any roll.
+        None without control, without any roll, or where the run is not valid.
         """
-        if self.controlled_metrics is None:
+        if self.controlled_metrics is None or self.not_valid:
             return None
         active, passive = self.controlled_metrics, self.passive_metrics
         if active.rollover or self.limit_cycle is not None:
@@ -155,6 +181,8 @@ class Result:
     def verdict(self) -> str:
         """The answer in one line."""
         passive, active = self.passive_metrics, self.controlled_metrics
+        if self.not_valid:
+            return f"Not valid: {'; '.join(self.not_valid)}"
         if active is None:
             return f"Without control the largest roll angle is {passive.roll_max_deg:.2f}°"
         text = (
@@ -172,38 +200,43 @@ class Result:
             return f"Mixed: {text}, but {', '.join(self.pays)}"
         return f"Control {'helps' if self.helps else 'does not help'}: {text}"
 
+    @property
+    def exit_code(self) -> int:
+        """The exit code: 1 where control does not help, or nothing can be said."""
+        return 1 if self.helps is False or self.not_valid else 0
+
     def to_json(self) -> dict[str, Any]:
         """Return the run as plain data: what ``canroll run --json`` prints."""
         settings = self.settings
         return {
             "scenario": settings.scenario,
-            "vehicle": settings.vehicle.name,
-            "law": settings.law,
-            "actuator": settings.actuator,
-            "observer": settings.observer,
-            "plant": settings.plant,
-            "bus": settings.bus,
-            "backend": settings.backend,
-            "seed": settings.seed,
-            "speed_kmh": round(settings.speed * 3.6, 9),
-            "tick_ms": round(settings.tick * 1e3, 9),
-            "options": dict(settings.options),
-            "faults": list(settings.faults),
-            "conditions": dict(settings.conditions),
+            **{
+                name: round(value, 9) if isinstance(value, float) else value
+                for name, value in settings.choices().items()
+            },
             "duration_s": self.passive.duration,
             "calibration_id": self.record.id,
             "passive": asdict(self.passive_metrics),
             "controlled": asdict(self.controlled_metrics) if self.controlled_metrics else None,
             "replay": asdict(self.replay_metrics) if self.replay_metrics else None,
-            "standard": self.standard.to_json(),
+            "standard": None if self.not_valid else self.standard.to_json(),
             "without_roll": dict(self.without_roll),
             "can": asdict(self.can),
             "trigger": asdict(self.trigger),
+            "phase_ms": self._phase_json(),
             "delay_ms": {name: 1e3 * value for name, value in asdict(self.delay).items()},
             "limit_cycle": asdict(self.limit_cycle) if self.limit_cycle else None,
             "helps": self.helps,
+            "not_valid": list(self.not_valid),
             "verdict": self.verdict,
             "warnings": list(self.warnings),
             "files": dict(self.files),
             **({"timing": dict(self.timing)} if self.timing else {}),
+        }
+
+    def _phase_json(self) -> dict[str, float | None]:
+        chosen, found = self.settings.phase, self.phase
+        return {
+            "chosen": None if chosen is None else round(1e3 * chosen, 9),
+            **({} if found is None else {k: 1e3 * v for k, v in asdict(found).items()}),
         }

@@ -121,6 +121,7 @@ def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
         "options": tuple(data["options"].items()),
         "faults": tuple(data["faults"]),
         "conditions": tuple(data["conditions"].items()),
+        "phase": None if data["phase_ms"]["chosen"] is None else 1e-3 * data["phase_ms"]["chosen"],
     }
     same = {field.name: data[field.name] for field in fields(Settings) if field.name not in derived}
     return Settings(**derived, **same)

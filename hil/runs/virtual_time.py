@@ -1,8 +1,10 @@
 """The closed loop in virtual time: one ECU, one bus, one vehicle, and no clock but the plant's."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from codegen.run.backends import Backend
 from hil.runs.frozen import RUN_TIME
@@ -22,6 +24,43 @@ class Interrupted(KeyboardInterrupt):
         self.trace = trace
 
 
+class Ticking(Protocol):
+    """What the loop needs of an ECU: one in this process, or one granted time over a bus."""
+
+    def receive(self, ident: int, payload: NDArray[np.uint8], length: int) -> None:
+        """Take a frame."""
+
+    def tick(self, elapsed_ticks: int = 1) -> list[tuple[int, bytes]]:
+        """Run one tick and return the frames to send, in order."""
+
+
+def ticks(
+    world: World,
+    ecu: Ticking,
+    *,
+    tick_ns: int,
+    end_ns: int,
+    offset_ns: int = 0,
+    run_time_ns: int = RUN_TIME_NS,
+) -> Iterator[int]:
+    """Run ``ecu`` against ``world`` up to ``end_ns``; yield the instant of each tick after it.
+
+    Tick k starts at ``offset_ns + k tick_ns``: every frame received by then has been handed over
+    in order, and what the tick sends is queued ``run_time_ns`` later.
+    """
+    world.advance(0)
+    t = offset_ns
+    while t + tick_ns <= end_ns and not world.finished:
+        t += tick_ns
+        for frame in world.advance(t):
+            ecu.receive(int(frame["ident"]), frame["payload"], int(frame["length"]))
+        for ident, payload in ecu.tick(1):
+            world.submit(t + run_time_ns, ident, payload)
+        yield t
+    if not world.finished and t < end_ns:
+        world.advance(end_ns)
+
+
 def closed_loop(
     world: World,
     ecu: Backend,
@@ -34,9 +73,7 @@ def closed_loop(
 ) -> Trace:
     """Run ``ecu`` against ``world`` until the manoeuvre is over.
 
-    Tick k starts at ``offset_ns + k tick_ns``: every frame received by then has been handed over
-    in order, and what the tick sends is queued ``run_time_ns`` later. Nothing depends on how fast
-    the computer is: the same world and ECU give the same bytes.
+    Nothing depends on how fast the computer is: the same world and ECU give the same bytes.
 
     Args:
         world: vehicle, sensors, actuators and bus at time 0.
@@ -54,20 +91,14 @@ def closed_loop(
     times: list[float] = []
     images: list[bytes] = []
     try:
-        world.advance(0)
-        t = offset_ns
-        while t + tick_ns <= end and not world.finished:
-            t += tick_ns
-            for frame in world.advance(t):
-                ecu.receive(int(frame["ident"]), frame["payload"], int(frame["length"]))
-            for ident, payload in ecu.tick(1):
-                world.submit(t + run_time_ns, ident, payload)
+        loop = ticks(
+            world, ecu, tick_ns=tick_ns, end_ns=end, offset_ns=offset_ns, run_time_ns=run_time_ns
+        )
+        for t in loop:
             times.append(t * 1e-9)
             images.append(ecu.image())
             if progress is not None and len(times) % 50 == 0:
                 progress(t / end)
-        if not world.finished and t < end:
-            world.advance(end)
     except KeyboardInterrupt:
         raise Interrupted(_trace(world, times, images, complete=False)) from None
     return _trace(world, times, images, complete=True)

@@ -59,17 +59,33 @@ def metric_table(named: Sequence[Named]) -> Table:
 def summary_table(named: Sequence[Named]) -> Table:
     """Return a row a run with the few figures that laws are chosen by."""
     figures = FIGURES_TO_CHOOSE_BY
-    head = ("", "roll RMS (deg)", "max", "rate (deg/s)", "NLT", "RMS (N·m)", "max", "sent (%)")
+    head = (
+        "",
+        "roll RMS (deg)",
+        "max",
+        "rate (deg/s)",
+        "NLT",
+        "RMS (N·m)",
+        "max",
+        "sent (%)",
+        "age (ms)",
+    )
     passive = named[0].result.passive_metrics
     rows: list[list[str | Cell]] = [
-        ["without control", *(Cell(f"{getattr(passive, n):.{LABELS[n][1]}f}") for n in figures), ""]
+        [
+            "without control",
+            *(Cell(f"{getattr(passive, n):.{LABELS[n][1]}f}") for n in figures),
+            "",
+            "",
+        ]
     ]
     for run in named:
         metrics = run.result.controlled_metrics
         if metrics is not None:
             rate = f"{100 * run.result.trigger.transmission_rate:.1f}"
             cells = [Cell(f"{getattr(metrics, n):.{LABELS[n][1]}f}") for n in figures]
-            rows.append([run.name, *cells, rate])
+            age = run.result.can.age_ms
+            rows.append([run.name, *cells, rate, "" if age is None else f"{age.mean:.1f}"])
     return Table("Runs", head, rows)
 
 

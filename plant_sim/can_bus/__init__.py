@@ -12,11 +12,12 @@ three-bit interframe space, where its response time ends (``t_end − t_queued``
 at the end of the last-but-one EOF bit (``t_received``). A frame queued at the very instant of a
 start of frame takes part in that arbitration. Whatever is queued ends in the log exactly once as
 delivered, superseded or lost with its reason (``OUTCOMES``); an entry with outcome ``ERROR`` is a
-destroyed attempt of a frame that is still under way. ``account`` proves the sum.
+destroyed attempt of a frame that is still under way, one with ``REFUSED`` an attempt that all
+receivers took but the one in ``missed``. ``account`` proves the sum.
 
 In a kernel, entry number k of ``logged(network)`` is ``network.log[k % len(network.log)]``; a
-consumer on a segment takes those with ``outcome == DELIVERED`` and its own ``segment`` and skips
-its own ``sender``. A gateway sends what it forwards from its own node on the other segment;
+consumer on a segment takes those that it ``took``, with its own ``segment``, and skips its own
+``sender``. A gateway sends what it forwards from its own node on the other segment;
 ``t_origin`` keeps the time at which the first sender queued it.
 
 Beside the kernels: ``analysis`` (worst-case response times), ``delay_bounds`` (sensor to actuator),
@@ -31,12 +32,13 @@ from plant_sim.can_bus.kernel.layout import (
     LOGGED,
     NOW,
     OUTCOMES,
+    REFUSED,
     SUPERSEDED,
     Network,
     State,
     logged,
 )
-from plant_sim.can_bus.kernel.ledger import Account, account, drain, load
+from plant_sim.can_bus.kernel.ledger import Account, account, drain, load, took
 from plant_sim.can_bus.kernel.log import log_dtype
 from plant_sim.can_bus.kernel.network import (
     Fault,
@@ -78,6 +80,7 @@ __all__ = [
     "OUTCOMES",
     "PROFILES",
     "REFERENCE",
+    "REFUSED",
     "SUPERSEDED",
     "SUSPENSION",
     "Account",
@@ -103,4 +106,5 @@ __all__ = [
     "profile_spec",
     "run",
     "submit",
+    "took",
 ]

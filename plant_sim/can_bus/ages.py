@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.can_bus.delay_bounds import loop_messages
-from plant_sim.can_bus.kernel.layout import DELIVERED, MAX_PAYLOAD, SEED, Network, logged
-from plant_sim.can_bus.kernel.ledger import drain
+from plant_sim.can_bus.kernel.layout import MAX_PAYLOAD, SEED, Network, logged
+from plant_sim.can_bus.kernel.ledger import drain, took
 from plant_sim.can_bus.kernel.network import build_network
 from plant_sim.can_bus.kernel.queues import enqueue
 from plant_sim.can_bus.kernel.scheduler import advance
@@ -102,13 +102,12 @@ def simulate_ages(
         advance(network, now)
         assert logged(network) - cursor <= len(network.log)
         entries, cursor, _ = drain(network, cursor)
-        entries = entries[entries["outcome"] == DELIVERED]
         for entry in entries[np.isin(entries["ident"], (loop.sensor.ident, loop.command.ident))]:
             origin = int(entry["t_origin"])
-            if _is(entry, loop.sensor, home):
-                newest = max(newest, sampled.pop(origin, -1))
-            elif _is(entry, loop.command, far):
-                waiting = computed.pop(origin, waiting)
+            if _is(entry, loop.sensor, home, loop.command_node):
+                newest = max(newest, sampled.get(origin, -1))
+            elif _is(entry, loop.command, far, loop.actuator_node):
+                waiting = computed.get(origin, waiting)
         if now == look:
             if waiting >= 0:
                 ages.append(now - waiting)
@@ -123,9 +122,10 @@ def simulate_ages(
             sample = loop.sensor.offset_ns + round(sensor.sent * loop.sensor.period_ns)
 
 
-def _is(entry: np.void, message: BusMessage, segment: int) -> bool:
+def _is(entry: np.void, message: BusMessage, segment: int, receiver: int) -> bool:
     same = entry["ident"] == message.ident and entry["segment"] == segment
-    return bool(same and (entry["flags"] ^ message.flags) & EXTENDED == 0)
+    taken = took(entry["outcome"], entry["missed"], receiver)
+    return bool(same and taken and (entry["flags"] ^ message.flags) & EXTENDED == 0)
 
 
 def simulate_ages_of_set(

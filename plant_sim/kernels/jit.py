@@ -1,23 +1,25 @@
 """Numba decorators with one cache that is keyed by the source it was compiled from.
 
 Numba's own cache only watches the file of the outermost function, so a changed callee would go
-on running as it was. The cache folder is named by a hash of the whole package instead. And it
-names entries by counting them, so that two processes that compile at the same time could give one
-name to two functions: saving takes a lock.
+on running as it was. The cache folder is named by a hash of the whole package instead, and the
+times of the files, which a copy or another file system changes, say nothing. And Numba names
+entries by counting them, so that two processes that compile at the same time could give one name to
+two functions: saving takes a lock. A cache that cannot be written is read all the same.
 """
 
 import fcntl
 import hashlib
-import os
-import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
 from numba.core import cgutils
-from numba.core.caching import IndexDataCacheFile
+from numba.core.caching import CacheImpl, IndexDataCacheFile, UserProvidedCacheLocator
 from numba.extending import intrinsic
+
+from canroll import build_cache
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
@@ -26,23 +28,30 @@ def _cache_folder() -> Path:
     digest = hashlib.sha256(f"{numba.__version__}".encode())
     for source in sorted(Path(__file__).parents[1].rglob("*.py")):
         digest.update(source.read_bytes())
-    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    folder = home / "canroll" / f"numba-{digest.hexdigest()[:16]}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError:
-        folder = Path(tempfile.gettempdir()) / f"canroll-{os.getuid()}" / folder.name
-        folder.mkdir(parents=True, exist_ok=True)
-    return folder
+    return build_cache.folder(f"numba-{digest.hexdigest()[:16]}")
 
 
 FOLDER = _cache_folder()
 numba.config.CACHE_DIR = str(FOLDER)
+
+
+class _Locator(UserProvidedCacheLocator):  # type: ignore[misc]
+    """The place of a function in the cache, whether that can be written or not."""
+
+    def ensure_cache_path(self) -> None:
+        with suppress(OSError):
+            Path(self.get_cache_path()).mkdir(parents=True, exist_ok=True)
+
+    def get_source_stamp(self) -> str:
+        return FOLDER.name
+
+
+CacheImpl._locator_classes = [_Locator, *CacheImpl._locator_classes]
 _save_unlocked = IndexDataCacheFile.save
 
 
 def _save(entry: Any, key: Any, data: Any) -> None:  # noqa: ANN401
-    with open(FOLDER / "lock", "w") as lock:
+    with suppress(OSError), open(FOLDER / "lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         _save_unlocked(entry, key, data)
 

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, VerdictError
 from canroll.typing import Vector
-from plant_sim.bodies import Body, ports
+from plant_sim.bodies import ports
+from plant_sim.bodies.ports import Body
 from plant_sim.driving.drive import STEP_NS, Plan, make_drive, steady_steer, understeer
 from plant_sim.driving.driver import STEER_TABLE
 from plant_sim.driving.maneuvers import Maneuver, build

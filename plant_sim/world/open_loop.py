@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from canroll.typing import Vector
-from plant_sim.bodies import Body, initial_inputs, ports
+from plant_sim.bodies import ports
+from plant_sim.bodies.ports import Body, initial_inputs
 from plant_sim.driving.drive import STEP_NS
 from plant_sim.driving.driver import ACCELERATION_TABLE, Drive
 from plant_sim.driving.driver import drive as apply_drive

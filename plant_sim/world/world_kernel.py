@@ -157,7 +157,9 @@ def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> 
     for number in range(clock[LOG_CURSOR], total):
         entry = network.log[number % network.clock[bus.LOG_SIZE]]
         role = world.roles[entry.ident & STANDARD_IDENT]
-        if role == NOBODY or entry.outcome != bus.DELIVERED or entry.flags != 0:
+        receiver = bus.ACTUATOR if role == FOR_ACTUATOR else bus.ECU
+        lost = not bus.took(entry.outcome, entry.missed, receiver)
+        if role == NOBODY or lost or entry.flags != 0:
             continue
         if role == FOR_ACTUATOR:
             if entry.segment != clock[ACTUATOR_SEGMENT]:

@@ -111,6 +111,7 @@ class BusRecord:
             "bitrate": self.source.bitrate,
             "classified": self.source.classified,
             "offsets_ns": [self.offset_ns, wall_minus_monotonic()],
+            "real_time": True,
             "full": self.full,
         }
 
@@ -128,6 +129,8 @@ def waits_ns(
     Beside it why there is none, None where there are some.
     """
     none = np.zeros(0, np.int64)
+    if not about["real_time"]:
+        return none, "in lock step"
     if not about["comparable"]:
         return none, f"the clock is {about['clock']}"
     before, after = about["offsets_ns"]
@@ -161,23 +164,31 @@ def bits(entries: NDArray[np.void]) -> int | None:
     )
 
 
-def load(entries: NDArray[np.void], about: Mapping[str, Any]) -> float | None:
-    """Return the share of the bus that its frames took; None where that is unknown."""
-    total = bits(entries) if about["bitrate"] else None
-    if total is None or len(entries) < 2:
-        return None
+def load(entries: NDArray[np.void], about: Mapping[str, Any]) -> tuple[float | None, str | None]:
+    """Return the share of the bus that its frames took, or None and why it is unknown."""
+    if not about["real_time"]:
+        return None, "in lock step"
+    if not about["bitrate"]:
+        return None, "without -b"
+    total = bits(entries)
+    if total is None:
+        return None, "with FD frames"
+    if len(entries) < 2 or entries["read_ns"][-1] <= entries["read_ns"][0]:
+        return None, "of so few frames"
     span = float(entries["read_ns"][-1] - entries["read_ns"][0]) * 1e-9
-    return total / (about["bitrate"] * span) if span > 0 else None
+    return total / (about["bitrate"] * span), None
 
 
 def summary(entries: NDArray[np.void], about: Mapping[str, Any]) -> dict[str, Any]:
     """Return what a record comes to, as plain data."""
     wrong = entries["flags"] & ERROR != 0
+    share, unknown = load(entries, about)
     return {
         "interface": about["interface"],
         "frames": int(np.sum(~wrong)),
         "bitrate": about["bitrate"],
-        "load": load(entries, about),
+        "load": share,
+        "load_missing": unknown,
         "error_frames": int(np.sum(wrong)),
         "errors": errors(entries, about),
         "clock": about["clock"],

@@ -5,7 +5,9 @@ A disturbed bit destroys the attempt for all nodes: the transmitter counts +8 (a
 one without acknowledgement nothing), every other node +1; a success counts −1 on both sides.
 Above 127 a node is error-passive and waits 8 more bits behind each of its transmissions; above 255
 the transmitter leaves the bus, loses what it has queued, and comes back after 128 times 11
-recessive bits. The bit of EOF that only the transmitter still looks at is never disturbed.
+recessive bits. An error that one receiver alone sees in the last but one bit of EOF makes the nodes
+differ: all others have taken the frame and get it again, or the one never gets it (Rufino et al.,
+"Fault-tolerant broadcasts in CAN", 1998).
 """
 
 import numpy as np
@@ -24,6 +26,7 @@ from plant_sim.can_bus.kernel.layout import (
     MESSAGES,
     NODE_COUNT,
     NODE_DOWN,
+    REFUSE,
     SEED,
     State,
 )
@@ -76,22 +79,42 @@ def random_error(bus: State, which: int, bits: int) -> int:
 
 
 @njit
+def _due(bus: State, index: int, kind: int, slot: int, now: int) -> bool:
+    """Return whether a fault of ``kind`` hits the attempt that starts now."""
+    fault = bus.faults[index]
+    timely: bool = fault.kind == kind and fault.left != 0 and fault.from_ns <= now < fault.until_ns
+    chosen: bool = fault.ident < 0 or fault.ident == bus.frames[slot].ident
+    return timely and chosen
+
+
+@njit
 def scripted_error(bus: State, slot: int, bits: int, now: int) -> int:
     """Return the bit that a fault disturbs in this attempt, −1 for none; uses the fault up."""
-    frame = bus.frames[slot]
     for index in range(bus.clock[FAULT_COUNT]):
         fault = bus.faults[index]
-        if (
-            fault.kind == DISTURB
-            and fault.left != 0
-            and fault.from_ns <= now
-            and now < fault.until_ns
-            and (fault.target < 0 or fault.target == frame.node)
-            and (fault.ident < 0 or fault.ident == frame.ident)
-        ):
+        hit = fault.target < 0 or fault.target == bus.frames[slot].node
+        if hit and _due(bus, index, DISTURB, slot, now):
             fault.left -= 1
             position: int = fault.value
             return min(position, bits - 2)
+    return -1
+
+
+@njit
+def refusing_receiver(bus: State, which: int, slot: int, now: int) -> int:
+    """Return the node that sees an error where all others see none, −1 for none.
+
+    A fault disturbs the last but one bit of EOF for that receiver alone; uses the fault up.
+    """
+    for index in range(bus.clock[FAULT_COUNT]):
+        if _due(bus, index, REFUSE, slot, now):
+            target: int = bus.faults[index].target
+            node = bus.nodes[target]
+            there = node.segment == which and target != bus.frames[slot].node
+            there = there and node.state != BUS_OFF
+            if there and fault_active(bus, NODE_DOWN, target, now) < 0:
+                bus.faults[index].left -= 1
+                return target
     return -1
 
 
@@ -175,15 +198,42 @@ def count_error(bus: State, which: int, sender: int, twin: int, kind: int) -> No
             continue
         if index in (sender, twin):
             if kind != ACKNOWLEDGE_ERROR or node.state != ERROR_PASSIVE:
-                node.transmit_errors += 8
+                _count_transmit_error(bus, which, index)
         elif kind != ACKNOWLEDGE_ERROR:
             node.receive_errors = min(node.receive_errors + 1, 255)
-        _classify(bus, index)
-        if node.transmit_errors > 255:
-            node.state = BUS_OFF
-            node.bus_offs += 1
-            node.recovery_left = _RECOVERY_SEQUENCES
-            bus.segments[which].bus_off += 1
+            _classify(bus, index)
+
+
+@njit
+def count_refusal(bus: State, which: int, sender: int, receiver: int) -> None:
+    """Raise the error counters after a receiver refused a frame in its last bit.
+
+    The sender counts an error of its own. Behind its flag the receiver sees a dominant bit of the
+    others' flags, which counts 8 more; to them it was a good frame and an overload. The flag of an
+    error-passive receiver nobody sees.
+    """
+    node = bus.nodes[receiver]
+    seen = node.state != ERROR_PASSIVE
+    received, sent = node.receive_errors, bus.nodes[sender].transmit_errors
+    count_success(bus, which, sender)
+    bus.segments[which].disturbed = 1
+    node.receive_errors = min(received + (9 if seen else 1), 255)
+    _classify(bus, receiver)
+    if seen:
+        bus.nodes[sender].transmit_errors = sent
+        _count_transmit_error(bus, which, sender)
+
+
+@njit
+def _count_transmit_error(bus: State, which: int, index: int) -> None:
+    node = bus.nodes[index]
+    node.transmit_errors += 8
+    _classify(bus, index)
+    if node.transmit_errors > 255:
+        node.state = BUS_OFF
+        node.bus_offs += 1
+        node.recovery_left = _RECOVERY_SEQUENCES
+        bus.segments[which].bus_off += 1
 
 
 @njit

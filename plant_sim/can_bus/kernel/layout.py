@@ -25,6 +25,7 @@ LOST_BUS_OFF: Final = 4
 LOST_NODE_DOWN: Final = 5
 LOST_PARTITION: Final = 6
 LOST_ONE_SHOT: Final = 7
+REFUSED: Final = 8
 OUTCOMES: Final = (
     "delivered",
     "superseded",
@@ -34,8 +35,9 @@ OUTCOMES: Final = (
     "lost: node down",
     "lost: partition",
     "lost: single shot",
+    "refused",
 )
-"""Names of the outcomes. ``ERROR`` ends an attempt, every other one ends a frame."""
+"""Names of the outcomes. ``ERROR`` and ``REFUSED`` end an attempt, every other one ends a frame."""
 
 PRIORITY: Final = 0
 FIFO: Final = 1
@@ -50,6 +52,7 @@ NO_ERROR: Final = 0
 BIT_ERROR: Final = 1
 COLLISION: Final = 2
 ACKNOWLEDGE_ERROR: Final = 3
+REFUSAL: Final = 4
 
 # kinds of faults
 NODE_DOWN: Final = 0
@@ -57,6 +60,7 @@ NODE_DELAY: Final = 1
 GATEWAY_DOWN: Final = 2
 DISTURB: Final = 3
 OVERLOAD: Final = 4
+REFUSE: Final = 5
 
 # latency distributions of gateways
 FIXED: Final = 0
@@ -189,6 +193,6 @@ def empty(*, log: int, seed: int) -> Network:
     network.part("frames")["next"] = np.append(np.arange(1, MAX_FRAMES), -1)
     network.part("message_table")[:] = -1
     segments = network.part("segments")
-    segments["in_flight"] = segments["twin"] = -1
+    segments["in_flight"] = segments["twin"] = segments["missed"] = -1
     network.clock[SEED] = seed
     return network

@@ -12,6 +12,7 @@ from plant_sim.can_bus.kernel.layout import (
     LOG_PLACE,
     LOG_SIZE,
     LOGGED,
+    REFUSED,
     SUPERSEDED,
     Network,
     State,
@@ -20,9 +21,23 @@ from plant_sim.kernels.jit import njit
 
 
 @njit
-def finish(bus: State, slot: int, outcome: int, t_start: int, t_received: int, t_end: int) -> None:
+def took(outcome: int, missed: int, node: int) -> bool:
+    """Return whether a receiver took the frame of a log entry with that ``outcome``, ``missed``."""
+    return (outcome in (DELIVERED, REFUSED)) and missed != node
+
+
+@njit
+def finish(
+    bus: State,
+    slot: int,
+    outcome: int,
+    t_start: int,
+    t_received: int,
+    t_end: int,
+    missed: int = -1,
+) -> None:
     """Log the end of a frame, count it and free its slot."""
-    write_log(bus, slot, outcome, t_start, t_received, t_end)
+    write_log(bus, slot, outcome, t_start, t_received, t_end, missed)
     frame = bus.frames[slot]
     message = bus.messages[frame.message]
     message.attempts += frame.attempts
@@ -42,7 +57,13 @@ def finish(bus: State, slot: int, outcome: int, t_start: int, t_received: int, t
 
 @njit
 def write_log(
-    bus: State, slot: int, outcome: int, t_start: int, t_received: int, t_end: int
+    bus: State,
+    slot: int,
+    outcome: int,
+    t_start: int,
+    t_received: int,
+    t_end: int,
+    missed: int = -1,
 ) -> None:
     """Append what happened to a frame to the ring log and to the segment's totals."""
     frame = bus.frames[slot]
@@ -65,6 +86,7 @@ def write_log(
     entry.length = frame.length
     entry.outcome = outcome
     entry.attempts = frame.attempts
+    entry.missed = missed
     stored = bus.payloads[slot]
     for index in range(frame.length):
         entry.payload[index] = stored[index]
@@ -104,7 +126,9 @@ def account(network: Network, segment: int) -> Account:
     on_segment = network.nodes["segment"] == segment
     totals = network.totals[segment]
     outcomes = {
-        name: int(totals[code]) for code, name in enumerate(layout.OUTCOMES) if code != layout.ERROR
+        name: int(totals[code])
+        for code, name in enumerate(layout.OUTCOMES)
+        if code not in (layout.ERROR, layout.REFUSED)
     }
     waiting = int(network.nodes["pending"][on_segment].sum())
     return Account(int(totals[layout.OFFERED]), outcomes, waiting)

@@ -26,6 +26,7 @@ SEGMENT: Final = np.dtype(
         ("disturbed", "i8"),
         ("bus_off", "i8"),
         ("idle_from_ns", "i8"),
+        ("missed", "i8"),
     ]
 )
 NODE: Final = np.dtype(
@@ -126,6 +127,7 @@ def log_dtype() -> np.dtype[np.void]:
     Times are nanoseconds: ``t_origin`` when the first sender queued it (gateways keep it),
     ``t_queued``, ``t_start`` of the successful or last attempt (−1: never sent), ``t_received``
     (the instant of reception, or of the loss or error) and ``t_end`` of the interframe space.
+    ``missed``: the one receiver that did not take a frame the others took, or −1.
     """
     return np.dtype(
         [
@@ -141,6 +143,7 @@ def log_dtype() -> np.dtype[np.void]:
             ("length", "u1"),
             ("outcome", "u1"),
             ("attempts", "u2"),
+            ("missed", "i2"),
             ("payload", "u1", (64,)),
         ]
     )

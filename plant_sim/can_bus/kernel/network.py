@@ -24,6 +24,7 @@ FAULTS: Final = {
     "gateway_down": layout.GATEWAY_DOWN,
     "disturb": layout.DISTURB,
     "overload": layout.OVERLOAD,
+    "refuse": layout.REFUSE,
 }
 NEVER: Final = layout.NEVER
 MAX_CAPACITY: Final = layout.MAX_FRAMES
@@ -105,7 +106,9 @@ class Fault:
     ``kind``: ``node_down`` and ``node_delay`` (by ``value`` ns) of node ``target``;
     ``gateway_down`` of gateway number ``target``; ``disturb``: bit ``value`` of the next ``count``
     attempts of node ``target`` (None: any node) with identifier ``ident`` (None: any);
-    ``overload``: an overload frame behind the next ``count`` frames of segment ``target``.
+    ``overload``: an overload frame behind the next ``count`` frames of segment ``target``;
+    ``refuse``: node ``target``, a receiver, alone sees an error in the last but one bit of EOF of
+    the next ``count`` attempts with identifier ``ident`` (None: any).
     """
 
     kind: str
@@ -278,6 +281,8 @@ def _add_faults(network: Network, spec: NetworkSpec, names: Sequence[str]) -> No
     for i, fault in enumerate(spec.faults):
         record = network.part("faults")[i : i + 1]
         record["kind"] = _code("bus fault", FAULTS, fault.kind)
+        if fault.kind == "refuse" and fault.target is None:
+            raise CanrollError("bus fault 'refuse' needs a node as its target")
         target = -1 if fault.target is None else fault.target
         record["target"] = _number(names, target) if isinstance(target, str) else target
         record["from_ns"], record["until_ns"] = fault.from_ns, fault.until_ns

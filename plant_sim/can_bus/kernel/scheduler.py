@@ -12,11 +12,13 @@ from plant_sim.can_bus.kernel.error_confinement import (
     count_error_flag,
     count_idle,
     count_recessive,
+    count_refusal,
     count_success,
     error_times,
     first_difference,
     purge,
     random_error,
+    refusing_receiver,
     scripted_error,
 )
 from plant_sim.can_bus.kernel.heap import pop
@@ -40,6 +42,8 @@ from plant_sim.can_bus.kernel.layout import (
     NODE_DOWN,
     NOW,
     OVERLOAD,
+    REFUSAL,
+    REFUSED,
     RELEASES,
     REPLACE,
     SEGMENT_COUNT,
@@ -58,6 +62,7 @@ from plant_sim.can_bus.wire.frame import (
     OVERLOAD_BITS,
     RECEPTION_BITS_BEFORE_END,
     RECESSIVE_INDICATOR,
+    REFUSAL_BITS,
     SUSPEND_BITS,
     duration_ns,
     frame_bits,
@@ -243,6 +248,7 @@ def _start(bus: State, which: int, slot: int, twin: int, now: int) -> None:
     segment.done_ns = now + fast + taken + segment.propagation_ns
     segment.end_ns = now + fast + whole
     segment.disturbance = NO_ERROR
+    segment.missed = -1
     segment.transmissions += 1
     frame.attempts += 1
     if frame.flags & ERROR_FLAG:
@@ -262,6 +268,12 @@ def _start(bus: State, which: int, slot: int, twin: int, now: int) -> None:
         segment.disturbance = kind
         segment.done_ns, segment.end_ns = error_times(bus, which, slot, position, kind, now)
     elif bus.clock[FAULT_COUNT] > 0:
+        if twin < 0:
+            segment.missed = refusing_receiver(bus, which, slot, now)
+        if segment.missed >= 0 and bus.nodes[segment.missed].state != ERROR_PASSIVE:
+            segment.disturbance = REFUSAL
+            segment.end_ns += duration_ns(REFUSAL_BITS, segment.bitrate)
+            return
         index = fault_active(bus, OVERLOAD, which, now)
         if index >= 0 and bus.faults[index].left != 0:
             bus.faults[index].left -= 1
@@ -280,7 +292,9 @@ def _end(bus: State, which: int, now: int) -> None:
     other = bus.frames[twin].node if twin >= 0 else -1
     if segment.bus_off > 0:
         count_recessive(bus, which, 1)
-    if bus.frames[slot].flags & ERROR_FLAG:
+    if segment.missed >= 0:
+        count_refusal(bus, which, sender, segment.missed)
+    elif bus.frames[slot].flags & ERROR_FLAG:
         count_error_flag(bus, which)
     elif kind == NO_ERROR:
         count_success(bus, which, sender)
@@ -307,9 +321,13 @@ def _settle(bus: State, which: int, slot: int, kind: int, now: int) -> None:
     queue.waiting = 0
     if node.state == ERROR_PASSIVE:
         node.suspended_ns = segment.end_ns + duration_ns(SUSPEND_BITS, segment.bitrate)
+    missed = segment.missed
+    if kind in (NO_ERROR, REFUSAL) and bus.messages[frame.message].gateways:
+        forward(bus, slot, now, missed)
     outcome = DELIVERED
     if kind != NO_ERROR:
-        write_log(bus, slot, ERROR, segment.start_ns, now, segment.end_ns)
+        broken = REFUSED if kind == REFUSAL else ERROR
+        write_log(bus, slot, broken, segment.start_ns, now, segment.end_ns, missed)
         if node.state == BUS_OFF:
             outcome = LOST_BUS_OFF
         elif node.single_shot:
@@ -323,8 +341,6 @@ def _settle(bus: State, which: int, slot: int, kind: int, now: int) -> None:
                 queue.tail = slot
             offer(bus, number)
             return
-    elif bus.messages[frame.message].gateways:
-        forward(bus, slot, now)
     node.pending -= 1
-    finish(bus, slot, outcome, segment.start_ns, now, segment.end_ns)
+    finish(bus, slot, outcome, segment.start_ns, now, segment.end_ns, missed)
     offer(bus, number)

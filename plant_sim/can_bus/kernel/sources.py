@@ -65,14 +65,19 @@ def generate(bus: State, number: int, now: int) -> None:
 
 
 @njit
-def forward(bus: State, slot: int, now: int) -> None:
-    """Let the gateways that route a frame just received store it for their other side."""
+def forward(bus: State, slot: int, now: int, missed: int) -> None:
+    """Let the gateways that route a frame just received store it for their other side.
+
+    ``missed``: the one node that has not received it, or −1.
+    """
     frame = bus.frames[slot]
     mask = bus.messages[frame.message].gateways
     for index in range(bus.clock[GATEWAY_COUNT]):
         if not mask >> index & 1:
             continue
         gateway = bus.gateways[index]
+        if gateway.from_node == missed:
+            continue
         latency = gateway.low_ns
         spread = gateway.high_ns - gateway.low_ns
         if gateway.distribution != 0:

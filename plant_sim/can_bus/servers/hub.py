@@ -24,6 +24,7 @@ from plant_sim.can_bus.kernel.layout import (
     MAX_PAYLOAD,
     NEVER,
     NOW,
+    REFUSED,
     RELEASES,
     Network,
 )
@@ -37,7 +38,7 @@ TRANSMIT_QUEUE: Final = 256
 _PIECE_NS: Final = 100_000_000
 _IDLE_S: Final = 0.05
 _STEPS_A_TURN: Final = 256
-_ENTRY: Final = Struct("<5qIh4BH64s")
+_ENTRY: Final = Struct("<5qIh4BHh64s")
 """An entry of the log, see ``log_dtype``: reading it so is ten times as fast as through NumPy."""
 
 
@@ -287,17 +288,20 @@ class Hub:
             port.lost += missed
         for number in range(self._cursor + missed, total):
             fields = _ENTRY.unpack_from(self._log, number % size * _ENTRY.size)
-            (_, _, _, received, _, ident, sender, _, flags, length, outcome, _, payload) = fields
+            _, _, _, received, _, ident, sender, _, flags, length, outcome, _, missed, payload = (
+                fields
+            )
             time_s = self.epoch_s + received * 1e-9
             if outcome == ERROR:
                 self.unacknowledged = self.unacknowledged or self._stuck()
                 frame = Received(time_s, 0, 0, b"", 0, True, sender)
             else:
-                time_s = self._finished(sender, ident, flags, time_s)
+                if outcome != REFUSED:
+                    time_s = self._finished(sender, ident, flags, time_s)
                 broken = bool(flags & ERROR_FLAG)
                 frame = Received(time_s, ident, flags, payload[:length], length, broken, sender)
-            if outcome in (DELIVERED, ERROR):
-                self._give(frame)
+            if outcome in (DELIVERED, REFUSED, ERROR):
+                self._give(frame, missed)
         if total > self._cursor:
             self._arrived.notify_all()
             self._room.notify_all()
@@ -312,9 +316,10 @@ class Hub:
                 return stamps.popleft() if stamps else time_s
         return time_s
 
-    def _give(self, frame: Received) -> None:
+    def _give(self, frame: Received, missed: int) -> None:
         for port in self.ports:
-            if port.node == frame.sender and not port.receive_own:
+            own = port.node == frame.sender and not port.receive_own
+            if own or port.node == missed:
                 continue
             if not port.fd and frame.flags & FD:
                 continue

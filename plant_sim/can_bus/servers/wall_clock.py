@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from plant_sim.can_bus.kernel.layout import DELIVERED, MAX_PAYLOAD, NOW, Network
+from plant_sim.can_bus.kernel.layout import DELIVERED, MAX_PAYLOAD, NOW, REFUSED, Network
 from plant_sim.can_bus.kernel.ledger import drain
 from plant_sim.can_bus.kernel.network import Node, add_node
 from plant_sim.can_bus.kernel.queues import enqueue
@@ -66,7 +66,7 @@ def serve_network(
                     advance(network, min(int(network.clock[NOW]) + _PIECE_NS, elapsed))
                     entries, cursor, missed = drain(network, cursor)
                     server.lost += missed * server.clients
-                    for entry in entries[entries["outcome"] == DELIVERED]:
+                    for entry in entries[np.isin(entries["outcome"], (DELIVERED, REFUSED))]:
                         length = int(entry["length"])
                         server.publish(
                             int(entry["ident"]),

@@ -30,6 +30,8 @@ ERROR_DELIMITER_BITS: Final = 8
 ERROR_FLAG_BITS: Final = 6
 ERROR_FRAME_BITS: Final = 2 * ERROR_FLAG_BITS + ERROR_DELIMITER_BITS + INTERFRAME_BITS
 """On the idle bus: the flag, the answer of all others, delimiter and interframe space."""
+REFUSAL_BITS: Final = ERROR_FLAG_BITS + ERROR_DELIMITER_BITS
+"""By how much an error flag in the last bit of EOF, answered one bit later, prolongs a frame."""
 SUSPEND_BITS: Final = 8
 OVERLOAD_BITS: Final = 15
 """Overload frame: a flag of 6 bits, answered one bit later by all other nodes, and delimiter."""

@@ -241,6 +241,7 @@ def test_the_whole_check(capsys):
     assert all(found["what"] and found["remedy"] for found in answer["findings"])
 
 
+@pytest.mark.slow
 def test_the_check_on_the_terminal(capsys):
     code = main(["hil", "--check", "--duration", "0.5"])
     said = capsys.readouterr().out

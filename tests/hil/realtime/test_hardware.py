@@ -134,6 +134,7 @@ def about(**changes):
         "bitrate": 500_000,
         "classified": True,
         "offsets_ns": [1000 * MS, 1000 * MS],
+        "real_time": True,
         "full": False,
         **changes,
     }
@@ -172,12 +173,13 @@ def test_the_load_is_that_of_the_bits_seen():
         + length_of(0x1234567, b"", EXTENDED)[0]
     )
     assert bus_record.bits(found) == total
-    assert bus_record.load(found, about()) == pytest.approx(total / 2000)
-    assert bus_record.load(found, about(bitrate=None)) is None
-    assert bus_record.load(found[:1], about()) is None
+    assert bus_record.load(found, about()) == (pytest.approx(total / 2000), None)
+    assert bus_record.load(found, about(bitrate=None)) == (None, "without -b")
+    assert bus_record.load(found, about(real_time=False)) == (None, "in lock step")
+    assert bus_record.load(found[:1], about()) == (None, "of so few frames")
     found["flags"][0] = FD
     assert bus_record.bits(found) is None
-    assert bus_record.load(found, about()) is None
+    assert bus_record.load(found, about()) == (None, "with FD frames")
 
 
 WAITED = [
@@ -199,6 +201,7 @@ def test_how_long_frames_wait_is_measured_by_a_clock_that_can_be_compared():
     ("changes", "why"),
     [
         ({"comparable": False, "clock": "the adapter's own"}, "the clock is the adapter's own"),
+        ({"real_time": False}, "in lock step"),
         ({"offsets_ns": [0, 2 * MS]}, "the wall clock was set during the run"),
     ],
 )

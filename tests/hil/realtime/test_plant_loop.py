@@ -19,7 +19,7 @@ def world():
 def test_in_step_with_the_clock_even_when_late(world, list_bus, clock):
     clock.late = {k: (k % 5) * 300_000 for k in range(5000)} | {200: 40 * MS}
     began = clock.now
-    outcome = plant_loop.run(world, list_bus, stop=Stop(), duration_ns=500 * MS)
+    outcome = plant_loop.run(world, list_bus, stop=Stop(), duration_ns=500 * MS, step_ns=MS)
     assert outcome.reason == plant_loop.FINISHED
     assert outcome.start_ns == began
     assert world.now_ns == 500 * MS

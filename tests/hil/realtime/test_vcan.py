@@ -1,4 +1,4 @@
-"""The run in real time on a real vcan0, with candump as the witness of every frame."""
+"""Runs on a real vcan0, in lock step, with candump as the witness of every frame."""
 
 import json
 import os
@@ -14,14 +14,11 @@ from e2e import p01
 
 import dbc
 from hil.cli.main import main
-from hil.realtime import tick_trace
+from hil.realtime import lockstep, tick_trace
+from hil.realtime.bus_link import EXTENDED
 
 ROOT = Path(__file__).parents[3]
 VCAN_VM = ROOT / "scripts" / "vcan-vm"
-
-ATTEMPTS = 5
-HELD_UP_US = 30_000
-"""Later than this, and the firmware has reason to take the Imu for silent."""
 
 pytestmark = pytest.mark.slow
 
@@ -35,7 +32,7 @@ def on_vcan(script, folder):
     environment = {
         **os.environ,
         "VCAN_VM_RW": str(folder),
-        "VCAN_VM_PRIORITY": "20",
+        "VCAN_VM_TIMEOUT": "1700",
         "PYTHON": sys.executable,
     }
     return subprocess.run(
@@ -44,65 +41,58 @@ def on_vcan(script, folder):
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=500,
+        timeout=1800,
         check=False,
     )
 
 
 @pytest.fixture(scope="module")
 def witnessed(tmp_path_factory):
-    """The double lane change in real time on vcan0: its answer, its folder, candump's log.
+    """The double lane change on vcan0, twice: its answers, its folder, candump's log of the first.
 
-    A run that the machine itself held up, by its own account, is made again.
+    The machine may be as slow as it likes.
     """
     if shutil.which("candump") is None:
         pytest.skip("needs can-utils: apt-get install can-utils")
-    for _ in range(ATTEMPTS):
-        answer, folder = witnessed_once(tmp_path_factory.mktemp("vcan"))
-        timing = answer["timing"]
-        loops = ("start_jitter_us", "tick_us", "plant_jitter_us", "plant_step_us")
-        worst = max(timing[name]["max"] for name in loops)
-        if worst < HELD_UP_US:
-            break
-    return answer, folder
-
-
-def witnessed_once(folder):
+    folder = tmp_path_factory.mktemp("vcan")
     script = f"""
         cd {folder}
+        run="hil double_lane_change --pace lockstep -i socketcan -c vcan0 --json"
         candump -r 4194304 -L vcan0 >dump.log & witness=$!
-        "$PYTHON" -m hil.cli.main hil double_lane_change -i socketcan -c vcan0 --out out --json \\
-            >hil.json
+        "$PYTHON" -m hil.cli.main $run --out out >first.json
         sleep 0.5
         kill $witness
+        "$PYTHON" -m hil.cli.main $run --out again --side-channel >second.json
     """
     ran = on_vcan(script, folder)
     assert ran.returncode == 0, ran.stderr
-    return json.loads((folder / "hil.json").read_text()), folder
+    return [
+        json.loads((folder / f"{name}.json").read_text()) for name in ("first", "second")
+    ], folder
 
 
-def test_roll_is_reduced_as_in_virtual_time(witnessed, capsys):
-    answer, _ = witnessed
-    assert main(["run", "double_lane_change", "--json"]) == 0
+def test_lock_step_on_vcan_is_virtual_time(witnessed, tmp_path, capsys):
+    answers, folder = witnessed
+    assert main(["run", "double_lane_change", "--json", "--out", str(tmp_path)]) == 0
     virtual = json.loads(capsys.readouterr().out)
-    assert answer["passive"] == virtual["passive"]
-
-    def reduction(run):
-        return 1 - run["controlled"]["roll_max_deg"] / run["passive"]["roll_max_deg"]
-
-    assert reduction(answer) == pytest.approx(reduction(virtual), rel=0.1)
-    assert answer["timing"]["frames_lost"] == 0
-    if len(os.sched_getaffinity(0)) > 1 and not Path("/sys/class/net/vcan0").exists():
-        # the guest has one core
-        assert not answer["timing"]["judged"]
-        assert any("one core" in note for note in answer["timing"]["notes"])
+    for answer in answers:
+        assert answer["timing"]["valid"]
+        assert answer["verdict"] == virtual["verdict"]
+    for out in ("out", "again"):
+        ours, theirs = np.load(folder / out / "trace.npz"), np.load(tmp_path / "trace.npz")
+        with ours, theirs:
+            for name in theirs.files:
+                assert ours[name].tobytes() == theirs[name].tobytes(), (out, name)
 
 
 def test_candump_saw_what_the_firmware_sent_and_cantools_understands_it(witnessed):
     _, folder = witnessed
     database = dbc.load()
     with can.CanutilsLogReader(folder / "dump.log") as log:
-        seen = [(m.arbitration_id, bytes(m.data)) for m in log]
+        messages = list(log)
+    grants = {m.arbitration_id for m in messages if m.is_extended_id}
+    assert grants == {ident & ~EXTENDED for ident in (lockstep.GRANT, lockstep.ACKNOWLEDGEMENT)}
+    seen = [(m.arbitration_id, bytes(m.data)) for m in messages if not m.is_extended_id]
     assert {ident for ident, _ in seen} == {0x80, 0xA0, 0xB0, 0xC0, 0xC8, 0xD0, 0xD8, 0x300, 0x301}
     for ident, payload in seen:
         message = database.get_message_by_frame_id(ident)
@@ -138,31 +128,47 @@ def test_a_missing_interface_is_one_line(tmp_path, calibration_file):
     assert "sudo ip link add dev vcan7 type vcan" in ran.stderr
 
 
-def test_either_side_rejoins_on_vcan(tmp_path, calibration_file):
-    """Killed and started again, each side finds the other, for the bus outlives both."""
+def test_a_run_in_real_time_on_vcan_says_what_it_was(tmp_path):
+    """On a guest that may be far too slow: a verdict and 0, or none and 1."""
     script = f"""
         cd {tmp_path}
-        bus="-i socketcan -c vcan0 --peer-timeout 0"
+        "$PYTHON" -m hil.cli.main hil double_lane_change --law lqr -i socketcan -c vcan0 --json \\
+            >answer.json && echo 0 >code || echo $? >code
+    """
+    ran = on_vcan(script, tmp_path)
+    assert ran.returncode == 0, ran.stderr
+    code = int((tmp_path / "code").read_text())
+    assert code in (0, 1), ran.stderr
+    text = (tmp_path / "answer.json").read_text()
+    if not text:
+        # a side was so late that the other one gave it up
+        assert (code, "not valid" in ran.stderr) == (1, True)
+        return
+    answer = json.loads(text)
+    assert answer["timing"]["compilations"] == 0
+    assert (code == 0) == answer["timing"]["valid"] == (answer["helps"] is not None)
+
+
+def test_a_killed_ecu_is_replaced_on_vcan(tmp_path, calibration_file):
+    """The bus outlives it, and in lock step time stands still until the next one is there."""
+    script = f"""
+        cd {tmp_path}
+        bus="-i socketcan -c vcan0 --peer-timeout 0 --pace lockstep"
         canroll="$PYTHON -m hil.cli.main"
-        waits() {{ for _ in $(seq 3000); do grep -q "$1" "$2" && return; sleep 0.1; done; exit 9; }}
-        $canroll plant double_lane_change $bus --duration 900 >plant1 & plant=$!
-        waits "plant waits" plant1
-        $canroll ecu $bus --calibration {calibration_file} >ecu1 & ecu=$!
-        waits "plant runs" plant1
-        sleep 1.5
-        kill -9 $ecu
+        waits() {{ for _ in $(seq 9000); do grep -q "$1" "$2" && return; sleep 0.1; done; exit 9; }}
+        $canroll plant double_lane_change $bus --wait 0 >plant & plant=$!
+        waits "plant waits" plant
+        $canroll ecu $bus --calibration {calibration_file} --duration 1 >ecu1
         $canroll ecu $bus --calibration {calibration_file} --trace ticks.npz >ecu2 & ecu=$!
-        waits "ECU runs" ecu2
-        sleep 2.5
-        kill -9 $plant
-        $canroll plant double_lane_change $bus --duration 3 >plant2
+        wait $plant
         kill $ecu
         wait $ecu
     """
     ran = on_vcan(script, tmp_path)
-    said = [path.read_text() for path in sorted(tmp_path.glob("*[12]")) if path.is_file()]
+    said = [path.read_text() for path in sorted(tmp_path.glob("[pe]*")) if path.is_file()]
     assert ran.returncode == 0, (ran.stderr, said)
-    modes = tick_trace.replay(tick_trace.load(tmp_path / "ticks.npz"), "python").rows["mode"]
-    modes = modes[modes != 2]
+    trace = tick_trace.load(tmp_path / "ticks.npz")
+    assert trace.ticks["number"].tolist() == list(range(101, 698))
+    modes = tick_trace.replay(trace, "python").rows["mode"]
     changes = modes[np.flatnonzero(np.diff(modes, prepend=255))]
-    assert list(changes[:4]) == [0, 1, 3, 1]
+    assert list(changes[:2]) == [0, 1]

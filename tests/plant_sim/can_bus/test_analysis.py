@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from plant_sim.can_bus import DELIVERED, ERROR
+from plant_sim.can_bus import DELIVERED, ERROR, REFUSED
 from plant_sim.can_bus.analysis import (
     ErrorModel,
     response_bound_1994,
@@ -96,14 +96,17 @@ def test_disturbed_frames_keep_to_the_bound_of_their_error_model():
         bounds = response_bounds(messages, bitrate=bitrate, errors=errors)
         times = np.cumsum(rng.integers(interval, 2 * interval, size=20))
         spec = traffic_spec(messages, bitrate=bitrate, seed=number)
-        faults = tuple(
-            Fault("disturb", None, int(t), value=int(rng.integers(1, 120)), count=1) for t in times
+        kinds = (
+            {"kind": "disturb", "value": int(rng.integers(1, 120))},
+            {"kind": "refuse", "target": "Listener"},
         )
+        faults = tuple(Fault(**kinds[i % 2], from_ns=int(t), count=1) for i, t in enumerate(times))
         network = build_network(replace(spec, faults=faults))
         advance(network, 10**9)
         entries, _, missed = drain(network, 0)
         assert missed == 0
-        assert (entries["outcome"] == ERROR).sum() >= 10
+        assert (entries["outcome"] == ERROR).sum() >= 5
+        assert (entries["outcome"] == REFUSED).sum() >= 5
         for node, bound in enumerate(bounds):
             mine = entries[(entries["sender"] == node) & (entries["outcome"] == DELIVERED)]
             response = mine["t_end"] - mine["t_queued"]

@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from canroll.errors import CanrollError
 from plant_sim.can_bus import (
     DELIVERED,
     ERROR,
+    REFUSED,
     Fault,
+    Gateway,
     NetworkSpec,
     Node,
     Segment,
@@ -16,6 +19,7 @@ from plant_sim.can_bus import (
     build_network,
     drain,
     enqueue,
+    took,
 )
 from plant_sim.can_bus.kernel.layout import BUS_OFF, ERROR_ACTIVE, ERROR_PASSIVE
 from plant_sim.can_bus.wire.bits import wire_bits
@@ -248,3 +252,89 @@ def test_random_errors_have_the_rate_they_are_given():
     assert attempts > 10_000
     assert abs(destroyed - expected) < 4.0 * np.sqrt(expected)
     assert account(network, 0).balanced
+
+
+def refusing(*faults, count=1, receiver="n1", **options):
+    """A sender n0 and two receivers, the first of which refuses what ``count`` attempts bring."""
+    refusal = Fault("refuse", receiver, ident=0x100, count=count)
+    return bus(faults=(refusal, *faults), **options)
+
+
+def taken(network, node):
+    return [int(e["ident"]) for e in entries(network) if took(e["outcome"], e["missed"], node)]
+
+
+def test_a_frame_that_one_receiver_refuses_reaches_the_others_twice():
+    """Inconsistent duplicate: the last but one bit of EOF, disturbed for one receiver alone."""
+    network = refusing()
+    enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
+    advance(network, 10 * MS)
+    first, second = entries(network)
+    assert (first["outcome"], second["outcome"]) == (REFUSED, DELIVERED)
+    assert (taken(network, 1), taken(network, 2)) == ([0x100], [0x100, 0x100])
+    bits = frame_bits(0x100, 0, 8, PAYLOAD)[0]
+    assert first["t_received"] == (bits - 4) * BIT
+    # in place of the last EOF bit the flag; the others' is one bit later, then delimiter and space
+    assert first["t_end"] == first["t_received"] + (7 + 8 + 3) * BIT
+    assert second["t_start"] == first["t_end"]
+    assert list(network.nodes["transmit_errors"]) == [8 - 1, 0, 0]
+    # a dominant bit behind its own flag counts 8 for the receiver; the others saw an overload
+    assert list(network.nodes["receive_errors"]) == [0, 1 + 8 - 1, 0]
+    assert account(network, 0).balanced
+
+
+def test_it_is_lost_to_one_receiver_where_the_sender_fails_before_it_sends_again():
+    """Inconsistent omission, by a sender that fails or that sends only once."""
+    for network in (
+        refusing(Fault("node_down", "n0", from_ns=200_000)),
+        refusing(single_shot=True),
+    ):
+        enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
+        advance(network, 10 * MS)
+        assert (taken(network, 1), taken(network, 2)) == ([], [0x100])
+        assert account(network, 0).balanced
+        assert account(network, 0).outcomes["delivered"] == 0
+
+
+def test_an_error_passive_receiver_misses_a_frame_unnoticed():
+    """Its error flag is recessive: nobody sends again."""
+    network = refusing()
+    network.nodes["receive_errors"][:] = 5, 130, 5
+    network.nodes["transmit_errors"][0] = 5
+    network.nodes["state"][1], network.segments["disturbed"][0] = ERROR_PASSIVE, 1
+    enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
+    advance(network, 10 * MS)
+    (entry,) = entries(network)
+    assert (entry["outcome"], entry["attempts"]) == (DELIVERED, 1)
+    assert (taken(network, 1), taken(network, 2)) == ([], [0x100])
+    assert list(network.nodes["receive_errors"]) == [5, 131, 4]
+    assert network.nodes["transmit_errors"][0] == 4
+
+
+def test_refusals_are_for_receivers_that_are_there_and_as_often_as_asked():
+    network = refusing(Fault("node_down", "n1", until_ns=1 * MS), count=2)
+    for place, ident in enumerate((0x100, 0x101, 0x100, 0x100)):
+        enqueue(network, 0, place * MS, ident, 8, PAYLOAD)
+    advance(network, 10 * MS)
+    refused = [int(e["t_queued"]) // MS for e in entries(network) if e["outcome"] == REFUSED]
+    assert refused == [2, 2]
+    with pytest.raises(CanrollError, match="'refuse' needs a node as its target"):
+        refusing(receiver=None)
+
+
+def test_a_gateway_forwards_what_it_has_taken_and_not_what_it_refused():
+    def forwarded(receiver):
+        network = build_network(
+            NetworkSpec(
+                (Segment(500_000), Segment(500_000)),
+                (Node("a"), Node("b"), Node("g"), Node("h", 1), Node("z", 1)),
+                gateways=(Gateway("g", "h", 1 * MS),),
+                faults=(Fault("refuse", receiver, count=1),),
+            )
+        )
+        enqueue(network, 0, 0, 0x100, 8, PAYLOAD)
+        advance(network, 10 * MS)
+        found = entries(network)
+        return int(((found["segment"] == 1) & (found["outcome"] == DELIVERED)).sum())
+
+    assert (forwarded("g"), forwarded("b")) == (1, 2)

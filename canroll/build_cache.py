@@ -1,0 +1,38 @@
+"""Where compiled code is kept between runs: ``$XDG_CACHE_HOME/canroll``, ``~/.cache/canroll``.
+
+A folder that cannot be written is read all the same; what is missing in it, or where there is no
+folder at all, is compiled into a private one that goes with the process.
+"""
+
+import atexit
+import os
+import shutil
+import tempfile
+from functools import cache
+from pathlib import Path
+
+
+def folder(name: str) -> Path:
+    """Return the cache folder ``name``, made where it is not there; it may be read-only."""
+    home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+    kept = home / "canroll" / name
+    try:
+        kept.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return private(name)
+    return kept
+
+
+def place(name: str, file: str) -> Path:
+    """Return the path of ``file`` in the folder ``name``, where it is or can be written."""
+    kept = folder(name)
+    found = kept / file
+    return found if found.exists() or os.access(kept, os.W_OK) else private(name) / file
+
+
+@cache
+def private(name: str) -> Path:
+    """Return a folder of this process, which is removed when the process ends."""
+    made = Path(tempfile.mkdtemp(prefix=f"canroll-{name}-"))
+    atexit.register(shutil.rmtree, made, ignore_errors=True)
+    return made

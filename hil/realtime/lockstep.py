@@ -1,0 +1,329 @@
+"""Lock step: the plant grants time tick by tick, the ECU runs each tick it is granted and answers.
+
+The plant hands over what the modelled bus has delivered by a tick, grants the tick, and stands
+still until the ECU has answered with what the tick sent. How fast either program is decides
+nothing, so a run gives the same frames on any machine, those of virtual time. Grants and
+acknowledgements count the frames that belong to them: a frame that is lost, or that somebody else
+sends, ends the run instead of changing it.
+
+Grants travel as frames with 29-bit identifiers on the same bus, or on a TCP connection beside it
+where the bus must carry nothing else.
+"""
+
+import struct
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Protocol
+
+from numpy import uint8
+from numpy.typing import NDArray
+
+from canroll.errors import VerdictError
+from hil.realtime.bus_link import EXTENDED, Frame, Link
+from hil.realtime.process import Stop
+
+GRANT = EXTENDED | 0x1CA00000
+ACKNOWLEDGEMENT = EXTENDED | 0x1CA00001
+
+END = 0xFFFFFFFF
+"""Number in the last note of a side: it goes."""
+RESEND = 1.0
+"""Time without an answer after which a grant is sent again, s: for an ECU that joins late."""
+LOST = 30.0
+"""Time that frames which were counted may take to come, s; then they are lost."""
+SLICE = 0.1
+"""Longest time that a side waits without looking whether it is to stop, s."""
+
+
+class PeerLostError(VerdictError):
+    """The other side has not answered for longer than it may."""
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A grant or an acknowledgement.
+
+    Attributes:
+        count: frames that were sent with it: since the last grant, or in the tick.
+        number: of the tick, from 1; 0 asks whether an ECU is there.
+        tick_us: period of the ECU in an acknowledgement, µs; 0 in a grant.
+    """
+
+    count: int
+    number: int
+    tick_us: int = 0
+
+    def payload(self) -> bytes:
+        """Return the eight bytes of it."""
+        return struct.pack(">BIHB", self.count, self.number, self.tick_us, 0)
+
+    @classmethod
+    def of(cls, payload: bytes) -> "Note":
+        """Read what :meth:`payload` has written.
+
+        Raises:
+            VerdictError: it has another length.
+        """
+        if len(payload) != 8:
+            raise VerdictError(f"lock step: a grant of {len(payload)} bytes: it has 8")
+        return cls(*struct.unpack(">BIHB", payload)[:3])
+
+
+class Channel(Protocol):
+    """What carries grants and acknowledgements."""
+
+    def send(self, note: Note) -> None:
+        """Send one to the other side."""
+
+    def wait(self, timeout: float, take: Callable[[Frame], None]) -> Note | None:
+        """Return the next one of the other side, None within ``timeout`` s.
+
+        ``take`` gets the frames of the bus that come in meanwhile.
+        """
+
+    def clear(self) -> None:
+        """Forget the frames on the bus that were sent before the last grant."""
+
+
+class InBand:
+    """Grants as frames on the bus itself.
+
+    Args:
+        link: the bus.
+        sends: identifier of what this side sends.
+        hears: identifier of what the other side sends.
+    """
+
+    def __init__(self, link: Link, *, sends: int, hears: int) -> None:
+        self._link, self._sends, self._hears = link, sends, hears
+
+    def send(self, note: Note) -> None:
+        """Send one to the other side."""
+        self._link.send(self._sends, note.payload())
+
+    def wait(self, timeout: float, take: Callable[[Frame], None]) -> Note | None:
+        """Return the next one of the other side, None within ``timeout`` s."""
+        until = time.monotonic() + timeout
+        while (frame := self._link.next(max(0.0, until - time.monotonic()))) is not None:
+            if frame[0] == self._hears:
+                return Note.of(frame[1])
+            take(frame)
+        return None
+
+    def clear(self) -> None:
+        """Nothing: what was sent before a grant has come in before it."""
+
+
+class _Heard:
+    """Frames of the identifiers that count, in order; another node's grants and frames do not."""
+
+    def __init__(self, link: Link, idents: Iterable[int]) -> None:
+        self._link, self._idents = link, frozenset(idents)
+        self.frames: list[Frame] = []
+
+    def take(self, frame: Frame) -> None:
+        if frame[0] in self._idents:
+            self.frames.append(frame)
+
+    def all(self, count: int, what: str, stop: Stop) -> list[Frame]:
+        """Return the ``count`` frames that were sent, those still under way included.
+
+        Raises:
+            VerdictError: one is lost, or there are more than were sent.
+        """
+        until = time.monotonic() + LOST
+        while len(self.frames) < count and not stop.requested:
+            frame = self._link.next(SLICE)
+            if frame is not None:
+                self.take(frame)
+            elif time.monotonic() > until:
+                raise VerdictError(
+                    f"lock step: {count - len(self.frames)} of the {count} frames {what} are lost"
+                )
+        if len(self.frames) > count:
+            idents = ", ".join(f"0x{ident:03X}" for ident, _ in self.frames)
+            raise VerdictError(
+                f"lock step: {len(self.frames)} frames {what} instead of {count} ({idents}): "
+                "another node sends some of them"
+            )
+        frames, self.frames = self.frames, []
+        return frames
+
+
+class GrantedEcu:
+    """The ECU behind a bus, as the loop of virtual time uses one.
+
+    Attributes:
+        tick_us: period of the ECU that was greeted, µs.
+        gone: whether it has said that it ends.
+
+    Args:
+        link: the bus.
+        channel: of grants.
+        idents: identifiers that the ECU sends.
+        stop: looked at while waiting.
+        peer_timeout: time that an answer may take, s; None: as long as it likes, and another ECU
+            may take over from one that ends.
+    """
+
+    def __init__(
+        self,
+        link: Link,
+        channel: Channel,
+        *,
+        idents: Iterable[int],
+        stop: Stop,
+        peer_timeout: float | None = None,
+    ) -> None:
+        self._link, self._channel, self._stop = link, channel, stop
+        self._heard = _Heard(link, idents)
+        self._peer_timeout = peer_timeout
+        self._sent = self._number = self.tick_us = 0
+        self.gone = False
+
+    def greet(self, timeout: float | None) -> bool:
+        """Wait until an ECU answers; its period is in ``tick_us`` then.
+
+        Returns False where ``timeout`` seconds pass or a stop is asked for.
+        """
+        try:
+            note = self._ask(Note(0, 0), timeout)
+        except PeerLostError:
+            return False
+        if note is None:
+            return False
+        self._heard.frames.clear()
+        self.tick_us = note.tick_us
+        return True
+
+    def receive(self, ident: int, payload: NDArray[uint8], length: int) -> None:
+        """Hand a frame to the ECU."""
+        self._link.send(ident, payload[:length].tobytes())
+        self._sent += 1
+
+    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
+        """Grant a tick and return what the ECU sent in it; nothing where a stop is asked for.
+
+        Raises:
+            PeerLostError: no answer came in time.
+            VerdictError: frames are lost, or another ECU has taken over that ticks otherwise.
+        """
+        self._number += elapsed_ticks
+        count, self._sent = self._sent, 0
+        note = self._ask(Note(count, self._number), self._peer_timeout)
+        if note is None:
+            return []
+        if note.number == END:
+            self.gone = True
+            return self._heard.all(note.count, "of the ECU at its end", self._stop)
+        if note.tick_us != self.tick_us:
+            raise VerdictError(
+                f"lock step: the ECU now ticks every {note.tick_us / 1000:g} ms, "
+                f"it did every {self.tick_us / 1000:g} ms"
+            )
+        return self._heard.all(note.count, f"of the ECU in tick {self._number}", self._stop)
+
+    def end(self) -> None:
+        """Tell the ECU that the run is over."""
+        self._channel.send(Note(0, END))
+
+    def _ask(self, question: Note, timeout: float | None) -> Note | None:
+        began = asked = time.monotonic()
+        self._channel.send(question)
+        while not self._stop.requested:
+            note = self._channel.wait(SLICE, self._heard.take)
+            if note is not None and note.number == question.number:
+                return note
+            if note is not None and note.number == END:
+                if timeout is not None and question.number:
+                    return note
+                self._heard.frames.clear()
+            now = time.monotonic()
+            if timeout is not None and now - began > timeout:
+                raise PeerLostError(f"lock step: no answer from the ECU within {timeout:g} s")
+            if now - asked > RESEND:
+                self._channel.send(question)
+                asked = now
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Grant:
+    """One granted tick: its number and the frames that came before it."""
+
+    number: int
+    frames: list[Frame]
+
+
+class Grants:
+    """The ECU's side: waits for grants, acknowledges them.
+
+    Args:
+        link: the bus.
+        channel: of grants.
+        idents: identifiers that the plant sends.
+        tick_us: period of the ECU, µs.
+        stop: looked at while waiting.
+    """
+
+    def __init__(
+        self, link: Link, channel: Channel, *, idents: Iterable[int], tick_us: int, stop: Stop
+    ) -> None:
+        self._channel, self._stop, self._tick_us = channel, stop, tick_us
+        self._heard = _Heard(link, idents)
+        self._number: int | None = None
+        self._sent = 0
+
+    def wait(self, timeout: float | None) -> Grant | None:
+        """Return the next grant; None where the plant has gone or a stop is asked for.
+
+        The plant has gone when it says so, or says nothing for ``timeout`` s; None: it never has.
+
+        Raises:
+            VerdictError: frames are lost.
+        """
+        began = time.monotonic()
+        while not self._stop.requested:
+            note = self._channel.wait(SLICE, self._heard.take)
+            if note is None:
+                if timeout is not None and time.monotonic() - began > timeout:
+                    return None
+            elif note.number == END:
+                if timeout is not None and self._number is not None:
+                    return None
+            elif note.number == 0:
+                if self._number != 0:
+                    # a run begins: what was heard before is none of it
+                    self._heard.frames.clear()
+                    self._channel.clear()
+                    self._number, self._sent = 0, 0
+                self._acknowledge()
+            elif note.number == self._number:
+                # asked again: the answer was lost
+                self._acknowledge()
+            else:
+                frames = self._frames(note)
+                self._number = note.number
+                return Grant(note.number, frames)
+        return None
+
+    def end(self, sent: int) -> None:
+        """Tell the plant that the ECU ends, having sent so many last frames."""
+        self._channel.send(Note(sent, END, self._tick_us))
+
+    def done(self, sent: int) -> None:
+        """Acknowledge the tick: it has sent so many frames."""
+        self._sent = sent
+        self._acknowledge()
+
+    def _frames(self, note: Note) -> list[Frame]:
+        if self._number is None:
+            # joined in the middle: what was sent before the bus was open is not for us
+            frames, self._heard.frames = self._heard.frames, []
+            return frames
+        return self._heard.all(note.count, f"of the plant before tick {note.number}", self._stop)
+
+    def _acknowledge(self) -> None:
+        assert self._number is not None
+        self._channel.send(Note(self._sent, self._number, self._tick_us))

@@ -1,0 +1,61 @@
+"""Keeps the ECU's ticks at a chosen phase after the sensor's frames, over drifting clocks.
+
+A frame is late by whatever the bus was busy with, never early: the earliest arrivals within the
+sensor's cycle tell its clock. The estimate follows an earlier arrival at once, within a limit, and
+creeps towards later ones, so that it neither jumps for a held-up frame nor loses a slow clock.
+Frames that come anyhow, as through a gateway that delays at random, have no clock to be found.
+"""
+
+ACQUIRE = 12
+"""Frames that the first estimate rests on."""
+REGULAR = 0.3
+"""Share of the cycle within which they must come."""
+CREEP_NS = 2_000
+"""The estimate moves later by so much a frame: 200 ppm at a frame every 10 ms."""
+PULL_NS = 50_000
+"""The estimate moves earlier by so much a frame at most."""
+SLEW_NS = 100_000
+"""A deadline moves by so much a tick at most, once the phase has been found."""
+
+
+class PhaseLock:
+    """Ticks at ``phase_ns`` after the earliest arrivals, modulo ``cycle_ns``.
+
+    Attributes:
+        locked: whether the phase has been found.
+    """
+
+    def __init__(self, *, phase_ns: int, cycle_ns: int) -> None:
+        self.locked = False
+        self._phase, self._cycle = phase_ns, cycle_ns
+        self._first: list[int] = []
+        self._earliest = 0
+        self._jump = False
+
+    def arrived(self, t_ns: int) -> None:
+        """Take the arrival of a sensor's frame."""
+        if self.locked:
+            late = self._wrapped(t_ns - self._earliest)
+            self._earliest += max(min(late, CREEP_NS), -PULL_NS)
+            return
+        self._first.append(t_ns)
+        if len(self._first) == ACQUIRE:
+            late_by = [self._wrapped(arrival - t_ns) for arrival in self._first]
+            if max(late_by) - min(late_by) <= REGULAR * self._cycle:
+                self._earliest = t_ns + min(late_by)
+                self.locked = self._jump = True
+            self._first = []
+
+    def correction(self, deadline_ns: int) -> int:
+        """Return by how much a deadline is to move, ns: once by all of it, then slowly."""
+        if not self.locked:
+            return 0
+        wanted = self._wrapped(self._earliest + self._phase - deadline_ns)
+        if self._jump:
+            self._jump = False
+            return wanted % self._cycle
+        return max(-SLEW_NS, min(wanted, SLEW_NS))
+
+    def _wrapped(self, difference: int) -> int:
+        half = self._cycle // 2
+        return (difference + half) % self._cycle - half

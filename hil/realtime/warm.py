@@ -1,0 +1,116 @@
+"""What must not happen in a loop happens before it: compiling, loading, touching memory.
+
+Both programs run their loops on made-up frames first, whole, and only then say that they are
+ready. What is compiled after that is counted.
+"""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from numba.core import event
+
+from codegen.run.backends import Backend
+from firmware.calibration import BARS, DAMPERS, SUSPENSION, VALVES, Calibration
+from firmware.signals import RX_IDS, TX_IDS
+from hil.realtime import ecu_loop, plant_loop
+from hil.realtime.bus_link import Frame
+from hil.realtime.phase_lock import ACQUIRE, PhaseLock
+from hil.realtime.process import Stop
+from hil.realtime.tick_trace import Recorder
+from plant_sim.world.world import World
+
+TICKS = ACQUIRE + 4
+"""Ticks of a rehearsal: enough to find the phase and go on."""
+PLANT_NS = 50_000_000
+"""Length of the plant's rehearsal."""
+EVERY = 20
+"""A loop that asks for frames gets some every so many times: every 10 ms in the plant."""
+
+
+class _Rehearsal:
+    """A link to nobody: the same frames come in again and again, what is sent is gone."""
+
+    failed = 0
+    record = None
+
+    def __init__(self, frames: list[Frame]) -> None:
+        self._frames, self._place = frames, 0
+        self.sent = self.received = 0
+
+    def receive(self) -> list[Frame]:
+        self._place += 1
+        return [] if self._place % EVERY else self._frames
+
+    def next(self, timeout: float) -> Frame:
+        time.sleep(timeout / 2)
+        self._place += 1
+        return self._frames[self._place % len(self._frames)]
+
+    def send(self, ident: int, payload: bytes) -> None:
+        self.sent += 1
+
+    def close(self) -> None:
+        pass
+
+
+def rehearse_ecu(ecu: Backend, calibration: Calibration) -> None:
+    """Run the ECU's loop for a few ticks on an ECU that is thrown away."""
+    link = _Rehearsal([(ident, bytes(8)) for ident in RX_IDS if ident])
+    period = 1000 * calibration.tick_us
+    recorder = Recorder(ticks=2 * TICKS, frames=40 * TICKS)
+    ecu_loop.run(
+        ecu,
+        link,
+        recorder,
+        calibration,
+        stop=Stop(),
+        duration_ns=TICKS * period,
+        peer_timeout_ns=TICKS * period,
+        lock=PhaseLock(phase_ns=0, cycle_ns=period),
+    )
+
+
+def rehearse_plant(make_world: Callable[[], World]) -> None:
+    """Run the plant's loop for a moment, and read all that a run is read for.
+
+    Args:
+        make_world: a world of the run's kind.
+    """
+    world = make_world()
+    calibration, commands = Calibration(), []
+    for calibration.actuator in (SUSPENSION, BARS, DAMPERS, VALVES):
+        commands.append(ecu_loop.zero_command(calibration, bytes(8)))
+    link = _Rehearsal([*commands, *((ident, bytes(8)) for ident in TX_IDS)])
+    plant_loop.run(world, link, stop=Stop(), duration_ns=PLANT_NS, peer_timeout_ns=PLANT_NS)
+    # a run may grow the world's memory and empties its log on the way
+    world.advance(world.duration_ns + PLANT_NS)
+    _ = world.signals, world.frames, world.commands, world.ages
+
+
+@dataclass(slots=True)
+class Compilations:
+    """Functions compiled, or loaded from the cache, so far."""
+
+    count: int = 0
+
+
+class _Listener(event.Listener):  # type: ignore[misc]
+    def __init__(self, found: Compilations) -> None:
+        self._found = found
+
+    def on_start(self, _event: Any) -> None:  # noqa: ANN401
+        self._found.count += 1
+
+    def on_end(self, _event: Any) -> None:  # noqa: ANN401
+        pass
+
+
+@contextmanager
+def counted_compilations() -> Iterator[Compilations]:
+    """Count what Numba compiles or loads inside."""
+    found = Compilations()
+    with event.install_listener("numba:compiler_lock", _Listener(found)):
+        yield found

@@ -1,0 +1,124 @@
+"""The phase of the ECU's ticks: how long after an Imu frame has come in a tick starts.
+
+An ECU with a clock of its own has any phase; one locked to the sensor keeps the phase it was given.
+The phase decides how old a sample is when it is used, between nothing and a cycle of the sensor.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+import dbc
+from canroll.errors import CanrollError
+from plant_sim.can_bus import DELIVERED, ECU
+from plant_sim.world.world import World
+
+MESSAGE = dbc.load().get_message_by_name("Imu")
+IMU: int = MESSAGE.frame_id
+IMU_PERIOD_NS = int(MESSAGE.cycle_time) * 1_000_000
+LISTEN_NS = 500_000_000
+"""Time in which the earliest arrival of an Imu frame is looked for."""
+REGULAR_NS = 3_000_000
+"""Imu frames that come more irregularly than this have no phase that a tick could keep."""
+
+
+@dataclass(frozen=True, slots=True)
+class Phase:
+    """Least, mean and longest time from an Imu frame's reception to the next tick, s."""
+
+    least: float
+    mean: float
+    most: float
+
+
+def cycle_ns(tick_ns: int) -> int:
+    """Return the cycle within which ticks have a phase: the shorter of tick and sensor period.
+
+    Raises:
+        CanrollError: neither is a multiple of the other, so that the phase wanders.
+    """
+    short, long = sorted((tick_ns, IMU_PERIOD_NS))
+    if long % short:
+        raise CanrollError(
+            f"a tick of {tick_ns / 1e6:g} ms has no phase against Imu frames every "
+            f"{IMU_PERIOD_NS / 1e6:g} ms: choose a tick of 1, 2, 5, 10 or 20 ms, or no phase"
+        )
+    return short
+
+
+def checked_cycle_ns(tick_ns: int, phase_ns: int) -> int:
+    """Return the cycle within which ticks have the phase ``phase_ns``.
+
+    Raises:
+        CanrollError: the tick can have no phase, or not this one.
+    """
+    cycle = cycle_ns(tick_ns)
+    if not 0 <= phase_ns < cycle:
+        raise CanrollError(
+            f"a phase of {phase_ns / 1e6:g} ms: it must be at least 0 and below {cycle / 1e6:g} ms"
+        )
+    return cycle
+
+
+def offset_ns(world: World, tick_ns: int, phase_ns: int) -> int:
+    """Return the instant of tick 0, in [0, tick), at which ticks have a phase.
+
+    Args:
+        world: at time 0, of the run's vehicle, bus and seed; it is driven and thrown away.
+        tick_ns: period of the ticks.
+        phase_ns: from the earliest arrival of an Imu frame to a tick.
+
+    Raises:
+        CanrollError: the tick can have no phase, or not this one.
+    """
+    return (earliest_arrival_ns(world) + phase_ns) % checked_cycle_ns(tick_ns, phase_ns)
+
+
+def phase_ns(world: World, tick_ns: int, offset: int = 0) -> int:
+    """Return the phase that ticks at ``offset + k tick_ns`` have; the inverse of `offset_ns`."""
+    return (offset - earliest_arrival_ns(world)) % cycle_ns(tick_ns)
+
+
+def earliest_arrival_ns(world: World) -> int:
+    """Return the earliest instant of the sensor's cycle at which an Imu frame reaches the ECU.
+
+    Raises:
+        CanrollError: none does, or they come anyhow.
+    """
+    segment = int(world.network.nodes["segment"][ECU])
+    world.advance(LISTEN_NS)
+    imu = _received(world.frames, segment)
+    if not len(imu):
+        raise CanrollError("no Imu frame reaches the ECU: its ticks can have no phase")
+    responses = imu["t_received"] - imu["t_origin"]
+    if np.ptp(responses) > REGULAR_NS:
+        raise CanrollError(
+            f"Imu frames take {1e-6 * np.min(responses):.1f} to {1e-6 * np.max(responses):.1f} ms "
+            "on this bus: its ticks can have no phase against them"
+        )
+    return (int(imu["t_origin"][0]) + int(np.min(responses))) % IMU_PERIOD_NS
+
+
+def measured(ticks: NDArray[np.float64], frames: NDArray[np.void]) -> Phase | None:
+    """Return the phase that a run's ticks had; None where there was no Imu frame before one.
+
+    Args:
+        ticks: instants of the ticks, s.
+        frames: the bus log.
+    """
+    own = frames[frames["sender"] == ECU]
+    if not len(own):
+        return None
+    received = np.sort(_received(frames, int(own["segment"][0]))["t_received"]) * 1e-9
+    newest = np.searchsorted(received, ticks + 1e-12, side="right") - 1
+    heard = newest >= 0
+    if not np.any(heard):
+        return None
+    since = ticks[heard] - received[newest[heard]]
+    return Phase(float(since.min()), float(since.mean()), float(since.max()))
+
+
+def _received(frames: NDArray[np.void], segment: int) -> NDArray[np.void]:
+    imu = (frames["ident"] == IMU) & (frames["outcome"] == DELIVERED)
+    return np.asarray(frames[imu & (frames["segment"] == segment)])
