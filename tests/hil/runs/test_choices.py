@@ -31,6 +31,7 @@ ASKED = {
     "gains": "as_printed",
     "feedforward": False,
     "identification": True,
+    "offset_learning": True,
     "options": {"friction": "0.6"},
     "faults": ["Imu.RollRate=stuck@3:5", "front_left=weak:0.3@2"],
     "conditions": {"supply": "10"},
