@@ -180,7 +180,7 @@ def design_lqr_full_car(task: Task) -> Solution:
         raise VerdictError(
             f"lqr_full_car for {task.vehicle.name}: no compensator of order {ORDERS[0]} to "
             f"{ORDERS[-1]} keeps {100 * WORTH:.0f} % of the benefit at "
-            f"{1e3 * task.delay.most:.0f} ms; shorten the delay"
+            f"{1e3 * task.delay.most:.0f} ms; reduce the delay"
         )
     return Solution(
         chosen,
@@ -257,7 +257,7 @@ def design_lqr_full_car_ideal(task: Task) -> Solution:
         rightmost_root=root,
         checks={"rightmost_root": below(root, 0.0)},
         delay_aware=True,
-        notes=("lqr_full_car_ideal: needs 26 measured states, no ECU runs it",),
+        notes=("lqr_full_car_ideal: needs 26 measured states and cannot run on an ECU",),
         extra=numbers,
         deployable=False,
         verified_by_law=True,

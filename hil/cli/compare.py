@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     )
 
     if len(set(args.runs)) < len(args.runs):
-        raise CanrollError("compare: the same run is named twice: name each once")
+        raise CanrollError("compare: a run is given twice: give each once")
     out = folder(args)
     with terminal.progress(quiet=args.json) as progress:
         named = list(

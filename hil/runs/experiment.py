@@ -256,7 +256,7 @@ def assess(
         )
     warnings = list(controller.warnings)
     if settings.plant == "roll1" and settings.scenario in AT_THE_LIMIT:
-        warnings.append("roll1 knows no tyre limit and no wheel lift: use --plant nonlinear")
+        warnings.append("roll1 has no tyre limits and no wheel lift: use --plant nonlinear")
     if cycle is not None:
         warnings.append(str(cycle))
     without_roll = metrics.load_transfer_without_roll(
@@ -296,4 +296,4 @@ def _check(scenario: str, settings: Mapping[str, float | None]) -> None:
         raise UnknownNameError("scenario", scenario, maneuvers.names())
     for name, value in settings.items():
         if value is not None and not 0 < value < inf:
-            raise CanrollError(f"{name.format(value)}: it must be above 0")
+            raise CanrollError(f"{name.format(value)}: must be positive")

@@ -133,7 +133,7 @@ def _designed(request: Request, bus: str) -> Controller:
     trigger = choose("trigger", request.trigger or "event", TRIGGERS)
     tick = 1e-3 * (request.tick_ms if request.tick_ms is not None else 10.0)
     if not 0.001 <= tick <= 0.020 or round(tick * 1e9) % 1000:
-        raise CanrollError(f"--tick {1e3 * tick:g}: the loop runs every 1 to 20 ms, whole µs")
+        raise CanrollError(f"--tick {1e3 * tick:g}: must be 1 to 20 ms, in whole µs")
     task = Task(
         vehicle=vehicle,
         delay=sample_to_force(
@@ -149,7 +149,7 @@ def _designed(request: Request, bus: str) -> Controller:
     if not tick <= heartbeat < COMMAND_TIMEOUT:
         raise CanrollError(
             f"--heartbeat {1e3 * heartbeat:g}: it must be at least the tick and below the "
-            f"{1e3 * COMMAND_TIMEOUT:g} ms after which actuators let go"
+            f"{1e3 * COMMAND_TIMEOUT:g} ms after which actuators release"
         )
     options = Options(
         event_trigger=TRIGGERS[trigger],

@@ -61,7 +61,7 @@ def describe(text: str) -> dict[str, Any]:
         try:
             keywords[_KEYWORDS.get(key, key)] = KEYS[key](value)
         except ValueError as error:
-            raise CanrollError(f"'{part}' in '{text}': {value!r} is no number") from error
+            raise CanrollError(f"'{part}' in '{text}': {value!r} is not a number") from error
     return keywords
 
 
@@ -128,7 +128,7 @@ def gather(
     for run in found:
         if run.result.settings.scenario != found[0].result.settings.scenario:
             raise CanrollError(
-                f"{found[0].name} is a {found[0].result.settings.scenario}, {run.name} a "
+                f"{found[0].name} is a {found[0].result.settings.scenario}, {run.name} is a "
                 f"{run.result.settings.scenario}: compare runs of one manoeuvre"
             )
     return found

@@ -115,8 +115,8 @@ def message_paths(
 def _finite(bound: int | None, message: BusMessage, profile: BusProfile) -> int:
     if bound is None:
         raise VerdictError(
-            f"bus profile '{profile.name}': {message.name} has no response bound:"
-            " lower the load or raise the bit rate"
+            f"bus profile '{profile.name}': the response time of {message.name} is unbounded:"
+            " reduce the load or raise the bit rate"
         )
     return bound
 
@@ -154,7 +154,7 @@ def delay_bounds(
         CanrollError: ``tick_ms`` is not above 0, or ``sensor`` is not a message of the bus.
     """
     if tick_ms <= 0.0:
-        raise CanrollError(f"tick {tick_ms} ms: it must be above 0")
+        raise CanrollError(f"the tick must be positive, got {tick_ms} ms")
     periods = {m.name: m.period_ns * _NS for m in own_messages(command)}
     if sensor not in periods:
         raise CanrollError(f"'{sensor}' is not a message of the bus: choose from {sorted(periods)}")
@@ -168,8 +168,8 @@ def delay_bounds(
     for name in (sensor, command):
         if name not in paths:
             raise VerdictError(
-                f"bus profile '{profile.name}': {name} has no response bound:"
-                " lower the load or raise the bit rate"
+                f"bus profile '{profile.name}': the response time of {name} is unbounded:"
+                " reduce the load or raise the bit rate"
             )
     return total_delay(
         paths[sensor],

@@ -32,8 +32,8 @@ def traffic(folder, *, period):
     [
         (["--serve", "99999"], "a port is 0 to 65535"),
         (["--bitrate", "2000000"], "at most 1000000 bit/s"),
-        (["--data-bitrate", "250000"], "data bit rate 250000 bit/s: at least the 500000"),
-        (["--data-bitrate", "9000000"], "data bit rate 9000000 bit/s: at most 8000000"),
+        (["--data-bitrate", "250000"], "the data bit rate must be at least the 500000"),
+        (["--data-bitrate", "9000000"], "the data bit rate must be at most 8000000"),
         (["--serve", "--replay", "x.log"], "--serve takes no --replay"),
         (["--simulate", "0", "--replay", "x.log"], "--replay needs --simulate above 0"),
         (["--channel", "1"], "--channel is one of a log: give --replay"),
