@@ -60,7 +60,7 @@ def main():
 
         def alone(body=body, outputs=outputs):
             state, parameters = body.build(vehicle, 20.0)
-            inputs = bodies.initial_inputs()
+            inputs = ports.initial_inputs()
             inputs[ports.STEER] = 0.02
             steps(body.step, state, inputs, parameters, outputs, count)
 

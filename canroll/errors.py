@@ -19,7 +19,7 @@ class VerdictError(CanrollError):
     exit_code = 1
 
 
-class UnknownNameError(CanrollError):
+class UnknownNameError(CanrollError, KeyError):
     """A name that is not among the choices; the message suggests the nearest."""
 
     def __init__(self, what: str, name: str, choices: Iterable[str]) -> None:
@@ -27,3 +27,5 @@ class UnknownNameError(CanrollError):
         near = get_close_matches(name, known, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"choose from {', '.join(known)}"
         super().__init__(f"unknown {what} '{name}': {hint}")
+
+    __str__ = Exception.__str__  # a KeyError shows its argument quoted

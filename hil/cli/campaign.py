@@ -2,69 +2,32 @@
 
 import argparse
 import json
-import os
 from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError
-from hil.cli.page_files import add_page_options, folder, write
-from hil.cli.run import add_condition_options, add_run_options, answer, key_values, run_keywords
-
-DEFAULT_RUNS = 100
-
-
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "campaign",
-        help="Monte Carlo over parameters, noise, delays and faults",
-        description="Drive a manoeuvre with one calibration on many draws of vehicle, noise, bus "
-        "and fault. --bus takes several profiles with commas, the controller being designed for "
-        "the first; of the --fault given one, or none, is drawn; --seed is that of the draws.",
-    )
-    parser.add_argument(
-        "scenario", nargs="?", default="double_lane_change", help="default: %(default)s"
-    )
-    parser.add_argument(
-        "--runs", type=int, default=DEFAULT_RUNS, metavar="N", help="draws (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--spread",
-        action="append",
-        default=[],
-        metavar="QUANTITY=SHARE",
-        help="half-width that a quantity is drawn from, as roll_stiffness=0.3; 0 keeps it. "
-        "Default: 0.2 of roll_inertia, roll_damping, roll_stiffness, sprung_mass, "
-        "cg_height_above_roll_axis and estimate_error, 0.1 of cornering_stiffness and friction, "
-        "0 of speed; may be repeated",
-    )
-    parser.add_argument("--only", type=int, metavar="DRAW", help="report one draw as a run")
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)"
-    )
-    add_run_options(parser)
-    add_condition_options(parser)
-    add_page_options(parser)
-    parser.set_defaults(run=run)
+from hil.cli import terminal
+from hil.cli.options import choices_of, folder_of
+from hil.cli.run import answer
+from hil.report.run_folder import page_folder, write_page
+from hil.runs import experiment
+from hil.runs.choices import CHOICES
+from hil.studies import campaign, variation
+from hil.studies.campaign_page import campaign_page, quantile_table
 
 
 def run(args: argparse.Namespace) -> int:
     """Drive all draws, print the table, write campaign.html and .json; 1 if one of them fails."""
-    from hil.cli import terminal  # noqa: PLC0415 - loads compiled kernels
-    from hil.studies import campaign, variation  # noqa: PLC0415 - loads compiled kernels
-    from hil.studies.campaign_page import campaign_page, quantile_table  # noqa: PLC0415
-
-    choices: dict[str, Any] = run_keywords(args)
+    choices = choices_of(args)
     draws = {
-        "spread": variation.spread_from(key_values("--spread", args.spread) or {}),
-        "seed": choices.pop("seed"),
+        "spread": variation.spread_from(dict(args.spread)),
+        "seed": choices.pop("seed", CHOICES["seed"].default),
         "faults": choices.pop("faults", ()),
     }
-    buses = str(choices.pop("bus", "")).split(",")
-    if buses[0]:
-        choices["bus"] = buses[0]
-        draws["buses"] = buses
-    out = folder(args)
+    if "bus" in choices:
+        draws["buses"] = choices["bus"]
+        choices["bus"] = choices["bus"][0]
+    out = page_folder(folder_of(args))
     if args.only is not None:
         return _one(args, choices, draws, out)
     with terminal.progress(quiet=args.json) as progress:
@@ -72,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
             args.scenario, runs=args.runs, jobs=args.jobs, progress=progress, **draws, **choices
         )
     texts = {"report": (".html", lambda: campaign_page(found))}
-    data = {"files": {}, **write(out, "campaign", texts, found.to_json())}
+    data = {"files": {}, **write_page(out, "campaign", texts, found.to_json())}
     if args.json:
         print(json.dumps(data))
     else:
@@ -93,10 +56,6 @@ def _one(
     args: argparse.Namespace, choices: dict[str, Any], draws: dict[str, Any], out: Path | None
 ) -> int:
     """Drive one draw again and report it as a run."""
-    from hil.cli import terminal  # noqa: PLC0415
-    from hil.runs import experiment  # noqa: PLC0415
-    from hil.studies import variation  # noqa: PLC0415
-
     if args.only < 0:
         raise CanrollError(f"--only {args.only}: draws count from 0")
     settings, controller = experiment.plan(args.scenario, **choices)

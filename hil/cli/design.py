@@ -4,20 +4,21 @@ import argparse
 import json
 from dataclasses import replace
 from math import inf, isfinite
-from pathlib import Path
 
 from canroll.errors import CanrollError
 from codegen.export.header import gains_header
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
-from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options
 from gain_gen.design import design
-from gain_gen.laws import LAWS, OBSERVERS
+from gain_gen.laws import LAWS
 from gain_gen.models.task import Check, Delay, Design, Task
-from vehicles import Vehicle, load
+from hil.cli import terminal
+from hil.cli.options import choices_of
+from hil.cli.parsers import DEFAULT_DELAY_MS, DEFAULT_SCENARIO
+from hil.runs.choices import chosen
+from hil.runs.frozen import options_of, task_of
+from hil.studies import equal_effort
 
-DEFAULT_DELAY_MS = 20.0
-DEFAULT_RUNS = 20
 UNITS = {"db": "dB", "deg": "deg", "s": "s"}
 WORDS = {
     "max_delay_sampled_s": "largest delay, sampled loop",
@@ -26,128 +27,22 @@ WORDS = {
 }
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "design", help="design, verify and quantise a controller; write calibration.toml and C"
-    )
-    add_design_options(parser)
-    parser.add_argument(
-        "--compare", action="store_true", help="design every law for the vehicle, write nothing"
-    )
-    parser.add_argument(
-        "--over-bus",
-        metavar="PROFILE",
-        help="with --compare: drive all laws at equal effort over this bus, paired runs",
-    )
-    parser.add_argument(
-        "--runs", type=int, help=f"with --over-bus: seeds a law (default: {DEFAULT_RUNS})"
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument(
-        "--out", type=Path, default=Path("out"), help="folder for the files (default: %(default)s)"
-    )
-    parser.set_defaults(run=run)
-
-
-def add_design_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say what to design."""
-    parser.add_argument(
-        "--law", default="lqg_delay", help=f"one of {', '.join(LAWS)} (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--vehicle", default="van_real", help="preset name or vehicle file (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--actuator",
-        choices=tuple(ACTUATOR_NUMBER),
-        default="suspension",
-        help="what moves the body (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--delay",
-        type=float,
-        metavar="MS",
-        help=f"delay from sample to force (default: {DEFAULT_DELAY_MS:g})",
-    )
-    parser.add_argument(
-        "--delay-min", type=float, metavar="MS", help="least delay, where it varies"
-    )
-    parser.add_argument(
-        "--delay-from-bus",
-        metavar="PROFILE",
-        help="take the bounds of the delay from a bus profile, such as 500k or gateway_50ms",
-    )
-    parser.add_argument(
-        "--gamma",
-        type=float,
-        default=0.0,
-        metavar="LEVEL",
-        help="H-infinity level that hinf_delay must certify (default: the least)",
-    )
-    parser.add_argument("--tick", type=float, metavar="MS", default=10.0, help="default: 10")
-    parser.add_argument(
-        "--observer",
-        default="two_sensors",
-        help=f"one of {', '.join(OBSERVERS)} (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--gains",
-        choices=("computed", "as_printed"),
-        default="computed",
-        help="as_printed: the paper's own numbers, written unverified (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--no-feedforward",
-        dest="feedforward",
-        action="store_false",
-        help="without the disturbance feedforward",
-    )
-    parser.add_argument("--matrices", default="", metavar="FILE", help="gains of --law custom")
-    parser.add_argument(
-        "--identification",
-        action="store_true",
-        help="identify roll stiffness and damping at run time",
-    )
-    parser.add_argument(
-        "--every-tick",
-        dest="event_trigger",
-        action="store_false",
-        help="send a command every tick instead of when it matters",
-    )
-
-
-def task_of(args: argparse.Namespace) -> Task:
+def design_task(args: argparse.Namespace) -> Task:
     """Return the design task that the options describe.
 
     Raises:
         CanrollError: an unknown vehicle, or delays that cannot be.
     """
-    vehicle = load(args.vehicle)
-    return Task(
-        vehicle=vehicle,
-        delay=delay_of(args, vehicle),
-        tick=1e-3 * args.tick,
-        actuator=args.actuator,
-        observer=args.observer,
-        feedforward=args.feedforward,
-        gains=args.gains,
-        matrices=args.matrices,
-        gamma_target=args.gamma,
-    )
+    task = task_of(choices_of(args), delay_of(args))
+    return replace(task, matrices=args.matrices, gamma_target=args.gamma)
 
 
-def delay_of(args: argparse.Namespace, vehicle: Vehicle) -> Delay:
-    """Return the delay in ms that is given, or the bounds on the bus that is named."""
-    if args.delay_from_bus is not None:
+def delay_of(args: argparse.Namespace) -> Delay | None:
+    """Return the delay that is given in ms; None: that of the bus that is named."""
+    if args.bus is not None:
         if args.delay is not None or args.delay_min is not None:
-            raise CanrollError("--delay-from-bus excludes --delay and --delay-min")
-        from hil.runs.frozen import COMMANDS, sample_to_force  # noqa: PLC0415
-        from plant_sim.can_bus import load_profile  # noqa: PLC0415
-
-        command = COMMANDS[ACTUATOR_NUMBER[args.actuator]]
-        profile = load_profile(args.delay_from_bus)
-        return sample_to_force(vehicle, command, profile, tick=1e-3 * args.tick)
+            raise CanrollError("--bus excludes --delay and --delay-min")
+        return None
     most = 1e-3 * (DEFAULT_DELAY_MS if args.delay is None else args.delay)
     least = most if args.delay_min is None else 1e-3 * args.delay_min
     if not 0.0 <= least <= most:
@@ -157,14 +52,13 @@ def delay_of(args: argparse.Namespace, vehicle: Vehicle) -> Delay:
 
 def run(args: argparse.Namespace) -> int:
     """Design, write and report; 1 for an as-printed law that fails a check, else 0."""
-    if args.over_bus is not None and not args.compare:
-        raise CanrollError("--over-bus belongs to --compare: give both")
-    if args.runs is not None and args.over_bus is None:
-        raise CanrollError("--runs belongs to --compare --over-bus: give all")
+    if args.runs is not None and not args.compare:
+        raise CanrollError("--runs belongs to --compare: give both")
     if args.compare:
         return compare(args)
-    answer = design(args.law, task_of(args))
-    options = Options(identification=args.identification, event_trigger=args.event_trigger)
+    choices = choices_of(args)
+    answer = design(chosen(choices, "law"), design_task(args))
+    options = options_of(choices)
     if not answer.solution.deployable:
         print(json.dumps(summary(answer)) if args.json else "\n".join(report(answer)))
         return 0
@@ -224,9 +118,9 @@ def _with_unit(name: str, value: float) -> str:
 
 def compare(args: argparse.Namespace) -> int:
     """Design every law for one task and print one line or object each."""
-    if args.over_bus is not None:
+    if args.runs is not None:
         return drive_all(args)
-    task = task_of(args)
+    task = design_task(args)
     answers: dict[str, Design | CanrollError] = {}
     for law in LAWS:
         if law == "custom":
@@ -280,15 +174,13 @@ def _line(answer: Design) -> str:
 
 def drive_all(args: argparse.Namespace) -> int:
     """Drive every law over the simulated bus at equal effort and print the table."""
-    from hil.cli import terminal  # noqa: PLC0415 - loads compiled kernels
-    from hil.studies import equal_effort  # noqa: PLC0415 - loads compiled kernels
-
+    choices = choices_of(args)
     with terminal.progress(quiet=args.json) as progress:
         found = equal_effort.compare(
-            "double_lane_change",
-            vehicle=args.vehicle,
-            bus=args.over_bus,
-            runs=DEFAULT_RUNS if args.runs is None else args.runs,
+            DEFAULT_SCENARIO,
+            vehicle=chosen(choices, "vehicle"),
+            bus=chosen(choices, "bus"),
+            runs=args.runs,
             progress=progress,
         )
     if args.json:

@@ -21,6 +21,8 @@ from codegen.run.ecu_traffic import Traffic
 from firmware.calibration import Calibration
 from gain_gen.calibration.freeze import physical_notes
 from gain_gen.calibration.record import identify
+from hil.cli.options import add_choices, choices_of
+from hil.cli.parsers import OF_A_DESIGN
 from hil.runs.experiment import build_world, plan
 from hil.runs.frozen import Controller
 from hil.runs.result import Settings
@@ -35,9 +37,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "export-c", help="export the controller as C99 with test vectors"
     )
     parser.add_argument("folder", type=Path, help="where the bundle goes")
-    parser.add_argument("--calibration", help="calibration.toml (default: design one)")
-    parser.add_argument("--law", help="law to design (default: the one of 'canroll run')")
-    parser.add_argument("--vehicle", help="vehicle to design for")
+    add_choices(parser, ("calibration", *OF_A_DESIGN))
     parser.add_argument(
         "--unverified", action="store_true", help="export even if a check of the design fails"
     )
@@ -59,9 +59,7 @@ def run(args: argparse.Namespace) -> int:
         raise CanrollError("--dbc and --map belong together: give both")
     settings, controller = plan(
         "double_lane_change",
-        calibration=args.calibration,
-        law=args.law,
-        vehicle=args.vehicle,
+        **choices_of(args),
         duration=3.0,
     )
     verified = bool(controller.tables["design"]["verified"])
@@ -174,12 +172,14 @@ def address(folder: Path, elf: Path) -> int:
     """Rewrite the A2L with the addresses of an image."""
     if not elf.is_file():
         raise CanrollError(f"{elf}: no such image; build one, or leave --elf out")
+    path = folder / "canroll.a2l"
+    if not path.is_file():
+        raise CanrollError(f"{path}: not there; write the bundle first: canroll export-c {folder}")
     base = a2l.addresses(elf)
     missing = sorted(set(a2l.RECORDS) - set(base))
     if missing:
         raise CanrollError(f"{elf}: has no symbol {' and '.join(missing)}; name the records so")
     with writing_to(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "canroll.a2l").write_text(a2l.a2l(base), encoding="utf-8")
+        path.write_text(a2l.located(path.read_text(encoding="utf-8"), base), encoding="utf-8")
     print(f"{folder / 'canroll.a2l'}: {', '.join(f'{n} at {a:#x}' for n, a in base.items())}")
     return 0

@@ -4,36 +4,12 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 from importlib.metadata import version
-from importlib.util import find_spec
+from pkgutil import resolve_name
 from typing import NoReturn
 
 from canroll.errors import CanrollError, UnknownNameError
-
-COMMANDS = {
-    "run": "run a manoeuvre in virtual time, with and without control",
-    "compare": "hold several runs or laws against each other on one page",
-    "report": "judge a saved run again and write its page",
-    "sweep": "run over a range of speeds or over several laws",
-    "limit": "highest speed at which a manoeuvre is still passed",
-    "understeer": "understeer and roll gradient on a circle (ISO 4138)",
-    "response": "yaw and roll frequency response to steering (ISO 7401)",
-    "design": "design a controller and freeze it into a calibration",
-    "margins": "check a calibration by means independent of its design",
-    "bus": "bus load, response times and a bus server",
-    "hil": "run ECU and plant as two processes in real time",
-    "ecu": "the ECU alone, on any python-can interface",
-    "plant": "the vehicle alone, on any python-can interface",
-    "watch": "watch the roll controller from the bus",
-    "export-c": "export the controller as C99 with test vectors",
-    "timing": "instructions, stack and sizes on the target; budget verdict",
-    "prove": "prove the loop free of overflow for every accepted calibration",
-    "reproduce": "recompute the tables of the four papers",
-    "campaign": "Monte Carlo over parameters, noise, delays and faults",
-}
-"""Every subcommand and its line of help; the code is in ``hil.cli``, loaded when asked for."""
-
+from hil.cli.parsers import COMMANDS, handler
 
 EXTRAS = {
     "target": ("elftools", "unicorn", "ziglang"),
@@ -55,21 +31,10 @@ class UsageError(CanrollError):
     """The command line could not be understood."""
 
 
-def module_name(command: str) -> str:
-    """Return the module that implements ``command``."""
-    return f"hil.cli.{command.replace('-', '_')}"
-
-
-def available() -> dict[str, str]:
-    """Return the commands whose module is installed, with their line of help."""
-    return {name: text for name, text in COMMANDS.items() if find_spec(module_name(name))}
-
-
 def help_text() -> str:
     """Return what ``canroll --help`` prints."""
-    commands = available()
-    width = max(len(name) for name in commands)
-    lines = [f"  {name:<{width}}  {text}" for name, text in commands.items()]
+    width = max(len(name) for name in COMMANDS)
+    lines = [f"  {name:<{width}}  {command.help}" for name, command in COMMANDS.items()]
     return "\n".join(
         [
             "usage: canroll COMMAND [OPTIONS]",
@@ -92,18 +57,31 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         UnknownNameError: there is no such command.
         UsageError: its options are wrong.
     """
-    command = arguments[0]
-    if command.startswith("-"):
-        raise UsageError(f"unknown option '{command}' (see 'canroll --help')")
-    if command not in available():
-        raise UnknownNameError("command", command, available())
-    parser = Parser(prog="canroll")
-    import_module(module_name(command)).add_parser(parser.add_subparsers(dest="command"))
-    namespace, unknown = parser.parse_known_args(arguments)
+    name = arguments[0]
+    if name.startswith("-"):
+        raise UsageError(f"unknown option '{name}' (see 'canroll --help')")
+    if name not in COMMANDS:
+        raise UnknownNameError("command", name, COMMANDS)
+    namespace, unknown = parser_of(name).parse_known_args(arguments[1:])
     if unknown:
-        told = f"see 'canroll {command} --help'"
-        raise UsageError(f"'{command}' takes no {' '.join(unknown)} ({told})")
+        told = f"see 'canroll {name} --help'"
+        raise UsageError(f"'{name}' takes no {' '.join(unknown)} ({told})")
     return namespace
+
+
+def parser_of(name: str) -> Parser:
+    """Return the parser of one subcommand."""
+    command = COMMANDS[name]
+    options = command.options
+    if options is not None:
+        parser = Parser(prog=f"canroll {name}")
+        add = resolve_name(f"hil.cli.{options}") if isinstance(options, str) else options
+        add(parser)
+        return parser
+    subparsers = Parser(prog="canroll").add_subparsers()
+    resolve_name(f"{handler(name).partition(':')[0]}:add_parser")(subparsers)
+    found: Parser = subparsers.choices[name]
+    return found
 
 
 def dispatch(arguments: Sequence[str]) -> int:
@@ -118,7 +96,7 @@ def dispatch(arguments: Sequence[str]) -> int:
         print(f"canroll {version('canroll')}")
         return 0
     namespace = parse(arguments)
-    code: int = namespace.run(namespace)
+    code: int = resolve_name(handler(arguments[0]))(namespace)
     sys.stdout.flush()
     return code
 

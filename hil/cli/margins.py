@@ -15,17 +15,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "margins", help="margins of a calibration over delay and gain, as table and picture"
-    )
-    parser.add_argument("calibration", type=Path, help="calibration.toml of canroll design")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write margins.png there")
-    parser.set_defaults(run=run)
-
-
 def run(args: argparse.Namespace) -> int:
     """Analyse and report; 0 where the loop is stable at its own delay, else 1."""
     report = margin_report(calibration_file.load(args.calibration))

@@ -3,7 +3,6 @@
 import argparse
 import json
 import sys
-from pathlib import Path
 from time import perf_counter
 
 from canroll.errors import CanrollError
@@ -12,22 +11,6 @@ from codegen.run import memory_image
 from firmware.calibration import Calibration
 from firmware.check import check
 from gain_gen.calibration import calibration_file
-
-
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "prove",
-        help="prove the loop free of overflow for every accepted calibration, or for one",
-    )
-    parser.add_argument(
-        "calibration",
-        nargs="?",
-        type=Path,
-        help="calibration.toml of a design (default: every calibration the ECU accepts)",
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:

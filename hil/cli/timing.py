@@ -2,77 +2,46 @@
 
 import argparse
 import json
+import tempfile
 from dataclasses import replace
+from pathlib import Path
 
 from canroll.errors import CanrollError
 from codegen.run import cortex, qemu, unicorn
 from codegen.run.backends import Recorder, open_backend
-from codegen.run.cortex import CPUS, Run
+from codegen.run.cortex import Run
 from codegen.run.ecu_traffic import Traffic
 from codegen.run.footprint import Footprint, footprint
-from hil.cli import host_timing
-from hil.realtime.budget import Budget, budget_of
+from hil.cli.options import choices_of
+from hil.cli.terminal import show_timing
+from hil.realtime import session
+from hil.realtime.budget import Budget, budget_of, judge_host
+from hil.runs import experiment
 from hil.runs.experiment import build_world, plan
 from hil.runs.frozen import Controller
 from hil.runs.virtual_time import closed_loop
 
 
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "timing", help="instructions, stack and sizes on the target; budget verdict"
-    )
-    parser.add_argument("--calibration", help="calibration.toml (default: design one)")
-    parser.add_argument("--law", help="law to design (default: the one of 'canroll run')")
-    parser.add_argument("--observer", help="observer to design it with")
-    parser.add_argument("--scenario", default="double_lane_change", help="manoeuvre to replay")
-    parser.add_argument("--duration", type=float, default=5.0, help="s of it (default: 5)")
-    parser.add_argument(
-        "--identification", action="store_true", help="with run-time identification"
-    )
-    parser.add_argument(
-        "--backend",
-        default="cortex-m4",
-        choices=tuple(CPUS),
-        help="processor (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--counter",
-        choices=("qemu", "unicorn"),
-        help="what counts (default: qemu where it is installed)",
-    )
-    parser.add_argument(
-        "--hil", action="store_true", help="run in real time and judge tick, latency and misses"
-    )
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.set_defaults(run=run)
-
-
 def run(args: argparse.Namespace) -> int:
     """Replay a manoeuvre on the target; return 1 where the budget is exceeded."""
     if args.hil:
-        return host_timing.run(args)
+        return run_on_host(args)
     controller, traffic = recorded(args)
     record = controller.record
     counter = args.counter or ("qemu" if cortex.has_gcc_and_qemu() else "unicorn")
     if counter == "qemu" and not cortex.has_gcc_and_qemu():
         raise CanrollError("--counter qemu needs gcc-arm-none-eabi and qemu-system-arm installed")
-    replayed = (qemu.replay if counter == "qemu" else unicorn.replay)(record, traffic, args.backend)
-    image = (cortex.gcc_image if counter == "qemu" else cortex.zig_image)(args.backend)
+    replayed = (qemu.replay if counter == "qemu" else unicorn.replay)(
+        record, traffic, args.processor
+    )
+    image = (cortex.gcc_image if counter == "qemu" else cortex.zig_image)(args.processor)
     limits = budget_of(record, controller.tables)
     return report(limits, replayed, footprint(image), as_json=args.json)
 
 
 def recorded(args: argparse.Namespace) -> tuple[Controller, Traffic]:
     """Drive the manoeuvre in virtual time; return the controller and what the ECU received."""
-    settings, controller = plan(
-        args.scenario,
-        calibration=args.calibration,
-        law=args.law,
-        observer=args.observer,
-        identification=args.identification or None,
-        duration=args.duration,
-    )
+    settings, controller = plan(args.scenario, **choices_of(args))
     recorder = Recorder(open_backend(settings.backend, controller.record))
     closed_loop(
         build_world(replace(settings), enabled=True),
@@ -132,4 +101,41 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
     width = max(map(len, rows))
     for name, value in rows.items():
         print(f"{name:<{width}}  {value}")
+    return 0 if good else 1
+
+
+def run_on_host(args: argparse.Namespace) -> int:
+    """Drive the manoeuvre in real time and print the verdicts; 1 where one fails or none holds.
+
+    On a single core nothing is judged: two programs that share it say nothing about the ECU.
+
+    Args:
+        args: calibration or law, scenario, duration and json of ``canroll timing``.
+    """
+    settings, controller = experiment.plan(args.scenario, **choices_of(args))
+    limits = budget_of(controller.record, controller.tables)
+    with tempfile.TemporaryDirectory(prefix="canroll-") as scratch:
+        setup = session.Setup(
+            bus_options=(),
+            folder=Path(scratch),
+            cores=session.choose_cores(),
+            duration=args.duration,
+            announce=lambda text: None,
+        )
+        _, timing = session.drive(settings, controller, setup, enabled=True)
+    del timing["jitterdebugger"]
+    verdicts = judge_host(limits, timing)
+    invalid = timing["not_valid"]
+    good = not invalid and all(verdict.ok for verdict in verdicts)
+    if args.json:
+        named = {v.name: {"value": v.value, "limit": v.limit, "ok": v.ok} for v in verdicts}
+        verdict = ("PASS" if good else "FAIL") if verdicts else "not judged"
+        if invalid:
+            verdict = "not valid"
+        print(json.dumps({"timing": timing, "verdicts": named, "verdict": verdict}))
+    else:
+        show_timing(timing)
+        print("\n".join(map(str, verdicts)) or "not judged: one core for both programs")
+        if invalid:
+            print(f"not valid: {'; '.join(invalid)}")
     return 0 if good else 1

@@ -10,8 +10,8 @@ import numpy as np
 from codegen.run.backends import open_backend
 from hil.realtime import session
 from hil.runs import experiment
+from hil.runs.choices import PASSIVE
 from hil.runs.experiment import with_files
-from hil.runs.frozen import PASSIVE
 from hil.runs.result import Result
 from hil.runs.trace import Trace
 

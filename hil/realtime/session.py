@@ -15,7 +15,8 @@ from hil.realtime import plant_record, process, tick_trace, timing
 from hil.realtime.children import Program
 from hil.realtime.plant_record import PlantRecord
 from hil.realtime.tick_trace import TickTrace
-from hil.runs import experiment, validity
+from hil.runs import choices, experiment, validity
+from hil.runs.choices import CHOICES
 from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.runs.trace import Trace
@@ -116,26 +117,11 @@ def plant_arguments(
     arguments += ["--wait", str(programs.START)]
     if not setup.bus_options:
         arguments += ["--serve", setup.serve or "127.0.0.1:0"]
-    options = {
-        "vehicle": controller.tables["design"]["vehicle"],
-        "actuator": settings.actuator,
-        "command": settings.command,
-        "plant": settings.plant,
-        "speed": repr(settings.speed * 3.6),
-        "bus": settings.bus,
-        "seed": settings.seed,
-        "record": setup.folder / "plant.npz",
-    }
-    for name, value in options.items():
-        arguments += [f"--{name}", str(value)]
-    for name, value in settings.options:
-        arguments += ["--set", f"{name}={value}"]
-    for fault in settings.faults:
-        arguments += ["--fault", fault]
-    for name, value in settings.conditions:
-        arguments += ["--condition", f"{name}={value}"]
-    if setup.duration is not None:
-        arguments += ["--duration", str(setup.duration)]
+    arguments += ["--command", settings.command, "--record", str(setup.folder / "plant.npz")]
+    vehicle = {"vehicle": controller.tables["design"]["vehicle"]}
+    asked = settings.choices() | vehicle
+    world = {name: value for name, value in asked.items() if CHOICES[name].of == "world"}
+    arguments += choices.arguments(world | {"duration": setup.duration})
     if not enabled:
         arguments.append("--passive")
     if setup.side_channel is not None:

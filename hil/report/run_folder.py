@@ -1,8 +1,10 @@
 """The files of a run: report, picture, bus log, header, calibration, numbers."""
 
 import json
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from canroll.errors import CanrollError
 from codegen.export.header import gains_header
@@ -31,6 +33,11 @@ def usable_folder(folder: Path) -> Path:
             f"cannot write to {folder}: {error.strerror}: choose another --out"
         ) from error
     return folder
+
+
+def page_folder(folder: Path | None) -> Path | None:
+    """Return the folder that a page goes to, usable; None where none is asked for."""
+    return None if folder is None else usable_folder(folder)
 
 
 def check_parent(path: Path, *, out: Path | None = None) -> Path:
@@ -94,3 +101,30 @@ def write_files(result: Result, folder: Path) -> Result:
     write_text(paths["report"], run_page(result))
     write_text(paths["result"], json.dumps(result.to_json(), indent=2) + "\n")
     return result
+
+
+def write_page(
+    out: Path | None,
+    stem: str,
+    texts: Mapping[str, tuple[str, Callable[[], str]]],
+    data: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Write the texts and the numbers, and return the numbers with the files' names.
+
+    Args:
+        out: folder, or None for no files.
+        stem: of every file's name.
+        texts: suffix and what makes the text, by what the answer calls the file.
+        data: the numbers, written as JSON.
+
+    Raises:
+        CanrollError: a file cannot be written.
+    """
+    files = {}
+    if out is not None:
+        made = {**texts, "result": (".json", lambda: json.dumps(data, indent=2) + "\n")}
+        files = {
+            name: str(write_text((out / stem).with_suffix(suffix), text()))
+            for name, (suffix, text) in made.items()
+        }
+    return {**data, **({"files": files} if files else {})}

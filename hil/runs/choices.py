@@ -1,58 +1,430 @@
-"""What a run can be asked for: the keywords of :func:`canroll.run`, in one place."""
+"""What a run can be asked for, in one table.
 
-from collections.abc import Mapping, Sequence
+:class:`Choices` are the keywords of :func:`canroll.run`. From their annotations come the options of
+every command, ``law=lqr,bus=500k`` of ``canroll compare``, what a calibration refuses beside it,
+the settings in JSON objects and saved runs, the command line of the plant in real time, and the
+tables of docs/commands.md.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import inf
 from pathlib import Path
-from typing import Any, TypedDict
+from types import NoneType
+from typing import Annotated, Any, TypedDict, get_args, get_origin, get_type_hints
+
+from canroll.errors import CanrollError, UnknownNameError
+from codegen.run import BACKENDS
+from gain_gen.laws import LAWS, OBSERVERS
+from plant_sim.bodies import BODIES
+from vehicles import ACTUATORS
+
+PASSIVE = "passive"
+"""The law of no control."""
+TRIGGERS = ("event", "every")
+GAINS = ("computed", "as_printed")
+BUSES = ("500k", "125k_busy", "gateway_20ms", "gateway_50ms")
+WORLD, CONTROLLER, RUN = "world", "controller", "run"
+ON, OFF = ("on", "true", "1"), ("off", "false", "0")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """One thing that a run can be asked for.
+
+    Attributes:
+        option: as it is written on a command line.
+        help: what it means; names, unit and default are added where they are shown.
+        of: "world", "controller" or "run": whom it concerns.
+        default: where nothing is asked for; None where that depends on something else.
+        values: the names that it may have, read when they are needed; none: any text.
+        unit: of a number.
+        low: least number.
+        high: largest number.
+        frozen_in_calibration: whether a calibration file fixes it.
+        saved: whether results carry it; what does not is in their calibration.
+        name: keyword of :func:`canroll.run`, and key in JSON.
+        kind: str, Path, float, int, bool, Mapping or Sequence.
+    """
+
+    option: str
+    help: str
+    of: str
+    default: Any = None
+    values: Callable[[], Iterable[str]] = tuple
+    unit: str = ""
+    low: float = -inf
+    high: float = inf
+    frozen_in_calibration: bool = False
+    saved: bool = True
+    name: str = ""
+    kind: type = str
+
+    @property
+    def word(self) -> str:
+        """What it is called in messages, and in "key=value": its option without dashes."""
+        return self.option.removeprefix("--").removeprefix("no-")
+
+    def check(self, value: Any) -> None:  # noqa: ANN401
+        """Refuse a name or number that cannot be.
+
+        Raises:
+            UnknownNameError: no such name; the nearest is suggested.
+            CanrollError: a number out of range.
+        """
+        known = tuple(self.values())
+        if known and value not in known:
+            raise UnknownNameError(self.word, value, known)
+        if self.kind in (float, int) and not self.low <= value <= self.high:
+            unit = f" {self.unit}" if self.unit else ""
+            allowed = f"{self.low:.10g} to {self.high:.10g}"
+            if self.high == inf:
+                allowed = f"{self.low:g} or more" if self.low >= 1 or not self.low else "above 0"
+            raise CanrollError(f"{self.word} {value:g}{unit}: it must be {allowed}{unit}")
+
+    def read(self, text: str) -> Any:  # noqa: ANN401
+        """Return the value that ``text`` stands for.
+
+        Raises:
+            UnknownNameError: no such name.
+            CanrollError: no number, or one that cannot be; neither on nor off.
+        """
+        if self.kind is bool:
+            if text.lower() not in (*ON, *OFF):
+                raise CanrollError(f"{self.word}={text}: it is on or off")
+            return text.lower() in ON
+        if not text:
+            raise CanrollError(f"{self.option} must not be empty")
+        try:
+            value = self.kind(text)
+        except ValueError as error:
+            raise CanrollError(f"{self.word}={text}: {text!r} is not a number") from error
+        self.check(value)
+        return value
+
+
+TINY = 1e-9
+"""Least of what must be above 0."""
 
 
 class Choices(TypedDict, total=False):
-    """Keywords of a run; what is left out, or None, is the default.
+    """Keywords of a run; what is left out, or None, is the default."""
 
-    Attributes:
-        vehicle: name or TOML file; "van_real" by default.
-        law: control law; "lqg_delay" by default; "passive" for no control at all.
-        calibration: file of ``canroll design`` instead of vehicle, law, actuator, observer, tick
-            and trigger.
-        actuator: "suspension", "bars", "dampers" or "valves".
-        observer: "two_sensors", "one_sensor", "propagated" or "reference".
-        plant: what is simulated: "roll1" and the other plants of ``plant_sim.bodies``.
-        speed_kmh: entry speed; by default the vehicle's own for this manoeuvre.
-        bus: profile: "500k", "125k_busy", "gateway_20ms" or "gateway_50ms".
-        tick_ms: period of the ECU's loop, 1 to 20.
-        phase_ms: from the earliest arrival of an Imu frame to a tick; by default what clocks that
-            start together give, which is the seed's.
-        trigger: "event" sends a command when it matters, "every" in each tick.
-        gains: "computed", or "as_printed" for the numbers of the law's paper.
-        feedforward: False leaves the disturbance feedforward out.
-        identification: True identifies roll stiffness and damping at run time.
-        heartbeat_ms: a command at the latest after; 50 by default.
-        backend: what runs the firmware: "native" where a compiler is, "python", "cortex-m4", …
-        seed: of sensor noise, bias, phases and background traffic; the same seed, the same bytes.
-        duration: s, where shorter than the manoeuvre.
-        options: of the manoeuvre, such as ``{"friction": 0.6}``.
-        faults: of sensors and actuators, such as "Imu.RollRate=stuck@3:5"; see
-            :func:`hil.runs.conditions.options`.
-        conditions: of sensors and actuators, such as ``{"supply": 10.0}``.
+    vehicle: Annotated[
+        str | None,
+        Choice(
+            option="--vehicle",
+            help="preset or TOML file",
+            of=WORLD,
+            default="van_real",
+            frozen_in_calibration=True,
+        ),
+    ]
+    law: Annotated[
+        str | None,
+        Choice(
+            option="--law",
+            help="control law",
+            of=CONTROLLER,
+            default="lqg_delay",
+            values=lambda: (*LAWS, PASSIVE),
+            frozen_in_calibration=True,
+        ),
+    ]
+    calibration: Annotated[
+        str | Path | None,
+        Choice(
+            option="--calibration",
+            help="file that canroll design wrote, instead of a law",
+            of=CONTROLLER,
+            saved=False,
+        ),
+    ]
+    actuator: Annotated[
+        str | None,
+        Choice(
+            option="--actuator",
+            help="what moves the body",
+            of=WORLD,
+            default="suspension",
+            values=lambda: ACTUATORS,
+            frozen_in_calibration=True,
+        ),
+    ]
+    observer: Annotated[
+        str | None,
+        Choice(
+            option="--observer",
+            help="how the ECU estimates the roll",
+            of=CONTROLLER,
+            default="two_sensors",
+            values=lambda: OBSERVERS,
+            frozen_in_calibration=True,
+        ),
+    ]
+    plant: Annotated[
+        str | None,
+        Choice(
+            option="--plant",
+            help="vehicle model that is simulated",
+            of=WORLD,
+            default="roll1",
+            values=lambda: BODIES,
+        ),
+    ]
+    bus: Annotated[
+        str | None,
+        Choice(
+            option="--bus",
+            help="bus profile",
+            of=WORLD,
+            default="500k",
+            values=lambda: BUSES,
+        ),
+    ]
+    backend: Annotated[
+        str | None,
+        Choice(
+            option="--backend",
+            help="what runs the firmware; native where a C compiler is",
+            of=RUN,
+            values=lambda: BACKENDS,
+        ),
+    ]
+    seed: Annotated[
+        int | None,
+        Choice(
+            option="--seed",
+            help="of sensor noise, bias, phases and background traffic; same seed, same bytes",
+            of=WORLD,
+            default=0,
+            low=0,
+            high=2**31 - 1,
+        ),
+    ]
+    speed_kmh: Annotated[
+        float | None,
+        Choice(
+            option="--speed",
+            help="entry speed; by default the vehicle's own for the manoeuvre",
+            of=WORLD,
+            unit="km/h",
+            low=TINY,
+        ),
+    ]
+    tick_ms: Annotated[
+        float | None,
+        Choice(
+            option="--tick",
+            help="period of the ECU's loop, whole µs",
+            of=CONTROLLER,
+            default=10.0,
+            unit="ms",
+            low=1,
+            high=20,
+            frozen_in_calibration=True,
+        ),
+    ]
+    phase_ms: Annotated[
+        float | None,
+        Choice(
+            option="--phase",
+            help="from the earliest arrival of an Imu frame to a tick; by default that of clocks "
+            "that start together, which is the seed's",
+            of=RUN,
+            unit="ms",
+            saved=False,
+        ),
+    ]
+    trigger: Annotated[
+        str | None,
+        Choice(
+            option="--trigger",
+            help="send a command when it matters, or every tick",
+            of=CONTROLLER,
+            default="event",
+            values=lambda: TRIGGERS,
+            frozen_in_calibration=True,
+            saved=False,
+        ),
+    ]
+    heartbeat_ms: Annotated[
+        float | None,
+        Choice(
+            option="--heartbeat",
+            help="maximum time between commands",
+            of=CONTROLLER,
+            default=50.0,
+            unit="ms",
+            low=1,
+            frozen_in_calibration=True,
+            saved=False,
+        ),
+    ]
+    gains: Annotated[
+        str | None,
+        Choice(
+            option="--gains",
+            help="computed, or the numbers that the law's paper prints",
+            of=CONTROLLER,
+            default="computed",
+            values=lambda: GAINS,
+            frozen_in_calibration=True,
+            saved=False,
+        ),
+    ]
+    feedforward: Annotated[
+        bool | None,
+        Choice(
+            option="--no-feedforward",
+            help="without the disturbance feedforward",
+            of=CONTROLLER,
+            default=True,
+            frozen_in_calibration=True,
+            saved=False,
+        ),
+    ]
+    identification: Annotated[
+        bool | None,
+        Choice(
+            option="--identification",
+            help="identify roll stiffness and damping at run time",
+            of=CONTROLLER,
+            default=False,
+            frozen_in_calibration=True,
+            saved=False,
+        ),
+    ]
+    options: Annotated[
+        Mapping[str, Any] | None,
+        Choice(
+            option="--set",
+            help="option of the manoeuvre, such as friction=0.6; may be repeated",
+            of=WORLD,
+        ),
+    ]
+    faults: Annotated[
+        Sequence[str] | None,
+        Choice(
+            option="--fault",
+            help="a fault from START to END (s); WHERE is a signal of a sensor's message "
+            "(Imu.RollRate=stuck@3:5; stuck, dropout, invalid, offset:VALUE, burst:VALUE in SI "
+            "units) or an actuator's corner (front_left=weak:0.3@2; stuck, floating, weak:SHARE); "
+            "may be repeated",
+            of=WORLD,
+        ),
+    ]
+    conditions: Annotated[
+        Mapping[str, Any] | None,
+        Choice(
+            option="--condition",
+            help="sensors: noise, bias (1: as the vehicle file says), temperature (K above "
+            "calibration), drift, filtered, delayed, synchronous (on, off), phases.MESSAGE (s), "
+            "lsb.MESSAGE.SIGNAL (SI units); actuators: supply (V), oil_temperature (°C), "
+            "estimate_error, estimate_lag (s); may be repeated",
+            of=WORLD,
+        ),
+    ]
+    duration: Annotated[
+        float | None,
+        Choice(
+            option="--duration",
+            help="stop after so many seconds",
+            of=RUN,
+            unit="s",
+            low=TINY,
+            saved=False,
+        ),
+    ]
+
+
+def _kind(hint: Any) -> type:  # noqa: ANN401
+    """Return the type of a value from the annotation of its keyword."""
+    given = [part for part in get_args(get_args(hint)[0]) if part is not NoneType]
+    kind = given[-1]
+    origin: type = get_origin(kind) or kind
+    return origin
+
+
+CHOICES: dict[str, Choice] = {
+    name: replace(hint.__metadata__[0], name=name, kind=_kind(hint))
+    for name, hint in get_type_hints(Choices, include_extras=True).items()
+}
+"""Every choice by its keyword, in the order in which results list them."""
+
+BY_WORD = {
+    choice.word: choice for choice in CHOICES.values() if choice.kind not in (Mapping, Sequence)
+}
+"""What a run may be described by as ``key=value``."""
+
+
+def check(choices: Mapping[str, Any]) -> None:
+    """Refuse what cannot be, before anything slow is loaded or done.
+
+    Raises:
+        UnknownNameError: an unknown choice or name.
+        CanrollError: a number out of range, or a choice that the calibration fixes.
     """
+    for name, value in choices.items():
+        if name not in CHOICES:
+            raise UnknownNameError("choice of a run", name, CHOICES)
+        if value is not None:
+            CHOICES[name].check(value)
+    if choices.get("calibration") is not None:
+        for name in without_frozen(choices, frozen=True):
+            if choices[name] not in (None, PASSIVE):
+                choice = CHOICES[name]
+                raise CanrollError(
+                    f"--calibration fixes the {choice.word}: leave {choice.option} out"
+                )
 
-    vehicle: str | None
-    law: str | None
-    calibration: str | Path | None
-    actuator: str | None
-    observer: str | None
-    plant: str | None
-    speed_kmh: float | None
-    bus: str | None
-    tick_ms: float | None
-    phase_ms: float | None
-    trigger: str | None
-    gains: str | None
-    feedforward: bool | None
-    identification: bool | None
-    heartbeat_ms: float | None
-    backend: str | None
-    seed: int | None
-    duration: float | None
-    options: Mapping[str, Any] | None
-    faults: Sequence[str] | None
-    conditions: Mapping[str, Any] | None
+
+def without_frozen(choices: Mapping[str, Any], *, frozen: bool = False) -> dict[str, Any]:
+    """Return the choices that a calibration does not fix; with ``frozen`` those that it does."""
+    return {
+        name: value
+        for name, value in choices.items()
+        if CHOICES[name].frozen_in_calibration == frozen
+    }
+
+
+def chosen(choices: Mapping[str, Any], name: str) -> Any:  # noqa: ANN401
+    """Return what is asked for, or the default."""
+    value = choices.get(name)
+    return CHOICES[name].default if value is None else value
+
+
+def described(text: str) -> dict[str, Any]:
+    """Return the choices that "law=lqr,bus=125k_busy" stands for.
+
+    Raises:
+        UnknownNameError: an unknown key or name.
+        CanrollError: a value that cannot be.
+    """
+    found = {}
+    for part in text.split(","):
+        word, _, value = part.partition("=")
+        if word not in BY_WORD:
+            raise UnknownNameError("key of a run", word, BY_WORD)
+        found[BY_WORD[word].name] = BY_WORD[word].read(value)
+    return found
+
+
+def arguments(values: Mapping[str, Any]) -> list[str]:
+    """Return the command-line options that ask for ``values``."""
+    found: list[str] = []
+    for name, value in values.items():
+        choice = CHOICES[name]
+        if value is None or (choice.kind is bool and value == choice.default):
+            continue
+        if choice.kind is bool:
+            found.append(choice.option)
+        elif choice.kind is Mapping:
+            for key, item in value.items():
+                found += [choice.option, f"{key}={item}"]
+        elif choice.kind is Sequence:
+            for item in value:
+                found += [choice.option, str(item)]
+        else:
+            found += [choice.option, repr(value) if choice.kind is float else str(value)]
+    return found

@@ -1,42 +1,27 @@
 """One manoeuvre, without and with control, in virtual time."""
 
-from collections.abc import Mapping
 from dataclasses import replace
-from math import inf
 from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.errors import UnknownNameError
 from canroll.typing import Progress
-from codegen.run import BACKENDS
 from codegen.run.backends import default_backend, open_backend
 from firmware.calibration import ONE
 from gain_gen.models.task import Delay
 from hil.runs import conditions as conditions_of
 from hil.runs import limit_cycle, metrics, phase, standard, steering_replay
-from hil.runs.choices import Choices
-from hil.runs.frozen import (
-    COMMAND_TIMEOUT,
-    PASSIVE,
-    Controller,
-    Request,
-    choose,
-    prepare,
-    sample_to_force,
-)
+from hil.runs.choices import PASSIVE, Choices, check, chosen
+from hil.runs.frozen import COMMAND_TIMEOUT, Controller, prepare, sample_to_force
 from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS, closed_loop
-from plant_sim.bodies import body
 from plant_sim.can_bus import load_profile
-from plant_sim.driving import maneuvers
+from plant_sim.driving import MANEUVERS, maneuvers
 from plant_sim.world.world import World
 
-DEFAULT_BUS = "500k"
-DEFAULT_PLANT = "roll1"
-SEEDS = 2**31
 AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
 """Manoeuvres made to find the limit of tyres and wheel loads."""
 
@@ -65,36 +50,19 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         CanrollError: a name, number or file that cannot be; the message says what to do.
         VerdictError: the design fails its own checks.
     """
-    for name in choices.keys() - Choices.__annotations__.keys():
-        raise UnknownNameError("choice of a run", name, list(Choices.__annotations__))
-    request = Request(
-        vehicle=choices.get("vehicle"),
-        law=choices.get("law"),
-        calibration=choices.get("calibration"),
-        actuator=choices.get("actuator"),
-        observer=choices.get("observer"),
-        tick_ms=choices.get("tick_ms"),
-        trigger=choices.get("trigger"),
-        gains=choices.get("gains"),
-        feedforward=choices.get("feedforward"),
-        identification=choices.get("identification"),
-        heartbeat_ms=choices.get("heartbeat_ms"),
-    )
-    plant, bus = choices.get("plant") or DEFAULT_PLANT, choices.get("bus") or DEFAULT_BUS
+    check(choices)
+    if scenario not in MANEUVERS:
+        raise UnknownNameError("scenario", scenario, MANEUVERS)
     speed_kmh, backend = choices.get("speed_kmh"), choices.get("backend")
-    seed = choices.get("seed") or 0
-    options = choices.get("options") or {}
-    faults = choices.get("faults") or ()
-    conditions = choices.get("conditions") or {}
-    # names are refused before anything slow is done
-    _check(scenario, {"speed {:g} km/h": speed_kmh, "duration {:g} s": choices.get("duration")})
-    body(plant)
-    load_profile(bus)
+    options, faults, conditions = (
+        choices.get("options") or {},
+        choices.get("faults") or (),
+        choices.get("conditions") or {},
+    )
+    # what cannot be is refused before anything slow is done
+    load_profile(chosen(choices, "bus"))
     conditions_of.options(faults, conditions)
-    backend = default_backend() if backend is None else choose("backend", backend, BACKENDS)
-    if not 0 <= seed < SEEDS:
-        raise CanrollError(f"seed {seed}: it must be 0 to {SEEDS - 1}")
-    controller = prepare(request, bus=bus)
+    controller = prepare(choices)
     if speed_kmh is None:
         speed = maneuvers.default_speed(scenario, controller.vehicle)
     else:
@@ -106,11 +74,11 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         actuator=controller.actuator,
         command=controller.command,
         observer=controller.observer,
-        plant=plant,
-        bus=bus,
-        backend=backend,
+        plant=chosen(choices, "plant"),
+        bus=chosen(choices, "bus"),
+        backend=backend or default_backend(),
         trigger=controller.trigger,
-        seed=seed,
+        seed=chosen(choices, "seed"),
         speed=speed,
         tick=controller.tick,
         run_time=RUN_TIME_NS * 1e-9,
@@ -288,12 +256,3 @@ def assess(
 def with_files(result: Result, files: dict[str, str]) -> Result:
     """Return the result with the files that were written of it."""
     return replace(result, files=files)
-
-
-def _check(scenario: str, settings: Mapping[str, float | None]) -> None:
-    """Refuse an unknown scenario and numbers that cannot be."""
-    if scenario not in maneuvers.names():
-        raise UnknownNameError("scenario", scenario, maneuvers.names())
-    for name, value in settings.items():
-        if value is not None and not 0 < value < inf:
-            raise CanrollError(f"{name.format(value)}: must be positive")

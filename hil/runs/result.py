@@ -6,6 +6,7 @@ from typing import Any
 
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
+from hil.runs.choices import CHOICES
 from hil.runs.limit_cycle import LimitCycle
 from hil.runs.metrics import Can, Metrics, Trigger
 from hil.runs.phase import Phase
@@ -60,6 +61,19 @@ class Settings:
     faults: tuple[str, ...] = ()
     conditions: tuple[tuple[str, Any], ...] = ()
     phase: float | None = None
+
+    def choices(self) -> dict[str, Any]:
+        """Return these settings by the keywords of a run; what the calibration says is left out."""
+        own = {
+            "vehicle": self.vehicle.name,
+            "speed_kmh": self.speed * 3.6,
+            "tick_ms": self.tick * 1e3,
+            "options": dict(self.options),
+            "faults": list(self.faults),
+            "conditions": dict(self.conditions),
+        }
+        saved = [name for name, choice in CHOICES.items() if choice.saved]
+        return {name: own[name] if name in own else getattr(self, name) for name in saved}
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +136,9 @@ class Result:
 
     @property
     def reduction(self) -> float | None:
-        """How much smaller control makes the largest roll angle, as share; None without
-        control or without any roll.
+        """How much smaller control makes the largest roll angle, as share.
+
+        None without control or without any roll.
         """
         if self.controlled_metrics is None or not self.rolls:
             return None
@@ -196,19 +211,10 @@ class Result:
         settings = self.settings
         return {
             "scenario": settings.scenario,
-            "vehicle": settings.vehicle.name,
-            "law": settings.law,
-            "actuator": settings.actuator,
-            "observer": settings.observer,
-            "plant": settings.plant,
-            "bus": settings.bus,
-            "backend": settings.backend,
-            "seed": settings.seed,
-            "speed_kmh": round(settings.speed * 3.6, 9),
-            "tick_ms": round(settings.tick * 1e3, 9),
-            "options": dict(settings.options),
-            "faults": list(settings.faults),
-            "conditions": dict(settings.conditions),
+            **{
+                name: round(value, 9) if isinstance(value, float) else value
+                for name, value in settings.choices().items()
+            },
             "duration_s": self.passive.duration,
             "calibration_id": self.record.id,
             "passive": asdict(self.passive_metrics),

@@ -13,8 +13,9 @@ from canroll.errors import CanrollError
 from canroll.typing import Progress
 from firmware.state import SAFE
 from hil.runs import conditions
+from hil.runs.choices import PASSIVE
 from hil.runs.experiment import plan, simulate
-from hil.runs.frozen import PASSIVE, Controller
+from hil.runs.frozen import Controller
 from hil.runs.result import Result
 from hil.studies import variation
 from hil.studies.variation import Drawn

@@ -7,32 +7,11 @@ from typing import Any
 
 from canroll.errors import CanrollError
 from canroll.typing import Progress
-from gain_gen.laws import LAWS
 from hil.runs import saved_run
+from hil.runs.choices import CHOICES, described, without_frozen
 from hil.runs.experiment import plan, simulate
-from hil.runs.frozen import DESIGNED, PASSIVE, choose
 from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
-
-KEYS = {
-    "vehicle": str,
-    "law": str,
-    "calibration": str,
-    "actuator": str,
-    "observer": str,
-    "plant": str,
-    "speed": float,
-    "bus": str,
-    "tick": float,
-    "phase": float,
-    "trigger": str,
-    "gains": str,
-    "backend": str,
-    "seed": int,
-}
-"""What a run may be described by, as ``key=value``; the same names as the options of a run."""
-
-_KEYWORDS = {"speed": "speed_kmh", "tick": "tick_ms", "phase": "phase_ms"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,19 +29,11 @@ def describe(text: str) -> dict[str, Any]:
         CanrollError: an unknown key or a value that is no number.
         UnknownNameError: an unknown law or key.
     """
-    if "=" not in text:
-        if text.endswith(".toml"):
-            return {"calibration": text}
-        return {"law": choose("law", text, {**LAWS, PASSIVE: None})}
-    keywords: dict[str, Any] = {}
-    for part in text.split(","):
-        key, _, value = part.partition("=")
-        choose("key of a run", key, KEYS)
-        try:
-            keywords[_KEYWORDS.get(key, key)] = KEYS[key](value)
-        except ValueError as error:
-            raise CanrollError(f"'{part}' in '{text}': {value!r} is not a number") from error
-    return keywords
+    if "=" in text:
+        return described(text)
+    if text.endswith(".toml"):
+        return {"calibration": text}
+    return {"law": CHOICES["law"].read(text)}
 
 
 def runs(
@@ -115,7 +86,10 @@ def gather(
 
     Args:
         texts: each the folder of a saved run, or what :func:`describe` reads.
-        scenario, common, duration, progress: of those that are driven, see :func:`runs`.
+        scenario: manoeuvre of those that are driven now.
+        common: keywords of all of these where a text has no other.
+        duration: of each of these, s, where shorter than the manoeuvre.
+        progress: called with the name of the run and the share done.
 
     Raises:
         CanrollError: runs of different manoeuvres, or what cannot be read or driven.
@@ -135,13 +109,13 @@ def gather(
 
 
 def _is_folder(text: str) -> bool:
-    return text not in {*LAWS, PASSIVE} and Path(text).is_dir()
+    return text not in CHOICES["law"].values() and Path(text).is_dir()
 
 
 def _merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keywords of one run; its own calibration replaces what all the others share."""
     if "calibration" in own:
-        common = {key: value for key, value in common.items() if key not in DESIGNED}
+        common = without_frozen(common)
     return {**common, **own}
 
 

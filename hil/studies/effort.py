@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from gain_gen.calibration.record import identify
+from hil.runs.choices import PASSIVE
 from hil.runs.experiment import drive
-from hil.runs.frozen import PASSIVE, Controller
+from hil.runs.frozen import Controller
 from hil.runs.limit_cycle import detect
 from hil.runs.metrics import judge, rms
 from hil.runs.result import Settings

@@ -1,11 +1,13 @@
 """The plant bodies, and their names."""
 
+from typing import TYPE_CHECKING
+
 from canroll.registry import Registry
-from plant_sim.bodies.ports import Body, initial_inputs
 
-__all__ = ["BODIES", "Body", "body", "initial_inputs"]
+if TYPE_CHECKING:
+    from plant_sim.bodies.ports import Body
 
-BODIES: Registry[Body] = Registry(
+BODIES: "Registry[Body]" = Registry(
     "plant",
     "canroll.bodies",
     {
@@ -17,6 +19,6 @@ BODIES: Registry[Body] = Registry(
 )
 
 
-def body(name: str) -> Body:
+def body(name: str) -> "Body":
     """The body of that name; :class:`UnknownNameError` suggests the nearest for another."""
     return BODIES[name]

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, VerdictError
 from canroll.typing import Vector
-from plant_sim.bodies import Body, ports
+from plant_sim.bodies import ports
+from plant_sim.bodies.ports import Body
 from plant_sim.driving.drive import STEP_NS, Plan, make_drive, steady_steer, understeer
 from plant_sim.driving.driver import STEER_TABLE
 from plant_sim.driving.maneuvers import Maneuver, build
@@ -53,10 +54,8 @@ class Understeer:
 def constant_radius(vehicle: Vehicle, body: Body, *, radius: float = 100.0) -> Understeer:
     """Drive a circle of ``radius`` (m) faster and faster, each speed to its steady state.
 
-    Raises
-    ------
-    CanrollError
-        The radius is below 20 m, where no driver holds a van's steady turn.
+    Raises:
+        CanrollError: the radius is below 20 m, where no driver holds a van's steady turn.
     """
     if not radius >= 20.0:
         raise CanrollError(f"--radius must be at least 20 m, got {radius:g}")

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from canroll.typing import Vector
-from plant_sim.bodies import Body, initial_inputs, ports
+from plant_sim.bodies import ports
+from plant_sim.bodies.ports import Body, initial_inputs
 from plant_sim.driving.drive import STEP_NS
 from plant_sim.driving.driver import ACCELERATION_TABLE, Drive
 from plant_sim.driving.driver import drive as apply_drive
@@ -57,10 +58,9 @@ def start(
 ) -> tuple[Vector, Vector, Vector, Vector]:
     """State, inputs, parameters and outputs of ``body`` before the first step of ``maneuver``.
 
-    Raises
-    ------
-    CanrollError
-        The manoeuvre prescribes the lateral acceleration, and the body makes its own by its tyres.
+    Raises:
+        CanrollError: the manoeuvre prescribes the lateral acceleration, and the body makes its own
+            by its tyres.
     """
     if maneuver.drive.kind == ACCELERATION_TABLE and body.name != "roll1":
         raise CanrollError(
@@ -78,12 +78,10 @@ def run_passive(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Drive ``maneuver`` with all actuators off.
 
-    Returns
-    -------
-    outputs
-        One row a millisecond, columns of :mod:`plant_sim.bodies.ports`; ends early on a rollover.
-    steer
-        The road-wheel angle of each row (rad).
+    Returns:
+        outputs: one row a millisecond, columns of :mod:`plant_sim.bodies.ports`; ends early on a
+            rollover.
+        steer: the road-wheel angle of each row (rad).
     """
     state, inputs, parameters, outputs = start(vehicle, body, maneuver)
     steps = maneuver.duration_ns // STEP_NS

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from canroll.errors import UnknownNameError
 from plant_sim import can_bus
-from plant_sim.bodies import Body
+from plant_sim.bodies.ports import Body
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.kernels.records import to_record
 from plant_sim.nodes import actuators as actuator_setup

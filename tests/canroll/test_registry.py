@@ -41,3 +41,8 @@ def test_things_are_added_and_taken_out(numbers):
 def test_an_unknown_name_suggests_the_nearest(numbers):
     with pytest.raises(UnknownNameError, match="unknown number 'taw': did you mean 'tau'"):
         numbers["taw"]
+
+
+def test_it_is_a_mapping(numbers):
+    assert numbers.get("taw") is None
+    assert dict(zip(numbers, range(3), strict=True)) == {"pi": 0, "broken": 1, "tau": 2}

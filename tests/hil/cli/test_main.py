@@ -2,14 +2,13 @@ import argparse
 import subprocess
 import sys
 from importlib import import_module
-from pathlib import Path
-from types import ModuleType
+from pkgutil import resolve_name
 
 import pytest
 
-import hil.cli
 from canroll.errors import VerdictError
 from hil.cli import main as cli
+from hil.cli.parsers import COMMANDS, Command, handler
 
 
 @pytest.fixture
@@ -17,34 +16,25 @@ def command(monkeypatch):
     """Register a command whose run is the function given."""
 
     def register(run):
-        module = ModuleType("hil.cli.run")
-
-        def add_parser(subparsers):
-            parser = subparsers.add_parser("run")
+        def options(parser):
             parser.add_argument("--count", type=int)
-            parser.set_defaults(run=run)
 
-        module.add_parser = add_parser
-        monkeypatch.setattr(cli, "import_module", lambda name: module)
+        monkeypatch.setitem(COMMANDS, "run", Command("run", options))
+        monkeypatch.setattr(cli, "resolve_name", lambda name: run)
 
     return register
 
 
-def test_every_command_module_has_a_line_of_help():
-    folder = Path(hil.cli.__file__).parent
-    modules = {
-        path.stem.replace("_", "-")
-        for path in folder.glob("*.py")
-        if "def add_parser(" in path.read_text(encoding="utf-8")
-    }
-    assert modules <= set(cli.COMMANDS)
-    assert set(cli.available()) == modules
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_options_and_a_handler(name):
+    assert cli.parser_of(name).prog == f"canroll {name}"
+    assert callable(resolve_name(handler(name)))
 
 
 def test_help_names_every_command(capsys):
     assert cli.main(["--help"]) == 0
     out = capsys.readouterr().out
-    assert all(name in out for name in cli.available())
+    assert all(name in out for name in COMMANDS)
 
 
 def test_nothing_to_do_prints_help_and_is_a_usage_error(capsys):

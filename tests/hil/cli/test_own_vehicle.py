@@ -9,7 +9,7 @@ import vehicles
 from canroll.errors import CanrollError
 from gain_gen.calibration import calibration_file
 from hil.cli.main import main
-from hil.runs.frozen import Request, prepare
+from hil.runs.frozen import prepare
 
 
 @pytest.fixture
@@ -28,13 +28,13 @@ def test_the_calibration_is_driven_with_its_vehicle(camper, capsys):
     run = ["run", "double_lane_change", "--calibration", str(camper), "--duration", "1", "--json"]
     assert main(run) == 0
     assert json.loads(capsys.readouterr().out)["vehicle"] == "camper"
-    assert prepare(Request(calibration=camper), bus="500k").vehicle.plant.sprung_mass == 2500
+    assert prepare({"calibration": camper}).vehicle.plant.sprung_mass == 2500
 
 
 def test_a_file_that_is_gone_is_named(camper):
     Path("camper.toml").unlink()
     with pytest.raises(CanrollError, match=r"cannot read vehicle file camper\.toml"):
-        prepare(Request(calibration=camper), bus="500k")
+        prepare({"calibration": camper})
 
 
 def test_a_preset_is_known_by_its_name(tmp_path):

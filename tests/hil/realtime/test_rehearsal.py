@@ -10,6 +10,7 @@ import signal
 import time
 
 import can
+import numpy as np
 import pytest
 from support.slcan_adapter import SlcanAdapter, line_of
 
@@ -124,6 +125,60 @@ def test_the_check_of_an_adapter_says_what_it_could_not_measure(adapter, capsys)
     assert "the echo needs a second node" in measured["missing"]
     assert measured["poll_us"]["max"] > 0
     assert adapter.bitrate == 500_000
+
+
+def driven(programs, calibration, folder, name, bus_of):
+    """Drive in lock step with the ECU on the bus that ``bus_of`` makes of the plant's."""
+    plant = programs(
+        "plant", "plant", "double_lane_change", "--serve", "127.0.0.1:0",
+        "--pace", "lockstep", "--duration", 1.5,
+    )  # fmt: skip
+    plant.wait_for("plant waits")
+    host, port = re.search(r"serving .* host=(\S+) port=(\d+)", plant.said).groups()
+    trace = folder / f"{name}.npz"
+    ecu = programs(
+        "ecu", "ecu", "--calibration", calibration, "--pace", "lockstep",
+        "--trace", trace, *bus_of(host, int(port)),
+    )  # fmt: skip
+    assert plant.end() == 0, plant.said
+    assert ecu.end() == 0, ecu.said
+    return tick_trace.load(trace)
+
+
+@pytest.mark.slow
+def test_an_ecu_behind_an_adapter_sends_what_it_sends_on_the_bus(
+    programs, calibration_file, tmp_path
+):
+    plugged = []
+
+    def direct(host, port):
+        server = ["--bus-kwargs", f"host={host}", f"port={port}"]
+        return ["-i", "socketcand", "-c", "plant", *server]
+
+    def behind(host, port):
+        bus = can.Bus("plant", interface="socketcand", host=host, port=port)
+        plugged.append((SlcanAdapter(bus), bus))
+        options = ["--bus-kwargs", "sleep_after_open=0"]
+        return ["-i", "slcan", "-c", plugged[0][0].port, "-b", "500000", *options]
+
+    try:
+        serial = driven(programs, calibration_file, tmp_path, "serial", behind)
+    finally:
+        for adapter, bus in plugged:
+            adapter.close()
+            bus.shutdown()
+    network = driven(programs, calibration_file, tmp_path, "network", direct)
+    assert len(network.ticks) == 150
+    assert np.array_equal(serial.ticks["number"], network.ticks["number"])
+    assert serial.frames.tobytes() == network.frames.tobytes()
+    for trace, clock in ((serial, "this machine's"), (network, "CLOCK_REALTIME of the server")):
+        figures = bus_record.summary(trace.bus, trace.about["bus"])
+        assert figures["clock"].startswith(clock)
+        assert figures["error_frames"] == 0
+        sent = trace.bus[trace.bus["flags"] == bus_record.SENT]
+        # after the last tick comes the command of nothing
+        ours = trace.frames[trace.frames["sent"] == 1]
+        assert sent["ident"].tolist()[: len(ours)] == ours["ident"].tolist()
 
 
 @pytest.mark.slow

@@ -10,8 +10,8 @@ import pytest
 
 import vehicles
 from hil.cli import terminal
-from hil.cli.limit import JUDGED
 from hil.cli.main import main
+from hil.cli.vehicle_tests import JUDGED
 from hil.report.tables import change, metric_rows
 from hil.runs import experiment, metrics
 from plant_sim.driving import maneuvers, standards
@@ -97,7 +97,7 @@ def test_change_is_blank_against_nothing_and_path_rows_need_a_path(short):
         (["--log", "nonexistent/x.asc"], "no folder nonexistent"),
         (["--signals", "nonexistent/x.csv"], "no folder nonexistent"),
         (["--out", ""], "--out: must not be empty"),
-        (["--vehicle", ""], "--vehicle: must not be empty"),
+        (["--vehicle", ""], "--vehicle must not be empty"),
     ],
 )
 def test_paths_that_cannot_be_are_refused(options, message, capsys, tmp_path, monkeypatch):

@@ -157,7 +157,7 @@ def test_the_bars_cannot_reach_heave_and_pitch():
 
 def simulated(body, vehicle, seconds, speed=SPEED, **slots):
     state, parameters = body.build(vehicle, speed)
-    inputs, outputs = bodies.initial_inputs(), np.zeros(ports.N_OUTPUTS)
+    inputs, outputs = ports.initial_inputs(), np.zeros(ports.N_OUTPUTS)
     for name, value in slots.items():
         inputs[getattr(ports, name)] = value
     for _ in range(round(seconds * 1000)):

@@ -19,7 +19,7 @@ class Car:
 
     def __init__(self, vehicle, speed, **slots):
         self.state, self.parameters = BODY.build(vehicle, speed)
-        self.inputs = bodies.initial_inputs()
+        self.inputs = ports.initial_inputs()
         for name, value in slots.items():
             self.inputs[getattr(ports, name)] = value
         self.outputs = np.zeros(ports.N_OUTPUTS)

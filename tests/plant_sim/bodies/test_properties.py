@@ -55,7 +55,7 @@ def test_every_accepted_vehicle_stands_on_four_wheels_and_turns_left(changes):
         assert "\n" not in str(refusal)
         return
     for name, (state, parameters) in built.items():
-        inputs, outputs = bodies.initial_inputs(), np.zeros(ports.N_OUTPUTS)
+        inputs, outputs = ports.initial_inputs(), np.zeros(ports.N_OUTPUTS)
         step = bodies.body(name).step
         open_loop.advance(step, state, inputs, parameters, outputs, 0.0)
         loads = outputs[ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4]

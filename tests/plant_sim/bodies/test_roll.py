@@ -13,7 +13,7 @@ BODY = bodies.body("roll1")
 
 def settle(vehicle, speed=15.0, seconds=12.0, **slots):
     state, parameters = BODY.build(vehicle, speed)
-    inputs = bodies.initial_inputs()
+    inputs = ports.initial_inputs()
     for name, value in slots.items():
         inputs[getattr(ports, name)] = value
     outputs = np.zeros(ports.N_OUTPUTS)

@@ -1,0 +1,165 @@
+"""Options that several commands share: the choices of a run, and where its files go."""
+
+import argparse
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from canroll.errors import CanrollError, UnknownNameError
+from hil.runs.choices import CHOICES, Choice
+from plant_sim.driving import MANEUVERS
+
+DEFAULT_OUT = Path("out")
+METAVARS = {"km/h": "KMH", "ms": "MS", "s": "S"}
+PATTERNS = {"faults": "WHERE=KIND[:VALUE][@START[:END]]"}
+NODES = ("faults", "conditions")
+OF_A_RUN = tuple(name for name in CHOICES if name != "duration")
+"""What says which controller drives which vehicle over which bus."""
+
+
+def not_empty(text: str) -> str:
+    """Return ``text`` as an option's value; "" is refused."""
+    if not text:
+        raise argparse.ArgumentTypeError("must not be empty")
+    return text
+
+
+def path_named(text: str) -> Path:
+    """Return the path that an option names; "" would silently be the current folder."""
+    return Path(not_empty(text))
+
+
+def key_value(text: str) -> tuple[str, str]:
+    """Return what "key=value" says."""
+    if "=" not in text:
+        raise CanrollError(f"{text}: write key=value")
+    key, _, value = text.partition("=")
+    return key, value
+
+
+def scenario(text: str) -> str:
+    """Return the name of a manoeuvre."""
+    if text not in MANEUVERS:
+        raise UnknownNameError("scenario", text, MANEUVERS)
+    return text
+
+
+def add_scenario(parser: argparse.ArgumentParser, default: str = "") -> None:
+    """Add the manoeuvre; without a default it must be given."""
+    names = ", ".join(MANEUVERS)
+    if default:
+        parser.add_argument(
+            "scenario",
+            nargs="?",
+            type=scenario,
+            default=default,
+            help=f"{names} (default: {default})",
+        )
+    else:
+        parser.add_argument("scenario", type=scenario, help=names)
+
+
+def add_choices(
+    parser: argparse.ArgumentParser,
+    names: Iterable[str] = OF_A_RUN,
+    *,
+    several: Collection[str] = (),
+    defaults: Mapping[str, Any] | None = None,
+) -> None:
+    """Add the options of choices of a run.
+
+    Args:
+        parser: of the command.
+        names: which choices.
+        several: those that take several names with commas.
+        defaults: those that differ from the table's, of this command alone.
+    """
+    group = parser.add_argument_group("sensors and actuators")
+    own = defaults or {}
+    for name in names:
+        choice = CHOICES[name]
+        if name in own:
+            choice = replace(choice, default=own[name])
+        _add(group if name in NODES else parser, choice, several=name in several)
+        parser.set_defaults(**{name: own.get(name)})
+
+
+def _add(
+    parser: "argparse.ArgumentParser | argparse._ArgumentGroup", choice: Choice, *, several: bool
+) -> None:
+    add = partial(parser.add_argument, choice.option, dest=choice.name)
+    if choice.kind is bool:
+        add(action="store_false" if choice.default else "store_true", help=choice.help)
+    elif choice.kind in (Mapping, Sequence):
+        metavar = PATTERNS.get(choice.name, "KEY=VALUE")
+        kind = key_value if choice.kind is Mapping else not_empty
+        add(action="append", type=kind, metavar=metavar, help=choice.help)
+    elif choice.kind in (float, int):
+        metavar = METAVARS.get(choice.unit, choice.word.upper())
+        add(type=choice.kind, metavar=metavar, help=_help(choice))
+    else:
+        metavar = "FILE" if choice.kind is Path else choice.word.upper()
+        if several:
+            metavar += ",…"
+        add(type=partial(_read, choice, several=several), metavar=metavar, help=_help(choice))
+
+
+def _read(choice: Choice, text: str, *, several: bool) -> Any:  # noqa: ANN401
+    return [choice.read(part) for part in text.split(",")] if several else choice.read(text)
+
+
+def _help(choice: Choice) -> str:
+    names = ", ".join(choice.values())
+    text = f"{choice.help}: {names}" if names else choice.help
+    return text if choice.default is None else f"{text} (default: {_shown(choice.default)})"
+
+
+def _shown(default: Any) -> str:  # noqa: ANN401
+    return f"{default:g}" if isinstance(default, float) else str(default)
+
+
+def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict[str, Any]:
+    """Return those of the choices ``names`` that the options ask for, by their keywords.
+
+    Raises:
+        CanrollError: a number that cannot be.
+    """
+    given = {name: getattr(args, name, None) for name in names}
+    for name in given.keys() & {"options", "conditions"}:
+        given[name] = dict(given[name] or ()) or None
+    found = {name: value for name, value in given.items() if value is not None}
+    for name, value in found.items():
+        if CHOICES[name].kind in (float, int) and not isinstance(value, list):
+            CHOICES[name].check(value)
+    return found
+
+
+def add_recording(parser: argparse.ArgumentParser) -> None:
+    """Add where the bus log and the signals of a run go."""
+    parser.add_argument(
+        "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
+    )
+    parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add that the answer is wanted as JSON."""
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def add_answer(parser: argparse.ArgumentParser, files: str) -> None:
+    """Add where the ``files`` of an answer go, and that it is wanted as JSON."""
+    parser.add_argument(
+        "--out", type=path_named, metavar="DIR", help=f"folder for {files} (default: out)"
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print one JSON object; files only with --out"
+    )
+
+
+def folder_of(args: argparse.Namespace) -> Path | None:
+    """Return the folder that files go to; None where none is asked for."""
+    out: Path | None = args.out
+    return out or (None if args.json else DEFAULT_OUT)

@@ -1,0 +1,316 @@
+"""The commands: a line of help, the options, and where each is carried out.
+
+Nothing heavy is imported here: what a command does is loaded when its options are understood.
+"""
+
+import argparse
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from codegen.run import BACKENDS
+from hil.cli.options import (
+    OF_A_RUN,
+    add_answer,
+    add_choices,
+    add_json,
+    add_recording,
+    add_scenario,
+    key_value,
+    path_named,
+    scenario,
+)
+from hil.runs.choices import CHOICES
+
+DEFAULT_SCENARIO = "double_lane_change"
+DEFAULT_SPEEDS = "60:120:20"
+DEFAULT_DELAY_MS = 20.0
+DEFAULT_DRAWS = 100
+OF_A_DESIGN = (
+    *("vehicle", "law", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
+    *("gains", "feedforward", "identification", "bus"),
+)
+PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A subcommand.
+
+    ``options`` adds to the command's parser, or is the "module:function" in this room that does,
+    where that loads python-can; None: ``add_parser`` of the command's module makes the parser.
+    ``handler`` is the "module:function" in this room that is given the parsed arguments, by
+    default ``run`` of the module that is called as the command is.
+    """
+
+    help: str
+    options: Callable[[argparse.ArgumentParser], None] | str | None = None
+    handler: str = ""
+
+
+def handler(name: str) -> str:
+    """Return "module:function" of what carries out a command."""
+    return f"hil.cli.{COMMANDS[name].handler or name.replace('-', '_') + ':run'}"
+
+
+def run(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll run``."""
+    parser.description = "Drive a manoeuvre in virtual time, without and with control, and report."
+    add_scenario(parser)
+    add_choices(parser, CHOICES)
+    add_recording(parser)
+    add_answer(parser, "report, log, header")
+
+
+def compare(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll compare``."""
+    parser.description = (
+        "Drive the same manoeuvre with several controllers and compare; runs that were saved are "
+        "read from their folders. Options hold for what is driven."
+    )
+    parser.add_argument(
+        "runs",
+        nargs="+",
+        metavar="RUN",
+        help="a law, a calibration file, choices as law=lqr,bus=gateway_20ms,tick=5, or the "
+        "folder of a saved run",
+    )
+    parser.add_argument(
+        "--scenario",
+        type=scenario,
+        default=DEFAULT_SCENARIO,
+        help="manoeuvre (default: %(default)s)",
+    )
+    add_choices(parser, CHOICES)
+    add_answer(parser, "the page")
+
+
+def sweep(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll sweep``."""
+    parser.description = "Drive a manoeuvre at several speeds with one or several laws."
+    add_scenario(parser, DEFAULT_SCENARIO)
+    parser.add_argument(
+        "--speed",
+        dest="speeds",
+        metavar="FROM:TO:STEP",
+        default=DEFAULT_SPEEDS,
+        help="default: %(default)s",
+    )
+    names = [name for name in OF_A_RUN if name != "speed_kmh"]
+    add_choices(parser, names, several=("law",))
+    add_answer(parser, "the page")
+
+
+def report(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll report``."""
+    parser.description = (
+        "Read a run from the folder that 'canroll run' or 'canroll hil' left, judge it again and "
+        "write its page. Several runs on one page: 'canroll compare FOLDER FOLDER'."
+    )
+    parser.add_argument("folder", type=path_named, metavar="FOLDER", help="of a saved run")
+    parser.add_argument(
+        "--out",
+        type=path_named,
+        metavar="FILE",
+        help="the page (default: report.html in the folder)",
+    )
+    add_json(parser)
+
+
+def limit(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll limit``."""
+    parser.description = (
+        "Bisect the entry speed for the highest at which the manoeuvre's criteria are met, without "
+        "and with control: no two wheels of a side two inches off the road, no cone hit, the yaw "
+        "rate decayed, whatever its standard asks for."
+    )
+    add_scenario(parser)
+    names = [name for name in OF_A_RUN if name != "speed_kmh"]
+    add_choices(parser, names, defaults={"plant": "nonlinear"})
+    parser.add_argument("--from", dest="low", type=float, default=30.0, metavar="KMH")
+    parser.add_argument("--to", dest="high", type=float, metavar="KMH", help="default: fastest")
+    parser.add_argument(
+        "--tolerance", type=float, default=0.5, metavar="KMH", help="final bracket (default: 0.5)"
+    )
+    add_json(parser)
+
+
+def understeer(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll understeer``."""
+    parser.description = (
+        "Drive a circle faster and faster; steering, roll and sideslip of each steady turn, and "
+        "the gradients of their linear part."
+    )
+    add_choices(parser, ("vehicle", "plant"), defaults={"plant": "nonlinear"})
+    parser.add_argument("--radius", type=float, default=100.0, metavar="M", help="default: 100")
+    add_json(parser)
+
+
+def response(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll response``."""
+    parser.description = (
+        "Steer in sines of rising frequency; yaw rate, lateral acceleration and roll angle per "
+        "steering-wheel angle."
+    )
+    add_choices(parser, ("vehicle", "plant"), defaults={"plant": "nonlinear"})
+    parser.add_argument("--speed", type=float, default=100.0, metavar="KMH", help="default: 100")
+    add_json(parser)
+
+
+def design(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll design``."""
+    add_choices(parser, OF_A_DESIGN, defaults={"bus": None})
+    parser.add_argument(
+        "--delay",
+        type=float,
+        metavar="MS",
+        help=f"delay from sample to force, instead of --bus (default: {DEFAULT_DELAY_MS:g})",
+    )
+    parser.add_argument(
+        "--delay-min", type=float, metavar="MS", help="least delay, where it varies"
+    )
+    parser.add_argument(
+        "--gamma",
+        type=float,
+        default=0.0,
+        metavar="LEVEL",
+        help="H-infinity level that hinf_delay must certify (default: the least)",
+    )
+    parser.add_argument("--matrices", default="", metavar="FILE", help="gains of --law custom")
+    parser.add_argument(
+        "--compare", action="store_true", help="design every law for the vehicle, write nothing"
+    )
+    parser.add_argument(
+        "--runs",
+        type=int,
+        metavar="N",
+        help="with --compare: drive all laws at equal effort over the bus, N paired runs",
+    )
+    add_json(parser)
+    parser.add_argument(
+        "--out", type=Path, default=Path("out"), help="folder for the files (default: %(default)s)"
+    )
+
+
+def margins(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll margins``."""
+    parser.add_argument("calibration", type=path_named, help="calibration.toml of canroll design")
+    add_json(parser)
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write margins.png there")
+
+
+def timing(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll timing``."""
+    add_choices(parser, [name for name in OF_A_RUN if name != "backend"])
+    parser.add_argument(
+        "--scenario", type=scenario, default=DEFAULT_SCENARIO, help="manoeuvre to replay"
+    )
+    parser.add_argument("--duration", type=float, default=5.0, help="s of it (default: 5)")
+    parser.add_argument(
+        "--processor", default="cortex-m4", choices=PROCESSORS, help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--counter",
+        choices=("qemu", "unicorn"),
+        help="what counts (default: qemu where it is installed)",
+    )
+    parser.add_argument(
+        "--hil", action="store_true", help="run in real time and judge tick, latency and misses"
+    )
+    add_json(parser)
+
+
+def prove(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll prove``."""
+    parser.add_argument(
+        "calibration",
+        nargs="?",
+        type=path_named,
+        help="calibration.toml of a design (default: every calibration the ECU accepts)",
+    )
+    add_json(parser)
+
+
+def reproduce(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll reproduce``."""
+    parser.description = "Recompute every table of the papers through the whole chain and compare."
+    parser.add_argument(
+        "papers",
+        nargs="*",
+        metavar="PAPER",
+        help="redondo2021, viadero2022, vu2020, yim2020 (default: all)",
+    )
+    parser.add_argument(
+        "--runs",
+        type=int,
+        metavar="N",
+        help="paired runs of each law beside ours (default: 20; 0: leave that out)",
+    )
+    add_answer(parser, "the page")
+
+
+def campaign(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll campaign``."""
+    parser.description = (
+        "Drive a manoeuvre with one calibration on many draws of vehicle, noise, bus and fault. "
+        "The controller is designed for the first bus; of the faults given one, or none, is drawn; "
+        "the seed is that of the draws."
+    )
+    add_scenario(parser, DEFAULT_SCENARIO)
+    parser.add_argument(
+        "--runs", type=int, default=DEFAULT_DRAWS, metavar="N", help="draws (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--spread",
+        action="append",
+        type=key_value,
+        default=[],
+        metavar="QUANTITY=SHARE",
+        help="half-width that a quantity is drawn from, as roll_stiffness=0.3; 0 keeps it. "
+        "Default: 0.2 of roll_inertia, roll_damping, roll_stiffness, sprung_mass, "
+        "cg_height_above_roll_axis and estimate_error, 0.1 of cornering_stiffness and friction, "
+        "0 of speed; may be repeated",
+    )
+    parser.add_argument("--only", type=int, metavar="DRAW", help="report one draw as a run")
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)"
+    )
+    add_choices(parser, OF_A_RUN, several=("bus",))
+    add_answer(parser, "the page")
+
+
+COMMANDS = {
+    "run": Command("run a manoeuvre in virtual time, with and without control", run),
+    "compare": Command("compare several runs or laws on one page", compare),
+    "report": Command("judge a saved run again and write its page", report, handler="run:report"),
+    "sweep": Command(
+        "run over a range of speeds or over several laws", sweep, handler="compare:sweep"
+    ),
+    "limit": Command(
+        "highest speed at which a manoeuvre is still passed", limit, handler="vehicle_tests:limit"
+    ),
+    "understeer": Command(
+        "understeer and roll gradient on a circle (ISO 4138)",
+        understeer,
+        handler="vehicle_tests:understeer",
+    ),
+    "response": Command(
+        "yaw and roll frequency response to steering (ISO 7401)",
+        response,
+        handler="vehicle_tests:response",
+    ),
+    "design": Command("design a controller and freeze it into a calibration", design),
+    "margins": Command("check a calibration by means independent of its design", margins),
+    "bus": Command("bus load, response times and a bus server"),
+    "hil": Command("run ECU and plant as two processes in real time", "bus_parsers:hil"),
+    "ecu": Command("the ECU alone, on any python-can interface", "bus_parsers:ecu"),
+    "plant": Command("the vehicle alone, on any python-can interface", "bus_parsers:plant"),
+    "watch": Command("watch the roll controller from the bus"),
+    "export-c": Command("export the controller as C99 with test vectors"),
+    "timing": Command("instructions, stack and sizes on the target; budget verdict", timing),
+    "prove": Command("prove the loop free of overflow for every accepted calibration", prove),
+    "reproduce": Command("recompute the tables of the four papers", reproduce),
+    "campaign": Command("Monte Carlo over parameters, noise, delays and faults", campaign),
+}
+"""Every subcommand by its name."""

@@ -1,0 +1,139 @@
+"""The one table of choices: what it refuses, and that what is asked for survives being written."""
+
+import subprocess
+import sys
+
+import pytest
+
+import canroll
+from canroll.errors import CanrollError, UnknownNameError
+from gain_gen.calibration.quantise import ACTUATOR_NUMBER
+from hil.cli.main import parse
+from hil.cli.options import choices_of
+from hil.runs import choices
+from hil.runs.choices import BUSES, CHOICES, arguments, check, described
+from plant_sim.can_bus import PROFILES
+
+ASKED = {
+    "vehicle": "van_2021",
+    "law": "lqr",
+    "actuator": "bars",
+    "observer": "steering",
+    "plant": "nonlinear",
+    "bus": "gateway_20ms",
+    "backend": "python",
+    "seed": 7,
+    "speed_kmh": 71.00000000000001,
+    "tick_ms": 5.0,
+    "phase_ms": 3.0,
+    "trigger": "every",
+    "heartbeat_ms": 40.0,
+    "gains": "as_printed",
+    "feedforward": False,
+    "identification": True,
+    "options": {"friction": "0.6"},
+    "faults": ["Imu.RollRate=stuck@3:5", "front_left=weak:0.3@2"],
+    "conditions": {"supply": "10"},
+    "duration": 2.5,
+}
+
+
+def test_names_are_those_of_what_they_choose():
+    assert tuple(PROFILES) == BUSES
+    assert set(ACTUATOR_NUMBER) == set(CHOICES["actuator"].values())
+
+
+def test_every_choice_has_its_own_option_and_help():
+    words = [choice.word for choice in CHOICES.values()]
+    assert len(set(words)) == len(words)
+    assert all(choice.help for choice in CHOICES.values())
+
+
+def test_what_is_written_on_a_command_line_is_what_was_asked_for():
+    assert set(ASKED) == set(CHOICES) - {"calibration"}
+    found = choices_of(parse(["run", "j_turn", *arguments(ASKED)]))
+    assert found == ASKED
+
+
+def test_what_is_not_asked_for_is_not_written():
+    assert arguments({"law": None, "feedforward": True, "identification": False}) == []
+    assert choices_of(parse(["run", "j_turn"])) == {}
+
+
+def test_key_and_value_read_as_options_do():
+    text = "law=lqr,bus=125k_busy,tick=5,seed=3,identification=on,feedforward=off"
+    assert described(text) == {
+        "law": "lqr",
+        "bus": "125k_busy",
+        "tick_ms": 5.0,
+        "seed": 3,
+        "identification": True,
+        "feedforward": False,
+    }
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"law": "lqx"}, "unknown law 'lqx': did you mean 'lqr'"),
+        ({"observer": "two"}, "unknown observer 'two'"),
+        ({"bus": "500"}, "unknown bus '500': did you mean '500k'"),
+        ({"plant": "roll"}, "unknown plant 'roll': did you mean 'roll1'"),
+        ({"tick_ms": 21.0}, "tick 21 ms: it must be 1 to 20 ms"),
+        ({"seed": -1}, "seed -1: it must be 0 to 2147483647"),
+        ({"speed_kmh": 0.0}, "speed 0 km/h: it must be above 0 km/h"),
+        ({"sped": 3}, "unknown choice of a run 'sped'"),
+        ({"calibration": "c.toml", "tick_ms": 5.0}, "fixes the tick: leave --tick out"),
+        ({"calibration": "c.toml", "feedforward": False}, "leave --no-feedforward out"),
+        ({"calibration": "c.toml", "law": "lqr"}, "fixes the law: leave --law out"),
+    ],
+)
+def test_what_cannot_be_is_refused(asked, message):
+    with pytest.raises(CanrollError, match=message):
+        check(asked)
+    with pytest.raises(CanrollError, match=message):
+        canroll.run("double_lane_change", **asked)
+
+
+def test_a_calibration_drives_without_control_too():
+    check({"calibration": "c.toml", "law": "passive", "bus": "500k"})
+
+
+@pytest.mark.parametrize("text", ["law=lqx", "sped=3", "tick=fast", "identification=perhaps"])
+def test_a_key_or_value_that_cannot_be_is_refused(text):
+    with pytest.raises(CanrollError):
+        described(text)
+
+
+def test_a_law_that_is_added_can_be_chosen(monkeypatch):
+    with pytest.raises(UnknownNameError):
+        check({"law": "mine"})
+    monkeypatch.setitem(choices.LAWS, "mine", lambda task: None)
+    check({"law": "mine"})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["run", "nosuch"], "unknown scenario 'nosuch'"),
+        (["run", "moose", "--law", "nosuch"], "unknown law 'nosuch'"),
+        (["run", "moose", "--plant", "nosuch"], "unknown plant 'nosuch'"),
+        (["compare", "lqr", "--bus", "nosuch"], "unknown bus 'nosuch'"),
+        (["timing", "--vehicle", "van_2021", "--bus", "nosuch"], "unknown bus 'nosuch'"),
+        (["design", "--trigger", "always"], "unknown trigger 'always'"),
+    ],
+)
+def test_a_wrong_word_costs_no_heavy_import(arguments, message):
+    program = (
+        "import sys; from hil.cli.main import main; code = main(sys.argv[1:]);"
+        "print(code, sorted({'numba', 'scipy', 'cvxpy', 'matplotlib', 'can'} & set(sys.modules)))"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", program, *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    assert message in ran.stderr
+    assert ran.stdout == "2 []\n"
