@@ -130,7 +130,6 @@ def refuse_one_adapter(args: argparse.Namespace) -> None:
 
 def check_machine(args: argparse.Namespace) -> int:
     """Measure what tick the machine can hold; 1 if it is longer than the one that is asked for."""
-
     for option in ("out", "log", "signals"):
         if getattr(args, option) is not None:
             raise CanrollError(f"--check writes no files: leave --{option} out")
@@ -158,7 +157,6 @@ def _announce(text: str) -> None:
 
 def report(answer: dict[str, Any], args: argparse.Namespace, result: Any) -> None:  # noqa: ANN401
     """Print the answer as JSON or as a table."""
-
     if args.json:
         print(json.dumps(answer))
         return

@@ -21,7 +21,6 @@ from plant_sim.world.world import World
 
 def run(args: argparse.Namespace) -> int:
     """Simulate until the manoeuvre is over, the ECU is lost or a signal comes."""
-
     for path, check in ((args.log, logs.check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
             check_parent(check(path))
@@ -84,7 +83,6 @@ def _drive(
     args: argparse.Namespace, world: World, link: Link, stop: process.Stop
 ) -> Outcome | None:
     """Drive in step with the clock once an ECU is heard; None where a stop is asked for before."""
-
     if args.wait > 0:
         print("plant waits for the ECU", flush=True)
         if not plant_loop.wait_for_ecu(link, stop=stop, timeout=args.wait):
@@ -104,7 +102,6 @@ def _drive_granting(
     args: argparse.Namespace, world: World, link: Link, stop: process.Stop
 ) -> Outcome | None:
     """Drive in lock step with the ECU that answers; None where a stop is asked for before."""
-
     channel: lockstep.Channel
     if args.side_channel is None:
         channel = lockstep.InBand(link, sends=lockstep.GRANT, hears=lockstep.ACKNOWLEDGEMENT)
@@ -141,7 +138,6 @@ def world_of(args: argparse.Namespace) -> World:
     Raises:
         CanrollError: a name or number that cannot be.
     """
-
     choices = choices_of(args)
     vehicle = vehicles.load(chosen(choices, "vehicle"))
     speed = maneuvers.default_speed(args.scenario, vehicle)

@@ -111,7 +111,6 @@ def find(
 
 def limit(args: argparse.Namespace) -> int:
     """Bisect without and with control and print both limits; 0 whatever they are."""
-
     slowest, fastest = (speed * 3.6 for speed in maneuvers.speed_range(args.scenario))
     if args.scenario not in JUDGED:
         raise CanrollError(
