@@ -10,17 +10,22 @@ HIGHEST = 1 << 32
 WORD = 4
 
 
+def check(address: int) -> None:
+    """Raise CanrollError for an address that no word has, or from which a calibration runs over."""
+    size = memory_image.dtype(Calibration).itemsize
+    if address % WORD or not 0 <= address <= HIGHEST - size:
+        raise CanrollError(
+            f"--address {address:#x} must be a multiple of {WORD} with room for {size} bytes"
+        )
+
+
 def write(folder: Path, record: Calibration, address: int) -> list[Path]:
     """Write ``calibration.hex`` and ``calibration.s19`` to ``folder``; return both.
 
     Raises:
-        CanrollError: an address that no word has, or bincopy is missing.
+        CanrollError: as :func:`check`, or bincopy is missing.
     """
-    data = memory_image.image(record)
-    if address % WORD or not 0 <= address <= HIGHEST - len(data):
-        raise CanrollError(
-            f"--address {address:#x} must be a multiple of {WORD} with room for {len(data)} bytes"
-        )
+    check(address)
     try:
         from bincopy import BinFile  # noqa: PLC0415
     except ImportError as error:
@@ -28,7 +33,7 @@ def write(folder: Path, record: Calibration, address: int) -> list[Path]:
             "a calibration for a programmer needs bincopy: .venv/bin/pip install -e '.[target]'"
         ) from error
     file = BinFile()
-    file.add_binary(data, address)
+    file.add_binary(memory_image.image(record), address)
     written = []
     for name, text in (("calibration.hex", file.as_ihex()), ("calibration.s19", file.as_srec())):
         path = folder / name

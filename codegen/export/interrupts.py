@@ -22,8 +22,9 @@ HANDED_OVER = frozenset({"rx_fresh"})
 
 @dataclass(frozen=True, slots=True)
 class Access:
-    """Fields of the ECU's record that an entry point reads and writes; whether it needs the
-    calibration.
+    """Fields of the ECU's record that an entry point reads and writes.
+
+    ``calibrated`` tells whether it needs the calibration.
     """
 
     reads: frozenset[str]

@@ -45,21 +45,31 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument("--dbc", type=Path, help="frames of your own bus; needs --map")
     parser.add_argument("--map", type=Path, help="TOML: which signal is which field")
     parser.add_argument(
-        "--elf", type=Path, help="only put the addresses of this image into DIR/canroll.a2l"
+        "--elf",
+        type=Path,
+        help="only put the addresses of this image into DIR/canroll.a2l; with --calibration also "
+        "write that one for its place in the image, as Intel HEX and S-record",
     )
     parser.add_argument(
         "--address",
-        type=lambda text: int(text, 0),
+        type=whole_number,
         metavar="ADDRESS",
         help="also write the calibration for this address, as Intel HEX and S-record",
     )
     parser.set_defaults(run=run)
 
 
+def whole_number(text: str) -> int:
+    """Read a number in any notation of Python."""
+    return int(text, 0)
+
+
 def run(args: argparse.Namespace) -> int:
     """Write the bundle, or only its A2L where an image is given."""
     if args.elf is not None and args.address is not None:
         raise CanrollError("--elf gives the address: leave --address out")
+    if args.address is not None:
+        flash.check(args.address)
     if args.elf is not None:
         return address(args.folder, args.elf, args.calibration)
     with writing_to(args.folder):
