@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
-from plant_sim.can_bus.analysis import ErrorModel, response_bounds
+from plant_sim.can_bus.analysis import ErrorModel, ResponseBound, response_bounds
 from plant_sim.can_bus.profiles import (
     DEFAULT_COMMAND,
     MS,
@@ -192,29 +192,26 @@ def delay_bounds_of_set(
     bitrate: int,
     data_bitrate: int = 0,
     errors: ErrorModel | None = None,
-) -> DelayBounds | None:
+) -> DelayBounds | ResponseBound:
     """Return the bounds of the total delay over two messages of a set on one bus.
 
-    None where one of them has no response bound with the command sent in every tick.
+    Where one of them has no response bound with the command sent in every tick, return that one,
+    with its reason.
 
     Raises:
         CanrollError: the two are not two messages of the set.
     """
     sent = loop_messages(messages, sensor, command, tick_ms=tick_ms)
     bounds = response_bounds(sent, bitrate=bitrate, data_bitrate=data_bitrate, errors=errors)
-    paths = {
-        b.message.name: Path(
-            b.message.least_delivery_ns(bitrate, data_bitrate) * _NS, b.bound_ns * _NS
-        )
-        for b in bounds
-        if b.bound_ns is not None
-    }
-    if sensor not in paths or command not in paths:
-        return None
-    period = next(m.period_ns for m in sent if m.name == sensor)
-    return total_delay(
-        paths[sensor], paths[command], sensor_period_s=period * _NS, tick_s=tick_ms * 1e-3
-    )
+    found = {b.message.name: b for b in bounds}
+    paths = []
+    for bound in (found[sensor], found[command]):
+        if bound.bound_ns is None:
+            return bound
+        least = bound.message.least_delivery_ns(bitrate, data_bitrate)
+        paths.append(Path(least * _NS, bound.bound_ns * _NS))
+    period_s = found[sensor].message.period_ns * _NS
+    return total_delay(*paths, sensor_period_s=period_s, tick_s=tick_ms * 1e-3)
 
 
 def loop_messages(

@@ -59,6 +59,14 @@ def test_an_overloaded_bus_fails_its_verdict_behind_the_whole_answer(tmp_path, c
     assert text.err == ""
 
 
+def test_a_tick_too_fast_for_the_bus_fails_the_verdict(tmp_path, capsys):
+    command = ["bus", traffic(tmp_path, period=10), "-b", "125000", "--simulate", "0.1", "--tick"]
+    assert main([*command, "2.5"]) == 0
+    assert main([*command, "1"]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert "no bound of the delay, Imu: bus overloaded at this priority; sample-to-force" in text
+
+
 def test_an_identifier_used_twice_fails_the_verdict(tmp_path, capsys):
     path = tmp_path / "twice.toml"
     rows = [ROW.format(name=n, ident=i, period=10) for n, i in (("a", 5), ("b", 5), ("c", 6))]
