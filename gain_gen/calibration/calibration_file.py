@@ -70,11 +70,6 @@ class LoadedCalibration:
         return bool(self.tables["design"]["verified"])
 
     @property
-    def deployable(self) -> bool:
-        """Whether an ECU can run it."""
-        return bool(self.tables["design"]["deployable"])
-
-    @property
     def tick(self) -> float:
         """Period of the loop, s."""
         return float(self.tables["design"]["tick_s"])
@@ -169,7 +164,7 @@ def load(path: str | Path) -> LoadedCalibration:
             f"{_at(path, text, RESERVED)}: {RESERVED} does not match the fields: the file was "
             f"edited; write it anew with 'canroll design'"
         )
-    for name in ("law", "vehicle", "actuator", "verified", "deployable", "tick_s", "warnings"):
+    for name in ("law", "vehicle", "actuator", "verified", "tick_s", "warnings"):
         if name not in content["design"]:
             raise CanrollError(f"{path}: [design] missing key '{name}'")
     if "max_delay_s" not in content["margins"]:

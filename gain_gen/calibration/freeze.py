@@ -26,8 +26,6 @@ def calibrate(design: Design, options: Options | None = None) -> tuple[Calibrati
     Raises:
         CanrollError: a range that its field cannot hold, or a law that no ECU can run.
     """
-    if not design.solution.deployable:
-        raise CanrollError(f"{design.law} is an ideal law: no ECU can run it")
     options = options or Options()
     quantised = quantise_design(design, options)
     record = identify(fill(quantised.fields))
@@ -69,7 +67,6 @@ def design_tables(design: Design, quantised: Quantised) -> Tables:
             "gains": task.gains,
             "feedforward": task.feedforward,
             "verified": design.is_verified,
-            "deployable": design.solution.deployable,
             "tick_s": task.tick,
             "delay_s": task.delay.nominal,
             "delay_min_s": task.delay.least,
@@ -129,8 +126,6 @@ def summary(design: Design) -> Tables:
         gain = [_list(controller.output_gain[:1])]
         if np.any(controller.output_gain[1:]):
             gain = [_list(controller.output_gain)]
-    elif solution.ideal_gain is not None:
-        gain = _list(solution.ideal_gain)
     elif controller.compensator is not None:
         gain = _list(controller.compensator.c)
     else:
@@ -152,7 +147,6 @@ def summary(design: Design) -> Tables:
             for name, c in design.verified.items()
         },
         "solve_s": solution.solve_seconds,
-        "deployable": solution.deployable,
         "warnings": list(design.warnings),
     }
 

@@ -68,8 +68,3 @@ def scaled_states(compensator: Compensator) -> Compensator:
         e=compensator.e / scale[:, None],
         c=compensator.c * scale[None, :],
     )
-
-
-def from_matrices(a: Matrix, b: Matrix, c: Matrix, d: Matrix) -> Compensator:
-    """Return a compensator without feedback of its saturated output."""
-    return Compensator(a=a, b=b, e=np.zeros((len(a), len(c))), c=c, d=d)

@@ -15,7 +15,7 @@ from hil.realtime.hardware import bus_record
 from hil.realtime.phase_lock import PhaseLock
 from hil.runs import phase
 
-MODES = ("INIT", "ACTIVE", "DEGRADED", "SAFE")
+MODES = dbc.names("RollControlStatus", "Mode")
 TRACE_SECONDS = 600
 FRAMES_PER_SECOND = 700
 """What the contract's messages come to, with room."""

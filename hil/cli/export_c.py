@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from canroll.errors import CanrollError, VerdictError
-from codegen.export import a2l, bundle
+from codegen.export import a2l, bundle, flash
 from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.generated.bus_map import BusMap
@@ -19,6 +19,7 @@ from codegen.run import ecu_traffic
 from codegen.run.backends import Recorder, open_backend
 from codegen.run.ecu_traffic import Traffic
 from firmware.calibration import Calibration
+from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
 from gain_gen.calibration.record import identify
 from hil.cli.options import add_choices, choices_of
@@ -44,15 +45,33 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument("--dbc", type=Path, help="frames of your own bus; needs --map")
     parser.add_argument("--map", type=Path, help="TOML: which signal is which field")
     parser.add_argument(
-        "--elf", type=Path, help="only put the addresses of this image into DIR/canroll.a2l"
+        "--elf",
+        type=Path,
+        help="only put the addresses of this image into DIR/canroll.a2l; with --calibration also "
+        "write that one for its place in the image, as Intel HEX and S-record",
+    )
+    parser.add_argument(
+        "--address",
+        type=whole_number,
+        metavar="ADDRESS",
+        help="also write the calibration for this address, as Intel HEX and S-record",
     )
     parser.set_defaults(run=run)
 
 
+def whole_number(text: str) -> int:
+    """Read a number in any notation of Python."""
+    return int(text, 0)
+
+
 def run(args: argparse.Namespace) -> int:
     """Write the bundle, or only its A2L where an image is given."""
+    if args.elf is not None and args.address is not None:
+        raise CanrollError("--elf gives the address: leave --address out")
+    if args.address is not None:
+        flash.check(args.address)
     if args.elf is not None:
-        return address(args.folder, args.elf)
+        return address(args.folder, args.elf, args.calibration)
     with writing_to(args.folder):
         refuse_unwritable(args.folder)
     if (args.dbc is None) != (args.map is None):
@@ -71,6 +90,8 @@ def run(args: argparse.Namespace) -> int:
     export = described(args, settings, controller, verified=verified)
     with writing_to(args.folder):
         written = bundle.write(args.folder, export)
+        if args.address is not None:
+            written += flash.write(args.folder, export.record, args.address)
     print(f"{len(written)} files in {args.folder}; next: make -C {args.folder} test")
     return 0
 
@@ -168,8 +189,8 @@ def joined(first: Traffic, second: Traffic) -> Traffic:
     )
 
 
-def address(folder: Path, elf: Path) -> int:
-    """Rewrite the A2L with the addresses of an image."""
+def address(folder: Path, elf: Path, calibration: str | None) -> int:
+    """Rewrite the A2L with the addresses of an image; write a calibration for its place in it."""
     if not elf.is_file():
         raise CanrollError(f"{elf}: no such image; build one, or leave --elf out")
     path = folder / "canroll.a2l"
@@ -181,5 +202,9 @@ def address(folder: Path, elf: Path) -> int:
         raise CanrollError(f"{elf}: has no symbol {' and '.join(missing)}; name the records so")
     with writing_to(folder):
         path.write_text(a2l.located(path.read_text(encoding="utf-8"), base), encoding="utf-8")
+        if calibration is not None:
+            record = calibration_file.load(Path(calibration)).record
+            for written in flash.write(folder, record, base["calibration"]):
+                print(written)
     print(f"{folder / 'canroll.a2l'}: {', '.join(f'{n} at {a:#x}' for n, a in base.items())}")
     return 0

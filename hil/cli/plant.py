@@ -60,6 +60,7 @@ def run(args: argparse.Namespace) -> int:
                 "reason": outcome.reason,
                 "start_ns": outcome.start_ns,
                 "end_ns": outcome.end_ns,
+                "wall_ns": outcome.wall_ns,
                 "notes": notes,
                 "cpu": args.cpu,
                 "sent": link.sent,

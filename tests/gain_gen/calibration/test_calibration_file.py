@@ -438,14 +438,5 @@ def test_printed_gains_are_never_verified_and_every_number_has_its_unit(tmp_path
     assert " inf" not in shown
 
 
-def test_an_ideal_law_is_shown_and_not_written(tmp_path, capsys):
-    arguments = ["design", "--law", "lqr_full_car_ideal", "--vehicle", "car_2020", "--json"]
-    assert main([*arguments, "--actuator", "valves", "--out", str(tmp_path / "none")]) == 0
-    answer = json.loads(capsys.readouterr().out)
-    assert answer["deployable"] is False
-    assert np.shape(answer["gain"]) == (2, 26)
-    assert not (tmp_path / "none").exists()
-
-
 def test_every_law_has_a_line_of_documentation():
     assert all((function.__doc__ or "").strip() for function in LAWS.values())
