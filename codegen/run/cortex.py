@@ -128,7 +128,9 @@ def built(
         )
         if result.returncode:
             first = next((s for s in result.stderr.splitlines() if "error" in s), result.stderr)
-            raise CanrollError(f"{Path(command[0]).name} can't build the firmware: {first.strip()}")
+            raise CanrollError(
+                f"{Path(command[0]).name} cannot build the firmware: {first.strip()}"
+            )
         os.replace(folder / name, target)
     return target
 

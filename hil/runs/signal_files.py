@@ -49,7 +49,9 @@ def check_suffix(path: Path) -> Path:
         CanrollError: another suffix, or the package for it is missing.
     """
     if path.suffix.lower() not in SUFFIXES:
-        raise CanrollError(f"{path}: the suffix of signals is one of {', '.join(SUFFIXES)}")
+        raise CanrollError(
+            f"{path}: the suffix of a signal file must be one of {', '.join(SUFFIXES)}"
+        )
     if path.suffix.lower() == ".mf4" and find_spec("asammdf") is None:
         raise MissingExtraError("--signals FILE.mf4", "asammdf")
     return path
