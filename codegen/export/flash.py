@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, MissingExtraError
 from codegen.run import memory_image
 from firmware.calibration import Calibration
 
@@ -29,9 +29,7 @@ def write(folder: Path, record: Calibration, address: int) -> list[Path]:
     try:
         from bincopy import BinFile  # noqa: PLC0415
     except ImportError as error:
-        raise CanrollError(
-            "a calibration for a programmer needs bincopy: .venv/bin/pip install -e '.[target]'"
-        ) from error
+        raise MissingExtraError("a calibration for a programmer", "target") from error
     file = BinFile()
     file.add_binary(memory_image.image(record), address)
     written = []

@@ -31,13 +31,13 @@ def calibrate(design: Design, options: Options | None = None) -> tuple[Calibrati
     record = identify(fill(quantised.fields))
     refused = check(record)
     if refused:
-        raise CanrollError(f"the calibration breaks rule {refused} of the ECU's own check")
+        raise CanrollError(f"the calibration violates rule {refused} of the ECU's check")
     checks = quantisation_checks(design, record)
     for name, found in checks.items():
         if not found.ok and not np.isinf(found.value):
             raise CanrollError(
                 f"{design.law} for {design.task.vehicle.name}: {name} is {found.value:.3g}, more "
-                f"than {found.limit:g}: its coefficients do not fit the fixed-point formats"
+                f"than {found.limit:g}: its coefficients exceed the fixed-point formats"
             )
     return record, design_tables(replace(design, verified={**design.verified, **checks}), quantised)
 
@@ -159,7 +159,7 @@ def _finite(value: float) -> float | None:
 def title(design: Design) -> list[str]:
     """Return the lines at the top of the header."""
     task = design.task
-    verdict = "every check of the design holds"
+    verdict = "every check of the design passes"
     if not design.is_verified:
         failing = f"fails {', '.join(sorted(design.failures))}"
         verdict = f"NOT VERIFIED: {failing if design.failures else 'gains as printed'}"

@@ -176,7 +176,7 @@ def design_lqr_full_car(task: Task) -> Solution:
         raise VerdictError(
             f"lqr_full_car for {task.vehicle.name}: no compensator of order {ORDERS[0]} to "
             f"{ORDERS[-1]} keeps {100 * WORTH:.0f} % of the benefit at "
-            f"{1e3 * task.delay.most:.0f} ms; shorten the delay"
+            f"{1e3 * task.delay.most:.0f} ms; reduce the delay"
         )
     return Solution(
         chosen,

@@ -14,7 +14,7 @@ from plant_sim.can_bus.analysis import (
     ResponseBound,
     response_bounds,
 )
-from plant_sim.can_bus.delay_bounds import delay_bounds_of_set
+from plant_sim.can_bus.delay_bounds import DelayBounds, delay_bounds_of_set
 from plant_sim.can_bus.kernel.network import build_network
 from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT
 from plant_sim.can_bus.servers.wall_clock import serve_network
@@ -26,6 +26,8 @@ from plant_sim.can_bus.wire.frame import EXTENDED, FD
 MAX_PORT = 65535
 DELAY_PATH = {"sensor": "Imu", "command": "SuspensionForceCommand"}
 """Messages whose delay is shown where the set has them."""
+BESIDE_RECORDING = "beside a recording, whose periods nobody knows"
+"""Why there is no bound."""
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -128,7 +130,8 @@ def run(args: argparse.Namespace) -> int:
         print(json.dumps(as_json(answer), indent=2))
     else:
         show(answer)
-    return int(any(b.bound_ns is None and b.covered for b in answer.bounds))
+    failed = any(b.bound_ns is None and b.covered for b in answer.bounds)
+    return int(failed or (answer.delay is not None and answer.delay.failed))
 
 
 def _check(args: argparse.Namespace) -> None:
@@ -187,9 +190,10 @@ def _bounds(
     )
     if recording is None:
         return bounds
-    reason = "beside a recording, whose periods nobody knows"
     return [
-        b if b.bound_ns is None else replace(b, bound_ns=None, reason=reason, covered=False)
+        b
+        if b.bound_ns is None
+        else replace(b, bound_ns=None, reason=BESIDE_RECORDING, covered=False)
         for b in bounds
     ]
 
@@ -228,8 +232,12 @@ def _delay(traffic: Traffic, recording: Recording | None, args: argparse.Namespa
         data_bitrate=traffic.data_bitrate,
         errors=_errors(args),
     )
-    if recording is not None:
-        bounds = None
+    reason, failed = "", False
+    if isinstance(bounds, ResponseBound):
+        reason, failed = f"{bounds.message.name}: {bounds.reason}", bounds.covered
+    elif recording is not None:
+        reason = BESIDE_RECORDING
+    limits = bounds if isinstance(bounds, DelayBounds) and not reason else None
     ages = simulate_ages_of_set(
         traffic.messages,
         *path,
@@ -242,5 +250,5 @@ def _delay(traffic: Traffic, recording: Recording | None, args: argparse.Namespa
         recording=recording,
     )
     if not len(ages):
-        return Delay(bounds, math.nan, math.nan)
-    return Delay(bounds, float(ages.min()), float(ages.max()))
+        return Delay(limits, reason, failed, math.nan, math.nan)
+    return Delay(limits, reason, failed, float(ages.min()), float(ages.max()))

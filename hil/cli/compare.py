@@ -24,7 +24,7 @@ from hil.studies.comparison_page import (
 def run(args: argparse.Namespace) -> int:
     """Drive all runs, print the table, write comparison.html and comparison.json."""
     if len(set(args.runs)) < len(args.runs):
-        raise CanrollError("compare: the same run is named twice: name each once")
+        raise CanrollError("compare: a run is given twice: give each once")
     out = page_folder(folder_of(args))
     common = choices_of(args)
     duration = common.pop("duration", None)

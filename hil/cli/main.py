@@ -8,15 +8,8 @@ from importlib.metadata import version
 from pkgutil import resolve_name
 from typing import NoReturn
 
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.errors import EXTRAS, CanrollError, MissingExtraError, UnknownNameError
 from hil.cli.parsers import COMMANDS, handler
-
-EXTRAS = {
-    "target": ("elftools", "unicorn", "ziglang"),
-    "asammdf": ("asammdf",),
-    "web": ("websockets",),
-}
-"""Extras of this package, and the packages that come only with them."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -115,8 +108,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         missing = (error.name or "").partition(".")[0]
         for extra, packages in EXTRAS.items():
             if missing in packages:
-                needs = f"needs {'/'.join(packages)}: .venv/bin/pip install -e '.[{extra}]'"
-                print(f"canroll: this {needs}", file=sys.stderr)
+                print(f"canroll: {MissingExtraError('this', extra)}", file=sys.stderr)
                 return 2
         raise
     except KeyboardInterrupt:

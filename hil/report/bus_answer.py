@@ -21,9 +21,14 @@ _MS = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """Bounds of the total delay, None where there is none, and the simulated extreme ages, ns."""
+    """Bounds of the total delay, and the simulated extreme ages, ns.
+
+    Without bounds ``reason`` says why, and ``failed`` that the set has none, not the analysis.
+    """
 
     bounds: DelayBounds | None
+    reason: str
+    failed: bool
     least: float
     greatest: float
 
@@ -179,7 +184,7 @@ def _table(answer: Answer) -> Table:
 def _delay_line(delay: Delay, answer: Answer) -> str:
     line = f"{answer.sensor} to {answer.command} at a tick of {answer.tick_ms:g} ms: "
     if delay.bounds is None:
-        line += "no bound of the delay, sample-to-force age"
+        line += f"no bound of the delay, {delay.reason}; sample-to-force age"
     else:
         total = delay.bounds
         line += (

@@ -98,7 +98,7 @@ class Choice:
         try:
             value = self.kind(text)
         except ValueError as error:
-            raise CanrollError(f"{self.word}={text}: {text!r} is no number") from error
+            raise CanrollError(f"{self.word}={text}: {text!r} is not a number") from error
         self.check(value)
         return value
 

@@ -172,7 +172,7 @@ def test_file_comes_back_as_it_was(tmp_path, calibrated):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("schema = 1", "schema = 2", r"schema 2, this version reads 1"),
+        ("schema = 1", "schema = 2", r"schema 2, but this version reads 1"),
         ("tick_us = 10000", "tick_us = 50", r":\d+: 'tick_us' = 50 is outside 1000 to 20000"),
         ("tick_us = 10000", "tick_us = 9000", r":\d+: crc does not match"),
         ("tick_us = 10000", "tick_us = 1.5", r":\d+: 'tick_us' must hold integers, not 1.5"),
@@ -299,7 +299,7 @@ def test_unknown_names_and_impossible_numbers():
         design("lqr", task(observer="three_sensors"))
     with pytest.raises(CanrollError, match="tick"):
         design("lqr", task(tick=0.05))
-    with pytest.raises(CanrollError, match="ring of past commands"):
+    with pytest.raises(CanrollError, match="buffer of past commands"):
         design("lqg_delay", task(delay=0.5))
     with pytest.raises(VerdictError, match="nothing is written"):
         design("lqg_delay", replace(task(), delay=Delay(0.02, 0.02, 0.6)))
@@ -408,12 +408,12 @@ def test_command_line_says_what_is_wrong(tmp_path, capsys):
         ),
         (["design", "--delay", "20", "--bus", "500k"], 2, "excludes"),
         (["margins", str(tmp_path / "none")], 2, "cannot read calibration"),
-        (["margins", str(tmp_path / "empty.toml")], 2, "is empty"),
-        (["design", "--vehicle", str(tmp_path / "empty.toml")], 2, "is empty"),
+        (["margins", str(tmp_path / "empty.toml")], 2, "empty file"),
+        (["design", "--vehicle", str(tmp_path / "empty.toml")], 2, "empty file"),
         (["design", "--runs", "3"], 2, "belongs to --compare"),
         (["design", "--runs", "3"], 2, "belongs to --compare"),
-        (["design", "--gamma", "1.4"], 2, "leave it out for lqg_delay"),
-        (["design", "--law", "hinf_delay", "--gamma", "-1"], 2, "above 0"),
+        (["design", "--gamma", "1.4"], 2, "omit it for lqg_delay"),
+        (["design", "--law", "hinf_delay", "--gamma", "-1"], 2, "must be positive"),
         (["design", "--gains", "as_printed"], 2, "no gains are printed for lqg_delay"),
         (["design", "--law", "custom", "--matrices", str(tmp_path)], 2, "it is a directory"),
     ):

@@ -113,8 +113,8 @@ def test_help_loads_no_heavy_package():
 @pytest.mark.parametrize(
     ("package", "line"),
     [
-        ("elftools", "needs elftools/unicorn/ziglang: .venv/bin/pip install -e '.[target]'"),
-        ("asammdf", "needs asammdf: .venv/bin/pip install -e '.[asammdf]'"),
+        ("unicorn", "needs bincopy, unicorn and ziglang: pip install 'canroll[target]'"),
+        ("asammdf", "needs asammdf: pip install 'canroll[asammdf]'"),
     ],
 )
 def test_a_missing_extra_is_a_line_that_says_how_to_install_it(

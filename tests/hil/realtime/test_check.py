@@ -246,7 +246,7 @@ def test_the_check_on_the_terminal(capsys):
     code = main(["hil", "--check", "--duration", "0.5"])
     said = capsys.readouterr().out
     word = {0: "can", 1: "cannot"}[code]
-    assert f"This machine {word} hold a tick of 10 ms" in said
+    assert f"This machine {word} keep a tick of 10 ms" in said
     assert "tick of the firmware" in said
 
 

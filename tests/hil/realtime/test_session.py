@@ -138,7 +138,7 @@ def test_a_program_that_falls_over_is_quoted(tmp_path, capsys):
         (["plant", "double_lane_change", "--side-channel", "a:1"], "--pace lockstep: give both"),
         (["plant", "double_lane_change", "--phase", "1"], "give it to 'canroll ecu'"),
         (["plant", "double_lane_change", "--peer-timeout", "-1"], "--peer-timeout -1"),
-        (["hil", "double_lane_change", "--phase", "12"], "a phase of 12 ms"),
+        (["hil", "double_lane_change", "--phase", "12"], "got 12 ms"),
     ],
 )
 def test_options_that_cannot_be_are_one_line(arguments, told, capsys):

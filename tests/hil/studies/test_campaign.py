@@ -113,8 +113,8 @@ def test_a_law_that_swings_fails_and_its_draw_can_be_seen_alone(tmp_path, capsys
     ("options", "message"),
     [
         (["--spread", "roll_stifness=0.2"], "did you mean 'roll_stiffness'?"),
-        (["--spread", "roll_stiffness=1.5"], "a share from 0 to 0.99"),
-        (["--spread", "estimate_error=0.3"], "a share from 0 to 0.2"),
+        (["--spread", "roll_stiffness=1.5"], "a fraction from 0 to 0.99"),
+        (["--spread", "estimate_error=0.3"], "a fraction from 0 to 0.2"),
         (["--spread", "roll_stiffness"], "write key=value"),
         (["--law", "passive"], "without a control law"),
         (["--runs", "0"], "at least one of each"),

@@ -234,5 +234,5 @@ def test_without_the_library_the_extra_is_named(capsys, monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
     assert main(["watch", "--web", *BUS]) == 2
     error = capsys.readouterr().err
-    assert "needs websockets" in error and "'.[web]'" in error
+    assert "needs websockets" in error and "'canroll[web]'" in error
     assert error.count("\n") == 1
