@@ -29,7 +29,7 @@ DEFAULT_DELAY_MS = 20.0
 DEFAULT_DRAWS = 100
 OF_A_DESIGN = (
     *("vehicle", "law", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
-    *("gains", "feedforward", "identification", "bus"),
+    *("gains", "feedforward", "identification", "offset_learning", "bus"),
 )
 PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 

@@ -295,6 +295,17 @@ class Choices(TypedDict, total=False):
             saved=False,
         ),
     ]
+    offset_learning: Annotated[
+        bool | None,
+        Choice(
+            option="--learn-offsets",
+            help="learn the offsets of the sensors while driving straight",
+            of=CONTROLLER,
+            default=False,
+            frozen_in_calibration=True,
+            saved=False,
+        ),
+    ]
     options: Annotated[
         Mapping[str, Any] | None,
         Choice(

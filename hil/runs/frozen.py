@@ -108,6 +108,7 @@ def options_of(choices: Mapping[str, Any]) -> Options:
     return Options(
         event_trigger=chosen(choices, "trigger") == "event",
         identification=chosen(choices, "identification"),
+        offset_learning=chosen(choices, "offset_learning"),
         heartbeat=heartbeat,
     )
 

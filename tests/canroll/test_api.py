@@ -18,7 +18,7 @@ def test_importing_loads_nothing_heavy():
         "import sys, canroll;print(sorted({'numpy', 'numba', 'scipy', 'cvxpy'} & set(sys.modules)))"
     )
     process = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=1800, check=True
     )
     assert process.stdout.strip() == "[]"
 

@@ -228,7 +228,7 @@ def check(tmp_path, files):
     sources = [str(path) for path in tmp_path.glob("*.c")]
     out = str(tmp_path / "all.o")
     command = ["gcc", *WARNINGS, "-r", "-nostdlib", "-o", out, *sources]
-    result = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    result = subprocess.run(command, capture_output=True, text=True, timeout=1800, check=False)
     assert result.returncode == 0, result.stderr
     symbols = subprocess.run(["nm", out], capture_output=True, text=True, check=True).stdout
     for line in symbols.splitlines():

@@ -140,7 +140,7 @@ def test_a_table_into_a_closed_pipe_is_no_failure():
         shell=True,
         executable="/bin/bash",
         capture_output=True,
-        timeout=60,
+        timeout=1800,
         check=False,
     )
     assert (process.returncode, process.stderr) == (0, b"")

@@ -94,7 +94,7 @@ class Served:
         ]
 
     def get(self, path="/", **headers):
-        connection = http.client.HTTPConnection(self.host, timeout=60)
+        connection = http.client.HTTPConnection(self.host, timeout=1800)
         connection.request("GET", path, headers=headers)
         answer = connection.getresponse()
         return answer.status, answer.read().decode(), answer.headers
