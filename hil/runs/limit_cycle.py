@@ -1,4 +1,4 @@
-"""A limit cycle told from control: the command swings on although the manoeuvre does not."""
+"""Detection of limit cycles: the command oscillates although the manoeuvre does not."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
