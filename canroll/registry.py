@@ -1,4 +1,4 @@
-"""Things with a name: built in, added at run time, or offered by an installed package."""
+"""Registries of named objects: built in, added at run time, or from an installed package."""
 
 from collections.abc import Iterator, Mapping, MutableMapping
 from functools import cached_property

@@ -26,7 +26,7 @@ from plant_sim.can_bus.wire.frame import EXTENDED, FD
 MAX_PORT = 65535
 DELAY_PATH = {"sensor": "Imu", "command": "SuspensionForceCommand"}
 """Messages whose delay is shown where the set has them."""
-BESIDE_RECORDING = "beside a recording, whose periods nobody knows"
+BESIDE_RECORDING = "no bound: the periods of a recording are unknown"
 """Why there is no bound."""
 
 
@@ -35,34 +35,36 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "bus",
         help="bus load, response times and a bus server",
-        description="Worst-case response times of a traffic set beside simulated ones.",
+        description="Compare worst-case and simulated response times of a traffic set.",
     )
     parser.add_argument("file", metavar="FILE", type=Path, help="traffic set, .dbc or .toml")
-    parser.add_argument("-b", "--bitrate", type=int, metavar="B", help="bit/s; default: the file's")
+    parser.add_argument(
+        "-b", "--bitrate", type=int, metavar="B", help="bit rate, bit/s; default: that of the file"
+    )
     parser.add_argument(
         "--data-bitrate",
         type=int,
         metavar="B",
-        help="of FD frames with bit-rate switch, bit/s; default: the file's",
+        help="data bit rate of FD frames, bit/s; default: that of the file",
     )
     parser.add_argument(
         "--simulate",
         type=float,
         default=10.0,
         metavar="S",
-        help="simulated seconds, 0: none (default: %(default)g)",
+        help="simulated time in s, 0: no simulation (default: %(default)g)",
     )
     parser.add_argument("--seed", type=int, default=0, help="of payloads and jitter (default: 0)")
     parser.add_argument(
         "--worst-case-lengths",
         action="store_true",
-        help="simulate every frame with the most stuff bits it can have",
+        help="simulate every frame with the maximum number of stuff bits",
     )
     parser.add_argument(
         "--error-interval",
         type=float,
         metavar="MS",
-        help="the bounds allow for one disturbed frame in every MS milliseconds",
+        help="include one disturbed frame every MS milliseconds in the bounds",
     )
     parser.add_argument(
         "--replay",
@@ -72,7 +74,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         " no bound holds then",
     )
     parser.add_argument(
-        "--channel", help="of the log to replay, as python-can names it, where it has several"
+        "--channel", help="channel of the replayed log, as named by python-can, if it has several"
     )
     parser.add_argument(
         "--sensor", default=DELAY_PATH["sensor"], help="sensor message (default: %(default)s)"
@@ -139,15 +141,19 @@ def _check(args: argparse.Namespace) -> None:
         value = getattr(args, option)
         least = 0.0 if option == "simulate" else 1e-3
         if value is not None and not (value >= least and math.isfinite(value)):
-            raise CanrollError(f"--{option.replace('_', '-')} {value:g}: at least {least:g}")
+            raise CanrollError(
+                f"--{option.replace('_', '-')} must be at least {least:g}, got {value:g}"
+            )
     if args.serve is not None and not 0 <= args.serve <= MAX_PORT:
-        raise CanrollError(f"--serve {args.serve}: a port is 0 to {MAX_PORT}")
+        raise CanrollError(f"--serve {args.serve}: the port must be 0 to {MAX_PORT}")
     if args.serve is not None and args.replay is not None:
-        raise CanrollError("--serve takes no --replay: the served bus carries the set alone")
+        raise CanrollError(
+            "--serve and --replay exclude each other: the served bus carries only the set"
+        )
     if args.replay is not None and args.simulate <= 0.0:
         raise CanrollError("--replay needs --simulate above 0")
     if args.channel is not None and args.replay is None:
-        raise CanrollError("--channel is one of a log: give --replay as well")
+        raise CanrollError("--channel selects a channel of a log: --replay is required")
 
 
 def _serve(traffic: Traffic, args: argparse.Namespace) -> None:
@@ -159,7 +165,7 @@ def _serve(traffic: Traffic, args: argparse.Namespace) -> None:
     )
     hidden = ", ".join(m.name for m in traffic.messages if m.flags & FD)
     if hidden:
-        _say(f"socketcand has no FD frames: on the bus, but not seen by clients: {hidden}")
+        _say(f"socketcand does not support FD frames: clients do not receive {hidden}")
     serve_network(build_network(spec), host=args.host, port=args.serve, announce=_say)
 
 

@@ -23,7 +23,7 @@ UNITS = {"db": "dB", "deg": "deg", "s": "s"}
 WORDS = {
     "max_delay_sampled_s": "largest delay, sampled loop",
     "max_delay_s": "largest delay, continuous loop",
-    "delay_margin_s": "delay to spare over the longest",
+    "delay_margin_s": "margin over the longest delay",
 }
 
 

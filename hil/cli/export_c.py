@@ -37,13 +37,13 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "export-c", help="export the controller as C99 with test vectors"
     )
-    parser.add_argument("folder", type=Path, help="where the bundle goes")
+    parser.add_argument("folder", type=Path, help="folder of the bundle")
     add_choices(parser, ("calibration", *OF_A_DESIGN))
     parser.add_argument(
         "--unverified", action="store_true", help="export even if a check of the design fails"
     )
-    parser.add_argument("--dbc", type=Path, help="frames of your own bus; needs --map")
-    parser.add_argument("--map", type=Path, help="TOML: which signal is which field")
+    parser.add_argument("--dbc", type=Path, help="DBC of your bus; requires --map")
+    parser.add_argument("--map", type=Path, help="TOML file that maps signals to fields")
     parser.add_argument(
         "--elf",
         type=Path,
@@ -67,7 +67,7 @@ def whole_number(text: str) -> int:
 def run(args: argparse.Namespace) -> int:
     """Write the bundle, or only its A2L where an image is given."""
     if args.elf is not None and args.address is not None:
-        raise CanrollError("--elf gives the address: leave --address out")
+        raise CanrollError("--elf gives the address: omit --address")
     if args.address is not None:
         flash.check(args.address)
     if args.elf is not None:
@@ -75,7 +75,7 @@ def run(args: argparse.Namespace) -> int:
     with writing_to(args.folder):
         refuse_unwritable(args.folder)
     if (args.dbc is None) != (args.map is None):
-        raise CanrollError("--dbc and --map belong together: give both")
+        raise CanrollError("--dbc and --map require each other")
     settings, controller = plan(
         "double_lane_change",
         **choices_of(args),
@@ -85,7 +85,7 @@ def run(args: argparse.Namespace) -> int:
     if not verified and not args.unverified:
         raise VerdictError(
             f"{controller.law} for {controller.vehicle.name} is not verified: see 'canroll "
-            "margins', or give --unverified to export it all the same"
+            "margins', or export it anyway with --unverified"
         )
     export = described(args, settings, controller, verified=verified)
     with writing_to(args.folder):
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
 
 @contextmanager
 def writing_to(folder: Path) -> Iterator[None]:
-    """Turn what the file system refuses into one line."""
+    """Report file-system errors in one line."""
     try:
         yield
     except OSError as error:
@@ -119,7 +119,7 @@ def refuse_unwritable(folder: Path) -> None:
 def described(
     args: argparse.Namespace, settings: Settings, controller: Controller, *, verified: bool
 ) -> bundle.Export:
-    """What goes into the bundle."""
+    """Contents of the bundle."""
     record = controller.record
     title = (
         f"{controller.law} for {controller.vehicle.name}, {controller.actuator}, tick "
@@ -168,7 +168,7 @@ def refuse_wide_steps(bus: BusMap, record: Calibration, map_file: Path) -> None:
 
 
 def recorded(settings: Settings, controller: Controller) -> Traffic:
-    """What the ECU receives in a short run."""
+    """Frames received by the ECU in a short run."""
     recorder = Recorder(open_backend(settings.backend, controller.record))
     closed_loop(
         build_world(settings, enabled=True),
@@ -192,14 +192,18 @@ def joined(first: Traffic, second: Traffic) -> Traffic:
 def address(folder: Path, elf: Path, calibration: str | None) -> int:
     """Rewrite the A2L with the addresses of an image; write a calibration for its place in it."""
     if not elf.is_file():
-        raise CanrollError(f"{elf}: no such image; build one, or leave --elf out")
+        raise CanrollError(f"{elf}: no such image: build it or omit --elf")
     path = folder / "canroll.a2l"
     if not path.is_file():
-        raise CanrollError(f"{path}: not there; write the bundle first: canroll export-c {folder}")
+        raise CanrollError(
+            f"{path}: not found: write the bundle first with canroll export-c {folder}"
+        )
     base = a2l.addresses(elf)
     missing = sorted(set(a2l.RECORDS) - set(base))
     if missing:
-        raise CanrollError(f"{elf}: has no symbol {' and '.join(missing)}; name the records so")
+        raise CanrollError(
+            f"{elf}: has no symbol {' and '.join(missing)}; name the records accordingly"
+        )
     with writing_to(folder):
         path.write_text(a2l.located(path.read_text(encoding="utf-8"), base), encoding="utf-8")
         if calibration is not None:

@@ -32,13 +32,13 @@ def help_text() -> str:
         [
             "usage: canroll COMMAND [OPTIONS]",
             "",
-            "From a roll-stability control law to code on an ECU that talks CAN.",
+            "From a roll-stability control law to code on an ECU with CAN.",
             "",
             "commands:",
             *lines,
             "",
-            "'canroll COMMAND --help' tells a command's options; 'canroll --version' the version.",
-            "exit codes: 0 good, 1 the verdict is no, 2 the input is wrong, 130 interrupted",
+            "'canroll COMMAND --help' shows the options; 'canroll --version' the version.",
+            "exit codes: 0 success, 1 failed verdict, 2 wrong input, 130 interrupted",
         ]
     )
 
@@ -58,7 +58,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     namespace, unknown = parser_of(name).parse_known_args(arguments[1:])
     if unknown:
         told = f"see 'canroll {name} --help'"
-        raise UsageError(f"'{name}' takes no {' '.join(unknown)} ({told})")
+        raise UsageError(f"'{name}' does not take {' '.join(unknown)} ({told})")
     return namespace
 
 

@@ -1,4 +1,4 @@
-"""``canroll prove``: the loop can't overflow, index or divide wrongly, whatever arrives."""
+"""``canroll prove``: no overflow, index out of range or division by zero for any frames."""
 
 import argparse
 import json
@@ -18,7 +18,7 @@ def run(args: argparse.Namespace) -> int:
     record = None
     if args.calibration is not None:
         record = calibration_file.load(args.calibration).record
-    name = str(args.calibration or "every calibration that the ECU accepts")
+    name = str(args.calibration or "every calibration accepted by the ECU")
     return report(record, name=name, as_json=args.json)
 
 

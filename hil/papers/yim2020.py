@@ -121,7 +121,7 @@ DAMPERS = (
     "the passive run is soft; the paper's damper curve is not printed"
 )
 ASKED = (
-    "the moment asked for follows the roll angle, and the dampers leave more of that than printed; "
+    "the moment commanded follows the roll angle, and the dampers leave more of that than printed; "
     "the paper's damper curve is not printed"
 )
 ESTIMATES = (

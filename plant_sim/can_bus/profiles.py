@@ -1,4 +1,4 @@
-"""Named bus profiles: what the roll-control ECU and the vehicle's nodes are connected by."""
+"""Named bus profiles: networks of the roll-control ECU and the vehicle's nodes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ DEFAULT_COMMAND: Final = "SuspensionForceCommand"
 
 @dataclass(frozen=True, slots=True)
 class BusProfile:
-    """A bus by its figures.
+    """Parameters of a bus.
 
     ``load`` is the total, own messages at their cycle times included; background traffic fills
     the rest, ``above`` of it with identifiers of higher priority than all own messages.

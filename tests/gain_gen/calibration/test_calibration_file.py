@@ -383,7 +383,7 @@ def test_command_line_writes_and_reads(tmp_path, capsys):
     assert (out / "canroll_gains.h").is_file()
     path = out / "calibration.toml"
     assert main(["margins", str(path), "--out", str(out)]) == 0
-    assert "admits any delay" in capsys.readouterr().out
+    assert "stable for any delay" in capsys.readouterr().out
     assert (out / "margins.png").stat().st_size > 10_000
     assert main(["margins", str(path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["law"] == "hinf_delay"

@@ -51,7 +51,7 @@ def test_an_unknown_option_names_the_commands_own_help(capsys, command):
     command(lambda args: 0)
     assert cli.main(["run", "--cuont", "3", "more"]) == 2
     error = capsys.readouterr().err
-    assert error == "canroll: 'run' takes no --cuont 3 more (see 'canroll run --help')\n"
+    assert error == "canroll: 'run' does not take --cuont 3 more (see 'canroll run --help')\n"
 
 
 def test_wrong_option_is_one_line(capsys, command):

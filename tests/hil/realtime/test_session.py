@@ -134,10 +134,10 @@ def test_a_program_that_falls_over_is_quoted(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (["hil", "double_lane_change", "--side-channel"], "--pace lockstep: give both"),
-        (["plant", "double_lane_change", "--side-channel", "a:1"], "--pace lockstep: give both"),
+        (["hil", "double_lane_change", "--side-channel"], "requires --pace lockstep"),
+        (["plant", "double_lane_change", "--side-channel", "a:1"], "requires --pace lockstep"),
         (["plant", "double_lane_change", "--phase", "1"], "give it to 'canroll ecu'"),
-        (["plant", "double_lane_change", "--peer-timeout", "-1"], "--peer-timeout -1"),
+        (["plant", "double_lane_change", "--peer-timeout", "-1"], "must be at least 0"),
         (["hil", "double_lane_change", "--phase", "12"], "got 12 ms"),
     ],
 )

@@ -65,7 +65,7 @@ def test_conditions_reach_their_options():
         ("--fault", "Imu.RollRate=offset:inf", "finite"),
         ("--fault", "front_left=weak:2", "0 to 1"),
         ("--condition", "suply=10", "did you mean 'supply'?"),
-        ("--condition", "supply", "write key=value"),
+        ("--condition", "supply", "expected key=value"),
         ("--condition", "supply=low", "'low' is not a number"),
         ("--condition", "supply=-1", "not below 0"),
         ("--condition", "noise=nan", "finite"),

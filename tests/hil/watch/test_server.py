@@ -216,7 +216,7 @@ def test_who_else_may_watch_is_said(capsys):
     assert "watching at http://127.0.0.1:" in alone
     assert "note:" not in alone
     assert main([*command, "--host", "0.0.0.0"]) == 1
-    assert "whoever reaches 0.0.0.0 can watch" in capsys.readouterr().out
+    assert "anyone who can reach 0.0.0.0 can watch" in capsys.readouterr().out
 
 
 def test_json_is_all_on_stdout(capsys):

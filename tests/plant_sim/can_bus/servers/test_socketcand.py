@@ -194,7 +194,7 @@ def test_serving_says_which_frames_its_clients_do_not_see(tmp_path, capsys, monk
     path.write_text(row.format("Radar", 1, "true") + row.format("Wheels", 2, "false"))
     assert main(["bus", str(path), "--serve"]) == 0
     told = capsys.readouterr().out
-    assert told == "socketcand has no FD frames: on the bus, but not seen by clients: Radar\n"
+    assert told == "socketcand does not support FD frames: clients do not receive Radar\n"
     assert len(served) == 1
 
 
