@@ -209,4 +209,5 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
     _observe(state, inputs, parameters, outputs)
 
 
-BODY = Body("roll1", "1-DOF roll model with a linear bicycle", step, build)
+BODY = Body("roll1", step, build)
+"""1-DOF roll model with a linear bicycle."""
