@@ -3,9 +3,7 @@
 set -euo pipefail
 cd "$(dirname "$0")"
 scripts/setup-venv dev
-.venv/bin/ruff check .
-.venv/bin/ruff format --check .
-.venv/bin/mypy
+scripts/lint
 # small matrices: threads of the linear algebra only wait for one another
 export OPENBLAS_NUM_THREADS=1
 case "$*" in *tests/*) exec .venv/bin/pytest "$@" ;; esac

@@ -56,9 +56,11 @@ class Calibration:
     the CRC is that of the memory.
     """
 
+    # identity
     layout: Annotated[u8, F(1, 1, 0, "", "of this record")]
     version: Annotated[list[u8], 3, F(0, 255, 0, "", "of canroll that made it: 1.2.3")]
 
+    # selection
     law: Annotated[u8, F(0, 2, 0, "", "0 state feedback, 1 output feedback, 2 compensator")]
     actuator: Annotated[u8, F(0, 3, 0, "", "0 suspension, 1 bars, 2 dampers, 3 valves")]
     observer: Annotated[u8, F(0, 2, 0, "", "0 bypass, 1 constant gain, 2 covariance")]
@@ -108,6 +110,7 @@ class Calibration:
     # offset learning
     offset_shift: Annotated[u8, F(1, 20, 0, "", "offset += error >> shift a tick")]
 
+    # identity
     id: Annotated[i32, F(0, LARGE, 0, "", "identifies the calibration")]
     tick_us: Annotated[i32, F(1000, 20000, 0, "us", "period of the loop")]
 
@@ -274,7 +277,9 @@ class Calibration:
     damper_slope: Annotated[list[i32], 2, F(0, STATE_MAX, Q_MOMENT, "N·s/m", "beyond it")]
     current_max: Annotated[i32, F(0, 16382 << Q_MOMENT, Q_MOMENT, "mA", "damper or valve")]
 
+    # budgets of a tick
     budget_instructions: Annotated[i32, F(0, LARGE, 0, "", "a tick on the target, 0: none")]
     budget_tick_us: Annotated[i32, F(0, LARGE, 0, "us", "p99 tick duration, 0: none")]
 
+    # seal
     crc: Annotated[i32, F(-LARGE - 1, LARGE, 0, "", "CRC-32 of the fields before it")]

@@ -35,10 +35,12 @@ def tops(paths):
     return {path.split(".")[0] for path in paths}
 
 
+@pytest.mark.drift
 def test_every_command_has_a_section():
     assert set(SECTIONS) == set(COMMANDS)
 
 
+@pytest.mark.drift
 @pytest.mark.parametrize("command", [*SECTIONS, "python-can"])
 def test_options_are_those_of_the_parser(command, monkeypatch):
     monkeypatch.setenv("COLUMNS", "100")

@@ -16,7 +16,7 @@ MAY_IMPORT = {
     "plant_sim": {"dbc", "vehicles"},
 }
 """Packages beside itself: firmware and plant stay apart; ``GROUND`` is everybody's."""
-MOST_FILES = {"firmware": 21, "hil.cli": 25}
+MOST_FILES = {"firmware": 21, "hil.cli": 20}
 """Rooms that may hold more files than others, ``__init__.py`` not counted."""
 
 
@@ -68,6 +68,7 @@ def test_a_room_is_not_crowded():
     assert not crowded
 
 
+@pytest.mark.drift
 def test_the_drawing_of_the_architecture_is_true(graph):
     page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
     assert drawing(graph) in page, "scripts/refresh-docs docs/architecture.md"

@@ -37,17 +37,13 @@ def names() -> list[str]:
 def load(name_or_path: str | Path) -> Vehicle:
     """Read the preset of that name, or the vehicle file at that path.
 
-    Parameters
-    ----------
-    name_or_path
-        A name of :func:`names`, or a path (anything that ends in ``.toml`` or holds a separator).
+    Args:
+        name_or_path: a name of :func:`names`, or a path (anything that ends in ``.toml`` or holds a
+            separator).
 
-    Raises
-    ------
-    UnknownNameError
-        No preset has that name; the message suggests the nearest.
-    CanrollError
-        The file cannot be read, is not a vehicle, or describes an impossible one.
+    Raises:
+        UnknownNameError: no preset has that name; the message suggests the nearest.
+        CanrollError: the file cannot be read, is not a vehicle, or describes an impossible one.
     """
     text = str(name_or_path)
     file = ""

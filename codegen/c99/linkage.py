@@ -13,10 +13,15 @@ Begin = Callable[[Program, Function, ast.expr], bool]
 
 @dataclass(frozen=True, slots=True)
 class Linkage:
-    """``public``: entry points with the short C names that callers see; ``reachable``: what they
-    call; ``shared``: functions and constants that more than their own module uses; ``volatile``:
-    array parameters that are somewhere given a field an interrupt may write; ``open``: those that
-    a caller of an entry point gives, which may be shorter than the subset says.
+    """C linkage of a program: which symbols are public, shared or static.
+
+    Attributes:
+        public: entry points with the short C names that callers see.
+        reachable: what they call.
+        shared: functions and constants that more than their own module uses.
+        volatile: array parameters that are somewhere given a field an interrupt may write.
+        open: array parameters that a caller of an entry point gives, which may be shorter than
+            the subset says.
     """
 
     public: dict[Key, str]

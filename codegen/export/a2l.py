@@ -1,92 +1,278 @@
-"""An ASAP2 (A2L) description of both records, for calibration and measurement tools."""
+"""An ASAP2 (A2L) description of both records, for calibration and measurement tools.
 
+ASAP2 1.71 (ASAM MCD-2 MC): the calibration as characteristics, the schedule as curves over speed,
+the ECU's state as measurements, groups as in the sources, value tables, EPK and CRC, and XCP on CAN
+where the bus has identifiers for it.
+"""
+
+import re
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from codegen.c99.text import plain
+from codegen.generated.bus_map import Xcp
 from codegen.run import memory_image
-from firmware.calibration import Calibration
+from codegen.subset.parse import load
+from codegen.subset.program import Program
+from firmware.calibration import N_POINTS, Calibration
 from firmware.state import Ecu
 from firmware.subset import Field, fields
 
 TYPES = {"i32": "SLONG", "u8": "UBYTE"}
 RECORDS = {"calibration": Calibration, "ecu": Ecu}
+EPK_SYMBOL = "canroll_epk"
+SYMBOLS = (*RECORDS, EPK_SYMBOL)
+AXIS = "schedule_speed"
+CURVES = ("schedule_gain", "schedule_front_share", "schedule_steering")
+CODE = re.compile(r"(\d+):? ([A-Za-z][^,\d]*?)(?=,| \d|$)")
+A2ML = """\
+    /begin A2ML
+      block "IF_DATA" taggedunion if_data {
+        "XCP" struct {
+          taggedstruct {
+            block "PROTOCOL_LAYER" struct {
+              uint; uint; uint; uint; uint; uint; uint; uint; uchar; uint;
+              enum { "BYTE_ORDER_MSB_LAST" = 0, "BYTE_ORDER_MSB_FIRST" = 1 };
+              enum { "ADDRESS_GRANULARITY_BYTE" = 1, "ADDRESS_GRANULARITY_WORD" = 2 };
+            };
+            block "XCP_ON_CAN" struct {
+              uint;
+              taggedstruct {
+                "CAN_ID_MASTER" ulong;
+                "CAN_ID_SLAVE" ulong;
+                "BAUDRATE" ulong;
+              };
+            };
+          };
+        };
+      };
+    /end A2ML"""
+
+
+@dataclass(frozen=True, slots=True)
+class Software:
+    """What the file describes: its EPK, the calibration in it, XCP where the bus has it."""
+
+    epk: str
+    record: Calibration
+    xcp: Xcp | None = None
 
 
 def addresses(elf: Path) -> dict[str, int]:
-    """Addresses of the symbols ``ecu`` and ``calibration`` in a linked image."""
+    """Addresses of :data:`SYMBOLS` in a linked image, of those that it has."""
     from elftools.elf.elffile import ELFFile  # noqa: PLC0415
 
     with elf.open("rb") as file:
         table = ELFFile(file).get_section_by_name(".symtab")
         found = {}
-        for name in RECORDS:
+        for name in SYMBOLS:
             symbols = table.get_symbol_by_name(name) if table else None
             if symbols:
                 found[name] = int(symbols[0]["st_value"])
     return found
 
 
-def a2l(base: Mapping[str, int] | None = None) -> str:
-    """The file's text; ``base`` are the records' addresses, 0 where not known yet."""
+def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
+    """The file's text; ``base`` are addresses of :data:`SYMBOLS`, 0 where not known yet."""
     lines = [
         "ASAP2_VERSION 1 71",
         '/begin PROJECT canroll "roll controller"',
         '  /begin MODULE ecu "the records of the roll controller"',
+    ]
+    lines += [A2ML] if software.xcp else []
+    lines += _parameters(software)
+    lines += [
         '    /begin MOD_COMMON ""',
         "      BYTE_ORDER MSB_LAST",
+        "      ALIGNMENT_BYTE 1",
         "      ALIGNMENT_LONG 4",
         "    /end MOD_COMMON",
     ]
+    lines += _interface(software.xcp) if software.xcp else []
     for kind in sorted(set(TYPES.values())):
-        lines += [
-            f"    /begin RECORD_LAYOUT {kind}_VALUES",
-            f"      FNC_VALUES 1 {kind} ROW_DIR DIRECT",
-            f"    /end RECORD_LAYOUT {kind}_VALUES",
-        ]
-    methods = {(field.f.q, field.f.unit) for record in RECORDS.values() for field in fields(record)}
-    for q, unit in sorted(methods):
-        lines += [
-            f'    /begin COMPU_METHOD {_method(q, unit)} "n / 2^{q}"',
-            f'      RAT_FUNC "%.9g" "{plain(unit)}"',
-            f"      COEFFS 0 {2**q} 0 0 0 1",
-            f"    /end COMPU_METHOD {_method(q, unit)}",
-        ]
+        lines += _block("RECORD_LAYOUT", f"{kind}_VALUES", [f"FNC_VALUES 1 {kind} ROW_DIR DIRECT"])
+    lines += _block("RECORD_LAYOUT", "SLONG_AXIS", ["AXIS_PTS_X 1 SLONG INDEX_INCR DIRECT"])
+    lines += _methods()
     for name, record in RECORDS.items():
         offsets: Mapping[str, Any] = memory_image.dtype(record).fields or {}
         for field in fields(record):
-            offset = int(offsets[field.name][1])
-            address = (base or {}).get(name, 0) + offset
-            lines += _entry(name, field, address, offset)
-    return "\n".join([*lines, "  /end MODULE", "/end PROJECT", ""])
+            lines += _entry(name, field, int(offsets[field.name][1]))
+    lines += _groups(load())
+    text = "\n".join([*lines, "  /end MODULE", "/end PROJECT", ""])
+    return located(text, base or {})
 
 
-def _entry(record: str, field: Field, address: int, offset: int) -> Iterator[str]:
-    scale = 2.0**field.f.q
-    limits = f"{field.f.lo / scale:.9g} {field.f.hi / scale:.9g}"
-    method = _method(field.f.q, field.f.unit)
-    name, text = f"{record}.{field.name}", plain(field.f.meaning).replace('"', "'")
-    kind = TYPES[field.kind]
-    sizes = " ".join(str(n) for n in reversed(field.shape))
-    if record == "calibration":
+def located(text: str, base: Mapping[str, int]) -> str:
+    """The text of an A2L of ours with the addresses of ``base`` in it, by its symbol links."""
+
+    def moved(match: re.Match[str]) -> str:
+        symbol, offset = match["symbol"], int(match["offset"] or 0)
+        if symbol not in base:
+            return match[0]
+        return match[0].replace(match["address"], f"0x{base[symbol] + offset:08X}", 1)
+
+    text = re.sub(
+        r"/begin (?P<kind>CHARACTERISTIC|MEASUREMENT|AXIS_PTS) (?:(?!/end).)*?"
+        r"(?P<address>0x[0-9A-F]{8})(?:(?!/end (?P=kind)).)*?"
+        r'SYMBOL_LINK "(?P<symbol>\w+)" (?P<offset>\d+)',
+        moved,
+        text,
+        flags=re.DOTALL,
+    )
+    for line, symbol in (("ADDR_EPK", EPK_SYMBOL), ("DATA FLASH INTERN", "calibration")):
+        if symbol in base:
+            text = re.sub(rf"{line} 0x[0-9A-F]{{8}}", f"{line} 0x{base[symbol]:08X}", text)
+    return text
+
+
+def enumeration(field: Field) -> dict[int, str]:
+    """The names of a field's values, where its meaning gives them all; 0 and 1 are no and yes."""
+    codes = {int(code): name for code, name in CODE.findall(field.f.meaning)}
+    if field.f.q or field.f.unit or field.f.lo != 0 or field.f.hi > 15:
+        return {}
+    if set(codes) == set(range(field.f.hi + 1)):
+        return codes
+    return {0: "no", 1: "yes"} if field.f.hi == 1 else {}
+
+
+def _block(kind: str, head: str, lines: list[str]) -> Iterator[str]:
+    yield f"    /begin {kind} {head}"
+    yield from (f"      {line}" for line in lines)
+    yield f"    /end {kind}"
+
+
+def _parameters(software: Software) -> Iterator[str]:
+    record = software.record
+    size = memory_image.dtype(Calibration).itemsize
+    yield from _block(
+        "MOD_PAR",
+        f'"{_text(software.epk)}"',
+        [
+            f'VERSION "{_text(software.epk)}"',
+            "ADDR_EPK 0x00000000",
+            f'EPK "{_text(software.epk)}"',
+            '/begin MEMORY_SEGMENT calibration "the calibration" '
+            f"DATA FLASH INTERN 0x00000000 0x{size:X} -1 -1 -1 -1 -1 /end MEMORY_SEGMENT",
+            f'SYSTEM_CONSTANT "CALIBRATION_ID" "0x{record.id:08X}"',
+            f'SYSTEM_CONSTANT "CALIBRATION_CRC" "0x{record.crc & 0xFFFFFFFF:08X}"',
+        ],
+    )
+
+
+def _interface(xcp: Xcp) -> Iterator[str]:
+    yield "    /begin IF_DATA XCP"
+    yield "      /begin PROTOCOL_LAYER"
+    yield "        0x0100 1000 1000 1000 1000 1000 1000 1000 8 8"
+    yield "        BYTE_ORDER_MSB_LAST ADDRESS_GRANULARITY_BYTE"
+    yield "      /end PROTOCOL_LAYER"
+    yield "      /begin XCP_ON_CAN 0x0100"
+    yield f"        CAN_ID_MASTER 0x{xcp.master:X}"
+    yield f"        CAN_ID_SLAVE 0x{xcp.slave:X}"
+    yield f"        BAUDRATE {xcp.bitrate}"
+    yield "      /end XCP_ON_CAN"
+    yield "    /end IF_DATA"
+
+
+def _methods() -> Iterator[str]:
+    seen = set()
+    for record, its in RECORDS.items():
+        for field in fields(its):
+            name = _method(record, field)
+            if name in seen:
+                continue
+            seen.add(name)
+            codes, unit = enumeration(field), f'"{plain(field.f.unit)}"'
+            if codes:
+                table = f"{name}_table"
+                texts = [f'{code} "{_text(text)}"' for code, text in sorted(codes.items())]
+                yield from _block(
+                    "COMPU_METHOD",
+                    f'{name} ""',
+                    [f'TAB_VERB "%s" {unit}', f"COMPU_TAB_REF {table}"],
+                )
+                yield from _block("COMPU_VTAB", f'{table} "" TAB_VERB {len(codes)}', texts)
+            elif field.f.q:
+                yield from _block(
+                    "COMPU_METHOD",
+                    f'{name} "n / 2^{field.f.q}"',
+                    [f'RAT_FUNC "%14.9" {unit}', f"COEFFS 0 {2**field.f.q} 0 0 0 1"],
+                )
+            else:
+                yield from _block("COMPU_METHOD", f'{name} ""', [f'IDENTICAL "%10.0" {unit}'])
+
+
+def _method(record: str, field: Field) -> str:
+    codes = enumeration(field)
+    if set(codes.values()) == {"no", "yes"}:
+        return "yes_no"
+    if codes:
+        return f"{record}_{field.name}_values"
+    word = "".join(c if c.isascii() and c.isalnum() else "_" for c in plain(field.f.unit)) or "one"
+    return f"Q{field.f.q}_{word}"
+
+
+def _number(n: int, q: int) -> str:
+    """``n`` / 2**``q``, exactly: a limit must not leave its type by rounding."""
+    return str(n) if q == 0 else repr(n / 2**q)
+
+
+def _entry(record: str, field: Field, offset: int) -> Iterator[str]:
+    limits = f"{_number(field.f.lo, field.f.q)} {_number(field.f.hi, field.f.q)}"
+    name, method, kind = f"{record}.{field.name}", _method(record, field), TYPES[field.kind]
+    head = f'{name} "{_text(field.f.meaning)}"'
+    sizes = [*reversed(field.shape), 1, 1, 1][:3]
+    dimensions = [f"MATRIX_DIM {' '.join(str(n) for n in sizes)}"] if field.shape else []
+    link = f'SYMBOL_LINK "{record}" {offset}'
+    address = f"0x{offset:08X}"
+    if record == "ecu":
+        lines = [f"{kind} {method} 0 0 {limits}", f"ECU_ADDRESS {address}", *dimensions, link]
+        yield from _block("MEASUREMENT", head, lines)
+    elif field.name == AXIS:
+        lines = [f"{address} ecu.speed SLONG_AXIS 0 {method} {N_POINTS} {limits}", link]
+        yield from _block("AXIS_PTS", head, lines)
+    elif field.name in CURVES:
+        axis = next(its for its in fields(Calibration) if its.name == AXIS)
+        ends = f"{_number(axis.f.lo, axis.f.q)} {_number(axis.f.hi, axis.f.q)}"
+        lines = [
+            f"CURVE {address} {kind}_VALUES 0 {method} {limits}",
+            f"/begin AXIS_DESCR COM_AXIS ecu.speed {_method(record, axis)} {N_POINTS} {ends} "
+            f"AXIS_PTS_REF {record}.{AXIS} /end AXIS_DESCR",
+            link,
+        ]
+        yield from _block("CHARACTERISTIC", head, lines)
+    else:
         what = "VAL_BLK" if field.shape else "VALUE"
-        yield f'    /begin CHARACTERISTIC {name} "{text}"'
-        yield f"      {what} 0x{address:08X} {kind}_VALUES 0 {method} {limits}"
-        if field.shape:
-            yield f"      MATRIX_DIM {sizes}"
-        yield f'      SYMBOL_LINK "{record}" {offset}'
-        yield "    /end CHARACTERISTIC"
-        return
-    yield f'    /begin MEASUREMENT {name} "{text}"'
-    yield f"      {kind} {method} 0 0 {limits}"
-    yield f"      ECU_ADDRESS 0x{address:08X}"
-    if field.shape:
-        yield f"      MATRIX_DIM {sizes}"
-    yield f'      SYMBOL_LINK "{record}" {offset}'
-    yield "    /end MEASUREMENT"
+        only = ["READ_ONLY"] if field.name in ("crc", "id", "layout", "version") else []
+        lines = [f"{what} {address} {kind}_VALUES 0 {method} {limits}", *dimensions, *only, link]
+        yield from _block("CHARACTERISTIC", head, lines)
 
 
-def _method(q: int, unit: str) -> str:
-    word = "".join(c if c.isascii() and c.isalnum() else "_" for c in plain(unit)) or "one"
-    return f"Q{q}_{word}"
+def _groups(program: Program) -> Iterator[str]:
+    """The groups of both records as their sources have them, by the comments above the fields."""
+    for name, record_class in RECORDS.items():
+        record = program.record(record_class.__name__)
+        comments = program.modules[record.module].comments
+        groups: dict[str, list[str]] = {}
+        title, last = "general", record.line
+        for its in record.fields.values():
+            for line in range(last + 1, its.line):
+                own, text = comments.get(line, (False, ""))
+                if own and not comments.get(line - 1, (False, ""))[0]:
+                    title = re.split(r"[:;,]", text)[0]
+            last = its.line
+            groups.setdefault(title, []).append(f"{name}.{its.name}")
+        names = [f"{name}_{re.sub(r'[^A-Za-z0-9]+', '_', title)}" for title in groups]
+        sub = f"/begin SUB_GROUP {' '.join(names)} /end SUB_GROUP"
+        yield from _block("GROUP", f'{name} "{_text(record.doc.splitlines()[0])}"', ["ROOT", sub])
+        reference = "REF_CHARACTERISTIC" if name == "calibration" else "REF_MEASUREMENT"
+        for group, (title, members) in zip(names, groups.items(), strict=True):
+            # an axis is no characteristic
+            listed = [f"  {each}" for each in members if each != f"calibration.{AXIS}"]
+            lines = [f"/begin {reference}", *listed, f"/end {reference}"]
+            yield from _block("GROUP", f'{group} "{_text(title)}"', lines)
+
+
+def _text(text: str) -> str:
+    return plain(text).replace('"', "'").replace("\\", "/")

@@ -6,8 +6,10 @@ CMakeLists.txt, start-up and example for a bare Cortex-M, A2L, the cantools code
 
 import shutil
 import tempfile
-from collections.abc import Iterator
+import zlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import cantools
@@ -34,6 +36,34 @@ BOARD = Path(__file__).parents[1] / "board"
 GENERATED = {"signals.py": signals.generate, "protection.py": protection.generate}
 """Modules of the firmware that a bus makes."""
 FNV_OFFSET, FNV_PRIME = 2166136261, 16777619
+
+
+EPK_HEADER = """\
+/* What names this software: canroll.a2l has it too, and the image keeps it. */
+#ifndef CANROLL_EPK_H
+#define CANROLL_EPK_H
+
+#define CANROLL_VERSION "{version}"
+#define CANROLL_EPK "{epk}"
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+extern const char canroll_epk[sizeof(CANROLL_EPK)];
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+EPK_SOURCE = """\
+/* A linker that drops unused data must be told to keep it: -u canroll_epk, or KEEP. */
+#include "canroll_epk.h"
+
+const char canroll_epk[sizeof(CANROLL_EPK)] = CANROLL_EPK;
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,7 +122,10 @@ def write(folder: Path, export: Export) -> list[Path]:
     ):
         text = (TEMPLATES / name).read_text(encoding="utf-8")
         texts[place + name] = text.replace("{optimisation}", " ".join(OPTIMISATION))
-    texts["canroll.a2l"] = a2l.a2l()
+    epk = f"canroll {version('canroll')} {_named(files)}"
+    texts["include/canroll_epk.h"] = EPK_HEADER.format(version=version("canroll"), epk=epk)
+    texts["src/canroll_epk.c"] = EPK_SOURCE
+    texts["canroll.a2l"] = a2l.a2l(a2l.Software(epk, export.record, bus.xcp))
     texts[export.dbc.name] = export.dbc.read_text(encoding="utf-8")
     texts.update({f"codec/{name}": text for name, text in _codec(export.dbc).items()})
     texts["README.md"] = _readme(export, bus)
@@ -166,6 +199,12 @@ def _array(head: str, items: list[str]) -> Iterator[str]:
     yield line
     yield "};"
     yield ""
+
+
+def _named(files: Mapping[str, str]) -> str:
+    """Eight digits that name the sources."""
+    text = "".join(f"{name}\n{text}" for name, text in sorted(files.items()))
+    return f"{zlib.crc32(text.encode()):08x}"
 
 
 def _digest(data: bytes) -> int:

@@ -77,11 +77,21 @@ class Mailbox:
 
 
 @dataclass(frozen=True, slots=True)
+class Xcp:
+    """XCP on CAN: identifiers (bit 31: a 29-bit one) to and from the ECU, bit rate."""
+
+    master: int
+    slave: int
+    bitrate: int
+
+
+@dataclass(frozen=True, slots=True)
 class BusMap:
-    """All mailboxes, in the order of the firmware's slot numbers."""
+    """All mailboxes, in the order of the firmware's slot numbers; XCP where the map has it."""
 
     received: tuple[Mailbox, ...]
     transmitted: tuple[Mailbox, ...]
+    xcp: Xcp | None = None
 
     @property
     def protected(self) -> bool:
@@ -121,8 +131,8 @@ def load(dbc: Path, map_file: Path) -> BusMap:
     if document.get("schema") != 1:
         raise CanrollError(f"{map_file}: schema must be 1, not {document.get('schema')!r}")
     for key in document:
-        if key not in ("schema", "receive", "transmit"):
-            raise UnknownNameError(f"table in {map_file}", key, ("receive", "transmit"))
+        if key not in ("schema", "receive", "transmit", "xcp"):
+            raise UnknownNameError(f"table in {map_file}", key, ("receive", "transmit", "xcp"))
     boxes = {}
     for direction, slots in (("receive", RECEIVED), ("transmit", TRANSMITTED)):
         tables = document.get(direction, {})
@@ -132,9 +142,29 @@ def load(dbc: Path, map_file: Path) -> BusMap:
         boxes[direction] = tuple(
             _mailbox(database, map_file, direction, slot, tables.get(slot)) for slot in slots
         )
-    bus = BusMap(boxes["receive"], boxes["transmit"])
+    xcp = _xcp(document["xcp"], database, map_file) if "xcp" in document else None
+    bus = BusMap(boxes["receive"], boxes["transmit"], xcp)
     _refuse_short_echo(bus, map_file)
     return bus
+
+
+def _xcp(table: Mapping[str, Any], database: Database, map_file: Path) -> Xcp:
+    names = ("master", "slave", "bitrate")
+    for key in table:
+        if key not in names:
+            raise UnknownNameError(f"key in {map_file} [xcp]", key, names)
+    for key in names:
+        value = table.get(key)
+        if not isinstance(value, int) or not 0 < value < 1 << 32:
+            raise CanrollError(f"{map_file} [xcp]: {key} must be a whole number, not {value!r}")
+    for key in ("master", "slave"):
+        for message in database.messages:
+            wide = 1 << 31 if message.is_extended_frame else 0
+            if message.frame_id | wide == table[key]:
+                raise CanrollError(
+                    f"{map_file} [xcp]: {key} 0x{table[key]:X} is the identifier of {message.name}"
+                )
+    return Xcp(**table)
 
 
 def _refuse_short_echo(bus: BusMap, map_file: Path) -> None:

@@ -7,6 +7,7 @@ from scipy.optimize import minimize
 
 from canroll.errors import VerdictError
 from gain_gen.analysis.certificates import delay_blocks, largest_eigenvalue
+from gain_gen.laws.lmi import Clock, DelayProgram
 from gain_gen.laws.roll_rate_feedback import (
     LEVEL_MARGIN,
     SOFTENING,
@@ -43,8 +44,6 @@ def design_hinf_delay(task: Task) -> Solution:
                 "what any roll-rate gain can reach, as the DC gain does not depend on it",
             ),
         )
-    from gain_gen.laws.lmi import Clock, DelayProgram  # noqa: PLC0415 - cvxpy only where it is used
-
     plant, clock = normalise(model), Clock()
     program = DelayProgram(plant)
     open_loop = open_loop_gamma(model)

@@ -12,6 +12,8 @@ from gain_gen.analysis.certificates import (
     largest_eigenvalue,
     si_plant,
 )
+from gain_gen.laws.lmi import Clock
+from gain_gen.laws.lmi_event import EventProgram
 from gain_gen.laws.roll_rate_feedback import (
     LEVEL_MARGIN,
     SOFTENING,
@@ -53,9 +55,6 @@ def design_hinf_event(task: Task) -> Solution:
             },
             delay_aware=True,
         )
-    from gain_gen.laws.lmi import Clock  # noqa: PLC0415 - cvxpy only where it is used
-    from gain_gen.laws.lmi_event import EventProgram  # noqa: PLC0415
-
     plant, clock = normalise(model), Clock()
     program = EventProgram(plant)
 

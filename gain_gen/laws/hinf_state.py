@@ -6,6 +6,7 @@ from math import pi
 import numpy as np
 
 from canroll.errors import VerdictError
+from gain_gen.laws.lmi import Clock, discrete_h_infinity
 from gain_gen.laws.state_feedback import PRINTED, printed_note, state_feedback
 from gain_gen.laws.state_gains import discrete_plant, yim_weights
 from gain_gen.models.roll import Matrix
@@ -39,8 +40,6 @@ def design_hinf(task: Task) -> Solution:
         return Solution(
             state_feedback(task, np.array(PRINTED["hinf"])), notes=(printed_note("hinf"),)
         )
-    from gain_gen.laws.lmi import Clock, discrete_h_infinity  # noqa: PLC0415 - cvxpy only here
-
     model, clock = task.vehicle.design, Clock()
     phi, gamma, lateral = discrete_plant(model, task.tick)
     softened = 0.6**task.softness

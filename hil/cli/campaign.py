@@ -18,7 +18,6 @@ from hil.studies.campaign_page import campaign_page, quantile_table
 
 def run(args: argparse.Namespace) -> int:
     """Drive all draws, print the table, write campaign.html and .json; 1 if one of them fails."""
-
     choices = choices_of(args)
     draws = {
         "spread": variation.spread_from(dict(args.spread)),
@@ -57,7 +56,6 @@ def _one(
     args: argparse.Namespace, choices: dict[str, Any], draws: dict[str, Any], out: Path | None
 ) -> int:
     """Drive one draw again and report it as a run."""
-
     if args.only < 0:
         raise CanrollError(f"--only {args.only}: draws count from 0")
     settings, controller = experiment.plan(args.scenario, **choices)

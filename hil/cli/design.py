@@ -174,7 +174,6 @@ def _line(answer: Design) -> str:
 
 def drive_all(args: argparse.Namespace) -> int:
     """Drive every law over the simulated bus at equal effort and print the table."""
-
     choices = choices_of(args)
     with terminal.progress(quiet=args.json) as progress:
         found = equal_effort.compare(

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import dbc
 from canroll.errors import CanrollError, VerdictError
-from codegen.run import BACKENDS
 from codegen.run.backends import default_backend, open_backend
 from firmware.signals import TX_IDS
 from gain_gen.calibration.calibration_file import load as load_calibration
+from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, PEER_TIMEOUT
 from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
-from hil.realtime.bus_link import CanLink, add_bus_arguments, open_link
+from hil.realtime.bus_link import CanLink, open_link
 from hil.realtime.hardware import bus_record
 from hil.realtime.phase_lock import PhaseLock
 from hil.runs import phase
@@ -19,67 +19,6 @@ MODES = ("INIT", "ACTIVE", "DEGRADED", "SAFE")
 TRACE_SECONDS = 600
 FRAMES_PER_SECOND = 700
 """What the contract's messages come to, with room."""
-PACES = ("realtime", "lockstep")
-PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
-"""Silence after which the other side is taken to be gone, s: in lock step it may be slow."""
-DEFAULT_PHASE_MS = 2.0
-FREE = "free"
-
-
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "ecu",
-        help="the ECU alone, on any python-can interface",
-        description="Run the roll controller in real time against a vehicle on a CAN bus.",
-    )
-    add_bus_arguments(parser)
-    parser.add_argument("--calibration", type=Path, metavar="FILE", help="of canroll design")
-    parser.add_argument(
-        "--backend", help=f"{', '.join(BACKENDS)} (default: native where a C compiler is)"
-    )
-    parser.add_argument("--duration", type=float, metavar="S", help="default: until stopped")
-    add_loop_options(parser)
-    parser.add_argument(
-        "--phase",
-        type=phase_option,
-        metavar="MS",
-        help="start ticks so long after the Imu frames, 'free': by the ECU's own clock "
-        f"(default: {DEFAULT_PHASE_MS:g})",
-    )
-    parser.add_argument("--trace", type=Path, metavar="FILE", help="write the trace of all ticks")
-    parser.add_argument(
-        "--replay", type=Path, metavar="FILE", help="run a trace again instead and compare"
-    )
-    parser.set_defaults(run=run)
-
-
-def add_loop_options(parser: argparse.ArgumentParser) -> None:
-    """Add what ECU and plant both take about their loops."""
-    parser.add_argument(
-        "--pace",
-        choices=PACES,
-        default="realtime",
-        help="lockstep: the plant grants each tick, as fast as both can (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--side-channel",
-        metavar="HOST:PORT",
-        help="lock step: grants on a TCP connection instead of frames of 29 bits on the bus",
-    )
-    parser.add_argument(
-        "--peer-timeout",
-        type=float,
-        metavar="S",
-        help="end when the other side falls silent, 0: stay and wait "
-        "(default: {realtime:g}, in lock step {lockstep:g})".format(**PEER_TIMEOUT),
-    )
-    parser.add_argument("--cpu", type=int, metavar="N", help="core to run on")
-
-
-def phase_option(text: str) -> float | str:
-    """Return ``--phase``: a number of ms or "free"."""
-    return text if text == FREE else float(text)
 
 
 def peer_timeout(args: argparse.Namespace) -> float | None:
@@ -93,15 +32,6 @@ def peer_timeout(args: argparse.Namespace) -> float | None:
     given = PEER_TIMEOUT[args.pace] if args.peer_timeout is None else args.peer_timeout
     nanoseconds(given, "--peer-timeout")
     return given or None
-
-
-def add_prepare_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option of programs whose kernels may have to be compiled first."""
-    parser.add_argument(
-        "--prepare",
-        action="store_true",
-        help="only compile what the run needs, into the cache; no bus is opened",
-    )
 
 
 def nanoseconds(seconds: float | None, option: str) -> int | None:

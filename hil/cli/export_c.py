@@ -172,12 +172,14 @@ def address(folder: Path, elf: Path) -> int:
     """Rewrite the A2L with the addresses of an image."""
     if not elf.is_file():
         raise CanrollError(f"{elf}: no such image; build one, or leave --elf out")
+    path = folder / "canroll.a2l"
+    if not path.is_file():
+        raise CanrollError(f"{path}: not there; write the bundle first: canroll export-c {folder}")
     base = a2l.addresses(elf)
     missing = sorted(set(a2l.RECORDS) - set(base))
     if missing:
         raise CanrollError(f"{elf}: has no symbol {' and '.join(missing)}; name the records so")
     with writing_to(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "canroll.a2l").write_text(a2l.a2l(base), encoding="utf-8")
+        path.write_text(a2l.located(path.read_text(encoding="utf-8"), base), encoding="utf-8")
     print(f"{folder / 'canroll.a2l'}: {', '.join(f'{n} at {a:#x}' for n, a in base.items())}")
     return 0

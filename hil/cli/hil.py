@@ -10,75 +10,25 @@ from typing import Any
 import can
 
 from canroll.errors import CanrollError
-from hil.cli.ecu import PACES, add_prepare_option
+from hil.cli import terminal
 from hil.cli.options import (
     OF_A_RUN,
-    add_answer,
-    add_choices,
-    add_recording,
     choices_of,
     folder_of,
-    scenario,
 )
-from hil.realtime.bus_link import add_bus_arguments, has_bus, options_of
+from hil.cli.terminal import show_timing
+from hil.realtime import hil_run
+from hil.realtime.bus_link import has_bus, options_of
+from hil.realtime.check import measure, round_trip
+from hil.realtime.check.show import show
 from hil.realtime.hardware.interfaces import INTERFACES, is_shared
+from hil.report.run_folder import check_parent, usable_folder, write_files, write_text
+from hil.runs import experiment, signal_files
+from hil.runs.logs import check_suffix, write_log
+from hil.runs.virtual_time import Interrupted
 
 CHECKED = "double_lane_change"
 """The manoeuvre on whose frames ``--check`` times the firmware where none is named."""
-
-
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "hil",
-        help="run ECU and plant as two processes in real time",
-        description="Drive a manoeuvre in real time: ECU and vehicle are programs of their own.",
-    )
-    parser.add_argument(
-        "scenario", nargs="?", type=scenario, help="double_lane_change, roundabout, …"
-    )
-    add_bus_arguments(parser)
-    parser.add_argument(
-        "--serve",
-        metavar="HOST:PORT",
-        help="without -i: the plant's own bus, for 'canroll watch' (default: a free port)",
-    )
-    add_choices(parser)
-    parser.add_argument(
-        "--passive",
-        choices=("virtual", "hil"),
-        default="virtual",
-        help="how the run without control is made (default: %(default)s time)",
-    )
-    parser.add_argument(
-        "--pace",
-        choices=PACES,
-        default="realtime",
-        help="lockstep: the plant grants the ECU's ticks, the same on any machine however slow "
-        "(default: %(default)s)",
-    )
-    parser.add_argument(
-        "--side-channel",
-        nargs="?",
-        const="127.0.0.1:0",
-        metavar="HOST:PORT",
-        help="lock step: grants on a TCP connection instead of frames of 29 bits on the bus",
-    )
-    parser.add_argument(
-        "--duration",
-        type=float,
-        metavar="S",
-        help="where longer than the manoeuvre only the timing counts it",
-    )
-    add_recording(parser)
-    add_answer(parser, "report, traces, …")
-    add_prepare_option(parser)
-    parser.add_argument(
-        "--check",
-        action="store_true",
-        help="measure what tick this machine can hold; --duration S of it (default: 10)",
-    )
-    parser.set_defaults(run=run)
 
 
 def bus_options(args: argparse.Namespace) -> list[str]:
@@ -119,11 +69,6 @@ def run(args: argparse.Namespace) -> int:
         raise CanrollError("which manoeuvre? Name one, such as double_lane_change")
     if args.check and not args.prepare:
         return check_machine(args)
-    from hil.realtime import hil_run  # noqa: PLC0415
-    from hil.report.run_folder import check_parent, usable_folder, write_files, write_text  # noqa: PLC0415
-    from hil.runs import signal_files  # noqa: PLC0415 - loads compiled kernels
-    from hil.runs.logs import check_suffix, write_log  # noqa: PLC0415
-    from hil.runs.virtual_time import Interrupted  # noqa: PLC0415
 
     if args.prepare:
         hil_run.prepare(
@@ -185,10 +130,6 @@ def refuse_one_adapter(args: argparse.Namespace) -> None:
 
 def check_machine(args: argparse.Namespace) -> int:
     """Measure what tick the machine can hold; 1 if it is longer than the one that is asked for."""
-    from hil.realtime.check import measure, round_trip  # noqa: PLC0415
-    from hil.realtime.check.show import show  # noqa: PLC0415
-    from hil.runs import experiment  # noqa: PLC0415 - loads compiled kernels
-
     for option in ("out", "log", "signals"):
         if getattr(args, option) is not None:
             raise CanrollError(f"--check writes no files: leave --{option} out")
@@ -216,9 +157,6 @@ def _announce(text: str) -> None:
 
 def report(answer: dict[str, Any], args: argparse.Namespace, result: Any) -> None:  # noqa: ANN401
     """Print the answer as JSON or as a table."""
-    from hil.cli import terminal  # noqa: PLC0415
-    from hil.cli.realtime_table import show_timing  # noqa: PLC0415
-
     if args.json:
         print(json.dumps(answer))
         return

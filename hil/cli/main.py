@@ -72,9 +72,11 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
 def parser_of(name: str) -> Parser:
     """Return the parser of one subcommand."""
     command = COMMANDS[name]
-    if command.options is not None:
+    options = command.options
+    if options is not None:
         parser = Parser(prog=f"canroll {name}")
-        command.options(parser)
+        add = resolve_name(f"hil.cli.{options}") if isinstance(options, str) else options
+        add(parser)
         return parser
     subparsers = Parser(prog="canroll").add_subparsers()
     resolve_name(f"{handler(name).partition(':')[0]}:add_parser")(subparsers)

@@ -39,13 +39,14 @@ PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 class Command:
     """A subcommand.
 
-    ``options`` adds to the command's parser; None: ``add_parser`` of its module makes it.
+    ``options`` adds to the command's parser, or is the "module:function" in this room that does,
+    where that loads python-can; None: ``add_parser`` of the command's module makes the parser.
     ``handler`` is the "module:function" in this room that is given the parsed arguments, by
     default ``run`` of the module that is called as the command is.
     """
 
     help: str
-    options: Callable[[argparse.ArgumentParser], None] | None = None
+    options: Callable[[argparse.ArgumentParser], None] | str | None = None
     handler: str = ""
 
 
@@ -293,27 +294,29 @@ def campaign(parser: argparse.ArgumentParser) -> None:
 COMMANDS = {
     "run": Command("run a manoeuvre in virtual time, with and without control", run),
     "compare": Command("compare several runs or laws on one page", compare),
-    "report": Command("judge a saved run again and write its page", report),
+    "report": Command("judge a saved run again and write its page", report, handler="run:report"),
     "sweep": Command(
         "run over a range of speeds or over several laws", sweep, handler="compare:sweep"
     ),
-    "limit": Command("highest speed at which a manoeuvre is still passed", limit),
+    "limit": Command(
+        "highest speed at which a manoeuvre is still passed", limit, handler="vehicle_tests:limit"
+    ),
     "understeer": Command(
         "understeer and roll gradient on a circle (ISO 4138)",
         understeer,
-        handler="handling:understeer",
+        handler="vehicle_tests:understeer",
     ),
     "response": Command(
         "yaw and roll frequency response to steering (ISO 7401)",
         response,
-        handler="handling:response",
+        handler="vehicle_tests:response",
     ),
     "design": Command("design a controller and freeze it into a calibration", design),
     "margins": Command("check a calibration by means independent of its design", margins),
     "bus": Command("bus load, response times and a bus server"),
-    "hil": Command("run ECU and plant as two processes in real time"),
-    "ecu": Command("the ECU alone, on any python-can interface"),
-    "plant": Command("the vehicle alone, on any python-can interface"),
+    "hil": Command("run ECU and plant as two processes in real time", "bus_parsers:hil"),
+    "ecu": Command("the ECU alone, on any python-can interface", "bus_parsers:ecu"),
+    "plant": Command("the vehicle alone, on any python-can interface", "bus_parsers:plant"),
     "watch": Command("watch the roll controller from the bus"),
     "export-c": Command("export the controller as C99 with test vectors"),
     "timing": Command("instructions, stack and sizes on the target; budget verdict", timing),

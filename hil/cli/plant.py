@@ -1,78 +1,26 @@
 """``canroll plant``: the vehicle alone, in real time, on any python-can bus or its own."""
 
 import argparse
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import vehicles
 from canroll.errors import CanrollError
 from firmware.signals import TX_IDS
-from hil.cli.ecu import add_loop_options, add_prepare_option, nanoseconds, peer_timeout
-from hil.cli.options import add_choices, add_recording, add_scenario, choices_of
-from hil.realtime import process
-from hil.realtime.bus_link import Link, add_bus_arguments, has_bus, open_link
-from hil.runs.choices import CHOICES, chosen
-
-WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
-"""What a run can be asked for that concerns the plant."""
-
-if TYPE_CHECKING:
-    from hil.realtime.plant_loop import Outcome
-    from plant_sim.world.world import World
-
-
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "plant",
-        help="the vehicle alone, on any python-can interface",
-        description="Simulate the vehicle in real time for an ECU on a CAN bus.",
-    )
-    add_scenario(parser)
-    add_bus_arguments(parser)
-    parser.add_argument(
-        "--serve",
-        metavar="HOST:PORT",
-        default="127.0.0.1:29536",
-        help="without -i: the plant's own bus, for -i socketcand (default: %(default)s)",
-    )
-    add_choices(parser, (*WORLD, "duration"))
-    parser.add_argument(
-        "--command",
-        dest="command_message",
-        metavar="MESSAGE",
-        help="what commands the actuators, where they take several messages",
-    )
-    parser.add_argument(
-        "--passive", action="store_true", help="the actuators acknowledge and do nothing"
-    )
-    parser.add_argument(
-        "--wait",
-        type=float,
-        default=60.0,
-        metavar="S",
-        help="for the first frame of the ECU, 0: start at once (default: %(default)g)",
-    )
-    add_loop_options(parser)
-    add_prepare_option(parser)
-    parser.add_argument(
-        "--phase",
-        type=float,
-        metavar="MS",
-        help="lock step: grant ticks so long after the Imu frames (default: as virtual time does)",
-    )
-    add_recording(parser)
-    parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
-    parser.set_defaults(run=run)
+from hil.cli.ecu import nanoseconds, peer_timeout
+from hil.cli.options import choices_of
+from hil.realtime import lockstep, own_bus, plant_loop, plant_record, process, side_channel, warm
+from hil.realtime.bus_link import Link, has_bus, open_link
+from hil.realtime.hardware import bus_record
+from hil.realtime.plant_loop import Outcome
+from hil.report.run_folder import check_parent
+from hil.runs import conditions, logs, phase, signal_files
+from hil.runs.choices import chosen
+from plant_sim import can_bus
+from plant_sim.driving import maneuvers
+from plant_sim.world.world import World
 
 
 def run(args: argparse.Namespace) -> int:
     """Simulate until the manoeuvre is over, the ECU is lost or a signal comes."""
-    from hil.realtime import plant_loop, plant_record, warm  # noqa: PLC0415
-    from hil.realtime.hardware import bus_record  # noqa: PLC0415
-    from hil.report.run_folder import check_parent  # noqa: PLC0415
-    from hil.runs import logs, signal_files  # noqa: PLC0415 - loads compiled kernels
-
     for path, check in ((args.log, logs.check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
             check_parent(check(path))
@@ -132,11 +80,9 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _drive(
-    args: argparse.Namespace, world: "World", link: Link, stop: process.Stop
-) -> "Outcome | None":
+    args: argparse.Namespace, world: World, link: Link, stop: process.Stop
+) -> Outcome | None:
     """Drive in step with the clock once an ECU is heard; None where a stop is asked for before."""
-    from hil.realtime import plant_loop  # noqa: PLC0415
-
     if args.wait > 0:
         print("plant waits for the ECU", flush=True)
         if not plant_loop.wait_for_ecu(link, stop=stop, timeout=args.wait):
@@ -153,12 +99,9 @@ def _drive(
 
 
 def _drive_granting(
-    args: argparse.Namespace, world: "World", link: Link, stop: process.Stop
-) -> "Outcome | None":
+    args: argparse.Namespace, world: World, link: Link, stop: process.Stop
+) -> Outcome | None:
     """Drive in lock step with the ECU that answers; None where a stop is asked for before."""
-    from hil.realtime import lockstep, plant_loop, side_channel  # noqa: PLC0415
-    from hil.runs import phase  # noqa: PLC0415
-
     channel: lockstep.Channel
     if args.side_channel is None:
         channel = lockstep.InBand(link, sends=lockstep.GRANT, hears=lockstep.ACKNOWLEDGEMENT)
@@ -180,7 +123,7 @@ def _drive_granting(
     return plant_loop.run_granting(world, ecu, stop=stop, duration_ns=duration_ns, offset_ns=offset)
 
 
-def _duration_ns(args: argparse.Namespace, world: "World") -> int:
+def _duration_ns(args: argparse.Namespace, world: World) -> int:
     return nanoseconds(args.duration, "--duration") or world.duration_ns
 
 
@@ -189,17 +132,12 @@ def _check_stopped(args: argparse.Namespace, stop: process.Stop) -> None:
         raise CanrollError(f"no ECU within {args.wait:g} s: start 'canroll ecu'")
 
 
-def world_of(args: argparse.Namespace) -> "World":
+def world_of(args: argparse.Namespace) -> World:
     """Return the world that the options describe, at time 0.
 
     Raises:
         CanrollError: a name or number that cannot be.
     """
-    from hil.runs import conditions  # noqa: PLC0415
-    from plant_sim import can_bus  # noqa: PLC0415
-    from plant_sim.driving import maneuvers  # noqa: PLC0415
-    from plant_sim.world.world import World  # noqa: PLC0415
-
     choices = choices_of(args)
     vehicle = vehicles.load(chosen(choices, "vehicle"))
     speed = maneuvers.default_speed(args.scenario, vehicle)
@@ -226,7 +164,6 @@ def world_of(args: argparse.Namespace) -> "World":
 def _link(args: argparse.Namespace) -> Link:
     if has_bus(args):
         return open_link(args)
-    from hil.realtime import own_bus  # noqa: PLC0415
 
     server = own_bus.serve(args.serve)
     print(f"serving {server.options}", flush=True)

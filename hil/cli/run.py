@@ -1,4 +1,4 @@
-"""``canroll run``: a manoeuvre in virtual time, without and with control, and what came of it."""
+"""``canroll run``: a manoeuvre in virtual time; ``canroll report``: a saved run judged again."""
 
 import argparse
 import json
@@ -6,8 +6,9 @@ from pathlib import Path
 
 from hil.cli import terminal
 from hil.cli.options import choices_of, folder_of
-from hil.report.run_folder import check_parent, usable_folder, write_files
-from hil.runs import experiment, signal_files
+from hil.report.run_folder import check_parent, usable_folder, write_files, write_text
+from hil.report.run_page import run_page
+from hil.runs import experiment, saved_run, signal_files
 from hil.runs.logs import check_suffix, write_log
 from hil.runs.result import Result
 from hil.runs.virtual_time import Interrupted
@@ -49,3 +50,12 @@ def answer(result: Result, out: Path | None, *, as_json: bool) -> int:
     else:
         terminal.show(result)
     return result.exit_code
+
+
+def report(args: argparse.Namespace) -> int:
+    """Write the page and print the table; 1 if the verdict is that control does not help."""
+    result = saved_run.load(args.folder)
+    page = check_parent(args.out or args.folder / "report.html", out=args.folder)
+    result = experiment.with_files(result, {**result.files, "report": str(page)})
+    write_text(page, run_page(result))
+    return answer(result, None, as_json=args.json)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple
+from typing import Any
 
 import rich.table
 from rich.console import Console as RichConsole
@@ -10,6 +11,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.text import Text
 
+from hil.realtime.timing import QUANTILES, ROWS, bus_lines
 from hil.report.page import Cell, Table
 from hil.report.tables import can_rows, metric_head, metric_rows, replay_note
 from hil.runs import standard
@@ -111,3 +113,25 @@ def show(result: Result) -> None:
             f"a tick starts {mean:.2f} ms after the newest Imu frame ({least:.2f} to {most:.2f} ms)"
         )
     show_files(result.files)
+
+
+def show_timing(timing: Mapping[str, Any]) -> None:
+    """Print quantiles, misses, losses and notes."""
+    console = Console(highlight=False)
+    table = rich.table.Table("µs", *QUANTILES, box=None, pad_edge=False, header_style="bold")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    for key, name in ROWS.items():
+        figures = timing[key]
+        if figures is not None:
+            table.add_row(name, *(f"{figures[quantile]:.0f}" for quantile in QUANTILES))
+    console.print()
+    console.print(table)
+    console.print(
+        f"{timing['ticks']} ticks, {timing['deadline_misses']} missed, "
+        f"{timing['frames_lost']} frames lost"
+    )
+    for line in bus_lines(timing):
+        console.print(line, soft_wrap=True, markup=False)
+    for note in timing["notes"]:
+        console.print(f"[yellow]note:[/yellow] {note}", soft_wrap=True)

@@ -2,7 +2,9 @@
 
 import argparse
 import json
+import tempfile
 from dataclasses import replace
+from pathlib import Path
 
 from canroll.errors import CanrollError
 from codegen.run import cortex, qemu, unicorn
@@ -10,9 +12,11 @@ from codegen.run.backends import Recorder, open_backend
 from codegen.run.cortex import Run
 from codegen.run.ecu_traffic import Traffic
 from codegen.run.footprint import Footprint, footprint
-from hil.cli import host_timing
 from hil.cli.options import choices_of
-from hil.realtime.budget import Budget, budget_of
+from hil.cli.terminal import show_timing
+from hil.realtime import session
+from hil.realtime.budget import Budget, budget_of, judge_host
+from hil.runs import experiment
 from hil.runs.experiment import build_world, plan
 from hil.runs.frozen import Controller
 from hil.runs.virtual_time import closed_loop
@@ -21,7 +25,7 @@ from hil.runs.virtual_time import closed_loop
 def run(args: argparse.Namespace) -> int:
     """Replay a manoeuvre on the target; return 1 where the budget is exceeded."""
     if args.hil:
-        return host_timing.run(args)
+        return run_on_host(args)
     controller, traffic = recorded(args)
     record = controller.record
     counter = args.counter or ("qemu" if cortex.has_gcc_and_qemu() else "unicorn")
@@ -97,4 +101,41 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
     width = max(map(len, rows))
     for name, value in rows.items():
         print(f"{name:<{width}}  {value}")
+    return 0 if good else 1
+
+
+def run_on_host(args: argparse.Namespace) -> int:
+    """Drive the manoeuvre in real time and print the verdicts; 1 where one fails or none holds.
+
+    On a single core nothing is judged: two programs that share it say nothing about the ECU.
+
+    Args:
+        args: calibration or law, scenario, duration and json of ``canroll timing``.
+    """
+    settings, controller = experiment.plan(args.scenario, **choices_of(args))
+    limits = budget_of(controller.record, controller.tables)
+    with tempfile.TemporaryDirectory(prefix="canroll-") as scratch:
+        setup = session.Setup(
+            bus_options=(),
+            folder=Path(scratch),
+            cores=session.choose_cores(),
+            duration=args.duration,
+            announce=lambda text: None,
+        )
+        _, timing = session.drive(settings, controller, setup, enabled=True)
+    del timing["jitterdebugger"]
+    verdicts = judge_host(limits, timing)
+    invalid = timing["not_valid"]
+    good = not invalid and all(verdict.ok for verdict in verdicts)
+    if args.json:
+        named = {v.name: {"value": v.value, "limit": v.limit, "ok": v.ok} for v in verdicts}
+        verdict = ("PASS" if good else "FAIL") if verdicts else "not judged"
+        if invalid:
+            verdict = "not valid"
+        print(json.dumps({"timing": timing, "verdicts": named, "verdict": verdict}))
+    else:
+        show_timing(timing)
+        print("\n".join(map(str, verdicts)) or "not judged: one core for both programs")
+        if invalid:
+            print(f"not valid: {'; '.join(invalid)}")
     return 0 if good else 1

@@ -15,6 +15,8 @@ from canroll.typing import Vector
 from gain_gen.analysis.certificates import certified_level, event_block, event_small_gain, si_plant
 from gain_gen.analysis.delay_system import h_infinity, largest_delay
 from gain_gen.laws.hinf_event import EPSILON_SQUARED, PRINTED_EVENT_GAIN
+from gain_gen.laws.lmi import Clock
+from gain_gen.laws.lmi_event import fixed_lyapunov_certificate
 from gain_gen.models.roll import PERFORMANCE, ROLL_RATE, disturbance_input, moment_input
 from hil.papers.linear_roll import motion
 from hil.papers.paper_table import Section, Value, finite, printed
@@ -40,9 +42,6 @@ def readings(result: Result) -> Section:
     Args:
         result: lane change at 100 km/h; its passive run gives the lateral acceleration.
     """
-    from gain_gen.laws.lmi import Clock  # noqa: PLC0415 - cvxpy only where it is used
-    from gain_gen.laws.lmi_event import fixed_lyapunov_certificate  # noqa: PLC0415
-
     model = vehicles.load("van_2022").design
     tables = printed(PAPER)
     signals = result.passive.signals

@@ -69,8 +69,10 @@ def detect(
     that itself swings as often in that time, told by the passive roll angle, is no limit cycle.
 
     Args:
-        t, command: of the controlled run at equal steps, s and N·m.
-        t_passive, roll_passive: of the same manoeuvre without control, s and rad.
+        t: times of the controlled run at equal steps, s.
+        command: moment commanded at these times, N·m.
+        t_passive: times of the same manoeuvre without control, s.
+        roll_passive: roll angle at these times, rad.
     """
     if len(t) < 3 or t[-1] - t[0] < SECONDS_MIN:
         return None

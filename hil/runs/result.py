@@ -136,8 +136,9 @@ class Result:
 
     @property
     def reduction(self) -> float | None:
-        """How much smaller control makes the largest roll angle, as share; None without
-        control or without any roll.
+        """How much smaller control makes the largest roll angle, as share.
+
+        None without control or without any roll.
         """
         if self.controlled_metrics is None or not self.rolls:
             return None

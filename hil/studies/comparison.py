@@ -86,7 +86,10 @@ def gather(
 
     Args:
         texts: each the folder of a saved run, or what :func:`describe` reads.
-        scenario, common, duration, progress: of those that are driven, see :func:`runs`.
+        scenario: manoeuvre of those that are driven now.
+        common: keywords of all of these where a text has no other.
+        duration: of each of these, s, where shorter than the manoeuvre.
+        progress: called with the name of the run and the share done.
 
     Raises:
         CanrollError: runs of different manoeuvres, or what cannot be read or driven.

@@ -90,10 +90,8 @@ def suspension_roll_stiffness(vehicle: Vehicle) -> float:
 
     The plant's roll model knows one stiffness, tyres included; this takes the tyres out.
 
-    Raises
-    ------
-    CanrollError
-        The tyres alone give more roll than the plant's roll model.
+    Raises:
+        CanrollError: the tyres alone give more roll than the plant's roll model.
     """
     plant = vehicle.plant
     wanted = plant.roll_arm / plant.effective_stiffness

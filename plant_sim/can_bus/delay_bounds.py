@@ -103,12 +103,13 @@ def message_paths(
     for message in own:
         home = segment_of(profile, message.sender)
         best, bound = bounds[home][message.name]
+        least = message.least_delivery_ns(profile.bitrate)
         if crosses(profile, message):
-            far_best, far_bound = bounds[1 - home][message.name]
+            _, far_bound = bounds[1 - home][message.name]
             bound = None if far_bound is None else best + low + far_bound
-            best += low + far_best
+            least += low + least
         if bound is not None:
-            paths[message.name] = Path(best * _NS, bound * _NS)
+            paths[message.name] = Path(least * _NS, bound * _NS)
     return paths
 
 

@@ -132,25 +132,18 @@ def build(
 ) -> Maneuver:
     """Prepare one manoeuvre for one run.
 
-    Parameters
-    ----------
-    name
-        One of :func:`names`.
-    speed
-        Entry speed in m/s; by default that of the vehicle or the manoeuvre.
-    seed
-        Of what is random in the manoeuvre, the road.
-    given
-        Options of :func:`options`; None leaves the default. Among them ``preview_time`` (s), the
-        driver's preview instead of the vehicle's: 0.5 experienced, 0.75, 1.0 novice; ``friction``
-        of the road; ``chassis_control``, the vehicle's own yaw control.
+    Args:
+        name: one of :func:`names`.
+        vehicle: that is to drive it; some manoeuvres are scaled to it.
+        speed: entry speed in m/s; by default that of the vehicle or the manoeuvre.
+        seed: of what is random in the manoeuvre, the road.
+        given: options of :func:`options`; None leaves the default. Among them ``preview_time`` (s),
+            the driver's preview instead of the vehicle's: 0.5 experienced, 0.75, 1.0 novice;
+            ``friction`` of the road; ``chassis_control``, the vehicle's own yaw control.
 
-    Raises
-    ------
-    UnknownNameError
-        No manoeuvre or option has that name.
-    CanrollError
-        A speed or an option is outside of what the manoeuvre can be driven at.
+    Raises:
+        UnknownNameError: no manoeuvre or option has that name.
+        CanrollError: a speed or an option is outside of what the manoeuvre can be driven at.
     """
     kind = MANEUVERS[name]
     speed = default_speed(name, vehicle) if speed is None else speed

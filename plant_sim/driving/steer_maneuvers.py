@@ -91,10 +91,9 @@ CSV_COLUMNS = {"steering_wheel_deg": STEER_TABLE, "lateral_acceleration": ACCELE
 def read_signal(path: Path) -> tuple[str, Vector, Vector]:
     """Column name, times (s) and values of a file with the columns ``time`` and one other.
 
-    Raises
-    ------
-    CanrollError
-        The file cannot be read, its header is another, a field is no number, or times do not grow.
+    Raises:
+        CanrollError: the file cannot be read, its header is another, a field is no number, or times
+            do not grow.
     """
     try:
         with path.open(newline="") as file:

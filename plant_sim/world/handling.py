@@ -54,10 +54,8 @@ class Understeer:
 def constant_radius(vehicle: Vehicle, body: Body, *, radius: float = 100.0) -> Understeer:
     """Drive a circle of ``radius`` (m) faster and faster, each speed to its steady state.
 
-    Raises
-    ------
-    CanrollError
-        The radius is below 20 m, where no driver holds a van's steady turn.
+    Raises:
+        CanrollError: the radius is below 20 m, where no driver holds a van's steady turn.
     """
     if not radius >= 20.0:
         raise CanrollError(f"radius {radius:g} m: a steady-state circle has 20 m or more")

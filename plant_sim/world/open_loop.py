@@ -58,10 +58,9 @@ def start(
 ) -> tuple[Vector, Vector, Vector, Vector]:
     """State, inputs, parameters and outputs of ``body`` before the first step of ``maneuver``.
 
-    Raises
-    ------
-    CanrollError
-        The manoeuvre prescribes the lateral acceleration, and the body makes its own by its tyres.
+    Raises:
+        CanrollError: the manoeuvre prescribes the lateral acceleration, and the body makes its own
+            by its tyres.
     """
     if maneuver.drive.kind == ACCELERATION_TABLE and body.name != "roll1":
         raise CanrollError(
@@ -79,12 +78,10 @@ def run_passive(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Drive ``maneuver`` with all actuators off.
 
-    Returns
-    -------
-    outputs
-        One row a millisecond, columns of :mod:`plant_sim.bodies.ports`; ends early on a rollover.
-    steer
-        The road-wheel angle of each row (rad).
+    Returns:
+        outputs: one row a millisecond, columns of :mod:`plant_sim.bodies.ports`; ends early on a
+            rollover.
+        steer: the road-wheel angle of each row (rad).
     """
     state, inputs, parameters, outputs = start(vehicle, body, maneuver)
     steps = maneuver.duration_ns // STEP_NS

@@ -37,32 +37,23 @@ _CHUNK_NS = 200_000_000
 class World:
     """One run of one vehicle through one manoeuvre, seen from its bus.
 
-    Parameters
-    ----------
-    vehicle, body, maneuver
-        What drives where: ``vehicles.load``, a name of ``plant_sim.bodies`` (the linear full car
-        has the hydraulics of ``valves`` built in), ``maneuvers.build``.
-    actuator
-        ``suspension``, ``bars``, ``dampers`` or ``valves``.
-    profile
-        The bus: ``can_bus.load_profile``.
-    seed
-        Of all that is random: sensor noise and bias, sampling phases, background traffic.
-    enabled
-        False: the actuators take and acknowledge commands but deliver nothing.
-    command
-        Message that commands the actuator where it takes several.
-    command_timeout_ms
-        The actuators let go of a command that is older.
-    sensors, actuators
-        How sensors and actuators are run.
-    bus
-        Further options of ``can_bus.make_network``.
+    Args:
+        vehicle: what drives, as of ``vehicles.load``.
+        body: a name of ``plant_sim.bodies``; the linear full car has the hydraulics of ``valves``
+            built in.
+        maneuver: where it drives, as of ``maneuvers.build``.
+        actuator: ``suspension``, ``bars``, ``dampers`` or ``valves``.
+        profile: the bus: ``can_bus.load_profile``.
+        seed: of all that is random: sensor noise and bias, sampling phases, background traffic.
+        enabled: False: the actuators take and acknowledge commands but deliver nothing.
+        command: message that commands the actuator where it takes several.
+        command_timeout_ms: the actuators let go of a command that is older.
+        sensors: how the sensors are run.
+        actuators: how the actuators are run.
+        bus: further options of ``can_bus.make_network``.
 
-    Raises
-    ------
-    UnknownNameError
-        For a body, actuator, command, signal or fault that does not exist.
+    Raises:
+        UnknownNameError: for a body, actuator, command, signal or fault that does not exist.
     """
 
     def __init__(

@@ -209,10 +209,8 @@ def _sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
 def advance(parts: Parts, until_ns: int) -> int:
     """Let everything happen up to and including ``until_ns``; the body ends on the next full ms.
 
-    Returns
-    -------
-    received
-        How many frames the ECU has received: the first of ``Memory.received``.
+    Returns:
+        received: how many frames the ECU has received: the first of ``Memory.received``.
     """
     world, network = parts.memory[0], parts.network.state[0]
     rows, commands, driver = parts.rows, parts.commands, parts.drive

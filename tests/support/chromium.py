@@ -7,10 +7,15 @@ import subprocess
 import tempfile
 import time
 import urllib.request
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pytest
+
+if TYPE_CHECKING:
+    from websockets.sync.client import ClientConnection
 
 FLAGS = [
     "--headless",
@@ -34,13 +39,13 @@ class ProtocolError(Exception):
 class Tab:
     """The one tab of a browser."""
 
-    def __init__(self, socket):
+    def __init__(self, socket: "ClientConnection") -> None:
         self._socket = socket
         self._calls = 0
-        self.errors = []
+        self.errors: list[dict[str, Any]] = []
         self.call("Runtime.enable")
 
-    def call(self, method, **parameters):
+    def call(self, method: str, **parameters: object) -> dict[str, Any]:
         """Call a method of the protocol and return its result."""
         self._calls += 1
         call = {"id": self._calls, "method": method, "params": parameters}
@@ -52,46 +57,47 @@ class Tab:
             if answer.get("id") == self._calls:
                 if "error" in answer:
                     raise ProtocolError(answer["error"])
-                return answer["result"]
+                result: dict[str, Any] = answer["result"]
+                return result
 
-    def ask(self, expression):
+    def ask(self, expression: str) -> Any:
         """Return the value of an expression in the page."""
         answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
-    def wait_for(self, expression):
+    def wait_for(self, expression: str) -> None:
         """Return once an expression holds in the page; between two pages there is none."""
         until = time.monotonic() + PATIENCE
         while not self._holds(expression):
             assert time.monotonic() < until, (expression, self.ask("document.body.innerText"))
             time.sleep(0.02)
 
-    def _holds(self, expression):
+    def _holds(self, expression: str) -> bool:
         try:
-            return self.ask(expression)
+            return bool(self.ask(expression))
         except ProtocolError:
             return False
 
-    def open(self, url):
+    def open(self, url: str) -> None:
         """Go to an address and wait until its scripts have run."""
         self.call("Page.navigate", url=url)
         self.wait_for(f"location.href === {json.dumps(url)} && document.readyState === 'complete'")
 
-    def reload(self):
+    def reload(self) -> None:
         """Load the page again and wait until its scripts have run."""
         self.ask("window.isOld = true")
         self.call("Page.reload")
         self.wait_for("!window.isOld && document.readyState === 'complete'")
 
-    def picture(self, path):
+    def picture(self, path: Path) -> None:
         """Write what the whole page looks like."""
         taken = self.call("Page.captureScreenshot", captureBeyondViewport=True)
         Path(path).write_bytes(base64.b64decode(taken["data"]))
 
 
 @contextmanager
-def tab(*flags):
+def tab(*flags: str) -> Iterator[Tab]:
     """Run a browser with one tab; a missing package skips the test."""
     program = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
     if program is None:
@@ -111,7 +117,7 @@ def tab(*flags):
             browser.wait()
 
 
-def _tab_of(browser, profile):
+def _tab_of(browser: subprocess.Popen[bytes], profile: Path) -> str:
     """Wait until the browser says where it listens; return the address of its tab."""
     told = profile / "DevToolsActivePort"
     until = time.monotonic() + PATIENCE
@@ -122,5 +128,5 @@ def _tab_of(browser, profile):
             with urllib.request.urlopen(f"http://127.0.0.1:{lines[0]}/json/list") as answer:
                 tabs = [entry for entry in json.load(answer) if entry["type"] == "page"]
             if tabs:
-                return tabs[0]["webSocketDebuggerUrl"]
+                return str(tabs[0]["webSocketDebuggerUrl"])
         time.sleep(0.02)

@@ -1,6 +1,7 @@
 """Small programs of the subset, written to a folder."""
 
 import textwrap
+from pathlib import Path
 
 STATE = '''
 """Records."""
@@ -50,17 +51,17 @@ class Sample:
 
     state, head = STATE, HEAD
 
-    def __init__(self, path):
+    def __init__(self, path: Path) -> None:
         self.path = path
         self.file = path / "sample.py"
 
-    def write(self, text):
+    def write(self, text: str) -> Path:
         """Write the program; return its folder."""
         (self.path / "state.py").write_text(STATE.lstrip("\n"))
         self.file.write_text(HEAD.lstrip("\n") + textwrap.dedent(text).lstrip("\n"))
         return self.path
 
-    def line_of(self, part):
+    def line_of(self, part: str) -> int:
         """Number of the line in sample.py that holds ``part``."""
         lines = self.file.read_text().splitlines()
         return next(i for i, line in enumerate(lines, 1) if part in line)

@@ -6,22 +6,26 @@ table of open channels, and a bus on which a lone node finds its frames acknowle
 
 import contextlib
 import io
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from plant_sim.can_bus.servers.hub import Port
 
 
 class Waiting:
     """The received frames of a bus, as a queue."""
 
-    def __init__(self, port):
+    def __init__(self, port: "Port") -> None:
         self.port = port
 
-    def qsize(self):
+    def qsize(self) -> int:
         return len(self.port.entries)
 
-    def empty(self):
+    def empty(self) -> bool:
         return not self.port.entries
 
 
-def pytest_sessionstart():
+def pytest_sessionstart() -> None:
     # can.Printer writes to the standard output of this moment, and closes it
     with contextlib.redirect_stdout(io.StringIO()):
         import can
@@ -30,17 +34,16 @@ def pytest_sessionstart():
     from plant_sim.can_bus.servers import simbus
 
     class Virtual(simbus.SimBus):
-        def __init__(self, channel=None, **options):
+        def __init__(self, channel: Any = None, **options: Any) -> None:
             super().__init__(channel, acknowledge=True, **options)
             self.queue = Waiting(self.port)
 
         @staticmethod
-        def _detect_available_configs():
+        def _detect_available_configs() -> list[Any]:
             found = simbus.SimBus._detect_available_configs()
             return [{**config, "interface": "virtual"} for config in found]
 
-    virtual.VirtualBus = Virtual
-    virtual.channels, virtual.channels_lock = simbus._HUBS, simbus._LOCK
+    vars(virtual).update(VirtualBus=Virtual, channels=simbus._HUBS, channels_lock=simbus._LOCK)
     # compile the kernels before the first test counts its tenths of a second
     with Virtual("warm", fd=True) as one, Virtual("warm", fd=True) as two:
         one.send(can.Message(arbitration_id=1, is_fd=True))

@@ -147,7 +147,7 @@ class Network(NamedTuple):
 
     @property
     def clock(self) -> NDArray[np.int64]:
-        """Single counters: ``NOW``, ``LOGGED``, …"""
+        """Single counters: ``NOW``, ``LOGGED`` and so on."""
         return self.part("clock")
 
     @property
@@ -162,7 +162,7 @@ class Network(NamedTuple):
 
     @property
     def nodes(self) -> Records:
-        """Records of the nodes: error counters, state, …"""
+        """Records of the nodes: error counters, state and so on."""
         return self.part("nodes")[: self.clock[NODE_COUNT]]
 
     @property

@@ -2,7 +2,7 @@
 
 Events at one instant are taken in this order: ends of transmissions, releases into queues,
 arbitrations; so a frame queued at the very instant of a start of frame still takes part. A
-transmission is never pre-empted. Identifiers decide bit by bit: the lowest of all frames that are
+transmission is never preempted. Identifiers decide bit by bit: the lowest of all frames that are
 queued when the bus is free wins.
 """
 

@@ -96,8 +96,8 @@ def load_recording(
     channel, messages = _of_channel(path, messages, channel)
     times = [m.timestamp for m in messages]
     duration = max(times, default=0.0) - min(times, default=0.0)
-    messages = [m for m in messages if (m.arbitration_id, m.is_extended_id) not in leave_out]
-    if not messages:
+    kept = np.array([(m.arbitration_id, m.is_extended_id) not in leave_out for m in messages], bool)
+    if not kept.any():
         raise CanrollError(f"{path}: no frame to replay in it")
     payload = np.zeros((len(messages), MAX_PAYLOAD), np.uint8)
     ident = np.array([m.arbitration_id for m in messages], np.int64)
@@ -114,6 +114,7 @@ def load_recording(
         taken = int(duration_ns(nominal - RECEPTION_BITS_BEFORE_END, bitrate))
         received[i] -= taken + int(duration_ns(fast, data_bitrate or bitrate))
     order = np.argsort(received, kind="stable")
+    order = order[kept[order]]
     queued = received[order] - received.min()
     frames = Frames(queued, ident[order], flags[order], length[order], payload[order])
     return Recording(frames, channel, round(duration, 6))

@@ -50,6 +50,7 @@ def put(ecu, text, value):
         getattr(ecu, name)[index] = value
 
 
+@pytest.mark.drift
 def test_checked_in_module_is_what_the_dbc_says():
     assert signal_source.SIGNALS.read_text(encoding="utf-8") == signal_source.generate()
     checked_in = protection_source.PROTECTION.read_text(encoding="utf-8")

@@ -10,8 +10,8 @@ import pytest
 
 import vehicles
 from hil.cli import terminal
-from hil.cli.limit import JUDGED
 from hil.cli.main import main
+from hil.cli.vehicle_tests import JUDGED
 from hil.report.tables import change, metric_rows
 from hil.runs import experiment, metrics
 from plant_sim.driving import maneuvers, standards

@@ -1,5 +1,7 @@
 """Profiles carry the load they are named for; simulated ages keep to the delay bounds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -127,6 +129,26 @@ def test_simulated_ages_lie_within_the_bounds(name, tick_ms):
     if tick_ms <= 10.0:
         # no empty promise: the simulation comes near it (slower ticks skip the oldest samples)
         assert worst * 1e-9 > 0.5 * bounds.age_max
+
+
+def test_the_least_age_is_that_of_the_shortest_frames_each_used_when_received():
+    """Once the bound counted the interframe spaces, which a receiver does not wait for."""
+    network = make_network(load_profile("500k"), background=False)
+    received = (111 - 4) * 2000
+    loop = Loop(
+        sensor=replace(OWN["Imu"], bits=111),
+        command=replace(OWN["SuspensionForceCommand"], bits=111),
+        sensor_node=IMU,
+        command_node=ECU,
+        actuator_node=ACTUATOR,
+        tick_ns=10 * MS,
+        tick_offset_ns=received,
+        # the command starts behind the interframe space of the sensor's frame
+        actuator_ns=received + 4 * 2000 + received,
+    )
+    ages = simulate_ages(network, loop, duration_ns=1 * MS)
+    assert list(ages) == [436_000]
+    assert delay_bounds(load_profile("500k")).age_min <= 436e-6
 
 
 def test_bounds_add_up_and_are_monotonous():

@@ -85,6 +85,15 @@ def test_replayed_frames_compete_with_others(tmp_path):
     assert (mine["t_start"] > mine["t_queued"]).any()
 
 
+def test_time_starts_with_the_log_whatever_is_left_out(tmp_path):
+    path = tmp_path / "bus.log"
+    recorded(path)
+    whole = load_recording(path, bitrate=500_000).frames
+    rest = load_recording(path, bitrate=500_000, leave_out={(0x100, False)}).frames
+    assert whole.ident[0] == 0x100
+    assert (rest.t_ns == whole.t_ns[whole.ident != 0x100]).all()
+
+
 def test_unreadable_logs_are_refused(tmp_path):
     (tmp_path / "a.blf").write_bytes(b"nonsense")
     (tmp_path / "b.log").write_text("")

@@ -1,0 +1,170 @@
+"""The options of the programs on a bus: both together, the ECU alone, the plant alone."""
+
+import argparse
+from pathlib import Path
+
+from hil.cli.options import (
+    add_answer,
+    add_choices,
+    add_recording,
+    add_scenario,
+    scenario,
+)
+from hil.realtime.bus_link import add_bus_arguments
+from hil.runs.choices import CHOICES
+
+PACES = ("realtime", "lockstep")
+PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
+"""Silence after which the other side is taken to be gone, s: in lock step it may be slow."""
+DEFAULT_PHASE_MS = 2.0
+FREE = "free"
+WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
+"""What a run can be asked for that concerns the plant."""
+
+
+def hil(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll hil``."""
+    parser.description = (
+        "Drive a manoeuvre in real time: ECU and vehicle are programs of their own."
+    )
+    parser.add_argument(
+        "scenario", nargs="?", type=scenario, help="double_lane_change, roundabout, …"
+    )
+    add_bus_arguments(parser)
+    parser.add_argument(
+        "--serve",
+        metavar="HOST:PORT",
+        help="without -i: the plant's own bus, for 'canroll watch' (default: a free port)",
+    )
+    add_choices(parser)
+    parser.add_argument(
+        "--passive",
+        choices=("virtual", "hil"),
+        default="virtual",
+        help="how the run without control is made (default: %(default)s time)",
+    )
+    parser.add_argument(
+        "--pace",
+        choices=PACES,
+        default="realtime",
+        help="lockstep: the plant grants the ECU's ticks, the same on any machine however slow "
+        "(default: %(default)s)",
+    )
+    parser.add_argument(
+        "--side-channel",
+        nargs="?",
+        const="127.0.0.1:0",
+        metavar="HOST:PORT",
+        help="lock step: grants on a TCP connection instead of frames of 29 bits on the bus",
+    )
+    parser.add_argument(
+        "--duration",
+        type=float,
+        metavar="S",
+        help="where longer than the manoeuvre only the timing counts it",
+    )
+    add_recording(parser)
+    add_answer(parser, "report, traces, …")
+    add_prepare_option(parser)
+    parser.add_argument(
+        "--check",
+        action="store_true",
+        help="measure what tick this machine can hold; --duration S of it (default: 10)",
+    )
+
+
+def ecu(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll ecu``."""
+    parser.description = "Run the roll controller in real time against a vehicle on a CAN bus."
+    add_bus_arguments(parser)
+    add_choices(parser, ("calibration", "backend"))
+    parser.add_argument("--duration", type=float, metavar="S", help="default: until stopped")
+    add_loop_options(parser)
+    parser.add_argument(
+        "--phase",
+        type=phase_option,
+        metavar="MS",
+        help="start ticks so long after the Imu frames, 'free': by the ECU's own clock "
+        f"(default: {DEFAULT_PHASE_MS:g})",
+    )
+    parser.add_argument("--trace", type=Path, metavar="FILE", help="write the trace of all ticks")
+    parser.add_argument(
+        "--replay", type=Path, metavar="FILE", help="run a trace again instead and compare"
+    )
+
+
+def plant(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll plant``."""
+    parser.description = "Simulate the vehicle in real time for an ECU on a CAN bus."
+    add_scenario(parser)
+    add_bus_arguments(parser)
+    parser.add_argument(
+        "--serve",
+        metavar="HOST:PORT",
+        default="127.0.0.1:29536",
+        help="without -i: the plant's own bus, for -i socketcand (default: %(default)s)",
+    )
+    add_choices(parser, (*WORLD, "duration"))
+    parser.add_argument(
+        "--command",
+        dest="command_message",
+        metavar="MESSAGE",
+        help="what commands the actuators, where they take several messages",
+    )
+    parser.add_argument(
+        "--passive", action="store_true", help="the actuators acknowledge and do nothing"
+    )
+    parser.add_argument(
+        "--wait",
+        type=float,
+        default=60.0,
+        metavar="S",
+        help="for the first frame of the ECU, 0: start at once (default: %(default)g)",
+    )
+    add_loop_options(parser)
+    add_prepare_option(parser)
+    parser.add_argument(
+        "--phase",
+        type=float,
+        metavar="MS",
+        help="lock step: grant ticks so long after the Imu frames (default: as virtual time does)",
+    )
+    add_recording(parser)
+    parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
+
+
+def add_loop_options(parser: argparse.ArgumentParser) -> None:
+    """Add what ECU and plant both take about their loops."""
+    parser.add_argument(
+        "--pace",
+        choices=PACES,
+        default="realtime",
+        help="lockstep: the plant grants each tick, as fast as both can (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--side-channel",
+        metavar="HOST:PORT",
+        help="lock step: grants on a TCP connection instead of frames of 29 bits on the bus",
+    )
+    parser.add_argument(
+        "--peer-timeout",
+        type=float,
+        metavar="S",
+        help="end when the other side falls silent, 0: stay and wait "
+        "(default: {realtime:g}, in lock step {lockstep:g})".format(**PEER_TIMEOUT),
+    )
+    parser.add_argument("--cpu", type=int, metavar="N", help="core to run on")
+
+
+def phase_option(text: str) -> float | str:
+    """Return ``--phase``: a number of ms or "free"."""
+    return text if text == FREE else float(text)
+
+
+def add_prepare_option(parser: argparse.ArgumentParser) -> None:
+    """Add the option of programs whose kernels may have to be compiled first."""
+    parser.add_argument(
+        "--prepare",
+        action="store_true",
+        help="only compile what the run needs, into the cache; no bus is opened",
+    )

@@ -1,0 +1,168 @@
+"""``canroll limit``, ``understeer`` and ``response``: what a vehicle can do."""
+
+import argparse
+import json
+from dataclasses import asdict, replace
+from math import degrees
+from typing import Any
+
+import numpy as np
+
+import vehicles
+from canroll.errors import CanrollError
+from hil.cli.options import choices_of
+from hil.runs import experiment
+from hil.runs.choices import PASSIVE, chosen
+from hil.runs.frozen import Controller
+from hil.runs.result import Settings
+from plant_sim import bodies
+from plant_sim.bodies.ports import Body
+from plant_sim.driving import maneuvers, standards
+from plant_sim.world import handling
+from plant_sim.world.handling import SpeedLimit
+from vehicles import Vehicle
+
+
+def _vehicle_and_body(args: argparse.Namespace) -> tuple[Vehicle, Body]:
+    """Return the vehicle that is asked for and the model that it is driven by."""
+    return vehicles.load(chosen(choices_of(args), "vehicle")), bodies.body(args.plant)
+
+
+def understeer(args: argparse.Namespace) -> int:
+    """Run the constant-radius test of ISO 4138 and print its table."""
+    vehicle, body = _vehicle_and_body(args)
+    result = handling.constant_radius(vehicle, body, radius=args.radius)
+    if args.json:
+        print(json.dumps({"vehicle": vehicle.name, "plant": body.name, **asdict(result)}))
+        return 0
+    print(f"{vehicle.title}\ncircle of {args.radius:g} m, {body.name} plant\n")
+    print("speed km/h   a_y m/s²   steering wheel °   roll °   sideslip °")
+    for state in result.states:
+        print(
+            f"{state.speed * 3.6:10.1f}{state.lateral_acceleration:11.2f}"
+            f"{degrees(state.steer) * vehicle.steering.ratio:19.1f}"
+            f"{degrees(state.roll):9.2f}{degrees(state.sideslip):13.2f}"
+        )
+    print(
+        f"\nundersteer gradient {result.gradient:.3f} °/g at the road wheels "
+        f"(linear car {result.closed_form:.3f}), roll gradient {result.roll_gradient:.2f} °/g, "
+        f"largest steady acceleration {result.limit:.2f} m/s²"
+    )
+    return 0
+
+
+def response(args: argparse.Namespace) -> int:
+    """Run the frequency-response test of ISO 7401 and print its table."""
+    if not 20.0 <= args.speed <= 200.0:
+        raise CanrollError(f"speed {args.speed:g} km/h: the test is driven at 20 to 200 km/h")
+    vehicle, body = _vehicle_and_body(args)
+    result = handling.frequency_response(vehicle, body, speed=args.speed / 3.6)
+    rows = {
+        "yaw_rate": result.yaw_rate / vehicle.steering.ratio,
+        "lateral_acceleration": result.lateral_acceleration / vehicle.steering.ratio,
+        "roll": result.roll / vehicle.steering.ratio,
+    }
+    if args.json:
+        answer = {"vehicle": vehicle.name, "plant": body.name, "speed_kmh": args.speed}
+        answer |= {"frequency_hz": result.frequency.tolist()}
+        for name, row in rows.items():
+            answer[name] = {
+                "gain": np.abs(row).tolist(),
+                "phase_deg": np.degrees(np.unwrap(np.angle(row))).tolist(),
+            }
+        print(json.dumps(answer))
+        return 0
+    print(f"{vehicle.title}\n{args.speed:g} km/h, {body.name} plant, per steering-wheel angle\n")
+    print("    Hz   yaw rate 1/s  phase °   a_y m/s²/°  phase °   roll °/°  phase °")
+    phases = [np.degrees(np.unwrap(np.angle(row))) for row in rows.values()]
+    for i, frequency in enumerate(result.frequency):
+        gains = [abs(row[i]) for row in rows.values()]
+        print(
+            f"{frequency:6.2f}{gains[0]:15.4f}{phases[0][i]:9.0f}"
+            f"{gains[1] / degrees(1):13.4f}{phases[1][i]:9.0f}{gains[2]:11.4f}{phases[2][i]:9.0f}"
+        )
+    return 0
+
+
+JUDGED = ("double_lane_change", "fishhook", "j_turn", "moose", "sine_with_dwell")
+"""Manoeuvres that have criteria to pass or fail by."""
+
+
+def find(
+    settings: Settings,
+    controller: Controller,
+    *,
+    enabled: bool,
+    low: float,
+    high: float,
+    tolerance: float,
+) -> SpeedLimit:
+    """Bisect the entry speed between ``low`` and ``high``; speeds and ``tolerance`` in m/s."""
+
+    def fails(speed: float) -> bool:
+        trace = experiment.drive(replace(settings, speed=speed), controller, enabled=enabled)
+        if trace.signals["rollover"].max() > 0:
+            return True
+        verdicts = standards.judge(settings.scenario, settings.vehicle, trace.signals)
+        return not all(verdict.passed for verdict in verdicts)
+
+    return handling.bisect_speed(fails, low=low, high=high, tolerance=tolerance)
+
+
+def limit(args: argparse.Namespace) -> int:
+    """Bisect without and with control and print both limits; 0 whatever they are."""
+    slowest, fastest = (speed * 3.6 for speed in maneuvers.speed_range(args.scenario))
+    if args.scenario not in JUDGED:
+        raise CanrollError(
+            f"{args.scenario} has no criterion to pass or fail by: choose {', '.join(JUDGED)}"
+        )
+    high = fastest if args.high is None else args.high
+    if not slowest <= args.low < high <= fastest + 1e-6:
+        raise CanrollError(
+            f"speeds {args.low:g} to {high:g} km/h: {args.scenario} is driven at {slowest:g} to "
+            f"{fastest:g} km/h, and --from must lie below --to"
+        )
+    if not 0.01 <= args.tolerance <= high - args.low:
+        raise CanrollError(f"tolerance {args.tolerance:g} km/h: must lie in 0.01 to the range")
+    settings, controller = experiment.plan(args.scenario, **choices_of(args))
+    bracket = {
+        "low": args.low / 3.6,
+        "high": high / 3.6,
+        "tolerance": args.tolerance / 3.6,
+    }
+    limits = {"passive": find(settings, controller, enabled=False, **bracket), "controlled": None}
+    if settings.law != PASSIVE:
+        limits["controlled"] = find(settings, controller, enabled=True, **bracket)
+    answer: dict[str, Any] = {
+        "scenario": settings.scenario,
+        "vehicle": settings.vehicle.name,
+        "law": settings.law,
+        "plant": settings.plant,
+        "from_kmh": args.low,
+        "to_kmh": round(high, 6),
+    }
+    for name, found in limits.items():
+        answer[name] = None if found is None else _kmh(found)
+    if args.json:
+        print(json.dumps(answer))
+        return 0
+    print(f"{maneuvers.title(settings.scenario)}, {settings.vehicle.name}, {settings.plant} plant")
+    for name, found in limits.items():
+        if found is not None:
+            print(f"  {name:11}{_words(found)}")
+    return 0
+
+
+def _kmh(limit: SpeedLimit) -> dict[str, float | None]:
+    speeds = {"passed_kmh": limit.passed, "failed_kmh": limit.failed}
+    return {
+        name: None if speed is None else round(speed * 3.6, 3) for name, speed in speeds.items()
+    }
+
+
+def _words(limit: SpeedLimit) -> str:
+    if limit.passed is None:
+        return f"fails already at {(limit.failed or 0.0) * 3.6:.1f} km/h"
+    if limit.failed is None:
+        return f"passes up to {limit.passed * 3.6:.1f} km/h, the fastest tried"
+    return f"passes up to {limit.passed * 3.6:.1f} km/h, fails at {limit.failed * 3.6:.1f}"

@@ -1,0 +1,67 @@
+"""The rules that keep the project easy to find one's way in hold, and their tools exist."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tools.floors import PACKAGES, modules
+
+ROOT = Path(__file__).parents[1]
+TESTS = sorted((ROOT / "tests").rglob("test_*.py"))
+HOOKS = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+
+
+def rooms_by_file():
+    """Return which folders hold a module of each file name."""
+    found = {}
+    for path in modules().values():
+        if path.name != "__init__.py":
+            found.setdefault(path.stem, set()).add(path.parent.relative_to(ROOT))
+    return found
+
+
+def misplaced(tests, rooms):
+    """Return the test files that don't lie where the source lies that they are named after."""
+    wrong = []
+    for test in tests:
+        folder = test.parent
+        if folder == Path("."):
+            continue  # on the project as a whole
+        name = test.stem.removeprefix("test_")
+        here = name not in rooms or folder in rooms[name] or (ROOT / folder / name).is_dir()
+        if not here or not (ROOT / folder).is_dir():
+            wrong.append(test)
+    return wrong
+
+
+def test_the_tests_mirror_the_source():
+    tests = [path.relative_to(ROOT / "tests") for path in TESTS]
+    assert not misplaced(tests, rooms_by_file())
+
+
+def test_a_misplaced_test_is_found():
+    rooms = {"lmi": {Path("gain_gen/laws")}}
+    tests = [Path("gain_gen/laws/test_lmi.py"), Path("gain_gen/test_lmi.py"), Path("no/test_x.py")]
+    assert misplaced(tests, rooms) == tests[1:]
+
+
+def test_support_is_all_that_tests_share_beside_fixtures():
+    folders = {path.parent for path in (ROOT / "tests").rglob("*.py")}
+    foreign = {f.relative_to(ROOT / "tests").parts[0] for f in folders if f != ROOT / "tests"}
+    assert foreign <= {*PACKAGES, "support"}
+
+
+@pytest.mark.parametrize("entry", re.findall(r"^ +entry: ((?:scripts|\.venv)/.*)$", HOOKS, re.M))
+def test_a_hook_runs_what_exists(entry):
+    for word in entry.split():
+        if "/" in word:
+            assert (ROOT / word).exists(), word
+    program, *arguments = entry.split()
+    if program == "scripts/lint":
+        assert re.search(rf"^ +{arguments[0]}\)", (ROOT / program).read_text(), re.M)
+
+
+def test_no_hook_needs_an_address():
+    assert re.findall(r"repo: (.*)", HOOKS) == ["local"]
+    assert "scripts/lint" in (ROOT / "test.sh").read_text()
