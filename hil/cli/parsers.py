@@ -324,7 +324,7 @@ COMMANDS = {
     "reproduce": Command("recompute the tables of the four papers", reproduce),
     "campaign": Command("Monte Carlo over parameters, noise, delays and faults", campaign),
     "list": Command(
-        "laws, vehicles, scenarios, buses and bodies by name", listing, handler="listing:run"
+        "laws, vehicles, scenarios, buses and bodies by name", listing, handler="main:list_names"
     ),
 }
 """Every subcommand by its name."""
