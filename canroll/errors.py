@@ -3,6 +3,13 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+EXTRAS = {
+    "asammdf": ("asammdf",),
+    "target": ("bincopy", "unicorn", "ziglang"),
+    "web": ("websockets",),
+}
+"""Extras of this package, and the packages that come only with them."""
+
 
 class CanrollError(Exception):
     """What is wrong and what to do, in one line; the command line prints it and exits.
@@ -29,3 +36,12 @@ class UnknownNameError(CanrollError, KeyError):
         super().__init__(f"unknown {what} '{name}': {hint}")
 
     __str__ = Exception.__str__  # a KeyError shows its argument quoted
+
+
+class MissingExtraError(CanrollError):
+    """An optional package is not installed; the message names the extra that brings it."""
+
+    def __init__(self, what: str, extra: str) -> None:
+        *others, last = EXTRAS[extra]
+        packages = f"{', '.join(others)} and {last}" if others else last
+        super().__init__(f"{what} needs {packages}: pip install 'canroll[{extra}]'")

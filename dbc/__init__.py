@@ -22,3 +22,33 @@ def data_id(message: Message) -> int:
     assert message.dbc is not None
     attribute = message.dbc.attributes.get("E2EDataId")
     return int(attribute.value) if attribute else 0
+
+
+def message(name: str) -> Message:
+    """Return a message of the contract."""
+    return load().get_message_by_name(name)
+
+
+def ident(name: str) -> int:
+    """Return the identifier of a message."""
+    return int(message(name).frame_id)
+
+
+def period(name: str) -> float:
+    """Return the time from one frame of a message to the next, s."""
+    cycle = message(name).cycle_time
+    assert cycle is not None
+    return 1e-3 * float(cycle)
+
+
+def largest(name: str, signal: str) -> float:
+    """Return the largest value of a signal, in its unit."""
+    maximum = message(name).get_signal_by_name(signal).maximum
+    assert maximum is not None
+    return float(maximum)
+
+
+def names(name: str, signal: str) -> tuple[str, ...]:
+    """Return what the values of an enumeration are called, from 0 on."""
+    choices = message(name).get_signal_by_name(signal).choices or {}
+    return tuple(str(choices[value]) for value in sorted(choices))

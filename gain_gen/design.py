@@ -33,13 +33,13 @@ def design(law: str, task: Task) -> Design:
             f"--gains as_printed: no gains are printed for {law}, only for {', '.join(PRINTED)}"
         )
     if task.gamma_target < 0.0 or not isfinite(task.gamma_target):
-        raise CanrollError(f"--gamma {task.gamma_target:g}: a level is above 0")
+        raise CanrollError(f"--gamma must be positive, got {task.gamma_target:g}")
     if task.gamma_target and law != "hinf_delay":
-        raise CanrollError(f"--gamma is a level for hinf_delay: leave it out for {law}")
+        raise CanrollError(f"--gamma applies to hinf_delay only: omit it for {law}")
     if not 0.001 <= task.tick <= 0.020:
-        raise CanrollError(f"a tick of {1e3 * task.tick:g} ms is outside 1 to 20 ms")
+        raise CanrollError(f"--tick must be 1 to 20 ms, got {1e3 * task.tick:g}")
     if not 0.0 <= task.delay.least <= task.delay.nominal <= task.delay.most:
-        raise CanrollError("the delay must not be negative and its bounds must be in order")
+        raise CanrollError("the delay must be at least 0 and its bounds in ascending order")
     task = replace(task, noise=sensor_noise(task.vehicle))
     answer = verify(law, task, solve(task))
     if task.gains == "as_printed":
@@ -51,8 +51,9 @@ def design(law: str, task: Task) -> Design:
     for softness in range(1, SOFTEST if law in SOFTENED else 0):
         gentler = verify(law, task, solve(replace(task, softness=softness)))
         if gentler.is_verified:
+            steps = "1 step" if softness == 1 else f"{softness} steps"
             told = (
-                f"{law}: softened {softness} times, as the plain design fails "
+                f"{law}: gain reduced in {steps} because the nominal design fails "
                 f"{', '.join(answer.failures)} with hold and actuator in the loop"
             )
             return replace(gentler, warnings=(*gentler.warnings, told))
@@ -65,7 +66,7 @@ def _refusal(answer: Design) -> str:
     delay = answer.task.delay
     hint = (
         f"; the delay of {1e3 * delay.most:.0f} ms is beyond the {1e3 * answer.max_delay:.0f} ms "
-        f"that the gains admit"
+        f"that the gains allow"
         if delay.most >= answer.max_delay
         else ""
     )

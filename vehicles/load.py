@@ -58,7 +58,7 @@ def load(name_or_path: str | Path) -> Vehicle:
     except OSError as error:
         raise CanrollError(f"cannot read vehicle file {path}: {error.strerror}") from error
     if not content.strip():
-        raise CanrollError(f"{path}: is empty")
+        raise CanrollError(f"{path}: empty file")
     try:
         table = tomllib.loads(content.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -75,7 +75,7 @@ def from_table(table: Mapping[str, Any], *, name: str, where: str = "vehicle") -
         section="",
     )
     if table["schema"] != SCHEMA:
-        raise CanrollError(f"{where}: schema {table['schema']!r}, this version reads {SCHEMA}")
+        raise CanrollError(f"{where}: schema {table['schema']!r}, but this version reads {SCHEMA}")
     hints = get_type_hints(Vehicle)
     parts = {key: _record(hints[key], table[key], where, key) for key in _SECTIONS}
     maneuvers = _table(table["maneuvers"], where, "maneuvers")
@@ -101,9 +101,7 @@ def from_table(table: Mapping[str, Any], *, name: str, where: str = "vehicle") -
     for section in (*_SECTIONS, "maneuvers"):
         for key in table[section]:
             if not vehicle.source(f"{section}.{key}"):
-                raise CanrollError(
-                    f"{where}: {section}.{key} has no source: say in [sources] where it comes from"
-                )
+                raise CanrollError(f"{where}: {section}.{key} has no source: name it in [sources]")
     return vehicle
 
 
@@ -127,7 +125,7 @@ def _table(value: Any, where: str, section: str) -> Mapping[str, Any]:  # noqa: 
 
 def _text(value: Any, where: str, key: str) -> str:  # noqa: ANN401
     if not isinstance(value, str) or not value.strip():
-        raise CanrollError(f"{where}: '{key}' must be a text")
+        raise CanrollError(f"{where}: '{key}' must be a string")
     return value
 
 

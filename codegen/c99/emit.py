@@ -13,7 +13,18 @@ from pathlib import Path
 
 from codegen.c99.function import Body
 from codegen.c99.linkage import Names, linkage
-from codegen.c99.text import C_TYPES, RUNTIME, WIDTH, broken, comment, fits, literal, plain
+from codegen.c99.text import (
+    C_TYPES,
+    CLOSE_C,
+    OPEN_C,
+    RUNTIME,
+    WIDTH,
+    broken,
+    comment,
+    fits,
+    literal,
+    plain,
+)
 from codegen.proof.interpreter import Interpreter
 from codegen.proof.intervals import Value
 from codegen.proof.prove import prove
@@ -97,14 +108,16 @@ class Emitter:
         needed = {its.record for f in functions for its in f.parameters.values() if its.record}
         homes = {self.program.record(name).module for name in needed} - {module.name}
         lines += [f'#include "canroll_{home}.h"' for home in sorted(homes)]
-        lines += self._constants(module, "header")
+        declared = list(self._constants(module, "header"))
         for record in module.records.values():
-            lines += ["", *self._record(module, record)]
+            declared += ["", *self._record(module, record)]
         if functions:
-            lines.append("")
+            declared.append("")
         for function in functions:
-            lines += broken(f"{self._prototype(function)};")
-        return "\n".join([*lines, "", "#endif", ""])
+            declared += broken(f"{self._prototype(function)};")
+        if functions or any(line.startswith("extern ") for line in declared):
+            declared = [*OPEN_C, *declared, *CLOSE_C]
+        return "\n".join([*lines, *declared, "", "#endif", ""])
 
     def _where(self, constant: Constant) -> str:
         return "header" if (constant.module, constant.name) in self.linkage.shared else "source"

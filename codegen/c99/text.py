@@ -122,10 +122,17 @@ static inline int32_t canroll_scaled(int64_t v, int32_t n)
     return canroll_sat32((v >> (n - 1)) + 1) >> 1;
 }
 
+/* A word of a record, whatever fields lie in it. */
+#if defined(__GNUC__)
+typedef int32_t canroll_any_word __attribute__((may_alias));
+#else
+typedef int32_t canroll_any_word;
+#endif
+
 /* Make a record of so many words zero. */
 static inline void canroll_clear(void *record, int32_t words)
 {
-    volatile int32_t *word = record;
+    volatile canroll_any_word *word = (volatile canroll_any_word *)record;
     for (int32_t k = 0; k < words; k++) {
         word[k] = 0;
     }
@@ -134,7 +141,7 @@ static inline void canroll_clear(void *record, int32_t words)
 /* Element k of a record read as an array of words. */
 static inline int32_t canroll_word(const void *record, int32_t k)
 {
-    return ((const int32_t *)record)[k];
+    return ((const canroll_any_word *)record)[k];
 }
 
 /* Element k of a record read as an array of bytes. */
@@ -145,6 +152,10 @@ static inline uint8_t canroll_octet(const void *record, int32_t k)
 
 #endif
 """
+
+OPEN_C = ["", "#ifdef __cplusplus", 'extern "C" {', "#endif"]
+CLOSE_C = ["", "#ifdef __cplusplus", "}", "#endif"]
+"""What makes declarations those of C where C++ reads them."""
 
 _ASCII = str.maketrans(
     {

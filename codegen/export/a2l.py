@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from elftools.elf.elffile import ELFFile
+
 from codegen.c99.text import plain
 from codegen.generated.bus_map import Xcp
 from codegen.run import memory_image
@@ -62,8 +64,6 @@ class Software:
 
 def addresses(elf: Path) -> dict[str, int]:
     """Addresses of :data:`SYMBOLS` in a linked image, of those that it has."""
-    from elftools.elf.elffile import ELFFile  # noqa: PLC0415
-
     with elf.open("rb") as file:
         table = ELFFile(file).get_section_by_name(".symtab")
         found = {}

@@ -19,7 +19,7 @@ from cantools.database.can import c_source
 from numpy.typing import NDArray
 
 from codegen.c99 import emit
-from codegen.export import a2l, misra
+from codegen.export import a2l, interrupts, misra
 from codegen.generated import protection, signals
 from codegen.generated.bus_map import EXTENDED, BusMap
 from codegen.generated.bus_map import load as load_map
@@ -119,8 +119,10 @@ def write(folder: Path, export: Export) -> list[Path]:
         ("example.c", "board/"),
         ("Makefile", ""),
         ("CMakeLists.txt", ""),
+        ("arm-none-eabi.cmake", "cmake/"),
     ):
         text = (TEMPLATES / name).read_text(encoding="utf-8")
+        text = text.replace("{version}", version("canroll"))
         texts[place + name] = text.replace("{optimisation}", " ".join(OPTIMISATION))
     epk = f"canroll {version('canroll')} {_named(files)}"
     texts["include/canroll_epk.h"] = EPK_HEADER.format(version=version("canroll"), epk=epk)
@@ -242,6 +244,7 @@ def _readme(export: Export, bus: BusMap) -> str:
         "dbc": export.dbc.name,
         "vectors": export.origin,
         "deviations": misra.table(),
+        "interrupts": interrupts.table(),
     }
     for name, value in values.items():
         text = text.replace(f"{{{name}}}", value)

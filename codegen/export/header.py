@@ -2,10 +2,10 @@
 
 from collections.abc import Iterable, Mapping
 
+from codegen.c99.text import C_TYPES
 from firmware.calibration import Calibration
 from firmware.subset import Field, fields
 
-C_TYPES = {"i32": "int32_t", "u8": "uint8_t"}
 WIDTH = 96
 TYPE_GUARD = "CANROLL_CALIBRATION_TYPE"
 TYPE_NAME = "canroll_calibration"

@@ -175,7 +175,7 @@ def _refuse_short_echo(bus: BusMap, map_file: Path) -> None:
                 if echoed and box.slot in COMMANDS and _counts(box) > 1 << signal.length:
                     raise CanrollError(
                         f"{map_file} [receive.actuator_state]: {signal.name} has {signal.length} "
-                        f"bits and can't echo the {_counts(box)} counter values of {box.name}"
+                        f"bits and cannot echo the {_counts(box)} counter values of {box.name}"
                     )
 
 
@@ -212,7 +212,7 @@ def _mailbox(
         if slot != "roll_reference" and not taken & set(VALID_BITS[slot]):
             raise CanrollError(f"{where}: maps none of {', '.join(VALID_BITS[slot])}")
         if any(signal.place.mask is not None for signal in mapped):
-            raise CanrollError(f"{where}: a mask makes sense only in a transmitted frame")
+            raise CanrollError(f"{where}: a mask applies to transmitted frames only")
     ident = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
     used = {signal.name for signal in mapped} | ({choice.name} if choice else set())
     return Mailbox(

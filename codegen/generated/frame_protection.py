@@ -251,7 +251,7 @@ def _profile(value: object, where: str) -> str:
 def _number(given: Mapping[str, Any], key: str, default: int, where: str) -> int:
     value = given.get(key, default)
     if not isinstance(value, int) or isinstance(value, bool) or value < 0:
-        raise CanrollError(f"{where}: {key} must be a whole number from 0 up, not {value!r}")
+        raise CanrollError(f"{where}: {key} must be an integer of at least 0, not {value!r}")
     return value
 
 
@@ -267,7 +267,7 @@ def _data_id(given: Mapping[str, Any], where: str) -> int:
 def _data_ids(given: Mapping[str, Any], where: str) -> tuple[int, ...]:
     value = given.get("data_id")
     if not isinstance(value, list) or len(value) != 16 or not all(_is_byte(v) for v in value):
-        raise CanrollError(f"{where}: data_id must be a list of 16 bytes, one a counter value")
+        raise CanrollError(f"{where}: data_id must be a list of 16 bytes, one per counter value")
     return tuple(value)
 
 
@@ -361,10 +361,12 @@ def _own_checksum(
     if method not in METHODS:
         raise UnknownNameError(f"checksum method in {where}", method, METHODS)
     if ("polynomial" in table) != (method == "crc8"):
-        raise CanrollError(f"{where}: method crc8, and no other, needs a polynomial")
+        raise CanrollError(
+            f"{where}: a polynomial is required by method crc8 and not allowed otherwise"
+        )
     bits = _place(table, "byte", 8, message, where)
     if len(bits) != 8 or bits[0] % 8:
-        raise CanrollError(f"{where}: the checksum must be one whole byte")
+        raise CanrollError(f"{where}: the checksum must be exactly one byte")
     polynomial = _number(table, "polynomial", 0, where)
     start, end = _number(table, "start", 0, where), _number(table, "end", 0, where)
     if not all(_is_byte(value) for value in (polynomial, start, end)):
@@ -388,7 +390,7 @@ def _own_counter(entry: object, message: Message, where: str) -> Counter | None:
         raise CanrollError(f"{where}: the counter must be inside one byte")
     values = _number(table, "values", 1 << len(bits), where)
     if not 2 <= values <= 1 << len(bits):
-        raise CanrollError(f"{where}: a counter of {len(bits)} bits can't have {values} values")
+        raise CanrollError(f"{where}: a counter of {len(bits)} bits cannot have {values} values")
     return Counter(bits[0] // 8, bits[0] % 8, len(bits), values)
 
 
@@ -433,5 +435,5 @@ def _refuse_overlap(
             if shared and (signal.name in mapped or not its <= set(bits)):
                 raise CanrollError(
                     f"{where}: the {name} of E2E profile {found.profile} overlaps the signal "
-                    f"{signal.name} at bit {min(shared)}: set its place, or profile none"
+                    f"{signal.name} at bit {min(shared)}: set its position, or use profile none"
                 )

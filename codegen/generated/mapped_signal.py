@@ -112,7 +112,7 @@ def map_signal(signal: Signal, entry: str | Mapping[str, Any], where: str) -> Ma
         raise UnknownNameError(f"unit in {where}", unknown, UNITS)
     (quantity, factor), (expected, _) = UNITS[unit], UNITS[place.unit]
     if quantity != expected:
-        raise CanrollError(f"{where}: unit '{unit}' is no unit of {place.text} ('{place.unit}')")
+        raise CanrollError(f"{where}: unit '{unit}' does not match {place.text} ('{place.unit}')")
     to_field = factor / UNITS[place.unit][1] * 2**place.q
     scale = Fraction(str(signal.scale)) * to_field
     if not scale:

@@ -22,7 +22,7 @@ def selector(message: Message, where: str) -> RawSignal | None:
         if len(selectors) > 1 or len(ids) > 1 or (signal.is_multiplexer and ids):
             raise CanrollError(
                 f"{where}: {message.name} has extended multiplexing (at {signal.name}); only one "
-                "selector with one value a signal is supported"
+                "selector with one value per signal is supported"
             )
     if not selectors:
         return None
@@ -47,7 +47,7 @@ def refuse_several(message: Message, chosen: tuple[int, ...], where: str) -> Non
     if len(chosen) > 1:
         raise CanrollError(
             f"{where}: the signals are on pages {', '.join(map(str, chosen))} of {message.name}, "
-            "and a mailbox has one: map those of one page"
+            "but a mailbox takes one page: map the signals of one page"
         )
 
 

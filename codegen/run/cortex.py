@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll import build_cache
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.errors import CanrollError, MissingExtraError, UnknownNameError
 from codegen.c99 import emit
 from codegen.run.ecu_traffic import EVENT
 from firmware.signals import TX_LENGTHS
@@ -78,8 +78,7 @@ def cpu(name: str) -> Cpu:
 
 def has_pip_tools() -> bool:
     """Whether ``canroll[target]`` is installed."""
-    names = ("ziglang", "unicorn", "elftools")
-    return all(importlib.util.find_spec(name) for name in names)
+    return all(importlib.util.find_spec(name) for name in ("ziglang", "unicorn"))
 
 
 def has_gcc_and_qemu() -> bool:
@@ -91,10 +90,7 @@ def has_gcc_and_qemu() -> bool:
 def zig_image(name: str) -> Path:
     """The firmware linked at a fixed address by zig, from the cache where it is there."""
     if not has_pip_tools():
-        raise CanrollError(
-            "a Cortex-M backend needs elftools/unicorn/ziglang: "
-            ".venv/bin/pip install -e '.[target]'"
-        )
+        raise MissingExtraError("emulating a Cortex-M in this process", "target")
     files = {**emit.firmware(), "entry.c": (BOARD / "entry.c").read_text(encoding="utf-8")}
     flags = ["-target", "thumb-freestanding-eabi", f"-mcpu={cpu(name).zig}", "-std=c99", "-O2"]
     flags += ["-ffreestanding", "-Wl,--image-base=0x10000", "-Wl,-e,canroll_idle"]
@@ -132,7 +128,9 @@ def built(
         )
         if result.returncode:
             first = next((s for s in result.stderr.splitlines() if "error" in s), result.stderr)
-            raise CanrollError(f"{Path(command[0]).name} can't build the firmware: {first.strip()}")
+            raise CanrollError(
+                f"{Path(command[0]).name} cannot build the firmware: {first.strip()}"
+            )
         os.replace(folder / name, target)
     return target
 

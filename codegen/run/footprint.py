@@ -7,6 +7,8 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from elftools.elf.elffile import ELFFile
+
 from codegen.run import memory_image
 from firmware.calibration import Calibration
 from firmware.state import Ecu
@@ -35,8 +37,6 @@ class Footprint:
 
 def footprint(image: Path) -> Footprint:
     """Read an ELF image with its symbol table."""
-    from elftools.elf.elffile import ELFFile  # noqa: PLC0415
-
     text = tables = static = 0
     forbidden = []
     with image.open("rb") as file:

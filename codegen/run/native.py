@@ -237,5 +237,5 @@ def _compile(
         result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
         if result.returncode:
             first = next((s for s in result.stderr.splitlines() if "error" in s), result.stderr)
-            raise CanrollError(f"{cc} can't build the firmware: {first.strip()}")
+            raise CanrollError(f"{cc} cannot build the firmware: {first.strip()}")
         os.replace(built, target)

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
+from elftools.elf.elffile import ELFFile
 
 from canroll.errors import CanrollError
 from codegen.run import memory_image
@@ -26,8 +27,6 @@ def replay(
 
     ``firmware`` as for :func:`codegen.run.cortex.gcc_image`.
     """
-    from elftools.elf.elffile import ELFFile  # noqa: PLC0415
-
     image = gcc_image(name, firmware)
     plugin = built(
         ["cc", "-O2", "-shared", "-fPIC"],

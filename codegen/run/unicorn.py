@@ -6,6 +6,7 @@ Its counts leave out the instructions of a conditional block whose condition fai
 from typing import Any
 
 import numpy as np
+from elftools.elf.elffile import ELFFile
 from numpy.typing import NDArray
 
 from codegen.run import memory_image
@@ -32,7 +33,6 @@ class CortexEcu:
     def __init__(self, calibration: Calibration, *, cpu: str, count: bool = False) -> None:
         """Start the ECU; with ``count`` its instructions are counted, which is slower."""
         import unicorn  # noqa: PLC0415
-        from elftools.elf.elffile import ELFFile  # noqa: PLC0415
 
         image = zig_image(cpu)
         self._machine: Any = unicorn.Uc(

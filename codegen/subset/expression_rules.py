@@ -52,7 +52,7 @@ class ExpressionRules:
             if len(node.ops) != 1:
                 raise self.refuse(node, "one comparison at a time: join them by 'and'")
             if not isinstance(node.ops[0], COMPARISONS):
-                raise self.refuse(node, f"{words(node.ops[0])} is no comparison of integers")
+                raise self.refuse(node, f"{words(node.ops[0])} is not a comparison of integers")
             self.number(node.left)
             self.number(node.comparators[0])
             self.order(node, ())
@@ -82,7 +82,7 @@ class ExpressionRules:
             if self.program.intrinsic(self.module, node.func) == "clear":
                 raise self.refuse(node, "clear returns nothing")
         elif isinstance(node, ast.Compare | ast.BoolOp):
-            raise self.refuse(node, "a comparison is no number: use if")
+            raise self.refuse(node, "a comparison is not a number: use if")
         else:
             raise self.refuse(node, f"{words(node)} is not in the subset")
 
@@ -95,7 +95,7 @@ class ExpressionRules:
                 rule = "a shift count is a constant: use rsh for a calibrated one"
                 raise self.refuse(node, rule) from error
             if not isinstance(count, int) or not 0 <= count <= 62:
-                raise self.refuse(node, "a shift count lies in 0 … 62")
+                raise self.refuse(node, "a shift count must be 0 to 62")
 
     def scalar(self, node: ast.expr) -> None:
         """A name, field or element with one value."""
@@ -103,7 +103,7 @@ class ExpressionRules:
             if self.known(node.id) in KINDS and node.id != "_":
                 return
             if self.known(node.id) is not None:
-                raise self.refuse(node, f"{node.id} is no number")
+                raise self.refuse(node, f"{node.id} is not a number")
         if isinstance(node, ast.Name | ast.Attribute):
             if self.program.limit(self.module, node) is not None:
                 return
@@ -113,7 +113,7 @@ class ExpressionRules:
                     raise self.refuse(node, f"{constant.name} is a table: give its indices")
                 return
             if isinstance(node, ast.Name):
-                raise self.refuse(node, f"{node.id} is not known here")
+                raise self.refuse(node, f"{node.id} is not defined here")
         self.place(node)
         if self.depth(node) != 0:
             raise self.refuse(node, f"{ast.unparse(node)} is an array: give its indices")
@@ -139,7 +139,7 @@ class ExpressionRules:
             self.number(node.slice)
             base = self.place(node.value)
             if self.depth(node) < 0:
-                raise self.refuse(node, f"{ast.unparse(node.value)} is no array")
+                raise self.refuse(node, f"{ast.unparse(node.value)} is not an array")
             return base
         named = isinstance(node, ast.Name | ast.Attribute)
         if named and self.program.constant(self.module, node) is not None:
@@ -147,13 +147,13 @@ class ExpressionRules:
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
             given = self.function.parameters.get(node.value.id)
             if given is None or given.kind != "record":
-                raise self.refuse(node, f"{node.value.id} is no record")
+                raise self.refuse(node, f"{node.value.id} is not a record")
             if node.attr not in self.program.record(given.record).fields:
                 raise self.refuse(node, f"{given.record} has no field {node.attr}")
             return node.value.id
         if isinstance(node, ast.Name) and node.id in self.function.parameters:
             return node.id
-        raise self.refuse(node, f"{ast.unparse(node)} is no field, array or table")
+        raise self.refuse(node, f"{ast.unparse(node)} is not a field, array or table")
 
     def arguments(self, node: ast.Call) -> None:
         """The arguments of a call against the parameters."""
@@ -172,7 +172,7 @@ class ExpressionRules:
             return
         called = self.program.function(self.module, node.func)
         if called is None:
-            raise self.refuse(node, f"{ast.unparse(node.func)} is no function of the firmware")
+            raise self.refuse(node, f"{ast.unparse(node.func)} is not a function of the firmware")
         if len(node.args) != len(called.parameters):
             raise self.refuse(node, f"{called.name} takes {len(called.parameters)} arguments")
         for argument, its in zip(node.args, called.parameters.values(), strict=True):

@@ -79,7 +79,7 @@ def _import(module: Module, node: ast.ImportFrom) -> None:
     source = node.module or ""
     for alias in node.names:
         if alias.asname is not None:
-            raise SubsetError(module.path, node, "an import keeps the name: no 'as'")
+            raise SubsetError(module.path, node, "an import must not rename: remove 'as'")
         if source == PACKAGE:
             module.modules[alias.name] = alias.name
         elif source.startswith(f"{PACKAGE}."):

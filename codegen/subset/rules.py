@@ -114,10 +114,10 @@ class _Checker(ExpressionRules):
             if self.known(node.id) is None:
                 raise self.refuse(node, f"{node.id} is not declared here: name: type = value")
             if self.known(node.id) not in KINDS:
-                raise self.refuse(node, f"{node.id} is no scalar")
+                raise self.refuse(node, f"{node.id} is not a scalar")
             return
         if not isinstance(node, ast.Attribute | ast.Subscript):
-            raise self.refuse(node, f"{words(node)} can't be assigned")
+            raise self.refuse(node, f"{words(node)} cannot be assigned")
         base = self.place(node)
         if self.function.parameters[base].record == CONST_RECORD:
             raise self.refuse(node, "the calibration is constant")
@@ -139,7 +139,7 @@ class _Checker(ExpressionRules):
         if len(call.args) == 3:
             step = evaluate(self.program, self.module, call.args[2])
             if step == 0:
-                raise self.refuse(node, "a loop's step is not 0")
+                raise self.refuse(node, "a loop's step must not be 0")
         for bound in call.args:
             self.number(bound)
             self.steady(bound, node)
@@ -169,13 +169,15 @@ class _Checker(ExpressionRules):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
                 given = self.function.parameters.get(node.value.id)
                 if given is not None and given.record != CONST_RECORD:
-                    raise self.refuse(bound, "a loop's bound is a constant, a local or calibrated")
+                    raise self.refuse(
+                        bound, "a loop's bound must be a constant, a local or a calibration value"
+                    )
             if isinstance(node, ast.Call):
-                raise self.refuse(bound, "a loop's bound calls nothing")
+                raise self.refuse(bound, "a loop's bound must not call a function")
 
     def end(self, node: ast.Return) -> None:
         if (node.value is None) != (self.function.result is None):
-            raise self.refuse(node, f"{self.function.name} is declared to return otherwise")
+            raise self.refuse(node, f"{self.function.name} returns a different type than declared")
         if node.value is not None:
             self.number(node.value)
             self.order(node.value, ())

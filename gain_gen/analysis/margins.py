@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import ceil, floor, inf, pi, sqrt
+from math import floor, inf, pi, sqrt
 
 import numpy as np
 
@@ -97,8 +97,3 @@ def jitter_gain(loop: Loop, jitter: float) -> float:
     gain = loop_gain(loop, frequencies)
     z = np.exp(1j * frequencies * loop.tick)
     return float(np.max(np.abs(gain / (1.0 + gain) * (z - 1.0))) * reach)
-
-
-def ticks_of(seconds: float, tick: float) -> int:
-    """Return ``seconds`` in whole ticks, rounded up, at least one."""
-    return max(1, ceil(seconds / tick - 1e-9))

@@ -70,11 +70,6 @@ class LoadedCalibration:
         return bool(self.tables["design"]["verified"])
 
     @property
-    def deployable(self) -> bool:
-        """Whether an ECU can run it."""
-        return bool(self.tables["design"]["deployable"])
-
-    @property
     def tick(self) -> float:
         """Period of the loop, s."""
         return float(self.tables["design"]["tick_s"])
@@ -95,7 +90,7 @@ class LoadedCalibration:
             return ""
         return (
             f"the delay of {1e3 * delay:.0f} ms exceeds the {1e3 * self.max_delay:.0f} ms that "
-            f"{self.law} for {self.vehicle} admits: expect a limit cycle; choose --law lqg_delay "
+            f"{self.law} for {self.vehicle} allows: expect a limit cycle; choose --law lqg_delay "
             f"or design for the delay"
         )
 
@@ -144,7 +139,7 @@ def load(path: str | Path) -> LoadedCalibration:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
         raise CanrollError(f"cannot read calibration {path}: {reason}") from error
     if not text.strip():
-        raise CanrollError(f"{path}: is empty: write it anew with 'canroll design'")
+        raise CanrollError(f"{path}: empty file: create it again with 'canroll design'")
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -152,8 +147,8 @@ def load(path: str | Path) -> LoadedCalibration:
     schema = content.pop("schema", None)
     if schema != SCHEMA:
         raise CanrollError(
-            f"{path}: schema {schema!r}, this version reads {SCHEMA}: "
-            f"write it anew with 'canroll design'"
+            f"{path}: schema {schema!r}, but this version reads {SCHEMA}: "
+            f"create it again with 'canroll design'"
         )
     given = OPTIONAL & set(content)
     _known(content, TABLES - {"schema"} | given, path, text)
@@ -167,9 +162,9 @@ def load(path: str | Path) -> LoadedCalibration:
     if getattr(record, RESERVED) != expected:
         raise CanrollError(
             f"{_at(path, text, RESERVED)}: {RESERVED} does not match the fields: the file was "
-            f"edited; write it anew with 'canroll design'"
+            f"edited; create it again with 'canroll design'"
         )
-    for name in ("law", "vehicle", "actuator", "verified", "deployable", "tick_s", "warnings"):
+    for name in ("law", "vehicle", "actuator", "verified", "tick_s", "warnings"):
         if name not in content["design"]:
             raise CanrollError(f"{path}: [design] missing key '{name}'")
     if "max_delay_s" not in content["margins"]:

@@ -27,20 +27,18 @@ def calibrate(design: Design, options: Options | None = None) -> tuple[Calibrati
     Raises:
         CanrollError: a range that its field cannot hold, or a law that no ECU can run.
     """
-    if not design.solution.deployable:
-        raise CanrollError(f"{design.law} is an ideal law: no ECU can run it")
     options = options or Options()
     quantised = quantise_design(design, options)
     record = identify(fill(quantised.fields))
     refused = check(record)
     if refused:
-        raise CanrollError(f"the calibration breaks rule {refused} of the ECU's own check")
+        raise CanrollError(f"the calibration violates rule {refused} of the ECU's check")
     checks = quantisation_checks(design, record)
     for name, found in checks.items():
         if not found.ok and not np.isinf(found.value):
             raise CanrollError(
                 f"{design.law} for {design.task.vehicle.name}: {name} is {found.value:.3g}, more "
-                f"than {found.limit:g}: its coefficients do not fit the fixed-point formats"
+                f"than {found.limit:g}: its coefficients exceed the fixed-point formats"
             )
     return record, design_tables(replace(design, verified={**design.verified, **checks}), quantised)
 
@@ -70,7 +68,6 @@ def design_tables(design: Design, quantised: Quantised) -> Tables:
             "gains": task.gains,
             "feedforward": task.feedforward,
             "verified": design.is_verified,
-            "deployable": design.solution.deployable,
             "tick_s": task.tick,
             "delay_s": task.delay.nominal,
             "delay_min_s": task.delay.least,
@@ -137,8 +134,6 @@ def summary(design: Design) -> Tables:
         gain = [_list(controller.output_gain[:1])]
         if np.any(controller.output_gain[1:]):
             gain = [_list(controller.output_gain)]
-    elif solution.ideal_gain is not None:
-        gain = _list(solution.ideal_gain)
     elif controller.compensator is not None:
         gain = _list(controller.compensator.c)
     else:
@@ -160,7 +155,6 @@ def summary(design: Design) -> Tables:
             for name, c in design.verified.items()
         },
         "solve_s": solution.solve_seconds,
-        "deployable": solution.deployable,
         "warnings": list(design.warnings),
     }
 
@@ -173,7 +167,7 @@ def _finite(value: float) -> float | None:
 def title(design: Design) -> list[str]:
     """Return the lines at the top of the header."""
     task = design.task
-    verdict = "every check of the design holds"
+    verdict = "every check of the design passes"
     if not design.is_verified:
         failing = f"fails {', '.join(sorted(design.failures))}"
         verdict = f"NOT VERIFIED: {failing if design.failures else 'gains as printed'}"

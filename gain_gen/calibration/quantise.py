@@ -47,10 +47,8 @@ class Options:
         event_trigger: commands only when they matter, or every tick.
         trigger_epsilon_squared: relative threshold, squared (Viadero 2022: 0.1).
         heartbeat: a command at the latest after, s.
-        e2e: frames carry and need end-to-end protection.
         identification: roll stiffness and damping are identified at run time.
         offset_learning: sensor offsets are learnt when straight.
-        front_share: share of the front axle, or None for the static one l_r / l.
         budget_instructions: allowed instructions a tick on the target, 0 for none.
         budget_tick_us: allowed 99th percentile of the tick, µs, 0 for none.
     """
@@ -58,10 +56,8 @@ class Options:
     event_trigger: bool = True
     trigger_epsilon_squared: float = 0.1
     heartbeat: float = 0.05
-    e2e: bool = True
     identification: bool = False
     offset_learning: bool = False
-    front_share: float | None = None
     budget_instructions: int = 0
     budget_tick_us: int = 0
 
@@ -99,7 +95,7 @@ def quantise_design(design: Design, options: Options) -> Quantised:
         "identification": int(options.identification),
         "offset_learning": int(options.offset_learning),
         "event_trigger": int(options.event_trigger),
-        "e2e": int(options.e2e),
+        "e2e": 1,
         "bias_max": round(BIAS_MAX * 2.0**fw.Q_RATE),
         "predict_steps": controller.predict_steps,
         "actuator_rate": round(controller.actuator_rate * fw.ONE),
@@ -108,7 +104,7 @@ def quantise_design(design: Design, options: Options) -> Quantised:
     fields |= covariance_fields(controller.observer)
     fields |= _law(design, rows)
     fields |= _trigger(design, options)
-    fields |= vehicle_fields(task, options.front_share)
+    fields |= vehicle_fields(task)
     fields["budget_instructions"] = options.budget_instructions
     fields["budget_tick_us"] = options.budget_tick_us
     return Quantised(

@@ -72,7 +72,7 @@ def quantise_row(
             )
             return Row(tuple(stored), shift, formats, float(error))
     raise CanrollError(
-        f"{name}: a coefficient of {np.abs(values).max():.4g} does not fit the fixed-point row"
+        f"{name}: a coefficient of {np.abs(values).max():.4g} exceeds the fixed-point row"
     )
 
 

@@ -1,33 +1,38 @@
 """What the calibration takes from the vehicle: limits, split, schedule, supervision."""
 
-from math import ceil
+from math import ceil, floor
 
 import numpy as np
 
+import dbc
 from firmware import calibration as fw
+from firmware.signals import RX_IDS
 from firmware.state import RX_IMU, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE
 from gain_gen.calibration.rows import quantise
 from gain_gen.models.task import Task
 from vehicles import Vehicle
 from vehicles.model import SemiActiveDampers
 
-SENSOR_PERIODS = (0.01, 0.02, 0.01, 0.01, 0.01)
-"""Imu, VehicleMotion, SuspensionRate, ActuatorState, RollReference, s."""
+SENSOR_PERIODS = tuple(
+    dbc.period(dbc.load().get_message_by_frame_id(ident).name) for ident in RX_IDS
+)
+"""Of what the ECU receives, in the order of its mailboxes, s."""
 MISSED_SAMPLES = 5
 KMH = 1.0 / 3.6
 SCHEDULE_SPEEDS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0)
 FADE = (5.0 * KMH, 10.0 * KMH)
-DBC_FORCE_LIMIT = 4090.0
-DBC_BAR_LIMIT = 8191.0
-DBC_CURRENT_LIMIT = 16382.0
+DBC_FORCE_LIMIT = floor(dbc.largest("SuspensionForceCommand", "ForceFrontLeft"))
+DBC_BAR_LIMIT = floor(dbc.largest("AntiRollBarCommand", "TorqueFront"))
+DBC_CURRENT_LIMIT = floor(dbc.largest("ValveCommand", "CurrentFront"))
+"""What the frames can carry, whole N, N·m and mA."""
 MILLI = 1e3
 
 Value = int | list[int] | list[list[int]]
 
 
-def vehicle_fields(task: Task, front_share: float | None) -> dict[str, Value]:
+def vehicle_fields(task: Task) -> dict[str, Value]:
     """Return the fields that the vehicle, its actuators and the tick decide."""
-    share = front_share if front_share is not None else static_share(task.vehicle)
+    share = static_share(task.vehicle)
     return (
         _supervision(task)
         | _identification(task)
@@ -223,9 +228,9 @@ def _allocation(task: Task) -> dict[str, Value]:
         "arm_rear": _q(1.0 / track[1], 28),
         "track_front": _q(track[0], 28),
         "track_rear": _q(track[1], 28),
-        "force_max": [quantise(force, fw.Q_MOMENT, 0, 4090 << 14, name="force_max")] * 4,
+        "force_max": [quantise(force, fw.Q_MOMENT, 0, DBC_FORCE_LIMIT << 14, name="force_max")] * 4,
         "share_slack": _q(0.1, fw.Q_UNIT),
-        "bar_max": [quantise(bar, fw.Q_MOMENT, 0, 8191 << 14, name="bar_max")] * 2,
+        "bar_max": [quantise(bar, fw.Q_MOMENT, 0, DBC_BAR_LIMIT << 14, name="bar_max")] * 2,
         "damper_speed": [_q(soft[0], fw.Q_RATE), _q(firm[0], fw.Q_RATE)],
         "damper_force": [_q(soft[1], fw.Q_MOMENT), _q(firm[1], fw.Q_MOMENT)],
         "damper_slope": [_q(soft[2], fw.Q_MOMENT), _q(firm[2], fw.Q_MOMENT)],

@@ -24,7 +24,6 @@ LAWS: "Registry[Callable[[Task], Solution]]" = Registry(
         "ay_feedforward": "gain_gen.laws.state_feedback:design_ay_feedforward",
         "rate_feedforward": "gain_gen.laws.roll_rate_feedback:design_rate_feedforward",
         "lqr_full_car": "gain_gen.laws.lqr_full_car:design_lqr_full_car",
-        "lqr_full_car_ideal": "gain_gen.laws.lqr_full_car:design_lqr_full_car_ideal",
         "custom": "gain_gen.laws.custom:design_custom",
     },
     accept="gain_gen.laws.offered:accept",

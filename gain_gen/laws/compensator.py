@@ -28,11 +28,13 @@ def checked(compensator: Compensator) -> Compensator:
         if matrix.shape != shape:
             raise CanrollError(f"{name} is {matrix.shape}, it must be {shape}")
         if not np.all(np.isfinite(matrix)):
-            raise CanrollError(f"{name} holds what is not a number")
+            raise CanrollError(f"{name} has an entry that is not a number")
     if not 1 <= n <= N_ORDER:
-        raise CanrollError(f"the compensator has order {n}: the ECU holds 1 to {N_ORDER}")
+        raise CanrollError(f"the compensator has order {n}: the ECU supports 1 to {N_ORDER}")
     if not 1 <= outputs <= 2:
-        raise CanrollError(f"the compensator has {outputs} outputs: 1 moment or front and rear")
+        raise CanrollError(
+            f"the compensator has {outputs} outputs: it must be 1 (moment) or 2 (front, rear)"
+        )
     return compensator
 
 
@@ -68,8 +70,3 @@ def scaled_states(compensator: Compensator) -> Compensator:
         e=compensator.e / scale[:, None],
         c=compensator.c * scale[None, :],
     )
-
-
-def from_matrices(a: Matrix, b: Matrix, c: Matrix, d: Matrix) -> Compensator:
-    """Return a compensator without feedback of its saturated output."""
-    return Compensator(a=a, b=b, e=np.zeros((len(a), len(c))), c=c, d=d)

@@ -24,7 +24,7 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
         CanrollError: unreadable, another suffix, an unknown name, no numbers.
     """
     if path.is_dir():
-        raise CanrollError(f"cannot read matrices {path}: it is a directory, give a file")
+        raise CanrollError(f"cannot read matrices {path}: it is a directory")
     if not path.is_file():
         raise CanrollError(f"cannot read matrices {path}: no such file")
     try:
@@ -42,7 +42,9 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
         raise CanrollError(f"cannot read matrices {path}: {error}") from error
     unknown = sorted(set(matrices) - set(NAMES))
     if unknown:
-        raise CanrollError(f"{path}: unknown matrix '{unknown[0]}', known are {', '.join(NAMES)}")
+        raise CanrollError(
+            f"{path}: unknown matrix '{unknown[0]}', expected one of {', '.join(NAMES)}"
+        )
     return matrices
 
 

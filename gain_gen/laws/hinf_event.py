@@ -77,7 +77,7 @@ def design_hinf_event(task: Task) -> Solution:
     if found is None or sqrt(found.gamma_squared) > USELESS * open_loop:
         raise VerdictError(
             f"hinf_event for {task.vehicle.name}: no event-triggered roll-rate gain is certified "
-            f"better than the open loop at {1e3 * delay:.0f} ms; shorten the delay"
+            f"better than the open loop at {1e3 * delay:.0f} ms; reduce the delay"
         )
     level_squared = found.gamma_squared * (1.0 + LEVEL_MARGIN)
     block = event_block(

@@ -14,21 +14,17 @@ from gain_gen.models.full_car import (
     CURRENTS,
     INPUT_WEIGHT,
     MILLI,
-    PRINTED_CAR,
     SPEED,
     STEER,
     FullCarModel,
     balanced,
     car_of,
     full_car_model,
-    ideal_gain,
-    reductions,
     truncated,
     weights,
 )
 from gain_gen.models.roll import Matrix, stationary_covariance, zero_order_hold
 from gain_gen.models.task import Check, Solution, Task, above, below
-from vehicles.full_car import AS_PRINTED
 
 STEER_CORNER = 3.0
 """Corner of the driver's steering, rad/s."""
@@ -180,7 +176,7 @@ def design_lqr_full_car(task: Task) -> Solution:
         raise VerdictError(
             f"lqr_full_car for {task.vehicle.name}: no compensator of order {ORDERS[0]} to "
             f"{ORDERS[-1]} keeps {100 * WORTH:.0f} % of the benefit at "
-            f"{1e3 * task.delay.most:.0f} ms; shorten the delay"
+            f"{1e3 * task.delay.most:.0f} ms; reduce the delay"
         )
     return Solution(
         chosen,
@@ -220,46 +216,3 @@ def _checks(task: Task, car: SampledCar, controller: Controller, kept: float) ->
         )
         checks[f"full_car_roll_rms_ratio_{3.6 * speed:.0f}_kmh"] = below(ratio, 1.0)
     return checks
-
-
-def design_lqr_full_car_ideal(task: Task) -> Solution:
-    """The 26-state LQR of Vu 2020 in continuous time: an ideal law that no ECU runs.
-
-    Its reductions at 1 rad/s stand beside those of the printed car, also with feedback closed on
-    the road inputs: that is how the paper's B = [B1, B2] reads, and the only way to a drop of the
-    wheels' motion like that of its Table 3.
-    """
-    model = full_car_model(car_of(task.vehicle), SPEED)
-    numbers = dict(reductions(model, *ideal_gain(model)))
-    if task.vehicle.name == PRINTED_CAR:
-        printed = full_car_model(AS_PRINTED, SPEED)
-        for prefix, roads in (("printed_", False), ("printed_with_roads_", True)):
-            found = reductions(printed, *ideal_gain(printed, input_weight=1.0, roads=roads))
-            numbers |= {f"{prefix}{name}": value for name, value in found.items()}
-    gain, b = ideal_gain(model)
-    root = float(np.linalg.eigvals(model.a - b @ gain).real.max())
-    full = Compensator(
-        a=np.zeros((1, 1)),
-        b=np.zeros((1, 4)),
-        e=np.zeros((1, 2)),
-        c=np.zeros((2, 1)),
-        d=np.zeros((2, 4)),
-    )
-    controller = Controller(
-        tick=task.tick,
-        observer=observer_of(task),
-        feedback=np.zeros(5),
-        feedforward=np.zeros(5),
-        compensator=full,
-    )
-    return Solution(
-        controller,
-        rightmost_root=root,
-        checks={"rightmost_root": below(root, 0.0)},
-        delay_aware=True,
-        notes=("lqr_full_car_ideal: needs 26 measured states, no ECU runs it",),
-        extra=numbers,
-        deployable=False,
-        verified_by_law=True,
-        ideal_gain=gain,
-    )

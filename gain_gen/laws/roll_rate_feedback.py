@@ -132,8 +132,9 @@ def design_hinf_nodelay(task: Task) -> Solution:
     plant = normalise(model)
     fastest = FASTEST_POLE * 0.8**task.softness
     why = (
-        "hinf_nodelay: without a bound γ falls for ever as the gain grows (printed: -1.29e6, a "
-        f"limit cycle at any real delay); the closed loop's poles are held below {fastest:.3g} "
+        "hinf_nodelay: without a bound γ decreases without limit as the gain grows "
+        "(printed: -1.29e6, a "
+        f"limit cycle at any real delay); the closed loop's poles are kept below {fastest:.3g} "
         f"times the roll frequency, {fastest * plant.frequency:.1f} rad/s"
     )
     if task.gains == "as_printed":

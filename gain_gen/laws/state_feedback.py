@@ -139,7 +139,7 @@ def design_lqg_delay(task: Task) -> Solution:
     steps = round(task.delay.nominal / task.tick)
     if steps > 32:
         raise CanrollError(
-            f"a delay of {1e3 * task.delay.nominal:.0f} ms is {steps} ticks, the ring of past "
+            f"a delay of {1e3 * task.delay.nominal:.0f} ms is {steps} ticks; the buffer of past "
             f"commands holds 32: choose a longer --tick"
         )
     controller = Controller(

@@ -275,6 +275,6 @@ def one_sensor_warning(model: ObserverModel, gain: Matrix) -> str:
         else "the roll angle is observed only through the a_y model"
     )
     return (
-        f"the observer uses the roll rate alone: {cause}; a gyro bias of 0.1 deg/s puts the roll "
-        f"angle {abs(angle):.1f} deg off after 10 min; use --observer two_sensors"
+        f"the observer uses the roll rate alone: {cause}; a gyro bias of 0.1 deg/s makes the roll "
+        f"angle wrong by {abs(angle):.1f} deg after 10 min; use --observer two_sensors"
     )

@@ -7,7 +7,6 @@ from typing import NamedTuple
 
 from gain_gen.models.controller import Controller
 from gain_gen.models.observer import LateralModel, SensorNoise
-from gain_gen.models.roll import Matrix
 from vehicles import Vehicle
 
 
@@ -103,9 +102,7 @@ class Solution:
         solve_seconds: time in solvers, s.
         notes: what a user should know, one line each.
         extra: further numbers to report by name.
-        deployable: False for ideal laws that no ECU runs.
         verified_by_law: the law is about another plant than the 1-DOF one and checks itself.
-        ideal_gain: gain of an ideal law, (inputs, states).
     """
 
     controller: Controller
@@ -118,9 +115,7 @@ class Solution:
     solve_seconds: float = 0.0
     notes: tuple[str, ...] = ()
     extra: Mapping[str, float] = field(default_factory=dict)
-    deployable: bool = True
     verified_by_law: bool = False
-    ideal_gain: Matrix | None = None
 
 
 @dataclass(frozen=True, slots=True)

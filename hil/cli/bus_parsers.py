@@ -25,7 +25,7 @@ WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
 def hil(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll hil``."""
     parser.description = (
-        "Drive a manoeuvre in real time: ECU and vehicle are programs of their own."
+        "Drive a manoeuvre in real time, with ECU and vehicle as separate programs."
     )
     parser.add_argument(
         "scenario", nargs="?", type=scenario, help="double_lane_change, roundabout, …"
@@ -34,7 +34,7 @@ def hil(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--serve",
         metavar="HOST:PORT",
-        help="without -i: the plant's own bus, for 'canroll watch' (default: a free port)",
+        help="without -i: address of the plant's bus, for 'canroll watch' (default: a free port)",
     )
     add_choices(parser)
     parser.add_argument(
@@ -47,7 +47,7 @@ def hil(parser: argparse.ArgumentParser) -> None:
         "--pace",
         choices=PACES,
         default="realtime",
-        help="lockstep: the plant grants the ECU's ticks, the same on any machine however slow "
+        help="lockstep: the plant grants the ECU's ticks, with the same result on any machine "
         "(default: %(default)s)",
     )
     parser.add_argument(
@@ -55,13 +55,13 @@ def hil(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         const="127.0.0.1:0",
         metavar="HOST:PORT",
-        help="lock step: grants on a TCP connection instead of frames of 29 bits on the bus",
+        help="lock step: grants on a TCP connection instead of 29-bit frames on the bus",
     )
     parser.add_argument(
         "--duration",
         type=float,
         metavar="S",
-        help="where longer than the manoeuvre only the timing counts it",
+        help="duration; any time after the manoeuvre counts only for the timing",
     )
     add_recording(parser)
     add_answer(parser, "report, traces, …")
@@ -69,7 +69,7 @@ def hil(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--check",
         action="store_true",
-        help="measure what tick this machine can hold; --duration S of it (default: 10)",
+        help="measure for --duration S (default: 10) whether this machine can keep the tick",
     )
 
 
@@ -84,13 +84,11 @@ def ecu(parser: argparse.ArgumentParser) -> None:
         "--phase",
         type=phase_option,
         metavar="MS",
-        help="start ticks so long after the Imu frames, 'free': by the ECU's own clock "
+        help="delay of the ticks after the Imu frames, 'free': by the ECU's clock "
         f"(default: {DEFAULT_PHASE_MS:g})",
     )
     parser.add_argument("--trace", type=Path, metavar="FILE", help="write the trace of all ticks")
-    parser.add_argument(
-        "--replay", type=Path, metavar="FILE", help="run a trace again instead and compare"
-    )
+    parser.add_argument("--replay", type=Path, metavar="FILE", help="replay a trace and compare")
 
 
 def plant(parser: argparse.ArgumentParser) -> None:
@@ -102,24 +100,24 @@ def plant(parser: argparse.ArgumentParser) -> None:
         "--serve",
         metavar="HOST:PORT",
         default="127.0.0.1:29536",
-        help="without -i: the plant's own bus, for -i socketcand (default: %(default)s)",
+        help="without -i: address of the plant's bus, for -i socketcand (default: %(default)s)",
     )
     add_choices(parser, (*WORLD, "duration"))
     parser.add_argument(
         "--command",
         dest="command_message",
         metavar="MESSAGE",
-        help="what commands the actuators, where they take several messages",
+        help="command message of the actuators, if they accept several",
     )
     parser.add_argument(
-        "--passive", action="store_true", help="the actuators acknowledge and do nothing"
+        "--passive", action="store_true", help="the actuators acknowledge but deliver no force"
     )
     parser.add_argument(
         "--wait",
         type=float,
         default=60.0,
         metavar="S",
-        help="for the first frame of the ECU, 0: start at once (default: %(default)g)",
+        help="time to wait for the first frame of the ECU, 0: start at once (default: %(default)g)",
     )
     add_loop_options(parser)
     add_prepare_option(parser)
@@ -127,7 +125,7 @@ def plant(parser: argparse.ArgumentParser) -> None:
         "--phase",
         type=float,
         metavar="MS",
-        help="lock step: grant ticks so long after the Imu frames (default: as virtual time does)",
+        help="lock step: delay of the ticks after the Imu frames (default: as in virtual time)",
     )
     add_recording(parser)
     parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
@@ -144,13 +142,13 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--side-channel",
         metavar="HOST:PORT",
-        help="lock step: grants on a TCP connection instead of frames of 29 bits on the bus",
+        help="lock step: grants on a TCP connection instead of 29-bit frames on the bus",
     )
     parser.add_argument(
         "--peer-timeout",
         type=float,
         metavar="S",
-        help="end when the other side falls silent, 0: stay and wait "
+        help="end after this silence of the other side, 0: keep waiting "
         "(default: {realtime:g}, in lock step {lockstep:g})".format(**PEER_TIMEOUT),
     )
     parser.add_argument("--cpu", type=int, metavar="N", help="core to run on")
@@ -166,5 +164,5 @@ def add_prepare_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--prepare",
         action="store_true",
-        help="only compile what the run needs, into the cache; no bus is opened",
+        help="only compile the functions of the run into the cache; no bus is opened",
     )

@@ -57,7 +57,7 @@ def _one(
 ) -> int:
     """Drive one draw again and report it as a run."""
     if args.only < 0:
-        raise CanrollError(f"--only {args.only}: draws count from 0")
+        raise CanrollError(f"--only must be at least 0, got {args.only}")
     settings, controller = experiment.plan(args.scenario, **choices)
     drawn = variation.draw(settings, args.only, **draws)
     with terminal.progress(quiet=args.json) as progress:

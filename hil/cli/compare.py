@@ -24,7 +24,7 @@ from hil.studies.comparison_page import (
 def run(args: argparse.Namespace) -> int:
     """Drive all runs, print the table, write comparison.html and comparison.json."""
     if len(set(args.runs)) < len(args.runs):
-        raise CanrollError("compare: the same run is named twice: name each once")
+        raise CanrollError("compare: a run is given twice")
     out = page_folder(folder_of(args))
     common = choices_of(args)
     duration = common.pop("duration", None)
@@ -52,7 +52,7 @@ def sweep(args: argparse.Namespace) -> int:
     laws: dict[str, dict[str, Any]] = {name: {"law": name} for name in names}
     if "calibration" in common:
         if args.law is not None:
-            raise CanrollError("--calibration fixes the law: leave --law out")
+            raise CanrollError("--calibration fixes the law: omit --law")
         laws = {"calibration": {}}
     wanted = [
         (f"{name} at {speed:g} km/h", {**law, "speed_kmh": speed})

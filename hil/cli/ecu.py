@@ -15,7 +15,7 @@ from hil.realtime.hardware import bus_record
 from hil.realtime.phase_lock import PhaseLock
 from hil.runs import phase
 
-MODES = ("INIT", "ACTIVE", "DEGRADED", "SAFE")
+MODES = dbc.names("RollControlStatus", "Mode")
 TRACE_SECONDS = 600
 FRAMES_PER_SECOND = 700
 """What the contract's messages come to, with room."""
@@ -28,7 +28,7 @@ def peer_timeout(args: argparse.Namespace) -> float | None:
         CanrollError: it is negative, or there is a side channel without lock step.
     """
     if args.side_channel is not None and args.pace != "lockstep":
-        raise CanrollError("--side-channel carries the grants of --pace lockstep: give both")
+        raise CanrollError("--side-channel requires --pace lockstep")
     given = PEER_TIMEOUT[args.pace] if args.peer_timeout is None else args.peer_timeout
     nanoseconds(given, "--peer-timeout")
     return given or None
@@ -41,7 +41,7 @@ def nanoseconds(seconds: float | None, option: str) -> int | None:
         CanrollError: it is negative.
     """
     if seconds is not None and not seconds >= 0:
-        raise CanrollError(f"{option} {seconds:g}: not negative")
+        raise CanrollError(f"{option} must be at least 0, got {seconds:g}")
     return round(seconds * 1e9) if seconds else None
 
 
@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
     if args.replay is not None:
         return replay(args.replay, backend)
     if args.calibration is None:
-        raise CanrollError("which controller? --calibration FILE, as 'canroll design' writes it")
+        raise CanrollError("--calibration FILE is required; create one with 'canroll design'")
     duration = nanoseconds(args.duration, "--duration")
     timeout = peer_timeout(args)
     calibration = load_calibration(args.calibration).record
@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
         finally:
             link.close()
         if lock is not None and not lock.locked:
-            notes.append("ticks not locked to the Imu frames: none came, or too irregularly")
+            notes.append("ticks not locked to the Imu frames: none received, or too irregular")
         if args.trace is not None:
             about = {
                 "reason": outcome.reason,
@@ -136,7 +136,9 @@ def phase_lock(args: argparse.Namespace, tick_us: int) -> PhaseLock | None:
         CanrollError: the tick can have no phase, or not this one.
     """
     if args.phase is not None and args.pace == "lockstep":
-        raise CanrollError("--phase: in lock step the plant grants the ticks: give it there")
+        raise CanrollError(
+            "--phase: in lock step the plant grants the ticks: give it to 'canroll plant'"
+        )
     if args.phase == FREE or args.pace == "lockstep":
         return None
     if args.phase is None:
@@ -173,5 +175,5 @@ def replay(path: Path, backend: str) -> int:
     if again.difference is not None:
         raise VerdictError(f"{path}: backend '{backend}' differs: {again.difference}")
     sent = int(trace.frames["sent"].sum())
-    print(f"{backend}: {len(trace.ticks)} ticks, {sent} frames, the same byte for byte")
+    print(f"{backend}: {len(trace.ticks)} ticks, {sent} frames, identical byte for byte")
     return 0

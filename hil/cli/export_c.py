@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from canroll.errors import CanrollError, VerdictError
-from codegen.export import a2l, bundle
+from codegen.export import a2l, bundle, flash
 from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.generated.bus_map import BusMap
@@ -19,6 +19,7 @@ from codegen.run import ecu_traffic
 from codegen.run.backends import Recorder, open_backend
 from codegen.run.ecu_traffic import Traffic
 from firmware.calibration import Calibration
+from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
 from gain_gen.calibration.record import identify
 from hil.cli.options import add_choices, choices_of
@@ -36,27 +37,45 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "export-c", help="export the controller as C99 with test vectors"
     )
-    parser.add_argument("folder", type=Path, help="where the bundle goes")
+    parser.add_argument("folder", type=Path, help="folder of the bundle")
     add_choices(parser, ("calibration", *OF_A_DESIGN))
     parser.add_argument(
         "--unverified", action="store_true", help="export even if a check of the design fails"
     )
-    parser.add_argument("--dbc", type=Path, help="frames of your own bus; needs --map")
-    parser.add_argument("--map", type=Path, help="TOML: which signal is which field")
+    parser.add_argument("--dbc", type=Path, help="DBC of your bus; requires --map")
+    parser.add_argument("--map", type=Path, help="TOML file that maps signals to fields")
     parser.add_argument(
-        "--elf", type=Path, help="only put the addresses of this image into DIR/canroll.a2l"
+        "--elf",
+        type=Path,
+        help="only put the addresses of this image into DIR/canroll.a2l; with --calibration also "
+        "write that one for its place in the image, as Intel HEX and S-record",
+    )
+    parser.add_argument(
+        "--address",
+        type=whole_number,
+        metavar="ADDRESS",
+        help="also write the calibration for this address, as Intel HEX and S-record",
     )
     parser.set_defaults(run=run)
 
 
+def whole_number(text: str) -> int:
+    """Read a number in any notation of Python."""
+    return int(text, 0)
+
+
 def run(args: argparse.Namespace) -> int:
     """Write the bundle, or only its A2L where an image is given."""
+    if args.elf is not None and args.address is not None:
+        raise CanrollError("--elf gives the address: omit --address")
+    if args.address is not None:
+        flash.check(args.address)
     if args.elf is not None:
-        return address(args.folder, args.elf)
+        return address(args.folder, args.elf, args.calibration)
     with writing_to(args.folder):
         refuse_unwritable(args.folder)
     if (args.dbc is None) != (args.map is None):
-        raise CanrollError("--dbc and --map belong together: give both")
+        raise CanrollError("--dbc and --map require each other")
     settings, controller = plan(
         "double_lane_change",
         **choices_of(args),
@@ -66,11 +85,13 @@ def run(args: argparse.Namespace) -> int:
     if not verified and not args.unverified:
         raise VerdictError(
             f"{controller.law} for {controller.vehicle.name} is not verified: see 'canroll "
-            "margins', or give --unverified to export it all the same"
+            "margins', or export it anyway with --unverified"
         )
     export = described(args, settings, controller, verified=verified)
     with writing_to(args.folder):
         written = bundle.write(args.folder, export)
+        if args.address is not None:
+            written += flash.write(args.folder, export.record, args.address)
     print(f"{len(written)} files in {args.folder}; next: make -C {args.folder} test")
     return 0
 
@@ -168,18 +189,26 @@ def joined(first: Traffic, second: Traffic) -> Traffic:
     )
 
 
-def address(folder: Path, elf: Path) -> int:
-    """Rewrite the A2L with the addresses of an image."""
+def address(folder: Path, elf: Path, calibration: str | None) -> int:
+    """Rewrite the A2L with the addresses of an image; write a calibration for its place in it."""
     if not elf.is_file():
-        raise CanrollError(f"{elf}: no such image; build one, or leave --elf out")
+        raise CanrollError(f"{elf}: no such image: build it or omit --elf")
     path = folder / "canroll.a2l"
     if not path.is_file():
-        raise CanrollError(f"{path}: not there; write the bundle first: canroll export-c {folder}")
+        raise CanrollError(
+            f"{path}: not found: write the bundle first with canroll export-c {folder}"
+        )
     base = a2l.addresses(elf)
     missing = sorted(set(a2l.RECORDS) - set(base))
     if missing:
-        raise CanrollError(f"{elf}: has no symbol {' and '.join(missing)}; name the records so")
+        raise CanrollError(
+            f"{elf}: has no symbol {' and '.join(missing)}; name the records accordingly"
+        )
     with writing_to(folder):
         path.write_text(a2l.located(path.read_text(encoding="utf-8"), base), encoding="utf-8")
+        if calibration is not None:
+            record = calibration_file.load(Path(calibration)).record
+            for written in flash.write(folder, record, base["calibration"]):
+                print(written)
     print(f"{folder / 'canroll.a2l'}: {', '.join(f'{n} at {a:#x}' for n, a in base.items())}")
     return 0

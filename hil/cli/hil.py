@@ -43,16 +43,16 @@ def bus_options(args: argparse.Namespace) -> list[str]:
     if not has_bus(args):
         return []
     if "timing" in args:
-        raise CanrollError("--timing is for one program: give it to 'canroll plant' and 'ecu'")
+        raise CanrollError("--timing applies to one program: give it to 'canroll plant' and 'ecu'")
     if args.serve is not None:
-        raise CanrollError(f"--serve {args.serve} is for the plant's own bus: leave out -i")
+        raise CanrollError(f"--serve {args.serve} applies to the plant's own bus: omit -i")
     configured = {} if "interface" in args else can.util.load_config()
     options = []
     for name in ("interface", "channel", "bitrate", "data_bitrate"):
         value = getattr(args, name, configured.get(name))
         if value == "virtual":
             raise CanrollError(
-                "-i virtual stays inside one process: leave -i out for the plant's bus"
+                "-i virtual works only within one process: omit -i for the plant's bus"
             )
         if value is not None:
             options += [f"--{name.replace('_', '-')}", str(value)]
@@ -66,7 +66,7 @@ def bus_options(args: argparse.Namespace) -> list[str]:
 def run(args: argparse.Namespace) -> int:
     """Drive, report and write; 1 if control does not help, or the run is not valid."""
     if args.scenario is None and not args.check:
-        raise CanrollError("which manoeuvre? Name one, such as double_lane_change")
+        raise CanrollError("a manoeuvre is required, such as double_lane_change")
     if args.check and not args.prepare:
         return check_machine(args)
 
@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
         )
         return 0
     if args.side_channel is not None and args.pace != "lockstep":
-        raise CanrollError("--side-channel carries the grants of --pace lockstep: give both")
+        raise CanrollError("--side-channel requires --pace lockstep")
     refuse_one_adapter(args)
     out = folder_of(args)
     for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):
@@ -123,7 +123,7 @@ def refuse_one_adapter(args: argparse.Namespace) -> None:
     name, channel, _, _ = options_of(args)
     if name in INTERFACES and not is_shared(name):
         raise CanrollError(
-            f"-i {name}: one program alone opens {channel}: give 'canroll plant' and "
+            f"-i {name}: only one program can open {channel}: give 'canroll plant' and "
             "'canroll ecu' an adapter each"
         )
 
@@ -132,7 +132,7 @@ def check_machine(args: argparse.Namespace) -> int:
     """Measure what tick the machine can hold; 1 if it is longer than the one that is asked for."""
     for option in ("out", "log", "signals"):
         if getattr(args, option) is not None:
-            raise CanrollError(f"--check writes no files: leave --{option} out")
+            raise CanrollError(f"--check writes no files: omit --{option}")
     scenario = args.scenario or CHECKED
     settings, controller = experiment.plan(scenario, **choices_of(args, OF_A_RUN))
     bus = round_trip.parse_bus(options) if (options := bus_options(args)) else None

@@ -10,21 +10,13 @@ from pkgutil import resolve_name
 from typing import Any, NoReturn
 
 import vehicles
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.errors import EXTRAS, CanrollError, MissingExtraError, UnknownNameError
 from canroll.registry import BUILT_IN, Registry
 from gain_gen.laws import LAWS
 from hil.cli.parsers import COMMANDS, handler
 from plant_sim.bodies import BODIES
 from plant_sim.buses import BUSES
 from plant_sim.driving import MANEUVERS
-
-EXTRAS = {
-    "target": ("elftools", "unicorn", "ziglang"),
-    "asammdf": ("asammdf",),
-    "web": ("websockets",),
-}
-"""Extras of this package, and the packages that come only with them."""
-
 
 REGISTRIES: dict[str, Registry[Any]] = {
     "laws": LAWS,
@@ -55,13 +47,13 @@ def help_text() -> str:
         [
             "usage: canroll COMMAND [OPTIONS]",
             "",
-            "From a roll-stability control law to code on an ECU that talks CAN.",
+            "From a roll-stability control law to code on an ECU with CAN.",
             "",
             "commands:",
             *lines,
             "",
-            "'canroll COMMAND --help' tells a command's options; 'canroll --version' the version.",
-            "exit codes: 0 good, 1 the verdict is no, 2 the input is wrong, 130 interrupted",
+            "'canroll COMMAND --help' shows the options; 'canroll --version' the version.",
+            "exit codes: 0 success, 1 failed verdict, 2 wrong input, 130 interrupted",
         ]
     )
 
@@ -81,7 +73,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     namespace, unknown = parser_of(name).parse_known_args(arguments[1:])
     if unknown:
         told = f"see 'canroll {name} --help'"
-        raise UsageError(f"'{name}' takes no {' '.join(unknown)} ({told})")
+        raise UsageError(f"'{name}' does not take {' '.join(unknown)} ({told})")
     return namespace
 
 
@@ -165,8 +157,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         missing = (error.name or "").partition(".")[0]
         for extra, packages in EXTRAS.items():
             if missing in packages:
-                needs = f"needs {'/'.join(packages)}: .venv/bin/pip install -e '.[{extra}]'"
-                print(f"canroll: this {needs}", file=sys.stderr)
+                print(f"canroll: {MissingExtraError('this', extra)}", file=sys.stderr)
                 return 2
         raise
     except KeyboardInterrupt:

@@ -34,7 +34,7 @@ def lines(report: MarginReport) -> Iterable[str]:
     """Yield the tables as text."""
     yield (
         f"{report.law} for {report.vehicle}: designed for {1e3 * report.delay:g} ms from sample "
-        f"to force, admits {_delay(report.max_delay)}"
+        f"to force, stable for {_delay(report.max_delay)}"
     )
     yield f"without control: gamma {report.passive_gamma:.4g}"
     header = f"{'':>12} {'gamma':>8} {'roll rms':>9} {'gain dB':>8} {'phase':>7} {'modulus':>8}"
@@ -47,7 +47,7 @@ def lines(report: MarginReport) -> Iterable[str]:
 
 
 def _delay(seconds: float) -> str:
-    return f"{_number(1e3 * seconds)} ms" if isfinite(seconds) else "any delay"
+    return f"delays up to {_number(1e3 * seconds)} ms" if isfinite(seconds) else "any delay"
 
 
 def _row(label: str, point: Point) -> str:

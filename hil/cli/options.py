@@ -34,7 +34,7 @@ def path_named(text: str) -> Path:
 def key_value(text: str) -> tuple[str, str]:
     """Return what "key=value" says."""
     if "=" not in text:
-        raise CanrollError(f"{text}: write key=value")
+        raise CanrollError(f"{text}: expected key=value")
     key, _, value = text.partition("=")
     return key, value
 

@@ -30,7 +30,7 @@ DEFAULT_DRAWS = 100
 KINDS = ("laws", "vehicles", "scenarios", "buses", "bodies")
 OF_A_DESIGN = (
     *("vehicle", "law", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
-    *("gains", "feedforward", "identification", "bus"),
+    *("gains", "feedforward", "identification", "offset_learning", "bus"),
 )
 PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 
@@ -67,8 +67,8 @@ def run(parser: argparse.ArgumentParser) -> None:
 def compare(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll compare``."""
     parser.description = (
-        "Drive the same manoeuvre with several controllers and compare; runs that were saved are "
-        "read from their folders. Options hold for what is driven."
+        "Drive the same manoeuvre with several controllers and compare them; saved runs are read "
+        "from their folders. Options apply to the new runs."
     )
     parser.add_argument(
         "runs",
@@ -106,10 +106,10 @@ def sweep(parser: argparse.ArgumentParser) -> None:
 def report(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll report``."""
     parser.description = (
-        "Read a run from the folder that 'canroll run' or 'canroll hil' left, judge it again and "
-        "write its page. Several runs on one page: 'canroll compare FOLDER FOLDER'."
+        "Read a run from the folder written by 'canroll run' or 'canroll hil', evaluate it again "
+        "and write its page. Several runs on one page: 'canroll compare FOLDER FOLDER'."
     )
-    parser.add_argument("folder", type=path_named, metavar="FOLDER", help="of a saved run")
+    parser.add_argument("folder", type=path_named, metavar="FOLDER", help="folder of a saved run")
     parser.add_argument(
         "--out",
         type=path_named,
@@ -140,7 +140,7 @@ def limit(parser: argparse.ArgumentParser) -> None:
 def understeer(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll understeer``."""
     parser.description = (
-        "Drive a circle faster and faster; steering, roll and sideslip of each steady turn, and "
+        "Drive a circle at increasing speed; steering, roll and sideslip of each steady turn, and "
         "the gradients of their linear part."
     )
     add_choices(parser, ("vehicle", "plant"), defaults={"plant": "nonlinear"})
@@ -169,14 +169,14 @@ def design(parser: argparse.ArgumentParser) -> None:
         help=f"delay from sample to force, instead of --bus (default: {DEFAULT_DELAY_MS:g})",
     )
     parser.add_argument(
-        "--delay-min", type=float, metavar="MS", help="least delay, where it varies"
+        "--delay-min", type=float, metavar="MS", help="smallest delay, if it varies"
     )
     parser.add_argument(
         "--gamma",
         type=float,
         default=0.0,
         metavar="LEVEL",
-        help="H-infinity level that hinf_delay must certify (default: the least)",
+        help="H-infinity level that hinf_delay must certify (default: the smallest feasible)",
     )
     parser.add_argument("--matrices", default="", metavar="FILE", help="gains of --law custom")
     parser.add_argument(
@@ -207,17 +207,17 @@ def timing(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--scenario", type=scenario, default=DEFAULT_SCENARIO, help="manoeuvre to replay"
     )
-    parser.add_argument("--duration", type=float, default=5.0, help="s of it (default: 5)")
+    parser.add_argument("--duration", type=float, default=5.0, help="duration in s (default: 5)")
     parser.add_argument(
         "--processor", default="cortex-m4", choices=PROCESSORS, help="default: %(default)s"
     )
     parser.add_argument(
         "--counter",
         choices=("qemu", "unicorn"),
-        help="what counts (default: qemu where it is installed)",
+        help="instruction counter (default: qemu if installed)",
     )
     parser.add_argument(
-        "--hil", action="store_true", help="run in real time and judge tick, latency and misses"
+        "--hil", action="store_true", help="run in real time; verdict on tick, latency and misses"
     )
     add_json(parser)
 
@@ -235,7 +235,9 @@ def prove(parser: argparse.ArgumentParser) -> None:
 
 def reproduce(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll reproduce``."""
-    parser.description = "Recompute every table of the papers through the whole chain and compare."
+    parser.description = (
+        "Recompute every table of the papers with the complete tool chain and compare."
+    )
     parser.add_argument(
         "papers",
         nargs="*",
@@ -246,7 +248,7 @@ def reproduce(parser: argparse.ArgumentParser) -> None:
         "--runs",
         type=int,
         metavar="N",
-        help="paired runs of each law beside ours (default: 20; 0: leave that out)",
+        help="paired runs of each law for the comparison with ours (default: 20; 0: none)",
     )
     add_answer(parser, "the page")
 
@@ -278,7 +280,7 @@ def campaign(parser: argparse.ArgumentParser) -> None:
         type=key_value,
         default=[],
         metavar="QUANTITY=SHARE",
-        help="half-width that a quantity is drawn from, as roll_stiffness=0.3; 0 keeps it. "
+        help="half-width of the range of a quantity, e.g. roll_stiffness=0.3; 0: not varied. "
         "Default: 0.2 of roll_inertia, roll_damping, roll_stiffness, sprung_mass, "
         "cg_height_above_roll_axis and estimate_error, 0.1 of cornering_stiffness and friction, "
         "0 of speed; may be repeated",
@@ -294,12 +296,14 @@ def campaign(parser: argparse.ArgumentParser) -> None:
 COMMANDS = {
     "run": Command("run a manoeuvre in virtual time, with and without control", run),
     "compare": Command("compare several runs or laws on one page", compare),
-    "report": Command("judge a saved run again and write its page", report, handler="run:report"),
+    "report": Command(
+        "evaluate a saved run again and write its page", report, handler="run:report"
+    ),
     "sweep": Command(
         "run over a range of speeds or over several laws", sweep, handler="compare:sweep"
     ),
     "limit": Command(
-        "highest speed at which a manoeuvre is still passed", limit, handler="vehicle_tests:limit"
+        "highest speed at which a manoeuvre passes", limit, handler="vehicle_tests:limit"
     ),
     "understeer": Command(
         "understeer and roll gradient on a circle (ISO 4138)",
@@ -311,8 +315,8 @@ COMMANDS = {
         response,
         handler="vehicle_tests:response",
     ),
-    "design": Command("design a controller and freeze it into a calibration", design),
-    "margins": Command("check a calibration by means independent of its design", margins),
+    "design": Command("design a controller and write its calibration", design),
+    "margins": Command("verify a calibration independently of its design", margins),
     "bus": Command("bus load, response times and a bus server"),
     "hil": Command("run ECU and plant as two processes in real time", "bus_parsers:hil"),
     "ecu": Command("the ECU alone, on any python-can interface", "bus_parsers:ecu"),

@@ -27,7 +27,9 @@ def run(args: argparse.Namespace) -> int:
     peer_timeout(args)
     nanoseconds(args.duration, "--duration")
     if args.phase is not None and args.pace != "lockstep":
-        raise CanrollError("--phase: in real time the ECU keeps it: give it to 'canroll ecu'")
+        raise CanrollError(
+            "--phase: in real time the ECU keeps the phase: give it to 'canroll ecu'"
+        )
     # compiled before the clock runs: this world is thrown away
     world_of(args).advance(plant_loop.STEP_NS)
     if args.prepare:
@@ -60,6 +62,7 @@ def run(args: argparse.Namespace) -> int:
                 "reason": outcome.reason,
                 "start_ns": outcome.start_ns,
                 "end_ns": outcome.end_ns,
+                "wall_ns": outcome.wall_ns,
                 "notes": notes,
                 "cpu": args.cpu,
                 "sent": link.sent,
@@ -129,7 +132,7 @@ def _duration_ns(args: argparse.Namespace, world: World) -> int:
 
 def _check_stopped(args: argparse.Namespace, stop: process.Stop) -> None:
     if not stop.requested:
-        raise CanrollError(f"no ECU within {args.wait:g} s: start 'canroll ecu'")
+        raise CanrollError(f"no ECU found within {args.wait:g} s: start 'canroll ecu'")
 
 
 def world_of(args: argparse.Namespace) -> World:

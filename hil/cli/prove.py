@@ -18,7 +18,7 @@ def run(args: argparse.Namespace) -> int:
     record = None
     if args.calibration is not None:
         record = calibration_file.load(args.calibration).record
-    name = str(args.calibration or "every calibration that the ECU accepts")
+    name = str(args.calibration or "every calibration accepted by the ECU")
     return report(record, name=name, as_json=args.json)
 
 
@@ -28,7 +28,7 @@ def report(record: Calibration | None, *, name: str, as_json: bool = False) -> i
     if record is not None:
         refused = check(record)
         if refused:
-            raise CanrollError(f"{name}: the ECU refuses it: rule {refused} of its check")
+            raise CanrollError(f"{name}: rejected by rule {refused} of the ECU's check")
         exact = memory_image.elements(record)
     begin = perf_counter()
     proof = prove.prove(calibration=exact)

@@ -131,6 +131,8 @@ def show_timing(timing: Mapping[str, Any]) -> None:
         f"{timing['ticks']} ticks, {timing['deadline_misses']} missed, "
         f"{timing['frames_lost']} frames lost"
     )
+    if timing["pace"] == "lockstep":
+        console.print(f"in lock step, {timing['speed']:.1f} times as fast as real time")
     for line in bus_lines(timing):
         console.print(line, soft_wrap=True, markup=False)
     for note in timing["notes"]:

@@ -54,7 +54,7 @@ def understeer(args: argparse.Namespace) -> int:
 def response(args: argparse.Namespace) -> int:
     """Run the frequency-response test of ISO 7401 and print its table."""
     if not 20.0 <= args.speed <= 200.0:
-        raise CanrollError(f"speed {args.speed:g} km/h: the test is driven at 20 to 200 km/h")
+        raise CanrollError(f"speed {args.speed:g} km/h: must be 20 to 200 km/h")
     vehicle, body = _vehicle_and_body(args)
     result = handling.frequency_response(vehicle, body, speed=args.speed / 3.6)
     rows = {
@@ -113,9 +113,7 @@ def limit(args: argparse.Namespace) -> int:
     """Bisect without and with control and print both limits; 0 whatever they are."""
     slowest, fastest = (speed * 3.6 for speed in maneuvers.speed_range(args.scenario))
     if args.scenario not in JUDGED:
-        raise CanrollError(
-            f"{args.scenario} has no criterion to pass or fail by: choose {', '.join(JUDGED)}"
-        )
+        raise CanrollError(f"{args.scenario} has no pass criterion: choose {', '.join(JUDGED)}")
     high = fastest if args.high is None else args.high
     if not slowest <= args.low < high <= fastest + 1e-6:
         raise CanrollError(

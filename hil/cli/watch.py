@@ -31,26 +31,26 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser = subparsers.add_parser(
         "watch",
         help="watch the roll controller from the bus",
-        description="Show mode, roll, moments, trigger rate, bus load and trouble codes.",
+        description="Show mode, roll, moments, trigger rate, bus load and fault codes.",
     )
     add_bus_arguments(parser)
     parser.add_argument("--duration", type=float, metavar="S", help="default: until Ctrl-C")
     parser.add_argument(
-        "--web", action="store_true", help="live plots on a page in the browser, not the terminal"
+        "--web", action="store_true", help="live plots in the browser instead of the terminal"
     )
     parser.add_argument(
         "--port",
         type=int,
         metavar="N",
-        help=f"of the page, 0: a free one (default: {DEFAULT_PORT})",
+        help=f"port of the page, 0: a free one (default: {DEFAULT_PORT})",
     )
     parser.add_argument(
         "--host",
         metavar="ADDRESS",
-        help=f"to serve the page to other machines too (default: {DEFAULT_HOST}, this one alone)",
+        help=f"address on which the page is served (default: {DEFAULT_HOST}, this machine only)",
     )
     parser.add_argument(
-        "--json", action="store_true", help="show nothing, print one JSON object at the end"
+        "--json", action="store_true", help="no display; print one JSON object at the end"
     )
     parser.set_defaults(run=run)
 
@@ -77,9 +77,9 @@ def in_browser(args: argparse.Namespace) -> bool:
     """
     for name in ("port", "host"):
         if getattr(args, name) is not None and not args.web:
-            raise CanrollError(f"--{name} is of the page in the browser: add --web")
+            raise CanrollError(f"--{name} applies to the page in the browser: add --web")
     if args.port is not None and not 0 <= args.port <= 65535:
-        raise CanrollError(f"--port {args.port}: 1 to 65535, or 0 for a free one")
+        raise CanrollError(f"--port must be 1 to 65535, or 0 for a free one, got {args.port}")
     return bool(args.web)
 
 
@@ -111,7 +111,7 @@ def watch_in_browser(args: argparse.Namespace, seen: Observation, until: float) 
 
     def announce(url: str) -> None:
         if not server.is_loopback(host):
-            print(f"note: whoever reaches {host} can watch too", file=out)
+            print(f"note: anyone who can reach {host} can watch too", file=out)
         print(f"watching at {url} (Ctrl-C ends)", file=out, flush=True)
 
     link = open_link(args)
@@ -138,7 +138,7 @@ def view(summary: Mapping[str, Any], seen: Observation) -> Group:
         ("roll rate", summary["roll_rate_deg_s"], "{:+.2f} °/s"),
         ("lateral acceleration", summary["lateral_acceleration_m_s2"], "{:+.2f} m/s²"),
         ("speed", summary["speed_km_h"], "{:.1f} km/h"),
-        ("moment asked for", summary["moment_command_nm"], "{:+.0f} N·m"),
+        ("moment commanded", summary["moment_command_nm"], "{:+.0f} N·m"),
         ("moment delivered, front", front, "{:+.0f} N·m"),
         ("moment delivered, rear", rear, "{:+.0f} N·m"),
         ("commands a sample", trigger, "{:.2f}"),

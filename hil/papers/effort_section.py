@@ -26,9 +26,9 @@ HEADLINE = "van_real"
 PARETO_FACTORS = tuple(np.geomspace(0.06, 3.9, 13))
 PARETO_RUNS = 3
 OURS = (
-    Entry("hinf_delay", "S1", {"law": "hinf_delay"}),
-    Entry("ay_feedforward", "S2", {"law": "ay_feedforward"}),
-    Entry("lqg_delay", "S2", {"law": "lqg_delay"}),
+    Entry("hinf_delay", "roll_rate_only", {"law": "hinf_delay"}),
+    Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
+    Entry("lqg_delay", "all_sensors", {"law": "lqg_delay"}),
 )
 PASSIVE = Entry("passive", "", {"law": "passive"}, scaled=False)
 COLUMNS = {
@@ -87,7 +87,7 @@ class Beside:
 def _printed(law: str, name: str = "", **keywords: Any) -> Entry:  # noqa: ANN401
     return Entry(
         name or f"{law} as printed",
-        "S1",
+        "roll_rate_only",
         {"law": law, "gains": "as_printed", **keywords},
         scaled=False,
     )
@@ -97,7 +97,7 @@ def _arsenal(law: str) -> tuple[Entry, Entry]:
     """One law of the 2020 anti-roll paper: as printed on one sensor, and tuned on two."""
     return (
         _printed(law, observer="one_sensor", trigger="every"),
-        Entry(law, "S2", {"law": law}),
+        Entry(law, "all_sensors", {"law": law}),
     )
 
 
@@ -115,20 +115,22 @@ _MOOSE: dict[str, Any] = {"plant": "nonlinear", "actuator": "bars", "speed_kmh":
 _SLIPPERY = {**_MOOSE, "options": {"friction": 0.6}}
 _AT_100: dict[str, Any] = {"plant": "nonlinear", "speed_kmh": 100.0}
 _VAN: dict[str, Any] = {"plant": "nonlinear"}
-_FULL = Entry("lqr_full_car", "S2", {"law": "lqr_full_car", "actuator": "valves"}, scaled=False)
+_FULL = Entry(
+    "lqr_full_car", "all_sensors", {"law": "lqr_full_car", "actuator": "valves"}, scaled=False
+)
 
 BESIDE = {
     "redondo2021": Beside(
         Setting("van_2021", "double_lane_change", "gateway_50ms", _AT_100),
         (_printed("hinf_delay"), _printed("hinf_nodelay")),
         Setting(HEADLINE, "double_lane_change", "gateway_20ms", _VAN, SHORTER),
-        (Entry("hinf_nodelay", "S1", {"law": "hinf_nodelay"}),),
+        (Entry("hinf_nodelay", "roll_rate_only", {"law": "hinf_nodelay"}),),
     ),
     "viadero2022": Beside(
         Setting("van_2022", "double_lane_change", "gateway_20ms", _AT_100),
-        (_printed("hinf_event"), Entry("hinf_event", "S1", {"law": "hinf_event"})),
+        (_printed("hinf_event"), Entry("hinf_event", "roll_rate_only", {"law": "hinf_event"})),
         Setting(HEADLINE, "double_lane_change", "125k_busy", _VAN, BUSIER),
-        (Entry("hinf_event", "S1", {"law": "hinf_event"}),),
+        (Entry("hinf_event", "roll_rate_only", {"law": "hinf_event"}),),
     ),
     "vu2020": Beside(
         Setting(
@@ -145,7 +147,7 @@ BESIDE = {
         Setting("suv_2020", "moose", "500k", _SLIPPERY),
         tuple(entry for law in ("lqr", "hinf", "smc") for entry in _arsenal(law)),
         Setting(HEADLINE, "moose", "500k", {**_MOOSE, "speed_kmh": 60.0}),
-        tuple(Entry(law, "S2", {"law": law}) for law in ("lqr", "hinf", "smc")),
+        tuple(Entry(law, "all_sensors", {"law": law}) for law in ("lqr", "hinf", "smc")),
     ),
 }
 
@@ -183,8 +185,7 @@ def _section(
     notes = [
         f"{runs} paired runs, the same seeds for every law. Tuned laws are scaled over these runs "
         f"to one RMS moment, {found.budget:.0f} N·m, that of hinf_delay; printed gains and laws "
-        "that command valve currents run at an effort of their own. S1: the roll rate alone, S2: "
-        "all sensors.",
+        "that command valve currents run at an effort of their own.",
         _lowered(found),
         _plain_share(found),
         setting.choice,
@@ -262,7 +263,7 @@ def pareto(paper: str, setting: Setting) -> Figure:
         except CanrollError:
             continue
         tried = [driven(settings, controller, passive, factor=f) for f in PARETO_FACTORS]
-        steady = list(takewhile(lambda found: not found.swings, tried))
+        steady = list(takewhile(lambda found: not found.oscillates, tried))
         points = np.array([np.mean(found.figures[:, columns], axis=0) for found in steady]).reshape(
             -1, 2
         )

@@ -85,7 +85,7 @@ def chatter(results: Mapping[str, Result]) -> Section:
         {
             "run": "run",
             "fast_percent": f"power above {FAST:g} Hz (%)",
-            "moment_max_nm": "moment asked, max (N·m)",
+            "moment_max_nm": "moment command, max (N·m)",
             "limit_cycle": "limit cycle",
         },
         rows,

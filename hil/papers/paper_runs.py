@@ -59,9 +59,9 @@ def cycle_reason(result: Result) -> str:
     nominal = 1e3 * result.delay.nominal
     admitted = result.tables["margins"]["max_delay_s"] * 1e3
     room = (
-        f"; the printed gain admits {admitted:.0f} ms, the net takes {nominal:.0f} ms"
+        f"; the printed gain is stable up to {admitted:.0f} ms, the delay here is {nominal:.0f} ms"
         if admitted < nominal
-        else "; what the design model leaves out, tyres and unsprung masses, is enough for it"
+        else "; caused by dynamics missing from the design model: tyres and unsprung masses"
     )
     return f"{result.limit_cycle}{room}"
 
@@ -127,7 +127,7 @@ def plots(paper: str, title: str, results: Mapping[str, Result]) -> list[Figure]
                unit="s", group=paper, linked=False),
         Figure(f"{paper}-spectrum", f"{title}: spectrum of the command", "Hz", "dB N²m²/Hz",
                spectra, unit="Hz", group=paper, linked=False,
-               note="a peak above the manoeuvre's 1 Hz is a loop that chatters or oscillates"),
+               note="a peak above the manoeuvre's 1 Hz means chatter or oscillation"),
     ]  # fmt: skip
 
 

@@ -64,7 +64,9 @@ def reproduce(names: Sequence[str], report: Progress, *, runs: int = RUNS) -> li
         CanrollError: one run, of which there is no interval.
     """
     if runs < 0 or runs == 1:
-        raise CanrollError(f"--runs {runs}: paired intervals need at least 2; 0 for none")
+        raise CanrollError(
+            f"--runs must be 0 (no runs) or at least 2 for paired intervals, got {runs}"
+        )
     for name in names:
         if name not in PAPERS:
             raise UnknownNameError("paper", name, PAPERS)

@@ -58,7 +58,7 @@ def case_1(common: Mapping[str, Any], report: Progress) -> Section:
             "law": "law",
             "roll_max_deg": "roll max (deg)",
             "roll_rate_max_deg_s": "rate max (deg/s)",
-            "moment_max_nm": "moment asked, max (N·m)",
+            "moment_max_nm": "moment command, max (N·m)",
             "moment_step_rms_nm": "RMS change per tick (N·m)",
         },
         rows,
@@ -121,7 +121,7 @@ DAMPERS = (
     "the passive run is soft; the paper's damper curve is not printed"
 )
 ASKED = (
-    "the moment asked for follows the roll angle, and the dampers leave more of that than printed; "
+    "the moment commanded follows the roll angle, and the dampers leave more of that than printed; "
     "the paper's damper curve is not printed"
 )
 ESTIMATES = (

@@ -56,7 +56,7 @@ def budget_of(record: Calibration, tables: Mapping[str, Any]) -> Budget:
         if key not in KEYS:
             raise CanrollError(f"[budget] unknown key '{key}': it has {', '.join(KEYS)}")
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
-            raise CanrollError(f"[budget] {key} = {value!r}: a number, not negative")
+            raise CanrollError(f"[budget] {key} = {value!r}: must be a number of at least 0")
     if record.budget_instructions:
         given.setdefault("instructions", record.budget_instructions)
     if record.budget_tick_us:

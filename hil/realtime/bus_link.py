@@ -307,18 +307,20 @@ def explain(error: BaseException, args: argparse.Namespace) -> str:
         )
     if number in (errno.EAFNOSUPPORT, errno.EPROTONOSUPPORT):
         return (
-            "this kernel has no CAN: 'sudo modprobe -a can_raw vcan', "
+            "this kernel has no CAN support: 'sudo modprobe -a can_raw vcan', "
             "or put 'scripts/vcan-vm' before the command"
         )
     if number in (errno.EPERM, errno.EACCES):
         return f"no permission for '{channel}' on {interface}: run as root"
     if "interface" not in args and isinstance(error, can.CanInterfaceNotImplementedError):
-        return "which bus? Say so with -i and -c, for example -i socketcan -c vcan0"
+        return "-i and -c are required to select the bus, for example -i socketcan -c vcan0"
     known = interfaces.INTERFACES.get(interface)
     if interfaces.driver_is_missing(error) or isinstance(
         error, can.CanInterfaceNotImplementedError
     ):
-        needs = known.needs if known else "a package or driver of its own, see python-can's pages"
+        needs = (
+            known.needs if known else "its own package or driver (see python-can's documentation)"
+        )
         return f"-i {interface} needs {needs} ({_first_line(error)})"
     plugged = f": is it plugged in? It opens as {known.options}" if known else ""
     return f"cannot open '{channel}' on {interface} ({_first_line(error)}){plugged}"

@@ -66,7 +66,7 @@ class Note:
             VerdictError: it has another length.
         """
         if len(payload) != 8:
-            raise VerdictError(f"lock step: a grant of {len(payload)} bytes: it has 8")
+            raise VerdictError(f"lock step: a grant has 8 bytes, got {len(payload)}")
         return cls(*struct.unpack(">BIHB", payload)[:3])
 
 
@@ -139,13 +139,13 @@ class _Heard:
                 self.take(frame)
             elif time.monotonic() > until:
                 raise VerdictError(
-                    f"lock step: {count - len(self.frames)} of the {count} frames {what} are lost"
+                    f"lock step: {count - len(self.frames)} of the {count} frames {what} were lost"
                 )
         if len(self.frames) > count:
             idents = ", ".join(f"0x{ident:03X}" for ident, _ in self.frames)
             raise VerdictError(
                 f"lock step: {len(self.frames)} frames {what} instead of {count} ({idents}): "
-                "another node sends some of them"
+                "another node sends frames with these identifiers"
             )
         frames, self.frames = self.frames, []
         return frames
@@ -219,8 +219,8 @@ class GrantedEcu:
             return self._heard.all(note.count, "of the ECU at its end", self._stop)
         if note.tick_us != self.tick_us:
             raise VerdictError(
-                f"lock step: the ECU now ticks every {note.tick_us / 1000:g} ms, "
-                f"it did every {self.tick_us / 1000:g} ms"
+                f"lock step: the ECU's tick changed to {note.tick_us / 1000:g} ms, "
+                f"it was {self.tick_us / 1000:g} ms"
             )
         return self._heard.all(note.count, f"of the ECU in tick {self._number}", self._stop)
 

@@ -32,13 +32,15 @@ class Outcome:
     """How the loop ended: why, the monotonic instants of plant time 0 and the end.
 
     ``loop``: lateness of every period against its deadline and its duration, ns, shape (n, 2);
-    none in lock step, which has no clock. Plant time 0 is then the instant 0.
+    none in lock step, which has no clock. Plant time 0 is then the instant 0. ``wall_ns``: how long
+    the loop took by the clock.
     """
 
     reason: str
     start_ns: int
     end_ns: int
     loop: NDArray[np.int64]
+    wall_ns: int
 
 
 def wait_for_ecu(link: Link, *, stop: Stop, timeout: float) -> bool:
@@ -99,7 +101,8 @@ def run(
                 reason = PEER_LOST
                 break
             deadline += step_ns * max(1, -(-(end - deadline) // step_ns))
-    return Outcome(reason, began, clock(), loop[:done])
+        ended = clock()
+    return Outcome(reason, began, ended, loop[:done], ended - began)
 
 
 def run_granting(
@@ -117,7 +120,7 @@ def run_granting(
     Raises:
         VerdictError: frames were lost, or another node sends the ECU's.
     """
-    reason = FINISHED
+    reason, began = FINISHED, time.monotonic_ns()
     try:
         for _ in ticks(
             world, ecu, tick_ns=1000 * ecu.tick_us, end_ns=duration_ns, offset_ns=offset_ns
@@ -133,4 +136,5 @@ def run_granting(
     except PeerLostError:
         reason = PEER_LOST
     ecu.end()
-    return Outcome(reason, 0, world.now_ns, np.zeros((0, 2), dtype=np.int64))
+    none = np.zeros((0, 2), dtype=np.int64)
+    return Outcome(reason, 0, world.now_ns, none, time.monotonic_ns() - began)

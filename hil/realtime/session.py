@@ -270,6 +270,7 @@ def timing_object(
         "plant_jitter_us": timing.quantiles(plant.loop[:, 0]),
         "plant_step_us": timing.quantiles(plant.loop[:, 1]),
         "pace": setup.pace,
+        "speed": 1e9 * float(plant.signals["time"][-1]) / int(plant.about["wall_ns"]),
         "frames": int(plant.about["sent"]) + int(ecu.about["sent"]),
         "frames_lost": 0 if setup.pace == "lockstep" else frames_lost(plant, ecu),
         "compilations": int(plant.about["compilations"]) + int(ecu.about["compilations"]),

@@ -57,7 +57,7 @@ class SideChannel:
         Frames stay on the bus: ``take`` is not called.
 
         Raises:
-            VerdictError: the plant has closed the connection.
+            VerdictError: the plant closed the connection.
         """
         until = time.monotonic() + timeout
         while len(self._received) < SIZE:
@@ -100,7 +100,7 @@ class SideChannel:
         if not data:
             self._drop()
             if self._listener is None:
-                raise VerdictError("lock step: the plant has closed the connection")
+                raise VerdictError("lock step: the plant closed the connection")
 
     def _drop(self) -> None:
         if self._connection is not None:
@@ -139,7 +139,7 @@ def connect(address: str, link: Link) -> SideChannel:
                 time.sleep(0.1)
                 continue
             raise CanrollError(
-                f"--side-channel {address}: no plant listens there ({error.strerror or error}): "
+                f"--side-channel {address}: no plant is listening ({error.strerror or error}): "
                 "start 'canroll plant --pace lockstep --side-channel HOST:PORT'"
             ) from error
         connection.settimeout(None)

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+import dbc
 from firmware.event_trigger import command_slot
 from firmware.signals import TX_IDS
 from hil.realtime.hardware import bus_record
@@ -22,7 +23,7 @@ ROWS = {
     "plant_step_us": "plant step duration",
 }
 """What is timed of a run in real time, and its name."""
-IMU = 0xA0
+IMU = dbc.ident("Imu")
 
 Times = NDArray[np.int64]
 

@@ -33,7 +33,8 @@ def timing_table(timing: Mapping[str, Any]) -> Table:
         "frames lost."
     )
     seen = [f"{line}." for line in bus_lines(timing)]
-    return Table("Real time", ("", *QUANTILES), rows, " ".join([told, *seen, *timing["notes"]]))
+    title = "Lock step" if timing["pace"] == "lockstep" else "Real time"
+    return Table(title, ("", *QUANTILES), rows, " ".join([told, *seen, *timing["notes"]]))
 
 
 def timing_figures(timing: Mapping[str, Any]) -> list[Figure]:

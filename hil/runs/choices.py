@@ -1,4 +1,4 @@
-"""What a run can be asked for, in one table.
+"""The choices of a run, in one table.
 
 :class:`Choices` are the keywords of :func:`canroll.run`. From their annotations come the options of
 every command, ``law=lqr,bus=500k`` of ``canroll compare``, what a calibration refuses beside it,
@@ -31,7 +31,7 @@ ON, OFF = ("on", "true", "1"), ("off", "false", "0")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """One thing that a run can be asked for.
+    """One choice of a run.
 
     Attributes:
         option: as it is written on a command line.
@@ -84,7 +84,7 @@ class Choice:
             allowed = f"{self.low:.10g} to {self.high:.10g}"
             if self.high == inf:
                 allowed = f"{self.low:g} or more" if self.low >= 1 or not self.low else "above 0"
-            raise CanrollError(f"{self.word} {value:g}{unit}: it must be {allowed}{unit}")
+            raise CanrollError(f"{self.word} {value:g}{unit}: must be {allowed}{unit}")
 
     def read(self, text: str) -> Any:  # noqa: ANN401
         """Return the value that ``text`` stands for.
@@ -95,14 +95,14 @@ class Choice:
         """
         if self.kind is bool:
             if text.lower() not in (*ON, *OFF):
-                raise CanrollError(f"{self.word}={text}: it is on or off")
+                raise CanrollError(f"{self.word} must be on or off, got {text!r}")
             return text.lower() in ON
         if not text:
             raise CanrollError(f"{self.option} must not be empty")
         try:
             value = self.kind(text)
         except ValueError as error:
-            raise CanrollError(f"{self.word}={text}: {text!r} is no number") from error
+            raise CanrollError(f"{self.word}={text}: {text!r} is not a number") from error
         self.check(value)
         return value
 
@@ -140,7 +140,7 @@ class Choices(TypedDict, total=False):
         str | Path | None,
         Choice(
             option="--calibration",
-            help="file that canroll design wrote, instead of a law",
+            help="calibration file written by canroll design, instead of a law",
             of=CONTROLLER,
             saved=False,
         ),
@@ -149,7 +149,7 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--actuator",
-            help="what moves the body",
+            help="actuators of the vehicle",
             of=WORLD,
             default="suspension",
             values=lambda: ACTUATORS,
@@ -160,7 +160,7 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--observer",
-            help="how the ECU estimates the roll",
+            help="roll observer of the ECU",
             of=CONTROLLER,
             default="two_sensors",
             values=lambda: OBSERVERS,
@@ -171,7 +171,7 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--plant",
-            help="vehicle model that is simulated",
+            help="simulated vehicle model",
             of=WORLD,
             default="roll1",
             values=lambda: BODIES,
@@ -193,7 +193,7 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--backend",
-            help="what runs the firmware; native where a C compiler is",
+            help="execution of the firmware; native if a C compiler is installed",
             of=RUN,
             values=lambda: BACKENDS,
         ),
@@ -202,7 +202,7 @@ class Choices(TypedDict, total=False):
         int | None,
         Choice(
             option="--seed",
-            help="of sensor noise, bias, phases and background traffic; same seed, same bytes",
+            help="random seed of sensor noise, bias, phases and background traffic",
             of=WORLD,
             default=0,
             low=0,
@@ -213,7 +213,7 @@ class Choices(TypedDict, total=False):
         float | None,
         Choice(
             option="--speed",
-            help="entry speed; by default the vehicle's own for the manoeuvre",
+            help="entry speed; by default that of the vehicle for the manoeuvre",
             of=WORLD,
             unit="km/h",
             low=TINY,
@@ -223,7 +223,7 @@ class Choices(TypedDict, total=False):
         float | None,
         Choice(
             option="--tick",
-            help="period of the ECU's loop, whole µs",
+            help="period of the ECU loop, in whole µs",
             of=CONTROLLER,
             default=10.0,
             unit="ms",
@@ -236,8 +236,8 @@ class Choices(TypedDict, total=False):
         float | None,
         Choice(
             option="--phase",
-            help="from the earliest arrival of an Imu frame to a tick; by default that of clocks "
-            "that start together, which is the seed's",
+            help="time from the earliest arrival of an Imu frame to a tick; by default drawn from "
+            "the seed",
             of=RUN,
             unit="ms",
             saved=False,
@@ -247,7 +247,7 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--trigger",
-            help="send a command when it matters, or every tick",
+            help="event-triggered commands, or one every tick",
             of=CONTROLLER,
             default="event",
             values=lambda: TRIGGERS,
@@ -272,7 +272,7 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--gains",
-            help="computed, or the numbers that the law's paper prints",
+            help="computed gains, or those printed in the law's paper",
             of=CONTROLLER,
             default="computed",
             values=lambda: GAINS,
@@ -302,6 +302,17 @@ class Choices(TypedDict, total=False):
             saved=False,
         ),
     ]
+    offset_learning: Annotated[
+        bool | None,
+        Choice(
+            option="--learn-offsets",
+            help="learn the offsets of the sensors while driving straight",
+            of=CONTROLLER,
+            default=False,
+            frozen_in_calibration=True,
+            saved=False,
+        ),
+    ]
     options: Annotated[
         Mapping[str, Any] | None,
         Choice(
@@ -314,7 +325,7 @@ class Choices(TypedDict, total=False):
         Sequence[str] | None,
         Choice(
             option="--fault",
-            help="a fault from START to END (s); WHERE is a signal of a sensor's message "
+            help="fault from START to END (s); WHERE is a signal of a sensor's message "
             "(Imu.RollRate=stuck@3:5; stuck, dropout, invalid, offset:VALUE, burst:VALUE in SI "
             "units) or an actuator's corner (front_left=weak:0.3@2; stuck, floating, weak:SHARE); "
             "may be repeated",
@@ -325,7 +336,7 @@ class Choices(TypedDict, total=False):
         Mapping[str, Any] | None,
         Choice(
             option="--condition",
-            help="sensors: noise, bias (1: as the vehicle file says), temperature (K above "
+            help="sensors: noise, bias (1: as in the vehicle file), temperature (K above "
             "calibration), drift, filtered, delayed, synchronous (on, off), phases.MESSAGE (s), "
             "lsb.MESSAGE.SIGNAL (SI units); actuators: supply (V), oil_temperature (°C), "
             "estimate_error, estimate_lag (s); may be repeated",
@@ -336,7 +347,7 @@ class Choices(TypedDict, total=False):
         float | None,
         Choice(
             option="--duration",
-            help="stop after so many seconds",
+            help="end of the run",
             of=RUN,
             unit="s",
             low=TINY,
@@ -381,9 +392,7 @@ def check(choices: Mapping[str, Any]) -> None:
         for name in without_frozen(choices, frozen=True):
             if choices[name] not in (None, PASSIVE):
                 choice = CHOICES[name]
-                raise CanrollError(
-                    f"--calibration fixes the {choice.word}: leave {choice.option} out"
-                )
+                raise CanrollError(f"--calibration fixes the {choice.word}: omit {choice.option}")
 
 
 def without_frozen(choices: Mapping[str, Any], *, frozen: bool = False) -> dict[str, Any]:

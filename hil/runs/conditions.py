@@ -88,9 +88,9 @@ def fault(text: str) -> SensorFault | ActuatorFault:
     if kind not in kinds:
         raise UnknownNameError(f"fault of {where}", kind, kinds)
     if amount and kind not in TAKES_VALUE:
-        raise CanrollError(f"fault '{text}': {kind} takes no value")
+        raise CanrollError(f"fault '{text}': {kind} does not take a value")
     if kind in NEEDS_VALUE and not amount:
-        raise CanrollError(f"fault '{text}': {kind} needs a value, as {kind}:0.1, in SI units")
+        raise CanrollError(f"fault '{text}': {kind} needs a value in SI units, e.g. {kind}:0.1")
     first, _, last = when.partition(":")
     try:
         start, end = float(first or 0.0), float(last or inf)
@@ -102,7 +102,7 @@ def fault(text: str) -> SensorFault | ActuatorFault:
     if not isfinite(value.get("value", 0.0)):
         raise CanrollError(f"fault '{text}': the value must be finite")
     if kind == "weak" and not 0 <= value.get("value", 0.5) <= 1:
-        raise CanrollError(f"fault '{text}': weak takes the share that is delivered, 0 to 1")
+        raise CanrollError(f"fault '{text}': weak needs the fraction of force delivered, 0 to 1")
     if at_sensor:
         return SensorFault(signal=where, kind=kind, start=start, end=end, **value)
     return ActuatorFault(corner=where, kind=kind, start=start, end=end, **value)
@@ -112,7 +112,7 @@ def _number(name: str, value: Any) -> float:  # noqa: ANN401
     try:
         number = float(value)
     except (TypeError, ValueError) as error:
-        raise CanrollError(f"condition {name}: {value!r} is no number") from error
+        raise CanrollError(f"condition {name}: {value!r} is not a number") from error
     if not isfinite(number) or (number < 0 and name not in SIGNED):
         least = "" if name in SIGNED else " and not below 0"
         raise CanrollError(f"condition {name}: {number:g} must be finite{least}")
@@ -122,5 +122,5 @@ def _number(name: str, value: Any) -> float:  # noqa: ANN401
 def _switch(name: str, value: Any) -> bool:  # noqa: ANN401
     text = str(value).lower()
     if text not in SWITCHES:
-        raise CanrollError(f"condition {name}: {value!r} is neither on nor off")
+        raise CanrollError(f"condition {name} must be on or off, got {value!r}")
     return SWITCHES[text]

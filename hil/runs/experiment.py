@@ -224,7 +224,7 @@ def assess(
         )
     warnings = list(controller.warnings)
     if settings.plant == "roll1" and settings.scenario in AT_THE_LIMIT:
-        warnings.append("roll1 knows no tyre limit and no wheel lift: use --plant nonlinear")
+        warnings.append("roll1 has no tyre limits and no wheel lift: use --plant nonlinear")
     if cycle is not None:
         warnings.append(str(cycle))
     without_roll = metrics.load_transfer_without_roll(

@@ -78,7 +78,7 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
     actuator = chosen(choices, "actuator")
     tick = 1e-3 * chosen(choices, "tick_ms")
     if round(tick * 1e9) % 1000:
-        raise CanrollError(f"tick {1e3 * tick:g} ms: the loop runs every 1 to 20 ms, whole µs")
+        raise CanrollError(f"tick {1e3 * tick:g} ms: must be 1 to 20 ms, in whole µs")
     if delay is None:
         command = COMMANDS[ACTUATOR_NUMBER[actuator]]
         delay = sample_to_force(vehicle, command, load_profile(chosen(choices, "bus")), tick=tick)
@@ -103,11 +103,12 @@ def options_of(choices: Mapping[str, Any]) -> Options:
     if not tick <= heartbeat < COMMAND_TIMEOUT:
         raise CanrollError(
             f"--heartbeat {1e3 * heartbeat:g}: it must be at least the tick and below the "
-            f"{1e3 * COMMAND_TIMEOUT:g} ms after which actuators let go"
+            f"{1e3 * COMMAND_TIMEOUT:g} ms after which actuators release"
         )
     return Options(
         event_trigger=chosen(choices, "trigger") == "event",
         identification=chosen(choices, "identification"),
+        offset_learning=chosen(choices, "offset_learning"),
         heartbeat=heartbeat,
     )
 

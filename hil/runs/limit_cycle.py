@@ -30,7 +30,7 @@ class LimitCycle:
 
     def __str__(self) -> str:
         return (
-            f"limit cycle: the command swings by ±{self.amplitude:.0f} N·m at "
+            f"limit cycle: the command oscillates by ±{self.amplitude:.0f} N·m at "
             f"{self.frequency:.1f} Hz from {self.start:.1f} s to {self.end:.1f} s"
         )
 

@@ -24,7 +24,7 @@ def check_suffix(path: Path) -> Path:
         CanrollError: it does not.
     """
     if path.suffix.lower() not in SUFFIXES:
-        raise CanrollError(f"{path}: the suffix of a log is one of {', '.join(SUFFIXES)}")
+        raise CanrollError(f"{path}: the suffix of a log must be one of {', '.join(SUFFIXES)}")
     return path
 
 

@@ -56,7 +56,7 @@ def checked_cycle_ns(tick_ns: int, phase_ns: int) -> int:
     cycle = cycle_ns(tick_ns)
     if not 0 <= phase_ns < cycle:
         raise CanrollError(
-            f"a phase of {phase_ns / 1e6:g} ms: it must be at least 0 and below {cycle / 1e6:g} ms"
+            f"the phase must be at least 0 and below {cycle / 1e6:g} ms, got {phase_ns / 1e6:g} ms"
         )
     return cycle
 
@@ -90,12 +90,12 @@ def earliest_arrival_ns(world: World) -> int:
     world.advance(LISTEN_NS)
     imu = _received(world.frames, segment)
     if not len(imu):
-        raise CanrollError("no Imu frame reaches the ECU: its ticks can have no phase")
+        raise CanrollError("no Imu frame reaches the ECU: the phase of its ticks is undefined")
     responses = imu["t_received"] - imu["t_origin"]
     if np.ptp(responses) > REGULAR_NS:
         raise CanrollError(
             f"Imu frames take {1e-6 * np.min(responses):.1f} to {1e-6 * np.max(responses):.1f} ms "
-            "on this bus: its ticks can have no phase against them"
+            "on this bus: the phase of the ticks is undefined"
         )
     return (int(imu["t_origin"][0]) + int(np.min(responses))) % IMU_PERIOD_NS
 

@@ -194,7 +194,7 @@ class Result:
         if active.rollover:
             return f"Control does not help: the vehicle rolls over; {text}"
         if self.limit_cycle is not None:
-            return f"The loop is not stable, {self.limit_cycle}; {text}"
+            return f"The loop is unstable, {self.limit_cycle}; {text}"
         if not self.rolls:
             return f"No roll to reduce: {text}"
         if self.pays:

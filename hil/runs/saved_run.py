@@ -73,7 +73,8 @@ def load(folder: Path) -> Result:
     """
     if not is_run(folder):
         raise CanrollError(
-            f"{folder}: no saved run: {RESULT} and {TRACE} are what 'canroll run --out' leaves"
+            f"{folder}: not a saved run (expected {RESULT} and {TRACE}, as written by "
+            "'canroll run --out')"
         )
     try:
         data = json.loads((folder / RESULT).read_text(encoding="utf-8"))
@@ -86,10 +87,12 @@ def load(folder: Path) -> Result:
         timing = data.get("timing", {})
         known = data["calibration_id"]
     except UNREADABLE as error:
-        raise CanrollError(f"{folder}: the saved run cannot be read: {error}") from error
+        raise CanrollError(f"{folder}: cannot read the saved run: {error}") from error
     passive = traces["passive"]
     if passive is None or known != loaded.record.id:
-        raise CanrollError(f"{folder}: {RESULT}, {TRACE} and {CALIBRATION} are not of one run")
+        raise CanrollError(
+            f"{folder}: {RESULT}, {TRACE} and {CALIBRATION} come from different runs"
+        )
     result = assess(
         settings, _controller(settings, loaded), passive, traces["controlled"], traces["replay"]
     )

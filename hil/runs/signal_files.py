@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, MissingExtraError
 
 SUFFIXES = (".csv", ".mf4")
 _UNITS = {
@@ -49,9 +49,11 @@ def check_suffix(path: Path) -> Path:
         CanrollError: another suffix, or the package for it is missing.
     """
     if path.suffix.lower() not in SUFFIXES:
-        raise CanrollError(f"{path}: the suffix of signals is one of {', '.join(SUFFIXES)}")
+        raise CanrollError(
+            f"{path}: the suffix of a signal file must be one of {', '.join(SUFFIXES)}"
+        )
     if path.suffix.lower() == ".mf4" and find_spec("asammdf") is None:
-        raise CanrollError("signals as .mf4 needs asammdf: .venv/bin/pip install -e '.[asammdf]'")
+        raise MissingExtraError("--signals FILE.mf4", "asammdf")
     return path
 
 

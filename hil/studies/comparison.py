@@ -102,7 +102,7 @@ def gather(
     for run in found:
         if run.result.settings.scenario != found[0].result.settings.scenario:
             raise CanrollError(
-                f"{found[0].name} is a {found[0].result.settings.scenario}, {run.name} a "
+                f"{found[0].name} is a {found[0].result.settings.scenario}, {run.name} is a "
                 f"{run.result.settings.scenario}: compare runs of one manoeuvre"
             )
     return found

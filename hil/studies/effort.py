@@ -64,7 +64,7 @@ class Driven:
         return float(np.mean(self.figures[:, MOMENT_RMS]))
 
     @property
-    def swings(self) -> bool:
+    def oscillates(self) -> bool:
         """Whether there were more limit cycles than chance explains."""
         return self.cycles > max(1, len(self.figures) // CHANCE)
 
@@ -133,7 +133,8 @@ def at_budget(drive_at: Callable[[float], Driven], budget: float) -> Driven:
             high = found
         elif factor == LARGEST_FACTOR:
             raise BudgetError(
-                f"stays below the RMS moment: {found.effort:.0f} N·m at {factor:g} times its gain",
+                f"does not reach the RMS moment: {found.effort:.0f} N·m at {factor:g} times its "
+                "gain",
                 found,
             )
         else:
@@ -162,6 +163,6 @@ def at_rest(drive_at: Callable[[float], Driven]) -> Driven:
     """
     for factor in BACKED_OFF:
         found = drive_at(factor)
-        if not found.swings:
+        if not found.oscillates:
             return found
     raise CanrollError(f"in a limit cycle even at {BACKED_OFF[-1]:g} times its gain")

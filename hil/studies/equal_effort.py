@@ -36,7 +36,7 @@ class Entry:
 
     Attributes:
         name: as the table calls it.
-        sensors: "S1": the paper's, roll rate alone; "S2": all; "": no sensors at all.
+        sensors: "roll_rate_only" (as in the paper), "all_sensors", or "" for none.
         keywords: what :func:`hil.runs.experiment.plan` is called with.
         scaled: to the common budget; a paper's law as printed is not.
         stiffer_bar: factor on the plant's roll stiffness instead of a law, or zero.
@@ -52,25 +52,31 @@ class Entry:
 ENTRIES = (
     Entry("passive", "", {"law": "passive"}, scaled=False),
     Entry("stiffer bar", "", {"law": "passive"}, scaled=False, stiffer_bar=1.3),
-    Entry("hinf_delay", "S1", {"law": "hinf_delay"}),
-    Entry("hinf_nodelay", "S1", {"law": "hinf_nodelay"}),
-    Entry("hinf_event", "S1", {"law": "hinf_event"}),
-    Entry("ay_feedforward", "S2", {"law": "ay_feedforward"}),
-    Entry("rate_feedforward", "S2", {"law": "rate_feedforward"}),
-    Entry("lqr, feedback only", "S2", {"law": "lqr", "feedforward": False}),
-    Entry("hinf, feedback only", "S2", {"law": "hinf", "feedforward": False}),
-    Entry("smc, feedback only", "S2", {"law": "smc", "feedforward": False}),
-    Entry("lqr", "S2", {"law": "lqr"}),
-    Entry("hinf", "S2", {"law": "hinf"}),
-    Entry("smc", "S2", {"law": "smc"}),
-    Entry("lqg_delay", "S2", {"law": "lqg_delay"}),
+    Entry("hinf_delay", "roll_rate_only", {"law": "hinf_delay"}),
+    Entry("hinf_nodelay", "roll_rate_only", {"law": "hinf_nodelay"}),
+    Entry("hinf_event", "roll_rate_only", {"law": "hinf_event"}),
+    Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
+    Entry("rate_feedforward", "all_sensors", {"law": "rate_feedforward"}),
+    Entry("lqr, feedback only", "all_sensors", {"law": "lqr", "feedforward": False}),
+    Entry("hinf, feedback only", "all_sensors", {"law": "hinf", "feedforward": False}),
+    Entry("smc, feedback only", "all_sensors", {"law": "smc", "feedforward": False}),
+    Entry("lqr", "all_sensors", {"law": "lqr"}),
+    Entry("hinf", "all_sensors", {"law": "hinf"}),
+    Entry("smc", "all_sensors", {"law": "smc"}),
+    Entry("lqg_delay", "all_sensors", {"law": "lqg_delay"}),
 )
 PRINTED = (
     Entry(
-        "hinf_delay as printed", "S1", {"law": "hinf_delay", "gains": "as_printed"}, scaled=False
+        "hinf_delay as printed",
+        "roll_rate_only",
+        {"law": "hinf_delay", "gains": "as_printed"},
+        scaled=False,
     ),
     Entry(
-        "hinf_event as printed", "S1", {"law": "hinf_event", "gains": "as_printed"}, scaled=False
+        "hinf_event as printed",
+        "roll_rate_only",
+        {"law": "hinf_event", "gains": "as_printed"},
+        scaled=False,
     ),
 )
 """Laws whose printed gains are for one vehicle: van_2021."""
@@ -107,7 +113,7 @@ class Row:
         figures: runs by :data:`FIGURES`, (runs, 8); NaN where it did not run.
         refused: why it cannot be compared, as that it did not run or misses the budget, or empty.
         cycles: how many runs were a limit cycle.
-        swings: whether that is more than chance explains.
+        oscillates: whether that is more than chance explains.
     """
 
     entry: Entry
@@ -115,7 +121,7 @@ class Row:
     figures: NDArray[np.float64]
     refused: str = ""
     cycles: int = 0
-    swings: bool = False
+    oscillates: bool = False
 
     @property
     def ran(self) -> bool:
@@ -160,7 +166,7 @@ class Comparison:
             return "reference"
         if row.refused:
             return row.refused
-        if row.swings:
+        if row.oscillates:
             return f"limit cycle in {row.cycles} of {self.runs} runs"
         roll = [self.against_reference(row, figure) for figure in ROLL]
         if any(difference.low > 0.0 for difference in roll):
@@ -218,7 +224,7 @@ def compare(
             at any gain.
     """
     if runs < 2:
-        raise CanrollError(f"--runs {runs}: paired intervals need at least 2")
+        raise CanrollError(f"--runs must be at least 2 for paired intervals, got {runs}")
     if entries is None:
         entries = (*ENTRIES, *(PRINTED if vehicle == "van_2021" else ()))
     common: dict[str, Any] = {"vehicle": vehicle, "bus": bus, **(conditions or {})}
@@ -233,7 +239,7 @@ def compare(
     try:
         found = at_rest(reference_at)
     except CanrollError as error:
-        raise CanrollError(f"{REFERENCE}, which sets the RMS moment of all, is {error}") from error
+        raise CanrollError(f"{REFERENCE}, the reference for the RMS moment, is {error}") from error
     rows = []
     for done, entry in enumerate(entries):
         if progress is not None:
@@ -281,7 +287,7 @@ def _row(
 
 
 def _of(entry: Entry, found: Driven, refused: str = "") -> Row:
-    return Row(entry, found.factor, found.figures, refused, found.cycles, found.swings)
+    return Row(entry, found.factor, found.figures, refused, found.cycles, found.oscillates)
 
 
 def table(comparison: Comparison) -> list[str]:

@@ -59,10 +59,10 @@ def spread_from(texts: Mapping[str, str]) -> dict[str, float]:
         try:
             share = float(text)
         except ValueError as error:
-            raise CanrollError(f"--spread {name}={text}: {text!r} is no number") from error
+            raise CanrollError(f"--spread {name}={text}: {text!r} is not a number") from error
         most = SHARE_MAX.get(name, 0.99)
         if not 0.0 <= share <= most:
-            raise CanrollError(f"--spread {name}={text}: a share from 0 to {most:g}")
+            raise CanrollError(f"--spread {name}={text}: must be a fraction from 0 to {most:g}")
         spread[name] = share
     return spread
 
@@ -106,7 +106,7 @@ def draw(
         if not any(problems(vehicle)):
             break
     else:
-        raise CanrollError("--spread: no possible vehicle in 100 draws: lower the shares")
+        raise CanrollError("--spread: no valid vehicle in 100 draws: reduce the spread")
     errors = {name: f"{factors[name] - 1.0:.6g}" for name in CONDITIONS if spread[name]}
     settings = replace(
         nominal,

@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Any
 
+import dbc
 from hil.watch.observation import (
     COMMAND_TO_ACKNOWLEDGEMENT,
     CONTROLLER,
@@ -39,7 +40,7 @@ TRACKS = {
     "faults": ("RollControlDiagnostics", ("ActiveTroubles",)),
 }
 """Tracks that are signals of a message. Beside them: the two delays (ms) and "load" (share)."""
-MODES = ("INIT", "ACTIVE", "DEGRADED", "SAFE")
+MODES = dbc.names("RollControlStatus", "Mode")
 
 Row = list[float | None]
 

@@ -102,8 +102,9 @@ def suspension_roll_stiffness(vehicle: Vehicle) -> float:
     hardest = 100 * plant.roll_stiffness
     if excess(hardest) >= 0:
         raise CanrollError(
-            f"{vehicle.name}: tyre.vertical_stiffness {vehicle.tyre.vertical_stiffness:g} N/m: the "
-            "tyres alone roll more than plant.roll_stiffness allows, raise one or lower the other"
+            f"{vehicle.name}: tyre.vertical_stiffness {vehicle.tyre.vertical_stiffness:g} N/m "
+            "makes the tyres alone softer in roll than plant.roll_stiffness: raise one or lower "
+            "the other"
         )
     softest = 1.001 * plant.roll_stiffness
     if excess(softest) < 0:

@@ -13,7 +13,7 @@ from typing import Final
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from plant_sim.buses.profile import BusProfile
-from plant_sim.can_bus.analysis import ErrorModel, response_bounds
+from plant_sim.can_bus.analysis import ErrorModel, ResponseBound, response_bounds
 from plant_sim.can_bus.profiles import (
     DEFAULT_COMMAND,
     MS,
@@ -116,8 +116,8 @@ def message_paths(
 def _finite(bound: int | None, message: BusMessage, profile: BusProfile) -> int:
     if bound is None:
         raise VerdictError(
-            f"bus profile '{profile.name}': {message.name} has no response bound:"
-            " lower the load or raise the bit rate"
+            f"bus profile '{profile.name}': the response time of {message.name} is unbounded:"
+            " reduce the load or raise the bit rate"
         )
     return bound
 
@@ -155,7 +155,7 @@ def delay_bounds(
         CanrollError: ``tick_ms`` is not above 0, or ``sensor`` is not a message of the bus.
     """
     if tick_ms <= 0.0:
-        raise CanrollError(f"tick {tick_ms} ms: it must be above 0")
+        raise CanrollError(f"the tick must be positive, got {tick_ms} ms")
     periods = {m.name: m.period_ns * _NS for m in own_messages(command)}
     if sensor not in periods:
         raise CanrollError(f"'{sensor}' is not a message of the bus: choose from {sorted(periods)}")
@@ -169,8 +169,8 @@ def delay_bounds(
     for name in (sensor, command):
         if name not in paths:
             raise VerdictError(
-                f"bus profile '{profile.name}': {name} has no response bound:"
-                " lower the load or raise the bit rate"
+                f"bus profile '{profile.name}': the response time of {name} is unbounded:"
+                " reduce the load or raise the bit rate"
             )
     return total_delay(
         paths[sensor],
@@ -192,29 +192,26 @@ def delay_bounds_of_set(
     bitrate: int,
     data_bitrate: int = 0,
     errors: ErrorModel | None = None,
-) -> DelayBounds | None:
+) -> DelayBounds | ResponseBound:
     """Return the bounds of the total delay over two messages of a set on one bus.
 
-    None where one of them has no response bound with the command sent in every tick.
+    Where one of them has no response bound with the command sent in every tick, return that one,
+    with its reason.
 
     Raises:
         CanrollError: the two are not two messages of the set.
     """
     sent = loop_messages(messages, sensor, command, tick_ms=tick_ms)
     bounds = response_bounds(sent, bitrate=bitrate, data_bitrate=data_bitrate, errors=errors)
-    paths = {
-        b.message.name: Path(
-            b.message.least_delivery_ns(bitrate, data_bitrate) * _NS, b.bound_ns * _NS
-        )
-        for b in bounds
-        if b.bound_ns is not None
-    }
-    if sensor not in paths or command not in paths:
-        return None
-    period = next(m.period_ns for m in sent if m.name == sensor)
-    return total_delay(
-        paths[sensor], paths[command], sensor_period_s=period * _NS, tick_s=tick_ms * 1e-3
-    )
+    found = {b.message.name: b for b in bounds}
+    paths = []
+    for bound in (found[sensor], found[command]):
+        if bound.bound_ns is None:
+            return bound
+        least = bound.message.least_delivery_ns(bitrate, data_bitrate)
+        paths.append(Path(least * _NS, bound.bound_ns * _NS))
+    period_s = found[sensor].message.period_ns * _NS
+    return total_delay(*paths, sensor_period_s=period_s, tick_s=tick_ms * 1e-3)
 
 
 def loop_messages(

@@ -87,14 +87,14 @@ def _converted(value: Any, default: Any, what: str) -> Any:  # noqa: ANN401
         known = {"on": True, "true": True, "1": True, "off": False, "false": False, "0": False}
         text = str(value).lower()
         if text not in known:
-            raise CanrollError(f"{what}: {value!r} is neither on nor off")
+            raise CanrollError(f"{what} must be on or off, got {value!r}")
         return known[text]
     if isinstance(default, str):
         return str(value)
     try:
         number = float(value)
     except (TypeError, ValueError) as error:
-        raise CanrollError(f"{what}: {value!r} is no number") from error
+        raise CanrollError(f"{what}: {value!r} is not a number") from error
     if not np.isfinite(number):
         raise CanrollError(f"{what}: {value!r} is not finite")
     return number
@@ -111,15 +111,15 @@ def _checked(name: str, given: dict[str, Any]) -> dict[str, Any]:
         checked[key] = _converted(value, known[key], f"option {key} of {name}")
     friction = checked.get("friction", 1.0)
     if not 0.05 <= friction <= 1.5:
-        raise CanrollError(f"friction {friction:g}: roads offer 0.05 to 1.5")
+        raise CanrollError(f"the friction must be 0.05 to 1.5, got {friction:g}")
     preview = checked.get("preview_time", 0.0)
     if preview != 0.0 and not 0.3 <= preview <= 3.0:
-        raise CanrollError(f"preview time {preview:g} s: a driver looks 0.3 to 3 s ahead")
+        raise CanrollError(f"the preview time must be 0.3 to 3 s, got {preview:g}")
     for key in ("radius", "length", "spacing", "duration", "scale"):
         if key in checked and checked[key] <= 0:
             raise CanrollError(f"option {key} of {name}: {checked[key]:g} must be positive")
     if abs(checked.get("bank_deg", 0.0)) > 30:
-        raise CanrollError(f"bank {checked['bank_deg']:g} degrees: roads bank up to 30")
+        raise CanrollError(f"the bank must be at most 30 degrees, got {checked['bank_deg']:g}")
     return checked
 
 
@@ -149,7 +149,7 @@ def build(
     speed = default_speed(name, vehicle) if speed is None else speed
     if not SLOWEST_KMH <= speed * 3.6 <= kind.fastest_kmh + 1e-6:
         raise CanrollError(
-            f"speed {speed * 3.6:g} km/h: the {kind.title} is driven at "
+            f"speed {speed * 3.6:g} km/h: the speed of the {kind.title} must be "
             f"{SLOWEST_KMH:g} to {kind.fastest_kmh:g} km/h"
         )
     chosen = {**options(name), **_checked(name, given)}

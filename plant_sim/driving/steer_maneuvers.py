@@ -109,14 +109,14 @@ def read_signal(path: Path) -> tuple[str, Vector, Vector]:
         try:
             time, value = (float(field) for field in row)
         except ValueError as error:
-            raise CanrollError(f"{path}: line {line}: needs two numbers, not {row}") from error
+            raise CanrollError(f"{path}: line {line}: expected two numbers, got {row}") from error
         if not np.isfinite([time, value]).all():
-            raise CanrollError(f"{path}: line {line}: not finite")
+            raise CanrollError(f"{path}: line {line}: not a finite number")
         if numbers and time <= numbers[-1][0]:
-            raise CanrollError(f"{path}: line {line}: time must grow")
+            raise CanrollError(f"{path}: line {line}: time must increase")
         numbers.append((time, value))
     if len(numbers) < 2:
-        raise CanrollError(f"{path}: needs at least two rows of numbers")
+        raise CanrollError(f"{path}: at least two rows of numbers are required")
     times, values = np.array(numbers).T
     return header[1], times - times[0], values
 

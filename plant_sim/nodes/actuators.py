@@ -147,11 +147,11 @@ def _check(kind: str, options: ActuatorOptions, timeout_ms: float) -> None:
     if kind not in KINDS:
         raise UnknownNameError("actuator", kind, KINDS)
     if abs(options.estimate_error) > 0.2:
-        raise CanrollError("actuators: estimate_error must lie within -0.2 and 0.2")
+        raise CanrollError("actuators: estimate_error must be from -0.2 to 0.2")
     if not timeout_ms > 0:
         raise CanrollError("actuators: the command timeout must be positive")
     if len(options.faults) > actuator_kernel.FAULTS:
-        raise CanrollError(f"actuators: at most {actuator_kernel.FAULTS} faults in a run")
+        raise CanrollError(f"actuators: at most {actuator_kernel.FAULTS} faults per run")
     for fault in options.faults:
         if fault.corner not in CORNERS:
             raise UnknownNameError("corner", fault.corner, CORNERS)

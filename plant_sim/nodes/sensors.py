@@ -205,7 +205,7 @@ def build(vehicle: Vehicle, *, options: SensorOptions, seed: int) -> Sensors:
     for name, step in options.lsb.items():
         channel[signal_channel(name), sensor_kernel.LSB] = step
     if len(options.faults) > sensor_kernel.FAULTS:
-        raise CanrollError(f"sensors: at most {sensor_kernel.FAULTS} faults in a run")
+        raise CanrollError(f"sensors: at most {sensor_kernel.FAULTS} faults per run")
     fault = np.full((sensor_kernel.FAULTS, 4), -1, dtype=np.int64)
     value = np.zeros(sensor_kernel.FAULTS)
     for number, entry in enumerate(options.faults):

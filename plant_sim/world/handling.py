@@ -58,7 +58,7 @@ def constant_radius(vehicle: Vehicle, body: Body, *, radius: float = 100.0) -> U
         CanrollError: the radius is below 20 m, where no driver holds a van's steady turn.
     """
     if not radius >= 20.0:
-        raise CanrollError(f"radius {radius:g} m: a steady-state circle has 20 m or more")
+        raise CanrollError(f"--radius must be at least 20 m, got {radius:g}")
     states = []
     for lateral in np.arange(0.5, 12.0, 0.5):
         speed = sqrt(lateral * radius)
@@ -81,7 +81,9 @@ def constant_radius(vehicle: Vehicle, body: Body, *, radius: float = 100.0) -> U
         )
     linear = [state for state in states if state.lateral_acceleration <= LINEAR_ACCELERATION]
     if len(linear) < 2:
-        raise VerdictError(f"{vehicle.name} reaches no steady turn on a circle of {radius:g} m")
+        raise VerdictError(
+            f"{vehicle.name} does not reach a steady turn on a circle of {radius:g} m"
+        )
     lateral = np.array([state.lateral_acceleration for state in linear])
     # What steering is left once the curvature really driven has had its share.
     beyond = [

@@ -64,7 +64,7 @@ def start(
     """
     if maneuver.drive.kind == ACCELERATION_TABLE and body.name != "roll1":
         raise CanrollError(
-            f"a lateral acceleration drives the plant roll1 alone: {body.name} makes its own, "
+            f"a lateral acceleration is an input of the plant roll1 only: {body.name} computes it, "
             "give it a steering-wheel angle"
         )
     state, parameters = body.build(vehicle, maneuver.speed)

@@ -29,7 +29,7 @@ FLAGS = [
     "--hide-scrollbars",
     "--remote-debugging-port=0",
 ]
-PATIENCE = 120.0
+PATIENCE = 1800.0
 
 
 class ProtocolError(Exception):

@@ -107,7 +107,7 @@ def test_missing_unknown_and_unsourced_keys():
     with pytest.raises(CanrollError, match="has no source"):
         vehicles.from_table(changed, name="x")
     changed = table() | {"schema": 2}
-    with pytest.raises(CanrollError, match="schema 2, this version reads 1"):
+    with pytest.raises(CanrollError, match="schema 2, but this version reads 1"):
         vehicles.from_table(changed, name="x")
 
 

@@ -143,7 +143,9 @@ def _cores(seen: Measurements) -> list[Finding]:
 def _others(core: Core, share: float) -> Finding:
     what = f"other programs used {100 * share:.0f} % of core {core.number}"
     if core.isolated:
-        return Finding(what, "it is isolated: who was put on it? 'ps -eLo psr,pid,comm'")
+        return Finding(
+            what, "it is isolated, so they were assigned to it: see 'ps -eLo psr,pid,comm'"
+        )
     return Finding(what, f"end them, or boot with isolcpus={core.number}")
 
 

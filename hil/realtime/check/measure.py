@@ -52,7 +52,7 @@ def measure(
         CanrollError: a duration that cannot be, or the bus cannot be opened.
     """
     if not 0.5 <= duration <= 3600:
-        raise CanrollError(f"--duration {duration:g}: 0.5 to 3600 s")
+        raise CanrollError(f"--duration must be 0.5 to 3600 s, got {duration:g}")
     places = _places()
     by_role = {place.role: place for place in places}
     ticks = _driven(settings, controller)

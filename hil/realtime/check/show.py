@@ -35,15 +35,15 @@ def show(answer: Mapping[str, Any]) -> None:
         console.print(f"{bus['lost']} frames did not come back")
     worst = max(answer["needed_us"].values())
     held = [f"{tick} ms {'yes' if ok else 'no'}" for tick, ok in answer["ticks"].items()]
-    console.print(f"\nticks that can be held: {', '.join(held)}")
+    console.print(f"\nticks this machine can keep: {', '.join(held)}")
     colour, word = ("green", "can") if answer["held"] else ("red", "cannot")
     console.print(
-        f"[{colour}]This machine {word} hold a tick of {answer['tick_ms']:g} ms:[/{colour}] "
-        f"at worst {worst:.0f} µs of the {500 * answer['tick_ms']:.0f} µs that the rule allows"
+        f"[{colour}]This machine {word} keep a tick of {answer['tick_ms']:g} ms:[/{colour}] "
+        f"at worst {worst:.0f} µs of the {500 * answer['tick_ms']:.0f} µs allowed by the rule"
     )
     console.print(f"rule: {answer['rule']}")
     if answer["findings"]:
-        console.print("\nfound, and what mends it:")
+        console.print("\nfound, with remedies:")
     for found in answer["findings"]:
         console.print(f"  {found['what']}: {found['remedy']}", markup=False)
 

@@ -41,7 +41,7 @@ class Child:
         if isinstance(answer, CanrollError):
             raise answer
         if answer is None:
-            raise CanrollError("a measuring process ended early, or was not ready in time")
+            raise CanrollError("a measuring process ended early or was not ready in time")
         return answer
 
     def end(self) -> None:

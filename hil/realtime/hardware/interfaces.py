@@ -126,7 +126,7 @@ def arguments_for(
     known = INTERFACES.get(name)
     if known is not None and known.bitrates and bitrate not in (None, *known.bitrates):
         rates = ", ".join(map(str, known.bitrates))
-        raise CanrollError(f"-b {bitrate}: {name} knows {rates}")
+        raise CanrollError(f"-b {bitrate}: {name} supports {rates}")
     if name == "socketcand":
         return {"tcp_tune": True}
     if name == "gs_usb" and not {"index", "bus", "address"} & set(bus_kwargs):

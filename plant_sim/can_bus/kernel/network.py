@@ -157,33 +157,38 @@ def _check(spec: NetworkSpec) -> None:
         ("log entries", spec.log_capacity, layout.MAX_LOG),
     ):
         if count > room:
-            raise CanrollError(f"a network has room for {room} {what}, not {count}")
+            raise CanrollError(f"a network holds at most {room} {what}, got {count}")
     for segment in spec.segments:
         check_rates(segment.bitrate, segment.data_bitrate)
         if not 0.0 <= segment.bit_error_rate < 1.0:
-            raise CanrollError(f"bit error rate {segment.bit_error_rate}: it must be in [0, 1)")
+            raise CanrollError(
+                f"the bit error rate must be in [0, 1), got {segment.bit_error_rate}"
+            )
     for node in spec.nodes:
         if not 0 <= node.segment < len(spec.segments):
             raise CanrollError(
-                f"node '{node.name}' sits on segment {node.segment}: no such segment"
+                f"node '{node.name}' is on segment {node.segment}, which does not exist"
             )
     for source in spec.sources:
         if source.period_ns <= 0:
-            raise CanrollError(f"message 0x{source.ident:X}: its period must be above 0")
+            raise CanrollError(f"message 0x{source.ident:X}: the period must be positive")
         check_frame(source.ident, source.length, source.flags)
 
 
 def check_rates(bitrate: int, data_bitrate: int) -> None:
     """Refuse bit rates that no CAN bus has; a ``data_bitrate`` of 0 stands for none."""
     if bitrate <= 0:
-        raise CanrollError(f"bit rate {bitrate} bit/s: it must be above 0")
+        raise CanrollError(f"the bit rate must be positive, got {bitrate} bit/s")
     if bitrate > MAX_BITRATE:
-        raise CanrollError(f"bit rate {bitrate} bit/s: at most {MAX_BITRATE} bit/s")
+        raise CanrollError(f"the bit rate must be at most {MAX_BITRATE} bit/s, got {bitrate}")
     if data_bitrate > MAX_DATA_BITRATE:
-        raise CanrollError(f"data bit rate {data_bitrate} bit/s: at most {MAX_DATA_BITRATE} bit/s")
+        raise CanrollError(
+            f"the data bit rate must be at most {MAX_DATA_BITRATE} bit/s, got {data_bitrate}"
+        )
     if data_bitrate and data_bitrate < bitrate:
         raise CanrollError(
-            f"data bit rate {data_bitrate} bit/s: at least the {bitrate} bit/s of arbitration"
+            f"the data bit rate must be at least the {bitrate} bit/s of arbitration, got "
+            f"{data_bitrate}"
         )
 
 
@@ -194,7 +199,7 @@ def check_frame(ident: int, length: int, flags: int) -> None:
             f"identifier 0x{ident:X} does not fit in {29 if flags & EXTENDED else 11} bits"
         )
     if not 0 <= length <= (64 if flags & FD else 8):
-        raise CanrollError(f"message 0x{ident:X}: a frame has no {length} payload bytes")
+        raise CanrollError(f"message 0x{ident:X}: {length} is not a valid payload length in bytes")
 
 
 def build_network(spec: NetworkSpec) -> Network:
@@ -251,7 +256,7 @@ def add_node(network: Network, node: Node) -> int:
     """
     number = int(network.clock[layout.NODE_COUNT])
     if number >= layout.MAX_NODES:
-        raise CanrollError(f"a network has room for {layout.MAX_NODES} nodes, not for another")
+        raise CanrollError(f"a network holds at most {layout.MAX_NODES} nodes")
     network.clock[layout.NODE_COUNT] = number + 1
     record = network.nodes[number : number + 1]
     record["segment"] = node.segment
@@ -282,7 +287,7 @@ def _add_faults(network: Network, spec: NetworkSpec, names: Sequence[str]) -> No
         record = network.part("faults")[i : i + 1]
         record["kind"] = _code("bus fault", FAULTS, fault.kind)
         if fault.kind == "refuse" and fault.target is None:
-            raise CanrollError("bus fault 'refuse' needs a node as its target")
+            raise CanrollError("bus fault 'refuse' needs a target node")
         target = -1 if fault.target is None else fault.target
         record["target"] = _number(names, target) if isinstance(target, str) else target
         record["from_ns"], record["until_ns"] = fault.from_ns, fault.until_ns

@@ -248,7 +248,7 @@ class Hub:
                 left = None if timeout_s is None else (limit - self.now_ns()) * 1e-9
                 self._room.wait(left)
             elif limit >= NEVER and self._stuck():
-                raise HubError("transmit queue full, and nobody acknowledges its frames")
+                raise HubError("transmit queue full, and no node acknowledges its frames")
             else:
                 turn = self._step(limit, turn)
 

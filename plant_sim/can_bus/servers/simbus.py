@@ -228,8 +228,8 @@ class SimBus(can.BusABC):
         if self.hub.unacknowledged and not self.hub.warned:
             self.hub.warned = True
             _LOGGER.warning(
-                "simbus %s: nobody acknowledges, as the node is alone on the bus, and sends again"
-                " and again (acknowledge=True adds a silent node that does)",
+                "simbus %s: no acknowledgement, because the node is alone on the bus; it "
+                "retransmits without end (acknowledge=True adds a silent node that acknowledges)",
                 self.channel,
             )
 

@@ -92,7 +92,7 @@ class SocketcandServer:
         lost: frames that slow clients did not get.
         refused: connections closed because of malformed or oversized input.
         dropped: frames of clients that nobody took in time.
-        fd_frames: FD frames that no client could be given.
+        fd_frames: FD frames not deliverable to any client.
     """
 
     def __init__(

@@ -81,6 +81,6 @@ def serve_network(
         except KeyboardInterrupt:
             announce(
                 f"{server.lost} frames lost to slow clients, {server.refused} refused,"
-                f" {server.fd_frames} FD frames that no client could be given"
+                f" {server.fd_frames} FD frames not deliverable to any client"
             )
         return server

@@ -59,11 +59,11 @@ def background_messages(
     """
     taken = utilisation(own, bitrate)
     if not 0.0 < load < 1.0 or not 0.0 <= above <= 1.0:
-        raise CanrollError(f"bus load {load}, share above {above}: both must lie within 0 and 1")
+        raise CanrollError(f"bus load {load}, share above {above}: both must be from 0 to 1")
     if taken > load:
         raise CanrollError(
-            f"the own messages take {taken:.0%} of {bitrate} bit/s, more than the load of"
-            f" {load:.0%}: raise the bit rate or the load"
+            f"the controller's messages take {taken:.0%} of {bitrate} bit/s, above the requested "
+            f"load of {load:.0%}: raise the bit rate or the load"
         )
     used = {message.ident for message in own}
     highest = [i for i in range(0x10, min(used, default=0x400)) if i not in used]

@@ -62,12 +62,12 @@ def load_traffic(
     """
     suffix = path.suffix.lower()
     if suffix not in {".dbc", ".toml"}:
-        raise CanrollError(f"{path}: a traffic set is a .dbc or a .toml file")
+        raise CanrollError(f"{path}: a traffic set must be a .dbc or .toml file")
     if not path.is_file():
         raise CanrollError(f"{path}: no such file")
     traffic = _from_dbc(path) if suffix == ".dbc" else _from_toml(path)
     if not traffic.messages:
-        raise CanrollError(f"{path}: no periodic message in it")
+        raise CanrollError(f"{path}: contains no periodic message")
     for name, count in Counter(message.name for message in traffic.messages).items():
         if count > 1:
             raise CanrollError(f"{path}: two messages are named '{name}'")
@@ -155,7 +155,7 @@ def _from_toml(path: Path) -> Traffic:
     data_bitrate = table.get("data_bitrate", 0)
     for key, value in (("bitrate", bitrate), ("data_bitrate", data_bitrate)):
         if type(value) is not int or value < (key == "bitrate"):
-            raise CanrollError(f"{path}: {key} = {value!r}: it must be a whole number above 0")
+            raise CanrollError(f"{path}: {key} = {value!r}: must be an integer above 0")
     rows = table.get("message", [])
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
         raise CanrollError(f"{path}: messages are tables [[message]]")
@@ -178,14 +178,14 @@ def _toml_message(path: Path, place: int, row: dict[str, Any]) -> BusMessage:
         value = row.get(key, default)
         if isinstance(value, bool) or not isinstance(value, int | float) or not value >= least:
             raise CanrollError(
-                f"{where}: {key} = {value!r}: it must be a number, at least {least:g}"
+                f"{where}: {key} = {value!r}: must be a number of at least {least:g}"
             )
         return float(value)
 
     def whole(key: str, default: int = 0) -> int:
         value = row.get(key, default)
         if type(value) is not int or value < 0:
-            raise CanrollError(f"{where}: {key} = {value!r}: it must be a whole number, 0 or more")
+            raise CanrollError(f"{where}: {key} = {value!r}: must be an integer of at least 0")
         return value
 
     flags = (

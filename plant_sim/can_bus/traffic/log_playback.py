@@ -98,7 +98,7 @@ def load_recording(
     duration = max(times, default=0.0) - min(times, default=0.0)
     kept = np.array([(m.arbitration_id, m.is_extended_id) not in leave_out for m in messages], bool)
     if not kept.any():
-        raise CanrollError(f"{path}: no frame to replay in it")
+        raise CanrollError(f"{path}: contains no frame to replay")
     payload = np.zeros((len(messages), MAX_PAYLOAD), np.uint8)
     ident = np.array([m.arbitration_id for m in messages], np.int64)
     length = np.array([min(m.dlc, MAX_PAYLOAD if m.is_fd else 8) for m in messages], np.int64)

@@ -153,12 +153,14 @@ class CaptureReader(BinaryIOMessageReader):
             else:
                 yield from _pcap(data)
         except (error, IndexError) as broken:
-            raise CanrollError("cut off within a frame") from broken
+            raise CanrollError("truncated within a frame") from broken
 
 
 def _check_link_type(found: int) -> None:
     if found != LINK_TYPE:
-        raise CanrollError(f"a capture of link type {found}: only {LINK_TYPE}, SocketCAN, is read")
+        raise CanrollError(
+            f"a capture of link type {found}: only {LINK_TYPE} (SocketCAN) is supported"
+        )
 
 
 def _pcap(data: bytes) -> Iterator[can.Message]:

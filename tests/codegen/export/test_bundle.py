@@ -3,12 +3,13 @@
 import re
 import shutil
 import subprocess
+from importlib.metadata import version
 
 import cantools
 import pytest
 
 from canroll.errors import CanrollError
-from codegen.export import a2l, bundle
+from codegen.export import a2l, bundle, flash, interrupts
 from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.run import cortex, ecu_traffic, memory_image, native
@@ -63,7 +64,7 @@ def make(folder, *goals):
         ["make", "-C", str(folder), *goals],
         capture_output=True,
         text=True,
-        timeout=200,
+        timeout=1800,
         check=False,
     )
 
@@ -112,16 +113,159 @@ def test_the_same_vectors_pass_on_a_bare_cortex_m(folder):
     assert base["ecu"] >= 0x20000000 > base["calibration"]
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(not shutil.which("cmake"), reason="needs cmake")
-def test_cmake_builds_it_too(folder, tmp_path):
-    for command in (
-        ["cmake", "-S", str(folder), "-B", str(tmp_path)],
-        ["cmake", "--build", str(tmp_path)],
-        ["ctest", "--test-dir", str(tmp_path)],
-    ):
-        result = subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
+def runs(*commands):
+    for command in commands:
+        result = subprocess.run(
+            [str(part) for part in command],
+            capture_output=True,
+            text=True,
+            timeout=1800,
+            check=False,
+        )
         assert result.returncode == 0, result.stderr + result.stdout
+    return result.stdout
+
+
+needs_cmake = pytest.mark.skipif(not shutil.which("cmake"), reason="needs cmake")
+
+
+@pytest.mark.slow
+@needs_cmake
+def test_cmake_builds_it_too(folder, tmp_path):
+    runs(
+        ["cmake", "-S", folder, "-B", tmp_path],
+        ["cmake", "--build", tmp_path],
+        ["ctest", "--test-dir", tmp_path],
+    )
+
+
+USER = """cmake_minimum_required(VERSION 3.15)
+project(user LANGUAGES C)
+{canroll}
+add_executable(user main.c)
+target_link_libraries(user canroll::canroll)
+"""
+MAIN = """#include "canroll.h"
+#include "canroll_epk.h"
+#include "canroll_gains.h"
+static const canroll_calibration calibration = CANROLL_CALIBRATION_INITIALISER;
+static canroll_ecu ecu;
+int main(void) { return canroll_init(&ecu, &calibration) != 0 || canroll_epk[0] != 'c'; }
+"""
+
+
+@pytest.mark.slow
+@needs_cmake
+def test_cmake_takes_it_as_a_part_of_another_project(folder, tmp_path):
+    (tmp_path / "main.c").write_text(MAIN)
+    text = f"add_subdirectory({folder} canroll)"
+    (tmp_path / "CMakeLists.txt").write_text(USER.format(canroll=text))
+    build = tmp_path / "build"
+    runs(["cmake", "-S", tmp_path, "-B", build], ["cmake", "--build", build], [build / "user"])
+    # its tests are not those of the project around it
+    assert not list(build.rglob("canroll_test*"))
+    assert "CANROLL_TESTS:BOOL=OFF" in (build / "CMakeCache.txt").read_text()
+
+
+@pytest.mark.slow
+@needs_cmake
+def test_cmake_installs_a_package_of_its_version(folder, tmp_path):
+    installed, build = tmp_path / "installed", tmp_path / "build"
+    runs(
+        ["cmake", "-S", folder, "-B", build, "-DCANROLL_TESTS=OFF"],
+        ["cmake", "--build", build],
+        ["cmake", "--install", build, "--prefix", installed],
+    )
+    (tmp_path / "main.c").write_text(MAIN)
+    text = f"find_package(canroll {version('canroll')} REQUIRED)"
+    (tmp_path / "CMakeLists.txt").write_text(USER.format(canroll=text))
+    user = tmp_path / "user"
+    prefix = f"-DCMAKE_PREFIX_PATH={installed}"
+    runs(
+        ["cmake", "-S", tmp_path, "-B", user, prefix],
+        ["cmake", "--build", user],
+        [user / "user"],
+    )
+    (tmp_path / "CMakeLists.txt").write_text(
+        USER.format(canroll="find_package(canroll 99.0 REQUIRED)")
+    )
+    command = ["cmake", "-S", str(tmp_path), "-B", str(tmp_path / "newer"), prefix]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=1800, check=False)
+    assert result.returncode != 0
+    assert "compatible" in result.stderr
+
+
+@pytest.mark.slow
+@needs_cmake
+@pytest.mark.skipif(not shutil.which("arm-none-eabi-gcc"), reason="needs arm-none-eabi-gcc")
+def test_cmake_builds_for_a_bare_cortex_m(folder, tmp_path):
+    toolchain = folder / "cmake" / "arm-none-eabi.cmake"
+    runs(
+        ["cmake", "-S", folder, "-B", tmp_path, f"-DCMAKE_TOOLCHAIN_FILE={toolchain}"],
+        ["cmake", "--build", tmp_path],
+    )
+    library = tmp_path / "libcanroll.a"
+    told = runs(["arm-none-eabi-readelf", "-A", library])
+    assert "Tag_CPU_name" in told and "v7E-M" in told
+    assert "canroll_tick" in runs(["arm-none-eabi-nm", library])
+
+
+CXX = """#include "canroll.h"
+#include "canroll_epk.h"
+#include "canroll_gains.h"
+static const canroll_calibration calibration = CANROLL_CALIBRATION_INITIALISER;
+static canroll_ecu ecu;
+int main()
+{
+    const uint8_t payload[8] = { 0 };
+    if (canroll_init(&ecu, &calibration) != 0) return 1;
+    canroll_receive(&ecu, 0, payload, canroll_signals_rx_lengths[0]);
+    canroll_tick(&ecu, &calibration, 1);
+    return ecu.time == 1 && canroll_epk[0] == 'c' ? 0 : 1;
+}
+"""
+
+
+@pytest.mark.skipif(not shutil.which("g++"), reason="needs g++")
+def test_its_headers_suit_cxx(folder, tmp_path):
+    (tmp_path / "main.cpp").write_text(CXX)
+    flags = ["-O1", "-Wall", "-Wextra", "-Wpedantic", "-Werror", f"-I{folder / 'include'}"]
+    sources = sorted((folder / "src").glob("*.c"))
+    objects = [tmp_path / f"{path.stem}.o" for path in sources]
+    for source, out in zip(sources, objects, strict=True):
+        runs([native.compiler(), "-std=c99", *flags, "-c", source, "-o", out])
+    program = tmp_path / "program"
+    runs(
+        ["g++", "-std=c++11", *flags, tmp_path / "main.cpp", *objects, "-o", program],
+        [program],
+    )
+
+
+def test_a_calibration_goes_to_a_programmer(tmp_path):
+    bincopy = pytest.importorskip("bincopy", reason="needs canroll[target]")
+    record = ecu_traffic.random_calibration(4)
+    for path in flash.write(tmp_path, record, 0x0803_F000):
+        file = bincopy.BinFile(str(path))
+        assert file.minimum_address == 0x0803_F000
+        assert bytes(file.as_binary()) == memory_image.image(record)
+    for address in (2, -4, 2**32 - 4):
+        with pytest.raises(CanrollError, match="multiple of 4"):
+            flash.write(tmp_path, record, address)
+
+
+@pytest.mark.skipif(not cortex.has_gcc_and_qemu(), reason="needs arm-none-eabi-gcc and QEMU")
+def test_the_image_says_which_tool_and_calibration_it_is_of(folder):
+    assert make(folder, "example.elf").returncode == 0
+    header = (folder / "include" / "canroll_epk.h").read_text()
+    image = (folder / "example.elf").read_bytes()
+    assert re.search(r'CANROLL_EPK "(.*)"', header)[1].encode() + b"\0" in image
+    assert memory_image.image(ecu_traffic.random_calibration(3)) in image
+
+
+def test_the_readme_tells_what_an_interrupt_shares(folder):
+    text = (folder / "README.md").read_text()
+    assert interrupts.table() in text
+    assert "| `rx_fresh` | writes | reads, writes |" in text
 
 
 def test_the_image_has_the_name_that_the_a2l_asks_for(folder):
@@ -178,7 +322,7 @@ def test_receive_reads_no_more_than_the_frame_has(tmp_path):
     sources = [str(path) for path in sorted(tmp_path.glob("*.c"))]
     build = [native.compiler(), *flags, "-o", str(program), *sources]
     for command in (build, [str(program)]):
-        result = subprocess.run(command, capture_output=True, text=True, timeout=200, check=False)
+        result = subprocess.run(command, capture_output=True, text=True, timeout=1800, check=False)
         assert result.returncode == 0, result.stderr
 
 
@@ -189,4 +333,4 @@ def test_the_readme_leaves_no_gap(folder):
 
 def test_an_image_without_the_records_is_refused(tmp_path):
     with pytest.raises(CanrollError, match="no such image"):
-        export_c.address(tmp_path, tmp_path / "none.elf")
+        export_c.address(tmp_path, tmp_path / "none.elf", None)

@@ -180,7 +180,7 @@ def test_c_gives_the_bytes_of_python(bus):
             'signals.Yaw = "yaw_rate"\nsignals.Lateral = "lat',
             "pages 2, 5",
         ),
-        ('signals.Right = "force[1]"', 'signals.Other = "force[1]"', "map those of one page"),
+        ('signals.Right = "force[1]"', 'signals.Other = "force[1]"', "map the signals of one page"),
         ("signals.Left", 'signals.Page = "mode"\nsignals.Left', "Page is the selector"),
         (
             'signals.Left = "force[0]"\nsignals.Right = "force[1]"\n',

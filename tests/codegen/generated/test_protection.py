@@ -352,7 +352,7 @@ def test_only_the_frames_that_have_a_data_id_are_protected(tmp_path):
         ('{ profile = "own", checksum = { method = "crc8", byte = 0 } }', "polynomial"),
         ('{ profile = "own", checksum = { method = "xor", byte = 5 } }', "inside 40 bits"),
         ('{ profile = "own", checksum = { method = "xor", signal = "Mod" } }', "'Mode'"),
-        ('{ profile = "own", checksum = { method = "xor", signal = "Mode" } }', "one whole byte"),
+        ('{ profile = "own", checksum = { method = "xor", signal = "Mode" } }', "exactly one byte"),
         ('{ profile = "own", counter = { bit = 6 } }', "inside one byte"),
         ('{ profile = "own", counter = { bit = 0, values = 17 } }', "17 values"),
     ],

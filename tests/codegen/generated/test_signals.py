@@ -187,7 +187,7 @@ def test_a_users_big_endian_bus_with_offsets_and_no_e2e(tmp_path):
         ('"Yaw"', '"Jaw"', "did you mean 'Yaw'"),
         ("signals.Rate", "signals.Rat", "did you mean 'Rate'"),
         ('"roll_rate"', '"roll_rte"', "did you mean 'roll_rate'"),
-        ('"roll_rate"', '"speed"', "'deg/s' is no unit of speed"),
+        ('"roll_rate"', '"speed"', "'deg/s' does not match speed"),
         ('"roll_rate"', '"stroke_rate"', "shape"),
         ('"roll_rate"', '"stroke_rate[4]"', "4 elements"),
         ('"roll_rate"', '"roll_rate + 1"', "field & mask"),

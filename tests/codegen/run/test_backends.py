@@ -148,5 +148,5 @@ def test_images_round_trip():
 @needs_cc
 def test_a_compiler_that_fails_is_reported(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    with pytest.raises(CanrollError, match="can't build the firmware"):
+    with pytest.raises(CanrollError, match="cannot build the firmware"):
         native.build({"canroll.h": "#error no\n"})

@@ -108,15 +108,6 @@ def test_what_the_paper_prints_needs_feedback_on_the_road():
     assert reduction_db(printed, printed.a - b @ roads, hop) > 15.0
 
 
-def test_ideal_law_is_told_apart_and_refused_for_an_ecu():
-    ideal = design("lqr_full_car_ideal", task())
-    assert not ideal.solution.deployable
-    assert ideal.is_verified
-    assert ideal.solution.extra["roll_db"] > 4.3
-    with pytest.raises(CanrollError, match="no ECU can run it"):
-        calibrate(ideal)
-
-
 def test_compensator_keeps_the_benefit_of_the_full_state(answer):
     """From the inertial sensors alone, at most eight states, at least 85 % of the benefit."""
     compensator = answer.controller.compensator

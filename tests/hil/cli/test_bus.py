@@ -30,13 +30,13 @@ def traffic(folder, *, period):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--serve", "99999"], "a port is 0 to 65535"),
+        (["--serve", "99999"], "the port must be 0 to 65535"),
         (["--bitrate", "2000000"], "at most 1000000 bit/s"),
-        (["--data-bitrate", "250000"], "data bit rate 250000 bit/s: at least the 500000"),
-        (["--data-bitrate", "9000000"], "data bit rate 9000000 bit/s: at most 8000000"),
-        (["--serve", "--replay", "x.log"], "--serve takes no --replay"),
+        (["--data-bitrate", "250000"], "the data bit rate must be at least the 500000"),
+        (["--data-bitrate", "9000000"], "the data bit rate must be at most 8000000"),
+        (["--serve", "--replay", "x.log"], "--serve and --replay exclude each other"),
         (["--simulate", "0", "--replay", "x.log"], "--replay needs --simulate above 0"),
-        (["--channel", "1"], "--channel is one of a log: give --replay"),
+        (["--channel", "1"], "--channel selects a channel of a log: --replay is required"),
         (["--sensor", "SuspensionForceCommand"], "both sensor and command"),
         (["--sensor", "Imi"], "did you mean 'Imu'?"),
         (["--command", "SuspensionForce"], "did you mean 'SuspensionForceCommand'?"),
@@ -57,6 +57,14 @@ def test_an_overloaded_bus_fails_its_verdict_behind_the_whole_answer(tmp_path, c
     assert "without a bound, bus overloaded" in text.out
     assert "Imu to SuspensionForceCommand" in text.out
     assert text.err == ""
+
+
+def test_a_tick_too_fast_for_the_bus_fails_the_verdict(tmp_path, capsys):
+    command = ["bus", traffic(tmp_path, period=10), "-b", "125000", "--simulate", "0.1", "--tick"]
+    assert main([*command, "2.5"]) == 0
+    assert main([*command, "1"]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert "no bound of the delay, Imu: bus overloaded at this priority; sample-to-force" in text
 
 
 def test_an_identifier_used_twice_fails_the_verdict(tmp_path, capsys):
@@ -103,7 +111,7 @@ def test_beside_a_recording_there_is_no_bound(tmp_path, capsys):
     command = ["bus", traffic(tmp_path, period=10), "--simulate", "1", "--replay", log]
     assert main(command) == 0
     text = " ".join(capsys.readouterr().out.split())
-    assert "without a bound, beside a recording, whose periods nobody knows: Imu, Susp" in text
+    assert "without a bound, no bound: the periods of a recording are unknown: Imu, Susp" in text
     assert "age at most" not in text
     assert main([*command, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)

@@ -17,7 +17,7 @@ pytestmark = [
 
 def test_half_a_bus_is_refused(tmp_path):
     args = parse(["export-c", str(tmp_path), "--dbc", "own.dbc"])
-    with pytest.raises(CanrollError, match="--dbc and --map belong together"):
+    with pytest.raises(CanrollError, match="--dbc and --map require each other"):
         export_c.run(args)
 
 

@@ -40,10 +40,10 @@ def test_limit_of_the_fishhook_rises_with_control(capsys):
     [
         (["limit", "fishhok"], "did you mean 'fishhook'"),
         (["limit", "fishhook", "--from", "90", "--to", "50"], "--from must lie below --to"),
-        (["limit", "fishhook", "--speed", "60"], "takes no --speed 60"),
+        (["limit", "fishhook", "--speed", "60"], "does not take --speed 60"),
         (["limit", "fishhook", "--tolerance", "0"], "tolerance"),
         (["understeer", "--vehicle", "vna_real"], "did you mean 'van_real'"),
-        (["understeer", "--radius", "3"], "20 m or more"),
+        (["understeer", "--radius", "3"], "--radius must be at least 20 m"),
         (["response", "--speed", "-5"], "20 to 200 km/h"),
         (["response", "--plant", "nonliner"], "did you mean 'nonlinear'"),
     ],

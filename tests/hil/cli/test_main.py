@@ -51,7 +51,7 @@ def test_an_unknown_option_names_the_commands_own_help(capsys, command):
     command(lambda args: 0)
     assert cli.main(["run", "--cuont", "3", "more"]) == 2
     error = capsys.readouterr().err
-    assert error == "canroll: 'run' takes no --cuont 3 more (see 'canroll run --help')\n"
+    assert error == "canroll: 'run' does not take --cuont 3 more (see 'canroll run --help')\n"
 
 
 def test_wrong_option_is_one_line(capsys, command):
@@ -93,7 +93,7 @@ def test_a_closed_pipe_is_quiet():
         executable="/bin/bash",
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=1800,
         check=True,
     )
     assert process.stderr == ""
@@ -105,7 +105,7 @@ def test_help_loads_no_heavy_package():
         "print(sorted({'numpy','numba','scipy','cvxpy','matplotlib','rich'} & set(sys.modules)))"
     )
     process = subprocess.run(
-        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=1800, check=True
     )
     assert process.stdout.splitlines()[-1] == "[]"
 
@@ -113,8 +113,8 @@ def test_help_loads_no_heavy_package():
 @pytest.mark.parametrize(
     ("package", "line"),
     [
-        ("elftools", "needs elftools/unicorn/ziglang: .venv/bin/pip install -e '.[target]'"),
-        ("asammdf", "needs asammdf: .venv/bin/pip install -e '.[asammdf]'"),
+        ("unicorn", "needs bincopy, unicorn and ziglang: pip install 'canroll[target]'"),
+        ("asammdf", "needs asammdf: pip install 'canroll[asammdf]'"),
     ],
 )
 def test_a_missing_extra_is_a_line_that_says_how_to_install_it(

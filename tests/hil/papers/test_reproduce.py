@@ -215,7 +215,7 @@ def test_gains_behind_the_tables(viadero):
 )
 def test_limit_cycles_come_of_what_the_design_model_leaves_out(scenario, keywords):
     """The reason that the rows give: the same gain on the same net rests on the 1-DOF model."""
-    assert "leaves out" in cycle_reason(experiment.run(scenario, **keywords))
+    assert "missing from the design model" in cycle_reason(experiment.run(scenario, **keywords))
     model = experiment.run(scenario, **{**keywords, "plant": "roll1"})
     assert cycle_reason(model) == ""
 

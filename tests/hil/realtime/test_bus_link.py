@@ -147,16 +147,16 @@ def test_why_a_bus_does_not_open_is_one_line(error, mends):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["ecu", "-i", "socketcan", "-c", "nosuch0"], "which controller?"),
+        (["ecu", "-i", "socketcan", "-c", "nosuch0"], "--calibration FILE is required"),
         (["ecu", "--calibration", "nosuch.toml"], "cannot read calibration"),
         (["watch", "-i", "socketcand", "-c", "plant"], "host=127.0.0.1"),
-        (["watch", "--duration", "-1"], "not negative"),
+        (["watch", "--duration", "-1"], "must be at least 0"),
         (["plant", "nosuch"], "unknown scenario"),
         (["plant", "double_lane_change", "--actuator", "bras"], "did you mean 'bars'?"),
         (["plant", "double_lane_change", "--serve", "here"], "HOST:PORT"),
         (["plant", "double_lane_change", "--wait", "0", "--signals", "a.txt"], ".csv, .mf4"),
         (["hil", "nosuch"], "unknown scenario"),
-        (["hil", "double_lane_change", "-i", "virtual", "-c", "x"], "inside one process"),
+        (["hil", "double_lane_change", "-i", "virtual", "-c", "x"], "within one process"),
         (
             [
                 "hil",
@@ -173,9 +173,9 @@ def test_why_a_bus_does_not_open_is_one_line(error, mends):
                 "sjw=1",
                 "nof_samples=1",
             ],
-            "--timing is for one program",
+            "--timing applies to one program",
         ),
-        (["hil", "double_lane_change", "--serve", "a:1", "-i", "socketcan"], "leave out -i"),
+        (["hil", "double_lane_change", "--serve", "a:1", "-i", "socketcan"], "omit -i"),
         (["ecu", "--replay", "nosuch.npz"], "cannot read"),
         (["watch", "--port", "80"], "add --web"),
         (["watch", "--host", "::"], "add --web"),

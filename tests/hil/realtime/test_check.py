@@ -246,18 +246,18 @@ def test_the_check_on_the_terminal(capsys):
     code = main(["hil", "--check", "--duration", "0.5"])
     said = capsys.readouterr().out
     word = {0: "can", 1: "cannot"}[code]
-    assert f"This machine {word} hold a tick of 10 ms" in said
+    assert f"This machine {word} keep a tick of 10 ms" in said
     assert "tick of the firmware" in said
 
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--check", "--out", "x"], "leave --out out"),
+        (["--check", "--out", "x"], "omit --out"),
         (["--check", "--duration", "0"], "0.5 to 3600 s"),
         (["--check", "-i", "socketcan", "-c", "nosuch0"], "nosuch0"),
         (["--check", "no_manoeuvre"], "unknown scenario"),
-        ([], "which manoeuvre?"),
+        ([], "a manoeuvre is required"),
     ],
 )
 def test_what_cannot_be_checked_is_one_line(arguments, says, capsys, tmp_path, monkeypatch):

@@ -49,9 +49,9 @@ def test_the_options_of_the_page_are_those_of_python_can(name):
         (["-i", "vector", "-c", "0", "--bus-kwargs", "app_name=x"], "needs Windows"),
         (["-i", "gs_usb", "-c", "0", "-b", "500000"], "python-can[gs-usb]"),
         (["-i", "gs_usb", "-c", "canable", "-b", "500000"], "counts its adapters from 0"),
-        (["-i", "pcan", "-c", "PCAN_USBBUS1", "-b", "400000"], "-b 400000: pcan knows 5000, "),
+        (["-i", "pcan", "-c", "PCAN_USBBUS1", "-b", "400000"], "-b 400000: pcan supports 5000, "),
         (["-i", "slcan", "-c", "/dev/nosuch", "-b", "500000"], "is it plugged in?"),
-        (["-i", "ixxat", "-c", "0"], "a package or driver of its own"),
+        (["-i", "ixxat", "-c", "0"], "its own package or driver"),
     ],
 )
 def test_an_adapter_that_is_not_there_is_one_line(bus, says, capsys):

@@ -21,7 +21,7 @@ from hil.realtime.hardware import bus_record
 
 pytest.importorskip("serial", reason="needs pyserial")
 
-PATIENCE = 600.0
+PATIENCE = 1800.0
 OPENING = 5
 """Commands of python-can to set the bit rate and open the channel."""
 

@@ -93,7 +93,7 @@ def load(page, folder, *flags):
         [CHROMIUM, *FLAGS, *flags, profile, f"file://{folder / 'report.html'}"],
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=1800,
         check=True,
     )
     return process.stdout, process.stderr

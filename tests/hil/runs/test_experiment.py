@@ -275,8 +275,8 @@ def test_files_of_a_run(tmp_path, capsys):
         (["double_lane_change", "--heartbeat", "200"], "--heartbeat 200"),
         (["double_lane_change", "--out", "/proc/nowhere"], "cannot write to /proc/nowhere"),
         (["double_lane_change", "--calibration", "none.toml"], "none.toml"),
-        (["double_lane_change", "--calibration", "x.toml", "--law", "lqr"], "leave --law out"),
-        (["double_lane_change", "--calibration", "x.toml", "--tick", "5"], "leave --tick out"),
+        (["double_lane_change", "--calibration", "x.toml", "--law", "lqr"], "omit --law"),
+        (["double_lane_change", "--calibration", "x.toml", "--tick", "5"], "omit --tick"),
         ([], "scenario"),
     ],
 )  # fmt: skip

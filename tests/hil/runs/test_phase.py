@@ -53,7 +53,7 @@ def test_a_later_tick_uses_older_samples():
 @pytest.mark.parametrize(
     ("choices", "told"),
     [
-        ({"phase_ms": -1.0}, "a phase of -1 ms: it must be at least 0 and below 10 ms"),
+        ({"phase_ms": -1.0}, "the phase must be at least 0 and below 10 ms, got -1 ms"),
         ({"phase_ms": 10.0}, "below 10 ms"),
         ({"phase_ms": 5.0, "tick_ms": 5.0}, "below 5 ms"),
         ({"phase_ms": 1.0, "tick_ms": 7.0}, "a tick of 7 ms has no phase"),

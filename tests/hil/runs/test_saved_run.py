@@ -103,15 +103,15 @@ def another_calibration(folder):
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda folder: (folder / "trace.npz").unlink(), "no saved run"),
-        (lambda folder: (folder / "trace.npz").write_bytes(b"no archive"), "cannot be read"),
-        (lambda folder: cut_short(folder / "trace.npz", 1000), "cannot be read"),
-        (lambda folder: cut_short(folder / "trace.npz", 10), "cannot be read"),
-        (lambda folder: overwrite(folder / "trace.npz", 5000), "cannot be read"),
-        (lambda folder: (folder / "result.json").write_text("{}"), "cannot be read"),
-        (lambda folder: (folder / "result.json").write_text("["), "cannot be read"),
+        (lambda folder: (folder / "trace.npz").unlink(), "not a saved run"),
+        (lambda folder: (folder / "trace.npz").write_bytes(b"no archive"), "cannot read"),
+        (lambda folder: cut_short(folder / "trace.npz", 1000), "cannot read"),
+        (lambda folder: cut_short(folder / "trace.npz", 10), "cannot read"),
+        (lambda folder: overwrite(folder / "trace.npz", 5000), "cannot read"),
+        (lambda folder: (folder / "result.json").write_text("{}"), "cannot read"),
+        (lambda folder: (folder / "result.json").write_text("["), "cannot read"),
         (lambda folder: (folder / "calibration.toml").unlink(), "cannot read calibration"),
-        (another_calibration, "not of one run"),
+        (another_calibration, "come from different runs"),
     ],
 )
 def test_what_is_no_saved_run(folder, spoil, message, capsys):

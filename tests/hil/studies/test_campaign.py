@@ -113,14 +113,14 @@ def test_a_law_that_swings_fails_and_its_draw_can_be_seen_alone(tmp_path, capsys
     ("options", "message"),
     [
         (["--spread", "roll_stifness=0.2"], "did you mean 'roll_stiffness'?"),
-        (["--spread", "roll_stiffness=1.5"], "a share from 0 to 0.99"),
-        (["--spread", "estimate_error=0.3"], "a share from 0 to 0.2"),
-        (["--spread", "roll_stiffness"], "write key=value"),
+        (["--spread", "roll_stiffness=1.5"], "a fraction from 0 to 0.99"),
+        (["--spread", "estimate_error=0.3"], "a fraction from 0 to 0.2"),
+        (["--spread", "roll_stiffness"], "expected key=value"),
         (["--law", "passive"], "without a control law"),
         (["--runs", "0"], "at least one of each"),
         (["--bus", "500k,500"], "did you mean '500k'?"),
         (["--fault", "Imu.RollRate=stick"], "did you mean 'stuck'?"),
-        (["--only", "-1"], "draws count from 0"),
+        (["--only", "-1"], "must be at least 0"),
     ],
 )
 def test_what_cannot_be_is_one_line(capsys, options, message):

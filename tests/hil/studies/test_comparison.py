@@ -46,7 +46,7 @@ def test_unknown_names_in_descriptions(text):
 
 
 def test_a_number_that_is_none():
-    with pytest.raises(CanrollError, match="tick=fast: 'fast' is no number"):
+    with pytest.raises(CanrollError, match="tick=fast: 'fast' is not a number"):
         describe("tick=fast")
 
 

@@ -19,7 +19,7 @@ def row(name, *, roll=1.0, peak=2.0, moment=500.0, most=900.0, transfer=0.3, ste
     own = np.random.default_rng(seed + 10)
     # what all laws share of a seed, and a little of their own
     figures = level * (1 + 0.1 * rng.normal(size=(50, 1)) + 0.002 * own.normal(size=(50, 8)))
-    return Row(Entry(name, "S2", {}), 1.0, figures)
+    return Row(Entry(name, "all_sensors", {}), 1.0, figures)
 
 
 def comparison(*rows):
@@ -70,7 +70,7 @@ def test_losses_are_named(changes, verdict):
 
 def test_no_difference_is_no_win():
     reference = row("hinf_delay")
-    same = Row(Entry("same", "S1", {}), 1.0, reference.figures.copy())
+    same = Row(Entry("same", "roll_rate_only", {}), 1.0, reference.figures.copy())
     assert comparison(reference, same).verdict(same) == "equal"
 
 
@@ -81,12 +81,12 @@ def test_one_run_has_no_interval():
 
 def test_limit_cycle_is_no_win_but_chance_is_none():
     reference, other = row("hinf_delay"), row("other", roll=0.9, peak=1.8, seed=2)
-    swinging = replace(other, cycles=6, swings=True)
-    assert comparison(reference, swinging).verdict(swinging) == "limit cycle in 6 of 50 runs"
-    assert not Driven(1.0, other.figures, 5).swings
-    assert Driven(1.0, other.figures, 6).swings
-    assert not Driven(1.0, other.figures[:2], 1).swings
-    assert Driven(1.0, other.figures[:2], 2).swings
+    oscillating = replace(other, cycles=6, oscillates=True)
+    assert comparison(reference, oscillating).verdict(oscillating) == "limit cycle in 6 of 50 runs"
+    assert not Driven(1.0, other.figures, 5).oscillates
+    assert Driven(1.0, other.figures, 6).oscillates
+    assert not Driven(1.0, other.figures[:2], 1).oscillates
+    assert Driven(1.0, other.figures[:2], 2).oscillates
 
 
 def law(effort, cycles=lambda factor: 0):
@@ -117,7 +117,7 @@ def test_a_law_is_scaled_to_the_budget(effort, budget):
 
 
 def test_a_law_that_cannot_meet_the_budget_says_why():
-    with pytest.raises(BudgetError, match=r"stays below .* 598 N·m at 3.99 times") as weak:
+    with pytest.raises(BudgetError, match=r"does not reach .* 598 N·m at 3.99 times") as weak:
         at_budget(law(lambda factor: 150.0 * factor), 700.0)
     assert weak.value.nearest.factor == 3.99
     with pytest.raises(BudgetError, match=r"jumps from 100 to 800 N·m at 0.70 times") as jump:
@@ -126,8 +126,8 @@ def test_a_law_that_cannot_meet_the_budget_says_why():
 
 
 def test_the_reference_gives_up_gain_until_it_rests():
-    swinging = law(lambda factor: 100.0 * factor, lambda factor: 20 * (factor > 0.65))
-    assert at_rest(swinging).factor == 0.6
+    oscillating = law(lambda factor: 100.0 * factor, lambda factor: 20 * (factor > 0.65))
+    assert at_rest(oscillating).factor == 0.6
     with pytest.raises(CanrollError, match=r"even at 0\.1"):
         at_rest(law(lambda factor: 100.0, lambda factor: 20))
 
@@ -135,9 +135,9 @@ def test_the_reference_gives_up_gain_until_it_rests():
 def test_laws_meet_the_budget_on_the_bus():
     entries = (
         Entry("passive", "", {"law": "passive"}, scaled=False),
-        Entry("hinf_delay", "S1", {"law": "hinf_delay"}),
-        Entry("ay_feedforward", "S2", {"law": "ay_feedforward"}),
-        Entry("too weak", "S2", {"law": "ay_feedforward", "speed_kmh": 30.0}),
+        Entry("hinf_delay", "roll_rate_only", {"law": "hinf_delay"}),
+        Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
+        Entry("too weak", "all_sensors", {"law": "ay_feedforward", "speed_kmh": 30.0}),
     )
     found = compare("double_lane_change", vehicle="van_2021", runs=2, entries=entries)
     passive, paper, feedforward, weak = found.rows
@@ -147,7 +147,7 @@ def test_laws_meet_the_budget_on_the_bus():
         assert one.mean("roll_rms_deg") < 0.8 * passive.mean("roll_rms_deg")
     assert passive.mean("moment_rms_nm") == pytest.approx(0.0, abs=1.0)
     assert found.verdict(feedforward) == "better"
-    assert "stays below the RMS moment" in found.verdict(weak)
+    assert "does not reach the RMS moment" in found.verdict(weak)
     assert weak.mean("moment_rms_nm") < 0.9 * found.budget
     lines = table(found)
     assert len(lines) == 6
@@ -161,14 +161,14 @@ def test_a_law_certified_for_the_roll_model_alone_is_told_where_it_swings():
         "moose",
         vehicle="van_real",
         runs=2,
-        entries=(Entry("hinf_delay", "S1", {"law": "hinf_delay"}),),
+        entries=(Entry("hinf_delay", "roll_rate_only", {"law": "hinf_delay"}),),
         conditions={"plant": "nonlinear", "actuator": "bars", "speed_kmh": 60.0},
     )
     designed, paper = found.rows
     assert (designed.entry.name, designed.factor) == ("hinf_delay as designed", 1.0)
     assert found.verdict(designed) == "limit cycle in 2 of 2 runs"
     assert paper.factor < 1.0
-    assert not paper.swings
+    assert not paper.oscillates
     assert found.budget == paper.mean("moment_rms_nm") < designed.mean("moment_rms_nm")
 
 

@@ -94,7 +94,7 @@ class Served:
         ]
 
     def get(self, path="/", **headers):
-        connection = http.client.HTTPConnection(self.host, timeout=60)
+        connection = http.client.HTTPConnection(self.host, timeout=1800)
         connection.request("GET", path, headers=headers)
         answer = connection.getresponse()
         return answer.status, answer.read().decode(), answer.headers
@@ -216,7 +216,7 @@ def test_who_else_may_watch_is_said(capsys):
     assert "watching at http://127.0.0.1:" in alone
     assert "note:" not in alone
     assert main([*command, "--host", "0.0.0.0"]) == 1
-    assert "whoever reaches 0.0.0.0 can watch" in capsys.readouterr().out
+    assert "anyone who can reach 0.0.0.0 can watch" in capsys.readouterr().out
 
 
 def test_json_is_all_on_stdout(capsys):
@@ -234,5 +234,5 @@ def test_without_the_library_the_extra_is_named(capsys, monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
     assert main(["watch", "--web", *BUS]) == 2
     error = capsys.readouterr().err
-    assert "needs websockets" in error and "'.[web]'" in error
+    assert "needs websockets" in error and "'canroll[web]'" in error
     assert error.count("\n") == 1

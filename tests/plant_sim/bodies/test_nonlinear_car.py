@@ -252,7 +252,7 @@ def test_tyre_is_linear_when_small_and_round_when_large():
 
 def test_data_that_cannot_be_built_says_why():
     van = vehicles.load("van_real")
-    with pytest.raises(CanrollError, match="tyres alone roll more"):
+    with pytest.raises(CanrollError, match="tyres alone softer in roll"):
         BODY.build(replace(van, tyre=replace(van.tyre, vertical_stiffness=30000.0)), 20.0)
     stiff = replace(van.suspension, spring_rate_front=200000.0)
     with pytest.raises(CanrollError, match="lower it by"):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from plant_sim.can_bus.ages import simulate_ages_of_set
 from plant_sim.can_bus.analysis import response_bounds, worst_case_utilisation
-from plant_sim.can_bus.delay_bounds import delay_bounds_of_set
+from plant_sim.can_bus.delay_bounds import DelayBounds, delay_bounds_of_set
 from plant_sim.can_bus.simulation import simulate
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, FD_LENGTHS
@@ -57,7 +57,7 @@ def test_no_age_and_no_response_is_above_its_bound(drawn, longest, seed):
     found, rates, tick_ms = drawn
     sensor, command = found[0].name, found[-1].name
     bounds = delay_bounds_of_set(found, sensor, command, tick_ms=tick_ms, **rates)
-    assume(bounds is not None)
+    assume(isinstance(bounds, DelayBounds))
     ages = simulate_ages_of_set(
         found,
         sensor,
@@ -114,7 +114,8 @@ def test_a_faster_tick_is_in_the_bound():
         delay_bounds_of_set(found, "Imu", "Command", tick_ms=t, bitrate=125_000) for t in (10, 1.5)
     )
     assert fast.sensor.greatest > slow.sensor.greatest
-    assert delay_bounds_of_set(found, "Imu", "Command", tick_ms=1.0, bitrate=125_000) is None
+    none = delay_bounds_of_set(found, "Imu", "Command", tick_ms=1.0, bitrate=125_000)
+    assert (none.message.name, none.bound_ns, none.covered) == ("Imu", None, True)
 
 
 @pytest.mark.parametrize("pair", [("Imu", "Imu"), ("Imu", "Radio"), ("Radio", "Lidar")])

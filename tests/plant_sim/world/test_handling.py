@@ -32,7 +32,7 @@ def test_nonlinear_car_understeers_more_and_ends_at_its_grip():
 
 
 def test_radius_is_checked():
-    with pytest.raises(CanrollError, match="20 m or more"):
+    with pytest.raises(CanrollError, match="--radius must be at least 20 m"):
         handling.constant_radius(VAN, bodies.body("roll1"), radius=5.0)
 
 

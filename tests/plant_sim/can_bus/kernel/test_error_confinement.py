@@ -318,7 +318,7 @@ def test_refusals_are_for_receivers_that_are_there_and_as_often_as_asked():
     advance(network, 10 * MS)
     refused = [int(e["t_queued"]) // MS for e in entries(network) if e["outcome"] == REFUSED]
     assert refused == [2, 2]
-    with pytest.raises(CanrollError, match="'refuse' needs a node as its target"):
+    with pytest.raises(CanrollError, match="'refuse' needs a target node"):
         refusing(receiver=None)
 
 

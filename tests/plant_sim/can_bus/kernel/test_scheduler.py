@@ -402,7 +402,7 @@ def test_impossible_networks_are_refused():
         (Segment(0), Source("a", 1, 1, 1.0), "bit rate"),
         (Segment(1, bit_error_rate=1.0), Source("a", 1, 1, 1.0), "bit error rate"),
         (Segment(1), Source("a", 0x800, 1, 1.0), "11 bits"),
-        (Segment(1), Source("a", 1, 9, 1.0), "payload bytes"),
+        (Segment(1), Source("a", 1, 9, 1.0), "payload length"),
         (Segment(1), Source("a", 1, 1, 0.0), "period"),
     ):
         with pytest.raises(CanrollError, match=word):

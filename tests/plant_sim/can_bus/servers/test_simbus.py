@@ -186,7 +186,7 @@ def test_a_lone_sender_does_not_hold_up_who_would_acknowledge(buses):
     one = buses(virtual_time=True)
     one.send(frame(0x1))
     assert one.recv(None) is None
-    with pytest.raises(can.CanOperationError, match="nobody acknowledges"):
+    with pytest.raises(can.CanOperationError, match="no node acknowledges"):
         for _ in range(TRANSMIT_QUEUE + 1):
             one.send(frame(0x1))
     waiting = threading.Thread(target=one.recv, args=(1e6,))
@@ -225,8 +225,8 @@ def test_nobody_acknowledging_is_said_once_and_can_be_avoided(buses, caplog):
     one.send(frame(0x1))
     one.let_pass(0.1)
     assert [r.getMessage() for r in caplog.records] == [
-        "simbus alone: nobody acknowledges, as the node is alone on the bus, and sends again and"
-        " again (acknowledge=True adds a silent node that does)"
+        "simbus alone: no acknowledgement, because the node is alone on the bus; it retransmits"
+        " without end (acknowledge=True adds a silent node that acknowledges)"
     ]
     caplog.clear()
     two = buses("heard", virtual_time=True, acknowledge=True, receive_own_messages=True)
@@ -333,7 +333,7 @@ def test_whatever_cannot_be_opened_is_a_can_error(options):
 
 def test_no_room_for_another_node_is_a_can_error(buses):
     buses("crowd", virtual_time=True)
-    with pytest.raises(can.CanInitializationError, match="room"):
+    with pytest.raises(can.CanInitializationError, match="at most 128 nodes"):
         for _ in range(200):
             buses("crowd")
 
@@ -362,10 +362,10 @@ def test_settings_must_agree(buses):
 def test_wall_clock_time_wakes_a_waiting_reader(buses):
     one, two = buses(bitrate=500_000), buses()
     received = []
-    reader = threading.Thread(target=lambda: received.extend(two.recv(10.0) for _ in range(50)))
+    reader = threading.Thread(target=lambda: received.extend(two.recv(600.0) for _ in range(50)))
     reader.start()
     for i in range(50):
-        one.send(frame(0x100 + i, bytes([i])), timeout=1.0)
+        one.send(frame(0x100 + i, bytes([i])), timeout=600.0)
     reader.join(20.0)
     assert sorted(bytes(m.data)[0] for m in received) == list(range(50))
     stamps = [m.timestamp for m in received]
@@ -378,7 +378,7 @@ def test_a_notifier_serves_listeners(buses):
     reader = can.BufferedReader()
     notifier = can.Notifier(two, [reader, lambda _: done.set()], timeout=0.1)
     one.send(frame(0x42))
-    assert done.wait(10.0)
+    assert done.wait(600.0)
     notifier.stop()
     assert reader.get_message(1.0).arbitration_id == 0x42
 

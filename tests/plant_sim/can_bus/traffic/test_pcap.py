@@ -100,11 +100,11 @@ def test_what_is_no_capture_of_can_is_refused(tmp_path):
     whole = written(PcapWriter, tmp_path / "x.pcap", MESSAGE)
     ethernet = whole[:20] + struct.pack("<I", 1) + whole[24:]
     for data, word in (
-        (whole[:-3], "cut off"),
-        (whole[:30], "cut off"),
+        (whole[:-3], "truncated"),
+        (whole[:30], "truncated"),
         (ethernet, "link type 1"),
         (b"nonsense", "neither"),
-        (written(PcapngWriter, tmp_path / "x.pcapng", MESSAGE)[:-9], "cut off"),
+        (written(PcapngWriter, tmp_path / "x.pcapng", MESSAGE)[:-9], "truncated"),
     ):
         path = tmp_path / "bad.pcap"
         path.write_bytes(data)

@@ -1,0 +1,127 @@
+"""Which fields of the ECU's record each entry point reads and writes, and what that allows.
+
+``receive`` may interrupt ``tick`` anywhere: it must keep to fields that are volatile, and write
+none that the tick writes too but for the flag that passes a frame over.
+"""
+
+import ast
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from canroll.errors import CanrollError
+from codegen.proof.prove import entry_points
+from codegen.subset.effects import writers
+from codegen.subset.parse import load
+from codegen.subset.program import Function, Program, calls
+
+STATE = "Ecu"
+CONST = "Calibration"
+HANDED_OVER = frozenset({"rx_fresh"})
+"""Set by ``receive``, cleared by ``tick``: each a single byte."""
+
+
+@dataclass(frozen=True, slots=True)
+class Access:
+    """Fields of the ECU's record that an entry point reads and writes.
+
+    ``calibrated`` tells whether it needs the calibration.
+    """
+
+    reads: frozenset[str]
+    writes: frozenset[str]
+    calibrated: bool
+
+
+def accesses(program: Program | None = None) -> dict[str, Access]:
+    """What each entry point touches, by its name."""
+    program = program or load()
+    written = writers(program)
+    return {entry.name: _access(program, entry, written) for entry in entry_points(program)}
+
+
+def _access(
+    program: Program, entry: Function, written: dict[tuple[str, str], frozenset[str]]
+) -> Access:
+    reads: set[str] = set()
+    writes: set[str] = set()
+    todo, done = [entry], set()
+    calibrated = False
+    while todo:
+        function = todo.pop()
+        if function.key in done:
+            continue
+        done.add(function.key)
+        todo += calls(program, function)
+        calibrated |= any(its.record == CONST for its in function.parameters.values())
+        stored = set(_stored(program, function, written))
+        for node in ast.walk(function.node):
+            if (
+                isinstance(node, ast.Call)
+                and program.intrinsic(program.modules[function.module], node.func) == "clear"
+            ):
+                writes |= set(program.record(STATE).fields)
+            if _is_field(function, node):
+                assert isinstance(node, ast.Attribute)
+                (writes if node in stored else reads).add(node.attr)
+    return Access(frozenset(reads), frozenset(writes), calibrated)
+
+
+def _is_field(function: Function, node: ast.AST) -> bool:
+    if not (isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)):
+        return False
+    owner = function.parameters.get(node.value.id)
+    return owner is not None and owner.record == STATE
+
+
+def _stored(
+    program: Program, function: Function, written: dict[tuple[str, str], frozenset[str]]
+) -> Iterator[ast.AST]:
+    """The fields that are assigned, or given to a function that writes its parameter."""
+    module = program.modules[function.module]
+    for node in ast.walk(function.node):
+        targets: list[ast.expr] = []
+        if isinstance(node, ast.Assign):
+            targets = list(node.targets)
+        elif isinstance(node, ast.AugAssign):
+            targets = [node.target]
+        elif isinstance(node, ast.Call):
+            called = program.function(module, node.func)
+            if called is not None:
+                below = written.get(called.key, frozenset())
+                pairs = zip(node.args, called.parameters, strict=True)
+                targets = [argument for argument, name in pairs if name in below]
+        for target in targets:
+            base = target
+            while isinstance(base, ast.Subscript):
+                base = base.value
+            yield base
+
+
+def check(program: Program | None = None) -> dict[str, Access]:
+    """Return :func:`accesses`; raise CanrollError where ``receive`` may not be an interrupt."""
+    program = program or load()
+    found = accesses(program)
+    receive, tick = found["receive"], found["tick"]
+    volatile = {name for name, its in program.record(STATE).fields.items() if its.volatile}
+    for name in sorted((receive.reads | receive.writes) - volatile):
+        raise CanrollError(f"firmware: receive uses {name}, which is not volatile")
+    for name in sorted(receive.writes & tick.writes - HANDED_OVER):
+        raise CanrollError(f"firmware: receive and tick both write {name}")
+    if receive.calibrated:
+        raise CanrollError("firmware: receive reads the calibration")
+    return found
+
+
+def table(program: Program | None = None) -> str:
+    """The fields that an interrupt shares with the tick, as Markdown."""
+    found = check(program)
+    receive, tick = found["receive"], found["tick"]
+    rows = ["| field | `canroll_receive` | `canroll_tick` |", "| --- | --- | --- |"]
+    for name in sorted(receive.reads | receive.writes):
+        rows.append(f"| `{name}` | {_how(receive, name)} | {_how(tick, name)} |")
+    return "\n".join(rows)
+
+
+def _how(access: Access, name: str) -> str:
+    uses = {"reads": access.reads, "writes": access.writes}
+    return ", ".join(word for word, names in uses.items() if name in names) or "—"

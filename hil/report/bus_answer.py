@@ -1,0 +1,197 @@
+"""What ``canroll bus`` answers: a table, lines and an object of a traffic set's response times."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from canroll.errors import VerdictError
+from plant_sim.can_bus.analysis import ResponseBound, worst_case_utilisation
+from plant_sim.can_bus.delay_bounds import DelayBounds
+from plant_sim.can_bus.simulation import Simulation
+from plant_sim.can_bus.traffic.files import Traffic
+from plant_sim.can_bus.traffic.log_playback import Recording
+from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH
+
+_MS = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """Bounds of the total delay, and the simulated extreme ages, ns.
+
+    Without bounds ``reason`` says why, and ``failed`` that the set has none, not the analysis.
+    """
+
+    bounds: DelayBounds | None
+    reason: str
+    failed: bool
+    least: float
+    greatest: float
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """All that is printed of the set in file ``name``, simulated for ``duration`` s.
+
+    ``sensor``, ``command``: the messages of the delay, at a tick of ``tick_ms``; ``log``: the file
+    of the recording beside the set.
+    """
+
+    name: str
+    duration: float
+    sensor: str
+    command: str
+    tick_ms: float
+    log: str | None
+    traffic: Traffic
+    bounds: list[ResponseBound]
+    simulation: Simulation | None
+    delay: Delay | None
+    recording: Recording | None
+
+
+def check_simulation(answer: Answer) -> None:
+    """Refuse to print a bound that the simulation beside it exceeds.
+
+    Raises:
+        VerdictError: it does.
+    """
+    for bound in answer.bounds:
+        _, _, seen = _extremes(answer.simulation, bound.message.name)
+        if bound.bound_ns is not None and seen > bound.bound_ns:
+            raise VerdictError(
+                f"{bound.message.name}: simulated response {seen * _MS:.3f} ms above its bound"
+                f" {bound.bound_ns * _MS:.3f} ms"
+            )
+    if answer.delay is None or answer.delay.bounds is None:
+        return
+    # simulated times are whole ns, the bound is a float of seconds: equal ones may differ there
+    most, limit = answer.delay.greatest, answer.delay.bounds.age_max
+    if most > round(limit * 1e9):
+        raise VerdictError(
+            f"simulated age {most * _MS:.3f} ms above its bound {limit * 1e3:.3f} ms"
+        )
+
+
+def _milliseconds(value: float | None) -> float | None:
+    return None if value is None or math.isnan(value) else round(value * _MS, 6)
+
+
+def _extremes(simulation: Simulation | None, name: str) -> tuple[float, float, float]:
+    """Least, mean and greatest simulated response, ns; not a number where there is none."""
+    if simulation is None or not len(simulation.responses[name].responses):
+        return math.nan, math.nan, math.nan
+    seen = simulation.responses[name].responses
+    return float(seen.min()), float(seen.mean()), float(seen.max())
+
+
+def as_json(answer: Answer) -> dict[str, Any]:
+    """Return the object that ``--json`` prints."""
+    traffic, simulation, recording = answer.traffic, answer.simulation, answer.recording
+    messages = {}
+    for bound in answer.bounds:
+        name = bound.message.name
+        least, mean, greatest = _extremes(simulation, name)
+        messages[name] = {
+            "response_bound_ms": _milliseconds(bound.bound_ns),
+            "response_min_ms": _milliseconds(least),
+            "response_mean_ms": _milliseconds(mean),
+            "response_max_ms": _milliseconds(greatest),
+        }
+    result: dict[str, Any] = {
+        "utilisation": _utilisation(traffic),
+        "messages": messages,
+        "recording": None,
+    }
+    if simulation:
+        result["simulated_load"] = simulation.load
+    if recording:
+        result["recording"] = {
+            "frames": len(recording.frames.t_ns),
+            "duration_s": recording.duration_s,
+            "channel": recording.channel,
+        }
+    if answer.delay:
+        total = answer.delay.bounds
+        result["delay"] = {
+            "tau_min_ms": total and total.tau_min * 1e3,
+            "tau_max_ms": total and total.tau_max * 1e3,
+            "age_bound_ms": total and total.age_max * 1e3,
+            "age_min_ms": _milliseconds(answer.delay.least),
+            "age_max_ms": _milliseconds(answer.delay.greatest),
+        }
+    return result
+
+
+def _utilisation(traffic: Traffic) -> float:
+    return worst_case_utilisation(
+        traffic.messages, bitrate=traffic.bitrate, data_bitrate=traffic.data_bitrate
+    )
+
+
+def show(answer: Answer) -> None:
+    """Print the table and the lines below it."""
+    console = Console()
+    console.print(_table(answer))
+    traffic, simulation, bounds = answer.traffic, answer.simulation, answer.bounds
+    for reason in dict.fromkeys(b.reason for b in bounds if b.bound_ns is None):
+        names = ", ".join(b.message.name for b in bounds if b.reason == reason)
+        console.print(f"without a bound, {reason}: {names}")
+    line = f"load with the longest frames {_utilisation(traffic):.1%}"
+    if simulation:
+        line += f", simulated {simulation.load:.1%} ({simulation.frames} frames)"
+    console.print(line)
+    if traffic.left_out:
+        console.print(f"without a cycle time, left out: {', '.join(traffic.left_out)}")
+    if not traffic.data_bitrate and any(m.flags & BIT_RATE_SWITCH for m in traffic.messages):
+        console.print(
+            "no data bit rate in the set: the data of FD frames at the nominal one"
+            " (--data-bitrate B)"
+        )
+    recording, duration = answer.recording, answer.duration
+    if recording and recording.duration_s < duration:
+        console.print(f"{answer.log} ends after {recording.duration_s:g} s of {duration:g} s")
+    if answer.delay:
+        console.print(_delay_line(answer.delay, answer))
+
+
+def _table(answer: Answer) -> Table:
+    traffic = answer.traffic
+    rate = f"{traffic.bitrate / 1000:g}"
+    if traffic.data_bitrate:
+        rate += f" and {traffic.data_bitrate / 1000:g}"
+    title = f"{answer.name} at {rate} kbit/s: response times, ms"
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    for heading in ("message", "id", "period", "bound", "min", "mean", "99 %", "max"):
+        table.add_column(heading, justify="left" if heading == "message" else "right")
+    for bound in sorted(answer.bounds, key=lambda b: b.message.ident):
+        message = bound.message
+        limit = "none" if bound.bound_ns is None else f"{bound.bound_ns * _MS:.3f}"
+        cells = ["–"] * 4
+        if answer.simulation and len(answer.simulation.responses[message.name].responses):
+            least, mean, greatest = _extremes(answer.simulation, message.name)
+            most = answer.simulation.responses[message.name].quantile(0.99)
+            cells = [f"{value * _MS:.3f}" for value in (least, mean, most, greatest)]
+        period = f"{message.period_ns * _MS:g}"
+        table.add_row(message.name, f"{message.ident:X}", period, limit, *cells)
+    return table
+
+
+def _delay_line(delay: Delay, answer: Answer) -> str:
+    line = f"{answer.sensor} to {answer.command} at a tick of {answer.tick_ms:g} ms: "
+    if delay.bounds is None:
+        line += f"no bound of the delay, {delay.reason}; sample-to-force age"
+    else:
+        total = delay.bounds
+        line += (
+            f"total delay {total.tau_min * 1e3:.2f} to {total.tau_max * 1e3:.2f} ms,"
+            f" sample-to-force age at most {total.age_max * 1e3:.2f} ms"
+        )
+    if math.isnan(delay.least):
+        return line if delay.bounds else f"{line} not simulated"
+    separator = "," if delay.bounds else ""
+    return f"{line}{separator} simulated {delay.least * _MS:.2f} to {delay.greatest * _MS:.2f}"

@@ -1,0 +1,158 @@
+"""The wheel works in an environment without the checkout, and names the extra that is missing."""
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from codegen.run import cortex
+from tools.floors import PACKAGES
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[1]
+INSTALLED = [package for package in PACKAGES if package != "tools"]
+OURS = ("canroll", "__editable__", "_virtualenv", "distutils-precedence")
+EXTRAS = ("asammdf", "unicorn", "websockets", "ziglang")
+"""Packages that come with an extra only, left out of the new environment."""
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory):
+    """Return the wheel of this source, built without a network and without traces in it."""
+    source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("wheel")
+    for package in PACKAGES:
+        ignored = shutil.ignore_patterns("__pycache__")
+        shutil.copytree(ROOT / package, source / package, ignore=ignored)
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    options = ["--no-build-isolation", "--no-deps", "--no-index", "--disable-pip-version-check"]
+    pip = [sys.executable, "-m", "pip", "wheel", "-q", *options, "-w", str(out), str(source)]
+    done = subprocess.run(pip, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return next(out.glob("canroll-*.whl"))
+
+
+@pytest.fixture(scope="module")
+def installed(wheel, tmp_path_factory):
+    """Return the program ``canroll`` of an environment with the wheel and what it depends on."""
+    root = tmp_path_factory.mktemp("environment")
+    venv = [sys.executable, "-m", "venv", "--without-pip", str(root / "env")]
+    subprocess.run(venv, check=True)
+    python = root / "env" / "bin" / "python"
+    pip = [sys.executable, "-m", "pip", "--python", str(python), "install", "-q", "--no-deps"]
+    subprocess.run([*pip, "--no-index", "--disable-pip-version-check", str(wheel)], check=True)
+    # a path entry on links to this environment's packages: their own path entries don't count
+    (root / "dependencies").mkdir()
+    for package in Path(sysconfig.get_path("purelib")).iterdir():
+        if not package.name.startswith((*OURS, *EXTRAS)) and package.suffix != ".pth":
+            (root / "dependencies" / package.name).symlink_to(package)
+    site = next((root / "env" / "lib").glob("python3*/site-packages"))
+    (site / "dependencies.pth").write_text(f"{root / 'dependencies'}\n")
+    return root / "env" / "bin" / "canroll"
+
+
+@pytest.fixture(scope="module")
+def canroll(installed, tmp_path_factory):
+    """Return a function that runs ``canroll`` in one empty folder: exit code and what it said."""
+    folder = tmp_path_factory.mktemp("empty")
+    hidden = ("PYTHONPATH", "VIRTUAL_ENV")
+    environment = {key: value for key, value in os.environ.items() if key not in hidden}
+
+    def run(*arguments):
+        done = subprocess.run(
+            [installed, *arguments],
+            cwd=folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        return done.returncode, done.stdout + done.stderr
+
+    run.folder, run.python = folder, installed.with_name("python")
+    code, text = run("design", "--law", "lqr", "--out", "own")
+    assert code == 0, text
+    return run
+
+
+def test_the_wheel_holds_every_file_of_the_packages_and_no_tools(wheel):
+    with zipfile.ZipFile(wheel) as archive:
+        names = {name for name in archive.namelist() if ".dist-info/" not in name}
+    tracked = {
+        path.relative_to(ROOT).as_posix()
+        for package in INSTALLED
+        for path in (ROOT / package).rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    }
+    assert names == tracked
+
+
+def test_nothing_comes_from_the_checkout(canroll):
+    program = (
+        f"import {', '.join(INSTALLED)}; print({', '.join(f'{p}.__file__' for p in INSTALLED)})"
+    )
+    done = subprocess.run(
+        [canroll.python, "-c", program],
+        cwd=canroll.folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    prefix = str(canroll.python.parents[1])
+    assert all(path.startswith(prefix) for path in done.stdout.split())
+
+
+CALIBRATION = ("--calibration", "own/calibration.toml")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "made"),
+    [
+        (
+            ("run", "double_lane_change", *CALIBRATION, "--duration", "2", "--out", "out"),
+            "out/report.html",
+        ),
+        (("export-c", "bundle", *CALIBRATION), "bundle/Makefile"),
+        (("margins", "own/calibration.toml"), "own/canroll_gains.h"),
+        (("prove", "own/calibration.toml"), None),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else "",
+)
+def test_a_command_works(canroll, arguments, made):
+    code, text = canroll(*arguments)
+    assert code == 0, text
+    assert made is None or (canroll.folder / made).stat().st_size > 0
+
+
+@pytest.mark.skipif(
+    not cortex.has_gcc_and_qemu(), reason="needs gcc-arm-none-eabi, qemu-system-arm"
+)
+def test_timing_needs_no_extra_where_qemu_is(canroll):
+    code, text = canroll("timing", *CALIBRATION, "--duration", "0.5")
+    assert code == 0, text
+    assert "qemu" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "packages", "extra"),
+    [
+        (
+            ("timing", *CALIBRATION, "--counter", "unicorn"),
+            "bincopy, unicorn and ziglang",
+            "target",
+        ),
+        (("run", "double_lane_change", "--signals", "x.mf4"), "asammdf", "asammdf"),
+        (("watch", "--web"), "websockets", "web"),
+    ],
+)
+def test_a_missing_extra_is_named(canroll, arguments, packages, extra):
+    code, text = canroll(*arguments)
+    assert code == 2
+    assert f"needs {packages}: pip install 'canroll[{extra}]'\n" in text
+    assert text.count("\n") == 1
