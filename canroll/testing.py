@@ -56,14 +56,12 @@ class LawConformance:
         vehicle: that it is meant for.
         actuator: that it commands.
         matrices: file of its gains, where it takes one.
-        deployable: False for a law that is an ideal and that no ECU runs.
     """
 
     law: str
     vehicle: str = VEHICLE
     actuator: str = "suspension"
     matrices: str = ""
-    deployable: bool = True
 
     def tasks(self) -> Iterable[Task]:
         """Return what must have a verified design: a short delay, one that varies, a fast tick."""
@@ -92,14 +90,12 @@ class LawConformance:
         for task in self.tasks():
             answer = design(self.law, task)
             assert not answer.failures
-            assert answer.solution.deployable == self.deployable
-            if self.deployable:
-                record, tables = calibrate(answer)
-                file = tmp_path / "calibration.toml"
-                calibration_file.save(file, record, tables)
-                loaded = calibration_file.load(file)
-                assert loaded.law == self.law
-                assert loaded.record.id == record.id
+            record, tables = calibrate(answer)
+            file = tmp_path / "calibration.toml"
+            calibration_file.save(file, record, tables)
+            loaded = calibration_file.load(file)
+            assert loaded.law == self.law
+            assert loaded.record.id == record.id
 
     def test_the_same_task_has_the_same_gains(self) -> None:
         """Nothing random, and nothing of an earlier call, is in the gains."""
@@ -124,7 +120,7 @@ class LawConformance:
 
     def test_it_makes_the_car_roll_less(self) -> None:
         """Over the bus, with the noise of the sensors, in a double lane change."""
-        if self.deployable and not self.matrices:
+        if not self.matrices:
             result = experiment.run(
                 SCENARIO, law=self.law, vehicle=self.vehicle, actuator=self.actuator, duration=4.0
             )

@@ -8,11 +8,7 @@ from plant_sim.bodies import BODIES
 from plant_sim.buses import BUSES
 from plant_sim.driving import MANEUVERS
 
-FULL_CAR = {"vehicle": "car_2020", "actuator": "valves"}
-NEEDS = {
-    "lqr_full_car": FULL_CAR,
-    "lqr_full_car_ideal": {**FULL_CAR, "deployable": False},
-}
+NEEDS = {"lqr_full_car": {"vehicle": "car_2020", "actuator": "valves"}}
 
 
 class TestLaws(testing.LawConformance):
