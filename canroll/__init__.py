@@ -1,4 +1,4 @@
-"""From a roll-stability control law to code on an ECU that talks CAN, proved on the way.
+"""From a roll-stability control law to verified code on a CAN ECU.
 
 The public interface in one place; what is heavy is loaded when it is first used:
 

@@ -1,4 +1,4 @@
-"""The one exception family: every error a user can cause, in one line that says what to do."""
+"""The exception family: every user error, in one line with its remedy."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches

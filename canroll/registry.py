@@ -1,4 +1,4 @@
-"""Things with a name: built in, offered by an installed package, or referred to in a file."""
+"""Registries of named objects: built in, from an installed package, or referred to in a file."""
 
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from functools import cached_property

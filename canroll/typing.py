@@ -1,4 +1,4 @@
-"""Types that many modules speak of."""
+"""Types used by many modules."""
 
 from collections.abc import Callable
 
@@ -7,4 +7,4 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 Progress = Callable[[str, float], None]
-"""Called with what is under way and the share done, 0 to 1."""
+"""Called with the name of the activity and the share done, 0 to 1."""

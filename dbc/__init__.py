@@ -1,4 +1,4 @@
-"""The bus contract: ``roll_control.dbc`` is all that firmware and plant agree on."""
+"""The bus contract ``roll_control.dbc``, the only interface between firmware and plant."""
 
 from functools import cache
 from pathlib import Path
@@ -49,6 +49,6 @@ def largest(name: str, signal: str) -> float:
 
 
 def names(name: str, signal: str) -> tuple[str, ...]:
-    """Return what the values of an enumeration are called, from 0 on."""
+    """Return the names of an enumeration's values, from 0."""
     choices = message(name).get_signal_by_name(signal).choices or {}
     return tuple(str(choices[value]) for value in sorted(choices))

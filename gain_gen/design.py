@@ -1,4 +1,4 @@
-"""The laws by name, and the one way from a task to a verified design."""
+"""From a task to a verified design."""
 
 from dataclasses import replace
 from math import isfinite
@@ -10,7 +10,7 @@ from gain_gen.laws.state_feedback import sensor_noise
 from gain_gen.models.task import Design, Task
 
 SOFTENED = ("hinf_delay", "hinf_nodelay", "hinf_event", "hinf", "smc")
-"""Laws that know nothing of hold and actuator: made gentler until the real loop admits them."""
+"""Laws designed without hold and actuator: detuned until the sampled loop passes every check."""
 SOFTEST = 12
 
 PRINTED = ("hinf_delay", "hinf_nodelay", "hinf_event", "lqr", "hinf", "smc")
@@ -61,7 +61,7 @@ def design(law: str, task: Task) -> Design:
 
 
 def _refusal(answer: Design) -> str:
-    """Say which check failed and what would pass."""
+    """Name the failed check and the remedy."""
     name, check = next(iter(answer.failures.items()))
     delay = answer.task.delay
     hint = (

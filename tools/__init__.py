@@ -1,1 +1,1 @@
-"""Tools for whoever changes canroll; no part of the installed package."""
+"""Tools for developers of canroll; not part of the installed package."""

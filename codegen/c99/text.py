@@ -1,4 +1,4 @@
-"""How C is written here: precedence, literals, comments, line breaks, the runtime header."""
+"""C text: precedence, literals, comments, line breaks, the runtime header."""
 
 from dataclasses import dataclass
 

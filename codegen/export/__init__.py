@@ -1,1 +1,1 @@
-"""What is handed over: the bundle, its headers, A2L and MISRA deviations."""
+"""Deliverables: the bundle, its headers, A2L and MISRA deviations."""

@@ -1,4 +1,4 @@
-"""The exported bundle: everything a firmware engineer needs, and nothing of this project.
+"""The exported bundle: self-contained sources for a firmware project.
 
 Sources and headers, the calibration as a header, test vectors with a runner, Makefile and
 CMakeLists.txt, start-up and example for a bare Cortex-M, A2L, the cantools codec and a README.

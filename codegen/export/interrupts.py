@@ -1,4 +1,4 @@
-"""Which fields of the ECU's record each entry point reads and writes, and what that allows.
+"""Fields of the ECU's record read and written by each entry point, for interrupt safety.
 
 ``receive`` may interrupt ``tick`` anywhere: it must keep to fields that are volatile, and write
 none that the tick writes too but for the flag that passes a frame over.

@@ -1,4 +1,4 @@
-"""Which signal of a DBC is which field of the ECU's record, and how the one becomes the other.
+"""Mapping of DBC signals to fields of the ECU's record, with conversion.
 
 A map file (TOML, see ``dbc/roll_control.toml``) names for each mailbox of the firmware the frame
 in it and for each signal the field. Units meet here: a DBC may say deg/s or km/h, the fields are

@@ -1,4 +1,4 @@
-"""End-to-end protection of one frame: checksum and counter, where they stand and what they cover.
+"""End-to-end protection of one frame: position and coverage of checksum and counter.
 
 AUTOSAR E2E profiles 1, 2, 5 and 22 (*E2E Protocol Specification*, PRS_E2EProtocol) and what
 manufacturers made themselves: an XOR, a sum or a CRC-8, a constant of the message, a rolling

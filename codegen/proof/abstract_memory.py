@@ -1,4 +1,4 @@
-"""Records on intervals: what an element may hold, what a store must fulfil."""
+"""Records on intervals: possible values of elements, obligations of stores."""
 
 import ast
 from abc import ABC, abstractmethod

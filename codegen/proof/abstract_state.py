@@ -1,4 +1,4 @@
-"""What the interval interpreter knows while it runs: places, states, obligations not met."""
+"""State of the interval interpreter: places, values, unmet obligations."""
 
 import ast
 from collections.abc import Iterator, Mapping

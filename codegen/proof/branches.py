@@ -1,4 +1,4 @@
-"""Conditions on intervals: each side of a branch knows what it took to get there."""
+"""Conditions on intervals: each branch is restricted by its condition."""
 
 import ast
 from abc import abstractmethod

@@ -1,4 +1,4 @@
-"""Intervals of integers: what an expression of the firmware can be."""
+"""Intervals of integers: possible values of a firmware expression."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""Proof that the loop can't overflow, index or divide wrongly, for all states and all frames.
+"""Proof of no overflow, index out of range or division by zero, for all states and frames.
 
 Each entry point runs on intervals (:mod:`codegen.proof.interpreter`), from any state within the
 declared field ranges, any bytes in the mailboxes and any calibration that ``check`` accepts;

@@ -1,4 +1,4 @@
-"""One running ECU behind one interface, whatever runs it: CPython, native code, a Cortex-M.
+"""One interface to a running ECU for all backends: CPython, native code, Cortex-M.
 
 All give the same bytes on the bus and the same state, for any calibration and any traffic.
 """
@@ -21,7 +21,7 @@ class Backend(Protocol):
     """One running ECU."""
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
-        """Put a received frame in its mailbox; an identifier that nobody waits for is ignored."""
+        """Put a received frame in its mailbox; an unmapped identifier is ignored."""
 
     def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
         """Run one tick and return the frames to send, in order."""
@@ -54,7 +54,7 @@ class PythonEcu:
         return memory_image.image(self._ecu)
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
-        """Put a received frame in its mailbox; an identifier that nobody waits for is ignored."""
+        """Put a received frame in its mailbox; an unmapped identifier is ignored."""
         slot = SLOT.get(ident)
         if slot is not None:
             firmware.receive(self._ecu, slot, list(bytes(payload).ljust(8, b"\0")), length)
@@ -112,7 +112,7 @@ class NativeEcu:
         return self.ecu.tobytes()
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
-        """Put a received frame in its mailbox; an identifier that nobody waits for is ignored."""
+        """Put a received frame in its mailbox; an unmapped identifier is ignored."""
         slot = SLOT.get(ident)
         if slot is not None:
             self._library.lib.canroll_put(self._ecu, slot, bytes(payload).ljust(8, b"\0"), length)

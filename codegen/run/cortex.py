@@ -1,4 +1,4 @@
-"""Cortex-M builds of the firmware, and what a run on one of the two emulators gives.
+"""Cortex-M builds of the firmware, and results of a run on an emulator.
 
 *unicorn* (:mod:`codegen.run.unicorn`): built by the zig compiler, emulated in this process; both
 come with pip (``canroll[target]``). *qemu* (:mod:`codegen.run.qemu`): built by
@@ -55,7 +55,7 @@ CPUS = {
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What a Cortex-M did with some traffic.
+    """Results of a Cortex-M run on given traffic.
 
     ``frames`` were sent, ``states`` are the records after each tick; ``instructions`` of each
     tick, as ``counter`` counts them; ``stack`` is the deepest use seen, in bytes.

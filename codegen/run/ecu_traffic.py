@@ -1,4 +1,4 @@
-"""Test traffic for the ECU: what arrives in which tick, as arrays that every backend replays.
+"""Test traffic for the ECU: received frames per tick, as arrays replayed by every backend.
 
 Recorded runs come in the same form. Random traffic is meant to hurt: valid frames with plausible
 and with full-scale values, wrong checksums, jumps and repetitions of the counter, wrong lengths,

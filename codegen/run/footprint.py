@@ -1,4 +1,4 @@
-"""What the firmware takes of a microcontroller, from the symbols of a linked image.
+"""Memory footprint of the firmware, from the symbols of a linked image.
 
 Also the proof that it needs neither heap nor floating point: no symbol of either is linked.
 """

@@ -113,7 +113,7 @@ static int64_t canroll_replay(
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What ECUs did: frames sent in order, where each ECU's end, states after each tick."""
+    """Results of ECUs: frames sent in order, end of each ECU's frames, states after each tick."""
 
     frames: NDArray[np.void]
     ends: NDArray[np.int64]

@@ -93,7 +93,7 @@ class CortexEcu:
         return bytes(self._machine.mem_read(ECU, self._size))
 
     def receive(self, ident: int, payload: NDArray[np.uint8] | bytes, length: int) -> None:
-        """Put a received frame in its mailbox; an identifier that nobody waits for is ignored."""
+        """Put a received frame in its mailbox; an unmapped identifier is ignored."""
         if ident in SLOT:
             self.put(SLOT[ident], bytes(payload).ljust(8, b"\0"), length)
 

@@ -1,4 +1,4 @@
-"""What the functions of a program declare, assign and write."""
+"""Declarations, assignments and side effects of functions."""
 
 import ast
 from collections.abc import Mapping

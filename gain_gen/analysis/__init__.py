@@ -1,1 +1,1 @@
-"""Checks that know nothing of how a law was found: margins, exact delay, certificates."""
+"""Verification independent of the design method: margins, exact delay, certificates."""

@@ -19,7 +19,7 @@ BOX = 0.2
 DELAY_LIMIT = 1.0
 """Delays beyond this are not looked at, s."""
 UNAWARE_DELAY = 0.02
-"""Delay at which a law that does not know of delays is verified, s."""
+"""Delay at which a delay-unaware law is verified, s."""
 
 
 def verify(law: str, task: Task, solution: Solution) -> Design:
@@ -61,7 +61,7 @@ def verify(law: str, task: Task, solution: Solution) -> Design:
 
 
 def _assumed(delay: Delay) -> Delay:
-    """Return what a law that ignores the delay is held against."""
+    """Return the task against which a delay-unaware law is verified."""
     return Delay.constant(min(delay.most, UNAWARE_DELAY))
 
 
@@ -143,7 +143,7 @@ def passive_controller(controller: Controller) -> Controller:
 
 
 def _warnings(task: Task, solution: Solution, report: dict[str, float]) -> tuple[str, ...]:
-    """Return what a user has to be told, one line each."""
+    """Return the warnings for the user, one line each."""
     lines = [*solution.controller.observer.warnings, *solution.notes]
     largest = min(report.get("max_delay_s", inf), report["max_delay_sampled_s"])
     if task.delay.most >= largest:

@@ -32,7 +32,7 @@ TABLES = frozenset(
     }
 )
 OPTIONAL = frozenset({"budget"})
-"""Tables that a user may add: what a tick may cost."""
+"""Tables that a user may add: the budget of a tick."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,12 +76,12 @@ class LoadedCalibration:
 
     @property
     def max_delay(self) -> float:
-        """Largest sample-to-force delay that the design admits, s; infinite where any."""
+        """Largest stable sample-to-force delay of the design, s; infinite if any."""
         return float(self.tables["margins"]["max_delay_s"])
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What a user has to be told, one line each."""
+        """Warnings for the user, one line each."""
         return tuple(self.tables["design"]["warnings"])
 
     def delay_warning(self, delay: float) -> str:

@@ -1,4 +1,4 @@
-"""The controller that the integers really are: for margins and for the error of quantisation."""
+"""The controller represented by the integers, for margins and rounding error."""
 
 import numpy as np
 

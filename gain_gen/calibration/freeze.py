@@ -1,4 +1,4 @@
-"""What a calibration file says beside its integers: design, gains, margins, verdicts, sources."""
+"""Contents of a calibration file besides its integers: design, margins, verdicts, sources."""
 
 from dataclasses import replace
 from importlib.metadata import version

@@ -41,7 +41,7 @@ BIAS_MAX = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """What a calibration holds beyond the law.
+    """Options of a calibration beyond the law.
 
     Attributes:
         event_trigger: commands only when they matter, or every tick.
@@ -64,7 +64,7 @@ class Options:
 
 @dataclass(frozen=True, slots=True)
 class Quantised:
-    """The integers of a calibration and what their formats are.
+    """The integers of a calibration and their formats.
 
     Attributes:
         fields: value of every field that the design decides, by name.

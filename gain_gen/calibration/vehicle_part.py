@@ -1,4 +1,4 @@
-"""What the calibration takes from the vehicle: limits, split, schedule, supervision."""
+"""Calibration fields from the vehicle: limits, split, schedule, supervision."""
 
 from math import ceil, floor
 
@@ -24,7 +24,7 @@ FADE = (5.0 * KMH, 10.0 * KMH)
 DBC_FORCE_LIMIT = floor(dbc.largest("SuspensionForceCommand", "ForceFrontLeft"))
 DBC_BAR_LIMIT = floor(dbc.largest("AntiRollBarCommand", "TorqueFront"))
 DBC_CURRENT_LIMIT = floor(dbc.largest("ValveCommand", "CurrentFront"))
-"""What the frames can carry, whole N, N·m and mA."""
+"""Ranges of the command frames, whole N, N·m and mA."""
 MILLI = 1e3
 
 Value = int | list[int] | list[list[int]]

@@ -1,4 +1,4 @@
-"""The control laws, one family a module, and their names."""
+"""The control laws, one family per module, and their names."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING

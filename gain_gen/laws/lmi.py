@@ -17,7 +17,7 @@ from gain_gen.models.roll import Matrix, NormalisedPlant
 
 SOLVER = "CLARABEL"
 STRICT = 1e-6
-"""How far inside the cone every inequality is asked to be."""
+"""Margin by which every inequality must be inside the cone."""
 
 E11 = np.array([[1.0, 0.0], [0.0, 0.0]])
 E12 = np.array([[0.0, 1.0], [1.0, 0.0]])

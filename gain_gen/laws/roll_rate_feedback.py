@@ -41,7 +41,7 @@ USELESS = 0.99
 
 @dataclass(frozen=True, slots=True)
 class ExactOptimum:
-    """The best gain of all by exact analysis: what a bound is measured against."""
+    """The optimal gain by exact analysis: the reference for bounds."""
 
     gain: float
     gamma: float

@@ -40,7 +40,7 @@ STEERED = LateralModel(frequency=6.0, damping=0.9, acceleration=1.5, steered=Tru
 """Yaw and lateral dynamics between steering and a_y, and how far the tyres depart from it."""
 
 FEEDFORWARD_SHARE = 0.3
-"""β of u = −β m h a_y where nothing else is asked for."""
+"""Default β of u = −β m h a_y."""
 
 
 def sensor_noise(vehicle: Vehicle) -> SensorNoise:

@@ -14,7 +14,7 @@ ROLL, RATE, LATERAL, JERK, BIAS = range(5)
 
 @dataclass(frozen=True, slots=True)
 class LateralModel:
-    """How the lateral acceleration is taken to move.
+    """Model of the lateral acceleration.
 
     a'' = −2 ζ ω a' − ω² a + white noise of density ``jerk_noise``, (m/s³)²·s… per s.
 

@@ -1,4 +1,4 @@
-"""What a design is: gains, observer, delays, certificates, verdicts, provenance."""
+"""The data of a design: gains, observer, delays, certificates, verdicts, provenance."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ from vehicles import Vehicle
 
 
 class Check(NamedTuple):
-    """One verification: what was found, what it is held against, whether it holds."""
+    """One check: value, limit and whether it passes."""
 
     value: float
     limit: float
@@ -30,7 +30,7 @@ def above(value: float, limit: float) -> Check:
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """Sample-to-force delay: what the design takes as constant, and the bounds it moves in, s."""
+    """Sample-to-force delay: nominal value of the design and its bounds, s."""
 
     nominal: float
     least: float
@@ -44,7 +44,7 @@ class Delay:
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What a law is asked for.
+    """Input of a law.
 
     Attributes:
         vehicle: design model, actuators and sensors.
@@ -59,7 +59,7 @@ class Task:
         matrices: file of a custom law, or empty.
         order: order of a reduced compensator.
         gamma_target: H∞ level that must be certified, or zero for the least.
-        softness: how often a law that does not know of the delay was asked for a gentler gain.
+        softness: number of steps by which a delay-unaware law is detuned.
     """
 
     vehicle: Vehicle
@@ -89,7 +89,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Solution:
-    """What a law answers: a controller and the certificates that came with it.
+    """Output of a law: a controller and its certificates.
 
     Attributes:
         controller: gains in SI units.
@@ -98,7 +98,7 @@ class Solution:
         checks: verifications that only this law has.
         rightmost_root: largest real part of the continuous delay loop's roots, or None.
         max_delay: largest constant delay of the continuous loop, s, or None: found on the sampled.
-        delay_aware: False where the law does not know of the delay.
+        delay_aware: False for a delay-unaware law.
         solve_seconds: time in solvers, s.
         notes: what a user should know, one line each.
         extra: further numbers to report by name.

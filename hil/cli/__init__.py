@@ -1,1 +1,1 @@
-"""One module a subcommand of ``canroll``: ``add_parser(subparsers)`` and ``run(args) -> int``."""
+"""One module per subcommand of ``canroll``: ``add_parser(subparsers)`` and ``run(args) -> int``."""

@@ -19,7 +19,7 @@ PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
 DEFAULT_PHASE_MS = 2.0
 FREE = "free"
 WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
-"""What a run can be asked for that concerns the plant."""
+"""Choices of a run that concern the plant."""
 
 
 def hil(parser: argparse.ArgumentParser) -> None:
@@ -132,7 +132,7 @@ def plant(parser: argparse.ArgumentParser) -> None:
 
 
 def add_loop_options(parser: argparse.ArgumentParser) -> None:
-    """Add what ECU and plant both take about their loops."""
+    """Add the options that the loops of ECU and plant share."""
     parser.add_argument(
         "--pace",
         choices=PACES,

@@ -18,7 +18,7 @@ from hil.runs import phase
 MODES = dbc.names("RollControlStatus", "Mode")
 TRACE_SECONDS = 600
 FRAMES_PER_SECOND = 700
-"""What the contract's messages come to, with room."""
+"""Upper bound of the frame rate of the bus contract, with reserve."""
 
 
 def peer_timeout(args: argparse.Namespace) -> float | None:
@@ -130,7 +130,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def phase_lock(args: argparse.Namespace, tick_us: int) -> PhaseLock | None:
-    """Return what keeps the ticks at their phase; None where they run freely.
+    """Return the phase lock of the ticks; None for free-running ticks.
 
     Raises:
         CanrollError: the tick can have no phase, or not this one.

@@ -98,7 +98,7 @@ def run(args: argparse.Namespace) -> int:
 
 @contextmanager
 def writing_to(folder: Path) -> Iterator[None]:
-    """Turn what the file system refuses into one line."""
+    """Report file-system errors in one line."""
     try:
         yield
     except OSError as error:
@@ -119,7 +119,7 @@ def refuse_unwritable(folder: Path) -> None:
 def described(
     args: argparse.Namespace, settings: Settings, controller: Controller, *, verified: bool
 ) -> bundle.Export:
-    """What goes into the bundle."""
+    """Contents of the bundle."""
     record = controller.record
     title = (
         f"{controller.law} for {controller.vehicle.name}, {controller.actuator}, tick "
@@ -168,7 +168,7 @@ def refuse_wide_steps(bus: BusMap, record: Calibration, map_file: Path) -> None:
 
 
 def recorded(settings: Settings, controller: Controller) -> Traffic:
-    """What the ECU receives in a short run."""
+    """Frames received by the ECU in a short run."""
     recorder = Recorder(open_backend(settings.backend, controller.record))
     closed_loop(
         build_world(settings, enabled=True),

@@ -129,7 +129,7 @@ def refuse_one_adapter(args: argparse.Namespace) -> None:
 
 
 def check_machine(args: argparse.Namespace) -> int:
-    """Measure what tick the machine can hold; 1 if it is longer than the one that is asked for."""
+    """Measure the shortest sustainable tick; return 1 if it exceeds the requested one."""
     for option in ("out", "log", "signals"):
         if getattr(args, option) is not None:
             raise CanrollError(f"--check writes no files: omit --{option}")

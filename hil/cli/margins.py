@@ -1,4 +1,4 @@
-"""``canroll margins``: what a calibration's integers withstand, as tables and a picture."""
+"""``canroll margins``: margins of a calibration's integers, as tables and a picture."""
 
 import argparse
 import json

@@ -16,7 +16,7 @@ METAVARS = {"km/h": "KMH", "ms": "MS", "s": "S"}
 PATTERNS = {"faults": "WHERE=KIND[:VALUE][@START[:END]]"}
 NODES = ("faults", "conditions")
 OF_A_RUN = tuple(name for name in CHOICES if name != "duration")
-"""What says which controller drives which vehicle over which bus."""
+"""Choices of vehicle, controller and bus."""
 
 
 def not_empty(text: str) -> str:
@@ -145,7 +145,7 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
-    """Add that the answer is wanted as JSON."""
+    """Add the option --json."""
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 

@@ -1,6 +1,6 @@
-"""The commands: a line of help, the options, and where each is carried out.
+"""The commands: a line of help, the options, and the function that runs each.
 
-Nothing heavy is imported here: what a command does is loaded when its options are understood.
+Nothing heavy is imported here: a command's module is loaded after its options are parsed.
 """
 
 import argparse
@@ -51,7 +51,7 @@ class Command:
 
 
 def handler(name: str) -> str:
-    """Return "module:function" of what carries out a command."""
+    """Return "module:function", the handler of a command."""
     return f"hil.cli.{COMMANDS[name].handler or name.replace('-', '_') + ':run'}"
 
 

@@ -1,4 +1,4 @@
-"""``canroll prove``: the loop can't overflow, index or divide wrongly, whatever arrives."""
+"""``canroll prove``: no overflow, index out of range or division by zero for any frames."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""``canroll reproduce``: every table of the four papers recomputed, with a verdict a number."""
+"""``canroll reproduce``: every table of the four papers recomputed, with a verdict per number."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""``canroll run``: a manoeuvre in virtual time; ``canroll report``: a saved run judged again."""
+"""``canroll run``: a manoeuvre in virtual time; ``canroll report``: a saved run evaluated again."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""What a run looks like on the terminal: a table, the verdict, and quiet progress."""
+"""Terminal output of a run: table, verdict and progress."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -74,13 +74,13 @@ def show_warnings(warnings: Iterable[str]) -> None:
 
 
 def show_files(files: Mapping[str, str]) -> None:
-    """Print what was written, one line each."""
+    """Print the names of the written files, one per line."""
     if files:
         print("\n" + "\n".join(f"{name:<12} {path}" for name, path in files.items()))
 
 
 def show(result: Result) -> None:
-    """Print title, verdict, warnings, figures and files of a run; dim what says nothing."""
+    """Print title, verdict, warnings, figures and files of a run; dim figures without meaning."""
     console = Console(highlight=False, style="dim" if result.not_valid else "")
     settings = result.settings
     console.print(

@@ -1,4 +1,4 @@
-"""``canroll timing``: what a tick costs on the target, judged against the calibration's budget."""
+"""``canroll timing``: cost of a tick on the target, compared with the calibration's budget."""
 
 import argparse
 import json

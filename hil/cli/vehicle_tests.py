@@ -1,4 +1,4 @@
-"""``canroll limit``, ``understeer`` and ``response``: what a vehicle can do."""
+"""``canroll limit``, ``understeer`` and ``response``: tests of the vehicle alone."""
 
 import argparse
 import json

@@ -1,4 +1,4 @@
-"""``canroll watch``: what the roll controller does, told by its bus alone."""
+"""``canroll watch``: the state of the roll controller, from its bus frames alone."""
 
 import argparse
 import asyncio
@@ -127,7 +127,7 @@ def watch_in_browser(args: argparse.Namespace, seen: Observation, until: float) 
 
 
 def view(summary: Mapping[str, Any], seen: Observation) -> Group:
-    """Return what the terminal shows of an observation."""
+    """Return the terminal view of an observation."""
     mode = summary["mode"] or "no controller"
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_row("mode", Text(mode, style=MODE_STYLES.get(mode, "dim")))

@@ -1,4 +1,4 @@
-"""Ours beside theirs: each paper's laws, the plain feedforward and ours at equal effort.
+"""Comparison with the papers: each paper's laws, the plain feedforward and ours at equal effort.
 
 The comparison of :mod:`hil.studies.equal_effort`, on the paper's vehicle and on a complete van.
 """

@@ -65,7 +65,7 @@ def fast_share(values: Vector, step: float, *, above: float = FAST) -> float:
 
 
 def chatter(results: Mapping[str, Result]) -> Section:
-    """Return a row a run: what of its command is fast, and the limit cycle if there is one."""
+    """Return one row per run: share of fast command power, and the limit cycle if there is one."""
     rows: list[dict[str, Value]] = []
     for name, result in results.items():
         assert result.controlled is not None
@@ -105,7 +105,7 @@ NOTE = (
 
 
 def design_numbers(paper: str, common: Mapping[str, Any], laws: Sequence[str], why: str) -> Section:
-    """Return a row a law: gain, level and admitted delay, printed and recomputed.
+    """Return one row per law: gain, level and largest delay, printed and recomputed.
 
     Args:
         paper: its key.

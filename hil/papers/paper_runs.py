@@ -1,4 +1,4 @@
-"""Runs behind the tables: driven once each, and what a table wants of them."""
+"""Runs behind the tables, each driven once, and the quantities taken from them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ SETTLED = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Recomputed:
-    """What recomputing a paper leaves: its rows, yet to be judged, its plots, and what else."""
+    """Recomputed paper: rows without verdicts, plots, and further sections."""
 
     rows: Sequence[Row]
     figures: Sequence[Figure]
@@ -53,7 +53,7 @@ def drive(
 
 
 def cycle_reason(result: Result) -> str:
-    """Return what the limit cycle of a run says, or ''."""
+    """Return the description of a run's limit cycle, or ''."""
     if result.limit_cycle is None:
         return ""
     nominal = 1e3 * result.delay.nominal

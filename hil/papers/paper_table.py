@@ -1,4 +1,4 @@
-"""One printed number beside ours, and the verdict on it."""
+"""One printed number, ours, and the verdict on it."""
 
 import tomllib
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""The four papers by name, and what recomputing one leaves behind."""
+"""The four papers by name, and the results of recomputing one."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence

@@ -17,7 +17,7 @@ UNITS = {"rms": "RMS", "nlt": "NLT", "db": "(dB)", "percent": "(%)"}
 
 
 def legend() -> str:
-    """Return what the verdicts mean."""
+    """Return the meaning of the verdicts."""
     return (
         f"Reproduced: within {100 * TOLERANCE:.0f} % of the printed number. Same ordering: further "
         "off, but on the same side of every other number of its table and quantity (a number that "

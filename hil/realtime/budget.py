@@ -1,4 +1,4 @@
-"""The timing budget of a calibration, held against what was measured."""
+"""The timing budget of a calibration, compared with measurements."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ def budget_of(record: Calibration, tables: Mapping[str, Any]) -> Budget:
 
 
 def judge_host(budget: Budget, timing: Mapping[str, Any]) -> list[Verdict]:
-    """Hold the ``timing`` object of a run in real time against the limits for the host.
+    """Compare the ``timing`` object of a run in real time with the limits for the host.
 
     ``timing["judged"]`` False (fewer than two cores) leaves nothing to judge: an empty list.
     """

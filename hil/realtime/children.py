@@ -1,4 +1,4 @@
-"""Programs of this command line started as children: what they say, how they end."""
+"""Programs of this command line started as child processes: their output and their end."""
 
 import os
 import selectors
@@ -21,7 +21,7 @@ GRACE = 60.0
 
 @dataclass(slots=True)
 class Program:
-    """A program that was started, and what it has said so far."""
+    """A started program and its output so far."""
 
     name: str
     running: subprocess.Popen[bytes]
@@ -64,7 +64,7 @@ class Program:
         return f"{self.name}: {told}"
 
     def failure(self) -> CanrollError:
-        """Return why it ended: its last words, or what killed it."""
+        """Return why it ended: its last line, or the signal that killed it."""
         self.listen()
         code = self.running.returncode
         if code < 0:

@@ -1,4 +1,4 @@
-"""What a run in real time says of itself: quantiles as a table, and histograms."""
+"""Timing of a run in real time: quantiles as a table, and histograms."""
 
 from collections.abc import Mapping
 from typing import Any

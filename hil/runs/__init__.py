@@ -1,1 +1,1 @@
-"""One run in virtual time: what is asked for, what is driven, how it is judged."""
+"""One run in virtual time: choices, simulation and verdict."""

@@ -65,11 +65,11 @@ class Choice:
 
     @property
     def word(self) -> str:
-        """What it is called in messages, and in "key=value": its option without dashes."""
+        """Name in messages and in "key=value": the option without dashes."""
         return self.option.removeprefix("--").removeprefix("no-")
 
     def check(self, value: Any) -> None:  # noqa: ANN401
-        """Refuse a name or number that cannot be.
+        """Reject an invalid name or number.
 
         Raises:
             UnknownNameError: no such name; the nearest is suggested.
@@ -87,7 +87,7 @@ class Choice:
             raise CanrollError(f"{self.word} {value:g}{unit}: must be {allowed}{unit}")
 
     def read(self, text: str) -> Any:  # noqa: ANN401
-        """Return the value that ``text`` stands for.
+        """Return the value given by ``text``.
 
         Raises:
             UnknownNameError: no such name.
@@ -108,7 +108,7 @@ class Choice:
 
 
 TINY = 1e-9
-"""Least of what must be above 0."""
+"""Smallest accepted value of quantities that must be positive."""
 
 
 class Choices(TypedDict, total=False):
@@ -373,11 +373,11 @@ CHOICES: dict[str, Choice] = {
 BY_WORD = {
     choice.word: choice for choice in CHOICES.values() if choice.kind not in (Mapping, Sequence)
 }
-"""What a run may be described by as ``key=value``."""
+"""Choices that can be given as ``key=value``."""
 
 
 def check(choices: Mapping[str, Any]) -> None:
-    """Refuse what cannot be, before anything slow is loaded or done.
+    """Reject invalid choices before anything slow is loaded.
 
     Raises:
         UnknownNameError: an unknown choice or name.
@@ -405,13 +405,13 @@ def without_frozen(choices: Mapping[str, Any], *, frozen: bool = False) -> dict[
 
 
 def chosen(choices: Mapping[str, Any], name: str) -> Any:  # noqa: ANN401
-    """Return what is asked for, or the default."""
+    """Return the chosen value, or the default."""
     value = choices.get(name)
     return CHOICES[name].default if value is None else value
 
 
 def described(text: str) -> dict[str, Any]:
-    """Return the choices that "law=lqr,bus=125k_busy" stands for.
+    """Return the choices given as "law=lqr,bus=125k_busy".
 
     Raises:
         UnknownNameError: an unknown key or name.

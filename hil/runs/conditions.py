@@ -25,7 +25,7 @@ TAKES_VALUE = (*NEEDS_VALUE, "weak")
 def options(
     faults: Iterable[str] = (), conditions: Mapping[str, Any] | None = None
 ) -> tuple[SensorOptions, ActuatorOptions]:
-    """Return how sensors and actuators are run.
+    """Return the options of sensors and actuators.
 
     Args:
         faults: "Imu.RollRate=stuck@3:5" or "front_left=weak:0.3@2": signal or corner, kind, value

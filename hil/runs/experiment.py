@@ -27,7 +27,7 @@ AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
 
 
 def run(scenario: str, *, progress: Progress | None = None, **choices: Unpack[Choices]) -> Result:
-    """Drive a manoeuvre without and with control and return what came of it.
+    """Drive a manoeuvre without and with control and return the result.
 
     Args:
         scenario: name of the manoeuvre, such as "double_lane_change" or "roundabout".

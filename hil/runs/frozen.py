@@ -28,16 +28,16 @@ COMMANDS = {
 }
 """Message that a calibration's actuator is commanded by."""
 RECENT: deque[tuple[str, Task, Design]] = deque(maxlen=32)
-"""Designs of this process: a sweep asks for the same one at every speed."""
+"""Designs of this process: a sweep uses the same one at every speed."""
 COMMAND_TIMEOUT = 0.160
-"""Age at which actuators let go of a command, s."""
+"""Age at which actuators release a command, s."""
 LAW_OF_PASSIVE = "lqr"
 """Without control the frames go on all the same, so some law must fill them."""
 
 
 @dataclass(frozen=True, slots=True)
 class Controller:
-    """A calibration and what it is for; ``warnings`` concern the bus it was asked for."""
+    """A calibration with its vehicle and law; ``warnings`` refer to the chosen bus."""
 
     vehicle: Vehicle
     law: str
@@ -94,7 +94,7 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
 
 
 def options_of(choices: Mapping[str, Any]) -> Options:
-    """Return what of ``choices`` concerns the calibration and no law.
+    """Return the calibration options in ``choices`` that do not depend on the law.
 
     Raises:
         CanrollError: a heartbeat that cannot be.

@@ -1,4 +1,4 @@
-"""A limit cycle told from control: the command swings on although the manoeuvre does not."""
+"""Detection of limit cycles: the command oscillates although the manoeuvre does not."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,6 +11,8 @@ from canroll.typing import Vector
 HALF_CYCLES_MIN = 6
 SECONDS_MIN = 1.0
 SHARE_OF_PEAK = 0.1
+UNEVEN = 0.1
+"""Share of a step by which the ticks of a run in real time may start early or late."""
 LEAST_MOMENT = 50.0
 DECAY = 0.7
 EVENNESS = 0.45
@@ -69,13 +71,14 @@ def detect(
     that itself swings as often in that time, told by the passive roll angle, is no limit cycle.
 
     Args:
-        t: times of the controlled run at equal steps, s.
+        t: times of the controlled run's ticks, s; a run in real time may have missed some.
         command: moment commanded at these times, N·m.
         t_passive: times of the same manoeuvre without control, s.
         roll_passive: roll angle at these times, rad.
     """
     if len(t) < 3 or t[-1] - t[0] < SECONDS_MIN:
         return None
+    t, command = _evenly(t, command)
     threshold = max(SHARE_OF_PEAK * float(np.max(np.abs(command))), LEAST_MOMENT)
     found = []
     for window in AVERAGES:
@@ -87,9 +90,19 @@ def detect(
     return max(found, key=lambda cycle: cycle.end - cycle.start, default=None)
 
 
+def _evenly(t: Vector, values: Vector) -> tuple[Vector, Vector]:
+    """Return times at equal steps and the values there; what has equal steps is left as it is."""
+    steps = np.diff(t)
+    step = float(np.median(steps))
+    if np.max(np.abs(steps - step)) <= UNEVEN * step:
+        return t, values
+    even = np.arange(t[0], t[-1], step)
+    return even, np.interp(even, t, values)
+
+
 def _without_average(values: Vector, t: Vector, window: float) -> Vector:
     """Return ``values`` at equal steps of ``t`` less their average over ``window``; 0: as is."""
-    count = round(window / float(t[1] - t[0]))
+    count = min(round(window / float(t[1] - t[0])), len(values))
     if count < 2:
         return values
     ones = np.ones(count)

@@ -1,4 +1,4 @@
-"""What a run is judged by: roll, load transfer, moment, bus and trigger figures."""
+"""Figures of a run: roll, load transfer, moment, bus and trigger figures."""
 
 import math
 from dataclasses import dataclass
@@ -43,7 +43,7 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Can:
-    """What the bus did: load of the ECU's segment, frames, response times and ages in ms."""
+    """Bus figures: load of the ECU's segment, frames, response times and ages in ms."""
 
     load: float
     frames: int
@@ -116,7 +116,7 @@ def judge(trace: Trace) -> Metrics:
 def load_transfer_without_roll(
     trace: Trace, vehicle: Vehicle, front_share: float
 ) -> dict[str, float | None]:
-    """Return the peak load transfer that is left if the body does not roll at all.
+    """Return the peak load transfer with the body upright.
 
     The wheels must carry m h a_y + m g h φ; roll control can take away the second part, the body
     leaning over its wheels, and no more. From the wheel loads of the passive run: what springs and

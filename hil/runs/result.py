@@ -27,7 +27,7 @@ FIGURES = (
 """The metrics that every table shows, in order."""
 
 LEAST_ROLL_DEG = 0.01
-"""A largest roll angle below this leaves nothing to reduce."""
+"""Below this largest roll angle there is no roll to reduce."""
 
 WORSE = 1.05
 """Roll rate with control over that without it, from which on the verdict is mixed."""
@@ -164,7 +164,7 @@ class Result:
 
     @property
     def pays(self) -> tuple[str, ...]:
-        """What control makes worse by more than 5 % where it helps, in words."""
+        """Side effects: quantities that control worsens by more than 5 %, as text."""
         active, passive = self.controlled_metrics, self.passive_metrics
         if active is None or not self.helps:
             return ()

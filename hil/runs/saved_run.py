@@ -1,4 +1,4 @@
-"""A run as it lies in its folder: ``trace.npz`` beside ``result.json`` and ``calibration.toml``.
+"""A run saved in its folder: ``trace.npz`` beside ``result.json`` and ``calibration.toml``.
 
 From these three a run is judged and shown again, the same numbers as on the day it was driven.
 """
@@ -30,7 +30,7 @@ CALIBRATION = "calibration.toml"
 RUNS = ("passive", "controlled", "replay")
 
 UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error)
-"""What reading a file that somebody cut short or wrote himself may raise."""
+"""Exceptions raised when reading a truncated or foreign file."""
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -66,7 +66,7 @@ def is_run(folder: Path) -> bool:
 
 
 def load(folder: Path) -> Result:
-    """Return the run that was left in ``folder``, its figures computed anew from its traces.
+    """Return the run saved in ``folder``, with figures recomputed from its traces.
 
     Raises:
         CanrollError: files are missing, unreadable, or not of one run.

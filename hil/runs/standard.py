@@ -1,4 +1,4 @@
-"""What the standard of a manoeuvre says of a run: passed, failed, or nothing."""
+"""Verdict of a manoeuvre's standard on a run: passed, failed, or none."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -62,7 +62,7 @@ class Standard:
 def assess(
     maneuver: Maneuver, vehicle: Vehicle, passive: Trace, controlled: Trace | None
 ) -> Standard:
-    """Return what the manoeuvre's standard says of a pair of runs."""
+    """Return the verdicts of the manoeuvre's standard on a pair of runs."""
     return Standard(
         maneuver.standard,
         _judged(maneuver, vehicle, passive),
@@ -81,19 +81,19 @@ def _judged(maneuver: Maneuver, vehicle: Vehicle, trace: Trace) -> Judged:
 
 
 def measured(verdict: Verdict) -> str:
-    """Return what was measured, in words."""
+    """Return the measured value as text."""
     if not isfinite(verdict.value):
         return "rolled over"
     return f"{_number(verdict.value)} {verdict.unit}".strip()
 
 
 def limit(verdict: Verdict) -> str:
-    """Return the limit in words; nothing where the figure is only told."""
+    """Return the limit as text; empty if the figure has none."""
     return f"{_number(verdict.limit)} {verdict.unit}".strip() if isfinite(verdict.limit) else ""
 
 
 def sentence(judged: Judged) -> str:
-    """Return the verdict with what it rests on, in one line."""
+    """Return the verdict with its figures, in one line."""
     parts = [
         f"{verdict.criterion} {measured(verdict)}"
         + (f" (limit {limit(verdict)})" if limit(verdict) else "")

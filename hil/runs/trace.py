@@ -1,4 +1,4 @@
-"""What a run leaves behind, as arrays."""
+"""Record of a run, as arrays."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -32,7 +32,7 @@ the anti-roll moment before trigger and split, ``outputs`` those of a law with t
 
 @dataclass(frozen=True, slots=True)
 class Trace:
-    """All that happened in one run.
+    """Record of one run.
 
     Attributes:
         signals: the vehicle every millisecond, one float64 array a signal, SI units; "time" in s.

@@ -1,4 +1,4 @@
-"""Whether a run with a clock was what it claims to be; one that was not has no verdict."""
+"""Validity of a run in real time; an invalid run has no verdict."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ TICKS_LATER = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Run:
-    """What a run is judged by; times in s.
+    """Timing of a run on which its validity depends; times in s.
 
     Attributes:
         due: ticks that the manoeuvre has.

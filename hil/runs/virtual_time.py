@@ -17,7 +17,7 @@ Progress = Callable[[float], None]
 
 
 class Interrupted(KeyboardInterrupt):
-    """A run was interrupted; ``trace`` holds what had happened until then."""
+    """A run was interrupted; ``trace`` is the record up to then."""
 
     def __init__(self, trace: Trace) -> None:
         super().__init__()
@@ -25,7 +25,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class Ticking(Protocol):
-    """What the loop needs of an ECU: one in this process, or one granted time over a bus."""
+    """Interface of an ECU to the loop: in this process, or in lock step over a bus."""
 
     def receive(self, ident: int, payload: NDArray[np.uint8], length: int) -> None:
         """Take a frame."""

@@ -32,7 +32,7 @@ QUANTITIES = ("roll_max_deg", "roll_rms_deg", "nlt_front_max", "moment_rms_nm", 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of one draw, without and with control.
+    """Result of one draw, without and with control.
 
     Attributes:
         index: which draw.
@@ -62,7 +62,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Campaign:
-    """All outcomes in order of their index, beside the run that nothing was drawn for."""
+    """All outcomes in order of their index, with the nominal run."""
 
     nominal: Result
     outcomes: tuple[Outcome, ...]
@@ -76,7 +76,7 @@ class Campaign:
 
     @property
     def failed(self) -> list[Outcome]:
-        """What control is not good in, the worst first."""
+        """Outcomes in which control fails, the worst first."""
         return [outcome for outcome in self.hardest if outcome.verdict not in GOOD]
 
     @property
@@ -206,7 +206,7 @@ def outcome_of(controller: Controller, drawn: Drawn) -> Outcome:
 
 
 _controller: list[Controller] = []
-"""What a worker drives with, sent once."""
+"""Settings of a worker process, sent once."""
 
 
 def _start(controller: Controller) -> None:
@@ -221,7 +221,7 @@ def _drive(drawn: Drawn) -> Outcome:
 def mapping(
     controller: Controller, jobs: int
 ) -> Iterator[Callable[[Iterable[Drawn]], Iterator[Outcome]]]:
-    """Give what turns draws into outcomes, in their order, in ``jobs`` processes."""
+    """Return the map from draws to outcomes, in their order, in ``jobs`` processes."""
     if jobs == 1:
         yield lambda draws: (outcome_of(controller, drawn) for drawn in draws)
         return

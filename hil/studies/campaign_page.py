@@ -1,4 +1,4 @@
-"""The report page of a campaign: how far the figures spread, and what they depend on."""
+"""The report page of a campaign: spread of the figures, and their sensitivity."""
 
 import numpy as np
 

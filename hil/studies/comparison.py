@@ -1,4 +1,4 @@
-"""Several runs held against each other: laws, buses, speeds, on one page and in one table."""
+"""Comparison of several runs: laws, buses, speeds, on one page and in one table."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from hil.runs.trace import Trace
 
 @dataclass(frozen=True, slots=True)
 class Named:
-    """One run of a comparison: how it was asked for, and what came of it."""
+    """One run of a comparison: its description and result."""
 
     name: str
     result: Result

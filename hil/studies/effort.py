@@ -49,7 +49,7 @@ PassiveRoll = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True)
 class Driven:
-    """What a law did over several seeds: figures (runs, 8), and how many limit cycles there were.
+    """Results of a law over several seeds: figures (runs, 8), and how many limit cycles there were.
 
     ``factor``: on the law's moment.
     """
@@ -70,7 +70,7 @@ class Driven:
 
 
 class BudgetError(CanrollError):
-    """A law cannot be brought to the budget; ``nearest``: what it did where it came closest."""
+    """A law cannot be scaled to the budget; ``nearest``: its results at the closest factor."""
 
     def __init__(self, message: str, nearest: Driven) -> None:
         super().__init__(message)
@@ -87,7 +87,7 @@ def scaled(controller: Controller, factor: float) -> Controller:
 def roll_without_control(
     settings: Settings, controller: Controller, runs: int
 ) -> list[PassiveRoll]:
-    """Return what seeds 0 to ``runs`` − 1 do without control."""
+    """Return the results of seeds 0 to ``runs`` − 1 without control."""
     traces = (
         drive(replace(settings, seed=seed), controller, enabled=False) for seed in range(runs)
     )
@@ -116,7 +116,7 @@ def driven(
 
 
 def at_budget(drive_at: Callable[[float], Driven], budget: float) -> Driven:
-    """Return what a law does at the factor where its effort meets ``budget``, N·m.
+    """Return the results of a law at the factor where its effort equals ``budget``, N·m.
 
     False position between a factor below and one above, kept away from both ends.
 
@@ -156,7 +156,7 @@ def at_budget(drive_at: Callable[[float], Driven], budget: float) -> Driven:
 
 
 def at_rest(drive_at: Callable[[float], Driven]) -> Driven:
-    """Return what a law does at the highest tenth of its gain that makes no limit cycle.
+    """Return the results of a law at the largest gain factor, in tenths, without limit cycle.
 
     Raises:
         CanrollError: there is one even at the last tenth.

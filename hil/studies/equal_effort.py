@@ -93,7 +93,7 @@ NO_WORSE = {
     "nlt_rear_max": "load transfer in the rear",
     "steer_rms_deg": "steering",
 }
-"""What may not pay for less roll, in words."""
+"""Quantities that must not get worse, as text."""
 TOLERANCE = 0.01
 """How much worse a figure may be and still count as no worse, as share of the reference."""
 EFFORT_TOLERANCE = 0.02
@@ -105,7 +105,7 @@ CONFIDENCE = 1.96
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What one law did.
+    """Results of one law.
 
     Attributes:
         entry: the law.

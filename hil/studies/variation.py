@@ -1,4 +1,4 @@
-"""What may be otherwise than the design says: the vehicle, the bus, the sensors, a fault."""
+"""Random variation of vehicle, bus, sensors and faults for Monte Carlo runs."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
@@ -26,7 +26,7 @@ DEFAULT_SPREAD: Mapping[str, float] = {
 }
 """Half-widths, as share of the nominal value, that each quantity is drawn from, evenly."""
 SHARE_MAX: Mapping[str, float] = {"estimate_error": 0.2}
-"""Largest half-width, below 1, of what the actuators bound themselves."""
+"""Largest half-width, below 1, of quantities bounded by the actuators."""
 TRIES = 100
 
 

@@ -1,1 +1,1 @@
-"""The onlooker: what a bus tells of the roll controller, and a page that shows it live."""
+"""Passive monitor of the roll controller's bus, and its live page."""

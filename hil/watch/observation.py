@@ -1,4 +1,4 @@
-"""What a roll-control bus tells an onlooker: mode, roll, moments, delays, load, troubles."""
+"""State of the roll controller observed on its bus: mode, roll, moments, delays, load, faults."""
 
 from collections import Counter, deque
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""An onlooker: a bus that is only listened to, and what has been seen on it."""
+"""A passive monitor of a bus, and its observations."""
 
 import time
 from collections.abc import Iterable

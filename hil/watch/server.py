@@ -1,4 +1,4 @@
-"""The watch in a browser: a page, and a socket that pushes the stream to whoever opened it.
+"""The watch in a browser: a page, and a socket that pushes the stream to its clients.
 
 It listens on loopback unless told otherwise. A page of somebody else must not read the bus through
 the user's browser: a request whose Host is a name that is not ours (DNS rebinding), and a socket

@@ -168,7 +168,7 @@ class LiveStream:
         self._active, self._latched, self._diagnosed = active, latched, True
 
     def _hear(self, frame: Seen) -> None:
-        """Note who is heard for the first time, or again."""
+        """Record sides heard for the first time, or again."""
         if frame.side is None:
             return
         last = self._heard.get(frame.side)
@@ -182,7 +182,7 @@ class LiveStream:
         self._heard[frame.side] = frame.t
 
     def _miss(self, side: str, t: float) -> None:
-        """Note who has not been heard for too long at ``t``."""
+        """Record sides that are silent at ``t``."""
         if side not in self._silent and t - self._heard[side] > SILENT:
             self._note(self._heard[side], f"{side} silent from here on")
             self._silent.add(side)

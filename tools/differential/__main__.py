@@ -1,4 +1,4 @@
-"""All backends on the same traffic, byte for byte, for as long as one likes.
+"""All backends on the same traffic, byte for byte, for any duration.
 
     python -m tools.differential [--ticks N] [--cortex CPU] [--jobs J]
 
@@ -57,7 +57,7 @@ class Outcome:
 
 
 def reference(calibration: Calibration, traffic: Traffic) -> Replay:
-    """What the native library does."""
+    """Results of the native library."""
     cals = np.frombuffer(memory_image.image(calibration), memory_image.dtype(Calibration), 1).copy()
     library = native.library()
     return library.replay(library.start(cals), cals, [traffic], states=True)
@@ -148,7 +148,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def main() -> int:
-    """Run the comparison that the command line asks for."""
+    """Run the comparison."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--ticks", type=int, default=10_000)
     parser.add_argument("--cortex", choices=tuple(cortex_build.CPUS), help="also in QEMU")

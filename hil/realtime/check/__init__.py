@@ -1,1 +1,1 @@
-"""What tick this machine can hold, measured before hardware is connected."""
+"""The shortest tick this machine can sustain, measured before hardware is connected."""

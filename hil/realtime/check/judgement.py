@@ -1,4 +1,4 @@
-"""From what was measured to the tick that a machine can hold, and what to change on it.
+"""Derive the shortest sustainable tick from measurements, and remedies for the machine.
 
 The rule: the largest wake-up lateness, the longest tick and the largest CAN round trip, as if all
 three came at once, take at most half of the period. The other half is for what some seconds of
@@ -47,7 +47,7 @@ class Measurements:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something that keeps ticks from being shorter: as read or measured, and what mends it."""
+    """A cause of longer ticks, as read or measured, with its remedy."""
 
     what: str
     remedy: str
@@ -79,7 +79,7 @@ def shortest_ms(seen: Measurements) -> float | None:
 
 
 def findings(seen: Measurements) -> list[Finding]:
-    """Return what was found that makes wake-ups late, each with what mends it."""
+    """Return the causes of late wake-ups, each with its remedy."""
     return [
         *_refused(seen),
         *_one_core(seen),
@@ -91,7 +91,7 @@ def findings(seen: Measurements) -> list[Finding]:
 
 
 def _refused(seen: Measurements) -> list[Finding]:
-    """Return what the system refused the loops; the same on every core is said once."""
+    """Return the settings refused by the system, once if the same on every core."""
     found = {note: None for loop in seen.loops for note in loop.notes}
     machine = seen.machine
     limits = {
@@ -113,7 +113,7 @@ def _one_core(seen: Measurements) -> list[Finding]:
 
 
 def _cores(seen: Measurements) -> list[Finding]:
-    """Return what is set for the cores of the run, and who else used them."""
+    """Return the settings of the run's cores, and their use by other programs."""
     found = []
     for core in seen.machine.cores:
         loops = [loop for loop in seen.loops if loop.place.core in (core.number, None)]

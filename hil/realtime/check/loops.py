@@ -1,4 +1,4 @@
-"""Loops at absolute deadlines on every core at once, as a run has them, and how late they wake.
+"""Loops at absolute deadlines on all cores, as in a run, and their wake-up lateness.
 
 The loop on the ECU's core also runs the firmware, once a tick, on the frames of a driven manoeuvre.
 """
@@ -31,7 +31,7 @@ Times = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Ticks:
-    """What the firmware is run on: one list of received frames a tick."""
+    """Input of the firmware: one list of received frames per tick."""
 
     backend: str
     calibration: Calibration

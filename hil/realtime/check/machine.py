@@ -1,4 +1,4 @@
-"""What Linux says of a machine that loops with deadlines depend on, read from /proc and /sys.
+"""Settings of a Linux machine that affect real-time loops, read from /proc and /sys.
 
 A file that is not there, or cannot be read, gives None: unknown, never a guess.
 """

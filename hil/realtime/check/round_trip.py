@@ -1,4 +1,4 @@
-"""What the bus costs: a frame out, echoed by a process on another core, and back.
+"""Round-trip time of the bus: a frame out, echoed by a process on another core, and back.
 
 Both wait in the kernel for their frame, so the wake-ups of both are in it. On an interface that one
 program opens alone, an adapter, only reading an empty bus is timed: the echo is another node's.

@@ -1,4 +1,4 @@
-"""Processes that measure: each sends what it found, or the error that a user is to read."""
+"""Measuring processes: each sends its result, or an error for the user."""
 
 import multiprocessing
 from collections.abc import Callable, Iterator
@@ -10,7 +10,7 @@ from typing import Any
 from canroll.errors import CanrollError
 
 CONTEXT = multiprocessing.get_context("spawn")
-"""A fork would take over locks, priorities and the compiler's threads of whoever forks."""
+"""A fork would inherit locks, priorities and the compiler's threads of the parent."""
 
 Send = Callable[[Any], None]
 

@@ -1,1 +1,1 @@
-"""Real interfaces: what each needs, what its time stamps mean, errors and load of the bus."""
+"""Hardware interfaces: requirements, clock of the time stamps, bus errors and load."""

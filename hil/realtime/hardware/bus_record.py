@@ -1,4 +1,4 @@
-"""Everything that went over a real bus, with the interface's time stamps, and what it comes to.
+"""Record of a real bus, with the interface's time stamps, and its summary.
 
 The record is filled from within a loop, into memory set aside beforehand; it is looked at after
 the run.
@@ -180,7 +180,7 @@ def load(entries: NDArray[np.void], about: Mapping[str, Any]) -> tuple[float | N
 
 
 def summary(entries: NDArray[np.void], about: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a record comes to, as plain data."""
+    """Return the summary of a record, as plain data."""
     wrong = entries["flags"] & ERROR != 0
     share, unknown = load(entries, about)
     return {

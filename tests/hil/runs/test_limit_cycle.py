@@ -73,3 +73,20 @@ def test_a_run_of_less_than_a_second_has_none(seconds):
     short = T[elapsed <= seconds]
     swing = 700 * np.sin(2 * np.pi * 8 * short)
     assert detect(short, swing, short, 0.0 * short) is None
+
+
+@pytest.mark.parametrize("kept", [0.9, 0.5, 0.02])
+def test_a_run_that_missed_ticks_is_judged_all_the_same(kept):
+    draws = np.random.default_rng(4)
+    ran = draws.random(len(T)) < kept
+    ran[[0, -1]] = True
+    swinging = 900 * np.sin(2 * np.pi * 1.5 * T)
+    found = detect(T[ran], swinging[ran], T, 0.05 * LANE_CHANGE)
+    if kept > 0.1:
+        assert found.frequency == pytest.approx(1.5, rel=0.05)
+    assert detect(T[ran], -900 * LANE_CHANGE[ran], T, 0.05 * LANE_CHANGE) is None
+
+
+def test_a_burst_of_ticks_after_a_gap_is_judged_all_the_same():
+    t = np.array([0.01, 0.02, 0.03, 1.5, 1.51])
+    assert detect(t, np.array([0.0, 500.0, -500.0, 400.0, 0.0]), T, 0.05 * LANE_CHANGE) is None
