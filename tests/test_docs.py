@@ -11,6 +11,9 @@ from hil.cli import main as cli
 
 ROOT = Path(__file__).parent.parent
 PAGES = sorted((ROOT / "docs").glob("*.md"))
+WRITTEN = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *PAGES]
+WRITTEN += sorted((ROOT / "docs" / "decisions").glob("*.md"))
+"""All pages, those too that show no output of commands."""
 IN_PROCESS = {"commands.md"}
 """Pages whose parts another test holds against their source, without a process for each."""
 
@@ -52,7 +55,7 @@ def slug(heading):
 
 
 @pytest.mark.drift
-@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda p: p.name)
+@pytest.mark.parametrize("page", WRITTEN, ids=lambda p: p.name)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\(((?!https?:)[^)\s]+)\)", page.read_text("utf-8")):
         name, _, anchor = target.partition("#")
@@ -72,7 +75,7 @@ def shown(page):
                 yield shlex.split(re.split(r" && | \|", line)[0], comments=True)[1:]
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES], ids=lambda p: p.name)
+@pytest.mark.parametrize("page", WRITTEN, ids=lambda p: p.name)
 def test_commands_that_the_build_does_not_run_are_understood(page):
     for arguments in shown(page):
         cli.parse(arguments)

@@ -1,6 +1,7 @@
 """The rules that keep the project easy to find one's way in hold, and their tools exist."""
 
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -65,3 +66,57 @@ def test_a_hook_runs_what_exists(entry):
 def test_no_hook_needs_an_address():
     assert re.findall(r"repo: (.*)", HOOKS) == ["local"]
     assert "scripts/lint" in (ROOT / "test.sh").read_text()
+
+
+CONTRIBUTING = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+DECISIONS = sorted((ROOT / "docs" / "decisions").glob("[0-9]*.md"))
+CHANGELOG = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+
+
+def paths(text):
+    """Return what a page names in code that is a path of the project."""
+    words = {word for code in re.findall(r"`([^`\n]+)`", text) for word in code.split()}
+    tops = "|".join(path.name for path in ROOT.iterdir() if path.is_dir())
+    return {word.removeprefix("./") for word in words if re.match(rf"(?:\./)?(?:{tops})/", word)}
+
+
+@pytest.mark.drift
+@pytest.mark.parametrize("page", [ROOT / "CONTRIBUTING.md", *DECISIONS], ids=lambda p: p.name)
+def test_a_page_names_what_exists(page):
+    missing = {path for path in paths(page.read_text("utf-8")) if not (ROOT / path).exists()}
+    assert missing <= {"build/api"}
+
+
+def test_modules_that_are_to_be_run_exist():
+    named = re.findall(r"`python -m ([\w.]+)`", CONTRIBUTING)
+    assert named and all(name in modules() for name in named)
+
+
+@pytest.mark.parametrize(
+    "recipe",
+    re.findall(r"^### (.*?)(?=^###|\Z)", CONTRIBUTING, re.M | re.S),
+    ids=lambda text: text.partition("\n")[0],
+)
+def test_a_recipe_has_five_steps_and_names_a_file(recipe):
+    assert re.findall(r"^(\d)\.", recipe, re.M) == list("12345")
+    assert paths(recipe)
+
+
+def test_every_decision_is_numbered_complete_and_in_the_index():
+    index = (ROOT / "docs" / "decisions" / "index.md").read_text(encoding="utf-8")
+    assert len(DECISIONS) > 10
+    for number, path in enumerate(DECISIONS, 1):
+        text = path.read_text(encoding="utf-8")
+        title = re.match(r"# (\d+)\. (.+)\n", text)
+        assert title and int(title[1]) == number == int(path.name[:4])
+        assert re.findall(r"^## (.+)$", text, re.M) == ["Context", "Decision", "Consequence"]
+        assert f"| {number} | [{title[2]}]({path.name}) |" in index
+
+
+def test_the_newest_version_of_the_changelog_is_the_packages():
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    versions = re.findall(r"^## (\S+)(?: — (\S+))?$", CHANGELOG, re.M)
+    released = [(version, date) for version, date in versions if version != "Unreleased"]
+    assert released[0][0] == tomllib.loads(text)["project"]["version"]
+    assert all(re.fullmatch(r"\d{4}-\d{2}-\d{2}", date) for _, date in released)
+    assert [date for _, date in released] == sorted((d for _, d in released), reverse=True)

@@ -88,7 +88,7 @@ def steady_roll_gradient(vehicle: Vehicle, suspension_stiffness: float) -> float
 def suspension_roll_stiffness(vehicle: Vehicle) -> float:
     """Roll stiffness (N·m/rad) of springs and bars with which the car rolls as its plant model.
 
-    The plant's roll model knows one stiffness, tyres included; this takes the tyres out.
+    The plant's roll model has one stiffness, tyres included; here the tyres are separated.
 
     Raises:
         CanrollError: the tyres alone give more roll than the plant's roll model.

@@ -1,4 +1,4 @@
-"""A bus by its figures, and the four that are built in."""
+"""Parameters of a bus, and the four built-in profiles."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -13,7 +13,7 @@ GATEWAY_MS_MAX: Final = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class BusProfile:
-    """A bus by its figures.
+    """Parameters of a bus.
 
     ``load`` is the total, own messages at their cycle times included; background traffic fills
     the rest, ``above`` of it with identifiers of higher priority than all own messages.

@@ -1,4 +1,4 @@
-"""Simulated ages: from a sensor's sample to the instant an actuator applies what came of it."""
+"""Simulated ages: from a sensor's sample to the instant the resulting command is applied."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -77,7 +77,7 @@ class _Sender:
 def simulate_ages(
     network: Network, loop: Loop, *, duration_ns: int, replayed: Frames | None = None
 ) -> NDArray[np.int64]:
-    """Return the sample-to-force age of every command that the actuator applied, nanoseconds.
+    """Return the sample-to-force age of every applied command, nanoseconds.
 
     A sensor samples and sends; in every tick the ECU sends a command computed from the newest
     sample it has received; the actuator looks at what it has received once a period. The age runs

@@ -1,4 +1,4 @@
-"""The network of a bus profile: what connects the roll-control ECU and the vehicle's nodes."""
+"""Networks of bus profiles: the roll-control ECU and the vehicle's nodes."""
 
 from collections.abc import Sequence
 from typing import Any, Final

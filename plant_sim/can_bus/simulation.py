@@ -40,7 +40,7 @@ class SimulatedResponse:
 
 @dataclass(frozen=True, slots=True)
 class Simulation:
-    """What a simulated bus did: responses by message, load, and whether the account balances."""
+    """Results of a bus simulation: responses by message, load, and frame balance."""
 
     responses: dict[str, SimulatedResponse]
     load: float

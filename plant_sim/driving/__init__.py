@@ -1,4 +1,4 @@
-"""Road, path, driver, manoeuvres and their names, and the standards that judge them."""
+"""Road, path, driver, manoeuvres and their names, and the standards' criteria."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""Collects what drives a manoeuvre into the arrays that the driver's kernel reads."""
+"""Collects the inputs of a manoeuvre in the arrays of the driver kernel."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ GRIP_USED = 0.85
 """Share of the tyres' peak that a driver goes up to on a slippery road."""
 
 YAW_LAG = 0.15
-"""What a driver takes the car to need from the wheel to the lateral acceleration (s)."""
+"""Delay from steering wheel to lateral acceleration assumed by the driver (s)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What one manoeuvre consists of, whatever road and driver it is driven with.
+    """Contents of one manoeuvre, independent of road and driver.
 
     ``duration`` (s). ``table`` at steps of ``table_step`` (s): road-wheel angle (rad) or lateral
     acceleration (m/s²). ``bank`` (rad) and ``road``, the heights (m) under the left and the right

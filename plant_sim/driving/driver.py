@@ -61,17 +61,17 @@ YAW_REFERENCE_LAG = 0.1
 """Lag of the chassis control's yaw reference behind the linear car's steady yaw rate (s)."""
 
 YAW_GAIN = 6.0
-"""Yaw acceleration that the chassis control asks for per yaw-rate error (1/s)."""
+"""Yaw acceleration demanded by the chassis control per yaw-rate error (1/s)."""
 
 YAW_DEAD_BAND = 0.02
-"""Yaw-rate error (rad/s) that the chassis control leaves alone."""
+"""Dead band of the chassis control in yaw-rate error (rad/s)."""
 
 EXTRA_STEER_LIMIT = 0.035
 """Angle (rad) that the chassis control may add to the driver's steering."""
 
 
 class Drive(NamedTuple):
-    """What drives a manoeuvre, as arrays for the kernels. ``memory`` belongs to one run only."""
+    """Inputs of a manoeuvre, as arrays for the kernels. ``memory`` belongs to one run only."""
 
     kind: int
     """FOLLOW_PATH, STEER_TABLE (road-wheel angle over time), ACCELERATION_TABLE or FISHHOOK."""
@@ -117,7 +117,7 @@ def _path_point(drive: Drive, station: float) -> tuple[float, float, float, floa
 
 @njit
 def _follow(outputs: Vector, drive: Drive) -> float:
-    """Road-wheel angle the driver wants (rad); keeps the station and reports the path error."""
+    """Road-wheel angle demanded by the driver (rad); updates station and path error."""
     parameters, memory = drive.parameters, drive.memory
     heading = outputs[ports.YAW]
     velocity_x = outputs[ports.VX] * cos(heading) - outputs[ports.VY] * sin(heading)

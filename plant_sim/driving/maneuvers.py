@@ -1,4 +1,4 @@
-"""The manoeuvres by name: what drives each, at which speeds, for how long."""
+"""The manoeuvres by name: inputs, speeds and durations."""
 
 from dataclasses import dataclass, replace
 from inspect import Parameter, signature
@@ -53,12 +53,12 @@ class Maneuver:
 
 
 def names() -> list[str]:
-    """The manoeuvres that :func:`build` knows, sorted."""
+    """The names accepted by :func:`build`, sorted."""
     return sorted(MANEUVERS)
 
 
 def title(name: str) -> str:
-    """What that manoeuvre is called in a report."""
+    """Title of the manoeuvre in a report."""
     return MANEUVERS[name].title
 
 
@@ -175,7 +175,7 @@ def replay(maneuver: Maneuver, steer: Vector) -> Maneuver:
     """The same manoeuvre with the steering of an earlier run played back, no driver in the loop.
 
     ``steer``: road-wheel angle (rad), one value a step, as :func:`simulate.run_passive` gives it.
-    What a law changes then is the car alone, not what the driver makes of it. The recorded angle
+    A law then changes only the motion of the car, without driver feedback. The recorded angle
     holds what the chassis control added, so that is off.
     """
     parameters = maneuver.drive.parameters.copy()

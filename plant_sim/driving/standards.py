@@ -1,4 +1,4 @@
-"""Pass or fail as the standards judge: FMVSS 126, NHTSA's rollover tests, ISO 3888 cone tracks.
+"""Pass or fail by the standards: FMVSS 126, NHTSA's rollover tests, ISO 3888 cone tracks.
 
 Every function reads recorded signals by name, one value a millisecond, SI units: those of
 :meth:`plant_sim.world.world.World.signals` or of :func:`plant_sim.world.open_loop.signals`.
@@ -30,7 +30,7 @@ CONE_SPACING = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """One criterion: what was measured, what the standard allows, and whether it is met."""
+    """One criterion: measured value, limit of the standard, and whether it is met."""
 
     criterion: str
     clause: str

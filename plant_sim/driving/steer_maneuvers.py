@@ -1,4 +1,4 @@
-"""Manoeuvres that a steering robot drives: fishhook, J-turn, sine with dwell, and signals of files.
+"""Manoeuvres of a steering robot: fishhook, J-turn, sine with dwell, and signals of files.
 
 The robots of FMVSS 126 and of NHTSA's rollover tests scale their steering by the angle at which
 the car corners at 0.3 g at 80 km/h; here that is the linear car's.
@@ -85,7 +85,7 @@ def sine_with_dwell(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float
 
 
 CSV_COLUMNS = {"steering_wheel_deg": STEER_TABLE, "lateral_acceleration": ACCELERATION_TABLE}
-"""Second column of a signal file, and what it drives."""
+"""Second column of a signal file, and the input it sets."""
 
 
 def read_signal(path: Path) -> tuple[str, Vector, Vector]:

@@ -1,1 +1,1 @@
-"""What every kernel builds on: compilation, records as arrays, random numbers."""
+"""Common parts of the kernels: compilation, records as arrays, random numbers."""

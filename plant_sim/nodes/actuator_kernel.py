@@ -103,7 +103,7 @@ def receive(node: Actuators, tables: Codec, which: int, word: int, t_ns: int) ->
 
 @njit
 def supervise(node: Actuators, t_ns: int) -> None:
-    """Let go of a command that has not been renewed within the timeout."""
+    """Release a command that was not renewed within the timeout."""
     if node.flag[HELD] and t_ns - node.flag[T_ACCEPTED] > node.flag[TIMEOUT]:
         node.flag[HELD] = 0
         node.state[DEMAND : DEMAND + 4] = 0.0

@@ -1,4 +1,4 @@
-"""What the four kinds of roll actuators do in one step of 1 ms.
+"""One 1 ms step of the four kinds of roll actuators.
 
 Forces act on the body, upwards, with their reaction on the wheel; moments lift the left side.
 Force over a step is the mean of its values at both ends, so that a lag costs no half step.
@@ -176,7 +176,7 @@ def _dampers(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> Non
 
 @njit
 def _valve_current(node: Actuators, axle: int, actual: float) -> float:
-    """Current (A) that the axle's command asks for; a disabled node keeps the moment at zero."""
+    """Current (A) commanded for the axle; a disabled node keeps the moment at zero."""
     parameters, loop = node.setting[HYDRAULIC_PARAMETERS:], node.setting[TORQUE_LOOP]
     if not node.flag[ENABLED] or not node.flag[HELD]:
         return hydraulics.torque_loop(parameters, loop, 0.0, actual)
@@ -188,7 +188,7 @@ def _valve_current(node: Actuators, axle: int, actual: float) -> float:
 
 @njit
 def _valve_axle(node: Actuators, axle: int, outputs: Vector, inputs: Vector, t_ns: int) -> int:
-    """Let one electro-hydraulic bar work for a step; its status."""
+    """Advance one electro-hydraulic bar by a step; return its status."""
     state, setting = node.state, node.setting
     parameters = setting[HYDRAULIC_PARAMETERS:]
     first = HYDRAULICS + 5 * axle

@@ -1,4 +1,4 @@
-"""What a run leaves behind: one row of every signal each millisecond, and every applied command."""
+"""Recording of a run: one row of signals per millisecond, and every applied command."""
 
 import numpy as np
 from numpy.typing import NDArray

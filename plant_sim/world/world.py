@@ -107,7 +107,7 @@ class World:
     def submit(self, t_ns: int, ident: int, payload: bytes) -> None:
         """Queue a frame at the ECU at ``t_ns`` (ns), not before the last ``advance``'s end.
 
-        The sample that the frame can know of is the last that ``advance`` has returned.
+        The newest sample available to the frame is the last returned by ``advance``.
         """
         if t_ns < self.now_ns:
             raise CanrollError(
@@ -126,7 +126,7 @@ class World:
         self._clock[OUTBOX] = count + 1
 
     def advance(self, until_ns: int) -> NDArray[Any]:
-        """Let everything happen up to ``until_ns``; frames (``FRAME``) the ECU received since."""
+        """Advance to ``until_ns``; return the frames (``FRAME``) the ECU received since."""
         if until_ns < self.now_ns:
             raise CanrollError(f"the world is at {self.now_ns} ns and cannot go back to {until_ns}")
         if until_ns > self._recorded_until_ns:

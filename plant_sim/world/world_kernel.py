@@ -59,7 +59,7 @@ FLIGHT_SUBMITTED, FLIGHT_SAMPLE, N_FLIGHT = range(3)
 
 
 class Memory(NamedTuple):
-    """What the loop works on besides driver and bus; becomes one record.
+    """State of the loop besides driver and bus; becomes one record.
 
     ``state`` and ``parameters`` have room for every body's; ``STATES`` and ``PARAMETERS`` count
     those in use, ``STEP`` is the address of the body's step.
@@ -119,7 +119,7 @@ def _send(  # noqa: PLR0917
 
 @njit
 def _post(world: Memory, network: bus.State) -> None:
-    """Queue what the ECU has submitted, and note which sample each command can know of."""
+    """Queue the frames submitted by the ECU, and record the newest sample each command can use."""
     clock = world.clock
     for k in range(clock[OUTBOX]):
         out = world.outbox[k]
@@ -207,7 +207,7 @@ def _sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
 
 @njit
 def advance(parts: Parts, until_ns: int) -> int:
-    """Let everything happen up to and including ``until_ns``; the body ends on the next full ms.
+    """Advance up to and including ``until_ns``; the body ends on the next full ms.
 
     Returns:
         received: how many frames the ECU has received: the first of ``Memory.received``.

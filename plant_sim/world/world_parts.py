@@ -1,4 +1,4 @@
-"""What a world is made of: bodies, nodes and bus joined for one run."""
+"""Assembly of a world: bodies, nodes and bus for one run."""
 
 from typing import Any
 
@@ -47,7 +47,7 @@ def _command(actuator: str, command: str | None) -> str:
 
 
 def _roles(actuator: str) -> NDArray[np.uint8]:
-    """Who takes in a frame of each standard identifier."""
+    """Receivers of each standard identifier."""
     roles = np.full(kernel.STANDARD_IDENT + 1, kernel.NOBODY, dtype=np.uint8)
     roles[[_ident(name) for name in sensor_setup.NODES]] = kernel.FOR_ECU
     roles[_ident("Imu")] = kernel.FOR_ECU_IMU

@@ -1,1 +1,1 @@
-"""The bus to the bit: arbitration, queues, errors, log; compiled."""
+"""The bus simulated bit by bit: arbitration, queues, errors, log; compiled."""

@@ -168,7 +168,7 @@ def _classify(bus: State, index: int) -> None:
 
 @njit
 def count_success(bus: State, which: int, sender: int) -> None:
-    """Let the error counters of the segment's nodes recover by one good frame."""
+    """Decrement the error counters of the segment's nodes after a good frame."""
     segment = bus.segments[which]
     if not segment.disturbed:
         return
@@ -249,7 +249,7 @@ def count_error_flag(bus: State, which: int) -> None:
 
 @njit
 def purge(bus: State, which: int, sender: int, now: int) -> None:
-    """Drop what a node that has left the bus still has queued."""
+    """Clear the queues of a node that has left the bus."""
     segment = bus.segments[which]
     segment.pending = 0
     for number in range(MAX_NODES + bus.clock[MESSAGES]):
@@ -272,7 +272,7 @@ def purge(bus: State, which: int, sender: int, now: int) -> None:
 
 @njit
 def count_recessive(bus: State, which: int, sequences: int) -> None:
-    """Let bus-off nodes see ``sequences`` more runs of 11 recessive bits."""
+    """Count ``sequences`` further runs of 11 recessive bits for bus-off nodes."""
     segment = bus.segments[which]
     for index in range(bus.clock[NODE_COUNT]):
         node = bus.nodes[index]

@@ -1,4 +1,4 @@
-"""The arrays a bus network lives in, and the numbers that give their entries a meaning."""
+"""The arrays of a bus network, and the constants of their entries."""
 
 from typing import Any, Final, NamedTuple
 

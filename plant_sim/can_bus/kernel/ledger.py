@@ -1,5 +1,5 @@
 # ruff: noqa: PLR0917
-"""The account of every frame: what became of it, in the log, the totals and its message."""
+"""The outcome of every frame, recorded in the log, the totals and its message."""
 
 from dataclasses import dataclass
 
@@ -65,7 +65,7 @@ def write_log(
     t_end: int,
     missed: int = -1,
 ) -> None:
-    """Append what happened to a frame to the ring log and to the segment's totals."""
+    """Append the outcome of a frame to the ring log and to the segment's totals."""
     frame = bus.frames[slot]
     segment = bus.nodes[frame.node].segment
     bus.totals[segment, outcome] += 1

@@ -1,4 +1,4 @@
-"""The records that a bus network's arrays are made of. Times in nanoseconds."""
+"""Record types of a bus network's arrays. Times in nanoseconds."""
 
 from typing import Final
 

@@ -176,7 +176,7 @@ def _check(spec: NetworkSpec) -> None:
 
 
 def check_rates(bitrate: int, data_bitrate: int) -> None:
-    """Refuse bit rates that no CAN bus has; a ``data_bitrate`` of 0 stands for none."""
+    """Reject invalid bit rates; a ``data_bitrate`` of 0 means none."""
     if bitrate <= 0:
         raise CanrollError(f"the bit rate must be positive, got {bitrate} bit/s")
     if bitrate > MAX_BITRATE:

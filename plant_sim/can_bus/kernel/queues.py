@@ -203,7 +203,7 @@ def fault_active(bus: State, kind: int, target: int, t_ns: int) -> int:
 
 @njit
 def release(bus: State, slot: int, now: int) -> None:
-    """Let the frame in ``slot`` enter the transmit queue of its node."""
+    """Put the frame in ``slot`` into the transmit queue of its node."""
     frame = bus.frames[slot]
     node = bus.nodes[frame.node]
     if bus.clock[FAULT_COUNT] > 0 and frame.t_queued == frame.t_origin:
@@ -253,7 +253,7 @@ def release(bus: State, slot: int, now: int) -> None:
 
 @njit
 def offer(bus: State, number: int) -> None:
-    """Let the head of a queue take part in arbitration."""
+    """Enter the head of a queue into arbitration."""
     queue = bus.queues[number]
     if queue.head < 0 or queue.waiting:
         return

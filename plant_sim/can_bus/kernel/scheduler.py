@@ -1,4 +1,4 @@
-"""What happens on the bus: releases, arbitration, transmissions and their ends, in time order.
+"""Events on the bus: releases, arbitration, transmissions and their ends, in time order.
 
 Events at one instant are taken in this order: ends of transmissions, releases into queues,
 arbitrations; so a frame queued at the very instant of a start of frame still takes part. A
@@ -102,7 +102,7 @@ def next_event_ns(network: Network) -> int:
 
 @njit
 def advance(network: Network, until_ns: int) -> None:
-    """Let everything happen on all segments up to and including ``until_ns``.
+    """Process all events on all segments up to and including ``until_ns``.
 
     Ends of frames are appended to ``network.log``; see ``Network``.
     """
@@ -311,7 +311,7 @@ def _end(bus: State, which: int, now: int) -> None:
 
 @njit
 def _settle(bus: State, which: int, slot: int, kind: int, now: int) -> None:
-    """Decide what becomes of a frame after its attempt: done, sent again, or lost."""
+    """Decide the outcome of a transmission attempt: done, retransmitted, or lost."""
     segment = bus.segments[which]
     frame = bus.frames[slot]
     sender = frame.node

@@ -1,4 +1,4 @@
-"""Frames that enter the network by themselves: from periodic sources and through gateways."""
+"""Frames generated in the network: by periodic sources and gateways."""
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def generate(bus: State, number: int, now: int) -> None:
 
 @njit
 def forward(bus: State, slot: int, now: int, missed: int) -> None:
-    """Let the gateways that route a frame just received store it for their other side.
+    """Store a received frame in the gateways that route it.
 
     ``missed``: the one node that has not received it, or −1.
     """

@@ -216,7 +216,7 @@ class Hub:
             return port.entries.popleft() if port.entries else None
 
     def let_pass(self, duration_s: float) -> None:
-        """Let time pass: move virtual time on, or sleep."""
+        """Advance virtual time, or sleep."""
         if not self.virtual_time:
             time.sleep(duration_s)
             return
@@ -281,7 +281,7 @@ class Hub:
         return turn + 1
 
     def _distribute(self) -> None:
-        """Give what was logged to the ports (lock held)."""
+        """Distribute logged frames to the ports (lock held)."""
         total, size = int(self._clock[LOGGED]), len(self.network.log)
         missed = max(0, total - size - self._cursor)
         for port in self.ports if missed else ():

@@ -1,4 +1,4 @@
-"""python-can interface ``simbus``: buses that arbitrate, take time and make errors.
+"""python-can interface ``simbus``: buses with arbitration, transmission times and errors.
 
 ``can.Bus("chassis", interface="simbus", bitrate=500_000)`` is a node on the bus ``chassis`` of
 this process; every further one with the same channel is another node. The first decides the bus:
@@ -85,7 +85,7 @@ _SETTINGS: Final[dict[str, Callable[[Any], Any]]] = {
     "acknowledge": _truth,
     "seed": int,
 }
-"""What the first node on a channel decides, and how it is understood."""
+"""Options set by the first node on a channel, and their types."""
 
 
 def _settings(given: dict[str, Any]) -> dict[str, Any]:
@@ -224,7 +224,7 @@ class SimBus(can.BusABC):
             self._warn()
 
     def _warn(self) -> None:
-        """Say once a bus that frames of a lone node find nobody who acknowledges them."""
+        """Warn once per bus that no node acknowledges the frames of a lone node."""
         if self.hub.unacknowledged and not self.hub.warned:
             self.hub.warned = True
             _LOGGER.warning(
@@ -274,7 +274,7 @@ class SimBus(can.BusABC):
         )
 
     def let_pass(self, duration_s: float) -> None:
-        """Let time pass on the bus: in virtual time at once, else as a sleep."""
+        """Advance the time of the bus: in virtual time at once, else by a sleep."""
         self.hub.let_pass(duration_s)
         self._warn()
 

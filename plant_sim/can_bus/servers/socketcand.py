@@ -1,11 +1,11 @@
-"""A server that speaks the socketcand protocol: stock python-can connects with no code of ours.
+"""A server that speaks the socketcand protocol: unmodified python-can can connect.
 
 ``can.Bus("simbus", interface="socketcand", host="127.0.0.1", port=29536)``, ``python -m can.viewer
 -i socketcand …``. Understood: ``open``, ``rawmode``, ``bcmmode`` with ``subscribe`` and
 ``unsubscribe``, ``send``, ``sendrtr``, ``echo`` (doc/protocol.md of linux-can/socketcand). Whatever
 else comes in, malformed or too long, is answered with an error and the connection closed. A
 client that does not read loses frames, which are counted; it never holds up the others or the
-bus. The server listens on 127.0.0.1 unless told otherwise.
+bus. The server listens on 127.0.0.1 by default.
 """
 
 import contextlib
@@ -91,7 +91,7 @@ class SocketcandServer:
         address: host and port it listens on.
         lost: frames that slow clients did not get.
         refused: connections closed because of malformed or oversized input.
-        dropped: frames of clients that nobody took in time.
+        dropped: client frames dropped because they were not taken in time.
         fd_frames: FD frames not deliverable to any client.
     """
 
@@ -134,7 +134,7 @@ class SocketcandServer:
     ) -> None:
         """Give a frame to every client but ``sender``; never waits.
 
-        FD frames have no form in the protocol: nobody gets them, and ``fd_frames`` counts them.
+        The protocol has no FD frames: they are not sent, and ``fd_frames`` counts them.
         """
         if flags & FD:
             self.fd_frames += 1

@@ -1,1 +1,1 @@
-"""What else is on the bus: message sets, background load, recorded logs."""
+"""Further traffic on the bus: message sets, background load, recorded logs."""

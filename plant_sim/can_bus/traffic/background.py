@@ -1,5 +1,5 @@
 # ruff: noqa: PLR0917
-"""Background traffic: periodic messages that bring a bus to a wanted total load."""
+"""Background traffic: periodic messages that bring a bus to a given total load."""
 
 from collections.abc import Sequence
 from typing import Final

@@ -1,4 +1,4 @@
-"""Bus logs as Wireshark and tcpdump have them: .pcap and .pcapng with the link type of SocketCAN.
+"""Bus logs of Wireshark and tcpdump: .pcap and .pcapng with the link type of SocketCAN.
 
 Plug-ins of python-can: ``can.Logger`` and ``can.LogReader`` know them by their suffix. Times are
 written in nanoseconds. A .pcap has one channel and does not tell sent frames from received ones; a

@@ -1,4 +1,4 @@
-"""The bits of a frame as they stand on the wire, one by one (ISO 11898-1:2015)."""
+"""The bits of a frame on the wire (ISO 11898-1:2015)."""
 
 import numpy as np
 from numpy.typing import NDArray

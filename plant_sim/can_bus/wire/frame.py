@@ -23,7 +23,7 @@ ERROR_STATE: Final = 16
 ERROR_FLAG: Final = 32
 """No frame: an error flag that a node sends on the idle bus, and all others answer."""
 RECESSIVE_INDICATOR: Final = 64
-"""An FD frame whose sender asks for a recessive ESI bit, as a gateway does for another's frame."""
+"""An FD frame with a recessive ESI bit requested by its sender, as for a forwarded frame."""
 
 INTERFRAME_BITS: Final = 3
 ERROR_DELIMITER_BITS: Final = 8
