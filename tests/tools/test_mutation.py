@@ -172,23 +172,24 @@ def test_reasons_are_for_places_that_exist():
 
 RUN = """
 import json, sys
-from codegen import mutants, mutation_run
+from tools.mutation import hunt, mutants
 texts = mutants.sources()
 changes = [
-    ("protect", "counter & 15", "counter & 7"),
-    ("protect", "counter & 15", "counter & 15"),
-    ("protect", "counter & 15", "counter / 15"),
-    ("", "COUNTERS = 15", "COUNTERS = 16"),
-    ("", "NO_COUNTER = 15", "NO_COUNTER = 0xF"),
+    ("protection", "protect_0", "counter & 15", "counter & 7"),
+    ("protection", "protect_0", "counter & 15", "counter & 15"),
+    ("protection", "protect_0", "counter & 15", "counter / 15"),
+    ("e2e", "", "NO_COUNTER = 255", "NO_COUNTER = 3"),
+    ("e2e", "", "NO_COUNTER = 255", "NO_COUNTER = 0xFF"),
 ]
 chosen = []
-for function, before, after in changes:
-    place = texts["e2e"].index(before, texts["e2e"].index(f"def {function}") if function else 0)
-    row = texts["e2e"].count("\\n", 0, place) + 1
-    chosen.append(mutants.Mutant("e2e", function, row, row, place, before, after, ""))
-tests = [mutation_run.TESTS / "test_e2e.py"]
-outcomes = mutation_run.run(chosen, texts, 2, tests=tests)
-print(json.dumps([*(o.verdict for o in outcomes), mutation_run.fails_afresh(texts, tests)]))
+for module, function, before, after in changes:
+    text = texts[module]
+    place = text.index(before, text.index(f"def {function}") if function else 0)
+    row = text.count("\\n", 0, place) + 1
+    chosen.append(mutants.Mutant(module, function, row, row, place, before, after, ""))
+tests = [hunt.TESTS / "test_e2e.py"]
+outcomes = hunt.run(chosen, texts, 2, tests=tests)
+print(json.dumps([*(o.verdict for o in outcomes), hunt.fails_afresh(texts, tests)]))
 """
 
 

@@ -10,11 +10,14 @@ from plant_sim.kernels import jit
 
 TOGETHER = """
 import numpy as np, vehicles
-from plant_sim import bodies, maneuvers, ports, simulate
+from plant_sim import bodies
+from plant_sim.bodies import ports
+from plant_sim.driving import maneuvers
+from plant_sim.world import open_loop
 van = vehicles.load("van_real")
 for body in bodies.BODIES.values():
     run = maneuvers.build("roundabout", van)
-    outputs, _ = simulate.run_passive(van, body, run)
+    outputs, _ = open_loop.run_passive(van, body, run)
     print(f"{np.abs(outputs[:, ports.ROLL]).max():.9f}")
 """
 
@@ -33,8 +36,8 @@ def test_bodies_compiled_by_different_processes_do_not_call_each_other(tmp_path)
         assert done.returncode == 0, done.stderr
         return done.stdout
 
-    for body in ("roll1", "fullcar", "nonlinear"):
-        run(f"import plant_sim.{body}", tmp_path / "pieces")
+    for body in ("roll", "linear_car", "nonlinear_car"):
+        run(f"import plant_sim.bodies.{body}", tmp_path / "pieces")
     assert run(TOGETHER, tmp_path / "pieces") == run(TOGETHER, tmp_path / "whole")
 
 
