@@ -70,8 +70,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--replay",
         type=Path,
         metavar="LOG",
-        help="replay a bus log (.asc .blf .log …) beside the set, identifiers of the set left out;"
-        " no bound holds then",
+        help="replay a bus log (.asc .blf .log …) with the set, except for identifiers of the set;"
+        " bounds are then not valid",
     )
     parser.add_argument(
         "--channel", help="channel of the replayed log, as named by python-can, if it has several"
@@ -93,7 +93,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         type=int,
         const=DEFAULT_PORT,
         metavar="PORT",
-        help="run the traffic in real time and let python-can connect with interface=socketcand"
+        help="run the traffic in real time, for python-can with interface=socketcand"
         f" (default port: {DEFAULT_PORT})",
     )
     parser.add_argument("--host", default="127.0.0.1", help="with --serve (default: %(default)s)")

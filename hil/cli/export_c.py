@@ -47,8 +47,8 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     parser.add_argument(
         "--elf",
         type=Path,
-        help="only put the addresses of this image into DIR/canroll.a2l; with --calibration also "
-        "write that one for its place in the image, as Intel HEX and S-record",
+        help="only write the addresses of this image to DIR/canroll.a2l; with --calibration also "
+        "write the calibration at its address, as Intel HEX and S-record",
     )
     parser.add_argument(
         "--address",

@@ -16,7 +16,7 @@ START = 1800.0
 """Time a child may take to be ready, s: a plant that was never run compiles first, and a machine
 may be slow. One that has ended is noticed at once."""
 GRACE = 60.0
-"""Time a child may take to write its files after it was asked to end, s; then it is killed."""
+"""Time a child may take to write its files after the request to end, s; then it is killed."""
 
 
 @dataclass(slots=True)
@@ -40,7 +40,7 @@ class Program:
         return self.running.stderr
 
     def listen(self) -> None:
-        """Take in what it has said since the last time, without waiting."""
+        """Read its new output, without waiting."""
         with suppress(BlockingIOError):
             while data := os.read(self.output.fileno(), 4096):
                 self.said += data.decode(errors="replace")
@@ -79,7 +79,7 @@ class Program:
 
 
 def start(children: list[Program], name: str, arguments: list[str]) -> Program:
-    """Start a program in a session of its own: a terminal's Ctrl-C reaches only us."""
+    """Start a program in its own session: a terminal's Ctrl-C reaches only the parent."""
     child = Program(
         name,
         subprocess.Popen(
@@ -118,7 +118,7 @@ def wait_for(child: Program, prefix: str, other: Program | None = None) -> str:
 
 
 def check_ended(child: Program) -> None:
-    """Wait until a program that has been asked to end, or ends by itself, has written its files.
+    """Wait until a program that is ending has written its files.
 
     Raises:
         CanrollError: it failed.
@@ -136,7 +136,7 @@ def check_ended(child: Program) -> None:
 
 
 def stop(children: list[Program]) -> None:
-    """End what still runs, what was started last first."""
+    """End the running programs, the last started first."""
     for child in reversed(children):
         child.ask_to_stop()
         try:

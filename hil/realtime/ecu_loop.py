@@ -49,7 +49,7 @@ def run(
     peer_timeout_ns: int | None = None,
     lock: PhaseLock | None = None,
 ) -> Outcome:
-    """Run ``ecu`` on ``link`` until it is told to stop, the vehicle is lost or the time is over.
+    """Run ``ecu`` on ``link`` until a stop request, loss of the vehicle or the end of the time.
 
     At the end the actuators are commanded zero, before anything else is done.
 
@@ -187,7 +187,7 @@ def run_granted(
 
 
 def zero_command(calibration: Calibration, last: bytes) -> Frame:
-    """Return the command frame that asks the actuators for nothing, in mode SAFE.
+    """Return the command frame with zero commands, in mode SAFE.
 
     Args:
         calibration: names the command message and whether it is protected.

@@ -1,4 +1,4 @@
-"""A manoeuvre driven by two programs, judged as a run in virtual time is."""
+"""A manoeuvre driven by two programs, evaluated like a run in virtual time."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -41,7 +41,7 @@ def run(
         duration: s; beyond the manoeuvre only the timing counts.
         pace: "realtime", or "lockstep": the plant grants the ECU's ticks.
         side_channel: address for the grants of lock step; None: the bus carries them.
-        announce: told in a few words what is under way.
+        announce: called with the name of the current activity.
         serve: ``HOST:PORT`` of the plant's own bus; None: a free port on loopback.
         keywords: of :func:`hil.runs.experiment.plan`.
 

@@ -71,7 +71,7 @@ class Note:
 
 
 class Channel(Protocol):
-    """What carries grants and acknowledgements."""
+    """Transport of grants and acknowledgements."""
 
     def send(self, note: Note) -> None:
         """Send one to the other side."""

@@ -32,7 +32,7 @@ class OwnBus:
 
     @property
     def options(self) -> str:
-        """What python-can is to be told to connect."""
+        """python-can's options for connecting."""
         host, port = self._server.address
         return f"-i socketcand -c {CHANNEL} --bus-kwargs host={host} port={port}"
 

@@ -1,4 +1,4 @@
-"""What a plant process leaves for whoever started it: one NumPy archive."""
+"""Record of a plant process for its parent: one NumPy archive."""
 
 import json
 from collections.abc import Mapping

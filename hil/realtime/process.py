@@ -1,4 +1,4 @@
-"""What a process can do to meet its deadlines: a core, a priority, locked memory, no collector."""
+"""Measures of a process to meet its deadlines: a core, a priority, locked memory, no collector."""
 
 import ctypes
 import gc
@@ -26,7 +26,7 @@ def cores() -> list[int]:
 
 
 def prepare(*, cpu: int | None, priority: int) -> list[str]:
-    """Ask the system for what a loop with deadlines needs; return a note on each refusal.
+    """Request real-time settings from the system; return a note on each refusal.
 
     Args:
         cpu: core to stay on; None: wherever the scheduler puts it.

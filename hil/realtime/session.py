@@ -25,14 +25,14 @@ from hil.runs.virtual_time import Interrupted
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setup:
-    """How the two programs are run.
+    """Settings of the two programs.
 
     Attributes:
         bus_options: python-can's options of both; empty: the plant's own bus.
         folder: where calibration, traces and results are put.
         cores: of plant and ECU; None: not pinned.
         duration: s, None: the manoeuvre's.
-        announce: told in a few words what is under way.
+        announce: called with the name of the current activity.
         pace: "realtime", or "lockstep": the plant grants the ECU's ticks.
         side_channel: address for the grants of lock step, HOST:PORT; None: the bus carries them.
         serve: ``HOST:PORT`` of the plant's own bus; None: a free port on loopback.
@@ -160,7 +160,7 @@ def assemble(
     *,
     complete: bool = True,
 ) -> tuple[Trace, dict[str, Any]]:
-    """Return a run's trace and its ``timing`` object from what both programs left.
+    """Return a run's trace and its ``timing`` object from the files of both programs.
 
     The ECU's estimates come from running its tick trace again, which has to give the same frames.
 
@@ -208,7 +208,7 @@ def _judged(
     trace: Trace,
     told: Mapping[str, Any],
 ) -> validity.Run:
-    """Return what decides whether a run is valid."""
+    """Return the timing on which the validity of a run depends."""
     whole = experiment.build_world(settings, enabled=False).duration_ns * 1e-9
     planned = whole if setup.duration is None else setup.duration
     if setup.pace == "lockstep":
@@ -294,7 +294,7 @@ def timing_object(
 
 
 def _bus_seen(program: PlantRecord | TickTrace, plant: PlantRecord) -> dict[str, Any] | None:
-    """Return what a program saw of the real bus while the plant ran.
+    """Return a program's record of the real bus while the plant ran.
 
     In lock step the plant's time is not the clock's: all of it counts, but neither load nor waits.
     """

@@ -46,7 +46,7 @@ class SideChannel:
         return f"{host}:{port}"
 
     def send(self, note: Note) -> None:
-        """Send one to the other side; nobody there means that it is lost."""
+        """Send one to the other side; it is lost if there is none."""
         if self._connection is not None:
             with suppress(OSError):
                 self._connection.sendall(note.payload())

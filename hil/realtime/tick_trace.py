@@ -1,4 +1,4 @@
-"""The trace of an ECU's ticks: everything the firmware was given, and what it answered.
+"""The trace of an ECU's ticks: all inputs and outputs of the firmware.
 
 Tick number, ticks elapsed and frames consumed determine the loop completely, so the trace replays
 on a desk what happened in real time: through any backend, to the same frames byte for byte. The
@@ -154,7 +154,7 @@ class Replay:
 
 
 def replay(trace: TickTrace, backend: str, *, start_ns: int = 0) -> Replay:
-    """Run a trace through ``backend`` and hold every frame sent against the recorded one.
+    """Replay a trace with ``backend`` and compare every frame sent with the recorded one.
 
     Args:
         trace: of a run from the start of its ECU.

@@ -134,7 +134,7 @@ def latencies(
 def bus_figures(
     entries: NDArray[np.void], about: Mapping[str, Any] | None
 ) -> dict[str, Any] | None:
-    """Return what one program saw of the real bus; None of a bus that is not real.
+    """Return one program's figures of the real bus; None for a simulated bus.
 
     ``wait_us`` is how long the frames had lain at the interface when they were read.
     """
@@ -146,7 +146,7 @@ def bus_figures(
 
 
 def bus_lines(timing: Mapping[str, Any]) -> list[str]:
-    """Return what each program saw of the real bus, in a sentence each."""
+    """Return each program's figures of the real bus, one sentence each."""
     names = {"ecu": "bus at the ECU", "plant": "bus at the plant"}
     seen = timing.get("bus", {})
     return [_bus_line(name, seen[side]) for side, name in names.items() if seen.get(side)]

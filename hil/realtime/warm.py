@@ -1,4 +1,4 @@
-"""What must not happen in a loop happens before it: compiling, loading, touching memory.
+"""Warm-up before a loop: compiling, loading, touching memory.
 
 Both programs run their loops on made-up frames first, whole, and only then say that they are
 ready. What is compiled after that is counted.

@@ -1,4 +1,4 @@
-"""What ``canroll bus`` answers: a table, lines and an object of a traffic set's response times."""
+"""Output of ``canroll bus``: table, lines and JSON object of a traffic set's response times."""
 
 import math
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ class Answer:
 
 
 def check_simulation(answer: Answer) -> None:
-    """Refuse to print a bound that the simulation beside it exceeds.
+    """Reject a bound that the simulation exceeds.
 
     Raises:
         VerdictError: it does.

@@ -1,4 +1,4 @@
-"""The plots of runs: every run gets the same ones, so that several lie over each other."""
+"""The plots of runs, the same for every run, so that several can be overlaid."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -133,7 +133,7 @@ def _wheels(run: Shown, prefix: str) -> list[Series]:
 
 
 def _forces(run: Shown, more: str, suffix: str) -> Figure:
-    """What the actuators put on the body: a force a corner, or of bars a moment an axle."""
+    """Forces of the actuators on the body per corner, or moments of bars per axle."""
     curves, title, unit = _wheels(run, "corner_force"), f"Actuator forces{more}", "N"
     if not any(np.any(curve.y) for curve in curves):
         signals = run.trace.signals
@@ -160,7 +160,7 @@ def _loads(run: Shown, more: str, suffix: str) -> Figure:
 
 
 def _estimates(run: Shown, more: str, suffix: str) -> list[Figure]:
-    """What the observer makes of roll and of a_y + g·bank, which a car cannot tell apart."""
+    """Estimates of roll and of a_y + g·bank, which a car cannot distinguish."""
     ticks, signals = run.trace.ticks, run.trace.signals
     degrees = float(np.degrees(1))
     effective = signals["ay"] + GRAVITY * np.sin(signals["bank"])

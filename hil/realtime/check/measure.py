@@ -46,7 +46,7 @@ def measure(
         controller: its calibration.
         bus: python-can's options; None: the plant's own bus.
         duration: s, shared by the loops and the round trips.
-        announce: told in a few words what is under way.
+        announce: called with the name of the current activity.
 
     Raises:
         CanrollError: a duration that cannot be, or the bus cannot be opened.

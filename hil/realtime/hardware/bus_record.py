@@ -48,7 +48,7 @@ class Source:
     Attributes:
         interface: python-can's name and channel.
         clock: whose time the stamps are.
-        comparable: this machine's clock can be held beside it.
+        comparable: whether it can be compared with this machine's clock.
         bitrate: of the bus, bit/s; None: unknown.
         classified: error frames carry the classes of SocketCAN.
     """
@@ -76,7 +76,7 @@ class BusRecord:
         self.offset_ns = wall_minus_monotonic()
 
     def heard(self, message: can.Message) -> None:
-        """Note what the interface delivered."""
+        """Record a received frame."""
         flags = (
             EXTENDED * message.is_extended_id
             | REMOTE * message.is_remote_frame
@@ -87,7 +87,7 @@ class BusRecord:
         self._note(stamp, message.arbitration_id, flags, message.dlc, bytes(message.data))
 
     def sent(self, ident: int, payload: bytes, *, extended: bool) -> None:
-        """Note what the interface took."""
+        """Record a sent frame."""
         self._note(0, ident, SENT | EXTENDED * extended, len(payload), payload)
 
     def _note(self, stamp: int, ident: int, flags: int, length: int, payload: bytes) -> None:
@@ -99,11 +99,11 @@ class BusRecord:
         self._end += _ENTRY.size
 
     def entries(self) -> NDArray[np.void]:
-        """Return what was noted (:data:`ENTRY`)."""
+        """Return the recorded entries (:data:`ENTRY`)."""
         return np.frombuffer(bytes(self._memory[: self._end]), ENTRY)
 
     def about(self) -> dict[str, Any]:
-        """Return what :func:`summary` has to know besides the entries, as plain data."""
+        """Return the further inputs of :func:`summary`, as plain data."""
         return {
             "interface": self.source.interface,
             "clock": self.source.clock,

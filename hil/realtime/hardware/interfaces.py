@@ -101,12 +101,12 @@ def is_shared(name: str) -> bool:
 
 
 def echoes(name: str) -> bool:
-    """Tell whether the interface gives back what was sent."""
+    """Return whether the interface echoes sent frames."""
     return name in INTERFACES and INTERFACES[name].echoes
 
 
 def clock_of(name: str, bus_kwargs: Mapping[str, Any]) -> tuple[str, bool]:
-    """Return whose time the stamps are, and whether this machine's clock can be held beside it."""
+    """Return the clock of the time stamps, and whether it is comparable with this machine's."""
     if name not in INTERFACES:
         return "unknown", False
     if name == "socketcand" and bus_kwargs.get("host") in LOOPBACK:
