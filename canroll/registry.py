@@ -1,28 +1,51 @@
-"""Registries of named objects: built in, added at run time, or from an installed package."""
+"""Registries of named objects: built in, from an installed package, or referred to in a file."""
 
-from collections.abc import Iterator, Mapping, MutableMapping
+from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from functools import cached_property
+from hashlib import sha256
 from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
 from pkgutil import resolve_name
-from typing import Any, TypeVar, cast
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
+from canroll import extension
 from canroll.errors import UnknownNameError
 
 Thing = TypeVar("Thing")
+BUILT_IN = "built in"
 
 
-class Registry(MutableMapping[str, Thing]):
+class Origin(NamedTuple):
+    """Where a thing comes from: ``who`` offers it, ``where`` is the code, "module:name"."""
+
+    who: str
+    where: str
+
+    @property
+    def is_built_in(self) -> bool:
+        """Whether it is no extension's."""
+        return self.who == BUILT_IN
+
+
+class Registry(MutableMapping[str, Thing], Generic[Thing]):
     """Things by name, each loaded when it is first asked for: names alone cost nothing.
+
+    A name may also be a reference, "file.py:name" or "module:name".
 
     Args:
         what: what a thing is called in errors, such as "law".
         group: entry points by which other packages offer things of this kind.
         built_in: "module:name" of each thing.
+        accept: "module:function" of what checks a thing that is not built in: called with what it
+            is, for errors, and the thing; returns what is used instead.
     """
 
-    def __init__(self, what: str, group: str, built_in: Mapping[str, str]) -> None:
+    def __init__(
+        self, what: str, group: str, built_in: Mapping[str, str], accept: str = ""
+    ) -> None:
         self.what, self.group = what, group
         self._built_in = dict(built_in)
+        self._accept = accept
         self._loaded: dict[str, Thing] = {}
 
     @cached_property
@@ -31,14 +54,54 @@ class Registry(MutableMapping[str, Thing]):
         return {name: point for name, point in offered.items() if name not in self._built_in}
 
     def __getitem__(self, name: str) -> Thing:
-        """Return the thing of that name; :class:`UnknownNameError` suggests the nearest."""
+        """Return the thing of that name.
+
+        Raises:
+            UnknownNameError: there is none; the nearest is suggested.
+            CanrollError: an extension that cannot be used; what is wrong, and in which file.
+        """
         if name not in self._loaded:
             if name not in self:
                 raise UnknownNameError(self.what, name, list(self))
-            here = self._built_in.get(name)
-            loaded: Any = resolve_name(here) if here else self._offered[name].load()
-            self._loaded[name] = cast(Thing, loaded)
+            self._loaded[name] = self._load(name)
         return self._loaded[name]
+
+    def _load(self, name: str) -> Thing:
+        if name in self._built_in:
+            return cast(Thing, resolve_name(self._built_in[name]))
+        what = f"{self.what} '{name}'"
+        if name in self._offered:
+            what += f" of {self.origin(name).who}"
+            with extension.refusing(what):
+                found = self._offered[name].load()
+        else:
+            found = extension.load(self.what, name)
+        if not self._accept:
+            return cast(Thing, found)
+        accept: Callable[[str, Any], Thing] = resolve_name(self._accept)
+        return accept(what, found)
+
+    def origin(self, name: str) -> Origin:
+        """Return where the thing of that name comes from; it is not loaded for that."""
+        if name in self._built_in:
+            return Origin(BUILT_IN, self._built_in[name])
+        if name in self._offered:
+            point = self._offered[name]
+            package = f"{point.dist.name} {point.dist.version}" if point.dist else "a package"
+            return Origin(package, point.value)
+        if extension.is_reference(name):
+            file = Path(name.rpartition(":")[0])
+            known = file.suffix == ".py" and file.is_file()
+            digest = f", SHA-256 {sha256(file.read_bytes()).hexdigest()}" if known else ""
+            return Origin(f"{'file' if known else 'module'} {file}{digest}", name)
+        return Origin("this program", "")
+
+    def description(self, name: str) -> str:
+        """Return one line about the thing of that name, read from its source, not imported."""
+        module, _, attribute = self.origin(name).where.partition(":")
+        if module:
+            return extension.described(module, attribute)
+        return extension.documented(self._loaded[name])
 
     def __setitem__(self, name: str, thing: Thing) -> None:
         """Add a thing for this process."""
@@ -49,12 +112,18 @@ class Registry(MutableMapping[str, Thing]):
         del self._loaded[name]
 
     def __contains__(self, name: object) -> bool:
-        """Whether there is a thing of that name; it is not loaded for that."""
-        return name in self._built_in or name in self._loaded or name in self._offered
+        """Whether there is a thing of that name, or it is a reference; it is not loaded."""
+        return (
+            name in self._built_in
+            or name in self._loaded
+            or name in self._offered
+            or extension.is_reference(name)
+        )
 
     def __iter__(self) -> Iterator[str]:
-        """Names: built in, then offered, then added."""
-        return iter(dict.fromkeys([*self._built_in, *self._offered, *self._loaded]))
+        """Names: built in, then offered, then added; no references."""
+        named = dict.fromkeys([*self._built_in, *self._offered, *self._loaded])
+        return (name for name in named if not extension.is_reference(name))
 
     def __len__(self) -> int:
         return len(list(iter(self)))

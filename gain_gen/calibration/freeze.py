@@ -14,6 +14,7 @@ from gain_gen.calibration.dequantise import physical_rows
 from gain_gen.calibration.quantise import Options, Quantised, law_kind, quantise_design
 from gain_gen.calibration.record import fill, identify
 from gain_gen.calibration.rounding_error import quantisation_checks
+from gain_gen.laws import LAWS
 from gain_gen.models.roll import Matrix
 from gain_gen.models.task import Design
 
@@ -97,8 +98,15 @@ def design_tables(design: Design, quantised: Quantised) -> Tables:
             "vehicle": task.vehicle.title,
             "vehicle_basis": task.vehicle.basis,
             "roll_model": task.vehicle.source("design"),
+            **_law_origin(design.law),
         },
     }
+
+
+def _law_origin(law: str) -> Tables:
+    """Who offers the law, and where its code is; nothing where it is built in."""
+    origin = LAWS.origin(law)
+    return {} if origin.is_built_in else {"law_from": origin.who, "law_code": origin.where}
 
 
 def _levels(design: Design) -> Tables:

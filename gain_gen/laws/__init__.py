@@ -26,4 +26,5 @@ LAWS: "Registry[Callable[[Task], Solution]]" = Registry(
         "lqr_full_car": "gain_gen.laws.lqr_full_car:design_lqr_full_car",
         "custom": "gain_gen.laws.custom:design_custom",
     },
+    accept="gain_gen.laws.offered:accept",
 )

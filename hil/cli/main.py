@@ -1,15 +1,30 @@
 """The ``canroll`` command: finds the subcommand's module, runs it, turns errors into one line."""
 
 import argparse
+import json
 import os
 import sys
 from collections.abc import Sequence
 from importlib.metadata import version
 from pkgutil import resolve_name
-from typing import NoReturn
+from typing import Any, NoReturn
 
+import vehicles
 from canroll.errors import EXTRAS, CanrollError, MissingExtraError, UnknownNameError
+from canroll.registry import BUILT_IN, Registry
+from gain_gen.laws import LAWS
 from hil.cli.parsers import COMMANDS, handler
+from plant_sim.bodies import BODIES
+from plant_sim.buses import BUSES
+from plant_sim.driving import MANEUVERS
+
+REGISTRIES: dict[str, Registry[Any]] = {
+    "laws": LAWS,
+    "scenarios": MANEUVERS,
+    "buses": BUSES,
+    "bodies": BODIES,
+}
+"""What can be listed beside the vehicles, and added to by others."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -92,6 +107,40 @@ def dispatch(arguments: Sequence[str]) -> int:
     code: int = resolve_name(handler(arguments[0]))(namespace)
     sys.stdout.flush()
     return code
+
+
+def entries(kind: str) -> list[dict[str, str]]:
+    """Return name, origin and one line of description of everything of a kind.
+
+    Nothing is loaded for that: an extension that cannot be imported is listed as well.
+    """
+    if kind not in REGISTRIES:
+        return [
+            {"name": name, "origin": BUILT_IN, "description": vehicles.load(name).title}
+            for name in vehicles.names()
+        ]
+    known = REGISTRIES[kind]
+    return [
+        {
+            "name": name,
+            "origin": known.origin(name).who,
+            "description": known.description(name).removesuffix("."),
+        }
+        for name in known
+    ]
+
+
+def list_names(args: argparse.Namespace) -> int:
+    """Print what can be named, a line each, or one JSON array."""
+    rows = entries(args.kind)
+    if args.json:
+        print(json.dumps(rows, ensure_ascii=False))
+        return 0
+    widths = [max(len(row[key]) for row in rows) for key in ("name", "origin")]
+    for row in rows:
+        name, origin = f"{row['name']:<{widths[0]}}", f"{row['origin']:<{widths[1]}}"
+        print(f"{name}  {origin}  {row['description']}".rstrip())
+    return 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -27,6 +27,7 @@ DEFAULT_SCENARIO = "double_lane_change"
 DEFAULT_SPEEDS = "60:120:20"
 DEFAULT_DELAY_MS = 20.0
 DEFAULT_DRAWS = 100
+KINDS = ("laws", "vehicles", "scenarios", "buses", "bodies")
 OF_A_DESIGN = (
     *("vehicle", "law", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
     *("gains", "feedforward", "identification", "offset_learning", "bus"),
@@ -252,6 +253,16 @@ def reproduce(parser: argparse.ArgumentParser) -> None:
     add_answer(parser, "the page")
 
 
+def listing(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll list``."""
+    parser.description = (
+        "List what can be named: built in, or offered by an installed package's entry points. "
+        "Laws, scenarios, buses and bodies can also be named as file.py:name or module:name."
+    )
+    parser.add_argument("kind", choices=KINDS, metavar="KIND", help=", ".join(KINDS))
+    add_json(parser)
+
+
 def campaign(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll campaign``."""
     parser.description = (
@@ -316,5 +327,8 @@ COMMANDS = {
     "prove": Command("prove the loop free of overflow for every accepted calibration", prove),
     "reproduce": Command("recompute the tables of the four papers", reproduce),
     "campaign": Command("Monte Carlo over parameters, noise, delays and faults", campaign),
+    "list": Command(
+        "laws, vehicles, scenarios, buses and bodies by name", listing, handler="main:list_names"
+    ),
 }
 """Every subcommand by its name."""

@@ -14,16 +14,17 @@ from types import NoneType
 from typing import Annotated, Any, TypedDict, get_args, get_origin, get_type_hints
 
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.extension import is_reference
 from codegen.run import BACKENDS
 from gain_gen.laws import LAWS, OBSERVERS
 from plant_sim.bodies import BODIES
+from plant_sim.buses import BUSES
 from vehicles import ACTUATORS
 
 PASSIVE = "passive"
 """The law of no control."""
 TRIGGERS = ("event", "every")
 GAINS = ("computed", "as_printed")
-BUSES = ("500k", "125k_busy", "gateway_20ms", "gateway_50ms")
 WORLD, CONTROLLER, RUN = "world", "controller", "run"
 ON, OFF = ("on", "true", "1"), ("off", "false", "0")
 
@@ -38,6 +39,7 @@ class Choice:
         of: "world", "controller" or "run": whom it concerns.
         default: where nothing is asked for; None where that depends on something else.
         values: the names that it may have, read when they are needed; none: any text.
+        extensible: whether "file.py:name" or "module:name" is a name as well.
         unit: of a number.
         low: least number.
         high: largest number.
@@ -52,6 +54,7 @@ class Choice:
     of: str
     default: Any = None
     values: Callable[[], Iterable[str]] = tuple
+    extensible: bool = False
     unit: str = ""
     low: float = -inf
     high: float = inf
@@ -73,7 +76,8 @@ class Choice:
             CanrollError: a number out of range.
         """
         known = tuple(self.values())
-        if known and value not in known:
+        refers = self.extensible and is_reference(value)
+        if known and value not in known and not refers:
             raise UnknownNameError(self.word, value, known)
         if self.kind in (float, int) and not self.low <= value <= self.high:
             unit = f" {self.unit}" if self.unit else ""
@@ -128,6 +132,7 @@ class Choices(TypedDict, total=False):
             of=CONTROLLER,
             default="lqg_delay",
             values=lambda: (*LAWS, PASSIVE),
+            extensible=True,
             frozen_in_calibration=True,
         ),
     ]
@@ -170,6 +175,7 @@ class Choices(TypedDict, total=False):
             of=WORLD,
             default="roll1",
             values=lambda: BODIES,
+            extensible=True,
         ),
     ]
     bus: Annotated[
@@ -180,6 +186,7 @@ class Choices(TypedDict, total=False):
             of=WORLD,
             default="500k",
             values=lambda: BUSES,
+            extensible=True,
         ),
     ]
     backend: Annotated[

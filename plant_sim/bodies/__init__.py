@@ -16,6 +16,7 @@ BODIES: "Registry[Body]" = Registry(
         "fullcar_hydraulic": "plant_sim.bodies.linear_car:HYDRAULIC_BODY",
         "nonlinear": "plant_sim.bodies.nonlinear_car:BODY",
     },
+    accept="plant_sim.bodies.ports:accept",
 )
 
 

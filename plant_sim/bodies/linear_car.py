@@ -183,7 +183,7 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
     _observe(state, inputs, parameters, outputs)
 
 
-BODY = Body("fullcar", "linear full car", step, build)
-HYDRAULIC_BODY = Body(
-    "fullcar_hydraulic", "linear full car with electro-hydraulic bars", step, build_hydraulic
-)
+BODY = Body("fullcar", step, build)
+"""Linear full car."""
+HYDRAULIC_BODY = Body("fullcar_hydraulic", step, build_hydraulic)
+"""Linear full car with electro-hydraulic bars."""

@@ -285,4 +285,5 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
         _observe(state, inputs, parameters, outputs, dt)
 
 
-BODY = Body("nonlinear", "14-DOF nonlinear car", step, build)
+BODY = Body("nonlinear", step, build)
+"""Nonlinear car of 14 degrees of freedom."""

@@ -5,12 +5,16 @@ higher; wheels in the order front left, front right, rear left, rear right. SI u
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import wraps
 from typing import Any
 
 import numpy as np
 
+from canroll.errors import CanrollError
+from canroll.extension import guarded
 from canroll.typing import Vector
+from plant_sim.kernels.jit import STEP_SIGNATURE
 from vehicles import Vehicle
 
 WHEELS = ("front_left", "front_right", "rear_left", "rear_right")
@@ -67,6 +71,10 @@ BAR_PRESSURE = 49  # their load pressure (Pa), 2
 N_OUTPUTS = 51
 
 
+STATES_MAX, PARAMETERS_MAX = 64, 2048
+"""Room for a body's state and parameters."""
+
+
 @dataclass(frozen=True, slots=True)
 class Body:
     """One plant body.
@@ -77,7 +85,6 @@ class Body:
     """
 
     name: str
-    title: str
     step: Any
     build: Callable[[Vehicle, float], tuple[Vector, Vector]]
 
@@ -88,3 +95,41 @@ def initial_inputs() -> Vector:
     inputs[FRICTION] = 1.0
     inputs[LATERAL_ACCELERATION] = np.nan
     return inputs
+
+
+def accept(what: str, body: object) -> Body:
+    """Return an extension's body with what it builds checked.
+
+    Args:
+        what: what it is, for errors.
+        body: the body.
+
+    Raises:
+        CanrollError: it is no body, its step is no C function of the right signature, or its build
+            can't be called with a vehicle and a speed.
+    """
+    if not isinstance(body, Body):
+        raise CanrollError(f"{what}: a {type(body).__name__}, it must be a Body")
+    if getattr(body.step, "_sig", None) != STEP_SIGNATURE:
+        raise CanrollError(
+            f"{what}: its step must be compiled with plant_sim.kernels.jit.cfunc(STEP_SIGNATURE)"
+        )
+    build = guarded(what, body.build, 2, tuple)
+
+    @wraps(body.build)
+    def checked(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
+        built = build(vehicle, speed)
+        if len(built) != 2:
+            raise CanrollError(f"{what}: build returns {len(built)} values, it must be 2")
+        for name, values, room in zip(
+            ("state", "parameters"), built, (STATES_MAX, PARAMETERS_MAX), strict=True
+        ):
+            if not isinstance(values, np.ndarray) or values.dtype != float or values.ndim != 1:
+                raise CanrollError(f"{what}: its {name} must be a float64 array of one dimension")
+            if len(values) > room:
+                raise CanrollError(f"{what}: {len(values)} values of {name}, at most {room}")
+            if not np.isfinite(values).all():
+                raise CanrollError(f"{what}: its {name} is not finite")
+        return built
+
+    return replace(body, build=checked)

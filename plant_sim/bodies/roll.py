@@ -134,7 +134,8 @@ def derivative(state: Vector, inputs: Vector, parameters: Vector, rate: Vector) 
 
 
 @njit
-def _observe(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector) -> None:
+def observe(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector) -> None:
+    """Fill ``outputs`` from state and inputs (:mod:`plant_sim.bodies.ports`)."""
     rate = np.empty(N_STATES)
     derivative(state, inputs, parameters, rate)
     front, rear = axle_forces(state, inputs, parameters)
@@ -199,14 +200,16 @@ def _observe(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector)
         outputs[ports.ROLLOVER] = 1.0
 
 
-_advance = rk4(derivative)
+advance = rk4(derivative)
+"""``advance(state, inputs, parameters, dt)``: one step in place."""
 
 
 @cfunc("void(f8[::1], f8[::1], f8[::1], f8[::1], f8)")
 def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt: float) -> None:
     """Advance ``state`` by ``dt`` (s) and fill ``outputs`` (:mod:`plant_sim.bodies.ports`)."""
-    _advance(state, inputs, parameters, dt)
-    _observe(state, inputs, parameters, outputs)
+    advance(state, inputs, parameters, dt)
+    observe(state, inputs, parameters, outputs)
 
 
-BODY = Body("roll1", "1-DOF roll model with a linear bicycle", step, build)
+BODY = Body("roll1", step, build)
+"""1-DOF roll model with a linear bicycle."""

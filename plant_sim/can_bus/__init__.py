@@ -25,6 +25,8 @@ Beside the kernels: ``analysis`` (worst-case response times), ``delay_bounds`` (
 other programs ``simbus`` (a python-can interface) and ``socketcand`` with ``serving`` (a server).
 """
 
+from plant_sim.buses import load_profile
+from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.kernel.layout import (
     DELIVERED,
     ERROR,
@@ -57,11 +59,8 @@ from plant_sim.can_bus.profiles import (
     ECU,
     IMU,
     NODES,
-    PROFILES,
     REFERENCE,
     SUSPENSION,
-    BusProfile,
-    load_profile,
     make_network,
     profile_spec,
 )
@@ -78,7 +77,6 @@ __all__ = [
     "NODES",
     "NOW",
     "OUTCOMES",
-    "PROFILES",
     "REFERENCE",
     "REFUSED",
     "SUPERSEDED",

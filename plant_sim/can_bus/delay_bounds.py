@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
+from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.analysis import ErrorModel, ResponseBound, response_bounds
 from plant_sim.can_bus.profiles import (
     DEFAULT_COMMAND,
     MS,
-    BusProfile,
     background_of,
     crosses,
     own_messages,

@@ -1,11 +1,11 @@
-"""Named bus profiles: networks of the roll-control ECU and the vehicle's nodes."""
+"""Networks of bus profiles: the roll-control ECU and the vehicle's nodes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import dbc
 from canroll.errors import UnknownNameError
+from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.kernel.layout import Network
 from plant_sim.can_bus.kernel.network import (
     Fault,
@@ -23,50 +23,6 @@ NODES: Final = ("RollControl", "Imu", "Chassis", "Suspension", "Actuator", "Refe
 """Nodes of the bus contract, in the order of their numbers on every profile."""
 ECU, IMU, CHASSIS, SUSPENSION, ACTUATOR, REFERENCE = range(6)
 DEFAULT_COMMAND: Final = "SuspensionForceCommand"
-
-
-@dataclass(frozen=True, slots=True)
-class BusProfile:
-    """Parameters of a bus.
-
-    ``load`` is the total, own messages at their cycle times included; background traffic fills
-    the rest, ``above`` of it with identifiers of higher priority than all own messages.
-    ``gateway_ms`` (least and greatest latency each way): the ECU has a segment of its own,
-    joined to the vehicle's by a gateway.
-    """
-
-    name: str
-    bitrate: int
-    load: float
-    above: float = 0.5
-    gateway_ms: tuple[float, float] | None = None
-
-    @property
-    def segments(self) -> int:
-        """Number of bus segments."""
-        return 1 if self.gateway_ms is None else 2
-
-
-PROFILES: Final = {
-    profile.name: profile
-    for profile in (
-        BusProfile("500k", 500_000, 0.50),
-        BusProfile("125k_busy", 125_000, 0.85),
-        BusProfile("gateway_20ms", 500_000, 0.50, gateway_ms=(5.0, 10.0)),
-        BusProfile("gateway_50ms", 500_000, 0.50, gateway_ms=(50.0, 50.0)),
-    )
-}
-
-
-def load_profile(name: str) -> BusProfile:
-    """Return the bus profile ``name``.
-
-    Raises:
-        UnknownNameError: there is no such profile.
-    """
-    if name not in PROFILES:
-        raise UnknownNameError("bus profile", name, PROFILES)
-    return PROFILES[name]
 
 
 def own_messages(command: str = DEFAULT_COMMAND) -> tuple[BusMessage, ...]:
@@ -139,7 +95,7 @@ def profile_spec(
     """Return the description of a bus profile's network; its nodes 0 to 5 are ``NODES``.
 
     Args:
-        profile: of ``load_profile``.
+        profile: of ``plant_sim.buses.load_profile``.
         seed: seeds background payloads and offsets, gateway latencies and bit errors.
         command: the actuator command message in use.
         background: False leaves the bus to the own messages.

@@ -23,4 +23,5 @@ MANEUVERS: "Registry[Kind]" = Registry(
         "sine_with_dwell": "plant_sim.driving.steer_maneuvers:SINE_WITH_DWELL",
         "from_file": "plant_sim.driving.steer_maneuvers:FROM_FILE",
     },
+    accept="plant_sim.driving.offered:accept",
 )

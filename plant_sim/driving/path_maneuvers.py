@@ -127,9 +127,16 @@ def random_road(
 
 
 DOUBLE_LANE_CHANGE = Kind("double lane change", 80.0, 160.0, "ISO 3888-1", double_lane_change)
+"""Double lane change, ISO 3888-1."""
 MOOSE = Kind("obstacle avoidance", 80.0, 100.0, "ISO 3888-2", moose, 0.6, True)
+"""Obstacle avoidance, ISO 3888-2."""
 ROUNDABOUT = Kind("roundabout of 22 m radius", 30.0, 120.0, "none", roundabout)
+"""Roundabout of 22 m radius."""
 CONSTANT_RADIUS = Kind("constant radius", 60.0, 160.0, "ISO 4138", constant_radius)
+"""Circle of constant radius, ISO 4138."""
 BANKED_CURVE = Kind("banked curve", 80.0, 160.0, "none", banked_curve)
+"""Curve on a banked road."""
 BUMPS = Kind("one-sided bumps", 40.0, 120.0, "none", bumps)
+"""Bumps under the wheels of one side."""
 RANDOM_ROAD = Kind("random road", 80.0, 160.0, "ISO 8608", random_road)
+"""Straight on over a rough road, ISO 8608."""

@@ -134,6 +134,10 @@ def from_file(vehicle: Vehicle, _speed: float, _seed: int, *, file: str = "") ->
 
 
 NHTSA_FISHHOOK = Kind("fishhook", 80.0, 120.0, "NHTSA roll-rate feedback fishhook", fishhook)
+"""Fishhook with roll-rate feedback, NHTSA."""
 J_TURN = Kind("J-turn", 80.0, 120.0, "NHTSA J-turn", j_turn)
+"""J-turn, NHTSA."""
 SINE_WITH_DWELL = Kind("sine with dwell", 80.0, 120.0, "FMVSS 126", sine_with_dwell)
+"""Sine with dwell, FMVSS 126."""
 FROM_FILE = Kind("signal of a file", 80.0, 200.0, "none", from_file)
+"""Steering or lateral acceleration from a file."""

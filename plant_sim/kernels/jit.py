@@ -24,9 +24,12 @@ from canroll import build_cache
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
+SOURCES = Path(__file__).resolve().parents[1]
+
+
 def _cache_folder() -> Path:
     digest = hashlib.sha256(f"{numba.__version__}".encode())
-    for source in sorted(Path(__file__).parents[1].rglob("*.py")):
+    for source in sorted(SOURCES.rglob("*.py")):
         digest.update(source.read_bytes())
     return build_cache.folder(f"numba-{digest.hexdigest()[:16]}")
 
@@ -43,7 +46,14 @@ class _Locator(UserProvidedCacheLocator):  # type: ignore[misc]
             Path(self.get_cache_path()).mkdir(parents=True, exist_ok=True)
 
     def get_source_stamp(self) -> str:
-        return FOLDER.name
+        file = Path(self._py_file).resolve()
+        if file.is_relative_to(SOURCES):
+            return FOLDER.name
+        # of an extension: what it calls may stand in the files beside it
+        digest = hashlib.sha256(FOLDER.name.encode())
+        for source in sorted(file.parent.glob("*.py")):
+            digest.update(source.read_bytes())
+        return digest.hexdigest()
 
 
 CacheImpl._locator_classes = [_Locator, *CacheImpl._locator_classes]

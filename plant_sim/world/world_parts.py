@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from canroll.errors import UnknownNameError
 from plant_sim import can_bus
-from plant_sim.bodies.ports import Body
+from plant_sim.bodies.ports import PARAMETERS_MAX, STATES_MAX, Body
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.kernels.records import to_record
 from plant_sim.nodes import actuators as actuator_setup
@@ -24,7 +24,6 @@ LOG_CAPACITY = 1 << 15
 _OUTBOX_CAPACITY = 256
 _INBOX_CAPACITY = 8192
 _FLIGHT_CAPACITY = 64
-_STATES, _PARAMETERS = 64, 2048
 
 _SENDERS = {
     "Imu": can_bus.IMU,
@@ -133,9 +132,9 @@ def assemble(
     clock[kernel.STATES], clock[kernel.PARAMETERS] = len(state), len(parameters)
     memory = Memory(
         clock=clock,
-        state=_in_room(state, _STATES),
+        state=_in_room(state, STATES_MAX),
         inputs=inputs,
-        parameters=_in_room(parameters, _PARAMETERS),
+        parameters=_in_room(parameters, PARAMETERS_MAX),
         outputs=outputs,
         received=np.zeros(_INBOX_CAPACITY, dtype=kernel.FRAME),
         payload=np.zeros(8, dtype=np.uint8),

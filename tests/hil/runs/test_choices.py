@@ -11,8 +11,7 @@ from gain_gen.calibration.quantise import ACTUATOR_NUMBER
 from hil.cli.main import parse
 from hil.cli.options import choices_of
 from hil.runs import choices
-from hil.runs.choices import BUSES, CHOICES, arguments, check, described
-from plant_sim.can_bus import PROFILES
+from hil.runs.choices import CHOICES, arguments, check, described
 
 ASKED = {
     "vehicle": "van_2021",
@@ -40,7 +39,6 @@ ASKED = {
 
 
 def test_names_are_those_of_what_they_choose():
-    assert tuple(PROFILES) == BUSES
     assert set(ACTUATOR_NUMBER) == set(CHOICES["actuator"].values())
 
 

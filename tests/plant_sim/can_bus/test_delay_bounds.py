@@ -7,12 +7,12 @@ import pytest
 
 import dbc
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
+from plant_sim.buses import BUSES
 from plant_sim.can_bus import (
     ACTUATOR,
     ECU,
     IMU,
     NODES,
-    PROFILES,
     BusProfile,
     account,
     advance,
@@ -57,7 +57,7 @@ def run_own_messages(network, profile, *, seconds, seed=0):
     return np.concatenate(logs)
 
 
-@pytest.mark.parametrize("name", sorted(PROFILES))
+@pytest.mark.parametrize("name", sorted(BUSES))
 def test_profiles_have_the_load_they_are_named_for(name):
     profile = load_profile(name)
     network = make_network(profile, seed=2)
@@ -112,7 +112,7 @@ def loop_of(*, tick_ms, offset_ns):
     )
 
 
-@pytest.mark.parametrize("name", sorted(PROFILES))
+@pytest.mark.parametrize("name", sorted(BUSES))
 @pytest.mark.parametrize("tick_ms", [5.0, 10.0, 20.0])
 def test_simulated_ages_lie_within_the_bounds(name, tick_ms):
     profile = load_profile(name)

@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+from plant_sim.kernels import jit
+
 TOGETHER = """
 import numpy as np, vehicles
 from plant_sim import bodies
@@ -37,3 +39,16 @@ def test_bodies_compiled_by_different_processes_do_not_call_each_other(tmp_path)
     for body in ("roll", "linear_car", "nonlinear_car"):
         run(f"import plant_sim.bodies.{body}", tmp_path / "pieces")
     assert run(TOGETHER, tmp_path / "pieces") == run(TOGETHER, tmp_path / "whole")
+
+
+def test_the_cache_of_an_extension_follows_its_file_and_those_beside_it(tmp_path):
+    body, beside = tmp_path / "body.py", tmp_path / "beside.py"
+    body.write_text("def step():\n    pass\n")
+    beside.write_text("GAIN = 1\n")
+    seen = set()
+    for file, text in ((body, "def step():\n    return 1\n"), (beside, "GAIN = 2\n")):
+        seen.add(jit._Locator(jit.njit, str(body)).get_source_stamp())
+        file.write_text(text)
+    seen.add(jit._Locator(jit.njit, str(body)).get_source_stamp())
+    assert len(seen) == 3
+    assert jit._Locator(jit.njit, jit.__file__).get_source_stamp() == jit.FOLDER.name

@@ -10,6 +10,7 @@ import dbc
 import vehicles
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim import bodies, can_bus
+from plant_sim.buses import BUSES
 from plant_sim.can_bus.delay_bounds import delay_bounds
 from plant_sim.driving import maneuvers
 from plant_sim.nodes.actuators import ActuatorOptions
@@ -196,7 +197,7 @@ def test_ages_are_those_of_the_log(bus):
         assert world.ages.max() < 60 * MS
 
 
-@pytest.mark.parametrize("bus", can_bus.PROFILES)
+@pytest.mark.parametrize("bus", BUSES)
 def test_ages_lie_within_the_bounds_of_the_analysis(bus):
     bounds = delay_bounds(
         can_bus.load_profile(bus),

@@ -1,0 +1,1 @@
+"""Extensions of canroll: a law, a body, a manoeuvre and a bus."""

@@ -1,0 +1,26 @@
+"""A manoeuvre: a plan for a vehicle, a speed and a seed."""
+
+import numpy as np
+
+from plant_sim.driving.drive import Kind, Plan, steady_steer
+from plant_sim.driving.driver import STEER_TABLE
+from vehicles import Vehicle
+
+TABLE_STEP = 1e-3
+
+
+def slalom(
+    vehicle: Vehicle, speed: float, _seed: int, *, lateral: float = 3.0, gates: float = 4.0
+) -> Plan:
+    """Steer to left and right at 0.4 Hz for ``lateral`` (m/s²), once for every two gates."""
+    frequency = 0.4
+    end = 0.5 + 0.5 * gates / frequency
+    time = np.arange(0.0, end + 2.0, TABLE_STEP)
+    angle = min(steady_steer(vehicle, speed, lateral), vehicle.steering.angle_limit)
+    inside = (time >= 0.5) & (time < end)
+    table = np.where(inside, angle * np.sin(2 * np.pi * frequency * (time - 0.5)), 0.0)
+    return Plan(float(time[-1]), kind=STEER_TABLE, table=table, table_step=TABLE_STEP)
+
+
+SLALOM = Kind("slalom", 70.0, 120.0, "none", slalom)
+"""Slalom by a steering robot; options lateral (m/s²) and gates."""

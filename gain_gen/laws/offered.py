@@ -1,0 +1,65 @@
+"""Laws of extensions: what they answer is checked before anything is made of it."""
+
+from collections.abc import Callable
+from functools import wraps
+
+import numpy as np
+
+from canroll.errors import CanrollError
+from canroll.extension import guarded
+from firmware.calibration import N_RING
+from gain_gen.laws.compensator import checked
+from gain_gen.models.controller import Controller
+from gain_gen.models.observer import Observer
+from gain_gen.models.task import Solution, Task
+
+
+def accept(what: str, law: Callable[[Task], Solution]) -> Callable[[Task], Solution]:
+    """Return an extension's law with its errors and its answers checked.
+
+    Args:
+        what: what it is, for errors.
+        law: a function from a task to a solution.
+
+    Raises:
+        CanrollError: it can't be called with one task.
+    """
+    solve = guarded(what, law, 1, Solution)
+
+    @wraps(law)
+    def call(task: Task) -> Solution:
+        solution = solve(task)
+        try:
+            check_controller(solution.controller, task)
+        except CanrollError as error:
+            raise CanrollError(f"{what}: {error}") from error
+        return solution
+
+    return call
+
+
+def check_controller(controller: Controller, task: Task) -> None:
+    """Refuse a controller whose shapes or numbers no ECU can hold.
+
+    Raises:
+        CanrollError: naming what it is.
+    """
+    if not isinstance(controller, Controller) or not isinstance(controller.observer, Observer):
+        raise CanrollError("its controller must be a Controller with an Observer")
+    rows = {"feedback": 5, "feedforward": 5, "output_gain": 3}
+    for name, length in rows.items():
+        row = getattr(controller, name)
+        if name == "output_gain" and row is None:
+            continue
+        if np.shape(row) != (length,):
+            raise CanrollError(f"{name} has the shape {np.shape(row)}, it must be ({length},)")
+        if not np.all(np.isfinite(row)):
+            raise CanrollError(f"{name} is not finite")
+    if controller.compensator is not None:
+        checked(controller.compensator)
+    if controller.tick != task.tick:
+        raise CanrollError(f"a tick of {controller.tick:g} s, its task has {task.tick:g} s")
+    if not 0 <= controller.predict_steps <= N_RING:
+        raise CanrollError(f"predict_steps {controller.predict_steps}: it must be 0 to {N_RING}")
+    if not 0.0 <= controller.actuator_rate <= 1.0:
+        raise CanrollError(f"actuator_rate {controller.actuator_rate:g}: it must be 0 to 1")

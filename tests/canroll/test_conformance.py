@@ -1,0 +1,45 @@
+"""Everything that is built in passes the tests that an extension's own suite subclasses."""
+
+import pytest
+
+from canroll import testing
+from gain_gen.laws import LAWS
+from plant_sim.bodies import BODIES
+from plant_sim.buses import BUSES
+from plant_sim.driving import MANEUVERS
+
+NEEDS = {"lqr_full_car": {"vehicle": "car_2020", "actuator": "valves"}}
+
+
+class TestLaws(testing.LawConformance):
+    @pytest.fixture(autouse=True, params=list(LAWS))
+    def each(self, request, tmp_path):
+        self.law = request.param
+        for name, value in NEEDS.get(self.law, {}).items():
+            setattr(self, name, value)
+        if self.law == "custom":
+            gains = tmp_path / "gains.toml"
+            gains.write_text("K = [[72000.0, 30000.0]]\n")
+            self.matrices = str(gains)
+
+
+class TestBodies(testing.BodyConformance):
+    @pytest.fixture(autouse=True, params=list(BODIES))
+    def each_body(self, request):
+        self.body = request.param
+
+
+class TestManoeuvres(testing.ManoeuvreConformance):
+    @pytest.fixture(autouse=True, params=list(MANEUVERS))
+    def each(self, request, tmp_path):
+        self.scenario = request.param
+        if self.scenario == "from_file":
+            signal = tmp_path / "signal.csv"
+            signal.write_text("time,steering_wheel_deg\n0,0\n1,20\n2,20\n3,0\n")
+            self.options = {"file": str(signal)}
+
+
+class TestBuses(testing.BusConformance):
+    @pytest.fixture(autouse=True, params=list(BUSES))
+    def each(self, request):
+        self.bus = request.param
