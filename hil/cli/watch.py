@@ -145,7 +145,7 @@ def view(summary: Mapping[str, Any], seen: Observation) -> Group:
         ("bus load", summary["load"], "{:.1%}"),
     ):
         table.add_row(name, "–" if value is None else _form(form, value))
-    table.add_row("troubles", ", ".join(summary["troubles"]) or "none")
+    table.add_row("fault codes", ", ".join(summary["troubles"]) or "none")
     table.add_row("have occurred", ", ".join(summary["latched_troubles"]) or "none")
     rates = Table("message", "frames", "a second", box=None, pad_edge=False, header_style="bold")
     for name, count in summary["frames"].items():

@@ -200,7 +200,7 @@ class Observation:
 
     @property
     def troubles(self) -> list[str]:
-        """Active trouble codes in words."""
+        """Active fault codes as text."""
         return _named(self.signal("RollControlDiagnostics", "ActiveTroubles"))
 
     @property
