@@ -178,7 +178,7 @@ changes = [
     ("protection", "protect_0", "counter & 15", "counter & 7"),
     ("protection", "protect_0", "counter & 15", "counter & 15"),
     ("protection", "protect_0", "counter & 15", "counter / 15"),
-    ("e2e", "", "NO_COUNTER = 255", "NO_COUNTER = 3"),
+    ("e2e", "", "STEP_MAX = 15", "STEP_MAX = 3"),
     ("e2e", "", "NO_COUNTER = 255", "NO_COUNTER = 0xFF"),
 ]
 chosen = []

@@ -217,8 +217,9 @@ def fails_afresh(texts: Mapping[str, str], tests: Sequence[Path]) -> bool:
         copy.mkdir()
         for name, text in texts.items():
             (copy / f"{name}.py").write_text(text, encoding="utf-8")
-        # -P: the folder in front of the path would hide the copy
-        command = [sys.executable, "-P", "-m", "pytest", "-x", *ARGUMENTS, *map(str, tests)]
+        # the project's own folder in front of the path would hide the copy
+        command = [sys.executable, "-P", "-m", "pytest", "-o", "pythonpath=tests", "-x"]
+        command += [*ARGUMENTS, *map(str, tests)]
         environment = {**os.environ, "PYTHONPATH": f"{temporary}{os.pathsep}{FIRMWARE.parent}"}
         done = subprocess.run(
             command, cwd=FIRMWARE.parent, env=environment, capture_output=True, check=False
