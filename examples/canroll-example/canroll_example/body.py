@@ -9,24 +9,21 @@ from plant_sim.kernels.jit import STEP_SIGNATURE, cfunc
 from vehicles import Vehicle
 
 ROOF_LOAD = 150.0
-"""Mass on the roof, kg."""
+"""Part of the load that is stowed on the roof, kg; the car's mass stays."""
 ROOF_HEIGHT = 1.6
-"""Of the load above the roll axis, m."""
+"""Of that part above the roll axis, m."""
 
 
 def build(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
     """Return the state at ``speed`` (m/s) and the parameters of the car with its roof loaded."""
     plant = vehicle.plant
-    mass = plant.sprung_mass + ROOF_LOAD
-    arm = plant.roll_arm + ROOF_LOAD * ROOF_HEIGHT
-    loaded = replace(
+    height = plant.cg_height_above_roll_axis
+    raised = replace(
         plant,
-        sprung_mass=mass,
-        cg_height_above_roll_axis=arm / mass,
-        roll_inertia=plant.roll_inertia + ROOF_LOAD * ROOF_HEIGHT**2,
+        cg_height_above_roll_axis=height + ROOF_LOAD * (ROOF_HEIGHT - height) / plant.sprung_mass,
+        roll_inertia=plant.roll_inertia + ROOF_LOAD * (ROOF_HEIGHT**2 - height**2),
     )
-    state, parameters = roll.build(replace(vehicle, plant=loaded), speed)
-    return state, parameters
+    return roll.build(replace(vehicle, plant=raised), speed)
 
 
 @cfunc(STEP_SIGNATURE)
@@ -38,4 +35,4 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
 
 
 HEAVY_ROOF = Body("heavy_roof", step, build)
-"""1-DOF roll model with 150 kg on the roof that the controller does not know of."""
+"""1-DOF roll model with 150 kg of its load on the roof, unknown to the controller."""
