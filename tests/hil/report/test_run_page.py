@@ -229,6 +229,7 @@ def test_a_run_in_real_time_shows_its_timing(result):
     timing = told | {
         "plant_step_us": quantiles(took),
         "ticks": 4,
+        "pace": "realtime",
         "deadline_misses": 0,
         "frames_lost": 2,
         "notes": ["not pinned"],
