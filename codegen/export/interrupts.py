@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from canroll.errors import CanrollError
 from codegen.proof.prove import entry_points
-from codegen.subset.effects import writers
+from codegen.subset.effects import stored, writers
 from codegen.subset.parse import load
 from codegen.subset.program import Function, Program, calls
 
@@ -53,7 +53,7 @@ def _access(
         done.add(function.key)
         todo += calls(program, function)
         calibrated |= any(its.record == CONST for its in function.parameters.values())
-        stored = set(_stored(program, function, written))
+        places = set(_fields_stored(program, function, written))
         for node in ast.walk(function.node):
             if (
                 isinstance(node, ast.Call)
@@ -62,7 +62,7 @@ def _access(
                 writes |= set(program.record(STATE).fields)
             if _is_field(function, node):
                 assert isinstance(node, ast.Attribute)
-                (writes if node in stored else reads).add(node.attr)
+                (writes if node in places else reads).add(node.attr)
     return Access(frozenset(reads), frozenset(writes), calibrated)
 
 
@@ -73,28 +73,15 @@ def _is_field(function: Function, node: ast.AST) -> bool:
     return owner is not None and owner.record == STATE
 
 
-def _stored(
+def _fields_stored(
     program: Program, function: Function, written: dict[tuple[str, str], frozenset[str]]
 ) -> Iterator[ast.AST]:
-    """The fields that are assigned, or given to a function that writes its parameter."""
-    module = program.modules[function.module]
-    for node in ast.walk(function.node):
-        targets: list[ast.expr] = []
-        if isinstance(node, ast.Assign):
-            targets = list(node.targets)
-        elif isinstance(node, ast.AugAssign):
-            targets = [node.target]
-        elif isinstance(node, ast.Call):
-            called = program.function(module, node.func)
-            if called is not None:
-                below = written.get(called.key, frozenset())
-                pairs = zip(node.args, called.parameters, strict=True)
-                targets = [argument for argument, name in pairs if name in below]
-        for target in targets:
-            base = target
-            while isinstance(base, ast.Subscript):
-                base = base.value
-            yield base
+    """Yield the fields that are assigned, or given to a function that writes its parameter."""
+    for target in stored(program, function, written):
+        base = target
+        while isinstance(base, ast.Subscript):
+            base = base.value
+        yield base
 
 
 def check(program: Program | None = None) -> dict[str, Access]:

@@ -6,7 +6,6 @@ writes (or compares) the checked-in module for ``dbc/roll_control.dbc``. Frames 
 alike share their functions, and only the tables that a bus needs are written.
 """
 
-import argparse
 import sys
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ from pathlib import Path
 
 from codegen.generated.bus_map import BusMap, Mailbox, load
 from codegen.generated.frame_protection import CCITT, Checksum, Protection, crc_table
-from codegen.generated.signals import DBC, MAP, ROOT
+from codegen.generated.signals import DBC, MAP, ROOT, write_or_check
 
 PROTECTION = ROOT / "firmware" / "protection.py"
 
@@ -301,17 +300,5 @@ def _dispatch(
                 keyword = "if" if call.startswith("return") else "elif"
 
 
-def main() -> int:
-    """Write firmware/protection.py, or with ``--check`` say whether it is up to date."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
-    parser.add_argument("--check", action="store_true", help="compare, write nothing")
-    arguments = parser.parse_args()
-    text = generate()
-    if arguments.check:
-        return 0 if PROTECTION.read_text(encoding="utf-8") == text else 1
-    PROTECTION.write_text(text, encoding="utf-8")
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(write_or_check(PROTECTION, generate(), __doc__))

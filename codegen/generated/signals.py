@@ -241,17 +241,21 @@ def _identified(box: Mailbox) -> str:
     return f"{box.name} (0x{box.ident:X})"
 
 
-def main() -> int:
-    """Write firmware/signals.py, or with ``--check`` say whether it is up to date."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+def write_or_check(path: Path, text: str, what: str | None) -> int:
+    """Write a generated file, or with ``--check`` return 1 where it is not up to date.
+
+    Args:
+        path: of the file.
+        text: what it is to hold.
+        what: docstring of the generator; its first line is the description of the command.
+    """
+    parser = argparse.ArgumentParser(description=what.splitlines()[0] if what else None)
     parser.add_argument("--check", action="store_true", help="compare, write nothing")
-    arguments = parser.parse_args()
-    text = generate()
-    if arguments.check:
-        return 0 if SIGNALS.read_text(encoding="utf-8") == text else 1
-    SIGNALS.write_text(text, encoding="utf-8")
+    if parser.parse_args().check:
+        return 0 if path.read_text(encoding="utf-8") == text else 1
+    path.write_text(text, encoding="utf-8")
     return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(write_or_check(SIGNALS, generate(), __doc__))

@@ -1,7 +1,7 @@
 """Declarations, assignments and side effects of functions."""
 
 import ast
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 
 from codegen.subset.program import Function, Program
 
@@ -40,30 +40,41 @@ def writers(program: Program) -> dict[tuple[str, str], frozenset[str]]:
     return {key: frozenset(names) for key, names in found.items()}
 
 
-def _written(
-    program: Program, function: Function, found: Mapping[tuple[str, str], set[str]]
-) -> set[str]:
+def stored(
+    program: Program, function: Function, written: Mapping[tuple[str, str], Collection[str]]
+) -> Iterator[ast.expr]:
+    """Yield what a function stores in: what it assigns, clears, or passes on to be written.
+
+    Args:
+        program: of the function.
+        function: is read.
+        written: names of the parameters that each function writes, as far as known.
+    """
     module = program.modules[function.module]
-    names = set()
     for node in ast.walk(function.node):
-        targets: list[ast.expr] = []
         if isinstance(node, ast.Assign):
-            targets = list(node.targets)
+            yield from node.targets
         elif isinstance(node, ast.AugAssign):
-            targets = [node.target]
+            yield node.target
         elif isinstance(node, ast.Call):
             called = program.function(module, node.func)
             if called is not None:
-                below = found.get(called.key, set())
+                below = written.get(called.key, ())
                 pairs = zip(node.args, called.parameters, strict=False)
-                targets = [argument for argument, name in pairs if name in below]
+                yield from (argument for argument, name in pairs if name in below)
             elif program.intrinsic(module, node.func) == "clear":
-                targets = [node.args[0]]
-        for target in targets:
-            base = target
-            while isinstance(base, ast.Attribute | ast.Subscript):
-                base = base.value
-            given = function.parameters.get(base.id) if isinstance(base, ast.Name) else None
-            if given is not None and (given.kind == "record" or given.shape):
-                names.add(base.id)  # type: ignore[attr-defined]
+                yield node.args[0]
+
+
+def _written(
+    program: Program, function: Function, found: Mapping[tuple[str, str], set[str]]
+) -> set[str]:
+    names = set()
+    for target in stored(program, function, found):
+        base = target
+        while isinstance(base, ast.Attribute | ast.Subscript):
+            base = base.value
+        given = function.parameters.get(base.id) if isinstance(base, ast.Name) else None
+        if given is not None and (given.kind == "record" or given.shape):
+            names.add(base.id)  # type: ignore[attr-defined]
     return names
