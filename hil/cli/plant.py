@@ -91,13 +91,13 @@ def _drive(
         if not plant_loop.wait_for_ecu(link, stop=stop, timeout=args.wait):
             _check_stopped(args, stop)
             return None
-    print("plant runs", flush=True)
     return plant_loop.run(
         world,
         link,
         stop=stop,
         duration_ns=_duration_ns(args, world),
         peer_timeout_ns=nanoseconds(peer_timeout(args), "--peer-timeout"),
+        announce=lambda: print("plant runs", flush=True),
     )
 
 

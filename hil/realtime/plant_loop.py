@@ -7,6 +7,7 @@ the wall clock's.
 """
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +62,7 @@ def run(
     duration_ns: int,
     step_ns: int = STEP_NS,
     peer_timeout_ns: int | None = None,
+    announce: Callable[[], None] = lambda: None,
 ) -> Outcome:
     """Keep ``world`` in step with the clock until the manoeuvre is over.
 
@@ -71,6 +73,7 @@ def run(
         duration_ns: length of the run.
         step_ns: period of the loop; frames are handed on as often.
         peer_timeout_ns: end when the ECU, once heard, is silent for as long; None: never.
+        announce: called once, when the clock runs.
     """
     clock, sleep = time.monotonic_ns, time.sleep
     idents = frozenset(TX_IDS)
@@ -80,6 +83,7 @@ def run(
     last_heard = done = 0
     with collector_off():
         began = deadline = clock()
+        announce()
         while world.now_ns < duration_ns and not world.rolled_over:
             while (wait := deadline - clock()) > 0:
                 sleep(wait * 1e-9)
