@@ -21,14 +21,19 @@ FRAMES_PER_SECOND = 700
 """Upper bound of the frame rate of the bus contract, with reserve."""
 
 
+def check_side_channel(args: argparse.Namespace) -> None:
+    """Raise CanrollError where there is a side channel without lock step."""
+    if args.side_channel is not None and args.pace != "lockstep":
+        raise CanrollError("--side-channel requires --pace lockstep")
+
+
 def peer_timeout(args: argparse.Namespace) -> float | None:
     """Return the silence after which the other side is gone, s; None: it is waited for.
 
     Raises:
         CanrollError: it is negative, or there is a side channel without lock step.
     """
-    if args.side_channel is not None and args.pace != "lockstep":
-        raise CanrollError("--side-channel requires --pace lockstep")
+    check_side_channel(args)
     given = PEER_TIMEOUT[args.pace] if args.peer_timeout is None else args.peer_timeout
     nanoseconds(given, "--peer-timeout")
     return given or None

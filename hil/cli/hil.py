@@ -11,6 +11,7 @@ import can
 
 from canroll.errors import CanrollError
 from hil.cli import terminal
+from hil.cli.ecu import check_side_channel
 from hil.cli.options import (
     OF_A_RUN,
     choices_of,
@@ -75,8 +76,7 @@ def run(args: argparse.Namespace) -> int:
             args.scenario or CHECKED, duration=args.duration, **choices_of(args, OF_A_RUN)
         )
         return 0
-    if args.side_channel is not None and args.pace != "lockstep":
-        raise CanrollError("--side-channel requires --pace lockstep")
+    check_side_channel(args)
     refuse_one_adapter(args)
     out = folder_of(args)
     for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):

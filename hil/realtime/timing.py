@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-import dbc
 from firmware.event_trigger import command_slot
 from firmware.signals import TX_IDS
 from hil.realtime.hardware import bus_record
 from hil.realtime.tick_trace import TickTrace
-from plant_sim.can_bus import DELIVERED, ECU
+from hil.runs.phase import IMU, received_by_ecu
 
 QUANTILES = {"min": 0.0, "p50": 0.5, "p99": 0.99, "p99.9": 0.999, "max": 1.0}
 ROWS = {
@@ -23,7 +22,6 @@ ROWS = {
     "plant_step_us": "plant step duration",
 }
 """What is timed of a run in real time, and its name."""
-IMU = dbc.ident("Imu")
 
 Times = NDArray[np.int64]
 
@@ -108,10 +106,8 @@ def latencies(
         sensor_latency_ns: from the sample to the Imu frame in its queue.
     """
     sent, read = _commands_and_samples(trace)
-    imu = frames[(frames["ident"] == IMU) & (frames["outcome"] == DELIVERED)]
-    imu = imu[imu["segment"] == _ecu_segment(frames)]
     sampled: dict[bytes, list[tuple[int, int]]] = {}
-    for entry in imu:
+    for entry in received_by_ecu(frames):
         instants = (int(entry["t_received"]), int(entry["t_origin"]) - sensor_latency_ns)
         sampled.setdefault(entry["payload"][:8].tobytes(), []).append(instants)
     ages = []
@@ -171,11 +167,6 @@ def _bus_line(side: str, figures: Mapping[str, Any]) -> str:
     if figures["full"]:
         parts.append("the record was full before the end")
     return f"{side}, {figures['interface']}: {'; '.join(parts)}"
-
-
-def _ecu_segment(frames: NDArray[np.void]) -> int:
-    own = frames[frames["sender"] == ECU]
-    return int(own["segment"][0]) if len(own) else 0
 
 
 def _commands_and_samples(trace: TickTrace) -> tuple[NDArray[np.void], list[bytes]]:

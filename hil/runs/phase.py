@@ -107,16 +107,24 @@ def measured(ticks: NDArray[np.float64], frames: NDArray[np.void]) -> Phase | No
         ticks: instants of the ticks, s.
         frames: the bus log.
     """
-    own = frames[frames["sender"] == ECU]
-    if not len(own):
+    if not np.any(frames["sender"] == ECU):
         return None
-    received = np.sort(_received(frames, int(own["segment"][0]))["t_received"]) * 1e-9
+    received = np.sort(received_by_ecu(frames)["t_received"]) * 1e-9
     newest = np.searchsorted(received, ticks + 1e-12, side="right") - 1
     heard = newest >= 0
     if not np.any(heard):
         return None
     since = ticks[heard] - received[newest[heard]]
     return Phase(float(since.min()), float(since.mean()), float(since.max()))
+
+
+def received_by_ecu(frames: NDArray[np.void]) -> NDArray[np.void]:
+    """Return the Imu frames of a bus log that reached the ECU.
+
+    The ECU's segment is the one that it sends on, the first where it has sent nothing.
+    """
+    own = frames[frames["sender"] == ECU]
+    return _received(frames, int(own["segment"][0]) if len(own) else 0)
 
 
 def _received(frames: NDArray[np.void], segment: int) -> NDArray[np.void]:
