@@ -23,7 +23,7 @@ from gain_gen.calibration.quantise import Options
 from gain_gen.calibration.record import fill, flatten, identify, packed
 from gain_gen.calibration.rounding_error import integer_loop, manoeuvre_error, measured
 from gain_gen.calibration.rows import quantise, quantise_row
-from gain_gen.calibration.vehicle_part import damper_knee, moment_limit, static_share, steering_gain
+from gain_gen.calibration.vehicle_part import damper_knee, moment_limit, steering_gain
 from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.margin_report import margin_report
@@ -259,7 +259,7 @@ def test_header_comments_cannot_end_early():
 
 def test_limits_follow_the_actuators():
     van = task()
-    share = static_share(van.vehicle)
+    share = van.vehicle.geometry.static_front_share
     limit = moment_limit(van, share)
     geometry = van.vehicle.geometry
     front = limit * share / (2 * geometry.half_track_front)
