@@ -130,7 +130,7 @@ def test_a_map_says_what_the_dbc_does_not(example, tmp_path):
     assert rate.scale < 0 < lateral.scale
     assert lateral.twin.inverted and lateral.twin.tolerance == 2
     assert set(first_column(section("A map of your bus"))) >= set(KEYS)
-    assert plausibility.TROUBLE_DISAGREEMENT == 5
+    assert plausibility.FAULT_DISAGREEMENT == 5
 
 
 def test_a_map_protects_a_frame(example, tmp_path):
@@ -164,7 +164,7 @@ def test_a_budget_belongs_to_a_calibration(example, lqr):
     path = example("budget.toml")
     path.write_text(lqr.read_text() + path.read_text())
     loaded = calibration_file.load(path)
-    assert budget_of(loaded.record, loaded.tables) == Budget(20000, 500, 30000, 0)
+    assert budget_of(loaded.tables) == Budget(20000, 500, 30000, 0)
 
 
 def test_the_tables_of_a_calibration_are_told(lqr):
