@@ -64,7 +64,7 @@ class Mailbox:
 
     ``pages`` are the values of the multiplexer ``selector`` that the mailbox takes or sends; both
     are empty where no signal in use is multiplexed. ``cycle`` is the number of pages that the
-    message has.
+    message has. ``cycle_ms`` is the time between two frames, 0 where neither DBC nor map knows it.
     """
 
     slot: str
@@ -77,6 +77,7 @@ class Mailbox:
     selector: RawSignal | None = None
     pages: tuple[int, ...] = ()
     cycle: int = 1
+    cycle_ms: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +105,11 @@ class BusMap:
     def protected(self) -> bool:
         """Whether any frame has a checksum or a counter."""
         return any(box.protection for box in (*self.received, *self.transmitted))
+
+    @property
+    def frames(self) -> tuple[Mailbox, ...]:
+        """The mailboxes that have a frame."""
+        return tuple(box for box in (*self.received, *self.transmitted) if box.name)
 
     @property
     def echoed(self) -> tuple[bool, ...]:
@@ -215,8 +221,9 @@ def _mailbox(
     if table is None:
         return Mailbox(slot)
     for key in table:
-        if key not in ("message", "signals", "protection"):
-            raise UnknownNameError(f"key in {where}", key, ("message", "signals", "protection"))
+        if key not in ("message", "signals", "protection", "cycle_ms"):
+            known = ("message", "signals", "protection", "cycle_ms")
+            raise UnknownNameError(f"key in {where}", key, known)
     messages = {message.name: message for message in database.messages}
     name = table.get("message", "")
     if name not in messages:
@@ -262,7 +269,16 @@ def _mailbox(
         selector=choice if chosen else None,
         pages=chosen,
         cycle=len(all_pages(message)) if chosen else 1,
+        cycle_ms=_cycle_ms(message, table, where),
     )
+
+
+def _cycle_ms(message: Message, table: Mapping[str, Any], where: str) -> int:
+    """The time between two frames in whole milliseconds; of the map, else of the DBC."""
+    value = table.get("cycle_ms", message.cycle_time or 0)
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 10_000:
+        raise CanrollError(f"{where}: cycle_ms must be a whole number up to 10000, not {value!r}")
+    return value
 
 
 def _refuse_like_names(used: Collection[str], where: str) -> None:

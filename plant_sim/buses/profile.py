@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from math import isfinite
+from pathlib import Path
 from typing import Final
 
 from canroll.errors import CanrollError
@@ -18,7 +19,9 @@ class BusProfile:
     ``load`` is the total, own messages at their cycle times included; background traffic fills
     the rest, ``above`` of it with identifiers of higher priority than all own messages.
     ``gateway_ms`` (least and greatest latency each way): the ECU has a segment of its own,
-    joined to the vehicle's by a gateway.
+    joined to the vehicle's by a gateway. ``data_bitrate``: of FD frames with bit-rate switch, 0:
+    as ``bitrate``. ``dbc`` and ``map_file``: the frames that carry our signals, both None for those
+    of the contract.
     """
 
     name: str
@@ -26,6 +29,10 @@ class BusProfile:
     load: float
     above: float = 0.5
     gateway_ms: tuple[float, float] | None = None
+    data_bitrate: int = 0
+    bit_error_rate: float = 0.0
+    dbc: Path | None = None
+    map_file: Path | None = None
 
     @property
     def segments(self) -> int:

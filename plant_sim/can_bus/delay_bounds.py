@@ -70,7 +70,7 @@ def message_paths(
         replace(m, period_ns=command_period_ms * MS, jitter_ns=round(command_jitter_ms * MS))
         if m.name == command
         else m
-        for m in own_messages(command)
+        for m in own_messages(command, profile)
     ]
     low, high = (int(x * MS) for x in profile.gateway_ms or (0.0, 0.0))
     jitter: dict[str, int] = {}
@@ -86,7 +86,12 @@ def message_paths(
             bounds.append(
                 {
                     b.message.name: (b.best_ns, b.bound_ns)
-                    for b in response_bounds(here, bitrate=profile.bitrate, errors=errors)
+                    for b in response_bounds(
+                        here,
+                        bitrate=profile.bitrate,
+                        data_bitrate=profile.data_bitrate,
+                        errors=errors,
+                    )
                 }
             )
         update = {}
@@ -103,7 +108,7 @@ def message_paths(
     for message in own:
         home = segment_of(profile, message.sender)
         best, bound = bounds[home][message.name]
-        least = message.least_delivery_ns(profile.bitrate)
+        least = message.least_delivery_ns(profile.bitrate, profile.data_bitrate)
         if crosses(profile, message):
             _, far_bound = bounds[1 - home][message.name]
             bound = None if far_bound is None else best + low + far_bound
@@ -156,7 +161,7 @@ def delay_bounds(
     """
     if tick_ms <= 0.0:
         raise CanrollError(f"the tick must be positive, got {tick_ms} ms")
-    periods = {m.name: m.period_ns * _NS for m in own_messages(command)}
+    periods = {m.name: m.period_ns * _NS for m in own_messages(command, profile)}
     if sensor not in periods:
         raise CanrollError(f"'{sensor}' is not a message of the bus: choose from {sorted(periods)}")
     paths = message_paths(

@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from typing import Any, Final
 
-import dbc
-from canroll.errors import UnknownNameError
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.kernel.layout import Network
 from plant_sim.can_bus.kernel.network import (
@@ -15,33 +13,13 @@ from plant_sim.can_bus.kernel.network import (
     Segment,
     build_network,
 )
+from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, MS, own_messages
 from plant_sim.can_bus.traffic.background import background_messages
 from plant_sim.can_bus.traffic.messages import BusMessage
 
-MS: Final = 1_000_000
 NODES: Final = ("RollControl", "Imu", "Chassis", "Suspension", "Actuator", "Reference")
 """Nodes of the bus contract, in the order of their numbers on every profile."""
 ECU, IMU, CHASSIS, SUSPENSION, ACTUATOR, REFERENCE = range(6)
-DEFAULT_COMMAND: Final = "SuspensionForceCommand"
-
-
-def own_messages(command: str = DEFAULT_COMMAND) -> tuple[BusMessage, ...]:
-    """Return the messages of the bus contract that are in use with actuator command ``command``."""
-    commands = {m.name for m in dbc.load().messages if m.name.endswith("Command")}
-    if command not in commands:
-        raise UnknownNameError("command message", command, commands)
-    return tuple(
-        BusMessage(
-            message.name,
-            message.frame_id,
-            message.length,
-            (message.cycle_time or 100) * MS,
-            message.senders[0],
-            tuple(sorted(message.receivers)),
-        )
-        for message in dbc.load().messages
-        if message.name not in commands - {command}
-    )
 
 
 def segment_of(profile: BusProfile, node: str) -> int:
@@ -62,7 +40,7 @@ def own_on_segment(
     """Return the own messages on a segment, those that a gateway brings there too."""
     return [
         m
-        for m in own_messages(command)
+        for m in own_messages(command, profile)
         if segment_of(profile, m.sender) == segment or crosses(profile, m)
     ]
 
@@ -78,6 +56,7 @@ def background_of(
         load=profile.load,
         above=profile.above,
         seed=seed * 2 + segment,
+        data_bitrate=profile.data_bitrate,
     )
 
 
@@ -88,7 +67,7 @@ def profile_spec(
     command: str = DEFAULT_COMMAND,
     background: bool = True,
     faults: Sequence[Fault] = (),
-    bit_error_rate: float = 0.0,
+    bit_error_rate: float | None = None,
     policy: str = "replace",
     log_capacity: int = 1 << 14,
 ) -> NetworkSpec:
@@ -100,12 +79,14 @@ def profile_spec(
         command: the actuator command message in use.
         background: False leaves the bus to the own messages.
         faults: scripted faults.
-        bit_error_rate: probability that a bit on the wire is disturbed.
+        bit_error_rate: probability that a bit on the wire is disturbed; None: the profile's.
         policy: transmit queues of the own nodes: ``replace``, ``priority`` or ``fifo``.
         log_capacity: entries in the ring log; a consumer drains at least that often.
     """
+    if bit_error_rate is None:
+        bit_error_rate = profile.bit_error_rate
     nodes = [Node(name, segment_of(profile, name), policy) for name in NODES]
-    own = own_messages(command)
+    own = own_messages(command, profile)
     sources = []
     gateways: tuple[Gateway, ...] = ()
     for segment in range(profile.segments):
@@ -125,13 +106,14 @@ def profile_spec(
                 high,
                 "fixed" if low == high else "uniform",
                 idents=tuple(
-                    (m.ident, 0) for m in crossing if segment_of(profile, m.sender) == segment
+                    (m.ident, m.flags) for m in crossing if segment_of(profile, m.sender) == segment
                 ),
             )
             for segment, ports in enumerate((("Gateway", "Gateway2"), ("Gateway2", "Gateway")))
         )
     return NetworkSpec(
-        segments=(Segment(profile.bitrate, bit_error_rate=bit_error_rate),) * profile.segments,
+        segments=(Segment(profile.bitrate, profile.data_bitrate, bit_error_rate=bit_error_rate),)
+        * profile.segments,
         nodes=tuple(nodes),
         sources=tuple(sources),
         gateways=gateways,
