@@ -5,6 +5,7 @@ from math import ceil
 
 import numpy as np
 
+import dbc
 from firmware import calibration as fw
 from gain_gen.calibration.observer_part import covariance_fields
 from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, Row, quantise_row
@@ -284,7 +285,7 @@ def _trigger(design: Design, options: Options) -> Fields:
         "trigger_floor": min(round(floor * 2.0**fw.Q_MOMENT), fw.STATE_MAX),
         "heartbeat_ticks": max(1, round(options.heartbeat / task.tick)),
         "acknowledge_ticks": max(3, ceil(round_trip / task.tick)),
-        "status_ticks": max(1, round(0.1 / task.tick)),
+        "status_ticks": max(1, round(dbc.period("RollControlStatus") / task.tick)),
     }
 
 

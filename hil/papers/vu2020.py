@@ -106,7 +106,7 @@ PAPER = "vu2020"
 TITLE = "Vu et al. 2020: LQR of electro-hydraulic anti-roll bars"
 COMMON = {
     "vehicle": "car_2020",
-    "plant": "fullcar",
+    "plant": "linear_car",
     "actuator": "valves",
     "law": "lqr_full_car",
     "trigger": "every",

@@ -183,7 +183,7 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
     _observe(state, inputs, parameters, outputs)
 
 
-BODY = Body("fullcar", step, build)
+BODY = Body("linear_car", step, build)
 """Linear full car."""
-HYDRAULIC_BODY = Body("fullcar_hydraulic", step, build_hydraulic)
+HYDRAULIC_BODY = Body("linear_car_hydraulic", step, build_hydraulic)
 """Linear full car with electro-hydraulic bars."""
