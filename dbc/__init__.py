@@ -7,7 +7,7 @@ import cantools
 from cantools.database import Database, Message
 
 PATH = Path(__file__).with_name("roll_control.dbc")
-FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+FD_LENGTHS: tuple[int, ...] = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 """Payload bytes by length code (DLC) of a CAN FD frame, ISO 11898-1:2015."""
 
 
@@ -39,7 +39,7 @@ def switches_bit_rate(message: Message) -> bool:
 
 def padded(length: int) -> int:
     """Return the bytes that a frame of ``length`` bytes has on the wire: a length code's."""
-    return next(size for size in FD_LENGTHS if size >= length)
+    return min(size for size in FD_LENGTHS if size >= length)
 
 
 def data_id(message: Message) -> int:

@@ -81,7 +81,7 @@ class Mailbox:
 
     @property
     def sent_length(self) -> int:
-        """Bytes that its frame has on the wire; a CAN FD frame is padded to what a length code says."""
+        """Bytes of its frame on the wire: a CAN FD frame is padded to the next length code."""
         return dbc.padded(self.length) if self.fd else self.length
 
 
@@ -243,7 +243,7 @@ def _refuse_length(message: Message, where: str) -> None:
     """A classic frame has at most 8 bytes, a CAN FD frame 64."""
     if message.length > 8 and not message.is_fd:
         raise CanrollError(
-            f"{where}: {message.name} has {message.length} bytes but is not a CAN FD frame: set its "
+            f"{where}: {message.name} has {message.length} bytes but is no CAN FD frame: set its "
             "VFrameFormat to StandardCAN_FD or ExtendedCAN_FD in the DBC"
         )
     if message.length > dbc.FD_LENGTHS[-1]:
