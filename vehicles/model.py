@@ -22,6 +22,7 @@ __all__ = [
     "Channel",
     "Driver",
     "ElectroHydraulicBars",
+    "Empty",
     "Geometry",
     "Mass",
     "RollModel",
@@ -98,6 +99,11 @@ class Geometry:
         """Distance between the axles (m)."""
         return self.cg_to_front_axle + self.cg_to_rear_axle
 
+    @property
+    def static_front_share(self) -> float:
+        """l_r / l, of weight and of the anti-roll moment (Redondo 2021, (53)–(56))."""
+        return self.cg_to_rear_axle / self.wheelbase
+
 
 @dataclass(frozen=True, slots=True)
 class Mass:
@@ -110,6 +116,15 @@ class Mass:
     unsprung_rear: float
     pitch_inertia: float
     yaw_inertia: float
+
+
+@dataclass(frozen=True, slots=True)
+class Empty:
+    """The sprung body without load: kg, m above the roll axis, kg·m² about the roll axis."""
+
+    sprung_mass: float
+    cg_height_above_roll_axis: float
+    roll_inertia: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +204,7 @@ class Vehicle:
     calibrated apart from it. ``speeds`` holds a default speed (m/s) by manoeuvre name and
     ``lane_offset`` the lateral offset (m) of the double lane change. ``sources`` maps a section or
     ``section.key`` to where its numbers come from. ``file`` is where a user's own was read from.
+    ``empty`` is the body without load, where the file has it; see :mod:`vehicles.unladen`.
     """
 
     name: str
@@ -208,6 +224,7 @@ class Vehicle:
     lane_offset: float
     sources: dict[str, str]
     file: str = ""
+    empty: Empty | None = None
 
     @property
     def reference(self) -> str:

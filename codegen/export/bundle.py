@@ -4,20 +4,19 @@ Sources and headers, the calibration as a header, test vectors with a runner, Ma
 CMakeLists.txt, start-up and example for a bare Cortex-M, A2L, the cantools codec and a README.
 """
 
+import shutil
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-import cantools
 import numpy as np
-from cantools.database import Database
 from cantools.database.can import c_source
 from numpy.typing import NDArray
 
-from codegen.export import a2l, interrupts, misra
-from codegen.generated.bus_map import EXTENDED, BusMap
+from codegen.export import a2l, codec_comparison, interrupts, misra
+from codegen.generated.bus_map import EXTENDED, BusMap, read
 from codegen.generated.frame_protection import Protection
 from codegen.run import memory_image, native
 from codegen.run.bus_firmware import BusFirmware, of_bus
@@ -103,6 +102,7 @@ def write(folder: Path, export: Export) -> list[Path]:
         texts[f"board/{name}"] = (BOARD / name).read_text(encoding="utf-8")
     for name, place in (
         ("test_main.c", "test/"),
+        ("test_codec.py.in", "test/"),
         ("example.c", "board/"),
         ("Makefile", ""),
         ("CMakeLists.txt", ""),
@@ -111,12 +111,15 @@ def write(folder: Path, export: Export) -> list[Path]:
         text = (TEMPLATES / name).read_text(encoding="utf-8")
         text = text.replace("{version}", version("canroll"))
         text = text.replace("{bytes}", str(export.traffic.frames.dtype["payload"].shape[0]))
-        texts[place + name] = text.replace("{optimisation}", " ".join(OPTIMISATION))
+        texts[place + name.removesuffix(".in")] = text.replace(
+            "{optimisation}", " ".join(OPTIMISATION)
+        )
     epk = f"canroll {version('canroll')} {_named(files)}"
     texts["include/canroll_epk.h"] = EPK_HEADER.format(version=version("canroll"), epk=epk)
     texts["src/canroll_epk.c"] = EPK_SOURCE
     texts["canroll.a2l"] = a2l.a2l(a2l.Software(epk, export.record, bus.xcp, firmware.record))
-    texts[export.dbc.name] = export.dbc.read_text(encoding="utf-8")
+    comparison = codec_comparison.files(export.dbc, export.map_file, bus)
+    texts.update({f"test/{name}": text for name, text in comparison.items()})
     texts.update({f"codec/{name}": text for name, text in _codec(export.dbc).items()})
     texts["README.md"] = _readme(export, firmware)
     written = []
@@ -125,7 +128,9 @@ def write(folder: Path, export: Export) -> list[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
         written.append(path)
-    return written
+    # as it is: a DBC may be in any character set
+    shutil.copyfile(export.dbc, folder / export.dbc.name)
+    return [*written, folder / export.dbc.name]
 
 
 def _vectors(firmware: BusFirmware, export: Export) -> tuple[str, str]:
@@ -207,8 +212,7 @@ def _digest(data: bytes) -> int:
 
 def _codec(dbc: Path) -> dict[str, str]:
     """The frames as cantools' own C codec."""
-    database = cantools.database.load_file(dbc)
-    assert isinstance(database, Database)
+    database, _ = read(dbc)
     name = "canroll_codec"
     header, source, _, _ = c_source.generate(
         database, name, f"{name}.h", f"{name}.c", f"{name}_fuzzer.c"

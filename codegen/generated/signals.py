@@ -24,6 +24,8 @@ from codegen.generated.mapped_signal import MappedSignal, RawSignal
 from codegen.generated.signal_code import (
     available,
     chosen,
+    disagreement,
+    disagrees,
     gathered,
     packed,
     placed,
@@ -32,6 +34,7 @@ from codegen.generated.signal_code import (
     words,
     wrapped,
 )
+from firmware.state import DISAGREES
 
 ROOT = Path(__file__).resolve().parents[2]
 DBC = ROOT / "dbc" / "roll_control.dbc"
@@ -47,8 +50,9 @@ HEADER = '''\
 
 Frames of {names}.
 ``unpack`` turns the bytes of a mailbox into fields; a signal that carries one of its reserved
-codes (error, not available) keeps its field and clears its bit of ``ecu.valid``. ``pack`` writes
-the bytes of a frame, rounded to nearest and limited as the DBC says; ``protection`` comes after it.
+codes (error, not available) keeps its field and clears its bit of ``ecu.valid``, as does one that
+its second signal contradicts, which sets bit 7. ``pack`` writes the bytes of a frame, rounded to
+nearest and limited as the DBC says; ``protection`` comes after it.
 """
 
 from typing import Annotated
@@ -99,7 +103,19 @@ def generate(dbc: Path = DBC, map_file: Path = MAP) -> str:
     slots = sorted([f"RX_{s.upper()}" for s in RECEIVED] + [f"TX_{s.upper()}" for s in TRANSMITTED])
     imports = "".join(f"    {name},\n" for name in [*slots, "Ecu"])
     lines = HEADER.format(names=dbc.name, imports=f"(\n{imports})").splitlines()
-    lines += ["", *_tables(bus), "", "", *_wanted(bus), "", "", *FRAMES.splitlines()]
+    lines += [
+        "",
+        *_tables(bus),
+        "",
+        "",
+        *_wanted(bus),
+        "",
+        "",
+        *_contradicted(bus),
+        "",
+        "",
+        *FRAMES.splitlines(),
+    ]
     for boxes, text in ((bus.received, RECEIVED_WORD), (bus.transmitted, STORE_WORD)):
         if any(_long(box) for box in boxes):
             lines += ["", "", *text.splitlines()]
@@ -159,6 +175,22 @@ def _wanted(bus: BusMap) -> Iterable[str]:
     yield "    return 1"
 
 
+def _contradicted(bus: BusMap) -> Iterable[str]:
+    yield "def contradicted(ecu: Ecu) -> i32:"
+    yield '    """Return 1 where a signal and its redundant or inverted one disagree."""'
+    watched = [
+        f"ecu.valid[RX_{box.slot.upper()}]"
+        for box in bus.received
+        if any(signal.twin for signal in box.signals)
+    ]
+    if not watched:
+        yield "    return 0"
+        return
+    yield f"    if (({' | '.join(watched)}) & {DISAGREES}) != 0:"
+    yield "        return 1"
+    yield "    return 0"
+
+
 def _unpack(box: Mailbox) -> Iterable[str]:
     source = "slot: i32" if _long(box) else "frame: i64"
     yield f"def unpack_{box.slot}(ecu: Ecu, {source}) -> None:"
@@ -171,7 +203,7 @@ def _unpack(box: Mailbox) -> Iterable[str]:
     bits = VALID_BITS[box.slot]
     frame = _frame(box)
     if _long(box):
-        for word in words(box.signals):
+        for word in words(_raw_signals(box.signals)):
             yield f"    {frame[word]}: i64 = received_word(ecu, slot, {WORD * word})"
     yield "    valid: u8 = 0"
     first = "valid ="
@@ -198,18 +230,36 @@ def _frame(box: Mailbox) -> tuple[str, ...]:
     return tuple(f"frame_{word}" for word in range(-(-box.length // WORD)))
 
 
+def _raw_signals(signals: Iterable[MappedSignal]) -> Iterable[RawSignal]:
+    """All that a frame carries for ``signals``: their second signals and signs too."""
+    for signal in signals:
+        yield from signal.parts
+
+
 def _unpack_signal(
     signal: MappedSignal, bits: tuple[str, ...], frame: tuple[str, ...]
 ) -> Iterable[str]:
     place, name, indent = signal.place, raw_name(signal), "    "
     value = unpacked(signal)
-    if value == name and not signal.unavailable:
+    if value == name and not signal.unavailable and len(signal.parts) == 1:
         value = gathered(signal, frame)
     else:
         yield from wrapped(f"    {name}: i32 = {gathered(signal, frame)}", LINE)
-        if signal.unavailable:
-            yield f"    if {available(signal)}:"
-            indent = "        "
+    keyword = "if"
+    if signal.twin is not None:
+        yield from disagreement(signal, frame)
+        yield f"    if {disagrees(signal)}:"
+        yield f"        valid |= {DISAGREES}"
+        keyword = "elif"
+    if signal.unavailable:
+        yield f"    {keyword} {available(signal)}:"
+    elif signal.twin is not None:
+        yield "    else:"
+    if signal.unavailable or signal.twin is not None:
+        indent = "        "
+    if signal.minus is not None:
+        yield f"{indent}if ({gathered(signal.minus, frame)}) == 1:"
+        yield f"{indent}    {name} = -{name}"
     yield from wrapped(f"{indent}ecu.{place.text} = {value}", LINE)
     if place.text in bits:
         yield f"{indent}valid |= {1 << bits.index(place.text)}"
@@ -250,8 +300,8 @@ def _pages_in_turn(box: Mailbox, selector: RawSignal) -> Iterable[str]:
         yield f"    {keyword} ecu.diagnostics_page == {number}:"
         keyword = "elif"
         if in_order:
-            chosen_page = [its for its in box.signals if its.page == page]
-            yield from _fill(chosen_page, _frame(box), "        ")
+            there = [its for its in box.signals if its.page == page]
+            yield from _fill(there, _frame(box), "        ")
         else:
             yield from _page(box, selector, page, "        ")
 
@@ -266,8 +316,21 @@ def _page(box: Mailbox, selector: RawSignal, page: int, indent: str) -> Iterable
 def _fill(signals: list[MappedSignal], frame: tuple[str, ...], indent: str) -> Iterable[str]:
     """Put the raw codes of ``signals`` into the frame."""
     for signal in signals:
-        yield from wrapped(f"{indent}{raw_name(signal)}: i32 = {packed(signal)}", LINE)
-        yield from (f"{indent}{line}" for line in placed(signal, frame))
+        name = raw_name(signal)
+        yield from wrapped(f"{indent}{name}: i32 = {packed(signal)}", LINE)
+        if signal.minus is not None:
+            yield f"{indent}{raw_name(signal.minus)}: i32 = 0"
+            yield f"{indent}if {name} < 0:"
+            yield f"{indent}    {raw_name(signal.minus)} = 1"
+            yield f"{indent}    {name} = -{name}"
+        if signal.twin is not None:
+            other = signal.twin.signal
+            value = name
+            if signal.twin.inverted:
+                value = f"{-1 if other.signed else (1 << other.length) - 1} - {name}"
+            yield f"{indent}{raw_name(other)}: i32 = {value}"
+        for part in signal.parts:
+            yield from (f"{indent}{line}" for line in placed(part, frame))
 
 
 def _dispatch_unpack(bus: BusMap) -> Iterable[str]:

@@ -18,8 +18,8 @@ from hil.papers.paper_table import Row, Section, Value, printed
 from hil.report.figure import DASHED, DOTTED, SOLID, Figure, Series
 from hil.runs.metrics import peak, rms
 from hil.runs.result import Result
-from plant_sim.bodies.parameters import suspension_roll_stiffness
 from vehicles.full_car import AS_PRINTED, REPAIRED, FullCar, from_vehicle
+from vehicles.roll_stiffness import suspension_roll_stiffness
 
 STEP = 0.001
 LABELS = ("without control", "ideal, 26 states", "compensator")

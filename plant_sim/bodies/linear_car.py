@@ -12,11 +12,11 @@ import numpy as np
 from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.bodies.integrate import rk4
-from plant_sim.bodies.parameters import suspension_roll_stiffness
 from plant_sim.bodies.ports import Body
 from plant_sim.kernels.jit import cfunc, njit
 from vehicles import GRAVITY, Vehicle
 from vehicles.full_car import INPUTS, STATES, FullCar, from_vehicle, state_matrices
+from vehicles.roll_stiffness import suspension_roll_stiffness
 
 N_LINEAR = len(STATES)
 N_DRIVE = len(INPUTS)
