@@ -10,6 +10,7 @@ import numpy as np
 
 import vehicles
 from canroll.errors import CanrollError
+from hil.cli import linear_response
 from hil.cli.options import choices_of
 from hil.runs import experiment
 from hil.runs.choices import PASSIVE, chosen
@@ -21,6 +22,7 @@ from plant_sim.driving import maneuvers, standards
 from plant_sim.world import handling
 from plant_sim.world.handling import SpeedLimit
 from vehicles import Vehicle
+from vehicles.unladen import unladen
 
 
 def _vehicle_and_body(args: argparse.Namespace) -> tuple[Vehicle, Body]:
@@ -52,10 +54,17 @@ def understeer(args: argparse.Namespace) -> int:
 
 
 def response(args: argparse.Namespace) -> int:
-    """Run the frequency-response test of ISO 7401 and print its table."""
+    """Run the frequency-response test of ISO 7401 and print its table, or linearise."""
     if not 20.0 <= args.speed <= 200.0:
         raise CanrollError(f"speed {args.speed:g} km/h: must be 20 to 200 km/h")
     vehicle, body = _vehicle_and_body(args)
+    if args.load == "empty":
+        vehicle = unladen(vehicle)
+    if args.linear:
+        return linear_response.run(args, vehicle, body)
+    for option in ("lateral_acceleration", "friction", "out"):
+        if getattr(args, option) is not None:
+            raise CanrollError(f"--{option.replace('_', '-')} needs --linear")
     result = handling.frequency_response(vehicle, body, speed=args.speed / 3.6)
     rows = {
         "yaw_rate": result.yaw_rate / vehicle.steering.ratio,
@@ -64,7 +73,7 @@ def response(args: argparse.Namespace) -> int:
     }
     if args.json:
         answer = {"vehicle": vehicle.name, "plant": body.name, "speed_kmh": args.speed}
-        answer |= {"frequency_hz": result.frequency.tolist()}
+        answer |= {"load": args.load, "frequency_hz": result.frequency.tolist()}
         for name, row in rows.items():
             answer[name] = {
                 "gain": np.abs(row).tolist(),
@@ -72,7 +81,10 @@ def response(args: argparse.Namespace) -> int:
             }
         print(json.dumps(answer))
         return 0
-    print(f"{vehicle.title}\n{args.speed:g} km/h, {body.name} plant, per steering-wheel angle\n")
+    print(
+        f"{vehicle.title}, {args.load}\n"
+        f"{args.speed:g} km/h, {body.name} plant, per steering-wheel angle\n"
+    )
     print("    Hz   yaw rate 1/s  phase °   a_y m/s²/°  phase °   roll °/°  phase °")
     phases = [np.degrees(np.unwrap(np.angle(row))) for row in rows.values()]
     for i, frequency in enumerate(result.frequency):
