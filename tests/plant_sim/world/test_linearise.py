@@ -69,7 +69,7 @@ def test_roll1_is_its_equations():
     assert static.real == pytest.approx(1.0 / roll.effective_stiffness, rel=1e-6)
 
 
-@pytest.mark.parametrize("name", ["fullcar", "fullcar_hydraulic"])
+@pytest.mark.parametrize("name", ["linear_car", "linear_car_hydraulic"])
 def test_linear_car_is_its_matrices(name):
     """All of its poles but those of bars that it has not, which rest."""
     speed = 80 / 3.6
@@ -86,7 +86,7 @@ def test_linear_car_is_its_matrices(name):
     assert found[slow] == pytest.approx(expected[slow], rel=1e-4)
 
 
-@pytest.mark.parametrize("name", ["nonlinear", "fullcar", "roll1"])
+@pytest.mark.parametrize("name", ["nonlinear", "linear_car", "roll1"])
 @pytest.mark.parametrize(("lateral", "friction"), [(0.0, 1.0), (4.0, 1.0), (3.2, 0.5)])
 def test_a_trim_stays_as_it_is(name, lateral, friction):
     trim = trimmed(name, lateral_acceleration=lateral, friction=friction)
@@ -208,7 +208,7 @@ def test_modes_are_named_by_what_moves():
     # the same in a curve, where everything couples
     curve = {m.motion for m in modes(linearise.linearise(trimmed("nonlinear", 80 / 3.6, 4.0)))}
     assert {"heave", "pitch", "roll", "sideslip", "speed"} <= curve
-    bars = [m.motion for m in modes(linearise.linearise(trimmed("fullcar_hydraulic")))]
+    bars = [m.motion for m in modes(linearise.linearise(trimmed("linear_car_hydraulic")))]
     assert bars.count("bar") == 4
 
 
@@ -218,7 +218,9 @@ def test_too_fast_a_curve_is_refused():
             VAN, bodies.body("nonlinear"), speed=80 / 3.6, lateral_acceleration=12.0
         )
     with pytest.raises(CanrollError, match="four wheels"):
-        linearise.find_trim(VAN, bodies.body("fullcar"), speed=80 / 3.6, lateral_acceleration=12.0)
+        linearise.find_trim(
+            VAN, bodies.body("linear_car"), speed=80 / 3.6, lateral_acceleration=12.0
+        )
 
 
 @cfunc(STEP_SIGNATURE)
