@@ -59,6 +59,8 @@ STROKE_MAX = 1 << 29
 WINDOW_MAX = 1 << 26
 # ecu.calibration_word where the calibration has not the CRC it carries
 CORRUPT = 1 << 12
+# bit of ecu.valid: a signal of the message and its redundant or inverted one disagree
+DISAGREES = 128
 
 
 @record
@@ -198,7 +200,9 @@ class Ecu:
 
     # inputs: the last valid ones, in internal formats
     fresh: Annotated[list[u8], N_RX, F(0, 1, 0, "", "1: a valid frame came this tick")]
-    valid: Annotated[list[u8], N_RX, F(0, 255, 0, "", "bit i: signal i carries a value")]
+    valid: Annotated[
+        list[u8], N_RX, F(0, 255, 0, "", "bit i: signal i has a value; 7: disagreement")
+    ]
     imu_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the Imu frame")]
     motion_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of VehicleMotion")]
     rate_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of SuspensionRate")]

@@ -336,7 +336,7 @@ COMMANDS = {
     ),
     "design": Command("design a controller and write its calibration", design),
     "margins": Command("verify a calibration independently of its design", margins),
-    "bus": Command("bus load, response times and a bus server"),
+    "bus": Command("bus load, response times and a bus server", "bus_parsers:bus"),
     "hil": Command("run ECU and plant as two processes in real time", "bus_parsers:hil"),
     "ecu": Command("the ECU alone, on any python-can interface", "bus_parsers:ecu"),
     "plant": Command("the vehicle alone, on any python-can interface", "bus_parsers:plant"),
