@@ -10,12 +10,13 @@ import numpy as np
 
 import vehicles
 from canroll.errors import CanrollError
-from hil.cli import linear_response
 from hil.cli.options import choices_of
 from hil.runs import experiment
 from hil.runs.choices import PASSIVE, chosen
 from hil.runs.frozen import Controller
 from hil.runs.result import Settings
+from hil.studies.linear_response import linear_response, to_json
+from hil.studies.linear_response_view import draw, lines
 from plant_sim import bodies
 from plant_sim.bodies.ports import Body
 from plant_sim.driving import maneuvers, standards
@@ -23,6 +24,10 @@ from plant_sim.world import handling
 from plant_sim.world.handling import SpeedLimit
 from vehicles import Vehicle
 from vehicles.unladen import unladen
+
+PICTURE = "response.png"
+LARGEST_ACCELERATION = 12.0
+"""Above the grip of any tyre on a road (m/s²)."""
 
 
 def _vehicle_and_body(args: argparse.Namespace) -> tuple[Vehicle, Body]:
@@ -61,7 +66,7 @@ def response(args: argparse.Namespace) -> int:
     if args.load == "empty":
         vehicle = unladen(vehicle)
     if args.linear:
-        return linear_response.run(args, vehicle, body)
+        return _linear(args, vehicle, body)
     for option in ("lateral_acceleration", "friction", "out"):
         if getattr(args, option) is not None:
             raise CanrollError(f"--{option.replace('_', '-')} needs --linear")
@@ -93,6 +98,45 @@ def response(args: argparse.Namespace) -> int:
             f"{frequency:6.2f}{gains[0]:15.4f}{phases[0][i]:9.0f}"
             f"{gains[1] / degrees(1):13.4f}{phases[1][i]:9.0f}{gains[2]:11.4f}{phases[2][i]:9.0f}"
         )
+    return 0
+
+
+def _linear(args: argparse.Namespace, vehicle: Vehicle, body: Body) -> int:
+    """Linearise ``body``, print and write what is asked for, and return 0."""
+    lateral = 0.0 if args.lateral_acceleration is None else args.lateral_acceleration
+    friction = 1.0 if args.friction is None else args.friction
+    if not 0.0 <= lateral <= LARGEST_ACCELERATION:
+        raise CanrollError(
+            f"--lateral-acceleration {lateral:g} m/s²: must be 0 to {LARGEST_ACCELERATION:g} m/s²"
+        )
+    if not 0.05 <= friction <= 1.5:
+        raise CanrollError(f"--friction {friction:g}: must be 0.05 to 1.5")
+    found = linear_response(
+        vehicle,
+        body,
+        speed=args.speed / 3.6,
+        lateral_acceleration=lateral,
+        friction=friction,
+    )
+    where = f"{vehicle.name}, {args.load}, {body.name} plant, {args.speed:g} km/h, " + (
+        f"steady curve of {lateral:g} m/s², friction {friction:g}" if lateral else "straight ahead"
+    )
+    if args.out is not None:
+        draw(found, where, args.out / PICTURE)
+    if args.json:
+        asked = {
+            "vehicle": vehicle.name,
+            "plant": body.name,
+            "load": args.load,
+            "speed_kmh": args.speed,
+            "lateral_acceleration": lateral,
+            "friction": friction,
+        }
+        print(json.dumps(asked | to_json(found)))
+        return 0
+    print("\n".join(lines(found, where)))
+    if args.out is not None:
+        print(f"\nwritten: {args.out / PICTURE}")
     return 0
 
 

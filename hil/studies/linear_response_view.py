@@ -1,7 +1,5 @@
-"""``canroll response --linear``: modes, frequency responses, distance to the design model."""
+"""A linearised plant as tables and as a picture."""
 
-import argparse
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
@@ -14,16 +12,8 @@ from hil.studies.linear_response import (
     FREQUENCIES,
     MEASURED,
     LinearResponse,
-    linear_response,
-    to_json,
 )
 from plant_sim.bodies import ports
-from plant_sim.bodies.ports import Body
-from vehicles import Vehicle
-
-PICTURE = "response.png"
-LARGEST_ACCELERATION = 12.0
-"""Above the grip of any tyre on a road (m/s²)."""
 
 SHOWN_EVERY = 8
 """Every how many frequencies the printed tables have a row."""
@@ -43,49 +33,6 @@ UNITS = {
         ("°/s", "°") + 2 * ("m/s²",) + ("°/s",),
     ),
 }
-
-
-def run(args: argparse.Namespace, vehicle: Vehicle, body: Body) -> int:
-    """Linearise ``body``, print or write what is asked for, and return 0.
-
-    Raises:
-        CanrollError: a number out of range, or no such trim.
-    """
-    lateral = 0.0 if args.lateral_acceleration is None else args.lateral_acceleration
-    friction = 1.0 if args.friction is None else args.friction
-    if not 0.0 <= lateral <= LARGEST_ACCELERATION:
-        raise CanrollError(
-            f"--lateral-acceleration {lateral:g} m/s²: must be 0 to {LARGEST_ACCELERATION:g} m/s²"
-        )
-    if not 0.05 <= friction <= 1.5:
-        raise CanrollError(f"--friction {friction:g}: must be 0.05 to 1.5")
-    found = linear_response(
-        vehicle,
-        body,
-        speed=args.speed / 3.6,
-        lateral_acceleration=lateral,
-        friction=friction,
-    )
-    where = f"{vehicle.name}, {args.load}, {body.name} plant, {args.speed:g} km/h, " + (
-        f"steady curve of {lateral:g} m/s², friction {friction:g}" if lateral else "straight ahead"
-    )
-    if args.out is not None:
-        draw(found, where, args.out / PICTURE)
-    if args.json:
-        asked = {
-            "vehicle": vehicle.name,
-            "plant": body.name,
-            "load": args.load,
-            "speed_kmh": args.speed,
-            "lateral_acceleration": lateral,
-            "friction": friction,
-        }
-        print(json.dumps(asked | to_json(found)))
-        return 0
-    print("\n".join(lines(found, where)))
-    if args.out is not None:
-        print(f"\nwritten: {args.out / PICTURE}")
-    return 0
 
 
 def lines(found: LinearResponse, where: str) -> Iterable[str]:
