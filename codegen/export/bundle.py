@@ -12,16 +12,14 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-import cantools
 import numpy as np
-from cantools.database import Database
 from cantools.database.can import c_source
 from numpy.typing import NDArray
 
 from codegen.c99 import emit
-from codegen.export import a2l, interrupts, misra
+from codegen.export import a2l, codec_comparison, interrupts, misra
 from codegen.generated import protection, signals
-from codegen.generated.bus_map import EXTENDED, BusMap
+from codegen.generated.bus_map import EXTENDED, BusMap, read
 from codegen.generated.bus_map import load as load_map
 from codegen.generated.frame_protection import Protection
 from codegen.run import memory_image, native
@@ -116,6 +114,7 @@ def write(folder: Path, export: Export) -> list[Path]:
         texts[f"board/{name}"] = (BOARD / name).read_text(encoding="utf-8")
     for name, place in (
         ("test_main.c", "test/"),
+        ("test_codec.py.in", "test/"),
         ("example.c", "board/"),
         ("Makefile", ""),
         ("CMakeLists.txt", ""),
@@ -123,12 +122,15 @@ def write(folder: Path, export: Export) -> list[Path]:
     ):
         text = (TEMPLATES / name).read_text(encoding="utf-8")
         text = text.replace("{version}", version("canroll"))
-        texts[place + name] = text.replace("{optimisation}", " ".join(OPTIMISATION))
+        texts[place + name.removesuffix(".in")] = text.replace(
+            "{optimisation}", " ".join(OPTIMISATION)
+        )
     epk = f"canroll {version('canroll')} {_named(files)}"
     texts["include/canroll_epk.h"] = EPK_HEADER.format(version=version("canroll"), epk=epk)
     texts["src/canroll_epk.c"] = EPK_SOURCE
     texts["canroll.a2l"] = a2l.a2l(a2l.Software(epk, export.record, bus.xcp))
-    texts[export.dbc.name] = export.dbc.read_text(encoding="utf-8")
+    comparison = codec_comparison.files(export.dbc, export.map_file, bus)
+    texts.update({f"test/{name}": text for name, text in comparison.items()})
     texts.update({f"codec/{name}": text for name, text in _codec(export.dbc).items()})
     texts["README.md"] = _readme(export, bus)
     written = []
@@ -137,7 +139,9 @@ def write(folder: Path, export: Export) -> list[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
         written.append(path)
-    return written
+    # as it is: a DBC may be in any character set
+    shutil.copyfile(export.dbc, folder / export.dbc.name)
+    return [*written, folder / export.dbc.name]
 
 
 def _vectors(files: dict[str, str], export: Export) -> tuple[str, str]:
@@ -219,8 +223,7 @@ def _digest(data: bytes) -> int:
 
 def _codec(dbc: Path) -> dict[str, str]:
     """The frames as cantools' own C codec."""
-    database = cantools.database.load_file(dbc)
-    assert isinstance(database, Database)
+    database, _ = read(dbc)
     name = "canroll_codec"
     header, source, _, _ = c_source.generate(
         database, name, f"{name}.h", f"{name}.c", f"{name}_fuzzer.c"

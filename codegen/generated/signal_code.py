@@ -40,7 +40,7 @@ def runs(signal: RawSignal) -> list[Run]:
 
 def raw_name(signal: RawSignal) -> str:
     """The local that holds a signal's raw code."""
-    return f"raw_{_snake(signal.name)}"
+    return f"raw_{snake(signal.name)}"
 
 
 def gathered(signal: RawSignal) -> str:
@@ -88,11 +88,30 @@ def _shifted(term: str, operator: str, count: int) -> str:
     return f"{term} {operator} {count}" if count else term
 
 
+def disagreement(signal: MappedSignal) -> Iterator[str]:
+    """The statements that leave in ``apart`` how far the second signal's code is from the first."""
+    assert signal.twin is not None
+    other, name = signal.twin.signal, raw_name(signal.twin.signal)
+    yield f"    {name}: i32 = {gathered(other)}"
+    same = name
+    if signal.twin.inverted:
+        # the complement of a code, in the signal's own width
+        same = f"({-1 if other.signed else (1 << other.length) - 1} - {name})"
+    yield f"    {raw_name(signal)}_apart: i32 = {raw_name(signal)} - {same}"
+
+
+def disagrees(signal: MappedSignal) -> str:
+    """The condition that the second signal contradicts the first."""
+    assert signal.twin is not None
+    apart, tolerance = f"{raw_name(signal)}_apart", signal.twin.tolerance
+    return f"{apart} > {tolerance} or {apart} < {-tolerance}"
+
+
 def unpacked(signal: MappedSignal) -> str:
     """The field's value of a raw code, within the field's range."""
     place, name = signal.place, raw_name(signal)
     value = _scaled(name, signal.scale, signal.offset)
-    whole = value == name and not signal.signed
+    whole = value == name and not signal.signed and signal.minus is None
     if whole and place.lo <= 0 and (1 << signal.length) - 1 <= place.hi:
         return value
     value = f"clamp({value}, {place.lo}, {place.hi})"
@@ -159,11 +178,18 @@ def _shift(scale: Fraction) -> int:
     return min(FACTOR_BITS - magnitude, 62)
 
 
-def _snake(name: str) -> str:
+def snake(name: str) -> str:
+    """A name of a signal as the generated code writes it."""
     parts: list[str] = []
     for i, letter in enumerate(name):
         after_lower = i > 0 and (name[i - 1].islower() or name[i - 1].isdigit())
         if letter.isupper() and after_lower:
             parts.append("_")
         parts.append(letter.lower())
-    return "".join(parts)
+    text = "".join(parts)
+    return text if text.isascii() and text.isidentifier() else "".join(map(_plain, text))
+
+
+def _plain(letter: str) -> str:
+    """A letter as C and the subset know it; the numbers keep names apart."""
+    return letter if letter.isascii() and (letter.isalnum() or letter == "_") else f"_{ord(letter)}"

@@ -24,6 +24,8 @@ from codegen.generated.mapped_signal import MappedSignal, RawSignal
 from codegen.generated.signal_code import (
     available,
     chosen,
+    disagreement,
+    disagrees,
     gathered,
     packed,
     placed,
@@ -31,6 +33,7 @@ from codegen.generated.signal_code import (
     unpacked,
     wrapped,
 )
+from firmware.state import DISAGREES
 
 ROOT = Path(__file__).resolve().parents[2]
 DBC = ROOT / "dbc" / "roll_control.dbc"
@@ -44,8 +47,9 @@ HEADER = '''\
 
 Frames of {names}.
 ``unpack`` turns the bytes of a mailbox into fields; a signal that carries one of its reserved
-codes (error, not available) keeps its field and clears its bit of ``ecu.valid``. ``pack`` writes
-the bytes of a frame, rounded to nearest and limited as the DBC says; ``protection`` comes after it.
+codes (error, not available) keeps its field and clears its bit of ``ecu.valid``, as does one that
+its second signal contradicts, which sets bit 7. ``pack`` writes the bytes of a frame, rounded to
+nearest and limited as the DBC says; ``protection`` comes after it.
 """
 
 from typing import Annotated
@@ -79,7 +83,19 @@ def generate(dbc: Path = DBC, map_file: Path = MAP) -> str:
     slots = sorted([f"RX_{s.upper()}" for s in RECEIVED] + [f"TX_{s.upper()}" for s in TRANSMITTED])
     imports = "".join(f"    {name},\n" for name in [*slots, "Ecu"])
     lines = HEADER.format(names=dbc.name, imports=f"(\n{imports})").splitlines()
-    lines += ["", *_tables(bus), "", "", *_wanted(bus), "", "", *FRAMES.splitlines()]
+    lines += [
+        "",
+        *_tables(bus),
+        "",
+        "",
+        *_wanted(bus),
+        "",
+        "",
+        *_contradicted(bus),
+        "",
+        "",
+        *FRAMES.splitlines(),
+    ]
     for box in bus.received:
         lines += ["", "", *_unpack(box)]
     for box in bus.transmitted:
@@ -120,6 +136,22 @@ def _wanted(bus: BusMap) -> Iterable[str]:
     yield "    return 1"
 
 
+def _contradicted(bus: BusMap) -> Iterable[str]:
+    yield "def contradicted(ecu: Ecu) -> i32:"
+    yield '    """Return 1 where a signal and its redundant or inverted one disagree."""'
+    watched = [
+        f"ecu.valid[RX_{box.slot.upper()}]"
+        for box in bus.received
+        if any(signal.twin for signal in box.signals)
+    ]
+    if not watched:
+        yield "    return 0"
+        return
+    yield f"    if (({' | '.join(watched)}) & {DISAGREES}) != 0:"
+    yield "        return 1"
+    yield "    return 0"
+
+
 def _unpack(box: Mailbox) -> Iterable[str]:
     yield f"def unpack_{box.slot}(ecu: Ecu, frame: i64) -> None:"
     receiver = f"RX_{box.slot.upper()}"
@@ -150,13 +182,25 @@ def _valid_order(bits: tuple[str, ...], signal: MappedSignal) -> int:
 def _unpack_signal(signal: MappedSignal, bits: tuple[str, ...]) -> Iterable[str]:
     place, name, indent = signal.place, raw_name(signal), "    "
     value = unpacked(signal)
-    if value == name and not signal.unavailable:
+    if value == name and not signal.unavailable and len(signal.parts) == 1:
         value = gathered(signal)
     else:
         yield from wrapped(f"    {name}: i32 = {gathered(signal)}", LINE)
-        if signal.unavailable:
-            yield f"    if {available(signal)}:"
-            indent = "        "
+    keyword = "if"
+    if signal.twin is not None:
+        yield from disagreement(signal)
+        yield f"    if {disagrees(signal)}:"
+        yield f"        valid |= {DISAGREES}"
+        keyword = "elif"
+    if signal.unavailable:
+        yield f"    {keyword} {available(signal)}:"
+    elif signal.twin is not None:
+        yield "    else:"
+    if signal.unavailable or signal.twin is not None:
+        indent = "        "
+    if signal.minus is not None:
+        yield f"{indent}if ({gathered(signal.minus)}) == 1:"
+        yield f"{indent}    {name} = -{name}"
     yield from wrapped(f"{indent}ecu.{place.text} = {value}", LINE)
     if place.text in bits:
         yield f"{indent}valid |= {1 << bits.index(place.text)}"
@@ -209,9 +253,22 @@ def _page(box: Mailbox, selector: RawSignal, page: int, indent: str) -> Iterable
 def _fill(signals: list[MappedSignal], indent: str) -> Iterable[str]:
     """Put the raw codes of ``signals`` into the frame."""
     for signal in signals:
-        yield from wrapped(f"{indent}{raw_name(signal)}: i32 = {packed(signal)}", LINE)
-        for term in placed(signal):
-            yield f"{indent}frame |= {term}"
+        name = raw_name(signal)
+        yield from wrapped(f"{indent}{name}: i32 = {packed(signal)}", LINE)
+        if signal.minus is not None:
+            yield f"{indent}{raw_name(signal.minus)}: i32 = 0"
+            yield f"{indent}if {name} < 0:"
+            yield f"{indent}    {raw_name(signal.minus)} = 1"
+            yield f"{indent}    {name} = -{name}"
+        if signal.twin is not None:
+            other = signal.twin.signal
+            value = name
+            if signal.twin.inverted:
+                value = f"{-1 if other.signed else (1 << other.length) - 1} - {name}"
+            yield f"{indent}{raw_name(other)}: i32 = {value}"
+        for part in signal.parts:
+            for term in placed(part):
+                yield f"{indent}frame |= {term}"
 
 
 def _dispatch_unpack() -> Iterable[str]:
