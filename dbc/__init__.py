@@ -54,11 +54,6 @@ def message(name: str) -> Message:
     return load().get_message_by_name(name)
 
 
-def ident(name: str) -> int:
-    """Return the identifier of a message."""
-    return int(message(name).frame_id)
-
-
 def period(name: str) -> float:
     """Return the time from one frame of a message to the next, s."""
     cycle = message(name).cycle_time
