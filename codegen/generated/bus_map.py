@@ -15,6 +15,7 @@ from typing import Any
 import cantools
 from cantools.database import Database, Message
 
+import dbc
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.generated.frame_protection import Protection, protection
 from codegen.generated.mapped_signal import MappedSignal, RawSignal, bits_of, map_signal
@@ -51,6 +52,7 @@ VALID_BITS = {
     "roll_reference": ("reference_roll", "reference_rate", "reference_acceleration"),
 }
 COMMANDS = ("suspension_force", "anti_roll_bar", "damper", "valve")
+OF_A_MAILBOX = ("message", "signals", "protection", "cycle_ms")
 IN_TURN = "diagnostics"
 """The one mailbox that sends the pages of its frame in turn."""
 EXTENDED = 1 << 30
@@ -64,7 +66,8 @@ class Mailbox:
 
     ``pages`` are the values of the multiplexer ``selector`` that the mailbox takes or sends; both
     are empty where no signal in use is multiplexed. ``cycle`` is the number of pages that the
-    message has. ``cycle_ms`` is the time between two frames, 0 where neither DBC nor map knows it.
+    message has. ``fd``: a CAN FD frame, with ``bit_rate_switch`` its data phase is the faster one.
+    ``cycle_ms`` is the time between two frames, 0 where neither DBC nor map knows it.
     """
 
     slot: str
@@ -77,7 +80,14 @@ class Mailbox:
     selector: RawSignal | None = None
     pages: tuple[int, ...] = ()
     cycle: int = 1
+    fd: bool = False
+    bit_rate_switch: bool = False
     cycle_ms: int = 0
+
+    @property
+    def sent_length(self) -> int:
+        """Bytes of its frame on the wire: a CAN FD frame is padded to the next length code."""
+        return dbc.padded(self.length) if self.fd else self.length
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,12 +136,12 @@ def _counts(box: Mailbox) -> int:
     return counter.values if counter else 0
 
 
-def load(dbc: Path, map_file: Path) -> BusMap:
-    """Return the mailboxes that ``dbc`` and ``map_file`` describe.
+def load(dbc_file: Path, map_file: Path) -> BusMap:
+    """Return the mailboxes that ``dbc_file`` and ``map_file`` describe.
 
     Raises CanrollError, naming file and key, for whatever doesn't fit together.
     """
-    database, warnings = read(dbc)
+    database, warnings = read(dbc_file)
     try:
         document = tomllib.loads(map_file.read_text(encoding="utf-8"))
     except (OSError, tomllib.TOMLDecodeError) as error:
@@ -221,16 +231,14 @@ def _mailbox(
     if table is None:
         return Mailbox(slot)
     for key in table:
-        if key not in ("message", "signals", "protection", "cycle_ms"):
-            known = ("message", "signals", "protection", "cycle_ms")
-            raise UnknownNameError(f"key in {where}", key, known)
+        if key not in OF_A_MAILBOX:
+            raise UnknownNameError(f"key in {where}", key, OF_A_MAILBOX)
     messages = {message.name: message for message in database.messages}
     name = table.get("message", "")
     if name not in messages:
         raise UnknownNameError(f"message in {where}", name, messages)
     message = messages[name]
-    if message.length > 8:
-        raise CanrollError(f"{where}: {name} has {message.length} bytes; the mailbox holds 8")
+    _refuse_length(message, where)
     if message.frame_id > STANDARD and not message.is_extended_frame:
         raise CanrollError(
             f"{where}: {name} has the identifier 0x{message.frame_id:X} in 11 bits: mark it as "
@@ -269,6 +277,8 @@ def _mailbox(
         selector=choice if chosen else None,
         pages=chosen,
         cycle=len(all_pages(message)) if chosen else 1,
+        fd=bool(message.is_fd),
+        bit_rate_switch=dbc.switches_bit_rate(message),
         cycle_ms=_cycle_ms(message, table, where),
     )
 
@@ -279,6 +289,19 @@ def _cycle_ms(message: Message, table: Mapping[str, Any], where: str) -> int:
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 10_000:
         raise CanrollError(f"{where}: cycle_ms must be a whole number up to 10000, not {value!r}")
     return value
+
+
+def _refuse_length(message: Message, where: str) -> None:
+    """A classic frame has at most 8 bytes, a CAN FD frame 64."""
+    if message.length > 8 and not message.is_fd:
+        raise CanrollError(
+            f"{where}: {message.name} has {message.length} bytes but is no CAN FD frame: set its "
+            "VFrameFormat to StandardCAN_FD or ExtendedCAN_FD in the DBC"
+        )
+    if message.length > dbc.FD_LENGTHS[-1]:
+        raise CanrollError(
+            f"{where}: {message.name} has {message.length} bytes; a frame has at most 64"
+        )
 
 
 def _refuse_like_names(used: Collection[str], where: str) -> None:

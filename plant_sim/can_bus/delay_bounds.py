@@ -14,14 +14,8 @@ from typing import Final
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.analysis import ErrorModel, ResponseBound, response_bounds
-from plant_sim.can_bus.profiles import (
-    DEFAULT_COMMAND,
-    MS,
-    background_of,
-    crosses,
-    own_messages,
-    segment_of,
-)
+from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, MS, own_messages
+from plant_sim.can_bus.profiles import background_of, crosses, segment_of
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 _NS: Final = 1e-9

@@ -9,16 +9,23 @@ from typing import Final
 import dbc
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.generated.bus_map import EXTENDED as EXTENDED_IDENT
-from codegen.generated.bus_map import BusMap, load
+from codegen.generated.bus_map import BusMap, Mailbox, load
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import EXTENDED
+from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
 
 MS: Final = 1_000_000
 DEFAULT_COMMAND: Final = "SuspensionForceCommand"
 CONTRACT_MAP: Final = dbc.PATH.with_suffix(".toml")
 NEEDED: Final = ("imu", "actuator_state")
 """Mailboxes without which no law can run."""
+
+
+def flags_of(box: Mailbox) -> int:
+    """Return what a mailbox's frame is on the wire."""
+    switched = BIT_RATE_SWITCH if box.bit_rate_switch else 0
+    extended = EXTENDED if box.ident & EXTENDED_IDENT else 0
+    return extended | (FD if box.fd else 0) | switched
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +114,7 @@ def _placed(contract: tuple[BusMessage, ...], command: str, bus: BusMap) -> tupl
             box.cycle_ms * MS if box.cycle_ms > 0 else plain.period_ns,
             plain.sender,
             plain.receivers,
-            flags=box.flags | (EXTENDED if box.ident & EXTENDED_IDENT else 0),
+            flags=flags_of(box),
         )
     messages = tuple(found.values())
     if command not in {message.name for message in messages}:

@@ -22,8 +22,7 @@ from codegen.generated.bus_map import EXTENDED as EXTENDED_IDENT
 from codegen.generated.bus_map import BusMap
 from codegen.generated.frame_protection import protection
 from codegen.generated.mapped_signal import UNITS, MappedSignal, RawSignal, raw_signal
-from plant_sim.can_bus.own_frames import contract_names
-from plant_sim.can_bus.wire.frame import EXTENDED
+from plant_sim.can_bus.own_frames import contract_names, flags_of
 from plant_sim.kernels.jit import njit
 from plant_sim.nodes import e2e
 
@@ -44,8 +43,8 @@ MAX_PAYLOAD = 64
     SELECTED,
     N_MESSAGE,
 ) = range(11)
-# Columns of Codec.field. PAGE is -1 where the signal is in every frame of its message. MINUS and TWIN
-# are rows of the signals that carry the sign and the redundant or inverted code, -1: none.
+# Columns of Codec.field. PAGE is -1 where the signal is in every frame of its message. MINUS and
+# TWIN are rows of the signals that carry the sign and the redundant or inverted code, -1: none.
 (
     PIECES,
     WIDTH,
@@ -304,7 +303,7 @@ def of_map(bus: BusMap) -> Codec:
         row = codec.message[index]
         row[KEY] = box.ident
         row[IDENT], row[LENGTH] = box.ident & (EXTENDED_IDENT - 1), box.sent_length
-        row[FLAGS] = box.flags | (EXTENDED if box.ident & EXTENDED_IDENT else 0)
+        row[FLAGS] = flags_of(box)
         row[CYCLE_MS] = box.cycle_ms
         row[LEADER] = leaders.setdefault(box.ident, index)
         e2e.put(codec.protection[index], codec.identity[index], codec.crc[index], box.protection)

@@ -40,18 +40,7 @@ NOTHING, LOW, HIGH, ZERO, ALTERNATING, LISTED = range(6)
 _IDENTITIES = {"low": LOW, "high": HIGH, "zero": ZERO, "alternating": ALTERNATING, "listed": LISTED}
 
 # Check results, in the order of the specification's status codes' severity.
-OK, SOME_LOST, INITIAL, SYNC, REPEATED, NO_NEW_DATA, WRONG_SEQUENCE, WRONG_CRC = range(8)
-STATUS_NAMES = (
-    "OK",
-    "OKSOMELOST",
-    "INITIAL",
-    "SYNC",
-    "REPEATED",
-    "NONEWDATA",
-    "WRONGSEQUENCE",
-    "WRONGCRC",
-)
-
+OK, SOME_LOST, INITIAL, SYNC, REPEATED, WRONG_SEQUENCE, WRONG_CRC = range(7)
 # Slots of the receiver's state vector.
 WAIT_FOR_FIRST, MAX_DELTA, LAST_COUNTER, SYNC_LEFT, NOT_NEW, LOST, N_STATE = range(7)
 
@@ -253,14 +242,6 @@ def check(  # noqa: PLR0917
         state[SYNC_LEFT] -= 1
         return SYNC
     return OK if delta == 1 else SOME_LOST
-
-
-@njit
-def check_absent(state: NDArray[np.int64]) -> int:
-    """Advance the receiver's ``state`` by a period in which nothing was received."""
-    state[MAX_DELTA] = min(state[MAX_DELTA] + 1, WINDOW_MAX)
-    state[NOT_NEW] = min(state[NOT_NEW] + 1, NOT_NEW_MAX)
-    return NO_NEW_DATA
 
 
 def receiver_state(supervision: Supervision) -> NDArray[np.int64]:

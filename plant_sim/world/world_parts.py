@@ -77,7 +77,7 @@ def fd_keys(messages: NDArray[np.int64]) -> frozenset[int]:
     return frozenset(int(key) for key in fd[:, codec.KEY])
 
 
-def _sensors(
+def _sensors(  # noqa: PLR0917
     vehicle: Vehicle,
     options: SensorOptions,
     seed: int,
