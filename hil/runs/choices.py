@@ -40,6 +40,7 @@ class Choice:
         default: where nothing is asked for; None where that depends on something else.
         values: the names that it may have, read when they are needed; none: any text.
         extensible: whether "file.py:name" or "module:name" is a name as well.
+        suffixes: endings of files that may be named instead.
         unit: of a number.
         low: least number.
         high: largest number.
@@ -55,6 +56,7 @@ class Choice:
     default: Any = None
     values: Callable[[], Iterable[str]] = tuple
     extensible: bool = False
+    suffixes: tuple[str, ...] = ()
     unit: str = ""
     low: float = -inf
     high: float = inf
@@ -77,7 +79,8 @@ class Choice:
         """
         known = tuple(self.values())
         refers = self.extensible and is_reference(value)
-        if known and value not in known and not refers:
+        file = bool(self.suffixes) and str(value).endswith(self.suffixes)
+        if known and value not in known and not refers and not file:
             raise UnknownNameError(self.word, value, known)
         if self.kind in (float, int) and not self.low <= value <= self.high:
             unit = f" {self.unit}" if self.unit else ""
@@ -182,11 +185,28 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--bus",
-            help="bus profile",
+            help="bus profile, or file of a network (.toml)",
             of=WORLD,
             default="500k",
             values=lambda: BUSES,
             extensible=True,
+            suffixes=(".toml",),
+        ),
+    ]
+    dbc: Annotated[
+        str | None,
+        Choice(
+            option="--dbc",
+            help="DBC, KCD, ARXML or SYM with the frames that carry the signals; requires --map",
+            of=WORLD,
+        ),
+    ]
+    map: Annotated[
+        str | None,
+        Choice(
+            option="--map",
+            help="TOML file that says which signal of --dbc is which field of the ECU",
+            of=WORLD,
         ),
     ]
     backend: Annotated[
@@ -388,6 +408,8 @@ def check(choices: Mapping[str, Any]) -> None:
             raise UnknownNameError("choice of a run", name, CHOICES)
         if value is not None:
             CHOICES[name].check(value)
+    if (choices.get("dbc") is None) != (choices.get("map") is None):
+        raise CanrollError("--dbc and --map require each other")
     if choices.get("calibration") is not None:
         for name in without_frozen(choices, frozen=True):
             if choices[name] not in (None, PASSIVE):

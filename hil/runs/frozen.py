@@ -68,6 +68,15 @@ def prepare(choices: Mapping[str, Any]) -> Controller:
     return _designed(choices)
 
 
+def profile_of(choices: Mapping[str, Any]) -> BusProfile:
+    """Return the bus that ``choices`` ask for, with the frames on it.
+
+    Raises:
+        CanrollError: no such profile, or a file that cannot be used.
+    """
+    return load_profile(chosen(choices, "bus"), choices.get("dbc"), choices.get("map"))
+
+
 def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
     """Return the design task that ``choices`` describe, for ``delay`` or that of their bus.
 
@@ -81,7 +90,7 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
         raise CanrollError(f"tick {1e3 * tick:g} ms: must be 1 to 20 ms, in whole µs")
     if delay is None:
         command = COMMANDS[ACTUATOR_NUMBER[actuator]]
-        delay = sample_to_force(vehicle, command, load_profile(chosen(choices, "bus")), tick=tick)
+        delay = sample_to_force(vehicle, command, profile_of(choices), tick=tick)
     return Task(
         vehicle=vehicle,
         delay=delay,
@@ -145,10 +154,9 @@ def _design(law: str, task: Task) -> Design:
 
 
 def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Controller:
-    bus = chosen(choices, "bus")
     vehicle = vehicles.load(calibration.vehicle)
     command = COMMANDS[calibration.record.actuator]
-    delay = sample_to_force(vehicle, command, load_profile(bus), tick=calibration.tick)
+    delay = sample_to_force(vehicle, command, profile_of(choices), tick=calibration.tick)
     warnings = [line for line in calibration.warnings if "expect a limit cycle" not in line]
     beyond = calibration.delay_warning(delay.most)
     return Controller(

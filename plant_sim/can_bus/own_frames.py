@@ -72,6 +72,17 @@ def _checked(dbc_file: Path, map_file: Path, changed: int) -> BusMap:
     return bus
 
 
+def messages_of(profile: BusProfile) -> tuple[BusMessage, ...]:
+    """Return all messages that a profile's frames carry, whichever command is in use."""
+    commands = [m.name for m in dbc.load().messages if m.name.endswith("Command")]
+    bus = bus_map(profile)
+    if bus is not None:
+        placed = {contract_names(box.slot).message for box in bus.frames}
+        commands = [name for name in commands if name in placed]
+    found = {m.ident: m for name in commands for m in own_messages(name, profile)}
+    return tuple(found.values())
+
+
 def own_messages(
     command: str = DEFAULT_COMMAND, profile: BusProfile | None = None
 ) -> tuple[BusMessage, ...]:

@@ -15,7 +15,7 @@ from plant_sim import can_bus
 from plant_sim.bodies import body as body_named
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.nodes.actuators import ActuatorOptions
-from plant_sim.nodes.codec import MAX_PAYLOAD
+from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import recording, world_parts
 from plant_sim.world.world_kernel import (
@@ -98,6 +98,7 @@ class World:
         self._clock = memory["clock"].data
         self._bus_clock = self._parts.network.clock.data
         self._outbox: NDArray[Any] = memory["outbox"]
+        self._imu: NDArray[np.int64] = memory["tables"]["message"][message_index("Imu")]
         self._fd = world_parts.fd_keys(memory["tables"]["message"])
         self._received: NDArray[Any] = memory["received"]
         self._outputs: NDArray[np.float64] = memory["outputs"]
@@ -184,6 +185,16 @@ class World:
         commands = self.commands
         known = commands[commands["t_sample"] >= 0]
         return np.asarray(known["t_applied"] - known["t_sample"], dtype=np.int64)
+
+    @property
+    def imu_ident(self) -> int:
+        """Identifier of the frames that carry the inertial measurement."""
+        return int(self._imu[IDENT])
+
+    @property
+    def imu_period_ns(self) -> int:
+        """Time from one of these frames to the next."""
+        return int(self._imu[CYCLE_MS]) * STEP_NS
 
     @property
     def network(self) -> can_bus.Network:
