@@ -18,6 +18,7 @@ from hil.realtime import session
 from hil.realtime.budget import Budget, budget_of, judge_host, judge_target
 from hil.runs import experiment
 from hil.runs.experiment import build_world, plan
+from hil.runs.frames import refuse_own
 from hil.runs.frozen import Controller
 from hil.runs.virtual_time import closed_loop
 
@@ -42,6 +43,7 @@ def run(args: argparse.Namespace) -> int:
 def recorded(args: argparse.Namespace) -> tuple[Controller, Traffic]:
     """Drive the manoeuvre in virtual time; return the controller and what the ECU received."""
     settings, controller = plan(args.scenario, **choices_of(args))
+    refuse_own(settings.profile, "timing")
     recorder = Recorder(open_backend(settings.backend, controller.record))
     closed_loop(
         build_world(replace(settings), enabled=True),

@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 
 from canroll.errors import CanrollError
-from codegen.generated.bus_map import VALID_BITS, BusMap, Mailbox
+from codegen.generated.bus_map import VALID_BITS, BusMap, Mailbox, read
 from codegen.run.bus_firmware import BusFirmware, built_in, of_bus
+from dbc import attribute
 from firmware.calibration import Calibration
 from firmware.plausibility import NEEDED
 from plant_sim.can_bus import BusProfile
@@ -46,7 +47,20 @@ def check(profile: BusProfile, record: Calibration) -> tuple[str, ...]:
     if bus is None:
         return ()
     refuse_wide_steps(bus, record, str(profile.map_file))
-    return (*bus.warnings, *_lacking(profile, bus, record))
+    return (*bus.warnings, *_other_rates(profile), *_lacking(profile, bus, record))
+
+
+def _other_rates(profile: BusProfile) -> Iterator[str]:
+    """What the DBC says of the bit rates, where the bus has others."""
+    assert profile.dbc is not None
+    database, _ = read(profile.dbc)
+    for name, rate in (
+        ("Baudrate", profile.bitrate),
+        ("BaudrateCANFD", profile.data_bitrate or profile.bitrate),
+    ):
+        said = attribute(database, name)
+        if said and said != rate:
+            yield f"{profile.dbc}: its {name} is {said} bit/s, that of bus {profile.name} {rate}"
 
 
 def _lacking(profile: BusProfile, bus: BusMap, record: Calibration) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
 from codegen.run.bus_firmware import BusFirmware
@@ -67,6 +68,12 @@ class Settings:
     phase: float | None = None
     dbc: str | None = None
     map: str | None = None
+
+    @property
+    def bus_name(self) -> str:
+        """The bus in a few words: its name, and the file of its frames where they are a user's."""
+        bus = Path(self.bus).stem if self.bus.endswith(".toml") else self.bus
+        return bus if self.dbc is None else f"{bus}, frames of {Path(self.dbc).name}"
 
     @property
     def profile(self) -> BusProfile:
