@@ -11,6 +11,8 @@ from vehicles import GRAVITY
 
 INPUTS = ("roll_rate", "lateral_acceleration", "roll", "delivered_moment")
 Y_RATE, Y_LATERAL, Y_ROLL, Y_MOMENT = range(4)
+S_ROLL, S_RATE, S_LATERAL, S_STEERING = range(4)
+"""Inputs of a compensator."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,7 +30,7 @@ DEFAULT_DRAWS = 100
 KINDS = ("laws", "vehicles", "scenarios", "buses", "bodies")
 OF_A_DESIGN = (
     *("vehicle", "law", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
-    *("gains", "feedforward", "identification", "offset_learning", "bus"),
+    *("gains", "effort", "feedforward", "identification", "offset_learning", "bus"),
 )
 LOADS = ("laden", "empty")
 PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))

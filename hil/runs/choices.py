@@ -280,6 +280,19 @@ class Choices(TypedDict, total=False):
             saved=False,
         ),
     ]
+    effort: Annotated[
+        float | None,
+        Choice(
+            option="--effort",
+            help="RMS moment over that of the roll moment of the lateral acceleration; of "
+            "steering_lead, 0.8 by default",
+            of=CONTROLLER,
+            low=TINY,
+            high=1.5,
+            frozen_in_calibration=True,
+            saved=False,
+        ),
+    ]
     feedforward: Annotated[
         bool | None,
         Choice(
