@@ -69,6 +69,11 @@ class Controller:
         return self.output_gain is None or bool(self.output_gain[Y_ROLL])
 
     @property
+    def commands_axles(self) -> bool:
+        """Whether there is a command for each axle: one moment otherwise."""
+        return self.compensator is not None and len(self.compensator.c) > 1
+
+    @property
     def order(self) -> int:
         """Number of states of :func:`step`: observer, ring of past commands, compensator."""
         compensator = 0 if self.compensator is None else len(self.compensator.a)

@@ -395,9 +395,9 @@ def test_command_line_says_what_is_wrong(tmp_path, capsys):
         (["design", "--vehicle", str(tmp_path / "empty.toml")], 2, "empty file"),
         (["design", "--runs", "3"], 2, "belongs to --compare"),
         (["design", "--runs", "3"], 2, "belongs to --compare"),
-        (["design", "--gamma", "1.4"], 2, "omit it for lqg_delay"),
+        (["design", "--gamma", "1.4"], 2, "omit it for steering_lead"),
         (["design", "--law", "hinf_delay", "--gamma", "-1"], 2, "must be positive"),
-        (["design", "--gains", "as_printed"], 2, "no gains are printed for lqg_delay"),
+        (["design", "--gains", "as_printed"], 2, "no gains are printed for steering_lead"),
         (["design", "--law", "custom", "--matrices", str(tmp_path)], 2, "it is a directory"),
     ):
         assert main([*arguments, *(out if arguments[0] == "design" else [])]) == code
