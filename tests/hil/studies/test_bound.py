@@ -1,5 +1,7 @@
 """The noncausal bound: against a toy in closed form, a convex solver, and other moments."""
 
+from itertools import pairwise
+
 import cvxpy as cp
 import numpy as np
 import pytest
@@ -66,7 +68,7 @@ def test_no_moment_of_that_effort_does_better():
 def test_more_effort_leaves_less_roll():
     bound = Bound.of(swing(), oscillator())
     left = [bound.at(effort) for effort in (0.0, 100.0, 500.0, 1000.0, 2000.0)]
-    assert all(after < before for before, after in zip(left[:-1], left[1:], strict=True))
+    assert all(after < before for before, after in pairwise(left))
     assert left[0] == pytest.approx(rms(swing()))
 
 
@@ -88,7 +90,9 @@ def test_longer_pulses_are_sums_of_shorter_ones():
 def test_a_step_ends_at_the_static_roll_angle():
     """A step is the sum of pulses: its end is the roll angle that K − m g h gives."""
     plant = plan("double_lane_change", law="passive")[0].vehicle.plant
-    assert np.sum(response_of("roll1", HELD, 400)) == pytest.approx(1.0 / plant.effective_stiffness, rel=1e-3)
+    assert np.sum(response_of("roll1", HELD, 400)) == pytest.approx(
+        1.0 / plant.effective_stiffness, rel=1e-3
+    )
 
 
 @pytest.mark.parametrize(("effort", "degrees"), [(800, 1.206), (1600, 0.992), (3200, 0.565)])
