@@ -10,6 +10,9 @@ EXTRAS = {
 }
 """Extras of this package, and the packages that come only with them."""
 
+RENAMED = {"fullcar": "linear_car", "fullcar_hydraulic": "linear_car_hydraulic"}
+"""New names of choices that version 0.1 called otherwise."""
+
 
 class CanrollError(Exception):
     """What is wrong and what to do, in one line; the command line prints it and exits.
@@ -31,7 +34,8 @@ class UnknownNameError(CanrollError, KeyError):
 
     def __init__(self, what: str, name: str, choices: Iterable[str]) -> None:
         known = sorted(choices)
-        near = get_close_matches(name, known, n=1)
+        near = [new for old, new in RENAMED.items() if old == name and new in known]
+        near = near or get_close_matches(name, known, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"choose from {', '.join(known)}"
         super().__init__(f"unknown {what} '{name}': {hint}")
 

@@ -277,9 +277,5 @@ class Calibration:
     damper_slope: Annotated[list[i32], 2, F(0, STATE_MAX, Q_MOMENT, "N·s/m", "beyond it")]
     current_max: Annotated[i32, F(0, 16382 << Q_MOMENT, Q_MOMENT, "mA", "damper or valve")]
 
-    # budgets of a tick
-    budget_instructions: Annotated[i32, F(0, LARGE, 0, "", "a tick on the target, 0: none")]
-    budget_tick_us: Annotated[i32, F(0, LARGE, 0, "us", "p99 tick duration, 0: none")]
-
     # seal
     crc: Annotated[i32, F(-LARGE - 1, LARGE, 0, "", "CRC-32 of the fields before it")]

@@ -13,7 +13,16 @@ from firmware.calibration import (
     VALVES,
     Calibration,
 )
-from firmware.limits import LAST_WORD, check_ranges
+from firmware.limits import (
+    BYTES,
+    FIELDS,
+    HIGH,
+    LAST_BYTE,
+    LAST_WORD,
+    LOW,
+    RANGE,
+    SIZE,
+)
 from firmware.state import (
     CORRUPT,
     INIT,
@@ -25,7 +34,7 @@ from firmware.state import (
     SAFE,
     Ecu,
 )
-from firmware.subset import clamp, i32, word
+from firmware.subset import clamp, i32, octet, word
 
 RULE_SCHEDULE = 501
 RULE_FADE = 502
@@ -82,6 +91,26 @@ def watch_calibration(ecu: Ecu, cal: Calibration) -> None:
         if ecu.mode == INIT:
             ecu.mode = SAFE
     ecu.calibration_crc = 0
+
+
+def check_ranges(cal: Calibration) -> i32:
+    """Return 0, or the number of the first field that is out of its range, from 1."""
+    at: i32 = 0
+    for field in range(FIELDS):
+        its: i32 = RANGE[field]
+        size: i32 = SIZE[field]
+        for _ in range(size):
+            value: i32 = 0
+            step: i32 = 4
+            if its < BYTES:
+                value = word(cal, clamp(at >> 2, 0, LAST_WORD))
+            else:
+                value = octet(cal, clamp(at, 0, LAST_BYTE))
+                step = 1
+            if value < LOW[its] or value > HIGH[its]:
+                return field + 1
+            at = clamp(at + step, 0, LAST_BYTE + 1)
+    return 0
 
 
 def check(cal: Calibration) -> i32:

@@ -14,7 +14,7 @@ from firmware.identification import identify, init_identification
 from firmware.limits import LAST_WORD
 from firmware.mailbox import init_mailboxes, read_inputs, receive
 from firmware.observer import init_observer, learn_offsets, look_ahead, observe
-from firmware.plausibility import TROUBLE_CALIBRATION, TROUBLE_CALIBRATION_CRC, latch_troubles
+from firmware.plausibility import FAULT_CALIBRATION, FAULT_CALIBRATION_CRC, latch_faults
 from firmware.schedule import schedule
 from firmware.state import AGE_MAX, CORRUPT, SAFE, Ecu
 from firmware.subset import I32_MAX, clamp, clear, i32, i64, narrow
@@ -36,14 +36,14 @@ def init(ecu: Ecu, cal: Calibration) -> i32:
     for _ in range(LAST_WORD):
         watch_calibration(ecu, cal)
     ecu.refused = RULE_CRC
-    trouble: i32 = 1 << TROUBLE_CALIBRATION_CRC
+    fault: i32 = 1 << FAULT_CALIBRATION_CRC
     if ecu.calibration_word != CORRUPT:
         ecu.refused = check(cal)
-        trouble = 1 << TROUBLE_CALIBRATION
+        fault = 1 << FAULT_CALIBRATION
     if ecu.refused != 0:
         ecu.mode = SAFE
-        ecu.found = trouble
-        latch_troubles(ecu)
+        ecu.found = fault
+        latch_faults(ecu)
         return ecu.refused
     init_mailboxes(ecu, cal)
     init_supervisor(ecu)

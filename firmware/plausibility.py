@@ -1,4 +1,4 @@
-"""Plausibility, timeouts and trouble codes: what an input is worth, what that does to the mode.
+"""Plausibility, timeouts and fault codes: what an input is worth, what that does to the mode.
 
 An input is lost when no valid frame of it comes in time, when it repeats one sample, or when its
 value has been an error code or implausible for longer than its timeout.
@@ -17,7 +17,7 @@ from firmware.calibration import (
 from firmware.mailbox import NO_SAMPLE
 from firmware.state import (
     AGE_MAX,
-    N_TROUBLES,
+    N_FAULT_CODES,
     RX_ACTUATOR_STATE,
     RX_IMU,
     RX_ROLL_REFERENCE,
@@ -27,24 +27,25 @@ from firmware.state import (
 )
 from firmware.subset import byte, clamp, i32, u8
 
-# trouble codes; 0 to 4: no valid frame of message m in time; 5: free
-TROUBLE_ROLL_RATE = 6
-TROUBLE_ACCELERATION = 7
-TROUBLE_STUCK = 8
-TROUBLE_REFERENCE = 9
-TROUBLE_SPEED = 10
-TROUBLE_STROKE = 11
-TROUBLE_MOMENT = 12
-TROUBLE_CORNER_STUCK = 13
-TROUBLE_CORNER_FLOATING = 14
-TROUBLE_COMMAND = 15
-TROUBLE_TICK_MISSED = 16
-TROUBLE_CALIBRATION = 17
-TROUBLE_CALIBRATION_CRC = 18
+# fault codes; 0 to 4: no valid frame of message m in time
+FAULT_DISAGREEMENT = 5
+FAULT_ROLL_RATE = 6
+FAULT_ACCELERATION = 7
+FAULT_STUCK = 8
+FAULT_REFERENCE = 9
+FAULT_SPEED = 10
+FAULT_STROKE = 11
+FAULT_MOMENT = 12
+FAULT_CORNER_STUCK = 13
+FAULT_CORNER_FLOATING = 14
+FAULT_COMMAND = 15
+FAULT_TICK_MISSED = 16
+FAULT_CALIBRATION = 17
+FAULT_CALIBRATION_CRC = 18
 
-ALL_TROUBLES = (1 << N_TROUBLES) - 1
+ALL_FAULT_CODES = (1 << N_FAULT_CODES) - 1
 
-# by message: the bits of the troubles that it is late and that a signal of it lacks its value
+# by message: the bits of the faults that it is late and that a signal of it lacks its value
 LATE: tuple[i32, ...] = (1, 2, 4, 8, 16)
 LACKS: tuple[i32, ...] = (64, 1024, 2048, 4096, 512)
 # and the signals that are needed, as bits of ecu.valid
@@ -70,24 +71,24 @@ BAD_REFERENCE = 5
 OVERDUE = 8
 
 
-def latch_troubles(ecu: Ecu) -> None:
-    """Make what this tick has found the active troubles; latch and count those that are new."""
-    if ecu.found == ecu.trouble_active:
+def latch_faults(ecu: Ecu) -> None:
+    """Make what this tick has found the active fault codes; latch and count those that are new."""
+    if ecu.found == ecu.fault_active:
         return
-    appeared: i32 = ecu.found & (ALL_TROUBLES ^ ecu.trouble_active)
-    ecu.trouble_active = ecu.found
-    ecu.trouble_latched = ecu.trouble_latched | appeared
+    appeared: i32 = ecu.found & (ALL_FAULT_CODES ^ ecu.fault_active)
+    ecu.fault_active = ecu.found
+    ecu.fault_latched = ecu.fault_latched | appeared
     left: i32 = ecu.found
     number: i32 = 0
-    for _ in range(N_TROUBLES):
+    for _ in range(N_FAULT_CODES):
         number += left & 1
         left = left >> 1
-    ecu.trouble_number = byte(clamp(number, 0, 15))
+    ecu.fault_number = byte(clamp(number, 0, 15))
     # eight at a time, as hardly ever one of them is new
-    for first in range(0, N_TROUBLES, 8):
+    for first in range(0, N_FAULT_CODES, 8):
         if (appeared & 255) != 0:
             for k in range(first, first + 8):
-                ecu.trouble_count[k] = byte(clamp(ecu.trouble_count[k] + (appeared & 1), 0, 255))
+                ecu.fault_count[k] = byte(clamp(ecu.fault_count[k] + (appeared & 1), 0, 255))
                 appeared = appeared >> 1
         else:
             appeared = appeared >> 8
@@ -96,7 +97,7 @@ def latch_troubles(ecu: Ecu) -> None:
 def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:
     """Return 1 where a needed message is late, or repeats one sample.
 
-    The first one may come as late as INIT lasts at least before that is a trouble.
+    The first one may come as late as INIT lasts at least before that is a fault.
     """
     patience: i32 = cal.timeout_ticks[message]
     if patience == 0 or ecu.fresh[message] == 1:
@@ -112,7 +113,7 @@ def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:
     # a message that is slower than the limit is not stuck between two of its frames
     limit: i32 = clamp(cal.stuck_ticks, cal.timeout_ticks[message], AGE_MAX)
     if ecu.unchanged[message] > limit and (late | waiting) == 0:
-        ecu.found = ecu.found | (1 << TROUBLE_STUCK)
+        ecu.found = ecu.found | (1 << FAULT_STUCK)
         late = 1
     return late | waiting
 
@@ -129,7 +130,7 @@ def lasting(ecu: Ecu, watched: i32, timeout: i32, bad: i32, elapsed: i32) -> i32
 
 
 def lacking(ecu: Ecu, message: i32, needed: u8) -> i32:
-    """Return 1 where a signal among the bits ``needed`` carries an error code.
+    """Return 1 where a signal among the bits ``needed`` carries an error code or is contradicted.
 
     A message that has not come yet lacks nothing: :func:`silence` judges that.
     """
@@ -184,7 +185,7 @@ def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     if bad == 0:
         ecu.acceleration_good = ecu.lateral_acceleration
     bad = lasting(ecu, BAD_ACCELERATION, cal.timeout_ticks[RX_IMU], bad, elapsed)
-    ecu.found = ecu.found | (bad << TROUBLE_ACCELERATION)
+    ecu.found = ecu.found | (bad << FAULT_ACCELERATION)
     ecu.lateral_good = clamp(ecu.lateral_good + elapsed, 0, AGE_MAX)
     if ecu.bad_ticks[BAD_ACCELERATION] > 0:
         ecu.lateral_good = 0
@@ -211,7 +212,7 @@ def watch_imu(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     if bad == 0:
         ecu.rate_good = ecu.roll_rate
     bad = lasting(ecu, BAD_ROLL_RATE, cal.timeout_ticks[RX_IMU], bad, elapsed)
-    ecu.found = ecu.found | (bad << TROUBLE_ROLL_RATE)
+    ecu.found = ecu.found | (bad << FAULT_ROLL_RATE)
     severity: i32 = watch_lateral(ecu, cal, elapsed)
     if cal.observer == BYPASS:
         return GOOD
@@ -247,8 +248,8 @@ def watch_corners(ecu: Ecu, cal: Calibration) -> i32:
         failed: i32 = status >> 1
         ecu.failed[corner] = byte(failed)
         failures += failed
-        ecu.found = ecu.found | ((failed & (status ^ FLOATING)) << TROUBLE_CORNER_STUCK)
-        ecu.found = ecu.found | ((failed & (status ^ STUCK)) << TROUBLE_CORNER_FLOATING)
+        ecu.found = ecu.found | ((failed & (status ^ FLOATING)) << FAULT_CORNER_STUCK)
+        ecu.found = ecu.found | ((failed & (status ^ STUCK)) << FAULT_CORNER_FLOATING)
     if cal.actuator == BARS or cal.actuator == VALVES:
         return (ecu.failed[0] | ecu.failed[1]) + (ecu.failed[2] | ecu.failed[3])
     return clamp(failures, GOOD, UNSAFE)
@@ -266,7 +267,7 @@ def watch_actuators(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
         elif severity == GOOD:
             severity = DEGRADING
     if ecu.waiting == 1 and ecu.unacknowledged > OVERDUE * cal.acknowledge_ticks:
-        ecu.found = ecu.found | (1 << TROUBLE_COMMAND)
+        ecu.found = ecu.found | (1 << FAULT_COMMAND)
     stroke_lost: i32 = lost(ecu, cal, RX_SUSPENSION_RATE, elapsed)
     if cal.actuator == DAMPERS and stroke_lost == 1:
         severity = UNSAFE

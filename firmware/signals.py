@@ -2,8 +2,9 @@
 
 Frames of roll_control.dbc.
 ``unpack`` turns the bytes of a mailbox into fields; a signal that carries one of its reserved
-codes (error, not available) keeps its field and clears its bit of ``ecu.valid``. ``pack`` writes
-the bytes of a frame, rounded to nearest and limited as the DBC says; ``protection`` comes after it.
+codes (error, not available) keeps its field and clears its bit of ``ecu.valid``, as does one that
+its second signal contradicts, which sets bit 7. ``pack`` writes the bytes of a frame, rounded to
+nearest and limited as the DBC says; ``protection`` comes after it.
 """
 
 from typing import Annotated
@@ -38,6 +39,11 @@ PAGES = 5
 def wanted(message: i32, payload: Annotated[list[u8], 8]) -> i32:
     """Return 1 where the mailbox ``message`` takes a frame, by the page that it is."""
     return 1
+
+
+def contradicted(ecu: Ecu) -> i32:
+    """Return 1 where a signal and its redundant or inverted one disagree."""
+    return 0
 
 
 def received(ecu: Ecu, slot: i32) -> i64:
@@ -227,8 +233,8 @@ def pack_status(ecu: Ecu) -> i64:
     frame |= (raw_mode & 15) << 44
     raw_law: i32 = ecu.law
     frame |= (raw_law & 15) << 48
-    raw_trouble_count: i32 = ecu.trouble_number
-    frame |= (raw_trouble_count & 15) << 52
+    raw_fault_code_count: i32 = ecu.fault_number
+    frame |= (raw_fault_code_count & 15) << 52
     raw_commands_sent: i32 = ecu.commands_sent & 255
     frame |= (((raw_commands_sent & 255) ^ 128) - 128) << 56
     return frame
@@ -240,61 +246,61 @@ def pack_diagnostics(ecu: Ecu) -> i64:
     raw_page: i32 = ecu.diagnostics_page
     frame |= (raw_page & 15) << 12
     if ecu.diagnostics_page == 0:
-        raw_active_troubles: i32 = ecu.trouble_active
-        frame |= (raw_active_troubles & 16777215) << 16
-        raw_latched_troubles: i32 = ecu.trouble_latched
-        frame |= (((raw_latched_troubles & 16777215) ^ 8388608) - 8388608) << 40
+        raw_active_fault_codes: i32 = ecu.fault_active
+        frame |= (raw_active_fault_codes & 16777215) << 16
+        raw_latched_fault_codes: i32 = ecu.fault_latched
+        frame |= (((raw_latched_fault_codes & 16777215) ^ 8388608) - 8388608) << 40
     elif ecu.diagnostics_page == 1:
-        raw_occurrences00: i32 = ecu.trouble_count[0]
+        raw_occurrences00: i32 = ecu.fault_count[0]
         frame |= (raw_occurrences00 & 255) << 16
-        raw_occurrences01: i32 = ecu.trouble_count[1]
+        raw_occurrences01: i32 = ecu.fault_count[1]
         frame |= (raw_occurrences01 & 255) << 24
-        raw_occurrences02: i32 = ecu.trouble_count[2]
+        raw_occurrences02: i32 = ecu.fault_count[2]
         frame |= (raw_occurrences02 & 255) << 32
-        raw_occurrences03: i32 = ecu.trouble_count[3]
+        raw_occurrences03: i32 = ecu.fault_count[3]
         frame |= (raw_occurrences03 & 255) << 40
-        raw_occurrences04: i32 = ecu.trouble_count[4]
+        raw_occurrences04: i32 = ecu.fault_count[4]
         frame |= (raw_occurrences04 & 255) << 48
-        raw_occurrences05: i32 = ecu.trouble_count[5]
+        raw_occurrences05: i32 = ecu.fault_count[5]
         frame |= (((raw_occurrences05 & 255) ^ 128) - 128) << 56
     elif ecu.diagnostics_page == 2:
-        raw_occurrences06: i32 = ecu.trouble_count[6]
+        raw_occurrences06: i32 = ecu.fault_count[6]
         frame |= (raw_occurrences06 & 255) << 16
-        raw_occurrences07: i32 = ecu.trouble_count[7]
+        raw_occurrences07: i32 = ecu.fault_count[7]
         frame |= (raw_occurrences07 & 255) << 24
-        raw_occurrences08: i32 = ecu.trouble_count[8]
+        raw_occurrences08: i32 = ecu.fault_count[8]
         frame |= (raw_occurrences08 & 255) << 32
-        raw_occurrences09: i32 = ecu.trouble_count[9]
+        raw_occurrences09: i32 = ecu.fault_count[9]
         frame |= (raw_occurrences09 & 255) << 40
-        raw_occurrences10: i32 = ecu.trouble_count[10]
+        raw_occurrences10: i32 = ecu.fault_count[10]
         frame |= (raw_occurrences10 & 255) << 48
-        raw_occurrences11: i32 = ecu.trouble_count[11]
+        raw_occurrences11: i32 = ecu.fault_count[11]
         frame |= (((raw_occurrences11 & 255) ^ 128) - 128) << 56
     elif ecu.diagnostics_page == 3:
-        raw_occurrences12: i32 = ecu.trouble_count[12]
+        raw_occurrences12: i32 = ecu.fault_count[12]
         frame |= (raw_occurrences12 & 255) << 16
-        raw_occurrences13: i32 = ecu.trouble_count[13]
+        raw_occurrences13: i32 = ecu.fault_count[13]
         frame |= (raw_occurrences13 & 255) << 24
-        raw_occurrences14: i32 = ecu.trouble_count[14]
+        raw_occurrences14: i32 = ecu.fault_count[14]
         frame |= (raw_occurrences14 & 255) << 32
-        raw_occurrences15: i32 = ecu.trouble_count[15]
+        raw_occurrences15: i32 = ecu.fault_count[15]
         frame |= (raw_occurrences15 & 255) << 40
-        raw_occurrences16: i32 = ecu.trouble_count[16]
+        raw_occurrences16: i32 = ecu.fault_count[16]
         frame |= (raw_occurrences16 & 255) << 48
-        raw_occurrences17: i32 = ecu.trouble_count[17]
+        raw_occurrences17: i32 = ecu.fault_count[17]
         frame |= (((raw_occurrences17 & 255) ^ 128) - 128) << 56
     elif ecu.diagnostics_page == 4:
-        raw_occurrences18: i32 = ecu.trouble_count[18]
+        raw_occurrences18: i32 = ecu.fault_count[18]
         frame |= (raw_occurrences18 & 255) << 16
-        raw_occurrences19: i32 = ecu.trouble_count[19]
+        raw_occurrences19: i32 = ecu.fault_count[19]
         frame |= (raw_occurrences19 & 255) << 24
-        raw_occurrences20: i32 = ecu.trouble_count[20]
+        raw_occurrences20: i32 = ecu.fault_count[20]
         frame |= (raw_occurrences20 & 255) << 32
-        raw_occurrences21: i32 = ecu.trouble_count[21]
+        raw_occurrences21: i32 = ecu.fault_count[21]
         frame |= (raw_occurrences21 & 255) << 40
-        raw_occurrences22: i32 = ecu.trouble_count[22]
+        raw_occurrences22: i32 = ecu.fault_count[22]
         frame |= (raw_occurrences22 & 255) << 48
-        raw_occurrences23: i32 = ecu.trouble_count[23]
+        raw_occurrences23: i32 = ecu.fault_count[23]
         frame |= (((raw_occurrences23 & 255) ^ 128) - 128) << 56
     return frame
 

@@ -22,6 +22,7 @@ from firmware.calibration import (
     STATE_MAX,
     STATE_MIN,
 )
+from firmware.frames import RX_BYTES, TX_BYTES
 from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 
 # modes
@@ -53,12 +54,14 @@ LATERAL = 2
 LATERAL_RATE = 3
 GYRO_BIAS = 4
 
-N_TROUBLES = 24
+N_FAULT_CODES = 24
 AGE_MAX = 1 << 20
 STROKE_MAX = 1 << 29
 WINDOW_MAX = 1 << 26
 # ecu.calibration_word where the calibration has not the CRC it carries
 CORRUPT = 1 << 12
+# bit of ecu.valid: a signal of the message and its redundant or inverted one disagree
+DISAGREES = 128
 
 
 @record
@@ -105,9 +108,9 @@ class Ecu:
     good_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "all needed inputs good since")]
     authority: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the command, 0 in SAFE")]
     feedforward: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the feedforward, 0 without a_y")]
-    found: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: this tick has found trouble i")]
-    trouble_active: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i is active")]
-    trouble_latched: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i has occurred")]
+    found: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: this tick has found fault i")]
+    fault_active: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i is active")]
+    fault_latched: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i has occurred")]
     time: Annotated[i32, F(I32_MIN, I32_MAX, 0, "ticks", "since init, wraps")]
 
     # observer
@@ -183,10 +186,12 @@ class Ecu:
     ]
 
     # mailboxes: receive() writes one side of a slot, tick() reads the other
-    rx_payload: Annotated[list[list[u8]], 2 * N_RX, 8, F(0, 255, 0, "", "slot 2 m + side", True)]
+    rx_payload: Annotated[
+        list[list[u8]], 2 * N_RX, RX_BYTES, F(0, 255, 0, "", "slot 2 m + side", True)
+    ]
     rx_fresh: Annotated[list[u8], 2 * N_RX, F(0, 1, 0, "", "1: not read yet", True)]
     rx_side: Annotated[list[u8], N_RX, F(0, 1, 0, "", "side that receive() writes", True)]
-    tx_payload: Annotated[list[list[u8]], N_TX, 8, F(0, 255, 0, "", "bytes to send")]
+    tx_payload: Annotated[list[list[u8]], N_TX, TX_BYTES, F(0, 255, 0, "", "bytes to send")]
     tx_pending: Annotated[list[u8], N_TX, F(0, 1, 0, "", "1: to be sent; the sender clears it")]
     tx_counter: Annotated[list[u8], N_TX, F(0, 255, 0, "", "E2E counter of the last frame")]
 
@@ -198,7 +203,9 @@ class Ecu:
 
     # inputs: the last valid ones, in internal formats
     fresh: Annotated[list[u8], N_RX, F(0, 1, 0, "", "1: a valid frame came this tick")]
-    valid: Annotated[list[u8], N_RX, F(0, 255, 0, "", "bit i: signal i carries a value")]
+    valid: Annotated[
+        list[u8], N_RX, F(0, 255, 0, "", "bit i: signal i has a value; 7: disagreement")
+    ]
     imu_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the Imu frame")]
     motion_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of VehicleMotion")]
     rate_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of SuspensionRate")]
@@ -216,8 +223,8 @@ class Ecu:
     motion_lost: Annotated[u8, F(0, 1, 0, "", "1: do without speed and steering")]
     moment_unknown: Annotated[u8, F(0, 1, 0, "", "1: do without the delivered moment")]
     failed: Annotated[list[u8], 4, F(0, 1, 0, "", "1: the corner is stuck or floating")]
-    trouble_count: Annotated[list[u8], N_TROUBLES, F(0, 255, 0, "", "occurrences")]
-    trouble_number: Annotated[u8, F(0, 15, 0, "", "active codes, 15 for more")]
+    fault_count: Annotated[list[u8], N_FAULT_CODES, F(0, 255, 0, "", "occurrences")]
+    fault_number: Annotated[u8, F(0, 15, 0, "", "active codes, 15 for more")]
     law: Annotated[u8, F(0, 2, 0, "", "of the calibration, for the status frame")]
 
     # observer

@@ -7,13 +7,15 @@ command to zero and keeps the heartbeat. Both end by themselves when all is well
 time, but for a calibration that has changed: that stays.
 """
 
+from firmware import signals
 from firmware.calibration import ONE, Calibration
 from firmware.plausibility import (
     DEGRADING,
-    TROUBLE_CALIBRATION_CRC,
-    TROUBLE_TICK_MISSED,
+    FAULT_CALIBRATION_CRC,
+    FAULT_DISAGREEMENT,
+    FAULT_TICK_MISSED,
     UNSAFE,
-    latch_troubles,
+    latch_faults,
     watch_actuators,
     watch_motion,
 )
@@ -55,15 +57,15 @@ def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
 
 def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Judge all inputs, set the mode and move the authority along its ramp."""
-    ecu.found = 0
+    ecu.found = signals.contradicted(ecu) << FAULT_DISAGREEMENT
     motion: i32 = watch_motion(ecu, cal, elapsed)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
     if elapsed > 1:
-        ecu.found = ecu.found | (1 << TROUBLE_TICK_MISSED)
+        ecu.found = ecu.found | (1 << FAULT_TICK_MISSED)
     if ecu.calibration_word == CORRUPT:
-        ecu.found = ecu.found | (1 << TROUBLE_CALIBRATION_CRC)
+        ecu.found = ecu.found | (1 << FAULT_CALIBRATION_CRC)
         motion = UNSAFE
-    latch_troubles(ecu)
+    latch_faults(ecu)
     ecu.good_ticks = clamp(ecu.good_ticks + elapsed, 0, AGE_MAX)
     severity: i32 = motion
     if actuators > severity:

@@ -64,6 +64,23 @@ def _roll_model(model: RollModel, part: str) -> Iterator[str]:
         )
 
 
+def _empty(vehicle: Vehicle) -> Iterator[str]:
+    empty, plant = vehicle.empty, vehicle.plant
+    if empty is None:
+        return
+    if empty.sprung_mass > plant.sprung_mass:
+        yield (
+            f"empty.sprung_mass = {empty.sprung_mass:g}: more than the laden body's, "
+            f"{plant.sprung_mass:g} kg"
+        )
+    least = empty.sprung_mass * empty.cg_height_above_roll_axis**2
+    if empty.roll_inertia <= least:
+        yield (
+            f"empty.roll_inertia = {empty.roll_inertia:g}: taken about the roll axis it must "
+            f"exceed m h² = {least:.0f} kg·m²"
+        )
+
+
 def _inertia(vehicle: Vehicle) -> Iterator[str]:
     """Each principal moment of a rigid body is at most the sum of the other two."""
     mass, geometry = vehicle.mass, vehicle.geometry
@@ -128,4 +145,5 @@ def problems(vehicle: Vehicle) -> Iterator[str]:
     yield from plant
     if not plant:
         yield from _inertia(vehicle)
+    yield from _empty(vehicle)
     yield from _consistency(vehicle)

@@ -1,7 +1,7 @@
 """Reads a vehicle from TOML: the presets by name, a user's own by path."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -9,7 +9,7 @@ from typing import Any, get_origin, get_type_hints
 
 from canroll.errors import CanrollError, UnknownNameError
 from vehicles.check import problems
-from vehicles.model import Vehicle
+from vehicles.model import Empty, Vehicle
 
 SCHEMA = 1
 """Version of the file format that this loader reads."""
@@ -71,6 +71,7 @@ def from_table(table: Mapping[str, Any], *, name: str, where: str = "vehicle") -
     _keys(
         table,
         required={"schema", "title", "basis", "maneuvers", "sources", *_SECTIONS},
+        optional={"empty"},
         where=where,
         section="",
     )
@@ -78,6 +79,8 @@ def from_table(table: Mapping[str, Any], *, name: str, where: str = "vehicle") -
         raise CanrollError(f"{where}: schema {table['schema']!r}, but this version reads {SCHEMA}")
     hints = get_type_hints(Vehicle)
     parts = {key: _record(hints[key], table[key], where, key) for key in _SECTIONS}
+    if "empty" in table:
+        parts["empty"] = _record(Empty, table["empty"], where, "empty")
     maneuvers = _table(table["maneuvers"], where, "maneuvers")
     _keys(maneuvers, required={"lane_offset", "speed_kmh"}, where=where, section="maneuvers")
     speeds = _table(maneuvers["speed_kmh"], where, "maneuvers.speed_kmh")
@@ -98,17 +101,24 @@ def from_table(table: Mapping[str, Any], *, name: str, where: str = "vehicle") -
     )
     for problem in problems(vehicle):
         raise CanrollError(f"{where}: {problem}")
-    for section in (*_SECTIONS, "maneuvers"):
-        for key in table[section]:
+    for section in (*_SECTIONS, "empty", "maneuvers"):
+        for key in table.get(section, ()):
             if not vehicle.source(f"{section}.{key}"):
                 raise CanrollError(f"{where}: {section}.{key} has no source: name it in [sources]")
     return vehicle
 
 
-def _keys(table: Mapping[str, Any], *, required: set[str], where: str, section: str) -> None:
+def _keys(
+    table: Mapping[str, Any],
+    *,
+    required: set[str],
+    where: str,
+    section: str,
+    optional: Collection[str] = (),
+) -> None:
     at = f"[{section}] " if section else ""
     for key in table:
-        if key not in required:
+        if key not in required and key not in optional:
             near = get_close_matches(key, sorted(required - set(table)), n=1)
             hint = f", did you mean '{near[0]}'?" if near else ""
             raise CanrollError(f"{where}: {at}unknown key '{key}'{hint}")

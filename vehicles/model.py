@@ -6,9 +6,7 @@ Axes: x forward, y left, z up. Wheels: front left, front right, rear left, rear 
 from dataclasses import dataclass
 from math import degrees, sqrt
 
-from canroll.errors import UnknownNameError
 from vehicles.equipment import (
-    ACTUATORS,
     Actuators,
     Channel,
     ElectroHydraulicBars,
@@ -22,6 +20,7 @@ __all__ = [
     "Channel",
     "Driver",
     "ElectroHydraulicBars",
+    "Empty",
     "Geometry",
     "Mass",
     "RollModel",
@@ -98,6 +97,11 @@ class Geometry:
         """Distance between the axles (m)."""
         return self.cg_to_front_axle + self.cg_to_rear_axle
 
+    @property
+    def static_front_share(self) -> float:
+        """l_r / l, of weight and of the anti-roll moment (Redondo 2021, (53)–(56))."""
+        return self.cg_to_rear_axle / self.wheelbase
+
 
 @dataclass(frozen=True, slots=True)
 class Mass:
@@ -110,6 +114,15 @@ class Mass:
     unsprung_rear: float
     pitch_inertia: float
     yaw_inertia: float
+
+
+@dataclass(frozen=True, slots=True)
+class Empty:
+    """The sprung body without load: kg, m above the roll axis, kg·m² about the roll axis."""
+
+    sprung_mass: float
+    cg_height_above_roll_axis: float
+    roll_inertia: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,6 +202,7 @@ class Vehicle:
     calibrated apart from it. ``speeds`` holds a default speed (m/s) by manoeuvre name and
     ``lane_offset`` the lateral offset (m) of the double lane change. ``sources`` maps a section or
     ``section.key`` to where its numbers come from. ``file`` is where a user's own was read from.
+    ``empty`` is the body without load, where the file has it; see :mod:`vehicles.unladen`.
     """
 
     name: str
@@ -208,6 +222,7 @@ class Vehicle:
     lane_offset: float
     sources: dict[str, str]
     file: str = ""
+    empty: Empty | None = None
 
     @property
     def reference(self) -> str:
@@ -258,25 +273,3 @@ class Vehicle:
             if text is not None:
                 return text
         return ""
-
-    def moment_limit(self, actuator: str) -> float:
-        """Largest anti-roll moment (N·m) that ``actuator`` can hold on the body.
-
-        ``suspension``: forces split by the axles' distances (Redondo 2021, figure 4) until the
-        first corner reaches its limit. ``bars``, ``valves``: both axles, evenly. ``dampers``: at
-        the fastest stroke of their table. Raises :class:`UnknownNameError` for any other.
-        """
-        geometry, actuators = self.geometry, self.actuators
-        tracks = geometry.half_track_front, geometry.half_track_rear
-        if actuator == "suspension":
-            front = geometry.half_track_front / geometry.cg_to_rear_axle
-            rear = geometry.half_track_rear / geometry.cg_to_front_axle
-            return 2 * actuators.suspension.force_limit * geometry.wheelbase * min(front, rear)
-        if actuator == "bars":
-            return 2 * actuators.bars.torque_limit
-        if actuator == "dampers":
-            return 2 * sum(tracks) * actuators.dampers.firm_force[-1]
-        if actuator == "valves":
-            valves = actuators.valves
-            return 2 * valves.displacement * valves.supply_pressure * valves.lever_ratio
-        raise UnknownNameError("actuator", actuator, ACTUATORS)

@@ -110,7 +110,7 @@ static void send_status(canroll_ecu *ecu)
     hand_frame f;
     f.lo = (roll & 0xffff) << 12 | moment << 28;
     f.hi = ((moment >> 4) & 0xfff) | (uint32_t)ecu->mode << 12 | (uint32_t)ecu->law << 16
-        | (uint32_t)ecu->trouble_number << 20 | (uint32_t)ecu->commands_sent << 24;
+        | (uint32_t)ecu->fault_number << 20 | (uint32_t)ecu->commands_sent << 24;
     send(ecu, CANROLL_TX_STATUS, CRC_STATUS, f);
 }
 
@@ -119,11 +119,11 @@ static void send_diagnostics(canroll_ecu *ecu)
     const uint32_t page = ecu->diagnostics_page;
     hand_frame f;
     if (page == 0) {
-        const uint32_t active = (uint32_t)ecu->trouble_active;
+        const uint32_t active = (uint32_t)ecu->fault_active;
         f.lo = active << 16;
-        f.hi = ((active >> 16) & 0xff) | (uint32_t)ecu->trouble_latched << 8;
+        f.hi = ((active >> 16) & 0xff) | (uint32_t)ecu->fault_latched << 8;
     } else {
-        const uint8_t *count = &ecu->trouble_count[6 * (page - 1)];
+        const uint8_t *count = &ecu->fault_count[6 * (page - 1)];
         f.lo = (uint32_t)count[0] << 16 | (uint32_t)count[1] << 24;
         f.hi = (uint32_t)count[2] | (uint32_t)count[3] << 8 | (uint32_t)count[4] << 16
             | (uint32_t)count[5] << 24;

@@ -1,4 +1,4 @@
-/* Plausibility of the inputs, trouble codes, modes and the ramps of the authority. */
+/* Plausibility of the inputs, fault codes, modes and the ramps of the authority. */
 #include <stdbool.h>
 #include "hand.h"
 
@@ -10,20 +10,20 @@ enum { BAD_ROLL_RATE = 0, BAD_LATERAL = 1, BAD_SPEED = 2, BAD_MOMENT = 4 };
 enum { GOOD, DEGRADING, UNSAFE };
 enum { CORNER_STUCK = 2, CORNER_FLOATING = 3, OVERDUE = 8 };
 
-/* Troubles came or went: latch and count the new ones. */
-static void note_troubles(canroll_ecu *ecu, uint32_t found)
+/* Faults came or went: latch and count the new ones. */
+static void note_faults(canroll_ecu *ecu, uint32_t found)
 {
-    const uint32_t appeared = found & ~(uint32_t)ecu->trouble_active;
+    const uint32_t appeared = found & ~(uint32_t)ecu->fault_active;
     uint32_t number = 0;
-    ecu->trouble_active = (int32_t)found;
-    ecu->trouble_latched |= (int32_t)appeared;
+    ecu->fault_active = (int32_t)found;
+    ecu->fault_latched |= (int32_t)appeared;
     for (uint32_t code = 0; (found >> code) != 0; code++) {
         number += (found >> code) & 1;
-        if (((appeared >> code) & 1) != 0 && ecu->trouble_count[code] < 255) {
-            ecu->trouble_count[code]++;
+        if (((appeared >> code) & 1) != 0 && ecu->fault_count[code] < 255) {
+            ecu->fault_count[code]++;
         }
     }
-    ecu->trouble_number = (uint8_t)number;
+    ecu->fault_number = (uint8_t)number;
 }
 
 /* Whether message m is late or repeats one sample; a fresh one is neither. */
@@ -220,8 +220,8 @@ void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t el
         found |= CALIBRATION_CRC_BIT;
         severity = UNSAFE;
     }
-    if (found != (uint32_t)ecu->trouble_active) {
-        note_troubles(ecu, found);
+    if (found != (uint32_t)ecu->fault_active) {
+        note_faults(ecu, found);
     }
     ecu->good_ticks = aged(ecu->good_ticks, elapsed);
     if (severity != GOOD || ecu->mode != CANROLL_ACTIVE) {

@@ -1,13 +1,17 @@
 """Margins of a sampled loop: gain, phase, modulus, largest delay, tolerance of jitter."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from math import floor, inf, pi, sqrt
+from dataclasses import dataclass, replace
+from math import floor, inf, log10, pi, sqrt
 
 import numpy as np
 
+from gain_gen.analysis.held_plant import Complex
 from gain_gen.analysis.sampled_loop import Loop, loop_gain, spectral_radius
 from gain_gen.models.roll import Matrix
+
+REAL_ENOUGH = 0.05
+"""A loop gain whose imaginary part is this share of the real one crosses the axis at ω → 0."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,9 +19,10 @@ class Margins:
     """Classical margins where the command leaves the ECU.
 
     Attributes:
-        gain_db: least change of the loop gain, up or down, that destabilises, dB.
+        gain_db: least change of the loop gain, up or down, that destabilises, dB; of an unstable
+            loop the change that would stabilise it, negative, minus infinity where none does.
         phase_deg: least lag at a crossing of unit gain that destabilises, degrees.
-        modulus: least distance of the Nyquist curve from −1.
+        modulus: least distance of the Nyquist curve from −1; zero for an unstable loop.
         crossover: highest frequency of unit gain, rad/s; zero where the gain stays below one.
     """
 
@@ -26,6 +31,11 @@ class Margins:
     modulus: float
     crossover: float
 
+    @property
+    def sensitivity(self) -> float:
+        """Ms, the peak of |1 / (1 + L)|; infinite for an unstable loop."""
+        return 1.0 / self.modulus if self.modulus > 0.0 else inf
+
 
 def nyquist_grid(tick: float, points: int = 1500) -> Matrix:
     """Return a logarithmic grid of frequencies up to the Nyquist frequency, rad/s."""
@@ -33,20 +43,23 @@ def nyquist_grid(tick: float, points: int = 1500) -> Matrix:
 
 
 def margins(loop: Loop) -> Margins:
-    """Return the margins of a stable closed loop, interpolated on a dense grid."""
+    """Return the margins of a sampled loop, interpolated on a dense grid."""
     frequencies = nyquist_grid(loop.tick)
-    gain = loop_gain(loop, frequencies)
-    modulus = float(np.abs(1.0 + gain).min())
+    return nyquist_margins(frequencies, loop_gain(loop, frequencies), loop)
 
-    imaginary = gain.imag
-    crossings = np.flatnonzero(np.sign(imaginary[1:]) != np.sign(imaginary[:-1]))
-    gain_db = inf
-    for i in crossings:
-        share = imaginary[i] / (imaginary[i] - imaginary[i + 1])
-        real = float(gain.real[i] + share * (gain.real[i + 1] - gain.real[i]))
-        if real < 0.0:
-            gain_db = min(gain_db, abs(20.0 * float(np.log10(-real))))
 
+def nyquist_margins(frequencies: Matrix, gain: Complex, loop: Loop) -> Margins:
+    """Return the margins from the loop gain L, negative feedback; ``loop`` decides on stability.
+
+    Args:
+        frequencies: rad/s, ascending to the Nyquist frequency.
+        gain: L there.
+        loop: the same loop.
+    """
+    real = negative_crossings(gain)
+    if spectral_radius(loop) >= 1.0:
+        return Margins(_stabilising_db(loop, real), 0.0, 0.0, 0.0)
+    gain_db = min((abs(20.0 * log10(-value)) for value in real), default=inf)
     level = np.log(np.maximum(np.abs(gain), np.finfo(float).tiny))
     phase_deg, crossover = inf, 0.0
     for i in np.flatnonzero(np.sign(level[1:]) != np.sign(level[:-1])):
@@ -54,7 +67,31 @@ def margins(loop: Loop) -> Margins:
         at = gain[i] + share * (gain[i + 1] - gain[i])
         phase_deg = min(phase_deg, float(np.degrees(np.mod(np.angle(-at), 2.0 * pi))))
         crossover = float(frequencies[i] + share * (frequencies[i + 1] - frequencies[i]))
-    return Margins(gain_db, phase_deg, modulus, crossover)
+    return Margins(gain_db, phase_deg, float(np.abs(1.0 + gain).min()), crossover)
+
+
+def negative_crossings(gain: Complex) -> list[float]:
+    """Return where the Nyquist curve meets the negative real axis, its two ends included."""
+    imaginary = gain.imag
+    found = []
+    for i in np.flatnonzero(np.sign(imaginary[1:]) != np.sign(imaginary[:-1])):
+        share = imaginary[i] / (imaginary[i] - imaginary[i + 1])
+        found.append(float(gain.real[i] + share * (gain.real[i + 1] - gain.real[i])))
+    found += [
+        float(end.real)
+        for end in (gain[0], gain[-1])
+        if abs(end.imag) <= REAL_ENOUGH * abs(end.real)
+    ]
+    return [value for value in found if value < -np.finfo(float).tiny]
+
+
+def _stabilising_db(loop: Loop, crossings: list[float]) -> float:
+    """Return the change nearest to none of an unstable loop's gain that stabilises it, dB."""
+    for value in sorted(value for value in crossings if value < -1.0)[::-1]:
+        factor = -1.0 / value
+        if spectral_radius(replace(loop, c=0.999 * factor * loop.c)) < 1.0:
+            return 20.0 * log10(factor)
+    return -inf
 
 
 def largest_sampled_delay(build: Callable[[float], Loop], tick: float, *, limit: float) -> float:

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from gain_gen.analysis.delay_system import Complex
-from gain_gen.models.controller import Controller, matrices
+from gain_gen.analysis.held_plant import held, opened
+from gain_gen.models.controller import Controller
 from gain_gen.models.observer import LateralModel
 from gain_gen.models.roll import (
     Matrix,
@@ -31,8 +32,9 @@ class Loop:
         a: (n, n), plant, delay line and controller.
         b: (n, 1), the command that enters the delay line.
         c: (1, n), the command that the controller computes.
-        noise: (n, 1), disturbance of the lateral-acceleration model.
+        noise: (n, 1), a disturbance; of the roll model, that of the lateral-acceleration model.
         tick: s.
+        apart: states of a model of the disturbance, which no command reaches.
     """
 
     a: Matrix
@@ -40,6 +42,7 @@ class Loop:
     c: Matrix
     noise: Matrix
     tick: float
+    apart: tuple[int, ...] = ()
 
     @property
     def closed(self) -> Matrix:
@@ -91,52 +94,25 @@ def build(
     tick = controller.tick
     lateral = lateral or LateralModel()
     a, command, noise = continuous_plant(model, lag, lateral)
-    steps = int(np.ceil(delay / tick - 1e-9))
-    late = delay - (steps - 1) * tick if steps else 0.0
-    phi, _ = zero_order_hold(a, command, tick)
-    late_phi, fresh = zero_order_hold(a, command, tick - late)
-    _, held = zero_order_hold(a, command, late)
-    stale = late_phi @ held
-
-    ac, bc, cc, dc = matrices(controller)
-    n, lines, m = 5, max(steps, 1), len(ac)
-    size = n + lines + m
-    loop = np.zeros((size, size))
-    b = np.zeros((size, 1))
-    # delay line: entry 0 is the oldest command still to come into force
-    loop[:n, :n] = phi
-    if steps:
-        loop[:n, n : n + 1] = stale
-        if steps == 1:
-            b[:n] = fresh
-        else:
-            loop[:n, n + 1 : n + 2] = fresh
-    else:
-        b[:n] = fresh
-    loop[n : n + lines - 1, n + 1 : n + lines] = np.eye(lines - 1)
-    b[n + lines - 1] = 1.0
-
-    measured = np.zeros((4, size))
+    measured = np.zeros((4, len(a)))
     measured[0, RATE] = 1.0
     measured[1, ROLL], measured[1, LATERAL] = GRAVITY, 1.0
     measured[2, ROLL] = 1.0
     measured[3, MOMENT] = 1.0
-    c = dc @ measured
-    c[:, n + lines :] += cc
-    loop[n + lines :] = bc @ measured
-    loop[n + lines :, n + lines :] += ac
-    disturbance = np.zeros((size, 1))
+    plant = held(a, command, tick=tick, delay=delay)
+    loop, b, c = opened(plant, controller, measured)
+    disturbance = np.zeros((len(loop), 1))
     # white noise over a tick acts almost as its mean held: a_y moves slowly against the tick
-    disturbance[:n] = zero_order_hold(a, noise, tick)[1] / np.sqrt(tick)
-    return Loop(loop, b, c, disturbance, tick)
+    disturbance[: len(a)] = zero_order_hold(a, noise, tick)[1] / np.sqrt(tick)
+    return Loop(loop, b, c, disturbance, tick, apart=(LATERAL, JERK))
 
 
 def spectral_radius(loop: Loop) -> float:
-    """Return the largest modulus of the closed loop's eigenvalues, the a_y model's left out.
+    """Return the largest modulus of the closed loop's eigenvalues, a disturbance model's left out.
 
-    The a_y model is stable and not controlled; its eigenvalues would hide the loop's own.
+    That model is stable and not controlled; its eigenvalues would hide the loop's own.
     """
-    keep = [i for i in range(len(loop.a)) if i not in (LATERAL, JERK)]
+    keep = [i for i in range(len(loop.a)) if i not in loop.apart]
     eigenvalues = np.linalg.eigvals(loop.closed[np.ix_(keep, keep)])
     return float(np.abs(eigenvalues).max())
 

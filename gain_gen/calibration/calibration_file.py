@@ -178,9 +178,9 @@ def _known(
     """Refuse unknown and missing keys."""
     for key in table:
         if key not in names:
-            near = get_close_matches(key, sorted(names), n=1)
-            hint = f", did you mean '{near[0]}'?" if near else ""
-            raise CanrollError(f"{_at(path, text, key)}: unknown key '{key}'{hint}")
+            near = get_close_matches(key, sorted(names), n=1, cutoff=0.8)
+            hint = f"did you mean '{near[0]}'?" if near else "create it again with 'canroll design'"
+            raise CanrollError(f"{_at(path, text, key)}: unknown key '{key}': {hint}")
     missing = sorted(names - set(table))
     if missing:
         raise CanrollError(f"{path}: missing key '{missing[0]}'")

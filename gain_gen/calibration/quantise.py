@@ -5,6 +5,7 @@ from math import ceil
 
 import numpy as np
 
+import dbc
 from firmware import calibration as fw
 from gain_gen.calibration.observer_part import covariance_fields
 from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, Row, quantise_row
@@ -12,7 +13,7 @@ from gain_gen.calibration.vehicle_part import vehicle_fields
 from gain_gen.models.controller import Compensator, matrices
 from gain_gen.models.observer import Observer
 from gain_gen.models.roll import Matrix, stationary_covariance
-from gain_gen.models.task import Design
+from gain_gen.models.task import EPSILON_SQUARED, Design
 
 Value = int | list[int] | list[list[int]]
 Fields = dict[str, Value]
@@ -45,21 +46,15 @@ class Options:
 
     Attributes:
         event_trigger: commands only when they matter, or every tick.
-        trigger_epsilon_squared: relative threshold, squared (Viadero 2022: 0.1).
-        heartbeat: a command at the latest after, s.
+        heartbeat: maximum time between commands, s.
         identification: roll stiffness and damping are identified at run time.
         offset_learning: sensor offsets are learnt when straight.
-        budget_instructions: allowed instructions a tick on the target, 0 for none.
-        budget_tick_us: allowed 99th percentile of the tick, µs, 0 for none.
     """
 
     event_trigger: bool = True
-    trigger_epsilon_squared: float = 0.1
     heartbeat: float = 0.05
     identification: bool = False
     offset_learning: bool = False
-    budget_instructions: int = 0
-    budget_tick_us: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,8 +100,6 @@ def quantise_design(design: Design, options: Options) -> Quantised:
     fields |= _law(design, rows)
     fields |= _trigger(design, options)
     fields |= vehicle_fields(task)
-    fields["budget_instructions"] = options.budget_instructions
-    fields["budget_tick_us"] = options.budget_tick_us
     return Quantised(
         fields,
         {name: row.formats for name, row in rows.items()},
@@ -280,11 +273,11 @@ def _trigger(design: Design, options: Options) -> Fields:
     floor = TRIGGER_SIGMAS[law_kind(design)] * command_noise(design)
     round_trip = 2.0 * task.delay.most + 2.0 * task.tick
     return {
-        "trigger_epsilon_squared": round(options.trigger_epsilon_squared * 2.0**20),
+        "trigger_epsilon_squared": round(EPSILON_SQUARED * 2.0**20),
         "trigger_floor": min(round(floor * 2.0**fw.Q_MOMENT), fw.STATE_MAX),
         "heartbeat_ticks": max(1, round(options.heartbeat / task.tick)),
         "acknowledge_ticks": max(3, ceil(round_trip / task.tick)),
-        "status_ticks": max(1, round(0.1 / task.tick)),
+        "status_ticks": max(1, round(dbc.period("RollControlStatus") / task.tick)),
     }
 
 

@@ -32,7 +32,7 @@ Value = int | list[int] | list[list[int]]
 
 def vehicle_fields(task: Task) -> dict[str, Value]:
     """Return the fields that the vehicle, its actuators and the tick decide."""
-    share = static_share(task.vehicle)
+    share = task.vehicle.geometry.static_front_share
     return (
         _supervision(task)
         | _identification(task)
@@ -47,11 +47,6 @@ def vehicle_fields(task: Task) -> dict[str, Value]:
             "offset_acceleration_max": _q(0.5, fw.Q_ACCELERATION),
         }
     )
-
-
-def static_share(vehicle: Vehicle) -> float:
-    """Return l_r / l, the front axle's share of the anti-roll moment (Redondo 2021, (53)–(56))."""
-    return vehicle.geometry.cg_to_rear_axle / vehicle.geometry.wheelbase
 
 
 def moment_limit(task: Task, share: float) -> float:

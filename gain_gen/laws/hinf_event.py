@@ -23,12 +23,10 @@ from gain_gen.laws.roll_rate_feedback import (
     static_solution,
 )
 from gain_gen.models.roll import ROLL_RATE, normalise
-from gain_gen.models.task import Solution, Task, below
+from gain_gen.models.task import EPSILON_SQUARED, Solution, Task, below
 
 PRINTED_EVENT_GAIN = -13552.53
 """Viadero 2022, section III."""
-EPSILON_SQUARED = 0.1
-"""Relative trigger threshold, squared (Viadero 2022)."""
 
 
 def design_hinf_event(task: Task) -> Solution:

@@ -9,6 +9,9 @@ from gain_gen.models.controller import Controller
 from gain_gen.models.observer import LateralModel, SensorNoise
 from vehicles import Vehicle
 
+EPSILON_SQUARED = 0.1
+"""Relative threshold of the event trigger, squared (Viadero 2022)."""
+
 
 class Check(NamedTuple):
     """One check: value, limit and whether it passes."""

@@ -34,6 +34,7 @@ OF_A_DESIGN = (
 )
 OF_A_DRIVE = ("plant", "speed_kmh", "options")
 """Choices of the runs in which laws are compared."""
+LOADS = ("laden", "empty")
 PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 
 
@@ -154,10 +155,28 @@ def response(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll response``."""
     parser.description = (
         "Steer in sines of rising frequency; yaw rate, lateral acceleration and roll angle per "
-        "steering-wheel angle."
+        "steering-wheel angle. With --linear: the plant linearised about straight running or a "
+        "steady curve, its modes, its responses to moment and steering, and its distance to the "
+        "design model."
     )
     add_choices(parser, ("vehicle", "plant"), defaults={"plant": "nonlinear"})
     parser.add_argument("--speed", type=float, default=100.0, metavar="KMH", help="default: 100")
+    parser.add_argument(
+        "--load", choices=LOADS, default=LOADS[0], help="laden or empty (default: %(default)s)"
+    )
+    parser.add_argument("--linear", action="store_true", help="linearise instead of steering")
+    parser.add_argument(
+        "--lateral-acceleration",
+        type=float,
+        metavar="M/S2",
+        help="with --linear: of the steady curve (default: 0, straight ahead)",
+    )
+    parser.add_argument(
+        "--friction", type=float, metavar="MU", help="with --linear: of the road (default: 1)"
+    )
+    parser.add_argument(
+        "--out", type=path_named, metavar="DIR", help="with --linear: write response.png there"
+    )
     add_json(parser)
 
 
@@ -336,7 +355,7 @@ COMMANDS = {
     ),
     "design": Command("design a controller and write its calibration", design),
     "margins": Command("verify a calibration independently of its design", margins),
-    "bus": Command("bus load, response times and a bus server"),
+    "bus": Command("bus load, response times and a bus server", "bus_parsers:bus"),
     "hil": Command("run ECU and plant as two processes in real time", "bus_parsers:hil"),
     "ecu": Command("the ECU alone, on any python-can interface", "bus_parsers:ecu"),
     "plant": Command("the vehicle alone, on any python-can interface", "bus_parsers:plant"),

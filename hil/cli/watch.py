@@ -145,8 +145,8 @@ def view(summary: Mapping[str, Any], seen: Observation) -> Group:
         ("bus load", summary["load"], "{:.1%}"),
     ):
         table.add_row(name, "–" if value is None else _form(form, value))
-    table.add_row("fault codes", ", ".join(summary["troubles"]) or "none")
-    table.add_row("have occurred", ", ".join(summary["latched_troubles"]) or "none")
+    table.add_row("fault codes", ", ".join(summary["fault_codes"]) or "none")
+    table.add_row("have occurred", ", ".join(summary["latched_fault_codes"]) or "none")
     rates = Table("message", "frames", "a second", box=None, pad_edge=False, header_style="bold")
     for name, count in summary["frames"].items():
         rates.add_row(name, str(count), f"{seen.rate(name):.0f}")

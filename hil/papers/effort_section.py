@@ -141,7 +141,7 @@ BESIDE = {
             "car_2020",
             "double_lane_change",
             "500k",
-            {"plant": "fullcar", "actuator": "bars", "speed_kmh": 100.0},
+            {"plant": "linear_car", "actuator": "bars", "speed_kmh": 100.0},
         ),
         (_FULL,),
         Setting(HEADLINE, "double_lane_change", "500k", {**_VAN, "actuator": "bars"}),

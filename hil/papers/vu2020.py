@@ -18,8 +18,8 @@ from hil.papers.paper_table import Row, Section, Value, printed
 from hil.report.figure import DASHED, DOTTED, SOLID, Figure, Series
 from hil.runs.metrics import peak, rms
 from hil.runs.result import Result
-from plant_sim.bodies.parameters import suspension_roll_stiffness
 from vehicles.full_car import AS_PRINTED, REPAIRED, FullCar, from_vehicle
+from vehicles.roll_stiffness import suspension_roll_stiffness
 
 STEP = 0.001
 LABELS = ("without control", "ideal, 26 states", "compensator")
@@ -106,7 +106,7 @@ PAPER = "vu2020"
 TITLE = "Vu et al. 2020: LQR of electro-hydraulic anti-roll bars"
 COMMON = {
     "vehicle": "car_2020",
-    "plant": "fullcar",
+    "plant": "linear_car",
     "actuator": "valves",
     "law": "lqr_full_car",
     "trigger": "every",

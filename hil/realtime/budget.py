@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from canroll.errors import CanrollError
-from firmware.calibration import Calibration
 
 KEYS = ("instructions", "tick_p99_us", "latency_p99_us", "misses")
 
@@ -45,8 +44,8 @@ class Verdict:
         return f"{'PASS' if self.ok else 'FAIL'}  {self.name:<16} {value}, budget {self.limit:g}"
 
 
-def budget_of(record: Calibration, tables: Mapping[str, Any]) -> Budget:
-    """Return the budget that a calibration sets: its table ``[budget]``, else the record's fields.
+def budget_of(tables: Mapping[str, Any]) -> Budget:
+    """Return the budget in the table ``[budget]`` of a calibration file.
 
     Raises:
         CanrollError: an unknown key, or a limit that is no number above or at 0.
@@ -57,10 +56,6 @@ def budget_of(record: Calibration, tables: Mapping[str, Any]) -> Budget:
             raise CanrollError(f"[budget] unknown key '{key}': it has {', '.join(KEYS)}")
         if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
             raise CanrollError(f"[budget] {key} = {value!r}: must be a number of at least 0")
-    if record.budget_instructions:
-        given.setdefault("instructions", record.budget_instructions)
-    if record.budget_tick_us:
-        given.setdefault("tick_p99_us", record.budget_tick_us)
     return Budget(**given)
 
 
@@ -81,7 +76,7 @@ def judge_host(budget: Budget, timing: Mapping[str, Any]) -> list[Verdict]:
 
 
 def judge_target(budget: Budget, instructions: int) -> list[Verdict]:
-    """Hold the most instructions that a tick took on the target against the budget."""
+    """Compare the largest number of instructions of a tick on the target with the budget."""
     if budget.instructions is None:
         return []
     return [Verdict("instructions", budget.instructions, instructions)]

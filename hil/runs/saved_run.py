@@ -12,10 +12,11 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
+from numpy.lib.recfunctions import rename_fields
 from numpy.typing import NDArray
 
 import vehicles
-from canroll.errors import CanrollError
+from canroll.errors import RENAMED, CanrollError
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from hil.runs.experiment import assess
@@ -28,6 +29,9 @@ RESULT = "result.json"
 TRACE = "trace.npz"
 CALIBRATION = "calibration.toml"
 RUNS = ("passive", "controlled", "replay")
+
+OLD_COLUMNS = {"troubles": "fault_codes"}
+"""Names of a trace's columns in version 0.1, and those of today."""
 
 UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error)
 """Exceptions raised when reading a truncated or foreign file."""
@@ -107,7 +111,7 @@ def _trace(arrays: Arrays, run: str) -> Trace | None:
         signals=dict(zip(map(str, names), arrays[f"{run}/signals"], strict=True)),
         frames=arrays[f"{run}/frames"],
         ages=arrays[f"{run}/ages"],
-        ticks=arrays[f"{run}/ticks"],
+        ticks=rename_fields(arrays[f"{run}/ticks"], OLD_COLUMNS),
         duration=float(arrays[f"{run}/duration"]),
         complete=bool(arrays[f"{run}/complete"]),
     )
@@ -116,6 +120,7 @@ def _trace(arrays: Arrays, run: str) -> Trace | None:
 def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
     derived = {
         "vehicle": vehicles.load(loaded.vehicle),
+        "plant": RENAMED.get(data["plant"], data["plant"]),
         "command": COMMANDS[loaded.record.actuator],
         "trigger": "event" if loaded.record.event_trigger else "every",
         "speed": data["speed_kmh"] / 3.6,

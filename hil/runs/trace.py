@@ -16,7 +16,7 @@ TICK = np.dtype(
         ("t", "f8"),
         ("mode", "u1"),
         ("triggered", "u1"),
-        ("troubles", "u4"),
+        ("fault_codes", "u4"),
         ("moment", "f8"),
         ("outputs", "f8", (2,)),
         ("roll", "f8"),
@@ -70,7 +70,7 @@ def _fill(rows: Any, t: Any, field: Callable[[str], Any]) -> None:  # noqa: ANN4
     rows["t"] = t
     rows["mode"] = field("mode")
     rows["triggered"] = field("triggered")
-    rows["troubles"] = field("trouble_active")
+    rows["fault_codes"] = field("fault_active")
     rows["moment"] = np.divide(field("moment"), 2**formats.Q_MOMENT)
     rows["outputs"] = np.transpose(np.divide(field("outputs"), 2**formats.Q_MOMENT))
     rows["roll"] = np.divide(state[ROLL], 2**formats.Q_ANGLE)

@@ -24,18 +24,18 @@ COUNTS = 15
 """The counters of E2E profile 1 run from 0 to 14; 15 is invalid."""
 CONTROLLER, VEHICLE = "controller", "vehicle"
 IMU_TO_COMMAND, COMMAND_TO_ACKNOWLEDGEMENT = "imu_to_command", "command_to_acknowledgement"
-TROUBLES = {
+FAULT_CODES = {
     **{
         place: f"{dbc.load().get_message_by_frame_id(ident).name} late"
         for place, ident in enumerate(RX_IDS)
     },
     **{
-        number: name.removeprefix("TROUBLE_").replace("_", " ").lower()
+        number: name.removeprefix("FAULT_").replace("_", " ").lower()
         for name, number in vars(plausibility).items()
-        if name.startswith("TROUBLE_") and isinstance(number, int)
+        if name.startswith("FAULT_") and isinstance(number, int)
     },
 }
-"""Trouble codes in words."""
+"""Fault codes in words."""
 
 
 class Seen(NamedTuple):
@@ -199,14 +199,14 @@ class Observation:
         return self.values.get(message, {}).get(name)
 
     @property
-    def troubles(self) -> list[str]:
+    def fault_codes(self) -> list[str]:
         """Active fault codes as text."""
-        return _named(self.signal("RollControlDiagnostics", "ActiveTroubles"))
+        return _named(self.signal("RollControlDiagnostics", "ActiveFaultCodes"))
 
     @property
-    def latched_troubles(self) -> list[str]:
-        """Trouble codes that have occurred."""
-        return _named(self.signal("RollControlDiagnostics", "LatchedTroubles"))
+    def latched_fault_codes(self) -> list[str]:
+        """Fault codes that have occurred."""
+        return _named(self.signal("RollControlDiagnostics", "LatchedFaultCodes"))
 
     def summary(self) -> dict[str, Any]:
         """Return the observation as plain data, angles in degrees and moments in N·m."""
@@ -225,8 +225,8 @@ class Observation:
             "imu_to_command_ms": self.delay_ms(IMU_TO_COMMAND),
             "command_to_acknowledgement_ms": self.delay_ms(COMMAND_TO_ACKNOWLEDGEMENT),
             "load": self.load,
-            "troubles": self.troubles,
-            "latched_troubles": self.latched_troubles,
+            "fault_codes": self.fault_codes,
+            "latched_fault_codes": self.latched_fault_codes,
             "frames": dict(sorted(self.frames.items())),
             "missing": dict(sorted(self.missing.items())),
             "undecoded": self.undecoded,
@@ -237,7 +237,7 @@ class Observation:
 def _named(bits: Any) -> list[str]:  # noqa: ANN401
     if bits is None:
         return []
-    return [TROUBLES.get(i, f"code {i}") for i in range(24) if int(bits) >> i & 1]
+    return [FAULT_CODES.get(i, f"code {i}") for i in range(24) if int(bits) >> i & 1]
 
 
 def _raw(value: Any) -> int:  # noqa: ANN401

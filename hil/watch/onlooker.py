@@ -9,7 +9,7 @@ import can
 from hil.realtime.bus_link import CanLink
 from hil.watch.bus_clock import BusClock
 from hil.watch.observation import Observation, Seen
-from plant_sim.can_bus.traffic.log_playback import flags_of
+from plant_sim.can_bus.traffic.log_reader import flags_of
 
 
 @dataclass(slots=True)

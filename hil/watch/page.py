@@ -14,9 +14,9 @@ from hil.report.figure import DASH_DOTTED, DASHED, DOTTED, SOLID, Figure, Series
 from hil.report.page import data_element, document
 from hil.watch.observation import (
     COMMAND_TO_ACKNOWLEDGEMENT,
+    FAULT_CODES,
     IMU_TO_COMMAND,
     SILENT,
-    TROUBLES,
 )
 from hil.watch.stream import KEPT, MODES
 
@@ -181,7 +181,7 @@ def live_page(*, bitrate: int, assumed: bool) -> str:
     data = {
         "figures": [plot.data() for plot in plots(bitrate, assumed=assumed)],
         "modes": MODES,
-        "faults": TROUBLES,
+        "faults": FAULT_CODES,
         "kept": KEPT,
     }
     spans = "".join(

@@ -15,9 +15,9 @@ import dbc
 from hil.watch.observation import (
     COMMAND_TO_ACKNOWLEDGEMENT,
     CONTROLLER,
+    FAULT_CODES,
     IMU_TO_COMMAND,
     SILENT,
-    TROUBLES,
     VEHICLE,
     Observation,
     Seen,
@@ -37,7 +37,7 @@ TRACKS = {
     "reference": ("RollReference", ("RollAngle",)),
     "delivered": ("ActuatorState", ("DeliveredMomentFront", "DeliveredMomentRear")),
     "motion": ("VehicleMotion", ("VehicleSpeed", "SteeringWheelAngle")),
-    "faults": ("RollControlDiagnostics", ("ActiveTroubles",)),
+    "faults": ("RollControlDiagnostics", ("ActiveFaultCodes",)),
 }
 """Tracks that are signals of a message. Beside them: the two delays (ms) and "load" (share)."""
 MODES = dbc.names("RollControlStatus", "Mode")
@@ -146,15 +146,15 @@ class LiveStream:
             if self._mode != mode:
                 self._note(frame.t, mode if self._mode is None else f"{self._mode} → {mode}")
             self._mode = mode
-        if "ActiveTroubles" in frame.values:
+        if "ActiveFaultCodes" in frame.values:
             self._fault_changes(
                 frame.t,
-                int(frame.values["ActiveTroubles"]),
-                int(frame.values["LatchedTroubles"]),
+                int(frame.values["ActiveFaultCodes"]),
+                int(frame.values["LatchedFaultCodes"]),
             )
 
     def _fault_changes(self, t: float, active: int, latched: int) -> None:
-        for bit, name in TROUBLES.items():
+        for bit, name in FAULT_CODES.items():
             before, now = self._active >> bit & 1, active >> bit & 1
             if now > before:
                 what = "active"

@@ -12,8 +12,8 @@ BODIES: "Registry[Body]" = Registry(
     "canroll.bodies",
     {
         "roll1": "plant_sim.bodies.roll:BODY",
-        "fullcar": "plant_sim.bodies.linear_car:BODY",
-        "fullcar_hydraulic": "plant_sim.bodies.linear_car:HYDRAULIC_BODY",
+        "linear_car": "plant_sim.bodies.linear_car:BODY",
+        "linear_car_hydraulic": "plant_sim.bodies.linear_car:HYDRAULIC_BODY",
         "nonlinear": "plant_sim.bodies.nonlinear_car:BODY",
     },
     accept="plant_sim.bodies.ports:accept",

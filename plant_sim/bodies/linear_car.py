@@ -12,11 +12,11 @@ import numpy as np
 from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.bodies.integrate import rk4
-from plant_sim.bodies.parameters import suspension_roll_stiffness
 from plant_sim.bodies.ports import Body
 from plant_sim.kernels.jit import cfunc, njit
 from vehicles import GRAVITY, Vehicle
 from vehicles.full_car import INPUTS, STATES, FullCar, from_vehicle, state_matrices
+from vehicles.roll_stiffness import suspension_roll_stiffness
 
 N_LINEAR = len(STATES)
 N_DRIVE = len(INPUTS)
@@ -183,7 +183,7 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
     _observe(state, inputs, parameters, outputs)
 
 
-BODY = Body("fullcar", step, build)
+BODY = Body("linear_car", step, build)
 """Linear full car."""
-HYDRAULIC_BODY = Body("fullcar_hydraulic", step, build_hydraulic)
+HYDRAULIC_BODY = Body("linear_car_hydraulic", step, build_hydraulic)
 """Linear full car with electro-hydraulic bars."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import arbitration_key, duration_ns
+from plant_sim.can_bus.wire.frame import duration_ns
 
 ERROR_OVERHEAD_BITS: Final = 31
 """Longest error frame with interframe space and suspend transmission: 12 + 8 + 3 + 8 bits."""
@@ -36,7 +36,8 @@ class ResponseBound:
 
     ``bound_ns`` None: there is none, and ``reason`` says why; ``covered``: because the set has no
     bound (overload, identifiers used twice), not because the analysis does not cover it.
-    ``instances``: how many instances in the busy period were examined.
+    ``instances``: how many instances in the busy period were examined. ``queued_ns``: likewise from
+    the instant of queueing, whatever the jitter before.
     """
 
     message: BusMessage
@@ -45,6 +46,7 @@ class ResponseBound:
     instances: int = 0
     reason: str = ""
     covered: bool = True
+    queued_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,14 +58,16 @@ class _Task:
     below: int
     jitter: int
     worst: int
+    distance: int = 0
 
-    def releases(self, window: int) -> int:
-        """Return how many nominal releases a half-open window of ``window`` ns can hold."""
-        return -(-window * self.below // self.above)
+    def frames(self, window: int) -> int:
+        """Return how many frames can be queued in a half-open window of ``window`` ns."""
+        most = -(-(window + self.jitter) * self.below // self.above)
+        return min(most, -(-window // self.distance)) if self.distance else most
 
     def demand(self, window: int) -> int:
         """Return the time on the bus that its frames of a window take at most."""
-        return self.releases(window + self.jitter) * self.worst
+        return self.frames(window) * self.worst
 
     @property
     def share(self) -> float:
@@ -74,18 +78,19 @@ class _Task:
 def _task(message: BusMessage, bitrate: int, data_bitrate: int) -> _Task:
     above, below = float(message.period_ns).as_integer_ratio()
     return _Task(
-        arbitration_key(message.ident, message.flags),
+        message.arbitration_key,
         above,
         below,
         # releases at whole nanoseconds: that rounding is jitter, too
         message.jitter_ns + (below != 1),
         message.worst_ns(bitrate, data_bitrate),
+        message.distance_ns,
     )
 
 
 def _obstacles(messages: Sequence[BusMessage]) -> list[tuple[str, bool]]:
     """Return for every message why it can have no bound, empty where it can; and ``covered``."""
-    keys = [arbitration_key(m.ident, m.flags) for m in messages]
+    keys = [m.arbitration_key for m in messages]
     nodes: dict[int, list[str]] = {}
     for message, key in zip(messages, keys, strict=True):
         nodes.setdefault(key, []).append(message.sender)
@@ -138,15 +143,17 @@ def response_bounds(
             continue
         higher = [t for t in tasks if t.key < task.key]
         blocking = max((t.worst for t in tasks if t.key > task.key), default=0)
-        bound, instances = _bound(task, higher, blocking, bit, errors)
-        reason = OVERLOADED if bound is None else ""
-        bounds.append(ResponseBound(message, best, bound, instances, reason))
+        found, instances = _bound(task, higher, blocking, bit, errors)
+        bound, queued = found or (None, None)
+        reason = "" if found else OVERLOADED
+        bounds.append(ResponseBound(message, best, bound, instances, reason, queued_ns=queued))
     return bounds
 
 
 def _bound(
     task: _Task, higher: list[_Task], blocking: int, bit: int, errors: ErrorModel | None
-) -> tuple[int | None, int]:
+) -> tuple[tuple[int, int] | None, int]:
+    """Return the responses from the nominal release and from queueing, and the instances."""
     level = [*higher, task]
     longest = max(t.worst for t in level) + ERROR_OVERHEAD_BITS * bit
 
@@ -167,8 +174,8 @@ def _bound(
         steps -= 1
         if steps == 0:
             return None, 0
-    instances = task.releases(busy + task.jitter)
-    worst = wait = 0
+    instances = task.frames(busy)
+    worst = queued = wait = 0
     for instance in range(instances):
         first = blocking + instance * task.worst
         longer, wait = max(wait, first), -1
@@ -181,30 +188,9 @@ def _bound(
                 return None, instances
         nominal = instance * task.above // task.below
         worst = max(worst, task.jitter + wait - nominal + task.worst)
-    return worst, instances
-
-
-def response_bound_1994(
-    messages: Sequence[BusMessage], name: str, *, bitrate: int, data_bitrate: int = 0
-) -> int | None:
-    """Return the bound of the 1994 analysis, which looks at the first instance alone.
-
-    Tindell, Burns, "Guaranteeing message latencies on Controller Area Network" (1994); refuted in
-    2007: it can lie below the real worst case. Kept for comparison only.
-    """
-    tasks = {m.name: _task(m, bitrate, data_bitrate) for m in messages}
-    task = tasks.pop(name)
-    higher = [t for t in tasks.values() if t.key < task.key]
-    blocking = max((t.worst for t in tasks.values() if t.key > task.key), default=0)
-    bit = int(duration_ns(1, bitrate))
-    if sum(t.share for t in higher) >= 1.0:
-        return None
-    wait = blocking
-    while True:
-        longer = blocking + sum(t.demand(wait + bit) for t in higher)
-        if longer == wait:
-            return task.jitter + wait + task.worst
-        wait = longer
+        earliest = max(nominal - task.jitter, instance * task.distance, 0)
+        queued = max(queued, wait - earliest + task.worst)
+    return (worst, queued), instances
 
 
 def worst_case_utilisation(

@@ -72,8 +72,8 @@ class World:
         actuators: ActuatorOptions | None = None,
         **bus: Any,  # noqa: ANN401
     ) -> None:
-        hydraulic = body == "fullcar" and actuator == "valves"
-        plant = body_named("fullcar_hydraulic" if hydraulic else body)
+        hydraulic = body == "linear_car" and actuator == "valves"
+        plant = body_named("linear_car_hydraulic" if hydraulic else body)
         self.duration_ns = maneuver.duration_ns
         self.now_ns = 0
         self._parts = world_parts.assemble(

@@ -116,7 +116,7 @@ def assemble(
         options=actuators,
         enabled=enabled,
         timeout_ms=command_timeout_ms,
-        integrated=actuator == "valves" and plant.name == "fullcar_hydraulic",
+        integrated=actuator == "valves" and plant.name == "linear_car_hydraulic",
     )
     network = can_bus.make_network(
         profile,

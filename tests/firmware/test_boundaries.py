@@ -12,7 +12,7 @@ from firmware.covariance import bounded, propagate, update
 from firmware.event_trigger import NOTHING, moved, trigger
 from firmware.identification import identify
 from firmware.mailbox import read_inputs
-from firmware.observer import learn_offsets, look_ahead, observe
+from firmware.observer import learn_offsets, look_ahead, observe, told_by_steering
 from firmware.schedule import schedule
 from firmware.state import (
     ACTIVE,
@@ -381,22 +381,22 @@ def test_what_is_commanded_is_a_moment_but_for_dampers_and_valves(actuator, unkn
     assert ecu.ahead == [first + after, 0, 0, 0, 0]
 
 
-def test_more_than_fifteen_troubles_are_shown_as_fifteen():
+def test_more_than_fifteen_fault_codes_are_shown_as_fifteen():
     ecu = rig.started(rig.calibration())
     for number in (1, 14, 15, 16, 24):
         ecu.found = (1 << number) - 1
-        sv.latch_troubles(ecu)
-        assert ecu.trouble_number == min(number, 15)
-        assert ecu.trouble_active == ecu.trouble_latched == ecu.found
-    assert ecu.trouble_count == [1] * 24
+        sv.latch_faults(ecu)
+        assert ecu.fault_number == min(number, 15)
+        assert ecu.fault_active == ecu.fault_latched == ecu.found
+    assert ecu.fault_count == [1] * 24
     ecu.found = 1
-    sv.latch_troubles(ecu)
-    assert (ecu.trouble_number, ecu.trouble_active) == (1, 1)
-    assert ecu.trouble_latched == (1 << 24) - 1
+    sv.latch_faults(ecu)
+    assert (ecu.fault_number, ecu.fault_active) == (1, 1)
+    assert ecu.fault_latched == (1 << 24) - 1
     ecu.found = 3
     for _ in range(3):
-        sv.latch_troubles(ecu)
-    assert ecu.trouble_count == [1, 2, *[1] * 22]
+        sv.latch_faults(ecu)
+    assert ecu.fault_count == [1, 2, *[1] * 22]
 
 
 def test_a_variance_is_one_unit_at_least_and_a_tiny_cap_takes_all_covariance_with_it():
@@ -419,15 +419,16 @@ def test_a_frame_is_read_once_even_without_protection():
         assert ecu.age == ecu.unchanged == [k] * 5
 
 
-def test_without_motion_the_estimate_stands_for_the_steering_at_every_tick():
+def test_without_motion_the_steering_is_held_and_draws_the_estimate_nowhere():
     cal = rig.calibration(schedule_steering=[1 << 24] * 8)
     ecu = rig.started(cal)
     ecu.steering = 1 << 20
-    by_steering = 1 << 24
+    held = 1 << 24
     for age, lost, estimate in ((0, 0, 5), (3, 1, 7000), (4, 1, 7001), (0, 0, 6)):
         ecu.age[RX_VEHICLE_MOTION], ecu.motion_lost, ecu.x[2] = age, lost, estimate
         schedule(ecu, cal)
-        assert ecu.steering_acceleration == (estimate if lost else by_steering)
+        assert ecu.steering_acceleration == held
+        assert told_by_steering(ecu) == (estimate if lost else held)
 
 
 @pytest.mark.parametrize("share", [0, fw.STATE_MAX])

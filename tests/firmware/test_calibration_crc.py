@@ -14,7 +14,7 @@ from firmware.limits import LAST_WORD
 from firmware.state import ACTIVE, SAFE, Ecu
 from firmware.subset import fields, octet, word
 
-CODE = 1 << sv.TROUBLE_CALIBRATION_CRC
+CODE = 1 << sv.FAULT_CALIBRATION_CRC
 
 
 def flip(cal, name, bit=0, index=()):
@@ -40,7 +40,7 @@ def test_init_refuses_a_crc_that_is_not_there():
     cal.crc = 0
     ecu = Ecu()
     assert loop.init(ecu, cal) == RULE_CRC == ecu.refused
-    assert (ecu.mode, ecu.trouble_active, ecu.trouble_count[18]) == (SAFE, CODE, 1)
+    assert (ecu.mode, ecu.fault_active, ecu.fault_count[18]) == (SAFE, CODE, 1)
     before = dict(vars(ecu))
     loop.tick(ecu, cal, 1)
     assert vars(ecu) == before
@@ -63,22 +63,22 @@ def test_a_bit_that_flips_while_it_runs_ends_in_safe_for_good(driving):
         assert bench.ecu.mode == ACTIVE
     flip(bench.cal, "feedback", 20, (0,))
     ticks = 0
-    while bench.ecu.trouble_active & CODE == 0:
+    while bench.ecu.fault_active & CODE == 0:
         bench.step(2.0)
         ticks += 1
         assert ticks <= 2 * LAST_WORD
     assert bench.ecu.mode == SAFE
-    assert bench.ecu.trouble_count[sv.TROUBLE_CALIBRATION_CRC] == 1
+    assert bench.ecu.fault_count[sv.FAULT_CALIBRATION_CRC] == 1
     bench.run(0.4)
     assert bench.ecu.moment == 0
-    # the word is back as it was, the trouble stays, and the heartbeat goes on
+    # the word is back as it was, the fault stays, and the heartbeat goes on
     flip(bench.cal, "feedback", 20, (0,))
     sent = 0
     for _ in range(2 * LAST_WORD):
         bench.step(2.0)
         sent += 0 in bench.frames
     assert bench.ecu.mode == SAFE
-    assert bench.ecu.trouble_active & CODE
+    assert bench.ecu.fault_active & CODE
     assert sent > 0
     assert loop.init(bench.ecu, bench.cal) == 0
 
@@ -87,7 +87,7 @@ def test_a_whole_round_takes_a_tick_a_word_and_finds_nothing_in_a_good_calibrati
     bench = rig.Bench(rig.calibration()).active()
     for _ in range(LAST_WORD + 5):
         bench.step(0.0)
-    assert bench.ecu.trouble_latched == 0
+    assert bench.ecu.fault_latched == 0
     assert bench.ecu.calibration_word == bench.k % LAST_WORD
 
 

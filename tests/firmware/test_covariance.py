@@ -139,7 +139,7 @@ def test_its_estimate_is_the_time_varying_kalman_filter():
         error = np.abs(np.array(bench.ecu.x) * UNIT - x)
         assert np.all(error < [2e-4, 4e-4, 0.01, 0.02, 1e-4]), (k, error)
     assert bench.ecu.mode == DEGRADED
-    assert bench.ecu.trouble_latched == 1 << 7
+    assert bench.ecu.fault_latched == 1 << 7
 
 
 def test_it_starts_as_calibrated():

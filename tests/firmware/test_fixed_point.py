@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from codegen.run import memory_image
 from firmware.calibration import Calibration
+from firmware.check import check_ranges
 from firmware.fixed_point import product, weighted
-from firmware.limits import check_ranges
 from firmware.state import Ecu
 from firmware.subset import I32_MAX, I32_MIN, fields, octet, sat31, scaled, word
 

@@ -47,8 +47,8 @@ def test_nothing_is_estimated_commanded_or_sent_at_the_start():
         "tx_pending",
         "compensator_x",
         "authority",
-        "trouble_active",
-        "trouble_count",
+        "fault_active",
+        "fault_count",
     ):
         assert not np.any(getattr(ecu, name)), name
 

@@ -23,7 +23,7 @@ from firmware.supervisor import supervise
 def good(ecu, cal) -> None:
     """As if all needed messages had just come."""
     for message in (RX_IMU, RX_VEHICLE_MOTION, RX_ACTUATOR_STATE):
-        ecu.last_sample[message], ecu.valid[message] = 1, 255
+        ecu.last_sample[message], ecu.valid[message] = 1, 127
         ecu.age[message] = ecu.unchanged[message] = 0
 
 
@@ -33,7 +33,7 @@ def test_an_echo_is_overdue_after_eight_times_its_time():
     for waiting, unacknowledged, expected in ((1, 24, 0), (1, 25, 1), (0, 25, 0)):
         ecu.waiting, ecu.unacknowledged = waiting, unacknowledged
         supervise(ecu, cal, 1)
-        assert ecu.trouble_active >> sv.TROUBLE_COMMAND & 1 == expected
+        assert ecu.fault_active >> sv.FAULT_COMMAND & 1 == expected
 
 
 def test_init_degraded_and_safe_end_to_the_tick():
@@ -96,20 +96,20 @@ def test_the_largest_plausible_value_is_plausible(sign):
 
 def test_a_message_is_late_or_stuck_beyond_its_limit_not_at_it():
     cal = rig.calibration(stuck_ticks=9)
-    for name, code in (("age", RX_IMU), ("unchanged", sv.TROUBLE_STUCK)):
+    for name, code in (("age", RX_IMU), ("unchanged", sv.FAULT_STUCK)):
         limit = cal.timeout_ticks[RX_IMU] if name == "age" else 9
         for ticks, expected in ((limit, 0), (limit + 1, 1)):
             ecu = rig.started(cal)
             good(ecu, cal)
             getattr(ecu, name)[RX_IMU] = ticks
             supervise(ecu, cal, 1)
-            assert ecu.trouble_active == expected << code
+            assert ecu.fault_active == expected << code
     # a limit below the timeout counts as the timeout: the message may be that slow
     ecu = rig.started(rig.calibration(stuck_ticks=1))
     good(ecu, cal)
     ecu.unchanged[RX_IMU] = cal.timeout_ticks[RX_IMU]
     supervise(ecu, cal, 1)
-    assert ecu.trouble_active == 0
+    assert ecu.fault_active == 0
 
 
 def test_missed_ticks_count_as_many_everywhere():
@@ -194,28 +194,28 @@ def test_each_failed_bar_or_corner_counts_once(actuator, corners):
     assert ecu.failed == [int(corner in corners) for corner in range(4)]
 
 
-def test_a_limited_corner_has_not_failed_and_each_kind_of_failure_has_its_trouble():
+def test_a_limited_corner_has_not_failed_and_each_kind_of_failure_has_its_fault_code():
     cal = rig.calibration()
-    for status, troubles in (
+    for status, codes in (
         ([1, 1, 1, 1], 0),
-        ([2, 0, 0, 0], 1 << sv.TROUBLE_CORNER_STUCK),
-        ([0, 0, 0, 3], 1 << sv.TROUBLE_CORNER_FLOATING),
-        ([1, 3, 2, 0], 1 << sv.TROUBLE_CORNER_FLOATING | 1 << sv.TROUBLE_CORNER_STUCK),
+        ([2, 0, 0, 0], 1 << sv.FAULT_CORNER_STUCK),
+        ([0, 0, 0, 3], 1 << sv.FAULT_CORNER_FLOATING),
+        ([1, 3, 2, 0], 1 << sv.FAULT_CORNER_FLOATING | 1 << sv.FAULT_CORNER_STUCK),
     ):
         ecu = rig.started(cal)
         good(ecu, cal)
         ecu.status = status
         supervise(ecu, cal, 1)
-        assert ecu.trouble_active == troubles
-        assert ecu.trouble_number == troubles.bit_count()
+        assert ecu.fault_active == codes
+        assert ecu.fault_number == codes.bit_count()
 
 
 NEEDED = [
-    (RX_VEHICLE_MOTION, {}, (1, 2), sv.TROUBLE_SPEED, DEGRADED),
-    (RX_ACTUATOR_STATE, {}, (1, 2), sv.TROUBLE_MOMENT, DEGRADED),
-    (RX_ROLL_REFERENCE, {"observer": fw.BYPASS}, (1, 2, 4), sv.TROUBLE_REFERENCE, SAFE),
-    (RX_SUSPENSION_RATE, {"actuator": fw.DAMPERS}, (1, 2, 4, 8), sv.TROUBLE_STROKE, SAFE),
-    (RX_ACTUATOR_STATE, {"actuator": fw.DAMPERS}, (1, 2), sv.TROUBLE_MOMENT, SAFE),
+    (RX_VEHICLE_MOTION, {}, (1, 2), sv.FAULT_SPEED, DEGRADED),
+    (RX_ACTUATOR_STATE, {}, (1, 2), sv.FAULT_MOMENT, DEGRADED),
+    (RX_ROLL_REFERENCE, {"observer": fw.BYPASS}, (1, 2, 4), sv.FAULT_REFERENCE, SAFE),
+    (RX_SUSPENSION_RATE, {"actuator": fw.DAMPERS}, (1, 2, 4, 8), sv.FAULT_STROKE, SAFE),
+    (RX_ACTUATOR_STATE, {"actuator": fw.DAMPERS}, (1, 2), sv.FAULT_MOMENT, SAFE),
 ]
 
 
@@ -230,10 +230,10 @@ def test_every_signal_of_a_message_is_needed(needed, timeout):
         for k in range(timeout + 1):
             assert ecu.mode == ACTIVE
             ecu.last_sample, ecu.age, ecu.unchanged = [1] * 5, [0] * 5, [0] * 5
-            ecu.valid = [255] * 5
+            ecu.valid = [127] * 5
             ecu.valid[message] -= missing
             supervise(ecu, cal, 1)
-            assert ecu.trouble_active == (1 << code if missing and k == timeout else 0)
+            assert ecu.fault_active == (1 << code if missing and k == timeout else 0)
         assert ecu.mode == (mode if missing else ACTIVE)
 
 
@@ -244,10 +244,10 @@ def test_a_message_that_is_not_needed_is_never_late(message):
         cal.timeout_ticks = [9] * 5
         cal.timeout_ticks[message] = timeout
         ecu = rig.started(rig.calibration())
-        ecu.last_sample, ecu.valid = [1] * 5, [255] * 5
+        ecu.last_sample, ecu.valid = [1] * 5, [127] * 5
         ecu.age[message], ecu.unchanged[message] = 2, 200
         supervise(ecu, cal, 1)
-        assert ecu.trouble_active == late << message
+        assert ecu.fault_active == late << message
 
 
 def test_what_began_degraded_takes_its_whole_recovery():
@@ -272,7 +272,7 @@ def test_more_than_one_tick_is_a_missed_one(elapsed, missed):
     ecu = rig.started(cal)
     good(ecu, cal)
     supervise(ecu, cal, elapsed)
-    assert ecu.trouble_active == missed << sv.TROUBLE_TICK_MISSED
+    assert ecu.fault_active == missed << sv.FAULT_TICK_MISSED
 
 
 def test_ramps_end_at_nothing_and_at_all():
@@ -291,21 +291,22 @@ def test_ramps_end_at_nothing_and_at_all():
     assert (ecu.mode, ecu.authority) == (SAFE, 0)
 
 
-def test_trouble_codes_keep_the_numbers_that_diagnostics_know():
-    """0 to 4 are the late messages; a code that is no more leaves its number free."""
-    codes = {name: code for name, code in vars(sv).items() if name.startswith("TROUBLE_")}
+def test_fault_codes_keep_the_numbers_that_diagnostics_know():
+    """0 to 4 are the late messages."""
+    codes = {name: code for name, code in vars(sv).items() if name.startswith("FAULT_")}
     assert codes == {
-        "TROUBLE_ROLL_RATE": 6,
-        "TROUBLE_ACCELERATION": 7,
-        "TROUBLE_STUCK": 8,
-        "TROUBLE_REFERENCE": 9,
-        "TROUBLE_SPEED": 10,
-        "TROUBLE_STROKE": 11,
-        "TROUBLE_MOMENT": 12,
-        "TROUBLE_CORNER_STUCK": 13,
-        "TROUBLE_CORNER_FLOATING": 14,
-        "TROUBLE_COMMAND": 15,
-        "TROUBLE_TICK_MISSED": 16,
-        "TROUBLE_CALIBRATION": 17,
-        "TROUBLE_CALIBRATION_CRC": 18,
+        "FAULT_DISAGREEMENT": 5,
+        "FAULT_ROLL_RATE": 6,
+        "FAULT_ACCELERATION": 7,
+        "FAULT_STUCK": 8,
+        "FAULT_REFERENCE": 9,
+        "FAULT_SPEED": 10,
+        "FAULT_STROKE": 11,
+        "FAULT_MOMENT": 12,
+        "FAULT_CORNER_STUCK": 13,
+        "FAULT_CORNER_FLOATING": 14,
+        "FAULT_COMMAND": 15,
+        "FAULT_TICK_MISSED": 16,
+        "FAULT_CALIBRATION": 17,
+        "FAULT_CALIBRATION_CRC": 18,
     }

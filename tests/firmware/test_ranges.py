@@ -215,7 +215,7 @@ def test_every_option_is_selected_by_calibration(observer):
             commands += bench.ecu.triggered > 0
         where = (law, actuator, observer, measurements, identification, trigger, protected)
         assert bench.ecu.mode == 1, where
-        assert bench.ecu.trouble_latched == 0, where
+        assert bench.ecu.fault_latched == 0, where
         assert bench.ecu.moment != 0, where
         assert commands >= 2, where
         assert_in_range(bench.ecu)

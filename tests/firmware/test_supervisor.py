@@ -1,4 +1,4 @@
-"""Modes, timeouts, plausibility, ramps, recovery and trouble codes, in closed loop."""
+"""Modes, timeouts, plausibility, ramps, recovery and fault code, in closed loop."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def ticks_until(bench: rig.Bench, mode: int, most: int = 200, ay=3.0) -> int:
 
 
 def active(bench: rig.Bench, code: int) -> bool:
-    return bool(bench.ecu.trouble_active >> code & 1)
+    return bool(bench.ecu.fault_active >> code & 1)
 
 
 def test_init_becomes_active_after_its_time_and_ramps_up():
@@ -54,22 +54,22 @@ def test_init_becomes_active_after_its_time_and_ramps_up():
         authorities.append(bench.ecu.authority)
     assert np.all(np.diff(authorities[:-1]) > 0)
     assert authorities[cal.ramp_ticks] >= (1 << 30) - cal.ramp_ticks
-    assert bench.ecu.trouble_latched == 0
+    assert bench.ecu.fault_latched == 0
 
 
-def test_init_waits_for_a_late_node_without_trouble_then_complains():
+def test_init_waits_for_a_late_node_without_a_fault_then_complains():
     cal = rig.calibration()
     bench = rig.Bench(cal, drop={"Imu"})
     for _ in range(cal.timeout_ticks[RX_IMU] + cal.init_ticks):
         bench.step()
-        assert bench.ecu.trouble_latched == 0
+        assert bench.ecu.fault_latched == 0
     bench.step()
     assert bench.ecu.mode == INIT
     assert active(bench, RX_IMU)
     bench.drop.clear()
     ticks_until(bench, ACTIVE)
-    assert bench.ecu.trouble_active == 0
-    assert bench.ecu.trouble_latched == 1 << RX_IMU
+    assert bench.ecu.fault_active == 0
+    assert bench.ecu.fault_latched == 1 << RX_IMU
 
 
 def test_init_and_safe_command_nothing_and_keep_the_heartbeat():
@@ -101,13 +101,13 @@ def test_a_lost_message_is_noticed_at_its_timeout(message, code, mode, how):
     getattr(bench, how).add(message)
     assert ticks_until(bench, mode) == bench.cal.timeout_ticks[code] + 1
     assert active(bench, code)
-    assert bench.ecu.trouble_latched == 1 << code
-    assert bench.ecu.trouble_count[code] == 1
+    assert bench.ecu.fault_latched == 1 << code
+    assert bench.ecu.fault_count[code] == 1
     getattr(bench, how).clear()
     back = ticks_until(bench, ACTIVE)
     assert bench.cal.recovery_ticks <= back <= bench.cal.recovery_ticks + 4
     assert not active(bench, code)
-    assert bench.ecu.trouble_latched == 1 << code
+    assert bench.ecu.fault_latched == 1 << code
 
 
 @pytest.mark.parametrize("message", ["Imu", "VehicleMotion", "ActuatorState"])
@@ -116,8 +116,8 @@ def test_a_message_that_repeats_one_sample_is_as_good_as_lost(message):
     bench.frozen.add(message)
     mode = SAFE if message == "Imu" else DEGRADED
     assert ticks_until(bench, mode) <= bench.cal.stuck_ticks + 3
-    assert active(bench, sv.TROUBLE_STUCK)
-    assert bench.ecu.trouble_latched == 1 << sv.TROUBLE_STUCK
+    assert active(bench, sv.FAULT_STUCK)
+    assert bench.ecu.fault_latched == 1 << sv.FAULT_STUCK
     bench.frozen.clear()
     ticks_until(bench, ACTIVE)
 
@@ -130,18 +130,18 @@ def test_a_short_burst_of_bad_checksums_is_ridden_out():
         bench.spoil.clear()
         bench.run(0.03, lambda t: 3.0)
     assert bench.ecu.mode == ACTIVE
-    assert bench.ecu.trouble_latched == 0
+    assert bench.ecu.fault_latched == 0
 
 
 CODES = [
-    ("Imu", "RollRate", 163.83, sv.TROUBLE_ROLL_RATE, SAFE),
-    ("Imu", "RollRate", 163.835, sv.TROUBLE_ROLL_RATE, SAFE),
-    ("Imu", "RollRate", 150.0, sv.TROUBLE_ROLL_RATE, SAFE),
-    ("Imu", "LateralAcceleration", 40.9575, sv.TROUBLE_ACCELERATION, DEGRADED),
-    ("Imu", "LateralAcceleration", -25.0, sv.TROUBLE_ACCELERATION, DEGRADED),
-    ("VehicleMotion", "VehicleSpeed", 655.34, sv.TROUBLE_SPEED, DEGRADED),
-    ("VehicleMotion", "SteeringWheelAngle", 3276.7, sv.TROUBLE_SPEED, DEGRADED),
-    ("ActuatorState", "DeliveredMomentRear", 16383.0, sv.TROUBLE_MOMENT, DEGRADED),
+    ("Imu", "RollRate", 163.83, sv.FAULT_ROLL_RATE, SAFE),
+    ("Imu", "RollRate", 163.835, sv.FAULT_ROLL_RATE, SAFE),
+    ("Imu", "RollRate", 150.0, sv.FAULT_ROLL_RATE, SAFE),
+    ("Imu", "LateralAcceleration", 40.9575, sv.FAULT_ACCELERATION, DEGRADED),
+    ("Imu", "LateralAcceleration", -25.0, sv.FAULT_ACCELERATION, DEGRADED),
+    ("VehicleMotion", "VehicleSpeed", 655.34, sv.FAULT_SPEED, DEGRADED),
+    ("VehicleMotion", "SteeringWheelAngle", 3276.7, sv.FAULT_SPEED, DEGRADED),
+    ("ActuatorState", "DeliveredMomentRear", 16383.0, sv.FAULT_MOMENT, DEGRADED),
 ]
 
 
@@ -159,7 +159,7 @@ def test_error_codes_and_implausible_values_last_their_timeout(message, signal, 
     taken = ticks_until(bench, mode)
     assert timeout + 1 <= taken <= timeout + 3
     assert active(bench, code)
-    assert bench.ecu.trouble_latched == 1 << code
+    assert bench.ecu.fault_latched == 1 << code
     # up to then the bad value did no harm
     assert abs(bench.ecu.moment - before) < 100 << 14
     bench.change.clear()
@@ -210,7 +210,7 @@ def test_lost_lateral_acceleration_ends_with_the_feedforward_back_after_recovery
     assert (bench.ecu.mode, bench.ecu.lateral_lost) == (ACTIVE, 0)
     bench.run(0.3, lambda t: 3.0)
     assert bench.ecu.feedforward == 1 << 30
-    assert bench.ecu.trouble_count[sv.TROUBLE_ACCELERATION] == 1
+    assert bench.ecu.fault_count[sv.FAULT_ACCELERATION] == 1
 
 
 def test_without_the_lateral_acceleration_roll_is_still_reduced():
@@ -328,14 +328,14 @@ def test_dampers_need_the_stroke_rates():
         if k == 60:
             assert bench.ecu.mode == ACTIVE
     assert bench.ecu.mode == SAFE
-    assert active(bench, sv.TROUBLE_STROKE)
+    assert active(bench, sv.FAULT_STROKE)
 
 
 STATUS = ("StatusFrontLeft", "StatusFrontRight", "StatusRearLeft", "StatusRearRight")
 
 
 @pytest.mark.parametrize(
-    ("status", "code"), [(2, sv.TROUBLE_CORNER_STUCK), (3, sv.TROUBLE_CORNER_FLOATING)]
+    ("status", "code"), [(2, sv.FAULT_CORNER_STUCK), (3, sv.FAULT_CORNER_FLOATING)]
 )
 @pytest.mark.parametrize("corner", range(4))
 def test_one_failed_corner_degrades_and_is_not_used(corner, status, code):
@@ -369,12 +369,12 @@ def test_two_failed_corners_are_safe_but_one_failed_bar_is_not():
     assert bench.ecu.mode == SAFE
 
 
-def test_a_limited_corner_is_no_trouble():
+def test_a_limited_corner_is_no_fault():
     bench = busy(rig.Bench(rig.calibration()))
     bench.change["ActuatorState"] = dict.fromkeys(STATUS, 1)
     bench.run(0.5, lambda t: 3.0)
     assert bench.ecu.mode == ACTIVE
-    assert bench.ecu.trouble_latched == 0
+    assert bench.ecu.fault_latched == 0
 
 
 @pytest.mark.parametrize("ramp_ticks", [7, 20, 50])
@@ -425,7 +425,7 @@ def test_recovery_waits_and_ramps_without_a_jump():
         bench.run(0.1, lambda t: 3.0)
         bench.drop.clear()
         assert bench.ecu.mode == SAFE
-    assert bench.ecu.trouble_count[RX_IMU] == 6
+    assert bench.ecu.fault_count[RX_IMU] == 6
     ticks_until(bench, ACTIVE)
     moments = [bench.ecu.moment]
     for _ in range(40):
@@ -434,7 +434,7 @@ def test_recovery_waits_and_ramps_without_a_jump():
     assert np.max(np.abs(np.diff(moments))) < 0.12 * abs(moments[-1])
 
 
-def test_troubles_are_latched_counted_and_shown_on_the_bus():
+def test_fault_codes_are_latched_counted_and_shown_on_the_bus():
     bench = busy(rig.Bench(rig.calibration(status_ticks=1)))
     for _ in range(3):
         bench.change["Imu"] = {"LateralAcceleration": 40.9575}
@@ -443,18 +443,18 @@ def test_troubles_are_latched_counted_and_shown_on_the_bus():
         bench.run(0.2, lambda t: 3.0)
     bench.change["Imu"] = {"LateralAcceleration": 40.9575}
     bench.run(0.2, lambda t: 3.0)
-    assert bench.ecu.trouble_count[sv.TROUBLE_ACCELERATION] == 4
+    assert bench.ecu.fault_count[sv.FAULT_ACCELERATION] == 4
     pages, status = {}, {}
     for _ in range(5):
         bench.step(3.0)
         pages[bench.frames[5]["Page"]] = bench.frames[5]
         status = bench.frames[4]
     assert sorted(pages) == [0, 1, 2, 3, 4]
-    assert pages[0]["ActiveTroubles"] == 1 << sv.TROUBLE_ACCELERATION
-    assert pages[0]["LatchedTroubles"] == 1 << sv.TROUBLE_ACCELERATION
+    assert pages[0]["ActiveFaultCodes"] == 1 << sv.FAULT_ACCELERATION
+    assert pages[0]["LatchedFaultCodes"] == 1 << sv.FAULT_ACCELERATION
     assert pages[2]["Occurrences07"] == 4
     assert status["Mode"] == DEGRADED
-    assert status["TroubleCount"] == 1
+    assert status["FaultCodeCount"] == 1
     assert status["MomentCommand"] == pytest.approx(bench.ecu.moment / 2**14, abs=0.26)
     assert status["RollAngleEstimate"] == pytest.approx(
         np.degrees(bench.ecu.x[0] / 2**30), abs=2e-3
@@ -466,20 +466,20 @@ def test_occurrences_saturate():
     ecu = rig.started(rig.calibration())
     for found in 300 * [1 << 9, 0]:
         ecu.found = found
-        sv.latch_troubles(ecu)
-    assert ecu.trouble_count[9] == 255
-    assert ecu.trouble_number == 0
-    assert ecu.trouble_latched == 1 << 9
+        sv.latch_faults(ecu)
+    assert ecu.fault_count[9] == 255
+    assert ecu.fault_number == 0
+    assert ecu.fault_latched == 1 << 9
 
 
 def test_bypass_needs_its_reference_and_nothing_of_the_imu():
     cal = rig.calibration(observer=fw.BYPASS)
     cal.timeout_ticks = [0, 10, 0, 5, 5]
     bench = busy(rig.Bench(cal, reference=True, drop={"Imu"}))
-    assert bench.ecu.trouble_latched == 0
+    assert bench.ecu.fault_latched == 0
     bench.change["RollReference"] = {"RollRate": 163.83}
     ticks_until(bench, SAFE)
-    assert active(bench, sv.TROUBLE_REFERENCE)
+    assert active(bench, sv.FAULT_REFERENCE)
     bench.change.clear()
     ticks_until(bench, ACTIVE)
     bench.drop.add("RollReference")
@@ -491,9 +491,9 @@ def test_missed_ticks_age_the_inputs_and_are_counted():
     bench = busy(rig.Bench(rig.calibration()))
     bench.step(3.0, elapsed=3)
     assert bench.ecu.mode == ACTIVE
-    assert bench.ecu.trouble_count[sv.TROUBLE_TICK_MISSED] == 1
+    assert bench.ecu.fault_count[sv.FAULT_TICK_MISSED] == 1
     bench.step(3.0)
-    assert not active(bench, sv.TROUBLE_TICK_MISSED)
+    assert not active(bench, sv.FAULT_TICK_MISSED)
     bench.drop.add("Imu")
     bench.step(3.0, elapsed=3)
     assert bench.ecu.mode == ACTIVE
@@ -552,7 +552,7 @@ def test_a_refused_calibration_never_runs(change, rule):
     assert loop.init(bench.ecu, bad) == rule
     bench.cal = bad
     assert bench.ecu.mode == SAFE
-    assert bench.ecu.trouble_active == 1 << sv.TROUBLE_CALIBRATION
+    assert bench.ecu.fault_active == 1 << sv.FAULT_CALIBRATION
     before = {name: str(getattr(bench.ecu, name)) for name in ("x", "moment", "age", "time")}
     for _ in range(50):
         bench.step(3.0)
@@ -583,10 +583,10 @@ def test_init_starts_afresh_from_any_state():
             assert getattr(bench.ecu, field) == getattr(fresh, field), field
 
 
-def test_without_control_frames_flow_and_no_trouble_is_raised():
+def test_without_control_frames_flow_and_no_fault_is_raised():
     bench = rig.Bench(rig.calibration(), change={"ActuatorState": {"Enabled": 0}}).active()
     bench.run(2.0, rig.lane_change)
-    assert bench.ecu.trouble_latched == 0
+    assert bench.ecu.fault_latched == 0
     assert bench.ecu.enabled == 0
 
 
@@ -615,7 +615,7 @@ def test_a_slow_message_is_not_stuck_between_its_frames():
     bench = rig.Bench(rig.calibration(tick=0.001, stuck_ticks=5))
     bench.run(0.5)
     assert bench.ecu.mode == ACTIVE
-    assert bench.ecu.trouble_latched == 0
+    assert bench.ecu.fault_latched == 0
 
 
 def test_init_empties_both_sides_of_every_mailbox():

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from firmware import calibration as fw
 from firmware.event_trigger import HEARTBEAT, NOTHING, TRIGGERED, moved
-from firmware.plausibility import TROUBLE_COMMAND
+from firmware.plausibility import FAULT_COMMAND
 from firmware.state import ACTIVE
 
 EPSILON_SQUARED, FLOOR = 0.1, 60.0
@@ -57,7 +57,7 @@ def test_every_command_of_a_manoeuvre_is_due_and_none_is_missing():
     reasons = [reason for reason, _ in rows]
     assert 20 < reasons.count(TRIGGERED) < 200
     assert bench.ecu.commands_sent >= reasons.count(HEARTBEAT) > 50
-    assert bench.ecu.trouble_latched == 0
+    assert bench.ecu.fault_latched == 0
 
 
 def test_without_the_trigger_every_tick_sends():
@@ -86,7 +86,7 @@ def test_a_lost_command_is_sent_again_when_its_echo_is_overdue():
     assert bench.ecu.waiting == 0
 
 
-def test_commands_that_never_arrive_are_a_trouble_and_repeat_as_the_echo_is_overdue():
+def test_commands_that_never_arrive_are_a_fault_and_repeat_as_the_echo_is_overdue():
     bench = rig.Bench(rig.calibration(**RULE, heartbeat_ticks=20), speed_kmh=0.0).active()
     bench.lose_commands = True
     while bench.ecu.triggered != HEARTBEAT:
@@ -94,23 +94,23 @@ def test_commands_that_never_arrive_are_a_trouble_and_repeat_as_the_echo_is_over
     # at standstill nothing triggers: what is sent now is sent again
     reasons = [reason for reason, _ in history(bench, 0.6, lambda t: 0.0)]
     assert 60 // 3 - 2 <= reasons.count(TRIGGERED) <= 60 // 3 + 1
-    assert bench.ecu.trouble_active >> TROUBLE_COMMAND & 1
+    assert bench.ecu.fault_active >> FAULT_COMMAND & 1
     assert bench.ecu.mode == ACTIVE
     bench.lose_commands = False
     bench.run(0.1)
-    assert not bench.ecu.trouble_active >> TROUBLE_COMMAND & 1
-    assert bench.ecu.trouble_latched >> TROUBLE_COMMAND & 1
-    assert bench.ecu.trouble_count[TROUBLE_COMMAND] == 1
+    assert not bench.ecu.fault_active >> FAULT_COMMAND & 1
+    assert bench.ecu.fault_latched >> FAULT_COMMAND & 1
+    assert bench.ecu.fault_count[FAULT_COMMAND] == 1
 
 
 @pytest.mark.parametrize("delay", [0, 3, 11])
-def test_an_echo_that_lags_commands_behind_is_no_trouble(delay):
+def test_an_echo_that_lags_commands_behind_is_no_fault(delay):
     """A gateway of 50 ms each way, a command every tick: the newest echo is never the last sent."""
     cal = rig.calibration(predict_steps=delay, acknowledge_ticks=delay + 3)
     bench = rig.Bench(cal, delay=delay).active()
     bench.run(5.0, rig.lane_change)
     assert bench.commands > 400
-    assert bench.ecu.trouble_latched == 0
+    assert bench.ecu.fault_latched == 0
 
 
 def test_an_echo_while_nothing_is_held_acknowledges_nothing():
@@ -151,7 +151,7 @@ def test_without_protection_there_is_no_counter_to_wait_for():
         if k > 10:
             assert ecu.triggered != TRIGGERED
     assert counters == {(0, 0)}
-    assert ecu.trouble_latched == 0
+    assert ecu.fault_latched == 0
 
 
 def test_commands_carry_a_counter_that_advances_with_every_frame():

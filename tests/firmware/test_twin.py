@@ -47,7 +47,7 @@ def worst_difference(bench: rig.Bench, twin: Twin, ay, seconds: float) -> tuple[
         difference = max(difference, abs(moment - ecu.moment / 2**14))
         peak = max(peak, abs(moment))
     assert bench.ecu.mode == ACTIVE
-    assert bench.ecu.trouble_latched == 0
+    assert bench.ecu.fault_latched == 0
     return difference, peak
 
 

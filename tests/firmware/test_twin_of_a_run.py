@@ -124,7 +124,7 @@ def watched_run(monkeypatch, scenario: str, **options) -> Watched:
         duration_ns=12_000_000_000,
     )
     assert watched.ecu.mode == ACTIVE
-    assert watched.ecu.trouble_latched == 0
+    assert watched.ecu.fault_latched == 0
     assert watched.cal.law in (fw.STATE_FEEDBACK, fw.OUTPUT_FEEDBACK)
     return watched
 

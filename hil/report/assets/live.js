@@ -120,8 +120,8 @@ function showTiles(values) {
   say(byId("mode").querySelector("b"), values.mode ?? "–");
   byId("mode").dataset.mood = MOODS[values.mode] ?? "";
   const known = values.mode !== null;
-  say(byId("faults").querySelector("b"), values.troubles.join(", ") || (known ? "none" : "–"));
-  byId("faults").dataset.mood = values.troubles.length ? "bad" : "";
+  say(byId("faults").querySelector("b"), values.fault_codes.join(", ") || (known ? "none" : "–"));
+  byId("faults").dataset.mood = values.fault_codes.length ? "bad" : "";
 }
 
 function showMessages(values, rates) {

@@ -44,7 +44,7 @@ from plant_sim.can_bus.kernel.network import (
 from plant_sim.can_bus.servers.hub import Hub, HubError, Port, QueueFullError, Received
 from plant_sim.can_bus.simulation import traffic_spec
 from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.can_bus.traffic.log_playback import flags_of
+from plant_sim.can_bus.traffic.log_reader import flags_of
 from plant_sim.can_bus.wire.frame import (
     BIT_RATE_SWITCH,
     ERROR_FLAG,

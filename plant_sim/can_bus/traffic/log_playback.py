@@ -3,27 +3,22 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
-import can
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.can_bus.kernel.layout import FREE_FRAME, MAX_PAYLOAD, NOW, Network
+from canroll.errors import CanrollError
+from plant_sim.can_bus.kernel.layout import FREE_FRAME, NOW, Network
 from plant_sim.can_bus.kernel.queues import enqueue
-from plant_sim.can_bus.wire.frame import (
-    BIT_RATE_SWITCH,
-    EXTENDED,
-    FD,
-    RECEPTION_BITS_BEFORE_END,
-    REMOTE,
-    duration_ns,
-    frame_bits,
+from plant_sim.can_bus.traffic.log_reader import (
+    Logged,
+    read_log,
+    select_channel,
+    transmission_times,
 )
+from plant_sim.can_bus.wire.frame import EXTENDED, RECEPTION_BITS_BEFORE_END
 from plant_sim.kernels.jit import njit
-
-SUFFIXES: Final = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db", ".pcap", ".pcapng")
 
 
 class Frames(NamedTuple):
@@ -66,9 +61,6 @@ def load_recording(
 ) -> Recording:
     """Read a log; its first frame is queued at time 0.
 
-    A log has times of reception. Every frame is queued its own transmission time earlier, so that
-    on a bus of the same ``bitrate`` with nothing else on it, it is received when it was recorded.
-
     Args:
         path: a log of a format python-can knows by its suffix.
         bitrate: of the recorded bus, bit/s.
@@ -82,64 +74,43 @@ def load_recording(
             none is chosen.
         UnknownNameError: it has no such channel.
     """
-    if not path.is_file():
-        raise CanrollError(f"{path}: no such file")
-    if path.suffix.lower() not in SUFFIXES:
-        raise CanrollError(f"{path}: a bus log ends in {', '.join(SUFFIXES)}")
-    try:
-        with can.LogReader(path) as reader:
-            messages = [m for m in reader if not m.is_error_frame]
-    except CanrollError as error:
-        raise CanrollError(f"{path}: {error}") from error
-    except Exception as error:  # python-can's readers let through whatever their parsers raise
-        raise CanrollError(f"{path}: not a readable bus log: {error}") from error
-    channel, messages = _of_channel(path, messages, channel)
-    times = [m.timestamp for m in messages]
-    duration = max(times, default=0.0) - min(times, default=0.0)
-    kept = np.array([(m.arbitration_id, m.is_extended_id) not in leave_out for m in messages], bool)
+    logged = select_channel(path, read_log(path), channel)
+    pairs = zip(logged.ident, logged.flags & EXTENDED != 0, strict=True)
+    kept = np.array([(int(i), bool(x)) not in leave_out for i, x in pairs], bool)
     if not kept.any():
         raise CanrollError(f"{path}: contains no frame to replay")
-    payload = np.zeros((len(messages), MAX_PAYLOAD), np.uint8)
-    ident = np.array([m.arbitration_id for m in messages], np.int64)
-    length = np.array([min(m.dlc, MAX_PAYLOAD if m.is_fd else 8) for m in messages], np.int64)
-    flags = np.array([flags_of(m) for m in messages], np.int64)
-    start = messages[0].timestamp
-    # microseconds are what logs hold; finer digits are the float's own
-    received = np.array([round((m.timestamp - start) * 1e6) * 1000 for m in messages], np.int64)
-    for i, message in enumerate(messages):
-        data = bytes(message.data or b"")
-        count = min(len(data), int(length[i]))
-        payload[i, :count] = np.frombuffer(data, np.uint8)[:count]
-        nominal, fast = frame_bits(int(ident[i]), int(flags[i]), int(length[i]), payload[i])
-        taken = int(duration_ns(nominal - RECEPTION_BITS_BEFORE_END, bitrate))
-        received[i] -= taken + int(duration_ns(fast, data_bitrate or bitrate))
-    order = np.argsort(received, kind="stable")
-    order = order[kept[order]]
-    queued = received[order] - received.min()
-    frames = Frames(queued, ident[order], flags[order], length[order], payload[order])
-    return Recording(frames, channel, round(duration, 6))
+    return recording_of(logged, bitrate=bitrate, data_bitrate=data_bitrate, kept=kept)
 
 
-def _of_channel(
-    path: Path, messages: list[can.Message], channel: str | None
-) -> tuple[str, list[can.Message]]:
-    known = sorted({str(m.channel) for m in messages})
-    if channel is None and len(known) > 1:
-        raise CanrollError(
-            f"{path}: frames of channels {', '.join(known)}: choose one with --channel"
-        )
-    chosen = channel if channel is not None else "".join(known)
-    if messages and chosen not in known:
-        raise UnknownNameError(f"channel of {path}", chosen, known)
-    return chosen, [m for m in messages if str(m.channel) == chosen]
+def recording_of(
+    logged: Logged, *, bitrate: int, data_bitrate: int = 0, kept: NDArray[np.bool_] | None = None
+) -> Recording:
+    """Return the frames of a channel, those of the mask ``kept`` alone, as they were queued.
+
+    A log has times of reception. Every frame is queued its own transmission time earlier, so that
+    on a bus of the same ``bitrate`` with nothing else on it, it is received when it was recorded.
+    """
+    started = start_times(logged, bitrate=bitrate, data_bitrate=data_bitrate)
+    order = np.argsort(started, kind="stable")
+    if kept is not None:
+        order = order[kept[order]]
+    frames = Frames(
+        started[order] - started.min(),
+        logged.ident[order],
+        logged.flags[order],
+        logged.length[order],
+        logged.payload[order],
+    )
+    duration = int(logged.received_ns[-1] - logged.received_ns[0]) * 1e-9
+    return Recording(frames, logged.channel, round(duration, 6))
 
 
-def flags_of(message: can.Message) -> int:
-    """Return the flags of a python-can message, those of :mod:`plant_sim.can_bus.wire.frame`."""
-    flags = (EXTENDED if message.is_extended_id else 0) | (REMOTE if message.is_remote_frame else 0)
-    if message.is_fd:
-        flags |= FD | (BIT_RATE_SWITCH if message.bitrate_switch else 0)
-    return flags
+def start_times(logged: Logged, *, bitrate: int, data_bitrate: int = 0) -> NDArray[np.int64]:
+    """Return when each frame's transmission began, ns, from the time of its reception."""
+    nominal = logged.nominal_bits - RECEPTION_BITS_BEFORE_END
+    taken = transmission_times(nominal, logged.data_bits, bitrate, data_bitrate)
+    started: NDArray[np.int64] = logged.received_ns - taken
+    return started
 
 
 @njit

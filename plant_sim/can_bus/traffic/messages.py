@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from plant_sim.can_bus.kernel.network import Source
 from plant_sim.can_bus.wire.frame import (
     RECEPTION_BITS_BEFORE_END,
+    arbitration_key,
     best_case_bits,
     transmission_ns,
     worst_case_ns,
@@ -17,7 +18,8 @@ class BusMessage:
 
     ``jitter_ns`` is the greatest time from the nominal release to the queueing; ``bits`` above 0
     gives the frame length, interframe space included, instead of identifier and payload; ``fifo``:
-    it waits in a first-in first-out queue.
+    it waits in a first-in first-out queue; ``distance_ns``: the least one of two frames, 0: any.
+    The analysis alone reads it.
     """
 
     name: str
@@ -31,6 +33,12 @@ class BusMessage:
     flags: int = 0
     bits: int = 0
     fifo: bool = False
+    distance_ns: int = 0
+
+    @property
+    def arbitration_key(self) -> int:
+        """The number that decides arbitration: lower wins."""
+        return int(arbitration_key(self.ident, self.flags))
 
     def worst_ns(self, bitrate: int, data_bitrate: int = 0) -> int:
         """Return the longest time its frame can take, interframe space included."""

@@ -10,6 +10,7 @@ from codegen.export import a2l
 from codegen.generated import bus_map, signals
 from codegen.generated.bus_map import Xcp
 from codegen.run import ecu_traffic, memory_image
+from firmware.limits import LAST_BYTE
 from firmware.subset import fields
 
 pytest.importorskip("grpc", reason="needs pya2l")
@@ -160,7 +161,7 @@ def test_the_software_is_named_and_xcp_is_there(tree, database):
     assert parameters.epk.identifier == SOFTWARE.epk
     assert parameters.addr_epk[0].address == BASE["canroll_epk"]
     (segment,) = parameters.memory_segment
-    assert (segment.address, segment.size) == (BASE["calibration"], 1600)
+    assert (segment.address, segment.size) == (BASE["calibration"], LAST_BYTE + 1)
     constants = {each.name: each.value for each in parameters.system_constant}
     record = SOFTWARE.record
     assert constants["CALIBRATION_ID"] == f"0x{record.id:08X}"

@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+import sys
 from importlib.metadata import version
 
 import cantools
@@ -334,3 +335,42 @@ def test_the_readme_leaves_no_gap(folder):
 def test_an_image_without_the_records_is_refused(tmp_path):
     with pytest.raises(CanrollError, match="no such image"):
         export_c.address(tmp_path, tmp_path / "none.elf", None)
+
+
+def compared(folder, *options):
+    """Build the comparison of a bundle's codec with cantools and run it."""
+    result = make(folder, "build/codec", "CFLAGS=-std=c99 -O1 -Wall -Wextra -Wpedantic -Werror")
+    assert result.returncode == 0, result.stderr
+    command = [sys.executable, str(folder / "test" / "test_codec.py"), *options]
+    return subprocess.run(command, capture_output=True, text=True, timeout=1800, check=False)
+
+
+def test_its_codec_is_what_cantools_says(folder):
+    result = compared(folder, "--frames", "200")
+    assert result.returncode == 0, result.stdout
+    # five messages received, five sent, and five pages of the diagnostics
+    assert result.stdout.count("PASS") == 15
+
+
+def test_another_codec_is_noticed(folder, tmp_path):
+    shutil.copytree(folder, tmp_path / "changed")
+    source = tmp_path / "changed" / "src" / "canroll_signals.c"
+    text = source.read_text()
+    rounded = "canroll_rsh32(ecu->force[0], 15)"
+    for old, new in (("767603923", "767603900"), (rounded, "(ecu->force[0] >> 15)")):
+        assert old in text
+        source.write_text(text.replace(old, new))
+        result = compared(tmp_path / "changed", "--frames", "2000")
+        assert result.returncode == 1 and "FAIL" in result.stdout
+
+
+def test_without_cantools_the_comparison_is_skipped(folder, tmp_path):
+    (tmp_path / "cantools.py").write_text("raise ImportError")
+    result = subprocess.run(
+        [sys.executable, str(folder / "test" / "test_codec.py")],
+        env={"PYTHONPATH": str(tmp_path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (result.returncode, result.stdout) == (0, "SKIP: needs the Python package cantools\n")

@@ -51,9 +51,9 @@ signals.Left = "force[0]"
 signals.Right = "force[1]"
 [transmit.diagnostics]
 message = "Faults"
-signals.Active = "trouble_active"
-signals.Count0 = "trouble_count[16]"
-signals.Count1 = "trouble_count[17]"
+signals.Active = "fault_active"
+signals.Count0 = "fault_count[16]"
+signals.Count1 = "fault_count[17]"
 signals.Top = "lateral_lost"
 """
 DATABASE = load_string(DBC, "dbc")
@@ -126,7 +126,7 @@ def test_diagnostics_send_their_pages_in_turn(bus):
     assert loop.init(ecu, cal) == 0
     seen = []
     for k in range(7):
-        ecu.trouble_count[16], ecu.trouble_count[17], ecu.trouble_active = 20, 30, 1 << 16
+        ecu.fault_count[16], ecu.fault_count[17], ecu.fault_active = 20, 30, 1 << 16
         ecu.lateral_lost = k & 1
         transmit.signals.pack(ecu, 5)
         decoded = DATABASE.decode_message("Faults", bytes(ecu.tx_payload[5]))

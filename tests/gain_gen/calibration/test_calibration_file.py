@@ -23,7 +23,7 @@ from gain_gen.calibration.quantise import Options
 from gain_gen.calibration.record import fill, flatten, identify, packed
 from gain_gen.calibration.rounding_error import integer_loop, manoeuvre_error, measured
 from gain_gen.calibration.rows import quantise, quantise_row
-from gain_gen.calibration.vehicle_part import damper_knee, moment_limit, static_share, steering_gain
+from gain_gen.calibration.vehicle_part import damper_knee, moment_limit, steering_gain
 from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.margin_report import margin_report
@@ -176,7 +176,8 @@ def test_file_comes_back_as_it_was(tmp_path, calibrated):
         ("tick_us = 10000", "tick_us = 50", r":\d+: 'tick_us' = 50 is outside 1000 to 20000"),
         ("tick_us = 10000", "tick_us = 9000", r":\d+: crc does not match"),
         ("tick_us = 10000", "tick_us = 1.5", r":\d+: 'tick_us' must hold integers, not 1.5"),
-        ("tick_us = 10000", "tikc_us = 10000", r":\d+: unknown key 'tikc_us', did you mean"),
+        ("tick_us = 10000", "tikc_us = 10000", r":\d+: unknown key 'tikc_us': did you mean"),
+        ("crc = ", "budget_tick_us = 0\ncrc = ", r"'budget_tick_us': create it again"),
         ("tick_us = 10000\n", "", r"missing key 'tick_us'"),
         ("[margins]", "[marigns]", r"unknown key 'marigns'"),
         ("law = 0", "law = [0]", r"'law' must hold integers"),
@@ -258,7 +259,7 @@ def test_header_comments_cannot_end_early():
 
 def test_limits_follow_the_actuators():
     van = task()
-    share = static_share(van.vehicle)
+    share = van.vehicle.geometry.static_front_share
     limit = moment_limit(van, share)
     geometry = van.vehicle.geometry
     front = limit * share / (2 * geometry.half_track_front)

@@ -78,6 +78,7 @@ def test_key_and_value_read_as_options_do():
         ({"observer": "two"}, "unknown observer 'two'"),
         ({"bus": "500"}, "unknown bus '500': did you mean '500k'"),
         ({"plant": "roll"}, "unknown plant 'roll': did you mean 'roll1'"),
+        ({"plant": "fullcar"}, "unknown plant 'fullcar': did you mean 'linear_car'"),
         ({"tick_ms": 21.0}, "tick 21 ms: must be 1 to 20 ms"),
         ({"seed": -1}, "seed -1: must be 0 to 2147483647"),
         ({"speed_kmh": 0.0}, "speed 0 km/h: must be above 0 km/h"),

@@ -157,7 +157,7 @@ def test_passive_frames_go_on_and_nothing_is_delivered(van_real):
     decode = dbc.load().get_message_by_name("ActuatorState").decode
     assert {decode(bytes(f["payload"][:8]))["Enabled"].value for f in state[:50]} == {0}
     assert np.sum(passive.frames["ident"] == 0x80) > 100
-    assert np.all(passive.ticks["troubles"] == 0)
+    assert np.all(passive.ticks["fault_codes"] == 0)
 
 
 def test_the_law_passive_has_no_controlled_run():

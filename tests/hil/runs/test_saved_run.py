@@ -5,6 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
+from numpy.lib.recfunctions import rename_fields
 
 from canroll.errors import CanrollError
 from gain_gen.calibration.calibration_file import dumps
@@ -72,6 +73,23 @@ def test_the_page_made_anew_is_the_same(folder, capsys):
 def test_the_same_run_gives_the_same_bytes(driven, folder, tmp_path):
     again = saved_run.save_traces(tmp_path / "again.npz", saved_run.load(folder))
     assert again.read_bytes() == (folder / "trace.npz").read_bytes()
+
+
+def test_a_run_saved_under_the_names_of_old_is_read(driven, folder):
+    old = {new: name for name, new in saved_run.OLD_COLUMNS.items()}
+    with np.load(folder / "trace.npz") as archive:
+        arrays = {
+            name: rename_fields(array, old) if name.endswith("/ticks") else array
+            for name, array in archive.items()
+        }
+    np.savez_compressed(folder / "trace.npz", **arrays)
+    data = json.loads((folder / "result.json").read_text())
+    (folder / "result.json").write_text(json.dumps({**data, "plant": "fullcar"}))
+    assert "troubles" in arrays["controlled/ticks"].dtype.names
+    found = saved_run.load(folder)
+    assert found.settings.plant == "linear_car"
+    assert found.controlled.ticks.dtype == driven.controlled.ticks.dtype
+    assert found.controlled.ticks.tobytes() == driven.controlled.ticks.tobytes()
 
 
 def test_a_run_without_control(tmp_path, capsys):

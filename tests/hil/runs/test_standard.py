@@ -118,7 +118,7 @@ def test_the_terminal_and_the_page_show_both(nonlinear, linear, capsys):
     assert "a replay of it is the controlled run" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("plant", ["roll1", "fullcar", "nonlinear"])
+@pytest.mark.parametrize("plant", ["roll1", "linear_car", "nonlinear"])
 def test_the_driver_of_van_real_clears_the_cones(plant):
     """Tuned on the passive car; with control, which the driver was not tuned for, it holds too."""
     result = experiment.run("double_lane_change", plant=plant)

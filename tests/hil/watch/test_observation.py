@@ -11,8 +11,8 @@ from hil.cli.watch import view
 from hil.watch.observation import (
     COMMAND_TO_ACKNOWLEDGEMENT,
     CONTROLLER,
+    FAULT_CODES,
     IMU_TO_COMMAND,
-    TROUBLES,
     VEHICLE,
     Observation,
 )
@@ -59,21 +59,21 @@ def test_a_silent_bus_has_no_rates(seen):
     assert seen.summary()["mode"] == "ACTIVE"
 
 
-def test_troubles_in_words():
+def test_fault_codes_in_words():
     observation = Observation(500_000)
     message = dbc.load().get_message_by_name("RollControlDiagnostics")
     payload = message.encode(
-        {"Checksum": 0, "Counter": 0, "Page": 0, "ActiveTroubles": 1 << 16,
-         "LatchedTroubles": 1 << 16 | 1 << 6},
+        {"Checksum": 0, "Counter": 0, "Page": 0, "ActiveFaultCodes": 1 << 16,
+         "LatchedFaultCodes": 1 << 16 | 1 << 6},
     )  # fmt: skip
     observation.see(0.0, (message.frame_id, payload))
-    assert observation.troubles == ["tick missed"]
-    assert observation.latched_troubles == ["roll rate", "tick missed"]
+    assert observation.fault_codes == ["tick missed"]
+    assert observation.latched_fault_codes == ["roll rate", "tick missed"]
 
 
 def test_a_late_message_is_named():
-    assert TROUBLES[0] == "Imu late"
-    assert TROUBLES[3] == "ActuatorState late"
+    assert FAULT_CODES[0] == "Imu late"
+    assert FAULT_CODES[3] == "ActuatorState late"
 
 
 def test_extended_and_remote_frames_only_load_the_bus():

@@ -33,7 +33,7 @@ class Fed:
 
 
 def diagnostics(active, latched):
-    return {"Page": 0, "ActiveTroubles": active, "LatchedTroubles": latched}
+    return {"Page": 0, "ActiveFaultCodes": active, "LatchedFaultCodes": latched}
 
 
 def test_rows_hold_the_values_of_every_frame():

@@ -13,7 +13,6 @@ from vehicles.full_car import (
     INPUTS,
     REPAIRED,
     STATES,
-    frequency_response,
     from_vehicle,
     state_matrices,
 )
@@ -110,7 +109,7 @@ def test_frequency_response_equals_python_control_on_the_printed_equations(car):
     a, b, at = descriptor(car, SPEED)
     omega = np.geomspace(0.1, 60.0, 25)
     reference = control.ss(a, b, np.eye(26), np.zeros((26, 7)))(1j * omega)
-    ours = frequency_response(car, SPEED, omega / (2 * np.pi))
+    ours = control.ss(*state_matrices(car, SPEED), np.eye(26), np.zeros((26, 14)))(1j * omega)
     for theirs, name in OURS.items():
         for column, drive in DRIVES.items():
             mine = ours[STATES.index(name), INPUTS.index(drive)]
@@ -168,7 +167,7 @@ def simulated(body, vehicle, seconds, speed=SPEED, **slots):
 @pytest.mark.parametrize("name", vehicles.names())
 def test_steady_turn_agrees_with_the_roll_plant(name):
     vehicle = vehicles.load(name)
-    full = simulated(bodies.body("fullcar"), vehicle, 8.0, STEER=0.005)
+    full = simulated(bodies.body("linear_car"), vehicle, 8.0, STEER=0.005)
     roll = simulated(bodies.body("roll1"), vehicle, 8.0, STEER=0.005)
     assert full[ports.AY] == pytest.approx(roll[ports.AY], rel=1e-4)
     # The linear full car leaves out how a tilted axle carries its load, a few per cent of roll.
@@ -182,13 +181,13 @@ def test_step_equals_scipy():
     from scipy.linalg import expm
 
     vehicle = vehicles.load("van_real")
-    _, parameters = bodies.body("fullcar_hydraulic").build(vehicle, 20.0)
+    _, parameters = bodies.body("linear_car_hydraulic").build(vehicle, 20.0)
     n = linear_car.N_LINEAR
     start = linear_car.P_MATRICES
     a = parameters[start : start + n * n].reshape(n, n)
     b = parameters[start + n * n :].reshape(n, len(INPUTS))
     outputs = simulated(
-        bodies.body("fullcar_hydraulic"),
+        bodies.body("linear_car_hydraulic"),
         vehicle,
         0.5,
         speed=20.0,
@@ -206,7 +205,7 @@ def test_step_equals_scipy():
 
 def test_valve_current_rolls_the_body_and_meets_its_limits():
     vehicle = vehicles.load("van_real")
-    body = bodies.body("fullcar_hydraulic")
+    body = bodies.body("linear_car_hydraulic")
     pushed = simulated(body, vehicle, 4.0, VALVE_CURRENT_FRONT=0.5)
     other = simulated(body, vehicle, 4.0, VALVE_CURRENT_FRONT=-0.5)
     assert pushed[ports.ROLL] == pytest.approx(-other[ports.ROLL], rel=1e-9)
@@ -219,7 +218,7 @@ def test_valve_current_rolls_the_body_and_meets_its_limits():
 
 
 def test_one_sided_road_rolls_the_body():
-    outputs = simulated(bodies.body("fullcar"), vehicles.load("van_real"), 3.0, ROAD_HEIGHT=0.02)
+    outputs = simulated(bodies.body("linear_car"), vehicles.load("van_real"), 3.0, ROAD_HEIGHT=0.02)
     assert outputs[ports.ROLL] > 0 and outputs[ports.PITCH] < 0
 
 

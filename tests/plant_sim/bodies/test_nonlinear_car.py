@@ -7,9 +7,9 @@ import vehicles
 from canroll.errors import CanrollError
 from plant_sim import bodies
 from plant_sim.bodies import nonlinear_car, parameters, ports, tyre
-from plant_sim.bodies.parameters import steady_roll_gradient, suspension_roll_stiffness
 from plant_sim.driving import maneuvers
 from plant_sim.world import open_loop
+from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
 
 BODY = bodies.body("nonlinear")
 
@@ -69,7 +69,7 @@ def test_steady_roll_and_understeer_equal_their_closed_forms(name):
     lateral = outputs[ports.AY]
     stiffness = suspension_roll_stiffness(vehicle)
     assert outputs[ports.ROLL] / lateral == pytest.approx(
-        steady_roll_gradient(vehicle, stiffness), rel=0.01
+        steady_roll(vehicle, stiffness)[0], rel=0.01
     )
     curvature = outputs[ports.YAW_RATE] / outputs[ports.VX]
     expected = vehicle.geometry.wheelbase * curvature + maneuvers.understeer(vehicle) * lateral
@@ -81,7 +81,7 @@ def test_all_plants_share_one_roll_gradient(name):
     vehicle = vehicles.load(name)
     gradient = vehicle.plant.roll_arm / vehicle.plant.effective_stiffness
     stiffness = suspension_roll_stiffness(vehicle)
-    assert steady_roll_gradient(vehicle, stiffness) == pytest.approx(gradient, rel=1e-9)
+    assert steady_roll(vehicle, stiffness)[0] == pytest.approx(gradient, rel=1e-9)
 
 
 def test_loads_balance_the_overturning_moment_in_a_steady_turn():

@@ -373,7 +373,7 @@ def straight(world, force, until):
     return np.array([world.signals[f"wheel_load_{w}"][-200:].mean() for w in wheels])
 
 
-@pytest.mark.parametrize("body", ["fullcar", "nonlinear"])
+@pytest.mark.parametrize("body", ["linear_car", "nonlinear"])
 def test_actuators_push_body_and_wheels_apart(body):
     """Forces between body and wheels are internal: they lift the body, not the car."""
 
@@ -400,7 +400,7 @@ def test_actuators_push_body_and_wheels_apart(body):
     assert abs(shift) < 300
 
 
-@pytest.mark.parametrize("body", ["roll1", "fullcar", "nonlinear"])
+@pytest.mark.parametrize("body", ["roll1", "linear_car", "nonlinear"])
 def test_the_imu_feels_what_its_place_on_the_body_does(body):
     """Lateral frames against the recorded motion by the linear relation for small angles."""
     world = make(body=body, sensors=SensorOptions.ideal(phases={"Imu": 0.004}))

@@ -1,0 +1,149 @@
+"""Tyres at a trim: how much lateral force an axle gains by slip and by load transfer in a curve."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from math import atan, cos, sin
+
+from scipy.optimize import brentq
+
+from canroll.errors import CanrollError
+from vehicles import GRAVITY, Vehicle
+from vehicles.model import Tyre
+from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
+
+LEAST_LOAD = 0.05
+"""Share of its static load that the inner wheel must keep for a trim to be linear about."""
+MOST_GRIP = 0.97
+"""Share of an axle's grip that a trim may use."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxleTyres:
+    """Both tyres of an axle, linear about a trim.
+
+    Attributes:
+        cornering: force per slip angle, N/rad.
+        transfer: force per load moved from the left to the right wheel, N/N; zero going straight.
+    """
+
+    cornering: float
+    transfer: float
+
+
+def straight(vehicle: Vehicle) -> tuple[AxleTyres, AxleTyres]:
+    """Return front and rear tyres going straight."""
+    tyre = vehicle.tyre
+    return (
+        AxleTyres(tyre.cornering_stiffness_front, 0.0),
+        AxleTyres(tyre.cornering_stiffness_rear, 0.0),
+    )
+
+
+def steady_curve(
+    vehicle: Vehicle, lateral_acceleration: float, friction: float
+) -> tuple[AxleTyres, AxleTyres]:
+    """Return front and rear tyres in a steady curve.
+
+    Args:
+        vehicle: its plant part.
+        lateral_acceleration: of the curve, m/s², not negative.
+        friction: of the road; 1 is the one that the tyre's friction coefficient is for.
+
+    Raises:
+        CanrollError: an inner wheel lifts, or the grip doesn't hold the car in this curve.
+    """
+    if not lateral_acceleration:
+        return straight(vehicle)
+    front, rear = (axle.linear(lateral_acceleration, friction) for axle in _axles(vehicle))
+    return front, rear
+
+
+def most_lateral_acceleration(vehicle: Vehicle, friction: float) -> float:
+    """Return the largest lateral acceleration with a linear trim, m/s²: grip or wheel lift."""
+    lift = min((1.0 - LEAST_LOAD) * axle.static / axle.transferred for axle in _axles(vehicle))
+    grip = [
+        float(brentq(lambda a, axle=axle: axle.reserve(a, friction), 0.0, lift))
+        if axle.reserve(lift, friction) < 0.0
+        else lift
+        for axle in _axles(vehicle)
+    ]
+    return min(grip)
+
+
+@dataclass(frozen=True, slots=True)
+class _Axle:
+    """An axle: static load per wheel (N), load moved and force (N) per lateral acceleration."""
+
+    tyre: Tyre
+    stiffness: float
+    static: float
+    transferred: float
+    force: float
+
+    def loads(self, lateral_acceleration: float) -> tuple[float, float]:
+        moved = self.transferred * lateral_acceleration
+        return self.static - moved, self.static + moved
+
+    def grip(self, load: float, friction: float) -> float:
+        """Return the peak lateral force of a wheel, N."""
+        overload = load / self.static - 1.0
+        return (
+            self.tyre.friction * friction * (1.0 - self.tyre.friction_load_slope * overload) * load
+        )
+
+    def reserve(self, lateral_acceleration: float, friction: float) -> float:
+        """Return the grip that is left, N."""
+        loads = self.loads(lateral_acceleration)
+        available = MOST_GRIP * sum(self.grip(load, friction) for load in loads)
+        return available - self.force * lateral_acceleration
+
+    def wheel(self, slip: float, load: float, friction: float) -> tuple[float, float]:
+        """Return a wheel's lateral force (N) and its slope over slip (N/rad): magic formula."""
+        ratio = load / self.static
+        slope = 0.5 * self.stiffness * ratio
+        slope *= 1.0 - self.tyre.cornering_load_slope * (ratio - 1.0)
+        peak = self.grip(load, friction)
+        shape, curvature = self.tyre.shape, self.tyre.curvature
+        x = slope * slip / (peak * shape)
+        bent = x - curvature * (x - atan(x))
+        rise = 1.0 - curvature * (1.0 - 1.0 / (1.0 + x * x))
+        angle = shape * atan(bent)
+        return peak * sin(angle), slope * cos(angle) * rise / (1.0 + bent * bent)
+
+    def linear(self, lateral_acceleration: float, friction: float) -> AxleTyres:
+        """Return both wheels about the trim in which the axle carries its share."""
+        left, right = self.loads(lateral_acceleration)
+        needed = self.force * lateral_acceleration
+        if left < LEAST_LOAD * self.static or self.reserve(lateral_acceleration, friction) < 0.0:
+            raise CanrollError(
+                f"no steady curve of {lateral_acceleration:g} m/s² at friction {friction:g}: "
+                "the inner wheels lift or the grip is too low"
+            )
+
+        def force(slip: float, shift: float = 0.0) -> float:
+            inner = self.wheel(slip, left - shift, friction)[0]
+            return inner + self.wheel(slip, right + shift, friction)[0]
+
+        most = 0.01
+        while force(most) < needed:
+            most *= 1.1
+        slip = float(brentq(lambda s: force(s) - needed, 0.0, most, xtol=1e-12))
+        step = 1e-4 * self.static
+        transfer = (force(slip, step) - force(slip, -step)) / (2.0 * step)
+        slopes = (self.wheel(slip, load, friction)[1] for load in (left, right))
+        return AxleTyres(sum(slopes), transfer)
+
+
+def _axles(vehicle: Vehicle) -> Iterator[_Axle]:
+    """Yield front and rear axle."""
+    geometry, tyre = vehicle.geometry, vehicle.tyre
+    _, *tilts = steady_roll(vehicle, suspension_roll_stiffness(vehicle))
+    share = geometry.static_front_share
+    tracks = (geometry.half_track_front, geometry.half_track_rear)
+    stiffnesses = (tyre.cornering_stiffness_front, tyre.cornering_stiffness_rear)
+    for part, tilt, track, stiffness in zip(
+        (share, 1.0 - share), tilts, tracks, stiffnesses, strict=True
+    ):
+        force = part * vehicle.total_mass
+        transferred = tyre.vertical_stiffness * track * tilt
+        yield _Axle(tyre, stiffness, 0.5 * force * GRAVITY, transferred, force)

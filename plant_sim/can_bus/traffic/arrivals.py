@@ -1,0 +1,194 @@
+"""Arrival curves: how many frames of one identifier can be queued in any window of time.
+
+A curve of period T, jitter J and least distance d admits at most min(⌈(t + J)/T⌉, ⌈t/d⌉) frames in
+a window of t (Richter, Ernst 2002). Of a recorded identifier all that is known is between which
+instants each frame was queued; a curve here covers every course of events in between.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from plant_sim.can_bus.traffic.periodicity import Grid, find_grid
+
+PERIODIC: Final = "periodic"
+MIXED: Final = "mixed"
+EVENT: Final = "event-driven"
+LEAST_FRAMES: Final = 6
+"""Fewer frames say nothing about a period."""
+_KNOWN_BEST: Final = 0.9
+"""Share of the frames, those whose release is known best, from which the jitter is inferred: the
+others were released in long busy stretches, anywhere in them."""
+_CONFIDENCE: Final = 0.99
+_FILLED_PERIODIC: Final = 0.9
+_FILLED_MIXED: Final = 0.8
+_ON_GRID_MIXED: Final = 0.5
+_WINDOW_NS: Final = 10e6
+"""In so short a window an event-driven identifier's curve is to admit as few frames as it can."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arrivals:
+    """Arrival curve of one identifier, in nanoseconds, and what it rests on.
+
+    Attributes:
+        kind: ``periodic``, ``mixed`` (periodic, with frames in between) or ``event-driven``.
+        period: of the curve; of a mixed one that of its periodic part is ``cycle``.
+        jitter: greatest lateness behind the nominal release.
+        distance: least distance of two frames, 0: unknown.
+        cycle: inferred period of the periodic part, 0: there is none.
+        offset: first nominal release of the grid, from the log's start.
+        frames: how many were seen; ``between`` of them not on the grid.
+        missing: places of the grid without a frame; ``restarts``: jumps of its phase.
+        exact: frames on the grid whose release is known exactly; of nine tenths it is known
+            within ``uncertainty``, by which the jitter may be too large.
+        residual: root mean square deviation of releases from the grid.
+        confidence: probability that the next release lies within the jitter seen, whatever its
+            distribution: (n − 1)/(n + 1) of n releases; 0 without a grid.
+    """
+
+    kind: str
+    period: float
+    jitter: int
+    distance: int
+    cycle: float
+    offset: int
+    frames: int
+    between: int
+    missing: int
+    restarts: int
+    exact: int
+    uncertainty: int
+    residual: float
+    confidence: float
+
+
+def find_arrivals(
+    earliest: NDArray[np.int64],
+    latest: NDArray[np.int64],
+    exact: NDArray[np.bool_],
+    *,
+    duration_ns: int,
+) -> Arrivals:
+    """Return the arrival curve of frames queued between ``earliest`` and ``latest``.
+
+    Args:
+        earliest: instants in order, nanoseconds, one entry a frame.
+        latest: likewise; where ``exact``, equal to ``earliest``.
+        exact: which are known exactly.
+        duration_ns: of the log.
+    """
+    count = len(latest)
+    if count < LEAST_FRAMES:
+        return _events(earliest, latest, None, duration_ns)
+    grid = find_grid(latest)
+    if grid.on.all() and grid.filled >= _FILLED_PERIODIC and not grid.restarts:
+        return _periodic(earliest, latest, exact, grid)
+    return _events(earliest, latest, grid, duration_ns)
+
+
+def _periodic(
+    earliest: NDArray[np.int64],
+    latest: NDArray[np.int64],
+    exact: NDArray[np.bool_],
+    grid: Grid,
+) -> Arrivals:
+    width = latest - earliest
+    uncertainty = int(np.quantile(width, _KNOWN_BEST, method="higher"))
+    chosen = width <= uncertainty
+    known = int(chosen.sum())
+    period = _narrowest(grid.places[chosen], latest[chosen], grid.period)
+    # times are whole ns: the first one off keeps the differences exact
+    shift = int(latest[0])
+    places = grid.places * period
+    low, high = earliest - shift - places, latest - shift - places
+    # of n uniform draws the range is a Beta(n − 1, 2) share of the whole
+    share = float(stats.beta.ppf(1.0 - _CONFIDENCE, known - 1, 2))
+    floor = min(float(low[chosen].min()), float(high.min()))
+    seen = max(float(high[chosen].max()), float(low.max())) - floor
+    jitter = uncertainty + (seen - uncertainty) / share if seen > uncertainty else seen
+    middle = high[chosen]
+    residual = float(np.sqrt(np.mean((middle - middle.mean()) ** 2)))
+    nominal = shift + floor
+    return Arrivals(
+        kind=PERIODIC,
+        period=period,
+        jitter=int(np.ceil(jitter)),
+        distance=0,
+        cycle=period,
+        offset=round(nominal % period),
+        frames=len(latest),
+        between=0,
+        missing=int(grid.places[-1] - grid.places[0]) + 1 - len(latest),
+        restarts=0,
+        exact=int(exact.sum()),
+        uncertainty=uncertainty,
+        residual=residual,
+        confidence=(known - 1) / (known + 1),
+    )
+
+
+def _narrowest(places: NDArray[np.int64], times: NDArray[np.int64], period: float) -> float:
+    """Return the period near ``period`` at which all times lie in the narrowest strip, ns."""
+    shifted = (times - times[0]).astype(float)
+    span = max(int(places[-1] - places[0]), 1)
+    reach = float(np.ptp(shifted - places * period)) / span
+    low, high = period - reach, period + reach
+    # the width is convex in the period
+    for _ in range(60):
+        left, right = low + (high - low) / 3.0, high - (high - low) / 3.0
+        if np.ptp(shifted - places * left) <= np.ptp(shifted - places * right):
+            high = right
+        else:
+            low = left
+    return 0.5 * (low + high)
+
+
+def _events(
+    earliest: NDArray[np.int64], latest: NDArray[np.int64], grid: Grid | None, duration_ns: int
+) -> Arrivals:
+    """Return the curve that the log itself keeps, of frames that nothing else is known of."""
+    count = len(latest)
+    mixed = (
+        grid is not None
+        and grid.filled >= _FILLED_MIXED
+        and grid.on.sum() >= max(LEAST_FRAMES, _ON_GRID_MIXED * count)
+    )
+    if count < 2:
+        period, jitter, distance = float(max(duration_ns, 1)), 0, 0
+    else:
+        distance = max(int((earliest[1:] - latest[:-1]).min()), 0)
+        mean = max(float(latest[-1] - earliest[0]) / (count - 1), 1.0)
+        candidates = [mean / 2**k for k in range(7)]
+        if mixed and grid is not None:
+            candidates += [grid.period / k for k in (1, 2, 3)]
+        curves = [(T, _jitter(earliest, latest, T)) for T in candidates]
+        period, jitter = min(curves, key=lambda c: (-(-(_WINDOW_NS + c[1]) // c[0]), -c[0]))
+    cycle = grid.period if mixed and grid is not None else 0.0
+    on = grid.on if mixed and grid is not None else np.zeros(count, bool)
+    return Arrivals(
+        kind=MIXED if mixed else EVENT,
+        period=period,
+        jitter=jitter,
+        distance=distance,
+        cycle=cycle,
+        offset=int(latest[on][0] % round(cycle)) if cycle else 0,
+        frames=count,
+        between=count - int(on.sum()),
+        missing=round(on.sum() / grid.filled - on.sum()) if cycle and grid is not None else 0,
+        restarts=grid.restarts if cycle and grid is not None else 0,
+        exact=0,
+        uncertainty=0,
+        residual=0.0,
+        confidence=0.0,
+    )
+
+
+def _jitter(earliest: NDArray[np.int64], latest: NDArray[np.int64], period: float) -> int:
+    """Return the least jitter with which a curve of this period admits the frames, ns."""
+    releases = np.arange(len(latest)) * period
+    most = np.maximum.accumulate(latest - releases)
+    return int(np.ceil(max(float(np.max(most - (earliest - releases))), 0.0)))

@@ -1,0 +1,108 @@
+"""Whether the times of one identifier's frames lie on a grid, and which.
+
+A grid is followed frame by frame: the next one is expected a period after the last, the phase
+slowly corrected. Frames may be missing, others may come between, and a node may start again.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+_CORRECTION: Final = 0.2
+"""Share of a frame's deviation by which the grid's phase follows it."""
+_TOLERANCE: Final = 0.4
+"""Greatest deviation of a frame from its place in the grid, as a share of the period."""
+_RESTART: Final = 3
+"""Frames off the grid, one after the other, behind which it starts again."""
+_TRIAL: Final = 400
+"""Frames on which the candidate periods are tried."""
+_STARTS: Final = 4
+"""First frames that are tried as the one where the grid begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class Grid:
+    """Frames on a grid: ``period`` (ns), and every frame's place in it.
+
+    ``places``: −1 for a frame between the grid's. ``filled``: share of places with a frame.
+    ``restarts``: how often the phase jumped.
+    """
+
+    period: float
+    places: NDArray[np.int64]
+    filled: float
+    restarts: int
+
+    @property
+    def on(self) -> NDArray[np.bool_]:
+        """Mask of the frames on the grid."""
+        mask: NDArray[np.bool_] = self.places >= 0
+        return mask
+
+    @property
+    def agreement(self) -> float:
+        """Agreement of places and frames: 1 where each has exactly one of the other."""
+        hits = int(self.on.sum())
+        return 2.0 * hits / (hits / self.filled + len(self.places)) if hits else 0.0
+
+
+def find_grid(times: NDArray[np.int64]) -> Grid:
+    """Return the grid that fits the times of at least three frames best, in order."""
+    sample = times[:_TRIAL]
+    trials = [
+        (grid.agreement, grid.period, first)
+        for period in _candidates(times)
+        for first in range(min(_STARTS, len(sample) - 2))
+        for grid in (_follow(sample, period, first),)
+    ]
+    _, period, first = max(trials)
+    grid = _follow(times, period, first)
+    if grid.restarts == 0 and grid.on.sum() > 2:
+        # again with the period of the whole log
+        period = float(np.polyfit(grid.places[grid.on], times[grid.on] - times[0], 1)[0])
+        grid = _follow(times, period, first)
+    return grid
+
+
+def _candidates(times: NDArray[np.int64]) -> list[float]:
+    """Return mean and median distance and the commonest ones of frames 1, 2 and 3 apart, ns."""
+    steps = np.diff(times)
+    found = [float(steps.mean()), float(np.median(steps))]
+    for apart in (1, 2, 3):
+        if len(times) > apart:
+            distances = np.sort(times[apart:] - times[:-apart])
+            high = np.searchsorted(distances, distances * 1.05, "right")
+            low = np.searchsorted(distances, distances * 0.95, "left")
+            best = int(np.argmax(high - low))
+            found.append(float(distances[low[best] : high[best]].mean()))
+    return [period for period in dict.fromkeys(found) if period > 0.0]
+
+
+def _follow(times: NDArray[np.int64], period: float, first: int) -> Grid:
+    stamps = times.tolist()
+    places = np.full(len(stamps), -1, np.int64)
+    places[first] = 0
+    nominal, place, restarts, astray, last, hits = float(stamps[first]), 0, 0, 0, first, 1
+    deviation = 0.0
+    for i in range(first + 1, len(stamps)):
+        step = round((stamps[i] - nominal) / period)
+        off = stamps[i] - nominal - step * period
+        if step == 0 and abs(off) < abs(deviation):
+            # nearer to the place that the frame before has taken
+            places[last], places[i], last = -1, place, i
+            nominal += _CORRECTION * (off - deviation)
+            deviation = off
+        elif step > 0 and abs(off) <= _TOLERANCE * period:
+            place, last, hits, astray = place + step, i, hits + 1, 0
+            places[i] = place
+            nominal += step * period + _CORRECTION * off
+            deviation = (1.0 - _CORRECTION) * off
+        elif step > 0:
+            astray += 1
+            if astray == _RESTART:
+                place, last, hits, astray = place + max(step, 1), i, hits + 1, 0
+                places[i], nominal, deviation = place, float(stamps[i]), 0.0
+                restarts += 1
+    return Grid(period, places, hits / (place + 1), restarts)

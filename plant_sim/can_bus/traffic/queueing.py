@@ -1,0 +1,68 @@
+"""When the frames of a log were queued, from nothing but what the bus did.
+
+A frame that starts on an idle bus was queued at that instant. One that follows another frame
+without a pause has waited: since the busy stretch began at the earliest, and since the start of the
+last frame before it that would have lost to it. That holds of frames that compete by identifier as
+soon as they are queued; what a node's own queue holds back counts as queued when it is let go.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.can_bus.traffic.bit_rate import BitRate
+from plant_sim.can_bus.traffic.log_playback import start_times
+from plant_sim.can_bus.traffic.log_reader import Logged, transmission_times
+from plant_sim.can_bus.wire.frame import arbitration_key, duration_ns, worst_case_bits
+
+_STAMP_NS = 2_000
+"""By how much two time stamps of whole microseconds may be off."""
+_PAUSE_BITS = 3
+"""A shorter pause is none: an edge may be taken late, clocks differ."""
+
+
+class QueueTimes(NamedTuple):
+    """Frames of a log in the order of their starts, one entry a frame, times in nanoseconds.
+
+    Each was queued between ``earliest`` and ``start``, where its transmission began; ``exact``: at
+    ``start``, on an idle bus. ``end``: of its interframe space. ``order``: its place in the log.
+    """
+
+    order: NDArray[np.int64]
+    earliest: NDArray[np.int64]
+    start: NDArray[np.int64]
+    end: NDArray[np.int64]
+    exact: NDArray[np.bool_]
+
+
+def queue_times(logged: Logged, rate: BitRate) -> QueueTimes:
+    """Return between which instants every frame of a channel was queued."""
+    started = start_times(logged, bitrate=rate.nominal, data_bitrate=rate.data)
+    order = np.argsort(started, kind="stable")
+    start = started[order]
+    taken = transmission_times(logged.nominal_bits, logged.data_bits, rate.nominal, rate.data)
+    end = start + taken[order]
+    pairs = zip(logged.ident[order].tolist(), logged.flags[order].tolist(), strict=True)
+    keys = [int(arbitration_key(ident, flags)) for ident, flags in pairs]
+    pause = _STAMP_NS + int(duration_ns(_PAUSE_BITS, rate.nominal))
+    broken = int(duration_ns(worst_case_bits(8, 1)[0], rate.nominal))
+    idle = np.r_[True, start[1:] - end[:-1] > pause]
+    errors = np.searchsorted(logged.errors_ns, start)
+    disturbed = np.r_[errors[:1] > 0, np.diff(errors) > 0]
+    earliest = start.copy()
+    first = 0
+    floor = 0
+    for i in range(len(start)):
+        if idle[i]:
+            first, floor = i, int(start[i])
+            if disturbed[i]:
+                # what the error destroyed was this frame, and began no longer ago than it can last
+                before = int(errors[i - 1]) if i else 0
+                floor = int(logged.errors_ns[before]) - broken
+                floor = max(floor, int(end[i - 1])) if i else floor
+        at = i - 1
+        while at >= first and keys[at] <= keys[i]:
+            at -= 1
+        earliest[i] = start[at] if at >= first else min(floor, int(start[i]))
+    return QueueTimes(order, earliest, start, end, idle & ~disturbed)

@@ -1,0 +1,150 @@
+"""Margins over the family: against python-control, a simulation, and figures found elsewhere."""
+
+from dataclasses import replace
+
+import control
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+import vehicles
+from gain_gen.analysis.family import CONDITIONS, NOMINAL, actuated, car_in, family, family_of
+from gain_gen.analysis.margins import margins
+from gain_gen.analysis.sampled_loop import loop_gain, spectral_radius
+from gain_gen.laws import LAWS
+from gain_gen.laws.roll_rate_feedback import static_controller
+from gain_gen.models.task import Delay, Task
+
+DELAYS = {"500k": (5.6, 23.1), "gateway_20ms": (16.1, 50.2), "gateway_50ms": (106.0, 130.0)}
+
+
+def task_on(bus):
+    least, most = (1e-3 * value for value in DELAYS[bus])
+    return Task(vehicles.load("van_real"), Delay(0.5 * (least + most), least, most))
+
+
+def nominal_at_longest(found):
+    return [row for row in found.rows if row.condition == NOMINAL][-1].margins
+
+
+@pytest.mark.parametrize(
+    ("bus", "gain", "gain_db", "sensitivity"),
+    [
+        ("500k", -85237.0, -2.3, np.inf),
+        ("500k", -31500.0, 6.4, 2.2),
+        ("gateway_20ms", -32405.0, 1.7, 6.1),
+        ("gateway_50ms", -10600.0, 6.7, 1.87),
+    ],
+)
+def test_roll_rate_gains_have_the_margins_found_on_the_linearised_plant(
+    bus, gain, gain_db, sensitivity
+):
+    task = task_on(bus)
+    found = family_of(task).margins(static_controller(task, gain))
+    nominal = nominal_at_longest(found)
+    assert nominal.gain_db == pytest.approx(gain_db, abs=0.15)
+    assert nominal.sensitivity == pytest.approx(sensitivity, rel=0.03)
+    assert found.worst_gain.margins.gain_db < gain_db
+    assert found.worst_gain.delay == task.delay.most
+
+
+def test_observer_laws_have_the_margins_found_on_the_linearised_plant():
+    task = task_on("500k")
+    observed = family_of(task).margins(LAWS["lqg_delay"](task).controller)
+    assert nominal_at_longest(observed).gain_db == pytest.approx(7.7, abs=0.2)
+    assert nominal_at_longest(observed).sensitivity == pytest.approx(2.1, abs=0.1)
+    assert observed.worst_gain.margins.gain_db == pytest.approx(3.0, abs=0.3)
+    slow = task_on("gateway_50ms")
+    late = family_of(slow).margins(LAWS["lqg_delay"](slow).controller)
+    assert nominal_at_longest(late).gain_db == pytest.approx(1.1, abs=0.1)
+    assert not late.stable
+    assert late.worst_sensitivity.margins.sensitivity == np.inf
+
+
+def test_a_measured_lateral_acceleration_is_feedback():
+    task = task_on("gateway_50ms")
+    found = family_of(task).margins(LAWS["ay_feedforward"](task).controller)
+    assert nominal_at_longest(found).gain_db == pytest.approx(12.4, abs=0.2)
+    assert 5.0 < found.worst_gain.margins.gain_db < 8.0
+    assert found.stable
+
+
+def test_margins_agree_with_python_control():
+    task = task_on("gateway_20ms")
+    every = family_of(task, conditions=CONDITIONS[:2])
+    controller = LAWS["lqg_delay"](task).controller
+    found = {(row.condition, row.delay): row.margins for row in every.margins(controller).rows}
+    for member in every.members:
+        for delay in every.delays:
+            loop = member.loop(controller, delay)
+            system = control.ss(loop.a, loop.b, -loop.c, 0, loop.tick)
+            here = found[member.condition, delay]
+            curve = np.asarray(system(np.exp(1j * every.frequencies * loop.tick)))
+            assert here.modulus == pytest.approx(np.abs(1.0 + curve).min(), rel=1e-6)
+            # from the response: its polynomials lose too many digits at order thirty
+            data = control.frd(curve, every.frequencies, dt=loop.tick)
+            gains = control.stability_margins(data, returnall=True)[0]
+            least = min(abs(20.0 * np.log10(gain)) for gain in gains)
+            assert here.gain_db == pytest.approx(least, abs=0.05)
+            assert margins(loop).gain_db == pytest.approx(least, abs=0.05)
+
+
+def test_the_gain_margin_is_the_edge_of_stability():
+    task = task_on("500k")
+    controller = static_controller(task, -85237.0)
+    every = family_of(task)
+    for row in every.margins(controller).rows:
+        if not np.isfinite(row.margins.gain_db):
+            continue
+        member = next(m for m in every.members if m.condition == row.condition)
+        loop = member.loop(controller, row.delay)
+        edge = 10.0 ** (row.margins.gain_db / 20.0)
+        assert spectral_radius(replace(loop, c=0.99 * edge * loop.c)) < 1.0
+        assert spectral_radius(replace(loop, c=1.01 * edge * loop.c)) > 1.0
+
+
+def test_the_loop_is_the_car_stepped_finely():
+    task = task_on("500k")
+    controller = static_controller(task, -20000.0)
+    every = family_of(task, conditions=[NOMINAL])
+    member, delay = every.members[0], every.delays[-1]
+    loop = member.loop(controller, delay)
+    car = actuated(car_in(task.vehicle, NOMINAL), lag=task.lag, sensors=task.vehicle.sensors)
+    n, step = len(car.a), 1e-4
+    whole = np.zeros((n + 1, n + 1))
+    whole[:n, :n], whole[:n, n:] = car.a, car.command
+    transition = expm(whole * step)
+    pure = round((delay - 1.0 / (2.0 * np.pi * 50.0)) / step)
+    state, x = np.zeros(n + 1), np.zeros(len(loop.a))
+    state[2] = x[2] = 0.05
+    due = []
+    for k in range(5000):
+        if k % 100 == 0:
+            assert state[2] == pytest.approx(x[2], abs=2e-4)
+            x = loop.closed @ x
+            due.append((k + pure, -20000.0 * float(car.measured[0] @ state[:n])))
+        while due and due[0][0] <= k:
+            state[n] = due.pop(0)[1]
+        state = transition @ state
+
+
+def test_frequency_responses_are_those_of_the_matrices():
+    task = task_on("gateway_20ms")
+    every = family_of(task, conditions=[NOMINAL])
+    controller = LAWS["lqg_delay"](task).controller
+    member, delay = every.members[0], every.delays[-1]
+    expected = loop_gain(member.loop(controller, delay), every.frequencies)
+    found = -np.sum(every.controller_response(controller) * member.commanded(delay), axis=1)
+    assert found == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", vehicles.names())
+def test_every_vehicle_has_a_family(name):
+    vehicle = vehicles.load(name)
+    every = family(vehicle, Delay.constant(0.03), tick=0.01, lag=0.01)
+    assert len(every.members) == len(CONDITIONS)
+    still = static_controller(Task(vehicle, Delay.constant(0.03)), 0.0)
+    found = every.margins(still)
+    assert found.stable
+    assert found.worst_gain.margins.gain_db == np.inf
+    assert "laden" in str(found.rows[0])

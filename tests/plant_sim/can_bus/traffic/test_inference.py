@@ -1,0 +1,235 @@
+"""From logs of simulated buses, whose truth is known, to periods, jitter and bounds."""
+
+from itertools import pairwise
+
+import can
+import numpy as np
+import pytest
+
+from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.can_bus import DELIVERED, Node, advance, build_network, drain, enqueue
+from plant_sim.can_bus.analysis import response_bounds
+from plant_sim.can_bus.kernel.network import add_node
+from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.traffic.arrivals import EVENT, MIXED, PERIODIC
+from plant_sim.can_bus.traffic.inference import infer_bus, infer_buses
+from plant_sim.can_bus.traffic.messages import BusMessage
+from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
+
+MS = 1_000_000
+SECONDS = 8
+EVENTS = 0x7A
+MIXED_IDENT = 0x300
+SUFFIXES = (".asc", ".blf", ".log", ".pcap", ".pcapng")
+
+
+def frame_of(entry, channel=0, shift_s=0.0):
+    flags = int(entry["flags"])
+    return can.Message(
+        timestamp=1.7e9 + shift_s + int(entry["t_received"]) * 1e-9,
+        arbitration_id=int(entry["ident"]),
+        is_extended_id=bool(flags & EXTENDED),
+        is_fd=bool(flags & FD),
+        bitrate_switch=bool(flags & BIT_RATE_SWITCH),
+        data=bytes(entry["payload"][: entry["length"]]),
+        channel=channel,
+    )
+
+
+def write(path, entries, **options):
+    with can.Logger(str(path)) as logger:
+        for entry in entries:
+            logger(frame_of(entry, **options))
+    return path
+
+
+def record(messages, *, bitrate, data_bitrate=0, seed=0, events=(), seconds=SECONDS):
+    """Return what a bus delivers; ``events``: (ns, identifier) of further frames of 8 bytes."""
+    spec = traffic_spec(messages, bitrate=bitrate, data_bitrate=data_bitrate, seed=seed)
+    network = build_network(spec)
+    node = add_node(network, Node("events", policy="priority", capacity=4096))
+    payload = np.arange(8, dtype=np.uint8)
+    cursor, found, waiting = 0, [], sorted(events)
+    for now in range(100 * MS, seconds * 1000 * MS + 1, 100 * MS):
+        while waiting and waiting[0][0] <= now:
+            t_ns, ident = waiting.pop(0)
+            enqueue(network, node, t_ns, ident, 8, payload)
+        advance(network, now)
+        entries, cursor, missed = drain(network, cursor)
+        assert missed == 0
+        found.append(entries[entries["outcome"] == DELIVERED])
+    return np.concatenate(found)
+
+
+def poisson(rng, *, mean_ms, least_ms, seconds=SECONDS):
+    """Instants at random, never closer than ``least_ms``."""
+    count = int(seconds * 1000 / mean_ms)
+    steps = least_ms + rng.exponential(mean_ms - least_ms, count)
+    return np.round(np.cumsum(steps) * MS).astype(int)
+
+
+def a_bus(seed):
+    """A random set with its bit rates: classic and FD, 11 and 29 bits, jitter, joint offsets."""
+    rng = np.random.default_rng(seed)
+    bitrate = int(rng.choice([125_000, 250_000, 500_000]))
+    fd = seed % 4 == 3
+    flags = int(FD | BIT_RATE_SWITCH) if fd else 0
+    scale = 500_000 // bitrate
+    joint = seed % 3 == 0
+    messages = []
+    for ident in rng.choice(np.arange(0x80, 0x7F0), int(rng.integers(8, 26)), replace=False):
+        period = int(rng.choice([10, 20, 50, 100])) * MS * scale
+        wide = seed % 5 == 4 and ident % 2
+        messages.append(
+            BusMessage(
+                f"m{ident}",
+                int(ident) << 18 if wide else int(ident),
+                int(rng.choice([0, 2, 4, 8, *([16, 32] if fd else [])])),
+                period * (1.0 + float(rng.uniform(-1e-4, 1e-4))),
+                f"node{ident % 4}",
+                jitter_ns=int(rng.choice([0.0, 0.01, 0.1, 0.2]) * period),
+                offset_ns=0 if joint else int(rng.integers(period)),
+                flags=flags | (EXTENDED if wide else 0),
+            )
+        )
+    return rng, bitrate, 2_000_000 if fd else 0, messages
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_log_gives_back_its_bus_and_bounds_every_response(tmp_path, seed):
+    rng, bitrate, data_bitrate, messages = a_bus(seed)
+    events = [(t, EVENTS) for t in poisson(rng, mean_ms=60, least_ms=4)] if seed % 2 else []
+    entries = record(messages, bitrate=bitrate, data_bitrate=data_bitrate, seed=seed, events=events)
+    bus = infer_bus(write(tmp_path / f"bus{SUFFIXES[seed % 5]}", entries))
+    assert (bus.rate.nominal, bus.rate.data) == (bitrate, data_bitrate)
+    found = {(m.message.ident, m.message.flags & EXTENDED): m for m in bus.messages}
+    bounds = {
+        b.message.name: b
+        for b in response_bounds(
+            bus.traffic.messages, bitrate=bus.rate.nominal, data_bitrate=bus.rate.data
+        )
+    }
+    for truth in messages:
+        known = found.pop((truth.ident, truth.flags & EXTENDED))
+        assert known.arrivals.kind == PERIODIC
+        assert known.arrivals.cycle == pytest.approx(truth.period_ns, rel=0.01)
+        assert known.message.length == truth.length
+        assert known.message.flags == truth.flags
+        own = entries[(entries["ident"] == truth.ident) & (entries["flags"] == truth.flags)]
+        bound = bounds[known.message.name]
+        since = own["t_queued"] - truth.offset_ns
+        nominal = truth.offset_ns + np.floor((since + 1) / truth.period_ns) * truth.period_ns
+        assert (own["t_end"] - own["t_queued"]).max() <= bound.queued_ns
+        assert (own["t_end"] - nominal).max() <= bound.bound_ns
+        assert known.seen_ns <= bound.bound_ns
+        assert known.arrivals.jitter >= 0.9 * truth.jitter_ns
+    if events:
+        key = EVENTS, 0
+        own = entries[entries["ident"] == EVENTS]
+        assert found.pop(key).arrivals.kind == EVENT
+        assert (own["t_end"] - own["t_queued"]).max() <= bounds["Recorded07A"].queued_ns
+    assert found == {}
+
+
+def test_frames_between_those_of_a_grid_make_an_identifier_mixed(tmp_path):
+    rng = np.random.default_rng(1)
+    cyclic = range(5 * MS, SECONDS * 1000 * MS, 50 * MS)
+    events = [(t, MIXED_IDENT) for t in (*cyclic, *poisson(rng, mean_ms=400, least_ms=30))]
+    entries = record(a_bus(2)[3], bitrate=500_000, events=events)
+    known = {m.message.ident: m for m in infer_bus(write(tmp_path / "m.blf", entries)).messages}
+    found = known[MIXED_IDENT]
+    assert found.arrivals.kind == MIXED
+    assert found.assumed
+    assert found.arrivals.cycle == pytest.approx(50 * MS, rel=0.01)
+    assert found.arrivals.frames == len(events)
+    assert found.arrivals.between == pytest.approx(SECONDS * 1000 / 400, abs=5)
+
+
+def test_the_curve_of_events_admits_all_of_them_and_few_more(tmp_path):
+    """Each window of the log holds at most as many frames as the curve says."""
+    times = [k * 200 * MS + burst * 3 * MS for k in range(30) for burst in range(4)]
+    entries = record([], bitrate=500_000, events=[(t + 1, EVENTS) for t in times])
+    path = write(tmp_path / "events.log", entries)
+    (found,) = infer_bus(path, bitrate=500_000).messages
+    curve = found.arrivals
+    assert curve.kind == EVENT
+    assert curve.distance == pytest.approx(3 * MS, rel=0.01)
+    for window in (1 * MS, 3.5 * MS, 7 * MS, 10 * MS, 150 * MS, 250 * MS):
+        seen = max(sum(t <= other < t + window for other in times) for t in times)
+        most = min(
+            -(-(window + curve.jitter) // curve.period), -(-window // max(curve.distance, 1))
+        )
+        assert seen <= most <= 2 * seen + 1
+
+
+def test_missing_frames_are_counted_and_change_no_period(tmp_path):
+    message = BusMessage("a", 0x100, 8, 10.0 * MS, "a", jitter_ns=MS, offset_ns=3 * MS)
+    entries = record([message], bitrate=500_000)
+    kept = np.delete(entries, [50, 51, 400])
+    (found,) = infer_bus(write(tmp_path / "lost.blf", kept), bitrate=500_000).messages
+    assert found.arrivals.kind == PERIODIC
+    assert found.arrivals.missing == 3
+    assert found.arrivals.period == pytest.approx(10 * MS, rel=1e-4)
+    assert found.arrivals.confidence == pytest.approx((len(kept) - 1) / (len(kept) + 1), abs=2e-3)
+
+
+def test_a_node_that_starts_again_is_not_called_periodic_without_saying(tmp_path):
+    first = BusMessage("a", 0x100, 8, 10.0 * MS, "a", offset_ns=0)
+    entries = record([first], bitrate=500_000, seconds=2)
+    again = entries.copy()
+    again["t_received"] += 2_005 * MS
+    path = write(tmp_path / "again.blf", np.concatenate([entries, again]))
+    (found,) = infer_bus(path, bitrate=500_000).messages
+    assert found.arrivals.restarts == 1
+    assert found.arrivals.cycle == pytest.approx(10 * MS, rel=0.01)
+    assert found.assumed
+
+
+def test_error_frames_are_counted_and_what_they_disturb_is_not_exact(tmp_path):
+    message = BusMessage("a", 0x100, 8, 10.0 * MS, "a")
+    entries = record([message], bitrate=500_000, seconds=2)
+    path = tmp_path / "errors.asc"
+    with can.Logger(str(path)) as logger:
+        for place, entry in enumerate(entries):
+            frame = frame_of(entry)
+            if place % 4 == 1:
+                broken = can.Message(timestamp=frame.timestamp - 0.0003, is_error_frame=True)
+                broken.channel = 0
+                logger(broken)
+            logger(frame)
+    bus = infer_bus(path, bitrate=500_000)
+    assert bus.errors == len(entries) // 4
+    assert bus.messages[0].arrivals.exact == len(entries) - len(entries) // 4
+
+
+def test_every_channel_is_a_bus(tmp_path):
+    _, bitrate, _, messages = a_bus(1)
+    entries = record(messages, bitrate=bitrate, seconds=3)
+    other = record([BusMessage("b", 0x55, 8, 20.0 * MS, "b")], bitrate=bitrate, seconds=3)
+    path = tmp_path / "two.asc"
+    frames = [frame_of(e) for e in entries] + [frame_of(e, channel=1) for e in other]
+    with can.Logger(str(path)) as logger:
+        for frame in sorted(frames, key=lambda f: f.timestamp):
+            logger(frame)
+    one, two = infer_buses(path, bitrate=bitrate)
+    assert len(one.messages) == len(messages)
+    assert [m.message.ident for m in two.messages] == [0x55]
+    assert infer_bus(path, channel=two.channel, bitrate=bitrate).messages == two.messages
+    with pytest.raises(CanrollError, match=r"frames of channels 0, 1: choose one with --channel"):
+        infer_bus(path)
+    with pytest.raises(UnknownNameError, match="channel of"):
+        infer_bus(path, channel="7")
+
+
+def test_a_bit_rate_without_evidence_is_refused(tmp_path):
+    entries = record([BusMessage("a", 0x100, 8, 10.0 * MS, "a")], bitrate=500_000, seconds=2)
+    with pytest.raises(CanrollError, match=r"bit rate cannot be inferred.*give it with --bitrate"):
+        infer_bus(write(tmp_path / "quiet.blf", entries))
+
+
+def test_the_messages_come_in_the_order_of_arbitration(tmp_path):
+    _, bitrate, _, messages = a_bus(4)
+    entries = record(messages, bitrate=bitrate, seconds=3)
+    bus = infer_bus(write(tmp_path / "order.blf", entries))
+    keys = [m.message.arbitration_key for m in bus.messages]
+    assert all(one < next_one for one, next_one in pairwise(keys))

@@ -1,0 +1,69 @@
+"""The suspension's roll stiffness: what is left of the car's once the tyres are taken out."""
+
+import numpy as np
+from scipy.optimize import brentq
+
+from canroll.errors import CanrollError
+from vehicles.model import GRAVITY, Vehicle
+
+
+def axle_roll_shares(vehicle: Vehicle) -> tuple[float, float]:
+    """Front and rear share of the suspension's roll stiffness."""
+    share = vehicle.suspension.roll_stiffness_front_share
+    return share, 1.0 - share
+
+
+def steady_roll(vehicle: Vehicle, suspension_stiffness: float) -> tuple[float, float, float]:
+    """Steady roll of body, front and rear axle per lateral acceleration (rad per m/s²).
+
+    ``suspension_stiffness`` (N·m/rad) is the roll stiffness of springs and bars of both axles.
+    Solves the moment balance of the body about the roll axis and of each axle about the road.
+    """
+    geometry, plant, mass, tyre = vehicle.geometry, vehicle.plant, vehicle.mass, vehicle.tyre
+    total, wheelbase = vehicle.total_mass, geometry.wheelbase
+    matrix, right = np.zeros((3, 3)), np.zeros(3)
+    matrix[0, 0] = suspension_stiffness - plant.roll_arm * GRAVITY
+    right[0] = plant.roll_arm
+    axles = (
+        (geometry.cg_to_rear_axle, geometry.half_track_front, mass.unsprung_front),
+        (geometry.cg_to_front_axle, geometry.half_track_rear, mass.unsprung_rear),
+    )
+    heights = geometry.roll_centre_height_front, geometry.roll_centre_height_rear
+    for i, (other, track, unsprung) in enumerate(axles):
+        stiffness = axle_roll_shares(vehicle)[i] * suspension_stiffness
+        force = total * other / wheelbase
+        sprung = force - unsprung
+        tilt = GRAVITY * (sprung * heights[i] + unsprung * tyre.radius)
+        matrix[0, i + 1] = -stiffness
+        matrix[i + 1, 0] = -stiffness
+        matrix[i + 1, i + 1] = stiffness + 2 * tyre.vertical_stiffness * track**2 - tilt
+        right[i + 1] = sprung * heights[i] + unsprung * tyre.radius
+    body, front, rear = np.linalg.solve(matrix, right).tolist()
+    return body, front, rear
+
+
+def suspension_roll_stiffness(vehicle: Vehicle) -> float:
+    """Roll stiffness (N·m/rad) of springs and bars with which the car rolls as its plant model.
+
+    The plant's roll model has one stiffness, tyres included; here the tyres are separated.
+
+    Raises:
+        CanrollError: the tyres alone give more roll than the plant's roll model.
+    """
+    plant = vehicle.plant
+    wanted = plant.roll_arm / plant.effective_stiffness
+
+    def excess(stiffness: float) -> float:
+        return steady_roll(vehicle, stiffness)[0] - wanted
+
+    hardest = 100 * plant.roll_stiffness
+    if excess(hardest) >= 0:
+        raise CanrollError(
+            f"{vehicle.name}: tyre.vertical_stiffness {vehicle.tyre.vertical_stiffness:g} N/m "
+            "makes the tyres alone softer in roll than plant.roll_stiffness: raise one or lower "
+            "the other"
+        )
+    softest = 1.001 * plant.roll_stiffness
+    if excess(softest) < 0:
+        return softest
+    return float(brentq(excess, softest, hardest, xtol=1e-6, rtol=1e-13))

@@ -1,0 +1,53 @@
+"""The vehicle without its load: the same springs, bars, dampers and tyres under a lighter body."""
+
+from dataclasses import replace
+
+from vehicles.model import GRAVITY, Empty, Vehicle
+from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
+
+MASS_SHARE = 0.75
+"""Sprung mass of the empty over that of the laden car, where the vehicle file has no ``empty``."""
+HEIGHT_SHARE = 0.9
+"""Likewise for the height of the sprung CG above the roll axis."""
+
+
+def empty_body(vehicle: Vehicle) -> Empty:
+    """Return the file's empty body, or that of the rule: inertia about the CG as the mass."""
+    if vehicle.empty is not None:
+        return vehicle.empty
+    laden = vehicle.plant
+    mass = MASS_SHARE * laden.sprung_mass
+    height = HEIGHT_SHARE * laden.cg_height_above_roll_axis
+    return Empty(mass, height, MASS_SHARE * laden.inertia_about_cg + mass * height**2)
+
+
+def unladen(vehicle: Vehicle) -> Vehicle:
+    """Return ``vehicle`` with its empty body.
+
+    Springs, bars and dampers stay. Cornering stiffness and friction at the static load, which is
+    less, follow the tyre's own law of load. The CG keeps its distance from the axles, and pitch and
+    yaw inertia their value.
+    """
+    body, tyre = empty_body(vehicle), vehicle.tyre
+    changed = {
+        "sprung_mass": body.sprung_mass,
+        "cg_height_above_roll_axis": body.cg_height_above_roll_axis,
+        "roll_inertia": body.roll_inertia,
+    }
+    lighter = replace(vehicle, plant=replace(vehicle.plant, **changed))
+    load = lighter.total_mass / vehicle.total_mass
+    gradient = steady_roll(lighter, suspension_roll_stiffness(vehicle))[0]
+    stiffness = lighter.plant.roll_arm / gradient + lighter.plant.roll_arm * GRAVITY
+    plant = replace(lighter.plant, roll_stiffness=stiffness)
+    cornering = load * (1.0 + tyre.cornering_load_slope * (1.0 - load))
+    return replace(
+        vehicle,
+        plant=plant,
+        design=replace(vehicle.design, **changed),
+        tyre=replace(
+            tyre,
+            cornering_stiffness_front=cornering * tyre.cornering_stiffness_front,
+            cornering_stiffness_rear=cornering * tyre.cornering_stiffness_rear,
+            friction=tyre.friction * (1.0 + tyre.friction_load_slope * (1.0 - load)),
+        ),
+    )
