@@ -38,14 +38,19 @@ from gain_gen.models.roll import Matrix, zero_order_hold
 from gain_gen.models.task import Solution, Task
 from vehicles import Vehicle
 
-EFFORT = 0.8
+MOMENT_SHARE = 0.8
 """Default RMS moment over that of the roll moment m h a_y of the car's own lateral acceleration."""
 CORNERS = (8.0, 6.0, 5.0, 4.0, 3.0)
 """Of F, Hz: the first with which the loop has its margins. The highest rolls off before the wheels
 hop; the lower, the more the steering has to lead."""
+CANDIDATES = (
+    *((1.0, corner) for corner in CORNERS),
+    *((0.9**step, CORNERS[-1]) for step in range(1, 8)),
+)
+"""Shares of what is asked for, with corners, in the order in which they are tried."""
 GAIN_MARGIN_DB = 8.5
 PEAK_SENSITIVITY = 1.6
-"""Margins that the corner is chosen for, a little more than every design must have."""
+"""Margins that they are chosen for, a little more than every design must have."""
 MODEL_ORDER = 4
 """States of the steering model: six are no better."""
 RATE_SENSITIVITY = 1.4
@@ -167,7 +172,7 @@ class DisturbedCars:
     tick: float
 
     def worst(self, tuning: Tuning) -> tuple[float, float]:
-        """Return the worst Ms and the worst roll by a moment on the body, over that without control.
+        """Return the worst Ms and the worst roll by a moment on the body, over that without law.
 
         The roll is an RMS over all frequencies; both are from the frequency response alone: only
         for gains that grew from none while Ms stayed finite.
@@ -284,7 +289,7 @@ def design_steering_lead(task: Task) -> Solution:
     model = steering_model(task.vehicle)
     steered, disturbed = steered_cars(task, family, model), disturbed_cars(family)
     roll = task.vehicle.design
-    effort = roll.roll_arm * (EFFORT if task.effort is None else task.effort)
+    share = MOMENT_SHARE if task.moment_share is None else task.moment_share
     base = Controller(
         tick=task.tick,
         observer=observer_of(task),
@@ -292,7 +297,8 @@ def design_steering_lead(task: Task) -> Solution:
         feedforward=np.zeros(5),
         actuator_rate=actuator_rate(task),
     )
-    for corner in CORNERS:
+    for reduced_to, corner in CANDIDATES:
+        effort = reduced_to * share * roll.roll_arm
         start = Tuning(carried=effort, rate=0.0, horizon=0.0, corner=corner)
         start = replace(start, rate=disturbed.rate_gain(start, roll.roll_damping))
         tuning = steered.with_horizon(effort, start)
@@ -303,13 +309,22 @@ def design_steering_lead(task: Task) -> Solution:
             and found.worst_sensitivity.margins.sensitivity < PEAK_SENSITIVITY
         ):
             break
+    notes = () if reduced_to == 1.0 else (_reduced(share, reduced_to * share),)
     return Solution(
         controller,
         delay_aware=True,
+        notes=notes,
         extra={
-            "share": tuning.carried / roll.roll_arm,
+            "beta": tuning.carried / roll.roll_arm,
             "rate_gain": tuning.rate,
             "horizon_s": tuning.horizon,
             "filter_hz": tuning.corner,
         },
+    )
+
+
+def _reduced(share: float, reduced: float) -> str:
+    return (
+        f"steering_lead: --moment-share {share:.3g} reduced to {reduced:.3g} for gain margin and "
+        "peak sensitivity over the family"
     )

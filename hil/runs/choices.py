@@ -280,12 +280,12 @@ class Choices(TypedDict, total=False):
             saved=False,
         ),
     ]
-    effort: Annotated[
+    moment_share: Annotated[
         float | None,
         Choice(
-            option="--effort",
-            help="RMS moment over that of the roll moment of the lateral acceleration; of "
-            "steering_lead, 0.8 by default",
+            option="--moment-share",
+            help="RMS moment over the RMS of the roll moment m h a_y; of steering_lead, by "
+            "default 0.8",
             of=CONTROLLER,
             low=TINY,
             high=1.5,

@@ -103,7 +103,7 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
         observer=chosen(choices, "observer"),
         gains=chosen(choices, "gains"),
         feedforward=chosen(choices, "feedforward"),
-        effort=choices.get("effort"),
+        moment_share=choices.get("moment_share"),
     )
 
 

@@ -87,9 +87,9 @@ def test_the_rate_gain_fades_with_the_delay_and_the_horizon_grows():
     assert all(delay.nominal < tau for delay, tau in zip(DELAYS.values(), horizons, strict=True))
 
 
-@pytest.mark.parametrize("effort", [0.3, 0.8, 1.2])
-def test_the_effort_is_met_on_the_nominal_car(effort):
-    task = task_on("gateway_20ms", effort=effort)
+@pytest.mark.parametrize("share", [0.3, 0.8, 1.2])
+def test_the_share_is_met_on_the_nominal_car(share):
+    task = task_on("gateway_20ms", moment_share=share)
     solution = LAWS["steering_lead"](task)
     family = family_of(task)
     response = steering_response(family, task.vehicle, family.delays[1])
@@ -100,7 +100,7 @@ def test_the_effort_is_met_on_the_nominal_car(effort):
     feedback = np.zeros((len(z), 4), dtype=complex)
     feedback[:, 0], feedback[:, 1] = whole[:, S_RATE], whole[:, S_LATERAL]
     moment = response.moment(feedback, whole[:, S_STEERING])
-    assert response.rms(moment) / task.vehicle.design.roll_arm == pytest.approx(effort, rel=2e-3)
+    assert response.rms(moment) / task.vehicle.design.roll_arm == pytest.approx(share, rel=2e-3)
 
 
 def test_it_is_designed_verified_and_refuses_what_it_cannot_honour():
@@ -108,5 +108,5 @@ def test_it_is_designed_verified_and_refuses_what_it_cannot_honour():
     assert answer.is_verified
     assert answer.controller.compensator.a.shape == (5, 5)
     assert np.abs(np.linalg.eigvals(answer.controller.compensator.a)).max() < 1.0
-    with pytest.raises(Exception, match="--effort applies to"):
-        design("lqr", task_on("500k", effort=0.5))
+    with pytest.raises(Exception, match="--moment-share applies to"):
+        design("lqr", task_on("500k", moment_share=0.5))

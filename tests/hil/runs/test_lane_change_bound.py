@@ -11,7 +11,7 @@ import vehicles
 from gain_gen.analysis.family import NOMINAL, actuated, car_in
 from gain_gen.laws import LAWS
 from gain_gen.laws.state_feedback import FEEDFORWARD_SHARE
-from gain_gen.laws.steering_lead import EFFORT
+from gain_gen.laws.steering_lead import MOMENT_SHARE
 from gain_gen.models.roll import zero_order_hold
 from hil.runs.experiment import drive, plan
 from hil.runs.limit_cycle import detect
@@ -111,7 +111,7 @@ def test_the_more_effort_the_more_the_lead_is_worth():
 def test_it_is_nowhere_worse_than_the_plain_feedforward(bus, choices):
     """Both at the scale that makes 3200 N·m of the lane change at 80 km/h on a dry road."""
     ratio = 0.79 / FEEDFORWARD_SHARE
-    found, _ = driven("steering_lead", bus, 0.82 / EFFORT, **choices)
+    found, _ = driven("steering_lead", bus, 0.82 / MOMENT_SHARE, **choices)
     plain, _ = driven("plain", bus, ratio, **choices)
     assert found.roll_rms_deg < plain.roll_rms_deg
     assert found.roll_max_deg < 1.03 * plain.roll_max_deg
@@ -146,7 +146,7 @@ def test_thirty_vehicles_roll_less_than_with_the_plain_feedforward(bus, of_plain
         plan("double_lane_change", law=law, bus=bus, plant="nonlinear", vehicle="van_real")
         for law in ("steering_lead", "plain")
     ]
-    factors = (0.82 / EFFORT, 0.79 / FEEDFORWARD_SHARE)
+    factors = (0.82 / MOMENT_SHARE, 0.79 / FEEDFORWARD_SHARE)
     rng = np.random.default_rng(0)
     ratios, cycles = [], 0
     for _ in range(30):
