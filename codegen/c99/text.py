@@ -1,5 +1,6 @@
 """C text: precedence, literals, comments, line breaks, the runtime header."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from codegen.proof.intervals import Value
@@ -246,7 +247,8 @@ def _same_operator(e: Expression, operator: str) -> bool:
 
 def plain(text: str) -> str:
     """Text as C comments carry it: ASCII, no markup, nothing that would end the comment."""
-    text = text.replace("``", "").replace(":func:", "").replace("`", "'").replace("*/", "* /")
+    text = text.replace("``", "").replace(":func:", "").replace("`", "'")
+    text = text.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
     return text.translate(_ASCII).encode("ascii", "replace").decode()
 
 
@@ -257,6 +259,16 @@ def comment(text: str, indent: str = "") -> list[str]:
         return [f"{indent}/* {lines[0].strip()} */"]
     body = [f"{indent} * {line.strip()}".rstrip() for line in lines]
     return [f"{indent}/*", *body, f"{indent} */"]
+
+
+def filled(words: Iterable[str], width: int = WIDTH) -> list[str]:
+    """Lines of ``words``, indented by four; a word is never broken."""
+    lines = ["   "]
+    for word in words:
+        if len(lines[-1]) + 1 + len(word) > width:
+            lines.append("   ")
+        lines[-1] += f" {word}"
+    return lines
 
 
 OPERATORS = ("+", "-", "*", "/", "|", "||", "&&")

@@ -95,7 +95,7 @@ def files(dbc: Path, map_file: Path, bus: BusMap) -> dict[str, str]:
                 "number": number,
                 "message": box.name,
                 "page": -1 if page is None else page,
-                "length": box.length,
+                "length": box.length if direction == "receive" else box.sent_length,
                 "selector": _selector(box) if direction == "receive" else ["", ""],
                 "in_use": sorted({part.name for signal in signals for part in signal.parts}),
                 "signals": [

@@ -1,7 +1,6 @@
 """Static analysis of the emitted C: cppcheck with its MISRA C:2012 addon, and what deviates."""
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -24,11 +23,6 @@ DEVIATIONS = {
 """Rules that the emitted C deviates from, and why that is safe; all others hold."""
 
 CHECKS = "warning,style,performance,portability"
-
-
-def available() -> bool:
-    """Whether cppcheck is installed."""
-    return shutil.which("cppcheck") is not None
 
 
 def cppcheck(source: Path, include: Path) -> dict[str, list[str]]:

@@ -15,6 +15,7 @@ from typing import Any
 import cantools
 from cantools.database import Database, Message
 
+import dbc
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.generated.frame_protection import Protection, protection
 from codegen.generated.mapped_signal import MappedSignal, RawSignal, bits_of, map_signal
@@ -64,7 +65,7 @@ class Mailbox:
 
     ``pages`` are the values of the multiplexer ``selector`` that the mailbox takes or sends; both
     are empty where no signal in use is multiplexed. ``cycle`` is the number of pages that the
-    message has.
+    message has. ``fd``: a CAN FD frame, with ``bit_rate_switch`` its data phase is the faster one.
     """
 
     slot: str
@@ -77,6 +78,13 @@ class Mailbox:
     selector: RawSignal | None = None
     pages: tuple[int, ...] = ()
     cycle: int = 1
+    fd: bool = False
+    bit_rate_switch: bool = False
+
+    @property
+    def sent_length(self) -> int:
+        """Bytes of its frame on the wire: a CAN FD frame is padded to the next length code."""
+        return dbc.padded(self.length) if self.fd else self.length
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,12 +128,12 @@ def _counts(box: Mailbox) -> int:
     return counter.values if counter else 0
 
 
-def load(dbc: Path, map_file: Path) -> BusMap:
-    """Return the mailboxes that ``dbc`` and ``map_file`` describe.
+def load(dbc_file: Path, map_file: Path) -> BusMap:
+    """Return the mailboxes that ``dbc_file`` and ``map_file`` describe.
 
     Raises CanrollError, naming file and key, for whatever doesn't fit together.
     """
-    database, warnings = read(dbc)
+    database, warnings = read(dbc_file)
     try:
         document = tomllib.loads(map_file.read_text(encoding="utf-8"))
     except (OSError, tomllib.TOMLDecodeError) as error:
@@ -222,8 +230,7 @@ def _mailbox(
     if name not in messages:
         raise UnknownNameError(f"message in {where}", name, messages)
     message = messages[name]
-    if message.length > 8:
-        raise CanrollError(f"{where}: {name} has {message.length} bytes; the mailbox holds 8")
+    _refuse_length(message, where)
     if message.frame_id > STANDARD and not message.is_extended_frame:
         raise CanrollError(
             f"{where}: {name} has the identifier 0x{message.frame_id:X} in 11 bits: mark it as "
@@ -262,7 +269,22 @@ def _mailbox(
         selector=choice if chosen else None,
         pages=chosen,
         cycle=len(all_pages(message)) if chosen else 1,
+        fd=bool(message.is_fd),
+        bit_rate_switch=dbc.switches_bit_rate(message),
     )
+
+
+def _refuse_length(message: Message, where: str) -> None:
+    """A classic frame has at most 8 bytes, a CAN FD frame 64."""
+    if message.length > 8 and not message.is_fd:
+        raise CanrollError(
+            f"{where}: {message.name} has {message.length} bytes but is no CAN FD frame: set its "
+            "VFrameFormat to StandardCAN_FD or ExtendedCAN_FD in the DBC"
+        )
+    if message.length > dbc.FD_LENGTHS[-1]:
+        raise CanrollError(
+            f"{where}: {message.name} has {message.length} bytes; a frame has at most 64"
+        )
 
 
 def _refuse_like_names(used: Collection[str], where: str) -> None:

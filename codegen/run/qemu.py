@@ -12,10 +12,10 @@ from elftools.elf.elffile import ELFFile
 
 from canroll.errors import CanrollError
 from codegen.run import memory_image
+from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.cortex import BOARD, Run, built, cpu, gcc_image, sent
 from codegen.run.ecu_traffic import Traffic
 from firmware.calibration import Calibration
-from firmware.state import Ecu
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,14 +39,18 @@ def replay(
     calibration: Calibration,
     traffic: Traffic,
     name: str,
-    firmware: Mapping[str, str] | None = None,
+    files: Mapping[str, str] | None = None,
+    *,
+    firmware: BusFirmware | None = None,
     costs: CycleCosts | None = None,
 ) -> Run:
     """Replay ``traffic`` in QEMU, counting instructions with a plugin, and cycles by ``costs``.
 
-    ``firmware`` as for :func:`codegen.run.cortex.gcc_image`.
+    ``firmware`` is that of a bus, by default the built-in one; ``files`` are the sources of another
+    ECU with the same records, by default those of ``firmware``.
     """
-    image = gcc_image(name, firmware)
+    firmware = firmware or built_in()
+    image = gcc_image(name, files or firmware.files)
     plugin = built(
         ["cc", "-O2", "-shared", "-fPIC"],
         {"insncount.c": (BOARD / "insncount.c").read_text(encoding="utf-8")},
@@ -77,12 +81,12 @@ def replay(
                 f"the firmware ended with code {result.returncode} in QEMU {result.stderr.strip()}"
             )
         states = np.frombuffer(
-            bytearray((folder / "replay.out").read_bytes()), memory_image.dtype(Ecu)
+            bytearray((folder / "replay.out").read_bytes()), memory_image.dtype(firmware.record)
         )
         counts = np.loadtxt(folder / "counts.txt", np.int64, ndmin=2)
         depth = struct.unpack("<I", (folder / "replay.stack").read_bytes())[0]
     cycles = counts[:, 1] if costs is not None else None
-    return Run(name, "qemu", sent(states), states, counts[:, 0], depth, cycles)
+    return Run(name, "qemu", sent(states, firmware), states, counts[:, 0], depth, cycles)
 
 
 def replay_file(calibration: Calibration, traffic: Traffic) -> bytes:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from codegen.proof.intervals import Value
 from codegen.run import cortex, memory_image, qemu
+from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.ecu_traffic import Traffic, disturbed, storm
 from codegen.run.qemu import CycleCosts
 from codegen.worst_case.cycles import Timing
@@ -15,7 +16,6 @@ from codegen.worst_case.machine_code import Image, Section
 from codegen.worst_case.machine_state import Area, Promises, State
 from codegen.worst_case.transfer import Transfer
 from firmware.calibration import Calibration
-from firmware.state import Ecu
 from firmware.subset import fields
 
 SIZES = {"i32": 4, "u8": 1}
@@ -30,11 +30,11 @@ class FirmwareBound:
     receive: Bound
 
 
-def state_areas(address: int) -> list[Area]:
-    """The cells of an ECU record at ``address`` with the ranges of its field table."""
-    layout = memory_image.dtype(Ecu)
+def state_areas(record: type, address: int) -> list[Area]:
+    """The cells of a state record at ``address`` with the ranges of its field table."""
+    layout = memory_image.dtype(record)
     areas = []
-    for field in fields(Ecu):
+    for field in fields(record):
         size, (_, offset) = SIZES[field.kind], layout.fields[field.name][:2]  # type: ignore[index]
         count = 1
         for n in field.shape:
@@ -45,25 +45,29 @@ def state_areas(address: int) -> list[Area]:
     return areas
 
 
-def firmware_bound(path: Path, calibration: Calibration, timing: Timing) -> FirmwareBound:
+def firmware_bound(
+    calibration: Calibration, timing: Timing, firmware: BusFirmware | None = None
+) -> FirmwareBound:
     """Bound ``canroll_tick`` and ``canroll_receive`` of a linked image.
 
     The calibration is constant, the ECU's record holds any state that its field table allows,
     frames and missed ticks come as they like.
 
     Args:
-        path: the image, with its records under the names ``ecu`` and ``calibration``.
         calibration: as the ECU runs it.
         timing: processor, flash and multiplier.
+        firmware: that of a bus, by default the built-in one.
 
     Raises:
         CanrollError: code that cannot be bounded.
     """
-    image = Image(path)
+    firmware = firmware or built_in()
+    image = Image(cortex.gcc_image(timing.cpu, firmware.files))
     ecu, constants = image.address("ecu"), image.address("calibration")
     image.constant.append(Section(constants, memory_image.image(calibration)))
+    areas = state_areas(firmware.record, ecu)
     transfer = Transfer(
-        image, Promises(state_areas(ecu)), (ecu, ecu + memory_image.dtype(Ecu).itemsize)
+        image, Promises(areas), (ecu, ecu + memory_image.dtype(firmware.record).itemsize)
     )
     analysis = LongestPath(image, transfer, timing)
     start = State.start(STACK)
@@ -94,6 +98,8 @@ def observe(
     traffic: Traffic,
     timing: Timing,
     ticks: int,
+    *,
+    firmware: BusFirmware | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Observed:
     """Replay ``traffic``, then hostile variants of it, until ``ticks`` have run in QEMU.
@@ -101,13 +107,14 @@ def observe(
     Frames are lost and spoiled, ticks missed; every second variant is a storm of both. A
     figure above the bound would show that the bound is none.
     """
-    costs = cycle_costs(cortex.gcc_image(timing.cpu), timing)
+    firmware = firmware or built_in()
+    costs = cycle_costs(cortex.gcc_image(timing.cpu, firmware.files), timing)
     cycles = stack = done = late = 0
     for seed in count():
         if done >= ticks:
             return Observed(cycles, stack, done, late)
         played = (storm if seed % 2 else disturbed)(traffic, seed) if seed else traffic
-        run = qemu.replay(calibration, played, timing.cpu, costs=costs)
+        run = qemu.replay(calibration, played, timing.cpu, firmware=firmware, costs=costs)
         assert run.cycles is not None
         cycles, stack = max(cycles, int(run.cycles.max())), max(stack, run.stack)
         late += int((played.elapsed > 1).sum())

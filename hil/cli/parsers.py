@@ -32,6 +32,7 @@ OF_A_DESIGN = (
     *("vehicle", "law", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
     *("gains", "feedforward", "identification", "offset_learning", "bus"),
 )
+LOADS = ("laden", "empty")
 PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 
 
@@ -152,10 +153,28 @@ def response(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll response``."""
     parser.description = (
         "Steer in sines of rising frequency; yaw rate, lateral acceleration and roll angle per "
-        "steering-wheel angle."
+        "steering-wheel angle. With --linear: the plant linearised about straight running or a "
+        "steady curve, its modes, its responses to moment and steering, and its distance to the "
+        "design model."
     )
     add_choices(parser, ("vehicle", "plant"), defaults={"plant": "nonlinear"})
     parser.add_argument("--speed", type=float, default=100.0, metavar="KMH", help="default: 100")
+    parser.add_argument(
+        "--load", choices=LOADS, default=LOADS[0], help="laden or empty (default: %(default)s)"
+    )
+    parser.add_argument("--linear", action="store_true", help="linearise instead of steering")
+    parser.add_argument(
+        "--lateral-acceleration",
+        type=float,
+        metavar="M/S2",
+        help="with --linear: of the steady curve (default: 0, straight ahead)",
+    )
+    parser.add_argument(
+        "--friction", type=float, metavar="MU", help="with --linear: of the road (default: 1)"
+    )
+    parser.add_argument(
+        "--out", type=path_named, metavar="DIR", help="with --linear: write response.png there"
+    )
     add_json(parser)
 
 

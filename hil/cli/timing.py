@@ -58,16 +58,14 @@ def run_bound(args: argparse.Namespace) -> int:
     if not cortex.has_gcc_and_qemu():
         raise CanrollError("--bound needs gcc-arm-none-eabi and qemu-system-arm installed")
     controller, traffic = recorded(args)
-    bound = firmware_bound.firmware_bound(
-        cortex.gcc_image(args.processor), controller.record, timing
-    )
+    bound = firmware_bound.firmware_bound(controller.record, timing)
     with progress(quiet=args.json) as report_share:
         seen = firmware_bound.observe(
             controller.record,
             traffic,
             timing,
             args.ticks,
-            lambda done: report_share("replay", min(done / args.ticks, 1.0)),
+            progress=lambda done: report_share("replay", min(done / args.ticks, 1.0)),
         )
     limits = budget_of(controller.tables)
     good = seen.cycles <= bound.tick.cycles and seen.stack <= bound.tick.stack

@@ -79,7 +79,7 @@ def test_registers_lie_in_their_intervals(cpu, seed, monkeypatch):
 
     visit = longest_path._Visit.block
     monkeypatch.setattr(longest_path._Visit, "block", remember)
-    bound = worst.firmware_bound(path, calibration, Timing(cpu))
+    bound = worst.firmware_bound(calibration, Timing(cpu))
     image, machine = Image(path), Machine(path, cpu)
     ecu, constants = image.address("ecu"), image.address("calibration")
     machine.uc.mem_write(constants, memory_image.image(calibration))
@@ -130,7 +130,7 @@ def test_registers_lie_in_their_intervals(cpu, seed, monkeypatch):
 @pytest.mark.slow
 def test_no_hostile_tick_beats_the_bound(cpu):
     calibration = ecu_traffic.random_calibration(4)
-    bound = worst.firmware_bound(cortex.gcc_image(cpu), calibration, Timing(cpu))
+    bound = worst.firmware_bound(calibration, Timing(cpu))
     traffic = ecu_traffic.random_traffic(4, 300, hostile=0.05)
     seen = worst.observe(calibration, traffic, Timing(cpu), 900)
     assert seen.ticks == 900
@@ -139,10 +139,10 @@ def test_no_hostile_tick_beats_the_bound(cpu):
     assert seen.stack <= bound.tick.stack
 
 
+@pytest.mark.slow
 def test_a_calibration_excludes_what_it_never_runs(cpu):
-    path = cortex.gcc_image(cpu)
     bounds = [
-        worst.firmware_bound(path, ecu_traffic.random_calibration(seed), Timing(cpu)).tick
+        worst.firmware_bound(ecu_traffic.random_calibration(seed), Timing(cpu)).tick
         for seed in range(8)
     ]
     spared = [
