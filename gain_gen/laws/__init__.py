@@ -14,6 +14,7 @@ LAWS: "Registry[Callable[[Task], Solution]]" = Registry(
     "law",
     "canroll.laws",
     {
+        "steering_lead": "gain_gen.laws.steering_lead:design_steering_lead",
         "lqg_delay": "gain_gen.laws.state_feedback:design_lqg_delay",
         "hinf_delay": "gain_gen.laws.hinf_delay:design_hinf_delay",
         "hinf_nodelay": "gain_gen.laws.roll_rate_feedback:design_hinf_nodelay",
@@ -22,6 +23,7 @@ LAWS: "Registry[Callable[[Task], Solution]]" = Registry(
         "hinf": "gain_gen.laws.hinf_state:design_hinf",
         "smc": "gain_gen.laws.state_feedback:design_smc",
         "ay_feedforward": "gain_gen.laws.state_feedback:design_ay_feedforward",
+        "plain_feedforward": "gain_gen.laws.state_feedback:design_plain_feedforward",
         "rate_feedforward": "gain_gen.laws.roll_rate_feedback:design_rate_feedforward",
         "lqr_full_car": "gain_gen.laws.lqr_full_car:design_lqr_full_car",
         "custom": "gain_gen.laws.custom:design_custom",

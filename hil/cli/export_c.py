@@ -24,8 +24,7 @@ from hil.cli.options import add_choices, choices_of
 from hil.cli.parsers import OF_A_DESIGN
 from hil.cli.terminal import show_warnings
 from hil.runs.experiment import build_world, plan
-from hil.runs.frames import refuse_wide_steps
-from hil.runs.frozen import Controller
+from hil.runs.frozen import Controller, refuse_wide_steps
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 

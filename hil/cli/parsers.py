@@ -30,8 +30,10 @@ DEFAULT_DRAWS = 100
 KINDS = ("laws", "vehicles", "scenarios", "buses", "bodies")
 OF_A_DESIGN = (
     *("vehicle", "law", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
-    *("gains", "feedforward", "identification", "offset_learning", "bus"),
+    *("gains", "moment_share", "feedforward", "identification", "offset_learning", "bus"),
 )
+OF_A_DRIVE = ("plant", "speed_kmh", "options")
+"""Choices of the runs in which laws are compared."""
 LOADS = ("laden", "empty")
 PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 
@@ -205,8 +207,20 @@ def design(parser: argparse.ArgumentParser) -> None:
         "--runs",
         type=int,
         metavar="N",
-        help="with --compare: drive all laws at equal effort over the bus, N paired runs",
+        help="with --compare: drive all laws at equal effort over the bus, N vehicles of a "
+        "population, the same for every law",
     )
+    parser.add_argument(
+        "--scenario", type=scenario, help=f"with --runs: manoeuvre (default: {DEFAULT_SCENARIO})"
+    )
+    parser.add_argument(
+        "--effort",
+        type=float,
+        metavar="NM",
+        help="with --runs: common RMS moment (default: half of what holds the body upright)",
+    )
+    add_spread(parser)
+    add_choices(parser, OF_A_DRIVE)
     add_json(parser)
     parser.add_argument(
         "--out", type=Path, default=Path("out"), help="folder for the files (default: %(default)s)"
@@ -237,6 +251,34 @@ def timing(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--hil", action="store_true", help="run in real time; verdict on tick, latency and misses"
+    )
+    parser.add_argument(
+        "--bound",
+        action="store_true",
+        help="worst case of a tick in cycles from the machine code; the most seen beside it",
+    )
+    parser.add_argument(
+        "--ticks", type=int, default=4000, help="with --bound: ticks replayed (default: 4000)"
+    )
+    parser.add_argument(
+        "--clock", type=float, metavar="MHZ", help="with --bound: clock, for the share of a tick"
+    )
+    parser.add_argument(
+        "--wait-states", type=int, default=0, metavar="N", help="with --bound: of the flash"
+    )
+    parser.add_argument(
+        "--multiplier",
+        type=int,
+        default=1,
+        metavar="CYCLES",
+        help="with --bound: of a multiplication on a Cortex-M0, 1 or 32 (default: 1)",
+    )
+    parser.add_argument(
+        "--division",
+        type=int,
+        default=12,
+        metavar="CYCLES",
+        help="with --bound: of a division on M3 and M4 at most (default: 12)",
     )
     add_json(parser)
 
@@ -282,17 +324,8 @@ def listing(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def campaign(parser: argparse.ArgumentParser) -> None:
-    """Options of ``canroll campaign``."""
-    parser.description = (
-        "Drive a manoeuvre with one calibration on many draws of vehicle, noise, bus and fault. "
-        "The controller is designed for the first bus; of the faults given one, or none, is drawn; "
-        "the seed is that of the draws."
-    )
-    add_scenario(parser, DEFAULT_SCENARIO)
-    parser.add_argument(
-        "--runs", type=int, default=DEFAULT_DRAWS, metavar="N", help="draws (default: %(default)s)"
-    )
+def add_spread(parser: argparse.ArgumentParser) -> None:
+    """Add how far the vehicles of a population vary."""
     parser.add_argument(
         "--spread",
         action="append",
@@ -304,6 +337,20 @@ def campaign(parser: argparse.ArgumentParser) -> None:
         "cg_height_above_roll_axis and estimate_error, 0.1 of cornering_stiffness and friction, "
         "0 of speed; may be repeated",
     )
+
+
+def campaign(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll campaign``."""
+    parser.description = (
+        "Drive a manoeuvre with one calibration on many draws of vehicle, noise, bus and fault. "
+        "The controller is designed for the first bus; of the faults given one, or none, is drawn; "
+        "the seed is that of the draws."
+    )
+    add_scenario(parser, DEFAULT_SCENARIO)
+    parser.add_argument(
+        "--runs", type=int, default=DEFAULT_DRAWS, metavar="N", help="draws (default: %(default)s)"
+    )
+    add_spread(parser)
     parser.add_argument("--only", type=int, metavar="DRAW", help="report one draw as a run")
     parser.add_argument(
         "--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)"

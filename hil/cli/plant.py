@@ -14,8 +14,7 @@ from hil.realtime.plant_loop import Outcome
 from hil.report.run_folder import check_parent
 from hil.runs import conditions, logs, phase, signal_files
 from hil.runs.choices import chosen
-from hil.runs.frames import refuse_own
-from hil.runs.frozen import profile_of
+from hil.runs.frozen import profile_of, refuse_own
 from plant_sim.driving import maneuvers
 from plant_sim.world.world import World
 

@@ -12,7 +12,7 @@ from hil.realtime import session
 from hil.runs import experiment
 from hil.runs.choices import PASSIVE
 from hil.runs.experiment import with_files
-from hil.runs.frames import refuse_own
+from hil.runs.frozen import refuse_own
 from hil.runs.result import Result
 from hil.runs.trace import Trace
 

@@ -40,7 +40,6 @@ class Choice:
         default: where nothing is asked for; None where that depends on something else.
         values: the names that it may have, read when they are needed; none: any text.
         extensible: whether "file.py:name" or "module:name" is a name as well.
-        suffixes: endings of files that may be named instead.
         unit: of a number.
         low: least number.
         high: largest number.
@@ -56,7 +55,6 @@ class Choice:
     default: Any = None
     values: Callable[[], Iterable[str]] = tuple
     extensible: bool = False
-    suffixes: tuple[str, ...] = ()
     unit: str = ""
     low: float = -inf
     high: float = inf
@@ -78,9 +76,8 @@ class Choice:
             CanrollError: a number out of range.
         """
         known = tuple(self.values())
-        refers = self.extensible and is_reference(value)
-        file = bool(self.suffixes) and str(value).endswith(self.suffixes)
-        if known and value not in known and not refers and not file:
+        refers = self.extensible and (is_reference(value) or value in self.values())
+        if known and value not in known and not refers:
             raise UnknownNameError(self.word, value, known)
         if self.kind in (float, int) and not self.low <= value <= self.high:
             unit = f" {self.unit}" if self.unit else ""
@@ -133,7 +130,7 @@ class Choices(TypedDict, total=False):
             option="--law",
             help="control law",
             of=CONTROLLER,
-            default="lqg_delay",
+            default="steering_lead",
             values=lambda: (*LAWS, PASSIVE),
             extensible=True,
             frozen_in_calibration=True,
@@ -185,12 +182,12 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--bus",
-            help="bus profile, or file of a network (.toml)",
+            help="bus profile, network (.toml) or bus log (.blf, .asc …; with several channels "
+            "FILE#CHANNEL)",
             of=WORLD,
             default="500k",
             values=lambda: BUSES,
             extensible=True,
-            suffixes=(".toml",),
         ),
     ]
     dbc: Annotated[
@@ -296,6 +293,19 @@ class Choices(TypedDict, total=False):
             of=CONTROLLER,
             default="computed",
             values=lambda: GAINS,
+            frozen_in_calibration=True,
+            saved=False,
+        ),
+    ]
+    moment_share: Annotated[
+        float | None,
+        Choice(
+            option="--moment-share",
+            help="RMS moment over the RMS of the roll moment m h a_y; of steering_lead, by "
+            "default 0.8",
+            of=CONTROLLER,
+            low=TINY,
+            high=1.5,
             frozen_in_calibration=True,
             saved=False,
         ),

@@ -12,9 +12,17 @@ from codegen.run.backends import default_backend, open_backend
 from firmware.calibration import ONE
 from gain_gen.models.task import Delay
 from hil.runs import conditions as conditions_of
-from hil.runs import frames, limit_cycle, metrics, phase, standard, steering_replay
+from hil.runs import limit_cycle, metrics, phase, standard, steering_replay
 from hil.runs.choices import PASSIVE, Choices, check, chosen
-from hil.runs.frozen import COMMAND_TIMEOUT, Controller, prepare, profile_of, sample_to_force
+from hil.runs.frozen import (
+    COMMAND_TIMEOUT,
+    Controller,
+    check_frames,
+    names_of,
+    prepare,
+    profile_of,
+    sample_to_force,
+)
 from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS, closed_loop
@@ -62,7 +70,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
     profile = profile_of(choices)
     conditions_of.options(faults, conditions)
     controller = prepare(choices)
-    warnings = frames.check(profile, controller.record)
+    warnings = check_frames(profile, controller.record)
     controller = replace(controller, warnings=(*controller.warnings, *warnings))
     if speed_kmh is None:
         speed = maneuvers.default_speed(scenario, controller.vehicle)
@@ -215,7 +223,7 @@ def assess(
     maneuver = _maneuver(settings)
     seen = passive if controlled is None else controlled
     delay = delay_of(settings)
-    names = frames.names_of(settings.profile)
+    names = names_of(settings.profile)
     imu = next(ident for ident, name in names.items() if name == "Imu")
     cycle = None
     if controlled is not None:

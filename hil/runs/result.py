@@ -9,7 +9,7 @@ from codegen.run.bus_firmware import BusFirmware
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
 from hil.runs.choices import CHOICES
-from hil.runs.frames import firmware_of
+from hil.runs.frozen import firmware_of
 from hil.runs.limit_cycle import LimitCycle
 from hil.runs.metrics import Can, Metrics, Trigger
 from hil.runs.phase import Phase

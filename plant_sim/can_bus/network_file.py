@@ -13,7 +13,6 @@ from canroll.errors import CanrollError, UnknownNameError
 from plant_sim import buses
 from plant_sim.buses.profile import BusProfile, accept
 
-SUFFIX: Final = ".toml"
 KEYS: Final = {
     "schema": int,
     "bitrate": int,
@@ -35,7 +34,7 @@ def load_profile(
     """Return the bus profile ``name``, or the network in the file of that name.
 
     Args:
-        name: of a profile, or of a ``.toml`` file.
+        name: of a profile, of a ``.toml`` file, or of a bus log.
         dbc: the frames that carry our signals, instead of the profile's own.
         map_file: says which signal of ``dbc`` is which field.
 
@@ -43,7 +42,7 @@ def load_profile(
         UnknownNameError: there is no such profile.
         CanrollError: an extension's profile or a file that cannot be used.
     """
-    profile = read(Path(name)) if name.endswith(SUFFIX) else buses.load_profile(name)
+    profile = buses.load_profile(name)
     if dbc is None or map_file is None:
         return profile
     for path in (dbc, map_file):
@@ -52,12 +51,13 @@ def load_profile(
     return replace(profile, dbc=Path(dbc), map_file=Path(map_file))
 
 
-def read(path: Path) -> BusProfile:
-    """Return the network that a file describes.
+def read_profile(name: str) -> BusProfile:
+    """Return the network that the file ``name`` describes.
 
     Raises:
         CanrollError: the file cannot be read, or a key says something that cannot be.
     """
+    path = Path(name)
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

@@ -38,7 +38,12 @@ _SENDERS = {
 }
 
 
-def _command(actuator: str, command: str | None) -> str:
+def command_of(actuator: str, command: str | None) -> str:
+    """Return the message that commands an actuator; None: its first.
+
+    Raises:
+        UnknownNameError: it takes no such message.
+    """
     known = [name for name, _, _ in actuator_setup.COMMANDS[actuator]]
     if command is not None and command not in known:
         raise UnknownNameError(f"command of actuator '{actuator}'", command, known)
@@ -140,7 +145,7 @@ def assemble(
         timeout_ms=command_timeout_ms,
         integrated=actuator == "valves" and plant.name == "linear_car_hydraulic",
     )
-    chosen = _command(actuator, command)
+    chosen = command_of(actuator, command)
     tables = _tables(profile, chosen, actuator)
     network = can_bus.make_network(
         profile,

@@ -13,6 +13,7 @@ from canroll.errors import CanrollError
 from codegen.generated.bus_map import load
 from hil.report.run_folder import write_files
 from hil.runs import experiment, logs, saved_run
+from hil.runs.frozen import firmware_of
 from hil.runs.result import FIGURES
 from plant_sim.can_bus import ECU, load_profile
 
@@ -176,9 +177,7 @@ def test_a_contradicted_signal_is_a_fault_code(tmp_path):
     settings, controller = experiment.plan("double_lane_change", **SHORT, **choices(CLASSIC))
     world = experiment.build_world(settings, enabled=True)
     profile = load_profile("500k", CLASSIC[0], other)
-    ecu = experiment.open_backend(
-        settings.backend, controller.record, experiment.frames.firmware_of(profile)
-    )
+    ecu = experiment.open_backend(settings.backend, controller.record, firmware_of(profile))
     trace = experiment.closed_loop(world, ecu, tick_ns=10_000_000, duration_ns=2_000_000_000)
     assert (trace.ticks["fault_codes"][100:] >> 5 & 1).all()
     assert (trace.ticks["mode"][150:] == 2).all()
