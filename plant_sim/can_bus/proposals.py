@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import lcm
 from typing import Final
 
 from canroll.errors import VerdictError
@@ -29,58 +30,38 @@ def propose_priorities(messages: Sequence[BusMessage], bounds: Bounds) -> Propos
     """Return the set with its own identifiers dealt out so that every deadline holds.
 
     Audsley, "Optimal priority assignment and feasibility of static priority tasks with arbitrary
-    start times" (1991), optimal for CAN (Davis et al. 2007, section 6): from the lowest priority
-    upwards each goes to a message that keeps its deadline there, the one that has it already if it
-    can. Messages with 11 and with 29 bits change places among themselves.
+    start times" (1991), optimal for CAN (Davis et al. 2007, section 6) where no queue is first in,
+    first out: from the lowest priority upwards each goes to a message that keeps its deadline
+    there, the one that has it already if it can. Identifiers of 11 and of 29 bits are not mixed.
 
     Raises:
         VerdictError: no assignment of these identifiers keeps all deadlines.
     """
-    current = sorted(messages, key=lambda m: m.arbitration_key)
-    idents = [(m.ident, m.flags & EXTENDED) for m in current]
-    left = list(current)
-    dealt: dict[str, int] = {}
-    for place in range(len(idents) - 1, -1, -1):
-        ident, kind = idents[place]
-        for message in reversed(left):
-            if message.flags & EXTENDED == kind and _keeps(
-                message, ident, left, idents[: place + 1], dealt, messages, bounds
-            ):
-                dealt[message.name] = ident
-                left.remove(message)
+    order = sorted(messages, key=lambda m: m.arbitration_key)
+    for place in range(len(order) - 1, -1, -1):
+        kind = order[place].flags & EXTENDED
+        for other in range(place, -1, -1):
+            if order[other].flags & EXTENDED != kind:
+                continue
+            trial = [m.ident for m in order]
+            trial[place], trial[other] = trial[other], trial[place]
+            swapped = [replace(m, ident=i) for m, i in zip(order, trial, strict=True)]
+            found = bounds(swapped, None)
+            if not late([found[other]]):
+                order = sorted(swapped, key=lambda m: m.arbitration_key)
                 break
         else:
-            names = ", ".join(m.name for m in left if m.flags & EXTENDED == kind)
+            ident = order[place].ident
             raise VerdictError(
-                f"no priorities keep all deadlines: none of {names} keeps its own at {ident:X}"
+                f"no priorities keep all deadlines: no message left for {ident:X} keeps its own"
             )
-    changed = tuple(replace(m, ident=dealt[m.name]) for m in messages)
-    return Proposal(changed, tuple(bounds(changed, None)))
-
-
-def _keeps(
-    message: BusMessage,
-    ident: int,
-    left: Sequence[BusMessage],
-    idents: Sequence[tuple[int, int]],
-    dealt: dict[str, int],
-    messages: Sequence[BusMessage],
-    bounds: Bounds,
-) -> bool:
-    """Return whether a message keeps its deadline with an identifier, whatever the others have."""
-    rest = {
-        kind: iter(
-            [i for i, k in idents if k == kind and (i, k) != (ident, message.flags & EXTENDED)]
-        )
-        for kind in (0, EXTENDED)
-    }
-    trial = dict(dealt)
-    trial[message.name] = ident
-    for other in left:
-        if other is not message:
-            trial[other.name] = next(rest[other.flags & EXTENDED])
-    found = bounds([replace(m, ident=trial[m.name]) for m in messages], None)
-    return not late([b for b in found if b.message.name == message.name])
+    named = {m.name: m for m in order}
+    changed = tuple(named[m.name] for m in messages)
+    found = bounds(changed, None)
+    if late(found):
+        names = ", ".join(late(found))
+        raise VerdictError(f"no priorities found that keep all deadlines: {names} in FIFO queues")
+    return Proposal(changed, tuple(found))
 
 
 def propose_offsets(messages: Sequence[BusMessage], bounds: Bounds) -> Proposal:
@@ -93,10 +74,9 @@ def propose_offsets(messages: Sequence[BusMessage], bounds: Bounds) -> Proposal:
     offsets = {}
     for node in dict.fromkeys(m.sender for m in messages):
         own = sorted((m for m in messages if m.sender == node), key=lambda m: m.period_ns)
-        slots = min(int(max(m.period_ns for m in own) // _GRAIN_NS), _HORIZON)
-        busy = [0] * max(slots, 1)
-        for message in own:
-            period = max(int(message.period_ns // _GRAIN_NS), 1)
+        periods = [max(int(m.period_ns // _GRAIN_NS), 1) for m in own]
+        busy = [0] * min(lcm(*periods), _HORIZON)
+        for message, period in zip(own, periods, strict=True):
             start = _quietest(busy, period)
             offsets[message.name] = start * _GRAIN_NS
             for slot in range(start, len(busy), period):

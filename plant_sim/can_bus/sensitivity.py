@@ -12,6 +12,7 @@ from plant_sim.can_bus.traffic.messages import BusMessage
 Bounds = Callable[[Sequence[BusMessage], ErrorModel | None], Sequence[ResponseBound]]
 """``response_bounds`` of one bus."""
 _ACCURACY: Final = 1e-3
+_LEAST_FACTOR: Final = 1e-3
 _MOST_ERRORS: Final = 1000
 _ALWAYS: Final = 1 << 60
 """Interval of an error model whose burst is all: longer than any busy period, ns."""
@@ -27,7 +28,7 @@ class Breakdown:
     """The factor by which all messages can come more often until a deadline falls.
 
     ``utilisation``: load with the longest frames at that factor; ``first``: whose deadline falls
-    next. A factor below 1: one has fallen already.
+    next. A factor below 1: one has fallen already; 0: one cannot be kept however seldom they come.
     """
 
     factor: float
@@ -45,7 +46,7 @@ def breakdown(
     load = worst_case_utilisation(messages, bitrate=bitrate, data_bitrate=data_bitrate)
     low, high = 0.0, 1.0 / load
     fallen = late(bounds(_faster(messages, high), None))
-    while high - low > _ACCURACY * high:
+    while high - low > _ACCURACY * high and high > _LEAST_FACTOR:
         middle = 0.5 * (low + high)
         missed = late(bounds(_faster(messages, middle), None))
         if missed:
