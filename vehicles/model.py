@@ -295,6 +295,18 @@ class Vehicle:
         moment = self.plant.sprung_mass * self.sprung_cg_height + unsprung * self.tyre.radius
         return moment / self.total_mass
 
+    def lateral_gain(self, speed: float) -> float:
+        """Steady lateral acceleration per road-wheel angle (m/s² per rad) at ``speed`` (m/s).
+
+        Linear bicycle: v² / (l + K_u v²) with the understeer gradient K_u of the tyres.
+        """
+        geometry, tyre = self.geometry, self.tyre
+        understeer = (self.total_mass / geometry.wheelbase) * (
+            geometry.cg_to_rear_axle / tyre.cornering_stiffness_front
+            - geometry.cg_to_front_axle / tyre.cornering_stiffness_rear
+        )
+        return speed**2 / (geometry.wheelbase + understeer * speed**2)
+
     @property
     def static_stability_factor(self) -> float:
         """Mean half track over CG height: the lateral acceleration in g that tips a rigid car."""

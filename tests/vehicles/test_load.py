@@ -1,6 +1,7 @@
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import vehicles
@@ -132,3 +133,21 @@ def test_printed_full_car_inertia_is_refused():
     changed["mass"] |= {"pitch_inertia": 720.0, "yaw_inertia": 4520.0}
     with pytest.raises(CanrollError, match="no rigid body has a yaw moment"):
         vehicles.from_table(changed, name="x")
+
+
+def test_lateral_gain_is_that_of_the_steady_turn():
+    """Against the ratio a_y / δ of the bicycle's steady equations solved as a linear system."""
+    vehicle = vehicles.load("van_real")
+    geometry, tyre, speed = vehicle.geometry, vehicle.tyre, 20.0
+    front, rear = tyre.cornering_stiffness_front, tyre.cornering_stiffness_rear
+    lf, lr, mass = geometry.cg_to_front_axle, geometry.cg_to_rear_axle, vehicle.total_mass
+    # unknowns: sideslip, yaw rate; steady lateral and yaw balance at δ = 1
+    matrix = np.array(
+        [
+            [-(front + rear), -(front * lf - rear * lr) / speed - mass * speed],
+            [-(front * lf - rear * lr), -(front * lf**2 + rear * lr**2) / speed],
+        ]
+    )
+    _, yaw_rate = np.linalg.solve(matrix, -np.array([front, front * lf]))
+    expected = speed * yaw_rate
+    assert vehicle.lateral_gain(speed) == pytest.approx(expected, rel=1e-9)
