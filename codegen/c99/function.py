@@ -19,6 +19,7 @@ from codegen.c99.text import (
     fits,
     literal,
     plain,
+    signed,
     widened,
 )
 from codegen.proof.expressions import ARITHMETIC
@@ -133,6 +134,9 @@ class Body:
         if node.orelse:
             yield f"{indent}}} else {{"
             yield from self.block(node.orelse, indent + "    ")
+        elif "else" in keyword:
+            yield f"{indent}}} else {{"
+            yield f"{indent}    /* nothing to do */"
         yield f"{indent}}}"
 
     def loop(self, node: ast.For, indent: str) -> Iterator[str]:
@@ -151,7 +155,7 @@ class Body:
         compare = "<" if step > 0 else ">"
         yield (
             f"{indent}for (int32_t {counter} = {start.text}; "
-            f"{counter} {compare} {stop.inside(UNARY)}; {advance}) {{"
+            f"{counter} {compare} {signed(stop).inside(UNARY)}; {advance}) {{"
         )
         self.counters[counter] = counter
         yield from self.block(node.body, indent + "    ")
@@ -166,7 +170,8 @@ class Body:
         value = self.seen[id(node)]
         result = self.operation(operator, before, operand, value)
         stored = self.stored(node, result, kind)
-        simple = operator in "+-*&|^" and kind != "u8" and not (kind == "i32" and result.wide)
+        whole = kind == "i64" or (kind == "i32" and not result.wide)
+        simple = operator in "+-*&|^" and whole
         if simple and operand.level <= PRIMARY + 5:
             if kind == "i64" and operator == "*":
                 operand = widened(operand)
@@ -263,7 +268,8 @@ class Body:
 
     def operation(self, operator: str, a: Expression, b: Expression, value: Value) -> Expression:
         """A binary operation; a left shift of what may be negative is a product."""
-        if operator == "<<" and (a.value.lo < 0 or not fits(value, "i32")):
+        unsigned_shift = a.kind == "u32" and fits(value, "u32")
+        if operator == "<<" and not unsigned_shift and (a.value.lo < 0 or not fits(value, "i32")):
             count = f"((int64_t)1 << {b.inside(PRIMARY)})"
             if a.kind == "literal" and a.value == Value(1, 1):
                 return Expression(count, PRIMARY, "i64", value)
@@ -276,7 +282,7 @@ class Body:
         name = self.program.intrinsic(self.module, node.func)
         if name == "clear":
             record = ast.unparse(node.args[0])
-            text = f"canroll_clear({record}, (int32_t)(sizeof(*{record}) / 4u))"
+            text = f"canroll_clear({record}, (uint32_t)sizeof(*{record}))"
             return Expression(text, PRIMARY, "i32", seen)
         if name in MEMORY:
             index = self.stored(node, self.value(node.args[1]), "i32")
