@@ -58,4 +58,6 @@ def _locked(folder: Path) -> Iterator[None]:
             raise CanrollError(
                 f"another canroll writes to {folder}: choose another --out"
             ) from None
+        for killed in folder.glob(f"{PART}*"):
+            shutil.rmtree(killed)
         yield

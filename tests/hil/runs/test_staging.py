@@ -105,5 +105,5 @@ def test_a_second_writer_is_refused(tmp_path):
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path):
-    with pytest.raises(CanrollError, match="cannot write to .*nowhere"):
+    with pytest.raises(CanrollError, match=r"cannot write to .*nowhere"):
         write(tmp_path / "nowhere", "new")
