@@ -7,6 +7,8 @@ import cantools
 from cantools.database import Database, Message
 
 PATH = Path(__file__).with_name("roll_control.dbc")
+FD_LENGTHS: tuple[int, ...] = (*range(9), 12, 16, 20, 24, 32, 48, 64)
+"""Payload bytes by length code (DLC) of a CAN FD frame, ISO 11898-1:2015."""
 
 
 @cache
@@ -15,6 +17,29 @@ def load() -> Database:
     database = cantools.database.load_file(PATH)
     assert isinstance(database, Database)
     return database
+
+
+def attribute(source: Database | Message, name: str, default: int = 0) -> int:
+    """Return a number, or the place of a choice: as set, else the file's default for all."""
+    if not source.dbc:
+        return default
+    found = source.dbc.attributes.get(name)
+    definition = source.dbc.attribute_definitions.get(name)
+    value = found.value if found else definition.default_value if definition else None
+    if value is None:
+        return default
+    choices = list(definition.choices or ()) if definition else []
+    return choices.index(value) if value in choices else int(float(value))
+
+
+def switches_bit_rate(message: Message) -> bool:
+    """Return whether the data phase of a message has the bus's second, faster bit rate."""
+    return bool(message.is_fd) and bool(attribute(message, "CANFD_BRS", 1))
+
+
+def padded(length: int) -> int:
+    """Return the bytes that a frame of ``length`` bytes has on the wire: a length code's."""
+    return min(size for size in FD_LENGTHS if size >= length)
 
 
 def data_id(message: Message) -> int:
@@ -27,11 +52,6 @@ def data_id(message: Message) -> int:
 def message(name: str) -> Message:
     """Return a message of the contract."""
     return load().get_message_by_name(name)
-
-
-def ident(name: str) -> int:
-    """Return the identifier of a message."""
-    return int(message(name).frame_id)
 
 
 def period(name: str) -> float:

@@ -52,8 +52,11 @@ def output_feedback(ecu: Ecu, cal: Calibration) -> i32:
 
 
 def driven(ecu: Ecu, cal: Calibration, row: Annotated[list[i32], 4]) -> i64:
-    """Return a row of the compensator times its inputs: roll, roll rate, a_y, a_y by steering."""
-    acc: i64 = row[0] * ecu.x[ROLL] + row[1] * ecu.x[ROLL_RATE]
+    """Return a row of the compensator times its inputs: roll, roll rate, a_y, a_y by steering.
+
+    But for the roll angle, which nothing measures, they are as measured: a compensator filters.
+    """
+    acc: i64 = row[0] * ecu.x[ROLL] + row[1] * rate_input(ecu, cal)
     return acc + row[2] * lateral_input(ecu, cal) + row[3] * ecu.steering_acceleration
 
 

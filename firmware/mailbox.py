@@ -8,6 +8,7 @@ from typing import Annotated
 
 from firmware import e2e, protection, signals
 from firmware.calibration import N_RX, Calibration
+from firmware.frames import RX_BYTES
 from firmware.state import (
     AGE_MAX,
     RX_ACTUATOR_STATE,
@@ -21,7 +22,7 @@ from firmware.subset import byte, clamp, i32, u8
 NO_SAMPLE = 16
 
 
-def receive(ecu: Ecu, message: i32, payload: Annotated[list[u8], 8], length: i32) -> None:
+def receive(ecu: Ecu, message: i32, payload: Annotated[list[u8], RX_BYTES], length: i32) -> None:
     """Store a frame of ``message`` (RX_…); the only writer of the slots.
 
     ``payload`` has ``length`` bytes; a frame that is too short or of another page is passed by.

@@ -68,6 +68,16 @@ def acting_moment(ecu: Ecu, cal: Calibration) -> i32:
     return sat31(ecu.delivered[0] + ecu.delivered[1])
 
 
+def told_by_steering(ecu: Ecu) -> i32:
+    """Return the lateral acceleration that the estimate is drawn to, Q24.
+
+    An old steering angle would pull it its way: the estimate itself pulls nowhere.
+    """
+    if ecu.motion_lost == 1:
+        return ecu.x[LATERAL]
+    return ecu.steering_acceleration
+
+
 def add_gains(
     ecu: Ecu,
     gains: Annotated[list[i32], N_STATES],
@@ -118,7 +128,7 @@ def observe(ecu: Ecu, cal: Calibration, steps: i32) -> None:
     if steps > 1:
         for i in range(N_STATES):
             ecu.ahead[i] = ecu.x[i]
-    advance(ecu, cal, ecu.x, moment, ecu.steering_acceleration)
+    advance(ecu, cal, ecu.x, moment, told_by_steering(ecu))
     if steps > 1:
         make_up(ecu, steps - 1)
     if cal.observer == PROPAGATED_COVARIANCE:
@@ -143,13 +153,14 @@ def look_ahead(ecu: Ecu, cal: Calibration) -> None:
     rate: i32 = cal.actuator_rate
     if cal.actuator >= DAMPERS:
         rate = 0
+    steering: i32 = told_by_steering(ecu)
     for i in range(N_STATES):
         ecu.ahead[i] = ecu.x[i]
     for step in range(cal.predict_steps):
         command: i32 = ecu.ring[(ecu.ring_head + N_RING + 1 - cal.predict_steps + step) & 31]
         reached: i32 = sat31(moment + product(rate, command - moment, 30))
         mean: i32 = rsh(moment + reached, 1)
-        advance(ecu, cal, ecu.ahead, mean, ecu.steering_acceleration)
+        advance(ecu, cal, ecu.ahead, mean, steering)
         moment = reached
 
 

@@ -27,7 +27,8 @@ from firmware.state import (
 )
 from firmware.subset import byte, clamp, i32, u8
 
-# fault codes; 0 to 4: no valid frame of message m in time; 5: free
+# fault codes; 0 to 4: no valid frame of message m in time
+FAULT_DISAGREEMENT = 5
 FAULT_ROLL_RATE = 6
 FAULT_ACCELERATION = 7
 FAULT_STUCK = 8
@@ -129,7 +130,7 @@ def lasting(ecu: Ecu, watched: i32, timeout: i32, bad: i32, elapsed: i32) -> i32
 
 
 def lacking(ecu: Ecu, message: i32, needed: u8) -> i32:
-    """Return 1 where a signal among the bits ``needed`` carries an error code.
+    """Return 1 where a signal among the bits ``needed`` carries an error code or is contradicted.
 
     A message that has not come yet lacks nothing: :func:`silence` judges that.
     """

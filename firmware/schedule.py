@@ -2,7 +2,7 @@
 
 from firmware.calibration import ONE, STATE_MAX, Calibration
 from firmware.fixed_point import product, quotient
-from firmware.state import LATERAL, RX_VEHICLE_MOTION, Ecu
+from firmware.state import RX_VEHICLE_MOTION, Ecu
 from firmware.subset import clamp, i32, sat31
 
 Q28_ONE = 1 << 28
@@ -25,7 +25,7 @@ def ratio(part: i32, whole: i32) -> i32:
 
 def schedule(ecu: Ecu, cal: Calibration) -> None:
     """Interpolate the schedule at a speed just received, constant beyond its ends."""
-    if ecu.age[RX_VEHICLE_MOTION] > 0 and ecu.motion_lost == 0:
+    if ecu.age[RX_VEHICLE_MOTION] > 0:
         return
     point: i32 = 0
     for k in range(1, cal.schedule_points):
@@ -40,9 +40,6 @@ def schedule(ecu: Ecu, cal: Calibration) -> None:
     ecu.front_share = clamp(front, 0, ONE)
     steering: i32 = between(cal.schedule_steering[point], cal.schedule_steering[after], share)
     ecu.steering_acceleration = product(steering, ecu.steering, 20)
-    if ecu.motion_lost == 1:
-        # an old steering angle would pull the estimate its way: the estimate itself pulls nowhere
-        ecu.steering_acceleration = ecu.x[LATERAL]
     span: i32 = clamp(cal.fade_high - cal.fade_low, 1, STATE_MAX)
     beyond_low: i32 = clamp(ecu.speed - cal.fade_low, 0, STATE_MAX)
     fade: i32 = ratio(beyond_low, span)

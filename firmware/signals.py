@@ -2,8 +2,9 @@
 
 Frames of roll_control.dbc.
 ``unpack`` turns the bytes of a mailbox into fields; a signal that carries one of its reserved
-codes (error, not available) keeps its field and clears its bit of ``ecu.valid``. ``pack`` writes
-the bytes of a frame, rounded to nearest and limited as the DBC says; ``protection`` comes after it.
+codes (error, not available) keeps its field and clears its bit of ``ecu.valid``, as does one that
+its second signal contradicts, which sets bit 7. ``pack`` writes the bytes of a frame, rounded to
+nearest and limited as the DBC says; ``protection`` comes after it.
 """
 
 from typing import Annotated
@@ -38,6 +39,11 @@ PAGES = 5
 def wanted(message: i32, payload: Annotated[list[u8], 8]) -> i32:
     """Return 1 where the mailbox ``message`` takes a frame, by the page that it is."""
     return 1
+
+
+def contradicted(ecu: Ecu) -> i32:
+    """Return 1 where a signal and its redundant or inverted one disagree."""
+    return 0
 
 
 def received(ecu: Ecu, slot: i32) -> i64:

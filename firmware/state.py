@@ -22,6 +22,7 @@ from firmware.calibration import (
     STATE_MAX,
     STATE_MIN,
 )
+from firmware.frames import RX_BYTES, TX_BYTES
 from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 
 # modes
@@ -59,6 +60,8 @@ STROKE_MAX = 1 << 29
 WINDOW_MAX = 1 << 26
 # ecu.calibration_word where the calibration has not the CRC it carries
 CORRUPT = 1 << 12
+# bit of ecu.valid: a signal of the message and its redundant or inverted one disagree
+DISAGREES = 128
 
 
 @record
@@ -183,10 +186,12 @@ class Ecu:
     ]
 
     # mailboxes: receive() writes one side of a slot, tick() reads the other
-    rx_payload: Annotated[list[list[u8]], 2 * N_RX, 8, F(0, 255, 0, "", "slot 2 m + side", True)]
+    rx_payload: Annotated[
+        list[list[u8]], 2 * N_RX, RX_BYTES, F(0, 255, 0, "", "slot 2 m + side", True)
+    ]
     rx_fresh: Annotated[list[u8], 2 * N_RX, F(0, 1, 0, "", "1: not read yet", True)]
     rx_side: Annotated[list[u8], N_RX, F(0, 1, 0, "", "side that receive() writes", True)]
-    tx_payload: Annotated[list[list[u8]], N_TX, 8, F(0, 255, 0, "", "bytes to send")]
+    tx_payload: Annotated[list[list[u8]], N_TX, TX_BYTES, F(0, 255, 0, "", "bytes to send")]
     tx_pending: Annotated[list[u8], N_TX, F(0, 1, 0, "", "1: to be sent; the sender clears it")]
     tx_counter: Annotated[list[u8], N_TX, F(0, 255, 0, "", "E2E counter of the last frame")]
 
@@ -198,7 +203,9 @@ class Ecu:
 
     # inputs: the last valid ones, in internal formats
     fresh: Annotated[list[u8], N_RX, F(0, 1, 0, "", "1: a valid frame came this tick")]
-    valid: Annotated[list[u8], N_RX, F(0, 255, 0, "", "bit i: signal i carries a value")]
+    valid: Annotated[
+        list[u8], N_RX, F(0, 255, 0, "", "bit i: signal i has a value; 7: disagreement")
+    ]
     imu_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the Imu frame")]
     motion_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of VehicleMotion")]
     rate_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of SuspensionRate")]

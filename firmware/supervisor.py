@@ -7,10 +7,12 @@ command to zero and keeps the heartbeat. Both end by themselves when all is well
 time, but for a calibration that has changed: that stays.
 """
 
+from firmware import signals
 from firmware.calibration import ONE, Calibration
 from firmware.plausibility import (
     DEGRADING,
     FAULT_CALIBRATION_CRC,
+    FAULT_DISAGREEMENT,
     FAULT_TICK_MISSED,
     UNSAFE,
     latch_faults,
@@ -55,7 +57,7 @@ def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
 
 def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Judge all inputs, set the mode and move the authority along its ramp."""
-    ecu.found = 0
+    ecu.found = signals.contradicted(ecu) << FAULT_DISAGREEMENT
     motion: i32 = watch_motion(ecu, cal, elapsed)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
     if elapsed > 1:

@@ -31,7 +31,7 @@ for name in "${@:-differential mutation benchmarks contract reproduce}"; do
                     keep "$(basename "$bench" .py)" python "$bench"
                 done ;;
             contract)
-                keep contract canroll design --compare --bus 500k --vehicle van_real --runs 200 ;;
+                keep contract canroll design --compare --bus 500k --vehicle van_real --plant nonlinear --runs 200 ;;
             reproduce) keep reproduce canroll reproduce ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac

@@ -84,6 +84,14 @@ def test_keys_of_a_design_and_of_its_margins(tmp_path, capsys):
     assert keys("margins") == set(json.loads(capsys.readouterr().out))
 
 
+def test_keys_of_a_linearisation(capsys):
+    assert cli.main(["response", "--linear", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    table = SECTIONS["response"].partition("| key of a linearisation |")[2]
+    cells = [row.split(" | ")[0] for row in table.splitlines()[2:] if row.startswith("|")]
+    assert {key for cell in cells for key in re.findall(r"`(.+?)`", cell)} == set(found)
+
+
 def test_keys_of_the_reproduction():
     from hil.papers.reproduce import to_json
 

@@ -11,6 +11,8 @@ import pytest
 import vehicles
 from codegen.generated import bus_map
 from codegen.generated.frame_protection import ATTRIBUTES
+from codegen.generated.mapped_signal import KEYS
+from firmware import plausibility
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.design import design
@@ -117,6 +119,18 @@ def test_a_map_leads_from_signals_to_fields(example, tmp_path):
     told = section("A map of your bus")
     for slot in (*bus_map.RECEIVED, *bus_map.TRANSMITTED):
         assert f"`{slot}`" in told
+
+
+def test_a_map_says_what_the_dbc_does_not(example, tmp_path):
+    second = ' SG_ LateralInverted : 27|12@0- (0.01,0) [-20|20] "m/s2" Ecu\n'
+    text = BUS["car.dbc"].replace("\n\nBO_ 801", f"\n{second}\nBO_ 801")
+    (tmp_path / "car.dbc").write_text(text, encoding="utf-8")
+    path = example("signal-keys.toml")
+    rate, lateral = bus_map.load(tmp_path / "car.dbc", path).received[0].signals
+    assert rate.scale < 0 < lateral.scale
+    assert lateral.twin.inverted and lateral.twin.tolerance == 2
+    assert set(first_column(section("A map of your bus"))) >= set(KEYS)
+    assert plausibility.FAULT_DISAGREEMENT == 5
 
 
 def test_a_map_protects_a_frame(example, tmp_path):

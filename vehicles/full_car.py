@@ -292,11 +292,3 @@ def state_matrices(car: FullCar, speed: float) -> tuple[Matrix, Matrix]:
             b[row, 1 + wheel] += car.tyre_stiffness
     inverse = np.linalg.inv(e).astype(np.float64)
     return inverse @ a, inverse @ b
-
-
-def frequency_response(car: FullCar, speed: float, frequencies: Matrix) -> NDArray[np.complex128]:
-    """Responses (26, 14, n) of all states to all inputs at ``frequencies`` (Hz, n of them)."""
-    a, b = state_matrices(car, speed)
-    eye = np.eye(len(STATES))
-    lines = [np.linalg.solve(2j * np.pi * hertz * eye - a, b) for hertz in frequencies]
-    return np.stack(lines, axis=2)

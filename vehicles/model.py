@@ -6,9 +6,7 @@ Axes: x forward, y left, z up. Wheels: front left, front right, rear left, rear 
 from dataclasses import dataclass
 from math import degrees, sqrt
 
-from canroll.errors import UnknownNameError
 from vehicles.equipment import (
-    ACTUATORS,
     Actuators,
     Channel,
     ElectroHydraulicBars,
@@ -275,25 +273,3 @@ class Vehicle:
             if text is not None:
                 return text
         return ""
-
-    def moment_limit(self, actuator: str) -> float:
-        """Largest anti-roll moment (N·m) that ``actuator`` can hold on the body.
-
-        ``suspension``: forces split by the axles' distances (Redondo 2021, figure 4) until the
-        first corner reaches its limit. ``bars``, ``valves``: both axles, evenly. ``dampers``: at
-        the fastest stroke of their table. Raises :class:`UnknownNameError` for any other.
-        """
-        geometry, actuators = self.geometry, self.actuators
-        tracks = geometry.half_track_front, geometry.half_track_rear
-        if actuator == "suspension":
-            front = geometry.half_track_front / geometry.cg_to_rear_axle
-            rear = geometry.half_track_rear / geometry.cg_to_front_axle
-            return 2 * actuators.suspension.force_limit * geometry.wheelbase * min(front, rear)
-        if actuator == "bars":
-            return 2 * actuators.bars.torque_limit
-        if actuator == "dampers":
-            return 2 * sum(tracks) * actuators.dampers.firm_force[-1]
-        if actuator == "valves":
-            valves = actuators.valves
-            return 2 * valves.displacement * valves.supply_pressure * valves.lever_ratio
-        raise UnknownNameError("actuator", actuator, ACTUATORS)

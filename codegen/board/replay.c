@@ -1,9 +1,11 @@
 /* Replays traffic from a file of the host (semihosting) and writes what the ECU did to another. */
 #include "canroll.h"
 
+#define ROOM(mailboxes) (sizeof((canroll_ecu *)0)->mailboxes[0])
+
 typedef struct {
     int32_t tick, message, length;
-    uint8_t payload[8];
+    uint8_t payload[ROOM(rx_payload) > ROOM(tx_payload) ? ROOM(rx_payload) : ROOM(tx_payload)];
 } replay_event;
 
 int board_call(int operation, volatile void *argument);

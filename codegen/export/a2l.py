@@ -55,11 +55,15 @@ A2ML = """\
 
 @dataclass(frozen=True, slots=True)
 class Software:
-    """What the file describes: its EPK, the calibration in it, XCP where the bus has it."""
+    """What the file describes: its EPK, the calibration in it, XCP where the bus has it.
+
+    ``state`` is the class of the bus's state record.
+    """
 
     epk: str
     record: Calibration
     xcp: Xcp | None = None
+    state: type[Any] = Ecu
 
 
 def addresses(elf: Path) -> dict[str, int]:
@@ -95,7 +99,7 @@ def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
         lines += _block("RECORD_LAYOUT", f"{kind}_VALUES", [f"FNC_VALUES 1 {kind} ROW_DIR DIRECT"])
     lines += _block("RECORD_LAYOUT", "SLONG_AXIS", ["AXIS_PTS_X 1 SLONG INDEX_INCR DIRECT"])
     lines += _methods()
-    for name, record in RECORDS.items():
+    for name, record in (RECORDS | {"ecu": software.state}).items():
         offsets: Mapping[str, Any] = memory_image.dtype(record).fields or {}
         for field in fields(record):
             lines += _entry(name, field, int(offsets[field.name][1]))

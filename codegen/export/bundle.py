@@ -4,38 +4,34 @@ Sources and headers, the calibration as a header, test vectors with a runner, Ma
 CMakeLists.txt, start-up and example for a bare Cortex-M, A2L, the cantools codec and a README.
 """
 
+import re
 import shutil
-import tempfile
 import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-import cantools
 import numpy as np
-from cantools.database import Database
 from cantools.database.can import c_source
 from numpy.typing import NDArray
 
-from codegen.c99 import emit
-from codegen.export import a2l, interrupts, misra
-from codegen.generated import protection, signals
-from codegen.generated.bus_map import EXTENDED, BusMap
-from codegen.generated.bus_map import load as load_map
+from codegen.c99.text import filled
+from codegen.export import a2l, codec_comparison, interrupts, misra
+from codegen.generated.bus_map import EXTENDED, BusMap, read
 from codegen.generated.frame_protection import Protection
 from codegen.run import memory_image, native
+from codegen.run.bus_firmware import BusFirmware, of_bus
 from codegen.run.cortex import OPTIMISATION
 from codegen.run.ecu_traffic import Traffic
-from codegen.subset.program import FIRMWARE
 from firmware.calibration import Calibration
-from firmware.state import Ecu
 
 TEMPLATES = Path(__file__).with_name("templates")
 BOARD = Path(__file__).parents[1] / "board"
-GENERATED = {"signals.py": signals.generate, "protection.py": protection.generate}
-"""Modules of the firmware that a bus makes."""
 FNV_OFFSET, FNV_PRIME = 2166136261, 16777619
+FD_NOTE = """ `canroll_signals_tx_fd[slot]` is 0
+   for a classic frame, 1 for CAN FD, 3 for CAN FD with bit-rate switch. A frame of several
+   mailboxes is given to `canroll_receive` once for each."""
 
 
 EPK_HEADER = """\
@@ -91,31 +87,24 @@ class Export:
 
 def sources(dbc: Path, map_file: Path) -> dict[str, str]:
     """The firmware in C for the signals of ``dbc``, by file name."""
-    if (dbc, map_file) == (signals.DBC, signals.MAP):
-        return emit.firmware()
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(temporary)
-        for path in FIRMWARE.glob("*.py"):
-            shutil.copy(path, folder)
-        for name, generate in GENERATED.items():
-            (folder / name).write_text(generate(dbc, map_file), encoding="utf-8")
-        return emit.emit(folder=folder)
+    return of_bus(dbc, map_file).files
 
 
 def write(folder: Path, export: Export) -> list[Path]:
     """Write the bundle to ``folder``, made where it is missing; return the files written."""
-    files = sources(export.dbc, export.map_file)
-    bus = load_map(export.dbc, export.map_file)
+    firmware = of_bus(export.dbc, export.map_file)
+    files, bus = firmware.files, firmware.bus
     texts = {
         f"{'src' if name.endswith('.c') else 'include'}/{name}": text
         for name, text in files.items()
     }
     texts["include/canroll_gains.h"] = export.gains
-    texts["test/vectors.h"], texts["test/vectors.c"] = _vectors(files, export)
+    texts["test/vectors.h"], texts["test/vectors.c"] = _vectors(firmware, export)
     for name in ("startup.c", "link.ld"):
         texts[f"board/{name}"] = (BOARD / name).read_text(encoding="utf-8")
     for name, place in (
         ("test_main.c", "test/"),
+        ("test_codec.py.in", "test/"),
         ("example.c", "board/"),
         ("Makefile", ""),
         ("CMakeLists.txt", ""),
@@ -123,26 +112,32 @@ def write(folder: Path, export: Export) -> list[Path]:
     ):
         text = (TEMPLATES / name).read_text(encoding="utf-8")
         text = text.replace("{version}", version("canroll"))
-        texts[place + name] = text.replace("{optimisation}", " ".join(OPTIMISATION))
+        text = text.replace("{bytes}", str(export.traffic.frames.dtype["payload"].shape[0]))
+        texts[place + name.removesuffix(".in")] = text.replace(
+            "{optimisation}", " ".join(OPTIMISATION)
+        )
     epk = f"canroll {version('canroll')} {_named(files)}"
     texts["include/canroll_epk.h"] = EPK_HEADER.format(version=version("canroll"), epk=epk)
     texts["src/canroll_epk.c"] = EPK_SOURCE
-    texts["canroll.a2l"] = a2l.a2l(a2l.Software(epk, export.record, bus.xcp))
-    texts[export.dbc.name] = export.dbc.read_text(encoding="utf-8")
+    texts["canroll.a2l"] = a2l.a2l(a2l.Software(epk, export.record, bus.xcp, firmware.record))
+    comparison = codec_comparison.files(export.dbc, export.map_file, bus)
+    texts.update({f"test/{name}": text for name, text in comparison.items()})
     texts.update({f"codec/{name}": text for name, text in _codec(export.dbc).items()})
-    texts["README.md"] = _readme(export, bus)
+    texts["README.md"] = _readme(export, firmware)
     written = []
     for name, text in sorted(texts.items()):
         path = folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
         written.append(path)
-    return written
+    # as it is: a DBC may be in any character set
+    shutil.copyfile(export.dbc, folder / export.dbc.name)
+    return [*written, folder / export.dbc.name]
 
 
-def _vectors(files: dict[str, str], export: Export) -> tuple[str, str]:
+def _vectors(firmware: BusFirmware, export: Export) -> tuple[str, str]:
     """Header and source of the test vectors, from the compiled reference."""
-    library = native.build(files)
+    library = native.library_of(firmware)
     cals = np.frombuffer(
         memory_image.image(export.record), memory_image.dtype(Calibration), 1
     ).copy()
@@ -162,7 +157,7 @@ def _vectors(files: dict[str, str], export: Export) -> tuple[str, str]:
         "",
         "typedef struct {",
         "    int32_t tick, message, length;",
-        "    uint8_t payload[8];",
+        f"    uint8_t payload[{frames.dtype['payload'].shape[0]}];",
         "} vector_event;",
         "",
         f"extern const int32_t vector_elapsed[{export.traffic.ticks}];",
@@ -192,13 +187,7 @@ def _events(frames: NDArray[np.void]) -> list[str]:
 
 def _array(head: str, items: list[str]) -> Iterator[str]:
     yield f"const {head}[{len(items)}] = {{"
-    line = "   "
-    for item in items:
-        if len(line) + len(item) + 2 > 100:
-            yield line
-            line = "   "
-        line += f" {item},"
-    yield line
+    yield from filled(f"{item}," for item in items)
     yield "};"
     yield ""
 
@@ -219,16 +208,20 @@ def _digest(data: bytes) -> int:
 
 def _codec(dbc: Path) -> dict[str, str]:
     """The frames as cantools' own C codec."""
-    database = cantools.database.load_file(dbc)
-    assert isinstance(database, Database)
+    database, _ = read(dbc)
     name = "canroll_codec"
     header, source, _, _ = c_source.generate(
         database, name, f"{name}.h", f"{name}.c", f"{name}_fuzzer.c"
     )
-    return {f"{name}.h": header, f"{name}.c": source}
+    # without the date, so that the same controller gives the same files
+    return {
+        f"{name}.{kind}": re.sub(r"(generated by cantools version \S+) .*", r"\1.", text)
+        for kind, text in (("h", header), ("c", source))
+    }
 
 
-def _readme(export: Export, bus: BusMap) -> str:
+def _readme(export: Export, firmware: BusFirmware) -> str:
+    bus = firmware.bus
     protection = (
         "Checksums and counters are as the table says."
         if bus.protected and export.record.e2e
@@ -237,8 +230,9 @@ def _readme(export: Export, bus: BusMap) -> str:
     text = (TEMPLATES / "README.md").read_text(encoding="utf-8")
     values = {
         "title": export.title,
-        "state": str(memory_image.dtype(Ecu).itemsize),
+        "state": str(memory_image.dtype(firmware.record).itemsize),
         "tick_us": str(export.record.tick_us),
+        "fd": FD_NOTE if any(box.fd for box in bus.transmitted) else "",
         "frames": "\n".join(_frames(bus)),
         "protection": protection,
         "dbc": export.dbc.name,
@@ -263,7 +257,10 @@ def _frames(bus: BusMap) -> Iterator[str]:
                 name = f"{box.name}: {box.comment}" if box.comment else box.name
                 if box.pages:
                     name += f" (page {', '.join(str(page) for page in box.pages)})"
-                yield f"| {word} | {number} | {ident} | {box.length} | {its} | {name} |"
+                size = str(box.length)
+                if box.fd:
+                    size = f"{box.sent_length}, CAN FD{' with BRS' if box.bit_rate_switch else ''}"
+                yield f"| {word} | {number} | {ident} | {size} | {its} | {name} |"
 
 
 def described(its: Protection | None) -> str:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 
-from codegen.c99.text import C_TYPES
+from codegen.c99.text import C_TYPES, filled, plain
 from firmware.calibration import Calibration
 from firmware.subset import Field, fields
 
@@ -32,7 +32,7 @@ def gains_header(
     table = fields(Calibration)
     physical = physical or {}
     lines = ["/*"]
-    lines += [f" * {comment(line)}".rstrip() for line in title]
+    lines += [f" * {plain(' '.join(line.splitlines()))}".rstrip() for line in title]
     lines += [
         " *",
         " * Written by 'canroll design'. A value n of format Qq stands for n / 2^q of its unit.",
@@ -55,11 +55,6 @@ def gains_header(
     return "\n".join(lines)
 
 
-def comment(text: str) -> str:
-    """Return ``text`` as it may stand inside a C comment."""
-    return text.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("\n", " ")
-
-
 def _declaration(field: Field) -> str:
     shape = "".join(f"[{length}]" for length in field.shape)
     return f"{C_TYPES[field.kind]} {field.name}{shape};"
@@ -69,7 +64,7 @@ def _meaning(field: Field) -> str:
     """Say unit, format and meaning of a field in the words of the field table."""
     unit = f"{field.f.unit}, " if field.f.unit else ""
     q = f"Q{field.f.q}, " if field.f.q else ""
-    return comment(f"{unit}{q}{field.f.meaning}")
+    return plain(f"{unit}{q}{field.f.meaning}")
 
 
 def _value_in_units(field: Field, value: object) -> str:
@@ -87,9 +82,9 @@ def _value_in_units(field: Field, value: object) -> str:
 def _initialiser(field: Field, value: object, physical: str) -> list[str]:
     """Return the lines of one member: a comment with its physical value, then its integers."""
     said = physical or _value_in_units(field, value)
-    note = comment(f"{field.name} = {said}" if said else field.name)
-    open_comment = f"    /* {note} */ \\"
-    return [open_comment, *(f"{line} \\" for line in _wrapped(f"{_literal(value)},"))]
+    note = plain(f"{field.name} = {said}" if said else field.name)
+    numbers = filled(f"{_literal(value)},".split(" "), WIDTH)
+    return [f"{line} \\" for line in (f"    /* {note} */", *numbers)]
 
 
 def _literal(value: object) -> str:
@@ -98,15 +93,3 @@ def _literal(value: object) -> str:
         return "{ " + ", ".join(_literal(item) for item in value) + " }"
     assert isinstance(value, int)
     return "(-2147483647 - 1)" if value == -(2**31) else str(value)
-
-
-def _wrapped(text: str) -> list[str]:
-    """Break ``text`` at spaces to the line width."""
-    lines: list[str] = []
-    line = "   "
-    for word in text.split(" "):
-        if len(line) + 1 + len(word) > WIDTH:
-            lines.append(line)
-            line = "   "
-        line += f" {word}"
-    return [*lines, line]

@@ -7,17 +7,18 @@ which file is wrong.
 """
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cantools
-from cantools.database import Database
+from cantools.database import Database, Message
 
+import dbc
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.generated.frame_protection import Protection, protection
-from codegen.generated.mapped_signal import MappedSignal, RawSignal, map_signal
+from codegen.generated.mapped_signal import MappedSignal, RawSignal, bits_of, map_signal
 from codegen.generated.multiplexing import (
     all_pages,
     pages,
@@ -25,6 +26,7 @@ from codegen.generated.multiplexing import (
     refuse_unset,
     selector,
 )
+from codegen.generated.signal_code import snake
 
 RECEIVED = (
     "imu",
@@ -53,6 +55,8 @@ COMMANDS = ("suspension_force", "anti_roll_bar", "damper", "valve")
 IN_TURN = "diagnostics"
 """The one mailbox that sends the pages of its frame in turn."""
 EXTENDED = 1 << 30
+STANDARD = (1 << 11) - 1
+"""Largest identifier of 11 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +65,7 @@ class Mailbox:
 
     ``pages`` are the values of the multiplexer ``selector`` that the mailbox takes or sends; both
     are empty where no signal in use is multiplexed. ``cycle`` is the number of pages that the
-    message has.
+    message has. ``fd``: a CAN FD frame, with ``bit_rate_switch`` its data phase is the faster one.
     """
 
     slot: str
@@ -74,6 +78,13 @@ class Mailbox:
     selector: RawSignal | None = None
     pages: tuple[int, ...] = ()
     cycle: int = 1
+    fd: bool = False
+    bit_rate_switch: bool = False
+
+    @property
+    def sent_length(self) -> int:
+        """Bytes of its frame on the wire: a CAN FD frame is padded to the next length code."""
+        return dbc.padded(self.length) if self.fd else self.length
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,11 +98,15 @@ class Xcp:
 
 @dataclass(frozen=True, slots=True)
 class BusMap:
-    """All mailboxes, in the order of the firmware's slot numbers; XCP where the map has it."""
+    """All mailboxes, in the order of the firmware's slot numbers; XCP where the map has it.
+
+    ``warnings`` say what the database has that is not as it should be.
+    """
 
     received: tuple[Mailbox, ...]
     transmitted: tuple[Mailbox, ...]
     xcp: Xcp | None = None
+    warnings: tuple[str, ...] = ()
 
     @property
     def protected(self) -> bool:
@@ -113,17 +128,12 @@ def _counts(box: Mailbox) -> int:
     return counter.values if counter else 0
 
 
-def load(dbc: Path, map_file: Path) -> BusMap:
-    """Return the mailboxes that ``dbc`` and ``map_file`` describe.
+def load(dbc_file: Path, map_file: Path) -> BusMap:
+    """Return the mailboxes that ``dbc_file`` and ``map_file`` describe.
 
     Raises CanrollError, naming file and key, for whatever doesn't fit together.
     """
-    try:
-        database = cantools.database.load_file(dbc)
-    except (OSError, cantools.database.UnsupportedDatabaseFormatError) as error:
-        raise CanrollError(f"{dbc}: not a readable DBC: {error}") from error
-    if not isinstance(database, Database):
-        raise CanrollError(f"{dbc}: not a CAN database; give a .dbc file")
+    database, warnings = read(dbc_file)
     try:
         document = tomllib.loads(map_file.read_text(encoding="utf-8"))
     except (OSError, tomllib.TOMLDecodeError) as error:
@@ -143,9 +153,36 @@ def load(dbc: Path, map_file: Path) -> BusMap:
             _mailbox(database, map_file, direction, slot, tables.get(slot)) for slot in slots
         )
     xcp = _xcp(document["xcp"], database, map_file) if "xcp" in document else None
-    bus = BusMap(boxes["receive"], boxes["transmit"], xcp)
+    bus = BusMap(boxes["receive"], boxes["transmit"], xcp, warnings)
     _refuse_short_echo(bus, map_file)
     return bus
+
+
+def read(path: Path) -> tuple[Database, tuple[str, ...]]:
+    """Read a network description: DBC, KCD, ARXML or SYM.
+
+    One that breaks the rules of its format, as with overlapping signals, is read all the same.
+
+    Returns:
+        database: the messages.
+        warnings: the first rule that it breaks, if any.
+
+    Raises:
+        CanrollError: it is none of these files, or not one of CAN.
+    """
+    warnings: tuple[str, ...] = ()
+    try:
+        try:
+            database = cantools.database.load_file(path)
+        except cantools.Error as error:
+            database = cantools.database.load_file(path, strict=False)
+            warnings = (f"{path}: read leniently: {str(error).splitlines()[0]}",)
+    except (OSError, UnicodeDecodeError, cantools.Error) as error:
+        first = (str(error).splitlines() or [type(error).__name__])[0]
+        raise CanrollError(f"{path}: not a readable DBC, KCD, ARXML or SYM: {first}") from error
+    if not isinstance(database, Database):
+        raise CanrollError(f"{path}: not a CAN database; give a .dbc file")
+    return database, warnings
 
 
 def _xcp(table: Mapping[str, Any], database: Database, map_file: Path) -> Xcp:
@@ -193,14 +230,16 @@ def _mailbox(
     if name not in messages:
         raise UnknownNameError(f"message in {where}", name, messages)
     message = messages[name]
-    if message.length > 8:
-        raise CanrollError(f"{where}: {name} has {message.length} bytes; the mailbox holds 8")
+    _refuse_length(message, where)
+    if message.frame_id > STANDARD and not message.is_extended_frame:
+        raise CanrollError(
+            f"{where}: {name} has the identifier 0x{message.frame_id:X} in 11 bits: mark it as "
+            "extended in the DBC"
+        )
     known = {signal.name: signal for signal in message.signals}
     mapped = []
     for signal_name, entry in table.get("signals", {}).items():
-        if signal_name not in known:
-            raise UnknownNameError(f"signal of {name} in {where}", signal_name, known)
-        mapped.append(map_signal(known[signal_name], entry, f"{where} {signal_name}"))
+        mapped.append(map_signal(signal_name, entry, known, f"{where} {signal_name}"))
     choice = selector(message, where)
     chosen = pages(mapped)
     if slot != IN_TURN:
@@ -213,8 +252,12 @@ def _mailbox(
             raise CanrollError(f"{where}: maps none of {', '.join(VALID_BITS[slot])}")
         if any(signal.place.mask is not None for signal in mapped):
             raise CanrollError(f"{where}: a mask applies to transmitted frames only")
+    used = {part.name for signal in mapped for part in signal.parts}
+    if choice:
+        used.add(choice.name)
+    _refuse_like_names(used, where)
+    _refuse_stray_bits(message, used, direction, where)
     ident = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
-    used = {signal.name for signal in mapped} | ({choice.name} if choice else set())
     return Mailbox(
         slot=slot,
         name=name,
@@ -226,4 +269,46 @@ def _mailbox(
         selector=choice if chosen else None,
         pages=chosen,
         cycle=len(all_pages(message)) if chosen else 1,
+        fd=bool(message.is_fd),
+        bit_rate_switch=dbc.switches_bit_rate(message),
     )
+
+
+def _refuse_length(message: Message, where: str) -> None:
+    """A classic frame has at most 8 bytes, a CAN FD frame 64."""
+    if message.length > 8 and not message.is_fd:
+        raise CanrollError(
+            f"{where}: {message.name} has {message.length} bytes but is no CAN FD frame: set its "
+            "VFrameFormat to StandardCAN_FD or ExtendedCAN_FD in the DBC"
+        )
+    if message.length > dbc.FD_LENGTHS[-1]:
+        raise CanrollError(
+            f"{where}: {message.name} has {message.length} bytes; a frame has at most 64"
+        )
+
+
+def _refuse_like_names(used: Collection[str], where: str) -> None:
+    """The code's names of signals are in lower case."""
+    names: dict[str, str] = {}
+    for name in sorted(used):
+        other = names.setdefault(snake(name), name)
+        if other != name:
+            raise CanrollError(f"{where}: {other} and {name} differ in case alone: map one of them")
+
+
+def _refuse_stray_bits(message: Message, used: Collection[str], direction: str, where: str) -> None:
+    """A signal in use is inside the frame, and has its bits for itself where the frame is sent."""
+    taken: dict[tuple[int, int | None], str] = {}
+    for signal in message.signals:
+        if signal.name not in used:
+            continue
+        for bit in bits_of(signal):
+            if not 0 <= bit < 8 * message.length:
+                raise CanrollError(
+                    f"{where}: {signal.name} has bits outside the {message.length} bytes of "
+                    f"{message.name}"
+                )
+            page = signal.multiplexer_ids[0] if signal.multiplexer_ids else None
+            other = taken.setdefault((bit, page), signal.name)
+            if direction == "transmit" and other != signal.name:
+                raise CanrollError(f"{where}: {signal.name} and {other} share bit {bit}")

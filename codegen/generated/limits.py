@@ -8,6 +8,7 @@ from math import prod
 from pathlib import Path
 
 import firmware.calibration
+from codegen.c99.text import filled
 from firmware.subset import Field, fields, places
 
 PATH = Path(firmware.calibration.__file__).with_name("limits.py")
@@ -40,13 +41,7 @@ def limits(field: Field) -> tuple[bool, int, int]:
 def table(name: str, kind: str, values: Sequence[int]) -> Iterator[str]:
     """Yield the lines of a constant table."""
     yield f"{name}: tuple[{kind}, ...] = ("
-    line = "   "
-    for value in values:
-        if len(line) + len(str(value)) > 97:
-            yield line
-            line = "   "
-        line += f" {value},"
-    yield line
+    yield from filled((f"{value}," for value in values), 99)
     yield ")"
 
 

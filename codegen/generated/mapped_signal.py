@@ -2,7 +2,7 @@
 
 import ast
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -15,6 +15,20 @@ from firmware.subset import Field, fields
 
 UNAVAILABLE = ("error", "not available", "notavailable", "invalid", "sna", "undefined", "fault")
 LONGEST_SIGNAL = 30
+KEYS = (
+    "field",
+    "q",
+    "field_unit",
+    "unit",
+    "factor",
+    "offset",
+    "sign",
+    "redundant",
+    "inverted",
+    "tolerance",
+    "unavailable",
+)
+"""Keys of the table that a map may have for a signal."""
 
 _DEGREE = Fraction(math.pi) / 180
 _G = Fraction(980665, 100000)
@@ -22,20 +36,39 @@ UNITS: dict[str, tuple[str, Fraction]] = {
     "": ("", Fraction(1)),
     "rad": ("angle", Fraction(1)),
     "deg": ("angle", _DEGREE),
+    "degree": ("angle", _DEGREE),
+    "degrees": ("angle", _DEGREE),
+    "Deg": ("angle", _DEGREE),
+    "Unit_DegreOfArc": ("angle", _DEGREE),
     "°": ("angle", _DEGREE),
     "rad/s": ("rate", Fraction(1)),
+    "rad/sec": ("rate", Fraction(1)),
+    "radians/second": ("rate", Fraction(1)),
     "deg/s": ("rate", _DEGREE),
+    "deg/sec": ("rate", _DEGREE),
+    "Deg/s": ("rate", _DEGREE),
+    "degrees/s": ("rate", _DEGREE),
+    "degrees/sec": ("rate", _DEGREE),
+    "degrees/second": ("rate", _DEGREE),
+    "Unit_DegreOfArcPerSecon": ("rate", _DEGREE),
     "°/s": ("rate", _DEGREE),
     "m": ("length", Fraction(1)),
     "mm": ("length", Fraction(1, 1000)),
     "m/s": ("speed", Fraction(1)),
     "mm/s": ("speed", Fraction(1, 1000)),
     "km/h": ("speed", Fraction(10, 36)),
+    "km/hr": ("speed", Fraction(10, 36)),
+    "kph": ("speed", Fraction(10, 36)),
+    "Unit_KiloMeterPerHour": ("speed", Fraction(10, 36)),
     "mph": ("speed", Fraction(44704, 100000)),
     "m/s2": ("acceleration", Fraction(1)),
     "m/s²": ("acceleration", Fraction(1)),
     "m/s^2": ("acceleration", Fraction(1)),
+    "m/s/s": ("acceleration", Fraction(1)),
     "g": ("acceleration", _G),
+    "G": ("acceleration", _G),
+    "Unit_ForceOfGravi": ("acceleration", _G),
+    "Unit_MeterPerSeconSquar": ("acceleration", Fraction(1)),
     "N": ("force", Fraction(1)),
     "kN": ("force", Fraction(1000)),
     "Nm": ("moment", Fraction(1)),
@@ -82,11 +115,24 @@ class RawSignal:
     signed: bool
 
 
+@dataclass(frozen=True, slots=True)
+class Twin:
+    """A second signal that carries the same code, or with ``inverted`` its complement.
+
+    The codes may differ by ``tolerance``.
+    """
+
+    signal: RawSignal
+    inverted: bool
+    tolerance: int
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MappedSignal(RawSignal):
     """One signal and its field; a raw n carries ``scale`` * n + ``offset`` field integers.
 
     ``page`` is the value of the frame's multiplexer at which the signal is there, None: always.
+    ``minus`` is a bit of the frame that says, where it is 1, that the raw code counts negative.
     """
 
     place: Place
@@ -96,17 +142,37 @@ class MappedSignal(RawSignal):
     raw_lo: int
     raw_hi: int
     page: int | None
+    minus: RawSignal | None = None
+    twin: Twin | None = None
+
+    @property
+    def parts(self) -> tuple[RawSignal, ...]:
+        """All signals of the frame that it is made of."""
+        more = (self.minus, self.twin.signal if self.twin else None)
+        return (self, *(signal for signal in more if signal is not None))
 
 
-def map_signal(signal: Signal, entry: str | Mapping[str, Any], where: str) -> MappedSignal:
-    """Resolve one entry of a map file; ``where`` is what an error says of its place.
+def map_signal(
+    name: str, entry: str | Mapping[str, Any], known: Mapping[str, Signal], where: str
+) -> MappedSignal:
+    """Resolve the entry of the signal ``name`` in a map file.
 
-    Raises CanrollError where unit, field or width don't fit.
+    Args:
+        name: of the signal.
+        entry: its field, or a table with one of ``KEYS``.
+        known: signals of the frame.
+        where: of the entry, for errors.
+
+    Raises:
+        CanrollError: unit, field or width do not fit, or a key that cannot be.
     """
-    if signal.is_float or signal.length > LONGEST_SIGNAL:
-        raise CanrollError(f"{where}: an integer of at most {LONGEST_SIGNAL} bits is needed")
-    place = _place(entry, where)
-    unit = signal.unit or ""
+    signal = _integer(name, known, where)
+    table: Mapping[str, Any] = {"field": entry} if isinstance(entry, str) else entry
+    for key in table:
+        if key not in KEYS:
+            raise UnknownNameError(f"key in {where}", key, KEYS)
+    place = _place(table, where)
+    unit = str(table.get("unit", signal.unit or ""))
     if unit not in UNITS or place.unit not in UNITS:
         unknown = unit if unit not in UNITS else place.unit
         raise UnknownNameError(f"unit in {where}", unknown, UNITS)
@@ -114,17 +180,24 @@ def map_signal(signal: Signal, entry: str | Mapping[str, Any], where: str) -> Ma
     if quantity != expected:
         raise CanrollError(f"{where}: unit '{unit}' does not match {place.text} ('{place.unit}')")
     to_field = factor / UNITS[place.unit][1] * 2**place.q
-    scale = Fraction(str(signal.scale)) * to_field
+    minus, sign = None, table.get("sign", 1)
+    if sign == -1:
+        to_field = -to_field
+    elif isinstance(sign, str):
+        minus = _minus(sign, signal, known, where)
+        if _fraction(table, "offset", signal.offset, where):
+            raise CanrollError(f"{where}: a signal with a sign signal must have the offset 0")
+    elif sign != 1:
+        raise CanrollError(f"{where}: sign must be 1, -1 or the name of a signal of one bit")
+    scale = _fraction(table, "factor", signal.scale, where) * to_field
     if not scale:
-        raise CanrollError(f"{where}: the signal's factor is 0")
-    span = 1 << signal.length
-    raw_range = (-span // 2, span // 2 - 1) if signal.is_signed else (0, span - 1)
-    choices = signal.choices or {}
-    named = entry.get("unavailable", ()) if isinstance(entry, Mapping) else ()
-    unavailable = set(named) | {
-        int(raw) for raw, text in choices.items() if str(text).casefold() in UNAVAILABLE
+        raise CanrollError(f"{where}: the signal's factor is 0: give it in the map")
+    unavailable = set(_codes(table, where)) | {
+        int(raw)
+        for raw, text in (signal.choices or {}).items()
+        if str(text).casefold() in UNAVAILABLE
     }
-    raw_lo, raw_hi = _raw_limits(signal, raw_range, where)
+    raw_lo, raw_hi = _raw_limits(signal, where)
     return MappedSignal(
         name=signal.name,
         place=place,
@@ -132,18 +205,90 @@ def map_signal(signal: Signal, entry: str | Mapping[str, Any], where: str) -> Ma
         length=signal.length,
         signed=signal.is_signed,
         scale=scale,
-        offset=Fraction(str(signal.offset)) * to_field,
+        offset=_fraction(table, "offset", signal.offset, where) * to_field,
         unavailable=tuple(sorted(unavailable)),
-        raw_lo=raw_lo,
+        raw_lo=-raw_hi if minus else raw_lo,
         raw_hi=raw_hi,
         page=signal.multiplexer_ids[0] if signal.multiplexer_ids else None,
+        minus=minus,
+        twin=_twin(table, signal, known, where),
     )
 
 
-def _raw_limits(signal: Signal, raw_range: tuple[int, int], where: str) -> tuple[int, int]:
+def _integer(name: object, known: Mapping[str, Signal], where: str) -> Signal:
+    """A signal of the frame that the firmware can take."""
+    if not isinstance(name, str) or name not in known:
+        raise UnknownNameError(f"signal in {where}", str(name), known)
+    signal = known[name]
+    if signal.is_float or signal.length > LONGEST_SIGNAL:
+        raise CanrollError(f"{where}: {name} must be an integer of at most {LONGEST_SIGNAL} bits")
+    return signal
+
+
+def _fraction(table: Mapping[str, Any], key: str, default: float, where: str) -> Fraction:
+    """A number of the map, in its own decimals; else the one of the DBC."""
+    value = table.get(key, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise CanrollError(f"{where}: {key} must be a number, not {value!r}")
+    return Fraction(str(value))
+
+
+def _codes(table: Mapping[str, Any], where: str) -> Iterator[int]:
+    codes = table.get("unavailable", [])
+    if not isinstance(codes, list):
+        raise CanrollError(f"{where}: unavailable must be a list of raw codes, not {codes!r}")
+    for code in codes:
+        if not isinstance(code, int) or isinstance(code, bool):
+            raise CanrollError(f"{where}: unavailable must hold raw codes, not {code!r}")
+        yield code
+
+
+def _minus(name: str, signal: Signal, known: Mapping[str, Signal], where: str) -> RawSignal:
+    """The bit that carries the sign of an unsigned signal."""
+    bit = _integer(name, known, where)
+    if bit.length != 1 or bit.name == signal.name:
+        raise CanrollError(f"{where}: {bit.name} has {bit.length} bits, a sign must have one")
+    if signal.is_signed:
+        raise CanrollError(f"{where}: {signal.name} is signed and needs no sign {bit.name}")
+    if bit.multiplexer_ids not in (None, [], signal.multiplexer_ids):
+        raise CanrollError(f"{where}: {bit.name} is on another page than {signal.name}")
+    return raw_signal(bit)
+
+
+def _twin(
+    table: Mapping[str, Any], signal: Signal, known: Mapping[str, Signal], where: str
+) -> Twin | None:
+    """The second signal that the first is checked against, or None."""
+    named = [key for key in ("redundant", "inverted") if key in table]
+    if len(named) > 1:
+        raise CanrollError(f"{where}: give either redundant or inverted")
+    if not named:
+        if "tolerance" in table:
+            raise CanrollError(f"{where}: tolerance needs redundant or inverted")
+        return None
+    other = _integer(table[named[0]], known, where)
+    alike = ("length", "is_signed", "scale", "offset", "multiplexer_ids")
+    for key in alike:
+        if getattr(other, key) != getattr(signal, key):
+            raise CanrollError(
+                f"{where}: {other.name} must have the {key.removeprefix('is_')} of {signal.name}"
+            )
+    if other.name == signal.name:
+        raise CanrollError(f"{where}: {signal.name} cannot be its own {named[0]} signal")
+    tolerance = _fraction(table, "tolerance", 0, where)
+    step = abs(_fraction(table, "factor", signal.scale, where))
+    if tolerance < 0:
+        raise CanrollError(f"{where}: tolerance must be at least 0")
+    return Twin(raw_signal(other), named[0] == "inverted", math.floor(tolerance / step))
+
+
+def _raw_limits(signal: Signal, where: str) -> tuple[int, int]:
     """The raw codes that the DBC's minimum and maximum allow."""
-    lo, hi = raw_range
+    span = 1 << signal.length
+    lo, hi = (-span // 2, span // 2 - 1) if signal.is_signed else (0, span - 1)
     if signal.minimum is None or signal.maximum is None or signal.minimum >= signal.maximum:
+        return lo, hi
+    if not signal.scale:
         return lo, hi
     factor, offset = Fraction(str(signal.scale)), Fraction(str(signal.offset))
     ends = sorted(
@@ -155,9 +300,9 @@ def _raw_limits(signal: Signal, raw_range: tuple[int, int], where: str) -> tuple
     return lo, hi
 
 
-def _place(entry: str | Mapping[str, Any], where: str) -> Place:
+def _place(table: Mapping[str, Any], where: str) -> Place:
     """Resolve ``field``, ``field[i]`` or ``field & mask``."""
-    text = entry if isinstance(entry, str) else str(entry.get("field", ""))
+    text = str(table.get("field", ""))
     mask = None
     try:
         node: ast.expr = ast.parse(text, mode="eval").body
@@ -174,22 +319,26 @@ def _place(entry: str | Mapping[str, Any], where: str) -> Place:
         raise CanrollError(
             f"{where}: '{text}' must read field, field[i] or field & mask"
         ) from error
-    table: dict[str, Field] = {field.name: field for field in fields(Ecu)}
-    if node.id not in table:
-        raise UnknownNameError(f"field in {where}", node.id, table)
-    field = table[node.id]
+    record: dict[str, Field] = {field.name: field for field in fields(Ecu)}
+    if node.id not in record:
+        raise UnknownNameError(f"field in {where}", node.id, record)
+    field = record[node.id]
     if (index is None) != (field.shape == ()) or len(field.shape) > 1:
         raise CanrollError(f"{where}: {field.name} has shape {field.shape}")
     if index is not None and not 0 <= index < field.shape[0]:
         raise CanrollError(f"{where}: {field.name} has {field.shape[0]} elements")
-    options: Mapping[str, Any] = {} if isinstance(entry, str) else entry
+    given = [key for key in ("q", "field_unit") if key in table]
+    if given and (field.f.q or field.f.unit):
+        raise CanrollError(f"{where}: {given[0]} of {field.name} is fixed: omit it")
+    if not isinstance(table.get("q", 0), int):
+        raise CanrollError(f"{where}: q must be a whole number, not {table['q']!r}")
     return Place(
         text=node.id if index is None else f"{node.id}[{index}]",
         mask=mask,
         lo=field.f.lo if mask is None else 0,
         hi=field.f.hi if mask is None else mask,
-        q=int(options.get("q", field.f.q)),
-        unit=str(options.get("unit", field.f.unit)),
+        q=int(table.get("q", field.f.q)),
+        unit=str(table.get("field_unit", field.f.unit)),
     )
 
 

@@ -31,10 +31,9 @@ from firmware.calibration import Calibration
 from firmware.state import Ecu
 from firmware.subset import byte, i32, u8
 '''
-SIGNATURES = {
-    "check": "ecu: Ecu, cal: Calibration, message: i32, slot: i32",
-    "protect": "payload: Annotated[list[u8], 8], counter: i32",
-}
+CHECKED = "ecu: Ecu, cal: Calibration, message: i32, slot: i32"
+WRITTEN_OUT = 8
+"""Bytes of a frame up to which a loop would cost more than its body."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +47,11 @@ class Scheme:
     def identified(self) -> bool:
         """Whether its functions take the identity of the frame."""
         return self.its.nibble is not None or self.summed
+
+    @property
+    def payload(self) -> str:
+        """The parameter that its functions take the bytes of a frame by."""
+        return f"payload: Annotated[list[u8], {max(self.its.length, WRITTEN_OUT)}]"
 
     @property
     def summed(self) -> bool:
@@ -127,22 +131,19 @@ def _checksum(scheme: Scheme) -> Iterator[str]:
     its, checksum = scheme.its, scheme.its.checksum
     assert checksum is not None
     identity = ", identity: i32" if scheme.summed else ""
-    yield f"def checksum_{scheme.number}(payload: Annotated[list[u8], 8]{identity}) -> i32:"
+    yield f"def checksum_{scheme.number}({scheme.payload}{identity}) -> i32:"
     yield f'    """Return the checksum of a frame: {_described(its)}."""'
-    steps = [
-        *_identity_bytes(scheme, checksum.first),
-        *(
-            f"payload[{k}]"
-            for k in range(its.length)
-            if not checksum.byte <= k < checksum.byte + checksum.size
-        ),
-        *_identity_bytes(scheme, checksum.last),
-    ]
+    covered = [range(checksum.byte), range(checksum.byte + checksum.size, its.length)]
+    first = list(_identity_bytes(scheme, checksum.first))
+    last = list(_identity_bytes(scheme, checksum.last))
     if "alternating" in (*checksum.first, *checksum.last):
         yield "    half: i32 = byte(identity)"
         yield f"    if ({_counter(its, 'payload')} & 1) == 1:"
         yield "        half = byte(identity >> 8)"
-    yield from _run(checksum, steps)
+    if its.length > WRITTEN_OUT:
+        yield from _looped(checksum, first, covered, last)
+    else:
+        yield from _run(checksum, [*first, *(f"payload[{k}]" for r in covered for k in r), *last])
 
 
 def _identity_bytes(scheme: Scheme, which: Iterable[str]) -> Iterator[str]:
@@ -198,17 +199,41 @@ def _run(checksum: Checksum, steps: Sequence[str]) -> Iterator[str]:
     yield f"    return {name}[crc ^ {steps[-1]}]{end}"
 
 
+def _looped(
+    checksum: Checksum, first: Sequence[str], covered: Sequence[range], last: Sequence[str]
+) -> Iterator[str]:
+    """The statements that take the identity's bytes and, in loops, those of the frame."""
+    name = f"CRC8_{checksum.polynomial:02X}"
+    steps = {
+        "sum": ["value = (value + {}) & 255"],
+        "xor": ["value = value ^ {}"],
+        "crc8": [f"value = {name}[value ^ {{}}]"],
+        "crc16": [
+            f"value = CRC16[(value >> 12) ^ ({{}} {part})] ^ ((value & 4095) << 4)"
+            for part in (">> 4", "& 15")
+        ],
+    }[checksum.method]
+    yield f"    value: i32 = {checksum.start}"
+    yield from (f"    {step.format(byte)}" for byte in first for step in steps)
+    for bytes_of in covered:
+        if bytes_of:
+            yield f"    for k in range({bytes_of.start}, {bytes_of.stop}):"
+            yield from (f"        {step.format('payload[k]')}" for step in steps)
+    yield from (f"    {step.format(byte)}" for byte in last for step in steps)
+    yield f"    return value ^ {checksum.end}" if checksum.end else "    return value"
+
+
 def _described(its: Protection) -> str:
     return f"E2E profile {its.profile}" if its.profile != "own" else "the manufacturer's own"
 
 
-def _parameters(scheme: Scheme, function: str) -> str:
-    return SIGNATURES[function] + (", identity: i32" if scheme.identified else "")
+def _identity(scheme: Scheme) -> str:
+    return ", identity: i32" if scheme.identified else ""
 
 
 def _check(scheme: Scheme) -> Iterator[str]:
     its = scheme.its
-    yield f"def check_{scheme.number}({_parameters(scheme, 'check')}) -> i32:"
+    yield f"def check_{scheme.number}({CHECKED}{_identity(scheme)}) -> i32:"
     yield '    """Return 1 where the data of a received frame may be used."""'
     payload = "ecu.rx_payload[slot]"
     if its.counter is not None:
@@ -238,7 +263,7 @@ def _check(scheme: Scheme) -> Iterator[str]:
 
 def _protect(scheme: Scheme) -> Iterator[str]:
     its = scheme.its
-    yield f"def protect_{scheme.number}({_parameters(scheme, 'protect')}) -> None:"
+    yield f"def protect_{scheme.number}({scheme.payload}, counter: i32{_identity(scheme)}) -> None:"
     yield '    """Write counter and checksum into a frame."""'
     if its.counter is not None:
         mask = 255 ^ (((1 << its.counter.width) - 1) << its.counter.bit)
@@ -259,7 +284,7 @@ def _protect(scheme: Scheme) -> Iterator[str]:
 
 
 def _dispatch_check(bus: BusMap, schemes: Sequence[Scheme]) -> Iterator[str]:
-    yield f"def check({SIGNATURES['check']}) -> i32:"
+    yield f"def check({CHECKED}) -> i32:"
     yield '    """Return 1 where the data of the frame in ``slot`` may be used."""'
     call = "return check_{number}(ecu, cal, message, slot{identity})"
     yield from _dispatch(bus.received, schemes, "message", "RX_DATA_IDS", call)

@@ -1,10 +1,11 @@
 """Expressions of the subset for one signal: raw code from a frame, field from raw code, and back.
 
-A frame is one 64-bit number, its byte 0 lowest; the top bit is its sign. One integer multiply and
-one rounding shift turn a raw code into a field's format and back; the factor is exact to 2**-29.
+A frame is 64-bit words, byte 0 lowest in the first; the top bit of each is its sign. A classic
+frame is one word. One integer multiply and one rounding shift turn a raw code into a field's format
+and back; the factor is exact to 2**-29.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import floor
@@ -12,43 +13,49 @@ from math import floor
 from codegen.generated.mapped_signal import MappedSignal, RawSignal
 
 FACTOR_BITS = 30
-FRAME_BITS = 64
+WORD_BITS = 64
 LARGEST_SHIFT = 62
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """``width`` bits that follow one another in the frame and in the signal."""
+    """``width`` bits that follow one another in one word of the frame and in the signal."""
 
-    frame_bit: int
+    word: int
+    word_bit: int
     signal_bit: int
     width: int
 
 
 def runs(signal: RawSignal) -> list[Run]:
-    """The runs of a signal; one, unless it is of big-endian byte order."""
+    """The runs of a signal; one, unless it is of big-endian byte order or in two words."""
     found: list[Run] = []
     for piece in sorted(signal.pieces, key=lambda piece: piece.signal_bit):
-        bit = 8 * piece.byte + piece.bit
-        if found and found[-1].frame_bit + found[-1].width == bit:
-            last = found.pop()
-            found.append(Run(last.frame_bit, last.signal_bit, last.width + piece.width))
+        word, bit = divmod(8 * piece.byte + piece.bit, WORD_BITS)
+        last = found[-1] if found else None
+        if last is not None and (last.word, last.word_bit + last.width) == (word, bit):
+            found[-1] = Run(word, last.word_bit, last.signal_bit, last.width + piece.width)
         else:
-            found.append(Run(bit, piece.signal_bit, piece.width))
+            found.append(Run(word, bit, piece.signal_bit, piece.width))
     return found
+
+
+def words(signals: Iterable[RawSignal]) -> list[int]:
+    """The words of a frame that ``signals`` have a part in, ascending."""
+    return sorted({run.word for signal in signals for run in runs(signal)})
 
 
 def raw_name(signal: RawSignal) -> str:
     """The local that holds a signal's raw code."""
-    return f"raw_{_snake(signal.name)}"
+    return f"raw_{snake(signal.name)}"
 
 
-def gathered(signal: RawSignal) -> str:
-    """The raw code from ``frame``; the sign comes by offset, without a branch."""
+def gathered(signal: RawSignal, frame: Sequence[str]) -> str:
+    """The raw code from the words of ``frame``; the sign comes by offset, without a branch."""
     terms = []
     for run in runs(signal):
-        term = _shifted("frame", ">>", run.frame_bit)
-        term = f"({term})" if run.frame_bit else term
+        term = _shifted(frame[run.word], ">>", run.word_bit)
+        term = f"({term})" if run.word_bit else term
         term = f"{term} & {(1 << run.width) - 1}"
         terms.append(f"(({term}) << {run.signal_bit})" if run.signal_bit else f"({term})")
     text = " | ".join(terms)
@@ -58,16 +65,16 @@ def gathered(signal: RawSignal) -> str:
     return f"({text if len(terms) == 1 else f'({text})'} ^ {half}) - {half}"
 
 
-def placed(signal: RawSignal) -> Iterator[str]:
-    """The terms that put a signal's raw code into ``frame``."""
+def placed(signal: RawSignal, frame: Sequence[str]) -> Iterator[str]:
+    """The statements that put a signal's raw code into the words of ``frame``."""
     text = raw_name(signal)
     for run in runs(signal):
         term = f"({text} >> {run.signal_bit})" if run.signal_bit else text
         term = f"({term} & {(1 << run.width) - 1})"
-        if run.frame_bit + run.width == FRAME_BITS:
+        if run.word_bit + run.width == WORD_BITS:
             half = 1 << (run.width - 1)
             term = f"(({term} ^ {half}) - {half})"
-        yield _shifted(term, "<<", run.frame_bit)
+        yield f"{frame[run.word]} |= {_shifted(term, '<<', run.word_bit)}"
 
 
 def chosen(signal: RawSignal, payload: str) -> str:
@@ -88,11 +95,30 @@ def _shifted(term: str, operator: str, count: int) -> str:
     return f"{term} {operator} {count}" if count else term
 
 
+def disagreement(signal: MappedSignal, frame: Sequence[str]) -> Iterator[str]:
+    """The statements that leave in ``apart`` how far the second signal's code is from the first."""
+    assert signal.twin is not None
+    other, name = signal.twin.signal, raw_name(signal.twin.signal)
+    yield f"    {name}: i32 = {gathered(other, frame)}"
+    same = name
+    if signal.twin.inverted:
+        # the complement of a code, in the signal's own width
+        same = f"({-1 if other.signed else (1 << other.length) - 1} - {name})"
+    yield f"    {raw_name(signal)}_apart: i32 = {raw_name(signal)} - {same}"
+
+
+def disagrees(signal: MappedSignal) -> str:
+    """The condition that the second signal contradicts the first."""
+    assert signal.twin is not None
+    apart, tolerance = f"{raw_name(signal)}_apart", signal.twin.tolerance
+    return f"{apart} > {tolerance} or {apart} < {-tolerance}"
+
+
 def unpacked(signal: MappedSignal) -> str:
     """The field's value of a raw code, within the field's range."""
     place, name = signal.place, raw_name(signal)
     value = _scaled(name, signal.scale, signal.offset)
-    whole = value == name and not signal.signed
+    whole = value == name and not signal.signed and signal.minus is None
     if whole and place.lo <= 0 and (1 << signal.length) - 1 <= place.hi:
         return value
     value = f"clamp({value}, {place.lo}, {place.hi})"
@@ -159,11 +185,18 @@ def _shift(scale: Fraction) -> int:
     return min(FACTOR_BITS - magnitude, 62)
 
 
-def _snake(name: str) -> str:
+def snake(name: str) -> str:
+    """A name of a signal as the generated code writes it."""
     parts: list[str] = []
     for i, letter in enumerate(name):
         after_lower = i > 0 and (name[i - 1].islower() or name[i - 1].isdigit())
         if letter.isupper() and after_lower:
             parts.append("_")
         parts.append(letter.lower())
-    return "".join(parts)
+    text = "".join(parts)
+    return text if text.isascii() and text.isidentifier() else "".join(map(_plain, text))
+
+
+def _plain(letter: str) -> str:
+    """A letter as C and the subset know it; the numbers keep names apart."""
+    return letter if letter.isascii() and (letter.isalnum() or letter == "_") else f"_{ord(letter)}"

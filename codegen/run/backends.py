@@ -3,17 +3,15 @@
 All give the same bytes on the bus and the same state, for any calibration and any traffic.
 """
 
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from canroll.errors import UnknownNameError
 from codegen.run import BACKENDS, memory_image, native
-from codegen.run.ecu_traffic import EVENT, SLOT, Frame, Payload, Traffic, refused
-from firmware import ecu as firmware
+from codegen.run.bus_firmware import BusFirmware, built_in
+from codegen.run.ecu_traffic import Frame, Payload, Traffic, refused
 from firmware.calibration import Calibration
-from firmware.signals import TX_IDS, TX_LENGTHS
-from firmware.state import Ecu
 
 
 @runtime_checkable
@@ -27,7 +25,7 @@ class Backend(Protocol):
         """Run one tick and return the frames to send, in order."""
 
     @property
-    def state(self) -> Ecu:
+    def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
         """The state record, to be read only."""
 
     def image(self) -> bytes:
@@ -37,15 +35,18 @@ class Backend(Protocol):
 class PythonEcu:
     """The firmware run by CPython, line by line."""
 
-    def __init__(self, calibration: Calibration) -> None:
+    def __init__(self, calibration: Calibration, firmware: BusFirmware | None = None) -> None:
+        self._firmware = firmware or built_in()
+        self._loop: Any = self._firmware.loop
         self._calibration = calibration
-        self._ecu = Ecu()
-        rule = firmware.init(self._ecu, calibration)
+        self._ecu = self._firmware.record()
+        self._room = memory_image.event_of(self._firmware.record)["payload"].shape[0]
+        rule = self._loop.init(self._ecu, calibration)
         if rule:
             raise refused(rule)
 
     @property
-    def state(self) -> Ecu:
+    def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
         """The state record, to be read only."""
         return self._ecu
 
@@ -55,18 +56,19 @@ class PythonEcu:
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Put a received frame in its mailbox; an unmapped identifier is ignored."""
-        slot = SLOT.get(ident)
-        if slot is not None:
-            firmware.receive(self._ecu, slot, list(bytes(payload).ljust(8, b"\0")), length)
+        for slot in self._firmware.slots.get(ident, ()):
+            data = list(bytes(payload).ljust(self._room, b"\0"))
+            self._loop.receive(self._ecu, slot, data, length)
 
     def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
         """Run one tick and return the frames to send, in order."""
         ecu = self._ecu
-        firmware.tick(ecu, self._calibration, elapsed_ticks)
+        self._loop.tick(ecu, self._calibration, elapsed_ticks)
         frames = []
         for slot, pending in enumerate(ecu.tx_pending):
             if pending:
-                frames.append((TX_IDS[slot], bytes(ecu.tx_payload[slot][: TX_LENGTHS[slot]])))
+                ident, length = self._firmware.sent[slot]
+                frames.append((ident, bytes(ecu.tx_payload[slot][:length])))
                 ecu.tx_pending[slot] = 0
         return frames
 
@@ -74,23 +76,26 @@ class PythonEcu:
 class NativeEcu:
     """The firmware as compiled C; ``ecu`` and ``calibration`` are the records in memory."""
 
-    def __init__(self, calibration: Calibration) -> None:
-        self._library = native.library()
+    def __init__(self, calibration: Calibration, firmware: BusFirmware | None = None) -> None:
+        self._firmware = firmware or built_in()
+        record = self._firmware.record
+        self._library = native.library_of(self._firmware)
         kind = memory_image.dtype(Calibration)
         self.calibration = np.frombuffer(memory_image.image(calibration), kind, 1).copy()
         self.ecu = self._library.start(self.calibration)
         buffer = self._library.ffi.from_buffer
         self._ecu = buffer("uint8_t[]", self.ecu, require_writable=True)
         self._cal = buffer("uint8_t[]", self.calibration)
-        places = memory_image.dtype(Ecu).fields
+        places = memory_image.dtype(record).fields
         assert places is not None
         view = self.ecu.view(np.uint8).data
-        first, slots = places["tx_pending"][1], len(TX_IDS)
+        first, slots = places["tx_pending"][1], len(self._firmware.sent)
         self._pending = view[first : first + slots]
-        first = places["tx_payload"][1]
-        self._payload = view[first : first + 8 * slots]
+        self._payloads = self.ecu["tx_payload"][0]
         self._none = bytes(slots)
-        self._copy = Ecu()
+        self._copy = record()
+        self._slots = self._firmware.slots
+        self._room = memory_image.event_of(record)["payload"].shape[0]
 
     @property
     def pointers(self) -> dict[str, int]:
@@ -102,7 +107,7 @@ class NativeEcu:
         }
 
     @property
-    def state(self) -> Ecu:
+    def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
         """A copy of the state record."""
         memory_image.fill(self._copy, self.image())
         return self._copy
@@ -113,9 +118,9 @@ class NativeEcu:
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Put a received frame in its mailbox; an unmapped identifier is ignored."""
-        slot = SLOT.get(ident)
-        if slot is not None:
-            self._library.lib.canroll_put(self._ecu, slot, bytes(payload).ljust(8, b"\0"), length)
+        for slot in self._slots.get(ident, ()):
+            data = bytes(payload).ljust(self._room, b"\0")
+            self._library.lib.canroll_put(self._ecu, slot, data, length)
 
     def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
         """Run one tick and return the frames to send, in order."""
@@ -125,8 +130,8 @@ class NativeEcu:
         frames = []
         for slot, pending in enumerate(self._pending):
             if pending:
-                payload = self._payload[8 * slot : 8 * slot + TX_LENGTHS[slot]]
-                frames.append((TX_IDS[slot], payload.tobytes()))
+                ident, length = self._firmware.sent[slot]
+                frames.append((ident, self._payloads[slot, :length].tobytes()))
         self._pending[:] = self._none
         return frames
 
@@ -136,27 +141,33 @@ def default_backend() -> str:
     return "native" if native.compiler() else "python"
 
 
-def open_backend(name: str, calibration: Calibration) -> Backend:
+def open_backend(
+    name: str, calibration: Calibration, firmware: BusFirmware | None = None
+) -> Backend:
     """Start an ECU with ``calibration`` on the backend ``name``.
+
+    ``firmware`` is that of a bus, by default the built-in one.
 
     Raises UnknownNameError for a name not in BACKENDS, CanrollError where the ECU refuses the
     calibration or the backend's tools are missing.
     """
     if name == "python":
-        return PythonEcu(calibration)
+        return PythonEcu(calibration, firmware)
     if name == "native":
-        return NativeEcu(calibration)
+        return NativeEcu(calibration, firmware)
     if name in BACKENDS:
         from codegen.run.unicorn import CortexEcu  # noqa: PLC0415
 
-        return CortexEcu(calibration, cpu=name)
+        return CortexEcu(calibration, cpu=name, firmware=firmware)
     raise UnknownNameError("backend", name, BACKENDS)
 
 
 class Recorder:
     """A backend before another that records what came through so far as :attr:`traffic`."""
 
-    def __init__(self, backend: Backend) -> None:
+    def __init__(self, backend: Backend, firmware: BusFirmware | None = None) -> None:
+        self._firmware = firmware or built_in()
+        self._kind = memory_image.event_of(self._firmware.record)
         self._backend = backend
         self._rows: list[tuple[int, int, int, list[int]]] = []
         self._elapsed: list[int] = []
@@ -164,10 +175,10 @@ class Recorder:
     @property
     def traffic(self) -> Traffic:
         """Frames and elapsed ticks of all ticks so far."""
-        return Traffic(np.array(self._rows, EVENT), np.array(self._elapsed, np.int32))
+        return Traffic(np.array(self._rows, self._kind), np.array(self._elapsed, np.int32))
 
     @property
-    def state(self) -> Ecu:
+    def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
         """The state record, to be read only."""
         return self._backend.state
 
@@ -177,9 +188,9 @@ class Recorder:
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Put a received frame in its mailbox."""
-        if ident in SLOT:
-            data = list(bytes(payload).ljust(8, b"\0"))
-            self._rows.append((len(self._elapsed), SLOT[ident], length, data))
+        for slot in self._firmware.slots.get(ident, ()):
+            data = list(bytes(payload).ljust(self._kind["payload"].shape[0], b"\0"))
+            self._rows.append((len(self._elapsed), slot, length, data))
         self._backend.receive(ident, payload, length)
 
     def tick(self, elapsed_ticks: int = 1) -> list[Frame]:

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from canroll import build_cache
 from canroll.errors import CanrollError, MissingExtraError, UnknownNameError
 from codegen.c99 import emit
-from codegen.run.ecu_traffic import EVENT
-from firmware.signals import TX_LENGTHS
+from codegen.run.bus_firmware import BusFirmware, built_in
+from codegen.run.memory_image import event_of
 
 BOARD = Path(__file__).parents[1] / "board"
 OPTIMISATION = ("-Os", "-fno-move-loop-invariants", "-fno-schedule-insns2", "-fno-if-conversion2")
@@ -87,11 +87,15 @@ def has_gcc_and_qemu() -> bool:
 
 
 @cache
-def zig_image(name: str) -> Path:
-    """The firmware linked at a fixed address by zig, from the cache where it is there."""
+def zig_image(name: str, firmware: BusFirmware | None = None) -> Path:
+    """The firmware linked at a fixed address by zig, from the cache where it is there.
+
+    ``firmware`` is that of a bus, by default the built-in one.
+    """
     if not has_pip_tools():
         raise MissingExtraError("emulating a Cortex-M in this process", "target")
-    files = {**emit.firmware(), "entry.c": (BOARD / "entry.c").read_text(encoding="utf-8")}
+    files = dict((firmware or built_in()).files)
+    files["entry.c"] = (BOARD / "entry.c").read_text(encoding="utf-8")
     flags = ["-target", "thumb-freestanding-eabi", f"-mcpu={cpu(name).zig}", "-std=c99", "-O2"]
     flags += ["-ffreestanding", "-Wl,--image-base=0x10000", "-Wl,-e,canroll_idle"]
     return built([sys.executable, "-m", "ziglang", "cc", *flags], files, f"zig_{name}.elf")
@@ -135,12 +139,14 @@ def built(
     return target
 
 
-def sent(states: NDArray[np.void]) -> NDArray[np.void]:
+def sent(states: NDArray[np.void], firmware: BusFirmware | None = None) -> NDArray[np.void]:
     """The frames that ticks want sent; takes them, as the bus driver does."""
+    firmware = firmware or built_in()
     ticks, slots = np.nonzero(states["tx_pending"])
-    frames = np.zeros(len(ticks), EVENT)
+    frames = np.zeros(len(ticks), event_of(firmware.record))
     frames["tick"], frames["message"] = ticks, slots
-    frames["length"] = np.array(TX_LENGTHS)[slots]
-    frames["payload"] = states["tx_payload"][ticks, slots]
+    frames["length"] = np.array([length for _, length in firmware.sent])[slots]
+    payload = states["tx_payload"][ticks, slots]
+    frames["payload"][:, : payload.shape[1]] = payload
     states["tx_pending"] = 0
     return frames

@@ -6,7 +6,6 @@ reserved codes, silence, missed ticks.
 """
 
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,23 +13,20 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from codegen.generated import signals
-from codegen.generated.bus_map import BusMap, Mailbox, load
-from codegen.run.memory_image import sealed
+from codegen.generated.bus_map import BusMap, Mailbox
+from codegen.run.bus_firmware import built_in
+from codegen.run.memory_image import event, event_of, sealed
 from firmware import check
 from firmware.calibration import N_RX, STATE_MAX, Calibration
-from firmware.signals import RX_IDS
-from firmware.state import RX_ACTUATOR_STATE
+from firmware.state import RX_ACTUATOR_STATE, Ecu
 from firmware.subset import fields
 
-EVENT = np.dtype([("tick", "<i4"), ("message", "<i4"), ("length", "<i4"), ("payload", "u1", (8,))])
-"""One frame in the tick before which it arrives, or in which it is sent."""
+EVENT = event_of(Ecu)
+"""One frame on the built-in bus in the tick before which it arrives, or in which it is sent."""
 
 Frame = tuple[int, bytes]
 """Identifier and payload."""
 Payload = NDArray[np.uint8] | bytes
-SLOT = {ident: slot for slot, ident in enumerate(RX_IDS) if ident}
-"""Mailbox of each identifier that the ECU receives."""
-
 RESERVED_CODES = (0x7FFF, 0x7FFE, 0xFFFF, 0xFFFE)
 
 
@@ -102,12 +98,6 @@ def _plausible(record: Calibration, rng: np.random.Generator) -> None:
             row[i] = max(row[i], 1 << 20)
 
 
-@cache
-def built_in() -> BusMap:
-    """The frames of ``dbc/roll_control.dbc``."""
-    return load(signals.DBC, signals.MAP)
-
-
 def random_traffic(
     seed: int, ticks: int, *, hostile: float = 0.15, bus: BusMap | None = None
 ) -> Traffic:
@@ -115,7 +105,9 @@ def random_traffic(
 
     ``bus`` has the frames, by default those of the built-in bus.
     """
-    boxes = (bus or built_in()).received
+    bus = bus or built_in().bus
+    boxes = bus.received
+    room = max(signals.room(bus.received), signals.room(bus.transmitted))
     rng = np.random.default_rng(seed)
     counters = np.zeros(N_RX, np.int64)
     samples = np.zeros(N_RX, np.int64)
@@ -130,7 +122,8 @@ def random_traffic(
             words[message] = _signals(rng, int(words[message]))
             box = boxes[message]
             payload = _payload(message, int(words[message]), samples[message])
-            payload = _finished(box, payload, int(counters[message]))
+            payload += rng.integers(0, 256, max(box.length - 8, 0)).tolist()
+            payload = _finished(box, payload, int(counters[message]), room)
             length = box.length
             if rng.random() < hostile:
                 payload, length = _spoiled(rng, payload, box)
@@ -138,7 +131,7 @@ def random_traffic(
     elapsed = np.ones(ticks, np.int32)
     missed = rng.random(ticks) < 0.02
     elapsed[missed] = rng.integers(-1, 40, int(missed.sum()))
-    return Traffic(np.array(rows, EVENT), elapsed)
+    return Traffic(np.array(rows, event(room)), elapsed)
 
 
 def disturbed(
@@ -157,15 +150,15 @@ def disturbed(
         hurt[t : t + length] = True
         t += length + 1 + int(rng.exponential(quiet))
     rows = []
-    for event in traffic.frames:
-        payload, length = event["payload"].tolist(), int(event["length"])
-        if hurt[event["tick"]]:
+    for frame in traffic.frames:
+        payload, length = frame["payload"].tolist(), int(frame["length"])
+        if hurt[frame["tick"]]:
             if rng.random() < 0.2:
                 continue
             if rng.random() < 0.3:
-                box = built_in().received[event["message"]]
+                box = built_in().bus.received[frame["message"]]
                 payload, length = _spoiled(rng, payload, box)
-        rows.append((event["tick"], event["message"], length, payload))
+        rows.append((frame["tick"], frame["message"], length, payload))
     elapsed = traffic.elapsed.copy()
     missed = hurt & (rng.random(traffic.ticks) < 0.05)
     elapsed[missed] = rng.integers(-1, 40, int(missed.sum()))
@@ -201,8 +194,8 @@ def _values(box: Mailbox) -> int:
     return counter.values if counter else 15
 
 
-def _finished(box: Mailbox, payload: list[int], counter: int) -> list[int]:
-    """The frame with its page and its protection, eight bytes of which it uses its own."""
+def _finished(box: Mailbox, payload: list[int], counter: int, room: int) -> list[int]:
+    """The frame with its page and its protection, in ``room`` bytes of which it uses its own."""
     frame = bytearray(payload[: box.length])
     if box.selector is not None:
         for piece in box.selector.pieces:
@@ -211,21 +204,22 @@ def _finished(box: Mailbox, payload: list[int], counter: int) -> list[int]:
             frame[piece.byte] = frame[piece.byte] & ~mask | part
     if box.protection is not None:
         box.protection.apply(frame, counter)
-    return [*frame, *bytes(8 - box.length)]
+    return [*frame, *bytes(room - box.length)]
 
 
 def _spoiled(rng: np.random.Generator, payload: list[int], box: Mailbox) -> tuple[list[int], int]:
     kind = int(rng.integers(0, 5))
     payload = list(payload)
+    room, used = len(payload), max(box.length, 8)
     if kind == 0:
-        payload[int(rng.integers(0, 8))] ^= 1 << int(rng.integers(0, 8))
+        payload[int(rng.integers(0, used))] ^= 1 << int(rng.integers(0, 8))
     elif kind == 1:
-        payload = _finished(box, payload, int(rng.integers(0, 16)))
+        payload = _finished(box, payload, int(rng.integers(0, 16)), room)
     elif kind == 2:
         return payload, int(rng.integers(-3, 300))
     elif kind == 3:
-        payload = rng.integers(0, 256, 8).tolist()
-        payload = _finished(box, payload, int(rng.integers(0, 15)))
+        payload = rng.integers(0, 256, room).tolist()
+        payload = _finished(box, payload, int(rng.integers(0, 15)), room)
     else:
-        payload = rng.integers(0, 256, 8).tolist()
+        payload = rng.integers(0, 256, room).tolist()
     return payload, box.length

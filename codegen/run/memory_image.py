@@ -25,6 +25,20 @@ def dtype(record_class: type[Any]) -> np.dtype[Any]:
     return np.dtype(rows, align=True)
 
 
+@cache
+def event(size: int) -> np.dtype[Any]:
+    """One frame of up to ``size`` bytes: received before the tick, or sent in it."""
+    return np.dtype(
+        [("tick", "<i4"), ("message", "<i4"), ("length", "<i4"), ("payload", "u1", (size,))]
+    )
+
+
+def event_of(record_class: type[Any]) -> np.dtype[Any]:
+    """The event whose payload has the room of the larger mailbox of a state record."""
+    places = {field.name: field.shape for field in fields(record_class)}
+    return event(max(places["rx_payload"][-1], places["tx_payload"][-1]))
+
+
 def image(record: Any) -> bytes:  # noqa: ANN401
     """The bytes of a record."""
     packed = np.zeros((), dtype(record.__class__))

@@ -28,15 +28,17 @@ from numpy.typing import NDArray
 
 from canroll import build_cache
 from canroll.errors import CanrollError
-from codegen.c99 import emit
-from codegen.run.ecu_traffic import EVENT, Traffic, refused
-from codegen.run.memory_image import dtype
+from codegen.run.bus_firmware import BusFirmware, built_in
+from codegen.run.ecu_traffic import Traffic, refused
+from codegen.run.memory_image import dtype, event_of
 from firmware.calibration import Calibration
 from firmware.state import Ecu
 
 FLAGS = ("-std=c99", "-O2", "-fPIC", "-shared")
 DECLARATIONS = """
-typedef struct { int32_t tick; int32_t message; int32_t length; uint8_t payload[8]; } canroll_event;
+typedef struct {
+    int32_t tick; int32_t message; int32_t length; uint8_t payload[EVENT_BYTES];
+} canroll_event;
 int32_t canroll_start(void *ecu, const void *cal);
 void canroll_put(void *ecu, int32_t message, const uint8_t *payload, int32_t length);
 void canroll_step(void *ecu, const void *cal, int32_t elapsed_ticks);
@@ -53,7 +55,9 @@ BATCH = """
 #include <string.h>
 #include "canroll.h"
 
-typedef struct { int32_t tick; int32_t message; int32_t length; uint8_t payload[8]; } canroll_event;
+typedef struct {
+    int32_t tick; int32_t message; int32_t length; uint8_t payload[EVENT_BYTES];
+} canroll_event;
 
 static int32_t canroll_start(void *ecu, const void *cal) { return canroll_init(ecu, cal); }
 static void canroll_put(void *ecu, int32_t message, const uint8_t *payload, int32_t length)
@@ -93,7 +97,8 @@ static int64_t canroll_replay(
                         tx[sent].tick = (int32_t)t;
                         tx[sent].message = slot;
                         tx[sent].length = canroll_signals_tx_lengths[slot];
-                        memcpy(tx[sent].payload, ecu->tx_payload[slot], 8);
+                        memcpy(tx[sent].payload, ecu->tx_payload[slot],
+                            sizeof ecu->tx_payload[slot]);
                     }
                     sent++;
                 }
@@ -123,10 +128,11 @@ class Replay:
 class Library:
     """The firmware compiled for this machine."""
 
-    def __init__(self, module: ModuleType) -> None:
+    def __init__(self, module: ModuleType, record: type = Ecu) -> None:
         self.ffi: Any = module.ffi
         self.lib: Any = module.lib
-        assert self.lib.canroll_ecu_size() == dtype(Ecu).itemsize
+        self.record = record
+        assert self.lib.canroll_ecu_size() == dtype(record).itemsize
         assert self.lib.canroll_calibration_size() == dtype(Calibration).itemsize
 
     @property
@@ -137,7 +143,7 @@ class Library:
 
     def start(self, calibrations: NDArray[np.void]) -> NDArray[np.void]:
         """Return one initialised ECU for each calibration; raise where one is refused."""
-        ecus = np.zeros(len(calibrations), dtype(Ecu))
+        ecus = np.zeros(len(calibrations), dtype(self.record))
         for i in range(len(calibrations)):
             rule = self.lib.canroll_start(
                 self.ffi.from_buffer(ecus[i : i + 1]), self.ffi.from_buffer(calibrations[i : i + 1])
@@ -163,9 +169,9 @@ class Library:
         rx = np.concatenate([each.frames for each in traffic])
         rx_end = np.cumsum([len(each.frames) for each in traffic]).astype(np.int64)
         room = 4 * ticks * len(ecus)
-        tx = np.zeros(room, EVENT)
+        tx = np.zeros(room, event_of(self.record))
         tx_end = np.zeros(len(ecus), np.int64)
-        kept = np.zeros((len(ecus), ticks), dtype(Ecu)) if states else None
+        kept = np.zeros((len(ecus), ticks), dtype(self.record)) if states else None
         buffer = self.ffi.from_buffer
         sent = self.lib.canroll_replay(
             len(ecus),
@@ -189,41 +195,58 @@ def compiler() -> str | None:
     return next((path for name in names if name and (path := shutil.which(name))), None)
 
 
-@cache
 def library() -> Library:
-    """The firmware of this package as a library, from the cache where it is there.
+    """The firmware of this package as a library; see :func:`library_of`."""
+    return library_of(built_in())
+
+
+@cache
+def library_of(firmware: BusFirmware) -> Library:
+    """The firmware for a bus as a library, from the cache where it is there.
 
     Raises CanrollError where no compiler is or it fails.
     """
-    return build(emit.firmware())
+    return build(firmware.files, record=firmware.record)
 
 
-def build(files: Mapping[str, str], flags: Sequence[str] = FLAGS) -> Library:
-    """Compile ``files`` (as :func:`codegen.c99.emit.emit` returns them) and load the library."""
+def build(files: Mapping[str, str], flags: Sequence[str] = FLAGS, *, record: type = Ecu) -> Library:
+    """Compile ``files`` (as :func:`codegen.c99.emit.emit` returns them) and load the library.
+
+    ``record`` is the class of their state record.
+    """
     cc = compiler()
     if cc is None:
         raise CanrollError("no C compiler found: install one (cc), or choose --backend python")
     version = subprocess.run([cc, "--version"], capture_output=True, text=True, check=False)
     key = hashlib.sha256()
-    for part in (*sorted(files.items()), DECLARATIONS, BATCH, flags, version.stdout, sys.version):
+    binding = _binding(record)
+    for part in (*sorted(files.items()), *binding, flags, version.stdout, sys.version):
         key.update(repr(part).encode())
     name = f"canroll_native_{key.hexdigest()[:20]}"
     path = build_cache.place("native", f"{name}{sysconfig.get_config_var('EXT_SUFFIX')}")
     if not path.exists():
-        _compile(cc, files, flags, name, path)
+        _compile([cc, *flags], files, binding, path)
     spec = importlib.util.spec_from_file_location(name, path)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    return Library(module)
+    return Library(module, record)
+
+
+def _binding(record: type) -> tuple[str, str]:
+    """Declarations and source of the ways in, for frames as ``record`` has room for."""
+    size = str(event_of(record)["payload"].shape[0])
+    return DECLARATIONS.replace("EVENT_BYTES", size), BATCH.replace("EVENT_BYTES", size)
 
 
 def _compile(
-    cc: str, files: Mapping[str, str], flags: Sequence[str], name: str, target: Path
+    command: Sequence[str], files: Mapping[str, str], binding: tuple[str, str], target: Path
 ) -> None:
+    declarations, batch = binding
+    name = target.name.partition(".")[0]
     ffi = cffi.FFI()
-    ffi.cdef(DECLARATIONS)
-    ffi.set_source(name, BATCH)
+    ffi.cdef(declarations)
+    ffi.set_source(name, batch)
     with tempfile.TemporaryDirectory(dir=target.parent) as temporary:
         folder = Path(temporary)
         for file, text in files.items():
@@ -233,9 +256,9 @@ def _compile(
         sources = sorted(str(path) for path in folder.glob("*.c"))
         include = sysconfig.get_path("include")
         built = folder / "library.so"
-        command = [cc, *flags, f"-I{include}", "-o", str(built), *sources]
-        result = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+        full = [*command, f"-I{include}", "-o", str(built), *sources]
+        result = subprocess.run(full, capture_output=True, text=True, check=False, timeout=300)
         if result.returncode:
             first = next((s for s in result.stderr.splitlines() if "error" in s), result.stderr)
-            raise CanrollError(f"{cc} cannot build the firmware: {first.strip()}")
+            raise CanrollError(f"{command[0]} cannot build the firmware: {first.strip()}")
         os.replace(built, target)

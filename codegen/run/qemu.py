@@ -11,23 +11,27 @@ from elftools.elf.elffile import ELFFile
 
 from canroll.errors import CanrollError
 from codegen.run import memory_image
+from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.cortex import BOARD, Run, built, cpu, gcc_image, sent
 from codegen.run.ecu_traffic import Traffic
 from firmware.calibration import Calibration
-from firmware.state import Ecu
 
 
 def replay(
     calibration: Calibration,
     traffic: Traffic,
     name: str,
-    firmware: Mapping[str, str] | None = None,
+    files: Mapping[str, str] | None = None,
+    *,
+    firmware: BusFirmware | None = None,
 ) -> Run:
     """Replay ``traffic`` in QEMU, counting instructions with a plugin.
 
-    ``firmware`` as for :func:`codegen.run.cortex.gcc_image`.
+    ``firmware`` is that of a bus, by default the built-in one; ``files`` are the sources of another
+    ECU with the same records, by default those of ``firmware``.
     """
-    image = gcc_image(name, firmware)
+    firmware = firmware or built_in()
+    image = gcc_image(name, files or firmware.files)
     plugin = built(
         ["cc", "-O2", "-shared", "-fPIC"],
         {"insncount.c": (BOARD / "insncount.c").read_text(encoding="utf-8")},
@@ -54,11 +58,11 @@ def replay(
                 f"the firmware ended with code {result.returncode} in QEMU {result.stderr.strip()}"
             )
         states = np.frombuffer(
-            bytearray((folder / "replay.out").read_bytes()), memory_image.dtype(Ecu)
+            bytearray((folder / "replay.out").read_bytes()), memory_image.dtype(firmware.record)
         )
         counts = np.loadtxt(folder / "counts.txt", np.int64, ndmin=1)
         depth = struct.unpack("<I", (folder / "replay.stack").read_bytes())[0]
-    return Run(name, "qemu", sent(states), states, counts, depth)
+    return Run(name, "qemu", sent(states, firmware), states, counts, depth)
 
 
 def replay_file(calibration: Calibration, traffic: Traffic) -> bytes:

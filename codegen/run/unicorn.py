@@ -10,11 +10,10 @@ from elftools.elf.elffile import ELFFile
 from numpy.typing import NDArray
 
 from codegen.run import memory_image
+from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.cortex import CPUS, Run, sent, zig_image
-from codegen.run.ecu_traffic import SLOT, Traffic, refused
+from codegen.run.ecu_traffic import Traffic, refused
 from firmware.calibration import Calibration
-from firmware.signals import TX_IDS, TX_LENGTHS
-from firmware.state import Ecu
 
 ECU, CALIBRATION, PAYLOAD, STACK_TOP, STACK, RETURN = (
     0x20000000,
@@ -30,11 +29,22 @@ PAINT = b"\xa5"
 class CortexEcu:
     """The firmware on an emulated Cortex-M: one ECU behind the interface of all backends."""
 
-    def __init__(self, calibration: Calibration, *, cpu: str, count: bool = False) -> None:
-        """Start the ECU; with ``count`` its instructions are counted, which is slower."""
+    def __init__(
+        self,
+        calibration: Calibration,
+        *,
+        cpu: str,
+        count: bool = False,
+        firmware: BusFirmware | None = None,
+    ) -> None:
+        """Start the ECU with the firmware of a bus, by default the built-in one.
+
+        With ``count`` its instructions are counted, which is slower.
+        """
         import unicorn  # noqa: PLC0415
 
-        image = zig_image(cpu)
+        self._firmware = firmware or built_in()
+        image = zig_image(cpu, self._firmware)
         self._machine: Any = unicorn.Uc(
             unicorn.UC_ARCH_ARM, unicorn.UC_MODE_THUMB | unicorn.UC_MODE_MCLASS
         )
@@ -54,8 +64,10 @@ class CortexEcu:
         self._machine.mem_write(RETURN, b"\xfe\xe7")
         self._machine.mem_write(CALIBRATION, memory_image.image(calibration))
         self._machine.mem_write(STACK_TOP - STACK, PAINT * STACK)
-        self._size = memory_image.dtype(Ecu).itemsize
-        self._copy = Ecu()
+        record = self._firmware.record
+        self._kind = memory_image.dtype(record)
+        self._room = memory_image.event_of(record)["payload"].shape[0]
+        self._copy = record()
         self.instructions = 0
         if count:
             self._machine.hook_add(unicorn.UC_HOOK_CODE, self._counted)
@@ -77,7 +89,7 @@ class CortexEcu:
         return int(self._machine.reg_read(names.UC_ARM_REG_R0))
 
     @property
-    def state(self) -> Ecu:
+    def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
         """A copy of the state record."""
         memory_image.fill(self._copy, self.image())
         return self._copy
@@ -90,12 +102,12 @@ class CortexEcu:
 
     def image(self) -> bytes:
         """The bytes of the state record."""
-        return bytes(self._machine.mem_read(ECU, self._size))
+        return bytes(self._machine.mem_read(ECU, self._kind.itemsize))
 
     def receive(self, ident: int, payload: NDArray[np.uint8] | bytes, length: int) -> None:
         """Put a received frame in its mailbox; an unmapped identifier is ignored."""
-        if ident in SLOT:
-            self.put(SLOT[ident], bytes(payload).ljust(8, b"\0"), length)
+        for slot in self._firmware.slots.get(ident, ()):
+            self.put(slot, bytes(payload).ljust(self._room, b"\0"), length)
 
     def put(self, message: int, payload: bytes, length: int) -> None:
         """Put a frame in the mailbox of ``message``."""
@@ -113,22 +125,30 @@ class CortexEcu:
 
     def send(self) -> list[tuple[int, bytes]]:
         """Take the frames that are to be sent, as the bus driver does."""
-        packed = np.frombuffer(self.image(), memory_image.dtype(Ecu), 1)[0]
+        packed = np.frombuffer(self.image(), self._kind, 1)[0]
         pending = packed["tx_pending"]
         if not pending.any():
             return []
-        offset = memory_image.dtype(Ecu).fields["tx_pending"][1]  # type: ignore[index]
+        offset = self._kind.fields["tx_pending"][1]  # type: ignore[index]
         self._machine.mem_write(ECU + offset, bytes(len(pending)))
-        return [
-            (TX_IDS[slot], packed["tx_payload"][slot].tobytes()[: TX_LENGTHS[slot]])
-            for slot in np.flatnonzero(pending).tolist()
-        ]
+        frames = []
+        for slot in np.flatnonzero(pending).tolist():
+            ident, length = self._firmware.sent[slot]
+            frames.append((ident, packed["tx_payload"][slot].tobytes()[:length]))
+        return frames
 
 
-def replay(calibration: Calibration, traffic: Traffic, name: str) -> Run:
-    """Replay ``traffic`` on the emulator in this process, counting instructions and stack."""
-    ecu = CortexEcu(calibration, cpu=name, count=True)
-    states = np.zeros(traffic.ticks, memory_image.dtype(Ecu))
+def replay(
+    calibration: Calibration, traffic: Traffic, name: str, firmware: BusFirmware | None = None
+) -> Run:
+    """Replay ``traffic`` on the emulator in this process, counting instructions and stack.
+
+    ``firmware`` is that of a bus, by default the built-in one.
+    """
+    firmware = firmware or built_in()
+    kind = memory_image.dtype(firmware.record)
+    ecu = CortexEcu(calibration, cpu=name, count=True, firmware=firmware)
+    states = np.zeros(traffic.ticks, kind)
     counts = np.zeros(traffic.ticks, np.int64)
     bounds = np.searchsorted(traffic.frames["tick"], np.arange(traffic.ticks + 1))
     for t in range(traffic.ticks):
@@ -136,6 +156,6 @@ def replay(calibration: Calibration, traffic: Traffic, name: str) -> Run:
             ecu.put(int(event["message"]), event["payload"].tobytes(), int(event["length"]))
         ecu.advance(int(traffic.elapsed[t]))
         counts[t] = ecu.instructions
-        states[t] = np.frombuffer(ecu.image(), memory_image.dtype(Ecu), 1)[0]
+        states[t] = np.frombuffer(ecu.image(), kind, 1)[0]
         ecu.send()
-    return Run(name, "unicorn", sent(states), states, counts, ecu.stack)
+    return Run(name, "unicorn", sent(states, firmware), states, counts, ecu.stack)

@@ -22,6 +22,7 @@ LAWS: "Registry[Callable[[Task], Solution]]" = Registry(
         "hinf": "gain_gen.laws.hinf_state:design_hinf",
         "smc": "gain_gen.laws.state_feedback:design_smc",
         "ay_feedforward": "gain_gen.laws.state_feedback:design_ay_feedforward",
+        "plain_feedforward": "gain_gen.laws.state_feedback:design_plain_feedforward",
         "rate_feedforward": "gain_gen.laws.roll_rate_feedback:design_rate_feedforward",
         "lqr_full_car": "gain_gen.laws.lqr_full_car:design_lqr_full_car",
         "custom": "gain_gen.laws.custom:design_custom",

@@ -150,14 +150,26 @@ def design_lqg_delay(task: Task) -> Solution:
 
 
 def design_ay_feedforward(task: Task) -> Solution:
-    """u = −β m h â_y on the observer's filtered lateral acceleration: no feedback at all."""
+    """u = −β m h â_y, predicted over the delay as the observer's model has it: no feedback."""
+    return _share_of_lateral(task, predict_steps=min(32, round(task.delay.nominal / task.tick)))
+
+
+def design_plain_feedforward(task: Task) -> Solution:
+    """u = −β m h â_y on the observer's filtered lateral acceleration, as old as it is.
+
+    What a controller without a model does: the baseline of every comparison.
+    """
+    return _share_of_lateral(task, predict_steps=0)
+
+
+def _share_of_lateral(task: Task, *, predict_steps: int) -> Solution:
     gain = FEEDFORWARD_SHARE * task.vehicle.design.roll_arm
     controller = Controller(
         tick=task.tick,
         observer=observer_of(task),
         feedback=np.zeros(5),
         feedforward=np.array([0.0, 0.0, gain, 0.0, 0.0]),
-        predict_steps=min(32, round(task.delay.nominal / task.tick)),
+        predict_steps=predict_steps,
         actuator_rate=actuator_rate(task),
     )
     return Solution(controller, delay_aware=True)

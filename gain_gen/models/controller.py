@@ -61,7 +61,9 @@ class Controller:
 
     @property
     def observes(self) -> bool:
-        """Whether the observer has a part in the command: not for raw output feedback."""
+        """Whether the observer has a part in the command: not where only measurements are used."""
+        if self.compensator is not None:
+            return bool(np.any(self.compensator.b[:, 0]) or np.any(self.compensator.d[:, 0]))
         return self.output_gain is None or bool(self.output_gain[Y_ROLL])
 
     @property
@@ -130,21 +132,24 @@ def step(
     Returns:
         The next state and the moment command; with a compensator its outputs, (outputs, …).
     """
-    if not controller.observes:
-        assert controller.output_gain is not None
-        return state, controller.output_gain @ y[:3]
-    x = observe(controller, state[:5], y)
-    lateral = x[2] if controller.observer.bypass else y[Y_LATERAL]
+    observed = 5 if controller.observes else 0
+    x = observe(controller, state[:5], y) if observed else state[:0]
+    lateral = y[Y_LATERAL]
+    if controller.observer.bypass:
+        lateral = lateral - GRAVITY * y[Y_ROLL]
     ring = state[5 : 5 + controller.predict_steps]
     if controller.compensator is not None:
         c = controller.compensator
-        inner = state[5:]
-        inputs = np.stack([x[0], x[1], lateral, np.zeros_like(y[0])])
+        inner = state[observed:]
+        nothing = np.zeros_like(y[0])
+        inputs = np.stack([x[0] if observed else nothing, y[Y_RATE], lateral, nothing])
         outputs = np.clip(c.c @ inner + c.d @ inputs, -limit, limit)
         inner = c.a @ inner + c.b @ inputs + c.e @ outputs
         return np.concatenate([x, inner]), outputs
     if controller.output_gain is not None:
-        return x, controller.output_gain @ np.stack([y[Y_RATE], lateral, x[0]])
+        roll = x[0] if observed else np.zeros_like(y[0])
+        u = controller.output_gain @ np.stack([y[Y_RATE], lateral, roll])
+        return np.concatenate([x, ring]), u
     ahead = predict(controller, x, ring, y[Y_MOMENT])
     u = -(controller.feedback + controller.feedforward) @ ahead
     if controller.predict_steps:

@@ -65,8 +65,6 @@ PERFORMANCE = np.array([[1.0, 1.0]])
 ROLL_RATE = np.array([[0.0, 1.0]])
 """y = φ', the measured output of the same papers."""
 
-ROLL_ANGLE = np.array([[1.0, 0.0]])
-
 
 @dataclass(frozen=True, slots=True)
 class NormalisedPlant:
@@ -90,10 +88,6 @@ class NormalisedPlant:
     def rate_gain(self, gain: float) -> float:
         """Return a normalised gain on [.., φ'/ωn] as N·m·s/rad."""
         return gain * self.stiffness / self.frequency
-
-    def normalised_rate_gain(self, gain: float) -> float:
-        """Return a gain in N·m·s/rad as gain on φ'/ωn in units of K_eff."""
-        return gain * self.frequency / self.stiffness
 
 
 def normalise(model: RollModel) -> NormalisedPlant:
@@ -124,14 +118,6 @@ def zero_order_hold(a: Matrix, b: Matrix, step: float) -> tuple[Matrix, Matrix]:
     block[:n, n:] = b
     exponential = expm(block * step)
     return exponential[:n, :n], exponential[:n, n:]
-
-
-def taylor_hold(a: Matrix, b: Matrix, step: float) -> tuple[Matrix, Matrix]:
-    """Return the discretisation of Yim 2020, (6): Φ ≈ 1 + T A exp(A T), Γ ≈ T B.
-
-    It shifts the natural frequency by −4 % at 10 ms; kept to show what it does.
-    """
-    return np.eye(len(a)) + step * a @ expm(a * step), step * b
 
 
 def stationary_covariance(a: Matrix, noise: Matrix) -> Matrix:

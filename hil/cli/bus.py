@@ -3,113 +3,47 @@
 import argparse
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from canroll.errors import CanrollError, UnknownNameError
+from hil.cli.bus_parsers import DELAY_PATH
+from hil.report import recorded_bus
 from hil.report.bus_answer import Answer, Delay, as_json, check_simulation, show
+from hil.report.recorded_bus import RecordedAnswer, check_added
 from plant_sim.can_bus.ages import simulate_ages_of_set
 from plant_sim.can_bus.analysis import (
     ErrorModel,
     ResponseBound,
     response_bounds,
 )
-from plant_sim.can_bus.delay_bounds import DelayBounds, delay_bounds_of_set
+from plant_sim.can_bus.delay_bounds import DelayBounds, delay_bounds_of_set, loop_messages
 from plant_sim.can_bus.kernel.network import build_network
-from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT
+from plant_sim.can_bus.profiles import own_messages
+from plant_sim.can_bus.recorded_load import effects, joined, missing_from
 from plant_sim.can_bus.servers.wall_clock import serve_network
 from plant_sim.can_bus.simulation import Simulation, simulate, traffic_spec
 from plant_sim.can_bus.traffic.files import Traffic, load_traffic
+from plant_sim.can_bus.traffic.inference import InferredBus, infer_bus, infer_buses
 from plant_sim.can_bus.traffic.log_playback import Recording, load_recording
+from plant_sim.can_bus.traffic.log_reader import is_log
+from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED, FD
 
 MAX_PORT = 65535
-DELAY_PATH = {"sensor": "Imu", "command": "SuspensionForceCommand"}
-"""Messages whose delay is shown where the set has them."""
+OURS = "canroll"
+"""What the messages of the bus contract are called that come onto a recorded bus."""
 BESIDE_RECORDING = "no bound: the periods of a recording are unknown"
 """Why there is no bound."""
-
-
-def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
-    """Register the subcommand."""
-    parser = subparsers.add_parser(
-        "bus",
-        help="bus load, response times and a bus server",
-        description="Compare worst-case and simulated response times of a traffic set.",
-    )
-    parser.add_argument("file", metavar="FILE", type=Path, help="traffic set, .dbc or .toml")
-    parser.add_argument(
-        "-b", "--bitrate", type=int, metavar="B", help="bit rate, bit/s; default: that of the file"
-    )
-    parser.add_argument(
-        "--data-bitrate",
-        type=int,
-        metavar="B",
-        help="data bit rate of FD frames, bit/s; default: that of the file",
-    )
-    parser.add_argument(
-        "--simulate",
-        type=float,
-        default=10.0,
-        metavar="S",
-        help="simulated time in s, 0: no simulation (default: %(default)g)",
-    )
-    parser.add_argument("--seed", type=int, default=0, help="of payloads and jitter (default: 0)")
-    parser.add_argument(
-        "--worst-case-lengths",
-        action="store_true",
-        help="simulate every frame with the maximum number of stuff bits",
-    )
-    parser.add_argument(
-        "--error-interval",
-        type=float,
-        metavar="MS",
-        help="include one disturbed frame every MS milliseconds in the bounds",
-    )
-    parser.add_argument(
-        "--replay",
-        type=Path,
-        metavar="LOG",
-        help="replay a bus log (.asc .blf .log …) with the set, except for identifiers of the set;"
-        " bounds are then not valid",
-    )
-    parser.add_argument(
-        "--channel", help="channel of the replayed log, as named by python-can, if it has several"
-    )
-    parser.add_argument(
-        "--sensor", default=DELAY_PATH["sensor"], help="sensor message (default: %(default)s)"
-    )
-    parser.add_argument(
-        "--command",
-        default=DELAY_PATH["command"],
-        help="command message (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--tick", type=float, default=10.0, metavar="MS", help="control tick (default: 10)"
-    )
-    parser.add_argument(
-        "--serve",
-        nargs="?",
-        type=int,
-        const=DEFAULT_PORT,
-        metavar="PORT",
-        help="run the traffic in real time, for python-can with interface=socketcand"
-        f" (default port: {DEFAULT_PORT})",
-    )
-    parser.add_argument("--host", default="127.0.0.1", help="with --serve (default: %(default)s)")
-    parser.add_argument("--json", action="store_true", help="print one JSON object")
-    parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Analyse, simulate and print; or serve until interrupted."""
     _check(args)
+    if is_log(args.file):
+        return _run_log(args)
     traffic = load_traffic(args.file, bitrate=args.bitrate, data_bitrate=args.data_bitrate)
-    known = [message.name for message in traffic.messages]
-    for option, default in DELAY_PATH.items():
-        name = getattr(args, option)
-        if name != default and name not in known:
-            raise UnknownNameError(f"--{option} message", name, known)
+    _check_path(args, traffic.messages)
     if args.serve is not None:
         _serve(traffic, args)
         return 0
@@ -136,6 +70,91 @@ def run(args: argparse.Namespace) -> int:
     return int(failed or (answer.delay is not None and answer.delay.failed))
 
 
+def _run_log(args: argparse.Namespace) -> int:
+    """Infer what is on the bus of a log, and analyse it without and with more messages."""
+    if args.add is None:
+        source, added = OURS, _own(args.command)
+    else:
+        source, added = args.add.name, load_traffic(args.add).messages
+    _check_path(args, added)
+    if _has_path(args, added):
+        added = loop_messages(added, args.sensor, args.command, tick_ms=args.tick)
+    rates = {"bitrate": args.bitrate, "data_bitrate": args.data_bitrate}
+    if args.channel is None:
+        buses = list(infer_buses(args.file, **rates))
+    else:
+        buses = [infer_bus(args.file, channel=args.channel, **rates)]
+    answers = []
+    for bus in buses:
+        answer = _answer_of_log(bus, added, source, args)
+        check_added(answer)
+        answers.append(answer)
+    if args.json:
+        channels = {answer.bus.channel: recorded_bus.as_json(answer) for answer in answers}
+        print(json.dumps({"channels": channels}, indent=2))
+    else:
+        for answer in answers:
+            recorded_bus.show(answer)
+    return int(any(answer.failed for answer in answers))
+
+
+def _answer_of_log(
+    bus: InferredBus, added: Sequence[BusMessage], source: str, args: argparse.Namespace
+) -> RecordedAnswer:
+    more = missing_from(bus, added)
+    delay = None
+    if _has_path(args, added):
+        delay = delay_bounds_of_set(
+            joined(bus, added),
+            args.sensor,
+            args.command,
+            tick_ms=args.tick,
+            bitrate=bus.rate.nominal,
+            data_bitrate=bus.rate.data,
+            errors=_errors(args),
+        )
+    simulation = None
+    if args.simulate > 0.0 and more:
+        simulation = simulate(
+            more,
+            bitrate=bus.rate.nominal,
+            duration_s=args.simulate,
+            data_bitrate=bus.rate.data,
+            seed=args.seed,
+            worst_case_lengths=args.worst_case_lengths,
+            recording=bus.recording,
+        )
+    return RecordedAnswer(
+        args.file.name,
+        bus,
+        source,
+        more,
+        effects(bus, more, errors=_errors(args)),
+        (args.sensor, args.command, args.tick),
+        delay,
+        simulation,
+    )
+
+
+def _has_path(args: argparse.Namespace, messages: Sequence[BusMessage]) -> bool:
+    return {args.sensor, args.command} <= {message.name for message in messages}
+
+
+def _own(command: str) -> Sequence[BusMessage]:
+    """Return the messages of the bus contract in use with a command, the default one if unknown."""
+    known = {m.name for m in own_messages()}
+    return own_messages() if command in known else own_messages(command)
+
+
+def _check_path(args: argparse.Namespace, messages: Sequence[BusMessage]) -> None:
+    """Reject names of sensor and command that are no messages, unless they are the defaults."""
+    known = [message.name for message in messages]
+    for option, default in DELAY_PATH.items():
+        name = getattr(args, option)
+        if name != default and name not in known:
+            raise UnknownNameError(f"--{option} message", name, known)
+
+
 def _check(args: argparse.Namespace) -> None:
     for option in ("simulate", "tick", "error_interval"):
         value = getattr(args, option)
@@ -152,8 +171,14 @@ def _check(args: argparse.Namespace) -> None:
         )
     if args.replay is not None and args.simulate <= 0.0:
         raise CanrollError("--replay needs --simulate above 0")
-    if args.channel is not None and args.replay is None:
+    recorded = is_log(args.file)
+    if args.channel is not None and args.replay is None and not recorded:
         raise CanrollError("--channel selects a channel of a log: --replay is required")
+    if args.add is not None and not recorded:
+        raise CanrollError(f"--add puts messages onto the bus of a log, {args.file} is none")
+    for option in ("serve", "replay"):
+        if recorded and getattr(args, option) is not None:
+            raise CanrollError(f"--{option} needs a traffic set: {args.file} is a bus log")
 
 
 def _serve(traffic: Traffic, args: argparse.Namespace) -> None:
@@ -228,7 +253,7 @@ def _simulation(
 def _delay(traffic: Traffic, recording: Recording | None, args: argparse.Namespace) -> Delay | None:
     """Bounds of the total delay from sensor to command, and simulated ages; None without both."""
     path = args.sensor, args.command
-    if not {*path} <= {message.name for message in traffic.messages}:
+    if not _has_path(args, traffic.messages):
         return None
     bounds = delay_bounds_of_set(
         traffic.messages,

@@ -12,14 +12,98 @@ from hil.cli.options import (
 )
 from hil.realtime.bus_link import add_bus_arguments
 from hil.runs.choices import CHOICES
+from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT
 
 PACES = ("realtime", "lockstep")
 PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
 """Silence after which the other side is taken to be gone, s: in lock step it may be slow."""
 DEFAULT_PHASE_MS = 2.0
+DELAY_PATH = {"sensor": "Imu", "command": "SuspensionForceCommand"}
+"""Messages whose delay ``canroll bus`` shows where the set has them."""
 FREE = "free"
 WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
 """Choices of a run that concern the plant."""
+
+
+def bus(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll bus``."""
+    parser.description = (
+        "Compare worst-case and simulated response times of a traffic set; or infer a set from a "
+        "bus log and bound its response times without and with canroll's messages."
+    )
+    parser.add_argument(
+        "file", metavar="FILE", type=Path, help="traffic set, .dbc or .toml, or bus log"
+    )
+    parser.add_argument(
+        "-b",
+        "--bitrate",
+        type=int,
+        metavar="B",
+        help="bit rate, bit/s; default: that of the file, of a log: inferred",
+    )
+    parser.add_argument(
+        "--data-bitrate",
+        type=int,
+        metavar="B",
+        help="data bit rate of FD frames, bit/s; default: that of the file",
+    )
+    parser.add_argument(
+        "--simulate",
+        type=float,
+        default=10.0,
+        metavar="S",
+        help="simulated time in s, 0: no simulation (default: %(default)g)",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of payloads and jitter (default: 0)")
+    parser.add_argument(
+        "--worst-case-lengths",
+        action="store_true",
+        help="simulate every frame with the maximum number of stuff bits",
+    )
+    parser.add_argument(
+        "--error-interval",
+        type=float,
+        metavar="MS",
+        help="include one disturbed frame every MS milliseconds in the bounds",
+    )
+    parser.add_argument(
+        "--replay",
+        type=Path,
+        metavar="LOG",
+        help="replay a bus log (.asc .blf .log …) with the set, except for identifiers of the set;"
+        " bounds are then not valid",
+    )
+    parser.add_argument(
+        "--add",
+        type=Path,
+        metavar="FILE",
+        help="with a log: traffic set that comes onto its bus; default: canroll's own messages",
+    )
+    parser.add_argument(
+        "--channel", help="channel of a log, as named by python-can; default: all, of --replay one"
+    )
+    parser.add_argument(
+        "--sensor", default=DELAY_PATH["sensor"], help="sensor message (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--command",
+        default=DELAY_PATH["command"],
+        help="command message (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--tick", type=float, default=10.0, metavar="MS", help="control tick (default: 10)"
+    )
+    parser.add_argument(
+        "--serve",
+        nargs="?",
+        type=int,
+        const=DEFAULT_PORT,
+        metavar="PORT",
+        help="run the traffic in real time, for python-can with interface=socketcand"
+        f" (default port: {DEFAULT_PORT})",
+    )
+    parser.add_argument("--host", default="127.0.0.1", help="with --serve (default: %(default)s)")
+    parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
 def hil(parser: argparse.ArgumentParser) -> None:

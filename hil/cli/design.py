@@ -14,11 +14,13 @@ from gain_gen.laws import LAWS
 from gain_gen.models.task import Check, Delay, Design, Task
 from hil.cli import terminal
 from hil.cli.options import choices_of
-from hil.cli.parsers import DEFAULT_DELAY_MS, DEFAULT_SCENARIO
-from hil.runs.choices import chosen
+from hil.cli.parsers import DEFAULT_DELAY_MS, DEFAULT_SCENARIO, OF_A_DRIVE
+from hil.runs.choices import CHOICES, chosen
 from hil.runs.frozen import options_of, task_of
-from hil.studies import equal_effort
+from hil.studies import equal_effort, variation
 
+LARGEST_EFFORT = 20_000.0
+"""N·m; no actuator's message carries more."""
 UNITS = {"db": "dB", "deg": "deg", "s": "s"}
 WORDS = {
     "max_delay_sampled_s": "largest delay, sampled loop",
@@ -54,7 +56,14 @@ def run(args: argparse.Namespace) -> int:
     """Design, write and report; 1 for an as-printed law that fails a check, else 0."""
     if args.runs is not None and not args.compare:
         raise CanrollError("--runs belongs to --compare: give both")
+    if args.runs is None:
+        for name in ("scenario", "effort", "spread", *OF_A_DRIVE):
+            if getattr(args, name):
+                option = CHOICES[name].option if name in CHOICES else f"--{name}"
+                raise CanrollError(f"{option} belongs to --compare --runs: give both")
     if args.compare:
+        if args.law is not None:
+            raise CanrollError("--compare designs every law: omit --law")
         return compare(args)
     choices = choices_of(args)
     answer = design(chosen(choices, "law"), design_task(args))
@@ -179,19 +188,28 @@ def _line(answer: Design) -> str:
 def drive_all(args: argparse.Namespace) -> int:
     """Drive every law over the simulated bus at equal effort and print the table."""
     choices = choices_of(args)
+    scenario = args.scenario or DEFAULT_SCENARIO
+    if args.effort is not None and not 1.0 <= args.effort <= LARGEST_EFFORT:
+        raise CanrollError(
+            f"--effort {args.effort:g}: must be 1 to {LARGEST_EFFORT:g} N·m of RMS moment"
+        )
     with terminal.progress(quiet=args.json) as progress:
         found = equal_effort.compare(
-            DEFAULT_SCENARIO,
+            scenario,
             vehicle=chosen(choices, "vehicle"),
             bus=chosen(choices, "bus"),
             runs=args.runs,
+            effort=args.effort or equal_effort.half_upright(scenario, **choices),
+            spread=variation.spread_from(dict(args.spread)),
+            conditions={k: v for k, v in choices.items() if k not in ("vehicle", "bus")},
             progress=progress,
         )
     if args.json:
         print(json.dumps(equal_effort.to_json(found)))
     else:
         print(
-            f"{found.scenario}, {found.vehicle}, bus {found.bus}, {found.runs} paired runs, "
+            f"{found.scenario}, {found.vehicle}, {chosen(choices, 'actuator')}, plant "
+            f"{chosen(choices, 'plant')}, bus {found.bus}, {found.runs} vehicles, "
             f"RMS moment {found.budget:.0f} N·m for all, reference {found.reference}"
         )
         print("\n".join(equal_effort.table(found)))

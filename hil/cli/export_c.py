@@ -24,6 +24,7 @@ from gain_gen.calibration.freeze import physical_notes
 from gain_gen.calibration.record import identify
 from hil.cli.options import add_choices, choices_of
 from hil.cli.parsers import OF_A_DESIGN
+from hil.cli.terminal import show_warnings
 from hil.runs.experiment import build_world, plan
 from hil.runs.frozen import Controller
 from hil.runs.result import Settings
@@ -128,6 +129,7 @@ def described(
     own = args.dbc is not None
     if own:
         bus = load_map(args.dbc, args.map)
+        show_warnings(bus.warnings)
         if record.e2e and not bus.protected:
             record.e2e = 0
             identify(record)

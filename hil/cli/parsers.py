@@ -32,6 +32,9 @@ OF_A_DESIGN = (
     *("vehicle", "law", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
     *("gains", "feedforward", "identification", "offset_learning", "bus"),
 )
+OF_A_DRIVE = ("plant", "speed_kmh", "options")
+"""Choices of the runs in which laws are compared."""
+LOADS = ("laden", "empty")
 PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 
 
@@ -152,10 +155,28 @@ def response(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll response``."""
     parser.description = (
         "Steer in sines of rising frequency; yaw rate, lateral acceleration and roll angle per "
-        "steering-wheel angle."
+        "steering-wheel angle. With --linear: the plant linearised about straight running or a "
+        "steady curve, its modes, its responses to moment and steering, and its distance to the "
+        "design model."
     )
     add_choices(parser, ("vehicle", "plant"), defaults={"plant": "nonlinear"})
     parser.add_argument("--speed", type=float, default=100.0, metavar="KMH", help="default: 100")
+    parser.add_argument(
+        "--load", choices=LOADS, default=LOADS[0], help="laden or empty (default: %(default)s)"
+    )
+    parser.add_argument("--linear", action="store_true", help="linearise instead of steering")
+    parser.add_argument(
+        "--lateral-acceleration",
+        type=float,
+        metavar="M/S2",
+        help="with --linear: of the steady curve (default: 0, straight ahead)",
+    )
+    parser.add_argument(
+        "--friction", type=float, metavar="MU", help="with --linear: of the road (default: 1)"
+    )
+    parser.add_argument(
+        "--out", type=path_named, metavar="DIR", help="with --linear: write response.png there"
+    )
     add_json(parser)
 
 
@@ -186,8 +207,20 @@ def design(parser: argparse.ArgumentParser) -> None:
         "--runs",
         type=int,
         metavar="N",
-        help="with --compare: drive all laws at equal effort over the bus, N paired runs",
+        help="with --compare: drive all laws at equal effort over the bus, N vehicles of a "
+        "population, the same for every law",
     )
+    parser.add_argument(
+        "--scenario", type=scenario, help=f"with --runs: manoeuvre (default: {DEFAULT_SCENARIO})"
+    )
+    parser.add_argument(
+        "--effort",
+        type=float,
+        metavar="NM",
+        help="with --runs: common RMS moment (default: half of what holds the body upright)",
+    )
+    add_spread(parser)
+    add_choices(parser, OF_A_DRIVE)
     add_json(parser)
     parser.add_argument(
         "--out", type=Path, default=Path("out"), help="folder for the files (default: %(default)s)"
@@ -263,17 +296,8 @@ def listing(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def campaign(parser: argparse.ArgumentParser) -> None:
-    """Options of ``canroll campaign``."""
-    parser.description = (
-        "Drive a manoeuvre with one calibration on many draws of vehicle, noise, bus and fault. "
-        "The controller is designed for the first bus; of the faults given one, or none, is drawn; "
-        "the seed is that of the draws."
-    )
-    add_scenario(parser, DEFAULT_SCENARIO)
-    parser.add_argument(
-        "--runs", type=int, default=DEFAULT_DRAWS, metavar="N", help="draws (default: %(default)s)"
-    )
+def add_spread(parser: argparse.ArgumentParser) -> None:
+    """Add how far the vehicles of a population vary."""
     parser.add_argument(
         "--spread",
         action="append",
@@ -285,6 +309,20 @@ def campaign(parser: argparse.ArgumentParser) -> None:
         "cg_height_above_roll_axis and estimate_error, 0.1 of cornering_stiffness and friction, "
         "0 of speed; may be repeated",
     )
+
+
+def campaign(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll campaign``."""
+    parser.description = (
+        "Drive a manoeuvre with one calibration on many draws of vehicle, noise, bus and fault. "
+        "The controller is designed for the first bus; of the faults given one, or none, is drawn; "
+        "the seed is that of the draws."
+    )
+    add_scenario(parser, DEFAULT_SCENARIO)
+    parser.add_argument(
+        "--runs", type=int, default=DEFAULT_DRAWS, metavar="N", help="draws (default: %(default)s)"
+    )
+    add_spread(parser)
     parser.add_argument("--only", type=int, metavar="DRAW", help="report one draw as a run")
     parser.add_argument(
         "--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)"
@@ -317,7 +355,7 @@ COMMANDS = {
     ),
     "design": Command("design a controller and write its calibration", design),
     "margins": Command("verify a calibration independently of its design", margins),
-    "bus": Command("bus load, response times and a bus server"),
+    "bus": Command("bus load, response times and a bus server", "bus_parsers:bus"),
     "hil": Command("run ECU and plant as two processes in real time", "bus_parsers:hil"),
     "ecu": Command("the ECU alone, on any python-can interface", "bus_parsers:ecu"),
     "plant": Command("the vehicle alone, on any python-can interface", "bus_parsers:plant"),

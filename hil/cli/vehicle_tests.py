@@ -15,12 +15,19 @@ from hil.runs import experiment
 from hil.runs.choices import PASSIVE, chosen
 from hil.runs.frozen import Controller
 from hil.runs.result import Settings
+from hil.studies.linear_response import linear_response, to_json
+from hil.studies.linear_response_view import draw, lines
 from plant_sim import bodies
 from plant_sim.bodies.ports import Body
 from plant_sim.driving import maneuvers, standards
 from plant_sim.world import handling
 from plant_sim.world.handling import SpeedLimit
 from vehicles import Vehicle
+from vehicles.unladen import unladen
+
+PICTURE = "response.png"
+LARGEST_ACCELERATION = 12.0
+"""Above the grip of any tyre on a road (m/s²)."""
 
 
 def _vehicle_and_body(args: argparse.Namespace) -> tuple[Vehicle, Body]:
@@ -52,10 +59,17 @@ def understeer(args: argparse.Namespace) -> int:
 
 
 def response(args: argparse.Namespace) -> int:
-    """Run the frequency-response test of ISO 7401 and print its table."""
+    """Run the frequency-response test of ISO 7401 and print its table, or linearise."""
     if not 20.0 <= args.speed <= 200.0:
         raise CanrollError(f"speed {args.speed:g} km/h: must be 20 to 200 km/h")
     vehicle, body = _vehicle_and_body(args)
+    if args.load == "empty":
+        vehicle = unladen(vehicle)
+    if args.linear:
+        return _linear(args, vehicle, body)
+    for option in ("lateral_acceleration", "friction", "out"):
+        if getattr(args, option) is not None:
+            raise CanrollError(f"--{option.replace('_', '-')} needs --linear")
     result = handling.frequency_response(vehicle, body, speed=args.speed / 3.6)
     rows = {
         "yaw_rate": result.yaw_rate / vehicle.steering.ratio,
@@ -64,7 +78,7 @@ def response(args: argparse.Namespace) -> int:
     }
     if args.json:
         answer = {"vehicle": vehicle.name, "plant": body.name, "speed_kmh": args.speed}
-        answer |= {"frequency_hz": result.frequency.tolist()}
+        answer |= {"load": args.load, "frequency_hz": result.frequency.tolist()}
         for name, row in rows.items():
             answer[name] = {
                 "gain": np.abs(row).tolist(),
@@ -72,7 +86,10 @@ def response(args: argparse.Namespace) -> int:
             }
         print(json.dumps(answer))
         return 0
-    print(f"{vehicle.title}\n{args.speed:g} km/h, {body.name} plant, per steering-wheel angle\n")
+    print(
+        f"{vehicle.title}, {args.load}\n"
+        f"{args.speed:g} km/h, {body.name} plant, per steering-wheel angle\n"
+    )
     print("    Hz   yaw rate 1/s  phase °   a_y m/s²/°  phase °   roll °/°  phase °")
     phases = [np.degrees(np.unwrap(np.angle(row))) for row in rows.values()]
     for i, frequency in enumerate(result.frequency):
@@ -81,6 +98,45 @@ def response(args: argparse.Namespace) -> int:
             f"{frequency:6.2f}{gains[0]:15.4f}{phases[0][i]:9.0f}"
             f"{gains[1] / degrees(1):13.4f}{phases[1][i]:9.0f}{gains[2]:11.4f}{phases[2][i]:9.0f}"
         )
+    return 0
+
+
+def _linear(args: argparse.Namespace, vehicle: Vehicle, body: Body) -> int:
+    """Linearise ``body``, print and write what is asked for, and return 0."""
+    lateral = 0.0 if args.lateral_acceleration is None else args.lateral_acceleration
+    friction = 1.0 if args.friction is None else args.friction
+    if not 0.0 <= lateral <= LARGEST_ACCELERATION:
+        raise CanrollError(
+            f"--lateral-acceleration {lateral:g} m/s²: must be 0 to {LARGEST_ACCELERATION:g} m/s²"
+        )
+    if not 0.05 <= friction <= 1.5:
+        raise CanrollError(f"--friction {friction:g}: must be 0.05 to 1.5")
+    found = linear_response(
+        vehicle,
+        body,
+        speed=args.speed / 3.6,
+        lateral_acceleration=lateral,
+        friction=friction,
+    )
+    where = f"{vehicle.name}, {args.load}, {body.name} plant, {args.speed:g} km/h, " + (
+        f"steady curve of {lateral:g} m/s², friction {friction:g}" if lateral else "straight ahead"
+    )
+    if args.out is not None:
+        draw(found, where, args.out / PICTURE)
+    if args.json:
+        asked = {
+            "vehicle": vehicle.name,
+            "plant": body.name,
+            "load": args.load,
+            "speed_kmh": args.speed,
+            "lateral_acceleration": lateral,
+            "friction": friction,
+        }
+        print(json.dumps(asked | to_json(found)))
+        return 0
+    print("\n".join(lines(found, where)))
+    if args.out is not None:
+        print(f"\nwritten: {args.out / PICTURE}")
     return 0
 
 

@@ -20,7 +20,7 @@ from hil.realtime.process import Stop, collector_off
 from hil.runs.virtual_time import ticks
 from plant_sim.world.world import World
 
-FINISHED, STOPPED, PEER_LOST, NO_PEER = "finished", "stopped", "peer lost", "no ECU"
+FINISHED, STOPPED, PEER_LOST = "finished", "stopped", "peer lost"
 
 STEP_NS = 500_000
 """Period of the loop: frames wait for it in both directions, so it is half the body's step."""

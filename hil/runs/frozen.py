@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 import vehicles
 from canroll.errors import CanrollError
 from firmware import calibration as fw
@@ -53,6 +55,17 @@ class Controller:
     def command(self) -> str:
         """Message that commands the actuators."""
         return COMMANDS[self.record.actuator]
+
+    def front_share(self, speed: float) -> float:
+        """Return the front axle's share of the moment at ``speed`` (m/s)."""
+        record = self.record
+        points = slice(record.schedule_points)
+        share = np.interp(
+            speed,
+            np.array(record.schedule_speed[points]) / (1 << fw.Q_SPEED),
+            np.array(record.schedule_front_share[points]) / (1 << fw.Q_UNIT),
+        )
+        return float(share)
 
 
 def prepare(choices: Mapping[str, Any]) -> Controller:

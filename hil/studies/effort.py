@@ -16,6 +16,7 @@ from hil.runs.frozen import Controller
 from hil.runs.limit_cycle import detect
 from hil.runs.metrics import judge, rms
 from hil.runs.result import Settings
+from hil.studies.bound import Bound, bound_of
 
 FIGURES = (
     "roll_rms_deg",
@@ -33,7 +34,6 @@ MOMENT_RMS = FIGURES.index("moment_rms_nm")
 BUDGET_TOLERANCE = 0.005
 """How near to the budget a law is scaled, as share of it."""
 LARGEST_FACTOR = 3.99
-UNIT_GAIN = 1 << 28
 STEPS_MAX = 40
 NARROWEST = 1e-4
 """Width of a bracket, as share of its upper end, in which the effort is taken to jump."""
@@ -43,13 +43,25 @@ CHANCE = 10
 """Of so many runs one may swing evenly by chance: noise does so now and then without feedback."""
 BACKED_OFF = tuple(step / 10 for step in range(10, 0, -1))
 
-PassiveRoll = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Time, s, and roll angle, rad, of a run without control."""
+
+@dataclass(frozen=True, slots=True)
+class Passive:
+    """One run without control.
+
+    Attributes:
+        time: s.
+        roll: angle, rad.
+        bound: the least roll that a moment of given effort leaves.
+    """
+
+    time: NDArray[np.float64]
+    roll: NDArray[np.float64]
+    bound: Bound
 
 
 @dataclass(frozen=True, slots=True)
 class Driven:
-    """Results of a law over several seeds: figures (runs, 8), and how many limit cycles there were.
+    """Results of a law over several runs: figures (runs, 8), and how many limit cycles there were.
 
     ``factor``: on the law's moment.
     """
@@ -80,38 +92,42 @@ class BudgetError(CanrollError):
 def scaled(controller: Controller, factor: float) -> Controller:
     """Return the controller with its moment multiplied, at every speed of the schedule."""
     record = copy(controller.record)
-    record.schedule_gain = [round(factor * UNIT_GAIN)] * len(record.schedule_gain)
+    record.schedule_gain = [round(factor * gain) for gain in record.schedule_gain]
     return replace(controller, record=identify(record))
 
 
-def roll_without_control(
-    settings: Settings, controller: Controller, runs: int
-) -> list[PassiveRoll]:
-    """Return the results of seeds 0 to ``runs`` − 1 without control."""
-    traces = (
-        drive(replace(settings, seed=seed), controller, enabled=False) for seed in range(runs)
-    )
-    return [(trace.signals["time"], trace.signals["roll"]) for trace in traces]
+def without_control(population: Sequence[Settings], controller: Controller) -> list[Passive]:
+    """Return each run of ``population`` without control."""
+    found = []
+    for settings in population:
+        signals = drive(settings, controller, enabled=False).signals
+        time, roll = signals["time"], signals["roll"]
+        found.append(Passive(time, roll, bound_of(settings, controller, time, roll)))
+    return found
 
 
 def driven(
-    settings: Settings,
+    population: Sequence[Settings],
     controller: Controller,
-    passive: Sequence[PassiveRoll],
+    passive: Sequence[Passive],
     *,
     factor: float = 1.0,
 ) -> Driven:
-    """Drive seeds 0, 1, … with the law's moment times ``factor``, one for each of ``passive``."""
+    """Drive the runs of ``population`` with the law's moment times ``factor``.
+
+    ``passive``: the same runs without control.
+    """
     if factor != 1.0:
         controller = scaled(controller, factor)
     figures, cycles = [], 0
-    for seed, roll in enumerate(passive):
-        trace = drive(replace(settings, seed=seed), controller, enabled=settings.law != PASSIVE)
+    for settings, without in zip(population, passive, strict=True):
+        trace = drive(settings, controller, enabled=settings.law != PASSIVE)
         metrics = judge(trace)
         steer = degrees(rms(trace.signals["steer"]))
         figures.append([*(getattr(metrics, name) for name in FIGURES[:-1]), steer])
         if settings.law != PASSIVE:
-            cycles += detect(trace.ticks["t"], trace.ticks["moment"], *roll) is not None
+            found = detect(trace.ticks["t"], trace.ticks["moment"], without.time, without.roll)
+            cycles += found is not None
     return Driven(factor, np.array(figures), cycles)
 
 

@@ -1,15 +1,16 @@
-"""Laws compared at equal effort: equal plant, knowledge, delays and noise.
+"""Laws compared at equal effort: equal plants, knowledge, delays and noise.
 
 Every law is designed from the same design model and bus, drives the same manoeuvre on the same
-plant with the same seeds (so that every difference is paired), and is scaled to the same RMS
-moment over these very runs. Better means less roll, RMS and peak, beyond the 95 % interval of the
-paired differences, without a limit cycle, while moment, path error, steering and load transfer
-are no worse.
+population of plants with the same seeds (so that every difference is paired), and is scaled to the
+same RMS moment over these very runs. Better means less roll, RMS and peak, beyond the 95 % interval
+of the paired differences, without a limit cycle, while moment, path error, steering and load
+transfer are no worse. Beside each law stands its distance to the bound of
+:mod:`hil.studies.bound`: the least roll that any moment of that effort leaves.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import astuple, dataclass, replace
-from math import isfinite, sqrt
+from dataclasses import asdict, astuple, dataclass, replace
+from math import degrees, inf, isfinite, sqrt
 from typing import Any
 
 import numpy as np
@@ -17,17 +18,23 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from canroll.typing import Progress
-from hil.runs.experiment import plan
+from hil.runs.choices import PASSIVE
+from hil.runs.experiment import drive, plan
+from hil.runs.frozen import Controller
+from hil.runs.metrics import rms
+from hil.runs.result import Settings
 from hil.studies.effort import (
     FIGURES,
+    MOMENT_RMS,
     BudgetError,
     Driven,
-    PassiveRoll,
+    Passive,
     at_budget,
     at_rest,
     driven,
-    roll_without_control,
+    without_control,
 )
+from hil.studies.variation import NONE, population
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +62,7 @@ ENTRIES = (
     Entry("hinf_delay", "roll_rate_only", {"law": "hinf_delay"}),
     Entry("hinf_nodelay", "roll_rate_only", {"law": "hinf_nodelay"}),
     Entry("hinf_event", "roll_rate_only", {"law": "hinf_event"}),
+    Entry("plain_feedforward", "all_sensors", {"law": "plain_feedforward"}),
     Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
     Entry("rate_feedforward", "all_sensors", {"law": "rate_feedforward"}),
     Entry("lqr, feedback only", "all_sensors", {"law": "lqr", "feedforward": False}),
@@ -80,8 +88,10 @@ PRINTED = (
     ),
 )
 """Laws whose printed gains are for one vehicle: van_2021."""
-REFERENCE = "hinf_delay"
-"""The paper's structure, tuned on the plant at hand: its effort is the budget of all."""
+REFERENCE = "plain_feedforward"
+"""What needs neither a model nor a prediction: a law has to do better."""
+UPRIGHT_SHARE = 0.5
+"""Effort by default, as share of the RMS of m h a_y, the moment that holds the body upright."""
 
 
 ROLL = FIGURES[:2]
@@ -111,6 +121,7 @@ class Row:
         entry: the law.
         factor: on its moment, to meet the budget; 1 where it is not scaled.
         figures: runs by :data:`FIGURES`, (runs, 8); NaN where it did not run.
+        bound: least RMS roll angle at each run's effort, (runs,), deg; NaN without control.
         refused: why it cannot be compared, as that it did not run or misses the budget, or empty.
         cycles: how many runs were a limit cycle.
         oscillates: whether that is more than chance explains.
@@ -119,6 +130,7 @@ class Row:
     entry: Entry
     factor: float
     figures: NDArray[np.float64]
+    bound: NDArray[np.float64]
     refused: str = ""
     cycles: int = 0
     oscillates: bool = False
@@ -131,6 +143,15 @@ class Row:
     def mean(self, figure: str) -> float:
         """Mean of a figure over the runs."""
         return float(np.mean(self.figures[:, FIGURES.index(figure)]))
+
+    @property
+    def above_bound(self) -> float:
+        """Mean RMS roll angle over that of the bound at the same effort, less 1.
+
+        Infinite where that effort could hold the body upright.
+        """
+        least = float(np.mean(self.bound))
+        return self.mean("roll_rms_deg") / least - 1.0 if least else inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,6 +214,18 @@ def paired(values: NDArray[np.float64], base: NDArray[np.float64]) -> Difference
     return Difference(mean, mean - half, mean + half)
 
 
+def half_upright(scenario: str, **choices: Any) -> float:  # noqa: ANN401
+    """Return half the RMS of m h a_y without control, N·m, to two digits: effort by default.
+
+    Args:
+        scenario: manoeuvre.
+        choices: keywords of :func:`hil.runs.experiment.plan`.
+    """
+    settings, controller = plan(scenario, **{**choices, "law": PASSIVE})
+    lateral = drive(settings, controller, enabled=False).signals["ay"]
+    return float(f"{UPRIGHT_SHARE * settings.vehicle.plant.roll_arm * rms(lateral):.2g}")
+
+
 def compare(
     scenario: str,
     *,
@@ -200,22 +233,28 @@ def compare(
     bus: str = "500k",
     runs: int = 200,
     entries: Sequence[Entry] | None = None,
+    reference: str = REFERENCE,
+    effort: float | None = None,
+    spread: Mapping[str, float] = NONE,
     conditions: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> Comparison:
     """Drive every law ``runs`` times and return the rows.
 
-    The budget is the RMS moment of the reference law at the highest tenth of its designed gain
-    that makes no limit cycle on this plant; where that is not the whole gain, the law as designed
-    is one more row.
+    Where the effort is that of the reference, this is driven at the highest tenth of its designed
+    gain that makes no limit cycle on this plant; where that is not the whole gain, the law as
+    designed is one more row.
 
     Args:
         scenario: manoeuvre.
         vehicle: preset or file.
         bus: profile.
-        runs: seeds 0 to ``runs`` − 1, the same for every law; at least 2.
+        runs: how many of the population are driven, the same for every law; at least 2.
         entries: laws, the reference among them; by default all, with the printed gains on the
             vehicle that they are for.
+        reference: law that the others are compared with.
+        effort: common RMS moment, N·m; by default that of the reference as designed.
+        spread: of the population, see :mod:`hil.studies.variation`; by default equal vehicles.
         conditions: further keywords of :func:`hil.runs.experiment.plan` that hold for all laws.
         progress: called with the law's name and the share done.
 
@@ -228,89 +267,121 @@ def compare(
     if entries is None:
         entries = (*ENTRIES, *(PRINTED if vehicle == "van_2021" else ()))
     common: dict[str, Any] = {"vehicle": vehicle, "bus": bus, **(conditions or {})}
-    settings, controller = plan(scenario, **common, law=REFERENCE)
-    passive = roll_without_control(settings, controller, runs)
-    tried = []
-
-    def reference_at(factor: float) -> Driven:
-        tried.append(driven(settings, controller, passive, factor=factor))
-        return tried[-1]
-
-    try:
-        found = at_rest(reference_at)
-    except CanrollError as error:
-        raise CanrollError(f"{REFERENCE}, the reference for the RMS moment, is {error}") from error
+    settings, controller = plan(scenario, **common, law=PASSIVE)
+    passive = without_control(population(settings, runs, spread), controller)
+    driver = _Driver(scenario, common, runs, spread, passive)
     rows = []
+    at_reference: list[Row] = []
+    base = next((entry for entry in entries if entry.name == reference), None)
+    if base is None:
+        raise CanrollError(f"{reference}, the reference, is none of the laws compared")
+    if effort is None:
+        effort, at_reference = driver.reference(base)
     for done, entry in enumerate(entries):
         if progress is not None:
             progress(entry.name, done / len(entries))
-        if entry.name != REFERENCE:
-            rows.append(_row(entry, scenario, common, passive, found.effort))
-            continue
+        if entry is base and at_reference:
+            rows += at_reference
+        else:
+            rows.append(driver.row(entry, effort))
+    return Comparison(tuple(rows), reference, effort, runs, bus, vehicle, scenario)
+
+
+@dataclass(frozen=True, slots=True)
+class _Driver:
+    """Where every law is driven: manoeuvre, common choices, and a population with its roll."""
+
+    scenario: str
+    common: Mapping[str, Any]
+    runs: int
+    spread: Mapping[str, float]
+    passive: Sequence[Passive]
+
+    def plan(self, entry: Entry) -> tuple[list[Settings], Controller]:
+        """Return the runs of a law, and its controller."""
+        settings, controller = plan(self.scenario, **{**self.common, **entry.keywords})
+        if entry.stiffer_bar:
+            plant = settings.vehicle.plant
+            stiffer = replace(plant, roll_stiffness=entry.stiffer_bar * plant.roll_stiffness)
+            settings = replace(settings, vehicle=replace(settings.vehicle, plant=stiffer))
+        return population(settings, self.runs, self.spread), controller
+
+    def reference(self, entry: Entry) -> tuple[float, list[Row]]:
+        """Return the effort of the reference at rest, N·m, and its rows."""
+        where, controller = self.plan(entry)
+        tried = []
+
+        def at(factor: float) -> Driven:
+            tried.append(driven(where, controller, self.passive, factor=factor))
+            return tried[-1]
+
+        try:
+            found = at_rest(at)
+        except CanrollError as error:
+            raise CanrollError(f"{entry.name}, the reference for the moment, is {error}") from error
+        rows = []
         if found.factor < 1.0:
-            designed = replace(entry, name=f"{REFERENCE} as designed", scaled=False)
-            rows.append(_of(designed, tried[0]))
-        rows.append(_of(entry, found))
-    return Comparison(tuple(rows), REFERENCE, found.effort, runs, bus, vehicle, scenario)
+            designed = replace(entry, name=f"{entry.name} as designed", scaled=False)
+            rows.append(self._of(designed, tried[0]))
+        return found.effort, [*rows, self._of(entry, found)]
 
+    def row(self, entry: Entry, effort: float) -> Row:
+        """Return the results of a law at ``effort``, N·m, or at its own."""
+        try:
+            where, controller = self.plan(entry)
+        except CanrollError as error:
+            nothing = np.full((self.runs, len(FIGURES)), np.nan)
+            return Row(entry, 1.0, nothing, nothing[:, 0], str(error))
+        if not entry.scaled:
+            return self._of(entry, driven(where, controller, self.passive))
+        refused = ""
+        some, roll = where[:SEARCHED], self.passive[:SEARCHED]
+        try:
+            found = at_budget(lambda factor: driven(some, controller, roll, factor=factor), effort)
+        except BudgetError as error:
+            found, refused = error.nearest, str(error)
+        if self.runs > SEARCHED:
+            found = driven(where, controller, self.passive, factor=found.factor)
+        off = found.effort / effort - 1.0
+        if not refused and abs(off) > EFFORT_TOLERANCE:
+            refused = f"misses the RMS moment by {100 * off:+.1f} %"
+        return self._of(entry, found, refused)
 
-def _row(
-    entry: Entry,
-    scenario: str,
-    common: Mapping[str, Any],
-    passive: Sequence[PassiveRoll],
-    budget: float,
-) -> Row:
-    try:
-        settings, controller = plan(scenario, **{**common, **entry.keywords})
-    except CanrollError as error:
-        return Row(entry, 1.0, np.full((len(passive), len(FIGURES)), np.nan), str(error))
-    if entry.stiffer_bar:
-        plant = settings.vehicle.plant
-        stiffer = replace(plant, roll_stiffness=entry.stiffer_bar * plant.roll_stiffness)
-        settings = replace(settings, vehicle=replace(settings.vehicle, plant=stiffer))
-    if not entry.scaled:
-        return _of(entry, driven(settings, controller, passive))
-    refused = ""
-    try:
-        found = at_budget(
-            lambda factor: driven(settings, controller, passive[:SEARCHED], factor=factor), budget
+    def _of(self, entry: Entry, found: Driven, refused: str = "") -> Row:
+        efforts = found.figures[:, MOMENT_RMS]
+        least = [
+            degrees(passive.bound.at(effort))
+            for passive, effort in zip(self.passive, efforts, strict=True)
+        ]
+        silent = entry.keywords["law"] == PASSIVE
+        bound = np.full(len(least), np.nan) if silent else np.array(least)
+        return Row(
+            entry, found.factor, found.figures, bound, refused, found.cycles, found.oscillates
         )
-    except BudgetError as error:
-        found, refused = error.nearest, str(error)
-    if len(passive) > SEARCHED:
-        found = driven(settings, controller, passive, factor=found.factor)
-    off = found.effort / budget - 1.0
-    if not refused and abs(off) > EFFORT_TOLERANCE:
-        refused = f"misses the RMS moment by {100 * off:+.1f} %"
-    return _of(entry, found, refused)
-
-
-def _of(entry: Entry, found: Driven, refused: str = "") -> Row:
-    return Row(entry, found.factor, found.figures, refused, found.cycles, found.oscillates)
 
 
 def table(comparison: Comparison) -> list[str]:
     """Return the comparison as a Markdown table, wins and losses alike."""
     base = next(row for row in comparison.rows if row.entry.name == "passive")
     lines = [
-        "| law | sensors | factor | roll RMS | roll max | moment RMS | moment max | NLT front "
-        "| path error | against the reference, roll RMS [95 %] | verdict |",
-        "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- | --- |",
+        "| law | sensors | factor | roll RMS | worst vehicle | roll max | above the bound "
+        "| moment RMS | moment max | NLT front | path error "
+        "| against the reference, roll RMS [95 %] | verdict |",
+        "| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- | --- |",
     ]
     for row in comparison.rows:
         if not row.ran:
-            lines.append(
-                f"| {row.entry.name} | {row.entry.sensors} | | | | | | | | | {row.refused} |"
-            )
+            lines.append(f"| {row.entry.name} | {row.entry.sensors} {'| ' * 10}| {row.refused} |")
             continue
         roll = [row.mean(figure) / base.mean(figure) - 1.0 for figure in ROLL]
+        worst = np.max(row.figures[:, 0] / base.figures[:, 0]) - 1.0
+        above = f"{100 * row.above_bound:+.1f} %" if isfinite(row.above_bound) else ""
         against = comparison.against_reference(row, ROLL[0])
         mean, low, high = (100.0 * value for value in astuple(against))
         lines.append(
             f"| {row.entry.name} | {row.entry.sensors} | {row.factor:.2f} "
-            f"| {row.mean('roll_rms_deg'):.2f}° ({100 * roll[0]:+.0f} %) "
-            f"| {row.mean('roll_max_deg'):.2f}° ({100 * roll[1]:+.0f} %) "
+            f"| {row.mean('roll_rms_deg'):.2f}° ({100 * roll[0]:+.0f} %) | {100 * worst:+.0f} % "
+            f"| {row.mean('roll_max_deg'):.2f}° ({100 * roll[1]:+.0f} %) | {above} "
             f"| {row.mean('moment_rms_nm'):.0f} | {row.mean('moment_max_nm'):.0f} "
             f"| {row.mean('nlt_front_max'):.3f} | {row.mean('path_error_max_m'):.2f} m "
             f"| {mean:+.1f} % [{low:+.1f}, {high:+.1f}] | {comparison.verdict(row)} |"
@@ -320,17 +391,24 @@ def table(comparison: Comparison) -> list[str]:
 
 def to_json(comparison: Comparison) -> list[dict[str, Any]]:
     """Return the rows as plain numbers."""
-    return [
-        {
-            "law": row.entry.name,
-            "sensors": row.entry.sensors,
-            "factor": row.factor,
-            "refused": row.refused,
-            "limit_cycles": row.cycles,
-            "verdict": comparison.verdict(row),
-            **{
-                figure: value if isfinite(value := row.mean(figure)) else None for figure in FIGURES
-            },
+    rows = []
+    for row in comparison.rows:
+        against = comparison.against_reference(row, ROLL[0])
+        numbers = {
+            **{figure: row.mean(figure) for figure in FIGURES},
+            "bound_roll_rms_deg": float(np.mean(row.bound)),
+            "above_bound": row.above_bound,
+            **{f"against_reference_{name}": value for name, value in asdict(against).items()},
         }
-        for row in comparison.rows
-    ]
+        rows.append(
+            {
+                "law": row.entry.name,
+                "sensors": row.entry.sensors,
+                "factor": row.factor,
+                "refused": row.refused,
+                "limit_cycles": row.cycles,
+                "verdict": comparison.verdict(row),
+                **{name: value if isfinite(value) else None for name, value in numbers.items()},
+            }
+        )
+    return rows

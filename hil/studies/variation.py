@@ -25,6 +25,8 @@ DEFAULT_SPREAD: Mapping[str, float] = {
     "speed": 0.0,
 }
 """Half-widths, as share of the nominal value, that each quantity is drawn from, evenly."""
+NONE: Mapping[str, float] = dict.fromkeys(DEFAULT_SPREAD, 0.0)
+"""Of draws that differ in their noise, phases and background traffic alone."""
 SHARE_MAX: Mapping[str, float] = {"estimate_error": 0.2}
 """Largest half-width, below 1, of quantities bounded by the actuators."""
 TRIES = 100
@@ -118,6 +120,15 @@ def draw(
         conditions=tuple(sorted({**errors, **dict(nominal.conditions)}.items())),
     )
     return Drawn(index, settings, {name: factors[name] for name in names if spread[name]})
+
+
+def population(nominal: Settings, count: int, spread: Mapping[str, float]) -> list[Settings]:
+    """Return draws 0 to ``count`` − 1 of seed 0: the same worlds whatever law is driven there.
+
+    Raises:
+        CanrollError: no vehicle can be drawn from such a spread.
+    """
+    return [draw(nominal, index, spread=spread, seed=0).settings for index in range(count)]
 
 
 def varied(vehicle: Vehicle, factors: Mapping[str, float]) -> Vehicle:

@@ -193,29 +193,6 @@ def _bound(
     return (worst, queued), instances
 
 
-def response_bound_1994(
-    messages: Sequence[BusMessage], name: str, *, bitrate: int, data_bitrate: int = 0
-) -> int | None:
-    """Return the bound of the 1994 analysis, which looks at the first instance alone.
-
-    Tindell, Burns, "Guaranteeing message latencies on Controller Area Network" (1994); refuted in
-    2007: it can lie below the real worst case. Kept for comparison only.
-    """
-    tasks = {m.name: _task(m, bitrate, data_bitrate) for m in messages}
-    task = tasks.pop(name)
-    higher = [t for t in tasks.values() if t.key < task.key]
-    blocking = max((t.worst for t in tasks.values() if t.key > task.key), default=0)
-    bit = int(duration_ns(1, bitrate))
-    if sum(t.share for t in higher) >= 1.0:
-        return None
-    wait = blocking
-    while True:
-        longer = blocking + sum(t.demand(wait + bit) for t in higher)
-        if longer == wait:
-            return task.jitter + wait + task.worst
-        wait = longer
-
-
 def worst_case_utilisation(
     messages: Sequence[BusMessage], *, bitrate: int, data_bitrate: int = 0
 ) -> float:

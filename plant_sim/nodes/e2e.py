@@ -16,18 +16,7 @@ from plant_sim.kernels.jit import njit
 COUNTERS = 15
 
 # Check results, in the order of the specification's status codes' severity.
-OK, SOME_LOST, INITIAL, SYNC, REPEATED, NO_NEW_DATA, WRONG_SEQUENCE, WRONG_CRC = range(8)
-STATUS_NAMES = (
-    "OK",
-    "OKSOMELOST",
-    "INITIAL",
-    "SYNC",
-    "REPEATED",
-    "NONEWDATA",
-    "WRONGSEQUENCE",
-    "WRONGCRC",
-)
-
+OK, SOME_LOST, INITIAL, SYNC, REPEATED, WRONG_SEQUENCE, WRONG_CRC = range(7)
 # Slots of the receiver's state vector.
 WAIT_FOR_FIRST, MAX_DELTA, LAST_COUNTER, SYNC_LEFT, NOT_NEW, LOST, N_STATE = range(7)
 
@@ -105,14 +94,6 @@ def check(state: NDArray[np.int64], supervision: Supervision, data_id: int, word
         state[SYNC_LEFT] -= 1
         return SYNC
     return OK if delta == 1 else SOME_LOST
-
-
-@njit
-def check_absent(state: NDArray[np.int64]) -> int:
-    """Advance the receiver's ``state`` by a period in which nothing was received."""
-    state[MAX_DELTA] = min(state[MAX_DELTA] + 1, COUNTERS - 1)
-    state[NOT_NEW] = min(state[NOT_NEW] + 1, COUNTERS - 1)
-    return NO_NEW_DATA
 
 
 def receiver_state(supervision: Supervision) -> NDArray[np.int64]:

@@ -1,5 +1,6 @@
 """The plant alone, without sensors, bus or controller: for tuning, limits and checks."""
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -113,3 +114,38 @@ def signals(
     }
     time = (np.arange(1, len(outputs) + 1) * (STEP_NS * 1e-9)).astype(np.float64)
     return {"time": time, **named, "steer": steer}
+
+
+PULSE = 100.0
+"""Moment (N·m) of the pulse: small enough for no tyre or stop to leave its linear range."""
+
+
+def moment_response(
+    vehicle: Vehicle, body: Body, speed: float, *, front_share: float, held: float, count: int
+) -> Vector:
+    """Roll angle (rad) after 1 N·m on the body over the first ``held`` seconds, straight ahead.
+
+    The dampers are as firm in bump as in rebound, on their mean: rolling does both at once, while
+    the difference would make the answer to a pulse depend on how the car heaves meanwhile.
+
+    Args:
+        vehicle: that is driven.
+        body: its model.
+        speed: m/s; nobody drives or steers.
+        front_share: of the moment that acts at the front axle; the wheels take the reaction.
+        held: duration of the pulse (s), and distance of the values.
+        count: how many, the first at ``held``.
+    """
+    even = replace(vehicle.suspension, rebound_bump_ratio=1.0)
+    state, parameters = body.build(replace(vehicle, suspension=even), speed)
+    inputs, outputs = initial_inputs(), np.zeros(ports.N_OUTPUTS)
+    steps, dt = round(held * 1e9 / STEP_NS), STEP_NS * 1e-9
+    response = np.empty(count)
+    inputs[ports.BAR_MOMENT_FRONT] = front_share * PULSE
+    inputs[ports.BAR_MOMENT_REAR] = (1.0 - front_share) * PULSE
+    for k in range(count):
+        for _ in range(steps):
+            advance(body.step, state, inputs, parameters, outputs, dt)
+        response[k] = outputs[ports.ROLL] / PULSE
+        inputs[ports.BAR_MOMENT_FRONT : ports.BAR_MOMENT_REAR + 1] = 0.0
+    return response

@@ -2,6 +2,7 @@
 
 from math import floor
 
+import cantools
 import pytest
 
 import dbc
@@ -60,3 +61,38 @@ def test_every_fault_code_has_a_place_in_the_diagnostics():
     assert max(codes) < state.N_FAULT_CODES
     shown = dbc.message("RollControlDiagnostics").get_signal_by_name("ActiveFaultCodes")
     assert shown.length == state.N_FAULT_CODES
+
+
+def test_the_fd_contract_says_the_same_in_other_frames():
+    """Every frame but the sensors' is the classic one; the cluster has the sensors' signals."""
+    fd = cantools.database.load_file(dbc.PATH.with_name("roll_control_fd.dbc"))
+    cluster = fd.get_message_by_name("SensorCluster")
+    merged = ("Imu", "VehicleMotion", "SuspensionRate", "SuspensionTravel")
+    for message in dbc.load().messages:
+        of_fd = cluster if message.name in merged else fd.get_message_by_name(message.name)
+        assert of_fd.is_fd
+        for signal in message.signals:
+            if of_fd is cluster and signal.name in ("Checksum", "Counter", "SampleCounter"):
+                continue
+            its = of_fd.get_signal_by_name(signal.name)
+            assert (its.length, its.is_signed, its.scale, its.offset, its.unit, its.choices) == (
+                signal.length,
+                signal.is_signed,
+                signal.scale,
+                signal.offset,
+                signal.unit,
+                signal.choices,
+            )
+            if of_fd is not cluster:
+                assert (its.start, of_fd.frame_id, dbc.data_id(of_fd)) == (
+                    signal.start,
+                    message.frame_id,
+                    dbc.data_id(message),
+                )
+    covered = {s.name for name in merged for s in dbc.message(name).signals}
+    assert {signal.name for signal in cluster.signals} == covered
+
+
+@pytest.mark.parametrize(("length", "on_the_wire"), [(8, 8), (9, 12), (29, 32), (33, 48), (64, 64)])
+def test_a_fd_frame_is_padded_to_the_next_length_code(length, on_the_wire):
+    assert dbc.padded(length) == on_the_wire

@@ -12,7 +12,7 @@ from firmware.covariance import bounded, propagate, update
 from firmware.event_trigger import NOTHING, moved, trigger
 from firmware.identification import identify
 from firmware.mailbox import read_inputs
-from firmware.observer import learn_offsets, look_ahead, observe
+from firmware.observer import learn_offsets, look_ahead, observe, told_by_steering
 from firmware.schedule import schedule
 from firmware.state import (
     ACTIVE,
@@ -419,15 +419,16 @@ def test_a_frame_is_read_once_even_without_protection():
         assert ecu.age == ecu.unchanged == [k] * 5
 
 
-def test_without_motion_the_estimate_stands_for_the_steering_at_every_tick():
+def test_without_motion_the_steering_is_held_and_draws_the_estimate_nowhere():
     cal = rig.calibration(schedule_steering=[1 << 24] * 8)
     ecu = rig.started(cal)
     ecu.steering = 1 << 20
-    by_steering = 1 << 24
+    held = 1 << 24
     for age, lost, estimate in ((0, 0, 5), (3, 1, 7000), (4, 1, 7001), (0, 0, 6)):
         ecu.age[RX_VEHICLE_MOTION], ecu.motion_lost, ecu.x[2] = age, lost, estimate
         schedule(ecu, cal)
-        assert ecu.steering_acceleration == (estimate if lost else by_steering)
+        assert ecu.steering_acceleration == held
+        assert told_by_steering(ecu) == (estimate if lost else held)
 
 
 @pytest.mark.parametrize("share", [0, fw.STATE_MAX])

@@ -65,7 +65,7 @@ def test_compensator_is_the_linear_system(order, outputs):
     scale = 2.0 ** np.array([30, 27, 24, 24])
     ours = []
     for row in np.round(inputs * scale).astype(int).tolist():
-        ecu.x[0], ecu.x[1], ecu.acceleration_good, ecu.steering_acceleration = row
+        ecu.x[0], ecu.rate_good, ecu.acceleration_good, ecu.steering_acceleration = row
         control_law.control(ecu, cal, 1)
         ours.append(np.array(ecu.outputs[:outputs]) / 2**14)
         assert ecu.moment == ecu.outputs[0] + ecu.outputs[1]
@@ -90,7 +90,7 @@ def test_compensator_follows_its_saturated_output_and_does_not_wind_up():
     x, peak = 0.0, 0.0
     for k in range(600):
         y = 1.0 if k < 300 else -1.0
-        ecu.x[1] = round(y * 2**27)
+        ecu.rate_good = round(y * 2**27)
         control_law.control(ecu, cal, 1)
         u = np.clip(100.0 * x, -500.0, 500.0)
         assert ecu.moment / 2**14 == pytest.approx(u, abs=0.01)
@@ -105,10 +105,24 @@ def test_compensator_takes_one_step_however_many_ticks_were_missed():
     a, b = np.array([[0.9]]), np.array([[0, 0.1, 0, 0]])
     fill_compensator(cal, (a, b, np.array([[10.0]]), np.zeros((1, 4))), np.zeros((1, 2)))
     late, steady = running(cal), running(cal)
-    late.x[1] = steady.x[1] = 1 << 26
+    late.rate_good = steady.rate_good = 1 << 26
     control_law.control(late, cal, 4)
     control_law.control(steady, cal, 1)
     assert late.compensator_x == steady.compensator_x
+
+
+def test_a_compensator_reads_the_gyro_and_not_the_estimate_of_its_rate():
+    cal = rig.calibration()
+    fill_compensator(
+        cal,
+        (np.zeros((0, 0)), np.zeros((0, 4)), np.zeros((1, 0)), np.array([[0, -2000.0, 0, 0]])),
+        np.zeros((0, 2)),
+    )
+    ecu = running(cal)
+    ecu.x[1] = round(0.7 * 2**27)
+    ecu.rate_good, ecu.offset_rate = round(0.3 * 2**27), round(0.05 * 2**27)
+    control_law.control(ecu, cal, 1)
+    assert ecu.moment / 2**14 == pytest.approx(-2000 * 0.25, abs=0.01)
 
 
 def test_output_feedback_subtracts_what_was_learnt():

@@ -83,6 +83,7 @@ def test_the_observer_is_its_model_and_its_corrections(seed):
     ecu = rig.started(cal)
     ecu.x, ecu.delivered, ecu.moment_unknown = small(rng, N, 14), small(rng, 2, 14), 0
     ecu.steering_acceleration = rng.randint(-(1 << 14), 1 << 14)
+    ecu.motion_lost = 0
     ecu.roll_rate, ecu.offset_rate = small(rng, 2, 14)
     ecu.lateral_acceleration, ecu.offset_acceleration = small(rng, 2, 14)
     ecu.fresh[RX_IMU] = 1
@@ -171,8 +172,10 @@ def test_the_compensator_is_its_matrices(seed):
     cal.compensator_output_shift = [rng.randint(1, 3) for _ in range(2)]
     ecu.compensator_x = small(rng, 8, 20)
     ecu.acceleration_good, ecu.offset_acceleration = small(rng, 2, 20)
+    ecu.rate_good, ecu.offset_rate = small(rng, 2, 20)
+    rate = ecu.rate_good - ecu.offset_rate
     lateral = ecu.acceleration_good - ecu.offset_acceleration
-    inputs = [ecu.x[0], ecu.x[1], lateral, ecu.steering_acceleration]
+    inputs = [ecu.x[0], rate, lateral, ecu.steering_acceleration]
     state = ecu.compensator_x[:order]
     given = [
         nearest(

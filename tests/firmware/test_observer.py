@@ -145,6 +145,7 @@ def test_prediction_goes_through_the_commands_under_way(vehicle, steps):
         ecu.x = [round(v / u) for v, u in zip(x, UNIT, strict=True)]
         # no a_y by steering enters this model's prediction
         ecu.steering_acceleration = 0
+        ecu.motion_lost = 0
         look_ahead(ecu, cal)
         ahead = np.array(ecu.ahead) * UNIT
         exact = exact_prediction(vehicle, x, moment, commands[32 - steps :])

@@ -37,18 +37,6 @@ def test_real_van_is_plausible():
     assert van.design == van.plant
 
 
-def test_moment_limit_of_the_four_corners_is_reached_by_the_split():
-    van = vehicles.load("van_2021")
-    geometry, limit = van.geometry, van.moment_limit("suspension")
-    front = 0.5 * limit * geometry.cg_to_rear_axle
-    front /= geometry.half_track_front * geometry.wheelbase
-    rear = 0.5 * limit * geometry.cg_to_front_axle / (geometry.half_track_rear * geometry.wheelbase)
-    assert max(front, rear) == pytest.approx(van.actuators.suspension.force_limit)
-    assert van.moment_limit("bars") == 4000.0
-    with pytest.raises(UnknownNameError, match="did you mean 'bars'"):
-        van.moment_limit("bar")
-
-
 def test_unknown_vehicle_suggests_the_nearest():
     with pytest.raises(UnknownNameError, match="did you mean 'van_2021'"):
         vehicles.load("vna_2021")

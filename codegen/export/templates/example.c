@@ -8,14 +8,14 @@
 #define SYSTICK ((volatile uint32_t *)0xE000E010u)
 
 int main(void);
-int can_next(uint32_t *identifier, uint8_t payload[8], int32_t *length);
-void can_send(uint32_t identifier, const uint8_t payload[8], int32_t length);
+int can_next(uint32_t *identifier, uint8_t payload[{bytes}], int32_t *length);
+void can_send(uint32_t identifier, const uint8_t payload[{bytes}], int32_t length);
 
 static const canroll_calibration calibration = CANROLL_CALIBRATION_INITIALISER;
 static canroll_ecu ecu;
 
 /* The next received frame, 1 where there is one. May also live in the receive interrupt. */
-__attribute__((weak)) int can_next(uint32_t *identifier, uint8_t payload[8], int32_t *length)
+__attribute__((weak)) int can_next(uint32_t *identifier, uint8_t payload[{bytes}], int32_t *length)
 {
     *identifier = 0;
     *length = 0;
@@ -24,7 +24,7 @@ __attribute__((weak)) int can_next(uint32_t *identifier, uint8_t payload[8], int
 }
 
 /* Queues a frame. */
-__attribute__((weak)) void can_send(uint32_t identifier, const uint8_t payload[8], int32_t length)
+__attribute__((weak)) void can_send(uint32_t identifier, const uint8_t payload[{bytes}], int32_t length)
 {
     (void)identifier;
     (void)payload;
@@ -34,7 +34,7 @@ __attribute__((weak)) void can_send(uint32_t identifier, const uint8_t payload[8
 static void receive_all(void)
 {
     uint32_t identifier;
-    uint8_t payload[8];
+    uint8_t payload[{bytes}];
     int32_t length;
     while (can_next(&identifier, payload, &length)) {
         for (int32_t message = 0; message < CANROLL_N_RX; message++) {

@@ -56,7 +56,7 @@ int main(void)
                 || vector_sent[sent].message != slot) {
                 return failed(tick, "another frame was sent");
             }
-            for (int32_t k = 0; k < 8; k++) {
+            for (uint32_t k = 0; k < sizeof ecu.tx_payload[slot]; k++) {
                 if (vector_sent[sent].payload[k] != ecu.tx_payload[slot][k]) {
                     return failed(tick, "a frame has other bytes");
                 }

@@ -16,6 +16,7 @@ import cantools
 from cantools.database import Database, Message
 
 from canroll.errors import CanrollError, UnknownNameError
+from dbc import attribute, switches_bit_rate
 from plant_sim.can_bus.kernel.network import check_frame, check_rates
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
@@ -95,9 +96,9 @@ def _from_dbc(path: Path) -> Traffic:
             messages.append(_dbc_message(message, period))
         else:
             left_out.append(message.name)
-    bitrate = _attribute(database, "Baudrate") or DEFAULT_BITRATE
+    bitrate = attribute(database, "Baudrate") or DEFAULT_BITRATE
     switched = any(m.flags & BIT_RATE_SWITCH for m in messages)
-    data_bitrate = _attribute(database, "BaudrateCANFD") if switched else 0
+    data_bitrate = attribute(database, "BaudrateCANFD") if switched else 0
     try:
         for found in messages:
             check_frame(found.ident, found.length, found.flags)
@@ -106,30 +107,17 @@ def _from_dbc(path: Path) -> Traffic:
     return Traffic(bitrate, data_bitrate, tuple(messages), tuple(left_out))
 
 
-def _attribute(source: Database | Message, name: str, default: int = 0) -> int:
-    """Return a number, or the place of a choice: as set, else the file's default for all."""
-    if not source.dbc:
-        return default
-    attribute = source.dbc.attributes.get(name)
-    definition = source.dbc.attribute_definitions.get(name)
-    value = attribute.value if attribute else definition.default_value if definition else None
-    if value is None:
-        return default
-    choices = list(definition.choices or ()) if definition else []
-    return choices.index(value) if value in choices else int(float(value))
-
-
 def _period_ms(message: Message) -> int:
     """Cycle time; of a message that is also sent on events: its least distance, if it has one."""
     period = int(message.cycle_time or 0)
-    least = _attribute(message, "GenMsgDelayTime")
+    least = attribute(message, "GenMsgDelayTime")
     event = "spontaneous" in (message.send_type or "").lower()
     return least if event and least else period
 
 
 def _dbc_message(message: Message, period_ms: int) -> BusMessage:
     flags = (EXTENDED if message.is_extended_frame else 0) | (FD if message.is_fd else 0)
-    if message.is_fd and _attribute(message, "CANFD_BRS", 1):
+    if switches_bit_rate(message):
         flags |= BIT_RATE_SWITCH
     return BusMessage(
         name=message.name,
@@ -138,7 +126,7 @@ def _dbc_message(message: Message, period_ms: int) -> BusMessage:
         period_ns=period_ms * MS,
         sender=message.senders[0] if message.senders else "Node",
         receivers=tuple(sorted(message.receivers)),
-        offset_ns=_attribute(message, "GenMsgStartDelayTime") * MS,
+        offset_ns=attribute(message, "GenMsgStartDelayTime") * MS,
         flags=flags,
     )
 

@@ -14,6 +14,11 @@ from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE, 
 SUFFIXES: Final = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db", ".pcap", ".pcapng")
 
 
+def is_log(path: Path) -> bool:
+    """Return whether a path has the suffix of a bus log."""
+    return path.suffix.lower() in SUFFIXES
+
+
 class Logged(NamedTuple):
     """One channel of a log, in the order of reception; one entry a frame.
 
@@ -41,7 +46,7 @@ def read_log(path: Path) -> dict[str, Logged]:
     """
     if not path.is_file():
         raise CanrollError(f"{path}: no such file")
-    if path.suffix.lower() not in SUFFIXES:
+    if not is_log(path):
         raise CanrollError(f"{path}: a bus log ends in {', '.join(SUFFIXES)}")
     try:
         with can.LogReader(path) as reader:

@@ -13,6 +13,7 @@ import dbc
 from canroll.errors import CanrollError
 from codegen.export import bundle
 from codegen.generated import bus_map
+from codegen.generated import frames as frame_source
 from codegen.generated import protection as protection_source
 from codegen.generated import signals as signal_source
 from firmware import protection, signals
@@ -55,6 +56,7 @@ def test_checked_in_module_is_what_the_dbc_says():
     assert signal_source.SIGNALS.read_text(encoding="utf-8") == signal_source.generate()
     checked_in = protection_source.PROTECTION.read_text(encoding="utf-8")
     assert checked_in == protection_source.generate()
+    assert frame_source.FRAMES.read_text(encoding="utf-8") == frame_source.generate()
 
 
 def test_tables_match_the_dbc():

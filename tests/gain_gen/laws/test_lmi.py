@@ -22,7 +22,7 @@ from gain_gen.laws.lmi import Clock
 from gain_gen.laws.lmi_event import EventProgram, fixed_lyapunov_certificate
 from gain_gen.laws.roll_rate_feedback import design_hinf_nodelay, exact_gamma, exact_optimum
 from gain_gen.laws.state_gains import discrete_plant, yim_weights
-from gain_gen.models.roll import ROLL_ANGLE, ROLL_RATE, normalise
+from gain_gen.models.roll import ROLL_RATE, normalise
 from gain_gen.models.task import Delay, Task
 from vehicles import load
 
@@ -71,7 +71,7 @@ def test_a_perturbed_certificate_is_refused(van):
     """The eigenvalue check must be able to fail: a stiffer gain breaks the same certificate."""
     plant = normalise(van)
     point = EventProgram(plant).solve(
-        plant.normalised_rate_gain(-6400.0), plant.delay(0.04), 0.1, Clock()
+        -6400.0 / plant.rate_gain(1.0), plant.delay(0.04), 0.1, Clock()
     )
     scale = np.diag([1.0, 1.0 / plant.frequency])
     weights = {
@@ -101,7 +101,7 @@ def test_printed_event_certificate(van):
     """The printed P certifies K = −13552.53 at 20 ms and not at 40 ms; small gain does both."""
     clock = Clock()
     levels = {}
-    for name, output in (("rate", ROLL_RATE), ("angle", ROLL_ANGLE)):
+    for name, output in (("rate", ROLL_RATE), ("angle", np.array([[1.0, 0.0]]))):
         physical = si_plant(van, output)
         for delay in (0.02, 0.04):
 

@@ -9,6 +9,10 @@ import pytest
 
 from hil.cli import bus
 from hil.cli.main import main
+from plant_sim.can_bus import advance, build_network, drain
+from plant_sim.can_bus.analysis import response_bounds
+from plant_sim.can_bus.simulation import traffic_spec
+from plant_sim.can_bus.traffic.messages import BusMessage
 
 DBC = Path(__file__).parents[3] / "dbc" / "roll_control.dbc"
 ROW = """
@@ -197,3 +201,123 @@ def test_an_age_equal_to_its_bound_is_not_above_it(monkeypatch, capsys):
     for bound["beyond_ns"], code in ((0, 0), (1, 1)):
         assert main(["bus", str(DBC), "--simulate", "0.1"]) == code
     assert "above its bound" in capsys.readouterr().err
+
+
+def recorded(folder, *, suffix=".blf", seconds=6, more=()):
+    """A log of a bus at 250 kbit/s with four messages a node, queued at once, and its truth."""
+    rows = [(f"m{k}", 0x61 + 0x20 * k, (10, 20, 50)[k % 3]) for k in range(10)]
+    messages = [BusMessage(n, i, 8, p * 1e6, f"node{i % 3}") for n, i, p in (*rows, *more)]
+    network = build_network(traffic_spec(messages, bitrate=250_000))
+    entries, cursor = [], 0
+    for now in range(1, 10 * seconds + 1):
+        advance(network, now * 100_000_000)
+        new, cursor, _ = drain(network, cursor)
+        entries.append(new)
+    path = folder / f"recording{suffix}"
+    with can.Logger(str(path)) as logger:
+        for entry in np.concatenate(entries):
+            logger(
+                can.Message(
+                    timestamp=1.7e9 + entry["t_received"] * 1e-9,
+                    arbitration_id=int(entry["ident"]),
+                    is_extended_id=False,
+                    data=bytes(entry["payload"][: entry["length"]]),
+                    channel=0,
+                )
+            )
+    return str(path), messages
+
+
+def answer_of(capsys, *command, code=0):
+    assert main(["bus", *command, "--json"]) == code
+    (channel,) = json.loads(capsys.readouterr().out)["channels"].values()
+    return channel
+
+
+def test_a_log_alone_gives_periods_and_bounds_before_and_after_canroll(tmp_path, capsys):
+    path, messages = recorded(tmp_path)
+    found = answer_of(capsys, path, "--simulate", "2")
+    assert found["bitrate"] == 250_000
+    assert found["bitrate_evidence"] > 100
+    assert found["utilisation"]["after"] > found["utilisation"]["before"] > 0.1
+    exact = {b.message.ident: b for b in response_bounds(messages, bitrate=250_000)}
+    for row in found["messages"].values():
+        if row["added"]:
+            assert row["response_seen_ms"] <= row["bound_after_ms"]
+            continue
+        truth = exact[row["id"]]
+        assert row["cycle_ms"] == pytest.approx(truth.message.period_ns * 1e-6, rel=0.01)
+        assert truth.bound_ns * 1e-6 <= row["bound_before_ms"] <= row["bound_after_ms"]
+        assert row["response_seen_ms"] <= row["bound_before_ms"]
+    assert found["messages"]["Recorded181"]["bound_after_ms"] > (
+        found["messages"]["Recorded181"]["bound_before_ms"] + 1.0
+    )
+    assert found["delay"]["tau_max_ms"] > found["delay"]["age_bound_ms"] > 10.0
+
+
+def test_the_docs_name_every_key_of_a_recorded_bus(tmp_path, capsys):
+    path, _ = recorded(tmp_path)
+    found = answer_of(capsys, path, "--simulate", "0")
+    page = (DBC.parents[1] / "docs" / "file-formats.md").read_text(encoding="utf-8")
+    section = page.partition("### A recorded bus")[2].partition("\n## ")[0]
+    keys = {*found, *found["messages"]["Recorded061"], *(found["delay"] or ())}
+    assert [key for key in keys if f"`{key}" not in section] == []
+
+
+def test_the_page_of_a_log_names_its_evidence(tmp_path, capsys):
+    path, _ = recorded(tmp_path, suffix=".pcapng")
+    assert main(["bus", path, "--simulate", "0"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "frames in 5.99" in text
+    assert "at 250 kbit/s (inferred from" in text
+    assert "Imu to SuspensionForceCommand at a tick of 10 ms on this bus: total delay" in text
+
+
+def test_a_message_of_ours_that_is_on_the_bus_is_not_added_again(tmp_path, capsys):
+    path, _ = recorded(tmp_path, more=[("Imu", 0xA8, 10)])
+    sensor = tmp_path / "add.toml"
+    sensor.write_text(ROW.format(name="Imu", ident=0xA8, period=10))
+    found = answer_of(capsys, path, "--add", str(sensor), "--simulate", "0")
+    assert [row["added"] for row in found["messages"].values()] == [False] * 11
+    assert found["utilisation"]["after"] == found["utilisation"]["before"]
+    # the same identifier with another period is another node's: they collide
+    sensor.write_text(ROW.format(name="Imu", ident=0xA8, period=40))
+    found = answer_of(capsys, path, "--add", str(sensor), "--simulate", "0", code=1)
+    assert {row["bound_after_ms"] for row in found["messages"].values()} == {None}
+    reasons = {row["reason"] for row in found["messages"].values()}
+    assert reasons == {"identifier A8 used by several nodes: their frames collide"}
+
+
+def test_more_than_a_recorded_bus_can_carry_fails_the_verdict(tmp_path, capsys):
+    path, _ = recorded(tmp_path)
+    heavy = tmp_path / "heavy.toml"
+    heavy.write_text(ROW.format(name="Flood", ident=0x10, period=0.6))
+    found = answer_of(capsys, path, "--add", str(heavy), "--simulate", "0", code=1)
+    last = found["messages"]["Recorded181"]
+    assert last["bound_after_ms"] is None
+    assert last["bound_before_ms"] > 0.0
+    assert last["reason"] == "bus overloaded at this priority"
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--replay", "x.log"], "--replay needs a traffic set: "),
+        (["--serve"], "--serve needs a traffic set: "),
+        (["--channel", "7"], "unknown channel of"),
+        (["--sensor", "Imi"], "did you mean 'Imu'?"),
+        (["--bitrate", "2000000"], "at most 1000000 bit/s"),
+        (["--add", "nowhere.toml"], "nowhere.toml: no such file"),
+    ],
+)
+def test_what_a_log_cannot_do_is_one_line(tmp_path, capsys, options, message):
+    path, _ = recorded(tmp_path, seconds=2)
+    assert main(["bus", path, *options]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_only_a_log_takes_messages_to_add(tmp_path, capsys):
+    assert main(["bus", traffic(tmp_path, period=10), "--add", "x.toml"]) == 2
+    assert "--add puts messages onto the bus of a log" in capsys.readouterr().err

@@ -269,9 +269,11 @@ def test_rows_of_a_comparison():
     found = rows(
         Comparison(
             (
-                equal_effort.Row(entries["hinf_delay"], 1.0, runs),
-                equal_effort.Row(entries["lqg_delay"], 0.5, less),
-                equal_effort.Row(entries["ay_feedforward"], 1.0, nothing, "too little"),
+                equal_effort.Row(entries["hinf_delay"], 1.0, runs, runs[:, 0]),
+                equal_effort.Row(entries["lqg_delay"], 0.5, less, 0.8 * less[:, 0]),
+                equal_effort.Row(
+                    entries["ay_feedforward"], 1.0, nothing, nothing[:, 0], "too little"
+                ),
             ),
             "hinf_delay", 1.0, 4, "500k", "van_real", "moose",
         )
@@ -281,6 +283,7 @@ def test_rows_of_a_comparison():
     assert ours["roll_rms_difference_percent"] == pytest.approx(-50)
     assert ours["low_percent"] < -50 < ours["high_percent"] < 0
     assert ours["verdict"] == "better"
+    assert ours["above_bound_percent"] == pytest.approx(25)
     assert refused["verdict"] == "too little"
     assert refused["roll_rms_deg"] is refused["low_percent"] is None
 
@@ -301,9 +304,13 @@ def test_ours_beside_theirs(paper):
             assert met != ("the RMS moment" in row["verdict"])
         for law in ("ay_feedforward", "lqg_delay"):
             assert found[law]["moment_rms_nm"] == pytest.approx(budget, rel=EFFORT_TOLERANCE)
+            assert found[law]["above_bound_percent"] > -1.0
             # less roll for the effort than the roll rate alone gives
             assert found[law]["high_percent"] < 0
-    assert [curve.name for curve in figure.series[1:]] == [entry.name for entry in OURS]
+    laws, bound = figure.series[1:-1], figure.series[-1]
+    assert [curve.name for curve in laws] == [entry.name for entry in OURS]
+    for law in laws:
+        assert np.all(law.y > 0.99 * np.interp(law.x, bound.x, bound.y))
 
 
 def test_nearest_to_the_printed_drop_of_wheel_motion():

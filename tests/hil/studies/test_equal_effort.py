@@ -1,5 +1,6 @@
 """The comparison contract: its statistics, its verdicts, and one short run of it."""
 
+import json
 import math
 from dataclasses import replace
 
@@ -8,9 +9,12 @@ import pytest
 from scipy import stats
 
 from canroll.errors import CanrollError
+from hil.cli.main import main
+from hil.runs.experiment import drive, plan
 from hil.studies import equal_effort
 from hil.studies.effort import FIGURES, BudgetError, Driven, at_budget, at_rest
-from hil.studies.equal_effort import Comparison, Entry, Row, compare, paired, table
+from hil.studies.equal_effort import Comparison, Entry, Row, compare, half_upright, paired, table
+from hil.studies.variation import DEFAULT_SPREAD
 
 
 def row(name, *, roll=1.0, peak=2.0, moment=500.0, most=900.0, transfer=0.3, steer=2.0, seed=0):
@@ -19,7 +23,7 @@ def row(name, *, roll=1.0, peak=2.0, moment=500.0, most=900.0, transfer=0.3, ste
     own = np.random.default_rng(seed + 10)
     # what all laws share of a seed, and a little of their own
     figures = level * (1 + 0.1 * rng.normal(size=(50, 1)) + 0.002 * own.normal(size=(50, 8)))
-    return Row(Entry(name, "all_sensors", {}), 1.0, figures)
+    return Row(Entry(name, "all_sensors", {}), 1.0, figures, 0.9 * figures[:, 0])
 
 
 def comparison(*rows):
@@ -70,7 +74,7 @@ def test_losses_are_named(changes, verdict):
 
 def test_no_difference_is_no_win():
     reference = row("hinf_delay")
-    same = Row(Entry("same", "roll_rate_only", {}), 1.0, reference.figures.copy())
+    same = replace(reference, entry=Entry("same", "roll_rate_only", {}))
     assert comparison(reference, same).verdict(same) == "equal"
 
 
@@ -139,7 +143,14 @@ def test_laws_meet_the_budget_on_the_bus():
         Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
         Entry("too weak", "all_sensors", {"law": "ay_feedforward", "speed_kmh": 30.0}),
     )
-    found = compare("double_lane_change", vehicle="van_2021", runs=2, entries=entries)
+    found = compare(
+        "double_lane_change",
+        vehicle="van_2021",
+        runs=2,
+        entries=entries,
+        reference="hinf_delay",
+        conditions={"plant": "roll1"},
+    )
     passive, paper, feedforward, weak = found.rows
     assert paper.factor == 1.0
     assert feedforward.mean("moment_rms_nm") == pytest.approx(found.budget, rel=0.005)
@@ -162,6 +173,7 @@ def test_a_law_certified_for_the_roll_model_alone_is_told_where_it_swings():
         vehicle="van_real",
         runs=2,
         entries=(Entry("hinf_delay", "roll_rate_only", {"law": "hinf_delay"}),),
+        reference="hinf_delay",
         conditions={"plant": "nonlinear", "actuator": "bars", "speed_kmh": 60.0},
     )
     designed, paper = found.rows
@@ -176,3 +188,70 @@ def test_figures_are_metrics():
     from hil.runs.metrics import Metrics
 
     assert set(FIGURES[:-1]) <= set(Metrics.__annotations__)
+
+
+def test_laws_stand_above_the_bound_of_every_vehicle():
+    entries = (
+        Entry("passive", "", {"law": "passive"}, scaled=False),
+        Entry("stiffer bar", "", {"law": "passive"}, scaled=False, stiffer_bar=1.3),
+        Entry("plain_feedforward", "all_sensors", {"law": "plain_feedforward"}),
+        Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
+    )
+    found = compare(
+        "double_lane_change",
+        vehicle="van_real",
+        bus="gateway_50ms",
+        runs=3,
+        entries=entries,
+        effort=2000.0,
+        spread=DEFAULT_SPREAD,
+        conditions={"plant": "nonlinear"},
+    )
+    passive, bar, plain, predicting = found.rows
+    assert found.budget == 2000.0
+    assert np.ptp(passive.figures[:, 0]) > 0.02 * passive.mean("roll_rms_deg")
+    assert math.isnan(passive.above_bound)
+    assert math.isnan(bar.above_bound)
+    for law in (plain, predicting):
+        assert law.mean("moment_rms_nm") == pytest.approx(2000.0, rel=0.005)
+        assert np.all(law.bound < 1.01 * law.figures[:, 0])
+    assert 0.0 < predicting.above_bound < 0.7 * plain.above_bound < 0.15
+    lines = table(found)
+    assert len({line.count("|") for line in lines}) == 1
+    assert f"{100 * plain.above_bound:+.1f} %" in lines[4]
+
+
+def test_the_effort_by_default_is_half_of_what_holds_the_body_upright():
+    choices = {"vehicle": "van_real", "plant": "nonlinear"}
+    settings, controller = plan("double_lane_change", law="passive", **choices)
+    lateral = drive(settings, controller, enabled=False).signals["ay"]
+    upright = np.sqrt(np.mean((settings.vehicle.plant.roll_arm * lateral) ** 2))
+    assert half_upright("double_lane_change", **choices) == pytest.approx(0.5 * upright, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--effort", "900"], "--effort belongs to --compare --runs"),
+        (["--compare", "--spread", "speed=0.1"], "--spread belongs to --compare --runs"),
+        (["--compare", "--plant", "roll1"], "--plant belongs to --compare --runs"),
+        (["--compare", "--law", "lqr"], "--compare designs every law: omit --law"),
+        (["--compare", "--runs", "2", "--effort", "-4"], "--effort -4: must be 1 to 20000"),
+        (["--compare", "--runs", "1"], "--runs must be at least 2"),
+    ],
+)
+def test_what_does_not_belong_together_is_refused(capsys, options, told):
+    assert main(["design", *options]) == 2
+    assert told in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_comparison_is_printed(capsys):
+    arguments = ["design", "--compare", "--bus", "500k", "--runs", "2", "--vehicle", "van_2021"]
+    assert main([*arguments, "--plant", "roll1", "--effort", "400", "--json"]) == 0
+    rows = {row["law"]: row for row in json.loads(capsys.readouterr().out)}
+    assert rows["passive"]["above_bound"] is None
+    law = rows["ay_feedforward"]
+    above = law["roll_rms_deg"] / law["bound_roll_rms_deg"] - 1.0
+    assert law["above_bound"] == pytest.approx(above)
+    assert law["against_reference_low"] <= law["against_reference_high"]

@@ -1,0 +1,127 @@
+"""The ECU loop for the frames of one bus: its C sources, and its modules for CPython.
+
+A DBC and a map make three modules of the firmware; all others are the same on every bus. The state
+record differs in the room of its mailboxes, so whatever reads one takes its class from here.
+"""
+
+import importlib
+import importlib.util
+import re
+import shutil
+import sys
+import tempfile
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cache, cached_property
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import firmware.ecu
+from codegen.c99 import emit
+from codegen.generated import frames, protection, signals
+from codegen.generated.bus_map import BusMap, load
+from codegen.subset.program import FIRMWARE
+
+GENERATED = {
+    "frames.py": frames.generate,
+    "protection.py": protection.generate,
+    "signals.py": signals.generate,
+}
+"""Modules of the firmware that a bus makes."""
+
+
+@dataclass(frozen=True, eq=False)
+class BusFirmware:
+    """The firmware for one bus.
+
+    Attributes:
+        bus: the mailboxes and the frames in them.
+        modules: sources of the modules that differ from those checked in, by file name.
+        slots: mailboxes that take a frame, by its identifier.
+        sent: identifier and length on the wire of the frame in each mailbox that sends.
+    """
+
+    bus: BusMap
+    modules: Mapping[str, str]
+    slots: Mapping[int, tuple[int, ...]] = field(init=False)
+    sent: tuple[tuple[int, int], ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        slots: dict[int, tuple[int, ...]] = {}
+        for slot, box in enumerate(self.bus.received):
+            if box.name:
+                slots[box.ident] = (*slots.get(box.ident, ()), slot)
+        sent = tuple((box.ident, box.sent_length) for box in self.bus.transmitted)
+        object.__setattr__(self, "slots", slots)
+        object.__setattr__(self, "sent", sent)
+
+    @cached_property
+    def files(self) -> dict[str, str]:
+        """The firmware in C, by file name."""
+        if not self.modules:
+            return emit.firmware()
+        with self._folder() as folder:
+            return emit.emit(folder=folder)
+
+    @cached_property
+    def loop(self) -> ModuleType:
+        """The module with ``init``, ``receive`` and ``tick``, to be run by CPython."""
+        if not self.modules:
+            return firmware.ecu
+        text = "".join(self.modules[name] for name in sorted(self.modules))
+        name = f"canroll_firmware_{zlib.crc32(text.encode()):08x}"
+        with self._folder() as folder:
+            for path in folder.glob("*.py"):
+                source = path.read_text(encoding="utf-8")
+                source = re.sub(r"^from firmware\b", f"from {name}", source, flags=re.MULTILINE)
+                path.write_text(source, encoding="utf-8")
+            spec = importlib.util.spec_from_file_location(
+                name, folder / "__init__.py", submodule_search_locations=[str(folder)]
+            )
+            assert spec is not None and spec.loader is not None
+            package = importlib.util.module_from_spec(spec)
+            sys.modules[name] = package
+            spec.loader.exec_module(package)
+            return importlib.import_module(f"{name}.ecu")
+
+    @property
+    def record(self) -> Any:  # noqa: ANN401
+        """The class of the state record: that of the firmware's module ``state``."""
+        return self.loop.Ecu
+
+    @contextmanager
+    def _folder(self) -> Iterator[Path]:
+        """A folder with all modules of the firmware."""
+        with tempfile.TemporaryDirectory() as temporary:
+            folder = Path(temporary)
+            for path in FIRMWARE.glob("*.py"):
+                shutil.copy(path, folder)
+            for name, text in self.modules.items():
+                (folder / name).write_text(text, encoding="utf-8")
+            yield folder
+
+
+@cache
+def built_in() -> BusFirmware:
+    """The firmware for ``dbc/roll_control.dbc``."""
+    return BusFirmware(load(signals.DBC, signals.MAP), {})
+
+
+def of_bus(dbc: Path, map_file: Path) -> BusFirmware:
+    """Return the firmware for the frames of ``dbc`` that ``map_file`` maps.
+
+    Raises:
+        CanrollError: file and key of whatever does not fit together.
+    """
+    if (dbc, map_file) == (signals.DBC, signals.MAP):
+        return built_in()
+    modules = {name: generate(dbc, map_file) for name, generate in GENERATED.items()}
+    return _of_sources(load(dbc, map_file), tuple(sorted(modules.items())))
+
+
+@cache
+def _of_sources(bus: BusMap, modules: tuple[tuple[str, str], ...]) -> BusFirmware:
+    return BusFirmware(bus, dict(modules))

@@ -1,0 +1,180 @@
+"""The linearised plant beside the design model: modes, frequency responses, and their distance."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError
+from canroll.typing import Vector
+from gain_gen.models.linear_car import INPUTS, OUTPUTS, linear_car
+from plant_sim.bodies import ports
+from plant_sim.bodies.ports import Body
+from plant_sim.world.linearise import IMU_LATERAL_ACCELERATION, Trim, find_trim, linearise
+from plant_sim.world.modes import Mode, modes
+from vehicles import Vehicle
+
+FREQUENCIES = np.geomspace(0.1, 10.0, 81)
+"""Where responses are computed and compared (Hz)."""
+
+EXCITATIONS = ("moment", "steering")
+"""Anti-roll moment on the body (N·m), road-wheel angle (rad)."""
+
+MEASURED = {
+    "roll_rate": ports.ROLL_RATE,
+    "roll": ports.ROLL,
+    "lateral_acceleration": ports.AY,
+    "imu_lateral": IMU_LATERAL_ACCELERATION,
+    "yaw_rate": ports.YAW_RATE,
+}
+"""Responses by name, and the plant's output slot: SI units; of the CG, and as the IMU feels it."""
+
+_IGNORED = 1e-9
+"""Effect of friction on rates and outputs, SI units per unit of friction, that counts as none."""
+
+_NO_RESPONSE = 1e-13
+"""Peak (SI units) that is the rounding of a response that the plant does not have."""
+
+Responses = dict[str, dict[str, NDArray[np.complex128]]]
+"""Complex response over :data:`FREQUENCIES` by excitation and by measured quantity."""
+
+
+@dataclass(frozen=True, slots=True)
+class LinearResponse:
+    """A body linearised at a trim.
+
+    Attributes:
+        trim: where.
+        modes: of the body there, slowest first.
+        plant: its responses.
+        design: those of the design model at the same trim; None where it has no such trim.
+        why_not: then the reason.
+    """
+
+    trim: Trim
+    modes: list[Mode]
+    plant: Responses
+    design: Responses | None
+    why_not: str = ""
+
+    @property
+    def distance(self) -> dict[str, dict[str, float | None]] | None:
+        """Largest error of the design model as a share of the plant's peak, by response.
+
+        None of a response that the plant does not have; None as a whole without a design model.
+        """
+        if self.design is None:
+            return None
+        return {
+            excitation: {
+                name: _distance(response, self.design[excitation][name])
+                for name, response in responses.items()
+            }
+            for excitation, responses in self.plant.items()
+        }
+
+
+def _distance(plant: NDArray[np.complex128], design: NDArray[np.complex128]) -> float | None:
+    peak = float(np.abs(plant).max())
+    return float(np.abs(design - plant).max()) / peak if peak > _NO_RESPONSE else None
+
+
+def linear_response(
+    vehicle: Vehicle,
+    body: Body,
+    *,
+    speed: float,
+    lateral_acceleration: float = 0.0,
+    friction: float = 1.0,
+) -> LinearResponse:
+    """Linearise ``body`` in a steady curve (m/s², to the left) at ``speed`` (m/s) and compare.
+
+    Raises:
+        CanrollError: there is no such curve, the body cannot be linearised, or the friction changes
+            nothing about it.
+    """
+    trim = find_trim(
+        vehicle,
+        body,
+        speed=speed,
+        lateral_acceleration=lateral_acceleration,
+        friction=friction,
+    )
+    plant = linearise(trim)
+    effect = max(np.abs(plant.b[:, ports.FRICTION]).max(), np.abs(plant.d[:, ports.FRICTION]).max())
+    if friction != 1.0 and effect < _IGNORED:
+        raise CanrollError(
+            f"--friction {friction:g} changes nothing about {body.name} at this trim: its tyres "
+            "are linear there; give a --lateral-acceleration, or another --plant"
+        )
+    rows = tuple(MEASURED.values())
+    responses: Responses = {}
+    for name in EXCITATIONS:
+        found = plant.response(FREQUENCIES, excitation(vehicle, name), rows)
+        responses[name] = dict(zip(MEASURED, found, strict=True))
+    design, why_not = None, ""
+    try:
+        model = linear_car(
+            vehicle, speed, lateral_acceleration=lateral_acceleration, friction=friction
+        )
+    except CanrollError as error:
+        why_not = str(error)
+    else:
+        computed = model.response(2 * np.pi * FREQUENCIES).astype(np.complex128)
+        design = {
+            name: {
+                measured: computed[:, OUTPUTS.index(measured), INPUTS.index(name)]
+                for measured in MEASURED
+            }
+            for name in EXCITATIONS
+        }
+    return LinearResponse(trim, modes(plant), responses, design, why_not)
+
+
+def excitation(vehicle: Vehicle, name: str) -> Vector:
+    """Return one unit of an excitation in the plant's inputs (N_INPUTS,).
+
+    A moment is that of forces at the corners, shared by the axles as their static load.
+    """
+    inputs = np.zeros(ports.N_INPUTS)
+    if name == "steering":
+        inputs[ports.STEER] = 1.0
+        return inputs
+    geometry = vehicle.geometry
+    front = geometry.static_front_share / (2 * geometry.half_track_front)
+    rear = (1 - geometry.static_front_share) / (2 * geometry.half_track_rear)
+    inputs[ports.CORNER_FORCE : ports.CORNER_FORCE + 4] = front, -front, rear, -rear
+    return inputs
+
+
+def to_json(found: LinearResponse) -> dict[str, Any]:
+    """Return what ``canroll response --linear --json`` prints, without what was asked for."""
+    trim = found.trim
+    answer: dict[str, Any] = {
+        "steer_deg": float(np.degrees(trim.inputs[ports.STEER])),
+        "roll_deg": float(np.degrees(trim.outputs[ports.ROLL])),
+        "modes": [
+            {
+                "motion": mode.motion,
+                "shares": dict(mode.shares),
+                "frequency_hz": mode.frequency,
+                "damping": mode.damping,
+                "real": mode.pole.real,
+                "imaginary": mode.pole.imag,
+            }
+            for mode in found.modes
+        ],
+        "frequency_hz": FREQUENCIES.tolist(),
+    }
+    for name, responses in found.plant.items():
+        answer[name] = {
+            measured: {
+                "gain": np.abs(response).tolist(),
+                "phase_deg": np.degrees(np.unwrap(np.angle(response))).tolist(),
+            }
+            for measured, response in responses.items()
+        }
+    answer["design_distance"] = found.distance
+    answer["no_design_model"] = found.why_not or None
+    return answer

@@ -1,0 +1,88 @@
+"""Public DBCs of real cars: the loop's codec on their frames is what cantools says.
+
+The files are those of the package opendbc (``pip install --no-deps opendbc``).
+"""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from codegen.export import bundle
+from codegen.export.header import gains_header
+from codegen.generated import bus_map
+from codegen.run import ecu_traffic, memory_image, native
+
+FRAMES = "2000"
+CARS = {
+    # overlapping signals, units that no other maker writes, signs in bits of their own
+    "vw_mqb": """schema = 1
+[receive.imu]
+message = "ESP_02"
+signals.ESP_Querbeschleunigung = "lateral_acceleration"
+signals.ESP_Gierrate = { field = "yaw_rate", sign = "ESP_VZ_Gierrate", unavailable = [16383] }
+[receive.vehicle_motion]
+message = "LWI_01"
+signals.LWI_Lenkradwinkel = { field = "steering", sign = "LWI_VZ_Lenkradwinkel" }
+[transmit.status]
+message = "ESP_21"
+signals.ESP_v_Signal = "speed"
+""",
+    # big-endian, rad/s with an offset, a counter and a checksum that stay unmapped
+    "ford_lincoln_base_pt": """schema = 1
+[receive.imu]
+message = "Yaw_Data_FD1"
+signals.VehRol_W_Actl = { field = "roll_rate", unavailable = [65534, 65535] }
+signals.VehYaw_W_Actl = { field = "yaw_rate", sign = -1 }
+[receive.vehicle_motion]
+message = "BrakeSysFeatures"
+signals.Veh_V_ActlBrk = "speed"
+""",
+    # frames of five bytes, a signal without a unit
+    "hyundai_2015_ccan": """schema = 1
+[receive.imu]
+message = "ESP12"
+signals.LAT_ACCEL = "lateral_acceleration"
+signals.YAW_RATE = { field = "yaw_rate", unit = "deg/s" }
+[receive.vehicle_motion]
+message = "SAS11"
+signals.SAS_Angle = "steering"
+""",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
+@pytest.mark.parametrize("car", CARS)
+def test_a_real_cars_frames_are_read_as_cantools_reads_them(car, tmp_path):
+    opendbc = pytest.importorskip("opendbc", reason="needs the package opendbc (--no-deps)")
+    dbc = Path(opendbc.__file__).parent / "dbc" / f"{car}.dbc"
+    map_file = tmp_path / "map.toml"
+    map_file.write_text(CARS[car])
+    bus = bus_map.load(dbc, map_file)
+    assert bool(bus.warnings) == (car == "vw_mqb")
+    record = ecu_traffic.random_calibration(3)
+    record.e2e = 0
+    memory_image.sealed(record)
+    export = bundle.Export(
+        record=record,
+        gains=gains_header(record, title=[car]),
+        title=car,
+        dbc=dbc,
+        map_file=map_file,
+        traffic=ecu_traffic.random_traffic(2, 60, bus=bus),
+        origin="Random vectors.",
+    )
+    folder = tmp_path / "bundle"
+    bundle.write(folder, export)
+    assert (folder / dbc.name).read_bytes() == dbc.read_bytes()
+    assert shutil.which("make")
+    for command in (
+        ["make", "-C", str(folder), "test", "build/codec", "CFLAGS=-std=c99 -O1 -Wall -Werror"],
+        [sys.executable, str(folder / "test" / "test_codec.py"), "--frames", FRAMES],
+    ):
+        result = subprocess.run(command, capture_output=True, text=True, timeout=1800, check=False)
+        assert result.returncode == 0, result.stdout + result.stderr
+    assert "FAIL" not in result.stdout and result.stdout.count("PASS") >= 2
