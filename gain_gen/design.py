@@ -16,6 +16,9 @@ STEP_DB = 1.0
 STEPS = 40
 """After so many a law is refused."""
 
+WITH_SHARE = ("steering_lead",)
+"""Laws that are designed for a share of the roll moment."""
+
 PRINTED = ("hinf_delay", "hinf_nodelay", "hinf_event", "lqr", "hinf", "smc")
 """Laws whose papers print gains."""
 THEOREMS = ("hinf_delay", "hinf_event")
@@ -43,6 +46,10 @@ def design(law: str, task: Task) -> Design:
         raise CanrollError(f"--gamma must be positive, got {task.gamma_target:g}")
     if task.gamma_target and (law != "hinf_delay" or task.gains != "theorem"):
         raise CanrollError("--gamma applies to --law hinf_delay --gains theorem only: omit it")
+    if task.moment_share is not None and law not in WITH_SHARE:
+        raise CanrollError(
+            f"--moment-share applies to {', '.join(WITH_SHARE)} only: omit it for {law}"
+        )
     if not 0.001 <= task.tick <= 0.020:
         raise CanrollError(f"--tick must be 1 to 20 ms, got {1e3 * task.tick:g}")
     if not 0.0 <= task.delay.least <= task.delay.nominal <= task.delay.most:

@@ -4,7 +4,7 @@ import re
 import tomllib
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import get_type_hints
+from typing import get_args, get_type_hints
 
 import pytest
 
@@ -70,6 +70,7 @@ def keys_of(kind, prefix=""):
     """Yield the keys of a vehicle file that a dataclass stands for."""
     for field in fields(kind):
         hint = get_type_hints(kind)[field.name]
+        hint = next((part for part in get_args(hint) if is_dataclass(part)), hint)
         if is_dataclass(hint) and (hint is not Channel or field.name == "roll_rate"):
             yield from keys_of(hint, f"{prefix}{field.name}.")
         else:
@@ -164,7 +165,7 @@ def test_a_budget_belongs_to_a_calibration(example, lqr):
     path = example("budget.toml")
     path.write_text(lqr.read_text() + path.read_text())
     loaded = calibration_file.load(path)
-    assert budget_of(loaded.tables) == Budget(20000, 500, 30000, 0)
+    assert budget_of(loaded.tables) == Budget(20000, 40000, 500, 30000, 0)
 
 
 def test_the_tables_of_a_calibration_are_told(lqr):

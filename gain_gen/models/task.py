@@ -63,6 +63,7 @@ class Task:
         matrices: file of a custom law, or empty.
         order: order of a reduced compensator.
         gamma_target: H∞ level that must be certified, or zero for the least.
+        moment_share: RMS moment over the RMS of the roll moment m h a_y, or None: the law's own.
     """
 
     vehicle: Vehicle
@@ -77,6 +78,7 @@ class Task:
     matrices: str = ""
     order: int = 4
     gamma_target: float = 0.0
+    moment_share: float | None = None
 
     @property
     def lag(self) -> float:
