@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
-#   scripts/long.sh [NAME ...]     differential mutation benchmarks contract reproduce
+#   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract reproduce
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
@@ -21,11 +21,16 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
     mv "docs/evidence/$name.txt.part" "docs/evidence/$name.txt"
 }
 
-for name in "${@:-differential mutation benchmarks contract reproduce}"; do
+for name in "${@:-differential mutation worst_case benchmarks contract reproduce}"; do
     for part in $name; do
         case $part in
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
             mutation) keep mutation python -m tools.mutation ;;
+            worst_case)
+                for law in "lqr" "lqg_delay" "lqr --observer propagated --identification"; do
+                    # shellcheck disable=SC2086 -- a law with its options is several words
+                    keep "worst_case_${law//[^a-z_]/}" canroll timing --bound --ticks 100000 --law $law
+                done ;;
             benchmarks)
                 for bench in benchmarks/bench_*.py; do
                     keep "$(basename "$bench" .py)" python "$bench"
