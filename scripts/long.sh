@@ -21,16 +21,17 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
     mv "docs/evidence/$name.txt.part" "docs/evidence/$name.txt"
 }
 
+bound=(canroll timing --bound --ticks 100000)
 for name in "${@:-differential mutation worst_case benchmarks contract reproduce}"; do
     for part in $name; do
         case $part in
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
             mutation) keep mutation python -m tools.mutation ;;
             worst_case)
-                for law in "lqr" "lqg_delay" "lqr --observer propagated --identification"; do
-                    # shellcheck disable=SC2086 -- a law with its options is several words
-                    keep "worst_case_${law//[^a-z_]/}" canroll timing --bound --ticks 100000 --law $law
-                done ;;
+                keep worst_case_lqr "${bound[@]}" --law lqr
+                keep worst_case_lqg_delay "${bound[@]}" --law lqg_delay
+                keep worst_case_covariance "${bound[@]}" \
+                    --law lqr --observer propagated --identification ;;
             benchmarks)
                 for bench in benchmarks/bench_*.py; do
                     keep "$(basename "$bench" .py)" python "$bench"
