@@ -14,6 +14,9 @@ Y_RATE, Y_LATERAL, Y_ROLL, Y_MOMENT = range(4)
 S_ROLL, S_RATE, S_LATERAL, S_STEERING = range(4)
 """Inputs of a compensator."""
 
+SPEEDS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0)
+"""Of the ECU's table over speed, m/s; it holds its ends beyond them."""
+
 
 @dataclass(frozen=True, slots=True)
 class Compensator:
@@ -50,6 +53,7 @@ class Controller:
         compensator: or None.
         predict_steps: ticks the state is predicted over.
         actuator_rate: share of the way to its command that the actuator goes in a tick.
+        schedule: factor on the command at each of :data:`SPEEDS`, interpolated by the ECU.
     """
 
     tick: float
@@ -60,6 +64,7 @@ class Controller:
     compensator: Compensator | None = None
     predict_steps: int = 0
     actuator_rate: float = 1.0
+    schedule: tuple[float, ...] = (1.0,) * len(SPEEDS)
 
     @property
     def observes(self) -> bool:
