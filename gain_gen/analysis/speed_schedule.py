@@ -7,21 +7,28 @@ take, laden and empty, at every delay; the ECU interpolates.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import inf, log
 
 import numpy as np
 from scipy.linalg import eigh
 
-from gain_gen.analysis.family import Condition, Family, family
+from gain_gen.analysis.family import NOMINAL, Condition, Family, family
 from gain_gen.analysis.held_plant import Complex
 from gain_gen.analysis.margins import negative_crossings
-from gain_gen.models.controller import SPEEDS, Controller, at_speed
+from gain_gen.models.controller import SPEEDS, Controller, scaled_controller
 from gain_gen.models.roll import Matrix, stationary_covariance
 from gain_gen.models.task import Task
 
 GAIN_MARGIN_DB = 8.5
 PEAK_SENSITIVITY = 1.6
 """Margins that a factor is chosen for, a little more than every design must have."""
+ABOUT_NOMINAL = 5.0
+"""Speeds nearer to the nominal one than this are its own, m/s."""
+MOST = 10.0
+"""Largest factor that is looked for."""
+UNLIMITED = (inf,) * len(SPEEDS)
+"""Of a command that is not scheduled."""
 LOADS = ("laden", "empty")
 STEP = 0.5
 """Between the speeds at which the changing speed is looked at, m/s."""
@@ -37,23 +44,23 @@ class Speeds:
 
     families: tuple[Family, ...]
 
-    def scheduled(self, controller: Controller) -> Controller:
-        """Return ``controller`` with the largest factors up to 1 that have their margins."""
-        plain = replace(controller, schedule=(1.0,) * len(SPEEDS))
-        factors = tuple(
-            min(factor_of(gain) for gain in loop_gains(found, plain))
-            for found in self.families[::2]
-        )
-        return replace(controller, schedule=factors)
+    def limits(self, controller: Controller) -> tuple[float, ...]:
+        """Return the largest factor at each speed of the table with which the loop has margins.
 
-    def worst(self, controller: Controller) -> tuple[float, float, float]:
-        """Return the least gain margin (dB), the greatest Ms and the greatest spectral radius."""
-        rows = [row.margins for found in self.families for row in found.margins(controller).rows]
-        return (
-            min(row.gain_db for row in rows),
-            max(row.sensitivity for row in rows),
-            max(row.radius for row in rows),
+        About the nominal speed there is none: a law that has no margins there is detuned as a
+        whole.
+        """
+        return tuple(
+            inf
+            if abs(speed - NOMINAL.speed) < ABOUT_NOMINAL
+            else min(largest_factor(gain) for gain in loop_gains(found, controller))
+            for speed, found in zip(SPEEDS, self.families[::2], strict=True)
         )
+
+    def worst(self, controller: Controller) -> tuple[float, float]:
+        """Return the least gain margin, dB, and the greatest Ms at all of the speeds."""
+        rows = [row.margins for found in self.families for row in found.rows(controller)]
+        return min(row.gain_db for row in rows), max(row.sensitivity for row in rows)
 
 
 def speeds_of(task: Task) -> Speeds:
@@ -62,7 +69,7 @@ def speeds_of(task: Task) -> Speeds:
     Raises:
         CanrollError: the data sheet makes no such car.
     """
-    between = [0.5 * (low + high) for low, high in zip(SPEEDS, SPEEDS[1:], strict=False)]
+    between = [0.5 * (low + high) for low, high in pairwise(SPEEDS)]
     return Speeds(
         tuple(
             family(
@@ -85,13 +92,13 @@ def loop_gains(found: Family, controller: Controller) -> Iterator[Complex]:
             yield np.asarray(-np.sum(response * member.commanded(delay), axis=1))
 
 
-def factor_of(gain: Complex) -> float:
-    """Return the largest factor up to 1 on a loop gain that has its margins.
+def largest_factor(gain: Complex) -> float:
+    """Return the largest factor up to :data:`MOST` on a loop gain that has its margins.
 
     The loop is stable for small factors; the first crossing of −1 is the one that counts.
     """
     nearest = max((-value for value in negative_crossings(gain)), default=0.0)
-    high = min(1.0, 10.0 ** (-GAIN_MARGIN_DB / 20.0) / nearest) if nearest > 0.0 else 1.0
+    high = min(MOST, 10.0 ** (-GAIN_MARGIN_DB / 20.0) / nearest) if nearest > 0.0 else MOST
 
     def sensitivity(factor: float) -> float:
         return 1.0 / float(np.abs(1.0 + factor * gain).min())
@@ -103,6 +110,18 @@ def factor_of(gain: Complex) -> float:
         middle = 0.5 * (low + high)
         low, high = (middle, high) if sensitivity(middle) <= PEAK_SENSITIVITY else (low, middle)
     return low
+
+
+def scheduled(controller: Controller, limits: tuple[float, ...], scale: float) -> Controller:
+    """Return ``controller`` with its command scaled, and at each speed reduced to its limit.
+
+    Args:
+        controller: its schedule is replaced.
+        limits: of the factor on the command before it is scaled, at each of :data:`SPEEDS`.
+        scale: of the command.
+    """
+    factors = tuple(min(1.0, limit / scale) for limit in limits)
+    return replace(scaled_controller(controller, scale), schedule=factors)
 
 
 def certified_speed_rate(task: Task, controller: Controller) -> float:
@@ -126,13 +145,12 @@ def _speed_rate(task: Task, controller: Controller, load: str) -> float:
         lag=task.lag,
         conditions=[Condition(load, float(speed)) for speed in halves],
     )
-    loops = [
-        member.loop(at_speed(controller, member.condition.speed), cars.delays[-1])
-        for member in cars.members
-    ]
+    loops = [member.loop(controller, cars.delays[-1]) for member in cars.members]
     plant, line = len(cars.members[0].plant.a), max(cars.members[0].held[cars.delays[-1]].steps, 1)
     weights = np.ones(len(loops[0].a))
     weights[plant : plant + line] = LINE_WEIGHT
+    if max(np.abs(np.linalg.eigvals(loop.closed)).max() for loop in loops) >= 1.0:
+        return 0.0
     middle = loops[len(loops) // 2]
     driven = middle.noise @ middle.noise.T + 1e-12 * np.eye(len(weights))
     size = np.sqrt(np.diag(stationary_covariance(middle.closed, driven)))
@@ -140,28 +158,23 @@ def _speed_rate(task: Task, controller: Controller, load: str) -> float:
     functions = [lyapunov_function(a, weights) for a in closed[::2]]
     rate = inf
     for i, function in enumerate(functions):
-        if function is None:
-            return 0.0
         nearby = closed[max(0, 2 * i - 2) : 2 * i + 3]
         decay = max(growth(a.T @ function @ a, function) for a in nearby)
         if decay >= 1.0:
             return 0.0
         for other in functions[max(0, i - 1) : i + 2]:
-            if other is not function and other is not None:
-                jump = growth(other, function)
-                if jump > 1.0:
-                    rate = min(rate, STEP * -log(decay) / (task.tick * log(jump)))
+            jump = growth(other, function)
+            if other is not function and jump > 1.0:
+                rate = min(rate, STEP * -log(decay) / (task.tick * log(jump)))
     return rate
 
 
-def lyapunov_function(a: Matrix, weights: Matrix) -> Matrix | None:
-    """Return P of x'P x that decays along x⁺ = A x, scaled to trace 1; None if A is unstable."""
+def lyapunov_function(a: Matrix, weights: Matrix) -> Matrix:
+    """Return P of x'P x that decays along a stable x⁺ = A x, scaled to trace 1."""
     radius = float(np.abs(np.linalg.eigvals(a)).max())
-    if radius >= 1.0:
-        return None
     decay = radius + DECAY * (1.0 - radius)
     function = stationary_covariance((a / decay).T, np.diag(weights))
-    return function / np.trace(function)
+    return np.asarray(function / np.trace(function), dtype=float)
 
 
 def growth(after: Matrix, before: Matrix) -> float:
