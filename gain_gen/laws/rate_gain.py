@@ -104,8 +104,8 @@ def _largest_gain(channel: _Channel) -> float:
 
     The car is stable without control: its loop stays so up to the first crossing.
     """
-    edge = 1.0 / max((-value for value in negative_crossings(channel.loop)), default=1e-12)
-    upper = edge * 10.0 ** (-GAIN_MARGIN_DB / 20.0)
+    edge = 1.0 / max([1e-12, *(-value for value in negative_crossings(channel.loop))])
+    upper = edge * float(10.0 ** (-GAIN_MARGIN_DB / 20.0))
     if channel.sensitivity(upper) <= PEAK_SENSITIVITY:
         return upper
     lower = 0.0

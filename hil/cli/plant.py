@@ -14,7 +14,7 @@ from hil.realtime.plant_loop import Outcome
 from hil.report.run_folder import check_parent
 from hil.runs import conditions, logs, phase, signal_files
 from hil.runs.choices import chosen
-from plant_sim import can_bus
+from hil.runs.frozen import profile_of, refuse_own
 from plant_sim.driving import maneuvers
 from plant_sim.world.world import World
 
@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
             check_parent(check(path))
     peer_timeout(args)
     nanoseconds(args.duration, "--duration")
-    if args.phase is not None and args.pace != "lockstep":
+    if args.phase_ms is not None and args.pace != "lockstep":
         raise CanrollError(
             "--phase: in real time the ECU keeps the phase: give it to 'canroll ecu'"
         )
@@ -119,8 +119,8 @@ def _drive_granting(
         _check_stopped(args, stop)
         return None
     offset = 0
-    if args.phase is not None:
-        offset = phase.offset_ns(world_of(args), 1000 * ecu.tick_us, round(1e6 * args.phase))
+    if args.phase_ms is not None:
+        offset = phase.offset_ns(world_of(args), 1000 * ecu.tick_us, round(1e6 * args.phase_ms))
     print("plant runs", flush=True)
     duration_ns = min(_duration_ns(args, world), world.duration_ns)
     return plant_loop.run_granting(world, ecu, stop=stop, duration_ns=duration_ns, offset_ns=offset)
@@ -150,13 +150,15 @@ def world_of(args: argparse.Namespace) -> World:
     sensors, actuators = conditions.options(
         choices.get("faults", ()), choices.get("conditions", {})
     )
+    profile = profile_of(choices)
+    refuse_own(profile, "plant")
     return World(
         vehicle=vehicle,
         body=chosen(choices, "plant"),
         actuator=chosen(choices, "actuator"),
         command=args.command_message,
         maneuver=maneuvers.build(args.scenario, vehicle, speed, seed, **choices.get("options", {})),
-        profile=can_bus.load_profile(chosen(choices, "bus")),
+        profile=profile,
         seed=seed,
         enabled=not args.passive,
         sensors=sensors,

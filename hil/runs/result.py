@@ -1,17 +1,21 @@
 """The outcome of a run: traces, figures, settings, and the object that ``--json`` prints."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
+from codegen.run.bus_firmware import BusFirmware
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
 from hil.runs.choices import CHOICES
+from hil.runs.frozen import firmware_of
 from hil.runs.limit_cycle import LimitCycle
 from hil.runs.metrics import Can, Metrics, Trigger
 from hil.runs.phase import Phase
 from hil.runs.standard import Standard
 from hil.runs.trace import Trace
+from plant_sim.can_bus import BusProfile, load_profile
 from vehicles import Vehicle
 
 FIGURES = (
@@ -29,6 +33,9 @@ FIGURES = (
 LEAST_ROLL_DEG = 0.01
 """Below this largest roll angle there is no roll to reduce."""
 
+SAVED = tuple(name for name, choice in CHOICES.items() if choice.saved)
+"""The choices that results carry; what else was chosen is in their calibration."""
+
 WORSE = 1.05
 """Roll rate with control over that without it, from which on the verdict is mixed."""
 
@@ -40,7 +47,8 @@ class Settings:
     ``speed`` in m/s, ``tick``, ``run_time`` and ``phase`` in s (phase None: that of clocks that
     start together); ``command``: the message that commands the actuators; ``options`` of the
     manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
-    :func:`hil.runs.conditions.options` reads them.
+    :func:`hil.runs.conditions.options` reads them; ``dbc`` and ``map``: the frames on the bus, None
+    for those of the contract or the network's own.
     """
 
     scenario: str
@@ -61,6 +69,24 @@ class Settings:
     faults: tuple[str, ...] = ()
     conditions: tuple[tuple[str, Any], ...] = ()
     phase: float | None = None
+    dbc: str | None = None
+    map: str | None = None
+
+    @property
+    def bus_name(self) -> str:
+        """The bus in a few words: its name, and the file of its frames where they are a user's."""
+        bus = Path(self.bus).stem if self.bus.endswith(".toml") else self.bus
+        return bus if self.dbc is None else f"{bus}, frames of {Path(self.dbc).name}"
+
+    @property
+    def profile(self) -> BusProfile:
+        """The bus, with the frames on it."""
+        return load_profile(self.bus, self.dbc, self.map)
+
+    @property
+    def firmware(self) -> BusFirmware:
+        """The ECU's program for the frames of the bus."""
+        return firmware_of(self.profile)
 
     def choices(self) -> dict[str, Any]:
         """Return these settings by the keywords of a run; what the calibration says is left out."""
@@ -72,8 +98,25 @@ class Settings:
             "faults": list(self.faults),
             "conditions": dict(self.conditions),
         }
-        saved = [name for name, choice in CHOICES.items() if choice.saved]
-        return {name: own[name] if name in own else getattr(self, name) for name in saved}
+        return {name: own[name] if name in own else getattr(self, name) for name in SAVED}
+
+    @classmethod
+    def of(cls, choices: Mapping[str, Any], **others: Any) -> "Settings":  # noqa: ANN401
+        """Return the settings that :meth:`choices` has given; ``others`` are not among them.
+
+        Raises:
+            KeyError: a choice is missing.
+        """
+        own = {
+            "speed": choices["speed_kmh"] / 3.6,
+            "tick": 1e-3 * choices["tick_ms"],
+            "options": tuple(choices["options"].items()),
+            "faults": tuple(choices["faults"]),
+            "conditions": tuple(choices["conditions"].items()),
+        }
+        names = {entry.name for entry in fields(cls)} - own.keys() - others.keys()
+        same = {name: choices[name] for name in SAVED if name in names}
+        return cls(**own, **same, **others)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,10 +3,11 @@
 From these three a run is judged and shown again, the same numbers as on the day it was driven.
 """
 
+import hashlib
 import json
 import zlib
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -21,19 +22,30 @@ from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from hil.runs.experiment import assess
 from hil.runs.frozen import COMMANDS, Controller
-from hil.runs.result import Result, Settings
+from hil.runs.result import SAVED, Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS
 
 RESULT = "result.json"
 TRACE = "trace.npz"
 CALIBRATION = "calibration.toml"
+HASHES = "sha256"
+"""Key of result.json: the SHA-256 of the other two files; runs of version 0.1 have none."""
 RUNS = ("passive", "controlled", "replay")
 
 OLD_COLUMNS = {"troubles": "fault_codes"}
 """Names of a trace's columns in version 0.1, and those of today."""
 
-UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error)
+UNREADABLE = (
+    OSError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    BadZipFile,
+    zlib.error,
+)
 """Exceptions raised when reading a truncated or foreign file."""
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -73,7 +85,7 @@ def load(folder: Path) -> Result:
     """Return the run saved in ``folder``, with figures recomputed from its traces.
 
     Raises:
-        CanrollError: files are missing, unreadable, or not of one run.
+        CanrollError: files are missing, unreadable, changed, or not of one run.
     """
     if not is_run(folder):
         raise CanrollError(
@@ -82,6 +94,10 @@ def load(folder: Path) -> Result:
         )
     try:
         data = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        hashes = data.get(HASHES, {})
+        changed = [name for name in hashes if digest(folder / name) != hashes[name]]
+        if changed:
+            raise CanrollError(f"{folder}: {', '.join(changed)} changed since the run was written")
         with np.load(folder / TRACE) as archive:
             arrays = dict(archive)
         loaded = calibration_file.load(folder / CALIBRATION)
@@ -103,6 +119,12 @@ def load(folder: Path) -> Result:
     return replace(result, timing=timing, **told)
 
 
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def _trace(arrays: Arrays, run: str) -> Trace | None:
     if f"{run}/signals" not in arrays:
         return None
@@ -118,21 +140,19 @@ def _trace(arrays: Arrays, run: str) -> Trace | None:
 
 
 def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
-    derived = {
-        "vehicle": vehicles.load(loaded.vehicle),
-        "plant": RENAMED.get(data["plant"], data["plant"]),
-        "command": COMMANDS[loaded.record.actuator],
-        "trigger": "event" if loaded.record.event_trigger else "every",
-        "speed": data["speed_kmh"] / 3.6,
-        "tick": 1e-3 * data["tick_ms"],
-        "run_time": RUN_TIME_NS * 1e-9,
-        "options": tuple(data["options"].items()),
-        "faults": tuple(data["faults"]),
-        "conditions": tuple(data["conditions"].items()),
-        "phase": None if data["phase_ms"]["chosen"] is None else 1e-3 * data["phase_ms"]["chosen"],
-    }
-    same = {field.name: data[field.name] for field in fields(Settings) if field.name not in derived}
-    return Settings(**derived, **same)
+    # runs saved before there were own frames have those of the contract
+    saved = {"dbc": None, "map": None} | {name: data[name] for name in SAVED if name in data}
+    saved["plant"] = RENAMED.get(saved["plant"], saved["plant"])
+    phase = data["phase_ms"]["chosen"]
+    return Settings.of(
+        saved,
+        scenario=data["scenario"],
+        vehicle=vehicles.load(loaded.vehicle),
+        command=COMMANDS[loaded.record.actuator],
+        trigger="event" if loaded.record.event_trigger else "every",
+        run_time=RUN_TIME_NS * 1e-9,
+        phase=None if phase is None else 1e-3 * phase,
+    )
 
 
 def _controller(settings: Settings, loaded: LoadedCalibration) -> Controller:
