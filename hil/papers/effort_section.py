@@ -97,6 +97,10 @@ def _printed(law: str, name: str = "", **keywords: Any) -> Entry:  # noqa: ANN40
     )
 
 
+def _theorem(law: str) -> Entry:
+    return Entry(f"{law} by theorem", "roll_rate_only", {"law": law, "gains": "theorem"})
+
+
 def _arsenal(law: str) -> tuple[Entry, Entry]:
     """One law of the 2020 anti-roll paper: as printed on one sensor, and tuned on two."""
     return (
@@ -107,8 +111,8 @@ def _arsenal(law: str) -> tuple[Entry, Entry]:
 
 SHORTER = (
     "Not the delays of the paper: on gateway_50ms, with up to 130 ms from sample to force, no "
-    "roll-rate gain for this van is certified to be better than no control, so hinf_delay, which "
-    "defines the effort, would be missing; gateway_20ms takes up to 50 ms."
+    "roll-rate gain reduces the roll of this van, so hinf_delay, which defines the effort, would "
+    "be missing; gateway_20ms takes up to 50 ms."
 )
 BUSIER = (
     "The results for the paper's gateway are in the table of the 2021 paper for this van; here "
@@ -133,7 +137,7 @@ BESIDE = {
     ),
     "viadero2022": Beside(
         Setting("van_2022", "double_lane_change", "gateway_20ms", _AT_100),
-        (_printed("hinf_event"), Entry("hinf_event", "roll_rate_only", {"law": "hinf_event"})),
+        (_printed("hinf_event"), _theorem("hinf_event")),
         Setting(HEADLINE, "double_lane_change", "125k_busy", _VAN, BUSIER),
         (Entry("hinf_event", "roll_rate_only", {"law": "hinf_event"}),),
     ),

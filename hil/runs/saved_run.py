@@ -140,7 +140,8 @@ def _trace(arrays: Arrays, run: str) -> Trace | None:
 
 
 def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
-    saved = {name: data[name] for name in SAVED}
+    # runs saved before there were own frames have those of the contract
+    saved = {"dbc": None, "map": None} | {name: data[name] for name in SAVED if name in data}
     saved["plant"] = RENAMED.get(saved["plant"], saved["plant"])
     phase = data["phase_ms"]["chosen"]
     return Settings.of(
