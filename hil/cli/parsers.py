@@ -131,7 +131,7 @@ def limit(parser: argparse.ArgumentParser) -> None:
     )
     add_scenario(parser)
     names = [name for name in OF_A_RUN if name != "speed_kmh"]
-    add_choices(parser, names, defaults={"plant": "nonlinear"})
+    add_choices(parser, names)
     parser.add_argument("--from", dest="low", type=float, default=30.0, metavar="KMH")
     parser.add_argument("--to", dest="high", type=float, metavar="KMH", help="default: fastest")
     parser.add_argument(
@@ -146,7 +146,7 @@ def understeer(parser: argparse.ArgumentParser) -> None:
         "Drive a circle at increasing speed; steering, roll and sideslip of each steady turn, and "
         "the gradients of their linear part."
     )
-    add_choices(parser, ("vehicle", "plant"), defaults={"plant": "nonlinear"})
+    add_choices(parser, ("vehicle", "plant"))
     parser.add_argument("--radius", type=float, default=100.0, metavar="M", help="default: 100")
     add_json(parser)
 
@@ -159,7 +159,7 @@ def response(parser: argparse.ArgumentParser) -> None:
         "steady curve, its modes, its responses to moment and steering, and its distance to the "
         "design model."
     )
-    add_choices(parser, ("vehicle", "plant"), defaults={"plant": "nonlinear"})
+    add_choices(parser, ("vehicle", "plant"))
     parser.add_argument("--speed", type=float, default=100.0, metavar="KMH", help="default: 100")
     parser.add_argument(
         "--load", choices=LOADS, default=LOADS[0], help="laden or empty (default: %(default)s)"
