@@ -30,7 +30,7 @@ class Origin(NamedTuple):
 class Registry(MutableMapping[str, Thing], Generic[Thing]):
     """Things by name, each loaded when it is first asked for: names alone cost nothing.
 
-    A name may also be a reference, "file.py:name" or "module:name".
+    A name may also be a reference, "file.py:name" or "module:name", or that of a data file.
 
     Args:
         what: what a thing is called in errors, such as "law".
@@ -38,14 +38,22 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
         built_in: "module:name" of each thing.
         accept: "module:function" of what checks a thing that is not built in: called with what it
             is, for errors, and the thing; returns what is used instead.
+        files: "module:function" by suffix of a file, called with the name as it was given, which
+            may go on after a "#".
     """
 
     def __init__(
-        self, what: str, group: str, built_in: Mapping[str, str], accept: str = ""
+        self,
+        what: str,
+        group: str,
+        built_in: Mapping[str, str],
+        accept: str = "",
+        files: Mapping[str, str] | None = None,
     ) -> None:
         self.what, self.group = what, group
         self._built_in = dict(built_in)
         self._accept = accept
+        self._files = dict(files or {})
         self._loaded: dict[str, Thing] = {}
 
     @cached_property
@@ -69,6 +77,9 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
     def _load(self, name: str) -> Thing:
         if name in self._built_in:
             return cast(Thing, resolve_name(self._built_in[name]))
+        if self._reader(name):
+            read: Callable[[str], Thing] = resolve_name(self._reader(name))
+            return read(name)
         what = f"{self.what} '{name}'"
         if name in self._offered:
             what += f" of {self.origin(name).who}"
@@ -81,6 +92,11 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
         accept: Callable[[str, Any], Thing] = resolve_name(self._accept)
         return accept(what, found)
 
+    def _reader(self, name: object) -> str:
+        """Return "module:function" of what reads the file of that name, "" if it is no file's."""
+        path = name.partition("#")[0] if isinstance(name, str) else ""
+        return self._files.get(Path(path).suffix.lower(), "")
+
     def origin(self, name: str) -> Origin:
         """Return where the thing of that name comes from; it is not loaded for that."""
         if name in self._built_in:
@@ -89,6 +105,8 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
             point = self._offered[name]
             package = f"{point.dist.name} {point.dist.version}" if point.dist else "a package"
             return Origin(package, point.value)
+        if self._reader(name):
+            return Origin(f"file {name}", "")
         if extension.is_reference(name):
             file = Path(name.rpartition(":")[0])
             known = file.suffix == ".py" and file.is_file()
@@ -117,13 +135,14 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
             name in self._built_in
             or name in self._loaded
             or name in self._offered
+            or bool(self._reader(name))
             or extension.is_reference(name)
         )
 
     def __iter__(self) -> Iterator[str]:
-        """Names: built in, then offered, then added; no references."""
+        """Names: built in, then offered, then added; no references, no files."""
         named = dict.fromkeys([*self._built_in, *self._offered, *self._loaded])
-        return (name for name in named if not extension.is_reference(name))
+        return (n for n in named if not extension.is_reference(n) and not self._reader(n))
 
     def __len__(self) -> int:
         return len(list(iter(self)))

@@ -76,7 +76,7 @@ class Choice:
             CanrollError: a number out of range.
         """
         known = tuple(self.values())
-        refers = self.extensible and is_reference(value)
+        refers = self.extensible and (is_reference(value) or value in self.values())
         if known and value not in known and not refers:
             raise UnknownNameError(self.word, value, known)
         if self.kind in (float, int) and not self.low <= value <= self.high:
@@ -182,7 +182,7 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--bus",
-            help="bus profile",
+            help="bus profile or bus log (.blf, .asc …; with several channels FILE#CHANNEL)",
             of=WORLD,
             default="500k",
             values=lambda: BUSES,

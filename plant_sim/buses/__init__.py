@@ -7,6 +7,9 @@ from canroll.registry import Registry
 if TYPE_CHECKING:
     from plant_sim.buses.profile import BusProfile
 
+_LOG = "plant_sim.can_bus.recorded_profile:read_profile"
+_LOGS = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db", ".pcap", ".pcapng")
+
 BUSES: "Registry[BusProfile]" = Registry(
     "bus profile",
     "canroll.buses",
@@ -17,14 +20,15 @@ BUSES: "Registry[BusProfile]" = Registry(
         "gateway_50ms": "plant_sim.buses.profile:FAR_GATEWAY",
     },
     accept="plant_sim.buses.profile:accept",
+    files=dict.fromkeys(_LOGS, _LOG),
 )
 
 
 def load_profile(name: str) -> "BusProfile":
-    """Return the bus profile ``name``.
+    """Return the bus profile ``name``, that of a bus log's channel for ``log.blf#channel``.
 
     Raises:
         UnknownNameError: there is no such profile.
-        CanrollError: an extension's profile that cannot be.
+        CanrollError: an extension's profile that cannot be, or a log that says too little.
     """
     return BUSES[name]

@@ -18,7 +18,7 @@ class BusProfile:
     ``load`` is the total, own messages at their cycle times included; background traffic fills
     the rest, ``above`` of it with identifiers of higher priority than all own messages.
     ``gateway_ms`` (least and greatest latency each way): the ECU has a segment of its own,
-    joined to the vehicle's by a gateway.
+    joined to the vehicle's by a gateway. ``data_bitrate``: of FD frames, 0: as ``bitrate``.
     """
 
     name: str
@@ -26,6 +26,7 @@ class BusProfile:
     load: float
     above: float = 0.5
     gateway_ms: tuple[float, float] | None = None
+    data_bitrate: int = 0
 
     @property
     def segments(self) -> int:

@@ -63,6 +63,7 @@ from plant_sim.can_bus.profiles import (
     SUSPENSION,
     make_network,
     profile_spec,
+    recorded_traffic,
 )
 
 __all__ = [
@@ -102,6 +103,7 @@ __all__ = [
     "logged",
     "make_network",
     "profile_spec",
+    "recorded_traffic",
     "run",
     "submit",
     "took",

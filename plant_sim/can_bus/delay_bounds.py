@@ -86,7 +86,12 @@ def message_paths(
             bounds.append(
                 {
                     b.message.name: (b.best_ns, b.bound_ns)
-                    for b in response_bounds(here, bitrate=profile.bitrate, errors=errors)
+                    for b in response_bounds(
+                        here,
+                        bitrate=profile.bitrate,
+                        data_bitrate=profile.data_bitrate,
+                        errors=errors,
+                    )
                 }
             )
         update = {}
@@ -103,7 +108,7 @@ def message_paths(
     for message in own:
         home = segment_of(profile, message.sender)
         best, bound = bounds[home][message.name]
-        least = message.least_delivery_ns(profile.bitrate)
+        least = message.least_delivery_ns(profile.bitrate, profile.data_bitrate)
         if crosses(profile, message):
             _, far_bound = bounds[1 - home][message.name]
             bound = None if far_bound is None else best + low + far_bound

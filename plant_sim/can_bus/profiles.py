@@ -8,14 +8,18 @@ from canroll.errors import UnknownNameError
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.kernel.layout import Network
 from plant_sim.can_bus.kernel.network import (
+    MAX_CAPACITY,
     Fault,
     Gateway,
     NetworkSpec,
     Node,
     Segment,
+    add_node,
     build_network,
 )
+from plant_sim.can_bus.recorded_profile import RecordedProfile
 from plant_sim.can_bus.traffic.background import background_messages
+from plant_sim.can_bus.traffic.looped import LoopedTraffic
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 MS: Final = 1_000_000
@@ -70,7 +74,13 @@ def own_on_segment(
 def background_of(
     profile: BusProfile, segment: int, *, command: str = DEFAULT_COMMAND, seed: int = 0
 ) -> list[BusMessage]:
-    """Return the background traffic of a segment of a profile."""
+    """Return the background traffic of a segment of a profile.
+
+    Raises:
+        CanrollError: a recorded bus has an own message's identifier on it already.
+    """
+    if isinstance(profile, RecordedProfile):
+        return list(profile.background(own_messages(command)))
     return background_messages(
         own_on_segment(profile, segment, command),
         node="Background" if segment == 0 else f"Background{segment + 1}",
@@ -98,7 +108,8 @@ def profile_spec(
         profile: of ``plant_sim.buses.load_profile``.
         seed: seeds background payloads and offsets, gateway latencies and bit errors.
         command: the actuator command message in use.
-        background: False leaves the bus to the own messages.
+        background: False leaves the bus to the own messages. The frames of a recorded bus are no
+            periodic sources: :func:`recorded_traffic` sends them.
         faults: scripted faults.
         bit_error_rate: probability that a bit on the wire is disturbed.
         policy: transmit queues of the own nodes: ``replace``, ``priority`` or ``fifo``.
@@ -111,8 +122,8 @@ def profile_spec(
     for segment in range(profile.segments):
         suffix = "" if segment == 0 else f"{segment + 1}"
         nodes.append(Node(f"Background{suffix}", segment, "replace"))
-        if background:
-            traffic = background_of(profile, segment, command=command, seed=seed)
+        traffic = background_of(profile, segment, command=command, seed=seed)
+        if background and not isinstance(profile, RecordedProfile):
             sources += [message.source() for message in traffic]
     if profile.gateway_ms is not None:
         nodes += [Node("Gateway", 0, "priority"), Node("Gateway2", 1, "priority")]
@@ -131,7 +142,8 @@ def profile_spec(
             for segment, ports in enumerate((("Gateway", "Gateway2"), ("Gateway2", "Gateway")))
         )
     return NetworkSpec(
-        segments=(Segment(profile.bitrate, bit_error_rate=bit_error_rate),) * profile.segments,
+        segments=(Segment(profile.bitrate, profile.data_bitrate, bit_error_rate=bit_error_rate),)
+        * profile.segments,
         nodes=tuple(nodes),
         sources=tuple(sources),
         gateways=gateways,
@@ -144,3 +156,13 @@ def profile_spec(
 def make_network(profile: BusProfile, **options: Any) -> Network:  # noqa: ANN401
     """Return the network of a bus profile at time 0; options as of ``profile_spec``."""
     return build_network(profile_spec(profile, **options))
+
+
+def recorded_traffic(
+    network: Network, profile: BusProfile, *, command: str, seed: int
+) -> LoopedTraffic | None:
+    """Return what sends the recorded frames of a profile on its network; None: it has none."""
+    if not isinstance(profile, RecordedProfile):
+        return None
+    node = add_node(network, Node("Recording", policy="priority", capacity=MAX_CAPACITY))
+    return LoopedTraffic(network, node, profile.loop(own_messages(command)), seed=seed)

@@ -90,6 +90,12 @@ class World:
             actuators=actuators or ActuatorOptions(),
             bus=bus,
         )
+        self._recorded = can_bus.recorded_traffic(
+            self._parts.network,
+            profile,
+            command=world_parts.command_of(actuator, command),
+            seed=seed,
+        )
         memory = self._parts.memory[0]
         # Single integers are read and written faster through buffers than through arrays.
         self._clock = memory["clock"].data
@@ -182,6 +188,8 @@ class World:
         return self._parts.network
 
     def _advance_to(self, until_ns: int) -> NDArray[Any]:
+        if self._recorded is not None:
+            self._recorded.feed(until_ns)
         count = self._kernel(self._parts, until_ns)
         self.now_ns = until_ns
         if self._bus_clock[can_bus.LOGGED] - self._drained > world_parts.LOG_CAPACITY // 2:

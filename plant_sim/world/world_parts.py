@@ -39,7 +39,12 @@ def _ident(message: str) -> int:
     return int(codec.load().message[codec.message_index(message), codec.IDENT])
 
 
-def _command(actuator: str, command: str | None) -> str:
+def command_of(actuator: str, command: str | None) -> str:
+    """Return the message that commands an actuator; None: its first.
+
+    Raises:
+        UnknownNameError: it takes no such message.
+    """
     known = [name for name, _, _ in actuator_setup.COMMANDS[actuator]]
     if command is not None and command not in known:
         raise UnknownNameError(f"command of actuator '{actuator}'", command, known)
@@ -121,7 +126,7 @@ def assemble(
     network = can_bus.make_network(
         profile,
         seed=seed,
-        command=_command(actuator, command),
+        command=command_of(actuator, command),
         log_capacity=LOG_CAPACITY,
         **bus,
     )

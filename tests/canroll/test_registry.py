@@ -46,3 +46,13 @@ def test_an_unknown_name_suggests_the_nearest(numbers):
 def test_it_is_a_mapping(numbers):
     assert numbers.get("taw") is None
     assert dict(zip(numbers, range(3), strict=True)) == {"pi": 0, "broken": 1, "tau": 2}
+
+
+def test_a_file_of_a_known_suffix_is_read_and_never_listed():
+    texts = Registry[str]("text", "canroll.texts", {}, files={".txt": "builtins:str"})
+    assert "some.txt" in texts
+    assert "some.TXT#part" in texts
+    assert "some.csv" not in texts
+    assert texts["some.txt#part"] == "some.txt#part"
+    assert list(texts) == []
+    assert texts.origin("some.txt").who == "file some.txt"

@@ -78,7 +78,7 @@ def find_bit_rate(
 def _missing(logged: Logged, what: str, option: str) -> str:
     return (
         f"channel {logged.channel}: the {what} cannot be inferred, fewer than {LEAST_EVIDENCE}"
-        f" frames follow another one without a pause: give it with {option}"
+        f" frames follow another one without a pause: 'canroll bus' takes {option}"
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from plant_sim.can_bus.traffic.arrivals import PERIODIC, Arrivals, find_arrivals
 from plant_sim.can_bus.traffic.bit_rate import BitRate, find_bit_rate
 from plant_sim.can_bus.traffic.files import Traffic
-from plant_sim.can_bus.traffic.log_playback import Recording, recording_of
+from plant_sim.can_bus.traffic.log_playback import Frames, Recording
 from plant_sim.can_bus.traffic.log_reader import Logged, read_log, select_channel
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.traffic.queueing import QueueTimes, queue_times
@@ -41,13 +41,25 @@ class InferredMessage:
 
 @dataclass(frozen=True, slots=True)
 class InferredBus:
-    """One channel of a log: bit rates, its messages in the order of arbitration, its frames."""
+    """One channel of a log: bit rates, its messages in the order of arbitration, its frames.
+
+    The frames of ``recording`` are queued as early as they must have been for the jitter of their
+    messages, none later than the log shows. ``span_ns``: from the start of the first frame to the
+    end of the last; ``errors``: error frames in the log.
+    """
 
     channel: str
     rate: BitRate
     messages: tuple[InferredMessage, ...]
     recording: Recording
     errors: int
+    span_ns: int
+    busy_ns: int
+
+    @property
+    def load(self) -> float:
+        """Share of the time that the recorded frames kept the bus busy."""
+        return self.busy_ns / self.span_ns
 
     @property
     def traffic(self) -> Traffic:
@@ -77,7 +89,7 @@ def infer_bus(
         UnknownNameError: it has no such channel.
     """
     logged = select_channel(path, read_log(path), channel)
-    return _infer(logged, bitrate, data_bitrate)
+    return infer_channel(logged, bitrate, data_bitrate)
 
 
 def infer_buses(
@@ -88,18 +100,58 @@ def infer_buses(
     select_channel(path, channels, next((c for c, x in channels.items() if len(x.ident)), None))
     for logged in channels.values():
         if len(logged.ident):
-            yield _infer(logged, bitrate, data_bitrate)
+            yield infer_channel(logged, bitrate, data_bitrate)
 
 
-def _infer(logged: Logged, bitrate: int | None, data_bitrate: int | None) -> InferredBus:
+def infer_channel(
+    logged: Logged, bitrate: int | None = None, data_bitrate: int | None = None
+) -> InferredBus:
+    """Return what is on one channel that has been read; see ``infer_bus``."""
     rate = find_bit_rate(logged, bitrate=bitrate, data_bitrate=data_bitrate)
     times = queue_times(logged, rate)
     kinds = logged.flags & (EXTENDED | REMOTE)
     keys = (logged.ident << 2 | kinds)[times.order]
-    found = [_message(logged, times, np.flatnonzero(keys == key)) for key in np.unique(keys)]
+    queued = times.start.copy()
+    found = []
+    for key in np.unique(keys):
+        chosen = np.flatnonzero(keys == key)
+        message = _message(logged, times, chosen)
+        found.append(message)
+        queued[chosen] = _releases(message, times.start[chosen] - times.start[0])
     found.sort(key=lambda m: m.message.arbitration_key)
-    recording = recording_of(logged, bitrate=rate.nominal, data_bitrate=rate.data)
-    return InferredBus(logged.channel, rate, tuple(found), recording, len(logged.errors_ns))
+    order = np.argsort(queued, kind="stable")
+    rows = times.order[order]
+    frames = Frames(
+        queued[order],
+        logged.ident[rows],
+        logged.flags[rows],
+        logged.length[rows],
+        logged.payload[rows],
+    )
+    duration = int(logged.received_ns[-1] - logged.received_ns[0]) * 1e-9
+    return InferredBus(
+        channel=logged.channel,
+        rate=rate,
+        messages=tuple(found),
+        recording=Recording(frames, logged.channel, round(duration, 6)),
+        errors=len(logged.errors_ns),
+        span_ns=int(times.end[-1] - times.start[0]),
+        busy_ns=int((times.end - times.start).sum()),
+    )
+
+
+def _releases(found: InferredMessage, start: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return when frames that started then are queued: no later than the jitter admits."""
+    if found.assumed:
+        return start
+    nominal = found.arrivals.offset + _place(found.arrivals, start) * found.arrivals.period
+    latest = np.floor(nominal + found.arrivals.jitter).astype(np.int64)
+    return np.maximum(np.minimum(start, latest), 0)
+
+
+def _place(arrivals: Arrivals, start: NDArray[np.int64]) -> NDArray[np.float64]:
+    # a release at whole nanoseconds is not to count as the one before
+    return np.floor((start - arrivals.offset) / arrivals.period + 1e-6)
 
 
 def _message(logged: Logged, times: QueueTimes, chosen: NDArray[np.int64]) -> InferredMessage:
@@ -129,7 +181,6 @@ def _message(logged: Logged, times: QueueTimes, chosen: NDArray[np.int64]) -> In
     )
     seen = 0
     if arrivals.kind == PERIODIC:
-        # a release at whole nanoseconds is not to count as the one before
-        releases = np.floor((start - arrivals.offset) / arrivals.period + 1e-6)
-        seen = int((end - arrivals.offset - releases * arrivals.period).max())
+        nominal = arrivals.offset + _place(arrivals, start) * arrivals.period
+        seen = int((end - nominal).max())
     return InferredMessage(message, arrivals, tuple(map(int, lengths)), seen)

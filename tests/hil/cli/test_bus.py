@@ -255,6 +255,15 @@ def test_a_log_alone_gives_periods_and_bounds_before_and_after_canroll(tmp_path,
     assert found["delay"]["tau_max_ms"] > found["delay"]["age_bound_ms"] > 10.0
 
 
+def test_the_docs_name_every_key_of_a_recorded_bus(tmp_path, capsys):
+    path, _ = recorded(tmp_path)
+    found = answer_of(capsys, path, "--simulate", "0")
+    page = (DBC.parents[1] / "docs" / "file-formats.md").read_text(encoding="utf-8")
+    section = page.partition("### A recorded bus")[2].partition("\n## ")[0]
+    keys = {*found, *found["messages"]["Recorded061"], *(found["delay"] or ())}
+    assert [key for key in keys if f"`{key}" not in section] == []
+
+
 def test_the_page_of_a_log_names_its_evidence(tmp_path, capsys):
     path, _ = recorded(tmp_path, suffix=".pcapng")
     assert main(["bus", path, "--simulate", "0"]) == 0

@@ -1,6 +1,5 @@
 """Traffic sets from DBC and TOML, and the command that analyses them."""
 
-import argparse
 import json
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import pytest
 import dbc
 from canroll.errors import CanrollError, UnknownNameError
 from hil.cli import bus as command
+from hil.cli.main import parse
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
 
@@ -58,10 +58,7 @@ def write(folder, text):
 
 
 def run(*arguments):
-    parser = argparse.ArgumentParser()
-    command.add_parser(parser.add_subparsers())
-    args = parser.parse_args(["bus", *map(str, arguments)])
-    return args.run(args)
+    return command.run(parse(["bus", *map(str, arguments)]))
 
 
 def test_a_toml_set_is_read_as_it_says(tmp_path):

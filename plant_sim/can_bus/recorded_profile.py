@@ -1,0 +1,62 @@
+"""A bus log as bus profile: ``--bus recording.blf`` of every command."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from canroll.errors import CanrollError
+from plant_sim.buses.profile import BusProfile
+from plant_sim.can_bus.recorded_load import missing_from
+from plant_sim.can_bus.traffic.inference import InferredBus, infer_channel
+from plant_sim.can_bus.traffic.log_reader import read_log, select_channel
+from plant_sim.can_bus.traffic.looped import Loop, loop_of
+from plant_sim.can_bus.traffic.messages import BusMessage
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RecordedProfile(BusProfile):
+    """A recorded bus: bounds take its inferred messages, simulations its frames."""
+
+    bus: InferredBus = field(compare=False)
+
+    def background(self, own: Sequence[BusMessage]) -> tuple[BusMessage, ...]:
+        """Return the recorded messages beside ``own``, which are left out where they are there.
+
+        Raises:
+            CanrollError: another recorded message has the identifier of one of them.
+        """
+        known = {m.message.arbitration_key: m for m in self.bus.messages}
+        for message in missing_from(self.bus, own):
+            if message.arbitration_key in known:
+                found = known[message.arbitration_key].message
+                raise CanrollError(
+                    f"{self.name}: identifier {message.ident:X} is on that bus already"
+                    f" ({found.length} bytes every {found.period_ns * 1e-6:.4g} ms):"
+                    f" {message.name} cannot have it"
+                )
+        taken = {m.arbitration_key for m in own}
+        recorded = (m.message for m in self.bus.messages)
+        return tuple(m for m in recorded if m.arbitration_key not in taken)
+
+    def loop(self, own: Sequence[BusMessage]) -> Loop:
+        """Return the recorded frames beside ``own``, to be sent again and again."""
+        return loop_of(self.bus, {m.arbitration_key for m in own})
+
+
+def read_profile(name: str) -> RecordedProfile:
+    """Return the profile of a log, or of one channel of it: ``log.blf#channel``.
+
+    Raises:
+        CanrollError: it cannot be read, has no such channel or several, or too little traffic for
+            the bit rate to be inferred.
+    """
+    text, _, channel = name.partition("#")
+    path = Path(text)
+    channels = {known: logged for known, logged in read_log(path).items() if len(logged.ident)}
+    if channel not in channels and (channel or len(channels) > 1):
+        names = ", ".join(f"{path}#{known}" for known in channels)
+        raise CanrollError(f"{path}: choose a channel of it: {names}")
+    bus = infer_channel(select_channel(path, channels, channel or None))
+    return RecordedProfile(
+        name=name, bitrate=bus.rate.nominal, data_bitrate=bus.rate.data, load=bus.load, bus=bus
+    )
