@@ -9,6 +9,7 @@ from firmware import calibration as fw
 from firmware.signals import RX_IDS
 from firmware.state import RX_IMU, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE
 from gain_gen.calibration.rows import quantise
+from gain_gen.models.front_share import front_share
 from gain_gen.models.task import Task
 from vehicles import Vehicle
 from vehicles.model import SemiActiveDampers
@@ -32,7 +33,7 @@ Value = int | list[int] | list[list[int]]
 
 def vehicle_fields(task: Task) -> dict[str, Value]:
     """Return the fields that the vehicle, its actuators and the tick decide."""
-    share = task.vehicle.geometry.static_front_share
+    share = share_of(task)
     return (
         _supervision(task)
         | _identification(task)
@@ -47,6 +48,13 @@ def vehicle_fields(task: Task) -> dict[str, Value]:
             "offset_acceleration_max": _q(0.5, fw.Q_ACCELERATION),
         }
     )
+
+
+def share_of(task: Task) -> float:
+    """Return the front axle's share of the moment; printed gains come with l_r / l."""
+    if task.gains == "as_printed":
+        return task.vehicle.geometry.static_front_share
+    return front_share(task.vehicle)
 
 
 def moment_limit(task: Task, share: float) -> float:
