@@ -68,7 +68,8 @@ def update(ecu: Ecu, cal: Calibration, measured: i32, innovation: i32) -> None:
             drop: i32 = product(gain, ecu.work[j], Q_COVARIANCE)
             ecu.covariance[i][j] = sat31(ecu.covariance[i][j] - drop)
             ecu.covariance[j][i] = ecu.covariance[i][j]
-    bounded(ecu, cal)
+        # a measurement takes variance away, it never adds any: only the floor can be passed
+        ecu.covariance[i][i] = clamp(ecu.covariance[i][i], 1, cal.covariance_max[i])
 
 
 def init_covariance(ecu: Ecu, cal: Calibration) -> None:

@@ -22,7 +22,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("plant_sim.can_bus.traffic", "codegen.c99"),
     ("plant_sim.can_bus", "codegen.generated"),
     ("plant_sim.can_bus.servers", "codegen.run"),
-    ("plant_sim.bodies", "codegen.export", "gain_gen.models"),
+    ("plant_sim.bodies", "codegen.export", "codegen.worst_case", "gain_gen.models"),
     ("plant_sim.nodes", "plant_sim.driving", "gain_gen.analysis"),
     ("plant_sim.world", "gain_gen.laws"),
     ("gain_gen.calibration",),

@@ -12,21 +12,20 @@ from functools import cache
 from pathlib import Path
 
 from codegen.c99.function import Body
-from codegen.c99.linkage import Names, linkage
+from codegen.c99.linkage import PUBLIC_TABLES, Names, linkage
 from codegen.c99.text import (
     C_TYPES,
     CLOSE_C,
     OPEN_C,
+    PRIMARY,
     RUNTIME,
     WIDTH,
     broken,
     comment,
-    fits,
     literal,
     plain,
 )
 from codegen.proof.interpreter import Interpreter
-from codegen.proof.intervals import Value
 from codegen.proof.prove import prove
 from codegen.subset import rules
 from codegen.subset.parse import load
@@ -123,50 +122,36 @@ class Emitter:
         return "header" if (constant.module, constant.name) in self.linkage.shared else "source"
 
     def _constants(self, module: Module, where: str) -> Iterator[str]:
-        group: list[str] = []
         last = -2
         for constant in module.constants.values():
             table = bool(constant.type.shape)
-            public_table = table and (module.name == "signals" or self._where(constant) == "header")
+            public_table = table and (
+                module.name == PUBLIC_TABLES or self._where(constant) == "header"
+            )
             if (self._where(constant) != where and not public_table) or (
                 public_table and where == "source"
             ):
                 continue
+            if (module.name, constant.name) in self.linkage.homes:
+                continue
             if constant.line > last + 1 or constant.line - 1 in module.comments:
-                if group:
-                    yield from self._enumeration(group)
-                    group = []
                 yield ""
                 own, text = module.comments.get(constant.line - 1, (False, ""))
                 if own:
                     yield from comment(text)
             last = constant.line + max(0, self._height(module, constant) - 1)
-            name = self.names.constant(constant)
             if table:
-                if group:
-                    yield from self._enumeration(group)
-                    group = []
                 storage = "extern const" if where == "header" else "static const"
                 yield from self._table(constant, storage, body=where == "source")
-            elif isinstance(constant.value, int) and fits(
-                Value(constant.value, constant.value), "i32"
-            ):
-                group.append(f"    {name} = {literal(constant.value).text},")
             elif isinstance(constant.value, int):
-                yield f"#define {name} {literal(constant.value).text}"
-        if group:
-            yield from self._enumeration(group)
+                text = literal(constant.value).inside(PRIMARY)
+                yield f"#define {self.names.constant(constant)} {text}"
 
     def _height(self, module: Module, constant: Constant) -> int:
         for node in ast.parse(module.path.read_text(encoding="utf-8")).body:
             if node.lineno == constant.line:
                 return (node.end_lineno or node.lineno) - node.lineno + 1
         return 1
-
-    def _enumeration(self, group: list[str]) -> Iterator[str]:
-        yield "enum {"
-        yield from group
-        yield "};"
 
     def _table(self, constant: Constant, storage: str, *, body: bool) -> Iterator[str]:
         sizes = "".join(f"[{n}]" for n in constant.type.shape)
@@ -232,7 +217,7 @@ class Emitter:
         lines += [line for line in self._constants(module, "source")]
         for constant in module.constants.values():
             if constant.type.shape and (
-                self._where(constant) == "header" or module.name == "signals"
+                self._where(constant) == "header" or module.name == PUBLIC_TABLES
             ):
                 lines += ["", *self._table(constant, "const", body=True)]
         early = self._called_early(functions)
@@ -261,6 +246,12 @@ class Emitter:
             lines += comment(doc)
         lines += broken(self._prototype(function))
         lines.append("{")
+        for constant in module.constants.values():
+            if self.linkage.homes.get((module.name, constant.name)) == function.key:
+                own, text = module.comments.get(constant.line - 1, (False, ""))
+                lines += comment(text, "    ") if own else []
+                table = self._table(constant, "static const", body=True)
+                lines += [f"    {line}" for line in table]
         body = Body(self.program, self.names, self.seen, module, function)
         used = {n.id for n in ast.walk(function.node) if isinstance(n, ast.Name)}
         lines += [f"    (void){name};" for name in function.parameters if name not in used]

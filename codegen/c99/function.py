@@ -19,6 +19,7 @@ from codegen.c99.text import (
     fits,
     literal,
     plain,
+    signed,
     widened,
 )
 from codegen.proof.expressions import ARITHMETIC
@@ -133,6 +134,9 @@ class Body:
         if node.orelse:
             yield f"{indent}}} else {{"
             yield from self.block(node.orelse, indent + "    ")
+        elif "else" in keyword:
+            yield f"{indent}}} else {{"
+            yield f"{indent}    /* nothing to do */"
         yield f"{indent}}}"
 
     def loop(self, node: ast.For, indent: str) -> Iterator[str]:
@@ -151,7 +155,7 @@ class Body:
         compare = "<" if step > 0 else ">"
         yield (
             f"{indent}for (int32_t {counter} = {start.text}; "
-            f"{counter} {compare} {stop.inside(UNARY)}; {advance}) {{"
+            f"{counter} {compare} {signed(stop).inside(UNARY)}; {advance}) {{"
         )
         self.counters[counter] = counter
         yield from self.block(node.body, indent + "    ")
@@ -276,7 +280,7 @@ class Body:
         name = self.program.intrinsic(self.module, node.func)
         if name == "clear":
             record = ast.unparse(node.args[0])
-            text = f"canroll_clear({record}, (int32_t)(sizeof(*{record}) / 4u))"
+            text = f"canroll_clear({record}, (uint32_t)sizeof(*{record}))"
             return Expression(text, PRIMARY, "i32", seen)
         if name in MEMORY:
             index = self.stored(node, self.value(node.args[1]), "i32")

@@ -1,6 +1,6 @@
 """The intrinsics as C: each in the narrowest form that its operands' intervals allow."""
 
-from codegen.c99.text import PRIMARY, Expression, binary, converted, fits, literal
+from codegen.c99.text import PRIMARY, Expression, as_byte, binary, converted, fits
 from codegen.proof.intervals import Value, shift_rounded
 from codegen.subset.program import BITS_31, KINDS
 
@@ -11,10 +11,7 @@ def intrinsic(name: str, a: list[Expression], bounds: list[str], seen: Value) ->
     ``seen`` is what the result can be.
     """
     if name == "byte":
-        if fits(a[0].value, "u8"):
-            return converted(a[0], "u8")
-        masked = binary("&", a[0], literal(255), Value(0, 255))
-        return converted(masked, "u8")
+        return converted(a[0], "u8") if fits(a[0].value, "u8") else as_byte(a[0])
     if name == "narrow":
         return converted(a[0], "i32")
     if name == "tdiv":

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from codegen.proof.prove import entry_points
 from codegen.subset.program import Constant, Function, Module, Program, calls
 
+PUBLIC_TABLES = "signals"
+"""The module whose tables callers see."""
+
 Key = tuple[str, str]
 Begin = Callable[[Program, Function, ast.expr], bool]
 
@@ -22,6 +25,7 @@ class Linkage:
         volatile: array parameters that are somewhere given a field an interrupt may write.
         open: array parameters that a caller of an entry point gives, which may be shorter than
             the subset says.
+        homes: the function that alone uses a table, which then stands in it.
     """
 
     public: dict[Key, str]
@@ -29,6 +33,7 @@ class Linkage:
     shared: frozenset[Key]
     volatile: frozenset[tuple[Key, str]]
     open: frozenset[tuple[Key, str]]
+    homes: dict[Key, Key]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +68,27 @@ def linkage(program: Program) -> Linkage:
         if its.shape
     }
     volatile = _passed_on(program, set(), _is_volatile)
-    return Linkage(public, reachable, shared, volatile, _passed_on(program, given, _never))
+    homes = _homes(program, reachable, shared)
+    return Linkage(public, reachable, shared, volatile, _passed_on(program, given, _never), homes)
+
+
+def _homes(program: Program, reachable: frozenset[Key], shared: frozenset[Key]) -> dict[Key, Key]:
+    """The one function that uses a table, where it is one, by the table."""
+    users: dict[Key, set[Key]] = {}
+    for function in program.functions():
+        if function.key not in reachable:
+            continue
+        module = program.modules[function.module]
+        for node in ast.walk(function.node):
+            if isinstance(node, ast.Name | ast.Attribute):
+                constant = program.constant(module, node)
+                if constant is not None and constant.type.shape:
+                    users.setdefault((constant.module, constant.name), set()).add(function.key)
+    return {
+        table: next(iter(functions))
+        for table, functions in users.items()
+        if len(functions) == 1 and table not in shared and table[0] != PUBLIC_TABLES
+    }
 
 
 def _reachable(program: Program, public: dict[Key, str]) -> frozenset[Key]:

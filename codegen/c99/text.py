@@ -37,7 +37,9 @@ RUNTIME = """\
 #include <stdint.h>
 
 /* The code relies on a right shift that keeps the sign, as every target's compiler has it. */
-typedef char canroll_shift_keeps_the_sign[((-1 >> 1) == -1) ? 1 : -1];
+#if (-1 >> 1) != -1
+#error "the right shift of a negative number must keep its sign"
+#endif
 
 /* v, limited to [lo, hi]. */
 static inline int32_t canroll_clamp(int64_t v, int32_t lo, int32_t hi)
@@ -130,11 +132,29 @@ typedef int32_t canroll_any_word __attribute__((may_alias));
 typedef int32_t canroll_any_word;
 #endif
 
-/* Make a record of so many words zero. */
-static inline void canroll_clear(void *record, int32_t words)
+/* The low eight bits of v. */
+static inline uint8_t canroll_byte(int32_t v)
+{
+    return (uint8_t)((uint32_t)v & 255u);
+}
+
+/* The same where v has 64 bits. */
+static inline uint8_t canroll_byte64(int64_t v)
+{
+    return (uint8_t)((uint64_t)v & 255u);
+}
+
+/* v in 64 bits. */
+static inline int64_t canroll_wide(int32_t v)
+{
+    return v;
+}
+
+/* Make a record of so many bytes, whole words, zero. */
+static inline void canroll_clear(void *record, uint32_t bytes)
 {
     volatile canroll_any_word *word = (volatile canroll_any_word *)record;
-    for (int32_t k = 0; k < words; k++) {
+    for (uint32_t k = 0u; k < (bytes / 4u); k++) {
         word[k] = 0;
     }
 }
@@ -217,7 +237,11 @@ def literal(number: int) -> Expression:
 
 def widened(e: Expression) -> Expression:
     """``e`` in 64 bits."""
-    return e if e.wide else Expression(f"(int64_t){e.inside(UNARY)}", UNARY, "i64", e.value)
+    if e.wide:
+        return e
+    if e.level > UNARY:
+        return Expression(f"canroll_wide({e.text})", PRIMARY, "i64", e.value)
+    return Expression(f"(int64_t){e.text}", UNARY, "i64", e.value)
 
 
 def converted(e: Expression, kind: str) -> Expression:
@@ -225,24 +249,37 @@ def converted(e: Expression, kind: str) -> Expression:
     order = ("literal", "u8", "i32", "i64")
     if order.index(e.kind) <= order.index(kind):
         return e
+    if kind == "u8" and e.level > UNARY:
+        return as_byte(e)
     return Expression(f"({C_TYPES[kind]}){e.inside(UNARY)}", UNARY, kind, e.value)
+
+
+def as_byte(e: Expression) -> Expression:
+    """The low eight bits of ``e``."""
+    value = e.value if fits(e.value, "u8") else Value(0, 255)
+    return Expression(f"canroll_byte{'64' if e.wide else ''}({e.text})", PRIMARY, "u8", value)
 
 
 def binary(operator: str, a: Expression, b: Expression, value: Value) -> Expression:
     """``a operator b`` computed in 32 bits where its value fits, else in 64."""
     if not (a.wide or b.wide) and not fits(value, "i32"):
         a = widened(a)
-    kind = "i64" if a.wide or b.wide else "i32"
     level = PRECEDENCE[operator]
-    bits = level in (SHIFT, AND, XOR, OR)
-    left, right = a.inside(UNARY if bits else level), b.inside(UNARY if bits else level - 1)
-    if bits and operator in "&^|" and a.text and _same_operator(a, operator):
-        left = a.text
-    return Expression(f"{left} {operator} {right}", level, kind, value)
+    if {a.kind, b.kind} != {"u8"} or level not in (RELATION, EQUALITY):
+        a, b = signed(a), signed(b)
+    kind = "i64" if a.wide or b.wide else "i32"
+    if kind == "i64":
+        a, b = (widened(e) if e.level > UNARY else e for e in (a, b))
+    chain = a.level == level and level not in (SHIFT, RELATION, EQUALITY)
+    left = a.text if chain else a.inside(UNARY)
+    return Expression(f"{left} {operator} {b.inside(UNARY)}", level, kind, value)
 
 
-def _same_operator(e: Expression, operator: str) -> bool:
-    return e.level == PRECEDENCE[operator]
+def signed(e: Expression) -> Expression:
+    """An operand of operations on signed integers."""
+    if e.kind != "u8":
+        return e
+    return Expression(f"(int32_t){e.inside(UNARY)}", UNARY, "i32", e.value)
 
 
 def plain(text: str) -> str:

@@ -32,7 +32,7 @@ def gains_header(
     table = fields(Calibration)
     physical = physical or {}
     lines = ["/*"]
-    lines += [f" * {plain(line)}".rstrip() for line in title]
+    lines += [f" * {plain(' '.join(line.splitlines()))}".rstrip() for line in title]
     lines += [
         " *",
         " * Written by 'canroll design'. A value n of format Qq stands for n / 2^q of its unit.",

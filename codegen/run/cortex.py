@@ -58,7 +58,8 @@ class Run:
     """Results of a Cortex-M run on given traffic.
 
     ``frames`` were sent, ``states`` are the records after each tick; ``instructions`` of each
-    tick, as ``counter`` counts them; ``stack`` is the deepest use seen, in bytes.
+    tick, as ``counter`` counts them; ``stack`` is the deepest use seen, in bytes; ``cycles`` of
+    each tick by a model of the processor, where one was given.
     """
 
     cpu: str
@@ -67,6 +68,7 @@ class Run:
     states: NDArray[np.void]
     instructions: NDArray[np.int64]
     stack: int
+    cycles: NDArray[np.int64] | None = None
 
 
 def cpu(name: str) -> Cpu:

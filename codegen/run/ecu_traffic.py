@@ -165,6 +165,26 @@ def disturbed(
     return Traffic(np.array(rows, EVENT), elapsed)
 
 
+def storm(traffic: Traffic, seed: int, *, calm: float = 15.0, silence: float = 25.0) -> Traffic:
+    """Recorded traffic in which whole ticks are silent and ticks are missed by the dozen.
+
+    Silence and calm alternate, ``silence`` and ``calm`` ticks long on average: what everything
+    that has piled up meanwhile costs when frames come back is a tick's longest work.
+    """
+    rng = np.random.default_rng(seed)
+    lost = np.zeros(traffic.ticks, bool)
+    t = int(rng.exponential(calm))
+    while t < traffic.ticks:
+        length = 1 + int(rng.exponential(silence))
+        lost[t : t + length] = True
+        t += length + 1 + int(rng.exponential(calm))
+    elapsed = traffic.elapsed.copy()
+    missed = rng.random(traffic.ticks) < 0.5
+    elapsed[missed] = rng.integers(2, 40, int(missed.sum()))
+    frames = traffic.frames[~lost[traffic.frames["tick"]]]
+    return Traffic(frames, elapsed)
+
+
 def _signals(rng: np.random.Generator, word: int) -> int:
     """Walk each 16-bit part of the signals; now and then jump, also to a reserved code."""
     parts = []

@@ -4,6 +4,7 @@ import struct
 import subprocess
 import tempfile
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,23 @@ from codegen.run.ecu_traffic import Traffic
 from firmware.calibration import Calibration
 
 
+@dataclass(frozen=True, slots=True)
+class CycleCosts:
+    """Cycles of the instructions at ``cycles``' addresses by a model of the processor.
+
+    ``refill`` are added for each of the ``conditional`` branches that is taken.
+    """
+
+    cycles: Mapping[int, int]
+    conditional: frozenset[int]
+    refill: int
+
+    def text(self) -> str:
+        """As the plugin reads it."""
+        lines = (f"{a:x} {n:x} {a in self.conditional:x}" for a, n in self.cycles.items())
+        return "\n".join(lines) + "\n"
+
+
 def replay(
     calibration: Calibration,
     traffic: Traffic,
@@ -24,8 +42,9 @@ def replay(
     files: Mapping[str, str] | None = None,
     *,
     firmware: BusFirmware | None = None,
+    costs: CycleCosts | None = None,
 ) -> Run:
-    """Replay ``traffic`` in QEMU, counting instructions with a plugin.
+    """Replay ``traffic`` in QEMU, counting instructions with a plugin, and cycles by ``costs``.
 
     ``firmware`` is that of a bus, by default the built-in one; ``files`` are the sources of another
     ECU with the same records, by default those of ``firmware``.
@@ -49,7 +68,11 @@ def replay(
         command = ["qemu-system-arm", "-M", cpu(name).machine, "-display", "none", "-monitor"]
         command += ["none", "-serial", "none", "-kernel", str(image), "-semihosting-config"]
         command += ["enable=on,target=native", "-d", "plugin", "-plugin"]
-        command += [f"{plugin},start={start:#x},end={end:#x},out=counts.txt"]
+        options = f"{plugin},start={start:#x},end={end:#x},out=counts.txt"
+        if costs is not None:
+            (folder / "costs").write_text(costs.text(), encoding="ascii")
+            options += f",costs=costs,refill={costs.refill}"
+        command.append(options)
         result = subprocess.run(
             command, cwd=folder, capture_output=True, text=True, check=False, timeout=1800
         )
@@ -60,9 +83,10 @@ def replay(
         states = np.frombuffer(
             bytearray((folder / "replay.out").read_bytes()), memory_image.dtype(firmware.record)
         )
-        counts = np.loadtxt(folder / "counts.txt", np.int64, ndmin=1)
+        counts = np.loadtxt(folder / "counts.txt", np.int64, ndmin=2)
         depth = struct.unpack("<I", (folder / "replay.stack").read_bytes())[0]
-    return Run(name, "qemu", sent(states, firmware), states, counts, depth)
+    cycles = counts[:, 1] if costs is not None else None
+    return Run(name, "qemu", sent(states, firmware), states, counts[:, 0], depth, cycles)
 
 
 def replay_file(calibration: Calibration, traffic: Traffic) -> bytes:

@@ -7,12 +7,11 @@ import numpy as np
 
 import dbc
 from firmware import calibration as fw
-from gain_gen.calibration.observer_part import covariance_fields
+from gain_gen.calibration.observer_part import covariance_fields, observer_fields
 from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, Row, quantise_row
 from gain_gen.calibration.vehicle_part import vehicle_fields
 from gain_gen.models.controller import Compensator, matrices
-from gain_gen.models.observer import Observer
-from gain_gen.models.roll import Matrix, stationary_covariance
+from gain_gen.models.roll import stationary_covariance
 from gain_gen.models.task import EPSILON_SQUARED, Design
 
 Value = int | list[int] | list[list[int]]
@@ -95,7 +94,7 @@ def quantise_design(design: Design, options: Options) -> Quantised:
         "predict_steps": controller.predict_steps,
         "actuator_rate": round(controller.actuator_rate * fw.ONE),
     }
-    fields |= _observer(controller.observer, design, options, rows)
+    fields |= observer_fields(design, rows, identification=options.identification)
     fields |= covariance_fields(controller.observer)
     fields |= _law(design, rows)
     fields |= _trigger(design, options)
@@ -112,92 +111,6 @@ def law_kind(design: Design) -> str:
     if design.controller.compensator is not None:
         return "dynamic"
     return "output" if design.controller.output_gain is not None else "state"
-
-
-def _observer(observer: Observer, design: Design, options: Options, rows: dict[str, Row]) -> Fields:
-    """Model, outputs and constant gains, each row with its own shift."""
-    model = observer.model
-    roll = design.task.vehicle.design
-    tick = design.task.tick
-    units = _taylor_units(tick, roll.roll_arm / roll.roll_inertia, 1.0 / roll.roll_inertia)
-    phi, gamma, steering, shifts = [], [], [], []
-    scale = [[0] * 4, [0] * 4]
-    for i in range(fw.N_STATES):
-        values = np.concatenate([model.phi[i], model.gamma[i], model.gamma_steering[i]])
-        factors = (*Q_STATE, fw.Q_MOMENT, fw.Q_ACCELERATION)
-        if i < 2 and options.identification:
-            # the run-time model must fit the same shift as the nominal row
-            full = quantise_row(
-                np.concatenate([values, units[i]]),
-                (*factors, fw.Q_ANGLE, fw.Q_RATE, fw.Q_ACCELERATION, fw.Q_MOMENT),
-                Q_STATE[i],
-                name=f"phi[{i}]",
-                bound=fw.STATE_MAX // 2,
-            )
-            scale[i] = list(full.stored[7:])
-            row = Row(full.stored[:7], full.shift, full.formats[:7], full.error)
-        else:
-            row = quantise_row(values, factors, Q_STATE[i], name=f"phi[{i}]")
-        rows[f"phi[{i}]"] = row
-        phi.append(list(row.stored[:5]))
-        gamma.append(row.stored[5])
-        steering.append(row.stored[6])
-        shifts.append(row.shift)
-
-    output_values = np.vstack([model.output, [[1.0, 0.0, 0.0, 0.0, 0.0]]])
-    outputs = [
-        quantise_row(
-            np.append(output_values[m], 0.0),
-            (*Q_STATE, fw.Q_MOMENT),
-            Q_MEASURED[m],
-            name=f"output[{m}]",
-        )
-        for m in range(fw.N_MEASUREMENTS)
-    ]
-    for m, row in enumerate(outputs):
-        rows[f"output[{m}]"] = row
-    correction = [
-        _gains(observer.correction[m], Q_MEASURED[m], f"correction[{m}]", rows) for m in range(2)
-    ]
-    correction.append(([0] * fw.N_STATES, [1] * fw.N_STATES))
-    single = _gains(observer.correction_single, fw.Q_RATE, "correction_single", rows)
-    return {
-        "phi": phi,
-        "gamma": gamma,
-        "gamma_steering": steering,
-        "phi_shift": shifts,
-        "model_scale": scale,
-        "output": [list(row.stored[:5]) for row in outputs],
-        "output_moment": [row.stored[5] for row in outputs],
-        "output_shift": [row.shift for row in outputs],
-        "correction": [stored for stored, _ in correction],
-        "correction_shift": [shift for _, shift in correction],
-        "correction_single": single[0],
-        "correction_single_shift": single[1],
-    }
-
-
-def _taylor_units(tick: float, lateral: float, moment: float) -> Matrix:
-    """Return what the run-time model's normalised entries stand for, rows roll and roll rate."""
-    return np.array(
-        [
-            [1.0, tick, tick**2 * lateral, tick**2 * moment],
-            [1.0 / tick, 1.0, tick * lateral, tick * moment],
-        ]
-    )
-
-
-def _gains(
-    gain: Matrix, measured: int, name: str, rows: dict[str, Row]
-) -> tuple[list[int], list[int]]:
-    """Quantise one correction: every gain has a shift of its own."""
-    entries = [
-        # the innovation takes all of 32 bits
-        quantise_row(gain[i : i + 1], (measured,), Q_STATE[i], name=f"{name}[{i}]", bound=1 << 31)
-        for i in range(fw.N_STATES)
-    ]
-    rows |= {f"{name}[{i}]": entry for i, entry in enumerate(entries)}
-    return [entry.stored[0] for entry in entries], [entry.shift for entry in entries]
 
 
 def _law(design: Design, rows: dict[str, Row]) -> Fields:

@@ -4,10 +4,13 @@ import argparse
 import json
 import sys
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import can
+from rich.console import Console
+from rich.table import Table
 
 from canroll.errors import CanrollError
 from hil.cli import terminal
@@ -21,8 +24,8 @@ from hil.cli.terminal import show_timing
 from hil.realtime import hil_run
 from hil.realtime.bus_link import has_bus, options_of
 from hil.realtime.check import measure, round_trip
-from hil.realtime.check.show import show
 from hil.realtime.hardware.interfaces import INTERFACES, is_shared
+from hil.realtime.timing import QUANTILES
 from hil.report.run_folder import check_parent, usable_folder, write_files, write_text
 from hil.runs import experiment, signal_files
 from hil.runs.logs import check_suffix, write_log
@@ -147,7 +150,7 @@ def check_machine(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(answer))
     else:
-        show(answer)
+        show_check(answer)
     return 0 if answer["held"] else 1
 
 
@@ -162,3 +165,46 @@ def report(answer: dict[str, Any], args: argparse.Namespace, result: Any) -> Non
         return
     terminal.show(result)
     show_timing(answer["timing"])
+
+
+def show_check(answer: Mapping[str, Any]) -> None:
+    """Print a report of :func:`hil.realtime.check.measure.report`."""
+    console = Console(highlight=False, soft_wrap=True)
+    table = Table("µs", *QUANTILES, box=None, pad_edge=False, header_style="bold")
+    for column in table.columns[1:]:
+        column.justify = "right"
+    rows = [
+        (f"wake-up, {_place(loop)} ({loop['role']})", loop["late_us"]) for loop in answer["loops"]
+    ]
+    bus = answer["bus"]
+    rows += [
+        ("timer, beyond 50 µs", answer["timer"]["overshoot_us"]),
+        ("tick of the firmware", answer["tick_us"]),
+        (f"round trip, {bus['interface']}", bus["round_trip_us"]),
+        (f"empty read, {bus['interface']}", bus["poll_us"]),
+    ]
+    for name, figures in rows:
+        if figures is not None:
+            table.add_row(name, *(f"{figures[quantile]:.0f}" for quantile in QUANTILES))
+    console.print(table)
+    if bus["missing"]:
+        console.print(f"no round trip: {bus['missing']}")
+    if bus["lost"]:
+        console.print(f"{bus['lost']} frames did not come back")
+    worst = max(answer["needed_us"].values())
+    held = [f"{tick} ms {'yes' if ok else 'no'}" for tick, ok in answer["ticks"].items()]
+    console.print(f"\nticks this machine can keep: {', '.join(held)}")
+    colour, word = ("green", "can") if answer["held"] else ("red", "cannot")
+    console.print(
+        f"[{colour}]This machine {word} keep a tick of {answer['tick_ms']:g} ms:[/{colour}] "
+        f"at worst {worst:.0f} µs of the {500 * answer['tick_ms']:.0f} µs allowed by the rule"
+    )
+    console.print(f"rule: {answer['rule']}")
+    if answer["findings"]:
+        console.print("\nfound, with remedies:")
+    for found in answer["findings"]:
+        console.print(f"  {found['what']}: {found['remedy']}", markup=False)
+
+
+def _place(loop: Mapping[str, Any]) -> str:
+    return "not pinned" if loop["core"] is None else f"core {loop['core']}"

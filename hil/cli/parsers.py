@@ -252,6 +252,34 @@ def timing(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--hil", action="store_true", help="run in real time; verdict on tick, latency and misses"
     )
+    parser.add_argument(
+        "--bound",
+        action="store_true",
+        help="worst case of a tick in cycles from the machine code; the most seen beside it",
+    )
+    parser.add_argument(
+        "--ticks", type=int, default=4000, help="with --bound: ticks replayed (default: 4000)"
+    )
+    parser.add_argument(
+        "--clock", type=float, metavar="MHZ", help="with --bound: clock, for the share of a tick"
+    )
+    parser.add_argument(
+        "--wait-states", type=int, default=0, metavar="N", help="with --bound: of the flash"
+    )
+    parser.add_argument(
+        "--multiplier",
+        type=int,
+        default=1,
+        metavar="CYCLES",
+        help="with --bound: of a multiplication on a Cortex-M0, 1 or 32 (default: 1)",
+    )
+    parser.add_argument(
+        "--division",
+        type=int,
+        default=12,
+        metavar="CYCLES",
+        help="with --bound: of a division on M3 and M4 at most (default: 12)",
+    )
     add_json(parser)
 
 

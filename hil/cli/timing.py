@@ -1,19 +1,21 @@
 """``canroll timing``: cost of a tick on the target, compared with the calibration's budget."""
 
 import argparse
+import importlib.util
 import json
 import tempfile
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, MissingExtraError
 from codegen.run import cortex, qemu, unicorn
 from codegen.run.backends import Recorder, open_backend
 from codegen.run.cortex import Run
 from codegen.run.ecu_traffic import Traffic
 from codegen.run.footprint import Footprint, footprint
 from hil.cli.options import choices_of
-from hil.cli.terminal import show_timing
+from hil.cli.terminal import progress, show_timing
 from hil.realtime import session
 from hil.realtime.budget import Budget, budget_of, judge_host, judge_target
 from hil.runs import experiment
@@ -26,6 +28,8 @@ def run(args: argparse.Namespace) -> int:
     """Replay a manoeuvre on the target; return 1 where the budget is exceeded."""
     if args.hil:
         return run_on_host(args)
+    if args.bound:
+        return run_bound(args)
     controller, traffic = recorded(args)
     record = controller.record
     counter = args.counter or ("qemu" if cortex.has_gcc_and_qemu() else "unicorn")
@@ -37,6 +41,84 @@ def run(args: argparse.Namespace) -> int:
     image = (cortex.gcc_image if counter == "qemu" else cortex.zig_image)(args.processor)
     limits = budget_of(controller.tables)
     return report(limits, replayed, footprint(image), as_json=args.json)
+
+
+def run_bound(args: argparse.Namespace) -> int:
+    """Print the worst case of a tick beside the most seen; 1 where the budget is exceeded."""
+    if importlib.util.find_spec("capstone") is None:
+        raise MissingExtraError("reading machine code", "target")
+    from codegen.worst_case import firmware_bound  # noqa: PLC0415 -- needs the extra
+    from codegen.worst_case.cycles import Timing  # noqa: PLC0415
+
+    if args.ticks < 1:
+        raise CanrollError(f"--ticks must be at least 1, got {args.ticks}")
+    if args.clock is not None and not args.clock > 0:
+        raise CanrollError(f"--clock must be positive, got {args.clock:g}")
+    timing = Timing(args.processor, args.wait_states, args.multiplier, args.division)
+    if not cortex.has_gcc_and_qemu():
+        raise CanrollError("--bound needs gcc-arm-none-eabi and qemu-system-arm installed")
+    controller, traffic = recorded(args)
+    bound = firmware_bound.firmware_bound(controller.record, timing)
+    with progress(quiet=args.json) as report_share:
+        seen = firmware_bound.observe(
+            controller.record,
+            traffic,
+            timing,
+            args.ticks,
+            progress=lambda done: report_share("replay", min(done / args.ticks, 1.0)),
+        )
+    limits = budget_of(controller.tables)
+    good = seen.cycles <= bound.tick.cycles and seen.stack <= bound.tick.stack
+    good &= limits.cycles is None or bound.tick.cycles <= limits.cycles
+    share = None
+    if args.clock is not None:
+        share = bound.tick.cycles / (args.clock * 1e6 * controller.tick)
+        good &= share <= 1.0
+    answer = {
+        "processor": timing.cpu,
+        "wait_states": timing.wait_states,
+        "multiplier": timing.multiplier,
+        "division": timing.division,
+        "cycles": {"bound": bound.tick.cycles, "seen": seen.cycles},
+        "stack": {"bound": bound.tick.stack, "seen": seen.stack},
+        "receive": {"cycles": bound.receive.cycles, "stack": bound.receive.stack},
+        "ticks": seen.ticks,
+        "late_ticks": seen.late,
+        "clock_mhz": args.clock,
+        "share_of_tick": share,
+        "budget_cycles": limits.cycles,
+        "functions": bound.tick.shares,
+        "verdict": "PASS" if good else "FAIL",
+    }
+    if args.json:
+        print(json.dumps(answer))
+        return 0 if good else 1
+    memory = f"flash with {timing.wait_states} wait states, no interrupts"
+    show_rows(
+        {
+            "processor": f"{timing.cpu}, {memory}",
+            "cycles a tick, bound": bound.tick.cycles,
+            f"cycles a tick, most of {seen.ticks} ticks": seen.cycles,
+            "bound over the most seen": f"{bound.tick.cycles / seen.cycles:.2f}",
+            "of these ticks after missed ones": seen.late,
+            "share of a tick": "give --clock" if share is None else f"{100 * share:.1f} %",
+            "budget, cycles": limits.cycles or "none",
+            "stack, bytes, bound": bound.tick.stack,
+            "stack, bytes, most seen": seen.stack,
+            "cycles a received frame, bound": bound.receive.cycles,
+            "verdict": answer["verdict"],
+        }
+    )
+    print("\nlongest way by function, cycles")
+    show_rows(dict(list(bound.tick.shares.items())[:8]))
+    return 0 if good else 1
+
+
+def show_rows(rows: Mapping[str, object]) -> None:
+    """Print names and values in two columns."""
+    width = max(map(len, rows))
+    for name, value in rows.items():
+        print(f"{name:<{width}}  {value}")
 
 
 def recorded(args: argparse.Namespace) -> tuple[Controller, Traffic]:
@@ -97,9 +179,7 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
         "heap or floating point": ", ".join(size.forbidden) or "none linked",
         "verdict": verdict,
     }
-    width = max(map(len, rows))
-    for name, value in rows.items():
-        print(f"{name:<{width}}  {value}")
+    show_rows(rows)
     return 0 if good else 1
 
 

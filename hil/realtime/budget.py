@@ -6,7 +6,7 @@ from typing import Any
 
 from canroll.errors import CanrollError
 
-KEYS = ("instructions", "tick_p99_us", "latency_p99_us", "misses")
+KEYS = ("instructions", "cycles", "tick_p99_us", "latency_p99_us", "misses")
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,12 +15,14 @@ class Budget:
 
     Attributes:
         instructions: of one tick on the target.
+        cycles: of one tick on the target, by its sound bound.
         tick_p99_us: 99th percentile of the tick's duration on the host.
         latency_p99_us: 99th percentile of the time from sample to force.
         misses: ticks that may be skipped in a run.
     """
 
     instructions: int | None = None
+    cycles: int | None = None
     tick_p99_us: float | None = None
     latency_p99_us: float | None = None
     misses: int | None = 0

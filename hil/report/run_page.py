@@ -1,16 +1,20 @@
 """The report page of one run."""
 
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
+import numpy as np
+
 from hil.report.curves import Shown, all_figures
+from hil.report.figure import pack
 from hil.report.page import Cell, Page, Table, Verdict, render
-from hil.report.playback import playback
 from hil.report.tables import can_rows, metric_head, metric_rows, replay_note, standard_rows
 from hil.report.timing_section import timing_figures, timing_table
 from hil.runs.result import Result
+from plant_sim.bodies.ports import WHEELS
+from vehicles import Vehicle
 
 STANDARD_HEAD = ("", "criterion", "clause", "measured", "limit", "")
 NLT = (
@@ -22,6 +26,9 @@ NO_ROLL = (
     "cannot take away more: the tyres must carry the lateral acceleration in any case. "
     "Left blank on banked or uneven roads and with a wheel in the air, where it cannot be told."
 )
+PLAYBACK_STEP = 0.02
+"""Time between two pictures of the playback, s."""
+PLAYED = ("x", "y", "yaw", "roll", *(f"wheel_load_{wheel}" for wheel in WHEELS))
 
 
 def shown(result: Result) -> list[Shown]:
@@ -130,3 +137,37 @@ def run_page(result: Result) -> str:
             greyed=bool(result.not_valid),
         )
     )
+
+
+def playback(runs: Sequence[Shown], vehicle: Vehicle) -> dict[str, object]:
+    """Return the data of the playback; at most four cars, the first being the reference."""
+    cars = [
+        {
+            "name": run.name,
+            "colour": run.colour,
+            "signals": {name: pack(_resampled(run, name)) for name in PLAYED},
+        }
+        for run in runs[:4]
+    ]
+    geometry = vehicle.geometry
+    first = runs[0].trace.signals
+    return {
+        "step": PLAYBACK_STEP,
+        "start": float(first["time"][int(np.argmax(np.abs(first["roll"])))]),
+        "cars": cars,
+        "vehicle": {
+            "half_track": (geometry.half_track_front + geometry.half_track_rear) / 2,
+            "width": geometry.width,
+            "height": 2 * vehicle.sprung_cg_height,
+            "roll_centre": (geometry.roll_centre_height_front + geometry.roll_centre_height_rear)
+            / 2,
+            "front": geometry.cg_to_front_axle,
+            "rear": geometry.cg_to_rear_axle,
+            "static_load": float(np.mean([first[f"wheel_load_{wheel}"][0] for wheel in WHEELS])),
+        },
+    }
+
+
+def _resampled(run: Shown, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    time = run.trace.signals["time"]
+    return np.interp(np.arange(0.0, time[-1], PLAYBACK_STEP), time, run.trace.signals[name])

@@ -8,8 +8,7 @@ import numpy as np
 from hil.report.curves import Shown, all_figures, dash
 from hil.report.figure import DASHED, Figure, Series
 from hil.report.page import Cell, Page, Table, Verdict, render
-from hil.report.playback import playback
-from hil.report.run_page import NLT, parameters, provenance
+from hil.report.run_page import NLT, parameters, playback, provenance
 from hil.report.tables import ALL_FIGURES, LABELS, number
 from hil.studies.comparison import Named
 

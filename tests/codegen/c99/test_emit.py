@@ -193,7 +193,7 @@ def test_c_reads_like_the_source(sample, good):
     assert "/* first */" in c
     assert "acc += (int64_t)cal->gain[j] * ecu->x[j];" in c
     assert "for (int32_t j = 2; j > -1; j--) {" in c
-    assert "if ((ecu->count > 3) && ((k != 2) || (!(ecu->small == 1)))) {" in c
+    assert "if (((int32_t)ecu->count > 3) && ((k != 2) || (!((int32_t)ecu->small == 1)))) {" in c
     assert "int32_t canroll_run(canroll_ecu *ecu, const canroll_calibration *cal, int32_t k)" in c
     assert "volatile uint8_t bytes[8]; /* mailbox */" in good["canroll_state.h"]
     assert "/* counters */" in good["canroll_state.h"]
@@ -204,7 +204,7 @@ def test_arithmetic_is_32_bits_where_it_fits(sample):
     text = "a: i32 = ecu.x[0] * ecu.x[1] + ecu.count\n    return a * a\n"
     text = f"def run(ecu: Ecu) -> i64:\n    {text}"
     c = emit.emit("sample", sample.write(text))["canroll_sample.c"]
-    assert "int32_t a = ecu->x[0] * ecu->x[1] + ecu->count;" in c
+    assert "int32_t a = (ecu->x[0] * ecu->x[1]) + (int32_t)ecu->count;" in c
     assert "return (int64_t)a * a;" in c
 
 
@@ -236,3 +236,19 @@ def check(tmp_path, files):
         assert kind not in "bBdDcC", f"{name}: the firmware keeps no state of its own"
         assert kind != "U" or name in COMPILERS_OWN, f"{name}: no library is called"
         assert kind not in "TR" or name.startswith("canroll_"), name
+
+
+def test_a_table_stands_in_the_one_function_that_uses_it(sample):
+    text = "# of a wheel\nSIGN: tuple[i32, ...] = (1, -1)\n\n\ndef run(ecu: Ecu) -> i32:\n"
+    text += "    return SIGN[clamp(ecu.x[0], 0, 1)]\n"
+    c = emit.emit("sample", sample.write(text))["canroll_sample.c"]
+    body = c[c.index("int32_t canroll_run(") :]
+    assert "    /* of a wheel */\n    static const int32_t canroll_sample_sign[2] = {\n" in body
+    assert c.count("canroll_sample_sign[2]") == 1
+
+
+def test_a_chain_of_conditions_ends_in_an_else(sample):
+    text = "def run(ecu: Ecu) -> i32:\n    k: i32 = 0\n    if ecu.x[0] == 1:\n        k = 1\n"
+    text += "    elif ecu.x[0] == 2:\n        k = 2\n    return k\n"
+    c = emit.emit("sample", sample.write(text))["canroll_sample.c"]
+    assert "        k = 2;\n    } else {\n        /* nothing to do */\n    }\n" in c

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
-from codegen.export.header import comment, gains_header
+from codegen.c99.text import plain
+from codegen.export.header import gains_header
 from codegen.run.memory_image import sealed
 from firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
 from firmware.check import check
@@ -252,9 +253,9 @@ def test_header_compiles_alone_and_holds_the_same_integers(tmp_path, lqg, calibr
 
 
 def test_header_comments_cannot_end_early():
-    assert comment("a */ b /* c \\ d\n e") == "a * / b / * c / d  e"
-    text = gains_header(Calibration(), title=["law */ int x;"])
-    assert "law * / int x;" in text
+    assert plain("a */ b /* c \\ d") == "a * / b / * c / d"
+    text = gains_header(Calibration(), title=["law */\nint x;"])
+    assert " * law * / int x;\n" in text
 
 
 def test_limits_follow_the_actuators():

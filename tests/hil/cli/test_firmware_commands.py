@@ -63,3 +63,34 @@ def test_the_proof_as_json(capsys):
     assert answer["proved"] is True
     assert answer["findings"] == []
     assert answer["expressions"] > 1000
+
+
+@pytest.mark.slow
+def test_the_bound_of_a_tick_is_printed_beside_the_most_seen(capsys):
+    if not cortex.has_gcc_and_qemu():
+        pytest.skip("needs gcc-arm-none-eabi and qemu-system-arm")
+    words = ("timing", "--bound", "--law", "lqr", "--clock", "24", "--processor", "cortex-m0")
+    assert timing.run(parse((*words, "--duration", "1", "--ticks", "600", "--json"))) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["verdict"] == "PASS"
+    assert answer["ticks"] >= 600
+    assert answer["late_ticks"] > 20
+    assert answer["cycles"]["seen"] <= answer["cycles"]["bound"] <= 1.5 * answer["cycles"]["seen"]
+    assert answer["stack"]["seen"] <= answer["stack"]["bound"]
+    assert answer["share_of_tick"] == pytest.approx(answer["cycles"]["bound"] / 240_000)
+    assert sum(answer["functions"].values()) == answer["cycles"]["bound"]
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        (("--ticks", "0"), "--ticks must be at least 1"),
+        (("--clock", "-3"), "--clock must be positive"),
+        (("--wait-states", "99"), "--wait-states must be 0 to 15"),
+        (("--multiplier", "7"), "--multiplier must be 1 or 32"),
+        (("--division", "40"), "--division must be 2 to 12"),
+    ],
+)
+def test_a_bound_for_a_circuit_that_cannot_be_is_refused(option, message):
+    with pytest.raises(CanrollError, match=message):
+        timing.run(parse(("timing", "--bound", *option)))

@@ -141,9 +141,9 @@ def test_frames_that_never_arrive_are_counted(calibration, received, lost):
 
 
 def test_a_budget_comes_from_its_table():
-    assert budget.budget_of({}) == budget.Budget(None, None, None, 0)
-    table = {"budget": {"tick_p99_us": 500.0, "latency_p99_us": 30_000, "misses": 2}}
-    assert budget.budget_of(table) == budget.Budget(None, 500.0, 30_000, 2)
+    assert budget.budget_of({}) == budget.Budget(None, None, None, None, 0)
+    table = {"cycles": 9000, "tick_p99_us": 500.0, "latency_p99_us": 30_000, "misses": 2}
+    assert budget.budget_of({"budget": table}) == budget.Budget(None, 9000, 500.0, 30_000, 2)
     for wrong in ({"tick_p99": 3}, {"misses": -1}, {"misses": "none"}, {"misses": True}):
         with pytest.raises(CanrollError, match=r"\[budget\]"):
             budget.budget_of({"budget": wrong})

@@ -1,11 +1,13 @@
 """What comes over a link, timed by its stamps."""
 
+from itertools import pairwise
+
 import can
 import pytest
 from support.bus_frames import frame
 
 from hil.watch.observation import Observation
-from hil.watch.onlooker import Onlooker
+from hil.watch.onlooker import DRIFT, BusClock, Onlooker
 
 
 def message(name, stamp, **signals):
@@ -34,3 +36,51 @@ def test_error_frames_are_counted_and_others_told_apart():
     summary = onlooker.seen.summary()
     assert summary["error_frames"] == 1
     assert summary["frames"] == {"0x000000A0": 1, "Imu": 1}
+
+
+EPOCH = 1.8e9
+
+
+def test_differences_are_those_of_the_stamps():
+    """Frames 10 ms apart, taken in batches that come late by any amount."""
+    clock = BusClock(100.0)
+    stamps = [EPOCH + 0.01 * k for k in range(30)]
+    times = clock.instants(stamps[:5], 100.3)
+    times += clock.instants(stamps[5:6], 100.31)
+    times += clock.instants(stamps[6:], 100.9)
+    assert [b - a for a, b in pairwise(times)] == pytest.approx([0.01] * 29, abs=1e-6)
+
+
+def test_the_present_is_never_before_a_frame():
+    """The least delayed frame is taken for one of now; the others are that much older."""
+    clock = BusClock(0.0)
+    for k in range(1, 50):
+        now = 0.1 * k
+        (t,) = clock.instants([EPOCH + now - (0.02 if k % 3 else 0.08)], now)
+        assert t <= clock.now(now)
+        age = clock.now(now) - t
+        assert age == pytest.approx(0.0 if k % 3 else 0.06, abs=1e-3)
+
+
+def test_a_clock_that_runs_slower_does_not_fall_behind():
+    """Half of DRIFT over an hour: the age of the newest frame stays what it is."""
+    clock = BusClock(0.0)
+    for k in range(36_000):
+        now = 0.1 * k
+        (t,) = clock.instants([EPOCH + now * (1 - DRIFT / 2)], now)
+    assert clock.now(now) - t < 0.001
+
+
+def test_frames_without_a_stamp_are_of_now():
+    clock = BusClock(10.0)
+    assert clock.instants([0.0, 0.0], 10.5) == [0.5, 0.5]
+
+
+@pytest.mark.parametrize("leap", [-3600.0, 3600.0])
+def test_another_clock_goes_on_where_the_time_is(leap):
+    """A wall clock that is set, or the server of another machine."""
+    clock = BusClock(0.0)
+    clock.instants([EPOCH], 1.0)
+    clock.instants([EPOCH + 1.0], 2.0)
+    (t,) = clock.instants([EPOCH + leap], 3.0)
+    assert t == pytest.approx(3.0, abs=0.01)

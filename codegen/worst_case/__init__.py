@@ -1,0 +1,1 @@
+"""Sound upper bounds of time and stack, from the linked machine code of a Cortex-M."""

@@ -1,0 +1,136 @@
+"""Bounds of one tick and one received frame of the firmware, and the most that was ever seen."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+from codegen.proof.intervals import Value
+from codegen.run import cortex, memory_image, qemu
+from codegen.run.bus_firmware import BusFirmware, built_in
+from codegen.run.ecu_traffic import Traffic, disturbed, storm
+from codegen.run.qemu import CycleCosts
+from codegen.worst_case.cycles import Timing
+from codegen.worst_case.longest_path import Bound, LongestPath
+from codegen.worst_case.machine_code import Image, Section
+from codegen.worst_case.machine_state import Area, Promises, State
+from codegen.worst_case.transfer import Transfer
+from firmware.calibration import Calibration
+from firmware.subset import fields
+
+SIZES = {"i32": 4, "u8": 1}
+
+
+@dataclass(frozen=True, slots=True)
+class FirmwareBound:
+    """What the two functions that a circuit calls cost at most, on ``timing``."""
+
+    timing: Timing
+    tick: Bound
+    receive: Bound
+
+
+def state_areas(record: type, address: int) -> list[Area]:
+    """The cells of a state record at ``address`` with the ranges of its field table."""
+    layout = memory_image.dtype(record)
+    areas = []
+    for field in fields(record):
+        size, (_, offset) = SIZES[field.kind], layout.fields[field.name][:2]  # type: ignore[index]
+        count = 1
+        for n in field.shape:
+            count *= n
+        for k in range(count):
+            value = Value(field.f.lo, field.f.hi)
+            areas.append(Area(address + offset + size * k, size, value, field.f.volatile))
+    return areas
+
+
+def firmware_bound(
+    calibration: Calibration, timing: Timing, firmware: BusFirmware | None = None
+) -> FirmwareBound:
+    """Bound ``canroll_tick`` and ``canroll_receive`` of a linked image.
+
+    The calibration is constant, the ECU's record holds any state that its field table allows,
+    frames and missed ticks come as they like.
+
+    Args:
+        calibration: as the ECU runs it.
+        timing: processor, flash and multiplier.
+        firmware: that of a bus, by default the built-in one.
+
+    Raises:
+        CanrollError: code that cannot be bounded.
+    """
+    firmware = firmware or built_in()
+    image = Image(cortex.gcc_image(timing.cpu, firmware.files))
+    ecu, constants = image.address("ecu"), image.address("calibration")
+    image.constant.append(Section(constants, memory_image.image(calibration)))
+    areas = state_areas(firmware.record, ecu)
+    transfer = Transfer(
+        image, Promises(areas), (ecu, ecu + memory_image.dtype(firmware.record).itemsize)
+    )
+    analysis = LongestPath(image, transfer, timing)
+    start = State.start(STACK)
+    start.set(0, Value(ecu, ecu))
+    start.set(1, Value(constants, constants))
+    tick = analysis.bound("canroll_tick", start)
+    start.set(1, Value(-(1 << 31), (1 << 31) - 1))
+    receive = analysis.bound("canroll_receive", start)
+    return FirmwareBound(timing, tick, receive)
+
+
+STACK = 0x2000_4000
+"""Where the stack begins; any place apart from the records does."""
+
+
+@dataclass(frozen=True, slots=True)
+class Observed:
+    """The most of ``ticks`` replayed ticks by the same model; ``late`` of them followed a miss."""
+
+    cycles: int
+    stack: int
+    ticks: int
+    late: int
+
+
+def observe(
+    calibration: Calibration,
+    traffic: Traffic,
+    timing: Timing,
+    ticks: int,
+    *,
+    firmware: BusFirmware | None = None,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Observed:
+    """Replay ``traffic``, then hostile variants of it, until ``ticks`` have run in QEMU.
+
+    Frames are lost and spoiled, ticks missed; every second variant is a storm of both. A
+    figure above the bound would show that the bound is none.
+    """
+    firmware = firmware or built_in()
+    costs = cycle_costs(cortex.gcc_image(timing.cpu, firmware.files), timing)
+    cycles = stack = done = late = 0
+    for seed in count():
+        if done >= ticks:
+            return Observed(cycles, stack, done, late)
+        played = (storm if seed % 2 else disturbed)(traffic, seed) if seed else traffic
+        run = qemu.replay(calibration, played, timing.cpu, firmware=firmware, costs=costs)
+        assert run.cycles is not None
+        cycles, stack = max(cycles, int(run.cycles.max())), max(stack, run.stack)
+        late += int((played.elapsed > 1).sum())
+        done += played.ticks
+        progress(done)
+    raise AssertionError
+
+
+def cycle_costs(path: Path, timing: Timing) -> CycleCosts:
+    """The model's cycles of every instruction of an image, for a run on the emulator."""
+    image = Image(path)
+    cycles, branches = {}, set()
+    for address in list(image.functions):
+        for block in image.function(address).blocks.values():
+            for insn in block.instructions:
+                cycles[insn.address] = timing.cost(insn)
+            if len(block.next) == 2 and block.calls is None and not block.table:
+                branches.add(block.last.address)
+    return CycleCosts(cycles, frozenset(branches), timing.refill)
