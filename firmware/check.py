@@ -34,7 +34,7 @@ from firmware.state import (
     SAFE,
     Ecu,
 )
-from firmware.subset import clamp, i32, octet, word
+from firmware.subset import clamp, i32, octet, to_i32, to_u32, u32, word
 
 RULE_SCHEDULE = 501
 RULE_FADE = 502
@@ -49,23 +49,23 @@ RULE_MOTION = 510
 RULE_CRC = 511
 
 # what four bits leave of a CRC-32
-CRC32: tuple[i32, ...] = (
-    0,
-    498536548,
-    997073096,
-    651767980,
-    1994146192,
-    1802195444,
-    1303535960,
-    1342533948,
-    -306674912,
-    -267414716,
-    -690576408,
-    -882789492,
-    -1687895376,
-    -2032938284,
-    -1609899400,
-    -1111625188,
+CRC32: tuple[u32, ...] = (
+    0x00000000,
+    0x1DB71064,
+    0x3B6E20C8,
+    0x26D930AC,
+    0x76DC4190,
+    0x6B6B51F4,
+    0x4DB26158,
+    0x5005713C,
+    0xEDB88320,
+    0xF00F9344,
+    0xD6D6A3E8,
+    0xCB61B38C,
+    0x9B64C2B0,
+    0x86D3D2D4,
+    0xA00AE278,
+    0xBDBDF21C,
 )
 
 
@@ -78,10 +78,10 @@ def watch_calibration(ecu: Ecu, cal: Calibration) -> None:
     if ecu.calibration_word == CORRUPT:
         return
     at: i32 = clamp(ecu.calibration_word, 0, LAST_WORD - 1)
-    rest: i32 = (ecu.calibration_crc ^ -1) ^ word(cal, at)
+    rest: u32 = (to_u32(ecu.calibration_crc) ^ 0xFFFFFFFF) ^ to_u32(word(cal, at))
     for _ in range(8):
-        rest = ((rest >> 4) & 0x0FFFFFFF) ^ CRC32[rest & 15]
-    ecu.calibration_crc = rest ^ -1
+        rest = (rest >> 4) ^ CRC32[rest & 15]
+    ecu.calibration_crc = to_i32(rest ^ 0xFFFFFFFF)
     ecu.calibration_word = at + 1
     if at < LAST_WORD - 1:
         return

@@ -21,6 +21,10 @@ i64 = int
 """A signed 64-bit integer."""
 u8 = int
 """An unsigned 8-bit integer."""
+u16 = int
+"""An unsigned 16-bit integer: for tables and locals, records have none."""
+u32 = int
+"""An unsigned 32-bit integer: for tables and locals whose bits count, records have none."""
 
 BITS_31_MIN, BITS_31_MAX = -(2**30), 2**30 - 1
 I32_MIN, I32_MAX = -(2**31), 2**31 - 1
@@ -129,6 +133,16 @@ def tdiv(a: i64, b: i64) -> i64:
 def byte(v: i32) -> u8:
     """Return the low eight bits of ``v``."""
     return v & 255
+
+
+def to_u32(v: i32) -> u32:
+    """Return the 32 bits of ``v`` as an unsigned number."""
+    return v & 0xFFFFFFFF
+
+
+def to_i32(v: u32) -> i32:
+    """Return the number whose 32 bits are those of ``v``."""
+    return v - (1 << 32) if v >> 31 else v
 
 
 def narrow(v: i64) -> i32:

@@ -13,6 +13,9 @@ SOFTENED = ("hinf_delay", "hinf_nodelay", "hinf_event", "hinf", "smc")
 """Laws designed without hold and actuator: detuned until the sampled loop passes every check."""
 SOFTEST = 12
 
+WITH_SHARE = ("steering_lead",)
+"""Laws that are designed for a share of the roll moment."""
+
 PRINTED = ("hinf_delay", "hinf_nodelay", "hinf_event", "lqr", "hinf", "smc")
 """Laws whose papers print gains."""
 
@@ -36,6 +39,10 @@ def design(law: str, task: Task) -> Design:
         raise CanrollError(f"--gamma must be positive, got {task.gamma_target:g}")
     if task.gamma_target and law != "hinf_delay":
         raise CanrollError(f"--gamma applies to hinf_delay only: omit it for {law}")
+    if task.moment_share is not None and law not in WITH_SHARE:
+        raise CanrollError(
+            f"--moment-share applies to {', '.join(WITH_SHARE)} only: omit it for {law}"
+        )
     if not 0.001 <= task.tick <= 0.020:
         raise CanrollError(f"--tick must be 1 to 20 ms, got {1e3 * task.tick:g}")
     if not 0.0 <= task.delay.least <= task.delay.nominal <= task.delay.most:

@@ -4,7 +4,7 @@ import re
 import tomllib
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import get_type_hints
+from typing import get_args, get_type_hints
 
 import pytest
 
@@ -70,6 +70,7 @@ def keys_of(kind, prefix=""):
     """Yield the keys of a vehicle file that a dataclass stands for."""
     for field in fields(kind):
         hint = get_type_hints(kind)[field.name]
+        hint = next((part for part in get_args(hint) if is_dataclass(part)), hint)
         if is_dataclass(hint) and (hint is not Channel or field.name == "roll_rate"):
             yield from keys_of(hint, f"{prefix}{field.name}.")
         else:

@@ -107,6 +107,11 @@ def _inertia(vehicle: Vehicle) -> Iterator[str]:
             )
 
 
+def _kinematics(vehicle: Vehicle) -> Iterator[str]:
+    if vehicle.kinematics is not None and vehicle.kinematics.scrub > 1:
+        yield f"kinematics.scrub = {vehicle.kinematics.scrub:g}: a share is at most 1"
+
+
 def _consistency(vehicle: Vehicle) -> Iterator[str]:
     for key in ("roll_stiffness_front_share", "roll_damping_front_share", "high_speed_ratio"):
         value = getattr(vehicle.suspension, key)
@@ -146,4 +151,5 @@ def problems(vehicle: Vehicle) -> Iterator[str]:
     if not plant:
         yield from _inertia(vehicle)
     yield from _empty(vehicle)
+    yield from _kinematics(vehicle)
     yield from _consistency(vehicle)

@@ -9,7 +9,7 @@ from typing import Any, get_origin, get_type_hints
 
 from canroll.errors import CanrollError, UnknownNameError
 from vehicles.check import problems
-from vehicles.model import Empty, Vehicle
+from vehicles.model import Empty, Kinematics, Vehicle
 
 SCHEMA = 1
 """Version of the file format that this loader reads."""
@@ -27,6 +27,7 @@ _SECTIONS = (
     "actuators",
     "sensors",
 )
+_OPTIONAL = {"empty": Empty, "kinematics": Kinematics}
 
 
 def names() -> list[str]:
@@ -71,7 +72,7 @@ def from_table(table: Mapping[str, Any], *, name: str, where: str = "vehicle") -
     _keys(
         table,
         required={"schema", "title", "basis", "maneuvers", "sources", *_SECTIONS},
-        optional={"empty"},
+        optional=set(_OPTIONAL),
         where=where,
         section="",
     )
@@ -79,8 +80,9 @@ def from_table(table: Mapping[str, Any], *, name: str, where: str = "vehicle") -
         raise CanrollError(f"{where}: schema {table['schema']!r}, but this version reads {SCHEMA}")
     hints = get_type_hints(Vehicle)
     parts = {key: _record(hints[key], table[key], where, key) for key in _SECTIONS}
-    if "empty" in table:
-        parts["empty"] = _record(Empty, table["empty"], where, "empty")
+    for key, kind in _OPTIONAL.items():
+        if key in table:
+            parts[key] = _record(kind, table[key], where, key)
     maneuvers = _table(table["maneuvers"], where, "maneuvers")
     _keys(maneuvers, required={"lane_offset", "speed_kmh"}, where=where, section="maneuvers")
     speeds = _table(maneuvers["speed_kmh"], where, "maneuvers.speed_kmh")
@@ -101,7 +103,7 @@ def from_table(table: Mapping[str, Any], *, name: str, where: str = "vehicle") -
     )
     for problem in problems(vehicle):
         raise CanrollError(f"{where}: {problem}")
-    for section in (*_SECTIONS, "empty", "maneuvers"):
+    for section in (*_SECTIONS, *_OPTIONAL, "maneuvers"):
         for key in table.get(section, ()):
             if not vehicle.source(f"{section}.{key}"):
                 raise CanrollError(f"{where}: {section}.{key} has no source: name it in [sources]")

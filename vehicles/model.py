@@ -22,6 +22,7 @@ __all__ = [
     "ElectroHydraulicBars",
     "Empty",
     "Geometry",
+    "Kinematics",
     "Mass",
     "RollModel",
     "SemiActiveDampers",
@@ -126,6 +127,17 @@ class Empty:
 
 
 @dataclass(frozen=True, slots=True)
+class Kinematics:
+    """How the wheels move beyond straight up and down.
+
+    ``scrub`` is the share, up to 1, of the sideways motion of the contact patches that the roll
+    centres imply: 1 with rigid links, none where the file has no kinematics.
+    """
+
+    scrub: float
+
+
+@dataclass(frozen=True, slots=True)
 class Suspension:
     """Wheel rates and dampers; anti-roll bars take what the springs leave of the roll stiffness.
 
@@ -203,6 +215,7 @@ class Vehicle:
     ``lane_offset`` the lateral offset (m) of the double lane change. ``sources`` maps a section or
     ``section.key`` to where its numbers come from. ``file`` is where a user's own was read from.
     ``empty`` is the body without load, where the file has it; see :mod:`vehicles.unladen`.
+    ``kinematics`` likewise.
     """
 
     name: str
@@ -223,6 +236,7 @@ class Vehicle:
     sources: dict[str, str]
     file: str = ""
     empty: Empty | None = None
+    kinematics: Kinematics | None = None
 
     @property
     def reference(self) -> str:
@@ -244,13 +258,35 @@ class Vehicle:
         return moment / self.plant.sprung_mass
 
     @property
-    def sprung_cg_height(self) -> float:
-        """Height of the sprung CG above the road (m): roll axis there plus the plant's h."""
+    def roll_axis_height(self) -> float:
+        """Height of the roll axis above the road under the sprung CG (m)."""
         geometry = self.geometry
         ahead = geometry.cg_to_rear_axle + self.sprung_cg_offset
         slope = geometry.roll_centre_height_front - geometry.roll_centre_height_rear
-        roll_axis = geometry.roll_centre_height_rear + slope * ahead / geometry.wheelbase
-        return roll_axis + self.plant.cg_height_above_roll_axis
+        return geometry.roll_centre_height_rear + slope * ahead / geometry.wheelbase
+
+    @property
+    def scrub_arms(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Of front and rear axle, what its contact patches move sideways (m, to the left).
+
+        Per roll of the body and per roll of the axle (rad), relative to the roll axis under the
+        sprung CG: that lies h above the road, the axle's roll centre h_i, so h − h_i and h_i.
+        """
+        share = 0.0 if self.kinematics is None else self.kinematics.scrub
+        front, rear = (
+            self.geometry.roll_centre_height_front,
+            self.geometry.roll_centre_height_rear,
+        )
+        height = self.roll_axis_height
+        return (
+            (share * (height - front), share * front),
+            (share * (height - rear), share * rear),
+        )
+
+    @property
+    def sprung_cg_height(self) -> float:
+        """Height of the sprung CG above the road (m): roll axis there plus the plant's h."""
+        return self.roll_axis_height + self.plant.cg_height_above_roll_axis
 
     @property
     def cg_height(self) -> float:
@@ -258,6 +294,18 @@ class Vehicle:
         unsprung = self.mass.unsprung_front + self.mass.unsprung_rear
         moment = self.plant.sprung_mass * self.sprung_cg_height + unsprung * self.tyre.radius
         return moment / self.total_mass
+
+    def lateral_gain(self, speed: float) -> float:
+        """Steady lateral acceleration per road-wheel angle (m/s² per rad) at ``speed`` (m/s).
+
+        Linear bicycle: v² / (l + K_u v²) with the understeer gradient K_u of the tyres.
+        """
+        geometry, tyre = self.geometry, self.tyre
+        understeer = (self.total_mass / geometry.wheelbase) * (
+            geometry.cg_to_rear_axle / tyre.cornering_stiffness_front
+            - geometry.cg_to_front_axle / tyre.cornering_stiffness_rear
+        )
+        return speed**2 / (geometry.wheelbase + understeer * speed**2)
 
     @property
     def static_stability_factor(self) -> float:

@@ -160,7 +160,7 @@ class Emitter:
             yield f"{head};"
             return
         yield f"{head} = {{"
-        yield from _rows(constant.value)
+        yield from _rows(constant)
         yield "};"
 
     def _record(self, module: Module, record: Record) -> Iterator[str]:
@@ -271,13 +271,15 @@ def _described(meaning: str, unit: str, q: int) -> str:
     return f" /* {plain(', '.join(told))} */" if told else ""
 
 
-def _rows(value: object) -> Iterator[str]:
-    assert isinstance(value, tuple)
-    if isinstance(value[0], tuple):
-        for row in value:
-            yield f"    {{{', '.join(str(element) for element in row)}}},"
+def _rows(constant: Constant) -> Iterator[str]:
+    assert isinstance(constant.value, tuple)
+    suffix = "u" if constant.type.kind == "u32" else ""
+    if isinstance(constant.value[0], tuple):
+        for row in constant.value:
+            assert isinstance(row, tuple)
+            yield f"    {{{', '.join(f'{element}{suffix}' for element in row)}}},"
         return
-    texts = [str(element) for element in value]
-    row = min(16, (WIDTH - 4) // (max(map(len, texts)) + 2))
-    for start in range(0, len(texts), row):
-        yield f"    {', '.join(texts[start : start + row])},"
+    texts = [f"{element}{suffix}" for element in constant.value]
+    across = min(16, (WIDTH - 4) // (max(map(len, texts)) + 2))
+    for start in range(0, len(texts), across):
+        yield f"    {', '.join(texts[start : start + across])},"

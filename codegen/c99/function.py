@@ -170,7 +170,8 @@ class Body:
         value = self.seen[id(node)]
         result = self.operation(operator, before, operand, value)
         stored = self.stored(node, result, kind)
-        simple = operator in "+-*&|^" and kind != "u8" and not (kind == "i32" and result.wide)
+        whole = kind == "i64" or (kind == "i32" and not result.wide)
+        simple = operator in "+-*&|^" and whole
         if simple and operand.level <= PRIMARY + 5:
             if kind == "i64" and operator == "*":
                 operand = widened(operand)
@@ -267,7 +268,8 @@ class Body:
 
     def operation(self, operator: str, a: Expression, b: Expression, value: Value) -> Expression:
         """A binary operation; a left shift of what may be negative is a product."""
-        if operator == "<<" and (a.value.lo < 0 or not fits(value, "i32")):
+        unsigned_shift = a.kind == "u32" and fits(value, "u32")
+        if operator == "<<" and not unsigned_shift and (a.value.lo < 0 or not fits(value, "i32")):
             count = f"((int64_t)1 << {b.inside(PRIMARY)})"
             if a.kind == "literal" and a.value == Value(1, 1):
                 return Expression(count, PRIMARY, "i64", value)

@@ -1,6 +1,18 @@
 """The intrinsics as C: each in the narrowest form that its operands' intervals allow."""
 
-from codegen.c99.text import PRIMARY, Expression, as_byte, binary, converted, fits
+from dataclasses import replace
+
+from codegen.c99.text import (
+    PRIMARY,
+    Expression,
+    as_byte,
+    binary,
+    converted,
+    fits,
+    signed,
+    unsigned,
+    widened,
+)
 from codegen.proof.intervals import Value, shift_rounded
 from codegen.subset.program import BITS_31, KINDS
 
@@ -12,6 +24,11 @@ def intrinsic(name: str, a: list[Expression], bounds: list[str], seen: Value) ->
     """
     if name == "byte":
         return converted(a[0], "u8") if fits(a[0].value, "u8") else as_byte(a[0])
+    if name == "to_u32":
+        return replace(unsigned(a[0]), value=seen)
+    if name == "to_i32":
+        return Expression(f"canroll_to_i32({a[0].text})", PRIMARY, "i32", seen)
+    a = [widened(e) if e.kind == "u32" else signed(e) for e in a]
     if name == "narrow":
         return converted(a[0], "i32")
     if name == "tdiv":

@@ -7,7 +7,22 @@ from codegen.proof.intervals import Value
 from codegen.subset.program import KINDS
 
 WIDTH = 100
-C_TYPES = {"i32": "int32_t", "i64": "int64_t", "u8": "uint8_t"}
+C_TYPES = {
+    "i32": "int32_t",
+    "i64": "int64_t",
+    "u8": "uint8_t",
+    "u16": "uint16_t",
+    "u32": "uint32_t",
+}
+HELD = {
+    "literal": C_TYPES.keys() - {"u16", "u32"},
+    "u8": C_TYPES.keys(),
+    "u16": {"u16", "u32", "i32", "i64"},
+    "u32": {"u32", "i64"},
+    "i32": {"i32", "i64"},
+    "i64": {"i64"},
+}
+"""Types that hold a type's values without a cast."""
 PRIMARY, UNARY, PRODUCT, SUM, SHIFT, RELATION, EQUALITY, AND, XOR, OR, BOTH, EITHER = range(12)
 PRECEDENCE = {
     "*": PRODUCT,
@@ -150,6 +165,25 @@ static inline int64_t canroll_wide(int32_t v)
     return v;
 }
 
+/* The same where v has no sign. */
+static inline int64_t canroll_wide_u32(uint32_t v)
+{
+    return v;
+}
+
+/* v, which is known not to be negative, or its 32 bits. */
+static inline uint32_t canroll_to_u32(int32_t v)
+{
+    return (uint32_t)v;
+}
+
+/* The number that has the 32 bits of v. */
+static inline int32_t canroll_to_i32(uint32_t v)
+{
+    const uint32_t low = v & 0x7FFFFFFFu;
+    return (low == v) ? (int32_t)v : ((int32_t)low + INT32_MIN);
+}
+
 /* Make a record of so many bytes, whole words, zero. */
 static inline void canroll_clear(void *record, uint32_t bytes)
 {
@@ -239,6 +273,8 @@ def widened(e: Expression) -> Expression:
     """``e`` in 64 bits."""
     if e.wide:
         return e
+    if e.kind == "u32" and e.level > UNARY:
+        return Expression(f"canroll_wide_u32({e.text})", PRIMARY, "i64", e.value)
     if e.level > UNARY:
         return Expression(f"canroll_wide({e.text})", PRIMARY, "i64", e.value)
     return Expression(f"(int64_t){e.text}", UNARY, "i64", e.value)
@@ -246,38 +282,66 @@ def widened(e: Expression) -> Expression:
 
 def converted(e: Expression, kind: str) -> Expression:
     """``e``, which is known to fit ``kind``, with a cast where C would narrow."""
-    order = ("literal", "u8", "i32", "i64")
-    if order.index(e.kind) <= order.index(kind):
+    if kind == "u32":
+        return unsigned(e)
+    if kind in HELD[e.kind]:
         return e
     if kind == "u8" and e.level > UNARY:
         return as_byte(e)
+    if e.kind == "u32" and kind == "i32" and e.level > UNARY:
+        return Expression(f"canroll_to_i32({e.text})", PRIMARY, "i32", e.value)
+    if kind == "u16" and e.level > UNARY:
+        e = unsigned(e)
     return Expression(f"({C_TYPES[kind]}){e.inside(UNARY)}", UNARY, kind, e.value)
 
 
 def as_byte(e: Expression) -> Expression:
     """The low eight bits of ``e``."""
     value = e.value if fits(e.value, "u8") else Value(0, 255)
+    if e.kind == "u32":
+        return Expression(f"(uint8_t)({e.inside(UNARY)} & 255u)", UNARY, "u8", value)
     return Expression(f"canroll_byte{'64' if e.wide else ''}({e.text})", PRIMARY, "u8", value)
 
 
 def binary(operator: str, a: Expression, b: Expression, value: Value) -> Expression:
     """``a operator b`` computed in 32 bits where its value fits, else in 64."""
+    level = PRECEDENCE[operator]
+    if "u32" in (a.kind, b.kind):
+        if all(fits(each, "u32") for each in (a.value, b.value, value)):
+            return _joined(operator, unsigned(a), unsigned(b), "u32", value)
+        a, b = widened(a), widened(b)
     if not (a.wide or b.wide) and not fits(value, "i32"):
         a = widened(a)
-    level = PRECEDENCE[operator]
     if {a.kind, b.kind} != {"u8"} or level not in (RELATION, EQUALITY):
         a, b = signed(a), signed(b)
     kind = "i64" if a.wide or b.wide else "i32"
     if kind == "i64":
         a, b = (widened(e) if e.level > UNARY else e for e in (a, b))
+    return _joined(operator, a, b, kind, value)
+
+
+def _joined(operator: str, a: Expression, b: Expression, kind: str, value: Value) -> Expression:
+    """``a operator b`` as ``kind``, with brackets round operands that have operators too."""
+    level = PRECEDENCE[operator]
     chain = a.level == level and level not in (SHIFT, RELATION, EQUALITY)
     left = a.text if chain else a.inside(UNARY)
     return Expression(f"{left} {operator} {b.inside(UNARY)}", level, kind, value)
 
 
+def unsigned(e: Expression) -> Expression:
+    """``e``, which is known not to be negative and to fit, in 32 bits without a sign."""
+    if e.kind == "u32":
+        return e
+    if e.kind in ("literal", "i64") and e.text.removeprefix("INT64_C(").rstrip(")").isdigit():
+        return Expression(f"{e.value.lo}u", PRIMARY, "u32", e.value)
+    if e.level > UNARY and not e.wide:
+        return Expression(f"canroll_to_u32({e.text})", PRIMARY, "u32", e.value)
+    return Expression(f"(uint32_t){e.inside(UNARY)}", UNARY, "u32", e.value)
+
+
 def signed(e: Expression) -> Expression:
     """An operand of operations on signed integers."""
-    if e.kind != "u8":
+    if e.kind not in ("u8", "u16"):
         return e
     return Expression(f"(int32_t){e.inside(UNARY)}", UNARY, "i32", e.value)
 

@@ -29,7 +29,7 @@ from typing import Annotated
 from firmware import e2e
 from firmware.calibration import Calibration
 from firmware.state import Ecu
-from firmware.subset import byte, i32, u8
+from firmware.subset import {types}
 '''
 CHECKED = "ecu: Ecu, cal: Calibration, message: i32, slot: i32"
 WRITTEN_OUT = 8
@@ -67,7 +67,9 @@ def generate(dbc: Path = DBC, map_file: Path = MAP) -> str:
     found = (*bus.received, *bus.transmitted)
     alike = dict.fromkeys(_alike(box.protection) for box in found if box.protection)
     schemes = [Scheme(number, its) for number, its in enumerate(alike)]
-    lines = [HEADER.format(names=dbc.name), *_tables(bus, schemes)]
+    unsigned = ", u16, u32" if any(_of_16_bits(scheme) for scheme in schemes) else ""
+    header = HEADER.format(names=dbc.name, types=f"byte, i32, u8{unsigned}")
+    lines = [header, *_tables(bus, schemes)]
     for scheme in schemes:
         lines += ["", "", *_checksum(scheme)] if scheme.its.checksum else []
         if any(_has(box, scheme) for box in bus.received):
@@ -80,6 +82,10 @@ def generate(dbc: Path = DBC, map_file: Path = MAP) -> str:
 
 def _alike(its: Protection) -> Protection:
     return replace(its, identity=0) if isinstance(its.identity, int) else its
+
+
+def _of_16_bits(scheme: Scheme) -> bool:
+    return scheme.its.checksum is not None and scheme.its.checksum.method == "crc16"
 
 
 def _has(box: Mailbox, scheme: Scheme) -> bool:
@@ -101,9 +107,11 @@ def _tables(bus: BusMap, schemes: Sequence[Scheme]) -> Iterator[str]:
     yield "# fmt: off"
     for polynomial in sorted(polynomials):
         yield from _table(f"CRC8_{polynomial:02X}", "u8", crc_table(polynomial, 8))
-    if any(s.its.checksum and s.its.checksum.method == "crc16" for s in schemes):
-        # by half a byte: what sixteen values leave of the first four bits
-        yield from _table("CRC16", "i32", crc_table(CCITT, 16)[:16])
+    of_16_bits = [scheme for scheme in schemes if _of_16_bits(scheme)]
+    if of_16_bits:
+        # by half a byte in short frames: what sixteen values leave of the first four bits
+        entries = 256 if any(s.its.length > WRITTEN_OUT for s in of_16_bits) else 16
+        yield from _table("CRC16", "u16", crc_table(CCITT, 16)[:entries])
     for scheme in schemes:
         if isinstance(scheme.its.identity, tuple):
             yield from _table(f"IDENTITIES_{scheme.number}", "u8", scheme.its.identity)
@@ -183,7 +191,7 @@ def _run(checksum: Checksum, steps: Sequence[str]) -> Iterator[str]:
         yield "    return value"
         return
     if checksum.method == "crc16":
-        yield f"    crc: i32 = {checksum.start}"
+        yield f"    crc: u32 = {checksum.start}"
         for step in steps:
             for part in (f"({step} >> 4)", f"({step} & 15)"):
                 yield f"    crc = CRC16[(crc >> 12) ^ {part}] ^ ((crc & 4095) << 4)"
@@ -208,12 +216,10 @@ def _looped(
         "sum": ["value = (value + {}) & 255"],
         "xor": ["value = value ^ {}"],
         "crc8": [f"value = {name}[value ^ {{}}]"],
-        "crc16": [
-            f"value = CRC16[(value >> 12) ^ ({{}} {part})] ^ ((value & 4095) << 4)"
-            for part in (">> 4", "& 15")
-        ],
+        "crc16": ["value = CRC16[(value >> 8) ^ {}] ^ ((value & 255) << 8)"],
     }[checksum.method]
-    yield f"    value: i32 = {checksum.start}"
+    kind = "u32" if checksum.method == "crc16" else "i32"
+    yield f"    value: {kind} = {checksum.start}"
     yield from (f"    {step.format(byte)}" for byte in first for step in steps)
     for bytes_of in covered:
         if bytes_of:

@@ -167,6 +167,12 @@ class Expressions(Memory):
         if name == "tdiv":
             self._oblige(node, not a[1].lo <= 0 <= a[1].hi, "divides by zero", a[1])
             return self._checked(node, iv.divide(*a))
+        if name == "to_u32":
+            self._oblige(node, a[0].within(*KINDS["i32"]), "does not fit i32", a[0])
+            return a[0] if a[0].lo >= 0 else Value(*KINDS["u32"])
+        if name == "to_i32":
+            self._oblige(node, a[0].within(*KINDS["u32"]), "does not fit u32", a[0])
+            return a[0] if a[0].within(*KINDS["i32"]) else Value(*KINDS["i32"])
         if name == "byte":
             return Value(a[0].lo, a[0].hi) if a[0].within(0, 255) else Value(0, 255)
         self._oblige(node, a[0].within(*KINDS["i32"]), "does not fit i32", a[0])

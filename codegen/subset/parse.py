@@ -159,7 +159,7 @@ def _element(program: Program, module: Module, node: ast.expr) -> str:
     while isinstance(node, ast.Subscript):
         node = node.slice.elts[0] if isinstance(node.slice, ast.Tuple) else node.slice
     if not isinstance(node, ast.Name) or node.id not in KINDS:
-        raise SubsetError(module.path, node, "a type is i32, i64, u8, a record or an array of them")
+        raise SubsetError(module.path, node, "a type is i32, i64, u8, u16, u32, a record or array")
     return node.id
 
 
@@ -181,7 +181,7 @@ def parse_type(program: Program, module: Module, node: ast.expr) -> Type:
             raise SubsetError(module.path, node, f"{depth} sizes are needed after the array type")
         shape = tuple(size for size in sizes if isinstance(size, int))
         return Type(_element(program, module, inner[0]), shape)
-    rule = f"'{ast.unparse(node)}' is no type: i32, i64, u8, a record, Annotated[list[i32], n]"
+    rule = f"'{ast.unparse(node)}' is no type: i32, u8, …, a record, Annotated[list[i32], n]"
     raise SubsetError(module.path, node, rule)
 
 

@@ -14,10 +14,16 @@ from canroll.errors import CanrollError
 FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 PACKAGE = "firmware"
 RUNTIME = "subset"
-KINDS = {"i32": (-(2**31), 2**31 - 1), "i64": (-(2**63), 2**63 - 1), "u8": (0, 255)}
+KINDS = {
+    "i32": (-(2**31), 2**31 - 1),
+    "i64": (-(2**63), 2**63 - 1),
+    "u8": (0, 255),
+    "u16": (0, 2**16 - 1),
+    "u32": (0, 2**32 - 1),
+}
 INTRINSICS = {"sat32": 1, "sat31": 1, "scaled": 2, "clamp": 3, "rsh": 2, "tdiv": 2}
 INTRINSICS |= {"byte": 1, "narrow": 1, "word": 2, "octet": 2}
-INTRINSICS |= {"clear": 1}
+INTRINSICS |= {"to_i32": 1, "to_u32": 1, "clear": 1}
 MEMORY = {"word": "i32", "octet": "u8"}
 """Intrinsics that read a record as an array, and of what."""
 BITS_31 = (-(2**30), 2**30 - 1)
@@ -44,7 +50,7 @@ class SubsetError(CanrollError):
 class Type:
     """What a parameter, a local, a field or a result is; ``shape`` () for a scalar.
 
-    ``kind`` is i32, i64 or u8, or "record" with ``record`` its class.
+    ``kind`` is i32, i64, u8, u16 or u32, or "record" with ``record`` its class.
     """
 
     kind: str

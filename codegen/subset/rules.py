@@ -81,7 +81,7 @@ class _Checker(ExpressionRules):
 
     def declaration(self, node: ast.AnnAssign) -> None:
         if not isinstance(node.target, ast.Name) or ast.unparse(node.annotation) not in KINDS:
-            raise self.refuse(node, "a local is declared as name: i32, i64 or u8 = value")
+            raise self.refuse(node, "a local is declared as name: i32 (i64, u8, u16, u32) = value")
         if node.value is None:
             raise self.refuse(node, f"{node.target.id} needs a value where it is declared")
         name = node.target.id

@@ -149,6 +149,6 @@ def _warnings(task: Task, solution: Solution, report: dict[str, float]) -> tuple
     if task.delay.most >= largest:
         lines.append(
             f"the delay of {1e3 * task.delay.most:.0f} ms exceeds the {1e3 * largest:.0f} ms that "
-            f"this design allows: expect a limit cycle; choose --law lqg_delay"
+            f"this design allows: expect a limit cycle; choose --law steering_lead"
         )
     return tuple(lines)

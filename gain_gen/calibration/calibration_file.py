@@ -90,8 +90,8 @@ class LoadedCalibration:
             return ""
         return (
             f"the delay of {1e3 * delay:.0f} ms exceeds the {1e3 * self.max_delay:.0f} ms that "
-            f"{self.law} for {self.vehicle} allows: expect a limit cycle; choose --law lqg_delay "
-            f"or design for the delay"
+            f"{self.law} for {self.vehicle} allows: expect a limit cycle; choose "
+            f"--law steering_lead or design for the delay"
         )
 
 

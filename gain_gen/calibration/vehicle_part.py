@@ -168,19 +168,6 @@ def _limits(task: Task, share: float) -> dict[str, Value]:
     }
 
 
-def steering_gain(vehicle: Vehicle, speed: float) -> float:
-    """Return the steady lateral acceleration per steering-wheel angle, m/s² per rad.
-
-    Linear bicycle: a_y / δ = v² / (l + K_u v²) with the understeer gradient of the tyres.
-    """
-    geometry, tyre = vehicle.geometry, vehicle.tyre
-    understeer = (vehicle.total_mass / geometry.wheelbase) * (
-        geometry.cg_to_rear_axle / tyre.cornering_stiffness_front
-        - geometry.cg_to_front_axle / tyre.cornering_stiffness_rear
-    )
-    return speed**2 / (geometry.wheelbase + understeer * speed**2) / vehicle.steering.ratio
-
-
 def _schedule(vehicle: Vehicle, share: float) -> dict[str, Value]:
     """Speed schedule: full gain at all speeds, the steering's lateral acceleration, fading."""
     points = fw.N_POINTS
@@ -191,7 +178,7 @@ def _schedule(vehicle: Vehicle, share: float) -> dict[str, Value]:
         "schedule_front_share": [_q(share, fw.Q_UNIT)] * points,
         "schedule_steering": [
             quantise(
-                steering_gain(vehicle, speed),
+                vehicle.lateral_gain(speed) / vehicle.steering.ratio,
                 20,
                 -fw.STATE_MAX,
                 fw.STATE_MAX,

@@ -14,6 +14,7 @@ LAWS: "Registry[Callable[[Task], Solution]]" = Registry(
     "law",
     "canroll.laws",
     {
+        "steering_lead": "gain_gen.laws.steering_lead:design_steering_lead",
         "lqg_delay": "gain_gen.laws.state_feedback:design_lqg_delay",
         "hinf_delay": "gain_gen.laws.hinf_delay:design_hinf_delay",
         "hinf_nodelay": "gain_gen.laws.roll_rate_feedback:design_hinf_nodelay",

@@ -11,6 +11,8 @@ from vehicles import GRAVITY
 
 INPUTS = ("roll_rate", "lateral_acceleration", "roll", "delivered_moment")
 Y_RATE, Y_LATERAL, Y_ROLL, Y_MOMENT = range(4)
+S_ROLL, S_RATE, S_LATERAL, S_STEERING = range(4)
+"""Inputs of a compensator."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +67,11 @@ class Controller:
         if self.compensator is not None:
             return bool(np.any(self.compensator.b[:, 0]) or np.any(self.compensator.d[:, 0]))
         return self.output_gain is None or bool(self.output_gain[Y_ROLL])
+
+    @property
+    def commands_axles(self) -> bool:
+        """Whether there is a command for each axle: one moment otherwise."""
+        return self.compensator is not None and len(self.compensator.c) > 1
 
     @property
     def order(self) -> int:

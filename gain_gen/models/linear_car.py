@@ -12,6 +12,11 @@ over the relaxation length, at constant speed, about straight running or a stead
 for axle i with track t_i, roll-centre height h_i, unsprung mass m_i, sprung load W_i and its share
 s_i of the moment M. Signs as everywhere: roll > 0 lifts the left side, steering > 0 is left. Active
 suspension and active bars are the same here: one moment on the body, its reaction on the wheels.
+With ``kinematics.scrub`` s the slip angles and the moment on the body have two terms more,
+
+    σ/v α_i' = … − s ((h_a − h_i) φ' + h_i ψ_i')/v,     I φ'' = … + Σ s (h_a − h_i) (F_i − m_i ΣF/m)
+
+h_a being the height of the roll axis under the sprung CG.
 """
 
 from dataclasses import dataclass
@@ -118,6 +123,8 @@ def linear_car(
         )
     lateral = forces[0] + forces[1]
     body = torques[0] + torques[1] + arm * GRAVITY * unit[_ROLL] + unit[_DISTURBANCE]
+    for i, (by_roll, _) in enumerate(vehicle.scrub_arms):
+        body = body + by_roll * (forces[i] - unsprung[i] * lateral / total)
     determinant = total * plant.roll_inertia - arm**2
     roll_acceleration = (total * body + arm * lateral) / determinant
 
@@ -133,7 +140,10 @@ def linear_car(
         moment = centres[i] * at_centre + tyre.radius * at_hub - torques[i] - road[i]
         rows[_TILT + i] = unit[_TILT_RATE + i]
         rows[_TILT_RATE + i] = moment / (unsprung[i] * tracks[i] ** 2)
-        steady = -(unit[_VY] + distances[i] * unit[_YAW]) / speed
+        by_roll, by_tilt = vehicle.scrub_arms[i]
+        aside = unit[_VY] + distances[i] * unit[_YAW]
+        aside = aside + by_roll * unit[_ROLL_RATE] + by_tilt * unit[_TILT_RATE + i]
+        steady = -aside / speed
         steady = steady + unit[_STEER] if i == 0 else steady
         rows[_SLIP + i] = speed / tyre.relaxation_length * (steady - unit[_SLIP + i])
 

@@ -63,6 +63,7 @@ class Task:
         order: order of a reduced compensator.
         gamma_target: H∞ level that must be certified, or zero for the least.
         softness: number of steps by which a delay-unaware law is detuned.
+        moment_share: RMS moment over the RMS of the roll moment m h a_y, or None: the law's own.
     """
 
     vehicle: Vehicle
@@ -78,6 +79,7 @@ class Task:
     order: int = 4
     gamma_target: float = 0.0
     softness: int = 0
+    moment_share: float | None = None
 
     @property
     def lag(self) -> float:

@@ -164,11 +164,13 @@ def ecu(parser: argparse.ArgumentParser) -> None:
     add_choices(parser, ("calibration", "backend"))
     parser.add_argument("--duration", type=float, metavar="S", help="default: until stopped")
     add_loop_options(parser)
+    phase = CHOICES["phase_ms"]
     parser.add_argument(
-        "--phase",
-        type=phase_option,
+        phase.option,
+        dest=phase.name,
+        type=lambda text: FREE if text == FREE else phase.read(text),
         metavar="MS",
-        help="delay of the ticks after the Imu frames, 'free': by the ECU's clock "
+        help="time from the earliest arrival of an Imu frame to a tick, 'free': by the ECU's clock "
         f"(default: {DEFAULT_PHASE_MS:g})",
     )
     parser.add_argument("--trace", type=Path, metavar="FILE", help="write the trace of all ticks")
@@ -186,7 +188,7 @@ def plant(parser: argparse.ArgumentParser) -> None:
         default="127.0.0.1:29536",
         help="without -i: address of the plant's bus, for -i socketcand (default: %(default)s)",
     )
-    add_choices(parser, (*WORLD, "duration"))
+    add_choices(parser, (*WORLD, "phase_ms", "duration"))
     parser.add_argument(
         "--command",
         dest="command_message",
@@ -205,12 +207,6 @@ def plant(parser: argparse.ArgumentParser) -> None:
     )
     add_loop_options(parser)
     add_prepare_option(parser)
-    parser.add_argument(
-        "--phase",
-        type=float,
-        metavar="MS",
-        help="lock step: delay of the ticks after the Imu frames (default: as in virtual time)",
-    )
     add_recording(parser)
     parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
 
@@ -236,11 +232,6 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
         "(default: {realtime:g}, in lock step {lockstep:g})".format(**PEER_TIMEOUT),
     )
     parser.add_argument("--cpu", type=int, metavar="N", help="core to run on")
-
-
-def phase_option(text: str) -> float | str:
-    """Return ``--phase``: a number of ms or "free"."""
-    return text if text == FREE else float(text)
 
 
 def add_prepare_option(parser: argparse.ArgumentParser) -> None:

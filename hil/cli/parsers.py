@@ -30,7 +30,7 @@ DEFAULT_DRAWS = 100
 KINDS = ("laws", "vehicles", "scenarios", "buses", "bodies")
 OF_A_DESIGN = (
     *("vehicle", "law", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
-    *("gains", "feedforward", "identification", "offset_learning", "bus"),
+    *("gains", "moment_share", "feedforward", "identification", "offset_learning", "bus"),
 )
 OF_A_DRIVE = ("plant", "speed_kmh", "options")
 """Choices of the runs in which laws are compared."""

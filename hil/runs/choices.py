@@ -130,7 +130,7 @@ class Choices(TypedDict, total=False):
             option="--law",
             help="control law",
             of=CONTROLLER,
-            default="lqg_delay",
+            default="steering_lead",
             values=lambda: (*LAWS, PASSIVE),
             extensible=True,
             frozen_in_calibration=True,
@@ -276,6 +276,19 @@ class Choices(TypedDict, total=False):
             of=CONTROLLER,
             default="computed",
             values=lambda: GAINS,
+            frozen_in_calibration=True,
+            saved=False,
+        ),
+    ]
+    moment_share: Annotated[
+        float | None,
+        Choice(
+            option="--moment-share",
+            help="RMS moment over the RMS of the roll moment m h a_y; of steering_lead, by "
+            "default 0.8",
+            of=CONTROLLER,
+            low=TINY,
+            high=1.5,
             frozen_in_calibration=True,
             saved=False,
         ),

@@ -13,7 +13,7 @@ from firmware import calibration as fw
 from firmware.calibration import Calibration
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.freeze import calibrate
-from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options, law_kind
+from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options
 from gain_gen.design import design
 from gain_gen.models.task import Delay, Design, Task
 from hil.runs.choices import PASSIVE, check, chosen
@@ -103,6 +103,7 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
         observer=chosen(choices, "observer"),
         gains=chosen(choices, "gains"),
         feedforward=chosen(choices, "feedforward"),
+        moment_share=choices.get("moment_share"),
     )
 
 
@@ -130,7 +131,7 @@ def _designed(choices: Mapping[str, Any]) -> Controller:
     law = chosen(choices, "law")
     task, options = task_of(choices), options_of(choices)
     answer = _design(LAW_OF_PASSIVE if law == PASSIVE else law, task)
-    if task.actuator == "valves" and law_kind(answer) != "dynamic":
+    if task.actuator == "valves" and not answer.controller.commands_axles:
         # a moment law drives the bars' own torque loop, for a current is the rate of a moment
         answer = replace(answer, task=replace(task, actuator="bars"))
     record, tables = calibrate(answer, options)

@@ -3,7 +3,9 @@
 [m, −m_s h; −m_s h, I_x + m_s h²] [a; φ''] =
     [ΣF_y − m g sin η; Σ y F + m_s g h (sin φ cos η + sin η)],  a = v_y' + v_x r,
 with h the sprung CG above the roll axis and η the road bank. Each axle passes the rest of its
-lateral force at its roll centre. Tyres: :mod:`plant_sim.bodies.tyre`, with the lateral slip relaxed
+lateral force at its roll centre. Where the vehicle's file says so, the contact patches move
+sideways with body and axle as that roll centre has it, and the forces turn the body by the same
+arms. Tyres: :mod:`plant_sim.bodies.tyre`, with the lateral slip relaxed
 over a length and taken at the contact patch. Wheels lift off; two wheels held off, or a large roll
 angle, end the run as a rollover.
 """
@@ -39,6 +41,8 @@ from plant_sim.bodies.parameters import (
     P_ROLL_CENTRE,
     P_ROLL_INERTIA,
     P_ROLLING,
+    P_SCRUB_ROLL,
+    P_SCRUB_TILT,
     P_SHAPE,
     P_SLIP_STIFFNESS,
     P_SPIN_INERTIA,
@@ -128,7 +132,12 @@ def evaluate(state: Vector, inputs: Vector, p: Vector, rate: Vector, results: Ve
 
         turn = steer if axle == 0 else 0.0
         c, s = cos(turn), sin(turn)
-        ahead, aside = vx - y * yaw_rate, vy + p[P_DISTANCE + axle] * yaw_rate
+        tilt_rate = (state[HOP_RATE + 2 * axle] - state[HOP_RATE + 2 * axle + 1]) / (
+            2.0 * p[P_TRACK + axle]
+        )
+        ahead = vx - y * yaw_rate
+        aside = vy + p[P_DISTANCE + axle] * yaw_rate
+        aside += p[P_SCRUB_ROLL + axle] * state[ROLL_RATE] + p[P_SCRUB_TILT + axle] * tilt_rate
         along, across = c * ahead + s * aside, c * aside - s * ahead
         reference = max(abs(along), SLOWEST)
         spin = state[SPIN + wheel]
@@ -183,6 +192,7 @@ def evaluate(state: Vector, inputs: Vector, p: Vector, rate: Vector, results: Ve
             * p[P_ROLL_CENTRE + axle]
             + 2.0 * unsprung * (pushed_y + GRAVITY * tilt) * radius
         ) / (2.0 * track)
+        body_roll += p[P_SCRUB_ROLL + axle] * (axle_force - 2.0 * unsprung * pushed_y)
         shift = 2.0 * unsprung * pushed_x * radius / (p[P_DISTANCE] - p[P_DISTANCE + 1])
         shift = -0.5 * shift if axle == 0 else 0.5 * shift
         for side in range(2):

@@ -47,8 +47,10 @@ from vehicles.roll_stiffness import axle_roll_shares, suspension_roll_stiffness
     P_BUMP,
     P_REBOUND,
     P_CORNERING,
-) = range(24, 48, 2)
-N_PARAMETERS = 48
+    P_SCRUB_ROLL,
+    P_SCRUB_TILT,
+) = range(24, 52, 2)
+N_PARAMETERS = 52
 
 
 def build_parameters(vehicle: Vehicle) -> Vector:
@@ -95,6 +97,8 @@ def build_parameters(vehicle: Vehicle) -> Vector:
         geometry.roll_centre_height_front,
         geometry.roll_centre_height_rear,
     )
+    for axle, (roll, tilt) in enumerate(vehicle.scrub_arms):
+        p[P_SCRUB_ROLL + axle], p[P_SCRUB_TILT + axle] = roll, tilt
     p[P_SPRING : P_SPRING + 2] = suspension.spring_rate_front, suspension.spring_rate_rear
     p[P_CORNERING : P_CORNERING + 2] = (
         tyre.cornering_stiffness_front / 2,

@@ -37,6 +37,7 @@ HEAD = '''
 """Sample."""
 from typing import Annotated
 from firmware.state import N, MASK, Calibration, Ecu
+from firmware.subset import to_i32, to_u32, u16, u32
 from firmware.subset import I32_MAX, byte, clamp, clear, i32, i64, narrow, octet, rsh, sat31, sat32
 from firmware.subset import scaled, tdiv, u8, word
 

@@ -1,6 +1,7 @@
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import vehicles
@@ -35,6 +36,31 @@ def test_real_van_is_plausible():
     assert 5.0 <= van.design.roll_gradient_deg_per_g <= 6.0
     assert 1.0 < van.static_stability_factor < 1.2
     assert van.design == van.plant
+
+
+def test_kinematics_are_optional_and_checked():
+    with_scrub = table() | {"kinematics": {"scrub": 1.0}}
+    with_scrub["sources"] = with_scrub["sources"] | {"kinematics": "rigid links"}
+    van = vehicles.load("van_real")
+    assert van.scrub_arms == ((0.0, 0.0), (0.0, 0.0))
+    (front, front_tilt), (rear, rear_tilt) = vehicles.from_table(with_scrub, name="v").scrub_arms
+    geometry = van.geometry
+    assert (front_tilt, rear_tilt) == (
+        geometry.roll_centre_height_front,
+        geometry.roll_centre_height_rear,
+    )
+    assert front + front_tilt == pytest.approx(van.roll_axis_height)
+    assert rear + rear_tilt == pytest.approx(van.roll_axis_height)
+    for wrong, message in (
+        ({"scrub": 1.5}, "kinematics.scrub = 1.5: a share is at most 1"),
+        ({"scrub": -1.0}, "kinematics.scrub = -1: must not be negative"),
+        ({"scrubb": 1.0}, "unknown key 'scrubb', did you mean 'scrub'"),
+    ):
+        with pytest.raises(CanrollError, match=message):
+            vehicles.from_table(with_scrub | {"kinematics": wrong}, name="v")
+    unsourced = table() | {"kinematics": {"scrub": 1.0}}
+    with pytest.raises(CanrollError, match="has no source: name it"):
+        vehicles.from_table(unsourced, name="v")
 
 
 def test_unknown_vehicle_suggests_the_nearest():
@@ -107,3 +133,21 @@ def test_printed_full_car_inertia_is_refused():
     changed["mass"] |= {"pitch_inertia": 720.0, "yaw_inertia": 4520.0}
     with pytest.raises(CanrollError, match="no rigid body has a yaw moment"):
         vehicles.from_table(changed, name="x")
+
+
+def test_lateral_gain_is_that_of_the_steady_turn():
+    """Against the ratio a_y / δ of the bicycle's steady equations solved as a linear system."""
+    vehicle = vehicles.load("van_real")
+    geometry, tyre, speed = vehicle.geometry, vehicle.tyre, 20.0
+    front, rear = tyre.cornering_stiffness_front, tyre.cornering_stiffness_rear
+    lf, lr, mass = geometry.cg_to_front_axle, geometry.cg_to_rear_axle, vehicle.total_mass
+    # unknowns: sideslip, yaw rate; steady lateral and yaw balance at δ = 1
+    matrix = np.array(
+        [
+            [-(front + rear), -(front * lf - rear * lr) / speed - mass * speed],
+            [-(front * lf - rear * lr), -(front * lf**2 + rear * lr**2) / speed],
+        ]
+    )
+    _, yaw_rate = np.linalg.solve(matrix, -np.array([front, front * lf]))
+    expected = speed * yaw_rate
+    assert vehicle.lateral_gain(speed) == pytest.approx(expected, rel=1e-9)

@@ -252,3 +252,38 @@ def test_a_chain_of_conditions_ends_in_an_else(sample):
     text += "    elif ecu.x[0] == 2:\n        k = 2\n    return k\n"
     c = emit.emit("sample", sample.write(text))["canroll_sample.c"]
     assert "        k = 2;\n    } else {\n        /* nothing to do */\n    }\n" in c
+
+
+def unsigned(sample, body, tables=""):
+    text = f"{tables}def run(ecu: Ecu) -> i32:\n    {body}"
+    return emit.emit("sample", sample.write(text))["canroll_sample.c"]
+
+
+def test_bits_of_unsigned_values_are_taken_without_a_sign(sample):
+    table = "T: tuple[u32, ...] = (0, 0xEDB88320)\nS: tuple[u16, ...] = (0, 65535)\n\n\n"
+    body = "r: u32 = to_u32(ecu.x[0]) ^ 0xFFFFFFFF\n    r = (r >> 4) ^ T[r & 1]\n"
+    body += "    h: u16 = S[r & 1]\n    r = r ^ h\n    return to_i32(r)\n"
+    c = unsigned(sample, body, table)
+    assert "uint32_t r = (uint32_t)ecu->x[0] ^ 4294967295u;" in c
+    assert "r = (r >> 4u) ^ canroll_sample_t[r & 1u];" in c
+    assert "0u, 3988292384u," in c
+    assert "static const uint16_t canroll_sample_s[2] = {" in c
+    assert "r = r ^ (uint32_t)h;" in c
+    assert "return canroll_to_i32(r);" in c
+
+
+def test_an_unsigned_value_that_meets_a_sign_is_computed_in_64_bits(sample):
+    c = unsigned(sample, "r: u32 = to_u32(ecu.x[0])\n    return clamp(r - ecu.x[1], 0, 9)\n")
+    assert "canroll_clamp((int64_t)r - (int64_t)ecu->x[1], 0, 9)" in c
+    c = unsigned(
+        sample, "r: u32 = to_u32(ecu.x[0])\n    if r < ecu.x[1]:\n        return 1\n    return 0\n"
+    )
+    assert "if ((int64_t)r < (int64_t)ecu->x[1]) {" in c
+
+
+@pytest.mark.parametrize(
+    "body", ["r: u32 = ecu.x[0]\n    return 0\n", "r: u16 = ecu.count * 1000\n    return 0\n"]
+)
+def test_what_may_not_fit_an_unsigned_type_is_refused(sample, body):
+    with pytest.raises(SubsetError, match=r"may not fit u(16|32): use clamp"):
+        unsigned(sample, body)

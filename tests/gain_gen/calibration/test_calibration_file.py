@@ -24,7 +24,7 @@ from gain_gen.calibration.quantise import Options
 from gain_gen.calibration.record import fill, flatten, identify, packed
 from gain_gen.calibration.rounding_error import integer_loop, manoeuvre_error, measured
 from gain_gen.calibration.rows import quantise, quantise_row
-from gain_gen.calibration.vehicle_part import damper_knee, moment_limit, steering_gain
+from gain_gen.calibration.vehicle_part import damper_knee, moment_limit
 from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.margin_report import margin_report
@@ -276,24 +276,6 @@ def test_damper_knee_is_where_the_curve_bends():
     assert damper_knee(dampers, dampers.soft_force)[:2] == pytest.approx((0.3, 1200.0))
 
 
-def test_steering_gain_is_that_of_the_steady_turn():
-    """Against the ratio a_y / δ of the bicycle's steady equations solved as a linear system."""
-    vehicle = load("van_real")
-    geometry, tyre, speed = vehicle.geometry, vehicle.tyre, 20.0
-    front, rear = tyre.cornering_stiffness_front, tyre.cornering_stiffness_rear
-    lf, lr, mass = geometry.cg_to_front_axle, geometry.cg_to_rear_axle, vehicle.total_mass
-    # unknowns: sideslip, yaw rate; steady lateral and yaw balance at δ = 1
-    matrix = np.array(
-        [
-            [-(front + rear), -(front * lf - rear * lr) / speed - mass * speed],
-            [-(front * lf - rear * lr), -(front * lf**2 + rear * lr**2) / speed],
-        ]
-    )
-    _, yaw_rate = np.linalg.solve(matrix, -np.array([front, front * lf]))
-    expected = speed * yaw_rate / vehicle.steering.ratio
-    assert steering_gain(vehicle, speed) == pytest.approx(expected, rel=1e-9)
-
-
 def test_unknown_names_and_impossible_numbers():
     with pytest.raises(UnknownNameError, match="did you mean 'lqg_delay'"):
         design("lqg_dely", task())
@@ -414,9 +396,9 @@ def test_command_line_says_what_is_wrong(tmp_path, capsys):
         (["design", "--vehicle", str(tmp_path / "empty.toml")], 2, "empty file"),
         (["design", "--runs", "3"], 2, "belongs to --compare"),
         (["design", "--runs", "3"], 2, "belongs to --compare"),
-        (["design", "--gamma", "1.4"], 2, "omit it for lqg_delay"),
+        (["design", "--gamma", "1.4"], 2, "omit it for steering_lead"),
         (["design", "--law", "hinf_delay", "--gamma", "-1"], 2, "must be positive"),
-        (["design", "--gains", "as_printed"], 2, "no gains are printed for lqg_delay"),
+        (["design", "--gains", "as_printed"], 2, "no gains are printed for steering_lead"),
         (["design", "--law", "custom", "--matrices", str(tmp_path)], 2, "it is a directory"),
     ):
         assert main([*arguments, *(out if arguments[0] == "design" else [])]) == code

@@ -86,11 +86,13 @@ def test_an_identifier_used_twice_fails_the_verdict(tmp_path, capsys):
     assert found["a"]["response_max_ms"] == found["b"]["response_max_ms"] > 0
 
 
-def test_what_the_analysis_does_not_cover_is_no_failure(tmp_path, capsys):
+def test_a_fifo_queue_has_its_bounds(tmp_path, capsys):
     path = tmp_path / "fifo.toml"
-    path.write_text(ROW.format(name="a", ident=5, period=10) + "fifo = true")
-    assert main(["bus", str(path), "--simulate", "0.1"]) == 0
-    assert "without a bound, FIFO queue: not covered: a" in capsys.readouterr().out
+    rows = [ROW.format(name=n, ident=i, period=10) for n, i in (("a", 5), ("b", 6))]
+    path.write_text("fifo = true".join(rows))
+    assert main(["bus", str(path), "--simulate", "0.1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["messages"]
+    assert [found[name]["response_bound_ms"] for name in "ab"] == [0.54, 0.54]
 
 
 def logged(path, *frames, channels=(0,)):

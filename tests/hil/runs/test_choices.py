@@ -28,6 +28,7 @@ ASKED = {
     "trigger": "every",
     "heartbeat_ms": 40.0,
     "gains": "as_printed",
+    "moment_share": 0.5,
     "feedforward": False,
     "identification": True,
     "offset_learning": True,

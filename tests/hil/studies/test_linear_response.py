@@ -8,6 +8,7 @@ import vehicles
 from canroll.errors import CanrollError
 from hil.studies.linear_response import linear_response
 from plant_sim import bodies
+from vehicles.model import Kinematics
 from vehicles.unladen import unladen
 
 VAN = vehicles.load("van_real")
@@ -18,7 +19,14 @@ def distance(vehicle, speed_kmh, **trim):
     return found.distance
 
 
-@pytest.mark.parametrize("vehicle", [VAN, unladen(VAN)], ids=["laden", "empty"])
+SCRUBBING = replace(VAN, kinematics=Kinematics(scrub=1.0))
+
+
+@pytest.mark.parametrize(
+    "vehicle",
+    [VAN, unladen(VAN), SCRUBBING, unladen(SCRUBBING)],
+    ids=["laden", "empty", "laden, scrubbing", "empty, scrubbing"],
+)
 @pytest.mark.parametrize("speed_kmh", [40.0, 60.0, 80.0, 100.0, 120.0])
 def test_design_model_is_within_two_percent_of_the_plant(vehicle, speed_kmh):
     found = distance(vehicle, speed_kmh)

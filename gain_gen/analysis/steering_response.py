@@ -1,0 +1,96 @@
+"""What a driver's steering makes of the loop: moment and roll, by frequency and as RMS."""
+
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import numpy as np
+
+import dbc
+from gain_gen.analysis.family import Family, Member, car_in
+from gain_gen.analysis.held_plant import Complex
+from gain_gen.models.linear_car import INPUTS, OUTPUTS
+from gain_gen.models.roll import Matrix
+from vehicles import Vehicle
+
+STEERING_FREQUENCY = 2.0 * pi * 0.5
+STEERING_DAMPING = 0.7
+"""The driver's steering is white noise behind a second-order low-pass: that of a lane change."""
+FASTEST_STEERING = 2.0 * pi * 4.0
+"""No driver steers faster, rad/s; it is far below the Nyquist frequency of every tick."""
+STEERING_AGE = 0.5 * (dbc.period("VehicleMotion") - dbc.period("Imu"))
+"""By how much the steering angle in use is older on the average than the inertial sample, s."""
+
+_ROLL = 2
+
+
+@dataclass(frozen=True, slots=True)
+class SteeringResponse:
+    """Responses of one car and delay to the road-wheel angle and to the command.
+
+    Attributes:
+        frequencies: rad/s, (m,).
+        weights: of the squared magnitudes in a mean square, (m,); the lateral acceleration of the
+            car without control has RMS 1.
+        readings: what the controller reads per road-wheel angle, (m, 4).
+        told: the steady lateral acceleration per angle as the ECU gets it, (m,).
+        commanded: what the controller reads per command, (m, 4).
+    """
+
+    frequencies: Matrix
+    weights: Matrix
+    readings: Complex
+    told: Complex
+    commanded: Complex
+
+    def moment(self, feedback: Complex, steering: Complex) -> Complex:
+        """Return the command per angle.
+
+        Args:
+            feedback: command per reading, (m, 4).
+            steering: command per lateral acceleration told by the steering, (m,).
+        """
+        loop = 1.0 - np.sum(feedback * self.commanded, axis=1)
+        driven = np.sum(feedback * self.readings, axis=1) + steering * self.told
+        return np.asarray(driven / loop)
+
+    def rolled(self, moment: Complex) -> Complex:
+        """Return the roll angle per angle under such a command per angle."""
+        return np.asarray(self.readings[:, _ROLL] + self.commanded[:, _ROLL] * moment)
+
+    def rms(self, response: Complex) -> float:
+        """Return the RMS of a response per m/s² of lateral acceleration."""
+        return sqrt(float(np.sum(self.weights * np.abs(response) ** 2)))
+
+
+def steering_response(
+    family: Family, vehicle: Vehicle, delay: float, member: Member | None = None
+) -> SteeringResponse:
+    """Return the responses of a member of the family, the nominal one if none is given.
+
+    Args:
+        family: of ``vehicle``.
+        vehicle: whose steering gain the ECU knows.
+        delay: one of the family's, s.
+        member: of the family.
+    """
+    member = member or family.members[0]
+    slow = family.frequencies <= FASTEST_STEERING
+    frequencies = family.frequencies[slow]
+    plant = member.plant
+    shifted = 1j * frequencies[:, None, None] * np.eye(len(plant.a)) - plant.a
+    columns = np.broadcast_to(
+        plant.steering.astype(complex), (len(frequencies), *plant.steering.shape)
+    )
+    readings = (plant.measured @ np.linalg.solve(shifted, columns))[:, :, 0]
+    speed = member.condition.speed
+    lateral = car_in(vehicle, member.condition).response(frequencies)[
+        :, OUTPUTS.index("lateral_acceleration"), INPUTS.index("steering")
+    ]
+    s = 1j * frequencies
+    shape = STEERING_FREQUENCY**2 / (
+        s**2 + 2.0 * STEERING_DAMPING * STEERING_FREQUENCY * s + STEERING_FREQUENCY**2
+    )
+    weights = np.abs(shape) ** 2 * np.gradient(frequencies)
+    weights = weights / np.sum(weights * np.abs(lateral) ** 2)
+    told = vehicle.lateral_gain(speed) * np.exp(-s * STEERING_AGE)
+    return SteeringResponse(frequencies, weights, readings, told, member.commanded(delay)[slow])
