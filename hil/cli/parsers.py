@@ -35,6 +35,8 @@ OF_A_DESIGN = (
 OF_A_DRIVE = ("plant", "speed_kmh", "options")
 """Choices of the runs in which laws are compared."""
 LOADS = ("laden", "empty")
+OF_ONE_MANOEUVRE = ("calibration", "speed_kmh", "options", "seed", "phase_ms")
+"""Choices of a run that a study over manoeuvres and vehicles has no use for."""
 PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 
 
@@ -359,6 +361,22 @@ def campaign(parser: argparse.ArgumentParser) -> None:
     add_answer(parser, "the page")
 
 
+def severe(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll severe``."""
+    parser.description = (
+        "Drive lane changes, fishhook, J-turn, sine with dwell and one-sided bumps with a "
+        "population of vehicles: without control, with the best passive bar, with the plain "
+        "feedforward, and with a law."
+    )
+    names = [name for name in OF_A_RUN if name not in OF_ONE_MANOEUVRE]
+    add_choices(parser, names)
+    parser.add_argument(
+        "--runs", type=int, default=20, metavar="N", help="vehicles (default: %(default)s)"
+    )
+    add_spread(parser)
+    add_json(parser)
+
+
 COMMANDS = {
     "run": Command("run a manoeuvre in virtual time, with and without control", run),
     "compare": Command("compare several runs or laws on one page", compare),
@@ -393,6 +411,9 @@ COMMANDS = {
     "prove": Command("prove the loop free of overflow for every accepted calibration", prove),
     "reproduce": Command("recompute the tables of the four papers", reproduce),
     "campaign": Command("Monte Carlo over parameters, noise, delays and faults", campaign),
+    "severe": Command(
+        "severe manoeuvres over a population, beside a passive bar", severe, "campaign:severe"
+    ),
     "list": Command(
         "laws, vehicles, scenarios, buses and bodies by name", listing, handler="main:list_names"
     ),
