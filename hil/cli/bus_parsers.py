@@ -18,6 +18,7 @@ PACES = ("realtime", "lockstep")
 PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
 """Silence after which the other side is taken to be gone, s: in lock step it may be slow."""
 DEFAULT_PHASE_MS = 2.0
+PROPOSALS = ("priorities", "offsets")
 DELAY_PATH = {"sensor": "Imu", "command": "SuspensionForceCommand"}
 """Messages whose delay ``canroll bus`` shows where the set has them."""
 FREE = "free"
@@ -65,6 +66,28 @@ def bus(parser: argparse.ArgumentParser) -> None:
         type=float,
         metavar="MS",
         help="include one disturbed frame every MS milliseconds in the bounds",
+    )
+    parser.add_argument(
+        "--offsets",
+        action="store_true",
+        help="the messages of a node keep their offsets: bounds take them into account",
+    )
+    parser.add_argument(
+        "--sensitivity",
+        action="store_true",
+        help="how much more often all messages may come until a deadline falls",
+    )
+    parser.add_argument(
+        "--errors-per-second",
+        type=float,
+        metavar="R",
+        help="probability of a missed deadline if errors come at random, R a second (Poisson)",
+    )
+    parser.add_argument(
+        "--propose",
+        choices=PROPOSALS,
+        help="identifiers with which all deadlines hold (Audsley), or offsets that spread the"
+        " messages of each node",
     )
     parser.add_argument(
         "--replay",
