@@ -20,6 +20,9 @@ from gain_gen.laws.custom import read_matrices
 from gain_gen.models.task import Delay, Task
 from hil.realtime import tick_trace
 from hil.realtime.budget import Budget, budget_of
+from plant_sim.can_bus.network_file import KEYS as KEYS_OF_A_NETWORK
+from plant_sim.can_bus.network_file import load_profile
+from plant_sim.can_bus.own_frames import bus_map as bus_map_of
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.wire.frame import EXTENDED, FD
 from plant_sim.driving import maneuvers
@@ -109,6 +112,18 @@ def test_a_traffic_set_is_read_to_the_last_key(example):
     assert radar.flags & EXTENDED and radar.flags & FD and radar.fifo and radar.length == 64
 
 
+def test_a_network_is_read_to_the_last_key(example):
+    path = example("network.toml")
+    own = ROOT / "examples" / "own_bus"
+    for name in ("own.dbc", "own.toml"):
+        (path.parent / name).write_bytes((own / name).read_bytes())
+    profile = load_profile(str(path))
+    assert (profile.bitrate, profile.data_bitrate, profile.load) == (500_000, 2_000_000, 0.6)
+    assert (profile.above, profile.bit_error_rate, profile.gateway_ms) == (0.3, 1e-7, (2, 4))
+    assert [box.slot for box in bus_map_of(profile).frames][:2] == ["imu", "vehicle_motion"]
+    assert tomllib.loads(path.read_text()).keys() == KEYS_OF_A_NETWORK.keys()
+
+
 def test_a_map_leads_from_signals_to_fields(example, tmp_path):
     (tmp_path / "car.dbc").write_text(BUS["car.dbc"], encoding="utf-8")
     mapped = bus_map.load(tmp_path / "car.dbc", example("car.toml"))
@@ -165,7 +180,7 @@ def test_a_budget_belongs_to_a_calibration(example, lqr):
     path = example("budget.toml")
     path.write_text(lqr.read_text() + path.read_text())
     loaded = calibration_file.load(path)
-    assert budget_of(loaded.tables) == Budget(20000, 500, 30000, 0)
+    assert budget_of(loaded.tables) == Budget(20000, 40000, 500, 30000, 0)
 
 
 def test_the_tables_of_a_calibration_are_told(lqr):

@@ -10,9 +10,10 @@ from canroll.errors import CanrollError
 from codegen.export.header import gains_header
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
+from hil.report import staging
 from hil.report.picture import draw_picture
 from hil.report.run_page import run_page
-from hil.runs import saved_run, staging
+from hil.runs import saved_run
 from hil.runs.logs import write_log
 from hil.runs.result import Result
 
@@ -105,7 +106,7 @@ def _write_parts(result: Result, paths: Mapping[str, Path]) -> None:
     write_text(paths["header"], header)
     draw_picture(result, paths["picture"])
     write_text(paths["report"], run_page(result))
-    hashes = {paths[name].name: staging.digest(paths[name]) for name in ("trace", "calibration")}
+    hashes = {paths[name].name: saved_run.digest(paths[name]) for name in ("trace", "calibration")}
     data = {**result.to_json(), saved_run.HASHES: hashes}
     write_text(paths["result"], json.dumps(data, indent=2) + "\n")
 

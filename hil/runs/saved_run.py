@@ -3,6 +3,7 @@
 From these three a run is judged and shown again, the same numbers as on the day it was driven.
 """
 
+import hashlib
 import json
 import zlib
 from collections.abc import Mapping
@@ -19,7 +20,6 @@ import vehicles
 from canroll.errors import RENAMED, CanrollError
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
-from hil.runs import staging
 from hil.runs.experiment import assess
 from hil.runs.frozen import COMMANDS, Controller
 from hil.runs.result import SAVED, Result, Settings
@@ -95,7 +95,7 @@ def load(folder: Path) -> Result:
     try:
         data = json.loads((folder / RESULT).read_text(encoding="utf-8"))
         hashes = data.get(HASHES, {})
-        changed = [name for name in hashes if staging.digest(folder / name) != hashes[name]]
+        changed = [name for name in hashes if digest(folder / name) != hashes[name]]
         if changed:
             raise CanrollError(f"{folder}: {', '.join(changed)} changed since the run was written")
         with np.load(folder / TRACE) as archive:
@@ -119,6 +119,12 @@ def load(folder: Path) -> Result:
     return replace(result, timing=timing, **told)
 
 
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
 def _trace(arrays: Arrays, run: str) -> Trace | None:
     if f"{run}/signals" not in arrays:
         return None
@@ -134,7 +140,8 @@ def _trace(arrays: Arrays, run: str) -> Trace | None:
 
 
 def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
-    saved = {name: data[name] for name in SAVED}
+    # runs saved before there were own frames have those of the contract
+    saved = {"dbc": None, "map": None} | {name: data[name] for name in SAVED if name in data}
     saved["plant"] = RENAMED.get(saved["plant"], saved["plant"])
     phase = data["phase_ms"]["chosen"]
     return Settings.of(

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from canroll.errors import CanrollError
-from hil.runs import staging
+from hil.report import staging
 
 KEY = "result"
 NAMES = ("a", "b", "c", KEY)
@@ -17,7 +17,7 @@ WRITER = """
 import sys
 from itertools import count
 from pathlib import Path
-from hil.runs import staging
+from hil.report import staging
 for n in count():
     with staging.replaced(Path(sys.argv[1]), "result") as part:
         for name in ("a", "b", "c", "result"):

@@ -6,7 +6,6 @@ leaves the older files, or a folder that is none.
 """
 
 import fcntl
-import hashlib
 import os
 import shutil
 import tempfile
@@ -40,12 +39,6 @@ def replaced(folder: Path, key: str) -> Iterator[Path]:
                 os.replace(Path(part) / name, folder / name)
     except OSError as error:
         raise CanrollError(f"cannot write to {folder}: {error.strerror}") from error
-
-
-def digest(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextmanager
