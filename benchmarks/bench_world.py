@@ -7,7 +7,8 @@ every 10 ms, both as multiples of real time, and their ratio. CPU time, best of 
 import argparse
 import time
 
-import dbc
+import numpy as np
+
 import vehicles
 from plant_sim import bodies, can_bus
 from plant_sim.driving import maneuvers
@@ -21,14 +22,15 @@ COMMAND = "SuspensionForceCommand"
 
 def commands():
     """One period of protected command frames, their counters in order."""
-    message = dbc.load().get_message_by_name(COMMAND)
-    plain = message.encode({signal.name: 0 for signal in message.signals}, strict=False)
-    word = int.from_bytes(plain, "little", signed=True)
-    data_id = dbc.data_id(message)
-    return message.frame_id, [
-        (e2e.protect(data_id, k, word) & (1 << 64) - 1).to_bytes(8, "little")
-        for k in range(e2e.COUNTERS)
-    ]
+    index = codec.message_index(COMMAND)
+    tables = codec.load()
+    rows = (tables.protection[index], tables.identity[index], tables.crc[index])
+    frames = []
+    for k in range(int(rows[0][e2e.VALUES])):
+        payload = np.zeros(codec.MAX_PAYLOAD, np.uint8)
+        e2e.protect(*rows, k, payload)
+        frames.append(payload[:8].tobytes())
+    return int(tables.message[index, codec.IDENT]), frames
 
 
 def plant_alone(vehicle, body):

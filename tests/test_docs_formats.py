@@ -20,6 +20,9 @@ from gain_gen.laws.custom import read_matrices
 from gain_gen.models.task import Delay, Task
 from hil.realtime import tick_trace
 from hil.realtime.budget import Budget, budget_of
+from plant_sim.can_bus.network_file import KEYS as KEYS_OF_A_NETWORK
+from plant_sim.can_bus.network_file import load_profile
+from plant_sim.can_bus.own_frames import bus_map as bus_map_of
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.wire.frame import EXTENDED, FD
 from plant_sim.driving import maneuvers
@@ -107,6 +110,18 @@ def test_a_traffic_set_is_read_to_the_last_key(example):
     assert (wheels.ident, wheels.length, wheels.sender) == (0x120, 8, "Chassis")
     assert (wheels.period_ns, wheels.jitter_ns, wheels.offset_ns) == (10e6, 1e6, 2.5e6)
     assert radar.flags & EXTENDED and radar.flags & FD and radar.fifo and radar.length == 64
+
+
+def test_a_network_is_read_to_the_last_key(example):
+    path = example("network.toml")
+    own = ROOT / "examples" / "own_bus"
+    for name in ("own.dbc", "own.toml"):
+        (path.parent / name).write_bytes((own / name).read_bytes())
+    profile = load_profile(str(path))
+    assert (profile.bitrate, profile.data_bitrate, profile.load) == (500_000, 2_000_000, 0.6)
+    assert (profile.above, profile.bit_error_rate, profile.gateway_ms) == (0.3, 1e-7, (2, 4))
+    assert [box.slot for box in bus_map_of(profile).frames][:2] == ["imu", "vehicle_motion"]
+    assert tomllib.loads(path.read_text()).keys() == KEYS_OF_A_NETWORK.keys()
 
 
 def test_a_map_leads_from_signals_to_fields(example, tmp_path):

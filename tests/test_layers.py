@@ -13,9 +13,9 @@ MAY_IMPORT = {
     "firmware": set(),
     "codegen": {"dbc", "firmware"},
     "gain_gen": {"codegen", "dbc", "firmware", "vehicles"},
-    "plant_sim": {"dbc", "vehicles"},
+    "plant_sim": {"codegen.generated", "dbc", "vehicles"},
 }
-"""Packages beside itself: firmware and plant stay apart; ``GROUND`` is everybody's."""
+"""Packages or rooms beside itself: firmware and plant stay apart; ``GROUND`` is everybody's."""
 MOST_FILES = {"firmware": 22, "hil.cli": 20}
 """Rooms that may hold more files than others, ``__init__.py`` not counted."""
 
@@ -34,7 +34,7 @@ def test_a_package_imports_only_what_it_may(package, graph):
         f"{name}: {target}"
         for name, targets in own.items()
         for target in targets
-        if target.split(".")[0] not in allowed and target not in GROUND
+        if not {target.split(".")[0], target.rpartition(".")[0]} & allowed and target not in GROUND
     ]
     assert not wrong
 

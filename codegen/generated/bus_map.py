@@ -52,6 +52,7 @@ VALID_BITS = {
     "roll_reference": ("reference_roll", "reference_rate", "reference_acceleration"),
 }
 COMMANDS = ("suspension_force", "anti_roll_bar", "damper", "valve")
+OF_A_MAILBOX = ("message", "signals", "protection", "cycle_ms")
 IN_TURN = "diagnostics"
 """The one mailbox that sends the pages of its frame in turn."""
 EXTENDED = 1 << 30
@@ -66,6 +67,7 @@ class Mailbox:
     ``pages`` are the values of the multiplexer ``selector`` that the mailbox takes or sends; both
     are empty where no signal in use is multiplexed. ``cycle`` is the number of pages that the
     message has. ``fd``: a CAN FD frame, with ``bit_rate_switch`` its data phase is the faster one.
+    ``cycle_ms`` is the time between two frames, 0 where neither DBC nor map knows it.
     """
 
     slot: str
@@ -80,6 +82,7 @@ class Mailbox:
     cycle: int = 1
     fd: bool = False
     bit_rate_switch: bool = False
+    cycle_ms: int = 0
 
     @property
     def sent_length(self) -> int:
@@ -112,6 +115,11 @@ class BusMap:
     def protected(self) -> bool:
         """Whether any frame has a checksum or a counter."""
         return any(box.protection for box in (*self.received, *self.transmitted))
+
+    @property
+    def frames(self) -> tuple[Mailbox, ...]:
+        """The mailboxes that have a frame."""
+        return tuple(box for box in (*self.received, *self.transmitted) if box.name)
 
     @property
     def echoed(self) -> tuple[bool, ...]:
@@ -223,8 +231,8 @@ def _mailbox(
     if table is None:
         return Mailbox(slot)
     for key in table:
-        if key not in ("message", "signals", "protection"):
-            raise UnknownNameError(f"key in {where}", key, ("message", "signals", "protection"))
+        if key not in OF_A_MAILBOX:
+            raise UnknownNameError(f"key in {where}", key, OF_A_MAILBOX)
     messages = {message.name: message for message in database.messages}
     name = table.get("message", "")
     if name not in messages:
@@ -271,7 +279,16 @@ def _mailbox(
         cycle=len(all_pages(message)) if chosen else 1,
         fd=bool(message.is_fd),
         bit_rate_switch=dbc.switches_bit_rate(message),
+        cycle_ms=_cycle_ms(message, table, where),
     )
+
+
+def _cycle_ms(message: Message, table: Mapping[str, Any], where: str) -> int:
+    """The time between two frames in whole milliseconds; of the map, else of the DBC."""
+    value = table.get("cycle_ms", message.cycle_time or 0)
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 10_000:
+        raise CanrollError(f"{where}: cycle_ms must be a whole number up to 10000, not {value!r}")
+    return value
 
 
 def _refuse_length(message: Message, where: str) -> None:

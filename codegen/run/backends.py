@@ -68,7 +68,8 @@ class PythonEcu:
         for slot, pending in enumerate(ecu.tx_pending):
             if pending:
                 ident, length = self._firmware.sent[slot]
-                frames.append((ident, bytes(ecu.tx_payload[slot][:length])))
+                if length:
+                    frames.append((ident, bytes(ecu.tx_payload[slot][:length])))
                 ecu.tx_pending[slot] = 0
         return frames
 
@@ -131,7 +132,8 @@ class NativeEcu:
         for slot, pending in enumerate(self._pending):
             if pending:
                 ident, length = self._firmware.sent[slot]
-                frames.append((ident, self._payloads[slot, :length].tobytes()))
+                if length:
+                    frames.append((ident, self._payloads[slot, :length].tobytes()))
         self._pending[:] = self._none
         return frames
 

@@ -134,7 +134,8 @@ class CortexEcu:
         frames = []
         for slot in np.flatnonzero(pending).tolist():
             ident, length = self._firmware.sent[slot]
-            frames.append((ident, packed["tx_payload"][slot].tobytes()[:length]))
+            if length:
+                frames.append((ident, packed["tx_payload"][slot].tobytes()[:length]))
         return frames
 
 

@@ -19,7 +19,7 @@ from plant_sim.can_bus.analysis import (
 )
 from plant_sim.can_bus.delay_bounds import DelayBounds, delay_bounds_of_set, loop_messages
 from plant_sim.can_bus.kernel.network import build_network
-from plant_sim.can_bus.profiles import own_messages
+from plant_sim.can_bus.own_frames import own_messages
 from plant_sim.can_bus.recorded_load import effects, joined, missing_from
 from plant_sim.can_bus.servers.wall_clock import serve_network
 from plant_sim.can_bus.simulation import Simulation, simulate, traffic_spec

@@ -13,12 +13,10 @@ from canroll.errors import CanrollError, VerdictError
 from codegen.export import a2l, bundle, flash
 from codegen.export.header import gains_header
 from codegen.generated import signals
-from codegen.generated.bus_map import BusMap
 from codegen.generated.bus_map import load as load_map
 from codegen.run import ecu_traffic
 from codegen.run.backends import Recorder, open_backend
 from codegen.run.ecu_traffic import Traffic
-from firmware.calibration import Calibration
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
 from gain_gen.calibration.record import identify
@@ -26,11 +24,12 @@ from hil.cli.options import add_choices, choices_of
 from hil.cli.parsers import OF_A_DESIGN
 from hil.cli.terminal import show_warnings
 from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller
+from hil.runs.frozen import Controller, refuse_wide_steps
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 
 HOSTILE_TICKS = 200
+OF_AN_EXPORT = ("calibration", *OF_A_DESIGN)
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -39,7 +38,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "export-c", help="export the controller as C99 with test vectors"
     )
     parser.add_argument("folder", type=Path, help="folder of the bundle")
-    add_choices(parser, ("calibration", *OF_A_DESIGN))
+    add_choices(parser, OF_AN_EXPORT)
     parser.add_argument(
         "--unverified", action="store_true", help="export even if a check of the design fails"
     )
@@ -79,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
         raise CanrollError("--dbc and --map require each other")
     settings, controller = plan(
         "double_lane_change",
-        **choices_of(args),
+        **choices_of(args, OF_AN_EXPORT),
         duration=3.0,
     )
     verified = bool(controller.tables["design"]["verified"])
@@ -133,7 +132,7 @@ def described(
         if record.e2e and not bus.protected:
             record.e2e = 0
             identify(record)
-        refuse_wide_steps(bus, record, args.map)
+        refuse_wide_steps(bus, record, str(args.map))
         traffic = ecu_traffic.random_traffic(1, HOSTILE_TICKS, bus=bus)
         origin = (
             f"The vectors are {traffic.ticks} ticks of random frames, some with wrong checksums, "
@@ -155,18 +154,6 @@ def described(
         traffic=traffic,
         origin=origin,
     )
-
-
-def refuse_wide_steps(bus: BusMap, record: Calibration, map_file: Path) -> None:
-    """Raise where a page of a multiplexed frame comes with larger counter steps than accepted."""
-    for box, accepted in zip(bus.received, record.e2e_max_delta, strict=True):
-        counter = box.protection.counter if box.protection else None
-        if record.e2e and counter is not None and box.cycle > accepted:
-            raise CanrollError(
-                f"{map_file} [receive.{box.slot}]: {box.name} counts over its {box.cycle} pages; "
-                f"the calibration accepts steps of {accepted} (e2e_max_delta): raise it, or map a "
-                "frame that is not multiplexed"
-            )
 
 
 def recorded(settings: Settings, controller: Controller) -> Traffic:

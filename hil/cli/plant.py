@@ -14,7 +14,7 @@ from hil.realtime.plant_loop import Outcome
 from hil.report.run_folder import check_parent
 from hil.runs import conditions, logs, phase, signal_files
 from hil.runs.choices import chosen
-from plant_sim import can_bus
+from hil.runs.frozen import profile_of, refuse_own
 from plant_sim.driving import maneuvers
 from plant_sim.world.world import World
 
@@ -150,13 +150,15 @@ def world_of(args: argparse.Namespace) -> World:
     sensors, actuators = conditions.options(
         choices.get("faults", ()), choices.get("conditions", {})
     )
+    profile = profile_of(choices)
+    refuse_own(profile, "plant")
     return World(
         vehicle=vehicle,
         body=chosen(choices, "plant"),
         actuator=chosen(choices, "actuator"),
         command=args.command_message,
         maneuver=maneuvers.build(args.scenario, vehicle, speed, seed, **choices.get("options", {})),
-        profile=can_bus.load_profile(chosen(choices, "bus")),
+        profile=profile,
         seed=seed,
         enabled=not args.passive,
         sensors=sensors,

@@ -20,7 +20,7 @@ from hil.realtime import session
 from hil.realtime.budget import Budget, budget_of, judge_host, judge_target
 from hil.runs import experiment
 from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller
+from hil.runs.frozen import Controller, refuse_own
 from hil.runs.virtual_time import closed_loop
 
 
@@ -124,6 +124,7 @@ def show_rows(rows: Mapping[str, object]) -> None:
 def recorded(args: argparse.Namespace) -> tuple[Controller, Traffic]:
     """Drive the manoeuvre in virtual time; return the controller and what the ECU received."""
     settings, controller = plan(args.scenario, **choices_of(args))
+    refuse_own(settings.profile, "timing")
     recorder = Recorder(open_backend(settings.backend, controller.record))
     closed_loop(
         build_world(replace(settings), enabled=True),

@@ -12,6 +12,7 @@ from hil.realtime import session
 from hil.runs import experiment
 from hil.runs.choices import PASSIVE
 from hil.runs.experiment import with_files
+from hil.runs.frozen import refuse_own
 from hil.runs.result import Result
 from hil.runs.trace import Trace
 
@@ -50,6 +51,7 @@ def run(
         Interrupted: Ctrl-C; both programs have ended.
     """
     settings, controller = experiment.plan(scenario, duration=duration, **keywords)
+    refuse_own(settings.profile, "hil")
     whole = experiment.build_world(settings, enabled=False).duration_ns
     judged = whole * 1e-9 if duration is None else min(duration, whole * 1e-9)
     setup = session.Setup(
@@ -87,6 +89,7 @@ def prepare(scenario: str, **keywords: Any) -> None:  # noqa: ANN401
         CanrollError: a name or number that cannot be; the message says what to do.
     """
     settings, controller = experiment.plan(scenario, **keywords)
+    refuse_own(settings.profile, "hil")
     experiment.build_world(settings, enabled=True)
     open_backend(settings.backend, controller.record)
 

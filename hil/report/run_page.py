@@ -59,7 +59,7 @@ def parameters(result: Result) -> list[tuple[str, str]]:
         ("actuator", settings.actuator),
         ("law", settings.law),
         ("observer", settings.observer),
-        ("bus", settings.bus),
+        ("bus", settings.bus_name),
         ("loop", f"every {settings.tick * 1e3:g} ms, frames after {settings.run_time * 1e6:g} µs"),
         ("commands", "when they matter" if settings.trigger == "event" else "every tick"),
         ("firmware run by", settings.backend),
@@ -124,7 +124,7 @@ def run_page(result: Result) -> str:
             title=f"{scenario[:1].upper()}{scenario[1:]}, {settings.vehicle.title}",
             subtitle=(
                 f"{settings.vehicle.name} at {settings.speed * 3.6:.0f} km/h, {settings.law} with "
-                f"{settings.actuator} over {settings.bus}"
+                f"{settings.actuator} over {settings.bus_name}"
             ),
             verdict=verdict(result),
             warnings=result.warnings,

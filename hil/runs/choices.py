@@ -182,11 +182,28 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--bus",
-            help="bus profile or bus log (.blf, .asc …; with several channels FILE#CHANNEL)",
+            help="bus profile, network (.toml) or bus log (.blf, .asc …; with several channels "
+            "FILE#CHANNEL)",
             of=WORLD,
             default="500k",
             values=lambda: BUSES,
             extensible=True,
+        ),
+    ]
+    dbc: Annotated[
+        str | None,
+        Choice(
+            option="--dbc",
+            help="DBC, KCD, ARXML or SYM with the frames that carry the signals; requires --map",
+            of=WORLD,
+        ),
+    ]
+    map: Annotated[
+        str | None,
+        Choice(
+            option="--map",
+            help="TOML file that says which signal of --dbc is which field of the ECU",
+            of=WORLD,
         ),
     ]
     backend: Annotated[
@@ -401,6 +418,8 @@ def check(choices: Mapping[str, Any]) -> None:
             raise UnknownNameError("choice of a run", name, CHOICES)
         if value is not None:
             CHOICES[name].check(value)
+    if (choices.get("dbc") is None) != (choices.get("map") is None):
+        raise CanrollError("--dbc and --map require each other")
     if choices.get("calibration") is not None:
         for name in without_frozen(choices, frozen=True):
             if choices[name] not in (None, PASSIVE):

@@ -14,11 +14,18 @@ from gain_gen.models.task import Delay
 from hil.runs import conditions as conditions_of
 from hil.runs import limit_cycle, metrics, phase, standard, steering_replay
 from hil.runs.choices import PASSIVE, Choices, check, chosen
-from hil.runs.frozen import COMMAND_TIMEOUT, Controller, prepare, sample_to_force
+from hil.runs.frozen import (
+    COMMAND_TIMEOUT,
+    Controller,
+    check_frames,
+    names_of,
+    prepare,
+    profile_of,
+    sample_to_force,
+)
 from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS, closed_loop
-from plant_sim.can_bus import load_profile
 from plant_sim.driving import MANEUVERS, maneuvers
 from plant_sim.world.world import World
 
@@ -60,9 +67,11 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         choices.get("conditions") or {},
     )
     # what cannot be is refused before anything slow is done
-    load_profile(chosen(choices, "bus"))
+    profile = profile_of(choices)
     conditions_of.options(faults, conditions)
     controller = prepare(choices)
+    warnings = check_frames(profile, controller.record)
+    controller = replace(controller, warnings=(*controller.warnings, *warnings))
     if speed_kmh is None:
         speed = maneuvers.default_speed(scenario, controller.vehicle)
     else:
@@ -85,6 +94,8 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         options=tuple(sorted(options.items())),
         faults=tuple(faults),
         conditions=tuple(sorted(conditions.items())),
+        dbc=choices.get("dbc"),
+        map=choices.get("map"),
         phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
     )
     # an option that the manoeuvre does not know is refused here, and a phase that cannot be
@@ -137,7 +148,7 @@ def drive(
         maneuver, stage = maneuvers.replay(maneuver, steer), "replay"
     trace = closed_loop(
         build_world(settings, enabled=enabled, maneuver=maneuver),
-        open_backend(settings.backend, controller.record),
+        open_backend(settings.backend, controller.record, settings.firmware),
         tick_ns=round(settings.tick * 1e9),
         offset_ns=tick_offset_ns(settings),
         duration_ns=None if duration is None else round(duration * 1e9),
@@ -176,7 +187,7 @@ def build_world(
         body=settings.plant,
         actuator=settings.actuator,
         maneuver=maneuver or _maneuver(settings),
-        profile=load_profile(settings.bus),
+        profile=settings.profile,
         seed=settings.seed,
         enabled=enabled,
         command=settings.command,
@@ -198,9 +209,7 @@ def _maneuver(settings: Settings) -> maneuvers.Maneuver:
 
 def delay_of(settings: Settings) -> Delay:
     """Return the bounds of the sample-to-force delay under ``settings``, s."""
-    return sample_to_force(
-        settings.vehicle, settings.command, load_profile(settings.bus), tick=settings.tick
-    )
+    return sample_to_force(settings.vehicle, settings.command, settings.profile, tick=settings.tick)
 
 
 def assess(
@@ -214,6 +223,8 @@ def assess(
     maneuver = _maneuver(settings)
     seen = passive if controlled is None else controlled
     delay = delay_of(settings)
+    names = names_of(settings.profile)
+    imu = next(ident for ident, name in names.items() if name == "Imu")
     cycle = None
     if controlled is not None:
         cycle = limit_cycle.detect(
@@ -242,14 +253,14 @@ def assess(
         passive_metrics=metrics.judge(passive),
         controlled_metrics=None if controlled is None else metrics.judge(controlled),
         without_roll=without_roll,
-        can=metrics.can(seen),
+        can=metrics.can(seen, names),
         trigger=metrics.trigger(seen, heartbeat_ticks=controller.record.heartbeat_ticks),
         limit_cycle=cycle,
         standard=standard.assess(maneuver, settings.vehicle, passive, controlled),
         replay=replayed,
         replay_metrics=None if replayed is None else metrics.judge(replayed),
         warnings=tuple(warnings),
-        phase=phase.measured(seen.ticks["t"], seen.frames),
+        phase=phase.measured(seen.ticks["t"], seen.frames, imu),
     )
 
 

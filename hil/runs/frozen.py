@@ -1,7 +1,7 @@
-"""The controller of a run: designed on the spot, or read from a calibration file."""
+"""The controller of a run, designed on the spot or read from a calibration file, and its frames."""
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,8 +9,12 @@ import numpy as np
 
 import vehicles
 from canroll.errors import CanrollError
+from codegen.generated.bus_map import VALID_BITS, BusMap, Mailbox, read
+from codegen.run.bus_firmware import BusFirmware, built_in, of_bus
+from dbc import attribute
 from firmware import calibration as fw
 from firmware.calibration import Calibration
+from firmware.plausibility import NEEDED
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options
@@ -19,6 +23,7 @@ from gain_gen.models.task import Delay, Design, Task
 from hil.runs.choices import PASSIVE, check, chosen
 from plant_sim.can_bus import BusProfile, load_profile
 from plant_sim.can_bus.delay_bounds import delay_bounds
+from plant_sim.can_bus.own_frames import bus_map, messages_of
 from plant_sim.nodes.sensors import SensorOptions, delay
 from vehicles import Vehicle
 
@@ -33,6 +38,8 @@ RECENT: deque[tuple[str, Task, Design]] = deque(maxlen=32)
 """Designs of this process: a sweep uses the same one at every speed."""
 COMMAND_TIMEOUT = 0.160
 """Age at which actuators release a command, s."""
+DEGRADING = ("vehicle_motion",)
+"""Mailboxes without which the loop runs degraded."""
 LAW_OF_PASSIVE = "lqr"
 """Without control the frames go on all the same, so some law must fill them."""
 
@@ -81,6 +88,15 @@ def prepare(choices: Mapping[str, Any]) -> Controller:
     return _designed(choices)
 
 
+def profile_of(choices: Mapping[str, Any]) -> BusProfile:
+    """Return the bus that ``choices`` ask for, with the frames on it.
+
+    Raises:
+        CanrollError: no such profile, or a file that cannot be used.
+    """
+    return load_profile(chosen(choices, "bus"), choices.get("dbc"), choices.get("map"))
+
+
 def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
     """Return the design task that ``choices`` describe, for ``delay`` or that of their bus.
 
@@ -94,7 +110,7 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
         raise CanrollError(f"tick {1e3 * tick:g} ms: must be 1 to 20 ms, in whole µs")
     if delay is None:
         command = COMMANDS[ACTUATOR_NUMBER[actuator]]
-        delay = sample_to_force(vehicle, command, load_profile(chosen(choices, "bus")), tick=tick)
+        delay = sample_to_force(vehicle, command, profile_of(choices), tick=tick)
     return Task(
         vehicle=vehicle,
         delay=delay,
@@ -159,10 +175,9 @@ def _design(law: str, task: Task) -> Design:
 
 
 def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Controller:
-    bus = chosen(choices, "bus")
     vehicle = vehicles.load(calibration.vehicle)
     command = COMMANDS[calibration.record.actuator]
-    delay = sample_to_force(vehicle, command, load_profile(bus), tick=calibration.tick)
+    delay = sample_to_force(vehicle, command, profile_of(choices), tick=calibration.tick)
     warnings = [line for line in calibration.warnings if "expect a limit cycle" not in line]
     beyond = calibration.delay_warning(delay.most)
     return Controller(
@@ -204,3 +219,90 @@ def sample_to_force(
     sensor = delay(vehicle.sensors.roll_rate, options=SensorOptions())
     least, most = sensor + bounds.age_min, sensor + bounds.age_max
     return Delay((least + most) / 2, least, most)
+
+
+def firmware_of(profile: BusProfile) -> BusFirmware:
+    """Return the ECU's program for the frames of a bus."""
+    if profile.dbc is None or profile.map_file is None:
+        return built_in()
+    return of_bus(profile.dbc, profile.map_file)
+
+
+def refuse_own(profile: BusProfile, command: str) -> None:
+    """Raise CanrollError for a bus whose frames only virtual time knows."""
+    if profile.dbc is not None:
+        raise CanrollError(
+            f"'canroll {command}' sends the frames of the bus contract: own frames (--dbc, --map) "
+            "are for virtual time, as in 'canroll run'"
+        )
+
+
+def names_of(profile: BusProfile) -> dict[int, str]:
+    """Return what the frames of a bus are called, by identifier."""
+    return {message.ident: message.name for message in messages_of(profile)}
+
+
+def check_frames(profile: BusProfile, record: Calibration) -> tuple[str, ...]:
+    """Return warnings of what the frames of a bus do to a loop with this calibration.
+
+    Raises:
+        CanrollError: a message or signal that the loop cannot do without is missing, or comes less
+            often than the loop waits for it.
+    """
+    bus = bus_map(profile)
+    if bus is None:
+        return ()
+    refuse_wide_steps(bus, record, str(profile.map_file))
+    return (*bus.warnings, *_other_rates(profile), *_lacking(profile, bus, record))
+
+
+def _other_rates(profile: BusProfile) -> Iterator[str]:
+    """What the DBC says of the bit rates, where the bus has others."""
+    assert profile.dbc is not None
+    database, _ = read(profile.dbc)
+    for name, rate in (
+        ("Baudrate", profile.bitrate),
+        ("BaudrateCANFD", profile.data_bitrate or profile.bitrate),
+    ):
+        said = attribute(database, name)
+        if said and said != rate:
+            yield f"{profile.dbc}: its {name} is {said} bit/s, that of bus {profile.name} {rate}"
+
+
+def _lacking(profile: BusProfile, bus: BusMap, record: Calibration) -> Iterator[str]:
+    for box, timeout, needed in zip(bus.received, record.timeout_ticks, NEEDED, strict=True):
+        if not timeout:
+            continue
+        where = f"{profile.map_file} [receive.{box.slot}]"
+        absent = _absent(box, needed)
+        if absent and box.slot not in DEGRADING:
+            raise CanrollError(f"{where}: no signal is the {absent}, which this loop needs")
+        if absent:
+            yield f"{where}: no signal is the {absent}: the loop runs degraded"
+        wait = timeout * record.tick_us // 1000
+        if box.name and 2 * box.cycle_ms > wait:
+            raise CanrollError(
+                f"{where}: {box.name} comes every {box.cycle_ms} ms, and the loop gives up after "
+                f"{wait} ms: it must come twice in that time"
+            )
+
+
+def _absent(box: Mailbox, needed: int) -> str:
+    """The first needed field that no signal of a mailbox is; "" where all are there."""
+    there = {signal.place.text for signal in box.signals}
+    for bit, field in enumerate(VALID_BITS[box.slot]):
+        if needed >> bit & 1 and field not in there:
+            return field
+    return ""
+
+
+def refuse_wide_steps(bus: BusMap, record: Calibration, map_file: str) -> None:
+    """Raise where a page of a multiplexed frame comes with larger counter steps than accepted."""
+    for box, accepted in zip(bus.received, record.e2e_max_delta, strict=True):
+        counter = box.protection.counter if box.protection else None
+        if record.e2e and counter is not None and box.cycle > accepted:
+            raise CanrollError(
+                f"{map_file} [receive.{box.slot}]: {box.name} counts over its {box.cycle} pages; "
+                f"the calibration accepts steps of {accepted} (e2e_max_delta): raise it, or map a "
+                "frame that is not multiplexed"
+            )

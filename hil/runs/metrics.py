@@ -1,6 +1,7 @@
 """Figures of a run: roll, load transfer, moment, bus and trigger figures."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -156,12 +157,14 @@ def load_transfer_without_roll(
     return figures
 
 
-def response_times(trace: Trace) -> dict[str, Vector]:
+def response_times(trace: Trace, names: Mapping[int, str] | None = None) -> dict[str, Vector]:
     """Response times of the contract's messages, ms, from the queue to the end of the frame.
 
-    Every segment a frame crosses counts as a frame of its own.
+    Every segment a frame crosses counts as a frame of its own. ``names``: of the frames, by
+    identifier, where they are not the contract's.
     """
-    names = {message.frame_id: message.name for message in dbc.load().messages}
+    if names is None:
+        names = {message.frame_id: message.name for message in dbc.load().messages}
     done = trace.frames[trace.frames["outcome"] == DELIVERED]
     times = {}
     for ident in np.unique(done["ident"]):
@@ -183,13 +186,13 @@ def bus_load(trace: Trace, segment: int = 0) -> float:
     return float(np.sum(on["t_end"] - on["t_start"]) * 1e-9 / trace.duration)
 
 
-def can(trace: Trace) -> Can:
-    """Return the bus figures of a run."""
+def can(trace: Trace, names: Mapping[int, str] | None = None) -> Can:
+    """Return the bus figures of a run; ``names`` as of :func:`response_times`."""
     delivered = trace.frames["outcome"] == DELIVERED
     return Can(
         load=bus_load(trace),
         frames=int(np.sum(delivered)),
-        response_ms={name: spread(values) for name, values in response_times(trace).items()},
+        response_ms={name: spread(values) for name, values in response_times(trace, names).items()},
         age_ms=spread(np.asarray(trace.ages * 1e-6, dtype=np.float64)) if len(trace.ages) else None,
     )
 

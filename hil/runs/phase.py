@@ -14,9 +14,8 @@ from canroll.errors import CanrollError
 from plant_sim.can_bus import DELIVERED, ECU
 from plant_sim.world.world import World
 
-MESSAGE = dbc.load().get_message_by_name("Imu")
-IMU: int = MESSAGE.frame_id
-IMU_PERIOD_NS = int(MESSAGE.cycle_time) * 1_000_000
+IMU = int(dbc.message("Imu").frame_id)
+IMU_PERIOD_NS = round(1e9 * dbc.period("Imu"))
 LISTEN_NS = 500_000_000
 """Time in which the earliest arrival of an Imu frame is looked for."""
 REGULAR_NS = 3_000_000
@@ -87,8 +86,13 @@ def earliest_arrival_ns(world: World) -> int:
         CanrollError: none does, or they come anyhow.
     """
     segment = int(world.network.nodes["segment"][ECU])
+    if world.imu_period_ns != IMU_PERIOD_NS:
+        raise CanrollError(
+            f"Imu frames come every {world.imu_period_ns / 1e6:g} ms on this bus: a phase is "
+            f"chosen within the contract's {IMU_PERIOD_NS / 1e6:g} ms; omit --phase"
+        )
     world.advance(LISTEN_NS)
-    imu = _received(world.frames, segment)
+    imu = _received(world.frames, segment, world.imu_ident)
     if not len(imu):
         raise CanrollError("no Imu frame reaches the ECU: the phase of its ticks is undefined")
     responses = imu["t_received"] - imu["t_origin"]
@@ -100,16 +104,17 @@ def earliest_arrival_ns(world: World) -> int:
     return (int(imu["t_origin"][0]) + int(np.min(responses))) % IMU_PERIOD_NS
 
 
-def measured(ticks: NDArray[np.float64], frames: NDArray[np.void]) -> Phase | None:
+def measured(ticks: NDArray[np.float64], frames: NDArray[np.void], imu: int = IMU) -> Phase | None:
     """Return the phase that a run's ticks had; None where there was no Imu frame before one.
 
     Args:
         ticks: instants of the ticks, s.
         frames: the bus log.
+        imu: identifier of the frames that carry the inertial measurement.
     """
     if not np.any(frames["sender"] == ECU):
         return None
-    received = np.sort(received_by_ecu(frames)["t_received"]) * 1e-9
+    received = np.sort(received_by_ecu(frames, imu)["t_received"]) * 1e-9
     newest = np.searchsorted(received, ticks + 1e-12, side="right") - 1
     heard = newest >= 0
     if not np.any(heard):
@@ -118,15 +123,15 @@ def measured(ticks: NDArray[np.float64], frames: NDArray[np.void]) -> Phase | No
     return Phase(float(since.min()), float(since.mean()), float(since.max()))
 
 
-def received_by_ecu(frames: NDArray[np.void]) -> NDArray[np.void]:
+def received_by_ecu(frames: NDArray[np.void], imu: int = IMU) -> NDArray[np.void]:
     """Return the Imu frames of a bus log that reached the ECU.
 
     The ECU's segment is the one that it sends on, the first where it has sent nothing.
     """
     own = frames[frames["sender"] == ECU]
-    return _received(frames, int(own["segment"][0]) if len(own) else 0)
+    return _received(frames, int(own["segment"][0]) if len(own) else 0, imu)
 
 
-def _received(frames: NDArray[np.void], segment: int) -> NDArray[np.void]:
-    imu = (frames["ident"] == IMU) & (frames["outcome"] == DELIVERED)
-    return np.asarray(frames[imu & (frames["segment"] == segment)])
+def _received(frames: NDArray[np.void], segment: int, imu: int) -> NDArray[np.void]:
+    whole = (frames["ident"] == imu) & (frames["outcome"] == DELIVERED)
+    return np.asarray(frames[whole & (frames["segment"] == segment)])

@@ -2,16 +2,20 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from pathlib import Path
 from typing import Any
 
+from codegen.run.bus_firmware import BusFirmware
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
 from hil.runs.choices import CHOICES
+from hil.runs.frozen import firmware_of
 from hil.runs.limit_cycle import LimitCycle
 from hil.runs.metrics import Can, Metrics, Trigger
 from hil.runs.phase import Phase
 from hil.runs.standard import Standard
 from hil.runs.trace import Trace
+from plant_sim.can_bus import BusProfile, load_profile
 from vehicles import Vehicle
 
 FIGURES = (
@@ -40,7 +44,8 @@ class Settings:
     ``speed`` in m/s, ``tick``, ``run_time`` and ``phase`` in s (phase None: that of clocks that
     start together); ``command``: the message that commands the actuators; ``options`` of the
     manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
-    :func:`hil.runs.conditions.options` reads them.
+    :func:`hil.runs.conditions.options` reads them; ``dbc`` and ``map``: the frames on the bus, None
+    for those of the contract or the network's own.
     """
 
     scenario: str
@@ -61,6 +66,24 @@ class Settings:
     faults: tuple[str, ...] = ()
     conditions: tuple[tuple[str, Any], ...] = ()
     phase: float | None = None
+    dbc: str | None = None
+    map: str | None = None
+
+    @property
+    def bus_name(self) -> str:
+        """The bus in a few words: its name, and the file of its frames where they are a user's."""
+        bus = Path(self.bus).stem if self.bus.endswith(".toml") else self.bus
+        return bus if self.dbc is None else f"{bus}, frames of {Path(self.dbc).name}"
+
+    @property
+    def profile(self) -> BusProfile:
+        """The bus, with the frames on it."""
+        return load_profile(self.bus, self.dbc, self.map)
+
+    @property
+    def firmware(self) -> BusFirmware:
+        """The ECU's program for the frames of the bus."""
+        return firmware_of(self.profile)
 
     def choices(self) -> dict[str, Any]:
         """Return these settings by the keywords of a run; what the calibration says is left out."""

@@ -126,6 +126,8 @@ def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
         "speed": data["speed_kmh"] / 3.6,
         "tick": 1e-3 * data["tick_ms"],
         "run_time": RUN_TIME_NS * 1e-9,
+        "dbc": data.get("dbc"),
+        "map": data.get("map"),
         "options": tuple(data["options"].items()),
         "faults": tuple(data["faults"]),
         "conditions": tuple(data["conditions"].items()),

@@ -56,9 +56,16 @@ def record_tick(row: np.void, t: float, state: Ecu) -> None:
     _fill(row, t, lambda name: getattr(state, name))
 
 
-def tick_rows(times: Sequence[float], images: Sequence[bytes]) -> NDArray[np.void]:
-    """Return rows of :data:`TICK` from the records after ticks at ``times`` (s)."""
-    states = np.frombuffer(b"".join(images), dtype(Ecu))
+def tick_rows(
+    times: Sequence[float],
+    images: Sequence[bytes],
+    record: Any = Ecu,  # noqa: ANN401
+) -> NDArray[np.void]:
+    """Return rows of :data:`TICK` from the records after ticks at ``times`` (s).
+
+    ``record`` is the class of the state record, which differs between buses.
+    """
+    states = np.frombuffer(b"".join(images), dtype(record))
     rows = np.zeros(len(states), TICK)
     _fill(rows, times, lambda name: np.moveaxis(states[name], 0, -1))
     return rows

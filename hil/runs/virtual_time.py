@@ -53,7 +53,8 @@ def ticks(
     while t + tick_ns <= end_ns and not world.finished:
         t += tick_ns
         for frame in world.advance(t):
-            ecu.receive(int(frame["ident"]), frame["payload"], int(frame["length"]))
+            length = int(frame["length"])
+            ecu.receive(int(frame["ident"]), frame["payload"][:length], length)
         for ident, payload in ecu.tick(1):
             world.submit(t + run_time_ns, ident, payload)
         yield t
@@ -100,17 +101,19 @@ def closed_loop(
             if progress is not None and len(times) % 50 == 0:
                 progress(t / end)
     except KeyboardInterrupt:
-        raise Interrupted(_trace(world, times, images, complete=False)) from None
-    return _trace(world, times, images, complete=True)
+        raise Interrupted(_trace(world, type(ecu.state), times, images, complete=False)) from None
+    return _trace(world, type(ecu.state), times, images, complete=True)
 
 
-def _trace(world: World, times: list[float], images: list[bytes], *, complete: bool) -> Trace:
+def _trace(
+    world: World, record: type, times: list[float], images: list[bytes], *, complete: bool
+) -> Trace:
     # a tick of which only the time was noted when it was interrupted does not count
     return Trace(
         signals=world.signals,
         frames=world.frames,
         ages=np.asarray(world.ages, dtype=np.int64),
-        ticks=tick_rows(times[: len(images)], images),
+        ticks=tick_rows(times[: len(images)], images, record),
         duration=world.now_ns * 1e-9,
         complete=complete,
     )

@@ -231,7 +231,7 @@ def sweep_page(named: Mapping[str, Sequence[Named]]) -> str:
         Page(
             title=f"{scenario[:1].upper()}{scenario[1:]} from {min(speeds):g} to "
             f"{max(speeds):g} km/h",
-            subtitle=f"{settings.vehicle.name}, {settings.actuator} over {settings.bus}",
+            subtitle=f"{settings.vehicle.name}, {settings.actuator} over {settings.bus_name}",
             verdict=Verdict(len(good) == len(everything), text, ""),
             warnings=list(warnings),
             tables=[sweep_table(named)],

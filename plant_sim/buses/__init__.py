@@ -20,12 +20,12 @@ BUSES: "Registry[BusProfile]" = Registry(
         "gateway_50ms": "plant_sim.buses.profile:FAR_GATEWAY",
     },
     accept="plant_sim.buses.profile:accept",
-    files=dict.fromkeys(_LOGS, _LOG),
+    files={**dict.fromkeys(_LOGS, _LOG), ".toml": "plant_sim.can_bus.network_file:read_profile"},
 )
 
 
 def load_profile(name: str) -> "BusProfile":
-    """Return the bus profile ``name``, that of a bus log's channel for ``log.blf#channel``.
+    """Return the bus profile ``name``, of a network file, or of a log (``log.blf#channel``).
 
     Raises:
         UnknownNameError: there is no such profile.

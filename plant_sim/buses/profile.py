@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass
 from math import isfinite
+from pathlib import Path
 from typing import Final
 
 from canroll.errors import CanrollError
 
 BITRATES: Final = (10_000, 1_000_000)
 """Least and greatest rate of classic CAN, bit/s."""
+DATA_BITRATE_MAX: Final = 8_000_000
 GATEWAY_MS_MAX: Final = 1000.0
 
 
@@ -18,7 +20,9 @@ class BusProfile:
     ``load`` is the total, own messages at their cycle times included; background traffic fills
     the rest, ``above`` of it with identifiers of higher priority than all own messages.
     ``gateway_ms`` (least and greatest latency each way): the ECU has a segment of its own,
-    joined to the vehicle's by a gateway. ``data_bitrate``: of FD frames, 0: as ``bitrate``.
+    joined to the vehicle's by a gateway. ``data_bitrate``: of FD frames with bit-rate switch, 0:
+    as ``bitrate``. ``dbc`` and ``map_file``: the frames that carry our signals, both None for those
+    of the contract.
     """
 
     name: str
@@ -27,6 +31,9 @@ class BusProfile:
     above: float = 0.5
     gateway_ms: tuple[float, float] | None = None
     data_bitrate: int = 0
+    bit_error_rate: float = 0.0
+    dbc: Path | None = None
+    map_file: Path | None = None
 
     @property
     def segments(self) -> int:
@@ -61,6 +68,14 @@ def accept(what: str, profile: object) -> BusProfile:
         and low <= profile.bitrate <= high,
         f"load {profile.load}: it must be above 0 and below 1": 0.0 < profile.load < 1.0,
         f"above {profile.above}: it must be 0 to 1": 0.0 <= profile.above <= 1.0,
+        f"data_bitrate {profile.data_bitrate}: it must be 0, or bitrate to "
+        f"{DATA_BITRATE_MAX} bit/s": isinstance(profile.data_bitrate, int)
+        and (
+            not profile.data_bitrate or profile.bitrate <= profile.data_bitrate <= DATA_BITRATE_MAX
+        ),
+        f"bit_error_rate {profile.bit_error_rate}: it must be 0 to below 1": 0.0
+        <= profile.bit_error_rate
+        < 1.0,
         f"gateway_ms {gateway}: two times in order, 0 to {GATEWAY_MS_MAX:g} ms": len(gateway) == 2
         and all(map(isfinite, gateway))
         and 0.0 <= gateway[0] <= gateway[1] <= GATEWAY_MS_MAX,

@@ -25,7 +25,6 @@ Beside the kernels: ``analysis`` (worst-case response times), ``delay_bounds`` (
 other programs ``simbus`` (a python-can interface) and ``socketcand`` with ``serving`` (a server).
 """
 
-from plant_sim.buses import load_profile
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.kernel.layout import (
     DELIVERED,
@@ -53,6 +52,7 @@ from plant_sim.can_bus.kernel.network import (
 )
 from plant_sim.can_bus.kernel.queues import enqueue, submit
 from plant_sim.can_bus.kernel.scheduler import advance, run
+from plant_sim.can_bus.network_file import load_profile
 from plant_sim.can_bus.profiles import (
     ACTUATOR,
     CHASSIS,

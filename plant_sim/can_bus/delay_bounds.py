@@ -14,14 +14,8 @@ from typing import Final
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.analysis import ErrorModel, ResponseBound, response_bounds
-from plant_sim.can_bus.profiles import (
-    DEFAULT_COMMAND,
-    MS,
-    background_of,
-    crosses,
-    own_messages,
-    segment_of,
-)
+from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, MS, own_messages
+from plant_sim.can_bus.profiles import background_of, crosses, segment_of
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 _NS: Final = 1e-9
@@ -70,7 +64,7 @@ def message_paths(
         replace(m, period_ns=command_period_ms * MS, jitter_ns=round(command_jitter_ms * MS))
         if m.name == command
         else m
-        for m in own_messages(command)
+        for m in own_messages(command, profile)
     ]
     low, high = (int(x * MS) for x in profile.gateway_ms or (0.0, 0.0))
     jitter: dict[str, int] = {}
@@ -161,7 +155,7 @@ def delay_bounds(
     """
     if tick_ms <= 0.0:
         raise CanrollError(f"the tick must be positive, got {tick_ms} ms")
-    periods = {m.name: m.period_ns * _NS for m in own_messages(command)}
+    periods = {m.name: m.period_ns * _NS for m in own_messages(command, profile)}
     if sensor not in periods:
         raise CanrollError(f"'{sensor}' is not a message of the bus: choose from {sorted(periods)}")
     paths = message_paths(

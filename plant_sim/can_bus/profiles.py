@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from typing import Any, Final
 
-import dbc
-from canroll.errors import UnknownNameError
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.kernel.layout import Network
 from plant_sim.can_bus.kernel.network import (
@@ -17,35 +15,15 @@ from plant_sim.can_bus.kernel.network import (
     add_node,
     build_network,
 )
+from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, MS, own_messages
 from plant_sim.can_bus.recorded_profile import RecordedProfile
 from plant_sim.can_bus.traffic.background import background_messages
 from plant_sim.can_bus.traffic.looped import LoopedTraffic
 from plant_sim.can_bus.traffic.messages import BusMessage
 
-MS: Final = 1_000_000
 NODES: Final = ("RollControl", "Imu", "Chassis", "Suspension", "Actuator", "Reference")
 """Nodes of the bus contract, in the order of their numbers on every profile."""
 ECU, IMU, CHASSIS, SUSPENSION, ACTUATOR, REFERENCE = range(6)
-DEFAULT_COMMAND: Final = "SuspensionForceCommand"
-
-
-def own_messages(command: str = DEFAULT_COMMAND) -> tuple[BusMessage, ...]:
-    """Return the messages of the bus contract that are in use with actuator command ``command``."""
-    commands = {m.name for m in dbc.load().messages if m.name.endswith("Command")}
-    if command not in commands:
-        raise UnknownNameError("command message", command, commands)
-    return tuple(
-        BusMessage(
-            message.name,
-            message.frame_id,
-            message.length,
-            (message.cycle_time or 100) * MS,
-            message.senders[0],
-            tuple(sorted(message.receivers)),
-        )
-        for message in dbc.load().messages
-        if message.name not in commands - {command}
-    )
 
 
 def segment_of(profile: BusProfile, node: str) -> int:
@@ -66,7 +44,7 @@ def own_on_segment(
     """Return the own messages on a segment, those that a gateway brings there too."""
     return [
         m
-        for m in own_messages(command)
+        for m in own_messages(command, profile)
         if segment_of(profile, m.sender) == segment or crosses(profile, m)
     ]
 
@@ -80,7 +58,7 @@ def background_of(
         CanrollError: a recorded bus has an own message's identifier on it already.
     """
     if isinstance(profile, RecordedProfile):
-        return list(profile.background(own_messages(command)))
+        return list(profile.background(own_messages(command, profile)))
     return background_messages(
         own_on_segment(profile, segment, command),
         node="Background" if segment == 0 else f"Background{segment + 1}",
@@ -88,6 +66,7 @@ def background_of(
         load=profile.load,
         above=profile.above,
         seed=seed * 2 + segment,
+        data_bitrate=profile.data_bitrate,
     )
 
 
@@ -98,7 +77,7 @@ def profile_spec(
     command: str = DEFAULT_COMMAND,
     background: bool = True,
     faults: Sequence[Fault] = (),
-    bit_error_rate: float = 0.0,
+    bit_error_rate: float | None = None,
     policy: str = "replace",
     log_capacity: int = 1 << 14,
 ) -> NetworkSpec:
@@ -111,12 +90,14 @@ def profile_spec(
         background: False leaves the bus to the own messages. The frames of a recorded bus are no
             periodic sources: :func:`recorded_traffic` sends them.
         faults: scripted faults.
-        bit_error_rate: probability that a bit on the wire is disturbed.
+        bit_error_rate: probability that a bit on the wire is disturbed; None: the profile's.
         policy: transmit queues of the own nodes: ``replace``, ``priority`` or ``fifo``.
         log_capacity: entries in the ring log; a consumer drains at least that often.
     """
+    if bit_error_rate is None:
+        bit_error_rate = profile.bit_error_rate
     nodes = [Node(name, segment_of(profile, name), policy) for name in NODES]
-    own = own_messages(command)
+    own = own_messages(command, profile)
     sources = []
     gateways: tuple[Gateway, ...] = ()
     for segment in range(profile.segments):
@@ -136,7 +117,7 @@ def profile_spec(
                 high,
                 "fixed" if low == high else "uniform",
                 idents=tuple(
-                    (m.ident, 0) for m in crossing if segment_of(profile, m.sender) == segment
+                    (m.ident, m.flags) for m in crossing if segment_of(profile, m.sender) == segment
                 ),
             )
             for segment, ports in enumerate((("Gateway", "Gateway2"), ("Gateway2", "Gateway")))
@@ -165,4 +146,4 @@ def recorded_traffic(
     if not isinstance(profile, RecordedProfile):
         return None
     node = add_node(network, Node("Recording", policy="priority", capacity=MAX_CAPACITY))
-    return LoopedTraffic(network, node, profile.loop(own_messages(command)), seed=seed)
+    return LoopedTraffic(network, node, profile.loop(own_messages(command, profile)), seed=seed)

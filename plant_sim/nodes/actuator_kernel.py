@@ -37,7 +37,8 @@ FAULT_CORNER, FAULT_KIND, FAULT_START, FAULT_END = range(4)
 ) = range(10)
 LATCHED = STATUS + 4
 N_FLAGS = LATCHED + 4
-NO_COUNTER = 15
+NO_COUNTER = -1
+"""All bits of the echo are set, as long as no command has been accepted."""
 
 # Slots of Actuators.state: four channels each, then both axles each, then the hydraulics.
 DEMAND, REFERENCE, ACTUAL, APPLIED = 0, 4, 8, 12
@@ -68,34 +69,44 @@ class Actuators(NamedTuple):
 
 
 @njit
-def listens(node: Actuators, tables: Codec, ident: int) -> int:
-    """Which of the node's messages carries ``ident``; -1 for none."""
+def listens(node: Actuators, message: int) -> int:
+    """Which of the node's messages is row ``message`` of the tables; -1 for none."""
     for which in range(MESSAGES):
-        message = node.message[which, MESSAGE]
-        if message >= 0 and tables.message[message, codec.IDENT] == ident:
+        if message >= 0 and node.message[which, MESSAGE] == message:
             return which
     return -1
 
 
 @njit
-def receive(node: Actuators, tables: Codec, which: int, word: int, t_ns: int) -> bool:
+def receive(
+    node: Actuators, tables: Codec, which: int, payload: NDArray[np.uint8], t_ns: int
+) -> bool:
     """Take a command frame in at ``t_ns``; whether it was accepted.
 
-    A signal that carries the error or not-available code demands nothing of its channel.
+    A signal that carries the error or not-available code, or that its second signal contradicts,
+    demands nothing of its channel.
     """
     row = node.message[which]
-    data_id = tables.message[row[MESSAGE], codec.DATA_ID]
-    status = e2e.check(node.receiver[which], node.supervision, data_id, word)
+    number = row[MESSAGE]
+    status = e2e.check(
+        node.receiver[which],
+        node.supervision,
+        tables.protection[number],
+        tables.identity[number],
+        tables.crc[number],
+        payload,
+    )
     if status not in (e2e.OK, e2e.SOME_LOST, e2e.INITIAL):
         node.flag[REJECTED] += 1
         return False
     for channel in range(row[CHANNELS]):
         signal = row[FIRST_SIGNAL] + channel
-        raw = codec.extract(tables, signal, word)
+        raw = codec.extract(tables, signal, payload)
         value = raw * tables.scaling[signal, codec.SCALE] + tables.scaling[signal, codec.OFFSET]
-        node.state[DEMAND + channel] = value if codec.valid(tables, signal, raw) else 0.0
+        said = codec.valid(tables, signal, raw) and codec.agrees(tables, signal, payload)
+        node.state[DEMAND + channel] = value if said else 0.0
     node.flag[HELD] = 1
-    node.flag[COUNTER] = (word >> 8) & 0xF
+    node.flag[COUNTER] = e2e.counter_of(tables.protection[number], payload)
     node.flag[SOURCE] = which
     node.flag[T_ACCEPTED] = t_ns
     return True
@@ -131,16 +142,15 @@ def set_status(node: Actuators, first: int, last: int, status: int) -> None:
 
 
 @njit
-def report(node: Actuators, tables: Codec) -> int:
-    """Payload word of ActuatorState without counters and checksum; clears the latched status."""
-    word = 0
+def report(node: Actuators, tables: Codec, payload: NDArray[np.uint8]) -> None:
+    """Put ActuatorState into a payload but for its sample; clears the latched status."""
     for axle in range(2):
         signal = node.report[axle]
         raw = codec.raw_value(tables, signal, node.state[ESTIMATE + axle])
-        word = codec.insert(tables, signal, word, raw)
+        codec.insert(tables, signal, payload, raw)
     for corner in range(4):
-        word = codec.insert(tables, node.report[2 + corner], word, node.flag[LATCHED + corner])
+        codec.insert(tables, node.report[2 + corner], payload, node.flag[LATCHED + corner])
         node.flag[LATCHED + corner] = node.flag[STATUS + corner]
-    word = codec.insert(tables, node.report[6], word, node.flag[ENABLED])
-    word = codec.insert(tables, node.report[7], word, node.flag[HELD])
-    return codec.insert(tables, node.report[8], word, node.flag[COUNTER])
+    codec.insert(tables, node.report[6], payload, node.flag[ENABLED])
+    codec.insert(tables, node.report[7], payload, node.flag[HELD])
+    codec.insert(tables, node.report[8], payload, node.flag[COUNTER])

@@ -1,8 +1,10 @@
-"""Signals to payloads and back on arrays, with tables read from the DBC.
+"""Signals to payloads and back on arrays, for the frames of any bus.
 
-A payload is one 64-bit integer whose bit i is bit i of the DBC's Intel numbering: byte 0 of the
-frame is the lowest byte. Physical values are rounded to the nearest raw value and clipped to the
-range the DBC allows, which leaves out the two codes that mean error and not available.
+Tables have a row for every message and signal of the bus contract, in its file's order, whatever
+frames they are sent in: those of ``roll_control.dbc``, or those of a user's DBC that a map places
+the same signals in. Physical values are in the contract's units; they are rounded to the nearest
+raw code and clipped to the range the DBC allows, which leaves out the codes that mean error and not
+available. A payload is an array of bytes.
 """
 
 import math
@@ -15,23 +17,74 @@ from cantools.database.can import Message, Signal
 from numpy.typing import NDArray
 
 import dbc
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.errors import UnknownNameError
+from codegen.generated.bus_map import EXTENDED as EXTENDED_IDENT
+from codegen.generated.bus_map import BusMap
+from codegen.generated.frame_protection import protection
+from codegen.generated.mapped_signal import UNITS, MappedSignal, RawSignal, raw_signal
+from plant_sim.can_bus.own_frames import contract_names, flags_of
 from plant_sim.kernels.jit import njit
+from plant_sim.nodes import e2e
 
-# Columns of Codec.message.
-IDENT, LENGTH, FIRST, END, DATA_ID, CYCLE_MS = range(6)
-# Columns of Codec.field. PAGE is -1 where the signal is in every frame of its message.
-START, WIDTH, SIGNED, RAW_MIN, RAW_MAX, RAW_ERROR, PAGE, PAGE_SIGNAL = range(8)
+MAX_PAYLOAD = 64
+# Columns of Codec.message; LENGTH 0: the message is not on this bus. KEY is the identifier as the
+# firmware has it (bit 30: one of 29 bits). LEADER is the first message in the same frame. SELECTOR
+# is the row of the signal that is always SELECTED, as the frame has pages, -1: none.
+(
+    IDENT,
+    LENGTH,
+    FIRST,
+    END,
+    CYCLE_MS,
+    FLAGS,
+    KEY,
+    LEADER,
+    SELECTOR,
+    SELECTED,
+    N_MESSAGE,
+) = range(11)
+# Columns of Codec.field. PAGE is -1 where the signal is in every frame of its message. MINUS and
+# TWIN are rows of the signals that carry the sign and the redundant or inverted code, -1: none.
+(
+    PIECES,
+    WIDTH,
+    SIGNED,
+    RAW_MIN,
+    RAW_MAX,
+    RAW_ERROR,
+    PAGE,
+    PAGE_SIGNAL,
+    MINUS,
+    TWIN,
+    INVERTED,
+    TOLERANCE,
+    N_FIELD,
+) = range(13)
+NO_ERROR_CODE = -(1 << 40)
+"""Of a signal whose DBC has no code for error or not available."""
 # Columns of Codec.scaling.
 SCALE, OFFSET = range(2)
+# Columns of Codec.piece: bits of a signal in one byte.
+BYTE, BIT, BITS, SIGNAL_BIT, N_PIECE = range(5)
+_PIECES = 5
+_SPARE = 64
+"""Rows for signals that carry a sign or a second code: tables of all buses have one shape."""
 
 
 class Codec(NamedTuple):
-    """Layout of every message: ``message`` (m, 6), ``field`` (n, 8), ``scaling`` (n, 2)."""
+    """Layout of every message.
+
+    ``message`` (m, 8), ``field`` (n, 12), ``piece`` (n, 5, 4), ``scaling`` (n, 2), ``protection``
+    and ``identity`` as of :mod:`plant_sim.nodes.e2e`.
+    """
 
     message: NDArray[np.int64]
     field: NDArray[np.int64]
+    piece: NDArray[np.int64]
     scaling: NDArray[np.float64]
+    protection: NDArray[np.int64]
+    identity: NDArray[np.int64]
+    crc: NDArray[np.int64]
 
 
 @njit
@@ -50,45 +103,86 @@ def raw_value(codec: Codec, signal: int, value: float) -> int:
 
 
 @njit
-def insert(codec: Codec, signal: int, word: int, raw: int) -> int:
-    """Return ``word`` with the bits of ``signal`` replaced by ``raw`` (two's complement)."""
-    start = codec.field[signal, START]
-    mask = (1 << codec.field[signal, WIDTH]) - 1
-    return int((word & ~(mask << start)) | ((raw & mask) << start))
+def _insert(codec: Codec, signal: int, payload: NDArray[np.uint8], raw: int) -> None:
+    for k in range(codec.field[signal, PIECES]):
+        piece = codec.piece[signal, k]
+        mask = ((1 << piece[BITS]) - 1) << piece[BIT]
+        part = ((raw >> piece[SIGNAL_BIT]) << piece[BIT]) & mask
+        payload[piece[BYTE]] = (int(payload[piece[BYTE]]) & ~mask) | part
 
 
 @njit
-def extract(codec: Codec, signal: int, word: int) -> int:
-    """Raw value of ``signal`` in the payload ``word``."""
+def _extract(codec: Codec, signal: int, payload: NDArray[np.uint8]) -> int:
+    raw = 0
+    for k in range(codec.field[signal, PIECES]):
+        piece = codec.piece[signal, k]
+        part = (int(payload[piece[BYTE]]) >> piece[BIT]) & ((1 << piece[BITS]) - 1)
+        raw |= part << piece[SIGNAL_BIT]
     width = codec.field[signal, WIDTH]
-    raw = (word >> codec.field[signal, START]) & ((1 << width) - 1)
     if codec.field[signal, SIGNED] and raw >> (width - 1):
         raw -= 1 << width
-    return int(raw)
+    return raw
 
 
 @njit
-def encode(codec: Codec, message: int, values: NDArray[np.float64]) -> int:
-    """Payload word of physical ``values``, one for each signal of ``message`` in table order."""
+def insert(codec: Codec, signal: int, payload: NDArray[np.uint8], raw: int) -> None:
+    """Replace the bits of ``signal`` in a payload by ``raw``, and what repeats them."""
+    field = codec.field[signal]
+    size = raw
+    if field[MINUS] >= 0:
+        size = abs(raw)
+        _insert(codec, field[MINUS], payload, 1 if raw < 0 else 0)
+    _insert(codec, signal, payload, size)
+    if field[TWIN] >= 0:
+        _insert(codec, field[TWIN], payload, ~size if field[INVERTED] else size)
+
+
+@njit
+def extract(codec: Codec, signal: int, payload: NDArray[np.uint8]) -> int:
+    """Raw value of ``signal`` in a payload."""
+    raw: int = _extract(codec, signal, payload)
+    minus = codec.field[signal, MINUS]
+    if minus >= 0 and _extract(codec, minus, payload) == 1:
+        return -raw
+    return raw
+
+
+@njit
+def agrees(codec: Codec, signal: int, payload: NDArray[np.uint8]) -> bool:
+    """Whether the redundant or inverted code, if there is one, says what ``signal`` does."""
+    field = codec.field[signal]
+    if field[TWIN] < 0:
+        return True
+    other: int = _extract(codec, field[TWIN], payload)
+    if field[INVERTED]:
+        other = ~other if field[SIGNED] else (1 << field[WIDTH]) - 1 - other
+    return bool(abs(_extract(codec, signal, payload) - other) <= field[TOLERANCE])
+
+
+@njit
+def encode(
+    codec: Codec, message: int, values: NDArray[np.float64], payload: NDArray[np.uint8]
+) -> None:
+    """Put physical ``values``, one for each signal of ``message`` in table order, in a payload."""
     first, end = codec.message[message, FIRST], codec.message[message, END]
-    word = 0
     for signal in range(first, end):
         page = codec.field[signal, PAGE]
         if page < 0 or int(values[codec.field[signal, PAGE_SIGNAL] - first]) == page:
-            word = insert(codec, signal, word, raw_value(codec, signal, values[signal - first]))
-    return word
+            insert(codec, signal, payload, raw_value(codec, signal, values[signal - first]))
 
 
 @njit
-def decode(codec: Codec, message: int, word: int, values: NDArray[np.float64]) -> None:
+def decode(
+    codec: Codec, message: int, payload: NDArray[np.uint8], values: NDArray[np.float64]
+) -> None:
     """Fill ``values`` with the physical values of ``message``; signals of other pages are nan."""
     first, end = codec.message[message, FIRST], codec.message[message, END]
     for signal in range(first, end):
         page = codec.field[signal, PAGE]
-        if page >= 0 and extract(codec, codec.field[signal, PAGE_SIGNAL], word) != page:
+        if page >= 0 and extract(codec, codec.field[signal, PAGE_SIGNAL], payload) != page:
             values[signal - first] = math.nan
         else:
-            raw = extract(codec, signal, word)
+            raw = extract(codec, signal, payload)
             values[signal - first] = (
                 raw * codec.scaling[signal, SCALE] + codec.scaling[signal, OFFSET]
             )
@@ -133,52 +227,118 @@ def unit(message: str, signal: str) -> str:
     return _messages()[message].get_signal_by_name(signal).unit or ""
 
 
-def _field(signal: Signal, first: int, names: list[str]) -> list[int]:
-    if signal.byte_order != "little_endian" or signal.is_float:
-        raise CanrollError(f"signal '{signal.name}' in {dbc.PATH.name}: use Intel-order integers")
+def _empty() -> Codec:
+    """Tables of a bus without any message."""
+    messages = _messages()
+    signals = sum(len(message.signals) for message in messages.values())
+    rows = len(messages)
+    codec = Codec(
+        np.zeros((rows, N_MESSAGE), dtype=np.int64),
+        np.zeros((signals + _SPARE, N_FIELD), dtype=np.int64),
+        np.zeros((signals + _SPARE, _PIECES, N_PIECE), dtype=np.int64),
+        np.ones((signals + _SPARE, 2)),
+        *e2e.tables(rows),
+    )
+    codec.message[:, [KEY, SELECTOR]] = -1
+    codec.message[:, LEADER] = range(rows)
+    codec.field[:, [PAGE, MINUS, TWIN]] = -1
+    first = 0
+    for row, message in zip(codec.message, messages.values(), strict=True):
+        row[[FIRST, END]] = first, first + len(message.signals)
+        first += len(message.signals)
+    return codec
+
+
+def _place(codec: Codec, row: int, signal: RawSignal) -> None:
+    codec.field[row, [PIECES, WIDTH, SIGNED]] = len(signal.pieces), signal.length, signal.signed
+    for k, piece in enumerate(signal.pieces):
+        codec.piece[row, k] = piece.byte, piece.bit, piece.width, piece.signal_bit
+
+
+def _contract_field(codec: Codec, row: int, signal: Signal, first: int, names: list[str]) -> None:
     codes = {str(text): int(raw) for raw, text in (signal.choices or {}).items()}
     top = (1 << (signal.length - int(signal.is_signed))) - 1
     bottom = -top - 1 if signal.is_signed else 0
     scale, offset = float(signal.scale), float(signal.offset)
     low = bottom if signal.minimum is None else round((float(signal.minimum) - offset) / scale)
     high = top if signal.maximum is None else round((float(signal.maximum) - offset) / scale)
-    page = signal.multiplexer_ids[0] if signal.multiplexer_ids else -1
-    switch = first + (names.index(signal.multiplexer_signal) if signal.multiplexer_signal else 0)
-    return [
-        signal.start,
-        signal.length,
-        int(signal.is_signed),
-        low,
-        high,
-        codes.get("Error", top),
-        page,
-        switch,
-    ]
+    _place(codec, row, raw_signal(signal))
+    codec.field[row, [RAW_MIN, RAW_MAX, RAW_ERROR]] = low, high, codes.get("Error", top)
+    if signal.multiplexer_ids:
+        codec.field[row, PAGE] = signal.multiplexer_ids[0]
+    if signal.multiplexer_signal:
+        codec.field[row, PAGE_SIGNAL] = first + names.index(signal.multiplexer_signal)
+    else:
+        codec.field[row, PAGE_SIGNAL] = first
+    codec.scaling[row] = scale, offset
 
 
 @cache
 def load() -> Codec:
     """Tables of every message of ``roll_control.dbc``, in the file's order."""
-    rows: list[list[int]] = []
-    fields: list[list[int]] = []
-    scaling: list[list[float]] = []
-    for message in _messages().values():
+    codec = _empty()
+    for index, message in enumerate(_messages().values()):
+        row = codec.message[index]
+        row[[IDENT, LENGTH, KEY]] = message.frame_id, message.length, message.frame_id
+        row[CYCLE_MS] = message.cycle_time or 0
         names = [signal.name for signal in message.signals]
-        first = len(fields)
-        rows.append(
-            [
-                message.frame_id,
-                message.length,
-                first,
-                first + len(names),
-                dbc.data_id(message),
-                message.cycle_time or 0,
-            ]
-        )
-        fields.extend(_field(signal, first, names) for signal in message.signals)
-        scaling.extend([float(s.scale), float(s.offset)] for s in message.signals)
-    return Codec(
-        np.array(rows, dtype=np.int64),
-        np.array(fields, dtype=np.int64),
-        np.array(scaling, dtype=np.float64),
-    )
+        for k, signal in enumerate(message.signals):
+            _contract_field(codec, int(row[FIRST]) + k, signal, int(row[FIRST]), names)
+        its = protection(message, None, (), dbc.PATH.name)
+        e2e.put(codec.protection[index], codec.identity[index], codec.crc[index], its)
+    return codec
+
+
+def of_map(bus: BusMap) -> Codec:
+    """Tables of the frames in which ``bus`` places the contract's signals.
+
+    Messages without a mailbox in the map, and signals that it leaves out, are not on the bus.
+    """
+    codec = _empty()
+    spare = len(codec.field) - _SPARE
+    leaders: dict[int, int] = {}
+    for box in bus.frames:
+        names = contract_names(box.slot)
+        index = message_index(names.message)
+        row = codec.message[index]
+        row[KEY] = box.ident
+        row[IDENT], row[LENGTH] = box.ident & (EXTENDED_IDENT - 1), box.sent_length
+        row[FLAGS] = flags_of(box)
+        row[CYCLE_MS] = box.cycle_ms
+        row[LEADER] = leaders.setdefault(box.ident, index)
+        e2e.put(codec.protection[index], codec.identity[index], codec.crc[index], box.protection)
+        for signal in box.signals:
+            if signal.place.text not in names.signals:
+                continue
+            name = names.signals[signal.place.text]
+            at = signal_index(names.message, name)
+            _place(codec, at, signal)
+            _scale(codec, at, signal, unit(names.message, name))
+            for column, other in ((MINUS, signal.minus), (TWIN, signal.twin)):
+                if other is not None:
+                    _place(codec, spare, other if isinstance(other, RawSignal) else other.signal)
+                    codec.field[at, column] = spare
+                    spare += 1
+            if signal.twin is not None:
+                codec.field[at, [INVERTED, TOLERANCE]] = (
+                    signal.twin.inverted,
+                    signal.twin.tolerance,
+                )
+        if box.selector is not None:
+            _place(codec, spare, box.selector)
+            row[[SELECTOR, SELECTED]] = spare, box.pages[0]
+            spare += 1
+    return codec
+
+
+def _scale(codec: Codec, row: int, signal: MappedSignal, contract_unit: str) -> None:
+    """Scaling in the contract's unit, and the codes that are values."""
+    factor = float(UNITS[signal.place.unit][1] / UNITS[contract_unit][1]) / 2**signal.place.q
+    codec.scaling[row] = float(signal.scale) * factor, float(signal.offset) * factor
+    low, high = signal.raw_lo, signal.raw_hi
+    while high in signal.unavailable:
+        high -= 1
+    while low in signal.unavailable:
+        low += 1
+    error = signal.unavailable[0] if signal.unavailable else NO_ERROR_CODE
+    codec.field[row, [RAW_MIN, RAW_MAX, RAW_ERROR]] = low, high, error

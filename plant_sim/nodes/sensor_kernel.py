@@ -65,6 +65,7 @@ STUCK, OFFSET, DROPOUT, BURST, INVALID = range(5)
 # Room for faults; an unused row has channel -1.
 FAULTS = 16
 
+NEVER = 1 << 62
 STEP = 1e-3
 STEP_NS = 1_000_000
 
@@ -180,11 +181,17 @@ def silent(sensors: Sensors, node: int, t_ns: int) -> bool:
 
 @njit
 def sample(  # noqa: PLR0917
-    sensors: Sensors, tables: Codec, node: int, t_ns: int, now_ns: int, seed: int, word: int
-) -> int:
-    """Payload of the node's sample at ``t_ns``, protected; ``now_ns`` is the last step's end.
+    sensors: Sensors,
+    tables: Codec,
+    node: int,
+    t_ns: int,
+    now_ns: int,
+    seed: int,
+    payload: NDArray[np.uint8],
+) -> None:
+    """Put the node's sample at ``t_ns`` into a payload; ``now_ns`` is the last step's end.
 
-    ``word`` holds what the node puts in by itself; its counters advance.
+    Its counter of samples advances.
     """
     row = sensors.node[node]
     count = row[SAMPLES]
@@ -192,8 +199,23 @@ def sample(  # noqa: PLR0917
     for index in range(row[FIRST_CHANNEL], row[FIRST_CHANNEL] + row[CHANNELS]):
         value = measure(sensors, index, back, t_ns, count, seed)
         signal = sensors.signal[index]
-        word = codec.insert(tables, signal, word, codec.raw_value(tables, signal, value))
-    word = codec.insert(tables, row[SAMPLE_SIGNAL], word, count % 16)
+        codec.insert(tables, signal, payload, codec.raw_value(tables, signal, value))
+    codec.insert(tables, row[SAMPLE_SIGNAL], payload, count % 16)
     row[SAMPLES] += 1
-    data_id = tables.message[row[MESSAGE], codec.DATA_ID]
-    return e2e.protect(data_id, count % e2e.COUNTERS, word)
+
+
+@njit
+def finish(sensors: Sensors, tables: Codec, node: int, payload: NDArray[np.uint8]) -> None:
+    """Give the frame of the node's newest sample its page and its protection."""
+    row = sensors.node[node]
+    number = row[MESSAGE]
+    message = tables.message[number]
+    if message[codec.SELECTOR] >= 0:
+        codec.insert(tables, message[codec.SELECTOR], payload, message[codec.SELECTED])
+    e2e.protect(
+        tables.protection[number],
+        tables.identity[number],
+        tables.crc[number],
+        row[SAMPLES] - 1,
+        payload,
+    )

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.nodes import codec, sensor_kernel
+from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.imu_motion import N_MOTION
 from plant_sim.nodes.sensor_kernel import Sensors
 from vehicles.model import Channel, Vehicle
@@ -171,12 +172,31 @@ def _fault(fault: SensorFault) -> list[int]:
     return [signal_channel(fault.signal), FAULTS[fault.kind], round(fault.start * 1e9), round(end)]
 
 
-def build(vehicle: Vehicle, *, options: SensorOptions, seed: int) -> Sensors:
-    """Tables of all sensor nodes of ``vehicle``; the same seed gives the same sensors."""
+def _refuse_unsayable(fault: SensorFault, tables: Codec) -> None:
+    message, _, signal = fault.signal.partition(".")
+    row = tables.field[codec.signal_index(message, signal)]
+    if not row[codec.PIECES]:
+        raise CanrollError(f"sensor fault of {fault.signal}: the map places no such signal")
+    if fault.kind == "invalid" and row[codec.RAW_ERROR] == codec.NO_ERROR_CODE:
+        raise CanrollError(
+            f"sensor fault of {fault.signal}: the signal has no code for invalid: add unavailable "
+            "in the map"
+        )
+
+
+def build(
+    vehicle: Vehicle, *, options: SensorOptions, seed: int, tables: Codec | None = None
+) -> Sensors:
+    """Tables of all sensor nodes of ``vehicle``; the same seed gives the same sensors.
+
+    ``tables`` are the bus's frames, by default those of the contract. A node whose message is not
+    on the bus, or shares the frame of another node, samples at no instant of its own.
+    """
     for message in options.phases:
         if message not in NODES:
             raise UnknownNameError("sensor message", message, NODES)
-    tables = codec.load()
+    tables = tables or codec.load()
+    contract = codec.load()
     draws = np.random.default_rng([seed, 1])
     data = _channels(vehicle)
     channels: list[NDArray[np.float64]] = []
@@ -184,8 +204,10 @@ def build(vehicle: Vehicle, *, options: SensorOptions, seed: int) -> Sensors:
     node = np.zeros((len(NODES), sensor_kernel.N_NODE_COLUMNS), dtype=np.int64)
     for row, (message, names) in zip(node, _SIGNALS, strict=True):
         index = codec.message_index(message)
-        period = int(tables.message[index, codec.CYCLE_MS]) * 1_000_000
-        drawn = 0 if options.synchronous else int(draws.integers(period))
+        own = int(contract.message[index, codec.CYCLE_MS]) * 1_000_000
+        period = int(tables.message[index, codec.CYCLE_MS]) * 1_000_000 or own
+        # the same share of the cycle on every bus
+        drawn = 0 if options.synchronous else int(draws.integers(own)) * period // own
         members = data[len(channels) : len(channels) + len(names)]
         latency = max((c.latency for c in members if c), default=0.0) if options.delayed else 0.0
         row[sensor_kernel.MESSAGE] = index
@@ -196,6 +218,8 @@ def build(vehicle: Vehicle, *, options: SensorOptions, seed: int) -> Sensors:
         row[sensor_kernel.NEXT] = (
             round(options.phases[message] * 1e9) if message in options.phases else drawn
         )
+        if not tables.message[index, codec.LENGTH] or tables.message[index, codec.LEADER] != index:
+            row[sensor_kernel.NEXT] = sensor_kernel.NEVER
         row[sensor_kernel.SAMPLE_SIGNAL] = codec.signal_index(message, "SampleCounter")
         for name, member in zip(names, members, strict=True):
             signals.append(codec.signal_index(message, name))
@@ -210,6 +234,7 @@ def build(vehicle: Vehicle, *, options: SensorOptions, seed: int) -> Sensors:
     value = np.zeros(sensor_kernel.FAULTS)
     for number, entry in enumerate(options.faults):
         fault[number], value[number] = _fault(entry), entry.value
+        _refuse_unsayable(entry, tables)
     return Sensors(
         channel,
         np.array(signals, dtype=np.int64),

@@ -15,14 +15,15 @@ from plant_sim import can_bus
 from plant_sim.bodies import body as body_named
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.nodes.actuators import ActuatorOptions
+from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import recording, world_parts
 from plant_sim.world.world_kernel import (
     APPLIED_COMMANDS,
+    EXTENDED_KEY,
     FRAME,
     OUTBOX,
     ROWS,
-    STANDARD_IDENT,
     STEP_NS,
     advance,
 )
@@ -32,6 +33,8 @@ __all__ = ["FRAME", "World"]
 
 # The most that the loop is asked for at a time: neither the log nor the inbox overflows in it.
 _CHUNK_NS = 200_000_000
+STANDARD_IDENT = 0x7FF
+CLASSIC_PAYLOAD = 8
 
 
 class World:
@@ -100,7 +103,9 @@ class World:
         # Single integers are read and written faster through buffers than through arrays.
         self._clock = memory["clock"].data
         self._bus_clock = self._parts.network.clock.data
-        self._outbox: NDArray[np.int64] = memory["outbox"]
+        self._outbox: NDArray[Any] = memory["outbox"]
+        self._imu: NDArray[np.int64] = memory["tables"]["message"][message_index("Imu")]
+        self._fd = world_parts.fd_keys(memory["tables"]["message"])
         self._received: NDArray[Any] = memory["received"]
         self._outputs: NDArray[np.float64] = memory["outputs"]
         self._recorded_until_ns = (len(self._parts.rows) - 1) * STEP_NS
@@ -119,16 +124,21 @@ class World:
             raise CanrollError(
                 f"frame 0x{ident:X} submitted at {t_ns} ns, in the past of the world"
             )
-        if not 0 <= ident <= STANDARD_IDENT or len(payload) > 8:
+        if len(payload) > MAX_PAYLOAD:
+            raise CanrollError(f"frame 0x{ident:X} of {len(payload)} bytes: at most {MAX_PAYLOAD}")
+        if not (0 <= ident <= STANDARD_IDENT or ident & EXTENDED_KEY) or (
+            len(payload) > CLASSIC_PAYLOAD and ident not in self._fd
+        ):
             raise CanrollError(
                 f"frame 0x{ident:X} of {len(payload)} bytes: the ECU sends classic frames with "
-                "identifiers of 11 bits and at most 8 bytes"
+                "identifiers of 11 bits and at most 8 bytes, and those of its map"
             )
         count = self._clock[OUTBOX]
         if count == len(self._outbox):
             raise CanrollError(f"more than {len(self._outbox)} frames submitted in one tick")
-        word = int.from_bytes(bytes(payload).ljust(8, b"\0"), "little", signed=True)
-        self._outbox[count] = (t_ns, ident, len(payload), word)
+        out = self._outbox[count]
+        out["t_ns"], out["ident"], out["length"] = t_ns, ident, len(payload)
+        out["payload"][: len(payload)] = np.frombuffer(payload, np.uint8)
         self._clock[OUTBOX] = count + 1
 
     def advance(self, until_ns: int) -> NDArray[Any]:
@@ -181,6 +191,16 @@ class World:
         commands = self.commands
         known = commands[commands["t_sample"] >= 0]
         return np.asarray(known["t_applied"] - known["t_sample"], dtype=np.int64)
+
+    @property
+    def imu_ident(self) -> int:
+        """Identifier of the frames that carry the inertial measurement."""
+        return int(self._imu[IDENT])
+
+    @property
+    def imu_period_ns(self) -> int:
+        """Time from one of these frames to the next."""
+        return int(self._imu[CYCLE_MS]) * STEP_NS
 
     @property
     def network(self) -> can_bus.Network:

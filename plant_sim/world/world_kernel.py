@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from plant_sim import can_bus as bus
 from plant_sim.bodies import ports
+from plant_sim.can_bus.wire.frame import ERROR_STATE, EXTENDED, RECESSIVE_INDICATOR
 from plant_sim.driving.driver import Drive, drive
 from plant_sim.kernels.jit import njit, step_at
 from plant_sim.nodes import actuator_kernel, codec, sensor_kernel
@@ -23,8 +24,15 @@ from plant_sim.world import recording
 
 STEP_NS = 1_000_000
 
-FRAME = np.dtype([("t_ns", "i8"), ("ident", "u4"), ("length", "u1"), ("payload", "u1", (8,))])
-"""A frame received at the ECU at ``t_ns``."""
+FRAME = np.dtype(
+    [
+        ("t_ns", "i8"),
+        ("ident", "u4"),
+        ("length", "u1"),
+        ("payload", "u1", (codec.MAX_PAYLOAD,)),
+    ]
+)
+"""A frame that the ECU receives or sends at ``t_ns``; bit 30 of ``ident``: one of 29 bits."""
 
 # Slots of Memory.clock.
 (
@@ -48,13 +56,14 @@ FRAME = np.dtype([("t_ns", "i8"), ("ident", "u4"), ("length", "u1"), ("payload",
     N_CLOCK,
 ) = range(18)
 NOTHING = -1
+SENDER_STATE = ERROR_STATE | RECESSIVE_INDICATOR
+"""Flags that say nothing of what a frame is."""
 
-# Memory.roles: who takes in a frame of each standard identifier.
+# Memory.roles: who takes in the frame of each message of the tables.
 NOBODY, FOR_ACTUATOR, FOR_ECU, FOR_ECU_IMU = range(4)
-STANDARD_IDENT = 0x7FF
+EXTENDED_KEY = 1 << 30
 
-# Columns of Memory.outbox and of Memory.flight (commands on their way, a ring).
-OUT_TIME, OUT_IDENT, OUT_LENGTH, OUT_WORD, N_OUTBOX = range(5)
+# Columns of Memory.flight (commands on their way, a ring).
 FLIGHT_SUBMITTED, FLIGHT_SAMPLE, N_FLIGHT = range(3)
 
 
@@ -72,7 +81,7 @@ class Memory(NamedTuple):
     outputs: NDArray[np.float64]
     received: NDArray[Any]
     payload: NDArray[np.uint8]
-    outbox: NDArray[np.int64]
+    outbox: NDArray[Any]
     flight: NDArray[np.int64]
     roles: NDArray[np.uint8]
     sensors: Sensors
@@ -94,27 +103,17 @@ class Parts(NamedTuple):
 
 
 @njit
-def word_of(payload: NDArray[np.uint8]) -> int:
-    """Payload bytes as one 64-bit word, byte 0 lowest."""
-    word = 0
-    for byte in range(8):
-        word |= int(payload[byte]) << (8 * byte)
-    return word
+def _row_of(tables: Codec, key: int) -> int:
+    """Row of the first message in the frame ``key`` of the tables; -1 where it is of others."""
+    for row in range(len(tables.message)):
+        if tables.message[row, codec.KEY] == key:
+            return row
+    return -1
 
 
 @njit
-def _send(  # noqa: PLR0917
-    world: Memory,
-    network: bus.State,
-    node: int,
-    t_ns: int,
-    ident: int,
-    length: int,
-    word: int,
-) -> None:
-    for byte in range(8):
-        world.payload[byte] = (word >> (8 * byte)) & 0xFF
-    bus.submit(network, node, t_ns, ident, length, world.payload, 0)
+def _key(ident: int, flags: int) -> int:
+    return ident | EXTENDED_KEY if flags & EXTENDED else ident
 
 
 @njit
@@ -123,11 +122,16 @@ def _post(world: Memory, network: bus.State) -> None:
     clock = world.clock
     for k in range(clock[OUTBOX]):
         out = world.outbox[k]
-        ident = out[OUT_IDENT]
-        _send(world, network, bus.ECU, out[OUT_TIME], ident, out[OUT_LENGTH], out[OUT_WORD])
-        if world.roles[ident & STANDARD_IDENT] == FOR_ACTUATOR:
+        key = int(out.ident)
+        row = _row_of(world.tables, key)
+        flags = EXTENDED if key & EXTENDED_KEY else 0
+        if row >= 0:
+            flags = world.tables.message[row, codec.FLAGS]
+        ident = key & ~EXTENDED_KEY
+        bus.submit(network, bus.ECU, out.t_ns, ident, int(out.length), out.payload, flags)
+        if row >= 0 and world.roles[row] == FOR_ACTUATOR:
             flight = world.flight[clock[SUBMISSIONS] % len(world.flight)]
-            flight[FLIGHT_SUBMITTED] = out[OUT_TIME]
+            flight[FLIGHT_SUBMITTED] = out.t_ns
             flight[FLIGHT_SAMPLE] = clock[IMU_SAMPLE]
             clock[SUBMISSIONS] += 1
     clock[OUTBOX] = 0
@@ -156,27 +160,28 @@ def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> 
     total = network.clock[bus.LOGGED]
     for number in range(clock[LOG_CURSOR], total):
         entry = network.log[number % network.clock[bus.LOG_SIZE]]
-        role = world.roles[entry.ident & STANDARD_IDENT]
+        row = _row_of(world.tables, _key(entry.ident, entry.flags))
+        if row < 0 or entry.flags & ~SENDER_STATE != world.tables.message[row, codec.FLAGS]:
+            continue
+        role = world.roles[row]
         receiver = bus.ACTUATOR if role == FOR_ACTUATOR else bus.ECU
-        lost = not bus.took(entry.outcome, entry.missed, receiver)
-        if role == NOBODY or lost or entry.flags != 0:
+        if role == NOBODY or not bus.took(entry.outcome, entry.missed, receiver):
             continue
         if role == FOR_ACTUATOR:
             if entry.segment != clock[ACTUATOR_SEGMENT]:
                 continue
-            which = actuator_kernel.listens(world.actuators, world.tables, entry.ident)
-            word = word_of(entry.payload)
+            which = actuator_kernel.listens(world.actuators, row)
             if actuator_kernel.receive(
-                world.actuators, world.tables, which, word, entry.t_received
+                world.actuators, world.tables, which, entry.payload, entry.t_received
             ):
-                row = commands[clock[APPLIED_COMMANDS]]
-                _accepted(world, row, entry.t_origin, entry.t_received)
+                applied = commands[clock[APPLIED_COMMANDS]]
+                _accepted(world, applied, entry.t_origin, entry.t_received)
         elif entry.segment == clock[ECU_SEGMENT]:
             frame = world.received[clock[RECEIVED]]
             frame.t_ns = entry.t_received
-            frame.ident = entry.ident
+            frame.ident = world.tables.message[row, codec.KEY]
             frame.length = entry.length
-            for byte in range(8):
+            for byte in range(codec.MAX_PAYLOAD):
                 frame.payload[byte] = entry.payload[byte]
             clock[RECEIVED] += 1
             if role == FOR_ECU_IMU:
@@ -190,18 +195,31 @@ def _sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
     clock = world.clock
     node = world.sensors.node[number]
     message = world.tables.message[node[sensor_kernel.MESSAGE]]
+    payload = world.payload
     while node[sensor_kernel.NEXT] <= now_ns:
         t_ns = node[sensor_kernel.NEXT]
-        word = 0
-        if number == clock[STATE_NODE]:
-            word = actuator_kernel.report(world.actuators, world.tables)
-        word = sensor_kernel.sample(
-            world.sensors, world.tables, number, t_ns, now_ns, clock[SEED], word
-        )
+        payload[:] = 0
+        for other in range(len(world.sensors.node)):
+            row = world.sensors.node[other, sensor_kernel.MESSAGE]
+            if world.tables.message[row, codec.LEADER] != node[sensor_kernel.MESSAGE]:
+                continue
+            if other == clock[STATE_NODE]:
+                actuator_kernel.report(world.actuators, world.tables, payload)
+            sensor_kernel.sample(
+                world.sensors, world.tables, other, t_ns, now_ns, clock[SEED], payload
+            )
+        sensor_kernel.finish(world.sensors, world.tables, number, payload)
         if not sensor_kernel.silent(world.sensors, number, t_ns):
             t_queued = t_ns + node[sensor_kernel.LATENCY]
-            ident, length = message[codec.IDENT], message[codec.LENGTH]
-            _send(world, network, node[sensor_kernel.BUS_NODE], t_queued, ident, length, word)
+            bus.submit(
+                network,
+                node[sensor_kernel.BUS_NODE],
+                t_queued,
+                message[codec.IDENT],
+                message[codec.LENGTH],
+                payload,
+                message[codec.FLAGS],
+            )
         node[sensor_kernel.NEXT] += node[sensor_kernel.PERIOD]
 
 

@@ -5,15 +5,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import UnknownNameError
+from canroll.errors import CanrollError, UnknownNameError
 from plant_sim import can_bus
 from plant_sim.bodies.ports import PARAMETERS_MAX, STATES_MAX, Body
+from plant_sim.can_bus import own_frames
+from plant_sim.can_bus.wire.frame import FD
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.kernels.records import to_record
 from plant_sim.nodes import actuators as actuator_setup
 from plant_sim.nodes import codec, sensor_kernel
 from plant_sim.nodes import sensors as sensor_setup
 from plant_sim.nodes.actuators import ActuatorOptions
+from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import open_loop, recording
 from plant_sim.world import world_kernel as kernel
@@ -35,10 +38,6 @@ _SENDERS = {
 }
 
 
-def _ident(message: str) -> int:
-    return int(codec.load().message[codec.message_index(message), codec.IDENT])
-
-
 def command_of(actuator: str, command: str | None) -> str:
     """Return the message that commands an actuator; None: its first.
 
@@ -52,24 +51,47 @@ def command_of(actuator: str, command: str | None) -> str:
 
 
 def _roles(actuator: str) -> NDArray[np.uint8]:
-    """Receivers of each standard identifier."""
-    roles = np.full(kernel.STANDARD_IDENT + 1, kernel.NOBODY, dtype=np.uint8)
-    roles[[_ident(name) for name in sensor_setup.NODES]] = kernel.FOR_ECU
-    roles[_ident("Imu")] = kernel.FOR_ECU_IMU
-    commands = [_ident(name) for name, _, _ in actuator_setup.COMMANDS[actuator]]
+    """Receivers of each message of the tables."""
+    roles = np.full(len(codec.load().message), kernel.NOBODY, dtype=np.uint8)
+    roles[[codec.message_index(name) for name in sensor_setup.NODES]] = kernel.FOR_ECU
+    roles[codec.message_index("Imu")] = kernel.FOR_ECU_IMU
+    commands = [codec.message_index(name) for name, _, _ in actuator_setup.COMMANDS[actuator]]
     roles[commands] = kernel.FOR_ACTUATOR
     return roles
 
 
-def _sensors(
+def _tables(profile: can_bus.BusProfile, command: str, actuator: str) -> Codec:
+    """The frames of the bus; with those of a map every channel of the command must be there."""
+    bus = own_frames.bus_map(profile)
+    if bus is None:
+        return codec.load()
+    tables = codec.of_map(bus)
+    for name, first, channels in actuator_setup.COMMANDS[actuator]:
+        row = codec.signal_index(name, first)
+        if name == command and not tables.field[row : row + channels, codec.PIECES].all():
+            missing = codec.signal_names(name)
+            places = tables.field[row : row + channels, codec.PIECES]
+            absent = missing[missing.index(first) + int(np.argmin(places))]
+            raise CanrollError(f"{profile.map_file}: no signal is the {absent} of {name}")
+    return tables
+
+
+def fd_keys(messages: NDArray[np.int64]) -> frozenset[int]:
+    """The frames of a codec's ``message`` table that are of CAN FD, by key."""
+    fd = messages[messages[:, codec.FLAGS] & FD != 0]
+    return frozenset(int(key) for key in fd[:, codec.KEY])
+
+
+def _sensors(  # noqa: PLR0917
     vehicle: Vehicle,
     options: SensorOptions,
     seed: int,
     inputs: NDArray[np.float64],
     outputs: NDArray[np.float64],
+    tables: Codec,
 ) -> sensor_kernel.Sensors:
     """Sensor nodes on their bus nodes, low-passes settled on the state that the run starts in."""
-    nodes = sensor_setup.build(vehicle, options=options, seed=seed)
+    nodes = sensor_setup.build(vehicle, options=options, seed=seed, tables=tables)
     for row, message in zip(nodes.node, sensor_setup.NODES, strict=True):
         row[sensor_kernel.BUS_NODE] = _SENDERS[message]
     sensor_kernel.observe(nodes, inputs, outputs)
@@ -123,15 +145,17 @@ def assemble(
         timeout_ms=command_timeout_ms,
         integrated=actuator == "valves" and plant.name == "linear_car_hydraulic",
     )
+    chosen = command_of(actuator, command)
+    tables = _tables(profile, chosen, actuator)
     network = can_bus.make_network(
         profile,
         seed=seed,
-        command=command_of(actuator, command),
+        command=chosen,
         log_capacity=LOG_CAPACITY,
         **bus,
     )
     state, inputs, parameters, outputs = open_loop.start(vehicle, plant, maneuver)
-    nodes = _sensors(vehicle, sensors, seed, inputs, outputs)
+    nodes = _sensors(vehicle, sensors, seed, inputs, outputs, tables)
     clock = _clock(nodes, network, seed)
     clock[kernel.STEP] = plant.step.address
     clock[kernel.STATES], clock[kernel.PARAMETERS] = len(state), len(parameters)
@@ -142,13 +166,13 @@ def assemble(
         parameters=_in_room(parameters, PARAMETERS_MAX),
         outputs=outputs,
         received=np.zeros(_INBOX_CAPACITY, dtype=kernel.FRAME),
-        payload=np.zeros(8, dtype=np.uint8),
-        outbox=np.zeros((_OUTBOX_CAPACITY, kernel.N_OUTBOX), dtype=np.int64),
+        payload=np.zeros(codec.MAX_PAYLOAD, dtype=np.uint8),
+        outbox=np.zeros(_OUTBOX_CAPACITY, dtype=kernel.FRAME),
         flight=np.full((_FLIGHT_CAPACITY, kernel.N_FLIGHT), kernel.NOTHING, dtype=np.int64),
         roles=_roles(actuator),
         sensors=nodes,
         actuators=node,
-        tables=codec.load(),
+        tables=tables,
     )
     rows, commands = record_room(maneuver.duration_ns // kernel.STEP_NS + 1)
     return Parts(

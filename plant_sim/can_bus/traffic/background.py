@@ -8,7 +8,7 @@ import numpy as np
 
 from canroll.errors import CanrollError
 from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import duration_ns, frame_bits
+from plant_sim.can_bus.wire.frame import EXTENDED, frame_bits, transmission_ns
 from plant_sim.kernels.random import random_bits
 
 MS: Final = 1_000_000
@@ -20,19 +20,35 @@ _SMALLEST_SHARE: Final = 0.02
 
 
 def mean_frame_ns(ident: int, length: int, bitrate: int, *, seed: int = 0) -> float:
-    """Return the mean time of a frame with random payload, interframe space included (ns)."""
-    payload = np.zeros(8, np.uint8)
-    total = 0
+    """Return the mean time of a classic frame with random payload and interframe space (ns)."""
+    return _mean_ns(ident, 0, length, bitrate, 0, seed)
+
+
+def _mean_ns(
+    ident: int, flags: int, length: int, bitrate: int, data_bitrate: int, seed: int
+) -> float:
+    words = max(-(-length // 8), 1)
+    nominal = data = 0
     for sample in range(_SAMPLES):
-        bits = int(random_bits(seed, ident, sample))
-        payload[:] = np.frombuffer(bits.to_bytes(8, "little"), np.uint8)
-        total += frame_bits(ident, 0, length, payload)[0]
-    return float(duration_ns(total, bitrate)) / _SAMPLES
+        drawn = [int(random_bits(seed, ident, sample * words + k)) for k in range(words)]
+        payload = np.array(drawn, np.uint64).view(np.uint8)
+        slow, fast = frame_bits(ident, flags, length, payload)
+        nominal, data = nominal + slow, data + fast
+    time = transmission_ns((nominal, data), bitrate=bitrate, data_bitrate=data_bitrate)
+    return float(time) / _SAMPLES
 
 
-def utilisation(messages: Sequence[BusMessage], bitrate: int) -> float:
+def utilisation(messages: Sequence[BusMessage], bitrate: int, data_bitrate: int = 0) -> float:
     """Return the mean share of time that periodic messages keep the bus busy."""
-    return sum(mean_frame_ns(m.ident, m.length, bitrate) / m.period_ns for m in messages)
+    return sum(
+        _mean_ns(m.ident, m.flags, m.length, bitrate, data_bitrate, 0) / m.period_ns
+        for m in messages
+    )
+
+
+def _priority(message: BusMessage) -> int:
+    """The identifier of 11 bits that wins and loses against the same ones, but for its equal."""
+    return message.ident >> 18 if message.flags & EXTENDED else message.ident
 
 
 def background_messages(
@@ -43,6 +59,7 @@ def background_messages(
     load: float,
     above: float = 0.5,
     seed: int = 0,
+    data_bitrate: int = 0,
 ) -> list[BusMessage]:
     """Return periodic messages that fill a bus up to ``load``.
 
@@ -53,11 +70,12 @@ def background_messages(
         load: wanted total, 0 to 1.
         above: share of the background with identifiers below all of ``own`` (higher priority).
         seed: of the offsets.
+        data_bitrate: of FD frames among ``own``, bit/s.
 
     Raises:
         CanrollError: ``load`` is above 1 or less than what ``own`` takes.
     """
-    taken = utilisation(own, bitrate)
+    taken = utilisation(own, bitrate, data_bitrate)
     if not 0.0 < load < 1.0 or not 0.0 <= above <= 1.0:
         raise CanrollError(f"bus load {load}, share above {above}: both must be from 0 to 1")
     if taken > load:
@@ -65,9 +83,12 @@ def background_messages(
             f"the controller's messages take {taken:.0%} of {bitrate} bit/s, above the requested "
             f"load of {load:.0%}: raise the bit rate or the load"
         )
-    used = {message.ident for message in own}
+    used = {_priority(message) for message in own}
     highest = [i for i in range(0x10, min(used, default=0x400)) if i not in used]
     lowest = [i for i in range(max(used, default=0x400) + 1, 0x700) if i not in used]
+    if not highest or not lowest:
+        # identifiers of our own at one end leave the other end alone for all others
+        above = 0.0 if lowest else 1.0
     messages: list[BusMessage] = []
     for share, idents, periods_ms in (
         (above, highest, PERIODS_ABOVE_MS),
@@ -86,6 +107,8 @@ def _fill(
     seed: int,
 ) -> list[BusMessage]:
     """Spread messages of 8 bytes over ``idents`` that together take ``load``."""
+    if load <= 0.0:
+        return []
     frame = mean_frame_ns(idents[len(idents) // 2], 8, bitrate)
     periods: list[float] = []
     left = load
@@ -97,6 +120,10 @@ def _fill(
             period = frame / left
         periods.append(period)
         left -= frame / period
+    if len(periods) > len(idents):
+        raise CanrollError(
+            f"no {len(periods)} identifiers are free for the background traffic: lower the load"
+        )
     chosen = np.linspace(0, len(idents) - 1, len(periods) + 2)[1:-1].astype(int)
     order = np.argsort(periods, kind="stable")
     messages = []

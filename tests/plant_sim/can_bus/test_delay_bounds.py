@@ -25,7 +25,8 @@ from plant_sim.can_bus import (
 from plant_sim.can_bus.ages import Loop, simulate_ages
 from plant_sim.can_bus.analysis import response_bounds
 from plant_sim.can_bus.delay_bounds import delay_bounds, message_paths
-from plant_sim.can_bus.profiles import MS, background_of, own_messages
+from plant_sim.can_bus.own_frames import MS, own_messages
+from plant_sim.can_bus.profiles import background_of
 
 FRAMES = {m.name: m.frame_id for m in dbc.load().messages}
 OWN = {m.name: m for m in own_messages()}

@@ -17,7 +17,8 @@ from plant_sim.can_bus import (
 )
 from plant_sim.can_bus.analysis import response_bounds
 from plant_sim.can_bus.delay_bounds import delay_bounds
-from plant_sim.can_bus.profiles import DEFAULT_COMMAND, background_of, own_messages, profile_spec
+from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, own_messages
+from plant_sim.can_bus.profiles import background_of, profile_spec
 from plant_sim.can_bus.simulation import traffic_spec
 from plant_sim.can_bus.traffic.messages import BusMessage
 

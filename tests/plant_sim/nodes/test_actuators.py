@@ -54,11 +54,12 @@ class Rig:
         data = bytearray(entry.encode({**plain, **values}, strict=False))
         data[1] = data[1] & 0xF0 | (self.counter if counter is None else counter)
         p01.e2e_p01_protect(data, dbc.data_id(entry), length=8, increment_counter=False)
-        word = int.from_bytes(data, "little", signed=True) ^ flip
+        word = (int.from_bytes(data, "little") ^ flip) & (1 << 64) - 1
+        payload = np.frombuffer(word.to_bytes(8, "little"), np.uint8)
         self.counter = (self.counter + 1) % 15
-        which = actuator_kernel.listens(self.node, codec.load(), IDS[message])
+        which = actuator_kernel.listens(self.node, codec.message_index(message))
         assert which >= 0
-        return actuator_kernel.receive(self.node, codec.load(), which, word, self.t)
+        return actuator_kernel.receive(self.node, codec.load(), which, payload, self.t)
 
     def run(self, ms, each=None):
         trace = []
@@ -81,8 +82,9 @@ class Rig:
 
     @property
     def report(self):
-        word = actuator_kernel.report(self.node, codec.load())
-        data = (word & (1 << 64) - 1).to_bytes(8, "little")
+        payload = np.zeros(codec.MAX_PAYLOAD, np.uint8)
+        actuator_kernel.report(self.node, codec.load(), payload)
+        data = payload[:8].tobytes()
         return dbc.load().get_message_by_name("ActuatorState").decode(data, decode_choices=False)
 
 

@@ -15,12 +15,12 @@ TABLES = codec.load()
 MESSAGES = dbc.load().messages
 
 
-def payload(word: int, length: int) -> bytes:
-    return (word & (1 << 64) - 1).to_bytes(8, "little")[:length]
+def empty() -> np.ndarray:
+    return np.zeros(codec.MAX_PAYLOAD, np.uint8)
 
 
-def word_of(data: bytes) -> int:
-    return int.from_bytes(data.ljust(8, b"\0"), "little", signed=True)
+def array_of(data: bytes) -> np.ndarray:
+    return np.frombuffer(data.ljust(codec.MAX_PAYLOAD, b"\0"), np.uint8).copy()
 
 
 @st.composite
@@ -51,11 +51,12 @@ def test_encode_and_decode_agree_with_cantools(case):
     physical = message.decode(expected, decode_choices=False)
     names = codec.signal_names(message.name)
     values = np.array([float(physical.get(name, math.nan)) for name in names])
-    word = codec.encode(TABLES, index, values)
-    assert payload(word, message.length) == expected
+    payload = empty()
+    codec.encode(TABLES, index, values, payload)
+    assert payload[: message.length].tobytes() == expected
 
     decoded = np.empty(len(names))
-    codec.decode(TABLES, index, word_of(expected), decoded)
+    codec.decode(TABLES, index, array_of(expected), decoded)
     for name, value in zip(names, decoded, strict=True):
         if name in physical:
             assert value == pytest.approx(float(physical[name]), rel=1e-15, abs=1e-15)
@@ -93,14 +94,17 @@ def test_not_a_number_is_sent_as_the_error_code():
 
 def test_insert_leaves_every_other_bit_alone():
     row = codec.signal_index("SuspensionForceCommand", "ForceFrontRight")
-    word = codec.insert(TABLES, row, -1, 5)
-    assert codec.extract(TABLES, row, word) == 5
-    assert codec.insert(TABLES, row, word, -1) == -1
+    payload = np.full(codec.MAX_PAYLOAD, 255, np.uint8)
+    codec.insert(TABLES, row, payload, 5)
+    assert codec.extract(TABLES, row, payload) == 5
+    codec.insert(TABLES, row, payload, -1)
+    assert np.all(payload == 255)
 
 
 def test_tables_hold_every_message_of_the_dbc():
     assert [int(m[codec.IDENT]) for m in TABLES.message] == [m.frame_id for m in MESSAGES]
-    assert len(TABLES.field) == sum(len(m.signals) for m in MESSAGES)
+    placed = np.count_nonzero(TABLES.field[:, codec.PIECES])
+    assert placed == sum(len(m.signals) for m in MESSAGES)
 
 
 def test_unknown_names_suggest_the_nearest():

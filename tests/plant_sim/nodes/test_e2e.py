@@ -8,12 +8,46 @@ from e2e import p01
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from codegen.generated.frame_protection import CCITT, H2F, J1850, Checksum, Counter, Protection
 from plant_sim.kernels.jit import njit
 from plant_sim.nodes import e2e
 
 words = st.integers(-(1 << 63), (1 << 63) - 1)
 data_ids = st.integers(0, 0xFFFF)
 counters = st.integers(0, 14)
+
+
+def tables(its):
+    """Return the rows of the tables for one protection."""
+    parts = tuple(part[0] for part in e2e.tables(1))
+    e2e.put(*parts, its)
+    return parts
+
+
+def profile_1(data_id):
+    return tables(
+        Protection(
+            "1",
+            8,
+            data_id,
+            Checksum("crc8", 0, J1850, first=("low", "high")),
+            Counter(1, 0, 4, 15),
+        )
+    )
+
+
+def to_array(word: int):
+    return np.frombuffer(bytes(to_bytes(word)), np.uint8).copy()
+
+
+def protected(data_id, counter, word):
+    payload = to_array(word)
+    e2e.protect(*profile_1(data_id), counter, payload)
+    return payload
+
+
+def check(state, supervision, data_id, payload):
+    return e2e.check(state, supervision, *profile_1(data_id), payload)
 
 
 def to_bytes(word: int) -> bytearray:
@@ -23,7 +57,7 @@ def to_bytes(word: int) -> bytearray:
 @settings(deadline=None)
 @given(words, data_ids, counters)
 def test_protect_equals_the_reference_library(word, data_id, counter):
-    ours = to_bytes(e2e.protect(data_id, counter, word))
+    ours = bytearray(protected(data_id, counter, word).tobytes())
     theirs = to_bytes(word)
     theirs[1] = theirs[1] & 0xF0 | counter
     p01.e2e_p01_protect(theirs, data_id, length=8, increment_counter=False)
@@ -35,40 +69,101 @@ def test_protect_equals_the_reference_library(word, data_id, counter):
 @given(words, data_ids)
 def test_check_accepts_a_checksum_exactly_when_the_reference_library_does(word, data_id):
     state = e2e.receiver_state(e2e.Supervision())
-    accepted = e2e.check(state, e2e.Supervision(), data_id, word) != e2e.WRONG_CRC
+    accepted = check(state, e2e.Supervision(), data_id, to_array(word)) != e2e.WRONG_CRC
     assert accepted == p01.e2e_p01_check(to_bytes(word), data_id, length=8)
 
 
 @settings(deadline=None)
 @given(words, data_ids)
 def test_a_right_checksum_is_accepted_but_for_counter_15(word, data_id):
-    word = word & ~0xFF | e2e.checksum(data_id, word)
+    word = word & ~0xFF | e2e.checksum(*profile_1(data_id), to_array(word))
     state = e2e.receiver_state(e2e.Supervision())
-    accepted = e2e.check(state, e2e.Supervision(), data_id, word) != e2e.WRONG_CRC
+    accepted = check(state, e2e.Supervision(), data_id, to_array(word)) != e2e.WRONG_CRC
     assert accepted == ((word >> 8) & 0xF != 15)
     assert accepted == p01.e2e_p01_check(to_bytes(word), data_id, length=8)
 
 
 @njit
-def undetected(data_id, word, flips):
-    """Number of the bit-flip patterns ``flips`` after which the checksum still fits."""
+def undetected(row, identities, crc, payload, flips):
+    """Number of the bit-flip patterns, one a row of ``flips``, after which the checksum fits."""
     count = 0
+    changed = payload.copy()
     for flip in flips:
-        changed = word ^ flip
-        count += (changed & 0xFF) == e2e.checksum(data_id, changed)
+        for k in range(8):
+            changed[k] = payload[k] ^ flip[k]
+        count += changed[0] == e2e.checksum(row, identities, crc, changed)
     return count
 
 
 def test_every_one_and_two_bit_flip_is_rejected_and_few_of_three_bits_pass():
-    bits = [1 << b if b < 63 else -(1 << 63) for b in range(64)]
-    word = e2e.protect(3200, 7, 0x0123_4567_89AB_C000)
-    one = np.array(bits, dtype=np.int64)
-    two = np.array([a ^ b for a, b in itertools.combinations(bits, 2)], dtype=np.int64)
-    three = np.array([a ^ b ^ c for a, b, c in itertools.combinations(bits, 3)], dtype=np.int64)
-    assert undetected(3200, word, one) == 0
-    assert undetected(3200, word, two) == 0
-    share = undetected(3200, word, three) / len(three)
-    assert 0 < share < 1 / 200
+    bits = np.eye(64, dtype=np.uint8)
+    payload, rows = protected(3200, 7, 0x0123_4567_89AB_C000), profile_1(3200)
+
+    def flips(count):
+        chosen = np.array(list(itertools.combinations(range(64), count)))
+        return np.packbits(bits[chosen].sum(axis=1, dtype=np.uint8), axis=1)
+
+    assert undetected(*rows, payload, flips(1)) == 0
+    assert undetected(*rows, payload, flips(2)) == 0
+    three = flips(3)
+    assert 0 < undetected(*rows, payload, three) / len(three) < 1 / 200
+
+
+PROTECTIONS = {
+    "1 alternating": Protection(
+        "1", 6, 0xA5C3, Checksum("crc8", 0, J1850, first=("alternating",)), Counter(1, 4, 4, 15)
+    ),
+    "1 nibble": Protection(
+        "1", 8, 0xAC3, Checksum("crc8", 0, J1850, first=("low", "zero")), Counter(1, 0, 4, 15), 12
+    ),
+    "2": Protection(
+        "2",
+        8,
+        tuple(range(7, 23)),
+        Checksum("crc8", 0, H2F, 255, 255, (), ("listed",)),
+        Counter(1, 0, 4, 16),
+    ),
+    "5": Protection(
+        "5",
+        32,
+        0x1234,
+        Checksum("crc16", 3, CCITT, 0xFFFF, last=("low", "high")),
+        Counter(5, 0, 8, 256),
+    ),
+    "xor": Protection("own", 8, 0x42, Checksum("xor", 7, last=("low",)), Counter(6, 4, 2, 4)),
+    "sum": Protection("own", 5, 0, Checksum("sum", 4, end=255), None),
+    "counter": Protection("own", 3, 0, None, Counter(2, 1, 3, 6)),
+}
+
+
+@settings(deadline=None)
+@given(st.sampled_from(sorted(PROTECTIONS)), st.binary(min_size=64, max_size=64), st.data())
+def test_any_protection_is_what_the_map_means(name, payload, data):
+    its = PROTECTIONS[name]
+    count = data.draw(st.integers(0, its.counter.values - 1 if its.counter else 0))
+    theirs = bytearray(payload)
+    its.apply(theirs, count)
+    ours = np.frombuffer(payload, np.uint8).copy()
+    rows = tables(its)
+    e2e.protect(*rows, count, ours)
+    assert ours.tobytes() == theirs
+    assert e2e.intact(*rows, ours)
+    if its.checksum is not None:
+        ours[data.draw(st.integers(0, its.length - 1))] ^= 1 << data.draw(st.integers(0, 7))
+        assert not e2e.intact(*rows, ours)
+
+
+@pytest.mark.parametrize("name", ["5", "counter", "sum"])
+def test_any_counter_is_supervised_alike(name):
+    its = PROTECTIONS[name]
+    rows, payload = tables(its), np.zeros(64, np.uint8)
+    state, supervision = e2e.receiver_state(e2e.Supervision()), e2e.Supervision()
+    found = []
+    for count in (0, 1, 1, 2, 4):
+        e2e.protect(*rows, count, payload)
+        found.append(STATUS[e2e.check(state, supervision, *rows, payload)])
+    expected = "INITIAL OK REPEATED OK OKSOMELOST" if its.counter else "OK OK OK OK OK"
+    assert found == expected.split()
 
 
 STATUS = ("OK", "OKSOMELOST", "INITIAL", "SYNC", "REPEATED", "WRONGSEQUENCE", "WRONGCRC")
@@ -76,8 +171,7 @@ STATUS = ("OK", "OKSOMELOST", "INITIAL", "SYNC", "REPEATED", "WRONGSEQUENCE", "W
 
 def receive(state, supervision, *counters):
     return [
-        STATUS[e2e.check(state, supervision, 3200, e2e.protect(3200, counter, 0))]
-        for counter in counters
+        STATUS[check(state, supervision, 3200, protected(3200, counter, 0))] for counter in counters
     ]
 
 
@@ -116,14 +210,14 @@ def test_wrong_checksum_changes_nothing_but_the_window():
     state = e2e.receiver_state(supervision)
     assert receive(state, supervision, 4) == ["INITIAL"]
     before = state.copy()
-    word = e2e.protect(3200, 5, 0) ^ 1 << 40
-    assert e2e.check(state, supervision, 3200, word) == e2e.WRONG_CRC
+    payload = protected(3200, 5, 0)
+    payload[5] ^= 1
+    assert check(state, supervision, 3200, payload) == e2e.WRONG_CRC
     before[e2e.MAX_DELTA] += 1
     np.testing.assert_array_equal(state, before)
     assert receive(state, supervision, 5) == ["OK"]
 
 
 def test_another_messages_frame_is_rejected():
-    word = e2e.protect(3201, 0, 0)
     state = e2e.receiver_state(e2e.Supervision())
-    assert e2e.check(state, e2e.Supervision(), 3200, word) == e2e.WRONG_CRC
+    assert check(state, e2e.Supervision(), 3200, protected(3201, 0, 0)) == e2e.WRONG_CRC

@@ -45,8 +45,16 @@ def observe(nodes, **outputs):
 
 def read(nodes, t_ns, node=IMU, now_ns=None):
     message = dbc.load().get_message_by_name(sensor_setup.NODES[node])
-    word = sensor_kernel.sample(nodes, codec.load(), node, t_ns, now_ns or t_ns, 3, 0)
-    return message.decode((word & (1 << 64) - 1).to_bytes(8, "little"), decode_choices=False)
+    frame = sent(nodes, node, t_ns, now_ns or t_ns, 3)
+    return message.decode(frame, decode_choices=False)
+
+
+def sent(nodes, node, t_ns, now_ns, seed):
+    """Return the frame of a sample."""
+    payload = np.zeros(codec.MAX_PAYLOAD, np.uint8)
+    sensor_kernel.sample(nodes, codec.load(), node, t_ns, now_ns, seed, payload)
+    sensor_kernel.finish(nodes, codec.load(), node, payload)
+    return payload[:8].tobytes()
 
 
 def test_ideal_sensors_put_the_truth_on_the_bus():
@@ -216,7 +224,7 @@ def test_a_dropout_silences_the_whole_node_and_only_it():
 def test_the_same_seed_gives_the_same_sensor_and_another_another():
     def run(seed):
         nodes = make(seed=seed)
-        return [sensor_kernel.sample(nodes, codec.load(), IMU, k, k, seed, 0) for k in range(50)]
+        return [sent(nodes, IMU, k, k, seed) for k in range(50)]
 
     assert run(1) == run(1)
     assert run(1) != run(2)

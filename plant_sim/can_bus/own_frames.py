@@ -1,0 +1,136 @@
+"""The frames that carry our signals on a bus: those of the contract, or of a user's DBC and map."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import dbc
+from canroll.errors import CanrollError, UnknownNameError
+from codegen.generated.bus_map import EXTENDED as EXTENDED_IDENT
+from codegen.generated.bus_map import BusMap, Mailbox, load
+from plant_sim.buses.profile import BusProfile
+from plant_sim.can_bus.traffic.messages import BusMessage
+from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
+
+MS: Final = 1_000_000
+DEFAULT_COMMAND: Final = "SuspensionForceCommand"
+CONTRACT_MAP: Final = dbc.PATH.with_suffix(".toml")
+NEEDED: Final = ("imu", "actuator_state")
+"""Mailboxes without which no law can run."""
+
+
+def flags_of(box: Mailbox) -> int:
+    """Return what a mailbox's frame is on the wire."""
+    switched = BIT_RATE_SWITCH if box.bit_rate_switch else 0
+    extended = EXTENDED if box.ident & EXTENDED_IDENT else 0
+    return extended | (FD if box.fd else 0) | switched
+
+
+@dataclass(frozen=True, slots=True)
+class ContractNames:
+    """What the contract calls the message of a mailbox, and its signals by the field they are."""
+
+    message: str
+    signals: Mapping[str, str]
+
+
+@cache
+def contract_names(slot: str) -> ContractNames:
+    """Return the contract's names of the message in a mailbox of the firmware."""
+    box = next(box for box in load(dbc.PATH, CONTRACT_MAP).frames if box.slot == slot)
+    return ContractNames(box.name, {signal.place.text: signal.name for signal in box.signals})
+
+
+def bus_map(profile: BusProfile) -> BusMap | None:
+    """Return the map of a profile with frames of its own; None for those of the contract.
+
+    Raises:
+        CanrollError: DBC or map cannot be used; a frame that the loop needs is missing, or has no
+            cycle time.
+    """
+    if profile.dbc is None or profile.map_file is None:
+        return None
+    return _checked(profile.dbc, profile.map_file, profile.map_file.stat().st_mtime_ns)
+
+
+@cache
+def _checked(dbc_file: Path, map_file: Path, changed: int) -> BusMap:
+    """The map, read once for each state ``changed`` of its file."""
+    bus = load(dbc_file, map_file)
+    filled = {box.slot for box in bus.frames}
+    for slot in NEEDED:
+        if slot not in filled:
+            raise CanrollError(f"{map_file}: [receive.{slot}] is missing: the loop needs it")
+    for box in bus.received:
+        if box.name and box.cycle_ms <= 0:
+            raise CanrollError(
+                f"{map_file} [receive.{box.slot}]: {box.name} has no cycle time: set "
+                f"GenMsgCycleTime in {dbc_file.name}, or cycle_ms in the map"
+            )
+    return bus
+
+
+def messages_of(profile: BusProfile) -> tuple[BusMessage, ...]:
+    """Return all messages that a profile's frames carry, whichever command is in use."""
+    commands = [m.name for m in dbc.load().messages if m.name.endswith("Command")]
+    bus = bus_map(profile)
+    if bus is not None:
+        placed = {contract_names(box.slot).message for box in bus.frames}
+        commands = [name for name in commands if name in placed]
+    found = {m.ident: m for name in commands for m in own_messages(name, profile)}
+    return tuple(found.values())
+
+
+def own_messages(
+    command: str = DEFAULT_COMMAND, profile: BusProfile | None = None
+) -> tuple[BusMessage, ...]:
+    """Return our messages that are in use with actuator command ``command``.
+
+    They have the contract's names whatever frames ``profile`` sends them in; messages that share a
+    frame count as the first of them.
+    """
+    commands = {m.name for m in dbc.load().messages if m.name.endswith("Command")}
+    if command not in commands:
+        raise UnknownNameError("command message", command, commands)
+    contract = tuple(
+        BusMessage(
+            message.name,
+            message.frame_id,
+            message.length,
+            (message.cycle_time or 100) * MS,
+            message.senders[0],
+            tuple(sorted(message.receivers)),
+        )
+        for message in dbc.load().messages
+        if message.name not in commands - {command}
+    )
+    bus = None if profile is None else bus_map(profile)
+    return contract if bus is None else _placed(contract, command, bus)
+
+
+def _placed(contract: tuple[BusMessage, ...], command: str, bus: BusMap) -> tuple[BusMessage, ...]:
+    """The contract's messages in the frames of ``bus``."""
+    known = {message.name: message for message in contract}
+    found: dict[int, BusMessage] = {}
+    for box in bus.frames:
+        plain = known.get(contract_names(box.slot).message)
+        if plain is None or box.ident in found:
+            continue
+        found[box.ident] = BusMessage(
+            plain.name,
+            box.ident & (EXTENDED_IDENT - 1),
+            box.sent_length,
+            box.cycle_ms * MS if box.cycle_ms > 0 else plain.period_ns,
+            plain.sender,
+            plain.receivers,
+            flags=flags_of(box),
+        )
+    messages = tuple(found.values())
+    if command not in {message.name for message in messages}:
+        raise CanrollError(
+            f"the map places no {command}, which commands these actuators: add its table under "
+            "[transmit]"
+        )
+    return messages

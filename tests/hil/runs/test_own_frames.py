@@ -1,0 +1,240 @@
+"""The closed loop on a user's frames: same figures, decoded with the user's DBC alone."""
+
+import math
+import re
+from pathlib import Path
+
+import can
+import cantools
+import numpy as np
+import pytest
+
+from canroll.errors import CanrollError
+from codegen.generated.bus_map import load
+from hil.report.run_folder import write_files
+from hil.runs import experiment, logs, saved_run
+from hil.runs.frozen import firmware_of
+from hil.runs.result import FIGURES
+from plant_sim.can_bus import ECU, load_profile
+
+ROOT = Path(__file__).parents[3]
+CLASSIC = (
+    ROOT / "examples" / "own_bus" / "own.dbc",
+    ROOT / "examples" / "own_bus" / "own.toml",
+)
+FD = (ROOT / "dbc" / "roll_control_fd.dbc", ROOT / "dbc" / "roll_control_fd.toml")
+SHORT = {"duration": 3.0}
+
+
+def choices(files):
+    return {"dbc": str(files[0]), "map": str(files[1])}
+
+
+@pytest.fixture(scope="module")
+def built_in():
+    return experiment.run("double_lane_change", **SHORT)
+
+
+@pytest.fixture(scope="module", params=[CLASSIC, FD], ids=["classic", "fd"])
+def own(request):
+    """Return files and result of a run on a user's frames."""
+    return request.param, experiment.run("double_lane_change", **SHORT, **choices(request.param))
+
+
+def test_the_figures_are_those_of_the_built_in_bus(built_in, own):
+    _, result = own
+    expected, found = (vars_of(r.controlled_metrics) for r in (built_in, result))
+    passive, alone = (vars_of(r.passive_metrics) for r in (built_in, result))
+    for name in FIGURES:
+        assert found[name] == pytest.approx(expected[name], rel=0.02), name
+        assert alone[name] == pytest.approx(passive[name], rel=1e-9), name
+    assert np.isin(result.controlled.ticks["mode"][60:], [1]).all()
+    assert result.controlled.ticks["fault_codes"][60:].max() == 0
+    assert found["roll_max_deg"] < 0.5 * passive["roll_max_deg"]
+
+
+def vars_of(metrics):
+    return {name: getattr(metrics, name) for name in metrics.__dataclass_fields__}
+
+
+def decoded(result, files, folder):
+    """Write the log of a run, read it with python-can, decode it with the user's DBC alone."""
+    database = cantools.database.load_file(files[0])
+    messages = {(m.frame_id, m.is_extended_frame): m for m in database.messages}
+    found = {}
+    with can.LogReader(logs.write_log(folder / "own.blf", result.controlled.frames)) as log:
+        for frame in log:
+            message = messages.get((frame.arbitration_id, frame.is_extended_id))
+            if message is not None:
+                assert frame.is_fd == message.is_fd and len(frame.data) == message.length
+                values = message.decode(frame.data, decode_choices=False)
+                found.setdefault(message.name, []).append((frame.timestamp, values, frame))
+    return found
+
+
+def test_cantools_decodes_the_log_with_the_users_dbc_alone(own, tmp_path):
+    files, result = own
+    found = decoded(result, files, tmp_path)
+    bus = load(*files)
+    # every frame of the map but the commands of other actuators is on the bus
+    quiet = {"AntiRollBarCommand", "DamperCommand", "ValveCommand"}
+    assert {box.name for box in bus.frames} - quiet == set(found)
+    signals = result.controlled.signals
+    imu = found[bus.received[0].name]
+    times = np.array([t for t, _, _ in imu])
+    assert np.diff(times) == pytest.approx(np.full(len(times) - 1, 0.01), abs=2e-3)
+    if files is CLASSIC:
+        rate = [v["GY_RollRate"] * (-1) ** v["GY_RollSign"] for _, v, _ in imu]
+        lateral = [v["GY_LateralAcceleration"] * 9.80665 for _, v, _ in imu]
+    else:
+        rate = [v["RollRate"] for _, v, _ in imu]
+        lateral = [v["LateralAcceleration"] for _, v, _ in imu]
+    true = np.degrees(np.interp(times - 0.004, signals["time"], signals["roll_rate"]))
+    assert np.sqrt(np.mean((np.array(rate) - true) ** 2)) < 0.6
+    assert np.ptp(lateral) > 5
+    # a second listener's view of the protection
+    for box in bus.frames:
+        for _, _, frame in found.get(box.name, ()):
+            if box.protection is not None:
+                again = bytearray(frame.data)
+                count = again[box.protection.counter.byte] >> box.protection.counter.bit
+                box.protection.apply(again, count & (1 << box.protection.counter.width) - 1)
+                assert again == frame.data, box.name
+
+
+def test_a_repeated_signal_is_sent_twice_and_right_is_positive(tmp_path):
+    result = experiment.run("double_lane_change", **SHORT, **choices(CLASSIC))
+    found = decoded(result, CLASSIC, tmp_path)
+    frames = found["BRAKE_05"]
+    assert all(frame.is_extended_id for _, _, frame in frames)
+    for _, values, _ in frames:
+        assert round(values["BR_Steering"] * 10) ^ 0x3FFF == round(
+            values["BR_SteeringInverted"] * 10
+        )
+    times = np.array([t for t, _, _ in frames])
+    wheel = np.array([v["BR_Steering"] * (-1) ** v["BR_SteeringRight"] for _, v, _ in frames])
+    steer = np.interp(times - 0.004, *(result.controlled.signals[n] for n in ("time", "steer")))
+    assert np.corrcoef(wheel, steer)[0, 1] > 0.99
+    assert np.abs(wheel).max() > 10 and math.isfinite(wheel.sum())
+
+
+def test_python_and_native_code_send_the_same_frames():
+    runs = [
+        experiment.run("double_lane_change", duration=0.7, backend=name, **choices(CLASSIC))
+        for name in ("python", "native")
+    ]
+    sent = [r.controlled.frames[r.controlled.frames["sender"] == ECU] for r in runs]
+    assert len(sent[0]) > 10
+    np.testing.assert_array_equal(*sent)
+
+
+def test_a_saved_run_knows_its_frames(own, tmp_path):
+    files, result = own
+    write_files(result, tmp_path)
+    again = saved_run.load(tmp_path)
+    assert again.settings.choices()["dbc"] == str(files[0])
+    assert again.can == result.can
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ('[receive.imu]\nmessage = "GYRO_01"', "[receive.imu]\ncycle_ms = 40", "unknown message"),
+        ('message = "GYRO_01"', 'message = "GYRO_01"\ncycle_ms = 200', "every 200 ms"),
+        ('message = "GYRO_01"', 'message = "GYRO_01"\ncycle_ms = 0', "has no cycle time"),
+        ('signals.RC_ForceRR = "force[3]"\n', "", "is the ForceRearRight"),
+        ("[transmit.suspension_force]", "[transmit.damper]", "places no SuspensionForceCommand"),
+        ("signals.AC_MomentFront", "#", "no signal is the delivered[0]"),
+    ],
+)
+def test_what_the_loop_cannot_do_without_is_named(tmp_path, old, new, word):
+    text = CLASSIC[1].read_text(encoding="utf-8")
+    assert old in text
+    text = text.replace(old, new, 1)
+    if new == "[transmit.damper]":
+        text = text.replace("[transmit.suspension_force.", "[transmit.damper.")
+        text = re.sub(r'"force\[(\d)\]"', r'"current[\1]"', text)
+        text = re.sub(r"(signals.RC_Force.. = )(.*)", r'\1{ field = \2, unit = "mA" }', text)
+    path = tmp_path / "map.toml"
+    path.write_text(text)
+    with pytest.raises(CanrollError, match=re.escape(word)) as caught:
+        experiment.run("double_lane_change", **SHORT, dbc=str(CLASSIC[0]), map=str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_fault_that_no_signal_can_say_is_refused():
+    with pytest.raises(CanrollError, match=re.escape("Imu.RollRate: the signal has no code")):
+        experiment.run(
+            "double_lane_change", **SHORT, **choices(CLASSIC), faults=["Imu.RollRate=invalid@1"]
+        )
+
+
+def test_a_contradicted_signal_is_a_fault_code(tmp_path):
+    # the plant takes the second signal as a repetition, the ECU as its complement
+    text = CLASSIC[1].read_text(encoding="utf-8")
+    other = tmp_path / "map.toml"
+    other.write_text(text.replace("inverted =", "redundant ="))
+    settings, controller = experiment.plan("double_lane_change", **SHORT, **choices(CLASSIC))
+    world = experiment.build_world(settings, enabled=True)
+    profile = load_profile("500k", CLASSIC[0], other)
+    ecu = experiment.open_backend(settings.backend, controller.record, firmware_of(profile))
+    trace = experiment.closed_loop(world, ecu, tick_ns=10_000_000, duration_ns=2_000_000_000)
+    assert (trace.ticks["fault_codes"][100:] >> 5 & 1).all()
+    assert (trace.ticks["mode"][150:] == 2).all()
+
+
+NETWORK = """schema = 1
+bitrate = 250000
+data_bitrate = 1000000
+load = 0.6
+above = 0.3
+bit_error_rate = 1e-6
+gateway_ms = [2, 4]
+dbc = "own.dbc"
+map = "own.toml"
+"""
+
+
+def test_a_network_is_one_file(tmp_path):
+    for path in CLASSIC:
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    (tmp_path / "net.toml").write_text(NETWORK)
+    result = experiment.run("double_lane_change", **SHORT, bus=str(tmp_path / "net.toml"))
+    assert result.can.load == pytest.approx(0.6, abs=0.03)
+    assert result.settings.profile.segments == 2
+    assert result.can.age_ms.min > 4
+    assert set(result.can.response_ms) >= {"Imu", "VehicleMotion", "SuspensionForceCommand"}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ("schema = 1", "schema = 2", "schema must be 1"),
+        ("bitrate = 250000\n", "", "'bitrate' is missing"),
+        ("load = 0.6", "lod = 0.6", "did you mean 'load'"),
+        ("load = 0.6", 'load = "much"', "must be a number"),
+        ("load = 0.6", "load = 1.6", "load 1.6"),
+        ("[2, 4]", "[4, 2]", "two times in order"),
+        ("[2, 4]", "[4]", "two times"),
+        ('map = "own.toml"\n', "", "dbc and map require each other"),
+        ('"own.dbc"', '"mine.dbc"', "mine.dbc': no such file"),
+        ("= 1000000", "= 100000", "data_bitrate 100000"),
+        ("bit_error_rate = 1e-6", "bit_error_rate = 2", "bit_error_rate 2"),
+        ("schema = 1", "schema = ", "not a readable network"),
+    ],
+)
+def test_a_wrong_network_is_named(tmp_path, old, new, word):
+    for path in CLASSIC:
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    assert old in NETWORK
+    (tmp_path / "net.toml").write_text(NETWORK.replace(old, new, 1))
+    with pytest.raises(CanrollError, match=re.escape(word)) as caught:
+        load_profile(str(tmp_path / "net.toml"))
+    assert "net.toml" in str(caught.value)
+
+
+def test_dbc_and_map_go_together():
+    with pytest.raises(CanrollError, match="require each other"):
+        experiment.run("double_lane_change", **SHORT, dbc=str(CLASSIC[0]))
+    with pytest.raises(CanrollError, match="no such file"):
+        experiment.run("double_lane_change", **SHORT, dbc="none.dbc", map="none.toml")
