@@ -208,10 +208,7 @@ def zero_command(
     ecu = firmware.record()
     slot = command_slot(calibration)
     ecu.mode = SAFE
-    protection = firmware.bus.transmitted[slot].protection
-    if protection is not None and protection.counter is not None:
-        its = protection.counter
-        ecu.tx_counter[slot] = last[its.byte] >> its.bit & (1 << its.width) - 1
+    ecu.tx_counter[slot] = firmware.bus.transmitted[slot].count(last)
     firmware.module("signals").pack(ecu, slot)
     firmware.module("transmit").queue(ecu, calibration, slot)
     ident, length = firmware.sent[slot]
