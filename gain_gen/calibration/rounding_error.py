@@ -145,6 +145,7 @@ def integer_loop(record: Calibration) -> Callable[[Matrix], float]:
     ecu.mode = ACTIVE
     ecu.moment_unknown = 0
     ecu.lateral_lost = 0
+    ecu.motion_lost = 0
     ecu.authority = FULL_AUTHORITY
     ecu.feedforward = FULL_AUTHORITY
     ecu.gain_factor = UNIT_GAIN

@@ -6,10 +6,13 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+from rich.console import Console
+
 from canroll.errors import CanrollError, UnknownNameError
 from hil.cli.bus_parsers import DELAY_PATH
 from hil.report import recorded_bus
-from hil.report.bus_answer import Answer, Delay, as_json, check_simulation, show
+from hil.report.bus_answer import Answer, Delay, as_json, check_simulation, is_late, show
+from hil.report.bus_margins import Margins, margins_json, show_margins
 from hil.report.recorded_bus import RecordedAnswer, check_added
 from plant_sim.can_bus.ages import simulate_ages_of_set
 from plant_sim.can_bus.analysis import (
@@ -20,7 +23,9 @@ from plant_sim.can_bus.analysis import (
 from plant_sim.can_bus.delay_bounds import DelayBounds, delay_bounds_of_set, loop_messages
 from plant_sim.can_bus.kernel.network import build_network
 from plant_sim.can_bus.own_frames import own_messages
+from plant_sim.can_bus.proposals import propose_offsets, propose_priorities
 from plant_sim.can_bus.recorded_load import effects, joined, missing_from
+from plant_sim.can_bus.sensitivity import Bounds, breakdown, error_tolerance
 from plant_sim.can_bus.servers.wall_clock import serve_network
 from plant_sim.can_bus.simulation import Simulation, simulate, traffic_spec
 from plant_sim.can_bus.traffic.files import Traffic, load_traffic
@@ -48,6 +53,8 @@ def run(args: argparse.Namespace) -> int:
         _serve(traffic, args)
         return 0
     recording = _recording(traffic, args)
+    bounds = _bounds(traffic, recording, args)
+    margins = _margins(traffic, args)
     answer = Answer(
         args.file.name,
         args.simulate,
@@ -56,17 +63,18 @@ def run(args: argparse.Namespace) -> int:
         args.tick,
         None if args.replay is None else args.replay.name,
         traffic,
-        _bounds(traffic, recording, args),
+        bounds,
         _simulation(traffic, recording, args),
         _delay(traffic, recording, args),
         recording,
     )
     check_simulation(answer)
     if args.json:
-        print(json.dumps(as_json(answer), indent=2))
+        print(json.dumps(as_json(answer) | margins_json(margins), indent=2))
     else:
         show(answer)
-    failed = any(b.bound_ns is None and b.covered for b in answer.bounds)
+        show_margins(margins, Console())
+    failed = any((b.bound_ns is None and b.covered) or is_late(b) for b in answer.bounds)
     return int(failed or (answer.delay is not None and answer.delay.failed))
 
 
@@ -146,6 +154,32 @@ def _own(command: str) -> Sequence[BusMessage]:
     return own_messages() if command in known else own_messages(command)
 
 
+def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
+    """Compute what was asked for beside the bounds."""
+    rates = {"bitrate": traffic.bitrate, "data_bitrate": traffic.data_bitrate}
+    messages, rate = traffic.messages, args.errors_per_second
+
+    def bounded(offsets: bool) -> Bounds:
+        return lambda chosen, errors: response_bounds(
+            chosen, **rates, errors=errors, offsets=offsets
+        )
+
+    bounds = bounded(args.offsets)
+    proposal = None
+    if args.propose == "priorities":
+        proposal = propose_priorities(messages, bounds)
+    elif args.propose == "offsets":
+        proposal = propose_offsets(messages, bounded(offsets=True))
+    return Margins(
+        breakdown(messages, bounds, **rates) if args.sensitivity else None,
+        rate,
+        () if rate is None else error_tolerance(messages, bounds, errors_per_s=rate),
+        args.propose,
+        proposal,
+        bounds(messages, None) if proposal else (),
+    )
+
+
 def _check_path(args: argparse.Namespace, messages: Sequence[BusMessage]) -> None:
     """Reject names of sensor and command that are no messages, unless they are the defaults."""
     known = [message.name for message in messages]
@@ -156,7 +190,7 @@ def _check_path(args: argparse.Namespace, messages: Sequence[BusMessage]) -> Non
 
 
 def _check(args: argparse.Namespace) -> None:
-    for option in ("simulate", "tick", "error_interval"):
+    for option in ("simulate", "tick", "error_interval", "errors_per_second"):
         value = getattr(args, option)
         least = 0.0 if option == "simulate" else 1e-3
         if value is not None and not (value >= least and math.isfinite(value)):
@@ -176,8 +210,8 @@ def _check(args: argparse.Namespace) -> None:
         raise CanrollError("--channel selects a channel of a log: --replay is required")
     if args.add is not None and not recorded:
         raise CanrollError(f"--add puts messages onto the bus of a log, {args.file} is none")
-    for option in ("serve", "replay"):
-        if recorded and getattr(args, option) is not None:
+    for option in ("serve", "replay", "errors-per-second", "propose", "sensitivity", "offsets"):
+        if recorded and getattr(args, option.replace("-", "_")) not in (None, False):
             raise CanrollError(f"--{option} needs a traffic set: {args.file} is a bus log")
 
 
@@ -218,6 +252,7 @@ def _bounds(
         bitrate=traffic.bitrate,
         data_bitrate=traffic.data_bitrate,
         errors=_errors(args),
+        offsets=args.offsets,
     )
     if recording is None:
         return bounds

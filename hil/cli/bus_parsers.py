@@ -20,6 +20,7 @@ PACES = ("realtime", "lockstep")
 PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
 """Silence after which the other side is taken to be gone, s: in lock step it may be slow."""
 DEFAULT_PHASE_MS = 2.0
+PROPOSALS = ("priorities", "offsets")
 DELAY_PATH = {"sensor": "Imu", "command": "SuspensionForceCommand"}
 """Messages whose delay ``canroll bus`` shows where the set has them."""
 FREE = "free"
@@ -67,6 +68,28 @@ def bus(parser: argparse.ArgumentParser) -> None:
         type=float,
         metavar="MS",
         help="include one disturbed frame every MS milliseconds in the bounds",
+    )
+    parser.add_argument(
+        "--offsets",
+        action="store_true",
+        help="the messages of a node keep their offsets: bounds take them into account",
+    )
+    parser.add_argument(
+        "--sensitivity",
+        action="store_true",
+        help="how much more often all messages may come until a deadline falls",
+    )
+    parser.add_argument(
+        "--errors-per-second",
+        type=float,
+        metavar="R",
+        help="probability of a missed deadline if errors come at random, R a second (Poisson)",
+    )
+    parser.add_argument(
+        "--propose",
+        choices=PROPOSALS,
+        help="identifiers with which all deadlines hold (Audsley), or offsets that spread the"
+        " messages of each node",
     )
     parser.add_argument(
         "--replay",
@@ -166,11 +189,13 @@ def ecu(parser: argparse.ArgumentParser) -> None:
     add_choices(parser, OF_AN_ECU)
     parser.add_argument("--duration", type=float, metavar="S", help="default: until stopped")
     add_loop_options(parser)
+    phase = CHOICES["phase_ms"]
     parser.add_argument(
-        "--phase",
-        type=phase_option,
+        phase.option,
+        dest=phase.name,
+        type=lambda text: FREE if text == FREE else phase.read(text),
         metavar="MS",
-        help="delay of the ticks after the Imu frames, 'free': by the ECU's clock "
+        help="time from the earliest arrival of an Imu frame to a tick, 'free': by the ECU's clock "
         f"(default: {DEFAULT_PHASE_MS:g})",
     )
     parser.add_argument("--trace", type=Path, metavar="FILE", help="write the trace of all ticks")
@@ -188,7 +213,7 @@ def plant(parser: argparse.ArgumentParser) -> None:
         default="127.0.0.1:29536",
         help="without -i: address of the plant's bus, for -i socketcand (default: %(default)s)",
     )
-    add_choices(parser, (*WORLD, "duration"))
+    add_choices(parser, (*WORLD, "phase_ms", "duration"))
     parser.add_argument(
         "--command",
         dest="command_message",
@@ -207,12 +232,6 @@ def plant(parser: argparse.ArgumentParser) -> None:
     )
     add_loop_options(parser)
     add_prepare_option(parser)
-    parser.add_argument(
-        "--phase",
-        type=float,
-        metavar="MS",
-        help="lock step: delay of the ticks after the Imu frames (default: as in virtual time)",
-    )
     add_recording(parser)
     parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
 
@@ -238,11 +257,6 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
         "(default: {realtime:g}, in lock step {lockstep:g})".format(**PEER_TIMEOUT),
     )
     parser.add_argument("--cpu", type=int, metavar="N", help="core to run on")
-
-
-def phase_option(text: str) -> float | str:
-    """Return ``--phase``: a number of ms or "free"."""
-    return text if text == FREE else float(text)
 
 
 def add_prepare_option(parser: argparse.ArgumentParser) -> None:

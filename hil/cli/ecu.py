@@ -149,19 +149,19 @@ def phase_lock(args: argparse.Namespace, tick_us: int) -> PhaseLock | None:
     Raises:
         CanrollError: the tick can have no phase, or not this one.
     """
-    if args.phase is not None and args.pace == "lockstep":
+    if args.phase_ms is not None and args.pace == "lockstep":
         raise CanrollError(
             "--phase: in lock step the plant grants the ticks: give it to 'canroll plant'"
         )
-    if args.phase == FREE or args.pace == "lockstep":
+    if args.phase_ms == FREE or args.pace == "lockstep":
         return None
-    if args.phase is None:
+    if args.phase_ms is None:
         try:
             cycle = phase.cycle_ns(1000 * tick_us)
         except CanrollError:
             return None
         return PhaseLock(phase_ns=round(1e6 * DEFAULT_PHASE_MS) % cycle, cycle_ns=cycle)
-    wanted = round(1e6 * args.phase)
+    wanted = round(1e6 * args.phase_ms)
     return PhaseLock(phase_ns=wanted, cycle_ns=phase.checked_cycle_ns(1000 * tick_us, wanted))
 
 

@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
             check_parent(check(path))
     peer_timeout(args)
     nanoseconds(args.duration, "--duration")
-    if args.phase is not None and args.pace != "lockstep":
+    if args.phase_ms is not None and args.pace != "lockstep":
         raise CanrollError(
             "--phase: in real time the ECU keeps the phase: give it to 'canroll ecu'"
         )
@@ -121,8 +121,8 @@ def _drive_granting(
         _check_stopped(args, stop)
         return None
     offset = 0
-    if args.phase is not None:
-        offset = phase.offset_ns(world_of(args), 1000 * ecu.tick_us, round(1e6 * args.phase))
+    if args.phase_ms is not None:
+        offset = phase.offset_ns(world_of(args), 1000 * ecu.tick_us, round(1e6 * args.phase_ms))
     print("plant runs", flush=True)
     duration_ns = min(_duration_ns(args, world), world.duration_ns)
     return plant_loop.run_granting(world, ecu, stop=stop, duration_ns=duration_ns, offset_ns=offset)

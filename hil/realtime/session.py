@@ -87,7 +87,7 @@ def drive(
         frames = ("bus", "dbc", "map")
         arguments += choices.arguments({name: getattr(settings, name) for name in frames})
         if setup.pace == "realtime":
-            arguments += ["--phase", _phase(settings)]
+            arguments += _phase(settings)
         ecu = programs.start(children, "ECU", arguments)
         programs.wait_for(plant, "plant runs", ecu)
         how = "in lock step" if setup.pace == "lockstep" else "in real time"
@@ -129,7 +129,7 @@ def plant_arguments(
     if setup.side_channel is not None:
         arguments += ["--side-channel", setup.side_channel]
     if setup.pace == "lockstep" and settings.phase is not None:
-        arguments += ["--phase", repr(1e3 * settings.phase)]
+        arguments += choices.arguments({"phase_ms": 1e3 * settings.phase})
     return arguments + _core(setup, 0)
 
 
@@ -142,12 +142,12 @@ def _grants(plant: Program) -> list[str]:
     return ["--side-channel", programs.wait_for(plant, "grants at ").split()[-1]]
 
 
-def _phase(settings: Settings) -> str:
-    """Return the phase of virtual time for the ECU, "free" for a tick that can have none."""
+def _phase(settings: Settings) -> list[str]:
+    """Return the ECU's option for the phase of virtual time, "free" for a tick that has none."""
     try:
-        return repr(experiment.tick_phase_ns(settings) / 1e6)
+        return choices.arguments({"phase_ms": experiment.tick_phase_ns(settings) / 1e6})
     except CanrollError:
-        return "free"
+        return [CHOICES["phase_ms"].option, "free"]
 
 
 def _core(setup: Setup, which: int) -> list[str]:

@@ -54,6 +54,12 @@ class Answer:
     recording: Recording | None
 
 
+def is_late(bound: ResponseBound) -> bool:
+    """Return whether a deadline that the set names is missed; the period alone is no verdict."""
+    limit = bound.message.deadline_ns
+    return bool(limit) and bound.bound_ns is not None and bound.bound_ns > limit
+
+
 def check_simulation(answer: Answer) -> None:
     """Reject a bound that the simulation exceeds.
 
@@ -141,6 +147,14 @@ def show(answer: Answer) -> None:
     for reason in dict.fromkeys(b.reason for b in bounds if b.bound_ns is None):
         names = ", ".join(b.message.name for b in bounds if b.reason == reason)
         console.print(f"without a bound, {reason}: {names}")
+    late = [b for b in bounds if is_late(b)]
+    if late:
+        told = (
+            f"{b.message.name} ({b.bound_ns * _MS:.3f} of {b.message.deadline_ns * _MS:g} ms)"
+            for b in late
+            if b.bound_ns is not None
+        )
+        console.print(f"deadline missed: {', '.join(told)}", highlight=False)
     line = f"load with the longest frames {_utilisation(traffic):.1%}"
     if simulation:
         line += f", simulated {simulation.load:.1%} ({simulation.frames} frames)"

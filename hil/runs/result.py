@@ -1,7 +1,7 @@
 """The outcome of a run: traces, figures, settings, and the object that ``--json`` prints."""
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +32,9 @@ FIGURES = (
 
 LEAST_ROLL_DEG = 0.01
 """Below this largest roll angle there is no roll to reduce."""
+
+SAVED = tuple(name for name, choice in CHOICES.items() if choice.saved)
+"""The choices that results carry; what else was chosen is in their calibration."""
 
 WORSE = 1.05
 """Roll rate with control over that without it, from which on the verdict is mixed."""
@@ -95,8 +98,25 @@ class Settings:
             "faults": list(self.faults),
             "conditions": dict(self.conditions),
         }
-        saved = [name for name, choice in CHOICES.items() if choice.saved]
-        return {name: own[name] if name in own else getattr(self, name) for name in saved}
+        return {name: own[name] if name in own else getattr(self, name) for name in SAVED}
+
+    @classmethod
+    def of(cls, choices: Mapping[str, Any], **others: Any) -> "Settings":  # noqa: ANN401
+        """Return the settings that :meth:`choices` has given; ``others`` are not among them.
+
+        Raises:
+            KeyError: a choice is missing.
+        """
+        own = {
+            "speed": choices["speed_kmh"] / 3.6,
+            "tick": 1e-3 * choices["tick_ms"],
+            "options": tuple(choices["options"].items()),
+            "faults": tuple(choices["faults"]),
+            "conditions": tuple(choices["conditions"].items()),
+        }
+        names = {entry.name for entry in fields(cls)} - own.keys() - others.keys()
+        same = {name: choices[name] for name in SAVED if name in names}
+        return cls(**own, **same, **others)
 
 
 @dataclass(frozen=True, slots=True)

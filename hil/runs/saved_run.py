@@ -6,7 +6,7 @@ From these three a run is judged and shown again, the same numbers as on the day
 import json
 import zlib
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -21,7 +21,7 @@ from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from hil.runs.experiment import assess
 from hil.runs.frozen import COMMANDS, Controller
-from hil.runs.result import Result, Settings
+from hil.runs.result import SAVED, Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS
 
@@ -118,23 +118,19 @@ def _trace(arrays: Arrays, run: str) -> Trace | None:
 
 
 def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
-    derived = {
-        "vehicle": vehicles.load(loaded.vehicle),
-        "plant": RENAMED.get(data["plant"], data["plant"]),
-        "command": COMMANDS[loaded.record.actuator],
-        "trigger": "event" if loaded.record.event_trigger else "every",
-        "speed": data["speed_kmh"] / 3.6,
-        "tick": 1e-3 * data["tick_ms"],
-        "run_time": RUN_TIME_NS * 1e-9,
-        "dbc": data.get("dbc"),
-        "map": data.get("map"),
-        "options": tuple(data["options"].items()),
-        "faults": tuple(data["faults"]),
-        "conditions": tuple(data["conditions"].items()),
-        "phase": None if data["phase_ms"]["chosen"] is None else 1e-3 * data["phase_ms"]["chosen"],
-    }
-    same = {field.name: data[field.name] for field in fields(Settings) if field.name not in derived}
-    return Settings(**derived, **same)
+    # runs saved before there were own frames have those of the contract
+    saved = {"dbc": None, "map": None} | {name: data[name] for name in SAVED if name in data}
+    saved["plant"] = RENAMED.get(saved["plant"], saved["plant"])
+    phase = data["phase_ms"]["chosen"]
+    return Settings.of(
+        saved,
+        scenario=data["scenario"],
+        vehicle=vehicles.load(loaded.vehicle),
+        command=COMMANDS[loaded.record.actuator],
+        trigger="event" if loaded.record.event_trigger else "every",
+        run_time=RUN_TIME_NS * 1e-9,
+        phase=None if phase is None else 1e-3 * phase,
+    )
 
 
 def _controller(settings: Settings, loaded: LoadedCalibration) -> Controller:

@@ -59,9 +59,12 @@ def effects(
     A bound that the log itself exceeds is none: then its curve does not hold.
     """
     recorded = [m.message for m in bus.messages]
-    rates = {"bitrate": bus.rate.nominal, "data_bitrate": bus.rate.data}
-    before = response_bounds(recorded, **rates, errors=errors) if recorded else []
-    after = response_bounds([*recorded, *added], **rates, errors=errors)
+    before, after = (
+        response_bounds(
+            messages, bitrate=bus.rate.nominal, data_bitrate=bus.rate.data, errors=errors
+        )
+        for messages in (recorded, [*recorded, *added])
+    )
     found: list[Effect] = []
     for place, bound in enumerate(after):
         seen = bus.messages[place] if place < len(recorded) else None

@@ -296,3 +296,20 @@ def test_listing_loads_nothing_heavy():
     )
     root = Path(__file__).parents[2]
     subprocess.run([sys.executable, "-c", code], check=True, cwd=root, stdout=subprocess.DEVNULL)
+
+
+def test_limit_takes_a_body_a_law_and_a_bus_of_a_file(folder, capsys):
+    arguments = ["--plant", "plants.py:BODY", "--bus", "bus.py:GOOD", "--law", "law.py:good"]
+    speeds = ["--from", "40", "--to", "70", "--tolerance", "30"]
+    assert main(["limit", "moose", *arguments, *speeds, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["plant"], found["law"]) == ("plants.py:BODY", "law.py:good")
+    assert main(["limit", "moose", *speeds, "--plant", "plants.py:NOTHING"]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_the_plant_alone_takes_a_body_and_a_bus_of_a_file(folder, capsys):
+    arguments = ["plant", "drives.py:GOOD", "--prepare", "--bus", "bus.py:GOOD"]
+    assert main([*arguments, "--plant", "plants.py:BODY"]) == 0
+    assert main([*arguments, "--plant", "plants.py:NOTHING"]) == 2
+    assert "plants.py defines no 'NOTHING'" in capsys.readouterr().err

@@ -2,8 +2,8 @@
 
 A TOML file has ``bitrate`` and tables ``[[message]]`` with ``name``, ``id``, ``bytes`` (or
 ``bits``, the frame length with interframe space) and ``period_ms``; optional ``jitter_ms``,
-``offset_ms``, ``node``, ``extended``, ``fd``, ``bit_rate_switch`` and ``fifo``; beside
-``bitrate`` optionally ``data_bitrate``.
+``offset_ms``, ``node``, ``extended``, ``fd``, ``bit_rate_switch``, ``fifo`` and ``deadline_ms``
+(default: the period); beside ``bitrate`` optionally ``data_bitrate``.
 """
 
 import tomllib
@@ -35,6 +35,7 @@ _OPTIONAL: Final = (
     "fd",
     "bit_rate_switch",
     "fifo",
+    "deadline_ms",
 )
 
 
@@ -192,6 +193,7 @@ def _toml_message(path: Path, place: int, row: dict[str, Any]) -> BusMessage:
         flags=flags,
         bits=whole("bits"),
         fifo=bool(row.get("fifo", False)),
+        deadline_ns=round(number("deadline_ms", 0.0) * MS),
     )
     try:
         check_frame(message.ident, message.length, flags)

@@ -18,8 +18,8 @@ class BusMessage:
 
     ``jitter_ns`` is the greatest time from the nominal release to the queueing; ``bits`` above 0
     gives the frame length, interframe space included, instead of identifier and payload; ``fifo``:
-    it waits in a first-in first-out queue; ``distance_ns``: the least one of two frames, 0: any.
-    The analysis alone reads it.
+    it waits in a first-in first-out queue. The analysis alone reads ``distance_ns``, the least one
+    of two frames (0: any), and ``deadline_ns`` (0: the period).
     """
 
     name: str
@@ -34,6 +34,12 @@ class BusMessage:
     bits: int = 0
     fifo: bool = False
     distance_ns: int = 0
+    deadline_ns: int = 0
+
+    @property
+    def due_ns(self) -> int:
+        """Deadline from the nominal release: the given one, else the period."""
+        return self.deadline_ns or int(self.period_ns)
 
     @property
     def arbitration_key(self) -> int:

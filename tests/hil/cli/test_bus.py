@@ -86,11 +86,13 @@ def test_an_identifier_used_twice_fails_the_verdict(tmp_path, capsys):
     assert found["a"]["response_max_ms"] == found["b"]["response_max_ms"] > 0
 
 
-def test_what_the_analysis_does_not_cover_is_no_failure(tmp_path, capsys):
+def test_a_fifo_queue_has_its_bounds(tmp_path, capsys):
     path = tmp_path / "fifo.toml"
-    path.write_text(ROW.format(name="a", ident=5, period=10) + "fifo = true")
-    assert main(["bus", str(path), "--simulate", "0.1"]) == 0
-    assert "without a bound, FIFO queue: not covered: a" in capsys.readouterr().out
+    rows = [ROW.format(name=n, ident=i, period=10) for n, i in (("a", 5), ("b", 6))]
+    path.write_text("fifo = true".join(rows))
+    assert main(["bus", str(path), "--simulate", "0.1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["messages"]
+    assert [found[name]["response_bound_ms"] for name in "ab"] == [0.54, 0.54]
 
 
 def logged(path, *frames, channels=(0,)):
@@ -307,6 +309,7 @@ def test_more_than_a_recorded_bus_can_carry_fails_the_verdict(tmp_path, capsys):
         (["--channel", "7"], "unknown channel of"),
         (["--sensor", "Imi"], "did you mean 'Imu'?"),
         (["--bitrate", "2000000"], "at most 1000000 bit/s"),
+        (["--sensitivity"], "--sensitivity needs a traffic set: "),
         (["--add", "nowhere.toml"], "nowhere.toml: no such file"),
     ],
 )
@@ -321,3 +324,62 @@ def test_what_a_log_cannot_do_is_one_line(tmp_path, capsys, options, message):
 def test_only_a_log_takes_messages_to_add(tmp_path, capsys):
     assert main(["bus", traffic(tmp_path, period=10), "--add", "x.toml"]) == 2
     assert "--add puts messages onto the bus of a log" in capsys.readouterr().err
+
+
+MARGINS = """
+bitrate = 125000
+message = [
+  { name = "Slow", id = 0x10, bytes = 8, period_ms = 100, node = "A", deadline_ms = 100 },
+  { name = "Fast", id = 0x20, bytes = 8, period_ms = 5, node = "B", deadline_ms = 3 },
+  { name = "Mid", id = 0x30, bytes = 4, period_ms = 10, node = "A", deadline_ms = 10 },
+  { name = "Other", id = 0x40, bytes = 8, period_ms = 20, node = "A" },
+]
+"""
+
+
+def margins_of(folder, capsys, *options, code, text=MARGINS):
+    path = folder / "margins.toml"
+    path.write_text(text)
+    assert main(["bus", str(path), "--simulate", "0", "--json", *options]) == code
+    return json.loads(capsys.readouterr().out)
+
+
+def test_priorities_are_proposed_that_keep_a_deadline_now_missed(tmp_path, capsys):
+    found = margins_of(tmp_path, capsys, "--propose", "priorities", code=1)["proposal"]
+    assert {name: row["id"] for name, row in found.items()} == {
+        "Slow": 0x20,
+        "Fast": 0x10,
+        "Mid": 0x30,
+        "Other": 0x40,
+    }
+    assert (found["Fast"]["bound_ms"], found["Fast"]["bound_before_ms"]) == (2.16, 3.24)
+    # with them it holds
+    text = MARGINS.replace("0x10", "0x1").replace("0x20", "0x10").replace("0x1,", "0x20,")
+    found = margins_of(tmp_path, capsys, "--sensitivity", code=0, text=text)["breakdown"]
+    assert found["factor"] > 1.0
+
+
+def test_offsets_are_proposed_and_bounds_take_them_into_account(tmp_path, capsys):
+    found = margins_of(tmp_path, capsys, "--propose", "offsets", "--offsets", code=1)
+    rows = found["proposal"]
+    assert rows["Other"]["bound_ms"] < rows["Other"]["bound_before_ms"]
+    assert len({rows[name]["offset_ms"] for name in ("Slow", "Mid", "Other")}) > 1
+    moved = MARGINS
+    for name, row in rows.items():
+        moved = moved.replace(f'"{name}",', f'"{name}", offset_ms = {row["offset_ms"]},')
+    found = margins_of(tmp_path, capsys, "--offsets", code=1, text=moved)["messages"]
+    assert found["Other"]["response_bound_ms"] == rows["Other"]["bound_ms"]
+
+
+def test_sensitivity_and_errors_are_told_in_words(tmp_path, capsys):
+    path = tmp_path / "margins.toml"
+    path.write_text(MARGINS)
+    options = ["--sensitivity", "--errors-per-second", "2", "--simulate", "0"]
+    assert main(["bus", str(path), *options]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert "deadline missed: Fast (3.240 of 3 ms)" in text
+    assert "however seldom all messages come, Fast misses its deadline" in text
+    assert "at most: Fast 1 (late without any), Mid" in text
+    path.write_text(MARGINS.replace("deadline_ms = 3 ", "deadline_ms = 5 "))
+    assert main(["bus", str(path), *options]) == 0
+    assert "times as often (load" in " ".join(capsys.readouterr().out.split())

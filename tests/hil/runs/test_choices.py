@@ -20,6 +20,8 @@ ASKED = {
     "observer": "steering",
     "plant": "nonlinear",
     "bus": "gateway_20ms",
+    "dbc": "own.dbc",
+    "map": "own.toml",
     "backend": "python",
     "seed": 7,
     "speed_kmh": 71.00000000000001,

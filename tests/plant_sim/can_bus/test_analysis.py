@@ -59,14 +59,85 @@ def test_no_bound_where_the_bus_is_overloaded():
     assert "overloaded" in bounds[-1].reason
 
 
-def test_fifo_queues_are_marked_as_not_covered():
-    bounds = response_bounds(
-        [BusMessage("a", 1, 8, 10 * MS, "x", fifo=True), BusMessage("b", 2, 8, 10 * MS, "y")],
-        bitrate=500_000,
-    )
-    assert bounds[0].bound_ns is None
-    assert "FIFO" in bounds[0].reason
-    assert bounds[1].bound_ns == 2 * 270_000
+def test_a_fifo_queue_is_as_urgent_as_its_least_message_by_hand():
+    """Frames of 270 µs at 500 kbit/s: the urgent one waits behind its neighbour in the queue."""
+    messages = [
+        BusMessage("urgent", 1, 8, 10 * MS, "x", fifo=True),
+        BusMessage("other", 2, 8, 10 * MS, "y"),
+        BusMessage("late", 3, 8, 10 * MS, "x"),
+        BusMessage("last", 4, 8, 10 * MS, "z"),
+    ]
+    bounds = {b.message.name: b.bound_ns for b in response_bounds(messages, bitrate=500_000)}
+    # blocked by last, behind late in the queue, with other between
+    assert bounds["urgent"] == bounds["late"] == 4 * 270_000
+    # blocked by late, behind urgent, which may have waited so long that it meets the next one
+    assert bounds["other"] == 3 * 270_000
+    priority = [replace(m, fifo=False) for m in messages]
+    assert response_bounds(priority, bitrate=500_000)[0].bound_ns == 2 * 270_000
+
+
+def test_offsets_keep_the_messages_of_a_node_apart_by_hand():
+    """Four frames of a node, 2.5 ms apart: another node's waits for one of them, not for four."""
+    own = [BusMessage(f"m{i}", i, 8, 10.0 * MS, "x", offset_ns=int(i * 2.5 * MS)) for i in range(4)]
+    messages = [*own, BusMessage("victim", 9, 8, 10.0 * MS, "y")]
+    together = response_bounds(messages, bitrate=500_000)[-1]
+    apart = response_bounds(messages, bitrate=500_000, offsets=True)[-1]
+    assert together.bound_ns == 5 * 270_000
+    assert apart.bound_ns == 2 * 270_000
+    jittery = [replace(m, jitter_ns=int(2.4 * MS)) for m in own]
+    bound = response_bounds([*jittery, messages[-1]], bitrate=500_000, offsets=True)[-1]
+    assert bound.bound_ns == 3 * 270_000
+
+
+def test_simulated_fifo_queues_keep_to_their_bounds():
+    rng = np.random.default_rng(11)
+    bounded = 0
+    for number in range(120):
+        messages, bitrate = random_set(rng)
+        nodes = int(rng.integers(1, 4))
+        messages = [
+            replace(m, sender=f"n{i % nodes}", fifo=i % nodes == 0, ident=m.ident)
+            for i, m in enumerate(messages)
+        ]
+        bounds = response_bounds(messages, bitrate=bitrate)
+        simulation = simulate(
+            messages, bitrate=bitrate, duration_s=0.3, seed=number, worst_case_lengths=True
+        )
+        for bound in bounds:
+            responses = simulation.responses[bound.message.name].responses
+            if bound.bound_ns is not None and len(responses):
+                assert responses.max() <= bound.queued_ns <= bound.bound_ns
+                bounded += 1
+    assert bounded > 300
+
+
+def test_simulated_offsets_keep_to_their_bounds_and_these_to_the_plain_ones():
+    rng = np.random.default_rng(12)
+    tighter = 0
+    for number in range(80):
+        messages, bitrate = random_set(rng)
+        periods = [float(rng.choice([5, 10, 20, 40])) * MS * 4 for _ in messages]
+        messages = [
+            replace(
+                m,
+                sender=f"n{i % 3}",
+                period_ns=period,
+                jitter_ns=min(m.jitter_ns, int(period / 4)),
+                offset_ns=int(rng.integers(period)),
+            )
+            for i, (m, period) in enumerate(zip(messages, periods, strict=True))
+        ]
+        plain = response_bounds(messages, bitrate=bitrate)
+        bounds = response_bounds(messages, bitrate=bitrate, offsets=True)
+        simulation = simulate(
+            messages, bitrate=bitrate, duration_s=0.7, seed=number, worst_case_lengths=True
+        )
+        for bound, other in zip(bounds, plain, strict=True):
+            responses = simulation.responses[bound.message.name].responses
+            assert bound.bound_ns <= other.bound_ns
+            assert responses.max() <= bound.queued_ns
+            tighter += bound.bound_ns < other.bound_ns
+    assert tighter > 50
 
 
 def test_errors_lengthen_the_bound_and_simulated_errors_keep_to_it():

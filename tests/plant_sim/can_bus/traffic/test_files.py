@@ -229,13 +229,10 @@ def test_the_table_names_every_message(capsys):
 
 
 def test_the_table_says_why_a_bound_is_missing(tmp_path, capsys):
-    text = COUNTER_EXAMPLE.replace("2.5", "1.5").replace(
-        "id = 2,", "id = 2, node = 'B', fifo = true,"
-    )
+    text = COUNTER_EXAMPLE.replace("2.5", "1.5")
     assert run(write(tmp_path, text), "--simulate", 0) == 1
     out = " ".join(capsys.readouterr().out.split())
     assert "without a bound, bus overloaded at this priority: C" in out
-    assert "without a bound, FIFO queue: not covered: B" in out
 
 
 def test_the_command_refuses_nonsense(tmp_path):

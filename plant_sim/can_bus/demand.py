@@ -1,0 +1,143 @@
+"""How much of the bus the frames of a message, or of a node, can take in a window of time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import lcm
+from typing import Final, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.can_bus.traffic.messages import BusMessage
+
+_MOST_RELEASES: Final = 4000
+"""Of one node in its hyperperiod; with more its offsets are not used."""
+
+
+class Demand(Protocol):
+    """What interferes with a message: time on the bus in a window, ns."""
+
+    @property
+    def worst(self) -> int:
+        """Longest frame, ns."""
+
+    @property
+    def share(self) -> float:
+        """Share of the time that it can keep the bus busy."""
+
+    def demand(self, window: int) -> int:
+        """Return the most that the frames queued in a half-open window of ``window`` ns take."""
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """A message as the analysis sees it, times in ns; its period is ``above / below``, exactly."""
+
+    key: int
+    above: int
+    below: int
+    jitter: int
+    worst: int
+    distance: int = 0
+    offset: int = 0
+
+    def frames(self, window: int) -> int:
+        """Return how many frames can be queued in a half-open window of ``window`` ns."""
+        most = -(-(window + self.jitter) * self.below // self.above)
+        return min(most, -(-window // self.distance)) if self.distance else most
+
+    def demand(self, window: int) -> int:
+        """Return the time on the bus that its frames of a window take at most."""
+        return self.frames(window) * self.worst
+
+    def earliest(self, number: int) -> int:
+        """Return when the frame of that number can be queued, counted from the first's queueing."""
+        nominal = -(-number * self.above // self.below)
+        return max(0, nominal - self.jitter, number * self.distance)
+
+    @property
+    def share(self) -> float:
+        """Share of the time that it can keep the bus busy."""
+        return self.worst * self.below / self.above
+
+
+@dataclass(frozen=True, slots=True)
+class OffsetDemand:
+    """Messages of one node that keep their offsets to each other: they can't all come at once.
+
+    The most that any window holds, over the windows that begin with the latest queueing of some
+    frame of the hyperperiod (transactions of Tindell 1994, Palencia and González Harbour 1998).
+    """
+
+    tasks: Sequence[Task]
+    _starts: NDArray[np.int64] = field(init=False, repr=False)
+    _known: dict[int, int] = field(init=False, repr=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Find the instants at which the windows begin."""
+        span = lcm(*(task.above for task in self.tasks))
+        starts = [
+            (task.offset + task.jitter + np.arange(span // task.above) * task.above) % span
+            for task in self.tasks
+        ]
+        object.__setattr__(self, "_starts", np.unique(np.concatenate(starts)))
+
+    @property
+    def worst(self) -> int:
+        """Longest frame, ns."""
+        return max(task.worst for task in self.tasks)
+
+    @property
+    def share(self) -> float:
+        """Share of the time that the node can keep the bus busy."""
+        return sum(task.share for task in self.tasks)
+
+    def demand(self, window: int) -> int:
+        """Return the most that the frames queued in a half-open window of ``window`` ns take."""
+        if window <= 0:
+            return 0
+        if window not in self._known:
+            total = np.zeros(len(self._starts), np.int64)
+            for task in self.tasks:
+                first = self._starts - task.offset
+                last = -(-(first + window) // task.above)
+                total += (last - -(-(first - task.jitter) // task.above)) * task.worst
+            plain = sum(task.demand(window) for task in self.tasks)
+            self._known[window] = min(int(total.max()), plain)
+        return self._known[window]
+
+
+def with_offsets(tasks: Sequence[tuple[str, Task]]) -> list[Demand]:
+    """Return the demand of (node, message) pairs, of a node as a whole where that can be done.
+
+    A node whose periods are no whole nanoseconds, or have a long common multiple, counts as one
+    without offsets.
+    """
+    found: list[Demand] = []
+    nodes: dict[str, list[Task]] = {}
+    for node, task in tasks:
+        nodes.setdefault(node, []).append(task)
+    for own in nodes.values():
+        whole = all(task.below == 1 for task in own)
+        span = lcm(*(task.above for task in own)) if whole else 0
+        releases = sum(span // task.above for task in own)
+        if whole and len(own) > 1 and releases <= _MOST_RELEASES:
+            found.append(OffsetDemand(own))
+        else:
+            found += own
+    return found
+
+
+def task_of(message: BusMessage, bitrate: int, data_bitrate: int, waiting: int = 0) -> Task:
+    """Return a message as the analysis sees it; ``waiting``: in a queue before it competes."""
+    above, below = float(message.period_ns).as_integer_ratio()
+    return Task(
+        message.arbitration_key,
+        above,
+        below,
+        # releases at whole nanoseconds: that rounding is jitter, too
+        message.jitter_ns + waiting + (below != 1),
+        message.worst_ns(bitrate, data_bitrate),
+        0 if waiting else message.distance_ns,
+        message.offset_ns,
+    )

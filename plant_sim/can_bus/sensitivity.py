@@ -1,0 +1,106 @@
+"""How far a set of messages is from missing a deadline: more load, or errors at random."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from scipy import stats
+
+from plant_sim.can_bus.analysis import ErrorModel, ResponseBound, worst_case_utilisation
+from plant_sim.can_bus.traffic.messages import BusMessage
+
+Bounds = Callable[[Sequence[BusMessage], ErrorModel | None], Sequence[ResponseBound]]
+"""``response_bounds`` of one bus."""
+_ACCURACY: Final = 1e-3
+_LEAST_FACTOR: Final = 1e-3
+_MOST_ERRORS: Final = 1000
+_ALWAYS: Final = 1 << 60
+"""Interval of an error model whose burst is all: longer than any busy period, ns."""
+
+
+def late(bounds: Sequence[ResponseBound]) -> list[str]:
+    """Return the messages that have no bound or one above their deadline."""
+    return [b.message.name for b in bounds if b.bound_ns is None or b.bound_ns > b.message.due_ns]
+
+
+@dataclass(frozen=True, slots=True)
+class Breakdown:
+    """The factor by which all messages can come more often until a deadline falls.
+
+    ``utilisation``: load with the longest frames at that factor; ``first``: whose deadline falls
+    next. A factor below 1: one has fallen already; 0: one cannot be kept however seldom they come.
+    """
+
+    factor: float
+    utilisation: float
+    first: tuple[str, ...]
+
+
+def breakdown(
+    messages: Sequence[BusMessage], bounds: Bounds, *, bitrate: int, data_bitrate: int = 0
+) -> Breakdown:
+    """Return how much more often all messages can come, at their deadlines and jitter as they are.
+
+    Bisection to a thousandth; the load of the longest frames is an upper limit.
+    """
+    load = worst_case_utilisation(messages, bitrate=bitrate, data_bitrate=data_bitrate)
+    low, high = 0.0, 1.0 / load
+    fallen = late(bounds(_faster(messages, high), None))
+    while high - low > _ACCURACY * high and high > _LEAST_FACTOR:
+        middle = 0.5 * (low + high)
+        missed = late(bounds(_faster(messages, middle), None))
+        if missed:
+            high, fallen = middle, missed
+        else:
+            low = middle
+    return Breakdown(low, low * load, tuple(fallen))
+
+
+def _faster(messages: Sequence[BusMessage], factor: float) -> list[BusMessage]:
+    return [
+        replace(m, period_ns=float(max(round(m.period_ns / factor), 1)), deadline_ns=m.due_ns)
+        for m in messages
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorTolerance:
+    """Errors that a message survives, and how probable it is that more come.
+
+    ``errors``: disturbed frames in one busy period with which the deadline is still kept, −1: it
+    is missed without any. ``probability``: upper bound of missing it, for each frame.
+    """
+
+    message: BusMessage
+    errors: int
+    probability: float
+
+
+def error_tolerance(
+    messages: Sequence[BusMessage], bounds: Bounds, *, errors_per_s: float
+) -> list[ErrorTolerance]:
+    """Return how probable a missed deadline is if errors come as a Poisson process.
+
+    A frame is late only if more errors come than it survives, between the beginning of its busy
+    period and its deadline (Navet, Song, Simonot, "Worst-case deadline failure probability in
+    real-time applications distributed over CAN", J. Systems Architecture 46, 2000). Each error
+    costs the longest error frame and the longest frame of that priority.
+    """
+    left = list(range(len(messages)))
+    survived = [-1] * len(messages)
+    window = [m.due_ns + m.jitter_ns for m in messages]
+    for count in range(_MOST_ERRORS):
+        model = ErrorModel(_ALWAYS, count) if count else None
+        found = bounds(messages, model)
+        left = [i for i in left if not late([found[i]])]
+        for i in left:
+            survived[i] = count
+            # the last instance that was looked at is released so long after the busy period began
+            before = (found[i].instances - 1) * int(messages[i].period_ns)
+            window[i] = max(window[i], messages[i].due_ns + max(before, 0))
+        if not left:
+            break
+    return [
+        ErrorTolerance(m, k, 1.0 if k < 0 else float(stats.poisson.sf(k, errors_per_s * w * 1e-9)))
+        for m, k, w in zip(messages, survived, window, strict=True)
+    ]
