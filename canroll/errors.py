@@ -5,7 +5,7 @@ from difflib import get_close_matches
 
 EXTRAS = {
     "asammdf": ("asammdf",),
-    "target": ("bincopy", "unicorn", "ziglang"),
+    "target": ("bincopy", "capstone", "unicorn", "ziglang"),
     "web": ("websockets",),
 }
 """Extras of this package, and the packages that come only with them."""

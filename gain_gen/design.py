@@ -4,24 +4,32 @@ from dataclasses import replace
 from math import isfinite
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
-from gain_gen.analysis.verify import verify
+from gain_gen.analysis.family import Family, FamilyRow, family_of
+from gain_gen.analysis.verify import holds, verify
 from gain_gen.laws import LAWS, OBSERVERS
 from gain_gen.laws.state_feedback import sensor_noise
-from gain_gen.models.task import Design, Task
+from gain_gen.models.controller import Controller, scaled_controller
+from gain_gen.models.task import Check, Design, Solution, Task
 
-SOFTENED = ("hinf_delay", "hinf_nodelay", "hinf_event", "hinf", "smc")
-"""Laws designed without hold and actuator: detuned until the sampled loop passes every check."""
-SOFTEST = 12
+STEP_DB = 1.0
+"""What a step of detuning takes off the whole command, dB."""
+STEPS = 40
+"""After so many a law is refused."""
 
 WITH_SHARE = ("steering_lead",)
 """Laws that are designed for a share of the roll moment."""
 
 PRINTED = ("hinf_delay", "hinf_nodelay", "hinf_event", "lqr", "hinf", "smc")
 """Laws whose papers print gains."""
+THEOREMS = ("hinf_delay", "hinf_event")
+"""Laws whose papers have a theorem of their own, on a 1-DOF model."""
+UNITS = {"gain_margin_db": " dB", "delay_margin_s": " s"}
 
 
 def design(law: str, task: Task) -> Design:
     """Return the verified design of ``law`` for ``task``.
+
+    A design whose loop fails a check on the family of cars is detuned step by step and says so.
 
     Raises:
         UnknownNameError: no such law or observer.
@@ -31,14 +39,13 @@ def design(law: str, task: Task) -> Design:
     solve = LAWS[law]
     if task.observer not in OBSERVERS:
         raise UnknownNameError("observer", task.observer, OBSERVERS)
-    if task.gains == "as_printed" and law not in PRINTED:
-        raise CanrollError(
-            f"--gains as_printed: no gains are printed for {law}, only for {', '.join(PRINTED)}"
-        )
+    for gains, having in {"as_printed": PRINTED, "theorem": THEOREMS}.items():
+        if task.gains == gains and law not in having:
+            raise CanrollError(f"--gains {gains}: {law} has none, only {', '.join(having)}")
     if task.gamma_target < 0.0 or not isfinite(task.gamma_target):
         raise CanrollError(f"--gamma must be positive, got {task.gamma_target:g}")
-    if task.gamma_target and law != "hinf_delay":
-        raise CanrollError(f"--gamma applies to hinf_delay only: omit it for {law}")
+    if task.gamma_target and (law != "hinf_delay" or task.gains != "theorem"):
+        raise CanrollError("--gamma applies to --law hinf_delay --gains theorem only: omit it")
     if task.moment_share is not None and law not in WITH_SHARE:
         raise CanrollError(
             f"--moment-share applies to {', '.join(WITH_SHARE)} only: omit it for {law}"
@@ -48,28 +55,74 @@ def design(law: str, task: Task) -> Design:
     if not 0.0 <= task.delay.least <= task.delay.nominal <= task.delay.most:
         raise CanrollError("the delay must be at least 0 and its bounds in ascending order")
     task = replace(task, noise=sensor_noise(task.vehicle))
-    answer = verify(law, task, solve(task))
-    if task.gains == "as_printed":
-        failing = f", fails {', '.join(answer.failures)}" if answer.failures else ""
-        told = f"NOT VERIFIED: {law} with the gains as printed{failing}"
-        return replace(answer, warnings=(told, *answer.warnings))
+    family = family_of(task)
+    first = solve(task)
+    answer = verify(law, task, first, family)
     if answer.is_verified:
         return answer
-    for softness in range(1, SOFTEST if law in SOFTENED else 0):
-        gentler = verify(law, task, solve(replace(task, softness=softness)))
-        if gentler.is_verified:
-            steps = "1 step" if softness == 1 else f"{softness} steps"
-            told = (
-                f"{law}: gain reduced in {steps} because the nominal design fails "
-                f"{', '.join(answer.failures)} with hold and actuator in the loop"
-            )
-            return replace(gentler, warnings=(*gentler.warnings, told))
-    raise VerdictError(_refusal(answer))
+    if task.gains != "computed":
+        of = {"as_printed": "as printed", "theorem": "of the theorem"}[task.gains]
+        failing = f", fails {', '.join(answer.failures)}" if answer.failures else ""
+        told = f"NOT VERIFIED: {law} with the gains {of}{failing}"
+        return replace(answer, warnings=(told, *answer.warnings))
+    detuned = _detuned(law, task, first, family)
+    if detuned is None:
+        raise VerdictError(_refusal(answer))
+    told, found = detuned
+    cause = _failure(*_first_failure(answer))
+    return replace(found, warnings=(*found.warnings, f"{law}: {told}; as designed its {cause}"))
+
+
+def _detuned(law: str, task: Task, first: Solution, family: Family) -> tuple[str, Design] | None:
+    """Return the strongest verified design with its command scaled down, and by how much."""
+    if first.verified_by_law or law == "custom":
+        return None  # one holds on its own car, the other's gains are the user's
+    failed: FamilyRow | None = None
+    for step in range(1, STEPS + 1):
+        controller = scaled_controller(first.controller, 10.0 ** (-STEP_DB * step / 20.0))
+        rows = family.rows(controller, first=failed)
+        failed = next((row for row in rows if not holds(row)), None)
+        if failed is not None:
+            continue
+        # what the law certifies is about the gain before it was scaled
+        found = verify(law, task, _uncertified(first, controller), family)
+        if found.is_verified:
+            return f"command reduced by {STEP_DB * step:g} dB", found
+    return None
+
+
+def _uncertified(first: Solution, controller: Controller) -> Solution:
+    """Return the solution with another controller and without what is proved of its own."""
+    return replace(
+        first,
+        controller=controller,
+        gamma=None,
+        gamma_bound=None,
+        checks={},
+        rightmost_root=None,
+        max_delay=None,
+    )
+
+
+def _first_failure(answer: Design) -> tuple[str, Check]:
+    """Return the failed check that tells most: margins before what follows from them."""
+    failures = answer.failures
+    for name in ("gain_margin_db", "peak_sensitivity"):
+        if name in failures:
+            return name, failures[name]
+    return next(iter(failures.items()))
+
+
+def _failure(name: str, check: Check) -> str:
+    """Describe a failed check with where it fails."""
+    unit = UNITS.get(name, "")
+    where = f" ({check.where})" if check.where else ""
+    words = name.removesuffix("_db").removesuffix("_s").replace("_", " ")
+    return f"{words} is {check.value:.3g}{unit} against {check.limit:g}{unit}{where}"
 
 
 def _refusal(answer: Design) -> str:
     """Name the failed check and the remedy."""
-    name, check = next(iter(answer.failures.items()))
     delay = answer.task.delay
     hint = (
         f"; the delay of {1e3 * delay.most:.0f} ms is beyond the {1e3 * answer.max_delay:.0f} ms "
@@ -78,6 +131,6 @@ def _refusal(answer: Design) -> str:
         else ""
     )
     return (
-        f"{answer.law} for {answer.task.vehicle.name}: check {name} failed, "
-        f"{check.value:.4g} against {check.limit:.4g}{hint}; nothing is written"
+        f"{answer.law} for {answer.task.vehicle.name}: {_failure(*_first_failure(answer))}{hint}; "
+        "nothing is written"
     )

@@ -1,49 +1,46 @@
-"""The margins of a calibration file: of the integers as they are, over delay and over gain."""
+"""The margins of a calibration's integers as they are, over the family, delay and gain."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from math import inf, isfinite
 
 import numpy as np
 
-from gain_gen.analysis.delay_system import Complex
-from gain_gen.analysis.margins import Margins, largest_sampled_delay, margins
-from gain_gen.analysis.sampled_loop import (
-    Loop,
-    build,
-    lateral_level,
-    loop_gain,
-    roll_rms,
-    spectral_radius,
-)
-from gain_gen.analysis.verify import DELAY_LIMIT, passive_controller
+import vehicles
+from gain_gen.analysis.family import Family, FamilyMargins, FamilyRow, family_of
+from gain_gen.analysis.held_plant import Complex
+from gain_gen.analysis.margins import Margins, margins
+from gain_gen.analysis.sampled_loop import Loop, loop_gain, response_peak
+from gain_gen.analysis.verify import DELAY_LIMIT, family_checks, passive_controller
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.calibration.dequantise import dequantise
-from gain_gen.models.controller import Controller
+from gain_gen.models.controller import scaled_controller
 from gain_gen.models.roll import Matrix
-from vehicles import RollModel
+from gain_gen.models.task import Check, Delay, Task
 
 GAIN_FACTORS = (0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0, 4.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """One row of the tables.
+    """One row of the tables, of the family's first member.
 
     Attributes:
         delay: from sample to force, s.
         gain_factor: of the whole command.
-        stable: whether the sampled loop is.
-        gamma: peak of (φ + φ') over a_y, rad per m/s²; infinite if unstable.
-        roll_rms_ratio: against no control; infinite if unstable.
-        margins: None if unstable.
+        peak: of the roll angle over a roll moment on the body, relative to no control; infinite if
+            unstable.
+        margins: of the loop.
     """
 
     delay: float
     gain_factor: float
-    stable: bool
-    gamma: float
-    roll_rms_ratio: float
-    margins: Margins | None
+    peak: float
+    margins: Margins
+
+    @property
+    def stable(self) -> bool:
+        """Whether the sampled loop is."""
+        return self.margins.radius < 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,88 +50,90 @@ class MarginReport:
     Attributes:
         law: name.
         vehicle: name.
-        delay: that it was designed for, s.
-        max_delay: largest constant delay that the integers admit, s.
-        passive_gamma: peak of (φ + φ') over a_y without control.
+        delay: least, nominal and longest that it was designed for, s.
+        max_delay: largest constant delay that the integers admit on the whole family, s.
+        family: margins of every member at least, middle and longest delay.
+        checks: what a design must hold.
+        note: why the family is the roll model alone, or empty.
         over_delay: at the gain of the file.
-        over_gain: at the delay of the file.
+        over_gain: at the nominal delay of the file.
         frequencies: of ``loop``, rad/s.
         loop: Nyquist curve by delay in s.
     """
 
     law: str
     vehicle: str
-    delay: float
+    delay: Delay
     max_delay: float
-    passive_gamma: float
+    family: FamilyMargins
+    checks: dict[str, Check]
+    note: str
     over_delay: tuple[Point, ...]
     over_gain: tuple[Point, ...]
     frequencies: Matrix
     loop: dict[float, Complex]
 
 
-def plant_of(calibration: LoadedCalibration) -> tuple[RollModel, float]:
-    """Return the design model and the actuator's time constant that the file was made with."""
-    table = dict(calibration.tables["plant"])
-    lag = float(table.pop("actuator_lag_s"))
-    return RollModel(**{name: float(value) for name, value in table.items()}), lag
+def task_of(calibration: LoadedCalibration) -> Task:
+    """Return the task that the file was designed for.
 
-
-def scaled_controller(controller: Controller, factor: float) -> Controller:
-    """Return the controller with its whole command multiplied."""
-    compensator = controller.compensator
-    if compensator is not None:
-        compensator = replace(compensator, c=factor * compensator.c, d=factor * compensator.d)
-    gain = controller.output_gain
-    return replace(
-        controller,
-        feedback=factor * controller.feedback,
-        feedforward=factor * controller.feedforward,
-        output_gain=None if gain is None else factor * gain,
-        compensator=compensator,
+    Raises:
+        CanrollError: its vehicle file is gone.
+    """
+    table = calibration.tables["design"]
+    nominal = float(table["delay_s"])
+    least = float(table.get("delay_min_s", nominal))
+    most = float(table.get("delay_max_s", nominal))
+    return Task(
+        vehicle=vehicles.load(calibration.vehicle),
+        delay=Delay(nominal, least, most),
+        tick=calibration.tick,
+        actuator=calibration.actuator,
     )
 
 
 def margin_report(calibration: LoadedCalibration) -> MarginReport:
-    """Return the margins of the integers in ``calibration``, by the sampled loop."""
-    model, lag = plant_of(calibration)
+    """Return the margins of the integers in ``calibration``, by the sampled loop.
+
+    Raises:
+        CanrollError: the vehicle file that it was designed for is gone.
+    """
+    task = task_of(calibration)
+    family = family_of(task)
     controller = dequantise(calibration.record)
-    delay = float(calibration.tables["design"]["delay_s"])
-    passive = build(model, passive_controller(controller), delay=0.0, lag=lag)
-    passive_rms = roll_rms(passive)
+    member, delay = family.members[0], task.delay.nominal
+    free = response_peak(member.loop(passive_controller(controller), delay), member.roll)
 
     def loop(seconds: float, factor: float = 1.0) -> Loop:
-        return build(model, scaled_controller(controller, factor), delay=seconds, lag=lag)
+        return member.loop(scaled_controller(controller, factor), seconds)
 
     def point(seconds: float, factor: float) -> Point:
         closed = loop(seconds, factor)
-        stable = spectral_radius(closed) < 1.0
-        return Point(
-            seconds,
-            factor,
-            stable,
-            lateral_level(closed),
-            roll_rms(closed) / passive_rms,
-            margins(closed) if stable else None,
-        )
+        return Point(seconds, factor, response_peak(closed, member.roll) / free, margins(closed))
 
-    largest = largest_sampled_delay(loop, calibration.tick, limit=DELAY_LIMIT)
-    top = max(2.0 * delay, 1.2 * largest if isfinite(largest) else 0.0, 4.0 * calibration.tick)
-    delays = sorted({0.0, delay, 2.0 * delay, *np.linspace(0.0, top, 9).tolist()})
+    found = family.margins(controller)
+    largest = family.largest_delay(controller, found, limit=DELAY_LIMIT) if found.stable else 0.0
     frequencies = np.geomspace(0.1, 0.98 * np.pi / calibration.tick, 600)
     return MarginReport(
         law=calibration.law,
         vehicle=calibration.vehicle,
-        delay=delay,
+        delay=task.delay,
         max_delay=largest,
-        passive_gamma=lateral_level(passive),
-        over_delay=tuple(point(seconds, 1.0) for seconds in delays),
+        family=found,
+        checks=family_checks(found),
+        note=family.note,
+        over_delay=tuple(point(seconds, 1.0) for seconds in _delays(family, largest)),
         over_gain=tuple(point(delay, factor) for factor in GAIN_FACTORS),
         frequencies=frequencies,
-        loop={
-            seconds: loop_gain(loop(seconds), frequencies) for seconds in (0.0, delay, 2.0 * delay)
-        },
+        loop={seconds: loop_gain(loop(seconds), frequencies) for seconds in family.delays},
     )
+
+
+def _delays(family: Family, largest: float) -> list[float]:
+    """Return the delays of the table: the task's own and some up to well beyond."""
+    longest = family.delays[-1]
+    top = max(2.0 * longest, 1.2 * largest if isfinite(largest) else 0.0, 4.0 * family.tick)
+    return sorted({*family.delays, *np.linspace(0.0, top, 9).tolist()})
 
 
 def to_json(report: MarginReport) -> dict[str, object]:
@@ -143,28 +142,46 @@ def to_json(report: MarginReport) -> dict[str, object]:
     def plain(value: float) -> float | None:
         return value if isfinite(value) else None
 
+    def numbers(found: Margins) -> dict[str, float | None]:
+        whole = asdict(found) | {"sensitivity": found.sensitivity}
+        return {name: plain(value) for name, value in whole.items()}
+
     def row(point: Point) -> dict[str, object]:
-        found = asdict(point.margins) if point.margins is not None else {}
         return {
             "delay_s": point.delay,
             "gain_factor": point.gain_factor,
             "stable": point.stable,
-            "gamma": plain(point.gamma),
-            "roll_rms_ratio": plain(point.roll_rms_ratio),
-            **{name: plain(value) for name, value in found.items()},
+            "peak": plain(point.peak),
+            **numbers(point.margins),
+        }
+
+    def member(found: FamilyRow) -> dict[str, object]:
+        return {
+            **asdict(found.condition),
+            "name": str(found.condition),
+            "delay_s": found.delay,
+            **numbers(found.margins),
         }
 
     return {
         "law": report.law,
         "vehicle": report.vehicle,
-        "delay_s": report.delay,
+        "delay_s": report.delay.nominal,
+        "delay_min_s": report.delay.least,
+        "delay_max_s": report.delay.most,
         "max_delay_s": plain(report.max_delay),
-        "passive_gamma": report.passive_gamma,
+        "note": report.note,
+        "checks": {
+            name: check._asdict() | {"value": plain(check.value)}
+            for name, check in report.checks.items()
+        },
+        "family": [member(found) for found in report.family.rows],
         "over_delay": [row(point) for point in report.over_delay],
         "over_gain": [row(point) for point in report.over_gain],
     }
 
 
 def admits(report: MarginReport) -> bool:
-    """Whether the loop is stable at the delay that it was designed for."""
-    return report.delay < (report.max_delay if report.max_delay > 0.0 else -inf)
+    """Whether the loop holds its margins on the whole family, up to the longest delay."""
+    largest = report.max_delay if report.max_delay > 0.0 else -inf
+    return report.delay.most < largest and all(check.ok for check in report.checks.values())

@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
-#   scripts/long.sh [NAME ...]     differential mutation benchmarks contract reproduce
+#   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract reproduce
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
@@ -21,11 +21,17 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
     mv "docs/evidence/$name.txt.part" "docs/evidence/$name.txt"
 }
 
-for name in "${@:-differential mutation benchmarks contract reproduce}"; do
+bound=(canroll timing --bound --ticks 100000)
+for name in "${@:-differential mutation worst_case benchmarks contract reproduce}"; do
     for part in $name; do
         case $part in
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
             mutation) keep mutation python -m tools.mutation ;;
+            worst_case)
+                keep worst_case_lqr "${bound[@]}" --law lqr
+                keep worst_case_lqg_delay "${bound[@]}" --law lqg_delay
+                keep worst_case_covariance "${bound[@]}" \
+                    --law lqr --observer propagated --identification ;;
             benchmarks)
                 for bench in benchmarks/bench_*.py; do
                     keep "$(basename "$bench" .py)" python "$bench"

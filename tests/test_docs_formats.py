@@ -180,7 +180,7 @@ def test_a_budget_belongs_to_a_calibration(example, lqr):
     path = example("budget.toml")
     path.write_text(lqr.read_text() + path.read_text())
     loaded = calibration_file.load(path)
-    assert budget_of(loaded.tables) == Budget(20000, 500, 30000, 0)
+    assert budget_of(loaded.tables) == Budget(20000, 40000, 500, 30000, 0)
 
 
 def test_the_tables_of_a_calibration_are_told(lqr):

@@ -37,7 +37,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("hil.papers",),
     ("hil.cli",),
     ("canroll", "tools"),
-    ("tools.mutation", "tools.differential"),
+    ("tools.mutation", "tools.differential", "tools.validation"),
 )
 """Rooms, lowest floor first; the three lowest hold single files."""
 

@@ -5,13 +5,15 @@ arithmetic. What the controller makes of a measured lateral acceleration is feed
 the moment moves the car sideways, and rolls the accelerometer.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from math import inf, pi
 
 import numpy as np
 
+from canroll.errors import CanrollError
+from gain_gen.analysis.actuated_car import ActuatedCar, actuated, roll_car
 from gain_gen.analysis.held_plant import (
     Complex,
     HeldPlant,
@@ -20,22 +22,24 @@ from gain_gen.analysis.held_plant import (
     opened,
     resolvent_rows,
 )
-from gain_gen.analysis.margins import Margins, nyquist_margins
-from gain_gen.analysis.sampled_loop import Loop
+from gain_gen.analysis.margins import (
+    Margins,
+    jitter_level,
+    largest_delay_from,
+    nyquist_margins,
+)
+from gain_gen.analysis.sampled_loop import Loop, spectral_radius
 from gain_gen.models.controller import Controller, matrices
-from gain_gen.models.linear_car import INPUTS, OUTPUTS, LinearModel, linear_car
+from gain_gen.models.linear_car import LinearModel, linear_car
 from gain_gen.models.roll import Matrix, zero_order_hold
 from gain_gen.models.task import Delay, Task
 from gain_gen.models.trim import most_lateral_acceleration
 from vehicles import Vehicle
-from vehicles.equipment import Sensors
 from vehicles.unladen import unladen
 
 KMH = 1.0 / 3.6
 LINEAR_SHARE = 0.9
 """Of the hardest steady curve: a vehicle that cannot take the family's curve is tested in this."""
-SETTLED = 1e-4
-"""Least time constant of an actuator, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +47,8 @@ class Condition:
     """How a vehicle drives.
 
     Attributes:
-        load: "laden" or "empty".
-        speed: m/s.
+        load: "laden" or "empty"; another name for a model that is no car.
+        speed: m/s; zero for such a model.
         lateral_acceleration: of a steady curve, m/s²; zero is straight running.
         friction: of the road.
     """
@@ -55,6 +59,8 @@ class Condition:
     friction: float = 1.0
 
     def __str__(self) -> str:
+        if not self.speed:
+            return self.load
         text = f"{self.load}, {self.speed / KMH:.0f} km/h"
         if self.lateral_acceleration:
             text += f", curve of {self.lateral_acceleration:.2g} m/s²"
@@ -93,56 +99,6 @@ def car_in(vehicle: Vehicle, condition: Condition) -> LinearModel:
     )
 
 
-@dataclass(frozen=True, slots=True)
-class ActuatedCar:
-    """The car with actuator and sensors, continuous: [car, moment, roll rate, a_y as filtered].
-
-    Attributes:
-        a: (n, n).
-        command: (n, 1).
-        steering: (n, 1), the accelerometer's feedthrough to it neglected by none of the states.
-        disturbance: roll moment from outside, (n, 1).
-        measured: roll rate, a_y, roll, delivered moment as the controller reads them, (4, n).
-    """
-
-    a: Matrix
-    command: Matrix
-    steering: Matrix
-    disturbance: Matrix
-    measured: Matrix
-
-
-def actuated(car: LinearModel, *, lag: float, sensors: Sensors) -> ActuatedCar:
-    """Return ``car`` with a first-order actuator and the low-passes of its two inertial sensors.
-
-    Args:
-        car: of any order.
-        lag: of the actuator, s.
-        sensors: for their bandwidths.
-    """
-    n = len(car.a)
-    moment, rate, lateral = n, n + 1, n + 2
-    a, inputs = np.zeros((n + 3, n + 3)), np.zeros((n + 3, 3))
-    a[:n, :n], a[:n, moment] = car.a, car.b[:, 0]
-    inputs[:n, 1:] = car.b[:, 1:]
-    lag = max(lag, SETTLED)
-    a[moment, moment], inputs[moment, 0] = -1.0 / lag, 1.0 / lag
-    for state, output, channel in (
-        (rate, "roll_rate", sensors.roll_rate),
-        (lateral, "imu_lateral", sensors.lateral_acceleration),
-    ):
-        row, pole = OUTPUTS.index(output), 2.0 * pi * channel.bandwidth
-        a[state, :n] = pole * car.c[row]
-        a[state, moment] = pole * car.d[row, 0]
-        a[state, state] = -pole
-        inputs[state, 1:] = pole * car.d[row, 1:]
-    measured = np.zeros((4, n + 3))
-    measured[0, rate] = measured[1, lateral] = measured[3, moment] = 1.0
-    measured[2, :n] = car.c[OUTPUTS.index("roll")]
-    steering, disturbance = (inputs[:, INPUTS.index(name)][:, None] for name in INPUTS[1:])
-    return ActuatedCar(a, inputs[:, :1], steering, disturbance, measured)
-
-
 @dataclass(frozen=True)
 class Member:
     """One condition of the family at all delays.
@@ -152,12 +108,19 @@ class Member:
         plant: with actuator and sensors.
         held: the plant at the tick, by delay in s.
         frequencies: of the responses, rad/s.
+        filtered: share of each delay that the sensor's low-pass in ``plant`` already has, s.
     """
 
     condition: Condition
     plant: ActuatedCar
     held: dict[float, HeldPlant]
     frequencies: Matrix
+    filtered: float
+
+    @property
+    def roll(self) -> Matrix:
+        """The roll angle as row on the plant's states, (n,)."""
+        return np.asarray(self.plant.measured[2])
 
     @cached_property
     def _rows(self) -> Complex:
@@ -175,19 +138,23 @@ class Member:
     @cached_property
     def disturbed(self) -> Complex:
         """What the controller reads per roll moment on the body, held, (frequencies, 4)."""
-        plant = next(iter(self.held.values()))
-        column = zero_order_hold(self.plant.a, self.plant.disturbance, plant.tick)[1]
-        return np.asarray((self._rows @ column)[:, :, 0])
+        return np.asarray((self._rows @ self._held_disturbance)[:, :, 0])
+
+    @cached_property
+    def _held_disturbance(self) -> Matrix:
+        tick = next(iter(self.held.values())).tick
+        return zero_order_hold(self.plant.a, self.plant.disturbance, tick)[1]
 
     def loop(self, controller: Controller, delay: float) -> Loop:
-        """Return the loop as matrices, cut at the command."""
-        plant = self.held[delay]
+        """Return the loop at any delay in s as matrices, cut at the command."""
+        plant = self.held.get(delay)
+        if plant is None:
+            pure = max(delay - self.filtered, 0.0)
+            plant = held(self.plant.a, self.plant.command, tick=controller.tick, delay=pure)
         a, b, c = opened(plant, controller, self.plant.measured)
-        noise = np.zeros((len(a), 1))
-        noise[: len(plant.phi)] = zero_order_hold(self.plant.a, self.plant.disturbance, plant.tick)[
-            1
-        ]
-        return Loop(a, b, c, noise, plant.tick)
+        disturbance = np.zeros((len(a), 1))
+        disturbance[: len(plant.phi)] = self._held_disturbance
+        return Loop(a, b, c, disturbance, plant.tick)
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,6 +186,17 @@ class FamilyMargins:
         return max(self.rows, key=lambda row: (row.margins.sensitivity, -row.margins.gain_db))
 
     @property
+    def least_stable(self) -> FamilyRow:
+        """The row of greatest spectral radius."""
+        return max(self.rows, key=lambda row: row.margins.radius)
+
+    @property
+    def nominal(self) -> FamilyRow:
+        """The first member's row at the middle delay."""
+        first = [row for row in self.rows if row.condition == self.rows[0].condition]
+        return first[len(first) // 2]
+
+    @property
     def stable(self) -> bool:
         """Whether every loop is."""
         return self.worst_sensitivity.margins.sensitivity < inf
@@ -233,12 +211,19 @@ class Family:
         delays: least, middle and longest from sample to force, s, the sensor's low-pass included.
         frequencies: of all responses, rad/s.
         tick: s.
+        note: why it is the roll model alone, or empty.
     """
 
     members: tuple[Member, ...]
     delays: tuple[float, ...]
     frequencies: Matrix
     tick: float
+    note: str = ""
+
+    @property
+    def span(self) -> float:
+        """Longest less least delay, s."""
+        return self.delays[-1] - self.delays[0]
 
     def controller_response(self, controller: Controller) -> Complex:
         """Return the command per reading, (frequencies, 4)."""
@@ -250,15 +235,69 @@ class Family:
 
     def margins(self, controller: Controller) -> FamilyMargins:
         """Return gain margin, phase margin and Ms of every member at every delay."""
+        return FamilyMargins(tuple(self.rows(controller)))
+
+    def rows(
+        self, controller: Controller, *, first: FamilyRow | None = None
+    ) -> Iterator[FamilyRow]:
+        """Yield the margins one by one, from member and delay of ``first`` on.
+
+        Who only asks whether all hold need not wait for the rest.
+        """
         response = self.controller_response(controller)
-        rows = []
+        places = [(member, delay) for member in self.members for delay in self.delays]
+        if first is not None:
+            at = (first.condition, first.delay)
+            places.sort(key=lambda place: (place[0].condition, place[1]) != at)
+        for member, delay in places:
+            gain = -np.sum(response * member.commanded(delay), axis=1)
+            found = nyquist_margins(self.frequencies, gain, member.loop(controller, delay))
+            yield FamilyRow(member.condition, delay, found)
+
+    def jitter(self, controller: Controller) -> tuple[float, Condition]:
+        """Return the greatest :func:`jitter_level` of all members and where it is.
+
+        Below one every member is stable however the delay moves between its bounds.
+        """
+        response = self.controller_response(controller)
+        middle = self.delays[len(self.delays) // 2]
+        levels = []
         for member in self.members:
-            for delay in self.delays:
-                gain = -np.sum(response * member.commanded(delay), axis=1)
-                loop = member.loop(controller, delay)
-                found = nyquist_margins(self.frequencies, gain, loop)
-                rows.append(FamilyRow(member.condition, delay, found))
-        return FamilyMargins(tuple(rows))
+            gain = -np.sum(response * member.commanded(middle), axis=1)
+            stable = spectral_radius(member.loop(controller, middle)) < 1.0
+            level = jitter_level(self.frequencies, gain, self.tick, self.span) if stable else inf
+            levels.append((level, member.condition))
+        return max(levels, key=lambda found: found[0])
+
+    def largest_delay(self, controller: Controller, found: FamilyMargins, *, limit: float) -> float:
+        """Return the largest constant delay, from the least on, at which all members are stable, s.
+
+        Searched on the members with the least margins, then confirmed on all. Where no loop gain
+        reaches one, no delay destabilises: that is only confirmed at the limit.
+
+        Args:
+            controller: of the loops.
+            found: its margins.
+            limit: answer infinity where all are stable up to this delay, s.
+        """
+        if not any(row.margins.crossover for row in found.rows) and _all_stable(
+            self.members, controller, limit
+        ):
+            return inf
+        worst = {found.worst_gain.condition, found.worst_sensitivity.condition}
+        searched = [member for member in self.members if member.condition in worst]
+        while True:
+            stable = partial(_all_stable, searched, controller)
+            edge = largest_delay_from(self.delays[0], stable, self.tick, limit=limit)
+            at = min(edge, limit)
+            unsafe = [m for m in self.members if not _all_stable([m], controller, at)]
+            if not unsafe or edge == 0.0:
+                return edge
+            searched += unsafe
+
+
+def _all_stable(members: Sequence[Member], controller: Controller, delay: float) -> bool:
+    return all(spectral_radius(member.loop(controller, delay)) < 1.0 for member in members)
 
 
 def grid(tick: float) -> Matrix:
@@ -288,20 +327,43 @@ def family(
     Raises:
         CanrollError: the data sheet makes no such car.
     """
+    cars = {condition: car_in(vehicle, condition) for condition in conditions}
+    return _family(vehicle, delay, cars, tick=tick, lag=lag)
+
+
+def _family(
+    vehicle: Vehicle,
+    delay: Delay,
+    cars: Mapping[Condition, LinearModel],
+    *,
+    tick: float,
+    lag: float,
+    note: str = "",
+) -> Family:
+    """Return the family of ``cars`` behind ``delay``."""
     filtered = 1.0 / (2.0 * pi * vehicle.sensors.roll_rate.bandwidth)
     delays = sorted({delay.least, 0.5 * (delay.least + delay.most), delay.most})
     frequencies = grid(tick)
     members = []
-    for condition in conditions:
-        plant = actuated(car_in(vehicle, condition), lag=lag, sensors=vehicle.sensors)
+    for condition, car in cars.items():
+        plant = actuated(car, lag=lag, sensors=vehicle.sensors)
         behind = {
             seconds: held(plant.a, plant.command, tick=tick, delay=max(seconds - filtered, 0.0))
             for seconds in delays
         }
-        members.append(Member(condition, plant, behind, frequencies))
-    return Family(tuple(members), tuple(delays), frequencies, tick)
+        members.append(Member(condition, plant, behind, frequencies, filtered))
+    return Family(tuple(members), tuple(delays), frequencies, tick, note)
 
 
-def family_of(task: Task, *, conditions: Sequence[Condition] = CONDITIONS) -> Family:
-    """Return the family that a task's controller has to hold on; see :func:`family`."""
-    return family(task.vehicle, task.delay, tick=task.tick, lag=task.lag, conditions=conditions)
+def family_of(task: Task) -> Family:
+    """Return the family that a task's controller has to hold on.
+
+    Where the data sheet makes no car, it is the 1-DOF roll model alone, and the family's ``note``
+    says so.
+    """
+    try:
+        return family(task.vehicle, task.delay, tick=task.tick, lag=task.lag)
+    except CanrollError as error:
+        cars = {Condition("1-DOF roll model", 0.0): roll_car(task.vehicle.design)}
+        note = f"margins are those of the 1-DOF roll model alone: {error}"
+        return _family(task.vehicle, task.delay, cars, tick=task.tick, lag=task.lag, note=note)

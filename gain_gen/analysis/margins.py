@@ -24,12 +24,14 @@ class Margins:
         phase_deg: least lag at a crossing of unit gain that destabilises, degrees.
         modulus: least distance of the Nyquist curve from −1; zero for an unstable loop.
         crossover: highest frequency of unit gain, rad/s; zero where the gain stays below one.
+        radius: largest modulus of the closed loop's eigenvalues.
     """
 
     gain_db: float
     phase_deg: float
     modulus: float
     crossover: float
+    radius: float
 
     @property
     def sensitivity(self) -> float:
@@ -57,8 +59,9 @@ def nyquist_margins(frequencies: Matrix, gain: Complex, loop: Loop) -> Margins:
         loop: the same loop.
     """
     real = negative_crossings(gain)
-    if spectral_radius(loop) >= 1.0:
-        return Margins(_stabilising_db(loop, real), 0.0, 0.0, 0.0)
+    radius = spectral_radius(loop)
+    if radius >= 1.0:
+        return Margins(_stabilising_db(loop, real), 0.0, 0.0, 0.0, radius)
     gain_db = min((abs(20.0 * log10(-value)) for value in real), default=inf)
     level = np.log(np.maximum(np.abs(gain), np.finfo(float).tiny))
     phase_deg, crossover = inf, 0.0
@@ -67,7 +70,7 @@ def nyquist_margins(frequencies: Matrix, gain: Complex, loop: Loop) -> Margins:
         at = gain[i] + share * (gain[i + 1] - gain[i])
         phase_deg = min(phase_deg, float(np.degrees(np.mod(np.angle(-at), 2.0 * pi))))
         crossover = float(frequencies[i] + share * (frequencies[i + 1] - frequencies[i]))
-    return Margins(gain_db, phase_deg, float(np.abs(1.0 + gain).min()), crossover)
+    return Margins(gain_db, phase_deg, float(np.abs(1.0 + gain).min()), crossover, radius)
 
 
 def negative_crossings(gain: Complex) -> list[float]:
@@ -94,31 +97,47 @@ def _stabilising_db(loop: Loop, crossings: list[float]) -> float:
     return -inf
 
 
-def largest_sampled_delay(build: Callable[[float], Loop], tick: float, *, limit: float) -> float:
-    """Return the first delay at which the sampled loop loses stability, s.
+def largest_delay_from(
+    start: float, stable: Callable[[float], bool], tick: float, *, limit: float
+) -> float:
+    """Return the first delay from ``start`` on at which a sampled loop loses stability, s.
 
     Args:
-        build: the loop at a constant delay in seconds.
+        start: delay to begin at, s; zero is returned where the loop is unstable there.
+        stable: whether the loop is, at a constant delay in seconds.
         tick: grid step of the search, s; the edge is then bisected to 0.1 ms.
         limit: answer infinity where the loop is stable up to this delay, s.
     """
-    below, above = -1.0, 0.0
-    while spectral_radius(build(above)) < 1.0:
+    if not stable(start):
+        return 0.0
+    below, above = start, start + max(tick, 0.05 * start)
+    while stable(above):
         if above >= limit:
             return inf
         below, above = above, above + max(tick, 0.05 * above)
-    if below < 0.0:
-        return 0.0
     while above - below > 1e-4:
         middle = 0.5 * (below + above)
-        if spectral_radius(build(middle)) < 1.0:
+        if stable(middle):
             below = middle
         else:
             above = middle
     return below
 
 
+def largest_sampled_delay(build: Callable[[float], Loop], tick: float, *, limit: float) -> float:
+    """Return the first delay at which the sampled loop that ``build`` returns is unstable, s."""
+    return largest_delay_from(
+        0.0, lambda seconds: spectral_radius(build(seconds)) < 1.0, tick, limit=limit
+    )
+
+
 def jitter_gain(loop: Loop, jitter: float) -> float:
+    """Return :func:`jitter_level` of ``loop``."""
+    frequencies = nyquist_grid(loop.tick)
+    return jitter_level(frequencies, loop_gain(loop, frequencies), loop.tick, jitter)
+
+
+def jitter_level(frequencies: Matrix, gain: Complex, tick: float, jitter: float) -> float:
     """Return the small-gain level of a delay that varies by ± ``jitter``/2 about the loop's own.
 
     Below one the loop is stable however the delay moves inside its bounds (Kao and Lincoln 2004,
@@ -127,10 +146,8 @@ def jitter_gain(loop: Loop, jitter: float) -> float:
     """
     if jitter <= 0.0:
         return 0.0
-    ticks = 0.5 * jitter / loop.tick
+    ticks = 0.5 * jitter / tick
     rest = ticks - floor(ticks)
     reach = sqrt(floor(ticks) ** 2 + (2.0 * floor(ticks) + 1.0) * rest)
-    frequencies = nyquist_grid(loop.tick)
-    gain = loop_gain(loop, frequencies)
-    z = np.exp(1j * frequencies * loop.tick)
+    z = np.exp(1j * frequencies * tick)
     return float(np.max(np.abs(gain / (1.0 + gain) * (z - 1.0))) * reach)

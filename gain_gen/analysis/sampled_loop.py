@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gain_gen.analysis.delay_system import Complex
-from gain_gen.analysis.held_plant import held, opened
+from gain_gen.analysis.held_plant import held, opened, resolvent_rows
 from gain_gen.models.controller import Controller
 from gain_gen.models.observer import LateralModel
 from gain_gen.models.roll import (
@@ -134,22 +134,18 @@ def loop_gain(loop: Loop, frequencies: Matrix) -> Complex:
     return np.asarray(gain[:, 0, 0], dtype=complex)
 
 
-def lateral_response(loop: Loop, frequencies: Matrix) -> Complex:
-    """Return the response of z = φ + φ' to the lateral acceleration, rad per m/s².
+def response_peak(loop: Loop, row: Matrix) -> float:
+    """Return the peak of the closed loop's response from ``noise`` to ``row`` x.
 
-    Both follow from the same noise; the lateral acceleration is not moved by the loop, so their
-    quotient is the closed loop's own response.
+    Infinite where the loop is unstable.
+
+    Args:
+        loop: closed here.
+        row: on the first states of the loop, (m,).
     """
-    z = np.exp(1j * frequencies * loop.tick)
-    shifted = z[:, None, None] * np.eye(len(loop.a)) - loop.closed
-    columns = np.broadcast_to(loop.noise, (len(z), *loop.noise.shape)).astype(complex)
-    states = np.linalg.solve(shifted, columns)[:, :, 0]
-    return np.asarray((states[:, ROLL] + states[:, RATE]) / states[:, LATERAL], dtype=complex)
-
-
-def lateral_level(loop: Loop) -> float:
-    """Return the peak of :func:`lateral_response`; infinite where the loop is unstable."""
     if spectral_radius(loop) >= 1.0:
         return float("inf")
-    frequencies = np.geomspace(1e-2, 0.98 * np.pi / loop.tick, 400)
-    return float(np.abs(lateral_response(loop, frequencies)).max())
+    z = np.exp(1j * np.geomspace(1e-2, 0.98 * np.pi / loop.tick, 400) * loop.tick)
+    wide = np.concatenate([row, np.zeros(len(loop.a) - len(row))])
+    rows = resolvent_rows(loop.closed, wide[None, :], z)
+    return float(np.abs(rows @ loop.noise).max())

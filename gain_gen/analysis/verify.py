@@ -6,110 +6,96 @@ from math import inf
 
 import numpy as np
 
-from gain_gen.analysis.margins import jitter_gain, largest_sampled_delay, margins
+from gain_gen.analysis.family import Family, FamilyMargins, FamilyRow
 from gain_gen.analysis.sampled_loop import Loop, build, roll_rms, spectral_radius
 from gain_gen.models.controller import Controller
 from gain_gen.models.roll import scaled
-from gain_gen.models.task import Check, Delay, Design, Solution, Task, above, below
+from gain_gen.models.task import Check, Design, Solution, Task, above, below
 
-GAIN_MARGIN_DB = 3.0
-PHASE_MARGIN_DEG = 20.0
+GAIN_MARGIN_DB = 8.0
+"""Least gain margin of every member of the family at every delay."""
+PEAK_SENSITIVITY = 1.7
+"""Greatest Ms of every member at every delay."""
 BOX = 0.2
 """Share by which every parameter may be off, each way, all at once."""
 DELAY_LIMIT = 1.0
 """Delays beyond this are not looked at, s."""
-UNAWARE_DELAY = 0.02
-"""Delay at which a delay-unaware law is verified, s."""
 
 
-def verify(law: str, task: Task, solution: Solution) -> Design:
+def verify(law: str, task: Task, solution: Solution, family: Family) -> Design:
     """Return the design with its margins, checks and warnings.
 
-    A law that does not know of the delay is verified at :data:`UNAWARE_DELAY`, or at the delay
-    of the task where that is less; a task's delay beyond what it admits is a warning.
+    Args:
+        law: its name.
+        task: what it was designed for.
+        solution: the law's answer.
+        family: of the task, which the loop has to hold on.
     """
     if solution.verified_by_law:
         return Design(law, task, solution, {}, solution.checks, solution.notes)
-    model = task.vehicle.design
     controller = solution.controller
-    delay = task.delay if solution.delay_aware else _assumed(task.delay)
-
-    def loop(seconds: float) -> Loop:
-        return build(model, controller, delay=seconds, lag=task.lag, lateral=task.lateral)
-
-    nominal = loop(delay.nominal)
-    radius = spectral_radius(nominal)
-    checks: dict[str, Check] = dict(solution.checks)
+    found = family.margins(controller)
+    checks = dict(solution.checks) | family_checks(found)
+    report: dict[str, float] = {}
     if solution.rightmost_root is not None:
         checks["rightmost_root"] = below(solution.rightmost_root, 0.0)
-    checks["sampled_spectral_radius"] = below(radius, 1.0)
-    largest = largest_sampled_delay(loop, task.tick, limit=DELAY_LIMIT)
-    report: dict[str, float] = {"max_delay_sampled_s": largest}
     if solution.max_delay is not None:
         report["max_delay_s"] = solution.max_delay
+    report["max_delay_sampled_s"] = largest = (
+        family.largest_delay(controller, found, limit=DELAY_LIMIT) if found.stable else 0.0
+    )
     checks["delay_margin_s"] = above(
-        min(largest, solution.max_delay if solution.max_delay is not None else inf) - delay.most,
+        min(largest, solution.max_delay if solution.max_delay is not None else inf)
+        - task.delay.most,
         0.0,
     )
-    if radius < 1.0:
-        report |= asdict(margins(nominal))
-        checks["gain_margin_db"] = above(report["gain_db"], GAIN_MARGIN_DB)
-        checks["phase_margin_deg"] = above(report["phase_deg"], PHASE_MARGIN_DEG)
-        _check_delays(task, delay, checks, report, controller)
-        _check_box(task, delay, checks, report, controller)
-    return Design(law, task, solution, report, checks, _warnings(task, solution, report))
+    if found.stable:
+        report |= asdict(found.nominal.margins)
+        level, where = family.jitter(controller)
+        checks["jitter_small_gain"] = below(level, 1.0, str(where))
+        _check_roll(task, checks, report, controller)
+        _check_box(task, checks, report, controller)
+    notes = (*solution.notes, family.note) if family.note else solution.notes
+    return Design(law, task, solution, report, checks, _warnings(task, solution, notes, report))
 
 
-def _assumed(delay: Delay) -> Delay:
-    """Return the task against which a delay-unaware law is verified."""
-    return Delay.constant(min(delay.most, UNAWARE_DELAY))
+def family_checks(found: FamilyMargins) -> dict[str, Check]:
+    """Return stability, gain margin and peak sensitivity, each where it is worst."""
+    gain, peak, edge = found.worst_gain, found.worst_sensitivity, found.least_stable
+    return {
+        "spectral_radius": below(edge.margins.radius, 1.0, str(edge)),
+        "gain_margin_db": above(gain.margins.gain_db, GAIN_MARGIN_DB, str(gain)),
+        "peak_sensitivity": below(peak.margins.sensitivity, PEAK_SENSITIVITY, str(peak)),
+    }
 
 
-def _check_delays(
-    task: Task,
-    delay: Delay,
-    checks: dict[str, Check],
-    report: dict[str, float],
-    controller: Controller,
+def holds(row: FamilyRow) -> bool:
+    """Whether one loop of the family has the margins that all must have."""
+    found = row.margins
+    return found.gain_db > GAIN_MARGIN_DB and found.sensitivity < PEAK_SENSITIVITY
+
+
+def _roll_loop(task: Task, controller: Controller, delay: float) -> Loop:
+    """Return the loop on the roll model of the vehicle's ``design`` part."""
+    return build(task.vehicle.design, controller, delay=delay, lag=task.lag, lateral=task.lateral)
+
+
+def _check_roll(
+    task: Task, checks: dict[str, Check], report: dict[str, float], controller: Controller
 ) -> None:
-    """Every constant delay between the bounds, jitter between them, and half to twice of it."""
-
-    def loop(seconds: float) -> Loop:
-        return build(
-            task.vehicle.design, controller, delay=seconds, lag=task.lag, lateral=task.lateral
-        )
-
-    grid = np.linspace(delay.least, delay.most, 9 if delay.most > delay.least else 1)
-    checks["sampled_spectral_radius_delays"] = below(
-        max(spectral_radius(loop(float(seconds))) for seconds in grid), 1.0
-    )
-    span = delay.most - delay.least
-    checks["jitter_small_gain"] = below(
-        jitter_gain(loop(0.5 * (delay.least + delay.most)), span), 1.0
-    )
-    passive = roll_rms(
-        build(
-            task.vehicle.design,
-            passive_controller(controller),
-            delay=0.0,
-            lag=task.lag,
-            lateral=task.lateral,
-        )
-    )
+    """Whether the roll model rolls less, and how much less from half to twice the delay."""
+    passive = roll_rms(_roll_loop(task, passive_controller(controller), 0.0))
     for name, factor in (("half", 0.5), ("nominal", 1.0), ("double", 2.0)):
-        ratio = roll_rms(loop(factor * delay.nominal)) / passive
+        ratio = roll_rms(_roll_loop(task, controller, factor * task.delay.nominal)) / passive
         report[f"roll_rms_ratio_{name}_delay"] = ratio
-        checks[f"roll_rms_ratio_{name}_delay"] = below(ratio, 1.0)
+    nominal = report["roll_rms_ratio_nominal_delay"]
+    checks["roll_rms_ratio_nominal_delay"] = below(nominal, 1.0)
 
 
 def _check_box(
-    task: Task,
-    delay: Delay,
-    checks: dict[str, Check],
-    report: dict[str, float],
-    controller: Controller,
+    task: Task, checks: dict[str, Check], report: dict[str, float], controller: Controller
 ) -> None:
-    """Stability and benefit at every corner of the parameter box."""
+    """Stability and benefit at every corner of the roll model's parameter box."""
     worst_radius = worst_ratio = 0.0
     for inertia, damping, stiffness, mass in product((1.0 - BOX, 1.0 + BOX), repeat=4):
         model = scaled(
@@ -121,11 +107,10 @@ def _check_box(
         )
         if model.effective_stiffness <= 0.0:
             continue
-        active = build(model, controller, delay=delay.nominal, lag=task.lag, lateral=task.lateral)
+        corner = replace(task, vehicle=replace(task.vehicle, design=model))
+        active = _roll_loop(corner, controller, task.delay.nominal)
         worst_radius = max(worst_radius, spectral_radius(active))
-        passive = build(
-            model, passive_controller(controller), delay=0.0, lag=task.lag, lateral=task.lateral
-        )
+        passive = _roll_loop(corner, passive_controller(controller), 0.0)
         worst_ratio = max(worst_ratio, roll_rms(active) / roll_rms(passive))
     checks["box_spectral_radius"] = below(worst_radius, 1.0)
     checks["box_roll_rms_ratio"] = below(worst_ratio, 1.0)
@@ -142,9 +127,11 @@ def passive_controller(controller: Controller) -> Controller:
     )
 
 
-def _warnings(task: Task, solution: Solution, report: dict[str, float]) -> tuple[str, ...]:
+def _warnings(
+    task: Task, solution: Solution, notes: tuple[str, ...], report: dict[str, float]
+) -> tuple[str, ...]:
     """Return the warnings for the user, one line each."""
-    lines = [*solution.controller.observer.warnings, *solution.notes]
+    lines = [*solution.controller.observer.warnings, *notes]
     largest = min(report.get("max_delay_s", inf), report["max_delay_sampled_s"])
     if task.delay.most >= largest:
         lines.append(

@@ -151,7 +151,7 @@ def summary(design: Design) -> Tables:
         "margins": {name: _finite(value) for name, value in design.margins.items()}
         | {name: _finite(value) for name, value in solution.extra.items()},
         "verified": {
-            name: {"value": _finite(c.value), "limit": _finite(c.limit), "ok": c.ok}
+            name: c._asdict() | {"value": _finite(c.value), "limit": _finite(c.limit)}
             for name, c in design.verified.items()
         },
         "solve_s": solution.solve_seconds,

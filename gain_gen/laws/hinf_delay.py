@@ -1,4 +1,4 @@
-"""Delay-aware H∞ roll-rate feedback: the corrected theorem of Redondo 2021, and the exact best."""
+"""Delay-aware roll-rate feedback: on the car, or by the corrected theorem of Redondo 2021."""
 
 from math import exp, log, pi, sqrt
 
@@ -8,9 +8,9 @@ from scipy.optimize import minimize
 from canroll.errors import VerdictError
 from gain_gen.analysis.certificates import delay_blocks, largest_eigenvalue
 from gain_gen.laws.lmi import Clock, DelayProgram
+from gain_gen.laws.rate_gain_law import design_rate_gain
 from gain_gen.laws.roll_rate_feedback import (
     LEVEL_MARGIN,
-    SOFTENING,
     USELESS,
     exact_optimum,
     normalised_plant,
@@ -25,12 +25,14 @@ PRINTED_DELAY_GAIN = -84.06 * 180.0 / pi
 
 
 def design_hinf_delay(task: Task) -> Solution:
-    """Delay-aware H∞ roll-rate feedback: the corrected theorem of Redondo 2021.
+    """Delay-aware roll-rate feedback in the structure of Redondo 2021.
 
-    The structure W = K C1 X is exact, ρ and ε are scanned. Beside it stands the exact optimum of
-    the gain, which needs no inequality at all.
+    Computed gains are the min–max over the family of linear cars, certified for a delay that
+    changes; ``theorem`` ones come from the paper's theorem on its 1-DOF model.
     """
-    model, delay = task.vehicle.design, task.delay.most
+    if task.gains == "computed":
+        return design_rate_gain("hinf_delay", task)
+    delay = task.delay.most
     if task.gains == "as_printed":
         return static_solution(
             task,
@@ -44,6 +46,19 @@ def design_hinf_delay(task: Task) -> Solution:
                 "what any roll-rate gain can reach, as the DC gain does not depend on it",
             ),
         )
+    return design_by_theorem(task)
+
+
+def design_by_theorem(task: Task) -> Solution:
+    """Return the gain of the corrected theorem of Redondo 2021, at the longest delay.
+
+    The structure W = K C1 X is exact, ρ and ε are scanned. Beside it stands the exact optimum of
+    the gain, which needs no inequality at all.
+
+    Raises:
+        VerdictError: the theorem certifies no useful gain.
+    """
+    model, delay = task.vehicle.design, task.delay.most
     plant, clock = normalise(model), Clock()
     program = DelayProgram(plant)
     open_loop = open_loop_gamma(model)
@@ -74,7 +89,7 @@ def design_hinf_delay(task: Task) -> Solution:
         return found.x, float(found.fun)
 
     target = task.gamma_target if task.gamma_target else USELESS * open_loop
-    seconds = max(delay, 1e-3) + task.softness * SOFTENING
+    seconds = max(delay, 1e-3)
     best, bound_squared = scan(seconds)
     if sqrt(bound_squared) > target:
         raise VerdictError(_infeasible(task, target, sqrt(bound_squared), open_loop, scan))

@@ -1,6 +1,5 @@
 """Discrete H∞ state feedback of the 2020 paper, by its LMI, checked by frequency response."""
 
-from dataclasses import replace
 from math import pi
 
 import numpy as np
@@ -34,7 +33,7 @@ def design_hinf(task: Task) -> Solution:
     """Discrete H∞ state feedback (Yim 2020, (12)–(13)), u = −K x with the stabilising sign.
 
     Scaled by 1 deg, 10 deg/s and the moment's weight: unscaled the solver fails or returns gains
-    of the wrong sign. Softened: the moment's weight is cut by 0.6 each time.
+    of the wrong sign.
     """
     if task.gains == "as_printed":
         return Solution(
@@ -42,9 +41,7 @@ def design_hinf(task: Task) -> Solution:
         )
     model, clock = task.vehicle.design, Clock()
     phi, gamma, lateral = discrete_plant(model, task.tick)
-    softened = 0.6**task.softness
     weights = yim_weights(model)
-    weights = replace(weights, moment=weights.moment * softened)
     scale = np.array([weights.roll, weights.roll_rate])
     scaled_phi = phi * scale[None, :] / scale[:, None]
     scaled_gamma = gamma * weights.moment / scale[:, None]

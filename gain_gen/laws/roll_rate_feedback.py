@@ -31,8 +31,6 @@ PRINTED_NO_DELAY_GAIN = -1.29e6
 """Redondo 2021, (66)."""
 FASTEST_POLE = 5.0
 """Bound on the closed loop's poles for ``hinf_nodelay``, in natural roll frequencies."""
-SOFTENING = 5e-3
-"""Delay added to that of the theorem for each softening, s: hold and actuator delay as well."""
 LEVEL_MARGIN = 1e-5
 """Share by which a certified level is raised, so that the certificate holds strictly."""
 USELESS = 0.99
@@ -130,7 +128,7 @@ def design_hinf_nodelay(task: Task) -> Solution:
     """The delay-unaware baseline of Redondo 2021, (52), made finite by a bound on its poles."""
     model = task.vehicle.design
     plant = normalise(model)
-    fastest = FASTEST_POLE * 0.8**task.softness
+    fastest = FASTEST_POLE
     why = (
         "hinf_nodelay: without a bound γ decreases without limit as the gain grows "
         "(printed: -1.29e6, a "

@@ -106,17 +106,13 @@ def design_lqr(task: Task) -> Solution:
 
 
 def design_smc(task: Task) -> Solution:
-    """Discrete sliding mode on s = 10 φ + φ' with α = 0.5 (Yim 2020, (14)–(18)).
-
-    Softened: 1 − α is cut by 0.7 each time.
-    """
+    """Discrete sliding mode on s = 10 φ + φ' with α = 0.5 (Yim 2020, (14)–(18))."""
     if task.gains == "as_printed":
         return Solution(
             state_feedback(task, np.array(PRINTED["smc"])), notes=(printed_note("smc"),)
         )
-    alpha = 1.0 - (1.0 - SMC_ALPHA) * 0.7**task.softness
-    gain = sliding_mode(task.vehicle.design, task.tick, surface=SMC_SURFACE, alpha=alpha)
-    return Solution(state_feedback(task, gain), extra={"alpha": alpha})
+    gain = sliding_mode(task.vehicle.design, task.tick, surface=SMC_SURFACE, alpha=SMC_ALPHA)
+    return Solution(state_feedback(task, gain), extra={"alpha": SMC_ALPHA})
 
 
 def design_lqg_delay(task: Task) -> Solution:

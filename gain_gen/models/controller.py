@@ -1,6 +1,6 @@
 """The firmware's controller as a float64 linear system, stage by stage as the ECU runs it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
@@ -78,6 +78,21 @@ class Controller:
         """Number of states of :func:`step`: observer, ring of past commands, compensator."""
         compensator = 0 if self.compensator is None else len(self.compensator.a)
         return (5 if self.observes else 0) + self.predict_steps + compensator
+
+
+def scaled_controller(controller: Controller, factor: float) -> Controller:
+    """Return the controller with its whole command multiplied."""
+    compensator = controller.compensator
+    if compensator is not None:
+        compensator = replace(compensator, c=factor * compensator.c, d=factor * compensator.d)
+    gain = controller.output_gain
+    return replace(
+        controller,
+        feedback=factor * controller.feedback,
+        feedforward=factor * controller.feedforward,
+        output_gain=None if gain is None else factor * gain,
+        compensator=compensator,
+    )
 
 
 def correct(observer: Observer, x: Matrix, y: Matrix) -> Matrix:

@@ -14,21 +14,22 @@ EPSILON_SQUARED = 0.1
 
 
 class Check(NamedTuple):
-    """One check: value, limit and whether it passes."""
+    """One check: value, limit, whether it passes, and where the value was found, or nothing."""
 
     value: float
     limit: float
     ok: bool
+    where: str = ""
 
 
-def below(value: float, limit: float) -> Check:
+def below(value: float, limit: float, where: str = "") -> Check:
     """Return the check that ``value`` is less than ``limit``; not-a-number fails."""
-    return Check(float(value), float(limit), bool(value < limit))
+    return Check(float(value), float(limit), bool(value < limit), where)
 
 
-def above(value: float, limit: float) -> Check:
+def above(value: float, limit: float, where: str = "") -> Check:
     """Return the check that ``value`` is more than ``limit``; not-a-number fails."""
-    return Check(float(value), float(limit), bool(value > limit))
+    return Check(float(value), float(limit), bool(value > limit), where)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,13 +57,12 @@ class Task:
         actuator: "suspension", "bars", "dampers" or "valves".
         observer: name of the observer's settings.
         feedforward: whether the disturbance feedforward is on.
-        gains: "computed" or "as_printed".
+        gains: "computed", "theorem" (of the paper, on its 1-DOF model) or "as_printed".
         lateral: how the lateral acceleration is taken to move.
         noise: of the sensors.
         matrices: file of a custom law, or empty.
         order: order of a reduced compensator.
         gamma_target: H∞ level that must be certified, or zero for the least.
-        softness: number of steps by which a delay-unaware law is detuned.
         moment_share: RMS moment over the RMS of the roll moment m h a_y, or None: the law's own.
     """
 
@@ -78,7 +78,6 @@ class Task:
     matrices: str = ""
     order: int = 4
     gamma_target: float = 0.0
-    softness: int = 0
     moment_share: float | None = None
 
     @property

@@ -104,7 +104,8 @@ def report(answer: Design) -> list[str]:
     for name, check in answer.verified.items():
         verdict = "ok" if check.ok else "FAILS"
         found, limit = _with_unit(name, check.value), _with_unit(name, check.limit)
-        lines.append(f"  {_words(name):<34} {found} against {limit}  {verdict}")
+        where = f" ({check.where})" if check.where else ""
+        lines.append(f"  {_words(name):<34} {found} against {limit}  {verdict}{where}")
     if not answer.is_verified:
         lines.append("NOT VERIFIED: written for comparison only")
     lines += [f"warning: {text}" for text in answer.warnings]
@@ -151,7 +152,7 @@ def compare(args: argparse.Namespace) -> int:
         f"{task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, delay "
         f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms from sample to force"
     )
-    columns = ("roll rms", "box", "gamma", "admits ms", "gain dB", "phase")
+    columns = ("roll rms", "box", "gamma", "admits ms", "gain dB", "Ms")
     widths = (9, 7, 8, 10, 9, 7)
     print(f"{'law':<16}" + "".join(f"{c:>{w}}" for c, w in zip(columns, widths, strict=True)))
     for law, answer in answers.items():
@@ -169,12 +170,18 @@ def _line(answer: Design) -> str:
         value = answer.margins.get(name, float("inf"))
         return f"{value:.{digits}f}" if isfinite(value) else "any"
 
+    def worst(name: str, digits: int) -> str:
+        check = answer.verified.get(name)
+        if check is None:
+            return ""
+        return f"{check.value:.{digits}f}" if isfinite(check.value) else "any"
+
     gamma = "" if answer.solution.gamma is None else f"{answer.solution.gamma:.3f}"
     admits = f"{1e3 * answer.max_delay:.0f}" if isfinite(answer.max_delay) else "any"
     return (
         f"{answer.law:<16}{number('roll_rms_ratio_nominal_delay', 3):>9}"
-        f"{number('box_roll_rms_ratio', 3):>7}{gamma:>8}{admits:>10}{number('gain_db', 1):>9}"
-        f"{number('phase_deg', 0):>7}"
+        f"{number('box_roll_rms_ratio', 3):>7}{gamma:>8}{admits:>10}"
+        f"{worst('gain_margin_db', 1):>9}{worst('peak_sensitivity', 2):>7}"
     )
 
 

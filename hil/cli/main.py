@@ -1,9 +1,12 @@
 """The ``canroll`` command: finds the subcommand's module, runs it, turns errors into one line."""
 
 import argparse
+import errno
 import json
 import os
 import sys
+import tempfile
+import traceback
 from collections.abc import Sequence
 from importlib.metadata import version
 from pkgutil import resolve_name
@@ -25,6 +28,10 @@ REGISTRIES: dict[str, Registry[Any]] = {
     "bodies": BODIES,
 }
 """What can be listed beside the vehicles, and added to by others."""
+
+INTERNAL_ERROR = 3
+OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.ENOMEM)
+"""Errors of the system that neither the input nor canroll is to blame for."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -53,7 +60,8 @@ def help_text() -> str:
             *lines,
             "",
             "'canroll COMMAND --help' shows the options; 'canroll --version' the version.",
-            "exit codes: 0 success, 1 failed verdict, 2 wrong input, 130 interrupted",
+            "exit codes: 0 success, 1 failed verdict, 2 wrong input, 3 internal error, "
+            "130 interrupted",
         ]
     )
 
@@ -159,14 +167,41 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if missing in packages:
                 print(f"canroll: {MissingExtraError('this', extra)}", file=sys.stderr)
                 return 2
-        raise
+        return internal_error(error)
+    except OSError as error:
+        if isinstance(error, BrokenPipeError):
+            # the interpreter flushes stdout once more at exit; that must not fail again
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 0
+        if error.errno not in OF_THE_MACHINE:
+            return internal_error(error)
+        place = f": {error.filename}" if error.filename else ""
+        print(f"canroll: {error.strerror}{place}", file=sys.stderr)
+        return 2
+    except MemoryError:
+        print("canroll: out of memory", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print("canroll: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:
-        # the interpreter flushes stdout once more at exit; that must not fail again
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    except Exception as error:
+        return internal_error(error)
+
+
+def internal_error(error: Exception) -> int:
+    """Keep the traceback in a file and ask for it; return the exit code of an error of ours."""
+    lines = "".join(traceback.format_exception(error))
+    told = f"{type(error).__name__}: {error}".partition("\n")[0]
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="canroll-error-", suffix=".txt", delete=False, encoding="utf-8"
+        ) as file:
+            file.write(f"canroll {version('canroll')}\n{' '.join(sys.argv[1:])}\n{lines}")
+        kept = f"please report it with {file.name}"
+    except OSError:
+        kept = f"please report it\n{lines}"
+    print(f"canroll: internal error, {told}: {kept}", file=sys.stderr)
+    return INTERNAL_ERROR
 
 
 if __name__ == "__main__":

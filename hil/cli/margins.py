@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from canroll.errors import CanrollError
+from gain_gen.analysis.family import FamilyMargins
+from gain_gen.analysis.margins import Margins
 from gain_gen.calibration import calibration_file
 from gain_gen.margin_report import MarginReport, Point, admits, margin_report, to_json
 
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Analyse and report; 0 where the loop is stable at its own delay, else 1."""
+    """Analyse and report; 0 where the loop has its margins on the whole family, else 1."""
     report = margin_report(calibration_file.load(args.calibration))
     if args.out is not None:
         picture = args.out / "margins.png"
@@ -32,16 +34,30 @@ def run(args: argparse.Namespace) -> int:
 
 def lines(report: MarginReport) -> Iterable[str]:
     """Yield the tables as text."""
+    delay = report.delay
     yield (
-        f"{report.law} for {report.vehicle}: designed for {1e3 * report.delay:g} ms from sample "
-        f"to force, stable for {_delay(report.max_delay)}"
+        f"{report.law} for {report.vehicle}: designed for {1e3 * delay.least:.4g} to "
+        f"{1e3 * delay.most:.4g} ms from sample to force, stable for {_delay(report.max_delay)}"
     )
-    yield f"without control: gamma {report.passive_gamma:.4g}"
-    header = f"{'':>12} {'gamma':>8} {'roll rms':>9} {'gain dB':>8} {'phase':>7} {'modulus':>8}"
-    yield from ("", "over delay", header)
+    if report.note:
+        yield f"warning: {report.note}"
+    yield from ("", f"{'worst over all delays':<52} {'gain dB':>8} {'Ms':>7} {'at ms':>7}")
+    conditions = dict.fromkeys(row.condition for row in report.family.rows)
+    for condition in conditions:
+        rows = FamilyMargins(tuple(row for row in report.family.rows if row.condition == condition))
+        gain, peak = rows.worst_gain, rows.worst_sensitivity
+        yield (
+            f"{condition!s:<52} {_number(gain.margins.gain_db):>8} "
+            f"{_peak(peak.margins):>7} {1e3 * peak.delay:7.1f}"
+        )
+    for name, check in report.checks.items():
+        verdict = "ok" if check.ok else "FAILS"
+        yield f"{name}: {check.value:.4g} against {check.limit:g}  {verdict} ({check.where})"
+    header = f"{'':>12} {'peak':>8} {'gain dB':>8} {'phase':>7} {'Ms':>8}"
+    yield from ("", f"over delay, {next(iter(conditions))}", header)
     for point in report.over_delay:
         yield _row(f"{1e3 * point.delay:.0f} ms", point)
-    yield from ("", "over gain", header)
+    yield from ("", f"over gain, delay {1e3 * delay.nominal:.4g} ms", header)
     for point in report.over_gain:
         yield _row(f"x {point.gain_factor:g}", point)
 
@@ -51,21 +67,25 @@ def _delay(seconds: float) -> str:
 
 
 def _row(label: str, point: Point) -> str:
-    if point.margins is None:
-        return f"{label:>12} unstable"
     found = point.margins
+    if not point.stable:
+        return f"{label:>12} unstable"
     return (
-        f"{label:>12} {point.gamma:8.4f} {point.roll_rms_ratio:9.3f} {_number(found.gain_db):>8} "
-        f"{_number(found.phase_deg):>7} {found.modulus:8.3f}"
+        f"{label:>12} {point.peak:8.4f} {_number(found.gain_db):>8} "
+        f"{_number(found.phase_deg):>7} {_peak(found):>8}"
     )
 
 
 def _number(value: float) -> str:
-    return f"{value:.1f}" if isfinite(value) else "any"
+    return f"{value:.1f}" if isfinite(value) else "any" if value > 0.0 else "none"
+
+
+def _peak(found: Margins) -> str:
+    return f"{found.sensitivity:.2f}" if isfinite(found.sensitivity) else "unstable"
 
 
 def draw(report: MarginReport, path: Path) -> None:
-    """Write the picture: Nyquist curves by delay, gamma over delay, gamma over gain.
+    """Write the picture: Nyquist curves by delay, roll over delay, roll over gain.
 
     Raises:
         CanrollError: the file cannot be written.
@@ -80,8 +100,8 @@ def draw(report: MarginReport, path: Path) -> None:
     nyquist.set(title="loop gain, Nyquist", xlabel="real", ylabel="imaginary")
     nyquist.set(xlim=(-2.2, 2.2), ylim=(-2.2, 2.2), aspect="equal")
     nyquist.legend(title="delay")
-    _curve(delay, [1e3 * p.delay for p in report.over_delay], report.over_delay, report)
-    _curve(gain, [p.gain_factor for p in report.over_gain], report.over_gain, report)
+    _curve(delay, [1e3 * p.delay for p in report.over_delay], report.over_delay)
+    _curve(gain, [p.gain_factor for p in report.over_gain], report.over_gain)
     delay.set_xlabel("delay from sample to force, ms")
     gain.set_xlabel("factor on the gain")
     delay.set_title("over delay (red: unstable)")
@@ -93,13 +113,13 @@ def draw(report: MarginReport, path: Path) -> None:
         raise CanrollError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _curve(axes: "Axes", at: list[float], points: Sequence[Point], report: MarginReport) -> None:
+def _curve(axes: "Axes", at: list[float], points: Sequence[Point]) -> None:
     """Draw the peak response over one parameter; a red line where the loop is unstable."""
-    stable = [(x, point.gamma) for x, point in zip(at, points, strict=True) if point.stable]
-    axes.plot([x for x, _ in stable], [gamma for _, gamma in stable], "o-", label="controlled")
-    axes.axhline(report.passive_gamma, color="grey", linestyle="--", label="without control")
+    stable = [(x, point.peak) for x, point in zip(at, points, strict=True) if point.stable]
+    axes.plot([x for x, _ in stable], [peak for _, peak in stable], "o-", label="controlled")
+    axes.axhline(1.0, color="grey", linestyle="--", label="without control")
     for x, point in zip(at, points, strict=True):
         if not point.stable:
             axes.axvline(x, color="tab:red", alpha=0.25)
-    axes.set(ylabel="peak of (roll + roll rate) over a_y", ylim=(0.0, None))
+    axes.set(ylabel="peak of roll over roll moment, relative", ylim=(0.0, None))
     axes.legend()

@@ -197,7 +197,7 @@ def design(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=0.0,
         metavar="LEVEL",
-        help="H-infinity level that hinf_delay must certify (default: the smallest feasible)",
+        help="H-infinity level that the theorem of hinf_delay must certify (default: the smallest)",
     )
     parser.add_argument("--matrices", default="", metavar="FILE", help="gains of --law custom")
     parser.add_argument(

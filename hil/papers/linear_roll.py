@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from canroll.typing import Vector
+from gain_gen.design import THEOREMS
 from gain_gen.models.roll import Matrix, lateral_input, moment_input, state_matrix, zero_order_hold
 from hil.papers.paper_table import Section, Value, digits, finite, printed
 from hil.runs.experiment import plan
@@ -117,15 +118,16 @@ def design_numbers(paper: str, common: Mapping[str, Any], laws: Sequence[str], w
     rows: list[dict[str, Value]] = []
     for law in laws:
         row: dict[str, Value] = {"law": law}
-        for gains in ("as_printed", "computed"):
+        for column in ("as_printed", "computed"):
+            gains = "theorem" if column == "computed" and law in THEOREMS else column
             keywords = {**common, "law": law, "gains": gains}
             _, controller = plan("double_lane_change", **keywords)
             margins = controller.tables["margins"]
             most = finite(MS * margins["max_delay_s"])
             row |= {
-                f"gain_{gains}": _gain(controller.tables["gains"]),
-                f"gamma_{gains}": finite(margins.get("gamma", float("nan"))),
-                f"admitted_delay_ms_{gains}": "any" if most is None else most,
+                f"gain_{column}": _gain(controller.tables["gains"]),
+                f"gamma_{column}": finite(margins.get("gamma", float("nan"))),
+                f"admitted_delay_ms_{column}": "any" if most is None else most,
             }
         row["gamma_printed"] = None if level is None else sqrt(level)
         row["gamma_least"] = finite(margins.get("exact_best_gamma", float("nan")))

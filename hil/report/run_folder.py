@@ -10,6 +10,7 @@ from canroll.errors import CanrollError
 from codegen.export.header import gains_header
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
+from hil.report import staging
 from hil.report.picture import draw_picture
 from hil.report.run_page import run_page
 from hil.runs import saved_run
@@ -67,7 +68,7 @@ def write_text(path: Path, text: str) -> Path:
 
 
 def write_files(result: Result, folder: Path) -> Result:
-    """Write everything about a run to ``folder`` and return the result with the paths.
+    """Write everything about a run to ``folder``, whole or not at all; return it with the paths.
 
     report.html, roll.png, bus.asc, canroll_gains.h, calibration.toml, trace.npz, result.json.
 
@@ -83,9 +84,15 @@ def write_files(result: Result, folder: Path) -> Result:
         "trace": saved_run.TRACE,
         "result": saved_run.RESULT,
     }
-    paths = {name: folder / file for name, file in names.items()}
-    known = {**result.files, **{name: str(path) for name, path in paths.items()}}
+    known = {**result.files, **{name: str(folder / file) for name, file in names.items()}}
     result = replace(result, files=known)
+    with staging.replaced(folder, saved_run.RESULT) as part:
+        _write_parts(result, {name: part / file for name, file in names.items()})
+    return result
+
+
+def _write_parts(result: Result, paths: Mapping[str, Path]) -> None:
+    """Write each file of a run to its path."""
     seen = result.passive if result.controlled is None else result.controlled
     write_log(paths["log"], seen.frames)
     calibration_file.save(paths["calibration"], result.record, result.tables)
@@ -99,8 +106,9 @@ def write_files(result: Result, folder: Path) -> Result:
     write_text(paths["header"], header)
     draw_picture(result, paths["picture"])
     write_text(paths["report"], run_page(result))
-    write_text(paths["result"], json.dumps(result.to_json(), indent=2) + "\n")
-    return result
+    hashes = {paths[name].name: saved_run.digest(paths[name]) for name in ("trace", "calibration")}
+    data = {**result.to_json(), saved_run.HASHES: hashes}
+    write_text(paths["result"], json.dumps(data, indent=2) + "\n")
 
 
 def write_page(

@@ -24,7 +24,7 @@ from vehicles import ACTUATORS
 PASSIVE = "passive"
 """The law of no control."""
 TRIGGERS = ("event", "every")
-GAINS = ("computed", "as_printed")
+GAINS = ("computed", "theorem", "as_printed")
 WORLD, CONTROLLER, RUN = "world", "controller", "run"
 ON, OFF = ("on", "true", "1"), ("off", "false", "0")
 

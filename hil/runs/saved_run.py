@@ -3,6 +3,7 @@
 From these three a run is judged and shown again, the same numbers as on the day it was driven.
 """
 
+import hashlib
 import json
 import zlib
 from collections.abc import Mapping
@@ -28,12 +29,23 @@ from hil.runs.virtual_time import RUN_TIME_NS
 RESULT = "result.json"
 TRACE = "trace.npz"
 CALIBRATION = "calibration.toml"
+HASHES = "sha256"
+"""Key of result.json: the SHA-256 of the other two files; runs of version 0.1 have none."""
 RUNS = ("passive", "controlled", "replay")
 
 OLD_COLUMNS = {"troubles": "fault_codes"}
 """Names of a trace's columns in version 0.1, and those of today."""
 
-UNREADABLE = (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, zlib.error)
+UNREADABLE = (
+    OSError,
+    ValueError,
+    KeyError,
+    TypeError,
+    AttributeError,
+    EOFError,
+    BadZipFile,
+    zlib.error,
+)
 """Exceptions raised when reading a truncated or foreign file."""
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -73,7 +85,7 @@ def load(folder: Path) -> Result:
     """Return the run saved in ``folder``, with figures recomputed from its traces.
 
     Raises:
-        CanrollError: files are missing, unreadable, or not of one run.
+        CanrollError: files are missing, unreadable, changed, or not of one run.
     """
     if not is_run(folder):
         raise CanrollError(
@@ -82,6 +94,10 @@ def load(folder: Path) -> Result:
         )
     try:
         data = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        hashes = data.get(HASHES, {})
+        changed = [name for name in hashes if digest(folder / name) != hashes[name]]
+        if changed:
+            raise CanrollError(f"{folder}: {', '.join(changed)} changed since the run was written")
         with np.load(folder / TRACE) as archive:
             arrays = dict(archive)
         loaded = calibration_file.load(folder / CALIBRATION)
@@ -101,6 +117,12 @@ def load(folder: Path) -> Result:
         settings, _controller(settings, loaded), passive, traces["controlled"], traces["replay"]
     )
     return replace(result, timing=timing, **told)
+
+
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _trace(arrays: Arrays, run: str) -> Trace | None:

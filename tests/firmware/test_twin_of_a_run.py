@@ -131,7 +131,7 @@ def watched_run(monkeypatch, scenario: str, **options) -> Watched:
 
 RUNS = [
     {"law": "lqr", "vehicle": "van_2021"},
-    {"law": "hinf_delay", "vehicle": "van_2021"},
+    {"law": "hinf_delay", "vehicle": "van_2021", "gains": "theorem"},
 ]
 ALL_RUNS = [
     {"law": "lqg_delay", "vehicle": "van_real"},

@@ -8,7 +8,8 @@ import pytest
 from scipy.linalg import expm
 
 import vehicles
-from gain_gen.analysis.family import CONDITIONS, NOMINAL, actuated, car_in, family, family_of
+from gain_gen.analysis.actuated_car import actuated
+from gain_gen.analysis.family import CONDITIONS, NOMINAL, car_in, family, family_of
 from gain_gen.analysis.margins import margins
 from gain_gen.analysis.sampled_loop import loop_gain, spectral_radius
 from gain_gen.laws import LAWS
@@ -21,6 +22,10 @@ DELAYS = {"500k": (5.6, 23.1), "gateway_20ms": (16.1, 50.2), "gateway_50ms": (10
 def task_on(bus):
     least, most = (1e-3 * value for value in DELAYS[bus])
     return Task(vehicles.load("van_real"), Delay(0.5 * (least + most), least, most))
+
+
+def part_of(task, conditions):
+    return family(task.vehicle, task.delay, tick=task.tick, lag=task.lag, conditions=conditions)
 
 
 def nominal_at_longest(found):
@@ -71,7 +76,7 @@ def test_a_measured_lateral_acceleration_is_feedback():
 
 def test_margins_agree_with_python_control():
     task = task_on("gateway_20ms")
-    every = family_of(task, conditions=CONDITIONS[:2])
+    every = part_of(task, CONDITIONS[:2])
     controller = LAWS["lqg_delay"](task).controller
     found = {(row.condition, row.delay): row.margins for row in every.margins(controller).rows}
     for member in every.members:
@@ -106,7 +111,7 @@ def test_the_gain_margin_is_the_edge_of_stability():
 def test_the_loop_is_the_car_stepped_finely():
     task = task_on("500k")
     controller = static_controller(task, -20000.0)
-    every = family_of(task, conditions=[NOMINAL])
+    every = part_of(task, [NOMINAL])
     member, delay = every.members[0], every.delays[-1]
     loop = member.loop(controller, delay)
     car = actuated(car_in(task.vehicle, NOMINAL), lag=task.lag, sensors=task.vehicle.sensors)
@@ -130,7 +135,7 @@ def test_the_loop_is_the_car_stepped_finely():
 
 def test_frequency_responses_are_those_of_the_matrices():
     task = task_on("gateway_20ms")
-    every = family_of(task, conditions=[NOMINAL])
+    every = part_of(task, [NOMINAL])
     controller = LAWS["lqg_delay"](task).controller
     member, delay = every.members[0], every.delays[-1]
     expected = loop_gain(member.loop(controller, delay), every.frequencies)

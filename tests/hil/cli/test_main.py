@@ -1,4 +1,5 @@
 import argparse
+import errno
 import subprocess
 import sys
 from importlib import import_module
@@ -113,7 +114,7 @@ def test_help_loads_no_heavy_package():
 @pytest.mark.parametrize(
     ("package", "line"),
     [
-        ("unicorn", "needs bincopy, unicorn and ziglang: pip install 'canroll[target]'"),
+        ("unicorn", "needs bincopy, capstone, unicorn and ziglang: pip install 'canroll[target]'"),
         ("asammdf", "needs asammdf: pip install 'canroll[asammdf]'"),
     ],
 )
@@ -128,7 +129,41 @@ def test_a_missing_extra_is_a_line_that_says_how_to_install_it(
     assert error.count("\n") == 1
 
 
-def test_another_missing_module_is_not_hidden(command):
+def test_another_missing_module_is_not_hidden(command, capsys):
     command(lambda args: import_module("no_such_module_at_all"))
-    with pytest.raises(ModuleNotFoundError):
-        cli.main(["run"])
+    assert cli.main(["run"]) == 3
+    assert "No module named 'no_such_module_at_all'" in capsys.readouterr().err
+
+
+def test_an_error_of_ours_asks_for_a_report(capsys, monkeypatch, tmp_path):
+    def crash(arguments):
+        raise ZeroDivisionError("nothing to\ndivide by")
+
+    monkeypatch.setattr(cli, "dispatch", crash)
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+    assert cli.main(["run"]) == 3
+    line = capsys.readouterr().err
+    assert line.startswith("canroll: internal error, ZeroDivisionError: nothing to: please report")
+    assert line.count("\n") == 1
+    (kept,) = tmp_path.glob("canroll-error-*.txt")
+    assert str(kept) in line
+    assert "Traceback" in kept.read_text()
+
+
+@pytest.mark.parametrize(
+    ("error", "message"),
+    [
+        (
+            OSError(errno.ENOSPC, "No space left on device", "out/trace.npz"),
+            "canroll: No space left on device: out/trace.npz\n",
+        ),
+        (MemoryError(), "canroll: out of memory\n"),
+    ],
+)
+def test_a_machine_that_is_full_is_no_error_of_ours(capsys, monkeypatch, error, message):
+    def fail(arguments):
+        raise error
+
+    monkeypatch.setattr(cli, "dispatch", fail)
+    assert cli.main(["run"]) == 2
+    assert capsys.readouterr().err == message

@@ -43,7 +43,9 @@ def folder(driven, tmp_path):
 
 def test_everything_comes_back(driven, folder):
     found = saved_run.load(folder)
-    assert found.to_json() == json.loads((folder / "result.json").read_text())
+    data = json.loads((folder / "result.json").read_text())
+    del data["sha256"]
+    assert found.to_json() == data
     assert found.settings == driven.settings
     assert dumps(found.record, {}) == dumps(driven.record, {})
     for run in saved_run.RUNS:
@@ -84,6 +86,7 @@ def test_a_run_saved_under_the_names_of_old_is_read(driven, folder):
         }
     np.savez_compressed(folder / "trace.npz", **arrays)
     data = json.loads((folder / "result.json").read_text())
+    del data["sha256"]
     (folder / "result.json").write_text(json.dumps({**data, "plant": "fullcar"}))
     assert "troubles" in arrays["controlled/ticks"].dtype.names
     found = saved_run.load(folder)
@@ -118,18 +121,35 @@ def another_calibration(folder):
     shutil.copy(folder / "other" / "calibration.toml", folder)
 
 
+def damaged(folder):
+    overwrite(folder / "trace.npz", 5000)
+
+
+def unsealed(folder, spoil):
+    """Spoil a run as version 0.1 wrote it, without hashes."""
+    data = json.loads((folder / "result.json").read_text())
+    del data["sha256"]
+    (folder / "result.json").write_text(json.dumps(data))
+    spoil(folder)
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
         (lambda folder: (folder / "trace.npz").unlink(), "not a saved run"),
-        (lambda folder: (folder / "trace.npz").write_bytes(b"no archive"), "cannot read"),
-        (lambda folder: cut_short(folder / "trace.npz", 1000), "cannot read"),
-        (lambda folder: cut_short(folder / "trace.npz", 10), "cannot read"),
-        (lambda folder: overwrite(folder / "trace.npz", 5000), "cannot read"),
+        (
+            lambda folder: (folder / "trace.npz").write_bytes(b"no archive"),
+            "trace.npz changed since",
+        ),
+        (lambda folder: cut_short(folder / "trace.npz", 1000), "trace.npz changed since"),
+        (lambda folder: cut_short(folder / "trace.npz", 10), "trace.npz changed since"),
+        (lambda folder: overwrite(folder / "trace.npz", 5000), "trace.npz changed since"),
         (lambda folder: (folder / "result.json").write_text("{}"), "cannot read"),
         (lambda folder: (folder / "result.json").write_text("["), "cannot read"),
-        (lambda folder: (folder / "calibration.toml").unlink(), "cannot read calibration"),
-        (another_calibration, "come from different runs"),
+        (lambda folder: (folder / "calibration.toml").unlink(), "cannot read"),
+        (another_calibration, "calibration.toml changed since"),
+        (lambda folder: unsealed(folder, another_calibration), "come from different runs"),
+        (lambda folder: unsealed(folder, damaged), "cannot read"),
     ],
 )
 def test_what_is_no_saved_run(folder, spoil, message, capsys):

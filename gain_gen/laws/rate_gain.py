@@ -1,0 +1,118 @@
+"""The static roll-rate gain by min–max over the family of cars and the delays of the task.
+
+No inequality is needed: the gain is one number, and the exact sampled response to a roll moment on
+the body costs a tenth of a millisecond a point. What helps most in the worst case is taken among
+the gains with which every loop has its margins.
+"""
+
+from dataclasses import dataclass
+from math import log
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+
+from gain_gen.analysis.family import Family, Member
+from gain_gen.analysis.held_plant import Complex
+from gain_gen.analysis.margins import negative_crossings
+from gain_gen.analysis.verify import GAIN_MARGIN_DB, PEAK_SENSITIVITY
+from gain_gen.models.controller import Y_RATE, Y_ROLL
+
+INSIDE = 0.99
+"""Share of the largest gain that has the margins: the checks interpolate between frequencies."""
+RESONANT = 1.005
+"""A peak of the roll over its steady value that counts as resonance."""
+SMALLEST = 1e-3
+"""Of that gain: where the search begins."""
+
+
+@dataclass(frozen=True, slots=True)
+class RateGain:
+    """The best gain and what it does.
+
+    Attributes:
+        gain: N·m·s/rad, negative.
+        peak_ratio: largest roll angle over a roll moment, over the same car's without control,
+            worst over members and delays.
+        where: the member and delay of that.
+        largest: the largest gain that has the margins, N·m·s/rad, negative.
+        resonant: whether the roll has a resonance there without control.
+    """
+
+    gain: float
+    peak_ratio: float
+    where: str
+    largest: float
+    resonant: bool
+
+
+@dataclass(frozen=True, slots=True)
+class _Channel:
+    """Responses of one member at one delay, for u = −g · roll rate."""
+
+    name: str
+    loop: Complex
+    roll: Complex
+    free: Complex
+    free_rate: Complex
+
+    def sensitivity(self, gain: float) -> float:
+        return float(1.0 / np.abs(1.0 + gain * self.loop).min())
+
+    def peak_ratio(self, gain: float) -> float:
+        closed: Complex = self.free - gain * self.roll * self.free_rate / (1.0 + gain * self.loop)
+        return float(np.abs(closed).max() / np.abs(self.free).max())
+
+
+def _channel(member: Member, delay: float) -> _Channel:
+    commanded, disturbed = member.commanded(delay), member.disturbed
+    return _Channel(
+        name=f"{member.condition}, delay {1e3 * delay:.4g} ms",
+        loop=commanded[:, Y_RATE],
+        roll=commanded[:, Y_ROLL],
+        free=disturbed[:, Y_ROLL],
+        free_rate=disturbed[:, Y_RATE],
+    )
+
+
+def best_rate_gain(family: Family) -> RateGain:
+    """Return the roll-rate gain of least worst-case peak among those with the margins."""
+    channels = [_channel(member, delay) for member in family.members for delay in family.delays]
+    largest = INSIDE * min(_largest_gain(channel) for channel in channels)
+
+    def worst(log_gain: float) -> float:
+        return max(channel.peak_ratio(float(np.exp(log_gain))) for channel in channels)
+
+    grid = np.linspace(log(SMALLEST * largest), log(largest), 24)
+    values = [worst(float(point)) for point in grid]
+    best = int(np.argmin(values))
+    bounds = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    found = minimize_scalar(worst, bounds=bounds, method="bounded", options={"xatol": 1e-3})
+    gain = float(np.exp(found.x if found.fun < values[best] else grid[best]))
+    limiting = max(channels, key=lambda channel: channel.peak_ratio(gain))
+    free = np.abs(limiting.free)
+    resonant = bool(free.max() > RESONANT * free[0])
+    return RateGain(-gain, limiting.peak_ratio(gain), limiting.name, -largest, resonant)
+
+
+def free_peak(member: Member) -> float:
+    """Return the largest roll angle over a roll moment without control, rad per N·m."""
+    return float(np.abs(member.disturbed[:, Y_ROLL]).max())
+
+
+def _largest_gain(channel: _Channel) -> float:
+    """Return the largest gain with gain margin and peak sensitivity inside their limits.
+
+    The car is stable without control: its loop stays so up to the first crossing.
+    """
+    edge = 1.0 / max([1e-12, *(-value for value in negative_crossings(channel.loop))])
+    upper = edge * float(10.0 ** (-GAIN_MARGIN_DB / 20.0))
+    if channel.sensitivity(upper) <= PEAK_SENSITIVITY:
+        return upper
+    lower = 0.0
+    for _ in range(30):
+        middle = 0.5 * (lower + upper)
+        if channel.sensitivity(middle) <= PEAK_SENSITIVITY:
+            lower = middle
+        else:
+            upper = middle
+    return lower

@@ -1,0 +1,123 @@
+"""Roll-rate feedback on the linear car: the min–max gain with its certificates."""
+
+from dataclasses import dataclass
+from math import sqrt
+from typing import TYPE_CHECKING
+
+from canroll.errors import VerdictError
+from gain_gen.analysis.family import Family, Member, family_of
+from gain_gen.analysis.level_certificate import (
+    FINE,
+    LEVEL_UNIT,
+    delay_grid,
+    switched_loop,
+    worst_eigenvalue,
+)
+from gain_gen.laws.rate_gain import RateGain, best_rate_gain, free_peak
+from gain_gen.laws.roll_rate_feedback import static_controller
+from gain_gen.models.task import Check, Solution, Task, below
+
+if TYPE_CHECKING:
+    from gain_gen.laws.lmi import Clock
+
+USELESS = 0.98
+"""A worst-case peak of this share of the open loop's is no improvement worth a law."""
+STEPS = (4e-3, 2e-3)
+"""Steps of the delays that the solver sees, s: finer ones where the coarser do not suffice."""
+LEVEL_MARGIN = 1e-4
+"""Share by which a certified level is raised, so that the certificate holds strictly."""
+
+
+@dataclass(frozen=True, slots=True)
+class Certified:
+    """A certified level and what it rests on.
+
+    Attributes:
+        ratio: largest roll angle over a roll moment in the mean square, whatever the delay does,
+            over the largest without control.
+        check: the inequality's largest eigenvalue over all delays.
+    """
+
+    ratio: float
+    check: Check
+
+
+def design_rate_gain(law: str, task: Task, *, epsilon: float = 0.0) -> Solution:
+    """Return the roll-rate gain of least worst-case roll over the family and the delays.
+
+    Args:
+        law: its name, for errors.
+        task: of the design.
+        epsilon: relative threshold of an event trigger, whose error is in the certificate.
+
+    Raises:
+        VerdictError: no gain helps.
+    """
+    from gain_gen.laws.lmi import Clock  # noqa: PLC0415 - cvxpy only where it is used
+
+    family = family_of(task)
+    best = best_rate_gain(family)
+    if best.peak_ratio > USELESS:
+        raise VerdictError(_no_gain(law, task, best))
+    clock = Clock()
+    extra = {"peak_ratio": best.peak_ratio, "largest_gain_with_margins": best.largest}
+    checks = {"peak_ratio": below(best.peak_ratio, 1.0, best.where)}
+    notes: tuple[str, ...] = ()
+    found = _certified(family, family.members[0], best.gain, epsilon, clock)
+    if found is None:
+        notes = (f"{law}: no level is certified for a delay that changes, only stability",)
+    else:
+        extra["certified_peak_ratio"] = found.ratio
+        checks["lmi_level"] = found.check
+    if epsilon:
+        extra["epsilon_squared"] = epsilon**2
+        peak = family.margins(static_controller(task, best.gain)).worst_sensitivity
+        checks["event_small_gain"] = below(epsilon * peak.margins.sensitivity, 1.0, str(peak))
+    return Solution(
+        static_controller(task, best.gain),
+        checks=checks,
+        delay_aware=True,
+        solve_seconds=clock.seconds,
+        notes=notes,
+        extra=extra | {"solves": float(clock.solves)},
+    )
+
+
+def _certified(
+    family: Family, member: Member, gain: float, epsilon: float, clock: "Clock"
+) -> Certified | None:
+    """Return the level that one Lyapunov matrix certifies for any sequence of delays, or None."""
+    from gain_gen.laws.lmi_level import certify_level  # noqa: PLC0415 - cvxpy as above
+
+    fine = switched_loop(
+        member, gain, delay_grid(member, family.delays, family.tick, FINE), family.tick
+    )
+    for step in STEPS:
+        coarse = delay_grid(member, family.delays, family.tick, step)
+        point = certify_level(switched_loop(member, gain, coarse, family.tick), epsilon, clock)
+        if point is None:
+            return None
+        level_squared = point.level_squared * (1.0 + LEVEL_MARGIN)
+        value = worst_eigenvalue(
+            fine, p=point.p, level_squared=level_squared, weight=point.weight, epsilon=epsilon
+        )
+        if value < 0.0:
+            free = free_peak(member) / LEVEL_UNIT
+            return Certified(sqrt(level_squared) / free, below(value, 0.0, str(member.condition)))
+    return None
+
+
+def _no_gain(law: str, task: Task, best: RateGain) -> str:
+    """Say that no gain helps, and why."""
+    delay = task.delay
+    why = (
+        "the delay turns damping into excitation"
+        if best.resonant
+        else "its roll has no resonance for a damper to take"
+    )
+    return (
+        f"{law} for {task.vehicle.name}: no roll-rate gain helps at delays of "
+        f"{1e3 * delay.least:.0f} to {1e3 * delay.most:.0f} ms: the best leaves "
+        f"{100.0 * best.peak_ratio:.1f} % of the peak roll in the worst case ({best.where}), for "
+        f"{why}; choose a law with the lateral acceleration, or --gains theorem"
+    )

@@ -1,0 +1,176 @@
+"""The min–max roll-rate gain, its certificates, and designs that are detuned or refused."""
+
+import control
+import numpy as np
+import pytest
+
+import vehicles
+from canroll.errors import CanrollError, VerdictError
+from gain_gen.analysis.family import family_of
+from gain_gen.analysis.level_certificate import (
+    FINE,
+    LEVEL_UNIT,
+    delay_grid,
+    switched_loop,
+    worst_eigenvalue,
+)
+from gain_gen.analysis.sampled_loop import response_peak
+from gain_gen.analysis.verify import passive_controller
+from gain_gen.design import design
+from gain_gen.laws.lmi import Clock
+from gain_gen.laws.lmi_level import certify_level
+from gain_gen.laws.rate_gain import best_rate_gain, free_peak
+from gain_gen.laws.roll_rate_feedback import static_controller
+from gain_gen.models.task import Delay, Task
+
+DELAYS = {"500k": (5.6e-3, 23.1e-3), "gateway_20ms": (16.1e-3, 50.2e-3)}
+GATEWAY_50MS = (0.106, 0.130)
+
+
+def task_of(least, most, vehicle="van_real", **options):
+    delay = Delay(0.5 * (least + most), least, most)
+    return Task(vehicles.load(vehicle), delay, **options)
+
+
+@pytest.fixture(scope="module", params=DELAYS)
+def designed(request):
+    return design("hinf_delay", task_of(*DELAYS[request.param]))
+
+
+def test_the_gain_has_its_margins_on_every_car_and_is_certified(designed):
+    assert designed.is_verified
+    assert designed.warnings == ()
+    assert designed.verified["gain_margin_db"].value > 8.0
+    assert designed.verified["peak_sensitivity"].value < 1.7
+    assert designed.verified["jitter_small_gain"].value < 0.5
+    assert designed.solution.extra["peak_ratio"] < 0.88
+    assert 0.76 < designed.solution.extra["certified_peak_ratio"] < 0.83
+
+
+def test_the_peak_ratio_is_that_of_the_loops_matrices(designed):
+    family = family_of(designed.task)
+    worst = 0.0
+    for member in family.members:
+        free = member.loop(passive_controller(designed.controller), 0.0)
+        for delay in family.delays:
+            closed = response_peak(member.loop(designed.controller, delay), member.roll)
+            worst = max(worst, closed / response_peak(free, member.roll))
+    assert designed.solution.extra["peak_ratio"] == pytest.approx(worst, rel=2e-3)
+
+
+def test_no_other_gain_with_margins_is_better(designed):
+    family = family_of(designed.task)
+    best = best_rate_gain(family)
+    for factor in (0.3, 0.7, 0.95):
+        weaker = static_controller(designed.task, factor * best.gain)
+        member = next(m for m in family.members if best.where.startswith(f"{m.condition}, d"))
+        free = member.loop(passive_controller(weaker), 0.0)
+        peaks = [response_peak(member.loop(weaker, d), member.roll) for d in family.delays]
+        assert max(peaks) / response_peak(free, member.roll) >= best.peak_ratio - 1e-3
+    beyond = family.margins(static_controller(designed.task, 1.05 * best.largest))
+    worst = beyond.worst_sensitivity.margins
+    assert worst.sensitivity > 1.7 or beyond.worst_gain.margins.gain_db < 8.0
+
+
+def test_the_certified_level_is_above_every_constant_delays_and_close():
+    task = task_of(*DELAYS["500k"])
+    family = family_of(task)
+    member, gain = family.members[0], -12500.0
+    few = switched_loop(member, gain, delay_grid(member, family.delays, 0.01, 2e-3), 0.01)
+    point = certify_level(few, 0.0, Clock())
+    assert point is not None
+    level = np.sqrt(point.level_squared)
+    exact = []
+    for delay in family.delays:
+        loop = member.loop(static_controller(task, gain), delay)
+        exact.append(response_peak(loop, member.roll) / LEVEL_UNIT)
+    assert max(exact) < level < 1.02 * max(exact)
+    many = switched_loop(member, gain, delay_grid(member, family.delays, 0.01, FINE), 0.01)
+    values = {"p": point.p, "weight": 0.0, "epsilon": 0.0}
+    assert worst_eigenvalue(many, level_squared=1.001 * point.level_squared, **values) < 0.0
+    assert worst_eigenvalue(many, level_squared=0.98 * max(exact) ** 2, **values) > 0.0
+
+
+def test_the_certificates_loop_is_the_sampled_loop():
+    task = task_of(*DELAYS["gateway_20ms"])
+    family = family_of(task)
+    member, gain = family.members[0], -9000.0
+    for delay in (*family.delays, member.filtered, member.filtered + 0.02):
+        loop = switched_loop(member, gain, np.array([delay, family.delays[-1]]), 0.01)
+        system = control.ss(loop.a[0], loop.b[0][:, :1], loop.z, 0, 0.01)
+        direct = member.loop(static_controller(task, gain), delay)
+        expected = control.ss(
+            direct.closed, direct.noise, np.r_[member.roll, np.zeros(len(direct.a) - 13)], 0, 0.01
+        )
+        for frequency in (0.5, 8.0, 40.0):
+            z = np.exp(1j * frequency * 0.01)
+            assert system(z) * LEVEL_UNIT == pytest.approx(expected(z), rel=1e-6)
+
+
+def test_switching_delays_stay_below_the_certified_level():
+    """The loop under delays that change at random amplifies less than is certified."""
+    task = task_of(*DELAYS["500k"])
+    family = family_of(task)
+    member, gain = family.members[0], -14000.0
+    grid = delay_grid(member, family.delays, 0.01, 2e-3)
+    loop = switched_loop(member, gain, grid, 0.01)
+    point = certify_level(loop, 0.0, Clock())
+    assert point is not None
+    random = np.random.default_rng(1)
+    x = np.zeros(len(loop.a[0]))
+    rolled = pushed = 0.0
+    for k in range(4000):
+        i = random.integers(len(loop.a))
+        d = np.sin(6.0 * 0.01 * k) if k < 3000 else 0.0
+        rolled += float(loop.z[0] @ x) ** 2
+        pushed += d**2
+        x = loop.a[i] @ x + loop.b[i][:, 0] * d
+    assert 0.5 < np.sqrt(rolled / pushed) / np.sqrt(point.level_squared) < 1.0
+
+
+def test_the_trigger_is_a_bounded_error_in_the_certificate():
+    task = task_of(*DELAYS["500k"])
+    answer = design("hinf_event", task)
+    assert answer.is_verified
+    assert answer.verified["event_small_gain"].value < 0.54
+    plain = design("hinf_delay", task)
+    assert answer.controller.output_gain[0] == plain.controller.output_gain[0]
+    held = answer.solution.extra["certified_peak_ratio"]
+    assert plain.solution.extra["certified_peak_ratio"] < held < 1.0
+
+
+def test_where_no_gain_helps_one_line_says_so():
+    with pytest.raises(VerdictError, match="turns damping into excitation") as refusal:
+        design("hinf_delay", task_of(*GATEWAY_50MS))
+    assert "\n" not in str(refusal.value)
+    with pytest.raises(VerdictError, match="no resonance for a damper to take"):
+        design("hinf_delay", task_of(*DELAYS["500k"], vehicle="suv_2020"))
+
+
+def test_the_theorem_keeps_its_gain_and_fails_on_the_car():
+    answer = design("hinf_delay", task_of(*DELAYS["500k"], gains="theorem"))
+    assert answer.controller.output_gain[0] == pytest.approx(-85237.0, rel=0.01)
+    assert not answer.is_verified
+    assert answer.verified["gamma_exact"].ok
+    assert answer.verified["gain_margin_db"].value < 0.0
+    assert any("NOT VERIFIED: hinf_delay with the gains of the" in text for text in answer.warnings)
+    with pytest.raises(CanrollError, match="--gains theorem: lqr has none"):
+        design("lqr", task_of(0.01, 0.02, gains="theorem"))
+
+
+def test_a_design_without_margins_is_detuned_and_says_where_it_failed():
+    answer = design("rate_feedforward", task_of(*DELAYS["500k"]))
+    assert answer.is_verified
+    told = answer.warnings[-1]
+    assert "command reduced by" in told
+    assert "gain margin is" in told
+    assert "delay 23.1 ms" in told
+
+
+def test_the_free_peak_is_the_passive_cars():
+    family = family_of(task_of(*DELAYS["500k"]))
+    member = family.members[0]
+    still = static_controller(task_of(*DELAYS["500k"]), 0.0)
+    assert free_peak(member) == pytest.approx(
+        response_peak(member.loop(still, 0.01), member.roll), rel=1e-3
+    )

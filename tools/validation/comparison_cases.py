@@ -1,0 +1,182 @@
+"""The same steering for the 14-DOF plant and for the multi-body car, and how far they differ."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.typing import Vector
+from plant_sim import bodies
+from plant_sim.bodies import ports
+from plant_sim.bodies.ports import initial_inputs
+from plant_sim.driving import maneuvers
+from plant_sim.world.open_loop import advance, run_passive
+from tools.validation.multi_body import STEP, Motion
+from vehicles import GRAVITY, Vehicle
+from vehicles.model import Kinematics
+
+NONLINEAR = bodies.body("nonlinear")
+SUBSTEPS = 10
+"""Steps of our plant in one of the table: the multi-body car's tyres have no relaxation, ours as
+little as such a step allows."""
+
+RELAXATION = 2e-3
+DRIVABLE_RELAXATION = 0.1
+"""Relaxation lengths (m): of the comparison, and of the car that the driver steers at 1 ms."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A steering table (rad, a value a millisecond) at an entry speed (m/s).
+
+    ``moments`` (n, 2) are anti-roll moments of front and rear axle (N·m).
+    """
+
+    name: str
+    speed: float
+    steer: Vector
+    moments: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """RMS of the difference over that of the multi-body car; of loads, of their change."""
+
+    yaw_rate: float
+    roll: float
+    lateral_acceleration: float
+    loads: float
+
+
+def in_common(vehicle: Vehicle, *, scrub: bool = True) -> Vehicle:
+    """Return ``vehicle`` with what the multi-body car has as well, and nothing else.
+
+    Tyres linear in load with one stiffness per load, dampers linear, no stops, no rolling
+    resistance; unsprung masses in balance about the CG. ``scrub``: contact patches that move as
+    the roll centres have it, as those of a multi-body car must.
+    """
+    geometry, mass = vehicle.geometry, vehicle.mass
+    front = geometry.static_front_share
+    unsprung = mass.unsprung_front + mass.unsprung_rear
+    tyre = vehicle.tyre
+    cornering = tyre.cornering_stiffness_front + tyre.cornering_stiffness_rear
+    return replace(
+        vehicle,
+        mass=replace(mass, unsprung_front=front * unsprung, unsprung_rear=(1 - front) * unsprung),
+        suspension=replace(
+            vehicle.suspension,
+            rebound_bump_ratio=1.0,
+            high_speed_ratio=1.0,
+            bump_clearance=1.0,
+            rebound_clearance=1.0,
+        ),
+        tyre=replace(
+            tyre,
+            cornering_stiffness_front=front * cornering,
+            cornering_stiffness_rear=(1 - front) * cornering,
+            friction_load_slope=0.0,
+            cornering_load_slope=0.0,
+            vertical_damping=0.0,
+            rolling_resistance=0.0,
+            relaxation_length=RELAXATION,
+        ),
+        kinematics=Kinematics(1.0) if scrub else None,
+    )
+
+
+def lane_change(vehicle: Vehicle, speed_kmh: float) -> Case:
+    """ISO 3888-1 as the project's driver steers ``vehicle`` through it."""
+    longer = max(vehicle.tyre.relaxation_length, DRIVABLE_RELAXATION)
+    drivable = replace(vehicle, tyre=replace(vehicle.tyre, relaxation_length=longer))
+    maneuver = maneuvers.build("double_lane_change", drivable, speed_kmh / 3.6)
+    steer = run_passive(drivable, NONLINEAR, maneuver)[1]
+    return Case(f"double lane change, {speed_kmh:g} km/h", speed_kmh / 3.6, steer)
+
+
+def step(angle_deg: float = 2.0, speed_kmh: float = 80.0) -> Case:
+    """Road wheels turned at once, after half a second."""
+    steer = np.where(np.arange(4000) < 500, 0.0, np.radians(angle_deg))
+    return Case(f"step of {angle_deg:g}°, {speed_kmh:g} km/h", speed_kmh / 3.6, steer)
+
+
+def sine(hertz: float, angle_deg: float = 1.0, speed_kmh: float = 80.0) -> Case:
+    """Five seconds of a sine that grows over the first."""
+    time = np.arange(5000) * STEP
+    steer = np.radians(angle_deg) * np.sin(2 * np.pi * hertz * time) * np.minimum(time, 1.0)
+    name = f"sine of {angle_deg:g}° and {hertz:g} Hz, {speed_kmh:g} km/h"
+    return Case(name, speed_kmh / 3.6, steer)
+
+
+def moment_sine(
+    vehicle: Vehicle, hertz: float, size: float = 1000.0, speed_kmh: float = 80.0
+) -> Case:
+    """Five seconds of a moment (N·m) going straight, shared by the axles as their load."""
+    time = np.arange(5000) * STEP
+    moment = size * np.sin(2 * np.pi * hertz * time) * np.minimum(time, 1.0)
+    front = vehicle.geometry.static_front_share
+    name = f"moment of {size:g} N·m and {hertz:g} Hz, {speed_kmh:g} km/h"
+    return Case(name, speed_kmh / 3.6, np.zeros(time.size), np.outer(moment, (front, 1.0 - front)))
+
+
+def cases(vehicle: Vehicle) -> Iterator[Case]:
+    """Yield all cases for ``vehicle``."""
+    yield from (lane_change(vehicle, speed) for speed in (60.0, 80.0, 100.0))
+    yield step()
+    yield from (sine(hertz) for hertz in (0.5, 1.0, 2.0, 3.0))
+    yield from (moment_sine(vehicle, hertz) for hertz in (0.5, 1.0, 3.0, 5.0))
+
+
+def drive_plant(vehicle: Vehicle, case: Case) -> Motion:
+    """Drive our plant through ``case``, coasting."""
+    state, parameters = NONLINEAR.build(vehicle, case.speed)
+    inputs, outputs = initial_inputs(), np.zeros(ports.N_OUTPUTS)
+    rows = np.empty((case.steer.size, ports.N_OUTPUTS))
+    for i, angle in enumerate(case.steer):
+        inputs[ports.STEER] = angle
+        if case.moments is not None:
+            inputs[[ports.BAR_MOMENT_FRONT, ports.BAR_MOMENT_REAR]] = case.moments[i]
+        for _ in range(SUBSTEPS):
+            advance(NONLINEAR.step, state, inputs, parameters, outputs, STEP / SUBSTEPS)
+        rows[i] = outputs
+    loads = rows[:, ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4]
+    return Motion(rows[:, ports.YAW_RATE], rows[:, ports.ROLL], rows[:, ports.AY], loads)
+
+
+def difference(ours: Motion, theirs: Motion) -> Difference:
+    """Return how far our motion is from theirs."""
+
+    def share(of: str) -> float:
+        mine, other = getattr(ours, of), getattr(theirs, of)
+        change = other - other[0] if of == "loads" else other
+        return float(np.sqrt(np.mean((mine - other) ** 2) / np.mean(change**2)))
+
+    return Difference(*(share(of) for of in Motion._fields))
+
+
+def balance(vehicle: Vehicle, motion: Motion) -> tuple[float, float, float]:
+    """Return what holds the car up at the end of a steady case about the line between its wheels.
+
+    Returns:
+        transferred: moment of the wheel loads (N·m).
+        required: by the forces' balance of the whole car at small angles: m a_y at the CG's height
+            and the weight of body and axles beside that line.
+        unbalanced: what a car leaves out whose springs push axles along the body's vertical without
+            an arm where they do (N·m).
+    """
+    geometry, plant, tyre = vehicle.geometry, vehicle.plant, vehicle.tyre
+    tracks = geometry.half_track_front, geometry.half_track_rear
+    heights = geometry.roll_centre_height_front, geometry.roll_centre_height_rear
+    unsprung = vehicle.mass.unsprung_front, vehicle.mass.unsprung_rear
+    shares = geometry.static_front_share, 1 - geometry.static_front_share
+    loads, roll = motion.loads[-1].reshape(2, 2), motion.roll[-1]
+    apart = loads[:, 1] - loads[:, 0]
+    tilts = apart / (2 * tyre.vertical_stiffness * np.array(tracks))
+    weights = plant.sprung_mass * GRAVITY * np.array(shares)
+    beside = weights.sum() * plant.cg_height_above_roll_axis * roll
+    beside += (weights * heights + GRAVITY * np.array(unsprung) * tyre.radius) @ tilts
+    return (
+        float(apart @ tracks),
+        float(vehicle.total_mass * motion.lateral_acceleration[-1] * vehicle.cg_height + beside),
+        float((weights * (tyre.radius - np.array(heights))) @ (roll - tilts)),
+    )
