@@ -105,13 +105,13 @@ def main():
     each = (time.process_time() - start) / 1_000_000
     print(f"exact length of an 8-byte frame: {each * 1e9:.0f} ns, {each / unit:.0f} yardsticks")
     rates = {}
-    for messages in (10, 12, 20, 50, 100, 200):
+    for messages in (10, 12, 20, 50, 100, 200, 500, 1000):
         rates[messages] = rate(messages, frames=options.frames, runs=options.runs)
         print(
             f"{messages:4} messages: {rates[messages] / 1e6:5.2f} M frames/s,"
             f" {1.0 / rates[messages] / unit:5.0f} yardsticks a frame"
         )
-    print(f"cost of a frame, 200 messages to 10: {rates[10] / rates[200]:.2f}")
+    print(f"cost of a frame, 1000 messages to 10: {rates[10] / rates[1000]:.2f}")
     costs = {
         name: cost_of_a_frame(name, frames=5_000, runs=options.runs, **more)
         for name, more in (("virtual", {}), ("simbus", {"virtual_time": True}))

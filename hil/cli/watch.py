@@ -112,7 +112,7 @@ def watch_in_browser(args: argparse.Namespace, seen: Observation, until: float) 
     def announce(url: str) -> None:
         if not server.is_loopback(host):
             print(f"note: anyone who can reach {host} can watch too", file=out)
-        print(f"watching at {url} (Ctrl-C ends)", file=out, flush=True)
+        print(f"watching at {url} (Ctrl-C to stop)", file=out, flush=True)
 
     link = open_link(args)
     try:
@@ -141,7 +141,7 @@ def view(summary: Mapping[str, Any], seen: Observation) -> Group:
         ("moment commanded", summary["moment_command_nm"], "{:+.0f} N·m"),
         ("moment delivered, front", front, "{:+.0f} N·m"),
         ("moment delivered, rear", rear, "{:+.0f} N·m"),
-        ("commands a sample", trigger, "{:.2f}"),
+        ("commands per sample", trigger, "{:.2f}"),
         ("bus load", summary["load"], "{:.1%}"),
     ):
         table.add_row(name, "–" if value is None else _form(form, value))

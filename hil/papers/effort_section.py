@@ -110,13 +110,14 @@ def _arsenal(law: str) -> tuple[Entry, Entry]:
 
 
 SHORTER = (
-    "Not the paper's delays: on gateway_50ms, with up to 130 ms from sample to force, no roll-rate "
-    "gain makes this van roll less, so that hinf_delay, which sets the "
-    "effort, would be missing; gateway_20ms takes up to 50 ms."
+    "Not the delays of the paper: on gateway_50ms, with up to 130 ms from sample to force, no "
+    "roll-rate gain reduces the roll of this van, so hinf_delay, which defines the effort, would "
+    "be missing; gateway_20ms takes up to 50 ms."
 )
 BUSIER = (
-    "The paper's gateway is in the table of the 2021 paper for this van; here it is a busy slow "
-    "bus, on which hinf_delay and hinf_event are both certified (up to 26 ms)."
+    "The results for the paper's gateway are in the table of the 2021 paper for this van; here "
+    "the bus is slow and busy, with delays up to 26 ms for which both hinf_delay and hinf_event "
+    "are certified."
 )
 
 _MOOSE: dict[str, Any] = {"plant": "nonlinear", "actuator": "bars", "speed_kmh": 80.0}
@@ -192,11 +193,11 @@ def _section(
     )
     report(title, 1.0)
     notes = [
-        f"{runs} paired runs, the same seeds for every law. Tuned laws are scaled over these runs "
-        f"to one RMS moment, {found.budget:.0f} N·m, that of hinf_delay; printed gains and laws "
-        "that command valve currents run at an effort of their own. Above the bound: how much more "
-        "roll, RMS, than the least that any moment of the law's effort could leave, if it were "
-        "chosen with knowledge of the whole manoeuvre.",
+        f"{runs} paired runs with the same seeds for every law. Tuned laws are scaled to the same "
+        f"RMS moment over these runs, {found.budget:.0f} N·m, that of hinf_delay; printed gains "
+        "and laws that command valve currents keep their own effort. Above the bound: excess of "
+        "the RMS roll angle over the smallest that any moment of the same effort could achieve "
+        "with knowledge of the whole manoeuvre.",
         _lowered(found),
         _plain_share(found),
         setting.choice,
@@ -217,9 +218,10 @@ def _lowered(found: Comparison) -> str:
         return ""
     reference = next(row for row in found.rows if row.entry.name == found.reference)
     return (
-        f"{found.reference} as designed is in a limit cycle in {designed.cycles} of {found.runs} "
-        "runs: its certificate is of the linear roll model, not of this vehicle's wheels and "
-        f"tyres; {reference.factor:g} of its gain is the most, in tenths, that makes none."
+        f"{found.reference} as designed has a limit cycle in {designed.cycles} of {found.runs} "
+        "runs, because its certificate applies to the linear roll model and not to wheels and "
+        f"tyres of this vehicle; {reference.factor:g} is the largest factor on its gain, in steps "
+        "of a tenth, without a limit cycle."
     )
 
 
@@ -233,8 +235,8 @@ def _plain_share(found: Comparison) -> str:
         for law in ("ay_feedforward", "lqg_delay")
     )
     return (
-        f"The plain feedforward of the lateral acceleration alone takes {plain:.1f} % off "
-        f"{found.reference}'s RMS roll angle, lqg_delay {ours:.1f} %."
+        "Feedforward of the lateral acceleration alone reduces the RMS roll angle of "
+        f"{found.reference} by {plain:.1f} %, lqg_delay by {ours:.1f} %."
     )
 
 
@@ -289,7 +291,7 @@ def pareto(paper: str, setting: Setting) -> Figure:
     return Figure(
         f"{paper}-pareto", f"Roll against effort: {setting.title}", "RMS moment (N·m)",
         "RMS roll angle (deg)", curves, unit="N·m", group=paper, linked=False, zero=True,
-        note="lower and further left is better; a curve ends at four times the law's gain, or "
-        f"where its loop swings into a limit cycle; means of {PARETO_RUNS} runs; bound: the least "
-        "roll that any moment leaves, chosen with knowledge of the whole manoeuvre",
+        note="lower and further left is better; a curve ends at four times the law's gain, or at "
+             f"the onset of a limit cycle; means of {PARETO_RUNS} runs; bound: smallest roll that "
+             "any moment can achieve with knowledge of the whole manoeuvre",
     )  # fmt: skip

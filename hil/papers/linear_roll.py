@@ -90,18 +90,18 @@ def chatter(results: Mapping[str, Result]) -> Section:
             "limit_cycle": "limit cycle",
         },
         rows,
-        "The paper finds its control input below 1.5 Hz. The delay-aware gain agrees; the "
-        "delay-unaware one, as printed, is a limit cycle between the actuators' limits.",
+        "The paper reports control action below 1.5 Hz. The delay-aware gain agrees; the "
+        "delay-unaware gain, as printed, causes a limit cycle between the actuator limits.",
     )
 
 
 MS = 1e3
 NOTE = (
-    "γ: exact H∞ level over frequencies, whatever theorem found the gain, at the longest delay "
-    "that the law knows of on this net (hinf_nodelay: none); none: the loop is not stable there, "
-    "or the law has no level. Least γ: of any gain of this structure at that delay. Admits: the "
-    "largest constant delay from sample to force at which the design model is stable; any: at "
-    "every delay."
+    "γ: exact H∞ level on a frequency grid, independent of the theorem used for the design, at "
+    "the longest delay that the law accounts for on this network (hinf_nodelay: none); none: the "
+    "loop is unstable there, or the law has no level. Least γ: the lowest that a gain of this "
+    "structure can achieve at that delay. Admits: largest constant delay from sample to force at "
+    "which the design model is stable; any: stable at every delay."
 )
 
 

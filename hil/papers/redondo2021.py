@@ -32,26 +32,27 @@ FIGURES = {
     "nlt_rear": "nlt_rear_max",
 }
 STEADY = (
-    "in steady cornering the roll rate is zero, so that a roll-rate gain of any size leaves the "
-    "roll angle as it is; the printed reduction cannot come from the printed law"
+    "in steady cornering the roll rate is zero, so roll-rate feedback of any gain leaves the "
+    "roll angle unchanged; the printed reduction cannot come from the printed law"
 )
 FAST = (
-    "120 km/h on a radius of 22 m takes 50 m/s², five times what tyres give: the car leaves the "
-    "circle, and how it does so depends on tyres and driver, which are not printed"
+    "120 km/h on a radius of 22 m requires 50 m/s², five times what tyres can provide: the car "
+    "leaves the circle, and how depends on tyres and driver, which are not printed"
 )
 TRANSFER = (
-    "tyres must carry m h a_y whatever the body does; control moves only the part m g h φ, so that "
-    "load transfer cannot fall as the roll angle does; the printed one does"
+    "the tyres must carry m h a_y in any case; control affects only the part m g h φ, so load "
+    "transfer cannot fall in proportion to the roll angle as it does in the paper"
 )
 DELAYED = (
-    "on the paper's own 1-DOF model, after its 100 ms and nothing else, the printed gain takes "
-    "{rms:.0f} % off the RMS and {max:.0f} % off the largest roll angle of this lane change; tick, "
-    "actuator, tyres and a bus that takes up to {bus:.0f} ms leave less"
+    "on the paper's 1-DOF model with only its 100 ms delay, the printed gain reduces RMS roll by "
+    "{rms:.0f} % and maximum roll by {max:.0f} % in this lane change; tick, actuator, tyres and "
+    "a bus delay of up to {bus:.0f} ms reduce the benefit"
 )
 
 GAINS = (
-    "The printed −84.06 is read as per degree, −1.29e6 as per radian: neither unit is printed. The "
-    "printed level is below the least that any roll-rate gain has at this net's delays."
+    "The printed −84.06 is interpreted as per degree and −1.29e6 as per radian, since no units "
+    "are printed. The printed level is lower than any roll-rate gain can achieve with the delays "
+    "of this network."
 )
 
 
@@ -104,14 +105,16 @@ def _reason(test: str, row: str, quantity: str, result: Result) -> str:
     if test == "roundabout_120":
         return FAST
     if row == "passive":
-        return "the plant is calibrated on the 1-DOF model; the nonlinear car differs by so much"
+        return (
+            "the plant is calibrated with the 1-DOF model; the nonlinear car deviates by this much"
+        )
     if quantity.startswith("nlt"):
         return TRANSFER
     return STEADY if test == "roundabout_30" else _delayed(result)
 
 
 def _delayed(result: Result) -> str:
-    """Say what the printed gain does to this lane change where nothing but its delay is in it."""
+    """Return the effect of the printed gain on this lane change with its delay alone."""
     model = result.settings.vehicle.design
     gain = PRINTED_DELAY_GAIN * ROLL_RATE
     lateral = result.passive.signals["ay"]

@@ -19,11 +19,11 @@ UNITS = {"rms": "RMS", "nlt": "NLT", "db": "(dB)", "percent": "(%)"}
 def legend() -> str:
     """Return the meaning of the verdicts."""
     return (
-        f"Reproduced: within {100 * TOLERANCE:.0f} % of the printed number. Same ordering: further "
-        "off, but on the same side of every other number of its table and quantity (a number that "
-        f"stands alone: same sign and at least {100 * LEAST_SHARE:.0f} % of it). Not reproducible: "
-        "neither, with the reason that was found. Plants are calibrated on passive rows alone; "
-        "those are marked."
+        f"Reproduced: within {100 * TOLERANCE:.0f} % of the printed number. Same ordering: a "
+        "larger deviation, but on the same side of every other number of its table and quantity "
+        f"(a number without others: same sign and at least {100 * LEAST_SHARE:.0f} % of it). Not "
+        "reproducible: neither, with the reason found. Plants are calibrated on passive rows "
+        "only; these rows are marked."
     )
 
 

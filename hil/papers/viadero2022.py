@@ -30,28 +30,28 @@ FIGURES = {
     "roll_max": "roll_max_deg",
 }
 MISPRINT = (
-    "the printed 4.15 is 1.16 times the printed RMS of 3.57; a lane change has a crest factor of 2 "
-    "to 3 (2.7 in the paper's own run at 120 km/h): a misprint"
+    "the printed 4.15 is 1.16 times the printed RMS of 3.57, but a lane change has a crest "
+    "factor of 2 to 3 (2.7 in the paper's own run at 120 km/h): a misprint"
 )
 COURSE = (
     "from 100 to 120 km/h the printed passive roll angle grows by 11 % (RMS) and not at all "
-    "(largest); on one course it grows with the square of the speed, by 44 %: the course must have "
-    "been another, which is not printed"
+    "(maximum); on the same course it would grow with the square of the speed, by 44 %: the "
+    "courses must differ, and they are not printed"
 )
 TRIGGER = (
-    "the paper's trigger sits at the sensor, compares measurements and knows no heartbeat; ours "
-    "compares the command with the acknowledged one, has a floor above the noise, and a heartbeat "
-    "every 140 ms"
+    "the paper's trigger is at the sensor, compares measurements and has no heartbeat; ours "
+    "compares the command with the acknowledged one and has a floor above the noise and a "
+    "heartbeat of 140 ms"
 )
 COURSE_RATE = (
-    "the plant is calibrated on the roll angle; how fast it changes is up to course and driver, "
+    "the plant is calibrated on the roll angle; the roll rate depends on course and driver, "
     "which are not printed"
 )
-MODEL = "tyres, unsprung masses and the actuator's lag, which the paper leaves out, take their part"
+MODEL = "tyres, unsprung masses and actuator lag, which the paper neglects, contribute"
 
 GAINS = (
-    "The printed gain is larger than the recomputed one, and its exact level at this net's delays "
-    "is above the printed one even without the trigger."
+    "The printed gain is larger than the recomputed one, and its exact level with the delays of "
+    "this network exceeds the printed level even without the trigger."
 )
 
 
@@ -114,7 +114,7 @@ def recompute(report: Progress) -> Recomputed:
 
 
 def _instants(result: Result) -> Figure:
-    """Figures 5 and 7 of the paper: when a command was sent, and how long it then held."""
+    """Figures 5 and 7 of the paper: when commands were sent, and how long each was held."""
     assert result.controlled is not None
     ticks = result.controlled.ticks
     curves = []
@@ -125,7 +125,7 @@ def _instants(result: Result) -> Figure:
         curves.append(Series(name, sent[kind], gaps[kind], colour, kind="points"))
     return Figure(
         f"{PAPER}-instants", "Lane change at 100 km/h: triggering instants", "time (s)",
-        "ms until the next", curves, unit="s", group=PAPER, linked=False, zero=True,
+        "time to the next (ms)", curves, unit="s", group=PAPER, linked=False, zero=True,
     )  # fmt: skip
 
 

@@ -103,7 +103,7 @@ def readings(result: Result) -> Section:
         as_printed[f"{quantity}_change_percent"] = 100 * change
     return Section(
         "readings_of_y",
-        "Both readings of y, with the printed gain and P",
+        "Both interpretations of y, with the printed gain and P",
         {
             "reading": "y",
             "printed_multipliers_gamma_squared_20_ms": "γ² by the printed P, R, S, 20 ms",
@@ -121,11 +121,11 @@ def readings(result: Result) -> Section:
             "roll_rate_max_change_percent": "rate max (%)",
         },
         [*rows, as_printed],
-        "None: no level is certified, no delay is admitted, or nothing usable is printed. "
-        f"{_multipliers(rows)} The paper prints no inequality: it is the bounded-real one on "
-        "[x, q, e, w] of the theory notes. The lane change is the 1-DOF "
-        "model under the lateral acceleration of the passive run at 100 km/h, sampled every 20 ms, "
-        "20 ms late, without trigger.",
+        "None: no level is certified, no delay is admissible, or no usable value is printed. "
+        f"{_multipliers(rows)} The paper does not print the inequality; the bounded-real "
+        "inequality on [x, q, e, w] of the theory notes is used. The lane change is the 1-DOF "
+        "model under the lateral acceleration of the passive run at 100 km/h, sampled every 20 "
+        "ms with a delay of 20 ms, without trigger.",
         upright=True,
     )
 
@@ -139,7 +139,9 @@ def _multipliers(rows: Sequence[Mapping[str, Value]]) -> str:
         for delay in ("20_ms", "40_ms")
     )
     return f"R = {tables['lyapunov_r']:.2g} and S = {tables['lyapunov_s']:.3g} as printed " + (
-        "certify a level." if holds else "certify nothing with any Ω, for either reading of y."
+        "certify a level."
+        if holds
+        else "certify no level with any Ω, for either interpretation of y."
     )
 
 
@@ -181,7 +183,7 @@ def places(result: Result) -> Section:
     ]
     return Section(
         "place_of_trigger",
-        "The trigger's place, lane change at 100 km/h",
+        "Location of the trigger, lane change at 100 km/h",
         {
             "place": "place",
             "rule": "rule",
@@ -190,12 +192,12 @@ def places(result: Result) -> Section:
             "commands_percent": "commands sent (%)",
         },
         rows,
-        "The paper's trigger looks at the measurement before the network: one hop in its delay, "
-        "fewer measurements too, and no knowledge of what the actuator holds. Ours looks at the "
-        "command against the one that the actuator acknowledged: two hops, at most "
-        f"{MS * delay.most:.0f} ms from motion to force here, and a lost frame is sent again. The "
-        "rule (9) is replayed on the roll rate of one and the same run; being relative, it goes on "
-        "firing while the motion dies away, with noise or without; the floor ends that.",
+        "The paper's trigger compares measurements before the network: one hop of delay and "
+        "fewer measurements, but no knowledge of the state of the actuator. Ours compares the "
+        "command with the one acknowledged by the actuator: two hops, here at most "
+        f"{MS * delay.most:.0f} ms from motion to force, and a lost frame is sent again. Rule (9) "
+        "is replayed on the roll rate of the same run; being relative, it keeps firing while the "
+        "motion decays, with or without noise; the floor prevents that.",
     )
 
 
@@ -239,7 +241,7 @@ def load_and_bound(runs: dict[str, Result]) -> Section:
         f"Mean load and worst case, bus {BUS}",
         labels,
         rows,
-        "Triggering takes frames off the bus on average. The rule may fire in every tick all the "
-        "same, so the tick stays the least distance of two commands and every worst-case response "
-        "time (Davis et al. 2007) stays what it is.",
+        "Triggering reduces the average number of frames. Since the rule may still fire in every "
+        "tick, the minimum distance of two commands remains the tick, and every worst-case "
+        "response time (Davis et al. 2007) remains the same.",
     )

@@ -86,10 +86,10 @@ def ideal_beside(paper: str, result: Result) -> tuple[Section, Figure]:
             "current_max_a": "current max (A)",
         },
         rows,
-        "All under the steering of the compensator's run; without control the hydraulic bars are "
-        "in the car and idle. The ideal law is designed on this very car, reads its 26 states at "
-        "once and has valves without limits; the compensator runs as fixed-point "
-        "firmware over the bus, every 10 ms, on what the ECU's sensors read.",
+        "All runs use the steering of the compensator's run; without control the hydraulic bars "
+        "are installed but idle. The ideal law is designed for this very car, reads its 26 "
+        "states without delay and has unlimited valves; the compensator runs as fixed-point "
+        "firmware over the bus, every 10 ms, with the ECU's sensors.",
     )
     dashes = (DASHED, DOTTED, SOLID)
     curves = [
@@ -123,28 +123,29 @@ BODE = {
     "force_rear_right": "hop_rl_db",
 }
 INTERNAL = (
-    "the torque of a bar is internal to the car: the load transfer of both axles is fixed by the "
-    "moment balance, and bars only shift it between them; a drop like the printed one takes a "
-    "torque without reaction. On the car as printed, feedback closed on the four road inputs too, "
-    "as the paper's B = [B1, B2] reads and no actuator can, comes nearest: {roads:.1f} dB"
+    "the torque of a bar is internal to the car: the moment balance determines the total load "
+    "transfer of both axles, and bars only shift it between them; a reduction like the printed "
+    "one would need a torque without reaction. For the car as printed, the closest result, "
+    "{roads:.1f} dB, is obtained with feedback on the four road inputs as well, as the paper's B "
+    "= [B1, B2] suggests and no actuator can provide"
 )
 WEIGHTS = (
-    "units are not printed: weights on a pressure in Pa leave the bars idle; in MPa, with the "
-    "printed weight of 1 on the currents, roll falls by {printed:.1f} dB and the valves are asked "
-    "for hundreds of ampere; here that weight is {weight:g}"
+    "units are not printed: with pressures in Pa the weights leave the bars idle; with MPa and "
+    "the printed current weight of 1, roll falls by {printed:.1f} dB and the valves would need "
+    "hundreds of amperes; the weight used here is {weight:g}"
 )
 BARS = (
-    "the compensator feeds back what the inertial sensors tell, not 26 measured states; of the "
-    "paper's weights the units are not printed: pressures are in MPa here, the weight of the "
-    f"currents is {INPUT_WEIGHT:g}"
+    "the compensator uses the inertial sensors, not 26 measured states; the units of the paper's "
+    "weights are not printed: pressures are in MPa here, and the weight of the currents is "
+    f"{INPUT_WEIGHT:g}"
 )
 DRIVER = (
-    "one driver and course for all speeds, calibrated at 100 km/h; the paper's course and driver "
-    "are not printed"
+    "one driver and course for all speeds, calibrated at 100 km/h; those of the paper are not "
+    "printed"
 )
 TRANSFER = (
-    "load transfer is fixed by the moment balance: bars cannot take it away, only shift it between "
-    "the axles; the printed drop takes a torque without reaction"
+    "the moment balance determines the total load transfer: bars can only shift it between the "
+    "axles; the printed reduction would need a torque without reaction"
 )
 
 

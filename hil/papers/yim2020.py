@@ -62,9 +62,9 @@ def case_1(common: Mapping[str, Any], report: Progress) -> Section:
             "moment_step_rms_nm": "RMS change per tick (N·m)",
         },
         rows,
-        "The paper prints no number for this case: figures 7, 8 and 11 show it, near those of "
-        "cases 2 and 3 but for the noise in the moment. RollReference carries the plant's true "
-        "signals, so that what is left in the change per tick is the motion itself.",
+        "The paper prints no numbers for this case; figures 7, 8 and 11 show that it is close to "
+        "cases 2 and 3 except for the noise of the moment. RollReference carries the true "
+        "signals of the plant, so the remaining change per tick is the motion itself.",
     )
 
 
@@ -105,33 +105,33 @@ PASSIVE_COLUMNS = ("roll_max", "roll_rate_max")
 FEEDBACK_COLUMNS = (*PASSIVE_COLUMNS, "moment_max", "roll_error_max")
 COLUMNS = (*FEEDBACK_COLUMNS, "lateral_error_max")
 MANOEUVRE = (
-    "driver, course and springs of the paper's 27-DOF car are not printed; the plant is calibrated "
-    "on the passive roll angle alone"
+    "driver, course and springs of the paper's 27-DOF car are not printed; the plant is "
+    "calibrated on the passive roll angle only"
 )
 FEEDFORWARD = (
-    "u = −m h â_y cancels the disturbance but for the actuator's lag; what is printed as left over "
-    "takes an error of m h or of the roll stiffness that the paper does not state"
+    "u = −m h â_y cancels the disturbance except for the actuator lag; the printed residual "
+    "implies an error of m h or of the roll stiffness that the paper does not state"
 )
 GAINS = (
-    "the printed gains do not follow from the printed tables, and act here on a plant calibrated "
-    "on the passive run (softer than the printed one)"
+    "the printed gains do not follow from the printed tables, and here they act on a plant "
+    "calibrated on the passive run, which is softer than the printed one"
 )
 DAMPERS = (
-    "a damper only resists its stroke: it cannot hold a roll angle, and the plant calibrated on "
+    "a damper only resists its stroke and cannot hold a roll angle, and the plant calibrated on "
     "the passive run is soft; the paper's damper curve is not printed"
 )
 ASKED = (
-    "the moment commanded follows the roll angle, and the dampers leave more of that than printed; "
+    "the commanded moment follows the roll angle, which the dampers reduce less than printed; "
     "the paper's damper curve is not printed"
 )
 ESTIMATES = (
-    "from the roll rate alone the roll angle is not observable: its error is what gyro bias and "
-    "noise make of it, and neither is printed"
+    "the roll angle is not observable from the roll rate alone: its error is determined by gyro "
+    "bias and noise, which are not printed"
 )
 
 RECOMPUTED = (
-    "The printed gains do not follow from the printed weights and vehicle as they are read here; "
-    "for H∞ and SMC the paper leaves choices open besides."
+    "The printed gains do not follow from the printed weights and vehicle as interpreted here; "
+    "for H∞ and SMC the paper also leaves design choices open."
 )
 
 

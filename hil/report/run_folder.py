@@ -48,7 +48,7 @@ def check_parent(path: Path, *, out: Path | None = None) -> Path:
         CanrollError: there is no such folder, or ``path`` is a folder.
     """
     if path.parent != out and not path.parent.is_dir():
-        raise CanrollError(f"cannot write {path}: there is no folder {path.parent}")
+        raise CanrollError(f"cannot write {path}: no such folder {path.parent}")
     if path.is_dir():
         raise CanrollError(f"cannot write {path}: it is a folder")
     return path

@@ -22,9 +22,9 @@ NLT = (
     "wheel in the air."
 )
 NO_ROLL = (
-    f"{NLT} No roll at all: what is left of it if the body stays upright. Roll control "
-    "cannot take away more: the tyres must carry the lateral acceleration in any case. "
-    "Left blank on banked or uneven roads and with a wheel in the air, where it cannot be told."
+    f"{NLT} No roll at all: load transfer that remains with the body upright. Roll control cannot "
+    "reduce it further, because the tyres must carry the lateral acceleration in any case. Blank "
+    "on banked or uneven roads and with a wheel in the air, where it is undefined."
 )
 PLAYBACK_STEP = 0.02
 """Time between two pictures of the playback, s."""
@@ -61,7 +61,7 @@ def parameters(result: Result) -> list[tuple[str, str]]:
         ("observer", settings.observer),
         ("bus", settings.bus_name),
         ("loop", f"every {settings.tick * 1e3:g} ms, frames after {settings.run_time * 1e6:g} µs"),
-        ("commands", "when they matter" if settings.trigger == "event" else "every tick"),
+        ("commands", "event-triggered" if settings.trigger == "event" else "every tick"),
         ("firmware run by", settings.backend),
         ("seed", str(settings.seed)),
         (
@@ -101,8 +101,8 @@ def run_page(result: Result) -> str:
     rates = (
         f"Bus load {100 * result.can.load:.1f} %. {trigger.sent} commands in {trigger.samples} "
         f"ticks: transmission rate {100 * trigger.transmission_rate:.1f} %, "
-        f"{100 * trigger.transmission_rate_triggered:.1f} % without heartbeats; heartbeats alone "
-        f"take {100 * trigger.floor:.0f} %."
+        f"{100 * trigger.transmission_rate_triggered:.1f} % without heartbeats; heartbeats alone: "
+        f"{100 * trigger.floor:.0f} %."
     )
     head = metric_head(result, "without control", "with control")
     rows: list[tuple[str | Cell, ...]] = [(row.name, *row.numbers) for row in metric_rows(result)]

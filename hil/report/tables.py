@@ -84,7 +84,8 @@ def replay_note(result: Result) -> str:
         return ""
     if result.replay is not None:
         return (
-            "Replay: with control, steered as without it, nobody at the wheel, chassis control off."
+            "Replay: with control and the steering of the run without control, open loop, "
+            "chassis control off."
         )
     first, second = result.passive.signals["steer"], result.controlled.signals["steer"]
     if not np.array_equal(first, second):

@@ -12,7 +12,7 @@ from hil.report.tables import number
 
 PLOTS = (
     ("jitter", "Start after the deadline", (("tick", "start_jitter"), ("plant", "plant_jitter"))),
-    ("tick", "Duration of a tick, frames included", (("tick", "tick"),)),
+    ("tick", "Duration of a tick, including its frames", (("tick", "tick"),)),
     ("latency", "Sample to force", (("commands", "latency"),)),
 )
 """Id, title and histograms (name of the curve, key) of each plot."""

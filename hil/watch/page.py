@@ -58,7 +58,7 @@ class Plot:
         figure = Figure(
             self.id,
             self.title,
-            "time since the watch began (s)",
+            "time since start of the watch (s)",
             self.unit,
             [Series(c.name, none, none, c.colour, c.dash, c.kind) for c in self.curves],
             unit="s",
@@ -112,7 +112,7 @@ def plots(bitrate: int, *, assumed: bool) -> list[Plot]:
         bitrate: of the bus, bit/s.
         assumed: nobody said so.
     """
-    said = "assumed, as -b does not say" if assumed else "as given"
+    said = "assumed, not given by -b" if assumed else "as given"
     return [
         Plot(
             "roll", "Roll angle", "deg",
@@ -139,7 +139,7 @@ def plots(bitrate: int, *, assumed: bool) -> list[Plot]:
                 Curve("fault code active", "faults", [0], 2, kind="spans"),
             ],
             levels=MODES,
-            note="fault codes are sent twice a second; shorter ones are among the events",
+            note="fault codes are sent twice a second; see the events for shorter ones",
         ),
         Plot(
             "delays", "Delays seen on the bus", "ms",
@@ -152,8 +152,8 @@ def plots(bitrate: int, *, assumed: bool) -> list[Plot]:
             ],
             zero=True,
             least=10.0,
-            note="by the time stamps of the watching interface; a command may rest on an older "
-            "sample",
+            note="according to the time stamps of the watching interface; a command may use an "
+                 "older sample",
         ),
         Plot("rate", "Roll rate", "deg/s", [Curve("Imu", "imu", [0], 1)], least=0.5),
         Plot("ay", "Lateral acceleration", "m/s²", [Curve("Imu", "imu", [1], 1)], least=0.5),

@@ -184,7 +184,7 @@ class LiveStream:
     def _miss(self, side: str, t: float) -> None:
         """Record sides that are silent at ``t``."""
         if side not in self._silent and t - self._heard[side] > SILENT:
-            self._note(self._heard[side], f"{side} silent from here on")
+            self._note(self._heard[side], f"{side} silent from now on")
             self._silent.add(side)
 
     def _loads(self) -> None:
@@ -207,11 +207,11 @@ def state(seen: Observation, *, lost: bool = False) -> tuple[str, str, str]:
     heard = [duration for duration in silence.values() if duration is not None]
     ago = f"Last frame {min(heard):.1f} s ago." if heard else "No frame has been seen yet."
     if lost:
-        return "bad", "The bus is gone", f"{ago} Its server is tried again twice a second."
+        return "bad", "The bus is gone", f"{ago} Reconnecting twice a second."
     if not heard:
         return "none", "The bus is silent", ago
     if min(heard) > SILENT:
-        return "bad", "The bus is silent", f"{ago} Figures are the last ones seen."
+        return "bad", "The bus is silent", f"{ago} The figures are the last received."
     for side, duration in silence.items():
         if duration is None:
             return "bad", f"No {side} on the bus", "Only the other side has been heard."

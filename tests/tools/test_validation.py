@@ -23,7 +23,7 @@ def common(name, scrub=True):
 def differ(name, case, *, scrub=True, as_published=False):
     """Difference in per cent; the multi-body car has the parameters of the vehicle."""
     p = multi_body.parameters(common(name))
-    theirs = multi_body.simulate(p, case.speed, case.steer, as_published=as_published)
+    theirs = multi_body.simulate(p, case.speed, case.steer, case.moments, as_published=as_published)
     found = ours.difference(ours.drive_plant(common(name, scrub), case), theirs)
     return {of: 100 * getattr(found, of) for of in found.__slots__}
 
@@ -67,6 +67,21 @@ def test_step():
 def test_sines(hertz, roll, loads):
     found = differ("van_real", ours.sine(hertz))
     check(found, yaw_rate=1.5, roll=roll, lateral_acceleration=3.0, loads=loads)
+
+
+@pytest.mark.parametrize(
+    ("hertz", "yaw_rate", "roll"),
+    [
+        pytest.param(0.5, 0.5, 0.5, marks=SLOW),
+        (1.0, 0.4, 0.8),
+        (3.0, 5.0, 3.0),
+        pytest.param(5.0, 5.0, 7.5, marks=SLOW),
+    ],
+)
+def test_moments(hertz, yaw_rate, roll):
+    """The body's answer to an anti-roll moment, and the small yaw rate that comes with it."""
+    found = differ("van_real", ours.moment_sine(common("van_real"), hertz))
+    check(found, yaw_rate=yaw_rate, roll=roll, lateral_acceleration=8.0)
 
 
 def test_scrub_closes_the_gap():

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from canroll.typing import Vector
 from plant_sim import bodies
@@ -27,11 +28,15 @@ DRIVABLE_RELAXATION = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A steering table (rad, a value a millisecond) at an entry speed (m/s)."""
+    """A steering table (rad, a value a millisecond) at an entry speed (m/s).
+
+    ``moments`` (n, 2) are anti-roll moments of front and rear axle (N·m).
+    """
 
     name: str
     speed: float
     steer: Vector
+    moments: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,11 +108,23 @@ def sine(hertz: float, angle_deg: float = 1.0, speed_kmh: float = 80.0) -> Case:
     return Case(name, speed_kmh / 3.6, steer)
 
 
+def moment_sine(
+    vehicle: Vehicle, hertz: float, size: float = 1000.0, speed_kmh: float = 80.0
+) -> Case:
+    """Five seconds of a moment (N·m) going straight, shared by the axles as their load."""
+    time = np.arange(5000) * STEP
+    moment = size * np.sin(2 * np.pi * hertz * time) * np.minimum(time, 1.0)
+    front = vehicle.geometry.static_front_share
+    name = f"moment of {size:g} N·m and {hertz:g} Hz, {speed_kmh:g} km/h"
+    return Case(name, speed_kmh / 3.6, np.zeros(time.size), np.outer(moment, (front, 1.0 - front)))
+
+
 def cases(vehicle: Vehicle) -> Iterator[Case]:
     """Yield all cases for ``vehicle``."""
     yield from (lane_change(vehicle, speed) for speed in (60.0, 80.0, 100.0))
     yield step()
     yield from (sine(hertz) for hertz in (0.5, 1.0, 2.0, 3.0))
+    yield from (moment_sine(vehicle, hertz) for hertz in (0.5, 1.0, 3.0, 5.0))
 
 
 def drive_plant(vehicle: Vehicle, case: Case) -> Motion:
@@ -117,6 +134,8 @@ def drive_plant(vehicle: Vehicle, case: Case) -> Motion:
     rows = np.empty((case.steer.size, ports.N_OUTPUTS))
     for i, angle in enumerate(case.steer):
         inputs[ports.STEER] = angle
+        if case.moments is not None:
+            inputs[[ports.BAR_MOMENT_FRONT, ports.BAR_MOMENT_REAR]] = case.moments[i]
         for _ in range(SUBSTEPS):
             advance(NONLINEAR.step, state, inputs, parameters, outputs, STEP / SUBSTEPS)
         rows[i] = outputs

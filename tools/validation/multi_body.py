@@ -12,6 +12,7 @@ from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from vehiclemodels import vehicle_dynamics_mb as published
 from vehiclemodels.init_mb import init_mb
 
@@ -25,6 +26,7 @@ STEP = 1e-3
 STIFF_JOINT = (1e7, 1e5)
 """Stiffness (N/m) and damping (N·s/m) of the lateral joints where our plant has none."""
 
+_STATES = 29
 _YAW_RATE, _ROLL, _VX, _VY_RATE = 5, 6, 3, 10
 _HEAVE, _PITCH = 11, 8
 _AXLES = (
@@ -185,24 +187,38 @@ def _rates(p: Any, *, as_published: bool) -> Iterator[Callable[[Vector, float], 
         published.tireModel = _PUBLISHED_TYRE
 
 
-def simulate(p: Any, speed: float, steer: Vector, *, as_published: bool = False) -> Motion:  # noqa: ANN401
+def simulate(
+    p: Any,  # noqa: ANN401
+    speed: float,
+    steer: Vector,
+    moments: NDArray[np.float64] | None = None,
+    *,
+    as_published: bool = False,
+) -> Motion:
     """Drive the multi-body car from ``speed`` (m/s), coasting.
 
     Args:
         p: its parameters: of :func:`parameters`, or of the package.
         speed: in m/s.
         steer: road-wheel angle (rad), a value a millisecond.
+        moments: anti-roll moment of front and rear axle (N·m), (n, 2), which lifts the left side of
+            the body and presses the left wheels down; none by default.
         as_published: slip angles as the package defines them, else those at the contact patches.
     """
+    pushed = np.zeros((steer.size, _STATES))
+    if moments is not None:
+        pushed[:, _ROLL + 1] = -moments.sum(axis=1) / p.I_Phi_s
+        pushed[:, _AXLES[0].roll_rate] = moments[:, 0] / p.I_uf
+        pushed[:, _AXLES[1].roll_rate] = moments[:, 1] / p.I_ur
     state = standing(p, speed)
     yaw_rate, roll, lateral = np.empty((3, steer.size))
     loads = np.empty((steer.size, 4))
     with _rates(p, as_published=as_published) as rates:
-        for i, angle in enumerate(steer):
-            k1 = rates(state, angle)
-            k2 = rates(state + 0.5 * STEP * k1, angle)
-            k3 = rates(state + 0.5 * STEP * k2, angle)
-            k4 = rates(state + STEP * k3, angle)
+        for i, (angle, push) in enumerate(zip(steer, pushed, strict=True)):
+            k1 = rates(state, angle) + push
+            k2 = rates(state + 0.5 * STEP * k1, angle) + push
+            k3 = rates(state + 0.5 * STEP * k2, angle) + push
+            k4 = rates(state + STEP * k3, angle) + push
             state = state + STEP / 6.0 * (k1 + 2 * k2 + 2 * k3 + k4)
             rate = rates(state, angle)
             yaw_rate[i], roll[i] = state[_YAW_RATE], -state[_ROLL]

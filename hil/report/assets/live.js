@@ -209,7 +209,7 @@ function connect() {
   });
   socket.addEventListener("close", () => {
     document.body.setAttribute("data-gone", "");
-    showState("bad", "The watch has ended", "Figures are the last ones; the page goes on by itself when it is started again.");
+    showState("bad", "The watch has ended", "The figures are the last received; the page continues when the watch is started again.");
     setTimeout(connect, RETRY_MS);
   });
 }

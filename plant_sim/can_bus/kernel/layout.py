@@ -83,6 +83,9 @@ GATEWAY_COUNT: Final = 11
 FAULT_COUNT: Final = 12
 LOG_PLACE: Final = 13
 LOG_SIZE: Final = 14
+SLOT: Final = 15
+WAITING: Final = 16
+DISTANT: Final = 17
 
 NEVER: Final = 2**62
 """A time that never comes."""
@@ -98,6 +101,8 @@ MAX_ROUTES: Final = 256
 MAX_FAULTS: Final = 64
 MAX_PAYLOAD: Final = 64
 MAX_LOG: Final = 1 << 15
+RING_SLOTS: Final = 1 << 12
+"""Slots of time in the calendar of releases, a power of two."""
 
 OFFERED: Final = len(OUTCOMES)
 """Column of ``Network.totals`` behind the outcomes: frames queued at all."""
@@ -106,7 +111,7 @@ _QUEUES: Final = MAX_NODES + MAX_MESSAGES
 _CALENDAR: Final = MAX_FRAMES + MAX_SOURCES
 _STATE: Final = np.dtype(
     [
-        ("clock", "i8", (16,)),
+        ("clock", "i8", (24,)),
         ("totals", "i8", (MAX_SEGMENTS, OFFERED + 1)),
         ("segments", records.SEGMENT, (MAX_SEGMENTS,)),
         ("nodes", records.NODE, (MAX_NODES,)),
@@ -118,6 +123,12 @@ _STATE: Final = np.dtype(
         ("release_times", "i8", (_CALENDAR,)),
         ("release_ties", "i8", (_CALENDAR,)),
         ("releases", "i8", (_CALENDAR,)),
+        ("ring", records.RELEASE, (_CALENDAR,)),
+        ("ring_heads", "i8", (RING_SLOTS,)),
+        ("ring_filled", "i8", (RING_SLOTS // 32,)),
+        ("distant_times", "i8", (_CALENDAR,)),
+        ("distant_ties", "i8", (_CALENDAR,)),
+        ("distant", "i8", (_CALENDAR,)),
         ("pending_keys", "i8", (MAX_SEGMENTS, _QUEUES)),
         ("pending_ties", "i8", (MAX_SEGMENTS, _QUEUES)),
         ("pending", "i8", (MAX_SEGMENTS, _QUEUES)),
@@ -192,6 +203,7 @@ def empty(*, log: int, seed: int) -> Network:
     queues["head"] = queues["tail"] = -1
     network.part("frames")["next"] = np.append(np.arange(1, MAX_FRAMES), -1)
     network.part("message_table")[:] = -1
+    network.part("ring_heads")[:] = -1
     segments = network.part("segments")
     segments["in_flight"] = segments["twin"] = segments["missed"] = -1
     network.clock[SEED] = seed

@@ -95,6 +95,7 @@ SOURCE: Final = np.dtype(
         ("sent", "i8"),
     ]
 )
+RELEASE: Final = np.dtype([("t_ns", "i8"), ("tie", "i8"), ("value", "i8"), ("next", "i8")])
 GATEWAY: Final = np.dtype(
     [
         ("from_node", "i8"),

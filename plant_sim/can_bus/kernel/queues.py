@@ -4,6 +4,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.can_bus.kernel.calendar import schedule
 from plant_sim.can_bus.kernel.heap import push
 from plant_sim.can_bus.kernel.layout import (
     BUS_OFF,
@@ -24,9 +25,7 @@ from plant_sim.can_bus.kernel.layout import (
     NODE_DOWN,
     NOW,
     OFFERED,
-    RELEASES,
     REPLACE,
-    SEQUENCE,
     SUPERSEDED,
     Network,
     State,
@@ -134,23 +133,6 @@ def store(
         stored[index] = payload[index]
     taken: int = slot
     return taken
-
-
-@njit
-def schedule(bus: State, t_ns: int, value: int) -> None:
-    """Put a release into the calendar: a frame's slot, or −1 − the number of a source."""
-    clock = bus.clock
-    push(
-        bus.release_times,
-        bus.release_ties,
-        bus.releases,
-        clock[RELEASES],
-        t_ns,
-        clock[SEQUENCE],
-        value,
-    )
-    clock[RELEASES] += 1
-    clock[SEQUENCE] += 1
 
 
 @njit

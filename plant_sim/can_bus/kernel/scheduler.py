@@ -6,6 +6,7 @@ transmission is never preempted. Identifiers decide bit by bit: the lowest of al
 queued when the bus is free wins.
 """
 
+from plant_sim.can_bus.kernel.calendar import take
 from plant_sim.can_bus.kernel.error_confinement import (
     acknowledged,
     count_error,
@@ -141,8 +142,7 @@ def run(bus: State, until_ns: int) -> None:
         elif kind == _ARBITRATION:
             _arbitrate(bus, which, best)
         else:
-            value = pop(bus.release_times, bus.release_ties, bus.releases, clock[RELEASES])
-            clock[RELEASES] -= 1
+            value = take(bus)
             if value < 0:
                 which = bus.nodes[bus.sources[-1 - value].node].segment
                 count_idle(bus, which, best)

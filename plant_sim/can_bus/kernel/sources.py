@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from plant_sim.can_bus.kernel.calendar import schedule
 from plant_sim.can_bus.kernel.layout import (
     EXPONENTIAL,
     GATEWAY_COUNT,
@@ -11,7 +12,7 @@ from plant_sim.can_bus.kernel.layout import (
     Network,
     State,
 )
-from plant_sim.can_bus.kernel.queues import message_of, release, schedule, store
+from plant_sim.can_bus.kernel.queues import message_of, release, store
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import random_bits, uniform
 
@@ -49,6 +50,8 @@ def generate(bus: State, number: int, now: int) -> None:
     source = bus.sources[number]
     payload = bus.source_payloads[number]
     if source.random_payload:
+        # one place for all: thousands of sources would push each other's out of the cache
+        payload = bus.scratch[0]
         bits = np.uint64(0)
         for index in range(source.length):
             if index & 7 == 0:

@@ -154,7 +154,7 @@ def test_who_falls_silent_and_comes_back_is_an_event_however_often_one_looks():
     """In one look over all of it, and with a look during the silence."""
     expected = [
         [0.0, "vehicle heard"],
-        [0.0, "vehicle silent from here on"],
+        [0.0, "vehicle silent from now on"],
         [3.0, "vehicle heard again after 3.0 s"],
     ]
     at_once = Fed().feed((0.0, "Imu", {}), (3.0, "Imu", {}))

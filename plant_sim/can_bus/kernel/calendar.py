@@ -1,0 +1,114 @@
+"""The calendar of releases: what is due soon in a heap, what is due later in slots of time.
+
+A heap of all releases would cost more the more messages there are. So the heap holds only the
+releases of the present slot; later ones wait unsorted in a ring of slots, and those beyond the
+ring in a heap of their own. ``RELEASES`` counts the heap of the present slot, which is empty only
+if nothing is due ever. Releases at one instant keep the order in which they were scheduled.
+"""
+
+from typing import Final
+
+from plant_sim.can_bus.kernel.heap import pop, push
+from plant_sim.can_bus.kernel.layout import (
+    DISTANT,
+    MAX_SOURCES,
+    RELEASES,
+    RING_SLOTS,
+    SEQUENCE,
+    SLOT,
+    WAITING,
+    State,
+)
+from plant_sim.kernels.jit import njit
+
+_SHIFT: Final = 17
+"""A slot is 2¹⁷ ns, about one frame long."""
+_MASK: Final = RING_SLOTS - 1
+_WORD: Final = 32
+
+
+@njit
+def schedule(bus: State, t_ns: int, value: int) -> None:
+    """Put a release into the calendar: a frame's slot, or −1 − the number of a source."""
+    clock = bus.clock
+    tie = clock[SEQUENCE]
+    clock[SEQUENCE] = tie + 1
+    slot = t_ns >> _SHIFT
+    if slot <= clock[SLOT]:
+        _due(bus, t_ns, tie, value)
+    elif slot - clock[SLOT] < RING_SLOTS:
+        place = slot & _MASK
+        number = -1 - value if value < 0 else MAX_SOURCES + value
+        entry = bus.ring[number]
+        entry.t_ns, entry.tie, entry.value = t_ns, tie, value
+        entry.next = bus.ring_heads[place]
+        bus.ring_heads[place] = number
+        bus.ring_filled[place // _WORD] |= 1 << place % _WORD
+        clock[WAITING] += 1
+    else:
+        push(bus.distant_times, bus.distant_ties, bus.distant, clock[DISTANT], t_ns, tie, value)
+        clock[DISTANT] += 1
+    if clock[RELEASES] == 0:
+        _turn(bus)
+
+
+@njit
+def take(bus: State) -> int:
+    """Return the release that is due first and take it out; there is one."""
+    clock = bus.clock
+    value = pop(bus.release_times, bus.release_ties, bus.releases, clock[RELEASES])
+    clock[RELEASES] -= 1
+    if clock[RELEASES] == 0:
+        _turn(bus)
+    taken: int = value
+    return taken
+
+
+@njit
+def _due(bus: State, t_ns: int, tie: int, value: int) -> None:
+    size = bus.clock[RELEASES]
+    push(bus.release_times, bus.release_ties, bus.releases, size, t_ns, tie, value)
+    bus.clock[RELEASES] = size + 1
+
+
+@njit
+def _turn(bus: State) -> None:
+    """Go to the next slot in which something is due, if there is one."""
+    clock = bus.clock
+    if clock[WAITING] == 0 and clock[DISTANT] == 0:
+        return
+    slot = clock[SLOT] + RING_SLOTS
+    if clock[WAITING] > 0:
+        slot = _next_filled(bus, clock[SLOT] + 1)
+    if clock[DISTANT] > 0:
+        first = bus.distant_times[0] >> _SHIFT
+        slot = first if clock[WAITING] == 0 else min(slot, first)
+    clock[SLOT] = slot
+    place = slot & _MASK
+    number = bus.ring_heads[place]
+    while number >= 0:
+        entry = bus.ring[number]
+        _due(bus, entry.t_ns, entry.tie, entry.value)
+        clock[WAITING] -= 1
+        number = entry.next
+    bus.ring_heads[place] = -1
+    bus.ring_filled[place // _WORD] &= ~(1 << place % _WORD)
+    while clock[DISTANT] > 0 and bus.distant_times[0] >> _SHIFT <= slot:
+        t_ns, tie = bus.distant_times[0], bus.distant_ties[0]
+        value = pop(bus.distant_times, bus.distant_ties, bus.distant, clock[DISTANT])
+        clock[DISTANT] -= 1
+        _due(bus, t_ns, tie, value)
+
+
+@njit
+def _next_filled(bus: State, slot: int) -> int:
+    """Return the first slot from this one on that is not empty; there is one."""
+    while True:
+        bits = bus.ring_filled[(slot & _MASK) // _WORD] >> slot % _WORD
+        if bits == 0:
+            slot += _WORD - slot % _WORD
+            continue
+        while bits & 1 == 0:
+            bits >>= 1
+            slot += 1
+        return slot
