@@ -5,10 +5,11 @@ from math import isfinite
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from gain_gen.analysis.family import Family, FamilyRow, family_of
+from gain_gen.analysis.speed_schedule import UNLIMITED, Speeds, scheduled, speeds_of
 from gain_gen.analysis.verify import holds, verify
 from gain_gen.laws import LAWS, OBSERVERS
 from gain_gen.laws.state_feedback import sensor_noise
-from gain_gen.models.controller import Controller, scaled_controller
+from gain_gen.models.controller import Controller
 from gain_gen.models.task import Check, Design, Solution, Task
 
 STEP_DB = 1.0
@@ -57,7 +58,11 @@ def design(law: str, task: Task) -> Design:
     task = replace(task, noise=sensor_noise(task.vehicle))
     family = family_of(task)
     first = solve(task)
-    answer = verify(law, task, first, family)
+    own = task.gains != "computed" or law == "custom"
+    speeds = None if own or first.verified_by_law or family.note else speeds_of(task)
+    limits = UNLIMITED if speeds is None else speeds.limits(first.controller)
+    designed = replace(first, controller=scheduled(first.controller, limits, 1.0))
+    answer = verify(law, task, designed, family, speeds)
     if answer.is_verified:
         return answer
     if task.gains != "computed":
@@ -65,27 +70,35 @@ def design(law: str, task: Task) -> Design:
         failing = f", fails {', '.join(answer.failures)}" if answer.failures else ""
         told = f"NOT VERIFIED: {law} with the gains {of}{failing}"
         return replace(answer, warnings=(told, *answer.warnings))
-    detuned = _detuned(law, task, first, family)
+    if first.verified_by_law or law == "custom":
+        # one holds on its own car, the other's gains are the user's
+        raise VerdictError(_refusal(answer))
+    detuned = _detuned(first, answer, family, speeds, limits)
     if detuned is None:
         raise VerdictError(_refusal(answer))
     told, found = detuned
     cause = _failure(*_first_failure(answer))
-    return replace(found, warnings=(*found.warnings, f"{law}: {told}; as designed its {cause}"))
+    return replace(found, warnings=(*found.warnings, f"{told}; as designed its {cause}"))
 
 
-def _detuned(law: str, task: Task, first: Solution, family: Family) -> tuple[str, Design] | None:
+def _detuned(
+    first: Solution,
+    answer: Design,
+    family: Family,
+    speeds: Speeds | None,
+    limits: tuple[float, ...],
+) -> tuple[str, Design] | None:
     """Return the strongest verified design with its command scaled down, and by how much."""
-    if first.verified_by_law or law == "custom":
-        return None  # one holds on its own car, the other's gains are the user's
     failed: FamilyRow | None = None
     for step in range(1, STEPS + 1):
-        controller = scaled_controller(first.controller, 10.0 ** (-STEP_DB * step / 20.0))
+        controller = scheduled(first.controller, limits, 10.0 ** (-STEP_DB * step / 20.0))
         rows = family.rows(controller, first=failed)
         failed = next((row for row in rows if not holds(row)), None)
         if failed is not None:
             continue
         # what the law certifies is about the gain before it was scaled
-        found = verify(law, task, _uncertified(first, controller), family)
+        gentler = _uncertified(first, controller)
+        found = verify(answer.law, answer.task, gentler, family, speeds)
         if found.is_verified:
             return f"command reduced by {STEP_DB * step:g} dB", found
     return None

@@ -29,7 +29,7 @@ from gain_gen.analysis.margins import (
     nyquist_margins,
 )
 from gain_gen.analysis.sampled_loop import Loop, spectral_radius
-from gain_gen.models.controller import Controller, matrices
+from gain_gen.models.controller import Controller, at_speed, matrices
 from gain_gen.models.linear_car import LinearModel, linear_car
 from gain_gen.models.roll import Matrix, zero_order_hold
 from gain_gen.models.task import Delay, Task
@@ -146,12 +146,13 @@ class Member:
         return zero_order_hold(self.plant.a, self.plant.disturbance, tick)[1]
 
     def loop(self, controller: Controller, delay: float) -> Loop:
-        """Return the loop at any delay in s as matrices, cut at the command."""
+        """Return the loop at any delay in s as matrices, cut at the command, at this speed."""
         plant = self.held.get(delay)
         if plant is None:
             pure = max(delay - self.filtered, 0.0)
             plant = held(self.plant.a, self.plant.command, tick=controller.tick, delay=pure)
-        a, b, c = opened(plant, controller, self.plant.measured)
+        fixed = at_speed(controller, self.condition.speed)
+        a, b, c = opened(plant, fixed, self.plant.measured)
         disturbance = np.zeros((len(a), 1))
         disturbance[: len(plant.phi)] = self._held_disturbance
         return Loop(a, b, c, disturbance, plant.tick)
@@ -250,7 +251,8 @@ class Family:
             at = (first.condition, first.delay)
             places.sort(key=lambda place: (place[0].condition, place[1]) != at)
         for member, delay in places:
-            gain = -np.sum(response * member.commanded(delay), axis=1)
+            factor = controller.factor_at(member.condition.speed)
+            gain = -factor * np.sum(response * member.commanded(delay), axis=1)
             found = nyquist_margins(self.frequencies, gain, member.loop(controller, delay))
             yield FamilyRow(member.condition, delay, found)
 
@@ -263,7 +265,8 @@ class Family:
         middle = self.delays[len(self.delays) // 2]
         levels = []
         for member in self.members:
-            gain = -np.sum(response * member.commanded(middle), axis=1)
+            factor = controller.factor_at(member.condition.speed)
+            gain = -factor * np.sum(response * member.commanded(middle), axis=1)
             stable = spectral_radius(member.loop(controller, middle)) < 1.0
             level = jitter_level(self.frequencies, gain, self.tick, self.span) if stable else inf
             levels.append((level, member.condition))

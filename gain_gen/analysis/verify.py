@@ -8,6 +8,7 @@ import numpy as np
 
 from gain_gen.analysis.family import Family, FamilyMargins, FamilyRow
 from gain_gen.analysis.sampled_loop import Loop, build, roll_rms, spectral_radius
+from gain_gen.analysis.speed_schedule import Speeds, certified_speed_rate
 from gain_gen.models.controller import Controller
 from gain_gen.models.roll import scaled
 from gain_gen.models.task import Check, Design, Solution, Task, above, below
@@ -22,7 +23,9 @@ DELAY_LIMIT = 1.0
 """Delays beyond this are not looked at, s."""
 
 
-def verify(law: str, task: Task, solution: Solution, family: Family) -> Design:
+def verify(
+    law: str, task: Task, solution: Solution, family: Family, speeds: Speeds | None = None
+) -> Design:
     """Return the design with its margins, checks and warnings.
 
     Args:
@@ -30,6 +33,7 @@ def verify(law: str, task: Task, solution: Solution, family: Family) -> Design:
         task: what it was designed for.
         solution: the law's answer.
         family: of the task, which the loop has to hold on.
+        speeds: of the task, where the command is scheduled over speed.
     """
     if solution.verified_by_law:
         return Design(law, task, solution, {}, solution.checks, solution.notes)
@@ -55,6 +59,8 @@ def verify(law: str, task: Task, solution: Solution, family: Family) -> Design:
         checks["jitter_small_gain"] = below(level, 1.0, str(where))
         _check_roll(task, checks, report, controller)
         _check_box(task, checks, report, controller)
+        if speeds is not None:
+            _check_speeds(task, speeds, checks, report, controller)
     notes = (*solution.notes, family.note) if family.note else solution.notes
     return Design(law, task, solution, report, checks, _warnings(task, solution, notes, report))
 
@@ -115,6 +121,21 @@ def _check_box(
     checks["box_spectral_radius"] = below(worst_radius, 1.0)
     checks["box_roll_rms_ratio"] = below(worst_ratio, 1.0)
     report["box_roll_rms_ratio"] = worst_ratio
+
+
+def _check_speeds(
+    task: Task,
+    speeds: Speeds,
+    checks: dict[str, Check],
+    report: dict[str, float],
+    controller: Controller,
+) -> None:
+    """Margins at and between the speeds of the schedule, and how fast the speed may change."""
+    gain_db, sensitivity = speeds.worst(controller)
+    checks["schedule_gain_margin_db"] = above(gain_db, GAIN_MARGIN_DB)
+    checks["schedule_peak_sensitivity"] = below(sensitivity, PEAK_SENSITIVITY)
+    report["least_schedule_factor"] = min(controller.schedule)
+    report["certified_speed_rate"] = certified_speed_rate(task, controller)
 
 
 def passive_controller(controller: Controller) -> Controller:

@@ -121,4 +121,5 @@ def dequantise(record: Calibration) -> Controller:
         compensator=compensator,
         predict_steps=record.predict_steps,
         actuator_rate=record.actuator_rate / fw.ONE,
+        schedule=tuple(factor / 2**28 for factor in record.schedule_gain),
     )

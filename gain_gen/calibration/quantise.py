@@ -98,7 +98,7 @@ def quantise_design(design: Design, options: Options) -> Quantised:
     fields |= covariance_fields(controller.observer)
     fields |= _law(design, rows)
     fields |= _trigger(design, options)
-    fields |= vehicle_fields(task)
+    fields |= vehicle_fields(task, controller.schedule)
     return Quantised(
         fields,
         {name: row.formats for name, row in rows.items()},

@@ -9,6 +9,7 @@ from firmware import calibration as fw
 from firmware.signals import RX_IDS
 from firmware.state import RX_IMU, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE
 from gain_gen.calibration.rows import quantise
+from gain_gen.models.controller import SPEEDS
 from gain_gen.models.task import Task
 from vehicles import Vehicle
 from vehicles.model import SemiActiveDampers
@@ -19,7 +20,6 @@ SENSOR_PERIODS = tuple(
 """Of what the ECU receives, in the order of its mailboxes, s."""
 MISSED_SAMPLES = 5
 KMH = 1.0 / 3.6
-SCHEDULE_SPEEDS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0)
 FADE = (5.0 * KMH, 10.0 * KMH)
 DBC_FORCE_LIMIT = floor(dbc.largest("SuspensionForceCommand", "ForceFrontLeft"))
 DBC_BAR_LIMIT = floor(dbc.largest("AntiRollBarCommand", "TorqueFront"))
@@ -30,14 +30,19 @@ MILLI = 1e3
 Value = int | list[int] | list[list[int]]
 
 
-def vehicle_fields(task: Task) -> dict[str, Value]:
-    """Return the fields that the vehicle, its actuators and the tick decide."""
+def vehicle_fields(task: Task, schedule: tuple[float, ...]) -> dict[str, Value]:
+    """Return the fields that the vehicle, its actuators and the tick decide.
+
+    Args:
+        task: of the design.
+        schedule: factor on the command at each of :data:`SPEEDS`.
+    """
     share = task.vehicle.geometry.static_front_share
     return (
         _supervision(task)
         | _identification(task)
         | _limits(task, share)
-        | _schedule(task.vehicle, share)
+        | _schedule(task.vehicle, share, schedule)
         | _allocation(task)
         | {
             "straight_steering": _q(0.03, 24),
@@ -160,13 +165,13 @@ def _limits(task: Task, share: float) -> dict[str, Value]:
     }
 
 
-def _schedule(vehicle: Vehicle, share: float) -> dict[str, Value]:
-    """Speed schedule: full gain at all speeds, the steering's lateral acceleration, fading."""
+def _schedule(vehicle: Vehicle, share: float, factors: tuple[float, ...]) -> dict[str, Value]:
+    """Over speed: the command's factor, the steering's lateral acceleration, fading."""
     points = fw.N_POINTS
     return {
         "schedule_points": points,
-        "schedule_speed": [_q(speed, fw.Q_SPEED) for speed in SCHEDULE_SPEEDS],
-        "schedule_gain": [1 << 28] * points,
+        "schedule_speed": [_q(speed, fw.Q_SPEED) for speed in SPEEDS],
+        "schedule_gain": [_q(factor, 28) for factor in factors],
         "schedule_front_share": [_q(share, fw.Q_UNIT)] * points,
         "schedule_steering": [
             quantise(
@@ -176,7 +181,7 @@ def _schedule(vehicle: Vehicle, share: float) -> dict[str, Value]:
                 fw.STATE_MAX,
                 name="schedule_steering",
             )
-            for speed in SCHEDULE_SPEEDS
+            for speed in SPEEDS
         ],
         "fade_low": _q(FADE[0], fw.Q_SPEED),
         "fade_high": _q(FADE[1], fw.Q_SPEED),

@@ -14,6 +14,9 @@ Y_RATE, Y_LATERAL, Y_ROLL, Y_MOMENT = range(4)
 S_ROLL, S_RATE, S_LATERAL, S_STEERING = range(4)
 """Inputs of a compensator."""
 
+SPEEDS = (5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 40.0, 60.0)
+"""Of the ECU's table over speed, m/s; it holds its ends beyond them."""
+
 
 @dataclass(frozen=True, slots=True)
 class Compensator:
@@ -50,6 +53,7 @@ class Controller:
         compensator: or None.
         predict_steps: ticks the state is predicted over.
         actuator_rate: share of the way to its command that the actuator goes in a tick.
+        schedule: factor on the command at each of :data:`SPEEDS`, interpolated by the ECU.
     """
 
     tick: float
@@ -60,6 +64,7 @@ class Controller:
     compensator: Compensator | None = None
     predict_steps: int = 0
     actuator_rate: float = 1.0
+    schedule: tuple[float, ...] = (1.0,) * len(SPEEDS)
 
     @property
     def observes(self) -> bool:
@@ -72,6 +77,10 @@ class Controller:
     def commands_axles(self) -> bool:
         """Whether there is a command for each axle: one moment otherwise."""
         return self.compensator is not None and len(self.compensator.c) > 1
+
+    def factor_at(self, speed: float) -> float:
+        """Return the factor of the schedule at ``speed``, m/s."""
+        return float(np.interp(speed, SPEEDS, self.schedule))
 
     @property
     def order(self) -> int:
@@ -93,6 +102,12 @@ def scaled_controller(controller: Controller, factor: float) -> Controller:
         output_gain=None if gain is None else factor * gain,
         compensator=compensator,
     )
+
+
+def at_speed(controller: Controller, speed: float) -> Controller:
+    """Return what the controller is at ``speed``, m/s, with a schedule of ones."""
+    fixed = replace(controller, schedule=(1.0,) * len(SPEEDS))
+    return scaled_controller(fixed, controller.factor_at(speed))
 
 
 def correct(observer: Observer, x: Matrix, y: Matrix) -> Matrix:

@@ -295,7 +295,9 @@ def test_interrupted_runs_leave_a_complete_log(tmp_path, monkeypatch, capsys):
                 raise KeyboardInterrupt
             return super().tick(elapsed_ticks)
 
-    monkeypatch.setattr(experiment, "open_backend", lambda name, record: Interrupting(record))
+    monkeypatch.setattr(
+        experiment, "open_backend", lambda name, record, firmware: Interrupting(record)
+    )
     log = tmp_path / "bus.blf"
     assert main(["run", "double_lane_change", "--json", "--log", str(log)]) == 130
     with can.LogReader(log) as reader:

@@ -1,0 +1,182 @@
+"""The command's factor over speed: chosen by margins, certified between its points and in between.
+
+The slower the car, the more a moment moves the accelerometer; the faster, the less damping the
+tyres give. At each speed of the ECU's table the command is reduced as far as the margins there
+take, laden and empty, at every delay; the ECU interpolates.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import inf, log
+
+import numpy as np
+from scipy.linalg import eigh
+
+from gain_gen.analysis.family import NOMINAL, Condition, Family, family
+from gain_gen.analysis.held_plant import Complex
+from gain_gen.analysis.margins import negative_crossings
+from gain_gen.models.controller import SPEEDS, Controller, scaled_controller
+from gain_gen.models.roll import Matrix, stationary_covariance
+from gain_gen.models.task import Task
+
+GAIN_MARGIN_DB = 8.2
+PEAK_SENSITIVITY = 1.68
+"""Margins that a factor is chosen for, a little more than every design must have."""
+ABOUT_NOMINAL = 5.0
+"""Speeds nearer to the nominal one than this are its own, m/s."""
+MOST = 10.0
+"""Largest factor that is looked for."""
+UNLIMITED = (inf,) * len(SPEEDS)
+"""Of a command that is not scheduled."""
+LOADS = ("laden", "empty")
+STEP = 0.5
+"""Between the speeds at which the changing speed is looked at, m/s."""
+DECAY = 0.3
+"""How far from the spectral radius to 1 the decay of a Lyapunov function is set."""
+LINE_WEIGHT = 0.1
+"""Weight of the commands under way in the Lyapunov functions, beside 1 for every other state."""
+
+
+@dataclass(frozen=True, slots=True)
+class Speeds:
+    """The families at each speed of the ECU's table, and half-way between."""
+
+    families: tuple[Family, ...]
+
+    def limits(self, controller: Controller) -> tuple[float, ...]:
+        """Return the largest factor at each speed of the table with which the loop has margins.
+
+        About the nominal speed there is none: a law that has no margins there is detuned as a
+        whole.
+        """
+        return tuple(
+            inf
+            if abs(speed - NOMINAL.speed) < ABOUT_NOMINAL
+            else min(largest_factor(gain) for gain in loop_gains(found, controller))
+            for speed, found in zip(SPEEDS, self.families[::2], strict=True)
+        )
+
+    def worst(self, controller: Controller) -> tuple[float, float]:
+        """Return the least gain margin, dB, and the greatest Ms at all of the speeds."""
+        rows = [row.margins for found in self.families for row in found.rows(controller)]
+        return min(row.gain_db for row in rows), max(row.sensitivity for row in rows)
+
+
+def speeds_of(task: Task) -> Speeds:
+    """Return the families of a task at the speeds of the table, and half-way between.
+
+    Raises:
+        CanrollError: the data sheet makes no such car.
+    """
+    between = [0.5 * (low + high) for low, high in pairwise(SPEEDS)]
+    return Speeds(
+        tuple(
+            family(
+                task.vehicle,
+                task.delay,
+                tick=task.tick,
+                lag=task.lag,
+                conditions=[Condition(load, speed) for load in LOADS],
+            )
+            for speed in sorted((*SPEEDS, *between))
+        )
+    )
+
+
+def loop_gains(found: Family, controller: Controller) -> Iterator[Complex]:
+    """Yield the loop gain of every member at every delay, negative feedback."""
+    response = found.controller_response(controller)
+    for member in found.members:
+        for delay in found.delays:
+            yield np.asarray(-np.sum(response * member.commanded(delay), axis=1))
+
+
+def largest_factor(gain: Complex) -> float:
+    """Return the largest factor up to :data:`MOST` on a loop gain that has its margins.
+
+    The loop is stable for small factors; the first crossing of −1 is the one that counts.
+    """
+    nearest = max((-value for value in negative_crossings(gain)), default=0.0)
+    high = min(MOST, 10.0 ** (-GAIN_MARGIN_DB / 20.0) / nearest) if nearest > 0.0 else MOST
+
+    def sensitivity(factor: float) -> float:
+        return 1.0 / float(np.abs(1.0 + factor * gain).min())
+
+    if sensitivity(high) <= PEAK_SENSITIVITY:
+        return high
+    low = 0.0
+    for _ in range(12):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if sensitivity(middle) <= PEAK_SENSITIVITY else (low, middle)
+    return low
+
+
+def scheduled(controller: Controller, limits: tuple[float, ...], scale: float) -> Controller:
+    """Return ``controller`` with its command scaled, and at each speed reduced to its limit.
+
+    Args:
+        controller: its schedule is replaced.
+        limits: of the factor on the command before it is scaled, at each of :data:`SPEEDS`.
+        scale: of the command.
+    """
+    factors = tuple(min(1.0, limit / scale) for limit in limits)
+    return replace(scaled_controller(controller, scale), schedule=factors)
+
+
+def certified_speed_rate(task: Task, controller: Controller) -> float:
+    """Return how fast the speed may change, m/s², with the loop certified stable all the while.
+
+    Piecewise Lyapunov functions x'P_i x at speeds v_i: P_i decays in every tick from v_(i−1) to
+    v_(i+1), and the change from one to the next raises the function by at most μ. The longer the
+    speed takes from v_i to its neighbour, the more the decay outweighs μ. At the longest delay,
+    laden and empty, from the first to the last speed of the ECU's table.
+    """
+    return min(_speed_rate(task, controller, load) for load in LOADS)
+
+
+def _speed_rate(task: Task, controller: Controller, load: str) -> float:
+    """Return the rate for one load; zero where a function does not decay."""
+    halves = np.arange(SPEEDS[0], SPEEDS[-1] + 0.25 * STEP, 0.5 * STEP)
+    cars = family(
+        task.vehicle,
+        task.delay,
+        tick=task.tick,
+        lag=task.lag,
+        conditions=[Condition(load, float(speed)) for speed in halves],
+    )
+    loops = [member.loop(controller, cars.delays[-1]) for member in cars.members]
+    plant, line = len(cars.members[0].plant.a), max(cars.members[0].held[cars.delays[-1]].steps, 1)
+    weights = np.ones(len(loops[0].a))
+    weights[plant : plant + line] = LINE_WEIGHT
+    if max(np.abs(np.linalg.eigvals(loop.closed)).max() for loop in loops) >= 1.0:
+        return 0.0
+    middle = loops[len(loops) // 2]
+    driven = middle.noise @ middle.noise.T + 1e-12 * np.eye(len(weights))
+    size = np.sqrt(np.diag(stationary_covariance(middle.closed, driven)))
+    closed = [loop.closed * size[None, :] / size[:, None] for loop in loops]
+    functions = [lyapunov_function(a, weights) for a in closed[::2]]
+    rate = inf
+    for i, function in enumerate(functions):
+        nearby = closed[max(0, 2 * i - 2) : 2 * i + 3]
+        decay = max(growth(a.T @ function @ a, function) for a in nearby)
+        if decay >= 1.0:
+            return 0.0
+        for other in functions[max(0, i - 1) : i + 2]:
+            jump = growth(other, function)
+            if other is not function and jump > 1.0:
+                rate = min(rate, STEP * -log(decay) / (task.tick * log(jump)))
+    return rate
+
+
+def lyapunov_function(a: Matrix, weights: Matrix) -> Matrix:
+    """Return P of x'P x that decays along a stable x⁺ = A x, scaled to trace 1."""
+    radius = float(np.abs(np.linalg.eigvals(a)).max())
+    decay = radius + DECAY * (1.0 - radius)
+    function = stationary_covariance((a / decay).T, np.diag(weights))
+    return np.asarray(function / np.trace(function), dtype=float)
+
+
+def growth(after: Matrix, before: Matrix) -> float:
+    """Return the largest ratio of two quadratic forms, the largest generalised eigenvalue."""
+    return float(eigh(after, before, eigvals_only=True)[-1])
