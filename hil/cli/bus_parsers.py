@@ -15,6 +15,8 @@ from hil.runs.choices import CHOICES
 from plant_sim.can_bus.servers.shared_server import DEFAULT_PORT as SHARED_PORT
 from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT
 
+OF_AN_ECU = ("calibration", "backend", "bus", "dbc", "map")
+"""Choices of an ECU: what it runs, and the frames of its bus."""
 PACES = ("realtime", "lockstep")
 PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
 """Silence after which the other side is taken to be gone, s: in lock step it may be slow."""
@@ -210,7 +212,7 @@ def ecu(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll ecu``."""
     parser.description = "Run the roll controller in real time against a vehicle on a CAN bus."
     add_bus_arguments(parser)
-    add_choices(parser, ("calibration", "backend"))
+    add_choices(parser, OF_AN_ECU)
     parser.add_argument("--duration", type=float, metavar="S", help="default: until stopped")
     add_loop_options(parser)
     phase = CHOICES["phase_ms"]
