@@ -7,7 +7,7 @@ which file is wrong.
 """
 
 import tomllib
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,6 +83,13 @@ class Mailbox:
     fd: bool = False
     bit_rate_switch: bool = False
     cycle_ms: int = 0
+
+    def count(self, payload: Sequence[int]) -> int:
+        """The counter in a frame; 0 where it has none."""
+        counter = self.protection.counter if self.protection else None
+        if counter is None:
+            return 0
+        return int(payload[counter.byte]) >> counter.bit & (1 << counter.width) - 1
 
     @property
     def sent_length(self) -> int:

@@ -88,6 +88,21 @@ class BusFirmware:
             return importlib.import_module(f"{name}.ecu")
 
     @property
+    def fd(self) -> dict[int, bool]:
+        """Whether the bit rate is switched, of each identifier whose frame is a CAN FD one."""
+        boxes = (*self.bus.received, *self.bus.transmitted)
+        return {box.ident: box.bit_rate_switch for box in boxes if box.fd}
+
+    @property
+    def room(self) -> int:
+        """Bytes of the longest frame that it has room for."""
+        return max(signals.room(self.bus.received), signals.room(self.bus.transmitted))
+
+    def module(self, name: str) -> Any:  # noqa: ANN401
+        """One of its modules for CPython."""
+        return importlib.import_module(f"{self.loop.__package__}.{name}")
+
+    @property
     def record(self) -> Any:  # noqa: ANN401
         """The class of the state record: that of the firmware's module ``state``."""
         return self.loop.Ecu

@@ -26,6 +26,8 @@ from plant_sim.can_bus.own_frames import own_messages
 from plant_sim.can_bus.proposals import propose_offsets, propose_priorities
 from plant_sim.can_bus.recorded_load import effects, joined, missing_from
 from plant_sim.can_bus.sensitivity import Bounds, breakdown, error_tolerance
+from plant_sim.can_bus.servers.mirror import Mirror
+from plant_sim.can_bus.servers.shared_server import SharedBus
 from plant_sim.can_bus.servers.wall_clock import serve_network
 from plant_sim.can_bus.simulation import Simulation, simulate, traffic_spec
 from plant_sim.can_bus.traffic.files import Traffic, load_traffic
@@ -36,6 +38,11 @@ from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED, FD
 
 MAX_PORT = 65535
+OF_A_SET = (
+    *("serve", "share", "replay"),
+    *("errors-per-second", "propose", "sensitivity", "offsets"),
+)
+"""Options that a log does not take."""
 OURS = "canroll"
 """What the messages of the bus contract are called that come onto a recorded bus."""
 BESIDE_RECORDING = "no bound: the periods of a recording are unknown"
@@ -51,6 +58,9 @@ def run(args: argparse.Namespace) -> int:
     _check_path(args, traffic.messages)
     if args.serve is not None:
         _serve(traffic, args)
+        return 0
+    if args.share is not None:
+        _share(traffic, args)
         return 0
     recording = _recording(traffic, args)
     bounds = _bounds(traffic, recording, args)
@@ -199,6 +209,16 @@ def _check(args: argparse.Namespace) -> None:
             )
     if args.serve is not None and not 0 <= args.serve <= MAX_PORT:
         raise CanrollError(f"--serve {args.serve}: the port must be 0 to {MAX_PORT}")
+    if (args.share is None) != (args.programs is None):
+        raise CanrollError("--share and --programs require each other")
+    if args.programs is not None and args.programs < 1:
+        raise CanrollError(f"--programs must be at least 1, got {args.programs}")
+    if args.share is not None and not 0 <= args.share <= MAX_PORT:
+        raise CanrollError(f"--share {args.share}: the port must be 0 to {MAX_PORT}")
+    if args.mirror is not None and args.share is None:
+        raise CanrollError("--mirror shows a shared bus: --share is required")
+    if args.serve is not None and args.share is not None:
+        raise CanrollError("--serve and --share exclude each other")
     if args.serve is not None and args.replay is not None:
         raise CanrollError(
             "--serve and --replay exclude each other: the served bus carries only the set"
@@ -210,7 +230,15 @@ def _check(args: argparse.Namespace) -> None:
         raise CanrollError("--channel selects a channel of a log: --replay is required")
     if args.add is not None and not recorded:
         raise CanrollError(f"--add puts messages onto the bus of a log, {args.file} is none")
-    for option in ("serve", "replay", "errors-per-second", "propose", "sensitivity", "offsets"):
+    for option in (
+        "serve",
+        "share",
+        "replay",
+        "errors-per-second",
+        "propose",
+        "sensitivity",
+        "offsets",
+    ):
         if recorded and getattr(args, option.replace("-", "_")) not in (None, False):
             raise CanrollError(f"--{option} needs a traffic set: {args.file} is a bus log")
 
@@ -226,6 +254,36 @@ def _serve(traffic: Traffic, args: argparse.Namespace) -> None:
     if hidden:
         _say(f"socketcand does not support FD frames: clients do not receive {hidden}")
     serve_network(build_network(spec), host=args.host, port=args.serve, announce=_say)
+
+
+def _share(traffic: Traffic, args: argparse.Namespace) -> None:
+    """Serve the set to programs in lock step until the last of them leaves."""
+    spec = traffic_spec(
+        traffic.messages,
+        bitrate=traffic.bitrate,
+        data_bitrate=traffic.data_bitrate,
+        seed=args.seed,
+    )
+    mirror = None if args.mirror is None else Mirror(args.mirror)
+    bus = SharedBus(
+        build_network(spec),
+        programs=args.programs,
+        host=args.host,
+        port=args.share,
+        real_time=args.pace == "realtime",
+        mirror=mirror,
+    )
+    host, port = bus.address
+    _say(f"waiting for {args.programs} programs: interface=simbus_shared, channel={host}:{port}")
+    try:
+        _say(f"the last program left after {bus.run() * 1e-9:g} s of bus time")
+    except KeyboardInterrupt:
+        _say("stopped")
+    finally:
+        if mirror is not None:
+            mirror.close()
+            if mirror.failed:
+                _say(f"{args.mirror} did not take {mirror.failed} frames")
 
 
 def _say(text: str) -> None:

@@ -12,8 +12,11 @@ from hil.cli.options import (
 )
 from hil.realtime.bus_link import add_bus_arguments
 from hil.runs.choices import CHOICES
+from plant_sim.can_bus.servers.shared_server import DEFAULT_PORT as SHARED_PORT
 from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT
 
+OF_AN_ECU = ("calibration", "backend", "bus", "dbc", "map")
+"""Choices of an ECU: what it runs, and the frames of its bus."""
 PACES = ("realtime", "lockstep")
 PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
 """Silence after which the other side is taken to be gone, s: in lock step it may be slow."""
@@ -125,7 +128,32 @@ def bus(parser: argparse.ArgumentParser) -> None:
         help="run the traffic in real time, for python-can with interface=socketcand"
         f" (default port: {DEFAULT_PORT})",
     )
-    parser.add_argument("--host", default="127.0.0.1", help="with --serve (default: %(default)s)")
+    parser.add_argument(
+        "--share",
+        nargs="?",
+        type=int,
+        const=SHARED_PORT,
+        metavar="PORT",
+        help="share the bus with --programs in lock step, for python-can with"
+        f" interface=simbus_shared (default port: {SHARED_PORT})",
+    )
+    parser.add_argument(
+        "--programs", type=int, metavar="N", help="with --share: programs to wait for"
+    )
+    parser.add_argument(
+        "--pace",
+        choices=PACES,
+        default="lockstep",
+        help="with --share; realtime: no faster than the clock (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--mirror",
+        metavar="INTERFACE:CHANNEL",
+        help="with --share: every frame also goes to a bus of python-can, such as socketcan:vcan0",
+    )
+    parser.add_argument(
+        "--host", default="127.0.0.1", help="with --serve and --share (default: %(default)s)"
+    )
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
 
@@ -184,7 +212,7 @@ def ecu(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll ecu``."""
     parser.description = "Run the roll controller in real time against a vehicle on a CAN bus."
     add_bus_arguments(parser)
-    add_choices(parser, ("calibration", "backend"))
+    add_choices(parser, OF_AN_ECU)
     parser.add_argument("--duration", type=float, metavar="S", help="default: until stopped")
     add_loop_options(parser)
     phase = CHOICES["phase_ms"]

@@ -6,14 +6,17 @@ from pathlib import Path
 import dbc
 from canroll.errors import CanrollError, VerdictError
 from codegen.run.backends import default_backend, open_backend
-from firmware.signals import TX_IDS
+from codegen.run.bus_firmware import BusFirmware, built_in
 from gain_gen.calibration.calibration_file import load as load_calibration
-from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, PEER_TIMEOUT
+from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, OF_AN_ECU, PEER_TIMEOUT
+from hil.cli.options import choices_of
 from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
 from hil.realtime.bus_link import CanLink, open_link
 from hil.realtime.hardware import bus_record
 from hil.realtime.phase_lock import PhaseLock
+from hil.realtime.plant_loop import sent_by
 from hil.runs import phase
+from hil.runs.frozen import firmware_of, profile_of, refuse_wide_identifiers
 
 MODES = dbc.names("RollControlStatus", "Mode")
 TRACE_SECONDS = 600
@@ -53,26 +56,30 @@ def nanoseconds(seconds: float | None, option: str) -> int | None:
 def run(args: argparse.Namespace) -> int:
     """Run until stopped, or replay a trace; 0 unless a replay differs."""
     backend = args.backend or default_backend()
+    profile = profile_of(choices_of(args, OF_AN_ECU))
+    refuse_wide_identifiers(profile)
+    firmware = firmware_of(profile)
     if args.replay is not None:
-        return replay(args.replay, backend)
+        return replay(args.replay, backend, firmware)
     if args.calibration is None:
         raise CanrollError("--calibration FILE is required; create one with 'canroll design'")
     duration = nanoseconds(args.duration, "--duration")
     timeout = peer_timeout(args)
     calibration = load_calibration(args.calibration).record
     lock = phase_lock(args, calibration.tick_us)
-    ecu = open_backend(backend, calibration)
-    link = open_link(args)
+    ecu = open_backend(backend, calibration, firmware)
+    link = open_link(args, firmware.fd)
     seconds = args.duration + 1 if args.duration else TRACE_SECONDS
     recorder = tick_trace.Recorder(
         ticks=round(seconds * 1e6 / calibration.tick_us),
         frames=round(seconds * (FRAMES_PER_SECOND + 1e6 / calibration.tick_us)),
+        room=firmware.room,
     )
     with process.stop_on_signals() as stop:
         notes = []
         if args.pace == "realtime":
             notes = process.prepare(cpu=args.cpu, priority=process.ECU_PRIORITY)
-            warm.rehearse_ecu(open_backend(backend, calibration), calibration)
+            warm.rehearse_ecu(open_backend(backend, calibration, firmware), calibration, firmware)
         for note in notes:
             print(f"note: {note}", flush=True)
         try:
@@ -88,17 +95,19 @@ def run(args: argparse.Namespace) -> int:
                         duration_ns=duration,
                         peer_timeout_ns=nanoseconds(timeout, "--peer-timeout"),
                         lock=lock,
+                        firmware=firmware,
                     )
                 else:
                     outcome = ecu_loop.run_granted(
                         ecu,
                         link,
-                        grants_of(args, link, calibration.tick_us, stop),
+                        grants_of(args, link, calibration.tick_us, stop, firmware),
                         recorder,
                         calibration,
                         stop=stop,
                         duration_ns=duration,
                         peer_timeout=timeout,
+                        firmware=firmware,
                     )
         finally:
             link.close()
@@ -157,7 +166,11 @@ def phase_lock(args: argparse.Namespace, tick_us: int) -> PhaseLock | None:
 
 
 def grants_of(
-    args: argparse.Namespace, link: CanLink, tick_us: int, stop: process.Stop
+    args: argparse.Namespace,
+    link: CanLink,
+    tick_us: int,
+    stop: process.Stop,
+    firmware: BusFirmware,
 ) -> lockstep.Grants:
     """Return the grants of the plant, on the bus or beside it."""
     channel: lockstep.Channel
@@ -165,18 +178,21 @@ def grants_of(
         channel = lockstep.InBand(link, sends=lockstep.ACKNOWLEDGEMENT, hears=lockstep.GRANT)
     else:
         channel = side_channel.connect(args.side_channel, link)
-    plants = {message.frame_id for message in dbc.load().messages}.difference(TX_IDS)
+    plants = set(firmware.slots)
+    if firmware is built_in():
+        # the plant sends what the ECU does not hear too
+        plants = {message.frame_id for message in dbc.load().messages} - sent_by(firmware)
     return lockstep.Grants(link, channel, idents=plants, tick_us=tick_us, stop=stop)
 
 
-def replay(path: Path, backend: str) -> int:
+def replay(path: Path, backend: str, firmware: BusFirmware) -> int:
     """Run a trace through a backend and compare every frame it sends.
 
     Raises:
         VerdictError: a frame differs.
     """
     trace = tick_trace.load(path)
-    again = tick_trace.replay(trace, backend)
+    again = tick_trace.replay(trace, backend, firmware=firmware)
     if again.difference is not None:
         raise VerdictError(f"{path}: backend '{backend}' differs: {again.difference}")
     sent = int(trace.frames["sent"].sum())

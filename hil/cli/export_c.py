@@ -140,7 +140,8 @@ def described(
         )
     else:
         run_in = recorded(settings, controller)
-        traffic = joined(run_in, ecu_traffic.random_traffic(1, HOSTILE_TICKS))
+        hostile = ecu_traffic.random_traffic(1, HOSTILE_TICKS, bus=settings.firmware.bus)
+        traffic = joined(run_in, hostile)
         origin = (
             f"The vectors are {run_in.ticks} ticks of a double lane change, then {HOSTILE_TICKS} "
             "of frames with wrong checksums, counters, lengths and values."
@@ -149,8 +150,8 @@ def described(
         record=record,
         gains=gains_header(record, title=[title], physical=physical_notes(record)),
         title=title,
-        dbc=args.dbc if own else signals.DBC,
-        map_file=args.map if own else signals.MAP,
+        dbc=args.dbc or settings.profile.dbc or signals.DBC,
+        map_file=args.map or settings.profile.map_file or signals.MAP,
         traffic=traffic,
         origin=origin,
     )
@@ -158,7 +159,8 @@ def described(
 
 def recorded(settings: Settings, controller: Controller) -> Traffic:
     """Frames received by the ECU in a short run."""
-    recorder = Recorder(open_backend(settings.backend, controller.record))
+    firmware = settings.firmware
+    recorder = Recorder(open_backend(settings.backend, controller.record, firmware), firmware)
     closed_loop(
         build_world(settings, enabled=True),
         recorder,

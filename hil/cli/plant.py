@@ -4,7 +4,6 @@ import argparse
 
 import vehicles
 from canroll.errors import CanrollError
-from firmware.signals import TX_IDS
 from hil.cli.ecu import nanoseconds, peer_timeout
 from hil.cli.options import choices_of
 from hil.realtime import lockstep, own_bus, plant_loop, plant_record, process, side_channel, warm
@@ -14,7 +13,7 @@ from hil.realtime.plant_loop import Outcome
 from hil.report.run_folder import check_parent
 from hil.runs import conditions, logs, phase, signal_files
 from hil.runs.choices import chosen
-from hil.runs.frozen import profile_of, refuse_own
+from hil.runs.frozen import firmware_of, profile_of, refuse_wide_identifiers
 from plant_sim.driving import maneuvers
 from plant_sim.world.world import World
 
@@ -39,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
         notes = []
         if args.pace == "realtime":
             notes = process.prepare(cpu=args.cpu, priority=process.PLANT_PRIORITY)
-            warm.rehearse_plant(lambda: world_of(args))
+            warm.rehearse_plant(lambda: world_of(args), firmware_of(profile_of(choices_of(args))))
         for note in notes:
             print(f"note: {note}", flush=True)
         link = _link(args)
@@ -86,9 +85,10 @@ def _drive(
     args: argparse.Namespace, world: World, link: Link, stop: process.Stop
 ) -> Outcome | None:
     """Drive in step with the clock once an ECU is heard; None where a stop is asked for before."""
+    firmware = firmware_of(profile_of(choices_of(args)))
     if args.wait > 0:
         print("plant waits for the ECU", flush=True)
-        if not plant_loop.wait_for_ecu(link, stop=stop, timeout=args.wait):
+        if not plant_loop.wait_for_ecu(link, stop=stop, timeout=args.wait, firmware=firmware):
             _check_stopped(args, stop)
             return None
     return plant_loop.run(
@@ -98,6 +98,7 @@ def _drive(
         duration_ns=_duration_ns(args, world),
         peer_timeout_ns=nanoseconds(peer_timeout(args), "--peer-timeout"),
         announce=lambda: print("plant runs", flush=True),
+        firmware=firmware,
     )
 
 
@@ -111,8 +112,9 @@ def _drive_granting(
     else:
         channel = side_channel.listen(args.side_channel, link)
         print(f"grants at {channel.address}", flush=True)
+    idents = plant_loop.sent_by(firmware_of(profile_of(choices_of(args))))
     ecu = lockstep.GrantedEcu(
-        link, channel, idents=TX_IDS, stop=stop, peer_timeout=peer_timeout(args)
+        link, channel, idents=idents, stop=stop, peer_timeout=peer_timeout(args)
     )
     print("plant waits for the ECU", flush=True)
     if not ecu.greet(args.wait or None):
@@ -151,7 +153,7 @@ def world_of(args: argparse.Namespace) -> World:
         choices.get("faults", ()), choices.get("conditions", {})
     )
     profile = profile_of(choices)
-    refuse_own(profile, "plant")
+    refuse_wide_identifiers(profile)
     return World(
         vehicle=vehicle,
         body=chosen(choices, "plant"),
@@ -167,9 +169,14 @@ def world_of(args: argparse.Namespace) -> World:
 
 
 def _link(args: argparse.Namespace) -> Link:
+    fd = firmware_of(profile_of(choices_of(args))).fd
     if has_bus(args):
-        return open_link(args)
-
+        return open_link(args, fd)
+    if fd:
+        raise CanrollError(
+            "the plant's own bus has no CAN FD frames: give an interface that has, such as "
+            "-i socketcan -c vcan0 --fd"
+        )
     server = own_bus.serve(args.serve)
     print(f"serving {server.options}", flush=True)
     return server

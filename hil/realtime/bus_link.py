@@ -10,7 +10,7 @@ import logging
 import select
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol
 
 import can
@@ -77,6 +77,7 @@ class CanLink:
         reopen: opens it again; raises CanrollError while that fails. None: never.
         record: takes everything that goes over the bus.
         echoes: the interface gives back what was sent, which nobody wants to hear.
+        fd: identifiers whose frames are sent as CAN FD frames, and whether with bit-rate switch.
     """
 
     def __init__(
@@ -86,8 +87,10 @@ class CanLink:
         *,
         record: BusRecord | None = None,
         echoes: bool = False,
+        fd: Mapping[int, bool] | None = None,
     ) -> None:
         self.bus = bus
+        self._fd = fd or {}
         self.record = record
         self._echoes = echoes
         self.sent = self.received = self._failed = 0
@@ -164,7 +167,11 @@ class CanLink:
         """Send a frame."""
         extended = bool(ident & EXTENDED)
         message = can.Message(
-            arbitration_id=ident & ~EXTENDED, data=payload, is_extended_id=extended
+            arbitration_id=ident & ~EXTENDED,
+            data=payload,
+            is_extended_id=extended,
+            is_fd=ident in self._fd,
+            bitrate_switch=self._fd.get(ident, False),
         )
         try:
             self.bus.send(message)
@@ -236,20 +243,26 @@ def has_bus(args: argparse.Namespace) -> bool:
         return False
 
 
-def open_link(args: argparse.Namespace) -> CanLink:
-    """Open the bus that python-can's own options describe.
+def open_link(args: argparse.Namespace, fd: Mapping[int, bool] | None = None) -> CanLink:
+    """Open the bus that python-can's own options describe; ``fd`` as of :class:`CanLink`.
 
     Raises:
         CanrollError: it cannot be opened; the message says which command mends it.
     """
     logging.getLogger("can").setLevel(logging.CRITICAL)
     name, channel, bitrate, kwargs = options_of(args)
+    if fd and name == "socketcand":
+        raise CanrollError(
+            "socketcand has no CAN FD frames: select an interface that has them, such as "
+            "-i socketcan -c vcan0 --fd"
+        )
     clock = interfaces.clock_of(name, kwargs)
     return CanLink(
         _open(args),
         lambda: _open(args),
         record=BusRecord(source(name, channel, clock, bitrate)),
         echoes=interfaces.echoes(name),
+        fd=fd,
     )
 
 

@@ -11,17 +11,15 @@ import time
 from dataclasses import dataclass
 
 from codegen.run.backends import Backend
+from codegen.run.bus_firmware import BusFirmware, built_in
 from firmware.calibration import Calibration
 from firmware.event_trigger import command_slot
-from firmware.signals import RX_IDS, TX_IDS, TX_LENGTHS, pack
-from firmware.state import SAFE, Ecu
-from firmware.transmit import queue
+from firmware.state import RX_IMU, SAFE
 from hil.realtime.bus_link import Frame, Link
 from hil.realtime.lockstep import Grants
 from hil.realtime.phase_lock import PhaseLock
 from hil.realtime.process import Stop, collector_off
 from hil.realtime.tick_trace import Recorder
-from hil.runs.phase import IMU
 
 STOPPED, PEER_LOST, DURATION = "stopped", "peer lost", "duration over"
 AWAKE_NS = 300_000
@@ -48,6 +46,7 @@ def run(
     duration_ns: int | None = None,
     peer_timeout_ns: int | None = None,
     lock: PhaseLock | None = None,
+    firmware: BusFirmware | None = None,
 ) -> Outcome:
     """Run ``ecu`` on ``link`` until a stop request, loss of the vehicle or the end of the time.
 
@@ -62,11 +61,15 @@ def run(
         duration_ns: end after this time.
         peer_timeout_ns: end when the vehicle, once heard, is silent for as long; None: never.
         lock: keeps the ticks at a phase after the Imu frames; None: the clock runs freely.
+        firmware: that of the bus, by default the built-in one.
     """
+    firmware = firmware or built_in()
+    imu = firmware.bus.received[RX_IMU].ident
     clock = time.monotonic_ns
     period = calibration.tick_us * 1000
-    command_id, command = TX_IDS[command_slot(calibration)], bytes(8)
-    ours = frozenset(RX_IDS)
+    command_id, length = firmware.sent[command_slot(calibration)]
+    command = bytes(length)
+    ours = frozenset(firmware.slots)
     number = ticks = last_heard = 0
     elapsed = 1
     with collector_off():
@@ -76,7 +79,7 @@ def run(
         while True:
             if lock is not None:
                 deadline += lock.correction(deadline)
-            frames = _wait(link, deadline, lock)
+            frames = _wait(link, deadline, lock, imu)
             start = clock()
             late = (start - deadline) // period
             elapsed += late
@@ -107,21 +110,22 @@ def run(
             skipped = max(0, -(-(end - due) // period))
             elapsed = 1 + skipped
             deadline = due + skipped * period
-        link.send(*zero_command(calibration, command))
+        link.send(*zero_command(calibration, command, firmware))
     return Outcome(reason, ticks, number - ticks, ecu.state.mode)
 
 
-def _wait(link: Link, deadline: int, lock: PhaseLock | None) -> list[Frame]:
+def _wait(link: Link, deadline: int, lock: PhaseLock | None, imu: int) -> list[Frame]:
     """Wait for a deadline; return the frames of 11 bits that came in meanwhile.
 
-    Only a lock needs to know when they came: without one they wait in the driver.
+    ``imu`` is the identifier that the lock follows. Only a lock needs to know when they came:
+    without one they wait in the driver.
     """
     frames = []
     while (rest := deadline - time.monotonic_ns()) > 0:
         if lock is None or rest <= AWAKE_NS:
             time.sleep(rest * 1e-9)
         elif (frame := link.next((rest - AWAKE_NS) * 1e-9)) is not None:
-            if frame[0] == IMU:
+            if frame[0] == imu:
                 lock.arrived(time.monotonic_ns())
             frames.append(frame)
     return frames
@@ -137,6 +141,7 @@ def run_granted(
     stop: Stop,
     duration_ns: int | None = None,
     peer_timeout: float | None = None,
+    firmware: BusFirmware | None = None,
 ) -> Outcome:
     """Run ``ecu`` in lock step: a tick for every grant, whenever that comes.
 
@@ -151,12 +156,15 @@ def run_granted(
         stop: looked at while waiting.
         duration_ns: end after so much granted time.
         peer_timeout: time without a grant after which the plant is lost, s; None: never.
+        firmware: that of the bus, by default the built-in one.
 
     Raises:
         VerdictError: frames were lost.
     """
+    firmware = firmware or built_in()
     period = calibration.tick_us * 1000
-    command_id, command = TX_IDS[command_slot(calibration)], bytes(8)
+    command_id, length = firmware.sent[command_slot(calibration)]
+    command = bytes(length)
     number = ticks = 0
     reason = DURATION
     with collector_off():
@@ -181,22 +189,27 @@ def run_granted(
             due = number * period
             recorder.tick(number, elapsed, due, due, due + time.monotonic_ns() - began)
             ticks += 1
-        link.send(*zero_command(calibration, command))
+        link.send(*zero_command(calibration, command, firmware))
         grants.end(1)
     return Outcome(reason, ticks, 0, ecu.state.mode)
 
 
-def zero_command(calibration: Calibration, last: bytes) -> Frame:
+def zero_command(
+    calibration: Calibration, last: bytes, firmware: BusFirmware | None = None
+) -> Frame:
     """Return the command frame with zero commands, in mode SAFE.
 
     Args:
         calibration: names the command message and whether it is protected.
         last: payload of the last command sent; its counter goes on.
+        firmware: that of the bus, by default the built-in one.
     """
-    ecu = Ecu()
+    firmware = firmware or built_in()
+    ecu = firmware.record()
     slot = command_slot(calibration)
     ecu.mode = SAFE
-    ecu.tx_counter[slot] = last[1] & 15
-    pack(ecu, slot)
-    queue(ecu, calibration, slot)
-    return TX_IDS[slot], bytes(ecu.tx_payload[slot][: TX_LENGTHS[slot]])
+    ecu.tx_counter[slot] = firmware.bus.transmitted[slot].count(last)
+    firmware.module("signals").pack(ecu, slot)
+    firmware.module("transmit").queue(ecu, calibration, slot)
+    ident, length = firmware.sent[slot]
+    return ident, bytes(ecu.tx_payload[slot][:length])

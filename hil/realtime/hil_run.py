@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from canroll.errors import CanrollError
 from codegen.run.backends import open_backend
 from hil.realtime import session
 from hil.runs import experiment
 from hil.runs.choices import PASSIVE
 from hil.runs.experiment import with_files
-from hil.runs.frozen import refuse_own
+from hil.runs.frozen import refuse_wide_identifiers
 from hil.runs.result import Result
 from hil.runs.trace import Trace
 
@@ -51,7 +52,12 @@ def run(
         Interrupted: Ctrl-C; both programs have ended.
     """
     settings, controller = experiment.plan(scenario, duration=duration, **keywords)
-    refuse_own(settings.profile, "hil")
+    refuse_wide_identifiers(settings.profile)
+    if settings.firmware.fd and not bus_options:
+        raise CanrollError(
+            "the plant's own bus has no CAN FD frames: give an interface that has, such as "
+            "-i socketcan -c vcan0 --fd"
+        )
     whole = experiment.build_world(settings, enabled=False).duration_ns
     judged = whole * 1e-9 if duration is None else min(duration, whole * 1e-9)
     setup = session.Setup(
@@ -89,9 +95,9 @@ def prepare(scenario: str, **keywords: Any) -> None:  # noqa: ANN401
         CanrollError: a name or number that cannot be; the message says what to do.
     """
     settings, controller = experiment.plan(scenario, **keywords)
-    refuse_own(settings.profile, "hil")
+    refuse_wide_identifiers(settings.profile)
     experiment.build_world(settings, enabled=True)
-    open_backend(settings.backend, controller.record)
+    open_backend(settings.backend, controller.record, settings.firmware)
 
 
 def cut(trace: Trace, duration: float) -> Trace:

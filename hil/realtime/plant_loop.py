@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from firmware.signals import TX_IDS
+from codegen.run.bus_firmware import BusFirmware, built_in
 from hil.realtime.bus_link import Link
 from hil.realtime.lockstep import GrantedEcu, PeerLostError
 from hil.realtime.process import Stop, collector_off
@@ -44,11 +44,22 @@ class Outcome:
     wall_ns: int
 
 
-def wait_for_ecu(link: Link, *, stop: Stop, timeout: float) -> bool:
-    """Wait until the ECU is heard; False where ``timeout`` seconds pass or a stop is asked for."""
+def sent_by(firmware: BusFirmware) -> frozenset[int]:
+    """Return the identifiers of the frames that an ECU sends."""
+    return frozenset(ident for ident, _ in firmware.sent)
+
+
+def wait_for_ecu(
+    link: Link, *, stop: Stop, timeout: float, firmware: BusFirmware | None = None
+) -> bool:
+    """Wait until the ECU is heard; False where ``timeout`` seconds pass or a stop is asked for.
+
+    ``firmware`` is that of the bus, by default the built-in one.
+    """
+    idents = sent_by(firmware or built_in())
     until = time.monotonic() + timeout
     while not stop.requested and time.monotonic() < until:
-        if any(ident in TX_IDS for ident, _ in link.receive()):
+        if any(ident in idents for ident, _ in link.receive()):
             return True
         time.sleep(0.005)
     return False
@@ -63,6 +74,7 @@ def run(
     step_ns: int = STEP_NS,
     peer_timeout_ns: int | None = None,
     announce: Callable[[], None] = lambda: None,
+    firmware: BusFirmware | None = None,
 ) -> Outcome:
     """Keep ``world`` in step with the clock until the manoeuvre is over.
 
@@ -74,9 +86,10 @@ def run(
         step_ns: period of the loop; frames are handed on as often.
         peer_timeout_ns: end when the ECU, once heard, is silent for as long; None: never.
         announce: called once, when the clock runs.
+        firmware: that of the bus, by default the built-in one.
     """
     clock, sleep = time.monotonic_ns, time.sleep
-    idents = frozenset(TX_IDS)
+    idents = sent_by(firmware or built_in())
     loop = np.zeros((duration_ns // step_ns + 2, 2), dtype=np.int64)
     world.advance(0)
     reason = FINISHED

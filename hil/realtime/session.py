@@ -84,6 +84,8 @@ def drive(
         programs.wait_for(plant, "plant waits")
         arguments = ["ecu", "--calibration", str(gains), "--backend", settings.backend]
         arguments += ["--trace", str(ticks), *_core(setup, 1), *bus, *_pace(setup), *grants]
+        frames = ("bus", "dbc", "map")
+        arguments += choices.arguments({name: getattr(settings, name) for name in frames})
         if setup.pace == "realtime":
             arguments += _phase(settings)
         ecu = programs.start(children, "ECU", arguments)
@@ -172,7 +174,7 @@ def assemble(
     if granted:
         # the ECU counts periods, and the first of them begins at tick 0
         start = -experiment.tick_offset_ns(settings)
-    again = tick_trace.replay(ecu, settings.backend, start_ns=start)
+    again = tick_trace.replay(ecu, settings.backend, start_ns=start, firmware=settings.firmware)
     if again.difference is not None:
         raise CanrollError(f"the tick trace does not replay: {again.difference}")
     length = float(plant.signals["time"][-1])
@@ -184,6 +186,7 @@ def assemble(
             plant.frames,
             start_ns=start,
             sensor_latency_ns=_sensor_latency_ns(settings),
+            firmware=settings.firmware,
         )
     during = (again.rows["t"] >= 0) & (again.rows["t"] <= length)
     trace = Trace(

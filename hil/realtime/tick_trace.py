@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from codegen.run.backends import Backend, open_backend
+from codegen.run.bus_firmware import BusFirmware
 from firmware.calibration import Calibration
 from firmware.subset import fields
 from gain_gen.calibration.record import fill
@@ -36,21 +37,34 @@ TICKS = np.dtype(
 )
 """One tick: its number (skipped ticks counted), periods since the last one, frames in and out, and
 its instants on the system's monotonic clock."""
-FRAMES = np.dtype(
-    [("ident", "u4"), ("sent", "u1"), ("length", "u1"), ("_", "u2"), ("payload", "u1", (8,))]
-)
-"""One frame: ``sent`` 0 consumed, 1 sent; a tick's frames in order, the consumed ones first."""
-
 _TICK = struct.Struct("<qiiqqq")
-_FRAME = struct.Struct("<IBBxx8s")
+
+
+def frames_of(room: int) -> np.dtype[Any]:
+    """One frame of up to ``room`` bytes: ``sent`` 0 consumed, 1 sent.
+
+    A tick's frames are in order, the consumed ones first.
+    """
+    return np.dtype(
+        [("ident", "u4"), ("sent", "u1"), ("length", "u1"), ("_", "u2"), ("payload", "u1", (room,))]
+    )
+
+
+FRAMES = frames_of(8)
+"""Frames of the built-in bus."""
 
 
 class Recorder:
-    """Memory for ``ticks`` ticks and ``frames`` frames; when it is full, recording ends."""
+    """Memory for ``ticks`` ticks and ``frames`` frames; when it is full, recording ends.
 
-    def __init__(self, *, ticks: int, frames: int) -> None:
+    ``room``: bytes of the longest frame.
+    """
+
+    def __init__(self, *, ticks: int, frames: int, room: int = 8) -> None:
+        self._kind = frames_of(room)
+        self._frame_struct = struct.Struct(f"<IBBxx{room}s")
         self._ticks = bytearray(_TICK.size * ticks)
-        self._frames = bytearray(_FRAME.size * frames)
+        self._frames = bytearray(self._frame_struct.size * frames)
         self._tick_end = self._frame_end = self._frame_done = 0
         self.full = False
 
@@ -68,7 +82,7 @@ class Recorder:
             self.full = True
         if self.full:
             return
-        count = (self._frame_end - self._frame_done) // _FRAME.size
+        count = (self._frame_end - self._frame_done) // self._frame_struct.size
         _TICK.pack_into(self._ticks, self._tick_end, number, elapsed, count, deadline, start, end)
         self._tick_end += _TICK.size
         self._frame_done = self._frame_end
@@ -77,8 +91,9 @@ class Recorder:
         if self.full or self._frame_end == len(self._frames):
             self.full = True
             return
-        _FRAME.pack_into(self._frames, self._frame_end, ident, sent, len(payload), payload)
-        self._frame_end += _FRAME.size
+        frame = self._frame_struct
+        frame.pack_into(self._frames, self._frame_end, ident, sent, len(payload), payload)
+        self._frame_end += frame.size
 
     def ticks(self) -> NDArray[np.void]:
         """Return the closed ticks."""
@@ -86,12 +101,12 @@ class Recorder:
 
     def frames(self) -> NDArray[np.void]:
         """Return the frames of the closed ticks."""
-        return np.frombuffer(bytes(self._frames[: self._frame_done]), FRAMES)
+        return np.frombuffer(bytes(self._frames[: self._frame_done]), self._kind)
 
 
 @dataclass(frozen=True, slots=True)
 class TickTrace:
-    """A recorded run: calibration, ticks (:data:`TICKS`), frames (:data:`FRAMES`), what else.
+    """A recorded run: calibration, ticks (:data:`TICKS`), frames (:func:`frames_of`), what else.
 
     ``bus``: everything on the real bus (:data:`hil.realtime.hardware.bus_record.ENTRY`).
     """
@@ -153,15 +168,18 @@ class Replay:
     difference: str | None
 
 
-def replay(trace: TickTrace, backend: str, *, start_ns: int = 0) -> Replay:
+def replay(
+    trace: TickTrace, backend: str, *, start_ns: int = 0, firmware: BusFirmware | None = None
+) -> Replay:
     """Replay a trace with ``backend`` and compare every frame sent with the recorded one.
 
     Args:
         trace: of a run from the start of its ECU.
         backend: what runs the firmware.
         start_ns: monotonic instant that is time 0 of the rows.
+        firmware: that of the bus, by default the built-in one.
     """
-    ecu = open_backend(backend, trace.calibration)
+    ecu = open_backend(backend, trace.calibration, firmware)
     rows = np.zeros(len(trace.ticks), TICK)
     difference = None
     first = 0
@@ -178,7 +196,8 @@ def replay(trace: TickTrace, backend: str, *, start_ns: int = 0) -> Replay:
 
 def _replay_tick(ecu: Backend, frames: NDArray[np.void], elapsed: int) -> list[Frame]:
     for frame in frames[frames["sent"] == 0]:
-        ecu.receive(int(frame["ident"]), frame["payload"], int(frame["length"]))
+        length = int(frame["length"])
+        ecu.receive(int(frame["ident"]), frame["payload"][:length], length)
     return list(ecu.tick(elapsed))
 
 

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from codegen.run.bus_firmware import BusFirmware, built_in
 from firmware.event_trigger import command_slot
-from firmware.signals import TX_IDS
+from firmware.state import RX_IMU
 from hil.realtime.hardware import bus_record
 from hil.realtime.tick_trace import TickTrace
-from hil.runs.phase import IMU, received_by_ecu
+from hil.runs.phase import received_by_ecu
 
 QUANTILES = {"min": 0.0, "p50": 0.5, "p99": 0.99, "p99.9": 0.999, "max": 1.0}
 ROWS = {
@@ -91,6 +92,7 @@ def latencies(
     *,
     start_ns: int,
     sensor_latency_ns: int,
+    firmware: BusFirmware | None = None,
 ) -> Times:
     """Return the time from sample to force of each applied command, ns.
 
@@ -104,12 +106,15 @@ def latencies(
         frames: the plant's bus log.
         start_ns: monotonic instant of plant time 0.
         sensor_latency_ns: from the sample to the Imu frame in its queue.
+        firmware: that of the bus, by default the built-in one.
     """
-    sent, read = _commands_and_samples(trace)
+    firmware = firmware or built_in()
+    sent, read = _commands_and_samples(trace, firmware)
+    imu = firmware.bus.received[RX_IMU]
     sampled: dict[bytes, list[tuple[int, int]]] = {}
-    for entry in received_by_ecu(frames):
+    for entry in received_by_ecu(frames, imu.ident):
         instants = (int(entry["t_received"]), int(entry["t_origin"]) - sensor_latency_ns)
-        sampled.setdefault(entry["payload"][:8].tobytes(), []).append(instants)
+        sampled.setdefault(entry["payload"][: imu.length].tobytes(), []).append(instants)
     ages = []
     for command in commands:
         # counters come round: of the ticks that sent this one, the nearest in time is meant
@@ -169,16 +174,19 @@ def _bus_line(side: str, figures: Mapping[str, Any]) -> str:
     return f"{side}, {figures['interface']}: {'; '.join(parts)}"
 
 
-def _commands_and_samples(trace: TickTrace) -> tuple[NDArray[np.void], list[bytes]]:
+def _commands_and_samples(
+    trace: TickTrace, firmware: BusFirmware
+) -> tuple[NDArray[np.void], list[bytes]]:
     """Return each command's start of tick and counter, and the Imu payload it was made of."""
-    command_id = TX_IDS[command_slot(trace.calibration)]
+    command = firmware.bus.transmitted[command_slot(trace.calibration)]
+    imu = firmware.bus.received[RX_IMU]
     rows, read, newest, first = [], [], b"", 0
     for tick in trace.ticks:
         for frame in trace.frames[first : first + int(tick["frames"])]:
-            if frame["ident"] == IMU and not frame["sent"]:
-                newest = frame["payload"].tobytes()
-            elif frame["ident"] == command_id and frame["sent"]:
-                rows.append((int(tick["start_ns"]), int(frame["payload"][1]) & 15))
+            if frame["ident"] == imu.ident and not frame["sent"]:
+                newest = frame["payload"][: imu.length].tobytes()
+            elif frame["ident"] == command.ident and frame["sent"]:
+                rows.append((int(tick["start_ns"]), command.count(frame["payload"])))
                 read.append(newest)
         first += int(tick["frames"])
     return np.array(rows, dtype=[("t_ns", "i8"), ("counter", "i8")]), read

@@ -13,8 +13,8 @@ from typing import Any
 from numba.core import event
 
 from codegen.run.backends import Backend
+from codegen.run.bus_firmware import BusFirmware, built_in
 from firmware.calibration import BARS, DAMPERS, SUSPENSION, VALVES, Calibration
-from firmware.signals import RX_IDS, TX_IDS
 from hil.realtime import ecu_loop, plant_loop
 from hil.realtime.bus_link import Frame
 from hil.realtime.phase_lock import ACQUIRE, PhaseLock
@@ -56,11 +56,17 @@ class _Rehearsal:
         pass
 
 
-def rehearse_ecu(ecu: Backend, calibration: Calibration) -> None:
-    """Run the ECU's loop for a few ticks on an ECU that is thrown away."""
-    link = _Rehearsal([(ident, bytes(8)) for ident in RX_IDS if ident])
+def rehearse_ecu(
+    ecu: Backend, calibration: Calibration, firmware: BusFirmware | None = None
+) -> None:
+    """Run the ECU's loop for a few ticks on an ECU that is thrown away.
+
+    ``firmware`` is that of the bus, by default the built-in one.
+    """
+    firmware = firmware or built_in()
+    link = _Rehearsal([(ident, bytes(firmware.room)) for ident in firmware.slots])
     period = 1000 * calibration.tick_us
-    recorder = Recorder(ticks=2 * TICKS, frames=40 * TICKS)
+    recorder = Recorder(ticks=2 * TICKS, frames=40 * TICKS, room=firmware.room)
     ecu_loop.run(
         ecu,
         link,
@@ -70,21 +76,31 @@ def rehearse_ecu(ecu: Backend, calibration: Calibration) -> None:
         duration_ns=TICKS * period,
         peer_timeout_ns=TICKS * period,
         lock=PhaseLock(phase_ns=0, cycle_ns=period),
+        firmware=firmware,
     )
 
 
-def rehearse_plant(make_world: Callable[[], World]) -> None:
+def rehearse_plant(make_world: Callable[[], World], firmware: BusFirmware | None = None) -> None:
     """Run the plant's loop for a moment, and read all that a run is read for.
 
     Args:
         make_world: a world of the run's kind.
+        firmware: that of the bus, by default the built-in one.
     """
+    firmware = firmware or built_in()
     world = make_world()
     calibration, commands = Calibration(), []
     for calibration.actuator in (SUSPENSION, BARS, DAMPERS, VALVES):
-        commands.append(ecu_loop.zero_command(calibration, bytes(8)))
-    link = _Rehearsal([*commands, *((ident, bytes(8)) for ident in TX_IDS)])
-    plant_loop.run(world, link, stop=Stop(), duration_ns=PLANT_NS, peer_timeout_ns=PLANT_NS)
+        commands.append(ecu_loop.zero_command(calibration, bytes(64), firmware))
+    link = _Rehearsal([*commands, *((ident, bytes(size)) for ident, size in firmware.sent)])
+    plant_loop.run(
+        world,
+        link,
+        stop=Stop(),
+        duration_ns=PLANT_NS,
+        peer_timeout_ns=PLANT_NS,
+        firmware=firmware,
+    )
     # a run may grow the world's memory and empties its log on the way
     world.advance(world.duration_ns + PLANT_NS)
     _ = world.signals, world.frames, world.commands, world.ages

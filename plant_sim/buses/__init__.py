@@ -18,6 +18,7 @@ BUSES: "Registry[BusProfile]" = Registry(
         "125k_busy": "plant_sim.buses.profile:BUSY",
         "gateway_20ms": "plant_sim.buses.profile:NEAR_GATEWAY",
         "gateway_50ms": "plant_sim.buses.profile:FAR_GATEWAY",
+        "fd_2m": "plant_sim.buses.profile:FD",
     },
     accept="plant_sim.buses.profile:accept",
     files={**dict.fromkeys(_LOGS, _LOG), ".toml": "plant_sim.can_bus.network_file:read_profile"},

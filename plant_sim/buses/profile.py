@@ -1,10 +1,11 @@
-"""Parameters of a bus, and the four built-in profiles."""
+"""Parameters of a bus, and the built-in profiles."""
 
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
 from typing import Final
 
+import dbc
 from canroll.errors import CanrollError
 
 BITRATES: Final = (10_000, 1_000_000)
@@ -50,6 +51,10 @@ NEAR_GATEWAY: Final = BusProfile("gateway_20ms", 500_000, 0.50, gateway_ms=(5.0,
 """500 kbit/s, the ECU behind a gateway of 5 to 10 ms each way."""
 FAR_GATEWAY: Final = BusProfile("gateway_50ms", 500_000, 0.50, gateway_ms=(50.0, 50.0))
 """500 kbit/s, the ECU behind a gateway of 50 ms each way."""
+FD: Final = BusProfile(
+    "fd_2m", 500_000, 0.50, data_bitrate=2_000_000, dbc=dbc.FD_PATH, map_file=dbc.FD_MAP
+)
+"""CAN FD, 500 kbit/s and 2 Mbit/s, half loaded: one sensor frame of 32 bytes instead of four."""
 
 
 def accept(what: str, profile: object) -> BusProfile:

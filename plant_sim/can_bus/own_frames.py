@@ -6,10 +6,12 @@ from functools import cache
 from pathlib import Path
 from typing import Final
 
+from cantools.database import Signal
+
 import dbc
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.generated.bus_map import EXTENDED as EXTENDED_IDENT
-from codegen.generated.bus_map import BusMap, Mailbox, load
+from codegen.generated.bus_map import BusMap, Mailbox, load, read
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
@@ -53,6 +55,21 @@ def bus_map(profile: BusProfile) -> BusMap | None:
     if profile.dbc is None or profile.map_file is None:
         return None
     return _checked(profile.dbc, profile.map_file, profile.map_file.stat().st_mtime_ns)
+
+
+def frame_signals(profile: BusProfile) -> dict[int, dict[str, Signal]]:
+    """Return the signals that are in every frame of a profile's own, by name, by identifier."""
+    if profile.dbc is None:
+        return {}
+    database, _ = read(profile.dbc)
+    return {
+        message.frame_id | (EXTENDED_IDENT if message.is_extended_frame else 0): {
+            signal.name: signal
+            for signal in message.signals
+            if not (signal.multiplexer_ids or signal.is_multiplexer or signal.is_float)
+        }
+        for message in database.messages
+    }
 
 
 @cache

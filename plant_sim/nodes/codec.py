@@ -8,7 +8,7 @@ available. A payload is an array of bytes.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import dbc
 from canroll.errors import UnknownNameError
 from codegen.generated.bus_map import EXTENDED as EXTENDED_IDENT
-from codegen.generated.bus_map import BusMap
+from codegen.generated.bus_map import BusMap, Mailbox
 from codegen.generated.frame_protection import protection
 from codegen.generated.mapped_signal import UNITS, MappedSignal, RawSignal, raw_signal
 from plant_sim.can_bus.own_frames import contract_names, flags_of
@@ -62,6 +62,8 @@ MAX_PAYLOAD = 64
 ) = range(13)
 NO_ERROR_CODE = -(1 << 40)
 """Of a signal whose DBC has no code for error or not available."""
+OF_THE_FRAME = frozenset({"Checksum", "Counter", "SampleCounter"})
+"""Signals of the contract that are each frame's own."""
 # Columns of Codec.scaling.
 SCALE, OFFSET = range(2)
 # Columns of Codec.piece: bits of a signal in one byte.
@@ -289,10 +291,12 @@ def load() -> Codec:
     return codec
 
 
-def of_map(bus: BusMap) -> Codec:
+def of_map(bus: BusMap, frames: Mapping[int, Mapping[str, Signal]] | None = None) -> Codec:
     """Tables of the frames in which ``bus`` places the contract's signals.
 
-    Messages without a mailbox in the map, and signals that it leaves out, are not on the bus.
+    Messages without a mailbox in the map, and signals that it leaves out, are not on the bus,
+    unless a frame of the map has them under the contract's name and unit: ``frames`` are the
+    signals of each, by its identifier.
     """
     codec = _empty()
     spare = len(codec.field) - _SPARE
@@ -328,7 +332,41 @@ def of_map(bus: BusMap) -> Codec:
             _place(codec, spare, box.selector)
             row[[SELECTOR, SELECTED]] = spare, box.pages[0]
             spare += 1
+    for ident, leader in leaders.items():
+        mapped = {part.name for b in bus.frames if b.ident == ident for part in _parts(b)}
+        there = (frames or {}).get(ident, {})
+        _place_rest(codec, leader, {n: its for n, its in there.items() if n not in mapped})
     return codec
+
+
+def _parts(box: Mailbox) -> Iterator[RawSignal]:
+    for signal in box.signals:
+        yield from signal.parts
+
+
+def _place_rest(codec: Codec, leader: int, rest: Mapping[str, Signal]) -> None:
+    """Place the contract's signals that a frame has beside those of the map."""
+    for index, message in enumerate(_messages().values()):
+        row = codec.message[index]
+        if row[LENGTH] and row[LEADER] != leader:
+            continue
+        found = {
+            signal.name: rest[signal.name]
+            for signal in message.signals
+            if signal.name in rest
+            and (rest[signal.name].unit or "") == (signal.unit or "")
+            and signal.name not in OF_THE_FRAME
+        }
+        values = {signal.name for signal in message.signals} - OF_THE_FRAME
+        if not row[LENGTH] and found.keys() == values:
+            own = row[[FIRST, END]].copy()
+            row[:] = codec.message[leader]
+            row[[FIRST, END]] = own
+        if row[LENGTH]:
+            names = [signal.name for signal in message.signals]
+            for name, signal in found.items():
+                at, first = signal_index(message.name, name), int(row[FIRST])
+                _contract_field(codec, at, signal, first, names)
 
 
 def _scale(codec: Codec, row: int, signal: MappedSignal, contract_unit: str) -> None:

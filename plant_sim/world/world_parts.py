@@ -65,7 +65,7 @@ def _tables(profile: can_bus.BusProfile, command: str, actuator: str) -> Codec:
     bus = own_frames.bus_map(profile)
     if bus is None:
         return codec.load()
-    tables = codec.of_map(bus)
+    tables = codec.of_map(bus, own_frames.frame_signals(profile))
     for name, first, channels in actuator_setup.COMMANDS[actuator]:
         row = codec.signal_index(name, first)
         if name == command and not tables.field[row : row + channels, codec.PIECES].all():

@@ -223,6 +223,18 @@ class Hub:
         with self._lock:
             self._run_until(self._limit(duration_s), None)
 
+    def step(self, limit_ns: int) -> bool:
+        """Go to the next end of a frame in virtual time, no farther than ``limit_ns``.
+
+        Returns False where nothing will ever happen and there is no limit.
+        """
+        with self._lock:
+            before = self._cursor
+            if limit_ns >= NEVER and self._stuck():
+                return False
+            self._step(limit_ns, 0)
+            return self._cursor > before or limit_ns < NEVER
+
     def node_state(self, port: Port) -> tuple[int, int, int]:
         """Return the port's error state, transmit and receive error counters."""
         node = self._nodes[port.node]

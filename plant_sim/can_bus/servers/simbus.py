@@ -39,21 +39,11 @@ from plant_sim.can_bus.kernel.network import (
     Node,
     Segment,
     build_network,
-    check_frame,
 )
-from plant_sim.can_bus.servers.hub import Hub, HubError, Port, QueueFullError, Received
+from plant_sim.can_bus.servers.frames import message_of, sent_flags, truth
+from plant_sim.can_bus.servers.hub import Hub, HubError, Port, QueueFullError
 from plant_sim.can_bus.simulation import traffic_spec
 from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.can_bus.traffic.log_reader import flags_of
-from plant_sim.can_bus.wire.frame import (
-    BIT_RATE_SWITCH,
-    ERROR_FLAG,
-    ERROR_STATE,
-    EXTENDED,
-    FD,
-    RECESSIVE_INDICATOR,
-    REMOTE,
-)
 
 QUEUES: Final = ("fifo", "priority")
 _LOGGER: Final = logging.getLogger("can.simbus")
@@ -71,18 +61,13 @@ _HUBS: Final[dict[str, _Shared]] = {}
 _LOCK: Final = threading.Lock()
 
 
-def _truth(value: Any) -> bool:  # noqa: ANN401
-    """Understand booleans as configuration files and command lines give them."""
-    return str(value).strip().lower() in {"1", "true", "yes", "on"}
-
-
 _SETTINGS: Final[dict[str, Callable[[Any], Any]]] = {
     "bitrate": int,
     "data_bitrate": int,
-    "virtual_time": _truth,
+    "virtual_time": truth,
     "bit_error_rate": float,
     "traffic": str,
-    "acknowledge": _truth,
+    "acknowledge": truth,
     "seed": int,
 }
 """Options set by the first node on a channel, and their types."""
@@ -166,16 +151,16 @@ class SimBus(can.BusABC):
             }
         )
         self.channel = channel
-        self._fd = _truth(fd)
-        self._enobufs = _truth(enobufs)
-        self._preserve_timestamps = _truth(preserve_timestamps)
+        self._fd = truth(fd)
+        self._enobufs = truth(enobufs)
+        self._preserve_timestamps = truth(preserve_timestamps)
         try:
             if queue not in QUEUES:
                 raise UnknownNameError("queue", queue, QUEUES)
             with _LOCK:
                 self.hub = _open_hub(str(channel), settings)
                 self.port: Port = self.hub.open_port(
-                    receive_own=_truth(receive_own_messages), fd=self._fd, queue=queue
+                    receive_own=truth(receive_own_messages), fd=self._fd, queue=queue
                 )
         except CanrollError as error:
             raise can.CanInitializationError(f"simbus: {error}") from error
@@ -199,13 +184,8 @@ class SimBus(can.BusABC):
         """
         if not self._open:
             raise can.CanOperationError("send on a bus that has been shut down")
-        if msg.is_fd and not self._fd:
-            raise can.CanOperationError(f"{self.channel_info} has no FD: open it with fd=True")
-        flags = flags_of(msg) | (ERROR_FLAG if msg.is_error_frame else 0)
-        if msg.is_fd and msg.error_state_indicator:
-            flags |= RECESSIVE_INDICATOR
+        flags = sent_flags(msg, fd=self._fd, where=self.channel_info)
         try:
-            check_frame(msg.arbitration_id, msg.dlc, flags)
             self.hub.send(
                 self.port,
                 msg.arbitration_id,
@@ -218,7 +198,7 @@ class SimBus(can.BusABC):
         except QueueFullError as error:
             text = f"{self.channel_info}: {error}"
             raise can.CanOperationError(text, errno.ENOBUFS) from error
-        except (CanrollError, HubError, ValueError) as error:
+        except (HubError, ValueError) as error:
             raise can.CanOperationError(f"{self.channel_info}: {error}") from error
         finally:
             self._warn()
@@ -253,25 +233,9 @@ class SimBus(can.BusABC):
         frame = self.hub.receive(self.port, timeout)
         if self.hub.unacknowledged:
             self._warn()
-        return (None if frame is None else self._message(frame)), False
-
-    def _message(self, frame: Received) -> can.Message:
-        flags = frame.flags
-        remote = bool(flags & REMOTE)
-        return can.Message(
-            timestamp=frame.time_s,
-            arbitration_id=frame.ident,
-            is_extended_id=bool(flags & EXTENDED),
-            is_remote_frame=remote,
-            is_error_frame=frame.error,
-            dlc=frame.length,
-            data=None if remote else frame.payload,
-            is_fd=bool(flags & FD),
-            bitrate_switch=bool(flags & BIT_RATE_SWITCH),
-            error_state_indicator=bool(flags & ERROR_STATE),
-            is_rx=frame.sender != self.port.node,
-            channel=self.channel,
-        )
+        if frame is None:
+            return None, False
+        return message_of(frame, self.channel, self.port.node), False
 
     def let_pass(self, duration_s: float) -> None:
         """Advance the time of the bus: in virtual time at once, else by a sleep."""

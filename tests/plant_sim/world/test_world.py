@@ -197,7 +197,7 @@ def test_ages_are_those_of_the_log(bus):
         assert world.ages.max() < 60 * MS
 
 
-@pytest.mark.parametrize("bus", BUSES)
+@pytest.mark.parametrize("bus", [name for name in BUSES if can_bus.load_profile(name).dbc is None])
 def test_ages_lie_within_the_bounds_of_the_analysis(bus):
     bounds = delay_bounds(
         can_bus.load_profile(bus),

@@ -1,0 +1,134 @@
+"""What a shared bus and its programs say to each other over TCP.
+
+A program joins with one line of JSON. Then it asks, with the frames it has sent meanwhile and the
+time until which it waits, and the bus answers with the time, and the frames that have come.
+"""
+
+import json
+import socket
+from struct import Struct
+from typing import Any, Final, NamedTuple
+
+from plant_sim.can_bus.servers.hub import Received
+
+_ASK: Final = Struct("<qI")
+_SENT: Final = Struct("<IHB64s")
+_ANSWER: Final = Struct("<qIIBB")
+_CAME: Final = Struct("<dIHBBh64s")
+LEAVE: Final = -1
+"""Time of the question with which a program leaves."""
+MAX_FRAMES: Final = 1 << 16
+
+
+class Sent(NamedTuple):
+    """A frame that a program sends."""
+
+    ident: int
+    flags: int
+    length: int
+    payload: bytes
+
+
+class Question(NamedTuple):
+    """Wait until ``until_ns``, having sent ``frames``; ``LEAVE``: no more."""
+
+    until_ns: int
+    frames: list[Sent]
+
+
+class Answer(NamedTuple):
+    """The time is ``now_ns``, ``frames`` have come; ``refused``: frames that had no room.
+
+    ``over``: nothing will ever happen again. ``bus_off``: the node is.
+    """
+
+    now_ns: int
+    refused: int
+    over: bool
+    bus_off: bool
+    frames: list[Received]
+
+
+def send_line(connection: socket.socket, said: dict[str, Any]) -> None:
+    """Send one JSON object."""
+    connection.sendall(json.dumps(said).encode() + b"\n")
+
+
+def read_line(connection: socket.socket) -> dict[str, Any]:
+    """Receive one JSON object.
+
+    Raises:
+        ConnectionError: the other side has gone, or says something else.
+    """
+    line = b""
+    while not line.endswith(b"\n"):
+        byte = connection.recv(1)
+        if not byte or len(line) > 1000:
+            raise ConnectionError("no answer")
+        line += byte
+    try:
+        found = json.loads(line)
+    except ValueError as error:
+        raise ConnectionError("not a program of a shared bus") from error
+    if not isinstance(found, dict):
+        raise ConnectionError("not a program of a shared bus")
+    return found
+
+
+def send_question(connection: socket.socket, question: Question) -> None:
+    """Send a question."""
+    parts = [_ASK.pack(question.until_ns, len(question.frames))]
+    parts += [_SENT.pack(f.ident, f.flags, f.length, f.payload) for f in question.frames]
+    connection.sendall(b"".join(parts))
+
+
+def read_question(connection: socket.socket) -> Question:
+    """Receive a question.
+
+    Raises:
+        ConnectionError: the program has gone.
+    """
+    until_ns, count = _ASK.unpack(_exactly(connection, _ASK.size))
+    data = _exactly(connection, _counted(count) * _SENT.size)
+    return Question(until_ns, [Sent(*fields) for fields in _SENT.iter_unpack(data)])
+
+
+def send_answer(connection: socket.socket, answer: Answer) -> None:
+    """Send an answer."""
+    count = len(answer.frames)
+    parts = [_ANSWER.pack(answer.now_ns, count, answer.refused, answer.over, answer.bus_off)]
+    parts += [
+        _CAME.pack(f.time_s, f.ident, f.flags, f.length, f.error, f.sender, f.payload)
+        for f in answer.frames
+    ]
+    connection.sendall(b"".join(parts))
+
+
+def read_answer(connection: socket.socket) -> Answer:
+    """Receive an answer.
+
+    Raises:
+        ConnectionError: the bus has gone.
+    """
+    now_ns, count, refused, over, bus_off = _ANSWER.unpack(_exactly(connection, _ANSWER.size))
+    frames = []
+    data = _exactly(connection, _counted(count) * _CAME.size)
+    for time_s, ident, flags, length, error, sender, payload in _CAME.iter_unpack(data):
+        frames.append(Received(time_s, ident, flags, payload[:length], length, bool(error), sender))
+    return Answer(now_ns, refused, bool(over), bool(bus_off), frames)
+
+
+def _counted(count: int) -> int:
+    if count > MAX_FRAMES:
+        raise ConnectionError("not a program of a shared bus")
+    return count
+
+
+def _exactly(connection: socket.socket, count: int) -> bytes:
+    data = b""
+    while len(data) < count:
+        part = connection.recv(count - len(data))
+        if not part:
+            raise ConnectionError("the other side has gone")
+        data += part
+    return data

@@ -1,0 +1,182 @@
+"""A bus that several programs share over TCP, in lock step: time passes only while all wait.
+
+Each program runs as long as it likes in one instant of the bus. When all of them wait, for a frame
+or for a time, the bus goes on to the first instant at which one has something to do. What they sent
+in one instant is queued in the order of their names, whoever was faster: the same programs give the
+same frames, on any machine. In real time the bus also waits for the clock.
+"""
+
+import socket
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from canroll.errors import CanrollError
+from plant_sim.can_bus.kernel.layout import BUS_OFF, Network
+from plant_sim.can_bus.servers.hub import Hub, HubError, Port, Received
+from plant_sim.can_bus.servers.shared_protocol import (
+    LEAVE,
+    Answer,
+    Question,
+    read_line,
+    read_question,
+    send_answer,
+    send_line,
+)
+
+DEFAULT_PORT: Final = 29600
+
+
+@dataclass(slots=True, eq=False)
+class _Program:
+    """A program on the bus: its connection, its node, and until when it waits, None: it runs."""
+
+    name: str
+    connection: socket.socket
+    options: dict[str, Any]
+    port: Port = field(init=False)
+    until_ns: int | None = None
+    refused: int = 0
+
+
+class SharedBus:
+    """A server that waits for its programs, runs the bus with them, and ends with the last.
+
+    Args:
+        network: at time 0; every program becomes a node on its segment 0.
+        programs: how many to wait for.
+        host: address to listen on.
+        port: 0 takes a free one.
+        real_time: virtual time does not run ahead of the clock.
+        mirror: gets every frame that ends on the bus.
+
+    Raises:
+        CanrollError: the address cannot be listened on.
+    """
+
+    def __init__(
+        self,
+        network: Network,
+        *,
+        programs: int,
+        host: str = "127.0.0.1",
+        port: int = DEFAULT_PORT,
+        real_time: bool = False,
+        mirror: Callable[[Received], Any] | None = None,
+    ) -> None:
+        self._hub = Hub(network, virtual_time=True)
+        self._expected, self._real_time, self._mirror = programs, real_time, mirror
+        self._watching = self._hub.open_port() if mirror is not None else None
+        self._programs: list[_Program] = []
+        try:
+            self._listener = socket.create_server((host, port))
+        except (OSError, OverflowError) as error:
+            raise CanrollError(f"cannot listen on {host}:{port}: {error}") from error
+        self.address: tuple[str, int] = self._listener.getsockname()[:2]
+
+    def run(self) -> int:
+        """Serve until the last program has left; return the time of the bus then, ns."""
+        try:
+            self._gather()
+            began = time.monotonic_ns()
+            while True:
+                for program in list(self._programs):
+                    if program.until_ns is None:
+                        self._ask(program)
+                if not self._programs:
+                    return self._hub.now_ns()
+                over = self._go_on()
+                if self._real_time and not over:
+                    ahead = began + self._hub.now_ns() - time.monotonic_ns()
+                    time.sleep(max(0, ahead) * 1e-9)
+                self._answer(over=over)
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._listener.close()
+        for program in self._programs:
+            program.connection.close()
+
+    def _gather(self) -> None:
+        """Wait for all programs; their nodes have the order of their names."""
+        found: dict[str, _Program] = {}
+        while len(found) < self._expected:
+            connection, _ = self._listener.accept()
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            try:
+                options = read_line(connection)
+                name = str(options["name"])
+                if name in found:
+                    send_line(connection, {"error": f"a program '{name}' is on the bus already"})
+                    connection.close()
+                    continue
+            except (ConnectionError, KeyError, OSError):
+                connection.close()
+                continue
+            found[name] = _Program(name, connection, options)
+        self._programs = [found[name] for name in sorted(found)]
+        for program in self._programs:
+            program.port = self._hub.open_port(
+                receive_own=bool(program.options.get("receive_own")),
+                fd=bool(program.options.get("fd")),
+            )
+            with suppress(OSError):
+                send_line(program.connection, {"node": program.port.node})
+
+    def _ask(self, program: _Program) -> None:
+        """Take what a program sends, and until when it waits; one that leaves is taken off."""
+        try:
+            question = read_question(program.connection)
+        except (ConnectionError, OSError):
+            question = Question(LEAVE, [])
+        for frame in question.frames:
+            try:
+                payload = frame.payload[: frame.length]
+                self._hub.send(program.port, frame.ident, frame.flags, frame.length, payload)
+            except (HubError, ValueError):
+                program.refused += 1
+        program.until_ns = question.until_ns
+        if question.until_ns == LEAVE:
+            program.connection.close()
+            self._hub.close_port(program.port)
+            self._programs.remove(program)
+
+    def _go_on(self) -> bool:
+        """Advance to the first instant at which a program goes on; True: there is none."""
+        while not any(self._ready(program) for program in self._programs):
+            limit = min(p.until_ns for p in self._programs if p.until_ns is not None)
+            if not self._hub.step(limit):
+                return True
+            self._show()
+        return False
+
+    def _ready(self, program: _Program) -> bool:
+        assert program.until_ns is not None
+        return bool(program.port.entries) or program.until_ns <= self._hub.now_ns()
+
+    def _answer(self, *, over: bool) -> None:
+        for program in self._programs:
+            if not over and not self._ready(program):
+                continue
+            answer = Answer(
+                self._hub.now_ns(),
+                program.refused,
+                over,
+                self._hub.node_state(program.port)[0] == BUS_OFF,
+                list(program.port.entries),
+            )
+            program.port.entries.clear()
+            program.until_ns, program.refused = None, 0
+            # one that has gone is found out when it is asked
+            with suppress(OSError):
+                send_answer(program.connection, answer)
+
+    def _show(self) -> None:
+        if self._watching is None or self._mirror is None:
+            return
+        while self._watching.entries:
+            self._mirror(self._watching.entries.popleft())
