@@ -78,7 +78,7 @@ def design(law: str, task: Task) -> Design:
         raise VerdictError(_refusal(answer))
     told, found = detuned
     cause = _failure(*_first_failure(answer))
-    return replace(found, warnings=(*found.warnings, f"{law}: {told}; as designed its {cause}"))
+    return replace(found, warnings=(*found.warnings, f"{told}; as designed its {cause}"))
 
 
 def _detuned(

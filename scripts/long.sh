@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
-#   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract reproduce
+#   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract limit_cycles
+#                                  reproduce
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
@@ -21,8 +22,18 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
     mv "docs/evidence/$name.txt.part" "docs/evidence/$name.txt"
 }
 
+# the plain feedforward beside the law: what the detector counts where there is least feedback
+LIMIT_CYCLES='for bus in 500k gateway_20ms gateway_50ms; do
+    for law in plain_feedforward steering_lead; do
+        echo "$bus, $law"
+        canroll campaign --runs 200 --bus $bus --law $law --json | python -c "
+import json, sys
+print(json.load(sys.stdin)[\"verdict\"])"
+    done
+done'
+
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-differential mutation worst_case benchmarks contract reproduce}"; do
+for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce}"; do
     for part in $name; do
         case $part in
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
@@ -37,7 +48,8 @@ for name in "${@:-differential mutation worst_case benchmarks contract reproduce
                     keep "$(basename "$bench" .py)" python "$bench"
                 done ;;
             contract)
-                keep contract canroll design --compare --bus 500k --vehicle van_real --plant nonlinear --runs 200 ;;
+                keep contract canroll design --compare --bus 500k --vehicle van_real --runs 200 ;;
+            limit_cycles) keep limit_cycles bash -c "$LIMIT_CYCLES" ;;
             reproduce) keep reproduce canroll reproduce ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac

@@ -51,6 +51,7 @@ def test_options_are_those_of_the_parser(command, monkeypatch):
 ARGUMENTS = {
     "run": ["double_lane_change", "--duration", "1"],
     "campaign": ["--runs", "2", "--jobs", "1"],
+    "severe": ["--runs", "2", "--law", "lqr"],
     "limit": ["double_lane_change", "--plant", "roll1", "--from", "60", "--tolerance", "50"],
     "understeer": ["--plant", "roll1"],
     "response": ["--plant", "roll1"],
@@ -59,7 +60,7 @@ ARGUMENTS = {
     "timing": ["--duration", "0.1"],
     "hil": ["double_lane_change", "--duration", "1"],
 }
-SLOW = ("campaign", "limit", "timing", "hil")
+SLOW = ("campaign", "severe", "limit", "timing", "hil")
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,9 @@ def test_a_left_turn_of_the_passive_car(body):
 
 
 def test_the_controller_pushes_the_leaning_side_up():
-    result = canroll.run("roundabout", vehicle="van_real", law="lqg_delay", duration=4.0)
+    result = canroll.run(
+        "roundabout", vehicle="van_real", law="lqg_delay", actuator="suspension", duration=4.0
+    )
     signals, ticks = result.controlled.signals, result.controlled.ticks
     lean = np.sign(result.passive.signals["roll"][-1])
     assert abs(result.passive.signals["roll"][-1]) > np.radians(0.5)

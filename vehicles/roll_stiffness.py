@@ -13,17 +13,24 @@ def axle_roll_shares(vehicle: Vehicle) -> tuple[float, float]:
     return share, 1.0 - share
 
 
-def steady_roll(vehicle: Vehicle, suspension_stiffness: float) -> tuple[float, float, float]:
+def steady_roll(
+    vehicle: Vehicle, suspension_stiffness: float, carried: tuple[float, float] = (0.0, 0.0)
+) -> tuple[float, float, float]:
     """Steady roll of body, front and rear axle per lateral acceleration (rad per m/s²).
 
-    ``suspension_stiffness`` (N·m/rad) is the roll stiffness of springs and bars of both axles.
     Solves the moment balance of the body about the roll axis and of each axle about the road.
+
+    Args:
+        vehicle: its plant part.
+        suspension_stiffness: roll stiffness of springs and bars of both axles, N·m/rad.
+        carried: moment that actuators carry from the body to the front and the rear axle, per
+            lateral acceleration, N·m per m/s².
     """
     geometry, plant, mass, tyre = vehicle.geometry, vehicle.plant, vehicle.mass, vehicle.tyre
     total, wheelbase = vehicle.total_mass, geometry.wheelbase
     matrix, right = np.zeros((3, 3)), np.zeros(3)
     matrix[0, 0] = suspension_stiffness - plant.roll_arm * GRAVITY
-    right[0] = plant.roll_arm
+    right[0] = plant.roll_arm - sum(carried)
     axles = (
         (geometry.cg_to_rear_axle, geometry.half_track_front, mass.unsprung_front),
         (geometry.cg_to_front_axle, geometry.half_track_rear, mass.unsprung_rear),
@@ -37,7 +44,7 @@ def steady_roll(vehicle: Vehicle, suspension_stiffness: float) -> tuple[float, f
         matrix[0, i + 1] = -stiffness
         matrix[i + 1, 0] = -stiffness
         matrix[i + 1, i + 1] = stiffness + 2 * tyre.vertical_stiffness * track**2 - tilt
-        right[i + 1] = sprung * heights[i] + unsprung * tyre.radius
+        right[i + 1] = sprung * heights[i] + unsprung * tyre.radius + carried[i]
     body, front, rear = np.linalg.solve(matrix, right).tolist()
     return body, front, rear
 

@@ -11,6 +11,7 @@ from canroll.errors import UnknownNameError
 from codegen.run import BACKENDS, memory_image, native
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.ecu_traffic import Frame, Payload, Traffic, refused
+from codegen.run.unicorn import CortexEcu
 from firmware.calibration import Calibration
 
 
@@ -158,8 +159,6 @@ def open_backend(
     if name == "native":
         return NativeEcu(calibration, firmware)
     if name in BACKENDS:
-        from codegen.run.unicorn import CortexEcu  # noqa: PLC0415
-
         return CortexEcu(calibration, cpu=name, firmware=firmware)
     raise UnknownNameError("backend", name, BACKENDS)
 

@@ -20,8 +20,8 @@ from gain_gen.models.controller import SPEEDS, Controller, scaled_controller
 from gain_gen.models.roll import Matrix, stationary_covariance
 from gain_gen.models.task import Task
 
-GAIN_MARGIN_DB = 8.5
-PEAK_SENSITIVITY = 1.6
+GAIN_MARGIN_DB = 8.2
+PEAK_SENSITIVITY = 1.68
 """Margins that a factor is chosen for, a little more than every design must have."""
 ABOUT_NOMINAL = 5.0
 """Speeds nearer to the nominal one than this are its own, m/s."""

@@ -14,6 +14,7 @@ from gain_gen.calibration.dequantise import physical_rows
 from gain_gen.calibration.quantise import Options, Quantised, law_kind, quantise_design
 from gain_gen.calibration.record import fill, identify
 from gain_gen.calibration.rounding_error import quantisation_checks
+from gain_gen.calibration.vehicle_part import share_of
 from gain_gen.laws import LAWS
 from gain_gen.models.roll import Matrix
 from gain_gen.models.task import Design
@@ -67,6 +68,7 @@ def design_tables(design: Design, quantised: Quantised) -> Tables:
             "observer": task.observer,
             "gains": task.gains,
             "feedforward": task.feedforward,
+            "front_share": round(share_of(task), 9),
             "verified": design.is_verified,
             "tick_s": task.tick,
             "delay_s": task.delay.nominal,

@@ -10,6 +10,7 @@ from firmware.signals import RX_IDS
 from firmware.state import RX_IMU, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE
 from gain_gen.calibration.rows import quantise
 from gain_gen.models.controller import SPEEDS
+from gain_gen.models.front_share import front_share
 from gain_gen.models.task import Task
 from vehicles import Vehicle
 from vehicles.model import SemiActiveDampers
@@ -37,7 +38,7 @@ def vehicle_fields(task: Task, schedule: tuple[float, ...]) -> dict[str, Value]:
         task: of the design.
         schedule: factor on the command at each of :data:`SPEEDS`.
     """
-    share = task.vehicle.geometry.static_front_share
+    share = share_of(task)
     return (
         _supervision(task)
         | _identification(task)
@@ -52,6 +53,13 @@ def vehicle_fields(task: Task, schedule: tuple[float, ...]) -> dict[str, Value]:
             "offset_acceleration_max": _q(0.5, fw.Q_ACCELERATION),
         }
     )
+
+
+def share_of(task: Task) -> float:
+    """Return the front axle's share of the moment; printed gains come with l_r / l."""
+    if task.gains == "as_printed":
+        return task.vehicle.geometry.static_front_share
+    return front_share(task.vehicle)
 
 
 def moment_limit(task: Task, share: float) -> float:

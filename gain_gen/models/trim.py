@@ -70,6 +70,27 @@ def most_lateral_acceleration(vehicle: Vehicle, friction: float) -> float:
     return min(grip)
 
 
+def slip_angles(
+    vehicle: Vehicle,
+    lateral_acceleration: float,
+    friction: float,
+    carried: tuple[float, float] = (0.0, 0.0),
+) -> tuple[float, float]:
+    """Return the slip angles of front and rear axle in a steady curve, rad.
+
+    Args:
+        vehicle: its plant part.
+        lateral_acceleration: of the curve, m/s², not negative.
+        friction: of the road.
+        carried: by the actuators of each axle, see :func:`vehicles.roll_stiffness.steady_roll`.
+
+    Raises:
+        CanrollError: an inner wheel lifts, or the grip doesn't hold the car in this curve.
+    """
+    front, rear = (axle.slip(lateral_acceleration, friction) for axle in _axles(vehicle, carried))
+    return front, rear
+
+
 @dataclass(frozen=True, slots=True)
 class _Axle:
     """An axle: static load per wheel (N), load moved and force (N) per lateral acceleration."""
@@ -110,9 +131,17 @@ class _Axle:
         angle = shape * atan(bent)
         return peak * sin(angle), slope * cos(angle) * rise / (1.0 + bent * bent)
 
-    def linear(self, lateral_acceleration: float, friction: float) -> AxleTyres:
-        """Return both wheels about the trim in which the axle carries its share."""
-        left, right = self.loads(lateral_acceleration)
+    def both(
+        self, slip: float, lateral_acceleration: float, friction: float, shift: float = 0.0
+    ) -> float:
+        """Return the lateral force of both wheels, N, ``shift`` (N) more load moved."""
+        inner, outer = self.loads(lateral_acceleration)
+        force = self.wheel(slip, inner - shift, friction)[0]
+        return force + self.wheel(slip, outer + shift, friction)[0]
+
+    def slip(self, lateral_acceleration: float, friction: float) -> float:
+        """Return the slip angle at which the axle carries its share, rad."""
+        left = self.loads(lateral_acceleration)[0]
         needed = self.force * lateral_acceleration
         if left < LEAST_LOAD * self.static or self.reserve(lateral_acceleration, friction) < 0.0:
             raise CanrollError(
@@ -120,24 +149,29 @@ class _Axle:
                 "the inner wheels lift or the grip is too low"
             )
 
-        def force(slip: float, shift: float = 0.0) -> float:
-            inner = self.wheel(slip, left - shift, friction)[0]
-            return inner + self.wheel(slip, right + shift, friction)[0]
+        def lack(slip: float) -> float:
+            return needed - self.both(slip, lateral_acceleration, friction)
 
         most = 0.01
-        while force(most) < needed:
+        while lack(most) > 0.0:
             most *= 1.1
-        slip = float(brentq(lambda s: force(s) - needed, 0.0, most, xtol=1e-12))
+        return float(brentq(lack, 0.0, most, xtol=1e-12))
+
+    def linear(self, lateral_acceleration: float, friction: float) -> AxleTyres:
+        """Return both wheels about the trim in which the axle carries its share."""
+        slip = self.slip(lateral_acceleration, friction)
         step = 1e-4 * self.static
-        transfer = (force(slip, step) - force(slip, -step)) / (2.0 * step)
-        slopes = (self.wheel(slip, load, friction)[1] for load in (left, right))
-        return AxleTyres(sum(slopes), transfer)
+        more, less = (
+            self.both(slip, lateral_acceleration, friction, shift) for shift in (step, -step)
+        )
+        slopes = (self.wheel(slip, load, friction)[1] for load in self.loads(lateral_acceleration))
+        return AxleTyres(sum(slopes), (more - less) / (2.0 * step))
 
 
-def _axles(vehicle: Vehicle) -> Iterator[_Axle]:
+def _axles(vehicle: Vehicle, carried: tuple[float, float] = (0.0, 0.0)) -> Iterator[_Axle]:
     """Yield front and rear axle."""
     geometry, tyre = vehicle.geometry, vehicle.tyre
-    _, *tilts = steady_roll(vehicle, suspension_roll_stiffness(vehicle))
+    _, *tilts = steady_roll(vehicle, suspension_roll_stiffness(vehicle), carried)
     share = geometry.static_front_share
     tracks = (geometry.half_track_front, geometry.half_track_rear)
     stiffnesses = (tyre.cornering_stiffness_front, tyre.cornering_stiffness_rear)

@@ -13,6 +13,7 @@ from hil.report.run_folder import page_folder, write_page
 from hil.runs import experiment
 from hil.runs.choices import CHOICES
 from hil.studies import campaign, variation
+from hil.studies import severe as severe_manoeuvres
 from hil.studies.campaign_page import campaign_page, quantile_table
 
 
@@ -63,3 +64,24 @@ def _one(
     with terminal.progress(quiet=args.json) as progress:
         result = experiment.simulate(drawn.settings, controller, progress=progress)
     return answer(result, out, as_json=args.json)
+
+
+def severe(args: argparse.Namespace) -> int:
+    """Drive the severe manoeuvres and print their table."""
+    with terminal.progress(quiet=args.json) as progress:
+        found = severe_manoeuvres.study(
+            runs=args.runs,
+            spread=variation.spread_from(dict(args.spread)),
+            progress=progress,
+            **choices_of(args),
+        )
+    if args.json:
+        print(json.dumps(severe_manoeuvres.to_json(found)))
+    else:
+        print(
+            f"{found.vehicle}, {found.actuator}, bus {found.bus}, {found.runs} vehicles, "
+            f"{found.law} as designed, plain feedforward at its RMS moment of {found.effort:.0f} "
+            f"N·m, bar: {found.bar:g} times the roll stiffness"
+        )
+        print("\n".join(severe_manoeuvres.table(found)))
+    return 0

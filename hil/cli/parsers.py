@@ -35,6 +35,8 @@ OF_A_DESIGN = (
 OF_A_DRIVE = ("plant", "speed_kmh", "options")
 """Choices of the runs in which laws are compared."""
 LOADS = ("laden", "empty")
+OF_ONE_MANOEUVRE = ("calibration", "speed_kmh", "options", "seed", "phase_ms")
+"""Choices of a run that a study over manoeuvres and vehicles has no use for."""
 PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 
 
@@ -131,7 +133,7 @@ def limit(parser: argparse.ArgumentParser) -> None:
     )
     add_scenario(parser)
     names = [name for name in OF_A_RUN if name != "speed_kmh"]
-    add_choices(parser, names, defaults={"plant": "nonlinear"})
+    add_choices(parser, names)
     parser.add_argument("--from", dest="low", type=float, default=30.0, metavar="KMH")
     parser.add_argument("--to", dest="high", type=float, metavar="KMH", help="default: fastest")
     parser.add_argument(
@@ -146,7 +148,7 @@ def understeer(parser: argparse.ArgumentParser) -> None:
         "Drive a circle at increasing speed; steering, roll and sideslip of each steady turn, and "
         "the gradients of their linear part."
     )
-    add_choices(parser, ("vehicle", "plant"), defaults={"plant": "nonlinear"})
+    add_choices(parser, ("vehicle", "plant"))
     parser.add_argument("--radius", type=float, default=100.0, metavar="M", help="default: 100")
     add_json(parser)
 
@@ -159,7 +161,7 @@ def response(parser: argparse.ArgumentParser) -> None:
         "steady curve, its modes, its responses to moment and steering, and its distance to the "
         "design model."
     )
-    add_choices(parser, ("vehicle", "plant"), defaults={"plant": "nonlinear"})
+    add_choices(parser, ("vehicle", "plant"))
     parser.add_argument("--speed", type=float, default=100.0, metavar="KMH", help="default: 100")
     parser.add_argument(
         "--load", choices=LOADS, default=LOADS[0], help="laden or empty (default: %(default)s)"
@@ -359,6 +361,22 @@ def campaign(parser: argparse.ArgumentParser) -> None:
     add_answer(parser, "the page")
 
 
+def severe(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll severe``."""
+    parser.description = (
+        "Drive lane changes, fishhook, J-turn, sine with dwell and one-sided bumps with a "
+        "population of vehicles: without control, with the best passive bar, with the plain "
+        "feedforward, and with a law."
+    )
+    names = [name for name in OF_A_RUN if name not in OF_ONE_MANOEUVRE]
+    add_choices(parser, names)
+    parser.add_argument(
+        "--runs", type=int, default=20, metavar="N", help="vehicles (default: %(default)s)"
+    )
+    add_spread(parser)
+    add_json(parser)
+
+
 COMMANDS = {
     "run": Command("run a manoeuvre in virtual time, with and without control", run),
     "compare": Command("compare several runs or laws on one page", compare),
@@ -393,6 +411,9 @@ COMMANDS = {
     "prove": Command("prove the loop free of overflow for every accepted calibration", prove),
     "reproduce": Command("recompute the tables of the four papers", reproduce),
     "campaign": Command("Monte Carlo over parameters, noise, delays and faults", campaign),
+    "severe": Command(
+        "severe manoeuvres over a population, beside a passive bar", severe, "campaign:severe"
+    ),
     "list": Command(
         "laws, vehicles, scenarios, buses and bodies by name", listing, handler="main:list_names"
     ),

@@ -47,14 +47,13 @@ def run_bound(args: argparse.Namespace) -> int:
     """Print the worst case of a tick beside the most seen; 1 where the budget is exceeded."""
     if importlib.util.find_spec("capstone") is None:
         raise MissingExtraError("reading machine code", "target")
-    from codegen.worst_case import firmware_bound  # noqa: PLC0415 -- needs the extra
-    from codegen.worst_case.cycles import Timing  # noqa: PLC0415
+    from codegen.worst_case import cycles, firmware_bound  # noqa: PLC0415 - need the extra
 
     if args.ticks < 1:
         raise CanrollError(f"--ticks must be at least 1, got {args.ticks}")
     if args.clock is not None and not args.clock > 0:
         raise CanrollError(f"--clock must be positive, got {args.clock:g}")
-    timing = Timing(args.processor, args.wait_states, args.multiplier, args.division)
+    timing = cycles.Timing(args.processor, args.wait_states, args.multiplier, args.division)
     if not cortex.has_gcc_and_qemu():
         raise CanrollError("--bound needs gcc-arm-none-eabi and qemu-system-arm installed")
     controller, traffic = recorded(args)

@@ -32,7 +32,9 @@ LARGEST_ACCELERATION = 12.0
 
 def _vehicle_and_body(args: argparse.Namespace) -> tuple[Vehicle, Body]:
     """Return the vehicle that is asked for and the model that it is driven by."""
-    return vehicles.load(chosen(choices_of(args), "vehicle")), bodies.body(args.plant)
+    return vehicles.load(chosen(choices_of(args), "vehicle")), bodies.body(
+        chosen(choices_of(args), "plant")
+    )
 
 
 def understeer(args: argparse.Namespace) -> int:

@@ -19,6 +19,7 @@ from hil.realtime import process
 from hil.realtime.bus_link import add_bus_arguments, open_link
 from hil.watch.observation import Observation
 from hil.watch.onlooker import Onlooker
+from hil.watch.page import live_page
 
 DEFAULT_BITRATE = 500_000
 DEFAULT_HOST, DEFAULT_PORT = "127.0.0.1", 8029
@@ -102,7 +103,6 @@ def watch_in_terminal(args: argparse.Namespace, seen: Observation, until: float)
 def watch_in_browser(args: argparse.Namespace, seen: Observation, until: float) -> None:
     """Fill ``seen``, and serve the page that shows it, until the clock is at ``until``."""
     from hil.watch import server  # noqa: PLC0415 - needs the extra "web"
-    from hil.watch.page import live_page  # noqa: PLC0415
 
     host = args.host or DEFAULT_HOST
     address = server.Address(host=host, port=DEFAULT_PORT if args.port is None else args.port)

@@ -32,6 +32,7 @@ OURS = (
     Entry("hinf_delay", "roll_rate_only", {"law": "hinf_delay"}),
     Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
     Entry("lqg_delay", "all_sensors", {"law": "lqg_delay"}),
+    Entry("steering_lead", "all_sensors", {"law": "steering_lead"}),
 )
 PASSIVE = Entry("passive", "", {"law": "passive"}, scaled=False)
 COLUMNS = {

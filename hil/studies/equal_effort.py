@@ -46,19 +46,19 @@ class Entry:
         sensors: "roll_rate_only" (as in the paper), "all_sensors", or "" for none.
         keywords: what :func:`hil.runs.experiment.plan` is called with.
         scaled: to the common budget; a paper's law as printed is not.
-        stiffer_bar: factor on the plant's roll stiffness instead of a law, or zero.
+        best_bar: the best passive bar instead of a law, see :meth:`_Driver.bar`.
     """
 
     name: str
     sensors: str
     keywords: Mapping[str, Any]
     scaled: bool = True
-    stiffer_bar: float = 0.0
+    best_bar: bool = False
 
 
 ENTRIES = (
     Entry("passive", "", {"law": "passive"}, scaled=False),
-    Entry("stiffer bar", "", {"law": "passive"}, scaled=False, stiffer_bar=1.3),
+    Entry("best passive bar", "", {"law": "passive"}, scaled=False, best_bar=True),
     Entry("hinf_delay", "roll_rate_only", {"law": "hinf_delay"}),
     Entry("hinf_nodelay", "roll_rate_only", {"law": "hinf_nodelay"}),
     Entry("hinf_event", "roll_rate_only", {"law": "hinf_event"}),
@@ -72,6 +72,7 @@ ENTRIES = (
     Entry("hinf", "all_sensors", {"law": "hinf"}),
     Entry("smc", "all_sensors", {"law": "smc"}),
     Entry("lqg_delay", "all_sensors", {"law": "lqg_delay"}),
+    Entry("steering_lead", "all_sensors", {"law": "steering_lead"}),
 )
 PRINTED = (
     Entry(
@@ -110,6 +111,8 @@ EFFORT_TOLERANCE = 0.02
 """How far from the budget the mean RMS moment of a scaled law may be, as share of it."""
 SEARCHED = 20
 """How many of the runs the factor of a law is searched on."""
+STIFFER = tuple(tenth / 10 for tenth in range(20, 10, -1))
+"""Factors on the roll stiffness that a passive bar is sought among: twice is all a car can bear."""
 CONFIDENCE = 1.96
 
 
@@ -119,7 +122,8 @@ class Row:
 
     Attributes:
         entry: the law.
-        factor: on its moment, to meet the budget; 1 where it is not scaled.
+        factor: on its moment, to meet the budget; 1 where it is not scaled; on the roll stiffness
+            of a passive bar.
         figures: runs by :data:`FIGURES`, (runs, 8); NaN where it did not run.
         bound: least RMS roll angle at each run's effort, (runs,), deg; NaN without control.
         refused: why it cannot be compared, as that it did not run or misses the budget, or empty.
@@ -287,6 +291,13 @@ def compare(
     return Comparison(tuple(rows), reference, effort, runs, bus, vehicle, scenario)
 
 
+def with_stiffer_bar(settings: Settings, factor: float) -> Settings:
+    """Return ``settings`` with a plant of ``factor`` times its roll stiffness."""
+    plant = settings.vehicle.plant
+    stiffer = replace(plant, roll_stiffness=factor * plant.roll_stiffness)
+    return replace(settings, vehicle=replace(settings.vehicle, plant=stiffer))
+
+
 @dataclass(frozen=True, slots=True)
 class _Driver:
     """Where every law is driven: manoeuvre, common choices, and a population with its roll."""
@@ -300,11 +311,28 @@ class _Driver:
     def plan(self, entry: Entry) -> tuple[list[Settings], Controller]:
         """Return the runs of a law, and its controller."""
         settings, controller = plan(self.scenario, **{**self.common, **entry.keywords})
-        if entry.stiffer_bar:
-            plant = settings.vehicle.plant
-            stiffer = replace(plant, roll_stiffness=entry.stiffer_bar * plant.roll_stiffness)
-            settings = replace(settings, vehicle=replace(settings.vehicle, plant=stiffer))
         return population(settings, self.runs, self.spread), controller
+
+    def bar(self, entry: Entry) -> Row:
+        """Return the results of the best passive bar; its factor is on the roll stiffness.
+
+        The stiffest, in tenths and at most twice as stiff, with which path error, steering and load
+        transfer are no worse.
+        """
+        settings, controller = plan(self.scenario, **{**self.common, **entry.keywords})
+        columns = [FIGURES.index(name) for name in NO_WORSE]
+
+        def at(factor: float) -> Driven:
+            where = population(with_stiffer_bar(settings, factor), self.runs, self.spread)
+            return replace(driven(where, controller, self.passive), factor=factor)
+
+        without = at(1.0)
+        allowed = (1.0 + TOLERANCE) * np.mean(without.figures[:, columns], axis=0)
+        for factor in STIFFER:
+            found = at(factor)
+            if np.all(np.mean(found.figures[:, columns], axis=0) <= allowed):
+                return self._of(entry, found)
+        return self._of(entry, without)
 
     def reference(self, entry: Entry) -> tuple[float, list[Row]]:
         """Return the effort of the reference at rest, N·m, and its rows."""
@@ -327,6 +355,8 @@ class _Driver:
 
     def row(self, entry: Entry, effort: float) -> Row:
         """Return the results of a law at ``effort``, N·m, or at its own."""
+        if entry.best_bar:
+            return self.bar(entry)
         try:
             where, controller = self.plan(entry)
         except CanrollError as error:

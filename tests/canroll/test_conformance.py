@@ -19,7 +19,7 @@ class TestLaws(testing.LawConformance):
             setattr(self, name, value)
         if self.law == "custom":
             gains = tmp_path / "gains.toml"
-            gains.write_text("K = [[72000.0, 30000.0]]\n")
+            gains.write_text("K = [[20000.0, 6000.0]]\n")
             self.matrices = str(gains)
 
 

@@ -21,7 +21,7 @@ class Case:
 
     scenario: str
     law: str
-    actuator: str | None = None
+    actuator: str = "suspension"
     observer: str | None = None
     trigger: str | None = None
     identification: bool = False

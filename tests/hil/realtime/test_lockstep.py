@@ -90,7 +90,7 @@ class Ecu(threading.Thread):
 
 @pytest.fixture(scope="module")
 def planned():
-    return plan("double_lane_change", law="lqr", seed=2, backend="python")
+    return plan("double_lane_change", law="lqr", actuator="suspension", seed=2, backend="python")
 
 
 @pytest.fixture(scope="module")

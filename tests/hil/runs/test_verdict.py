@@ -25,7 +25,9 @@ def short():
     return experiment.run("double_lane_change", duration=SHORT)
 
 
-@pytest.mark.parametrize("options", [["bumps"], ["double_lane_change", "--duration", "0.001"]])
+@pytest.mark.parametrize(
+    "options", [["bumps", "--plant", "roll1"], ["double_lane_change", "--duration", "0.001"]]
+)
 def test_without_roll_there_is_nothing_to_reduce(options, capsys):
     assert main(["run", *options, "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
@@ -77,7 +79,7 @@ def test_the_ceiling_is_blank_with_a_wheel_in_the_air_and_never_above_1(make_tra
 
 
 def test_roll1_is_warned_of_where_tyres_and_wheels_reach_their_limit():
-    result = experiment.run("j_turn", law="passive", duration=0.1)
+    result = experiment.run("j_turn", law="passive", duration=0.1, plant="roll1")
     assert any("--plant nonlinear" in line for line in result.warnings)
 
 

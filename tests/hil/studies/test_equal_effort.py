@@ -193,7 +193,7 @@ def test_figures_are_metrics():
 def test_laws_stand_above_the_bound_of_every_vehicle():
     entries = (
         Entry("passive", "", {"law": "passive"}, scaled=False),
-        Entry("stiffer bar", "", {"law": "passive"}, scaled=False, stiffer_bar=1.3),
+        Entry("best passive bar", "", {"law": "passive"}, scaled=False, best_bar=True),
         Entry("plain_feedforward", "all_sensors", {"law": "plain_feedforward"}),
         Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
     )
@@ -212,6 +212,10 @@ def test_laws_stand_above_the_bound_of_every_vehicle():
     assert np.ptp(passive.figures[:, 0]) > 0.02 * passive.mean("roll_rms_deg")
     assert math.isnan(passive.above_bound)
     assert math.isnan(bar.above_bound)
+    assert bar.factor > 1.0
+    assert np.all(bar.figures[:, 0] < passive.figures[:, 0])
+    for figure in equal_effort.NO_WORSE:
+        assert bar.mean(figure) <= 1.01 * passive.mean(figure)
     for law in (plain, predicting):
         assert law.mean("moment_rms_nm") == pytest.approx(2000.0, rel=0.005)
         assert np.all(law.bound < 1.01 * law.figures[:, 0])

@@ -1,0 +1,80 @@
+"""The front axle's share of the anti-roll moment, as yaw control.
+
+Moment that a bar carries at an axle moves load there, and the tyres of an axle give the less the
+more their loads differ: front share makes a car understeer, rear share oversteer. Split as the
+suspension splits the roll stiffness, the moment changes nothing. More of it in front takes the
+sideslip out of manoeuvres at the limit and costs the actuators' reach, for the front bar is the
+first to be at its end. The share is the largest with which the car, laden or empty, understeers at
+most :data:`BAND` more than without control.
+"""
+
+from collections.abc import Iterator
+from math import radians
+
+from scipy.optimize import brentq
+
+from canroll.errors import CanrollError
+from gain_gen.models.trim import most_lateral_acceleration, slip_angles
+from vehicles import Vehicle
+from vehicles.roll_stiffness import axle_roll_shares
+from vehicles.unladen import unladen
+
+BAND = 0.05
+"""How much more the car may understeer with control, as share of its understeer angle without."""
+LEAST_BAND = radians(0.02)
+"""Width of the band of a car that hardly understeers, rad."""
+CARRIED = 0.5
+"""Share of m h a_y that the actuators carry in the curves in which the band holds."""
+ACCELERATIONS = tuple(0.5 * half for half in range(2, 15))
+"""Lateral accelerations of these curves, as far as the car holds them: 1 to 7 m/s²."""
+MOST = 0.65
+"""Largest share: beyond, the rear bar of a pair does too little of what it could."""
+
+
+def front_share(vehicle: Vehicle) -> float:
+    """Return the front axle's share of the anti-roll moment."""
+    neutral = axle_roll_shares(vehicle)[0]
+    if neutral >= MOST or not sensitive(vehicle):
+        return neutral
+
+    def surplus(share: float) -> float:
+        return max(
+            with_control - without - max(BAND * abs(without), LEAST_BAND)
+            for car in (vehicle, unladen(vehicle))
+            for without, with_control in understeer(car, share)
+        )
+
+    if surplus(MOST) <= 0.0:
+        return MOST
+    return float(brentq(surplus, neutral, MOST, xtol=1e-4)) if surplus(neutral) < 0.0 else neutral
+
+
+def sensitive(vehicle: Vehicle) -> bool:
+    """Return whether its tyres lose by unequal loads: where not, no share steers the car."""
+    tyre = vehicle.tyre
+    return tyre.cornering_load_slope > 0.0 or tyre.friction_load_slope > 0.0
+
+
+def understeer(vehicle: Vehicle, share: float) -> Iterator[tuple[float, float]]:
+    """Yield the understeer angle in each curve, without and with control, rad.
+
+    Front less rear slip angle, on a dry road. Curves that the car cannot hold with its inner wheels
+    on the road are left out.
+    """
+    most = most_lateral_acceleration(vehicle, 1.0)
+    moment = CARRIED * vehicle.plant.roll_arm
+    carried = (share * moment, (1.0 - share) * moment)
+    for lateral in ACCELERATIONS:
+        if lateral > most:
+            return
+        try:
+            angles = [
+                front - rear
+                for front, rear in (
+                    slip_angles(vehicle, lateral, 1.0),
+                    slip_angles(vehicle, lateral, 1.0, carried),
+                )
+            ]
+        except CanrollError:
+            return
+        yield angles[0], angles[1]
