@@ -143,12 +143,7 @@ def disturbed(
     not; in between the loop recovers, so that it is met in all its modes.
     """
     rng = np.random.default_rng(seed)
-    hurt = np.zeros(traffic.ticks, bool)
-    t = int(rng.exponential(quiet))
-    while t < traffic.ticks:
-        length = 1 + int(rng.exponential(episode))
-        hurt[t : t + length] = True
-        t += length + 1 + int(rng.exponential(quiet))
+    hurt = _episodes(rng, traffic.ticks, quiet, episode)
     rows = []
     for frame in traffic.frames:
         payload, length = frame["payload"].tolist(), int(frame["length"])
@@ -172,17 +167,25 @@ def storm(traffic: Traffic, seed: int, *, calm: float = 15.0, silence: float = 2
     that has piled up meanwhile costs when frames come back is a tick's longest work.
     """
     rng = np.random.default_rng(seed)
-    lost = np.zeros(traffic.ticks, bool)
-    t = int(rng.exponential(calm))
-    while t < traffic.ticks:
-        length = 1 + int(rng.exponential(silence))
-        lost[t : t + length] = True
-        t += length + 1 + int(rng.exponential(calm))
+    lost = _episodes(rng, traffic.ticks, calm, silence)
     elapsed = traffic.elapsed.copy()
     missed = rng.random(traffic.ticks) < 0.5
     elapsed[missed] = rng.integers(2, 40, int(missed.sum()))
     frames = traffic.frames[~lost[traffic.frames["tick"]]]
     return Traffic(frames, elapsed)
+
+
+def _episodes(
+    rng: np.random.Generator, ticks: int, quiet: float, episode: float
+) -> NDArray[np.bool_]:
+    """Which of ``ticks`` lie in episodes, from the mean lengths of both."""
+    inside = np.zeros(ticks, bool)
+    t = int(rng.exponential(quiet))
+    while t < ticks:
+        length = 1 + int(rng.exponential(episode))
+        inside[t : t + length] = True
+        t += length + 1 + int(rng.exponential(quiet))
+    return inside
 
 
 def _signals(rng: np.random.Generator, word: int) -> int:

@@ -23,7 +23,7 @@ class BusProfile:
     ``gateway_ms`` (least and greatest latency each way): the ECU has a segment of its own,
     joined to the vehicle's by a gateway. ``data_bitrate``: of FD frames with bit-rate switch, 0:
     as ``bitrate``. ``dbc`` and ``map_file``: the frames that carry our signals, both None for those
-    of the contract.
+    of the contract. ``traffic``: a traffic set that is the background, whatever ``load`` says.
     """
 
     name: str
@@ -35,6 +35,7 @@ class BusProfile:
     bit_error_rate: float = 0.0
     dbc: Path | None = None
     map_file: Path | None = None
+    traffic: Path | None = None
 
     @property
     def segments(self) -> int:

@@ -21,6 +21,7 @@ KEYS: Final = {
     "above": float,
     "bit_error_rate": float,
     "gateway_ms": list,
+    "traffic": str,
     "dbc": str,
     "map": str,
 }
@@ -78,6 +79,10 @@ def read_profile(name: str) -> BusProfile:
         raise CanrollError(f"{path}: schema must be 1, not {table['schema']}")
     if ("dbc" in table) != ("map" in table):
         raise CanrollError(f"{path}: dbc and map require each other")
+    if "traffic" in table and ("load" in table or "above" in table or "gateway_ms" in table):
+        raise CanrollError(
+            f"{path}: traffic says what is on the one segment: omit load, above and gateway_ms"
+        )
     profile = BusProfile(
         name=path.stem,
         bitrate=table["bitrate"],
@@ -88,6 +93,7 @@ def read_profile(name: str) -> BusProfile:
         bit_error_rate=float(table.get("bit_error_rate", 0.0)),
         dbc=_beside(path, table, "dbc"),
         map_file=_beside(path, table, "map"),
+        traffic=_beside(path, table, "traffic"),
     )
     return accept(str(path), profile)
 

@@ -1,6 +1,8 @@
 """Networks of bus profiles: the roll-control ECU and the vehicle's nodes."""
 
 from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 from plant_sim.buses.profile import BusProfile
@@ -18,6 +20,7 @@ from plant_sim.can_bus.kernel.network import (
 from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, MS, own_messages
 from plant_sim.can_bus.recorded_profile import RecordedProfile
 from plant_sim.can_bus.traffic.background import background_messages
+from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.looped import LoopedTraffic
 from plant_sim.can_bus.traffic.messages import BusMessage
 
@@ -59,15 +62,32 @@ def background_of(
     """
     if isinstance(profile, RecordedProfile):
         return list(profile.background(own_messages(command, profile)))
+    if profile.traffic is not None:
+        return _other_traffic(profile.traffic, segment, own_messages(command, profile))
     return background_messages(
         own_on_segment(profile, segment, command),
-        node="Background" if segment == 0 else f"Background{segment + 1}",
+        node=_background(segment),
         bitrate=profile.bitrate,
         load=profile.load,
         above=profile.above,
         seed=seed * 2 + segment,
         data_bitrate=profile.data_bitrate,
     )
+
+
+def _other_traffic(path: Path, segment: int, own: Sequence[BusMessage]) -> list[BusMessage]:
+    """The messages of a traffic set that are not our own, which share the bus with all nodes."""
+    taken = {message.arbitration_key for message in own}
+    return [
+        replace(message, sender=_background(segment))
+        for message in load_traffic(path).messages
+        if message.arbitration_key not in taken
+    ]
+
+
+def _background(segment: int) -> str:
+    """The node of a segment that sends its background traffic."""
+    return "Background" if segment == 0 else f"Background{segment + 1}"
 
 
 def profile_spec(
@@ -101,8 +121,7 @@ def profile_spec(
     sources = []
     gateways: tuple[Gateway, ...] = ()
     for segment in range(profile.segments):
-        suffix = "" if segment == 0 else f"{segment + 1}"
-        nodes.append(Node(f"Background{suffix}", segment, "replace"))
+        nodes.append(Node(_background(segment), segment, "replace"))
         traffic = background_of(profile, segment, command=command, seed=seed)
         if background and not isinstance(profile, RecordedProfile):
             sources += [message.source() for message in traffic]

@@ -214,9 +214,28 @@ def test_a_network_is_one_file(tmp_path):
     assert set(result.can.response_ms) >= {"Imu", "VehicleMotion", "SuspensionForceCommand"}
 
 
+def test_the_other_messages_of_a_dbc_can_be_the_background(tmp_path):
+    others = CLASSIC[0].read_text(encoding="utf-8")
+    others = others.replace("BA_DEF_ BO_", "BO_ 80 OTHER: 8 Brakes\n\nBA_DEF_ BO_", 1)
+    others += 'BA_ "GenMsgCycleTime" BO_ 80 5;\n'
+    (tmp_path / "own.dbc").write_text(others)
+    (tmp_path / "own.toml").write_bytes(CLASSIC[1].read_bytes())
+    (tmp_path / "net.toml").write_text(
+        'schema = 1\nbitrate = 250000\ntraffic = "own.dbc"\ndbc = "own.dbc"\nmap = "own.toml"\n'
+    )
+    result = experiment.run("double_lane_change", duration=0.7, bus=str(tmp_path / "net.toml"))
+    frames = result.controlled.frames
+    found, counts = np.unique(frames["ident"], return_counts=True)
+    others = dict(zip(found.tolist(), counts.tolist(), strict=True))
+    assert set(others) == {80, 0x101, 0x18FEF001, 0x192, 0x193, 0x122, 0x4B1}
+    assert others[80] == pytest.approx(140, abs=2)
+    assert 1e-3 * result.can.age_ms.max <= experiment.delay_of(result.settings).most
+
+
 @pytest.mark.parametrize(
     ("old", "new", "word"),
     [
+        ("schema = 1", 'schema = 1\ntraffic = "own.dbc"', "omit load, above and gateway_ms"),
         ("schema = 1", "schema = 2", "schema must be 1"),
         ("bitrate = 250000\n", "", "'bitrate' is missing"),
         ("load = 0.6", "lod = 0.6", "did you mean 'load'"),
