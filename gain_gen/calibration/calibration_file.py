@@ -37,7 +37,7 @@ OPTIONAL = frozenset({"budget"})
 
 @dataclass(frozen=True, slots=True)
 class LoadedCalibration:
-    """A calibration file: the record that the ECU runs and all that is said about it.
+    """A calibration file: the record that the ECU runs, and its other tables.
 
     Attributes:
         record: the integers.
@@ -187,7 +187,7 @@ def _known(
 
 
 def _checked(field: Field, value: Any, path: Path, text: str) -> None:  # noqa: ANN401
-    """Refuse a wrong shape, a non-integer and what leaves the field's range."""
+    """Refuse a wrong shape, a non-integer and a value outside the range of the field."""
     items = [value]
     for length in field.shape:
         if any(not isinstance(item, list) or len(item) != length for item in items):

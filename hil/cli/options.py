@@ -160,6 +160,6 @@ def add_answer(parser: argparse.ArgumentParser, files: str) -> None:
 
 
 def folder_of(args: argparse.Namespace) -> Path | None:
-    """Return the folder that files go to; None where none is asked for."""
+    """Return the output folder; None if no files are written."""
     out: Path | None = args.out
     return out or (None if args.json else DEFAULT_OUT)

@@ -84,7 +84,7 @@ def run(args: argparse.Namespace) -> int:
 def _drive(
     args: argparse.Namespace, world: World, link: Link, stop: process.Stop
 ) -> Outcome | None:
-    """Drive in step with the clock once an ECU is heard; None where a stop is asked for before."""
+    """Drive in step with the clock once an ECU is heard; None if stopped before."""
     firmware = firmware_of(profile_of(choices_of(args)))
     if args.wait > 0:
         print("plant waits for the ECU", flush=True)
@@ -105,7 +105,7 @@ def _drive(
 def _drive_granting(
     args: argparse.Namespace, world: World, link: Link, stop: process.Stop
 ) -> Outcome | None:
-    """Drive in lock step with the ECU that answers; None where a stop is asked for before."""
+    """Drive in lock step with the ECU that answers; None if stopped before."""
     channel: lockstep.Channel
     if args.side_channel is None:
         channel = lockstep.InBand(link, sends=lockstep.GRANT, hears=lockstep.ACKNOWLEDGEMENT)

@@ -31,7 +31,7 @@ LARGEST_ACCELERATION = 12.0
 
 
 def _vehicle_and_body(args: argparse.Namespace) -> tuple[Vehicle, Body]:
-    """Return the vehicle that is asked for and the model that it is driven by."""
+    """Return the requested vehicle and the body that simulates it."""
     return vehicles.load(chosen(choices_of(args), "vehicle")), bodies.body(
         chosen(choices_of(args), "plant")
     )
@@ -168,7 +168,7 @@ def find(
 
 
 def limit(args: argparse.Namespace) -> int:
-    """Bisect without and with control and print both limits; 0 whatever they are."""
+    """Bisect without and with control and print both limits; return 0."""
     slowest, fastest = (speed * 3.6 for speed in maneuvers.speed_range(args.scenario))
     if args.scenario not in JUDGED:
         raise CanrollError(f"{args.scenario} has no pass criterion: choose {', '.join(JUDGED)}")

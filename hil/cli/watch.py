@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def in_browser(args: argparse.Namespace) -> bool:
-    """Tell whether a page is asked for.
+    """Return whether a page is requested.
 
     Raises:
         CanrollError: options of the page that cannot be, or without ``--web``.

@@ -19,7 +19,7 @@ from hil.runs.result import Result
 
 
 def usable_folder(folder: Path) -> Path:
-    """Return ``folder``, made where it was missing; told before a run rather than after it.
+    """Return ``folder``, made if missing; called before a run, so that it is refused early.
 
     Raises:
         CanrollError: it cannot be made or written to.
@@ -37,7 +37,7 @@ def usable_folder(folder: Path) -> Path:
 
 
 def page_folder(folder: Path | None) -> Path | None:
-    """Return the folder that a page goes to, usable; None where none is asked for."""
+    """Return the folder of a page, made if missing; None if no files are written."""
     return None if folder is None else usable_folder(folder)
 
 

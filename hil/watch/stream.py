@@ -103,7 +103,7 @@ class LiveStream:
         return self._message(rows, events, whole=False, lost=lost)
 
     def everything(self, *, lost: bool = False) -> str:
-        """Return what is kept up to the last :meth:`news`, for who has just joined."""
+        """Return what is kept up to the last :meth:`news`, for a client that has just joined."""
         rows = {name: list(kept) for name, kept in self._kept.items()}
         return self._message(rows, list(self._events), whole=True, lost=lost)
 
@@ -202,7 +202,7 @@ class LiveStream:
 
 
 def state(seen: Observation, *, lost: bool = False) -> tuple[str, str, str]:
-    """Return in words how things are: "good", "bad" or "none", headline, text."""
+    """Return the state as mood ("good", "bad" or "none"), headline and text."""
     silence = {side: seen.silence(side) for side in (CONTROLLER, VEHICLE)}
     heard = [duration for duration in silence.values() if duration is not None]
     ago = f"Last frame {min(heard):.1f} s ago." if heard else "No frame has been seen yet."

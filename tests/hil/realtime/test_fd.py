@@ -21,7 +21,8 @@ DATABASE = cantools.database.load_file(dbc.FD_PATH)
 
 @pytest.fixture(scope="module")
 def planned():
-    return plan("double_lane_change", law="lqr", seed=2, backend="python", bus="fd_2m")
+    named = {"law": "lqr", "actuator": "suspension", "plant": "roll1", "backend": "python"}
+    return plan("double_lane_change", seed=2, bus="fd_2m", **named)
 
 
 @pytest.fixture

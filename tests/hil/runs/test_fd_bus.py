@@ -25,7 +25,8 @@ OURS = {message.frame_id: message for message in DATABASE.messages}
 
 
 def drive(bus, seed=1, duration_ns=1_500_000_000):
-    settings, controller = plan("double_lane_change", law="lqr", seed=seed, bus=bus)
+    named = {"law": "lqr", "actuator": "suspension", "plant": "roll1"}
+    settings, controller = plan("double_lane_change", seed=seed, bus=bus, **named)
     ecu = open_backend(default_backend(), controller.record, settings.firmware)
     world = build_world(settings, enabled=True)
     trace = closed_loop(world, ecu, tick_ns=10_000_000, duration_ns=duration_ns)
@@ -94,7 +95,21 @@ def test_our_frames_alone_wait_less_than_on_the_classic_bus():
 @pytest.mark.slow
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 def test_its_bundle_has_the_fd_firmware(tmp_path):
-    assert main.main(["export-c", str(tmp_path), "--bus", "fd_2m", "--law", "lqr"]) == 0
+    assert (
+        main.main(
+            [
+                "export-c",
+                str(tmp_path),
+                "--bus",
+                "fd_2m",
+                "--law",
+                "lqr",
+                "--actuator",
+                "suspension",
+            ]
+        )
+        == 0
+    )
     assert "32, CAN FD with BRS" in (tmp_path / "README.md").read_text()
     result = subprocess.run(
         ["make", "-C", str(tmp_path), "test"], capture_output=True, text=True, check=False

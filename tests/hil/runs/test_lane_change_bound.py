@@ -19,6 +19,7 @@ from hil.runs.metrics import judge
 from hil.studies.effort import scaled
 
 TICK = 0.01
+CAR = {"plant": "nonlinear", "vehicle": "van_real", "actuator": "suspension"}
 
 
 @pytest.fixture(autouse=True)
@@ -37,9 +38,7 @@ def plain_feedforward(monkeypatch):
 def driven(law, bus, factor, **choices):
     """Figures of a lane change, or another manoeuvre, with the law's moment times ``factor``."""
     scenario = choices.pop("scenario", "double_lane_change")
-    settings, controller = plan(
-        scenario, law=law, bus=bus, plant="nonlinear", vehicle="van_real", **choices
-    )
+    settings, controller = plan(scenario, law=law, bus=bus, **CAR, **choices)
     trace = drive(settings, scaled(controller, factor), enabled=True)
     return judge(trace), trace
 
@@ -58,7 +57,7 @@ def at_effort(law, bus, moment):
 def noncausal_bound(moment):
     """RMS roll, deg, of the best moment of that RMS, known to its end, on the linear car."""
     vehicle = vehicles.load("van_real")
-    settings, controller = plan("double_lane_change", plant="nonlinear", vehicle="van_real")
+    settings, controller = plan("double_lane_change", **CAR)
     trace = drive(settings, controller, enabled=False)
     time, roll = trace.signals["time"], np.degrees(trace.signals["roll"])
     ticks = np.arange(time[0], time[-1], TICK)
@@ -147,8 +146,7 @@ def changed(vehicle, rng):
 @pytest.mark.parametrize(("bus", "of_plain"), [("500k", 0.97), ("gateway_50ms", 0.87)])
 def test_thirty_vehicles_roll_less_than_with_the_plain_feedforward(bus, of_plain):
     laws = [
-        plan("double_lane_change", law=law, bus=bus, plant="nonlinear", vehicle="van_real")
-        for law in ("steering_lead", "plain")
+        plan("double_lane_change", law=law, bus=bus, **CAR) for law in ("steering_lead", "plain")
     ]
     factors = (0.82 / MOMENT_SHARE, 0.79 / FEEDFORWARD_SHARE)
     rng = np.random.default_rng(0)
