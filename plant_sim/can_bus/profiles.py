@@ -17,7 +17,7 @@ from plant_sim.can_bus.kernel.network import (
     add_node,
     build_network,
 )
-from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, MS, own_messages
+from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, MS, messages_of, own_messages
 from plant_sim.can_bus.recorded_profile import RecordedProfile
 from plant_sim.can_bus.traffic.background import background_messages
 from plant_sim.can_bus.traffic.files import load_traffic
@@ -63,7 +63,7 @@ def background_of(
     if isinstance(profile, RecordedProfile):
         return list(profile.background(own_messages(command, profile)))
     if profile.traffic is not None:
-        return _other_traffic(profile.traffic, segment, own_messages(command, profile))
+        return _other_traffic(profile.traffic, segment, messages_of(profile))
     return background_messages(
         own_on_segment(profile, segment, command),
         node=_background(segment),
