@@ -3,7 +3,7 @@
 Axes: x forward, y left, z up. Wheels: front left, front right, rear left, rear right.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import degrees, sqrt
 
 from vehicles.equipment import (
@@ -231,9 +231,9 @@ class Vehicle:
     driver: Driver
     actuators: Actuators
     sensors: Sensors
-    speeds: dict[str, float]
+    speeds: dict[str, float] = field(hash=False)
     lane_offset: float
-    sources: dict[str, str]
+    sources: dict[str, str] = field(hash=False)
     file: str = ""
     empty: Empty | None = None
     kinematics: Kinematics | None = None

@@ -1,5 +1,7 @@
 """The suspension's roll stiffness: what is left of the car's once the tyres are taken out."""
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.optimize import brentq
 
@@ -49,6 +51,7 @@ def steady_roll(
     return body, front, rear
 
 
+@lru_cache(maxsize=256)
 def suspension_roll_stiffness(vehicle: Vehicle) -> float:
     """Roll stiffness (N·m/rad) of springs and bars with which the car rolls as its plant model.
 

@@ -7,7 +7,7 @@ the moment moves the car sideways, and rolls the accelerometer.
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from math import inf, pi
 
 import numpy as np
@@ -330,6 +330,14 @@ def family(
     Raises:
         CanrollError: the data sheet makes no such car.
     """
+    return _built(vehicle, delay, tick, lag, tuple(conditions))
+
+
+@lru_cache(maxsize=128)
+def _built(
+    vehicle: Vehicle, delay: Delay, tick: float, lag: float, conditions: tuple[Condition, ...]
+) -> Family:
+    """The family; every law for the same task is judged on the same one."""
     cars = {condition: car_in(vehicle, condition) for condition in conditions}
     return _family(vehicle, delay, cars, tick=tick, lag=lag)
 

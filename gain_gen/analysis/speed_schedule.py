@@ -138,9 +138,10 @@ def certified_speed_rate(task: Task, controller: Controller) -> float:
 def _speed_rate(task: Task, controller: Controller, load: str) -> float:
     """Return the rate for one load; zero where a function does not decay."""
     halves = np.arange(SPEEDS[0], SPEEDS[-1] + 0.25 * STEP, 0.5 * STEP)
+    longest = task.delay.most
     cars = family(
         task.vehicle,
-        task.delay,
+        replace(task.delay, least=longest, nominal=longest),
         tick=task.tick,
         lag=task.lag,
         conditions=[Condition(load, float(speed)) for speed in halves],

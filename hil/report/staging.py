@@ -53,4 +53,7 @@ def _locked(folder: Path) -> Iterator[None]:
             ) from None
         for killed in folder.glob(f"{PART}*"):
             shutil.rmtree(killed)
-        yield
+        try:
+            yield
+        finally:
+            (folder / LOCK).unlink(missing_ok=True)
