@@ -356,7 +356,7 @@ class BusConformance:
         """Own traffic and background together, on every segment."""
         profile = BUSES[self.bus]
         spec = profile_spec(profile, seed=1)
-        own = tuple(message.source() for message in own_messages())
+        own = tuple(message.source() for message in own_messages(profile=profile))
         network = can_bus.build_network(replace(spec, sources=(*spec.sources, *own)))
         can_bus.advance(network, round(self.seconds * 1e9))
         for segment in range(profile.segments):

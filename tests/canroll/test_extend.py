@@ -45,8 +45,14 @@ def result_in(folder):
 
 def test_every_kind_of_example_is_there():
     languages = [language for language, _, _ in BLOCKS]
-    assert languages.count("python") == 3 and languages.count("sh") == 4
-    assert {name for _, name, _ in BLOCKS} == {"", "gains.toml", "car.dbc", "car.toml"}
+    assert languages.count("python") == 4 and languages.count("sh") == 4
+    assert {name for _, name, _ in BLOCKS} == {
+        "",
+        "gains.toml",
+        "car.dbc",
+        "car.toml",
+        "ecu_program.py",
+    }
 
 
 def test_own_gains_help(folder):

@@ -116,7 +116,7 @@ def watched_run(monkeypatch, scenario: str, **options) -> Watched:
     monkeypatch.setattr(hil_controller, "calibrate", noting)
     settings, controller = experiment.plan(scenario, backend="python", **options)
     watched = Watched(controller.record, designs[-1])
-    monkeypatch.setattr("hil.runs.virtual_time.tick_rows", lambda times, images: None)
+    monkeypatch.setattr("hil.runs.virtual_time.tick_rows", lambda times, images, record: None)
     closed_loop(
         experiment.build_world(settings, enabled=True),
         watched,

@@ -24,7 +24,8 @@ from plant_sim.can_bus import DELIVERED
 
 def plant(programs, *arguments, serve="127.0.0.1:0"):
     """A waiting plant on its own bus, and python-can's options to get there."""
-    program = programs("plant", "plant", "double_lane_change", "--serve", serve, *arguments)
+    words = ("double_lane_change", "--actuator", "suspension", "--serve", serve)
+    program = programs("plant", "plant", *words, *arguments)
     program.wait_for("plant waits")
     served = re.search(r"serving (.*)", program.said)[1]
     return program, served.split(" ")

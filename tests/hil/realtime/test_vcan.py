@@ -81,7 +81,7 @@ def test_lock_step_on_vcan_is_virtual_time(witnessed, tmp_path, capsys):
     for out in ("out", "again"):
         ours, theirs = np.load(folder / out / "trace.npz"), np.load(tmp_path / "trace.npz")
         with ours, theirs:
-            for name in theirs.files:
+            for name in ours.files:
                 assert ours[name].tobytes() == theirs[name].tobytes(), (out, name)
 
 
@@ -93,7 +93,7 @@ def test_candump_saw_what_the_firmware_sent_and_cantools_understands_it(witnesse
     grants = {m.arbitration_id for m in messages if m.is_extended_id}
     assert grants == {ident & ~EXTENDED for ident in (lockstep.GRANT, lockstep.ACKNOWLEDGEMENT)}
     seen = [(m.arbitration_id, bytes(m.data)) for m in messages if not m.is_extended_id]
-    assert {ident for ident, _ in seen} == {0x80, 0xA0, 0xB0, 0xC0, 0xC8, 0xD0, 0xD8, 0x300, 0x301}
+    assert {ident for ident, _ in seen} == {0x81, 0xA0, 0xB0, 0xC0, 0xC8, 0xD0, 0xD8, 0x300, 0x301}
     for ident, payload in seen:
         message = database.get_message_by_frame_id(ident)
         message.decode(payload)
@@ -101,12 +101,12 @@ def test_candump_saw_what_the_firmware_sent_and_cantools_understands_it(witnesse
     trace = tick_trace.load(folder / "out" / "ticks.npz")
     sent = trace.frames[trace.frames["sent"] == 1]
     theirs = [(int(f["ident"]), bytes(f["payload"][: f["length"]])) for f in sent]
-    ours = [frame for frame in seen if frame[0] in (0x80, 0x300, 0x301)]
+    ours = [frame for frame in seen if frame[0] in (0x81, 0x300, 0x301)]
     # after the last tick comes the command of nothing
     assert ours[:-1] == theirs
     last = database.decode_message(*ours[-1])
     assert str(last["Mode"]) == "SAFE"
-    commands = [database.decode_message(*frame) for frame in ours[:-1] if frame[0] == 0x80]
+    commands = [database.decode_message(*frame) for frame in ours[:-1] if frame[0] == 0x81]
     assert np.ptp([command["ForceFrontLeft"] for command in commands]) > 500
 
 

@@ -91,7 +91,8 @@ def test_saved_runs_are_compared_as_driven_ones(tmp_path, capsys, monkeypatch):
     assert "warning" not in capsys.readouterr().out
     page = (tmp_path / "out" / "comparison.html").read_text()
     assert 'data-key="runs.1.controlled.roll_max_deg"' in page
-    assert main(["compare", "steering_lead_run", "steering_lead", "--scenario", "roundabout", "--duration", "1"]) == 2
+    other = ["steering_lead", "--scenario", "roundabout", "--duration", "1"]
+    assert main(["compare", "steering_lead_run", *other]) == 2
     assert "compare runs of one manoeuvre" in capsys.readouterr().err
 
 
