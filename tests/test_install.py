@@ -144,7 +144,7 @@ def test_timing_needs_no_extra_where_qemu_is(canroll):
     [
         (
             ("timing", *CALIBRATION, "--counter", "unicorn"),
-            "bincopy, unicorn and ziglang",
+            "bincopy, capstone, unicorn and ziglang",
             "target",
         ),
         (("run", "double_lane_change", "--signals", "x.mf4"), "asammdf", "asammdf"),

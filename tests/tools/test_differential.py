@@ -58,5 +58,5 @@ def test_disturbed_traffic_hurts_in_episodes_only(recorded):
 def test_the_cases_are_all_actuators_and_observers():
     from gain_gen.laws import OBSERVERS
 
-    assert {case.actuator for case in CASES} >= {"bars", "dampers", "valves", None}
+    assert {case.actuator for case in CASES} >= {"suspension", "bars", "dampers", "valves"}
     assert {case.observer for case in CASES} >= {None, *OBSERVERS} - {"two_sensors"}

@@ -124,7 +124,7 @@ def test_what_can_not_differ_is_equivalent(sample, function, before, after, equi
 
 
 UNTRANSLATED = [
-    ("1, 0, 100", "1, 0, 101", "ecu.py:25: does not fit count is declared in [0, 100]: [1, 101]"),
+    ("1, 0, 100", "1, 0, 101", "ecu.py:26: does not fit count is declared in [0, 100]: [1, 101]"),
     ("a * 2", "a // 2", "SubsetError: ecu.py:"),
     ("a: i32 = ecu.count", "a: i32 = ecu.count * ecu.x[0] * ecu.x[0] * ecu.x[0]", "may not fit"),
 ]

@@ -107,7 +107,7 @@ def test_candump_saw_what_the_firmware_sent_and_cantools_understands_it(witnesse
     last = database.decode_message(*ours[-1])
     assert str(last["Mode"]) == "SAFE"
     commands = [database.decode_message(*frame) for frame in ours[:-1] if frame[0] == 0x81]
-    assert np.ptp([command["ForceFrontLeft"] for command in commands]) > 500
+    assert np.ptp([command["TorqueFront"] for command in commands]) > 500
 
 
 def test_the_guest_passes_on_streams_and_exit_code(tmp_path):

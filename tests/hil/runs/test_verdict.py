@@ -96,8 +96,8 @@ def test_change_is_blank_against_nothing_and_path_rows_need_a_path(short):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--log", "nonexistent/x.asc"], "no folder nonexistent"),
-        (["--signals", "nonexistent/x.csv"], "no folder nonexistent"),
+        (["--log", "nonexistent/x.asc"], "no such folder nonexistent"),
+        (["--signals", "nonexistent/x.csv"], "no such folder nonexistent"),
         (["--out", ""], "--out: must not be empty"),
         (["--vehicle", ""], "--vehicle must not be empty"),
     ],

@@ -92,7 +92,8 @@ def test_processes_change_nothing():
 
 
 def test_a_law_that_swings_fails_and_its_draw_can_be_seen_alone(tmp_path, capsys):
-    options = ["campaign", "--law", "lqr", "--bus", "gateway_50ms", "--jobs", "1", "--json"]
+    options = ["campaign", "--law", "hinf_delay", "--gains", "theorem", "--jobs", "1", "--json"]
+    options += ["--actuator", "suspension"]
     assert main([*options, "--runs", "2", "--out", str(tmp_path)]) == 1
     data = json.loads(capsys.readouterr().out)
     assert data["failed"]
