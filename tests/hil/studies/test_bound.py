@@ -97,10 +97,13 @@ def test_a_step_ends_at_the_static_roll_angle():
 
 @pytest.mark.parametrize(("effort", "degrees"), [(800, 1.206), (1600, 0.992), (3200, 0.565)])
 def test_the_van_in_a_lane_change(effort, degrees):
-    """Against the eigenvalues of HᵀH, with H from a linearisation of the plant's equations."""
+    """Against the eigenvalues of HᵀH, with H from a linearisation of the plant's equations.
+
+    Its moment is split between the axles by their loads, ours so that understeer is kept.
+    """
     settings, controller = plan(
         "double_lane_change", law="passive", plant="nonlinear", actuator="suspension"
     )
     trace = drive(settings, controller, enabled=False)
     bound = bound_of(settings, controller, trace.signals["time"], trace.signals["roll"])
-    assert np.degrees(bound.at(effort)) == pytest.approx(degrees, rel=2e-3)
+    assert np.degrees(bound.at(effort)) == pytest.approx(degrees, rel=6e-3)
