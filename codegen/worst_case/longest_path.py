@@ -7,7 +7,7 @@ what an integer program over the flow graph would find.
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from capstone import CsInsn, arm
@@ -15,7 +15,7 @@ from capstone import CsInsn, arm
 from canroll.errors import CanrollError
 from codegen.proof.intervals import Value
 from codegen.worst_case import library
-from codegen.worst_case.conditions import OPPOSITE, ZERO, where
+from codegen.worst_case.conditions import EQ, NE, OPPOSITE, ZERO, where
 from codegen.worst_case.control_flow import Region, regions
 from codegen.worst_case.cycles import Timing
 from codegen.worst_case.machine_code import Block, Function, Image, conditional
@@ -184,10 +184,8 @@ class _Visit:
             if isinstance(item, Region):
                 self._loop(item, arrivals, region, out)
             elif item in arrivals:
-                for target, arrival in self.block(self.function.blocks[item], arrivals.pop(item)):
-                    inside = target in region.blocks and target != region.header
-                    place = arrivals if inside else out
-                    place[target] = arrival.joined(place.get(target))
+                found = self.block(self.function.blocks[item], arrivals.pop(item))
+                _sort_in(found, region, arrivals, out)
         return out
 
     def _loop(
@@ -203,10 +201,7 @@ class _Visit:
                 )
             leaving = self.region(loop, {loop.header: here})
             here = leaving.pop(loop.header, None)
-            for target, arrival in leaving.items():
-                inside = target in outer.blocks and target != outer.header
-                place = arrivals if inside else out
-                place[target] = arrival.joined(place.get(target))
+            _sort_in(leaving.items(), outer, arrivals, out)
 
     def block(self, block: Block, arrival: Arrival) -> list[tuple[int, Arrival]]:
         """Run a block; return the arrivals at its successors."""
@@ -242,7 +237,7 @@ class _Visit:
             register = NUMBER[insn.operands[0].reg]
             for state in (taken, straight):
                 state.flags = Flags(state.registers[register], ZERO, register)
-            condition = EQUAL if insn.insn_name() == "cbz" else OPPOSITE[EQUAL]
+            condition = EQ if insn.insn_name() == "cbz" else NE
         arrivals = []
         there = where(taken, condition)
         if there is not None:
@@ -284,5 +279,13 @@ class _Visit:
         return list(found.items())
 
 
-EQUAL = 1
-"""Condition code of "equal"."""
+def _sort_in(
+    found: Iterable[tuple[int, Arrival]],
+    region: Region,
+    inside: dict[int, Arrival],
+    outside: dict[int, Arrival],
+) -> None:
+    """Join what arrives within a region to ``inside``; its header counts as outside."""
+    for target, arrival in found:
+        place = inside if target in region.blocks and target != region.header else outside
+        place[target] = arrival.joined(place.get(target))

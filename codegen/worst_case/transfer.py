@@ -324,7 +324,8 @@ def compute(state: State, insn: CsInsn, name: str) -> None:
         return
     for register in targets:
         state.set(register, I32 if len(targets) > 1 else value)
-    if sets_flags(insn):
+    # capstone says so of adc.w and sbc.w as well, which is sound
+    if insn.update_flags:
         state.flags = flags
         if flags is not None and len(targets) == 1:
             a, b = flags.a_register, flags.b_register
@@ -336,11 +337,6 @@ def compute(state: State, insn: CsInsn, name: str) -> None:
                 targets[0],
                 flags.borrow,
             )
-
-
-def sets_flags(insn: CsInsn) -> bool:
-    """Whether the flags change (capstone also says so of adc.w and sbc.w, which is sound)."""
-    return bool(insn.update_flags)
 
 
 def _compare(state: State, insn: CsInsn, name: str) -> None:

@@ -15,7 +15,6 @@ from pathlib import Path
 
 from canroll.errors import CanrollError
 
-LOCK = ".canroll.lock"
 PART = ".canroll-part-"
 
 
@@ -43,17 +42,17 @@ def replaced(folder: Path, key: str) -> Iterator[Path]:
 
 @contextmanager
 def _locked(folder: Path) -> Iterator[None]:
-    # the system drops the lock of a process that dies
-    with (folder / LOCK).open("a", encoding="ascii") as file:
+    # the folder itself is locked: no file of a lock to leave; the system drops that of the dead
+    held = os.open(folder, os.O_RDONLY)
+    try:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
             raise CanrollError(
                 f"another canroll writes to {folder}: choose another --out"
             ) from None
         for killed in folder.glob(f"{PART}*"):
             shutil.rmtree(killed)
-        try:
-            yield
-        finally:
-            (folder / LOCK).unlink(missing_ok=True)
+        yield
+    finally:
+        os.close(held)
