@@ -23,6 +23,7 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
 }
 
 # the plain feedforward beside the law: what the detector counts where there is least feedback
+# shellcheck disable=SC2016 # the inner shell expands them
 LIMIT_CYCLES='for bus in 500k gateway_20ms gateway_50ms; do
     for law in plain_feedforward steering_lead; do
         echo "$bus, $law"
