@@ -18,12 +18,13 @@ from numpy.typing import NDArray
 
 from codegen.c99.text import filled
 from codegen.export import a2l, codec_comparison, interrupts, misra
-from codegen.generated.bus_map import EXTENDED, BusMap, read
+from codegen.generated.bus_map import EXTENDED, BusMap
 from codegen.generated.frame_protection import Protection
 from codegen.run import memory_image, native
 from codegen.run.bus_firmware import BusFirmware, of_bus
 from codegen.run.cortex import OPTIMISATION
 from codegen.run.ecu_traffic import Traffic
+from dbc import read
 from firmware.calibration import Calibration
 
 TEMPLATES = Path(__file__).with_name("templates")
