@@ -35,8 +35,11 @@ class Footprint:
     forbidden: tuple[str, ...]
 
 
-def footprint(image: Path) -> Footprint:
-    """Read an ELF image with its symbol table."""
+def footprint(image: Path, record: type = Ecu) -> Footprint:
+    """Read an ELF image with its symbol table.
+
+    ``record`` is the class of its state record, by default that of the built-in bus.
+    """
     text = tables = static = 0
     forbidden = []
     with image.open("rb") as file:
@@ -67,7 +70,7 @@ def footprint(image: Path) -> Footprint:
         text,
         tables,
         static,
-        memory_image.dtype(Ecu).itemsize,
+        memory_image.dtype(record).itemsize,
         memory_image.dtype(Calibration).itemsize,
         tuple(sorted(set(forbidden))),
     )

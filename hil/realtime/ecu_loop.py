@@ -115,7 +115,7 @@ def run(
 
 
 def _wait(link: Link, deadline: int, lock: PhaseLock | None, imu: int) -> list[Frame]:
-    """Wait for a deadline; return the frames of 11 bits that came in meanwhile.
+    """Wait for a deadline; return the frames that came in meanwhile.
 
     ``imu`` is the identifier that the lock follows. Only a lock needs to know when they came:
     without one they wait in the driver.

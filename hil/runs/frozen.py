@@ -25,7 +25,6 @@ from plant_sim.can_bus import BusProfile, load_profile
 from plant_sim.can_bus.delay_bounds import delay_bounds
 from plant_sim.can_bus.own_frames import bus_map, messages_of
 from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.can_bus.wire.frame import EXTENDED
 from plant_sim.nodes.sensors import SensorOptions, delay
 from vehicles import Vehicle
 
@@ -230,25 +229,6 @@ def firmware_of(profile: BusProfile) -> BusFirmware:
     if profile.dbc is None or profile.map_file is None:
         return built_in()
     return of_bus(profile.dbc, profile.map_file)
-
-
-def refuse_wide_identifiers(profile: BusProfile) -> None:
-    """Raise CanrollError for frames that ECU and plant as two programs do not take."""
-    for message in messages_of(profile):
-        if message.flags & EXTENDED:
-            raise CanrollError(
-                f"{message.name} has an identifier of 29 bits: as two programs, ECU and plant take "
-                "identifiers of 11 bits; use 'canroll run'"
-            )
-
-
-def refuse_own(profile: BusProfile, command: str) -> None:
-    """Raise CanrollError for a bus whose frames only virtual time knows."""
-    if profile.dbc is not None:
-        raise CanrollError(
-            f"'canroll {command}' sends the frames of the bus contract: own frames (--dbc, --map) "
-            "are for virtual time, as in 'canroll run'"
-        )
 
 
 def names_of(profile: BusProfile) -> dict[int, str]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from codegen.run.backends import open_backend
+from codegen.run.bus_firmware import built_in, of_bus
 from firmware.calibration import Calibration
 from hil.realtime.bus_link import Frame
 from hil.realtime.check.machine import Counters, counters
@@ -31,11 +32,15 @@ Times = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Ticks:
-    """Input of the firmware: one list of received frames per tick."""
+    """Input of the firmware: one list of received frames per tick.
+
+    ``files``: the DBC and the map that its frames are from, None: those of the contract.
+    """
 
     backend: str
     calibration: Calibration
     received: Sequence[Sequence[Frame]]
+    files: tuple[Path, Path] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +94,10 @@ def measure(places: Sequence[Place], seconds: float, ticks: Ticks) -> list[Loop]
 def _loop(send: Send, together: Barrier, place: Place, seconds: float, ticks: Ticks | None) -> None:
     notes = prepare(cpu=place.core, priority=place.priority)
     slack = Path("/proc/self/timerslack_ns")
-    ecu = None if ticks is None else open_backend(ticks.backend, ticks.calibration)
+    ecu = None
+    if ticks is not None:
+        firmware = built_in() if ticks.files is None else of_bus(*ticks.files)
+        ecu = open_backend(ticks.backend, ticks.calibration, firmware)
     late = np.zeros(round(seconds * 1e9) // PERIOD_NS + 1, np.int64)
     received = [] if ticks is None else ticks.received
     took = np.zeros(len(late), np.int64)
