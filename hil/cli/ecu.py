@@ -5,6 +5,7 @@ from pathlib import Path
 
 import dbc
 from canroll.errors import CanrollError, VerdictError
+from codegen.generated import own_stage
 from codegen.run.backends import default_backend, open_backend
 from codegen.run.bus_firmware import BusFirmware, built_in
 from gain_gen.calibration.calibration_file import load as load_calibration
@@ -16,7 +17,7 @@ from hil.realtime.hardware import bus_record
 from hil.realtime.phase_lock import PhaseLock
 from hil.realtime.plant_loop import sent_by
 from hil.runs import phase
-from hil.runs.frozen import firmware_of, profile_of, refuse_wide_identifiers
+from hil.runs.frozen import firmware_of, profile_of, refuse_wide_identifiers, staged
 
 MODES = dbc.names("RollControlStatus", "Mode")
 TRACE_SECONDS = 600
@@ -58,14 +59,16 @@ def run(args: argparse.Namespace) -> int:
     backend = args.backend or default_backend()
     profile = profile_of(choices_of(args, OF_AN_ECU))
     refuse_wide_identifiers(profile)
-    firmware = firmware_of(profile)
+    loaded = None if args.calibration is None else load_calibration(args.calibration)
+    tables = staged({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
+    firmware = firmware_of(profile, own_stage.carried(tables))
     if args.replay is not None:
         return replay(args.replay, backend, firmware)
-    if args.calibration is None:
+    if loaded is None:
         raise CanrollError("--calibration FILE is required; create one with 'canroll design'")
     duration = nanoseconds(args.duration, "--duration")
     timeout = peer_timeout(args)
-    calibration = load_calibration(args.calibration).record
+    calibration = loaded.record
     lock = phase_lock(args, calibration.tick_us)
     ecu = open_backend(backend, calibration, firmware)
     link = open_link(args, firmware.fd)

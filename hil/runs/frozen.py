@@ -3,14 +3,17 @@
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import vehicles
 from canroll.errors import CanrollError
+from codegen.generated import own_stage
 from codegen.generated.bus_map import VALID_BITS, BusMap, Mailbox, read
-from codegen.run.bus_firmware import BusFirmware, built_in, of_bus
+from codegen.generated.own_stage import OwnStage
+from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
 from dbc import attribute
 from firmware import calibration as fw
 from firmware.calibration import Calibration
@@ -60,6 +63,11 @@ class Controller:
     warnings: tuple[str, ...]
 
     @property
+    def stage(self) -> OwnStage | None:
+        """The own stage of the loop."""
+        return own_stage.carried(self.tables)
+
+    @property
     def command(self) -> str:
         """Message that commands the actuators."""
         return COMMANDS[self.record.actuator]
@@ -85,8 +93,27 @@ def prepare(choices: Mapping[str, Any]) -> Controller:
     """
     check(choices)
     if choices.get("calibration") is not None:
-        return _loaded(load(choices["calibration"]), choices)
-    return _designed(choices)
+        controller = _loaded(load(choices["calibration"]), choices)
+    else:
+        controller = _designed(choices)
+    tables = staged(controller.tables, choices)
+    with_stage(built_in(), own_stage.carried(tables))
+    return replace(controller, tables=tables)
+
+
+def staged(tables: Mapping[str, Any], choices: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return the tables of a calibration with the own stage that ``choices`` name.
+
+    Raises:
+        CanrollError: it cannot be read, or the calibration has a stage already.
+    """
+    if choices.get("stage") is None:
+        return tables
+    if own_stage.NAME in tables:
+        name = tables[own_stage.NAME]["file"]
+        raise CanrollError(f"--stage: the calibration carries the stage {name}: omit --stage")
+    stage = own_stage.read(Path(choices["stage"]))
+    return {**tables, own_stage.NAME: stage.table()}
 
 
 def profile_of(choices: Mapping[str, Any]) -> BusProfile:
@@ -222,11 +249,11 @@ def sample_to_force(
     return Delay((least + most) / 2, least, most)
 
 
-def firmware_of(profile: BusProfile) -> BusFirmware:
-    """Return the ECU's program for the frames of a bus."""
+def firmware_of(profile: BusProfile, stage: OwnStage | None = None) -> BusFirmware:
+    """Return the ECU's program for the frames of a bus, with an own stage where there is one."""
     if profile.dbc is None or profile.map_file is None:
-        return built_in()
-    return of_bus(profile.dbc, profile.map_file)
+        return with_stage(built_in(), stage)
+    return with_stage(of_bus(profile.dbc, profile.map_file), stage)
 
 
 def refuse_wide_identifiers(profile: BusProfile) -> None:
