@@ -132,7 +132,7 @@ def write(folder: Path, export: Export) -> list[Path]:
     texts.update({f"codec/{name}": text for name, text in _codec(export.dbc).items()})
     texts["README.md"] = _readme(export, firmware, program)
     if export.stage is not None:
-        texts[f"stage/{Path(export.stage.file).name}"] = export.stage.source
+        texts[f"stage/{export.stage.file}"] = export.stage.source
     written = []
     for name, text in sorted(texts.items()):
         path = folder / name
@@ -258,10 +258,9 @@ def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
 def _stage(export: Export) -> str:
     if export.stage is None:
         return ""
-    name = Path(export.stage.file).name
     return (
-        f"\n\nAn own stage is part of the loop: `stage/{name}`, here `src/canroll_stage.c`. "
-        "It is compiled in, so every calibration runs with it."
+        f"\n\nAn own stage is part of the loop, `stage/{export.stage.file}`, translated to "
+        "`src/canroll_stage.c`. It is compiled in, so every calibration runs with it."
     )
 
 

@@ -10,7 +10,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -32,19 +32,25 @@ from firmware.subset import i32
 
 @dataclass(frozen=True, slots=True)
 class OwnStage:
-    """A stage as its file has it; ``file`` is named in messages."""
+    """A stage: its file's name and text, and the folder that messages name."""
 
     file: str
     source: str
+    folder: Path = field(default=Path(), compare=False)
 
     @property
     def name(self) -> str:
-        """Name of the file without its folder and suffix."""
+        """Name of the file without its suffix."""
         return Path(self.file).stem
+
+    @property
+    def path(self) -> Path:
+        """The file, as messages name it."""
+        return self.folder / self.file
 
     def table(self) -> dict[str, str]:
         """Return the table of a calibration file that carries the stage."""
-        return {"file": Path(self.file).name, "source": self.source}
+        return {"file": self.file, "source": self.source}
 
 
 def read(path: Path) -> OwnStage:
@@ -60,7 +66,7 @@ def read(path: Path) -> OwnStage:
         raise CanrollError(f"cannot read stage {path}: {reason}") from error
     if len(source) > MOST_CHARACTERS:
         raise CanrollError(f"{path}: more than {MOST_CHARACTERS} characters: not a stage")
-    return OwnStage(str(path), source)
+    return OwnStage(path.name, source, path.parent)
 
 
 def carried(tables: Mapping[str, Any]) -> OwnStage | None:
@@ -69,13 +75,18 @@ def carried(tables: Mapping[str, Any]) -> OwnStage | None:
     return None if table is None else OwnStage(table["file"], table["source"])
 
 
+def added(tables: Mapping[str, Any], stage: OwnStage | None) -> Mapping[str, Any]:
+    """Return the tables of a calibration with the stage that it is to carry."""
+    return tables if stage is None else {**tables, NAME: stage.table()}
+
+
 def modules(stage: OwnStage) -> dict[str, str]:
     """Return the sources of the firmware's modules that ``stage`` replaces.
 
     Raises:
         SubsetError: file and line of what is no stage.
     """
-    path = Path(stage.file)
+    path = stage.path
     try:
         tree = ast.parse(stage.source)
     except (SyntaxError, ValueError) as error:
@@ -153,7 +164,7 @@ def _parsed(stage: OwnStage, own: ast.ClassDef | None) -> Module:
         for path in FIRMWARE.glob("*.py"):
             shutil.copy(path, folder)
         (folder / FILE).write_text("\n".join([*lines, ""]), encoding="utf-8")
-        return load(NAME, folder, {NAME: Path(stage.file)}).modules[NAME]
+        return load(NAME, folder, {NAME: stage.path}).modules[NAME]
 
 
 def _with_missing(
@@ -199,30 +210,26 @@ def _without_record(source: str, tree: ast.Module, own: ast.ClassDef | None) -> 
 
 def _refuse_fields(path: Path, own: Record) -> None:
     taken = load("state").record(STATE).fields
-    for field in own.fields.values():
-        if field.name in taken:
-            raise SubsetError(path, field.line, f"{STATE} has a field {field.name} already")
-        if field.name in C_WORDS or field.name.startswith("__") or field.name.endswith("_t"):
-            raise SubsetError(path, field.line, f"'{field.name}' has another meaning in C")
-        if field.volatile:
-            raise SubsetError(
-                path, field.line, f"{field.name}: no interrupt writes a stage's field"
-            )
-        if not field.lo <= 0 <= field.hi:
-            rule = f"{field.name} starts at 0, which is outside [{field.lo}, {field.hi}]"
-            raise SubsetError(path, field.line, rule)
+    for its in own.fields.values():
+        if its.name in taken:
+            raise SubsetError(path, its.line, f"{STATE} has a field {its.name} already")
+        if its.name in C_WORDS or its.name.startswith("__") or its.name.endswith("_t"):
+            raise SubsetError(path, its.line, f"'{its.name}' has another meaning in C")
+        if its.volatile:
+            raise SubsetError(path, its.line, f"{its.name}: no interrupt writes a stage's field")
+        if not its.lo <= 0 <= its.hi:
+            rule = f"{its.name} starts at 0, which is outside [{its.lo}, {its.hi}]"
+            raise SubsetError(path, its.line, rule)
 
 
 def _rows(own: Record, path: Path) -> Iterator[str]:
     """The fields as the state record has them: words, then bytes."""
     yield f"    # own stage {path.name}"
-    for field in sorted(own.fields.values(), key=lambda field: field.type.kind == "u8"):
-        kind = field.type.kind
-        for _ in field.type.shape:
+    for its in sorted(own.fields.values(), key=lambda one: one.type.kind == "u8"):
+        kind = its.type.kind
+        for _ in its.type.shape:
             kind = f"list[{kind}]"
-        sizes = "".join(f"{size}, " for size in field.type.shape)
-        texts = ", ".join(
-            json.dumps(text, ensure_ascii=False) for text in (field.unit, field.meaning)
-        )
-        described = f"F({field.lo}, {field.hi}, {field.q}, {texts})"
-        yield f"    {field.name}: Annotated[{kind}, {sizes}{described}]"
+        sizes = "".join(f"{size}, " for size in its.type.shape)
+        texts = ", ".join(json.dumps(text, ensure_ascii=False) for text in (its.unit, its.meaning))
+        described = f"F({its.lo}, {its.hi}, {its.q}, {texts})"
+        yield f"    {its.name}: Annotated[{kind}, {sizes}{described}]"

@@ -71,7 +71,7 @@ class BusFirmware:
 
     def program(self) -> Program:
         """The firmware as data, read anew."""
-        shown = {own_stage.NAME: Path(self.stage.file)} if self.stage else {}
+        shown = {own_stage.NAME: self.stage.path} if self.stage else {}
         with self._folder() as folder:
             return parse.load(folder=folder, shown=shown)
 

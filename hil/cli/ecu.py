@@ -5,7 +5,6 @@ from pathlib import Path
 
 import dbc
 from canroll.errors import CanrollError, VerdictError
-from codegen.generated import own_stage
 from codegen.run.backends import default_backend, open_backend
 from codegen.run.bus_firmware import BusFirmware, built_in
 from gain_gen.calibration.calibration_file import load as load_calibration
@@ -17,7 +16,7 @@ from hil.realtime.hardware import bus_record
 from hil.realtime.phase_lock import PhaseLock
 from hil.realtime.plant_loop import sent_by
 from hil.runs import phase
-from hil.runs.frozen import firmware_of, profile_of, refuse_wide_identifiers, staged
+from hil.runs.frozen import firmware_of, profile_of, refuse_wide_identifiers, stage_of
 
 MODES = dbc.names("RollControlStatus", "Mode")
 TRACE_SECONDS = 600
@@ -60,8 +59,8 @@ def run(args: argparse.Namespace) -> int:
     profile = profile_of(choices_of(args, OF_AN_ECU))
     refuse_wide_identifiers(profile)
     loaded = None if args.calibration is None else load_calibration(args.calibration)
-    tables = staged({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
-    firmware = firmware_of(profile, own_stage.carried(tables))
+    stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
+    firmware = firmware_of(profile, stage)
     if args.replay is not None:
         return replay(args.replay, backend, firmware)
     if loaded is None:
@@ -182,7 +181,7 @@ def grants_of(
     else:
         channel = side_channel.connect(args.side_channel, link)
     plants = set(firmware.slots)
-    if firmware is built_in():
+    if firmware.bus is built_in().bus:
         # the plant sends what the ECU does not hear too
         plants = {message.frame_id for message in dbc.load().messages} - sent_by(firmware)
     return lockstep.Grants(link, channel, idents=plants, tick_us=tick_us, stop=stop)

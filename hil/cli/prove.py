@@ -6,7 +6,6 @@ import sys
 from time import perf_counter
 
 from canroll.errors import CanrollError
-from codegen.generated import own_stage
 from codegen.proof import prove
 from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware, built_in, with_stage
@@ -14,14 +13,14 @@ from firmware.calibration import Calibration
 from firmware.check import check
 from gain_gen.calibration import calibration_file
 from hil.cli.options import choices_of
-from hil.runs.frozen import staged
+from hil.runs.frozen import stage_of
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the proof; return 1 where an obligation isn't met."""
     loaded = None if args.calibration is None else calibration_file.load(args.calibration)
-    tables = staged({} if loaded is None else loaded.tables, choices_of(args, ("stage",)))
-    firmware = with_stage(built_in(), own_stage.carried(tables))
+    stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, ("stage",)))
+    firmware = with_stage(built_in(), stage)
     name = str(args.calibration or "every calibration accepted by the ECU")
     record = None if loaded is None else loaded.record
     return report(record, firmware, name=name, as_json=args.json)

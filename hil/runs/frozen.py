@@ -93,27 +93,30 @@ def prepare(choices: Mapping[str, Any]) -> Controller:
     """
     check(choices)
     if choices.get("calibration") is not None:
-        controller = _loaded(load(choices["calibration"]), choices)
+        loaded = load(choices["calibration"])
+        stage = stage_of(loaded.tables, choices)
+        controller = _loaded(loaded, choices)
     else:
+        stage = stage_of({}, choices)
         controller = _designed(choices)
-    tables = staged(controller.tables, choices)
-    with_stage(built_in(), own_stage.carried(tables))
-    return replace(controller, tables=tables)
+    return replace(controller, tables=own_stage.added(controller.tables, stage))
 
 
-def staged(tables: Mapping[str, Any], choices: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return the tables of a calibration with the own stage that ``choices`` name.
+def stage_of(tables: Mapping[str, Any], choices: Mapping[str, Any]) -> OwnStage | None:
+    """Return the own stage that a calibration carries or ``choices`` name, checked and proved.
 
     Raises:
-        CanrollError: it cannot be read, or the calibration has a stage already.
+        CanrollError: it cannot be read, or is no stage; both name one.
     """
-    if choices.get("stage") is None:
-        return tables
-    if own_stage.NAME in tables:
-        name = tables[own_stage.NAME]["file"]
-        raise CanrollError(f"--stage: the calibration carries the stage {name}: omit --stage")
-    stage = own_stage.read(Path(choices["stage"]))
-    return {**tables, own_stage.NAME: stage.table()}
+    stage = own_stage.carried(tables)
+    if choices.get("stage") is not None:
+        if stage is not None:
+            raise CanrollError(
+                f"--stage: the calibration carries the stage {stage.file}: omit --stage"
+            )
+        stage = own_stage.read(Path(choices["stage"]))
+    with_stage(built_in(), stage)
+    return stage
 
 
 def profile_of(choices: Mapping[str, Any]) -> BusProfile:
