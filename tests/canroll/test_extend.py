@@ -1,4 +1,4 @@
-"""docs/extend.md from its first example to its last, in one folder; its consoles are test_docs's."""
+"""docs/extend.md from its first example to its last, in one folder; test_docs runs its consoles."""
 
 import json
 import re
