@@ -1,0 +1,143 @@
+"""Response times over several segments that gateways join.
+
+Holistic analysis (Tindell, Clark, "Holistic schedulability analysis for distributed hard real-time
+systems", 1994): what a message's response on one segment varies by, and the latency of the gateway,
+is its jitter on the next; the segments are analysed in turn until nothing changes. Jitter only
+grows from round to round, so that the first fixed point is the least. Offsets are not kept over a
+gateway. Bounds with an error model do not cover the second copy of a frame that a gateway passes on
+after an inconsistent error.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+from plant_sim.buses.topology import Topology
+from plant_sim.can_bus.analysis import OVERLOADED, ErrorModel, ResponseBound, response_bounds
+from plant_sim.can_bus.routing import Hop, RoutedMessage
+from plant_sim.can_bus.traffic.messages import BusMessage
+
+_MOST_WAITING_NS: Final = 10**9
+"""Waiting that adds more jitter than this to what the network has counts as unlimited: FIFO queues
+of several segments can make each other's jitter grow on and on."""
+UNLIMITED: Final = "a gateway passes on a message of at least this priority without a bound"
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """When a message's frames arrive on a segment, ns from their nominal release by the sender.
+
+    ``least_ns``: reception at the earliest. ``greatest_ns``: end of the interframe space at the
+    latest, None: without bound. ``here``: the response on this segment alone, from the nominal
+    instant at which it comes here.
+    """
+
+    least_ns: int
+    greatest_ns: int | None
+    here: ResponseBound
+
+
+def arrivals(
+    topology: Topology, routed: Sequence[RoutedMessage], *, errors: ErrorModel | None = None
+) -> list[dict[int, Arrival]]:
+    """Return, for every message of a network, when it arrives on each of its segments, by number.
+
+    Args:
+        topology: the network.
+        routed: all messages on it, as of :func:`plant_sim.can_bus.profiles.routed_messages`.
+        errors: disturbed frames that the bounds of every segment allow for.
+    """
+    spans: dict[tuple[int, int], int | None] = {}
+    limit = _MOST_WAITING_NS + sum(r.message.jitter_ns for r in routed)
+    limit += sum(gateway.latency.high_ns for gateway in topology.gateways)
+    while True:
+        bounds = [
+            _on_segment(topology, routed, segment, spans, errors)
+            for segment in range(len(topology.segments))
+        ]
+        update: dict[tuple[int, int], int | None] = {}
+        for number, found in enumerate(routed):
+            for hop in found.hops:
+                span = _span(topology, hop, bounds[hop.source][number])
+                endless = span is None or span > limit or spans.get((number, hop.target), 0) is None
+                update[number, hop.target] = None if endless else span
+        if update == spans:
+            return [_arrivals(topology, n, found, bounds) for n, found in enumerate(routed)]
+        spans = update
+
+
+def _on_segment(
+    topology: Topology,
+    routed: Sequence[RoutedMessage],
+    segment: int,
+    spans: dict[tuple[int, int], int | None],
+    errors: ErrorModel | None,
+) -> dict[int, ResponseBound]:
+    """The bounds of all messages on one segment by number, if they come to it within ``spans``."""
+    numbers = [n for n, found in enumerate(routed) if segment in found.segments]
+    here = [_as_it_comes(topology, routed[n], segment, spans.get((n, segment))) for n in numbers]
+    unlimited = [i for i, n in enumerate(numbers) if spans.get((n, segment), 0) is None]
+    place = topology.segments[segment]
+    bounds = response_bounds(
+        here,
+        bitrate=place.bitrate,
+        data_bitrate=place.data_bitrate,
+        errors=errors,
+        unlimited=unlimited,
+    )
+    return {
+        n: replace(b, reason=UNLIMITED) if unlimited and b.reason == OVERLOADED else b
+        for n, b in zip(numbers, bounds, strict=True)
+    }
+
+
+def _as_it_comes(
+    topology: Topology, found: RoutedMessage, segment: int, span: int | None
+) -> BusMessage:
+    """A message on one of its segments: as sent, or as a gateway sends it on."""
+    if segment == found.home:
+        return found.message
+    hop = found.way_to(segment)[-1]
+    gateway = topology.gateways[hop.gateway]
+    least = gateway.latency.high_ns - gateway.latency.low_ns
+    return replace(
+        found.message,
+        sender=f"{gateway.name}@{topology.segments[segment].name}",
+        jitter_ns=least if span is None else span,
+        fifo=False,
+        distance_ns=0,
+    )
+
+
+def _span(topology: Topology, hop: Hop, before: ResponseBound) -> int | None:
+    """How far apart the times can be at which a message comes over a gateway."""
+    if before.bound_ns is None:
+        return None
+    latency = topology.gateways[hop.gateway].latency
+    # where a bit is no whole number of ns, both instants of reception are rounded
+    rounding = 2 * (10**9 % topology.segments[hop.source].bitrate != 0)
+    return before.bound_ns - before.best_ns + rounding + latency.high_ns - latency.low_ns
+
+
+def _arrivals(
+    topology: Topology,
+    number: int,
+    found: RoutedMessage,
+    bounds: Sequence[dict[int, ResponseBound]],
+) -> dict[int, Arrival]:
+    answer: dict[int, Arrival] = {}
+    for segment in found.segments:
+        nominal, least = 0, topology.least_jitter_ns(found.message.sender)
+        for hop in found.way_to(segment):
+            low = topology.gateways[hop.gateway].latency.low_ns
+            nominal += bounds[hop.source][number].best_ns + low
+            least += _delivery(topology, found, hop.source) + low
+        here = bounds[segment][number]
+        greatest = None if here.bound_ns is None else nominal + here.bound_ns
+        answer[segment] = Arrival(least + _delivery(topology, found, segment), greatest, here)
+    return answer
+
+
+def _delivery(topology: Topology, found: RoutedMessage, segment: int) -> int:
+    place = topology.segments[segment]
+    return found.message.least_delivery_ns(place.bitrate, place.data_bitrate)
