@@ -14,7 +14,7 @@ from canroll.errors import CanrollError, UnknownNameError
 from plant_sim import buses
 from plant_sim.buses.profile import BusProfile, accept
 from plant_sim.buses.topology import NODES, BusGateway, BusSegment, Spread, Topology, check_times
-from plant_sim.can_bus.traffic.files import load_traffic
+from plant_sim.can_bus.traffic.files import DATABASES, load_traffic
 
 _OF_A_SEGMENT: Final = {
     "bitrate": int,
@@ -84,6 +84,18 @@ def read_traffic(name: str) -> BusProfile:
         traffic=Path(name),
     )
     return accept(name, profile)
+
+
+def is_network(name: str) -> bool:
+    """Return whether ``name`` is that of a bus, or of a TOML file with a network."""
+    path = Path(name)
+    suffix = Path(name.partition("#")[0]).suffix.lower()
+    if suffix != ".toml":
+        return name in buses.BUSES and suffix not in DATABASES
+    try:
+        return "schema" in tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return False
 
 
 def read_profile(name: str) -> BusProfile:

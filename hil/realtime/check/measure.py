@@ -87,7 +87,7 @@ def _places() -> list[Place]:
 
 def _driven(settings: Settings, controller: Controller) -> Ticks:
     """Return the frames that the ECU receives in the manoeuvre, tick by tick."""
-    firmware, profile = settings.firmware, settings.profile
+    firmware = settings.firmware
     recorder = Recorder(open_backend(settings.backend, controller.record, firmware), firmware)
     closed_loop(
         experiment.build_world(settings, enabled=True),
@@ -103,10 +103,7 @@ def _driven(settings: Settings, controller: Controller) -> Ticks:
         if first and event["tick"] < len(received):
             payload = bytes(event["payload"][: event["length"]])
             received[event["tick"]].append((box.ident, payload))
-    files = None
-    if profile.dbc is not None and profile.map_file is not None:
-        files = profile.dbc, profile.map_file
-    return Ticks(settings.backend, controller.record, received, files)
+    return Ticks(settings.backend, controller.record, received, settings.profile, firmware.stage)
 
 
 def report(seen: Measurements, tick_ms: float) -> dict[str, Any]:
