@@ -48,7 +48,8 @@ class Settings:
     start together); ``command``: the message that commands the actuators; ``options`` of the
     manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
     :func:`hil.runs.conditions.options` reads them; ``dbc`` and ``map``: the frames on the bus, None
-    for those of the contract or the network's own.
+    for those of the contract or the network's own. ``vehicle`` is driven; ``plant_vehicle`` is what
+    it was loaded by where it is not the one that the controller was designed for, else None.
     """
 
     scenario: str
@@ -71,6 +72,7 @@ class Settings:
     phase: float | None = None
     dbc: str | None = None
     map: str | None = None
+    plant_vehicle: str | None = None
 
     @property
     def bus_name(self) -> str:
