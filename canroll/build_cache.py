@@ -1,26 +1,34 @@
 """Where compiled code is kept between runs: ``$XDG_CACHE_HOME/canroll``, ``~/.cache/canroll``.
 
 A folder that cannot be written is read all the same; what is missing in it, or where there is no
-folder at all, is compiled into a private one that goes with the process.
+folder at all, is compiled into a private one that goes with the process. So is everything where
+another user owns the folder or anyone may write to it: code from there would run as ours.
 """
 
 import atexit
 import os
 import shutil
+import stat
 import tempfile
 from functools import cache
 from pathlib import Path
 
 
 def folder(name: str) -> Path:
-    """Return the cache folder ``name``, made where it is not there; it may be read-only."""
+    """Return the cache folder ``name``, created if needed; it may be read-only."""
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     kept = home / "canroll" / name
     try:
         kept.mkdir(parents=True, exist_ok=True)
     except OSError:
         return private(name)
-    return kept
+    return kept if _is_safe(kept.parent) and _is_safe(kept) else private(name)
+
+
+def _is_safe(kept: Path) -> bool:
+    """Whether only this user, or root, decides what stands in a folder."""
+    about = kept.stat()
+    return about.st_uid in (0, os.geteuid()) and not about.st_mode & stat.S_IWOTH
 
 
 def place(name: str, file: str) -> Path:

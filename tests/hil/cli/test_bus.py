@@ -383,3 +383,10 @@ def test_sensitivity_and_errors_are_told_in_words(tmp_path, capsys):
     path.write_text(MARGINS.replace("deadline_ms = 3 ", "deadline_ms = 5 "))
     assert main(["bus", str(path), *options]) == 0
     assert "times as often (load" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(("host", "notes"), [("127.0.0.1", 0), ("0.0.0.0", 1)])
+def test_a_bus_open_to_the_network_says_so(host, notes, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("hil.cli.bus.serve_network", lambda *_, **__: None)
+    assert main(["bus", traffic(tmp_path, period=10), "--serve", "0", "--host", host]) == 0
+    assert capsys.readouterr().out.count("anyone who can reach 0.0.0.0 can read and write") == notes

@@ -15,6 +15,7 @@ from hil.runs.choices import CHOICES, arguments, check, described
 
 ASKED = {
     "vehicle": "van_2021",
+    "plant_vehicle": "suv_2020",
     "law": "lqr",
     "actuator": "bars",
     "observer": "steering",
