@@ -81,10 +81,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
             f"{vehicle.name}: its margins and checks are those of {controller.vehicle.name}",
         )
     controller = replace(controller, warnings=(*controller.warnings, *warnings))
-    if speed_kmh is None:
-        speed = maneuvers.default_speed(scenario, vehicle)
-    else:
-        speed = speed_kmh / 3.6
+    speed = maneuvers.default_speed(scenario, vehicle) if speed_kmh is None else speed_kmh / 3.6
     settings = Settings(
         scenario=scenario,
         vehicle=vehicle,
