@@ -32,11 +32,15 @@ WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
 def bus(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll bus``."""
     parser.description = (
-        "Compare worst-case and simulated response times of a traffic set; or infer a set from a "
-        "bus log and bound its response times without and with canroll's messages."
+        "Compare worst-case and simulated response times of a traffic set, or of all segments of a "
+        "network; or infer a set from a bus log and bound its response times without and with "
+        "canroll's messages."
     )
     parser.add_argument(
-        "file", metavar="FILE", type=Path, help="traffic set, .dbc or .toml, or bus log"
+        "file",
+        metavar="FILE",
+        type=Path,
+        help="traffic set, .dbc or .toml; network, .toml or the name of a bus; or bus log",
     )
     parser.add_argument(
         "-b",
