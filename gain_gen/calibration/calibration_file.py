@@ -13,6 +13,8 @@ from typing import Any
 import tomli_w
 
 from canroll.errors import CanrollError
+from codegen.generated import own_stage
+from codegen.generated.own_stage import OwnStage
 from codegen.run.memory_image import sealed
 from firmware.calibration import Calibration
 from firmware.subset import Field, fields
@@ -36,8 +38,8 @@ TABLES = frozenset(
         "calibration",
     }
 )
-OPTIONAL = frozenset({"budget"})
-"""Tables that a user may add: the budget of a tick."""
+OPTIONAL = frozenset({"budget", "stage"})
+"""Tables that a user may add: the budget of a tick, an own stage of the loop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +75,11 @@ class LoadedCalibration:
     def vehicle_fingerprint(self) -> str:
         """:attr:`vehicles.model.Vehicle.fingerprint` of the vehicle that it was designed for."""
         return str(self.tables["provenance"]["vehicle_sha256"])
+
+    @property
+    def stage(self) -> OwnStage | None:
+        """The own stage that runs with it."""
+        return own_stage.carried(self.tables)
 
     @property
     def verified(self) -> bool:
@@ -201,7 +208,21 @@ def load(path: str | Path) -> LoadedCalibration:
             f"{path}: the digest does not match the content: the file was edited; create it again "
             f"with 'canroll design'"
         )
+    if own_stage.NAME in content:
+        content[own_stage.NAME] = _stage(content[own_stage.NAME], path, text)
     return LoadedCalibration(record, content, path)
+
+
+def _stage(table: Any, path: Path, text: str) -> dict[str, str]:  # noqa: ANN401
+    """Return the table of an own stage with its source, read from its file where it has none."""
+    where = _at(path, text, own_stage.NAME)
+    if not isinstance(table, dict) or not {"file"} <= set(table) <= {"file", "source"}:
+        raise CanrollError(f"{where}: [stage] has the keys file and, if not read from it, source")
+    if not all(isinstance(value, str) for value in table.values()):
+        raise CanrollError(f"{where}: [stage] file and source are texts")
+    if "source" in table:
+        return table
+    return own_stage.read(path.parent / table["file"]).table()
 
 
 def _known(

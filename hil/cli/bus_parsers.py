@@ -15,7 +15,7 @@ from hil.runs.choices import CHOICES
 from plant_sim.can_bus.servers.shared_server import DEFAULT_PORT as SHARED_PORT
 from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT
 
-OF_AN_ECU = ("calibration", "backend", "bus", "dbc", "map")
+OF_AN_ECU = ("calibration", "stage", "backend", "bus", "dbc", "map")
 """Choices of an ECU: what it runs, and the frames of its bus."""
 PACES = ("realtime", "lockstep")
 PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}

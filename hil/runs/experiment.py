@@ -103,6 +103,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         dbc=choices.get("dbc"),
         map=choices.get("map"),
         plant_vehicle=choices.get("plant_vehicle"),
+        stage=controller.stage,
         phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
     )
     # an option that the manoeuvre does not know is refused here, and a phase that cannot be

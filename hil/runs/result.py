@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
@@ -48,8 +49,9 @@ class Settings:
     start together); ``command``: the message that commands the actuators; ``options`` of the
     manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
     :func:`hil.runs.conditions.options` reads them; ``dbc`` and ``map``: the frames on the bus, None
-    for those of the contract or the network's own. ``vehicle`` is driven; ``plant_vehicle`` is what
-    it was loaded by where it is not the one that the controller was designed for, else None.
+    for those of the contract or the network's own; ``stage``: an own stage of the loop.
+    ``vehicle`` is driven; ``plant_vehicle`` is what it was loaded by where it is not the one that
+    the controller was designed for, else None.
     """
 
     scenario: str
@@ -73,6 +75,12 @@ class Settings:
     dbc: str | None = None
     map: str | None = None
     plant_vehicle: str | None = None
+    stage: OwnStage | None = None
+
+    @property
+    def law_name(self) -> str:
+        """The law, and the own stage after it where there is one."""
+        return self.law if self.stage is None else f"{self.law} and {self.stage.name}"
 
     @property
     def bus_name(self) -> str:
@@ -87,8 +95,8 @@ class Settings:
 
     @property
     def firmware(self) -> BusFirmware:
-        """The ECU's program for the frames of the bus."""
-        return firmware_of(self.profile)
+        """The ECU's program for the frames of the bus, with the own stage."""
+        return firmware_of(self.profile, self.stage)
 
     def choices(self) -> dict[str, Any]:
         """Return these settings by the keywords of a run; what the calibration says is left out."""
