@@ -1,7 +1,8 @@
 """The ECU loop for the frames of one bus: its C sources, and its modules for CPython.
 
-A DBC and a map make three modules of the firmware; all others are the same on every bus. The state
-record differs in the room of its mailboxes, so whatever reads one takes its class from here.
+Three modules of the firmware depend on the DBC and its map; all others are the same on every bus.
+The state record differs in the size of its mailboxes, so code that reads one takes its class from
+here.
 """
 
 import importlib
@@ -40,7 +41,7 @@ class BusFirmware:
     Attributes:
         bus: the mailboxes and the frames in them.
         modules: sources of the modules that differ from those checked in, by file name.
-        slots: mailboxes that take a frame, by its identifier.
+        slots: mailboxes that receive a frame, by its identifier.
         sent: identifier and length on the wire of the frame in each mailbox that sends.
     """
 
@@ -68,7 +69,7 @@ class BusFirmware:
 
     @cached_property
     def loop(self) -> ModuleType:
-        """The module with ``init``, ``receive`` and ``tick``, to be run by CPython."""
+        """The module with ``init``, ``receive`` and ``tick``, for CPython."""
         if not self.modules:
             return firmware.ecu
         text = "".join(self.modules[name] for name in sorted(self.modules))
@@ -89,13 +90,13 @@ class BusFirmware:
 
     @property
     def fd(self) -> dict[int, bool]:
-        """Whether the bit rate is switched, of each identifier whose frame is a CAN FD one."""
+        """For each identifier of a CAN FD frame, whether the bit rate is switched."""
         boxes = (*self.bus.received, *self.bus.transmitted)
         return {box.ident: box.bit_rate_switch for box in boxes if box.fd}
 
     @property
     def room(self) -> int:
-        """Bytes of the longest frame that it has room for."""
+        """Bytes of its largest mailbox."""
         return max(signals.room(self.bus.received), signals.room(self.bus.transmitted))
 
     def module(self, name: str) -> Any:  # noqa: ANN401
@@ -129,7 +130,7 @@ def of_bus(dbc: Path, map_file: Path) -> BusFirmware:
     """Return the firmware for the frames of ``dbc`` that ``map_file`` maps.
 
     Raises:
-        CanrollError: file and key of whatever does not fit together.
+        CanrollError: an inconsistency between DBC and map; the message names file and key.
     """
     if (dbc, map_file) == (signals.DBC, signals.MAP):
         return built_in()

@@ -53,7 +53,7 @@ def sensor_noise(vehicle: Vehicle) -> SensorNoise:
 
 
 def observer_of(task: Task) -> Observer:
-    """Return the constant-gain observer that the task asks for."""
+    """Return the constant-gain observer named by the task."""
     lateral = STEERED if task.observer == "steering" else task.lateral
     model = observer_model(task.vehicle.design, task.tick, lateral=lateral, noise=task.noise)
     measurements = (0,) if task.observer == "one_sensor" else (0, 1)
@@ -62,9 +62,9 @@ def observer_of(task: Task) -> Observer:
 
 
 def actuator_rate(task: Task) -> float:
-    """Return the share of the way to its command that the actuator goes in a tick.
+    """Return the fraction of a step command that the actuator covers in a tick.
 
-    What dampers and valves are commanded is no moment: theirs is taken as it is delivered.
+    Commands to dampers and valves are not moments: their moment is taken as delivered.
     """
     if task.actuator in ("dampers", "valves"):
         return 0.0
@@ -72,12 +72,12 @@ def actuator_rate(task: Task) -> float:
 
 
 def feedforward_row(task: Task, gain: float) -> Matrix:
-    """Return u = −gain a_y as row on the observer's state, zero where it is switched off."""
+    """Return u = −gain a_y as a row on the observer's state, zero if the feedforward is off."""
     return np.array([0.0, 0.0, gain if task.feedforward else 0.0, 0.0, 0.0])
 
 
 def state_feedback(task: Task, gain: Matrix) -> Controller:
-    """Return u = −K [φ, φ'] − K_FF a_y on the observed state, with no regard to the delay."""
+    """Return u = −K [φ, φ'] − K_FF a_y on the observed state, ignoring the delay."""
     return Controller(
         tick=task.tick,
         observer=observer_of(task),
@@ -88,7 +88,7 @@ def state_feedback(task: Task, gain: Matrix) -> Controller:
 
 
 def printed_note(law: str) -> str:
-    """Return the remark that printed gains of the 2020 paper come with."""
+    """Return the note on printed gains of the 2020 paper."""
     return (
         f"{law}: gains as printed for the small SUV; they do not follow from the printed tables "
         f"(use --gains computed)"
@@ -120,8 +120,8 @@ def design_lqg_delay(task: Task) -> Solution:
 
     Minimises φ² + 0.05 φ'² + r u² per tick. With a pure input delay the optimum is the delay-free
     gain on the state predicted over the delay, which the observer and the ring of past commands
-    give: no state beyond the plant's is needed. The lateral acceleration is part of the state, so
-    the feedforward is optimal for the way it moves.
+    provide: no state beyond the plant's is needed. The lateral acceleration is part of the state,
+    so the feedforward is optimal for its model.
     """
     model = task.vehicle.design
     observer = observer_of(task)
@@ -150,14 +150,14 @@ def design_lqg_delay(task: Task) -> Solution:
 
 
 def design_ay_feedforward(task: Task) -> Solution:
-    """u = −β m h â_y, predicted over the delay as the observer's model has it: no feedback."""
+    """u = −β m h â_y, predicted over the delay by the observer's model: no feedback."""
     return _share_of_lateral(task, predict_steps=min(32, round(task.delay.nominal / task.tick)))
 
 
 def design_plain_feedforward(task: Task) -> Solution:
-    """u = −β m h â_y on the observer's filtered lateral acceleration, as old as it is.
+    """u = −β m h â_y on the observer's filtered lateral acceleration, without prediction.
 
-    What a controller without a model does: the baseline of every comparison.
+    A controller without a model: the baseline of every comparison.
     """
     return _share_of_lateral(task, predict_steps=0)
 
