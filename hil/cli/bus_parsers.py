@@ -286,7 +286,7 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_prepare_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option of programs whose kernels may have to be compiled first."""
+    """Add the option to compile the kernels only."""
     parser.add_argument(
         "--prepare",
         action="store_true",

@@ -1,4 +1,4 @@
-"""``canroll design``: a law for a vehicle, verified and frozen into calibration.toml and C."""
+"""``canroll design``: a law for a vehicle, verified and written as calibration.toml and C."""
 
 import argparse
 import json
@@ -33,14 +33,14 @@ def design_task(args: argparse.Namespace) -> Task:
     """Return the design task that the options describe.
 
     Raises:
-        CanrollError: an unknown vehicle, or delays that cannot be.
+        CanrollError: an unknown vehicle, or invalid delays.
     """
     task = task_of(choices_of(args), delay_of(args))
     return replace(task, matrices=args.matrices, gamma_target=args.gamma)
 
 
 def delay_of(args: argparse.Namespace) -> Delay | None:
-    """Return the delay that is given in ms; None: that of the bus that is named."""
+    """Return the delay given in ms; None for that of the named bus."""
     if args.bus is not None:
         if args.delay is not None or args.delay_min is not None:
             raise CanrollError("--bus excludes --delay and --delay-min")
@@ -117,7 +117,7 @@ def _words(name: str) -> str:
 
 
 def _with_unit(name: str, value: float) -> str:
-    """Return the value with the unit that its name ends in; infinite is "any"."""
+    """Return the value with the unit at the end of its name; "any" if infinite."""
     if value == inf:
         return "any"
     return f"{value:.4g} {UNITS.get(name.rpartition('_')[2], '')}".rstrip()

@@ -1,6 +1,6 @@
-"""The commands: a line of help, the options, and the function that runs each.
+"""The commands: help line, options and handler of each.
 
-Nothing heavy is imported here: a command's module is loaded after its options are parsed.
+Nothing heavy is imported here: a command's module is imported after its options are parsed.
 """
 
 import argparse
@@ -44,10 +44,10 @@ PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 class Command:
     """A subcommand.
 
-    ``options`` adds to the command's parser, or is the "module:function" in this room that does,
-    where that loads python-can; None: ``add_parser`` of the command's module makes the parser.
-    ``handler`` is the "module:function" in this room that is given the parsed arguments, by
-    default ``run`` of the module that is called as the command is.
+    ``options`` adds options to the command's parser, or is the "module:function" in this package
+    that does, if it imports python-can; None: ``add_parser`` of the command's module makes the
+    parser. ``handler`` is the "module:function" in this package called with the parsed arguments,
+    by default ``run`` of the module named like the command.
     """
 
     help: str
@@ -327,7 +327,7 @@ def listing(parser: argparse.ArgumentParser) -> None:
 
 
 def add_spread(parser: argparse.ArgumentParser) -> None:
-    """Add how far the vehicles of a population vary."""
+    """Add the option for the spread of a vehicle population."""
     parser.add_argument(
         "--spread",
         action="append",

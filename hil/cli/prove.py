@@ -1,4 +1,4 @@
-"""``canroll prove``: no overflow, index out of range or division by zero for any frames."""
+"""``canroll prove``: absence of overflow, index errors and division by zero for any frames."""
 
 import argparse
 import json
@@ -23,7 +23,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def report(record: Calibration | None, *, name: str, as_json: bool = False) -> int:
-    """Prove the firmware for ``record`` and print what was shown, or each line that fails."""
+    """Prove the firmware for ``record`` and print the result, or each line that fails."""
     exact = None
     if record is not None:
         refused = check(record)

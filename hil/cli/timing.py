@@ -25,7 +25,7 @@ from hil.runs.virtual_time import closed_loop
 
 
 def run(args: argparse.Namespace) -> int:
-    """Replay a manoeuvre on the target; return 1 where the budget is exceeded."""
+    """Replay a manoeuvre on the target; return 1 if the budget is exceeded."""
     if args.hil:
         return run_on_host(args)
     if args.bound:
@@ -44,7 +44,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def run_bound(args: argparse.Namespace) -> int:
-    """Print the worst case of a tick beside the most seen; 1 where the budget is exceeded."""
+    """Print the worst case of a tick and the maximum observed; 1 if the budget is exceeded."""
     if importlib.util.find_spec("capstone") is None:
         raise MissingExtraError("reading machine code", "target")
     from codegen.worst_case import cycles, firmware_bound  # noqa: PLC0415 - need the extra
@@ -121,7 +121,7 @@ def show_rows(rows: Mapping[str, object]) -> None:
 
 
 def recorded(args: argparse.Namespace) -> tuple[Controller, Traffic]:
-    """Drive the manoeuvre in virtual time; return the controller and what the ECU received."""
+    """Drive the manoeuvre in virtual time; return the controller and the ECU's received frames."""
     settings, controller = plan(args.scenario, **choices_of(args))
     refuse_own(settings.profile, "timing")
     recorder = Recorder(open_backend(settings.backend, controller.record))
@@ -136,7 +136,7 @@ def recorded(args: argparse.Namespace) -> tuple[Controller, Traffic]:
 
 
 def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
-    """Print the budget table; return 1 where a budget is exceeded."""
+    """Print the budget table; return 1 if a budget is exceeded."""
     counts = run.instructions
     least, mean, most = int(counts.min()), round(float(counts.mean())), int(counts.max())
     affordable = all(verdict.ok for verdict in judge_target(limits, most))
@@ -184,9 +184,9 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
 
 
 def run_on_host(args: argparse.Namespace) -> int:
-    """Drive the manoeuvre in real time and print the verdicts; 1 where one fails or none holds.
+    """Drive the manoeuvre in real time and print the verdicts; 1 if one fails or none holds.
 
-    On a single core nothing is judged: two programs that share it say nothing about the ECU.
+    On a single core nothing is judged: two programs sharing it do not represent the ECU.
 
     Args:
         args: calibration or law, scenario, duration and json of ``canroll timing``.
