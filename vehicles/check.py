@@ -1,4 +1,4 @@
-"""Refuses what no vehicle can be: each check names the key and says what is wrong."""
+"""Plausibility checks of a vehicle: each names the key and the fault."""
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
@@ -140,7 +140,7 @@ def _consistency(vehicle: Vehicle) -> Iterator[str]:
 
 
 def problems(vehicle: Vehicle) -> Iterator[str]:
-    """What makes ``vehicle`` impossible, one line each; nothing for a possible one."""
+    """Reasons why ``vehicle`` is impossible, one line each; empty for a possible one."""
     signs = list(_signs(vehicle))
     yield from signs
     if signs:

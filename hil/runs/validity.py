@@ -32,9 +32,9 @@ class Run:
         driven: length driven.
         rolled_over: whether the vehicle rolled over, which ends a manoeuvre early.
         commands: commands applied by the actuators.
-        latencies: commands of which the latency is known.
+        latencies: number of commands with a known latency.
         latency_p99: its 99th percentile, None without any.
-        latency_bound: longest latency that the modelled bus allows.
+        latency_bound: longest latency possible on the modelled bus.
         compilations: functions compiled after the start.
     """
 
@@ -55,7 +55,7 @@ class Run:
 
 
 def reasons(run: Run) -> list[str]:
-    """Return why a run has no verdict, each with its figure and its bound; empty: it has one."""
+    """Return the reasons why a run is not valid, each with figure and bound; empty if valid."""
     found = []
     if run.driven < run.planned - run.tick and not run.rolled_over:
         found.append(f"the run ended after {run.driven:.2f} s of {run.planned:.2f} s")
