@@ -105,7 +105,7 @@ def two_wheel_lift(signals: Signals) -> list[Verdict]:
 
 
 def cone_positions(lanes: tuple[path.Lane, ...]) -> NDArray[np.float64]:
-    """Positions of a track's cones at the edges of its lanes, (n, 2) in m, x from the first lane."""
+    """Positions of a track's cones at its lanes' edges, (n, 2) in m, x from the first lane."""
     points = []
     for lane in lanes:
         count = int(np.ceil(lane.length / CONE_SPACING)) + 1
