@@ -109,14 +109,14 @@ def _inertia(vehicle: Vehicle) -> Iterator[str]:
 
 def _kinematics(vehicle: Vehicle) -> Iterator[str]:
     if vehicle.kinematics is not None and vehicle.kinematics.scrub > 1:
-        yield f"kinematics.scrub = {vehicle.kinematics.scrub:g}: a share is at most 1"
+        yield f"kinematics.scrub = {vehicle.kinematics.scrub:g}: must be at most 1"
 
 
 def _consistency(vehicle: Vehicle) -> Iterator[str]:
     for key in ("roll_stiffness_front_share", "roll_damping_front_share", "high_speed_ratio"):
         value = getattr(vehicle.suspension, key)
         if not 0 < value < 1 and not (key == "high_speed_ratio" and value == 1):
-            yield f"suspension.{key} = {value:g}: a share lies between 0 and 1"
+            yield f"suspension.{key} = {value:g}: must be between 0 and 1"
     tyre = vehicle.tyre
     for key in ("friction_load_slope", "cornering_load_slope"):
         if getattr(tyre, key) >= 0.5:

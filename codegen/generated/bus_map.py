@@ -302,8 +302,8 @@ def _refuse_length(message: Message, where: str) -> None:
     """A classic frame has at most 8 bytes, a CAN FD frame 64."""
     if message.length > 8 and not message.is_fd:
         raise CanrollError(
-            f"{where}: {message.name} has {message.length} bytes but is no CAN FD frame: set its "
-            "VFrameFormat to StandardCAN_FD or ExtendedCAN_FD in the DBC"
+            f"{where}: {message.name} has {message.length} bytes but is not a CAN FD frame: set "
+            "its VFrameFormat to StandardCAN_FD or ExtendedCAN_FD in the DBC"
         )
     if message.length > dbc.FD_LENGTHS[-1]:
         raise CanrollError(
@@ -317,7 +317,7 @@ def _refuse_like_names(used: Collection[str], where: str) -> None:
     for name in sorted(used):
         other = names.setdefault(snake(name), name)
         if other != name:
-            raise CanrollError(f"{where}: {other} and {name} differ in case alone: map one of them")
+            raise CanrollError(f"{where}: {other} and {name} differ only in case: map one of them")
 
 
 def _refuse_stray_bits(message: Message, used: Collection[str], direction: str, where: str) -> None:

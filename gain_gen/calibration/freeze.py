@@ -173,11 +173,11 @@ def title(design: Design) -> list[str]:
     if not design.is_verified:
         failing = f"fails {', '.join(sorted(design.failures))}"
         verdict = f"NOT VERIFIED: {failing if design.failures else 'gains as printed'}"
-    admitted = f"{1e3 * design.max_delay:.4g}" if isfinite(design.max_delay) else "any"
+    admitted = f"{1e3 * design.max_delay:.4g}" if isfinite(design.max_delay) else "any number of"
     return [
         f"canroll gains: {design.law} for {task.vehicle.name} ({task.actuator}), {task.gains}",
         f"tick {1e3 * task.tick:g} ms, designed for {1e3 * task.delay.nominal:g} ms from sample "
-        f"to force, admits {admitted} ms",
+        f"to force, stable up to {admitted} ms",
         verdict,
     ]
 

@@ -283,7 +283,7 @@ def _share(traffic: Traffic, args: argparse.Namespace) -> None:
         if mirror is not None:
             mirror.close()
             if mirror.failed:
-                _say(f"{args.mirror} did not take {mirror.failed} frames")
+                _say(f"{args.mirror} did not accept {mirror.failed} frames")
 
 
 def _say(text: str) -> None:

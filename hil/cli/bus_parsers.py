@@ -58,7 +58,9 @@ def bus(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="simulated time in s, 0: no simulation (default: %(default)g)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of payloads and jitter (default: 0)")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="seed of payloads and jitter (default: 0)"
+    )
     parser.add_argument(
         "--worst-case-lengths",
         action="store_true",

@@ -96,19 +96,19 @@ def run_bound(args: argparse.Namespace) -> int:
     show_rows(
         {
             "processor": f"{timing.cpu}, {memory}",
-            "cycles a tick, bound": bound.tick.cycles,
-            f"cycles a tick, most of {seen.ticks} ticks": seen.cycles,
-            "bound over the most seen": f"{bound.tick.cycles / seen.cycles:.2f}",
-            "of these ticks after missed ones": seen.late,
+            "cycles per tick, bound": bound.tick.cycles,
+            f"cycles per tick, maximum of {seen.ticks}": seen.cycles,
+            "bound over maximum seen": f"{bound.tick.cycles / seen.cycles:.2f}",
+            "of these after missed ticks": seen.late,
             "share of a tick": "give --clock" if share is None else f"{100 * share:.1f} %",
             "budget, cycles": limits.cycles or "none",
             "stack, bytes, bound": bound.tick.stack,
-            "stack, bytes, most seen": seen.stack,
-            "cycles a received frame, bound": bound.receive.cycles,
+            "stack, bytes, maximum seen": seen.stack,
+            "cycles per received frame, bound": bound.receive.cycles,
             "verdict": answer["verdict"],
         }
     )
-    print("\nlongest way by function, cycles")
+    print("\nlongest path by function, cycles")
     show_rows(dict(list(bound.tick.shares.items())[:8]))
     return 0 if good else 1
 

@@ -17,8 +17,8 @@ GROUPS = {
 }
 
 HINT = (
-    '<p class="soft">Drag across a plot to zoom, double-click to see all of it again; names in a '
-    "legend switch curves off and on.</p>"
+    '<p class="soft">Drag across a plot to zoom, double-click to reset; click a name in a '
+    "legend to switch its curve off and on.</p>"
 )
 PHONE = 30
 """Letters in the longest words of a table's head that fit a phone; with more its rows stack."""

@@ -287,14 +287,14 @@ def _lacking(profile: BusProfile, bus: BusMap, record: Calibration) -> Iterator[
         where = f"{profile.map_file} [receive.{box.slot}]"
         absent = _absent(box, needed)
         if absent and box.slot not in DEGRADING:
-            raise CanrollError(f"{where}: no signal is the {absent}, which this loop needs")
+            raise CanrollError(f"{where}: no signal is mapped to {absent}, which the loop requires")
         if absent:
-            yield f"{where}: no signal is the {absent}: the loop runs degraded"
+            yield f"{where}: no signal is mapped to {absent}: the loop runs degraded"
         wait = timeout * record.tick_us // 1000
         if box.name and 2 * box.cycle_ms > wait:
             raise CanrollError(
-                f"{where}: {box.name} comes every {box.cycle_ms} ms, and the loop gives up after "
-                f"{wait} ms: it must come twice in that time"
+                f"{where}: {box.name} is sent every {box.cycle_ms} ms, but the loop's timeout "
+                f"is {wait} ms: it must be at least two cycle times"
             )
 
 

@@ -154,10 +154,11 @@ def run(
     Raises:
         CanrollError: an invalid name or number.
     """
-    if runs < 1 or jobs < 1:
-        raise CanrollError(f"campaign: {runs} runs in {jobs} processes: at least one of each")
+    for option, number in (("runs", runs), ("jobs", jobs)):
+        if number < 1:
+            raise CanrollError(f"--{option} must be at least 1, got {number}")
     if choices.get("law") == PASSIVE:
-        raise CanrollError("campaign: without a control law there is nothing to judge: --law")
+        raise CanrollError("--law passive has no control to evaluate: choose another law")
     # what cannot be is refused before anything slow is done
     conditions.options(faults)
     for bus in buses:

@@ -13,6 +13,9 @@ from hil.runs.experiment import plan, simulate
 from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
 
+MOST_NUMBERS = 1000
+RANGE = "expected FROM:TO:STEP, e.g. 60:160:20"
+
 
 @dataclass(frozen=True, slots=True)
 class Named:
@@ -127,7 +130,7 @@ def parse_range(text: str) -> list[float]:
     """Return the numbers of "60:160:20" (from, to, step; end included) or of "60,80,100".
 
     Raises:
-        CanrollError: not a range of up to 1000 numbers.
+        CanrollError: not a range of up to :data:`MOST_NUMBERS` numbers.
     """
     try:
         if ":" not in text:
@@ -136,7 +139,9 @@ def parse_range(text: str) -> list[float]:
         (step,) = rest or (10.0,)
         count = round((last - first) / step * 1e9) // 10**9
     except (ValueError, ZeroDivisionError, OverflowError) as error:
-        raise CanrollError(f"'{text}' is no range: write from:to:step, as 60:160:20") from error
-    if not 0 <= count < 1000:
-        raise CanrollError(f"'{text}' is no range of up to 1000 numbers: write from:to:step")
+        raise CanrollError(f"invalid range '{text}' ({RANGE})") from error
+    if count < 0:
+        raise CanrollError(f"invalid range '{text}': the step leads away from the end ({RANGE})")
+    if count >= MOST_NUMBERS:
+        raise CanrollError(f"invalid range '{text}': at most {MOST_NUMBERS} numbers ({RANGE})")
     return [first + step * k for k in range(int(count) + 1)]

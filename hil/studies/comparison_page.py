@@ -92,7 +92,7 @@ def apart(named: Sequence[Named]) -> list[str]:
     """Return a line for each run whose run without control differs from the one shown."""
     first = named[0].result.passive_metrics
     return [
-        f"{run.name} has another vehicle, plant, speed or course: without control it rolls by up "
+        f"{run.name} differs in vehicle, plant, speed or course: without control it rolls by up "
         f"to {run.result.passive_metrics.roll_max_deg:.2f}°, not {first.roll_max_deg:.2f}°"
         for run in named
         if abs(run.result.passive_metrics.roll_max_deg - first.roll_max_deg)
@@ -104,7 +104,7 @@ def best(named: Sequence[Named]) -> Verdict:
     """Return the run with the smallest peak roll angle among those that help."""
     helping = [run for run in named if run.result.helps]
     if not helping:
-        return Verdict(False, "Nothing helps", "No run lowers the roll angle without a limit cycle")
+        return Verdict(False, "Nothing helps", "No run reduces roll without a limit cycle")
     winner = min(helping, key=lambda run: run.result.controlled_metrics.roll_max_deg)  # type: ignore[union-attr]
     assert winner.result.controlled_metrics is not None
     moment = winner.result.controlled_metrics.moment_rms_nm
@@ -113,7 +113,7 @@ def best(named: Sequence[Named]) -> Verdict:
         True,
         f"Least roll: {winner.name}",
         f"Largest roll angle {roll:.2f}° for an RMS moment of {moment:.0f} N·m. Less roll at more "
-        "moment is no better law: look at both.",
+        "moment does not make a better law: consider both.",
     )
 
 

@@ -279,7 +279,7 @@ def compare(
     at_reference: list[Row] = []
     base = next((entry for entry in entries if entry.name == reference), None)
     if base is None:
-        raise CanrollError(f"{reference}, the reference, is none of the laws compared")
+        raise CanrollError(f"{reference}, the reference, is not among the compared laws")
     if effort is None:
         effort, at_reference = driver.reference(base)
     for done, entry in enumerate(entries):

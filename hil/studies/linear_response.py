@@ -106,7 +106,7 @@ def linear_response(
     effect = max(np.abs(plant.b[:, ports.FRICTION]).max(), np.abs(plant.d[:, ports.FRICTION]).max())
     if friction != 1.0 and effect < _IGNORED:
         raise CanrollError(
-            f"--friction {friction:g} changes nothing about {body.name} at this trim: its tyres "
+            f"--friction {friction:g} has no effect on {body.name} at this trim: its tyres "
             "are linear there; give a --lateral-acceleration, or another --plant"
         )
     rows = tuple(MEASURED.values())

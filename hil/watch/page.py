@@ -195,7 +195,7 @@ def live_page(*, bitrate: int, assumed: bool) -> str:
         '<div class="tile wide-tile" id="faults"><span>fault codes, active</span><b>–</b></div>',
         "</section>",
         f'<p class="controls"><button type="button" id="pause">Pause</button>{spans}'
-        '<span class="soft">Space: pause and go on. 1, 2, 3: length of time. Drag across a plot '
+        '<span class="soft">Space: pause and resume. 1, 2, 3: time span. Drag across a plot '
         "to zoom, Esc to follow again. Names in a legend switch curves off and on.</span></p>",
         '<div class="grid" id="plots"></div>',
         '<div class="lists"><section><h2>Events</h2>'

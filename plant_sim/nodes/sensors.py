@@ -177,7 +177,7 @@ def _refuse_unsayable(fault: SensorFault, tables: Codec) -> None:
     message, _, signal = fault.signal.partition(".")
     row = tables.field[codec.signal_index(message, signal)]
     if not row[codec.PIECES]:
-        raise CanrollError(f"sensor fault of {fault.signal}: the map places no such signal")
+        raise CanrollError(f"sensor fault of {fault.signal}: the map has no such signal")
     if fault.kind == "invalid" and row[codec.RAW_ERROR] == codec.NO_ERROR_CODE:
         raise CanrollError(
             f"sensor fault of {fault.signal}: the signal has no code for invalid: add unavailable "

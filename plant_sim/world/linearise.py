@@ -187,7 +187,7 @@ def linearise(trim: Trim) -> LinearPlant:
     )
     if np.abs(np.linalg.eigvals(after[:, :states])).min() < _FORGOTTEN:
         raise CanrollError(
-            f"the body {body.name} sets a state anew in each step: only what it integrates can be "
+            f"the body {body.name} overwrites a state in each step: only integrated states can be "
             "linearised"
         )
     held = np.eye(states + slots)

@@ -72,7 +72,7 @@ def _tables(profile: can_bus.BusProfile, command: str, actuator: str) -> Codec:
             missing = codec.signal_names(name)
             places = tables.field[row : row + channels, codec.PIECES]
             absent = missing[missing.index(first) + int(np.argmin(places))]
-            raise CanrollError(f"{profile.map_file}: no signal is the {absent} of {name}")
+            raise CanrollError(f"{profile.map_file}: no signal is mapped to {absent} of {name}")
     return tables
 
 

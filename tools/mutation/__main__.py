@@ -91,7 +91,7 @@ def main() -> int:
     size = arguments.sample if arguments.sample is not None else len(every)
     try:
         if size < 1 or arguments.jobs < 1:
-            raise CanrollError("--sample and --jobs are at least 1")
+            raise CanrollError("--sample and --jobs must be at least 1")
         chosen = sample(every, size, arguments.seed)
         with progress("mutants", len(chosen)) as more:
             outcomes = run(chosen, texts, arguments.jobs, lambda: more(1))
