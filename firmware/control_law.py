@@ -7,6 +7,7 @@ is in observer form on the saturated output, so that it does not wind up.
 
 from typing import Annotated
 
+from firmware import stage
 from firmware.calibration import (
     BYPASS,
     COMPENSATOR,
@@ -100,12 +101,14 @@ def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
         ecu.moment = sat31(ecu.outputs[0] + ecu.outputs[1])
         for i in range(cal.compensator_order):
             ecu.compensator_x[i] = 0
+        stage.rest(ecu, cal)
         return
     if cal.law == COMPENSATOR:
         for k in range(cal.compensator_outputs):
             acc: i64 = driven(ecu, cal, cal.compensator_d[k])
             acc += carried(ecu, cal, cal.compensator_c[k])
             wanted: i32 = shifted(acc, cal.compensator_output_shift[k])
+            wanted = stage.moment(ecu, cal, wanted, k, steps)
             ecu.outputs[k] = limited(ecu, cal, wanted, ecu.outputs[k], steps)
         ecu.moment = sat31(ecu.outputs[0] + ecu.outputs[1])
         advance_compensator(ecu, cal)
@@ -115,6 +118,7 @@ def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
         u = output_feedback(ecu, cal)
     else:
         u = state_feedback(ecu, cal)
+    u = stage.moment(ecu, cal, u, 0, steps)
     ecu.moment = limited(ecu, cal, u, ecu.moment, steps)
     ecu.outputs[0] = ecu.moment
 

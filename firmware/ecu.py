@@ -5,6 +5,7 @@ interrupt, ``tick`` once a period with the number of periods elapsed, and then s
 whose ``tx_pending`` is 1 and clears it.
 """
 
+from firmware import stage
 from firmware.allocation import allocate
 from firmware.calibration import Calibration
 from firmware.check import RULE_CRC, check, watch_calibration
@@ -53,6 +54,7 @@ def init(ecu: Ecu, cal: Calibration) -> i32:
     init_trigger(ecu)
     init_transmit(ecu)
     ecu.law = cal.law
+    stage.start(ecu, cal)
     return 0
 
 
@@ -72,6 +74,7 @@ def tick(ecu: Ecu, cal: Calibration, elapsed_ticks: i32) -> None:
     schedule(ecu, cal)
     learn_offsets(ecu, cal)
     observe(ecu, cal, steps)
+    stage.estimate(ecu, cal, steps)
     identify(ecu, cal, elapsed)
     look_ahead(ecu, cal)
     control(ecu, cal, steps)

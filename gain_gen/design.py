@@ -17,13 +17,15 @@ STEP_DB = 1.0
 STEPS = 40
 """After so many a law is refused."""
 
-WITH_SHARE = ("steering_lead",)
+WITH_SHARE = ("steering_lead", "lqg_delay", "hinf")
 """Laws that are designed for a share of the roll moment."""
 
 PRINTED = ("hinf_delay", "hinf_nodelay", "hinf_event", "lqr", "hinf", "smc")
 """Laws whose papers print gains."""
-THEOREMS = ("hinf_delay", "hinf_event")
+THEOREMS = ("hinf_delay", "hinf_event", "hinf")
 """Laws whose papers have a theorem of their own, on a 1-DOF model."""
+UNOBSERVED = ("two_sensors", "reference")
+"""The default, and what replaces the sensors: these make sense to a law without an observer."""
 UNITS = {"gain_margin_db": " dB", "delay_margin_s": " s"}
 
 
@@ -58,6 +60,15 @@ def design(law: str, task: Task) -> Design:
     task = replace(task, noise=sensor_noise(task.vehicle))
     family = family_of(task)
     first = solve(task)
+    if task.observer not in UNOBSERVED and not first.controller.observes:
+        raise CanrollError(
+            f"--observer {task.observer}: {law} uses the sensors as they are, not the observer; "
+            f"omit it, or choose a law on the observed state such as lqr"
+        )
+    if not task.feedforward and first.controller.compensator is not None:
+        raise CanrollError(
+            f"--no-feedforward: {law} has one compensator for all and no feedforward apart; omit it"
+        )
     own = task.gains != "computed" or law == "custom"
     speeds = None if own or first.verified_by_law or family.note else speeds_of(task)
     limits = UNLIMITED if speeds is None else speeds.limits(first.controller)

@@ -189,7 +189,7 @@ def test_the_tables_of_a_calibration_are_told(lqr):
         for key in first_column(section("calibration.toml"))
         if key[0] == "["
     }
-    assert told == {*tomllib.loads(lqr.read_text()), "budget"} - {"schema"}
+    assert told == {*tomllib.loads(lqr.read_text()), "budget", "stage"} - {"schema"}
     assert told == (calibration_file.TABLES | calibration_file.OPTIONAL) - {"schema"}
 
 

@@ -26,6 +26,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("plant_sim.bodies", "codegen.export", "codegen.worst_case", "gain_gen.models"),
     ("plant_sim.nodes", "plant_sim.driving", "gain_gen.analysis"),
     ("plant_sim.world", "gain_gen.laws"),
+    ("gain_gen.output_feedback",),
     ("gain_gen.calibration",),
     ("gain_gen",),
     ("hil.runs",),

@@ -148,7 +148,7 @@ class Emitter:
                 yield f"#define {self.names.constant(constant)} {text}"
 
     def _height(self, module: Module, constant: Constant) -> int:
-        for node in ast.parse(module.path.read_text(encoding="utf-8")).body:
+        for node in ast.parse(module.source).body:
             if node.lineno == constant.line:
                 return (node.end_lineno or node.lineno) - node.lineno + 1
         return 1

@@ -57,13 +57,15 @@ A2ML = """\
 class Software:
     """The described software: its EPK, its calibration, and XCP where the bus has it.
 
-    ``state`` is the class of the bus's state record.
+    ``state`` is the class of the firmware's state record, ``program`` the firmware as data, by
+    default that of the package.
     """
 
     epk: str
     record: Calibration
     xcp: Xcp | None = None
     state: type[Any] = Ecu
+    program: Program | None = None
 
 
 def addresses(elf: Path) -> dict[str, int]:
@@ -98,12 +100,12 @@ def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
     for kind in sorted(set(TYPES.values())):
         lines += _block("RECORD_LAYOUT", f"{kind}_VALUES", [f"FNC_VALUES 1 {kind} ROW_DIR DIRECT"])
     lines += _block("RECORD_LAYOUT", "SLONG_AXIS", ["AXIS_PTS_X 1 SLONG INDEX_INCR DIRECT"])
-    lines += _methods()
+    lines += _methods(software.state)
     for name, record in (RECORDS | {"ecu": software.state}).items():
         offsets: Mapping[str, Any] = memory_image.dtype(record).fields or {}
         for field in fields(record):
             lines += _entry(name, field, int(offsets[field.name][1]))
-    lines += _groups(load())
+    lines += _groups(software.program or load())
     text = "\n".join([*lines, "  /end MODULE", "/end PROJECT", ""])
     return located(text, base or {})
 
@@ -179,9 +181,9 @@ def _interface(xcp: Xcp) -> Iterator[str]:
     yield "    /end IF_DATA"
 
 
-def _methods() -> Iterator[str]:
+def _methods(state: type[Any]) -> Iterator[str]:
     seen = set()
-    for record, its in RECORDS.items():
+    for record, its in (RECORDS | {"ecu": state}).items():
         for field in fields(its):
             name = _method(record, field)
             if name in seen:

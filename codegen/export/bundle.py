@@ -20,10 +20,12 @@ from codegen.c99.text import filled
 from codegen.export import a2l, codec_comparison, interrupts, misra
 from codegen.generated.bus_map import EXTENDED, BusMap, read
 from codegen.generated.frame_protection import Protection
+from codegen.generated.own_stage import OwnStage
 from codegen.run import memory_image, native
-from codegen.run.bus_firmware import BusFirmware, of_bus
+from codegen.run.bus_firmware import BusFirmware, of_bus, with_stage
 from codegen.run.cortex import OPTIMISATION
 from codegen.run.ecu_traffic import Traffic
+from codegen.subset.program import Program
 from firmware.calibration import Calibration
 
 TEMPLATES = Path(__file__).with_name("templates")
@@ -74,6 +76,7 @@ class Export:
         map_file: mapping of signals to fields.
         traffic: frames that the test vectors replay.
         origin: source of the vectors, a sentence for the README.
+        stage: the engineer's own stage in the loop, or None.
     """
 
     record: Calibration
@@ -83,6 +86,7 @@ class Export:
     map_file: Path
     traffic: Traffic
     origin: str
+    stage: OwnStage | None = None
 
 
 def sources(dbc: Path, map_file: Path) -> dict[str, str]:
@@ -92,7 +96,8 @@ def sources(dbc: Path, map_file: Path) -> dict[str, str]:
 
 def write(folder: Path, export: Export) -> list[Path]:
     """Write the bundle to ``folder``, created if missing; return the files written."""
-    firmware = of_bus(export.dbc, export.map_file)
+    firmware = with_stage(of_bus(export.dbc, export.map_file), export.stage)
+    program = firmware.program()
     files, bus = firmware.files, firmware.bus
     texts = {
         f"{'src' if name.endswith('.c') else 'include'}/{name}": text
@@ -119,11 +124,15 @@ def write(folder: Path, export: Export) -> list[Path]:
     epk = f"canroll {version('canroll')} {_named(files)}"
     texts["include/canroll_epk.h"] = EPK_HEADER.format(version=version("canroll"), epk=epk)
     texts["src/canroll_epk.c"] = EPK_SOURCE
-    texts["canroll.a2l"] = a2l.a2l(a2l.Software(epk, export.record, bus.xcp, firmware.record))
+    texts["canroll.a2l"] = a2l.a2l(
+        a2l.Software(epk, export.record, bus.xcp, firmware.record, program)
+    )
     comparison = codec_comparison.files(export.dbc, export.map_file, bus)
     texts.update({f"test/{name}": text for name, text in comparison.items()})
     texts.update({f"codec/{name}": text for name, text in _codec(export.dbc).items()})
-    texts["README.md"] = _readme(export, firmware)
+    texts["README.md"] = _readme(export, firmware, program)
+    if export.stage is not None:
+        texts[f"stage/{export.stage.file}"] = export.stage.source
     written = []
     for name, text in sorted(texts.items()):
         path = folder / name
@@ -220,7 +229,7 @@ def _codec(dbc: Path) -> dict[str, str]:
     }
 
 
-def _readme(export: Export, firmware: BusFirmware) -> str:
+def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
     bus = firmware.bus
     protection = (
         "Checksums and counters are as the table says."
@@ -238,11 +247,21 @@ def _readme(export: Export, firmware: BusFirmware) -> str:
         "dbc": export.dbc.name,
         "vectors": export.origin,
         "deviations": misra.table(),
-        "interrupts": interrupts.table(),
+        "interrupts": interrupts.table(program),
+        "stage": _stage(export),
     }
     for name, value in values.items():
         text = text.replace(f"{{{name}}}", value)
     return text
+
+
+def _stage(export: Export) -> str:
+    if export.stage is None:
+        return ""
+    return (
+        f"\n\nAn own stage is part of the loop, `stage/{export.stage.file}`, translated to "
+        "`src/canroll_stage.c`. It is compiled in, so every calibration runs with it."
+    )
 
 
 def _frames(bus: BusMap) -> Iterator[str]:

@@ -1,8 +1,8 @@
 """The ECU loop for the frames of one bus: its C sources, and its modules for CPython.
 
-Three modules of the firmware depend on the DBC and its map; all others are the same on every bus.
-The state record differs in the size of its mailboxes, so code that reads one takes its class from
-here.
+A DBC and a map make three modules of the firmware, an own stage two; all others stay as they are.
+The state record differs in the room of its mailboxes and in the fields of a stage, so whatever
+reads one takes its class from here.
 """
 
 import importlib
@@ -22,9 +22,12 @@ from typing import Any
 
 import firmware.ecu
 from codegen.c99 import emit
-from codegen.generated import frames, protection, signals
+from codegen.generated import frames, own_stage, protection, signals, stage_rules
 from codegen.generated.bus_map import BusMap, load
-from codegen.subset.program import FIRMWARE
+from codegen.generated.own_stage import OwnStage
+from codegen.proof.prove import prove
+from codegen.subset import parse, rules
+from codegen.subset.program import FIRMWARE, Program
 
 GENERATED = {
     "frames.py": frames.generate,
@@ -41,12 +44,14 @@ class BusFirmware:
     Attributes:
         bus: the mailboxes and the frames in them.
         modules: sources of the modules that differ from those checked in, by file name.
+        stage: the engineer's own stage in it, or None.
         slots: mailboxes that receive a frame, by its identifier.
         sent: identifier and length on the wire of the frame in each mailbox that sends.
     """
 
     bus: BusMap
     modules: Mapping[str, str]
+    stage: OwnStage | None = None
     slots: Mapping[int, tuple[int, ...]] = field(init=False)
     sent: tuple[tuple[int, int], ...] = field(init=False)
 
@@ -62,10 +67,13 @@ class BusFirmware:
     @cached_property
     def files(self) -> dict[str, str]:
         """The firmware in C, by file name."""
-        if not self.modules:
-            return emit.firmware()
+        return emit.Emitter(self.program()).files() if self.modules else emit.firmware()
+
+    def program(self) -> Program:
+        """The firmware as data, read anew."""
+        shown = {own_stage.NAME: self.stage.path} if self.stage else {}
         with self._folder() as folder:
-            return emit.emit(folder=folder)
+            return parse.load(folder=folder, shown=shown)
 
     @cached_property
     def loop(self) -> ModuleType:
@@ -136,6 +144,24 @@ def of_bus(dbc: Path, map_file: Path) -> BusFirmware:
         return built_in()
     modules = {name: generate(dbc, map_file) for name, generate in GENERATED.items()}
     return _of_sources(load(dbc, map_file), tuple(sorted(modules.items())))
+
+
+@cache
+def with_stage(firmware: BusFirmware, stage: OwnStage | None) -> BusFirmware:
+    """Return ``firmware`` with an engineer's own stage in it, checked and proved.
+
+    Raises:
+        CanrollError: file and line of what is outside the subset, no stage, or not proved.
+    """
+    if stage is None:
+        return firmware
+    its = BusFirmware(firmware.bus, {**firmware.modules, **own_stage.modules(stage)}, stage)
+    program = its.program()
+    rules.check(program)
+    stage_rules.check(program, prove(program))
+    # what remains to be refused is what only the translation sees
+    _ = its.files
+    return its
 
 
 @cache

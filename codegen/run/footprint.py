@@ -35,8 +35,8 @@ class Footprint:
     forbidden: tuple[str, ...]
 
 
-def footprint(image: Path) -> Footprint:
-    """Read an ELF image with its symbol table."""
+def footprint(image: Path, state: type = Ecu) -> Footprint:
+    """Read an ELF image with its symbol table; ``state`` is the class of its state record."""
     text = tables = static = 0
     forbidden = []
     with image.open("rb") as file:
@@ -67,7 +67,7 @@ def footprint(image: Path) -> Footprint:
         text,
         tables,
         static,
-        memory_image.dtype(Ecu).itemsize,
+        memory_image.dtype(state).itemsize,
         memory_image.dtype(Calibration).itemsize,
         tuple(sorted(set(forbidden))),
     )

@@ -11,6 +11,8 @@ from typing import Any
 import tomli_w
 
 from canroll.errors import CanrollError
+from codegen.generated import own_stage
+from codegen.generated.own_stage import OwnStage
 from codegen.run.memory_image import sealed
 from firmware.calibration import Calibration
 from firmware.subset import Field, fields
@@ -31,8 +33,8 @@ TABLES = frozenset(
         "calibration",
     }
 )
-OPTIONAL = frozenset({"budget"})
-"""Tables that a user may add: the budget of a tick."""
+OPTIONAL = frozenset({"budget", "stage"})
+"""Tables that a user may add: the budget of a tick, an own stage of the loop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +65,11 @@ class LoadedCalibration:
     def actuator(self) -> str:
         """Kind of actuator."""
         return str(self.tables["design"]["actuator"])
+
+    @property
+    def stage(self) -> OwnStage | None:
+        """The own stage that runs with it."""
+        return own_stage.carried(self.tables)
 
     @property
     def verified(self) -> bool:
@@ -169,7 +176,21 @@ def load(path: str | Path) -> LoadedCalibration:
             raise CanrollError(f"{path}: [design] missing key '{name}'")
     if "max_delay_s" not in content["margins"]:
         raise CanrollError(f"{path}: [margins] missing key 'max_delay_s'")
+    if own_stage.NAME in content:
+        content[own_stage.NAME] = _stage(content[own_stage.NAME], path, text)
     return LoadedCalibration(record, content, path)
+
+
+def _stage(table: Any, path: Path, text: str) -> dict[str, str]:  # noqa: ANN401
+    """Return the table of an own stage with its source, read from its file where it has none."""
+    where = _at(path, text, own_stage.NAME)
+    if not isinstance(table, dict) or not {"file"} <= set(table) <= {"file", "source"}:
+        raise CanrollError(f"{where}: [stage] has the keys file and, if not read from it, source")
+    if not all(isinstance(value, str) for value in table.values()):
+        raise CanrollError(f"{where}: [stage] file and source are texts")
+    if "source" in table:
+        return table
+    return own_stage.read(path.parent / table["file"]).table()
 
 
 def _known(

@@ -1,15 +1,13 @@
-"""Laws on the observed state: LQR, sliding mode, feedforward alone, LQG with the exact delay."""
+"""Laws on the observed state: LQR, sliding mode, feedforward alone."""
 
 from dataclasses import replace
 from math import exp, pi, sqrt
 
 import numpy as np
 
-from canroll.errors import CanrollError
 from gain_gen.laws.state_gains import (
     disturbance_feedforward,
     lqr,
-    riccati_gain,
     sliding_mode,
     yim_weights,
 )
@@ -28,13 +26,6 @@ PRINTED = {
 
 SMC_SURFACE = np.array([[10.0, 1.0]])
 SMC_ALPHA = 0.5
-
-ROLL_RATE_WEIGHT = 0.05
-"""Weight of φ'² beside φ² in the cost of ``lqg_delay``, s²."""
-MOMENT_WEIGHT = 10.0**-8.4
-"""Weight of u² for the van of 2021, 1/(N·m)²; scaled with the stiffness squared for others."""
-MOMENT_WEIGHT_STIFFNESS = 12601.07
-"""K − m g h of that van, N·m/rad."""
 
 STEERED = LateralModel(frequency=6.0, damping=0.9, acceleration=1.5, steered=True)
 """Yaw and lateral dynamics between steering and a_y, and how far the tyres depart from it."""
@@ -113,40 +104,6 @@ def design_smc(task: Task) -> Solution:
         )
     gain = sliding_mode(task.vehicle.design, task.tick, surface=SMC_SURFACE, alpha=SMC_ALPHA)
     return Solution(state_feedback(task, gain), extra={"alpha": SMC_ALPHA})
-
-
-def design_lqg_delay(task: Task) -> Solution:
-    """LQG on the exact discrete delay states and a second-order model of the lateral acceleration.
-
-    Minimises φ² + 0.05 φ'² + r u² per tick. With a pure input delay the optimum is the delay-free
-    gain on the state predicted over the delay, which the observer and the ring of past commands
-    provide: no state beyond the plant's is needed. The lateral acceleration is part of the state,
-    so the feedforward is optimal for its model.
-    """
-    model = task.vehicle.design
-    observer = observer_of(task)
-    weight = MOMENT_WEIGHT * (MOMENT_WEIGHT_STIFFNESS / model.effective_stiffness) ** 2
-    gain = riccati_gain(
-        observer.model.phi[:4, :4],
-        observer.model.gamma[:4],
-        np.diag([1.0, ROLL_RATE_WEIGHT, 0.0, 0.0]),
-        np.array([[weight]]),
-    )[0]
-    steps = round(task.delay.nominal / task.tick)
-    if steps > 32:
-        raise CanrollError(
-            f"a delay of {1e3 * task.delay.nominal:.0f} ms is {steps} ticks; the buffer of past "
-            f"commands holds 32: choose a longer --tick"
-        )
-    controller = Controller(
-        tick=task.tick,
-        observer=observer,
-        feedback=np.array([gain[0], gain[1], 0.0, 0.0, 0.0]),
-        feedforward=np.array([0.0, 0.0, gain[2], gain[3], 0.0]) * float(task.feedforward),
-        predict_steps=steps,
-        actuator_rate=actuator_rate(task),
-    )
-    return Solution(controller, delay_aware=True)
 
 
 def design_ay_feedforward(task: Task) -> Solution:

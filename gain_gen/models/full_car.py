@@ -146,7 +146,11 @@ def weights() -> Matrix:
 
 
 def ideal_gain(
-    model: FullCarModel, *, input_weight: float = INPUT_WEIGHT, roads: bool = False
+    model: FullCarModel,
+    *,
+    input_weight: float = INPUT_WEIGHT,
+    roads: bool = False,
+    state_weights: Matrix | None = None,
 ) -> tuple[Matrix, Matrix]:
     """Return K of u = −K x on all 26 states, continuous time, and its columns of B.
 
@@ -155,6 +159,7 @@ def ideal_gain(
         input_weight: R on each current, 1/A².
         roads: feed back to the four road inputs too, as the paper's B = [B1, B2] does; no actuator
             can, but it explains the printed reduction of the tyre forces.
+        state_weights: diagonal of Q on the scaled states; by default :func:`weights`.
 
     Raises:
         numpy.linalg.LinAlgError: the Riccati equation has no stabilising solution.
@@ -162,7 +167,8 @@ def ideal_gain(
     columns = [*(ROADS if roads else []), *CURRENTS]
     b = model.b[:, columns]
     r = np.eye(len(columns)) * input_weight
-    cost = solve_continuous_are(model.a, b, np.diag(weights()), r)
+    q = weights() if state_weights is None else state_weights
+    cost = solve_continuous_are(model.a, b, np.diag(q), r)
     gain: Matrix = np.linalg.solve(r, b.T @ cost)
     return gain, b
 

@@ -7,6 +7,7 @@ from math import inf, isfinite
 
 from canroll.errors import CanrollError
 from codegen.export.header import gains_header
+from codegen.generated import own_stage
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
 from gain_gen.design import design
@@ -16,7 +17,7 @@ from hil.cli import terminal
 from hil.cli.options import choices_of
 from hil.cli.parsers import DEFAULT_DELAY_MS, DEFAULT_SCENARIO, OF_A_DRIVE
 from hil.runs.choices import CHOICES, chosen
-from hil.runs.frozen import options_of, task_of
+from hil.runs.frozen import options_of, stage_of, task_of
 from hil.studies import equal_effort, variation
 
 LARGEST_EFFORT = 20_000.0
@@ -64,15 +65,18 @@ def run(args: argparse.Namespace) -> int:
     if args.compare:
         if args.law is not None:
             raise CanrollError("--compare designs every law: omit --law")
+        if args.stage is not None:
+            raise CanrollError("--compare designs laws without a stage: omit --stage")
         return compare(args)
     choices = choices_of(args)
+    stage = stage_of({}, choices)
     answer = design(chosen(choices, "law"), design_task(args))
     options = options_of(choices)
     record, tables = calibrate(answer, options)
     checks = {name: Check(**found) for name, found in tables["verification"].items()}
     answer = replace(answer, verified=checks)
     files = [args.out / "calibration.toml", args.out / "canroll_gains.h"]
-    calibration_file.save(files[0], record, tables)
+    calibration_file.save(files[0], record, own_stage.added(tables, stage))
     header = gains_header(record, title=title(answer), physical=physical_notes(record))
     try:
         files[1].write_text(header, encoding="utf-8")

@@ -16,7 +16,7 @@ from hil.realtime.hardware import bus_record
 from hil.realtime.phase_lock import PhaseLock
 from hil.realtime.plant_loop import sent_by
 from hil.runs import phase
-from hil.runs.frozen import firmware_of, profile_of, refuse_wide_identifiers
+from hil.runs.frozen import firmware_of, profile_of, refuse_wide_identifiers, stage_of
 
 MODES = dbc.names("RollControlStatus", "Mode")
 TRACE_SECONDS = 600
@@ -58,14 +58,16 @@ def run(args: argparse.Namespace) -> int:
     backend = args.backend or default_backend()
     profile = profile_of(choices_of(args, OF_AN_ECU))
     refuse_wide_identifiers(profile)
-    firmware = firmware_of(profile)
+    loaded = None if args.calibration is None else load_calibration(args.calibration)
+    stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
+    firmware = firmware_of(profile, stage)
     if args.replay is not None:
         return replay(args.replay, backend, firmware)
-    if args.calibration is None:
+    if loaded is None:
         raise CanrollError("--calibration FILE is required; create one with 'canroll design'")
     duration = nanoseconds(args.duration, "--duration")
     timeout = peer_timeout(args)
-    calibration = load_calibration(args.calibration).record
+    calibration = loaded.record
     lock = phase_lock(args, calibration.tick_us)
     ecu = open_backend(backend, calibration, firmware)
     link = open_link(args, firmware.fd)
@@ -179,7 +181,7 @@ def grants_of(
     else:
         channel = side_channel.connect(args.side_channel, link)
     plants = set(firmware.slots)
-    if firmware is built_in():
+    if firmware.bus is built_in().bus:
         # the plant sends what the ECU does not hear too
         plants = {message.frame_id for message in dbc.load().messages} - sent_by(firmware)
     return lockstep.Grants(link, channel, idents=plants, tick_us=tick_us, stop=stop)

@@ -154,6 +154,7 @@ def described(
         map_file=args.map or settings.profile.map_file or signals.MAP,
         traffic=traffic,
         origin=origin,
+        stage=controller.stage,
     )
 
 

@@ -12,6 +12,7 @@ from gain_gen.analysis.family import FamilyMargins
 from gain_gen.analysis.margins import Margins
 from gain_gen.calibration import calibration_file
 from gain_gen.margin_report import MarginReport, Point, admits, margin_report, to_json
+from hil.cli import terminal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,17 +20,30 @@ if TYPE_CHECKING:
 
 def run(args: argparse.Namespace) -> int:
     """Analyse and report; 0 if the loop has its margins on the whole family, else 1."""
-    report = margin_report(calibration_file.load(args.calibration))
+    calibration = calibration_file.load(args.calibration)
+    report = margin_report(calibration)
     if args.out is not None:
         picture = args.out / "margins.png"
         draw(report, picture)
     if args.json:
-        print(json.dumps(to_json(report)))
+        stage = None if calibration.stage is None else calibration.stage.name
+        print(json.dumps(to_json(report) | {"without_stage": stage}))
     else:
+        if calibration.stage is not None:
+            terminal.show_warnings([without(calibration.stage.file)])
         print("\n".join(lines(report)))
         if args.out is not None:
             print(f"written: {picture}")
     return 0 if admits(report) else 1
+
+
+def without(stage: str) -> str:
+    """What margins leave open where a calibration carries an own stage."""
+    return (
+        f"the margins are those of the law without the stage {stage}: a stage that multiplies its "
+        "moment has them while the factor stays within the gains that are stable below; judge "
+        "anything else by runs"
+    )
 
 
 def lines(report: MarginReport) -> Iterable[str]:

@@ -29,7 +29,7 @@ DEFAULT_DELAY_MS = 20.0
 DEFAULT_DRAWS = 100
 KINDS = ("laws", "vehicles", "scenarios", "buses", "bodies")
 OF_A_DESIGN = (
-    *("vehicle", "law", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
+    *("vehicle", "law", "stage", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
     *("gains", "moment_share", "feedforward", "identification", "offset_learning", "bus"),
 )
 OF_A_DRIVE = ("plant", "speed_kmh", "options")
@@ -293,6 +293,7 @@ def prove(parser: argparse.ArgumentParser) -> None:
         type=path_named,
         help="calibration.toml of a design (default: every calibration the ECU accepts)",
     )
+    add_choices(parser, ("stage",))
     add_json(parser)
 
 

@@ -85,7 +85,7 @@ def show(result: Result) -> None:
     settings = result.settings
     console.print(
         f"[bold]{settings.scenario.replace('_', ' ')}[/bold], {settings.vehicle.name} at "
-        f"{settings.speed * 3.6:.0f} km/h, {settings.law} over {settings.bus_name}"
+        f"{settings.speed * 3.6:.0f} km/h, {settings.law_name} over {settings.bus_name}"
     )
     show_verdict(result.verdict, good=None if result.pays else result.helps)
     show_warnings(text for text in result.warnings if text not in result.verdict)

@@ -21,6 +21,7 @@ from hil.realtime.budget import Budget, budget_of, judge_host, judge_target
 from hil.runs import experiment
 from hil.runs.experiment import build_world, plan
 from hil.runs.frozen import Controller, refuse_own
+from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 
 
@@ -30,17 +31,19 @@ def run(args: argparse.Namespace) -> int:
         return run_on_host(args)
     if args.bound:
         return run_bound(args)
-    controller, traffic = recorded(args)
-    record = controller.record
+    settings, controller, traffic = recorded(args)
+    record, firmware = controller.record, settings.firmware
     counter = args.counter or ("qemu" if cortex.has_gcc_and_qemu() else "unicorn")
     if counter == "qemu" and not cortex.has_gcc_and_qemu():
         raise CanrollError("--counter qemu needs gcc-arm-none-eabi and qemu-system-arm installed")
-    replayed = (qemu.replay if counter == "qemu" else unicorn.replay)(
-        record, traffic, args.processor
-    )
-    image = (cortex.gcc_image if counter == "qemu" else cortex.zig_image)(args.processor)
+    if counter == "qemu":
+        replayed = qemu.replay(record, traffic, args.processor, firmware=firmware)
+        image = cortex.gcc_image(args.processor, firmware.files)
+    else:
+        replayed = unicorn.replay(record, traffic, args.processor, firmware)
+        image = cortex.zig_image(args.processor, firmware)
     limits = budget_of(controller.tables)
-    return report(limits, replayed, footprint(image), as_json=args.json)
+    return report(limits, replayed, footprint(image, firmware.record), as_json=args.json)
 
 
 def run_bound(args: argparse.Namespace) -> int:
@@ -56,14 +59,15 @@ def run_bound(args: argparse.Namespace) -> int:
     timing = cycles.Timing(args.processor, args.wait_states, args.multiplier, args.division)
     if not cortex.has_gcc_and_qemu():
         raise CanrollError("--bound needs gcc-arm-none-eabi and qemu-system-arm installed")
-    controller, traffic = recorded(args)
-    bound = firmware_bound.firmware_bound(controller.record, timing)
+    settings, controller, traffic = recorded(args)
+    bound = firmware_bound.firmware_bound(controller.record, timing, settings.firmware)
     with progress(quiet=args.json) as report_share:
         seen = firmware_bound.observe(
             controller.record,
             traffic,
             timing,
             args.ticks,
+            firmware=settings.firmware,
             progress=lambda done: report_share("replay", min(done / args.ticks, 1.0)),
         )
     limits = budget_of(controller.tables)
@@ -120,11 +124,12 @@ def show_rows(rows: Mapping[str, object]) -> None:
         print(f"{name:<{width}}  {value}")
 
 
-def recorded(args: argparse.Namespace) -> tuple[Controller, Traffic]:
-    """Drive the manoeuvre in virtual time; return the controller and the ECU's received frames."""
+def recorded(args: argparse.Namespace) -> tuple[Settings, Controller, Traffic]:
+    """Drive the manoeuvre in virtual time; return what was run and what the ECU received."""
     settings, controller = plan(args.scenario, **choices_of(args))
     refuse_own(settings.profile, "timing")
-    recorder = Recorder(open_backend(settings.backend, controller.record))
+    firmware = settings.firmware
+    recorder = Recorder(open_backend(settings.backend, controller.record, firmware), firmware)
     closed_loop(
         build_world(replace(settings), enabled=True),
         recorder,
@@ -132,7 +137,7 @@ def recorded(args: argparse.Namespace) -> tuple[Controller, Traffic]:
         duration_ns=round(args.duration * 1e9),
         progress=None,
     )
-    return controller, recorder.traffic
+    return settings, controller, recorder.traffic
 
 
 def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:

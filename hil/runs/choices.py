@@ -145,6 +145,15 @@ class Choices(TypedDict, total=False):
             saved=False,
         ),
     ]
+    stage: Annotated[
+        str | Path | None,
+        Choice(
+            option="--stage",
+            help="Python file with an own stage of the loop, written in the integer subset",
+            of=CONTROLLER,
+            saved=False,
+        ),
+    ]
     actuator: Annotated[
         str | None,
         Choice(

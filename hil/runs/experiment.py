@@ -96,6 +96,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         conditions=tuple(sorted(conditions.items())),
         dbc=choices.get("dbc"),
         map=choices.get("map"),
+        stage=controller.stage,
         phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
     )
     # an option that the manoeuvre does not know is refused here, and a phase that cannot be

@@ -3,14 +3,17 @@
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import vehicles
 from canroll.errors import CanrollError
+from codegen.generated import own_stage
 from codegen.generated.bus_map import VALID_BITS, BusMap, Mailbox, read
-from codegen.run.bus_firmware import BusFirmware, built_in, of_bus
+from codegen.generated.own_stage import OwnStage
+from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
 from dbc import attribute
 from firmware import calibration as fw
 from firmware.calibration import Calibration
@@ -60,6 +63,11 @@ class Controller:
     warnings: tuple[str, ...]
 
     @property
+    def stage(self) -> OwnStage | None:
+        """The own stage of the loop."""
+        return own_stage.carried(self.tables)
+
+    @property
     def command(self) -> str:
         """Message that commands the actuators."""
         return COMMANDS[self.record.actuator]
@@ -85,8 +93,30 @@ def prepare(choices: Mapping[str, Any]) -> Controller:
     """
     check(choices)
     if choices.get("calibration") is not None:
-        return _loaded(load(choices["calibration"]), choices)
-    return _designed(choices)
+        loaded = load(choices["calibration"])
+        stage = stage_of(loaded.tables, choices)
+        controller = _loaded(loaded, choices)
+    else:
+        stage = stage_of({}, choices)
+        controller = _designed(choices)
+    return replace(controller, tables=own_stage.added(controller.tables, stage))
+
+
+def stage_of(tables: Mapping[str, Any], choices: Mapping[str, Any]) -> OwnStage | None:
+    """Return the own stage that a calibration carries or ``choices`` name, checked and proved.
+
+    Raises:
+        CanrollError: it cannot be read, or is no stage; both name one.
+    """
+    stage = own_stage.carried(tables)
+    if choices.get("stage") is not None:
+        if stage is not None:
+            raise CanrollError(
+                f"--stage: the calibration carries the stage {stage.file}: omit --stage"
+            )
+        stage = own_stage.read(Path(choices["stage"]))
+    with_stage(built_in(), stage)
+    return stage
 
 
 def profile_of(choices: Mapping[str, Any]) -> BusProfile:
@@ -222,11 +252,11 @@ def sample_to_force(
     return Delay((least + most) / 2, least, most)
 
 
-def firmware_of(profile: BusProfile) -> BusFirmware:
-    """Return the ECU's program for the frames of a bus."""
+def firmware_of(profile: BusProfile, stage: OwnStage | None = None) -> BusFirmware:
+    """Return the ECU's program for the frames of a bus, with an own stage where there is one."""
     if profile.dbc is None or profile.map_file is None:
-        return built_in()
-    return of_bus(profile.dbc, profile.map_file)
+        return with_stage(built_in(), stage)
+    return with_stage(of_bus(profile.dbc, profile.map_file), stage)
 
 
 def refuse_wide_identifiers(profile: BusProfile) -> None:

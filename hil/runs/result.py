@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
@@ -44,11 +45,11 @@ WORSE = 1.05
 class Settings:
     """Settings of a run.
 
-    ``speed`` in m/s, ``tick``, ``run_time`` and ``phase`` in s (phase None: all clocks start
-    together); ``command``: the message that commands the actuators; ``options`` of the manoeuvre;
-    ``faults`` and ``conditions`` of sensors and actuators as :func:`hil.runs.conditions.options`
-    reads them; ``dbc`` and ``map``: the frames on the bus, None
-    for those of the contract or the network.
+    ``speed`` in m/s, ``tick``, ``run_time`` and ``phase`` in s (phase None: that of clocks that
+    start together); ``command``: the message that commands the actuators; ``options`` of the
+    manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
+    :func:`hil.runs.conditions.options` reads them; ``dbc`` and ``map``: the frames on the bus, None
+    for those of the contract or the network's own; ``stage``: an own stage of the loop.
     """
 
     scenario: str
@@ -71,6 +72,12 @@ class Settings:
     phase: float | None = None
     dbc: str | None = None
     map: str | None = None
+    stage: OwnStage | None = None
+
+    @property
+    def law_name(self) -> str:
+        """The law, and the own stage after it where there is one."""
+        return self.law if self.stage is None else f"{self.law} and {self.stage.name}"
 
     @property
     def bus_name(self) -> str:
@@ -85,8 +92,8 @@ class Settings:
 
     @property
     def firmware(self) -> BusFirmware:
-        """The ECU's program for the frames of the bus."""
-        return firmware_of(self.profile)
+        """The ECU's program for the frames of the bus, with the own stage."""
+        return firmware_of(self.profile, self.stage)
 
     def choices(self) -> dict[str, Any]:
         """Return these settings by the keywords of a run, without those of the calibration."""

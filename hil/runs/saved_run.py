@@ -152,6 +152,7 @@ def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
         trigger="event" if loaded.record.event_trigger else "every",
         run_time=RUN_TIME_NS * 1e-9,
         phase=None if phase is None else 1e-3 * phase,
+        stage=loaded.stage,
     )
 
 

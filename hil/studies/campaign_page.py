@@ -77,8 +77,8 @@ def campaign_page(campaign: Campaign) -> str:
     return render(
         Page(
             title=f"{len(campaign.outcomes)} draws of a {scenario}",
-            subtitle=f"{settings.vehicle.name} at {settings.speed * 3.6:.0f} km/h, {settings.law} "
-            f"with {settings.actuator}",
+            subtitle=f"{settings.vehicle.name} at {settings.speed * 3.6:.0f} km/h, "
+            f"{settings.law_name} with {settings.actuator}",
             verdict=Verdict(not campaign.failed, headline, text),
             warnings=campaign.nominal.warnings,
             tables=[quantile_table(campaign), hardest_table(campaign)],

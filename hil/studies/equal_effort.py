@@ -66,7 +66,6 @@ ENTRIES = (
     Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
     Entry("rate_feedforward", "all_sensors", {"law": "rate_feedforward"}),
     Entry("lqr, feedback only", "all_sensors", {"law": "lqr", "feedforward": False}),
-    Entry("hinf, feedback only", "all_sensors", {"law": "hinf", "feedforward": False}),
     Entry("smc, feedback only", "all_sensors", {"law": "smc", "feedforward": False}),
     Entry("lqr", "all_sensors", {"law": "lqr"}),
     Entry("hinf", "all_sensors", {"law": "hinf"}),

@@ -39,7 +39,7 @@ CASES = (
     Case("double_lane_change", "hinf_nodelay"),
     Case("double_lane_change", "hinf_event", trigger="event"),
     Case("double_lane_change", "lqg_delay", actuator="bars"),
-    Case("j_turn", "hinf", observer="propagated"),
+    Case("j_turn", "hinf"),
     Case("double_lane_change", "smc", actuator="bars", observer="propagated"),
     Case("j_turn", "rate_feedforward"),
     Case("double_lane_change", "ay_feedforward", actuator="dampers"),
