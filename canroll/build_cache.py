@@ -1,8 +1,9 @@
 """Where compiled code is kept between runs: ``$XDG_CACHE_HOME/canroll``, ``~/.cache/canroll``.
 
-A folder that cannot be written is read all the same; what is missing in it, or where there is no
-folder at all, is compiled into a private one that goes with the process. So is everything where
-another user owns the folder or anyone may write to it: code from there would run as ours.
+A read-only cache is still read. Whatever it lacks, or everything where there is no cache, is
+compiled into a private folder that is removed when the process ends.
+The same holds where another user owns the cache or anyone may write to it: code from there would
+run as this user.
 """
 
 import atexit
@@ -15,7 +16,7 @@ from pathlib import Path
 
 
 def folder(name: str) -> Path:
-    """Return the cache folder ``name``, created if needed; it may be read-only."""
+    """Return the cache folder ``name``, created if missing; it may be read-only."""
     home = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     kept = home / "canroll" / name
     try:
@@ -32,7 +33,7 @@ def _is_safe(kept: Path) -> bool:
 
 
 def place(name: str, file: str) -> Path:
-    """Return the path of ``file`` in the folder ``name``, where it is or can be written."""
+    """Return the path of ``file`` in the cache folder ``name``, else in a private folder."""
     kept = folder(name)
     found = kept / file
     return found if found.exists() or os.access(kept, os.W_OK) else private(name) / file
@@ -40,7 +41,7 @@ def place(name: str, file: str) -> Path:
 
 @cache
 def private(name: str) -> Path:
-    """Return a folder of this process, which is removed when the process ends."""
+    """Return a temporary folder that is removed when the process ends."""
     made = Path(tempfile.mkdtemp(prefix=f"canroll-{name}-"))
     atexit.register(shutil.rmtree, made, ignore_errors=True)
     return made

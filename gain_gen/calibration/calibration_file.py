@@ -49,7 +49,7 @@ class LoadedCalibration:
     Attributes:
         record: the integers.
         tables: every other table of the file, as read.
-        path: where it was read from.
+        path: file it was read from.
     """
 
     record: Calibration
@@ -63,7 +63,7 @@ class LoadedCalibration:
 
     @property
     def vehicle(self) -> str:
-        """Name or file of the vehicle that it was designed for."""
+        """Name or file of the vehicle it was designed for."""
         return str(self.tables["design"]["vehicle"])
 
     @property
@@ -102,7 +102,7 @@ class LoadedCalibration:
         return tuple(self.tables["design"]["warnings"])
 
     def delay_warning(self, delay: float) -> str:
-        """Return the warning that a sample-to-force delay of ``delay`` seconds deserves, or ''."""
+        """Return a warning if a sample-to-force delay of ``delay`` seconds is too long, or ''."""
         if delay < self.max_delay:
             return ""
         return (
@@ -138,7 +138,7 @@ _NUMBERS = re.compile(r"\[\n((?:\s*[-+.\w]+,\n)+)\s*\]")
 
 
 def _one_line(match: re.Match[str]) -> str:
-    """Put a list of plain numbers on one line, as a person would write it."""
+    """Put a list of plain numbers on one line."""
     return f"[{', '.join(match[1].replace(',', ' ').split())}]"
 
 

@@ -170,7 +170,7 @@ def _network_delay(
 
 
 def _run_log(args: argparse.Namespace) -> int:
-    """Infer what is on the bus of a log, and analyse it without and with more messages."""
+    """Infer the messages of a recorded bus, and analyse it without and with additional ones."""
     if args.add is None:
         source, added = OURS, _own(args.command)
     else:
@@ -246,7 +246,7 @@ def _own(command: str) -> Sequence[BusMessage]:
 
 
 def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
-    """Compute what was asked for beside the bounds."""
+    """Compute the requested margins."""
     bitrate, data_bitrate = traffic.bitrate, traffic.data_bitrate
     messages, rate = traffic.messages, args.errors_per_second
 
@@ -278,7 +278,7 @@ def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
 
 
 def _check_path(args: argparse.Namespace, messages: Sequence[BusMessage]) -> None:
-    """Reject names of sensor and command that are no messages, unless they are the defaults."""
+    """Reject sensor and command names that are not messages, unless they are the defaults."""
     known = [message.name for message in messages]
     for option, default in DELAY_PATH.items():
         name = getattr(args, option)
@@ -342,7 +342,7 @@ def _serve(traffic: Traffic, args: argparse.Namespace) -> None:
 
 
 def _share(traffic: Traffic, args: argparse.Namespace) -> None:
-    """Serve the set to programs in lock step until the last of them leaves."""
+    """Serve the set to programs in lock step until the last one disconnects."""
     spec = traffic_spec(
         traffic.messages,
         bitrate=traffic.bitrate,
@@ -368,7 +368,7 @@ def _share(traffic: Traffic, args: argparse.Namespace) -> None:
         if mirror is not None:
             mirror.close()
             if mirror.failed:
-                _say(f"{args.mirror} did not take {mirror.failed} frames")
+                _say(f"{args.mirror} did not accept {mirror.failed} frames")
 
 
 def _say(text: str) -> None:

@@ -20,7 +20,7 @@ from plant_sim.world.world import World
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate until the manoeuvre is over, the ECU is lost or a signal comes."""
+    """Simulate until the manoeuvre is over, the ECU is lost or a signal arrives."""
     for path, check in ((args.log, logs.check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
             check_parent(check(path))
@@ -142,7 +142,7 @@ def world_of(args: argparse.Namespace) -> World:
     """Return the world that the options describe, at time 0.
 
     Raises:
-        CanrollError: a name or number that cannot be.
+        CanrollError: an invalid name or number.
     """
     choices = choices_of(args)
     vehicle = vehicles.load(chosen(choices, "vehicle"))

@@ -1,6 +1,6 @@
 """A run saved in its folder: ``trace.npz`` beside ``result.json`` and ``calibration.toml``.
 
-From these three a run is judged and shown again, the same numbers as on the day it was driven.
+From these three files a run can be evaluated and shown again with the same numbers.
 """
 
 import hashlib
@@ -52,7 +52,7 @@ Arrays = Mapping[str, NDArray[Any]]
 def save_traces(path: Path, result: Result) -> Path:
     """Write every trace of a run as one NumPy archive and return its path.
 
-    A run's arrays are named "passive/signals" and so on; "signals" has a row a signal, named by
+    A run's arrays are named "passive/signals" and so on; "signals" has a row per signal, named by
     "signal_names". The same run gives the same bytes.
 
     Raises:

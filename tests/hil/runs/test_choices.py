@@ -23,6 +23,7 @@ ASKED = {
     "bus": "gateway_20ms",
     "dbc": "own.dbc",
     "map": "own.toml",
+    "stage": "own.py",
     "backend": "python",
     "seed": 7,
     "speed_kmh": 71.00000000000001,
