@@ -40,7 +40,7 @@ def shown(result: Result) -> list[Shown]:
 
 
 def verdict(result: Result) -> Verdict:
-    """Return the verdict on top: headline, and what it rests on."""
+    """Return the verdict on top: headline and grounds."""
     headline, _, text = result.verdict.partition(": ")
     good = False if result.not_valid else None if result.pays else result.helps
     return Verdict(good, headline, text[:1].upper() + text[1:])
@@ -73,7 +73,7 @@ def parameters(result: Result) -> list[tuple[str, str]]:
 
 
 def provenance(result: Result) -> list[tuple[str, str]]:
-    """Return where the numbers come from."""
+    """Return the provenance of the numbers."""
     vehicle = result.settings.vehicle
     sources = [(f"vehicle: {key}", text) for key, text in vehicle.sources.items()]
     return [
