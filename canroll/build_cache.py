@@ -2,11 +2,14 @@
 
 A read-only cache is still read. Whatever it lacks, or everything where there is no cache, is
 compiled into a private folder that is removed when the process ends.
+The same holds where another user owns the cache or anyone may write to it: code from there would
+run as this user.
 """
 
 import atexit
 import os
 import shutil
+import stat
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -20,7 +23,13 @@ def folder(name: str) -> Path:
         kept.mkdir(parents=True, exist_ok=True)
     except OSError:
         return private(name)
-    return kept
+    return kept if _is_safe(kept.parent) and _is_safe(kept) else private(name)
+
+
+def _is_safe(kept: Path) -> bool:
+    """Whether only this user, or root, decides what stands in a folder."""
+    about = kept.stat()
+    return about.st_uid in (0, os.geteuid()) and not about.st_mode & stat.S_IWOTH
 
 
 def place(name: str, file: str) -> Path:

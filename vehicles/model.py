@@ -3,7 +3,9 @@
 Axes: x forward, y left, z up. Wheels: front left, front right, rear left, rear right.
 """
 
-from dataclasses import dataclass, field
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
 from math import degrees, sqrt
 
 from vehicles.equipment import (
@@ -242,6 +244,13 @@ class Vehicle:
     def reference(self) -> str:
         """Its reference for :func:`vehicles.load`: the file, or the preset's name."""
         return self.file or self.name
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of all its numbers, in hexadecimal; names, title and sources are left out."""
+        words = ("name", "title", "basis", "sources", "file")
+        numbers = {key: value for key, value in asdict(self).items() if key not in words}
+        return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
 
     @property
     def total_mass(self) -> float:

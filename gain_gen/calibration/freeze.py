@@ -98,6 +98,7 @@ def design_tables(design: Design, quantised: Quantised) -> Tables:
         "provenance": {
             "canroll": version("canroll"),
             "vehicle": task.vehicle.title,
+            "vehicle_sha256": task.vehicle.fingerprint,
             "vehicle_basis": task.vehicle.basis,
             "roll_model": task.vehicle.source("design"),
             **_law_origin(design.law),

@@ -10,6 +10,7 @@ from rich.console import Console
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from hil.cli.bus_parsers import DELAY_PATH
+from hil.realtime.hardware.interfaces import is_loopback
 from hil.report import network_bus, recorded_bus
 from hil.report.bus_answer import Answer, Delay, as_json, check_simulation, is_late, show
 from hil.report.bus_margins import Margins, margins_json, show_margins
@@ -71,6 +72,8 @@ def run(args: argparse.Namespace) -> int:
         return _run_network(args)
     traffic = load_traffic(args.file, bitrate=args.bitrate, data_bitrate=args.data_bitrate)
     _check_path(args, traffic.messages)
+    if not (args.serve is None and args.share is None) and not is_loopback(args.host):
+        _say(f"note: anyone who can reach {args.host} can read and write this bus")
     if args.serve is not None:
         _serve(traffic, args)
         return 0

@@ -17,6 +17,7 @@ from canroll.errors import CanrollError
 from hil.cli.ecu import nanoseconds
 from hil.realtime import process
 from hil.realtime.bus_link import add_bus_arguments, open_link
+from hil.realtime.hardware.interfaces import is_loopback
 from hil.watch.observation import Observation
 from hil.watch.onlooker import Onlooker
 from hil.watch.page import live_page
@@ -110,7 +111,7 @@ def watch_in_browser(args: argparse.Namespace, seen: Observation, until: float) 
     out = sys.stderr if args.json else sys.stdout
 
     def announce(url: str) -> None:
-        if not server.is_loopback(host):
+        if not is_loopback(host):
             print(f"note: anyone who can reach {host} can watch too", file=out)
         print(f"watching at {url} (Ctrl-C to stop)", file=out, flush=True)
 

@@ -120,7 +120,7 @@ def plant_arguments(
     if not setup.bus_options:
         arguments += ["--serve", setup.serve or "127.0.0.1:0"]
     arguments += ["--command", settings.command, "--record", str(setup.folder / "plant.npz")]
-    vehicle = {"vehicle": controller.tables["design"]["vehicle"]}
+    vehicle = {"vehicle": settings.plant_vehicle or controller.tables["design"]["vehicle"]}
     asked = settings.choices() | vehicle
     world = {name: value for name, value in asked.items() if CHOICES[name].of == "world"}
     arguments += choices.arguments(world | {"duration": setup.duration})

@@ -97,17 +97,21 @@ def _write_parts(result: Result, paths: Mapping[str, Path]) -> None:
     write_log(paths["log"], seen.frames)
     calibration_file.save(paths["calibration"], result.record, result.tables)
     saved_run.save_traces(paths["trace"], result)
-    settings = result.settings
+    designed = result.tables["design"]
     header = gains_header(
         result.record,
-        title=(f"{result.tables['design']['law']} for {settings.vehicle.name}",),
+        title=(f"{designed['law']} for {Path(designed['vehicle']).stem}",),
         physical=physical_notes(result.record),
     )
     write_text(paths["header"], header)
     draw_picture(result, paths["picture"])
     write_text(paths["report"], run_page(result))
     hashes = {paths[name].name: saved_run.digest(paths[name]) for name in ("trace", "calibration")}
-    data = {**result.to_json(), saved_run.HASHES: hashes}
+    data = {
+        **result.to_json(),
+        saved_run.HASHES: hashes,
+        saved_run.VEHICLE: result.settings.vehicle.fingerprint,
+    }
     write_text(paths["result"], json.dumps(data, indent=2) + "\n")
 
 

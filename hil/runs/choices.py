@@ -124,6 +124,15 @@ class Choices(TypedDict, total=False):
             frozen_in_calibration=True,
         ),
     ]
+    plant_vehicle: Annotated[
+        str | None,
+        Choice(
+            option="--plant-vehicle",
+            help="vehicle that is driven, where it is not the one that the controller is designed "
+            "for; preset or TOML file",
+            of=RUN,
+        ),
+    ]
     law: Annotated[
         str | None,
         Choice(

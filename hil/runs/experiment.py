@@ -6,6 +6,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+import vehicles
 from canroll.errors import UnknownNameError
 from canroll.typing import Progress
 from codegen.run.backends import default_backend, open_backend
@@ -70,15 +71,20 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
     profile = profile_of(choices)
     conditions_of.options(faults, conditions)
     controller = prepare(choices)
-    warnings = check_frames(profile, controller.record)
+    vehicle, warnings = controller.vehicle, check_frames(profile, controller.record)
+    other = choices.get("plant_vehicle")
+    if other is not None:
+        vehicle = vehicles.load(other)
+        warnings = (
+            *warnings,
+            f"{controller.law} is designed for {controller.vehicle.name} and drives "
+            f"{vehicle.name}: its margins and checks are those of {controller.vehicle.name}",
+        )
     controller = replace(controller, warnings=(*controller.warnings, *warnings))
-    if speed_kmh is None:
-        speed = maneuvers.default_speed(scenario, controller.vehicle)
-    else:
-        speed = speed_kmh / 3.6
+    speed = maneuvers.default_speed(scenario, vehicle) if speed_kmh is None else speed_kmh / 3.6
     settings = Settings(
         scenario=scenario,
-        vehicle=controller.vehicle,
+        vehicle=vehicle,
         law=controller.law,
         actuator=controller.actuator,
         command=controller.command,
@@ -96,6 +102,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         conditions=tuple(sorted(conditions.items())),
         dbc=choices.get("dbc"),
         map=choices.get("map"),
+        plant_vehicle=choices.get("plant_vehicle"),
         stage=controller.stage,
         phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
     )

@@ -207,6 +207,8 @@ def _design(law: str, task: Task) -> Design:
 
 def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Controller:
     vehicle = vehicles.load(calibration.vehicle)
+    if choices.get("plant_vehicle") is None:
+        refuse_changed(vehicle, calibration.vehicle_fingerprint, str(calibration.path))
     command = COMMANDS[calibration.record.actuator]
     delay = sample_to_force(vehicle, command, profile_of(choices), tick=calibration.tick)
     warnings = [line for line in calibration.warnings if "expect a limit cycle" not in line]
@@ -222,6 +224,16 @@ def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Contr
         tables=calibration.tables,
         warnings=(*warnings, *([beyond] if beyond else [])),
     )
+
+
+def refuse_changed(vehicle: Vehicle, fingerprint: str, of: str) -> None:
+    """Raise CanrollError where a vehicle has other numbers than when ``of``, a file, was made."""
+    if vehicle.fingerprint != fingerprint:
+        raise CanrollError(
+            f"{of}: vehicle {vehicle.reference} has changed since: create the calibration again "
+            f"with 'canroll design', or drive the vehicle of today with --plant-vehicle "
+            f"{vehicle.reference}"
+        )
 
 
 RUN_TIME = 200e-6

@@ -50,6 +50,8 @@ class Settings:
     manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
     :func:`hil.runs.conditions.options` reads them; ``dbc`` and ``map``: the frames on the bus, None
     for those of the contract or the network's own; ``stage``: an own stage of the loop.
+    ``vehicle`` is driven; ``plant_vehicle`` is what it was loaded by where it is not the one that
+    the controller was designed for, else None.
     """
 
     scenario: str
@@ -72,6 +74,7 @@ class Settings:
     phase: float | None = None
     dbc: str | None = None
     map: str | None = None
+    plant_vehicle: str | None = None
     stage: OwnStage | None = None
 
     @property

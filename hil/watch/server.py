@@ -146,12 +146,6 @@ def is_ours(host: str, name: str) -> bool:
     return given in ("localhost", name.lower()) or _address(given) is not None
 
 
-def is_loopback(host: str) -> bool:
-    """Return whether only this machine can reach ``host``."""
-    address = _address(host)
-    return host.lower() == "localhost" if address is None else address.is_loopback
-
-
 def url(listening: tuple[str, int]) -> str:
     """Return the URL of the page served at an address."""
     host, port = listening

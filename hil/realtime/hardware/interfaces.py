@@ -3,6 +3,7 @@
 Read from the sources of python-can 4.6.1; docs/realtime.md has the same as a table.
 """
 
+import ipaddress
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +13,6 @@ from canroll.errors import CanrollError
 KERNEL = "CLOCK_REALTIME of this kernel"
 HOST = "this machine's, when the frame is read"
 ADAPTER = "the adapter's own"
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,11 +105,19 @@ def echoes(name: str) -> bool:
     return name in INTERFACES and INTERFACES[name].echoes
 
 
+def is_loopback(host: str) -> bool:
+    """Return whether only this machine can reach the address or name ``host``."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
+
+
 def clock_of(name: str, bus_kwargs: Mapping[str, Any]) -> tuple[str, bool]:
     """Return the clock of the time stamps, and whether it is comparable with this machine's."""
     if name not in INTERFACES:
         return "unknown", False
-    if name == "socketcand" and bus_kwargs.get("host") in LOOPBACK:
+    if name == "socketcand" and is_loopback(str(bus_kwargs.get("host", ""))):
         return "CLOCK_REALTIME of the server on this machine", True
     clock = INTERFACES[name].clock
     return clock, clock == KERNEL
