@@ -10,6 +10,7 @@ from rich.console import Console
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from hil.cli.bus_parsers import COMMANDS, SENSOR
+from hil.realtime.hardware.interfaces import is_loopback
 from hil.report import network_bus, recorded_bus
 from hil.report.bus_answer import Answer, Delay, as_json, check_simulation, is_late, show
 from hil.report.bus_margins import Margins, margins_json, show_margins
@@ -72,6 +73,8 @@ def run(args: argparse.Namespace) -> int:
     traffic = load_traffic(args.file, bitrate=args.bitrate, data_bitrate=args.data_bitrate)
     _check_path(args, traffic.messages)
     args.command = args.command or _command_among(traffic.messages)
+    if not (args.serve is None and args.share is None) and not is_loopback(args.host):
+        _say(f"note: anyone who can reach {args.host} can read and write this bus")
     if args.serve is not None:
         _serve(traffic, args)
         return 0
@@ -169,7 +172,7 @@ def _network_delay(
 
 
 def _run_log(args: argparse.Namespace) -> int:
-    """Infer what is on the bus of a log, and analyse it without and with more messages."""
+    """Infer the messages of a recorded bus, and analyse it without and with additional ones."""
     added = None if args.add is None else load_traffic(args.add).messages
     _check_path(args, own_messages(args.command or COMMANDS[0]) if added is None else added)
     rates = {"bitrate": args.bitrate, "data_bitrate": args.data_bitrate}
@@ -254,7 +257,7 @@ def _recorded_command(bus: InferredBus) -> str:
 
 
 def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
-    """Compute what was asked for beside the bounds."""
+    """Compute the requested margins."""
     bitrate, data_bitrate = traffic.bitrate, traffic.data_bitrate
     messages, rate = traffic.messages, args.errors_per_second
 
@@ -286,7 +289,7 @@ def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
 
 
 def _check_path(args: argparse.Namespace, messages: Sequence[BusMessage]) -> None:
-    """Reject names of sensor and command that are no messages, unless they are the defaults."""
+    """Reject sensor and command names that are not messages, unless they are the defaults."""
     known = [message.name for message in messages]
     for option, default in (("sensor", SENSOR), ("command", None)):
         name = getattr(args, option)
@@ -350,7 +353,7 @@ def _serve(traffic: Traffic, args: argparse.Namespace) -> None:
 
 
 def _share(traffic: Traffic, args: argparse.Namespace) -> None:
-    """Serve the set to programs in lock step until the last of them leaves."""
+    """Serve the set to programs in lock step until the last one disconnects."""
     spec = traffic_spec(
         traffic.messages,
         bitrate=traffic.bitrate,
@@ -376,7 +379,7 @@ def _share(traffic: Traffic, args: argparse.Namespace) -> None:
         if mirror is not None:
             mirror.close()
             if mirror.failed:
-                _say(f"{args.mirror} did not take {mirror.failed} frames")
+                _say(f"{args.mirror} did not accept {mirror.failed} frames")
 
 
 def _say(text: str) -> None:

@@ -65,7 +65,9 @@ def bus(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="simulated time in s, 0: no simulation (default: %(default)g)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of payloads and jitter (default: 0)")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="seed of payloads and jitter (default: 0)"
+    )
     parser.add_argument(
         "--worst-case-lengths",
         action="store_true",
@@ -290,7 +292,7 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_prepare_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option of programs whose kernels may have to be compiled first."""
+    """Add the option to compile the kernels only."""
     parser.add_argument(
         "--prepare",
         action="store_true",

@@ -25,13 +25,13 @@ FRAMES_PER_SECOND = 700
 
 
 def check_side_channel(args: argparse.Namespace) -> None:
-    """Raise CanrollError where there is a side channel without lock step."""
+    """Raise CanrollError for a side channel without lock step."""
     if args.side_channel is not None and args.pace != "lockstep":
         raise CanrollError("--side-channel requires --pace lockstep")
 
 
 def peer_timeout(args: argparse.Namespace) -> float | None:
-    """Return the silence after which the other side is gone, s; None: it is waited for.
+    """Return the silence after which the other side counts as lost, s; None: wait forever.
 
     Raises:
         CanrollError: it is negative, or there is a side channel without lock step.
@@ -43,7 +43,7 @@ def peer_timeout(args: argparse.Namespace) -> float | None:
 
 
 def nanoseconds(seconds: float | None, option: str) -> int | None:
-    """Return a time of the command line in ns, 0 and None as None.
+    """Return a time from the command line in ns; None for 0 and None.
 
     Raises:
         CanrollError: it is negative.
@@ -149,7 +149,7 @@ def phase_lock(args: argparse.Namespace, tick_us: int) -> PhaseLock | None:
     """Return the phase lock of the ticks; None for free-running ticks.
 
     Raises:
-        CanrollError: the tick can have no phase, or not this one.
+        CanrollError: no phase is possible with this tick, or not this one.
     """
     if args.phase_ms is not None and args.pace == "lockstep":
         raise CanrollError(
@@ -174,7 +174,7 @@ def grants_of(
     stop: process.Stop,
     firmware: BusFirmware,
 ) -> lockstep.Grants:
-    """Return the grants of the plant, on the bus or beside it."""
+    """Return the plant's grants, on the bus or on the side channel."""
     channel: lockstep.Channel
     if args.side_channel is None:
         channel = lockstep.InBand(link, sends=lockstep.ACKNOWLEDGEMENT, hears=lockstep.GRANT)

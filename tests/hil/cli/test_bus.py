@@ -409,6 +409,13 @@ def test_sensitivity_and_errors_are_told_in_words(tmp_path, capsys):
     assert "times as often (load" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.parametrize(("host", "notes"), [("127.0.0.1", 0), ("0.0.0.0", 1)])
+def test_a_bus_open_to_the_network_says_so(host, notes, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("hil.cli.bus.serve_network", lambda *_, **__: None)
+    assert main(["bus", traffic(tmp_path, period=10), "--serve", "0", "--host", host]) == 0
+    assert capsys.readouterr().out.count("anyone who can reach 0.0.0.0 can read and write") == notes
+
+
 def network(folder, text="gateway_ms = [2, 4]"):
     path = folder / "network.toml"
     path.write_text(f"schema = 1\nbitrate = 500000\nload = 0.3\n{text}\n")
