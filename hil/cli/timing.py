@@ -20,7 +20,7 @@ from hil.realtime import session
 from hil.realtime.budget import Budget, budget_of, judge_host, judge_target
 from hil.runs import experiment
 from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller, refuse_own
+from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 
@@ -127,7 +127,6 @@ def show_rows(rows: Mapping[str, object]) -> None:
 def recorded(args: argparse.Namespace) -> tuple[Settings, Controller, Traffic]:
     """Drive the manoeuvre in virtual time; return what was run and what the ECU received."""
     settings, controller = plan(args.scenario, **choices_of(args))
-    refuse_own(settings.profile, "timing")
     firmware = settings.firmware
     recorder = Recorder(open_backend(settings.backend, controller.record, firmware), firmware)
     closed_loop(
