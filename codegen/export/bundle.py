@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from codegen.c99.text import filled
 from codegen.export import a2l, codec_comparison, interrupts, misra
-from codegen.generated.bus_map import EXTENDED, BusMap, read
+from codegen.generated.bus_map import EXTENDED, BusMap
 from codegen.generated.frame_protection import Protection
 from codegen.generated.own_stage import OwnStage
 from codegen.run import memory_image, native
@@ -26,6 +26,7 @@ from codegen.run.bus_firmware import BusFirmware, of_bus, with_stage
 from codegen.run.cortex import OPTIMISATION
 from codegen.run.ecu_traffic import Traffic
 from codegen.subset.program import Program
+from dbc import read
 from firmware.calibration import Calibration
 
 TEMPLATES = Path(__file__).with_name("templates")

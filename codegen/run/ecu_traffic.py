@@ -135,13 +135,20 @@ def random_traffic(
 
 
 def disturbed(
-    traffic: Traffic, seed: int, *, quiet: float = 120.0, episode: float = 8.0
+    traffic: Traffic,
+    seed: int,
+    *,
+    quiet: float = 120.0,
+    episode: float = 8.0,
+    bus: BusMap | None = None,
 ) -> Traffic:
     """Recorded traffic with hostile episodes: frames lost or corrupted, ticks missed.
 
     ``quiet`` and ``episode`` are the mean lengths in ticks of undisturbed and disturbed stretches;
-    in between the loop recovers, so that all its modes occur.
+    in between the loop recovers, so that all its modes occur. ``bus`` has the frames, by default
+    those of the built-in bus.
     """
+    boxes = (bus or built_in().bus).received
     rng = np.random.default_rng(seed)
     hurt = _episodes(rng, traffic.ticks, quiet, episode)
     rows = []
@@ -151,13 +158,12 @@ def disturbed(
             if rng.random() < 0.2:
                 continue
             if rng.random() < 0.3:
-                box = built_in().bus.received[frame["message"]]
-                payload, length = _spoiled(rng, payload, box)
+                payload, length = _spoiled(rng, payload, boxes[frame["message"]])
         rows.append((frame["tick"], frame["message"], length, payload))
     elapsed = traffic.elapsed.copy()
     missed = hurt & (rng.random(traffic.ticks) < 0.05)
     elapsed[missed] = rng.integers(-1, 40, int(missed.sum()))
-    return Traffic(np.array(rows, EVENT), elapsed)
+    return Traffic(np.array(rows, traffic.frames.dtype), elapsed)
 
 
 def storm(traffic: Traffic, seed: int, *, calm: float = 15.0, silence: float = 25.0) -> Traffic:
