@@ -55,19 +55,21 @@ A2ML = """\
 
 @dataclass(frozen=True, slots=True)
 class Software:
-    """What the file describes: its EPK, the calibration in it, XCP where the bus has it.
+    """The described software: its EPK, its calibration, and XCP where the bus has it.
 
-    ``state`` is the class of the bus's state record.
+    ``state`` is the class of the firmware's state record, ``program`` the firmware as data, by
+    default that of the package.
     """
 
     epk: str
     record: Calibration
     xcp: Xcp | None = None
     state: type[Any] = Ecu
+    program: Program | None = None
 
 
 def addresses(elf: Path) -> dict[str, int]:
-    """Addresses of :data:`SYMBOLS` in a linked image, of those that it has."""
+    """Addresses of those :data:`SYMBOLS` that a linked image has."""
     with elf.open("rb") as file:
         table = ELFFile(file).get_section_by_name(".symtab")
         found = {}
@@ -79,7 +81,7 @@ def addresses(elf: Path) -> dict[str, int]:
 
 
 def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
-    """The file's text; ``base`` are addresses of :data:`SYMBOLS`, 0 where not known yet."""
+    """The file's text; ``base`` holds addresses of :data:`SYMBOLS`, 0 where not known yet."""
     lines = [
         "ASAP2_VERSION 1 71",
         '/begin PROJECT canroll "roll controller"',
@@ -98,18 +100,18 @@ def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
     for kind in sorted(set(TYPES.values())):
         lines += _block("RECORD_LAYOUT", f"{kind}_VALUES", [f"FNC_VALUES 1 {kind} ROW_DIR DIRECT"])
     lines += _block("RECORD_LAYOUT", "SLONG_AXIS", ["AXIS_PTS_X 1 SLONG INDEX_INCR DIRECT"])
-    lines += _methods()
+    lines += _methods(software.state)
     for name, record in (RECORDS | {"ecu": software.state}).items():
         offsets: Mapping[str, Any] = memory_image.dtype(record).fields or {}
         for field in fields(record):
             lines += _entry(name, field, int(offsets[field.name][1]))
-    lines += _groups(load())
+    lines += _groups(software.program or load())
     text = "\n".join([*lines, "  /end MODULE", "/end PROJECT", ""])
     return located(text, base or {})
 
 
 def located(text: str, base: Mapping[str, int]) -> str:
-    """The text of an A2L of ours with the addresses of ``base`` in it, by its symbol links."""
+    """An A2L text of ours with the addresses of ``base`` filled in by its symbol links."""
 
     def moved(match: re.Match[str]) -> str:
         symbol, offset = match["symbol"], int(match["offset"] or 0)
@@ -179,9 +181,9 @@ def _interface(xcp: Xcp) -> Iterator[str]:
     yield "    /end IF_DATA"
 
 
-def _methods() -> Iterator[str]:
+def _methods(state: type[Any]) -> Iterator[str]:
     seen = set()
-    for record, its in RECORDS.items():
+    for record, its in (RECORDS | {"ecu": state}).items():
         for field in fields(its):
             name = _method(record, field)
             if name in seen:
