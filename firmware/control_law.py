@@ -37,7 +37,7 @@ def lateral_input(ecu: Ecu, cal: Calibration) -> i32:
 def state_feedback(ecu: Ecu, cal: Calibration) -> i32:
     """Return u = -(feedback) x - (feedforward) x from the predicted estimate, Q14.
 
-    Without the lateral acceleration the feedforward has ramped to nothing.
+    Without a valid lateral acceleration the feedforward has ramped to zero.
     """
     fed_back: i64 = rsh(weighted(cal.feedback, ecu.ahead), cal.feedback_shift)
     fed_forward: i32 = shifted(weighted(cal.feedforward, ecu.ahead), cal.feedforward_shift)
@@ -55,7 +55,7 @@ def output_feedback(ecu: Ecu, cal: Calibration) -> i32:
 def driven(ecu: Ecu, cal: Calibration, row: Annotated[list[i32], 4]) -> i64:
     """Return a row of the compensator times its inputs: roll, roll rate, a_y, a_y by steering.
 
-    But for the roll angle, which nothing measures, they are as measured: a compensator filters.
+    Except the roll angle, which no sensor measures, they are unfiltered: the compensator filters.
     """
     acc: i64 = row[0] * ecu.x[ROLL] + row[1] * rate_input(ecu, cal)
     return acc + row[2] * lateral_input(ecu, cal) + row[3] * ecu.steering_acceleration
@@ -70,7 +70,7 @@ def carried(ecu: Ecu, cal: Calibration, row: Annotated[list[i32], N_ORDER]) -> i
 
 
 def advance_compensator(ecu: Ecu, cal: Calibration) -> None:
-    """Advance the compensator's state with its inputs and the outputs that were really given."""
+    """Advance the compensator's state with its inputs and the outputs after limiting."""
     for i in range(cal.compensator_order):
         acc: i64 = driven(ecu, cal, cal.compensator_b[i])
         acc += carried(ecu, cal, cal.compensator_a[i])

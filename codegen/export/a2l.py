@@ -55,7 +55,7 @@ A2ML = """\
 
 @dataclass(frozen=True, slots=True)
 class Software:
-    """What the file describes: its EPK, the calibration in it, XCP where the bus has it.
+    """The described software: its EPK, its calibration, and XCP where the bus has it.
 
     ``state`` is the class of the firmware's state record, ``program`` the firmware as data, by
     default that of the package.
@@ -69,7 +69,7 @@ class Software:
 
 
 def addresses(elf: Path) -> dict[str, int]:
-    """Addresses of :data:`SYMBOLS` in a linked image, of those that it has."""
+    """Addresses of those :data:`SYMBOLS` that a linked image has."""
     with elf.open("rb") as file:
         table = ELFFile(file).get_section_by_name(".symtab")
         found = {}
@@ -81,7 +81,7 @@ def addresses(elf: Path) -> dict[str, int]:
 
 
 def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
-    """The file's text; ``base`` are addresses of :data:`SYMBOLS`, 0 where not known yet."""
+    """The file's text; ``base`` holds addresses of :data:`SYMBOLS`, 0 where not known yet."""
     lines = [
         "ASAP2_VERSION 1 71",
         '/begin PROJECT canroll "roll controller"',
@@ -111,7 +111,7 @@ def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
 
 
 def located(text: str, base: Mapping[str, int]) -> str:
-    """The text of an A2L of ours with the addresses of ``base`` in it, by its symbol links."""
+    """An A2L text of ours with the addresses of ``base`` filled in by its symbol links."""
 
     def moved(match: re.Match[str]) -> str:
         symbol, offset = match["symbol"], int(match["offset"] or 0)

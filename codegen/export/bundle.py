@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from codegen.c99.text import filled
 from codegen.export import a2l, codec_comparison, coverage_cases, interrupts, misra
-from codegen.generated.bus_map import EXTENDED, BusMap, read
+from codegen.generated.bus_map import EXTENDED, BusMap
 from codegen.generated.frame_protection import Protection
 from codegen.generated.own_stage import OwnStage
 from codegen.run import memory_image, native
@@ -26,6 +26,7 @@ from codegen.run.bus_firmware import BusFirmware, of_bus, with_stage
 from codegen.run.cortex import OPTIMISATION
 from codegen.run.ecu_traffic import Traffic
 from codegen.subset.program import Program
+from dbc import read
 from firmware.calibration import Calibration
 
 TEMPLATES = Path(__file__).with_name("templates")
@@ -66,16 +67,16 @@ const char canroll_epk[sizeof(CANROLL_EPK)] = CANROLL_EPK;
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Export:
-    """What is exported.
+    """Contents of a bundle.
 
     Attributes:
         record: the calibration.
         gains: text of canroll_gains.h.
-        title: what the design is, in a line or two, for the README.
-        dbc: the frames.
-        map_file: which signal is which field.
-        traffic: what the test vectors replay.
-        origin: where the vectors come from, a sentence for the README.
+        title: description of the design in a line or two, for the README.
+        dbc: the network description.
+        map_file: mapping of signals to fields.
+        traffic: frames that the test vectors replay.
+        origin: source of the vectors, a sentence for the README.
         stage: the engineer's own stage in the loop, or None.
     """
 
@@ -95,7 +96,7 @@ def sources(dbc: Path, map_file: Path) -> dict[str, str]:
 
 
 def write(folder: Path, export: Export) -> list[Path]:
-    """Write the bundle to ``folder``, made where it is missing; return the files written."""
+    """Write the bundle to ``folder``, created if missing; return the files written."""
     firmware = with_stage(of_bus(export.dbc, export.map_file), export.stage)
     program = firmware.program()
     files, bus = firmware.files, firmware.bus
@@ -206,7 +207,7 @@ def _array(head: str, items: list[str]) -> Iterator[str]:
 
 
 def _named(files: Mapping[str, str]) -> str:
-    """Eight digits that name the sources."""
+    """Eight hexadecimal digits that identify the sources."""
     text = "".join(f"{name}\n{text}" for name, text in sorted(files.items()))
     return f"{zlib.crc32(text.encode()):08x}"
 
@@ -220,7 +221,7 @@ def _digest(data: bytes) -> int:
 
 
 def _codec(dbc: Path) -> dict[str, str]:
-    """The frames as cantools' own C codec."""
+    """The C codec that cantools generates for the frames."""
     database, _ = read(dbc)
     name = "canroll_codec"
     header, source, _, _ = c_source.generate(
@@ -288,7 +289,7 @@ def _frames(bus: BusMap) -> Iterator[str]:
 
 
 def described(its: Protection | None) -> str:
-    """A frame's protection in a few words: what, where, over how many bytes."""
+    """A short description of a frame's protection: kind, position, bytes covered."""
     if its is None:
         return "none"
     parts = ["own" if its.profile == "own" else f"E2E profile {its.profile}"]

@@ -45,7 +45,7 @@ class BusFirmware:
         bus: the mailboxes and the frames in them.
         modules: sources of the modules that differ from those checked in, by file name.
         stage: the engineer's own stage in it, or None.
-        slots: mailboxes that take a frame, by its identifier.
+        slots: mailboxes that receive a frame, by its identifier.
         sent: identifier and length on the wire of the frame in each mailbox that sends.
     """
 
@@ -77,7 +77,7 @@ class BusFirmware:
 
     @cached_property
     def loop(self) -> ModuleType:
-        """The module with ``init``, ``receive`` and ``tick``, to be run by CPython."""
+        """The module with ``init``, ``receive`` and ``tick``, for CPython."""
         if not self.modules:
             return firmware.ecu
         text = "".join(self.modules[name] for name in sorted(self.modules))
@@ -98,13 +98,13 @@ class BusFirmware:
 
     @property
     def fd(self) -> dict[int, bool]:
-        """Whether the bit rate is switched, of each identifier whose frame is a CAN FD one."""
+        """For each identifier of a CAN FD frame, whether the bit rate is switched."""
         boxes = (*self.bus.received, *self.bus.transmitted)
         return {box.ident: box.bit_rate_switch for box in boxes if box.fd}
 
     @property
     def room(self) -> int:
-        """Bytes of the longest frame that it has room for."""
+        """Bytes of its largest mailbox."""
         return max(signals.room(self.bus.received), signals.room(self.bus.transmitted))
 
     def module(self, name: str) -> Any:  # noqa: ANN401
@@ -138,7 +138,7 @@ def of_bus(dbc: Path, map_file: Path) -> BusFirmware:
     """Return the firmware for the frames of ``dbc`` that ``map_file`` maps.
 
     Raises:
-        CanrollError: file and key of whatever does not fit together.
+        CanrollError: an inconsistency between DBC and map; the message names file and key.
     """
     if (dbc, map_file) == (signals.DBC, signals.MAP):
         return built_in()

@@ -1,6 +1,6 @@
 """Memory footprint of the firmware, from the symbols of a linked image.
 
-Also the proof that it needs neither heap nor floating point: no symbol of either is linked.
+It also proves that neither heap nor floating point is needed: no symbol of either is linked.
 """
 
 import re
@@ -21,10 +21,10 @@ BOARD = ("board_", "replay_", "main", "open_file", "transfer", "ecu", "calibrati
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """Bytes of code, constant tables and records; names of linked symbols that must not be there.
+    """Bytes of code, constant tables and records; names of forbidden symbols that are linked.
 
     ``text`` holds the firmware's functions and the compiler's helpers they call, without the
-    start-up; ``static`` is memory that the firmware would keep for itself.
+    start-up; ``static`` is memory beyond the caller's records (expected 0).
     """
 
     text: int

@@ -1,7 +1,7 @@
-"""Source files of the integer subset read into a :class:`codegen.subset.program.Program`.
+"""Parser of the integer subset's source files into a :class:`codegen.subset.program.Program`.
 
 :func:`load` follows the imports from an entry module and orders the modules so that each comes
-after those it uses. What stands outside the subset is a SubsetError that names file, line and
+after those it uses. Anything outside the subset raises a SubsetError that names file, line and
 rule; the rules for function bodies are in :mod:`codegen.subset.rules`.
 """
 
@@ -35,7 +35,7 @@ from codegen.subset.program import (
 def load(
     entry: str = "ecu", folder: Path = FIRMWARE, shown: Mapping[str, Path] | None = None
 ) -> Program:
-    """Parse ``entry`` and all it imports from ``folder``; raise SubsetError where it can't be.
+    """Parse ``entry`` and all it imports from ``folder``; raise SubsetError if it is not subset.
 
     ``shown`` are paths that messages name instead of those in ``folder``, by module.
     """
@@ -79,7 +79,7 @@ def _load(
 
 
 def _comments(source: str) -> dict[int, tuple[bool, str]]:
-    """Comments by line; True where the comment has the line to itself."""
+    """Comments by line; True where the comment stands alone on its line."""
     found = {}
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:

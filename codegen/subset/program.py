@@ -48,7 +48,7 @@ class SubsetError(CanrollError):
 
 @dataclass(frozen=True, slots=True)
 class Type:
-    """What a parameter, a local, a field or a result is; ``shape`` () for a scalar.
+    """Type of a parameter, a local, a field or a result; ``shape`` is () for a scalar.
 
     ``kind`` is i32, i64, u8, u16 or u32, or "record" with ``record`` its class.
     """
@@ -60,7 +60,7 @@ class Type:
 
 @dataclass(frozen=True, slots=True)
 class RecordField:
-    """One field of a record: its type and what its ``F`` says."""
+    """One field of a record: its type and the contents of its ``F``."""
 
     name: str
     type: Type
@@ -85,7 +85,7 @@ class Record:
 
     @property
     def size(self) -> int:
-        """Bytes, up to the last one that holds something."""
+        """Size in bytes up to the end of the last field."""
         end = 0
         for its in self.fields.values():
             width = 4 if its.type.kind == "i32" else 1

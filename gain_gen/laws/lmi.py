@@ -1,8 +1,9 @@
-"""The linear matrix inequalities as parametrised programs: built once, solved at many points.
+"""Linear matrix inequalities as parametrised programs, built once and solved at many points.
 
-Everything here is in the units of :class:`gain_gen.models.roll.NormalisedPlant`: in N·m the solvers
-report optima that are none. Each program is disciplined in its parameters, so a scan does not
-compile it again. These modules alone import cvxpy, which takes half a second.
+Everything here is in the units of :class:`gain_gen.models.roll.NormalisedPlant`, or of the loop for
+:func:`certify_level`: in N·m the solvers report wrong optima. Each program is disciplined in its
+parameters, so a scan does not compile it again. These modules alone import cvxpy, which takes half
+a second.
 """
 
 import time
@@ -13,11 +14,14 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 
+from gain_gen.analysis.level_certificate import SwitchedLoop
 from gain_gen.models.roll import Matrix, NormalisedPlant
 
 SOLVER = "CLARABEL"
 STRICT = 1e-6
 """Margin by which every inequality must be inside the cone."""
+LEVEL_STRICT = 1e-5
+"""The same for the level certificate."""
 
 E11 = np.array([[1.0, 0.0], [0.0, 0.0]])
 E12 = np.array([[0.0, 1.0], [1.0, 0.0]])
@@ -26,14 +30,14 @@ E22 = np.array([[0.0, 0.0], [0.0, 1.0]])
 
 @dataclass(slots=True)
 class Clock:
-    """Time spent in solvers, s, and how often they were called."""
+    """Time spent in solvers, s, and number of calls."""
 
     seconds: float = 0.0
     solves: int = 0
 
 
 def solved(problem: cp.Problem, clock: Clock) -> bool:
-    """Solve; answer whether an optimum was found. Doubtful ones are verified by the caller."""
+    """Solve; return whether an optimum was found. Inaccurate ones are verified by the caller."""
     started = time.perf_counter()
     try:
         with warnings.catch_warnings():
@@ -61,13 +65,13 @@ def scalar(value: Any) -> Any:  # noqa: ANN401
 
 @dataclass(frozen=True, slots=True)
 class StaticPoint:
-    """What a static output feedback program returns, normalised.
+    """Solution of a static output feedback program, normalised.
 
     Attributes:
         gamma_squared: certified level.
         gain: K on the normalised roll rate.
         x: (2, 2).
-        y: scalar of the delay theorem, zero where it has none.
+        y: scalar of the delay theorem, zero without one.
         q: (2, 2), likewise.
     """
 
@@ -91,7 +95,7 @@ class StaticVariables:
         self.w = (self.rho * self.n) * np.array([[-1.0, 0.0]]) + self.n * np.array([[0.0, 1.0]])
 
     def point(self, y: float, q: Matrix) -> StaticPoint:
-        """Return the values; X is rebuilt from its entries so that its structure is exact."""
+        """Return the solution; X is rebuilt from its entries so that its structure is exact."""
         rho, x11, x22 = float(self.rho.value), float(self.x11.value), float(self.x22.value)
         x = x11 * E11 - rho * x22 * E12 + x22 * E22
         return StaticPoint(float(self.level.value), float(self.n.value) / x22, x, y, q)
@@ -154,7 +158,7 @@ class DelayProgram:
 class BoundedProgram:
     """The delay-free inequality of Redondo 2021, (52), with a bound on the closed loop's speed.
 
-    Without it inf γ is reached only as the gain goes to infinity. Poles stay right of −α:
+    Without it, inf γ is approached only as the gain goes to infinity. Poles stay right of −α:
     He(A X + B W) + 2 α X > 0.
     """
 
@@ -222,3 +226,47 @@ def discrete_h_infinity(
     if not solved(problem, clock):
         return None
     return DiscretePoint(float(chi.value), np.asarray(p.value), np.asarray(y.value))
+
+
+@dataclass(frozen=True, slots=True)
+class LevelPoint:
+    """Solution of the level program: γ² in the loop's unit, P (n, n) and the error's weight λ."""
+
+    level_squared: float
+    p: Matrix
+    weight: float
+
+
+def certify_level(loop: SwitchedLoop, epsilon: float, clock: Clock) -> LevelPoint | None:
+    """Return the least level that one P certifies for all delays of ``loop``, or None.
+
+    The certificate of :mod:`gain_gen.analysis.level_certificate` as a semidefinite program.
+
+    Args:
+        loop: loop at a few delays; each is a block.
+        epsilon: relative threshold of the event trigger, or zero.
+        clock: accumulates the time in solvers.
+    """
+    n = len(loop.a[0])
+    p = cp.Variable((n, n), symmetric=True)
+    level = cp.Variable(nonneg=True)
+    weight = cp.Variable(nonneg=True)
+    constraints = [p >> LEVEL_STRICT * np.eye(n)]
+    inputs = 2 if epsilon else 1
+    pick = np.eye(n + inputs)
+    state, disturbance = pick[:, :n], pick[:, n : n + 1]
+    for a, b in zip(loop.a, loop.b, strict=True):
+        joint = np.hstack([a, b[:, :inputs]])
+        matrix = joint.T @ p @ joint - state @ p @ state.T
+        matrix = matrix + state @ (loop.z.T @ loop.z) @ state.T
+        matrix = matrix - level * (disturbance @ disturbance.T)
+        if epsilon:
+            sent = np.hstack([loop.v, [[0.0, 1.0]]])
+            error = pick[:, n + 1 :]
+            matrix = matrix + weight * (epsilon**2 * sent.T @ sent - error @ error.T)
+        constraints.append(0.5 * (matrix + matrix.T) << -LEVEL_STRICT * np.eye(n + inputs))
+    if not solved(cp.Problem(cp.Minimize(level), constraints), clock):
+        return None
+    return LevelPoint(
+        float(level.value), np.asarray(p.value), float(weight.value) if epsilon else 0.0
+    )

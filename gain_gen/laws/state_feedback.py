@@ -44,7 +44,7 @@ def sensor_noise(vehicle: Vehicle) -> SensorNoise:
 
 
 def observer_of(task: Task) -> Observer:
-    """Return the constant-gain observer that the task asks for."""
+    """Return the constant-gain observer named by the task."""
     lateral = STEERED if task.observer == "steering" else task.lateral
     model = observer_model(task.vehicle.design, task.tick, lateral=lateral, noise=task.noise)
     measurements = (0,) if task.observer == "one_sensor" else (0, 1)
@@ -53,9 +53,9 @@ def observer_of(task: Task) -> Observer:
 
 
 def actuator_rate(task: Task) -> float:
-    """Return the share of the way to its command that the actuator goes in a tick.
+    """Return the fraction of a step command that the actuator covers in a tick.
 
-    What dampers and valves are commanded is no moment: theirs is taken as it is delivered.
+    Commands to dampers and valves are not moments: their moment is taken as delivered.
     """
     if task.actuator in ("dampers", "valves"):
         return 0.0
@@ -63,12 +63,12 @@ def actuator_rate(task: Task) -> float:
 
 
 def feedforward_row(task: Task, gain: float) -> Matrix:
-    """Return u = −gain a_y as row on the observer's state, zero where it is switched off."""
+    """Return u = −gain a_y as a row on the observer's state, zero if the feedforward is off."""
     return np.array([0.0, 0.0, gain if task.feedforward else 0.0, 0.0, 0.0])
 
 
 def state_feedback(task: Task, gain: Matrix) -> Controller:
-    """Return u = −K [φ, φ'] − K_FF a_y on the observed state, with no regard to the delay."""
+    """Return u = −K [φ, φ'] − K_FF a_y on the observed state, ignoring the delay."""
     return Controller(
         tick=task.tick,
         observer=observer_of(task),
@@ -79,7 +79,7 @@ def state_feedback(task: Task, gain: Matrix) -> Controller:
 
 
 def printed_note(law: str) -> str:
-    """Return the remark that printed gains of the 2020 paper come with."""
+    """Return the note on printed gains of the 2020 paper."""
     return (
         f"{law}: gains as printed for the small SUV; they do not follow from the printed tables "
         f"(use --gains computed)"
@@ -107,14 +107,14 @@ def design_smc(task: Task) -> Solution:
 
 
 def design_ay_feedforward(task: Task) -> Solution:
-    """u = −β m h â_y, predicted over the delay as the observer's model has it: no feedback."""
+    """u = −β m h â_y, predicted over the delay by the observer's model: no feedback."""
     return _share_of_lateral(task, predict_steps=min(32, round(task.delay.nominal / task.tick)))
 
 
 def design_plain_feedforward(task: Task) -> Solution:
-    """u = −β m h â_y on the observer's filtered lateral acceleration, as old as it is.
+    """u = −β m h â_y on the observer's filtered lateral acceleration, without prediction.
 
-    What a controller without a model does: the baseline of every comparison.
+    A controller without a model: the baseline of every comparison.
     """
     return _share_of_lateral(task, predict_steps=0)
 

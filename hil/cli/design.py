@@ -1,4 +1,4 @@
-"""``canroll design``: a law for a vehicle, verified and frozen into calibration.toml and C."""
+"""``canroll design``: a law for a vehicle, verified and written as calibration.toml and C."""
 
 import argparse
 import json
@@ -17,6 +17,7 @@ from hil.cli import terminal
 from hil.cli.options import choices_of
 from hil.cli.parsers import DEFAULT_DELAY_MS, DEFAULT_SCENARIO, OF_A_DRIVE
 from hil.runs.choices import CHOICES, chosen
+from hil.runs.choices import check as check_choices
 from hil.runs.frozen import options_of, stage_of, task_of
 from hil.studies import equal_effort, variation
 
@@ -34,17 +35,24 @@ def design_task(args: argparse.Namespace) -> Task:
     """Return the design task that the options describe.
 
     Raises:
-        CanrollError: an unknown vehicle, or delays that cannot be.
+        CanrollError: an unknown vehicle, or invalid delays.
     """
-    task = task_of(choices_of(args), delay_of(args))
+    choices = choices_of(args)
+    check_choices(choices)
+    task = task_of(choices, delay_of(args))
     return replace(task, matrices=args.matrices, gamma_target=args.gamma)
 
 
 def delay_of(args: argparse.Namespace) -> Delay | None:
-    """Return the delay that is given in ms; None: that of the bus that is named."""
-    if args.bus is not None:
+    """Return the delay given in ms; None for that of the named bus.
+
+    Frames of a bus's own without a bus are on the default one.
+    """
+    for option in ("bus", "dbc"):
+        if getattr(args, option) is None:
+            continue
         if args.delay is not None or args.delay_min is not None:
-            raise CanrollError("--bus excludes --delay and --delay-min")
+            raise CanrollError(f"--{option} excludes --delay and --delay-min")
         return None
     most = 1e-3 * (DEFAULT_DELAY_MS if args.delay is None else args.delay)
     least = most if args.delay_min is None else 1e-3 * args.delay_min
@@ -121,7 +129,7 @@ def _words(name: str) -> str:
 
 
 def _with_unit(name: str, value: float) -> str:
-    """Return the value with the unit that its name ends in; infinite is "any"."""
+    """Return the value with the unit at the end of its name; "any" if infinite."""
     if value == inf:
         return "any"
     return f"{value:.4g} {UNITS.get(name.rpartition('_')[2], '')}".rstrip()
@@ -156,7 +164,7 @@ def compare(args: argparse.Namespace) -> int:
         f"{task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, delay "
         f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms from sample to force"
     )
-    columns = ("roll rms", "box", "gamma", "admits ms", "gain dB", "Ms")
+    columns = ("roll rms", "box", "gamma", "delay ms", "gain dB", "Ms")
     widths = (9, 7, 8, 10, 9, 7)
     print(f"{'law':<16}" + "".join(f"{c:>{w}}" for c, w in zip(columns, widths, strict=True)))
     for law, answer in answers.items():
@@ -181,10 +189,10 @@ def _line(answer: Design) -> str:
         return f"{check.value:.{digits}f}" if isfinite(check.value) else "any"
 
     gamma = "" if answer.solution.gamma is None else f"{answer.solution.gamma:.3f}"
-    admits = f"{1e3 * answer.max_delay:.0f}" if isfinite(answer.max_delay) else "any"
+    delay = f"{1e3 * answer.max_delay:.0f}" if isfinite(answer.max_delay) else "any"
     return (
         f"{answer.law:<16}{number('roll_rms_ratio_nominal_delay', 3):>9}"
-        f"{number('box_roll_rms_ratio', 3):>7}{gamma:>8}{admits:>10}"
+        f"{number('box_roll_rms_ratio', 3):>7}{gamma:>8}{delay:>10}"
         f"{worst('gain_margin_db', 1):>9}{worst('peak_sensitivity', 2):>7}"
     )
 

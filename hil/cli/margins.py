@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Analyse and report; 0 where the loop has its margins on the whole family, else 1."""
+    """Analyse and report; 0 if the loop has its margins on the whole family, else 1."""
     calibration = calibration_file.load(args.calibration)
     report = margin_report(calibration)
     if args.out is not None:
@@ -38,7 +38,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def without(stage: str) -> str:
-    """What margins leave open where a calibration carries an own stage."""
+    """Note on what the margins do not cover if a calibration has an own stage."""
     return (
         f"the margins are those of the law without the stage {stage}: a stage that multiplies its "
         "moment has them while the factor stays within the gains that are stable below; judge "
@@ -99,7 +99,7 @@ def _peak(found: Margins) -> str:
 
 
 def draw(report: MarginReport, path: Path) -> None:
-    """Write the picture: Nyquist curves by delay, roll over delay, roll over gain.
+    """Write the figure: Nyquist curves by delay, roll over delay, roll over gain.
 
     Raises:
         CanrollError: the file cannot be written.
@@ -128,7 +128,7 @@ def draw(report: MarginReport, path: Path) -> None:
 
 
 def _curve(axes: "Axes", at: list[float], points: Sequence[Point]) -> None:
-    """Draw the peak response over one parameter; a red line where the loop is unstable."""
+    """Draw the peak response over one parameter, with a red line where the loop is unstable."""
     stable = [(x, point.peak) for x, point in zip(at, points, strict=True) if point.stable]
     axes.plot([x for x, _ in stable], [peak for _, peak in stable], "o-", label="controlled")
     axes.axhline(1.0, color="grey", linestyle="--", label="without control")

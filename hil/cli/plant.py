@@ -9,17 +9,18 @@ from hil.cli.options import choices_of
 from hil.realtime import lockstep, own_bus, plant_loop, plant_record, process, side_channel, warm
 from hil.realtime.bus_link import Link, has_bus, open_link
 from hil.realtime.hardware import bus_record
+from hil.realtime.hardware.interfaces import is_loopback
 from hil.realtime.plant_loop import Outcome
 from hil.report.run_folder import check_parent
 from hil.runs import conditions, logs, phase, signal_files
 from hil.runs.choices import chosen
-from hil.runs.frozen import firmware_of, profile_of, refuse_wide_identifiers
+from hil.runs.frozen import firmware_of, profile_of
 from plant_sim.driving import maneuvers
 from plant_sim.world.world import World
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate until the manoeuvre is over, the ECU is lost or a signal comes."""
+    """Simulate until the manoeuvre is over, the ECU is lost or a signal arrives."""
     for path, check in ((args.log, logs.check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
             check_parent(check(path))
@@ -106,13 +107,19 @@ def _drive_granting(
     args: argparse.Namespace, world: World, link: Link, stop: process.Stop
 ) -> Outcome | None:
     """Drive in lock step with the ECU that answers; None if stopped before."""
+    firmware = firmware_of(profile_of(choices_of(args)))
+    idents = plant_loop.sent_by(firmware)
     channel: lockstep.Channel
     if args.side_channel is None:
-        channel = lockstep.InBand(link, sends=lockstep.GRANT, hears=lockstep.ACKNOWLEDGEMENT)
+        channel = lockstep.InBand(
+            link,
+            sends=lockstep.GRANT,
+            hears=lockstep.ACKNOWLEDGEMENT,
+            idents=idents.union(firmware.slots),
+        )
     else:
         channel = side_channel.listen(args.side_channel, link)
         print(f"grants at {channel.address}", flush=True)
-    idents = plant_loop.sent_by(firmware_of(profile_of(choices_of(args))))
     ecu = lockstep.GrantedEcu(
         link, channel, idents=idents, stop=stop, peer_timeout=peer_timeout(args)
     )
@@ -141,7 +148,7 @@ def world_of(args: argparse.Namespace) -> World:
     """Return the world that the options describe, at time 0.
 
     Raises:
-        CanrollError: a name or number that cannot be.
+        CanrollError: an invalid name or number.
     """
     choices = choices_of(args)
     vehicle = vehicles.load(chosen(choices, "vehicle"))
@@ -153,7 +160,6 @@ def world_of(args: argparse.Namespace) -> World:
         choices.get("faults", ()), choices.get("conditions", {})
     )
     profile = profile_of(choices)
-    refuse_wide_identifiers(profile)
     return World(
         vehicle=vehicle,
         body=chosen(choices, "plant"),
@@ -178,5 +184,7 @@ def _link(args: argparse.Namespace) -> Link:
             "-i socketcan -c vcan0 --fd"
         )
     server = own_bus.serve(args.serve)
+    if not is_loopback(args.serve.rpartition(":")[0]):
+        print(f"note: anyone who can reach {args.serve} can drive this plant", flush=True)
     print(f"serving {server.options}", flush=True)
     return server

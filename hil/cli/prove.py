@@ -1,4 +1,4 @@
-"""``canroll prove``: no overflow, index out of range or division by zero for any frames."""
+"""``canroll prove``: absence of overflow, index errors and division by zero for any frames."""
 
 import argparse
 import json

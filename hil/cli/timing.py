@@ -20,13 +20,13 @@ from hil.realtime import session
 from hil.realtime.budget import Budget, budget_of, judge_host, judge_target
 from hil.runs import experiment
 from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller, refuse_own
+from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 
 
 def run(args: argparse.Namespace) -> int:
-    """Replay a manoeuvre on the target; return 1 where the budget is exceeded."""
+    """Replay a manoeuvre on the target; return 1 if the budget is exceeded."""
     if args.hil:
         return run_on_host(args)
     if args.bound:
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def run_bound(args: argparse.Namespace) -> int:
-    """Print the worst case of a tick beside the most seen; 1 where the budget is exceeded."""
+    """Print the worst case of a tick and the maximum observed; 1 if the budget is exceeded."""
     if importlib.util.find_spec("capstone") is None:
         raise MissingExtraError("reading machine code", "target")
     from codegen.worst_case import cycles, firmware_bound  # noqa: PLC0415 - need the extra
@@ -100,19 +100,19 @@ def run_bound(args: argparse.Namespace) -> int:
     show_rows(
         {
             "processor": f"{timing.cpu}, {memory}",
-            "cycles a tick, bound": bound.tick.cycles,
-            f"cycles a tick, most of {seen.ticks} ticks": seen.cycles,
-            "bound over the most seen": f"{bound.tick.cycles / seen.cycles:.2f}",
-            "of these ticks after missed ones": seen.late,
+            "cycles per tick, bound": bound.tick.cycles,
+            f"cycles per tick, maximum of {seen.ticks}": seen.cycles,
+            "bound over maximum seen": f"{bound.tick.cycles / seen.cycles:.2f}",
+            "of these after missed ticks": seen.late,
             "share of a tick": "give --clock" if share is None else f"{100 * share:.1f} %",
             "budget, cycles": limits.cycles or "none",
             "stack, bytes, bound": bound.tick.stack,
-            "stack, bytes, most seen": seen.stack,
-            "cycles a received frame, bound": bound.receive.cycles,
+            "stack, bytes, maximum seen": seen.stack,
+            "cycles per received frame, bound": bound.receive.cycles,
             "verdict": answer["verdict"],
         }
     )
-    print("\nlongest way by function, cycles")
+    print("\nlongest path by function, cycles")
     show_rows(dict(list(bound.tick.shares.items())[:8]))
     return 0 if good else 1
 
@@ -127,7 +127,6 @@ def show_rows(rows: Mapping[str, object]) -> None:
 def recorded(args: argparse.Namespace) -> tuple[Settings, Controller, Traffic]:
     """Drive the manoeuvre in virtual time; return what was run and what the ECU received."""
     settings, controller = plan(args.scenario, **choices_of(args))
-    refuse_own(settings.profile, "timing")
     firmware = settings.firmware
     recorder = Recorder(open_backend(settings.backend, controller.record, firmware), firmware)
     closed_loop(
@@ -141,7 +140,7 @@ def recorded(args: argparse.Namespace) -> tuple[Settings, Controller, Traffic]:
 
 
 def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
-    """Print the budget table; return 1 where a budget is exceeded."""
+    """Print the budget table; return 1 if a budget is exceeded."""
     counts = run.instructions
     least, mean, most = int(counts.min()), round(float(counts.mean())), int(counts.max())
     affordable = all(verdict.ok for verdict in judge_target(limits, most))
@@ -171,9 +170,9 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
         "processor": run.cpu,
         "counter": f"{run.counter}, instructions (not cycles)",
         "ticks": len(counts),
-        "instructions a tick, min": least,
-        "instructions a tick, mean": mean,
-        "instructions a tick, max": most,
+        "instructions per tick, min": least,
+        "instructions per tick, mean": mean,
+        "instructions per tick, max": most,
         "budget, instructions": "none" if limits.instructions is None else limits.instructions,
         "stack, bytes": run.stack,
         "code, bytes": size.text,
@@ -189,9 +188,9 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
 
 
 def run_on_host(args: argparse.Namespace) -> int:
-    """Drive the manoeuvre in real time and print the verdicts; 1 where one fails or none holds.
+    """Drive the manoeuvre in real time and print the verdicts; 1 if one fails or none holds.
 
-    On a single core nothing is judged: two programs that share it say nothing about the ECU.
+    On a single core nothing is judged: two programs sharing it do not represent the ECU.
 
     Args:
         args: calibration or law, scenario, duration and json of ``canroll timing``.

@@ -25,7 +25,7 @@ _MS = 1e-6
 class Delay:
     """Bounds of the total delay, and the simulated extreme ages, ns.
 
-    Without bounds ``reason`` says why, and ``failed`` that the set has none, not the analysis.
+    Without bounds ``reason`` gives the cause; ``failed``: the set has none, not only this analysis.
     """
 
     bounds: DelayBounds | None
@@ -37,7 +37,7 @@ class Delay:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """All that is printed of the set in file ``name``, simulated for ``duration`` s.
+    """Printed results of the set in file ``name``, simulated for ``duration`` s.
 
     ``sensor``, ``command``: the messages of the delay, at a tick of ``tick_ms``; ``log``: the file
     of the recording beside the set.
@@ -57,7 +57,7 @@ class Answer:
 
 
 def is_late(bound: ResponseBound) -> bool:
-    """Return whether a deadline that the set names is missed; the period alone is no verdict."""
+    """Return whether a deadline of the set is missed; exceeding the period alone does not count."""
     limit = bound.message.deadline_ns
     return bool(limit) and bound.bound_ns is not None and bound.bound_ns > limit
 
@@ -100,7 +100,7 @@ def milliseconds(value: float | None) -> float | None:
 
 
 def _extremes(simulation: Simulation | None, name: str) -> tuple[float, float, float]:
-    """Least, mean and greatest simulated response, ns; not a number where there is none."""
+    """Least, mean and greatest simulated response, ns; NaN if there is none."""
     if simulation is None:
         return math.nan, math.nan, math.nan
     return extremes(simulation.responses[name].responses)

@@ -37,7 +37,7 @@ def quantile_table(campaign: Campaign) -> Table:
 
 
 def hardest_table(campaign: Campaign) -> Table:
-    """Return the draws in which control does least, those that fail first."""
+    """Return the draws with the least reduction, failures first."""
     rows = [_row(outcome) for outcome in campaign.hardest[:HARDEST]]
     head = (
         "draw",
@@ -124,7 +124,7 @@ def _distributions(campaign: Campaign) -> list[Figure]:
 
 
 def _dependence(campaign: Campaign) -> list[Figure]:
-    """Reduction of the largest roll angle over each quantity that was drawn."""
+    """Reduction of the largest roll angle over each drawn quantity."""
     reduction = 100 * np.array([outcome.reduction for outcome in campaign.outcomes])
     return [
         Figure(

@@ -12,12 +12,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from codegen.generated.own_stage import OwnStage
 from codegen.run.backends import open_backend
 from firmware.calibration import Calibration
 from hil.realtime.bus_link import Frame
 from hil.realtime.check.machine import Counters, counters
 from hil.realtime.check.workers import CONTEXT, Child, Send, ended
 from hil.realtime.process import collector_off, prepare
+from hil.runs.frozen import firmware_of
+from plant_sim.buses.profile import BusProfile
 
 ECU, PLANT, SPARE = "ECU", "plant", "spare"
 """Parts that a core has in a run."""
@@ -31,16 +34,18 @@ Times = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Ticks:
-    """Input of the firmware: one list of received frames per tick."""
+    """Input of the firmware: one list of received frames per tick, and what makes that firmware."""
 
     backend: str
     calibration: Calibration
     received: Sequence[Sequence[Frame]]
+    profile: BusProfile
+    stage: OwnStage | None
 
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a loop runs: core (None: not pinned), its part in a run, SCHED_FIFO priority."""
+    """Placement of a loop: core (None: not pinned), its role in a run, SCHED_FIFO priority."""
 
     core: int | None
     role: str
@@ -49,16 +54,16 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """What one loop measured.
+    """Measurements of one loop.
 
     Attributes:
-        late_ns: of every period, from the deadline to the first instruction after it.
-        ticks_ns: duration of each tick of the firmware; of the ECU's loop only.
-        overshoot_ns: by how much sleeps of :data:`NAP_NS` were longer.
-        slack_ns: by which the kernel may delay the process's timers; None: unknown.
-        own_s: processor time that the loop itself used, s.
-        counted: what the machine counted meanwhile; with the ECU's loop only.
-        notes: what the system refused.
+        late_ns: lateness of every period, from the deadline to the first instruction after it.
+        ticks_ns: duration of each tick of the firmware; ECU's loop only.
+        overshoot_ns: excess duration of sleeps of :data:`NAP_NS`.
+        slack_ns: timer slack of the process; None: unknown.
+        own_s: processor time used by the loop, s.
+        counted: change of the machine's counters meanwhile; ECU's loop only.
+        notes: settings refused by the system.
     """
 
     place: Place
@@ -75,7 +80,7 @@ def measure(places: Sequence[Place], seconds: float, ticks: Ticks) -> list[Loop]
     """Run a loop at each of ``places``, all at the same time, for ``seconds``.
 
     Raises:
-        CanrollError: one of the processes fell over.
+        CanrollError: one of the processes failed.
     """
     together = CONTEXT.Barrier(len(places))
     children: list[Child] = []
@@ -89,7 +94,10 @@ def measure(places: Sequence[Place], seconds: float, ticks: Ticks) -> list[Loop]
 def _loop(send: Send, together: Barrier, place: Place, seconds: float, ticks: Ticks | None) -> None:
     notes = prepare(cpu=place.core, priority=place.priority)
     slack = Path("/proc/self/timerslack_ns")
-    ecu = None if ticks is None else open_backend(ticks.backend, ticks.calibration)
+    ecu = None
+    if ticks is not None:
+        firmware = firmware_of(ticks.profile, ticks.stage)
+        ecu = open_backend(ticks.backend, ticks.calibration, firmware)
     late = np.zeros(round(seconds * 1e9) // PERIOD_NS + 1, np.int64)
     received = [] if ticks is None else ticks.received
     took = np.zeros(len(late), np.int64)

@@ -174,7 +174,7 @@ def test_file_comes_back_as_it_was(tmp_path, calibrated):
     assert loaded.vehicle == "van_real"
     assert loaded.verified
     assert calibration_file.dumps(loaded.record, loaded.tables) == path.read_text()
-    assert tomllib.loads(path.read_text())["schema"] == 1
+    assert tomllib.loads(path.read_text())["schema"] == 2
     assert loaded.delay_warning(0.01) == ""
     assert "expect a limit cycle" in loaded.delay_warning(10.0) or loaded.max_delay == np.inf
 
@@ -182,7 +182,7 @@ def test_file_comes_back_as_it_was(tmp_path, calibrated):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("schema = 1", "schema = 2", r"schema 2, but this version reads 1"),
+        ("schema = 2", "schema = 1", r"schema 1, but this version reads 2"),
         ("tick_us = 10000", "tick_us = 50", r":\d+: 'tick_us' = 50 is outside 1000 to 20000"),
         ("tick_us = 10000", "tick_us = 9000", r":\d+: crc does not match"),
         ("tick_us = 10000", "tick_us = 1.5", r":\d+: 'tick_us' must hold integers, not 1.5"),
@@ -191,7 +191,11 @@ def test_file_comes_back_as_it_was(tmp_path, calibrated):
         ("tick_us = 10000\n", "", r"missing key 'tick_us'"),
         ("[margins]", "[marigns]", r"unknown key 'marigns'"),
         ("law = 0", "law = [0]", r"'law' must hold integers"),
-        ("schema = 1", "schema = ", r"not a TOML file"),
+        ("schema = 2", "schema = ", r"not a TOML file"),
+        ("verified = true", "verified = false", r"digest does not match .* edited"),
+        ("max_delay_s = 0", "max_delay_s = 1", r"digest does not match"),
+        ("vehicle_sha256 = ", "vehicle = ", r"missing key 'vehicle_sha256'|not a TOML"),
+        ("digest = ", "digset = ", r"unknown key 'digset': did you mean 'digest'"),
         ('law = "lqr"\n', "", r"\[design\] missing key 'law'"),
     ],
 )
@@ -203,6 +207,23 @@ def test_a_spoiled_file_is_refused_in_one_line(tmp_path, calibrated, old, new, m
     with pytest.raises(CanrollError, match=message) as caught:
         calibration_file.load(path)
     assert "\n" not in str(caught.value)
+
+
+def test_the_digest_leaves_out_the_time_of_the_solver(calibrated):
+    record, tables = calibrated
+    slower = {**tables, "design": {**tables["design"], "solve_s": 99.0}}
+    other = {**tables, "design": {**tables["design"], "delay_s": 99.0}}
+    first, second, third = (
+        tomllib.loads(calibration_file.dumps(record, each))["digest"]
+        for each in (tables, slower, other)
+    )
+    assert first == second != third
+
+
+def test_a_budget_may_be_added_to_a_file(tmp_path, calibrated):
+    path = tmp_path / "calibration.toml"
+    path.write_text(calibration_file.dumps(*calibrated) + "\n[budget]\ninstructions = 20000\n")
+    assert calibration_file.load(path).tables["budget"] == {"instructions": 20000}
 
 
 def test_unreadable_and_unwritable_files(tmp_path, calibrated):
