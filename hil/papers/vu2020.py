@@ -20,7 +20,7 @@ from gain_gen.models.full_car import (
 )
 from gain_gen.models.roll import zero_order_hold
 from hil.papers.conditions import (
-    NO_NOISE,
+    IDEAL_SENSORS,
     Chain,
     errata,
     erratum,
@@ -146,8 +146,8 @@ BODE = {
 SAME_TABLE = replace(AS_PRINTED, valves=REPAIRED.valves)
 """Table 2 number by number; of Table 1 the misprints mended, without which the bars are idle."""
 STEPS: tuple[tuple[str, dict[str, Any]], ...] = (
-    ("compensator, ECU and bus", {"conditions": NO_NOISE}),
-    ("sensor noise and bias", {}),
+    ("compensator, ECU and bus", {"conditions": IDEAL_SENSORS}),
+    ("sensor noise, bias, filter, latency", {}),
 )
 WEIGHT = "weight of the currents"
 ROADS = "B = [B1, B2], feedback also on the four road inputs"
@@ -446,7 +446,11 @@ def _unknowns(weight: float) -> Sequence[tuple[str, str]]:
             f"pressures in MPa; currents fitted to the 4.3 dB of roll: {number(weight)} per A²",
         ),
         ("stiffness of the bar in series with the motor", "150 N·m/rad"),
-        ("CarSim car, driver", "linear car of 26 states; driver tuned to 1.39° at 100 km/h"),
+        (
+            "CarSim car, driver",
+            "linear car of 26 states; driver tuned to the passive 1.39° at 100 km/h, which does "
+            "not count",
+        ),
         ("inputs that the feedback closes", "currents; for the wheels of Table 3 B = [B1, B2]"),
     ]
 
