@@ -23,7 +23,8 @@ import firmware.ecu
 from codegen.c99 import emit
 from codegen.generated import frames, protection, signals
 from codegen.generated.bus_map import BusMap, load
-from codegen.subset.program import FIRMWARE
+from codegen.subset import parse
+from codegen.subset.program import FIRMWARE, Program
 
 GENERATED = {
     "frames.py": frames.generate,
@@ -57,6 +58,12 @@ class BusFirmware:
         sent = tuple((box.ident, box.sent_length) for box in self.bus.transmitted)
         object.__setattr__(self, "slots", slots)
         object.__setattr__(self, "sent", sent)
+
+    @cached_property
+    def program(self) -> Program:
+        """Its modules as data."""
+        with self._folder() as folder:
+            return parse.load(folder=folder)
 
     @cached_property
     def files(self) -> dict[str, str]:

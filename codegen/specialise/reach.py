@@ -1,0 +1,85 @@
+"""Branches that the proof shows are never taken, cut off.
+
+What is never reached has no ranges either, so it could not be emitted with a proof of its own.
+"""
+
+import ast
+from collections.abc import Mapping
+
+from codegen.proof.abstract_state import State
+from codegen.proof.interpreter import Interpreter
+from codegen.proof.prove import entry_points
+from codegen.specialise import fold
+from codegen.specialise.tidy import tidied
+from codegen.subset.program import Program
+
+Ways = Mapping[int, tuple[bool, bool]]
+"""By a condition's node: whether it is ever true, ever false."""
+
+
+class Reached(Interpreter):
+    """Runs a program and notes which way its conditions go."""
+
+    def __init__(self, program: Program) -> None:
+        super().__init__(program, proof=True)
+        self.ways: dict[int, tuple[bool, bool]] = {}
+
+    def branch(self, test: ast.expr, state: State) -> tuple[State | None, State | None]:
+        """As of the interpreter."""
+        yes, no = super().branch(test, state)
+        ever_yes, ever_no = self.ways.get(id(test), (False, False))
+        self.ways[id(test)] = (ever_yes or yes is not None, ever_no or no is not None)
+        return yes, no
+
+
+def cut(program: Program, module: str) -> list[ast.FunctionDef]:
+    """The functions of ``module`` that are called, without the branches that are never taken."""
+    run = Reached(program)
+    for function in entry_points(program):
+        run.run(function)
+    functions = program.modules[module].functions
+    needed: dict[str, ast.FunctionDef] = {}
+    todo = [function.name for function in entry_points(program)]
+    while todo:
+        name = todo.pop()
+        if name in functions and name not in needed:
+            node = functions[name].node
+            body = tidied(_block(node.body[1:], run.ways))
+            node = ast.FunctionDef(
+                name, node.args, [node.body[0], *body], [], node.returns, lineno=0
+            )
+            needed[name] = node
+            todo += [n.id for n in ast.walk(node) if isinstance(n, ast.Name)]
+    return [needed[name] for name in functions if name in needed]
+
+
+def _block(body: list[ast.stmt], ways: Ways) -> list[ast.stmt]:
+    kept: list[ast.stmt] = []
+    for node in body:
+        if isinstance(node, ast.If):
+            test = _test(node.test, ways)
+            told = fold.truth(test)
+            if told is not None:
+                kept += _block(node.body if told else node.orelse, ways)
+                if kept and isinstance(kept[-1], ast.Return):
+                    break
+                continue
+            kept.append(ast.If(test, _block(node.body, ways), _block(node.orelse, ways)))
+        elif isinstance(node, ast.For):
+            inner = _block(node.body, ways)
+            kept.append(ast.For(node.target, node.iter, inner, [], lineno=0))
+        else:
+            kept.append(node)
+    return kept
+
+
+def _test(node: ast.expr, ways: Ways) -> ast.expr:
+    """A condition without what is always so; True or False where it always goes one way."""
+    ever = ways.get(id(node))
+    if ever is not None and ever[0] != ever[1] and fold.pure(node):
+        return ast.Constant(ever[0])
+    if isinstance(node, ast.BoolOp):
+        return fold.joined(node.op, [_test(each, ways) for each in node.values])
+    if isinstance(node, ast.UnaryOp):
+        return fold.inverse(_test(node.operand, ways))
+    return node
