@@ -1,17 +1,22 @@
 """Parameters of a bus, and the built-in profiles."""
 
-from dataclasses import dataclass
-from math import isfinite
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 import dbc
 from canroll.errors import CanrollError
+from plant_sim.buses.topology import (
+    NODES,
+    BusGateway,
+    BusSegment,
+    Spread,
+    Topology,
+    check_segment,
+    check_times,
+)
 
-BITRATES: Final = (10_000, 1_000_000)
-"""Least and greatest rate of classic CAN, bit/s."""
-DATA_BITRATE_MAX: Final = 8_000_000
-GATEWAY_MS_MAX: Final = 1000.0
+_MS: Final = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,6 +29,8 @@ class BusProfile:
     joined to the vehicle's by a gateway. ``data_bitrate``: of FD frames with bit-rate switch, 0:
     as ``bitrate``. ``dbc`` and ``map_file``: the frames that carry our signals, both None for those
     of the contract. ``traffic``: a traffic set that is the background, whatever ``load`` says.
+    ``topology``: segments and gateways of any number; what is said of one bus above is then that of
+    the ECU's segment.
     """
 
     name: str
@@ -36,11 +43,35 @@ class BusProfile:
     dbc: Path | None = None
     map_file: Path | None = None
     traffic: Path | None = None
+    topology: Topology | None = None
+
+    @property
+    def network(self) -> Topology:
+        """What the network is made of."""
+        if self.topology is not None:
+            return self.topology
+        one = BusSegment(
+            "bus",
+            self.bitrate,
+            self.load,
+            self.above,
+            self.data_bitrate,
+            self.bit_error_rate,
+            self.traffic,
+        )
+        if self.gateway_ms is None:
+            return Topology((one,))
+        low, high = (int(latency * _MS) for latency in self.gateway_ms)
+        return Topology(
+            (replace(one, name="ecu"), replace(one, name="vehicle")),
+            (BusGateway("gateway", (0, 1), Spread(low, high)),),
+            {name: int(name != "RollControl") for name in NODES},
+        )
 
     @property
     def segments(self) -> int:
         """Number of bus segments."""
-        return 1 if self.gateway_ms is None else 2
+        return len(self.network.segments)
 
 
 QUICK: Final = BusProfile("500k", 500_000, 0.50)
@@ -65,28 +96,10 @@ def accept(what: str, profile: object) -> BusProfile:
     """
     if not isinstance(profile, BusProfile):
         raise CanrollError(f"{what}: a {type(profile).__name__}, it must be a BusProfile")
-    low, high = BITRATES
-    gateway = (0.0, 0.0) if profile.gateway_ms is None else profile.gateway_ms
-    rules = {
-        f"bitrate {profile.bitrate}: it must be {low} to {high} bit/s": isinstance(
-            profile.bitrate, int
-        )
-        and low <= profile.bitrate <= high,
-        f"load {profile.load}: it must be above 0 and below 1": 0.0 < profile.load < 1.0,
-        f"above {profile.above}: it must be 0 to 1": 0.0 <= profile.above <= 1.0,
-        f"data_bitrate {profile.data_bitrate}: it must be 0, or bitrate to "
-        f"{DATA_BITRATE_MAX} bit/s": isinstance(profile.data_bitrate, int)
-        and (
-            not profile.data_bitrate or profile.bitrate <= profile.data_bitrate <= DATA_BITRATE_MAX
-        ),
-        f"bit_error_rate {profile.bit_error_rate}: it must be 0 to below 1": 0.0
-        <= profile.bit_error_rate
-        < 1.0,
-        f"gateway_ms {gateway}: two times in order, 0 to {GATEWAY_MS_MAX:g} ms": len(gateway) == 2
-        and all(map(isfinite, gateway))
-        and 0.0 <= gateway[0] <= gateway[1] <= GATEWAY_MS_MAX,
-    }
-    for rule, holds in rules.items():
-        if not holds:
-            raise CanrollError(f"{what}: {rule}")
+    if profile.gateway_ms is not None:
+        if len(profile.gateway_ms) != 2:
+            raise CanrollError(f"{what}: gateway_ms {profile.gateway_ms}: two times in order")
+        check_times(what, "gateway_ms", *profile.gateway_ms)
+    for segment in profile.network.segments:
+        check_segment(what, segment)
     return profile

@@ -26,6 +26,7 @@ other programs ``simbus`` (a python-can interface) and ``socketcand`` with ``ser
 """
 
 from plant_sim.buses.profile import BusProfile
+from plant_sim.buses.topology import NODES
 from plant_sim.can_bus.kernel.layout import (
     DELIVERED,
     ERROR,
@@ -58,7 +59,6 @@ from plant_sim.can_bus.profiles import (
     CHASSIS,
     ECU,
     IMU,
-    NODES,
     REFERENCE,
     SUSPENSION,
     make_network,

@@ -3,8 +3,7 @@
 τ_max = sensor filter + response of the sensor frame + wait for the tick that uses it + run time and
 its jitter + response of the command frame + actuator period + lost sensor frames + gateways, and
 the command is then held one more tick. τ_min likewise with the shortest frames and no waiting.
-Responses across a gateway are bounded segment by segment, the response on the one being the
-jitter on the other, until nothing changes (holistic analysis; Tindell, Clark 1994).
+Responses over gateways are those of the holistic analysis.
 """
 
 from collections.abc import Sequence
@@ -13,13 +12,14 @@ from typing import Final
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from plant_sim.buses.profile import BusProfile
+from plant_sim.buses.topology import NODES
 from plant_sim.can_bus.analysis import ErrorModel, ResponseBound, response_bounds
+from plant_sim.can_bus.holistic import arrivals
 from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, MS, own_messages
-from plant_sim.can_bus.profiles import background_of, crosses, segment_of
+from plant_sim.can_bus.profiles import routed_messages
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 _NS: Final = 1e-9
-_MAX_ROUNDS: Final = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,68 +57,29 @@ def message_paths(
 ) -> dict[str, Path]:
     """Return for every own message the bounds from its queueing to its farthest receiver.
 
-    Raises:
-        VerdictError: some message on the way to the ECU or the actuators has no bound.
+    A message without a bound is not among them.
     """
-    own = [
-        replace(m, period_ns=command_period_ms * MS, jitter_ns=round(command_jitter_ms * MS))
-        if m.name == command
-        else m
-        for m in own_messages(command, profile)
-    ]
-    low, high = (int(x * MS) for x in profile.gateway_ms or (0.0, 0.0))
-    jitter: dict[str, int] = {}
-    for _ in range(_MAX_ROUNDS):
-        bounds: list[dict[str, tuple[int, int | None]]] = []
-        for segment in range(profile.segments):
-            here: list[BusMessage] = background_of(profile, segment, command=command)
-            for message in own:
-                if segment_of(profile, message.sender) == segment:
-                    here.append(message)
-                elif crosses(profile, message):
-                    here.append(replace(message, jitter_ns=jitter.get(message.name, high - low)))
-            bounds.append(
-                {
-                    b.message.name: (b.best_ns, b.bound_ns)
-                    for b in response_bounds(
-                        here,
-                        bitrate=profile.bitrate,
-                        data_bitrate=profile.data_bitrate,
-                        errors=errors,
-                    )
-                }
+    topology = profile.network
+    own = own_messages(command, profile)
+    routed = list(routed_messages(profile, command=command))
+    for number, message in enumerate(own):
+        if message.name == command:
+            sent = replace(
+                message,
+                period_ns=command_period_ms * MS,
+                jitter_ns=message.jitter_ns + round(command_jitter_ms * MS),
             )
-        update = {}
-        for message in own:
-            if crosses(profile, message):
-                best, bound = bounds[segment_of(profile, message.sender)][message.name]
-                update[message.name] = _finite(bound, message, profile) - best + high - low
-        if update == jitter:
-            break
-        jitter = update
-    else:
-        raise VerdictError(f"bus profile '{profile.name}': the analysis over the gateway diverges")
+            routed[number] = replace(routed[number], message=sent)
+    found = arrivals(topology, routed, errors=errors)
     paths = {}
-    for message in own:
-        home = segment_of(profile, message.sender)
-        best, bound = bounds[home][message.name]
-        least = message.least_delivery_ns(profile.bitrate, profile.data_bitrate)
-        if crosses(profile, message):
-            _, far_bound = bounds[1 - home][message.name]
-            bound = None if far_bound is None else best + low + far_bound
-            least += low + least
-        if bound is not None:
-            paths[message.name] = Path(least * _NS, bound * _NS)
+    for message, there in zip(own, found, strict=False):
+        ends = {topology.place(r) for r in message.receivers if r in NODES}
+        times = [there[segment] for segment in ends or {topology.place(message.sender)}]
+        greatest = [arrival.greatest_ns for arrival in times]
+        if None not in greatest:
+            most = max(bound for bound in greatest if bound is not None)
+            paths[message.name] = Path(min(a.least_ns for a in times) * _NS, most * _NS)
     return paths
-
-
-def _finite(bound: int | None, message: BusMessage, profile: BusProfile) -> int:
-    if bound is None:
-        raise VerdictError(
-            f"bus profile '{profile.name}': the response time of {message.name} is unbounded:"
-            " reduce the load or raise the bit rate"
-        )
-    return bound
 
 
 def delay_bounds(

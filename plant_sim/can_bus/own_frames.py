@@ -111,6 +111,7 @@ def own_messages(
     commands = {m.name for m in dbc.load().messages if m.name.endswith("Command")}
     if command not in commands:
         raise UnknownNameError("command message", command, commands)
+    jitter = {} if profile is None else profile.network.jitter
     contract = tuple(
         BusMessage(
             message.name,
@@ -119,12 +120,21 @@ def own_messages(
             (message.cycle_time or 100) * MS,
             message.senders[0],
             tuple(sorted(message.receivers)),
+            jitter_ns=jitter[message.senders[0]].high_ns if message.senders[0] in jitter else 0,
         )
         for message in dbc.load().messages
         if message.name not in commands - {command}
     )
     bus = None if profile is None else bus_map(profile)
     return contract if bus is None else _placed(contract, command, bus)
+
+
+def frame_names(profile: BusProfile) -> dict[str, str]:
+    """Return what the frames of a profile are called that carry our messages, by their names."""
+    bus = bus_map(profile)
+    if bus is None:
+        return {message.name: message.name for message in dbc.load().messages}
+    return {contract_names(box.slot).message: box.name for box in bus.frames}
 
 
 def _placed(contract: tuple[BusMessage, ...], command: str, bus: BusMap) -> tuple[BusMessage, ...]:
@@ -142,6 +152,7 @@ def _placed(contract: tuple[BusMessage, ...], command: str, bus: BusMap) -> tupl
             box.cycle_ms * MS if box.cycle_ms > 0 else plain.period_ns,
             plain.sender,
             plain.receivers,
+            jitter_ns=plain.jitter_ns,
             flags=flags_of(box),
         )
     messages = tuple(found.values())

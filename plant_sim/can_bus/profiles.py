@@ -2,91 +2,101 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from plant_sim.buses.profile import BusProfile
+from plant_sim.buses.topology import NODES
 from plant_sim.can_bus.kernel.layout import Network
 from plant_sim.can_bus.kernel.network import (
     MAX_CAPACITY,
     Fault,
-    Gateway,
     NetworkSpec,
     Node,
-    Segment,
     add_node,
     build_network,
 )
-from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, MS, messages_of, own_messages
+from plant_sim.can_bus.network_spec import network_spec
+from plant_sim.can_bus.own_frames import (
+    DEFAULT_COMMAND,
+    frame_names,
+    messages_of,
+    own_messages,
+)
 from plant_sim.can_bus.recorded_profile import RecordedProfile
+from plant_sim.can_bus.routing import RoutedMessage, route
 from plant_sim.can_bus.traffic.background import background_messages
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.looped import LoopedTraffic
 from plant_sim.can_bus.traffic.messages import BusMessage
 
-NODES: Final = ("RollControl", "Imu", "Chassis", "Suspension", "Actuator", "Reference")
-"""Nodes of the bus contract, in the order of their numbers on every profile."""
-ECU, IMU, CHASSIS, SUSPENSION, ACTUATOR, REFERENCE = range(6)
+ECU, IMU, CHASSIS, SUSPENSION, ACTUATOR, REFERENCE = range(len(NODES))
+"""Numbers of ``NODES`` on every network."""
 
 
-def segment_of(profile: BusProfile, node: str) -> int:
-    """Return the segment that a node of the bus contract sits on."""
-    return 0 if node == "RollControl" or profile.segments == 1 else 1
+def routed_messages(
+    profile: BusProfile, *, command: str = DEFAULT_COMMAND, seed: int = 0
+) -> tuple[RoutedMessage, ...]:
+    """Return all messages of a profile's network with their ways: ours, then the background.
 
+    A background message's sender is a node of :func:`profile_spec`.
 
-def crosses(profile: BusProfile, message: BusMessage) -> bool:
-    """Return whether a receiver of ``message`` sits on the other side of the gateway."""
-    home = segment_of(profile, message.sender)
-    receivers = [r for r in message.receivers if r in NODES]
-    return any(segment_of(profile, receiver) != home for receiver in receivers)
+    Args:
+        profile: of ``load_profile``.
+        command: the actuator command message in use.
+        seed: of the offsets of the background.
 
-
-def own_on_segment(
-    profile: BusProfile, segment: int, command: str = DEFAULT_COMMAND
-) -> list[BusMessage]:
-    """Return the own messages on a segment, those that a gateway brings there too."""
-    return [
-        m
-        for m in own_messages(command, profile)
-        if segment_of(profile, m.sender) == segment or crosses(profile, m)
-    ]
+    Raises:
+        CanrollError: a message does not get to its receivers, or an identifier is there twice; a
+            load that cannot be.
+    """
+    topology = profile.network
+    own = own_messages(command, profile)
+    given = [_of_file(profile, segment, own) for segment in range(len(topology.segments))]
+    routed = list(route(topology, own, given, frame_names(profile), known=messages_of(profile)))
+    if isinstance(profile, RecordedProfile):
+        return tuple(routed)
+    for number, segment in enumerate(topology.segments):
+        if segment.traffic is None:
+            filling = background_messages(
+                [r.message for r in routed if number in r.segments],
+                node=_background(number),
+                bitrate=segment.bitrate,
+                load=segment.load,
+                above=segment.above,
+                seed=seed * max(2, len(topology.segments)) + number,
+                data_bitrate=segment.data_bitrate,
+            )
+            routed += [RoutedMessage(message, number) for message in filling]
+    return tuple(routed)
 
 
 def background_of(
     profile: BusProfile, segment: int, *, command: str = DEFAULT_COMMAND, seed: int = 0
 ) -> list[BusMessage]:
-    """Return the background traffic of a segment of a profile.
+    """Return the background that is sent on a segment of a profile; see ``routed_messages``."""
+    own = len(own_messages(command, profile))
+    routed = routed_messages(profile, command=command, seed=seed)
+    return [r.message for r in routed[own:] if r.home == segment]
 
-    Raises:
-        CanrollError: a recorded bus has an own message's identifier on it already.
-    """
+
+def _of_file(profile: BusProfile, segment: int, own: Sequence[BusMessage]) -> list[BusMessage]:
+    """The background of a segment that a file describes, without what is ours in it."""
     if isinstance(profile, RecordedProfile):
-        return list(profile.background(own_messages(command, profile)))
-    if profile.traffic is not None:
-        return _other_traffic(profile.traffic, segment, messages_of(profile))
-    return background_messages(
-        own_on_segment(profile, segment, command),
-        node=_background(segment),
-        bitrate=profile.bitrate,
-        load=profile.load,
-        above=profile.above,
-        seed=seed * 2 + segment,
-        data_bitrate=profile.data_bitrate,
-    )
-
-
-def _other_traffic(path: Path, segment: int, own: Sequence[BusMessage]) -> list[BusMessage]:
-    """The messages of a traffic set that are not our own, which share the bus with all nodes."""
-    taken = {message.arbitration_key for message in own}
+        return list(profile.background(own))
+    place = profile.network.segments[segment]
+    if place.traffic is None:
+        return []
+    names = frame_names(profile)
+    ours = {(m.arbitration_key, names[m.name]) for m in messages_of(profile)}
     return [
-        replace(message, sender=_background(segment))
-        for message in load_traffic(path).messages
-        if message.arbitration_key not in taken
+        replace(message, sender=f"{place.name}/{message.sender}")
+        for message in load_traffic(place.traffic).messages
+        if (message.arbitration_key, message.name) not in ours
     ]
 
 
 def _background(segment: int) -> str:
-    """The node of a segment that sends its background traffic."""
+    """The node of a segment that sends what fills it up to its load."""
     return "Background" if segment == 0 else f"Background{segment + 1}"
 
 
@@ -114,43 +124,22 @@ def profile_spec(
         policy: transmit queues of the own nodes: ``replace``, ``priority`` or ``fifo``.
         log_capacity: entries in the ring log; a consumer drains at least that often.
     """
-    if bit_error_rate is None:
-        bit_error_rate = profile.bit_error_rate
-    nodes = [Node(name, segment_of(profile, name), policy) for name in NODES]
-    own = own_messages(command, profile)
-    sources = []
-    gateways: tuple[Gateway, ...] = ()
-    for segment in range(profile.segments):
-        nodes.append(Node(_background(segment), segment, "replace"))
-        traffic = background_of(profile, segment, command=command, seed=seed)
-        if background and not isinstance(profile, RecordedProfile):
-            sources += [message.source() for message in traffic]
-    if profile.gateway_ms is not None:
-        nodes += [Node("Gateway", 0, "priority"), Node("Gateway2", 1, "priority")]
-        low, high = (int(latency * MS) for latency in profile.gateway_ms)
-        crossing = [m for m in own if crosses(profile, m)]
-        gateways = tuple(
-            Gateway(
-                *ports,
-                low,
-                high,
-                "fixed" if low == high else "uniform",
-                idents=tuple(
-                    (m.ident, m.flags) for m in crossing if segment_of(profile, m.sender) == segment
-                ),
-            )
-            for segment, ports in enumerate((("Gateway", "Gateway2"), ("Gateway2", "Gateway")))
-        )
-    return NetworkSpec(
-        segments=(Segment(profile.bitrate, profile.data_bitrate, bit_error_rate=bit_error_rate),)
-        * profile.segments,
-        nodes=tuple(nodes),
-        sources=tuple(sources),
-        gateways=gateways,
-        faults=tuple(faults),
+    topology = profile.network
+    if bit_error_rate is not None:
+        segments = (replace(s, bit_error_rate=bit_error_rate) for s in topology.segments)
+        topology = replace(topology, segments=tuple(segments))
+    routed = routed_messages(profile, command=command, seed=seed)
+    periodic = background and not isinstance(profile, RecordedProfile)
+    nodes = [Node(name, topology.place(name), policy) for name in NODES]
+    nodes += [Node(_background(number), number) for number in range(len(topology.segments))]
+    spec = network_spec(
+        topology,
+        routed,
+        nodes=nodes,
+        sources=routed[len(own_messages(command, profile)) :] if periodic else (),
         seed=seed,
-        log_capacity=log_capacity,
     )
+    return replace(spec, faults=tuple(faults), log_capacity=log_capacity)
 
 
 def make_network(profile: BusProfile, **options: Any) -> Network:  # noqa: ANN401

@@ -1,0 +1,76 @@
+"""The kernel's description of a network: nodes, periodic sources, and gateways one way each."""
+
+from collections.abc import Sequence
+
+from plant_sim.buses.topology import Spread, Topology
+from plant_sim.can_bus.kernel.network import (
+    MAX_CAPACITY,
+    Gateway,
+    NetworkSpec,
+    Node,
+    Segment,
+)
+from plant_sim.can_bus.routing import Hop, RoutedMessage
+from plant_sim.can_bus.traffic.messages import BusMessage
+
+
+def network_spec(
+    topology: Topology,
+    routed: Sequence[RoutedMessage],
+    *,
+    nodes: Sequence[Node] = (),
+    sources: Sequence[RoutedMessage] | None = None,
+    seed: int = 0,
+) -> NetworkSpec:
+    """Return the description of a network with its messages.
+
+    The nodes are ``nodes``, then the other senders of ``sources``, then each gateway's on either
+    segment. A sender with a FIFO message queues all of its messages first in, first out.
+
+    Args:
+        topology: segments and gateways.
+        routed: all messages that gateways may pass on.
+        nodes: those with a number or a queue that matters.
+        sources: those of ``routed`` that the network sends by itself; None: all.
+        seed: of payloads, jitter, latencies and bit errors.
+    """
+    sent = routed if sources is None else sources
+    known = {node.name for node in nodes}
+    queued = {found.message.sender for found in sent if found.message.fifo}
+    homes = {found.message.sender: found.home for found in sent}
+    every = list(nodes)
+    every += [
+        Node(name, home, "fifo" if name in queued else "priority", capacity=MAX_CAPACITY)
+        for name, home in homes.items()
+        if name not in known
+    ]
+    gateways = []
+    for number, gateway in enumerate(topology.gateways):
+        ports = {s: f"{gateway.name}@{topology.segments[s].name}" for s in gateway.segments}
+        every += [Node(port, segment, "priority") for segment, port in ports.items()]
+        for source, target in (gateway.segments, gateway.segments[::-1]):
+            hop = Hop(number, source, target)
+            passed = [found.message for found in routed if hop in found.hops]
+            gateways.append(_one_way(gateway.latency, ports[source], ports[target], passed))
+    return NetworkSpec(
+        segments=tuple(
+            Segment(place.bitrate, place.data_bitrate, bit_error_rate=place.bit_error_rate)
+            for place in topology.segments
+        ),
+        nodes=tuple(every),
+        sources=tuple(found.message.source() for found in sent),
+        gateways=tuple(gateways),
+        seed=seed,
+    )
+
+
+def _one_way(latency: Spread, source: str, target: str, passed: Sequence[BusMessage]) -> Gateway:
+    """One direction of a gateway, from node to node."""
+    return Gateway(
+        source,
+        target,
+        latency.low_ns,
+        latency.high_ns,
+        "fixed" if latency.low_ns == latency.high_ns else "uniform",
+        idents=tuple((message.ident, message.flags) for message in passed),
+    )

@@ -1,0 +1,209 @@
+"""The ways of messages over gateways, and their bounds: no simulated frame arrives later."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.buses.topology import BusGateway, BusSegment, Spread, Topology
+from plant_sim.can_bus import (
+    BusProfile,
+    account,
+    advance,
+    build_network,
+    drain,
+    load_profile,
+    profile_spec,
+)
+from plant_sim.can_bus.holistic import arrivals
+from plant_sim.can_bus.network_spec import network_spec
+from plant_sim.can_bus.own_frames import MS, own_messages
+from plant_sim.can_bus.profiles import routed_messages
+from plant_sim.can_bus.routing import Hop, RoutedMessage, route
+from plant_sim.can_bus.traffic.messages import BusMessage
+
+LINE = Topology(
+    segments=(
+        BusSegment("ecu", 500_000, 0.4),
+        BusSegment("backbone", 1_000_000, 0.3),
+        BusSegment("vehicle", 250_000, 0.6),
+    ),
+    gateways=(
+        BusGateway("central", (1, 0), Spread(1 * MS, 2 * MS)),
+        BusGateway("zone", (1, 2), Spread(2 * MS, 2 * MS)),
+    ),
+    places={"RollControl": 0, "Reference": 1}
+    | dict.fromkeys(("Imu", "Chassis", "Suspension", "Actuator"), 2),
+)
+
+
+def message(name, ident, *, sender="n", receivers=(), period_ms=10, **options):
+    return BusMessage(name, ident, 8, period_ms * MS, sender, tuple(receivers), **options)
+
+
+def profile(topology):
+    near = topology.segments[0]
+    return BusProfile("net", near.bitrate, near.load, topology=topology)
+
+
+def test_our_messages_go_to_their_receivers_and_no_farther():
+    ways = {r.message.name: r for r in routed_messages(profile(LINE))}
+    assert ways["Imu"].segments == (2, 1, 0)
+    assert ways["Imu"].way_to(0) == (Hop(1, 2, 1), Hop(0, 1, 0))
+    assert ways["RollReference"].segments == (1, 0)
+    assert ways["SuspensionForceCommand"].segments == (0, 1, 2)
+    assert ways["RollControlStatus"].segments == (0,)
+
+
+def test_of_two_ways_one_is_taken():
+    ring = replace(LINE, gateways=(*LINE.gateways, BusGateway("short", (0, 2), Spread(MS, MS))))
+    ways = {r.message.name: r for r in routed_messages(profile(ring))}
+    assert ways["Imu"].hops == (Hop(2, 2, 0),)
+
+
+def test_a_list_passes_on_what_is_in_it_from_either_side():
+    first, second = message("A", 0x100), message("B", 0x101)
+    gateway = BusGateway("g", (0, 1), Spread(0, 0), ("A", 0x101))
+    topology = Topology((BusSegment("x", 500_000), BusSegment("y", 500_000)), (gateway,))
+    ways = route(topology, (), [[first, message("C", 0x102)], [second]], {})
+    assert [way.segments for way in ways] == [(0, 1), (0,), (1, 0)]
+    assert route(topology, (first, second), [[], []], {"B": "Frame"})[1].segments == (0, 1)
+
+
+def listed(*gateways):
+    places = {"RollControl": 0, "Imu": 1}
+    return Topology(
+        tuple(BusSegment(name, 500_000) for name in "xyz"),
+        tuple(BusGateway(f"g{k}", g[0], Spread(), g[1]) for k, g in enumerate(gateways)),
+        places,
+    )
+
+
+IMU = message("Imu", 0xA0, sender="Imu", receivers=["RollControl"])
+OTHER = message("Engine", 0xA0)
+
+
+@pytest.mark.parametrize(
+    ("topology", "background", "word"),
+    [
+        (listed(((0, 1), ("Yaw",))), [message("Yaw", 1)], "Imu does not get from segment 'y' to"),
+        (listed(), [], "no gateway passes it on"),
+        (listed(((0, 1), ("Imus",))), [], "did you mean 'Imu'"),
+        (listed(((0, 1), (0xB0,))), [], "no message of the network has identifier 0xB0"),
+        (
+            listed(((0, 1), ("Imu",)), ((1, 2), ("Imu",)), ((2, 0), ("Imu",))),
+            [],
+            "gateway 'g2': Imu comes back by it",
+        ),
+        (listed(((0, 1), ("Imu",))), [OTHER], "segment 'x': Imu and Engine both have"),
+        (listed(((1, 0), None)), [OTHER], "segment 'x': Imu and Engine both have"),
+    ],
+)
+def test_what_cannot_be_is_refused(topology, background, word):
+    with pytest.raises((CanrollError, UnknownNameError), match=word) as caught:
+        route(topology, (IMU,), [background, [], []], {})
+    assert "\n" not in str(caught.value)
+
+
+def test_a_gateway_of_no_latency_is_no_more_than_two_buses():
+    ways = route(
+        Topology(
+            (BusSegment("x", 500_000), BusSegment("y", 500_000)),
+            (BusGateway("g", (0, 1), Spread()),),
+            {"Imu": 0, "RollControl": 1},
+        ),
+        (IMU,),
+        [[], []],
+        {},
+    )
+    (found,) = arrivals(
+        Topology((BusSegment("x", 500_000),) * 2, (BusGateway("g", (0, 1), Spread()),)), ways
+    )
+    frame = IMU.worst_ns(500_000)
+    shortest = IMU.best_ns(500_000)
+    # alone on both: its longest frame twice
+    assert found[0].greatest_ns == frame
+    assert found[1].greatest_ns == 2 * frame
+    assert found[1].least_ns == 2 * shortest - 2 * 4 * 2000
+
+
+@pytest.mark.parametrize("seed", range(25))
+def test_no_simulated_frame_arrives_after_its_bound(seed):
+    rng = np.random.default_rng(seed)
+    topology, routed = random_network(rng)
+    found = arrivals(topology, routed)
+    for phase in range(3):
+        simulated = responses(topology, routed, seed=seed * 10 + phase)
+        for (number, segment), times in simulated.items():
+            bound = found[number][segment]
+            if bound.greatest_ns is not None:
+                assert max(times) <= bound.greatest_ns
+            assert min(times) >= bound.least_ns
+
+
+def random_network(rng):
+    """Segments in a tree, each with its messages, some passed on by the gateways between them."""
+    count = int(rng.integers(2, 5))
+    segments = tuple(BusSegment(f"s{k}", int(rng.choice([250_000, 500_000]))) for k in range(count))
+    idents = iter(rng.permutation(0x600) + 1)
+    background = [
+        [
+            message(
+                f"m{s}{k}",
+                int(next(idents)),
+                sender=f"n{s}{k % 3}",
+                period_ms=int(rng.choice([5, 10, 13, 20])),
+                jitter_ns=int(rng.integers(2) * rng.integers(MS)),
+                offset_ns=int(rng.integers(5 * MS)),
+            )
+            for k in range(rng.integers(3, 9))
+        ]
+        for s in range(count)
+    ]
+    gateways = []
+    for k in range(1, count):
+        low = int(rng.integers(3 * MS))
+        names = [m.name for messages in background for m in messages if rng.random() < 0.4]
+        gateways.append(
+            BusGateway(
+                f"g{k}",
+                (int(rng.integers(k)), k),
+                Spread(low, low + int(rng.integers(2 * MS))),
+                tuple(names),
+            )
+        )
+    topology = Topology(segments, tuple(gateways))
+    return topology, route(topology, (), background, {})
+
+
+def responses(topology, routed, *, seed):
+    """Simulate two seconds; return the times from nominal release to reception."""
+    network = build_network(network_spec(topology, routed, seed=seed))
+    found, cursor = {}, 0
+    numbers = {(r.message.ident, s): n for n, r in enumerate(routed) for s in r.segments}
+    for now in range(100 * MS, 2_000 * MS + 1, 100 * MS):
+        advance(network, now)
+        entries, cursor, missed = drain(network, cursor)
+        assert missed == 0
+        for entry in entries:
+            number = numbers[int(entry["ident"]), int(entry["segment"])]
+            sent = routed[number].message
+            # origin lies up to the jitter behind the nominal release
+            late = (int(entry["t_origin"]) - sent.offset_ns) % int(sent.period_ns)
+            time = int(entry["t_received"] - entry["t_origin"]) + late
+            found.setdefault((number, int(entry["segment"])), []).append(time)
+    for segment in range(len(topology.segments)):
+        assert account(network, segment).balanced
+    return found
+
+
+def test_the_built_in_gateways_are_as_before():
+    spec = profile_spec(load_profile("gateway_20ms"), seed=4)
+    assert [(g.low_ns, g.high_ns, g.distribution) for g in spec.gateways] == [
+        (5 * MS, 10 * MS, "uniform")
+    ] * 2
+    there = {m.name: m.ident for m in own_messages()}
+    assert (there["Imu"], 0) in spec.gateways[1].idents
+    assert (there["SuspensionForceCommand"], 0) in spec.gateways[0].idents
+    assert isinstance(routed_messages(load_profile("500k"))[0], RoutedMessage)
