@@ -9,14 +9,15 @@ the calibration by an index that is not known becomes a table.
 
 import ast
 from dataclasses import dataclass, field
+from textwrap import fill
 
 from codegen.specialise import fold
 from codegen.specialise.expressions import Copy, Expressions
-from codegen.specialise.places import RECORDS, fixed
+from codegen.specialise.places import CALIBRATION, RECORDS, TABLE, fixed
 from codegen.specialise.scope import Scope, agreed
 from codegen.specialise.tidy import tidied
 from codegen.subset.effects import assigned
-from codegen.subset.program import Function, Type
+from codegen.subset.program import CONST_RECORD, Function, Type
 
 Key = tuple[tuple[str, str], tuple[str, ...]]
 
@@ -24,6 +25,8 @@ TURNS = 8
 """Most turns of a loop that is unrolled."""
 ROOM = 700
 """Most syntax nodes that an unrolled loop may have."""
+LINE = 90
+"""Length of a line of a comment."""
 
 
 @dataclass(slots=True)
@@ -246,14 +249,20 @@ def _statements(node: ast.FunctionDef) -> list[ast.stmt]:
 
 def _described(function: Function, told: list[ast.expr | None]) -> str:
     """The docstring of a copy: that of its function, which one it is, and for what."""
-    doc = ast.get_docstring(function.node) or ""
     here = [
-        f"{name} = {ast.unparse(given)}"
+        f"{name} = {_named(given)}"
         for (name, its), given in zip(function.parameters.items(), told, strict=True)
         if given is not None and its.kind != "record"
     ]
-    origin = f"{function.module}.{function.name}"
-    return f"{doc}\n\n{origin}{' for ' if here else ''}{', '.join(here)}.".strip()
+    origin = f"{function.module}.{function.name}{' for ' if here else ''}{', '.join(here)}."
+    doc = ast.get_docstring(function.node)
+    return f"{doc}\n\n{fill(origin, LINE)}" if doc else fill(origin, LINE)
+
+
+def _named(place: ast.expr) -> str:
+    """A place in the words of the source."""
+    text = ast.unparse(place)
+    return text.replace(CALIBRATION, RECORDS[CONST_RECORD]).replace(TABLE, "")
 
 
 def _definition(

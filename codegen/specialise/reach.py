@@ -1,4 +1,4 @@
-"""Branches that the proof shows are never taken, cut off.
+"""Branches that the proof shows are never taken, and limits that nothing exceeds, cut off.
 
 What is never reached has no ranges either, so it could not be emitted with a proof of its own.
 """
@@ -8,10 +8,12 @@ from collections.abc import Mapping
 
 from codegen.proof.abstract_state import State
 from codegen.proof.interpreter import Interpreter
+from codegen.proof.intervals import Value
 from codegen.proof.prove import entry_points
 from codegen.specialise import fold
+from codegen.specialise.places import STATE_RECORD
 from codegen.specialise.tidy import tidied
-from codegen.subset.program import Program
+from codegen.subset.program import BITS_31, KINDS, Program
 
 Ways = Mapping[int, tuple[bool, bool]]
 """By a condition's node: whether it is ever true, ever false."""
@@ -44,7 +46,9 @@ def cut(program: Program, module: str) -> list[ast.FunctionDef]:
         name = todo.pop()
         if name in functions and name not in needed:
             node = functions[name].node
-            body = tidied(_block(node.body[1:], run.ways))
+            limits = Limits(run.seen)
+            body = [limits.visit(statement) for statement in _block(node.body[1:], run.ways)]
+            body = tidied(_changing(body, program))
             node = ast.FunctionDef(
                 name, node.args, [node.body[0], *body], [], node.returns, lineno=0
             )
@@ -61,6 +65,7 @@ def _block(body: list[ast.stmt], ways: Ways) -> list[ast.stmt]:
             told = fold.truth(test)
             if told is not None:
                 kept += _block(node.body if told else node.orelse, ways)
+                # a branch that is taken and returns ends all
                 if kept and isinstance(kept[-1], ast.Return):
                     break
                 continue
@@ -68,6 +73,49 @@ def _block(body: list[ast.stmt], ways: Ways) -> list[ast.stmt]:
         elif isinstance(node, ast.For):
             inner = _block(node.body, ways)
             kept.append(ast.For(node.target, node.iter, inner, [], lineno=0))
+        else:
+            kept.append(node)
+    return kept
+
+
+class Limits(ast.NodeTransformer):
+    """Drops what limits a value to a range that it is seen to keep to."""
+
+    def __init__(self, seen: Mapping[int, Value]) -> None:
+        self.seen = seen
+
+    def visit_Call(self, node: ast.Call) -> ast.expr:
+        """As of the transformer."""
+        bounds = self._bounds(node)
+        within = None if bounds is None else self.seen.get(id(node.args[0]))
+        self.generic_visit(node)
+        if bounds is not None and within is not None and within.within(*bounds):
+            return node.args[0]
+        return node
+
+    def _bounds(self, node: ast.Call) -> tuple[int, int] | None:
+        name = ast.unparse(node.func)
+        if name == "clamp":
+            low, high = (fold.known(bound) for bound in node.args[1:])
+            return None if low is None or high is None or low > high else (low, high)
+        return {"sat31": BITS_31, "sat32": KINDS["i32"]}.get(name)
+
+
+def _changing(body: list[ast.stmt], program: Program) -> list[ast.stmt]:
+    """``body`` without stores of a field in itself, but those an interrupt could come between."""
+    fields = program.record(STATE_RECORD).fields
+    kept: list[ast.stmt] = []
+    for node in body:
+        if isinstance(node, ast.If):
+            yes, no = _changing(node.body, program), _changing(node.orelse, program)
+            kept.append(ast.If(node.test, yes, no))
+        elif isinstance(node, ast.For):
+            inner = _changing(node.body, program)
+            kept.append(ast.For(node.target, node.iter, inner, [], lineno=0))
+        elif isinstance(node, ast.Assign) and fold.same(node.targets[0], node.value):
+            names = {n.attr for n in ast.walk(node) if isinstance(n, ast.Attribute)}
+            if any(fields[name].volatile for name in names):
+                kept.append(node)
         else:
             kept.append(node)
     return kept
