@@ -89,9 +89,7 @@ class Evaluator(Expressions):
         return told
 
     def _name(self, function: Function) -> str:
-        plain = function.name
-        if plain in self.reserved:
-            plain = f"{function.module}_{function.name}"
+        plain = f"{function.module}_{function.name}"
         name, n = plain, 2
         while name in self.used or name in self.reserved:
             name, n = f"{plain}_{n}", n + 1

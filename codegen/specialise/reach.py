@@ -45,16 +45,17 @@ def cut(program: Program, module: str) -> list[ast.FunctionDef]:
     while todo:
         name = todo.pop()
         if name in functions and name not in needed:
-            node = functions[name].node
-            limits = Limits(run.seen)
-            body = [limits.visit(statement) for statement in _block(node.body[1:], run.ways)]
-            body = tidied(_changing(body, program))
-            node = ast.FunctionDef(
-                name, node.args, [node.body[0], *body], [], node.returns, lineno=0
-            )
-            needed[name] = node
+            needed[name] = node = _without(functions[name].node, run, program)
             todo += [n.id for n in ast.walk(node) if isinstance(n, ast.Name)]
     return [needed[name] for name in functions if name in needed]
+
+
+def _without(node: ast.FunctionDef, run: Reached, program: Program) -> ast.FunctionDef:
+    doc = node.body[:1] if ast.get_docstring(node) is not None else []
+    limits = Limits(run.seen)
+    body = [limits.visit(each) for each in _block(node.body[len(doc) :], run.ways)]
+    body = tidied(_changing(body, program))
+    return ast.FunctionDef(node.name, node.args, [*doc, *body], [], node.returns, lineno=0)
 
 
 def _block(body: list[ast.stmt], ways: Ways) -> list[ast.stmt]:
