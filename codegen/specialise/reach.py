@@ -1,10 +1,13 @@
-"""Branches that the proof shows are never taken, and limits that nothing exceeds, cut off.
+"""What the proof shows of a program, put to use in its text.
 
-What is never reached has no ranges either, so it could not be emitted with a proof of its own.
+Branches that are never taken go, as do limits that nothing exceeds; a value that is always one
+number is written as that. What is never reached has no ranges either, so it could not be emitted
+with a proof of its own.
 """
 
 import ast
 from collections.abc import Mapping
+from typing import Any
 
 from codegen.proof.abstract_state import State
 from codegen.proof.interpreter import Interpreter
@@ -13,7 +16,7 @@ from codegen.proof.prove import entry_points
 from codegen.specialise import fold
 from codegen.specialise.places import STATE_RECORD
 from codegen.specialise.tidy import tidied
-from codegen.subset.program import BITS_31, KINDS, Program
+from codegen.subset.program import BITS_31, KINDS, MEMORY, Program
 
 Ways = Mapping[int, tuple[bool, bool]]
 """By a condition's node: whether it is ever true, ever false."""
@@ -25,6 +28,8 @@ class Reached(Interpreter):
     def __init__(self, program: Program) -> None:
         super().__init__(program, proof=True)
         self.ways: dict[int, tuple[bool, bool]] = {}
+        # what is known of a node goes by its id, which another one would take over
+        self.kept = [node for f in program.functions() for node in ast.walk(f.node)]
 
     def branch(self, test: ast.expr, state: State) -> tuple[State | None, State | None]:
         """As of the interpreter."""
@@ -52,8 +57,8 @@ def cut(program: Program, module: str) -> list[ast.FunctionDef]:
 
 def _without(node: ast.FunctionDef, run: Reached, program: Program) -> ast.FunctionDef:
     doc = node.body[:1] if ast.get_docstring(node) is not None else []
-    limits = Limits(run.seen)
-    body = [limits.visit(each) for each in _block(node.body[len(doc) :], run.ways)]
+    seen = Seen(run.seen)
+    body = [seen.visit(each) for each in _block(node.body[len(doc) :], run.ways)]
     body = tidied(_changing(body, program))
     return ast.FunctionDef(node.name, node.args, [*doc, *body], [], node.returns, lineno=0)
 
@@ -79,27 +84,46 @@ def _block(body: list[ast.stmt], ways: Ways) -> list[ast.stmt]:
     return kept
 
 
-class Limits(ast.NodeTransformer):
-    """Drops what limits a value to a range that it is seen to keep to."""
+class Seen(ast.NodeTransformer):
+    """Writes down values that are seen to be one number, drops limits that are seen to be kept."""
 
     def __init__(self, seen: Mapping[int, Value]) -> None:
         self.seen = seen
 
-    def visit_Call(self, node: ast.Call) -> ast.expr:
+    def visit(self, node: ast.AST) -> Any:  # noqa: ANN401 - as the transformer's
         """As of the transformer."""
-        bounds = self._bounds(node)
-        within = None if bounds is None else self.seen.get(id(node.args[0]))
-        self.generic_visit(node)
-        if bounds is not None and within is not None and within.within(*bounds):
-            return node.args[0]
+        its = self.seen.get(id(node))
+        if isinstance(node, ast.expr) and its is not None and fold.pure(node):
+            if its.lo == its.hi:
+                return fold.literal(its.lo)
+            if isinstance(node, ast.Call):
+                bounds, inner = _bounds(node), self.seen.get(id(node.args[0]))
+                if bounds is not None and inner is not None and inner.within(*bounds):
+                    return self.visit(node.args[0])
+        found = super().visit(node)
+        if isinstance(found, ast.BinOp):
+            return fold.operation(found.op, found.left, found.right)
+        if isinstance(found, ast.Call) and ast.unparse(found.func) in fold.READERS - MEMORY.keys():
+            return fold.intrinsic(ast.unparse(found.func), found.args)
+        return found
+
+    def visit_Assign(self, node: ast.Assign) -> ast.Assign:
+        """What is written is a place, not its value."""
+        place = node.targets[0]
+        while isinstance(place, ast.Subscript):
+            place.slice = self.visit(place.slice)
+            place = place.value
+        node.value = self.visit(node.value)
         return node
 
-    def _bounds(self, node: ast.Call) -> tuple[int, int] | None:
-        name = ast.unparse(node.func)
-        if name == "clamp":
-            low, high = (fold.known(bound) for bound in node.args[1:])
-            return None if low is None or high is None or low > high else (low, high)
-        return {"sat31": BITS_31, "sat32": KINDS["i32"]}.get(name)
+
+def _bounds(node: ast.Call) -> tuple[int, int] | None:
+    """What an intrinsic limits its first argument to."""
+    name = ast.unparse(node.func)
+    if name == "clamp":
+        low, high = (fold.known(bound) for bound in node.args[1:])
+        return None if low is None or high is None or low > high else (low, high)
+    return {"sat31": BITS_31, "sat32": KINDS["i32"], "byte": KINDS["u8"]}.get(name)
 
 
 def _changing(body: list[ast.stmt], program: Program) -> list[ast.stmt]:
