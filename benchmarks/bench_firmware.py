@@ -124,13 +124,13 @@ def main():
         controller, traffic = recorded(SimpleNamespace(**(plain | options)))
         return controller.record, traffic
 
-    constant, delayed = case(), case(law="lqg_delay")
+    constant, delayed = case(), case(law="ay_feedforward")
     host(*constant, arguments.repeats)
     if cortex_build.has_gcc_and_qemu():
         cortex("constant gain", *constant, 2500)
         cortex("covariance, RLS", *case(observer="propagated", identification=True), 9000)
         beside_hand_written("lqr", *constant)
-        beside_hand_written("lqg_delay", *delayed)
+        beside_hand_written("ay_feedforward", *delayed)
 
 
 if __name__ == "__main__":

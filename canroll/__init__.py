@@ -1,6 +1,6 @@
 """From a roll-stability control law to verified code on a CAN ECU.
 
-The public interface in one place; what is heavy is loaded when it is first used:
+The public interface in one place; heavy modules are imported on first use:
 
 * :func:`run` drives a manoeuvre without and with control and returns a :class:`Result`,
 * :func:`load_vehicle` reads a preset or a vehicle file,
@@ -48,7 +48,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401
-    """Load a name of the public interface from where it lives."""
+    """Import a name of the public interface on first use."""
     if name not in _HOMES:
         raise AttributeError(f"module 'canroll' has no attribute '{name}'")
     module, attribute = _HOMES[name]

@@ -1,7 +1,7 @@
-"""Code of other people: found by name or in a file, refused in one line that names the place.
+"""Loading of extensions: third-party code, by name or from a file, with one-line errors.
 
-An extension is named in three ways: by an entry point of an installed package, as "module:name",
-or as "file.py:name" for a file that no package holds.
+An extension is referred to by an entry point of an installed package, as "module:name", or as
+"file.py:name" for a file outside any package.
 """
 
 import ast
@@ -32,11 +32,11 @@ def load(what: str, reference: str) -> Any:  # noqa: ANN401
     """Return what "file.py:name" or "module:name" refers to.
 
     Args:
-        what: what is looked for, such as "law", for errors.
-        reference: a file is relative to the current folder, and finds modules beside it.
+        what: kind of object, such as "law", for error messages.
+        reference: a file is relative to the current folder and can import modules beside it.
 
     Raises:
-        CanrollError: no such file, module or name, or it fails while it is imported.
+        CanrollError: no such file, module or name, or its import fails.
     """
     where, _, name = reference.rpartition(":")
     if not where or not name.isidentifier() or not reference.isprintable():
@@ -74,9 +74,9 @@ def _from_file(path: Path) -> ModuleType:
 
 @contextmanager
 def refusing(what: str) -> Iterator[None]:
-    """Turn whatever is raised inside into a :class:`CanrollError` of one line about ``what``.
+    """Convert any exception raised inside to a one-line :class:`CanrollError` about ``what``.
 
-    The line names file and line where it was raised; a verdict passes as it is.
+    The message names the file and line of the error; a :class:`VerdictError` passes unchanged.
     """
     try:
         yield
@@ -89,7 +89,7 @@ def refusing(what: str) -> Iterator[None]:
 
 
 def _explained(error: BaseException) -> str:
-    """Return type, first line and place of an error."""
+    """Return type, first line and location of an error."""
     told = " ".join(str(error).split())
     name = type(error).__name__
     text = f"{name}: {told}" if told else name
@@ -104,7 +104,7 @@ _PACKAGES = ("canroll", "codegen", "dbc", "firmware", "gain_gen", "hil", "plant_
 
 
 def _is_foreign(filename: str) -> bool:
-    """Whether a frame is of an extension rather than of this program or what it stands on."""
+    """Whether a stack frame belongs to an extension, not to canroll or its dependencies."""
     path = Path(filename)
     if filename.startswith("<") or not path.is_absolute():
         return False
@@ -114,16 +114,16 @@ def _is_foreign(filename: str) -> bool:
 
 
 def guarded(what: str, function: Function, arguments: int, returns: type) -> Function:
-    """Return ``function`` of an extension with its errors and its result checked at every call.
+    """Wrap an extension's ``function`` so that each call checks its errors and result type.
 
     Args:
-        what: what it is, for errors.
-        function: to be called.
-        arguments: how many positional arguments it is called with.
-        returns: type of its result.
+        what: kind of object, for error messages.
+        function: the extension's function.
+        arguments: number of positional arguments it is called with.
+        returns: expected type of its result.
 
     Raises:
-        CanrollError: it is no function, or it cannot be called with so many arguments.
+        CanrollError: it is not callable, or not with that many arguments.
     """
     if not callable(function):
         raise CanrollError(f"{what}: a {type(function).__name__}, it must be a function")
@@ -150,15 +150,15 @@ def guarded(what: str, function: Function, arguments: int, returns: type) -> Fun
 
 
 def place_of(function: Any) -> str:  # noqa: ANN401
-    """Return "FILE, line N: " of a function, or nothing where it has none."""
+    """Return "FILE, line N: " for a function, or "" if it has no source file."""
     code = getattr(function, "__code__", None)
     return f"{code.co_filename}, line {code.co_firstlineno}: " if code is not None else ""
 
 
 def described(module: str, name: str) -> str:
-    """Return the first line of the documentation of ``name`` in ``module``, importing neither.
+    """Return the first documentation line of ``name`` in ``module`` without importing it.
 
-    Of a function it is the docstring, of a constant the string below it; empty where there is none,
+    For a function this is its docstring, for a constant the string below it; empty if there is none
     or no such module.
     """
     source = _source_of(module)
@@ -178,12 +178,12 @@ def described(module: str, name: str) -> str:
 
 
 def first_line(text: Any) -> str:  # noqa: ANN401
-    """Return the first line of a text; empty of anything else."""
+    """Return the first line of a text, or "" for anything else."""
     return text.strip().partition("\n")[0] if isinstance(text, str) else ""
 
 
 def documented(thing: object) -> str:
-    """Return the first line of the documentation of a function; empty of a constant."""
+    """Return the first docstring line of a function, or "" for a constant."""
     return first_line(getdoc(thing)) if callable(thing) else ""
 
 
@@ -193,7 +193,7 @@ def _targets(node: ast.Assign | ast.AnnAssign) -> list[str]:
 
 
 def _source_of(module: str) -> Path | None:
-    """Return the file of a module without importing it or the packages that it is in."""
+    """Return the source file of a module without importing it or its parent packages."""
     within: Sequence[str] | None = None
     spec = None
     parts = module.split(".")

@@ -1,4 +1,4 @@
-"""Registries of named objects: built in, from an installed package, or referred to in a file."""
+"""Registries of named objects: built in, from an installed package, or in a user's file."""
 
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from functools import cached_property
@@ -16,30 +16,30 @@ BUILT_IN = "built in"
 
 
 class Origin(NamedTuple):
-    """Where a thing comes from: ``who`` offers it, ``where`` is the code, "module:name"."""
+    """Origin of an object: ``who`` provides it, and ``where`` its code is, as "module:name"."""
 
     who: str
     where: str
 
     @property
     def is_built_in(self) -> bool:
-        """Whether it is no extension's."""
+        """Whether the object is built in."""
         return self.who == BUILT_IN
 
 
 class Registry(MutableMapping[str, Thing], Generic[Thing]):
-    """Things by name, each loaded when it is first asked for: names alone cost nothing.
+    """Objects by name, each imported on first access; listing the names imports nothing.
 
-    A name may also be a reference, "file.py:name" or "module:name", or that of a data file.
+    A name may also be a reference, "file.py:name" or "module:name", or a data file's path.
 
     Args:
-        what: what a thing is called in errors, such as "law".
-        group: entry points by which other packages offer things of this kind.
-        built_in: "module:name" of each thing.
-        accept: "module:function" of what checks a thing that is not built in: called with what it
-            is, for errors, and the thing; returns what is used instead.
-        files: "module:function" by suffix of a file, called with the name as it was given, which
-            may go on after a "#".
+        what: kind of object for error messages, such as "law".
+        group: entry-point group under which packages provide objects of this kind.
+        built_in: "module:name" of each built-in object.
+        accept: "module:function" that checks an object that is not built in: called with its
+            description, for errors, and the object; returns the object to use.
+        files: "module:function" by file suffix, called with the name as given, which may carry
+            a fragment after "#".
     """
 
     def __init__(
@@ -62,11 +62,11 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
         return {name: point for name, point in offered.items() if name not in self._built_in}
 
     def __getitem__(self, name: str) -> Thing:
-        """Return the thing of that name.
+        """Return the object of that name.
 
         Raises:
-            UnknownNameError: there is none; the nearest is suggested.
-            CanrollError: an extension that cannot be used; what is wrong, and in which file.
+            UnknownNameError: there is none; the message suggests the nearest name.
+            CanrollError: the extension cannot be used; the message names the fault and file.
         """
         if name not in self._loaded:
             if name not in self:
@@ -93,12 +93,12 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
         return accept(what, found)
 
     def _reader(self, name: object) -> str:
-        """Return "module:function" of what reads the file of that name, "" if it is no file's."""
+        """Return "module:function" of the reader of a data file, or "" if ``name`` is not one."""
         path = name.partition("#")[0] if isinstance(name, str) else ""
         return self._files.get(Path(path).suffix.lower(), "")
 
     def origin(self, name: str) -> Origin:
-        """Return where the thing of that name comes from; it is not loaded for that."""
+        """Return the origin of the object of that name without importing it."""
         if name in self._built_in:
             return Origin(BUILT_IN, self._built_in[name])
         if name in self._offered:
@@ -115,22 +115,22 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
         return Origin("this program", "")
 
     def description(self, name: str) -> str:
-        """Return one line about the thing of that name, read from its source, not imported."""
+        """Return a one-line description of that name, read from its source without importing it."""
         module, _, attribute = self.origin(name).where.partition(":")
         if module:
             return extension.described(module, attribute)
         return extension.documented(self._loaded[name])
 
     def __setitem__(self, name: str, thing: Thing) -> None:
-        """Add a thing for this process."""
+        """Register an object for this process."""
         self._loaded[name] = thing
 
     def __delitem__(self, name: str) -> None:
-        """Take an added thing out again; what is built in stays."""
+        """Remove a registered object; built-in ones remain."""
         del self._loaded[name]
 
     def __contains__(self, name: object) -> bool:
-        """Whether there is a thing of that name, or it is a reference; it is not loaded."""
+        """Whether that name is registered, or is a reference; nothing is imported."""
         return (
             name in self._built_in
             or name in self._loaded
@@ -140,7 +140,7 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
         )
 
     def __iter__(self) -> Iterator[str]:
-        """Names: built in, then offered, then added; no references, no files."""
+        """Iterate over names: built in, from packages, then registered; no references or files."""
         named = dict.fromkeys([*self._built_in, *self._offered, *self._loaded])
         return (n for n in named if not extension.is_reference(n) and not self._reader(n))
 

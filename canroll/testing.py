@@ -1,14 +1,14 @@
-"""Conformance tests that the test suite of an extension subclasses, and that all built-ins pass.
+"""Conformance tests for extensions to subclass in their test suites; all built-ins pass them.
 
-A subclass names what it tests, by an entry point's name, "module:name" or "file.py:name"; pytest
-finds it by its own name::
+A subclass names the object under test by entry-point name, "module:name" or "file.py:name";
+pytest collects it by its class name::
 
     from canroll.testing import LawConformance
 
     class TestSkyhook(LawConformance):
         law = "skyhook"
 
-What is meant for one vehicle only, or needs an option, says so in the other attributes.
+The other attributes restrict the tests to one vehicle or supply options.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -45,18 +45,18 @@ VEHICLE = "van_real"
 
 
 def is_one_line(error: CanrollError) -> bool:
-    """Whether the message of an error is one line that says something."""
+    """Whether an error's message is one non-empty line."""
     return bool(str(error).strip()) and "\n" not in str(error)
 
 
 class LawConformance:
-    """A law is designed, verified, frozen into integers and driven.
+    """A law can be designed, verified, converted to integers and driven.
 
     Attributes:
         law: its name.
-        vehicle: that it is meant for.
-        actuator: that it commands.
-        matrices: file of its gains, where it takes one.
+        vehicle: vehicle it is designed for.
+        actuator: actuator it commands.
+        matrices: file of its gains, if it takes one.
     """
 
     law: str
@@ -65,7 +65,7 @@ class LawConformance:
     matrices: str = ""
 
     def tasks(self) -> Iterable[Task]:
-        """Return what must have a verified design: a short delay, one that varies, a fast tick."""
+        """Return tasks that need a verified design: short delay, varying delay, fast tick."""
         for delay, tick in (
             (Delay.constant(0.005), 0.01),
             (Delay(0.012, 0.007, 0.017), 0.01),
@@ -83,11 +83,11 @@ class LawConformance:
         )
 
     def test_it_says_what_it_is(self) -> None:
-        """Its docstring's first line is what ``canroll list laws`` shows."""
+        """It has a docstring, whose first line ``canroll list laws`` shows."""
         assert LAWS.description(self.law), f"{self.law} has no docstring"
 
     def test_every_task_has_a_verified_design_that_the_ecu_takes(self, tmp_path: Path) -> None:
-        """All checks hold, also of the integers, and the calibration file keeps them."""
+        """All checks hold for the real and the integer gains, and survive the calibration file."""
         for task in self.tasks():
             answer = design(self.law, task)
             assert not answer.failures
@@ -99,12 +99,12 @@ class LawConformance:
             assert loaded.record.id == record.id
 
     def test_the_same_task_has_the_same_gains(self) -> None:
-        """Nothing random, and nothing of an earlier call, is in the gains."""
+        """The gains depend on nothing random and on no earlier call."""
         first, second = (LAWS[self.law](next(iter(self.tasks()))) for _ in range(2))
         assert _gains(first) == _gains(second)
 
     def test_the_task_is_left_alone(self) -> None:
-        """It is shared with whoever asks next."""
+        """The task is shared with later designs and must not be modified."""
         task = next(iter(self.tasks()))
         before = repr(task)
         LAWS[self.law](task)
@@ -120,7 +120,7 @@ class LawConformance:
             assert not answer.failures
 
     def test_it_makes_the_car_roll_less(self) -> None:
-        """Over the bus, with the noise of the sensors, in a double lane change."""
+        """In a double lane change, over the bus and with sensor noise."""
         if not self.matrices:
             result = experiment.run(
                 SCENARIO, law=self.law, vehicle=self.vehicle, actuator=self.actuator, duration=4.0
@@ -131,7 +131,7 @@ class LawConformance:
 
 
 def _gains(solution: Solution) -> list[bytes]:
-    """Return the numbers of a controller, to the bit."""
+    """Return the exact bytes of a controller's numbers."""
     controller = solution.controller
     parts = [controller.feedback, controller.feedforward, controller.observer.correction]
     if controller.output_gain is not None:
@@ -143,12 +143,12 @@ def _gains(solution: Solution) -> list[bytes]:
 
 
 class BodyConformance:
-    """A body keeps the signs and the physics that the nodes around it count on.
+    """A body obeys the sign conventions and physics that the nodes around it rely on.
 
     Attributes:
         body: its name.
-        vehicles: that it is built for.
-        speed: of the tests, m/s.
+        vehicles: vehicles it can represent.
+        speed: speed of the tests, m/s.
     """
 
     body: str
@@ -159,7 +159,7 @@ class BodyConformance:
     def drive(
         self, vehicle: Vehicle, seconds: float, *, step: float = 1e-3, **slots: float
     ) -> tuple[Vector, Vector]:
-        """Return state and outputs after some time with inputs by the names of ``ports``."""
+        """Return state and outputs after ``seconds`` of constant inputs, by name in ``ports``."""
         body = BODIES[self.body]
         state, parameters = body.build(vehicle, self.speed)
         inputs, outputs = initial_inputs(), np.zeros(ports.N_OUTPUTS)
@@ -176,12 +176,12 @@ class BodyConformance:
         return (vehicles.load(name) for name in self.vehicles)
 
     def test_it_says_what_it_is(self) -> None:
-        """The string below it is what ``canroll list bodies`` shows."""
+        """It has a description for ``canroll list bodies``."""
         assert isinstance(BODIES[self.body], Body)
         assert BODIES.description(self.body), f"{self.body} has no string below it"
 
     def test_it_stands_on_four_wheels_with_its_weight(self) -> None:
-        """A step of no time fills the outputs and leaves the state alone."""
+        """A zero-length step fills the outputs and leaves the state unchanged."""
         for vehicle in self.each():
             body = BODIES[self.body]
             state, parameters = body.build(vehicle, self.speed)
@@ -194,7 +194,7 @@ class BodyConformance:
             assert abs(outputs[ports.VX] - self.speed) < 1e-9
 
     def test_it_goes_straight_on(self) -> None:
-        """Without steering it neither turns nor rolls, and covers its speed times the time."""
+        """Without steering it neither turns nor rolls, and travels speed times time."""
         for vehicle in self.each():
             _, outputs = self.drive(vehicle, 1.0)
             assert abs(outputs[ports.X] / self.speed - 1.0) < 0.05
@@ -202,7 +202,7 @@ class BodyConformance:
                 assert abs(outputs[slot]) < 1e-6
 
     def test_left_is_left(self) -> None:
-        """Steered left it turns left, the body leans out, and the right wheels carry more."""
+        """Steered left, it turns left, the body leans outwards and the right wheels carry more."""
         for vehicle in self.each():
             _, outputs = self.drive(vehicle, 1.0, STEER=0.01)
             assert outputs[ports.YAW_RATE] > 0.0
@@ -212,7 +212,7 @@ class BodyConformance:
             assert right.sum() > left.sum()
 
     def test_right_is_left_in_a_mirror(self) -> None:
-        """Nothing but its sign changes."""
+        """Mirroring the steering changes only signs."""
         for vehicle in self.each():
             (_, left), (_, right) = (self.drive(vehicle, 1.0, STEER=s * 0.01) for s in (1, -1))
             for slot in (ports.Y, ports.YAW_RATE, ports.AY, ports.ROLL, ports.ROLL_RATE):
@@ -226,13 +226,13 @@ class BodyConformance:
             assert outputs[ports.ROLL] > 0.0
 
     def test_the_same_inputs_have_the_same_outputs(self) -> None:
-        """To the bit: no state outside the state."""
+        """Repeated bit for bit: there is no hidden state."""
         for vehicle in self.each():
             first, second = (self.drive(vehicle, 0.5, STEER=0.01)[1] for _ in range(2))
             assert first.tobytes() == second.tobytes()
 
     def test_half_the_step_gives_the_same_roll(self) -> None:
-        """The integration of a millisecond is good enough for what it integrates."""
+        """The integration step of 1 ms is short enough."""
         for vehicle in self.each():
             whole, half = (
                 self.drive(vehicle, 1.0, step=step, STEER=0.01)[1][ports.ROLL]
@@ -241,7 +241,7 @@ class BodyConformance:
             assert abs(whole - half) < 0.01 * abs(half)
 
     def test_it_is_driven_under_control(self) -> None:
-        """In a double lane change with sensors, bus and controller every signal is a number."""
+        """In a double lane change with sensors, bus and controller, every signal stays finite."""
         result = experiment.run(SCENARIO, plant=self.body, duration=3.0)
         assert result.controlled is not None
         for trace in (result.passive, result.controlled):
@@ -254,9 +254,9 @@ class ManoeuvreConformance:
 
     Attributes:
         scenario: its name.
-        options: that it must be given.
-        vehicles: that it is driven with.
-        plant: body that it is driven on.
+        options: options it requires.
+        vehicles: vehicles it is driven with.
+        plant: body it is driven on.
     """
 
     scenario: str
@@ -265,17 +265,17 @@ class ManoeuvreConformance:
     plant: str = "roll1"
 
     def build(self, vehicle: str, speed: float | None = None, seed: int = 0) -> maneuvers.Maneuver:
-        """Return the manoeuvre, ready to run."""
+        """Return the prepared manoeuvre."""
         loaded = vehicles.load(vehicle)
         return maneuvers.build(self.scenario, loaded, speed, seed, **self.options)
 
     def test_it_says_what_it_is(self) -> None:
-        """The string below it is what ``canroll list scenarios`` shows, its title is in reports."""
+        """It has a description for ``canroll list scenarios`` and a title for reports."""
         assert MANEUVERS.description(self.scenario), f"{self.scenario} has no string below it"
         assert maneuvers.title(self.scenario)
 
     def test_it_is_planned_at_all_its_speeds(self) -> None:
-        """What the plan holds can be driven, for every vehicle."""
+        """The plan is drivable for every vehicle."""
         fastest = maneuvers.speed_range(self.scenario)[1]
         own = maneuvers.options(self.scenario)
         plain = {name: own[name] for name in own if name not in COMMON} | dict(self.options)
@@ -287,7 +287,7 @@ class ManoeuvreConformance:
                 assert self.build(name, speed).speed == speed
 
     def test_the_same_seed_is_the_same_manoeuvre(self) -> None:
-        """What is random in it comes from the seed alone."""
+        """Everything random in it comes from the seed alone."""
         for name in self.vehicles:
             first, second = (self.build(name, seed=3) for _ in range(2))
             assert first.duration_ns == second.duration_ns
@@ -295,7 +295,7 @@ class ManoeuvreConformance:
                 assert np.asarray(one).tobytes() == np.asarray(other).tobytes()
 
     def test_faster_than_possible_is_refused_in_one_line(self) -> None:
-        """Its fastest speed is a limit, and an option that it has not is refused."""
+        """Speeds above its fastest and unknown options are refused."""
         fastest = maneuvers.speed_range(self.scenario)[1]
         for speed, more in ((2.0 * fastest, {}), (None, {"no_such_option": 1})):
             try:
@@ -307,7 +307,7 @@ class ManoeuvreConformance:
                 raise AssertionError(f"{speed} m/s, {more}: not refused")
 
     def test_it_is_driven_to_its_end(self) -> None:
-        """Every output of the body is a number, and the car gets somewhere."""
+        """Every output of the body stays finite, and the car moves forward."""
         for name in self.vehicles:
             outputs, steer = open_loop.run_passive(
                 vehicles.load(name), BODIES[self.plant], self.build(name)
@@ -322,29 +322,29 @@ COMMON = ("friction", "chassis_control", "preview_time")
 
 
 class BusConformance:
-    """A bus carries every controller's traffic, as loaded as it says and within its bounds.
+    """A bus carries every controller's traffic, with the stated load and within its bounds.
 
     Attributes:
         bus: its name.
-        seconds: of driving.
+        seconds: simulated time, s.
     """
 
     bus: str
     seconds: float = 3.0
 
     def test_it_says_what_it_is(self) -> None:
-        """The string below it is what ``canroll list buses`` shows."""
+        """It has a description for ``canroll list buses``."""
         assert BUSES.description(self.bus), f"{self.bus} has no string below it"
 
     def test_every_command_arrives_in_bounded_time(self) -> None:
-        """For all actuators: the worst-case analysis converges."""
+        """The worst-case analysis converges for all actuators."""
         profile = BUSES[self.bus]
         for command in COMMANDS.values():
             bounds = delay_bounds(profile, tick_ms=10.0, command=command)
             assert 0.0 < bounds.age_min <= bounds.age_max < 1.0
 
     def test_simulated_ages_are_within_the_bounds(self) -> None:
-        """The delay that a controller is designed for is the one that it meets."""
+        """Simulated delays stay within those the controller is designed for."""
         result = experiment.run(SCENARIO, bus=self.bus, duration=self.seconds)
         assert result.controlled is not None
         ages = 1e-9 * result.controlled.ages
@@ -353,7 +353,7 @@ class BusConformance:
         assert ages.min() >= 0.0
 
     def test_the_load_is_what_it_says(self) -> None:
-        """Own traffic and background together, on every segment."""
+        """The load of control and background traffic together is as stated on every segment."""
         profile = BUSES[self.bus]
         spec = profile_spec(profile, seed=1)
         own = tuple(message.source() for message in own_messages(profile=profile))
@@ -364,7 +364,7 @@ class BusConformance:
             assert can_bus.account(network, segment).balanced
 
     def test_the_same_seed_has_the_same_frames(self) -> None:
-        """To the bit, whatever ran before."""
+        """Repeated bit for bit, whatever ran before."""
         first, second = (
             experiment.run(SCENARIO, bus=self.bus, law="passive", seed=4, duration=1.0)
             for _ in range(2)

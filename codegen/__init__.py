@@ -1,1 +1,1 @@
-"""The firmware as C99: emitter, prover, host library, Cortex-M builds, bundle."""
+"""Firmware to C99: emitter, prover, host library, Cortex-M builds, bundle."""

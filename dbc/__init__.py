@@ -23,7 +23,7 @@ def load() -> Database:
 
 
 def attribute(source: Database | Message, name: str, default: int = 0) -> int:
-    """Return a number, or the place of a choice: as set, else the file's default for all."""
+    """Return an attribute as a number, or the index of its choice: as set, else the default."""
     if not source.dbc:
         return default
     found = source.dbc.attributes.get(name)
@@ -41,7 +41,7 @@ def switches_bit_rate(message: Message) -> bool:
 
 
 def padded(length: int) -> int:
-    """Return the bytes that a frame of ``length`` bytes has on the wire: a length code's."""
+    """Return the length on the wire of a frame of ``length`` bytes: the next length code's."""
     return min(size for size in FD_LENGTHS if size >= length)
 
 

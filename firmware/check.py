@@ -1,7 +1,7 @@
-"""What a calibration must fulfil before it may run, and that it stays what it was.
+"""Acceptance check of a calibration before it runs, and its cyclic CRC check afterwards.
 
-Its CRC is that of Ethernet and ZIP (CRC-32, polynomial 0x04C11DB7 reflected) over the bytes of the
-record before it, as memory has them; bytes between the fields are zero.
+The CRC is that of Ethernet and ZIP (CRC-32, polynomial 0x04C11DB7 reflected) over the bytes of the
+record before it in memory order; padding bytes are zero.
 """
 
 from firmware.calibration import (
@@ -70,7 +70,7 @@ CRC32: tuple[u32, ...] = (
 
 
 def watch_calibration(ecu: Ecu, cal: Calibration) -> None:
-    """Check another word of the calibration; once the CRC of all is wrong, it is corrupt for good.
+    """Check the next word of the calibration; a wrong CRC marks it corrupt permanently.
 
     A round takes as many calls as the calibration has words. The remainder is kept inverted, so
     that it starts at 0.
@@ -114,7 +114,7 @@ def check_ranges(cal: Calibration) -> i32:
 
 
 def check(cal: Calibration) -> i32:
-    """Return 0, or what refuses the calibration: a field's number from 1, or a rule's.
+    """Return 0, or the reason for refusal: a field's number from 1, or a rule's.
 
     501 schedule speeds do not ascend; 502 the fade's ends are not in order; 503 the bounds of an
     identified ratio exclude one another; 504 valves need a compensator with two outputs; 505 two

@@ -7,6 +7,7 @@ is in observer form on the saturated output, so that it does not wind up.
 
 from typing import Annotated
 
+from firmware import stage
 from firmware.calibration import (
     BYPASS,
     COMPENSATOR,
@@ -36,7 +37,7 @@ def lateral_input(ecu: Ecu, cal: Calibration) -> i32:
 def state_feedback(ecu: Ecu, cal: Calibration) -> i32:
     """Return u = -(feedback) x - (feedforward) x from the predicted estimate, Q14.
 
-    Without the lateral acceleration the feedforward has ramped to nothing.
+    Without a valid lateral acceleration the feedforward has ramped to zero.
     """
     fed_back: i64 = rsh(weighted(cal.feedback, ecu.ahead), cal.feedback_shift)
     fed_forward: i32 = shifted(weighted(cal.feedforward, ecu.ahead), cal.feedforward_shift)
@@ -54,7 +55,7 @@ def output_feedback(ecu: Ecu, cal: Calibration) -> i32:
 def driven(ecu: Ecu, cal: Calibration, row: Annotated[list[i32], 4]) -> i64:
     """Return a row of the compensator times its inputs: roll, roll rate, a_y, a_y by steering.
 
-    But for the roll angle, which nothing measures, they are as measured: a compensator filters.
+    Except the roll angle, which no sensor measures, they are unfiltered: the compensator filters.
     """
     acc: i64 = row[0] * ecu.x[ROLL] + row[1] * rate_input(ecu, cal)
     return acc + row[2] * lateral_input(ecu, cal) + row[3] * ecu.steering_acceleration
@@ -69,7 +70,7 @@ def carried(ecu: Ecu, cal: Calibration, row: Annotated[list[i32], N_ORDER]) -> i
 
 
 def advance_compensator(ecu: Ecu, cal: Calibration) -> None:
-    """Advance the compensator's state with its inputs and the outputs that were really given."""
+    """Advance the compensator's state with its inputs and the outputs after limiting."""
     for i in range(cal.compensator_order):
         acc: i64 = driven(ecu, cal, cal.compensator_b[i])
         acc += carried(ecu, cal, cal.compensator_a[i])
@@ -100,12 +101,14 @@ def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
         ecu.moment = sat31(ecu.outputs[0] + ecu.outputs[1])
         for i in range(cal.compensator_order):
             ecu.compensator_x[i] = 0
+        stage.rest(ecu, cal)
         return
     if cal.law == COMPENSATOR:
         for k in range(cal.compensator_outputs):
             acc: i64 = driven(ecu, cal, cal.compensator_d[k])
             acc += carried(ecu, cal, cal.compensator_c[k])
             wanted: i32 = shifted(acc, cal.compensator_output_shift[k])
+            wanted = stage.moment(ecu, cal, wanted, k, steps)
             ecu.outputs[k] = limited(ecu, cal, wanted, ecu.outputs[k], steps)
         ecu.moment = sat31(ecu.outputs[0] + ecu.outputs[1])
         advance_compensator(ecu, cal)
@@ -115,6 +118,7 @@ def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
         u = output_feedback(ecu, cal)
     else:
         u = state_feedback(ecu, cal)
+    u = stage.moment(ecu, cal, u, 0, steps)
     ecu.moment = limited(ecu, cal, u, ecu.moment, steps)
     ecu.outputs[0] = ecu.moment
 

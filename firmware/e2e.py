@@ -1,8 +1,8 @@
-"""Receivers of AUTOSAR's end-to-end protection: what a counter says of a frame.
+"""Receivers of AUTOSAR's end-to-end protection: validation of a frame by its counter.
 
-Checksums and places are those of each frame (``protection``); here is what counters of a few values
-and of many have in common. A frame counts as valid when its counter has moved by one, or by no more
-than the step accepted after frames were missed.
+Checksums and their positions are specific to each frame (``protection``); this module is common to
+all counters. A frame is valid when its counter has advanced by one, or by no more than the step
+accepted after frames were missed.
 """
 
 from firmware.calibration import Calibration
@@ -15,7 +15,7 @@ REPEATED_MAX = 14
 
 
 def due(ecu: Ecu, message: i32) -> None:
-    """Note that a frame of ``message`` is looked for: the accepted counter step grows."""
+    """Note that a frame of ``message`` is due: the accepted counter step grows."""
     ecu.e2e_delta[message] = clamp(ecu.e2e_delta[message] + 1, 0, STEP_MAX)
 
 
@@ -25,7 +25,7 @@ def missed(ecu: Ecu, message: i32) -> None:
 
 
 def accepted(ecu: Ecu, cal: Calibration, message: i32, counter: i32) -> i32:
-    """Take ``counter`` as valid; return 1 where no resynchronisation is under way."""
+    """Accept ``counter`` as valid; return 1 where no resynchronisation is under way."""
     ecu.e2e_delta[message] = cal.e2e_max_delta[message]
     ecu.e2e_last[message] = byte(counter)
     if ecu.e2e_repeated[message] <= cal.e2e_max_repeated[message]:
@@ -40,7 +40,7 @@ def accepted(ecu: Ecu, cal: Calibration, message: i32, counter: i32) -> i32:
 
 
 def resynchronised(ecu: Ecu, cal: Calibration, message: i32, counter: i32, values: i32) -> i32:
-    """Judge a counter of ``values`` values whose checksum is right; return 1 for data to use.
+    """Check the counter of a frame with a correct checksum; return 1 where its data may be used.
 
     E2E_P01Check and E2E_P02Check of AUTOSAR's E2E protocol specification.
     """
@@ -65,10 +65,10 @@ def resynchronised(ecu: Ecu, cal: Calibration, message: i32, counter: i32, value
 
 
 def in_sequence(ecu: Ecu, cal: Calibration, message: i32, counter: i32, values: i32) -> i32:
-    """Judge a counter of ``values`` values whose checksum is right; return 1 for data to use.
+    """Check the counter of a frame with a correct checksum; return 1 where its data may be used.
 
-    E2E_P05Check and E2E_P22Check: every right frame becomes the last one, there is no
-    resynchronisation. They start as if the highest counter had come.
+    E2E_P05Check and E2E_P22Check: every correct frame becomes the last one, there is no
+    resynchronisation. They start as if the highest counter had been received.
     """
     step: i32 = counter - clamp(ecu.e2e_last[message], 0, values - 1)
     if step < 0:

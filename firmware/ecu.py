@@ -1,10 +1,11 @@
 """The three entry points of the ECU: ``init``, ``receive``, ``tick``.
 
-The caller owns both records. It calls ``receive`` for every frame, from an interrupt if it likes,
-``tick`` once a period with the number of periods gone by, and then sends every slot whose
-``tx_pending`` is 1 and clears it.
+The caller owns both records. It calls ``receive`` for every frame, which may be from an
+interrupt, ``tick`` once a period with the number of periods elapsed, and then sends every slot
+whose ``tx_pending`` is 1 and clears it.
 """
 
+from firmware import stage
 from firmware.allocation import allocate
 from firmware.calibration import Calibration
 from firmware.check import RULE_CRC, check, watch_calibration
@@ -28,7 +29,7 @@ WRAP = 1 << 32
 
 
 def init(ecu: Ecu, cal: Calibration) -> i32:
-    """Start the ECU; return 0, or what refuses the calibration: 511 its CRC, else as ``check``.
+    """Start the ECU; return 0, or why the calibration is refused: 511 its CRC, else as ``check``.
 
     A refused calibration never runs: the mode is SAFE and every later tick does nothing.
     """
@@ -53,14 +54,15 @@ def init(ecu: Ecu, cal: Calibration) -> i32:
     init_trigger(ecu)
     init_transmit(ecu)
     ecu.law = cal.law
+    stage.start(ecu, cal)
     return 0
 
 
 def tick(ecu: Ecu, cal: Calibration, elapsed_ticks: i32) -> None:
     """Run one period of the loop; ``elapsed_ticks`` is more than 1 where ticks were missed.
 
-    Ages, ramps and timeouts count all of them, estimate and slew limit at most ``STEPS_MAX``. What
-    was missed is made up for in one step, so that a late tick is hardly longer than any other.
+    Ages, ramps and timeouts count all of them, estimate and slew limit at most ``STEPS_MAX``.
+    Missed ticks are made up for in one step, so that a late tick is hardly longer than any other.
     """
     if ecu.refused != 0:
         return
@@ -72,6 +74,7 @@ def tick(ecu: Ecu, cal: Calibration, elapsed_ticks: i32) -> None:
     schedule(ecu, cal)
     learn_offsets(ecu, cal)
     observe(ecu, cal, steps)
+    stage.estimate(ecu, cal, steps)
     identify(ecu, cal, elapsed)
     look_ahead(ecu, cal)
     control(ecu, cal, steps)

@@ -2,9 +2,9 @@
 
 Viadero 2022: send when e' Omega e > epsilon**2 u' Omega u, with e the difference to the command
 sent last; an absolute floor keeps sensor noise from firing it near zero. The actuators echo the
-counter of the command they accepted: what was sent last counts as theirs until its echo is overdue,
-then it is sent again. Over a network the echo may lag several commands behind; as long as it moves,
-nothing is wrong.
+counter of the command they accepted: the last command counts as received until its echo is overdue,
+then it is sent again. Over a network the echo may lag several commands behind; that is accepted as
+long as it advances.
 """
 
 from firmware import signals
@@ -69,7 +69,7 @@ def moved(ecu: Ecu, cal: Calibration) -> i32:
 
 
 def trigger(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
-    """Decide whether this tick sends a command; note the one that is under way."""
+    """Decide whether this tick sends a command; record the one that is under way."""
     acknowledge(ecu, cal)
     ecu.since_sent = clamp(ecu.since_sent + elapsed, 0, AGE_MAX)
     if ecu.waiting == 1:

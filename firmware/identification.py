@@ -2,11 +2,10 @@
 
 Yim 2020, section III.D, in integral form: over a window of ten steps
 theta_1 T0 int(phi) + theta_2 C0 d(phi) = int(M + m h a_y) - I_x d(phi'), with theta relative to
-nominal and T = K - m g h. Nothing of it comes from the observer, whose own model would answer for
-itself: all signals are the sensors', each washed out twice. So the offsets of both sensors drop
-out, and the roll angle is the leaky integral of the gyro, which takes the place of one washout.
-Only a moving body teaches: a gate on the roll rate stops the forgetting where there is nothing to
-learn.
+nominal and T = K - m g h. No signal comes from the observer, which would
+feed its own model back: all are from the sensors, each washed out twice. So the offsets of both
+sensors drop out, and the roll angle is the leaky integral of the gyro, which replaces one washout.
+A gate on the roll rate stops the forgetting while the motion is too small to identify from.
 """
 
 from firmware.calibration import COEFFICIENT, STATE_MAX, Calibration
@@ -130,7 +129,7 @@ def momentum(ecu: Ecu, cal: Calibration) -> i32:
 
 
 def restart(ecu: Ecu) -> None:
-    """Empty window and filters; what was learnt stays."""
+    """Clear window and filters; the estimates are kept."""
     for signal in range(5):
         ecu.rls_washed[signal] = 0
     ecu.rls_filled = 0

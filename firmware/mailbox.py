@@ -1,4 +1,4 @@
-"""Mailboxes: what the bus hands over, and what the tick takes from it.
+"""Mailboxes: hand-over of received frames to the tick.
 
 ``receive`` may run in an interrupt. It only ever writes the side of a slot that ``rx_side`` names;
 the tick turns ``rx_side`` over by one byte store and then owns the other side. The last frame wins.
@@ -25,7 +25,7 @@ NO_SAMPLE = 16
 def receive(ecu: Ecu, message: i32, payload: Annotated[list[u8], RX_BYTES], length: i32) -> None:
     """Store a frame of ``message`` (RX_…); the only writer of the slots.
 
-    ``payload`` has ``length`` bytes; a frame that is too short or of another page is passed by.
+    ``payload`` has ``length`` bytes; a frame that is too short or of another page is ignored.
     """
     if message < 0 or message >= N_RX:
         return
@@ -41,7 +41,7 @@ def receive(ecu: Ecu, message: i32, payload: Annotated[list[u8], RX_BYTES], leng
 
 
 def sample_counter(ecu: Ecu, message: i32) -> u8:
-    """Return the sample counter that the last frame of ``message`` brought."""
+    """Return the sample counter of the last frame of ``message``."""
     if message == RX_IMU:
         return ecu.imu_sample
     if message == RX_VEHICLE_MOTION:
@@ -77,7 +77,7 @@ def take(ecu: Ecu, cal: Calibration, message: i32) -> i32:
 
 
 def read_inputs(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
-    """Take every mailbox that the calibration needs, and count how old each input is."""
+    """Read every mailbox that the calibration needs, and count the age of each input."""
     for message in range(N_RX):
         if cal.timeout_ticks[message] > 0:
             ecu.age[message] = clamp(ecu.age[message] + elapsed, 0, AGE_MAX)

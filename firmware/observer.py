@@ -58,8 +58,8 @@ def advance(
 def acting_moment(ecu: Ecu, cal: Calibration) -> i32:
     """Return the moment that acts: the delivered one, or the commanded where that is unknown.
 
-    What dampers and valves are commanded is no moment, and believing it one feeds back on itself:
-    where their moment is unknown, it counts as none.
+    Commands to dampers and valves are not moments, and using them as such would feed back on
+    itself: where the moment is unknown, it counts as zero.
     """
     if ecu.moment_unknown == 1:
         if cal.actuator >= DAMPERS:
@@ -69,9 +69,9 @@ def acting_moment(ecu: Ecu, cal: Calibration) -> i32:
 
 
 def told_by_steering(ecu: Ecu) -> i32:
-    """Return the lateral acceleration that the estimate is drawn to, Q24.
+    """Return the lateral acceleration that the model relaxes to, Q24.
 
-    An old steering angle would pull it its way: the estimate itself pulls nowhere.
+    An outdated steering angle would bias it: the estimate itself is returned, without effect.
     """
     if ecu.motion_lost == 1:
         return ecu.x[LATERAL]
@@ -108,8 +108,7 @@ def correct(ecu: Ecu, cal: Calibration, measured: i32, y: i32, moment: i32) -> N
 def make_up(ecu: Ecu, missed: i32) -> None:
     """Go on from ``ahead`` through the estimate as the last tick did, for each tick missed.
 
-    A step of the model a tick would make a late tick later still; the missed ones cost no more
-    than a sum.
+    A model step for each missed tick would make a late tick later still; this costs only a sum.
     """
     for i in range(N_STATES):
         change: i32 = ecu.x[i] - ecu.ahead[i]
@@ -146,8 +145,8 @@ def observe(ecu: Ecu, cal: Calibration, steps: i32) -> None:
 def look_ahead(ecu: Ecu, cal: Calibration) -> None:
     """Predict from the sample to the actuation, through the commands that are under way.
 
-    Over a tick the moment counts with the mean of its ends. That of dampers and valves doesn't go
-    to what they are commanded: it is kept.
+    Within a tick the moment is the mean of its values at both ends. That of dampers and valves does
+    not follow their commands: it is held.
     """
     moment: i32 = acting_moment(ecu, cal)
     rate: i32 = cal.actuator_rate

@@ -1,6 +1,6 @@
-"""Plausibility, timeouts and fault codes: what an input is worth, what that does to the mode.
+"""Plausibility, timeouts and fault codes of the inputs, and their effect on the mode.
 
-An input is lost when no valid frame of it comes in time, when it repeats one sample, or when its
+An input is lost when no valid frame of it arrives in time, when it repeats one sample, or when its
 value has been an error code or implausible for longer than its timeout.
 """
 
@@ -72,7 +72,7 @@ OVERDUE = 8
 
 
 def latch_faults(ecu: Ecu) -> None:
-    """Make what this tick has found the active fault codes; latch and count those that are new."""
+    """Make the faults found in this tick the active fault codes; latch and count new ones."""
     if ecu.found == ecu.fault_active:
         return
     appeared: i32 = ecu.found & (ALL_FAULT_CODES ^ ecu.fault_active)
@@ -97,7 +97,7 @@ def latch_faults(ecu: Ecu) -> None:
 def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:
     """Return 1 where a needed message is late, or repeats one sample.
 
-    The first one may come as late as INIT lasts at least before that is a fault.
+    The first one may arrive at any time within the minimum duration of INIT.
     """
     patience: i32 = cal.timeout_ticks[message]
     if patience == 0 or ecu.fresh[message] == 1:
@@ -132,7 +132,7 @@ def lasting(ecu: Ecu, watched: i32, timeout: i32, bad: i32, elapsed: i32) -> i32
 def lacking(ecu: Ecu, message: i32, needed: u8) -> i32:
     """Return 1 where a signal among the bits ``needed`` carries an error code or is contradicted.
 
-    A message that has not come yet lacks nothing: :func:`silence` judges that.
+    A message not yet received lacks nothing: :func:`silence` judges that.
     """
     if ecu.last_sample[message] == NO_SAMPLE:
         return 0
@@ -142,7 +142,7 @@ def lacking(ecu: Ecu, message: i32, needed: u8) -> i32:
 
 
 def lost(ecu: Ecu, cal: Calibration, message: i32, elapsed: i32) -> i32:
-    """Judge a message that is worth nothing without one of its signals; return 1 where lost."""
+    """Judge a message that is useless without one of its signals; return 1 where lost."""
     timeout: i32 = cal.timeout_ticks[message]
     if timeout == 0:
         return 0
@@ -162,7 +162,7 @@ def beyond(value: i32, limit: i32) -> i32:
 
 
 def law_needs_lateral(cal: Calibration) -> i32:
-    """Return 1 where the law itself reads the lateral acceleration: it can't do without."""
+    """Return 1 where the law reads the lateral acceleration and cannot run without it."""
     if cal.law == OUTPUT_FEEDBACK and cal.output_gain[1] != 0:
         return 1
     if cal.law == COMPENSATOR:
@@ -176,9 +176,9 @@ def law_needs_lateral(cal: Calibration) -> i32:
 
 
 def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
-    """Judge the lateral acceleration; return what it does to the mode.
+    """Judge the lateral acceleration; return its effect on the mode.
 
-    The observer takes it again with the first good sample, the feedforward only after
+    The observer uses it again from the first good sample, the feedforward only after
     ``recovery_ticks`` of them.
     """
     bad: i32 = lacking(ecu, RX_IMU, 2) | beyond(ecu.lateral_acceleration, cal.acceleration_max)
@@ -206,7 +206,7 @@ def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
 
 
 def watch_imu(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
-    """Judge the inertial measurement; return what it does to the mode."""
+    """Judge the inertial measurement; return its effect on the mode."""
     late: i32 = silence(ecu, cal, RX_IMU)
     bad: i32 = lacking(ecu, RX_IMU, 1) | beyond(ecu.roll_rate, cal.roll_rate_max)
     if bad == 0:
@@ -222,7 +222,7 @@ def watch_imu(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
 
 
 def watch_motion(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
-    """Judge the inputs that tell the vehicle's motion; return what they do to the mode."""
+    """Judge the inputs of the vehicle's motion; return their effect on the mode."""
     severity: i32 = watch_imu(ecu, cal, elapsed)
     reference_lost: i32 = lost(ecu, cal, RX_ROLL_REFERENCE, elapsed)
     if cal.observer == BYPASS and reference_lost == 1:
@@ -234,7 +234,7 @@ def watch_motion(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
 
 
 def watch_corners(ecu: Ecu, cal: Calibration) -> i32:
-    """Judge the status of the four corners; return what it does to the mode.
+    """Judge the status of the four corners; return its effect on the mode.
 
     One failed corner degrades, as does one failed bar, which spans both corners of its axle.
     """
@@ -256,7 +256,7 @@ def watch_corners(ecu: Ecu, cal: Calibration) -> i32:
 
 
 def watch_actuators(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
-    """Judge what the actuators say of themselves; return what it does to the mode."""
+    """Judge the status of the actuators; return its effect on the mode."""
     ecu.moment_unknown = byte(lost(ecu, cal, RX_ACTUATOR_STATE, elapsed))
     severity: i32 = watch_corners(ecu, cal)
     if cal.timeout_ticks[RX_ACTUATOR_STATE] == 0:

@@ -1,6 +1,6 @@
-"""What CPython needs to run the integer subset: its types, its records and its few intrinsics.
+"""Support for running the integer subset in CPython: its types, records and intrinsics.
 
-The subset is Python as a microcontroller could have it. A module of it holds integer constants,
+The subset is Python restricted to what a microcontroller offers. A module holds integer constants,
 constant tables, records and functions; a function holds annotated locals, assignments, ``if``,
 ``for … in range(…)``, ``return`` and calls. There are no floats, no allocation, no recursion, no
 ``//`` and no ``%``. ``codegen.c99.emit`` translates it to C99 and refuses everything else; this
@@ -35,10 +35,10 @@ Record = TypeVar("Record")
 
 @dataclass(frozen=True, slots=True)
 class F:
-    """What a record says of one field: its range, Q format, unit and meaning.
+    """Declaration of one field of a record: its range, Q format, unit and meaning.
 
     ``q`` is the number of fractional bits: a stored integer n stands for n / 2**q ``unit``.
-    Every store keeps ``lo <= n <= hi``. ``volatile`` marks what an interrupt may write.
+    Every store keeps ``lo <= n <= hi``. ``volatile`` marks a field that an interrupt may write.
     """
 
     lo: int
@@ -62,7 +62,7 @@ class Field:
 def fields(record_class: type) -> tuple[Field, ...]:
     """Return the field table of a record class, in the order of its memory layout.
 
-    A ``u8`` is told from an ``i32`` by its range, as both are ``int`` to CPython.
+    A ``u8`` is distinguished from an ``i32`` by its range, as both are ``int`` to CPython.
     """
     table = []
     for name, hint in get_type_hints(record_class, include_extras=True).items():

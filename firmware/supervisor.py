@@ -3,8 +3,8 @@
 INIT waits for good inputs. ACTIVE runs the law. DEGRADED does without one input: the lateral
 acceleration (one-sensor observer, no feedforward), speed and steering (the last ones are kept), the
 delivered moment (the commanded one is used) or one corner or bar (its moment moves). SAFE ramps the
-command to zero and keeps the heartbeat. Both end by themselves when all is well for the calibrated
-time, but for a calibration that has changed: that stays.
+command to zero and keeps the heartbeat. Both end when all inputs have been good for the calibrated
+time, except after a corrupt calibration, which is permanent.
 """
 
 from firmware import signals

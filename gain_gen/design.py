@@ -1,4 +1,4 @@
-"""From a task to a verified design."""
+"""Verified design of a law for a task."""
 
 from dataclasses import replace
 from math import isfinite
@@ -17,25 +17,27 @@ STEP_DB = 1.0
 STEPS = 40
 """After so many a law is refused."""
 
-WITH_SHARE = ("steering_lead",)
+WITH_SHARE = ("steering_lead", "lqg_delay", "hinf")
 """Laws that are designed for a share of the roll moment."""
 
 PRINTED = ("hinf_delay", "hinf_nodelay", "hinf_event", "lqr", "hinf", "smc")
 """Laws whose papers print gains."""
-THEOREMS = ("hinf_delay", "hinf_event")
+THEOREMS = ("hinf_delay", "hinf_event", "hinf")
 """Laws whose papers have a theorem of their own, on a 1-DOF model."""
+UNOBSERVED = ("two_sensors", "reference")
+"""The default, and what replaces the sensors: these make sense to a law without an observer."""
 UNITS = {"gain_margin_db": " dB", "delay_margin_s": " s"}
 
 
 def design(law: str, task: Task) -> Design:
     """Return the verified design of ``law`` for ``task``.
 
-    A design whose loop fails a check on the family of cars is detuned step by step and says so.
+    A design whose loop fails a check on the family of cars is detuned step by step, with a note.
 
     Raises:
         UnknownNameError: no such law or observer.
-        CanrollError: a tick or delay that cannot be.
-        VerdictError: infeasible, or a computed design failed a check: it is not to be used.
+        CanrollError: an invalid tick or delay.
+        VerdictError: infeasible, or a computed design failed a check and must not be used.
     """
     solve = LAWS[law]
     if task.observer not in OBSERVERS:
@@ -58,6 +60,15 @@ def design(law: str, task: Task) -> Design:
     task = replace(task, noise=sensor_noise(task.vehicle))
     family = family_of(task)
     first = solve(task)
+    if task.observer not in UNOBSERVED and not first.controller.observes:
+        raise CanrollError(
+            f"--observer {task.observer}: {law} uses the sensors as they are, not the observer; "
+            f"omit it, or choose a law on the observed state such as lqr"
+        )
+    if not task.feedforward and first.controller.compensator is not None:
+        raise CanrollError(
+            f"--no-feedforward: {law} has one compensator for all and no feedforward apart; omit it"
+        )
     own = task.gains != "computed" or law == "custom"
     speeds = None if own or first.verified_by_law or family.note else speeds_of(task)
     limits = UNLIMITED if speeds is None else speeds.limits(first.controller)
@@ -88,7 +99,7 @@ def _detuned(
     speeds: Speeds | None,
     limits: tuple[float, ...],
 ) -> tuple[str, Design] | None:
-    """Return the strongest verified design with its command scaled down, and by how much."""
+    """Return the strongest verified design with its command scaled down, and the factor."""
     failed: FamilyRow | None = None
     for step in range(1, STEPS + 1):
         controller = scheduled(first.controller, limits, 10.0 ** (-STEP_DB * step / 20.0))
@@ -105,7 +116,7 @@ def _detuned(
 
 
 def _uncertified(first: Solution, controller: Controller) -> Solution:
-    """Return the solution with another controller and without what is proved of its own."""
+    """Return the solution with another controller and without the law's own certificates."""
     return replace(
         first,
         controller=controller,
@@ -118,7 +129,7 @@ def _uncertified(first: Solution, controller: Controller) -> Solution:
 
 
 def _first_failure(answer: Design) -> tuple[str, Check]:
-    """Return the failed check that tells most: margins before what follows from them."""
+    """Return the most informative failed check: margins before what follows from them."""
     failures = answer.failures
     for name in ("gain_margin_db", "peak_sensitivity"):
         if name in failures:
@@ -127,7 +138,7 @@ def _first_failure(answer: Design) -> tuple[str, Check]:
 
 
 def _failure(name: str, check: Check) -> str:
-    """Describe a failed check with where it fails."""
+    """Describe a failed check and where it fails."""
     unit = UNITS.get(name, "")
     where = f" ({check.where})" if check.where else ""
     words = name.removesuffix("_db").removesuffix("_s").replace("_", " ")
@@ -135,7 +146,7 @@ def _failure(name: str, check: Check) -> str:
 
 
 def _refusal(answer: Design) -> str:
-    """Name the failed check and the remedy."""
+    """Return the error that names the failed check and the remedy."""
     delay = answer.task.delay
     hint = (
         f"; the delay of {1e3 * delay.most:.0f} ms is beyond the {1e3 * answer.max_delay:.0f} ms "

@@ -1,4 +1,4 @@
-"""The margins of a calibration's integers as they are, over the family, delay and gain."""
+"""Margins of a calibration's integers over the family, delay and gain."""
 
 from dataclasses import asdict, dataclass
 from math import inf, isfinite
@@ -26,10 +26,10 @@ class Point:
 
     Attributes:
         delay: from sample to force, s.
-        gain_factor: of the whole command.
-        peak: of the roll angle over a roll moment on the body, relative to no control; infinite if
-            unstable.
-        margins: of the loop.
+        gain_factor: factor on the whole command.
+        peak: peak response of roll angle to a roll moment on the body, relative to no control;
+            infinite if unstable.
+        margins: margins of the loop.
     """
 
     delay: float
@@ -50,14 +50,14 @@ class MarginReport:
     Attributes:
         law: name.
         vehicle: name.
-        delay: least, nominal and longest that it was designed for, s.
-        max_delay: largest constant delay that the integers admit on the whole family, s.
-        family: margins of every member at least, middle and longest delay.
-        checks: what a design must hold.
-        note: why the family is the roll model alone, or empty.
+        delay: least, nominal and longest delay it was designed for, s.
+        max_delay: largest constant delay at which the whole family is stable, s.
+        family: margins of every member at the least, middle and longest delay.
+        checks: the checks of a design.
+        note: reason why the family is the roll model alone, or empty.
         over_delay: at the gain of the file.
         over_gain: at the nominal delay of the file.
-        frequencies: of ``loop``, rad/s.
+        frequencies: frequencies of ``loop``, rad/s.
         loop: Nyquist curve by delay in s.
     """
 
@@ -78,7 +78,7 @@ def task_of(calibration: LoadedCalibration) -> Task:
     """Return the task that the file was designed for.
 
     Raises:
-        CanrollError: its vehicle file is gone.
+        CanrollError: its vehicle file is missing.
     """
     table = calibration.tables["design"]
     nominal = float(table["delay_s"])
@@ -93,10 +93,10 @@ def task_of(calibration: LoadedCalibration) -> Task:
 
 
 def margin_report(calibration: LoadedCalibration) -> MarginReport:
-    """Return the margins of the integers in ``calibration``, by the sampled loop.
+    """Return the margins of the integers in ``calibration``, from the sampled loop.
 
     Raises:
-        CanrollError: the vehicle file that it was designed for is gone.
+        CanrollError: the vehicle file it was designed for is missing.
     """
     task = task_of(calibration)
     family = family_of(task)
@@ -130,7 +130,7 @@ def margin_report(calibration: LoadedCalibration) -> MarginReport:
 
 
 def _delays(family: Family, largest: float) -> list[float]:
-    """Return the delays of the table: the task's own and some up to well beyond."""
+    """Return the delays of the table: the task's and several well beyond."""
     longest = family.delays[-1]
     top = max(2.0 * longest, 1.2 * largest if isfinite(largest) else 0.0, 4.0 * family.tick)
     return sorted({*family.delays, *np.linspace(0.0, top, 9).tolist()})
@@ -182,6 +182,6 @@ def to_json(report: MarginReport) -> dict[str, object]:
 
 
 def admits(report: MarginReport) -> bool:
-    """Whether the loop holds its margins on the whole family, up to the longest delay."""
+    """Whether the whole family has its margins up to the longest delay."""
     largest = report.max_delay if report.max_delay > 0.0 else -inf
     return report.delay.most < largest and all(check.ok for check in report.checks.values())

@@ -3,7 +3,7 @@
     python -m tools.floors     prints the drawing of docs/architecture.md (Mermaid)
 
 A room is a folder with the Python files directly in it. A file imports from its own room or from
-rooms on lower floors; rooms on one floor don't know each other.
+rooms on lower floors; rooms on the same floor do not import each other.
 """
 
 import ast
@@ -26,6 +26,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("plant_sim.bodies", "codegen.specialise", "codegen.worst_case", "gain_gen.models"),
     ("plant_sim.nodes", "plant_sim.driving", "codegen.export", "gain_gen.analysis"),
     ("plant_sim.world", "gain_gen.laws"),
+    ("gain_gen.output_feedback",),
     ("gain_gen.calibration",),
     ("gain_gen",),
     ("hil.runs",),
@@ -61,7 +62,7 @@ def modules(root: Path = ROOT) -> dict[str, Path]:
 
 
 def imports(root: Path = ROOT) -> dict[str, frozenset[str]]:
-    """Return which modules of the project each module imports, wherever in it."""
+    """Return the modules of the project that each module imports, also inside functions."""
     known = modules(root)
     return {
         name: frozenset(_imported(path, known)) - {name} for name, path in sorted(known.items())
@@ -80,7 +81,7 @@ def _imported(path: Path, known: Mapping[str, Path]) -> Iterator[str]:
 
 
 def room_of(module: str, known: Mapping[str, Path]) -> str:
-    """Return the room that a module stands in."""
+    """Return the room of a module."""
     if module in GROUND:
         return module
     package = known[module].name == "__init__.py"
@@ -88,7 +89,7 @@ def room_of(module: str, known: Mapping[str, Path]) -> str:
 
 
 def rooms(graph: Graph, root: Path = ROOT) -> dict[str, frozenset[str]]:
-    """Return which rooms each room imports from."""
+    """Return the rooms that each room imports from."""
     known = modules(root)
     found: dict[str, set[str]] = {}
     for module, targets in graph.items():
@@ -126,7 +127,7 @@ def circles(graph: Graph) -> list[list[str]]:
 
 
 def drawing(graph: Graph) -> str:
-    """Return the rooms as a Mermaid flowchart; an arrow that others imply is left out."""
+    """Return the rooms as a Mermaid flowchart without arrows implied by others."""
     found = rooms(graph)
     lines = ["```mermaid", "flowchart TD"]
     for package in PACKAGES:
@@ -153,7 +154,7 @@ def _title(room: str) -> str:
 
 
 def _reached(found: Graph, room: str) -> set[str]:
-    """Return all rooms below ``room`` that it needs, near or far."""
+    """Return all rooms that ``room`` imports from, directly or not."""
     todo, seen = [room], set()
     while todo:
         for target in found.get(todo.pop(), frozenset()) - seen:
@@ -163,7 +164,7 @@ def _reached(found: Graph, room: str) -> set[str]:
 
 
 def upward(graph: Graph, root: Path = ROOT) -> list[str]:
-    """Return the imports that don't lead to a lower floor or stay in their room, as text."""
+    """Return the imports that lead neither to a lower floor nor to the same room, as text."""
     known = modules(root)
     floor = {room: number for number, level in enumerate(FLOORS) for room in level}
     return [

@@ -1,4 +1,4 @@
-"""A bar on the terminal for work that takes long; nothing in a pipe."""
+"""A progress bar on a terminal for long work; nothing in a pipe."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -9,9 +9,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 @contextmanager
 def progress(what: str, total: int) -> Iterator[Callable[[int], None]]:
-    """Show on stderr how much of ``total`` is done while the body runs, which says how much more.
+    """Show on stderr how much of ``total`` is done; the body reports increments.
 
-    Without a thread that refreshes: it would be in the way of forks.
+    Without a refreshing thread, which would interfere with forks.
     """
     console = Console(stderr=True)
     columns = (

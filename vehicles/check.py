@@ -1,4 +1,4 @@
-"""Refuses what no vehicle can be: each check names the key and says what is wrong."""
+"""Plausibility checks of a vehicle: each names the key and the fault."""
 
 from collections.abc import Iterator
 from dataclasses import fields, is_dataclass
@@ -109,14 +109,14 @@ def _inertia(vehicle: Vehicle) -> Iterator[str]:
 
 def _kinematics(vehicle: Vehicle) -> Iterator[str]:
     if vehicle.kinematics is not None and vehicle.kinematics.scrub > 1:
-        yield f"kinematics.scrub = {vehicle.kinematics.scrub:g}: a share is at most 1"
+        yield f"kinematics.scrub = {vehicle.kinematics.scrub:g}: must be at most 1"
 
 
 def _consistency(vehicle: Vehicle) -> Iterator[str]:
     for key in ("roll_stiffness_front_share", "roll_damping_front_share", "high_speed_ratio"):
         value = getattr(vehicle.suspension, key)
         if not 0 < value < 1 and not (key == "high_speed_ratio" and value == 1):
-            yield f"suspension.{key} = {value:g}: a share lies between 0 and 1"
+            yield f"suspension.{key} = {value:g}: must be between 0 and 1"
     tyre = vehicle.tyre
     for key in ("friction_load_slope", "cornering_load_slope"):
         if getattr(tyre, key) >= 0.5:
@@ -140,7 +140,7 @@ def _consistency(vehicle: Vehicle) -> Iterator[str]:
 
 
 def problems(vehicle: Vehicle) -> Iterator[str]:
-    """What makes ``vehicle`` impossible, one line each; nothing for a possible one."""
+    """Reasons why ``vehicle`` is impossible, one line each; empty for a possible one."""
     signs = list(_signs(vehicle))
     yield from signs
     if signs:

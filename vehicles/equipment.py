@@ -1,4 +1,4 @@
-"""What a vehicle can be fitted with: roll actuators of four kinds, and its sensors."""
+"""Equipment of a vehicle: roll actuators of four kinds, and sensors."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ ACTUATORS = ("suspension", "bars", "dampers", "valves")
 
 @dataclass(frozen=True, slots=True)
 class ActiveSuspension:
-    """Four-corner active suspension: one force actuator a corner.
+    """Four-corner active suspension: one force actuator per corner.
 
     First-order lag (s), force limit (N), rate limit (N/s) and power limit (W), each per corner.
     """
@@ -21,7 +21,7 @@ class ActiveSuspension:
 
 @dataclass(frozen=True, slots=True)
 class ActiveBars:
-    """Active anti-roll bars: one torque actuator an axle. Lag (s), limits (N·m, N·m/s) per axle."""
+    """Active anti-roll bars: one torque actuator per axle. Lag (s), limits (N·m, N·m/s)."""
 
     lag: float
     torque_limit: float

@@ -1,6 +1,6 @@
 """The linear full car with electro-hydraulic anti-roll bars: 26 states (Vu 2020).
 
-The matrices of the paper are lost in print; they are derived here from its equations 1 to 12 in
+The matrices of the paper are not printed; they are derived here from its equations 1 to 12 in
 the project's axes (z up, roll > 0 lifts the left side) and wheel order (front left, front right,
 rear left, rear right; the paper counts front left, rear left, rear right, front right).
 
@@ -147,7 +147,7 @@ def from_vehicle(
     """Linearise ``vehicle`` about straight running.
 
     ``suspension_stiffness`` is the roll stiffness of springs and bars (N·m/rad). With ``hydraulic``
-    the electro-hydraulic bars stand in for that part of the passive bars that they are as stiff as.
+    the electro-hydraulic bars replace an equally stiff part of the passive bars.
     """
     geometry, mass, plant = vehicle.geometry, vehicle.mass, vehicle.plant
     suspension, valves = vehicle.suspension, vehicle.actuators.valves
@@ -192,7 +192,7 @@ def from_vehicle(
 
 
 def _hydraulics(valves: ElectroHydraulicBars, e: Matrix, a: Matrix, b: Matrix) -> None:
-    """Rows of both bars' spool, pressure and motor, but for the twist of the bar."""
+    """Rows of both bars' spool, pressure and motor, without the twist of the bar."""
     for axle in range(2):
         i = _OIL + 5 * axle
         a[i, i + 1] = 1.0
@@ -213,7 +213,7 @@ def state_matrices(car: FullCar, speed: float) -> tuple[Matrix, Matrix]:
     """A (26, 26) and B (26, 14) of x' = A x + B u at a constant ``speed`` (m/s).
 
     States and inputs in the order of :data:`STATES` and :data:`INPUTS`. Without valves the ten
-    states of the hydraulics stay at zero.
+    states of the hydraulics remain zero.
     """
     n, m = len(STATES), len(INPUTS)
     e, a, b = np.eye(n), np.zeros((n, n)), np.zeros((n, m))

@@ -1,4 +1,4 @@
-"""Reads a vehicle from TOML: the presets by name, a user's own by path."""
+"""Reader of vehicles from TOML: presets by name, users' files by path."""
 
 import tomllib
 from collections.abc import Collection, Mapping
@@ -39,11 +39,12 @@ def load(name_or_path: str | Path) -> Vehicle:
     """Read the preset of that name, or the vehicle file at that path.
 
     Args:
-        name_or_path: a name of :func:`names`, or a path (anything that ends in ``.toml`` or holds a
+        name_or_path: a name of :func:`names`, or a path (anything that ends in ``.toml`` or
+        contains a
             separator).
 
     Raises:
-        UnknownNameError: no preset has that name; the message suggests the nearest.
+        UnknownNameError: there is no preset of that name; the message suggests the nearest.
         CanrollError: the file cannot be read, is not a vehicle, or describes an impossible one.
     """
     text = str(name_or_path)
@@ -68,7 +69,7 @@ def load(name_or_path: str | Path) -> Vehicle:
 
 
 def from_table(table: Mapping[str, Any], *, name: str, where: str = "vehicle") -> Vehicle:
-    """Build a vehicle from a parsed file; ``where`` opens every error message."""
+    """Build a vehicle from a parsed file; ``where`` begins every error message."""
     _keys(
         table,
         required={"schema", "title", "basis", "maneuvers", "sources", *_SECTIONS},

@@ -1,9 +1,11 @@
-"""A vehicle as frozen dataclasses: what a design needs, what a plant needs, in SI units.
+"""A vehicle as frozen dataclasses: the data of designs and plants, in SI units.
 
 Axes: x forward, y left, z up. Wheels: front left, front right, rear left, rear right.
 """
 
-from dataclasses import dataclass, field
+import hashlib
+import json
+from dataclasses import asdict, dataclass, field
 from math import degrees, sqrt
 
 from vehicles.equipment import (
@@ -41,7 +43,7 @@ GRAVITY = 9.81
 class RollModel:
     """I φ'' + C φ' + (K − m g h) φ = m h a_y + M, the 1-DOF roll model about the roll axis.
 
-    Units: kg·m², N·m·s/rad, N·m/rad, kg, m. ``roll_stiffness`` is K, gravity not yet taken off.
+    Units: kg·m², N·m·s/rad, N·m/rad, kg, m. ``roll_stiffness`` is K, before subtracting gravity.
     """
 
     roll_inertia: float
@@ -57,7 +59,7 @@ class RollModel:
 
     @property
     def effective_stiffness(self) -> float:
-        """K − m g h (N·m/rad): what resists roll once gravity has taken its part."""
+        """K − m g h (N·m/rad): roll stiffness reduced by gravity."""
         return self.roll_stiffness - self.roll_arm * GRAVITY
 
     @property
@@ -67,7 +69,7 @@ class RollModel:
 
     @property
     def damping_ratio(self) -> float:
-        """Share of critical damping."""
+        """Damping ratio."""
         return self.roll_damping / (2 * sqrt(self.effective_stiffness * self.roll_inertia))
 
     @property
@@ -128,10 +130,10 @@ class Empty:
 
 @dataclass(frozen=True, slots=True)
 class Kinematics:
-    """How the wheels move beyond straight up and down.
+    """Wheel kinematics beyond vertical motion.
 
-    ``scrub`` is the share, up to 1, of the sideways motion of the contact patches that the roll
-    centres imply: 1 with rigid links, none where the file has no kinematics.
+    ``scrub`` is the fraction, up to 1, of the sideways motion of the contact patches implied by the
+    roll centres: 1 with rigid links, 0 if the file has no kinematics.
     """
 
     scrub: float
@@ -139,7 +141,7 @@ class Kinematics:
 
 @dataclass(frozen=True, slots=True)
 class Suspension:
-    """Wheel rates and dampers; anti-roll bars take what the springs leave of the roll stiffness.
+    """Wheel rates and dampers; anti-roll bars provide the roll stiffness not provided by springs.
 
     Spring rates per corner at the wheel (N/m). Shares are the front axle's part of the plant's roll
     stiffness and damping. Dampers are bilinear: rebound over bump ratio, and above ``knee_speed``
@@ -198,7 +200,7 @@ class Driver:
     """Preview driver tuned on the passive car.
 
     ``preview_time`` (s), ``lag`` of the arms (s), and the lateral acceleration (m/s²) beyond
-    which this driver turns the wheel no further.
+    which this driver does not turn the wheel further.
     """
 
     preview_time: float
@@ -210,11 +212,11 @@ class Driver:
 class Vehicle:
     """Everything known about one vehicle.
 
-    ``design`` is what a controller may know; ``plant`` is the roll model of the simulated vehicle,
-    calibrated apart from it. ``speeds`` holds a default speed (m/s) by manoeuvre name and
+    ``design`` is the model known to a controller; ``plant`` is the roll model of the simulated
+    vehicle, calibrated separately. ``speeds`` holds a default speed (m/s) by manoeuvre name and
     ``lane_offset`` the lateral offset (m) of the double lane change. ``sources`` maps a section or
-    ``section.key`` to where its numbers come from. ``file`` is where a user's own was read from.
-    ``empty`` is the body without load, where the file has it; see :mod:`vehicles.unladen`.
+    ``section.key`` to where its numbers come from. ``file`` is the path of a user's file.
+    ``empty`` is the body without load, if the file has it; see :mod:`vehicles.unladen`.
     ``kinematics`` likewise.
     """
 
@@ -240,8 +242,15 @@ class Vehicle:
 
     @property
     def reference(self) -> str:
-        """What :func:`vehicles.load` finds it again by: the file, or the preset's name."""
+        """Its reference for :func:`vehicles.load`: the file, or the preset's name."""
         return self.file or self.name
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of all its numbers, in hexadecimal; names, title and sources are left out."""
+        words = ("name", "title", "basis", "sources", "file")
+        numbers = {key: value for key, value in asdict(self).items() if key not in words}
+        return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
 
     @property
     def total_mass(self) -> float:
@@ -250,7 +259,7 @@ class Vehicle:
 
     @property
     def sprung_cg_offset(self) -> float:
-        """How far the sprung CG lies ahead of the whole car's (m)."""
+        """Distance of the sprung CG ahead of the whole car's (m)."""
         moment = (
             self.mass.unsprung_rear * self.geometry.cg_to_rear_axle
             - self.mass.unsprung_front * self.geometry.cg_to_front_axle
@@ -267,7 +276,7 @@ class Vehicle:
 
     @property
     def scrub_arms(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Of front and rear axle, what its contact patches move sideways (m, to the left).
+        """Sideways motion of the contact patches of front and rear axle (m, to the left).
 
         Per roll of the body and per roll of the axle (rad), relative to the roll axis under the
         sprung CG: that lies h above the road, the axle's roll centre h_i, so h − h_i and h_i.
@@ -314,7 +323,7 @@ class Vehicle:
         return (geometry.half_track_front + geometry.half_track_rear) / (2 * self.cg_height)
 
     def source(self, key: str) -> str:
-        """Where the number at ``section.key`` comes from: the longest matching source entry."""
+        """Source of the number at ``section.key``: the longest matching source entry."""
         parts = key.split(".")
         for length in range(len(parts), 0, -1):
             text = self.sources.get(".".join(parts[:length]))

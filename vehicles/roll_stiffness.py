@@ -1,4 +1,4 @@
-"""The suspension's roll stiffness: what is left of the car's once the tyres are taken out."""
+"""The suspension's roll stiffness: that of the car without the compliance of its tyres."""
 
 from functools import lru_cache
 
@@ -25,7 +25,7 @@ def steady_roll(
     Args:
         vehicle: its plant part.
         suspension_stiffness: roll stiffness of springs and bars of both axles, N·m/rad.
-        carried: moment that actuators carry from the body to the front and the rear axle, per
+        carried: moment transmitted by actuators from the body to the front and the rear axle, per
             lateral acceleration, N·m per m/s².
     """
     geometry, plant, mass, tyre = vehicle.geometry, vehicle.plant, vehicle.mass, vehicle.tyre
@@ -53,12 +53,12 @@ def steady_roll(
 
 @lru_cache(maxsize=256)
 def suspension_roll_stiffness(vehicle: Vehicle) -> float:
-    """Roll stiffness (N·m/rad) of springs and bars with which the car rolls as its plant model.
+    """Roll stiffness (N·m/rad) of springs and bars with which the car rolls like its plant model.
 
     The plant's roll model has one stiffness, tyres included; here the tyres are separated.
 
     Raises:
-        CanrollError: the tyres alone give more roll than the plant's roll model.
+        CanrollError: the tyres alone cause more roll than the plant's roll model has.
     """
     plant = vehicle.plant
     wanted = plant.roll_arm / plant.effective_stiffness

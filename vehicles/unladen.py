@@ -1,4 +1,4 @@
-"""The vehicle without its load: the same springs, bars, dampers and tyres under a lighter body."""
+"""The vehicle without its load: the same springs, bars, dampers and tyres with a lighter body."""
 
 from dataclasses import replace
 
@@ -12,7 +12,7 @@ HEIGHT_SHARE = 0.9
 
 
 def empty_body(vehicle: Vehicle) -> Empty:
-    """Return the file's empty body, or that of the rule: inertia about the CG as the mass."""
+    """Return the file's empty body, or an estimate: inertia about the CG proportional to mass."""
     if vehicle.empty is not None:
         return vehicle.empty
     laden = vehicle.plant
@@ -24,9 +24,9 @@ def empty_body(vehicle: Vehicle) -> Empty:
 def unladen(vehicle: Vehicle) -> Vehicle:
     """Return ``vehicle`` with its empty body.
 
-    Springs, bars and dampers stay. Cornering stiffness and friction at the static load, which is
-    less, follow the tyre's own law of load. The CG keeps its distance from the axles, and pitch and
-    yaw inertia their value.
+    Springs, bars and dampers are unchanged. Cornering stiffness and friction follow the tyre's load
+    sensitivity to the lower static load. The CG's distances from the axles, and pitch and yaw
+    inertia, are unchanged.
     """
     body, tyre = empty_body(vehicle), vehicle.tyre
     changed = {

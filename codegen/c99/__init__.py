@@ -1,1 +1,1 @@
-"""The subset as C99."""
+"""Emission of the subset as C99."""

@@ -1,9 +1,9 @@
 """The integer subset as C99 that reads like the source it came from.
 
-One .c and .h a module, ``canroll_`` before every name, comments and docstrings carried over,
+One .c and .h per module, every name prefixed ``canroll_``, comments and docstrings carried over,
 no state but the caller's records, no library call. Operations are done in 32 bits where
-:mod:`codegen.proof.interpreter` shows that they fit, else in 64; a 64-bit value goes into a
-narrower place only where it is shown to fit, so that no cast changes a value.
+:mod:`codegen.proof.interpreter` shows that they fit, else in 64; a 64-bit value is stored in a
+narrower type only where it is shown to fit, so that no cast changes a value.
 """
 
 import ast
@@ -51,15 +51,15 @@ def firmware() -> dict[str, str]:
 
 
 def emit(entry: str = "ecu", folder: Path = FIRMWARE) -> dict[str, str]:
-    """Translate the module ``entry`` and all it uses; return file names and their text.
+    """Translate the module ``entry`` and all it uses; return texts by file name.
 
-    Raises SubsetError, naming file and line, for what is outside the subset.
+    Raises SubsetError, naming file and line, for anything outside the subset.
     """
     return Emitter(load(entry, folder)).files()
 
 
 class Emitter:
-    """Translates one program; the analysis behind it is done when it is made."""
+    """Translator of one program; its constructor runs the interval analysis."""
 
     def __init__(self, program: Program) -> None:
         rules.check(program)
@@ -75,7 +75,7 @@ class Emitter:
     # files
 
     def files(self) -> dict[str, str]:
-        """All files, the runtime header and the public header among them."""
+        """All files, including the runtime header and the public header."""
         found = {"canroll_runtime.h": RUNTIME, "canroll.h": self._public_header()}
         for module in self.program.modules.values():
             found[f"canroll_{module.name}.h"] = self._header(module)
@@ -149,7 +149,7 @@ class Emitter:
                 yield f"#define {self.names.constant(constant)} {text}"
 
     def _height(self, module: Module, constant: Constant) -> int:
-        for node in ast.parse(module.path.read_text(encoding="utf-8")).body:
+        for node in ast.parse(module.source).body:
             if node.lineno == constant.line:
                 return (node.end_lineno or node.lineno) - node.lineno + 1
         return 1

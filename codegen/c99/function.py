@@ -111,7 +111,7 @@ class Body:
             yield f"{indent}{void}{result.text};"
 
     def returns(self, node: ast.expr) -> bool:
-        """Whether an expression statement drops a result."""
+        """Whether the call in an expression statement returns a value, which C must discard."""
         if not isinstance(node, ast.Call):
             return False
         if self.program.intrinsic(self.module, node.func) == "clear":
@@ -179,14 +179,14 @@ class Body:
         return f"{target} = {stored};"
 
     def stored(self, node: ast.AST, e: Expression, kind: str) -> str:
-        """``e`` as ``kind`` takes it, or a refusal where it may not fit."""
+        """``e`` converted for storage as ``kind``; refused where it may not fit."""
         if not fits(e.value, kind):
             rule = f"{e.value} may not fit {kind}: use clamp, sat32 or narrow"
             raise SubsetError(self.module.path, node, rule)
         return converted(e, kind).text
 
     def target(self, node: ast.expr) -> tuple[str, str]:
-        """C text and kind of what is assigned."""
+        """C text and kind of an assignment target."""
         if isinstance(node, ast.Name):
             return node.id, self.kinds[node.id]
         return self.place(node)
@@ -267,7 +267,7 @@ class Body:
         return Expression(f"-{inner}", UNARY, kind, seen)
 
     def operation(self, operator: str, a: Expression, b: Expression, value: Value) -> Expression:
-        """A binary operation; a left shift of what may be negative is a product."""
+        """A binary operation; a left shift of a possibly negative value becomes a product."""
         unsigned_shift = a.kind == "u32" and fits(value, "u32")
         # C leaves open what a shift by the width of its operand does
         far = operator in ("<<", ">>") and b.value.hi >= 32 and not a.wide

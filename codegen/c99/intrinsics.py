@@ -20,7 +20,7 @@ from codegen.subset.program import BITS_31, KINDS
 def intrinsic(name: str, a: list[Expression], bounds: list[str], seen: Value) -> Expression:
     """The intrinsic ``name`` of ``a``; ``bounds`` are the texts of the operands after the first.
 
-    ``seen`` is what the result can be.
+    ``seen`` is the interval of the result.
     """
     if name == "byte":
         return converted(a[0], "u8") if fits(a[0].value, "u8") else as_byte(a[0])
@@ -69,7 +69,7 @@ def _saturated(name: str, e: Expression, seen: Value) -> Expression:
 
 
 def _limited(a: list[Expression], bounds: list[str], seen: Value) -> Expression:
-    """A clamp; of its bounds only those that ``a[0]`` can leave."""
+    """A clamp, with only those bounds that ``a[0]`` can exceed."""
     value, low, high = (e.value for e in a)
     above, below = value.hi > high.lo, value.lo < low.hi
     if not above and not below:

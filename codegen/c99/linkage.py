@@ -20,12 +20,12 @@ class Linkage:
 
     Attributes:
         public: entry points with the short C names that callers see.
-        reachable: what they call.
-        shared: functions and constants that more than their own module uses.
-        volatile: array parameters that are somewhere given a field an interrupt may write.
-        open: array parameters that a caller of an entry point gives, which may be shorter than
-            the subset says.
-        homes: the function that alone uses a table, which then stands in it.
+        reachable: functions they call, directly or not.
+        shared: functions and constants used outside their own module.
+        volatile: array parameters that receive a field which an interrupt may write.
+        open: array parameters passed in by callers of entry points, which may be shorter than
+            declared.
+        homes: the only function that uses a table, in which the table is then declared.
     """
 
     public: dict[Key, str]
@@ -38,7 +38,7 @@ class Linkage:
 
 @dataclass(frozen=True, slots=True)
 class Names:
-    """The C names of a program; ``public`` are those of the entry points."""
+    """The C names of a program; ``public`` holds those of the entry points."""
 
     program: Program
     public: dict[Key, str]
@@ -48,7 +48,7 @@ class Names:
         return self.public.get(function.key, f"canroll_{function.module}_{function.name}")
 
     def constant(self, constant: Constant) -> str:
-        """The C name of a constant, with its module where another has the same."""
+        """The C name of a constant, with its module's name where another module has the same."""
         homes = [m for m in self.program.modules.values() if constant.name in m.constants]
         middle = f"{constant.module}_" if len(homes) > 1 or constant.type.shape else ""
         name = f"canroll_{middle}{constant.name}"
@@ -73,7 +73,7 @@ def linkage(program: Program) -> Linkage:
 
 
 def _homes(program: Program, reachable: frozenset[Key], shared: frozenset[Key]) -> dict[Key, Key]:
-    """The one function that uses a table, where it is one, by the table."""
+    """The only user of each table that just one function uses, by table."""
     users: dict[Key, set[Key]] = {}
     for function in program.functions():
         if function.key not in reachable:
@@ -128,7 +128,7 @@ def _foreign(program: Program, module: Module, node: ast.expr) -> set[Key]:
 def _passed_on(
     program: Program, found: set[tuple[Key, str]], begins: Begin
 ) -> frozenset[tuple[Key, str]]:
-    """``found`` and all array parameters that are given one of them or what ``begins`` holds of."""
+    """``found`` with all array parameters that receive one of them or satisfy ``begins``."""
     grown = True
     while grown:
         before = len(found)

@@ -281,7 +281,7 @@ def widened(e: Expression) -> Expression:
 
 
 def converted(e: Expression, kind: str) -> Expression:
-    """``e``, which is known to fit ``kind``, with a cast where C would narrow."""
+    """``e``, known to fit ``kind``, with a cast where C would narrow it."""
     if kind == "u32":
         return unsigned(e)
     if kind in HELD[e.kind]:
@@ -329,7 +329,7 @@ def _joined(operator: str, a: Expression, b: Expression, kind: str, value: Value
 
 
 def unsigned(e: Expression) -> Expression:
-    """``e``, which is known not to be negative and to fit, in 32 bits without a sign."""
+    """``e``, known to fit an unsigned 32-bit integer, as one."""
     if e.kind == "u32":
         return e
     if e.kind in ("literal", "i64") and e.text.removeprefix("INT64_C(").rstrip(")").isdigit():
@@ -340,14 +340,14 @@ def unsigned(e: Expression) -> Expression:
 
 
 def signed(e: Expression) -> Expression:
-    """An operand of operations on signed integers."""
+    """``e`` as an operand of signed arithmetic."""
     if e.kind not in ("u8", "u16"):
         return e
     return Expression(f"(int32_t){e.inside(UNARY)}", UNARY, "i32", e.value)
 
 
 def plain(text: str) -> str:
-    """Text as C comments carry it: ASCII, no markup, nothing that would end the comment."""
+    """Text for a C comment: ASCII, no markup, nothing that would end the comment."""
     text = text.replace("``", "").replace(":func:", "").replace("`", "'")
     text = text.replace("*/", "* /").replace("/*", "/ *").replace("\\", "/")
     return text.translate(_ASCII).encode("ascii", "replace").decode()
@@ -376,7 +376,7 @@ OPERATORS = ("+", "-", "*", "/", "|", "||", "&&")
 
 
 def broken(line: str) -> list[str]:
-    """A line cut where it is too long: outermost comma or operator, else an opening bracket."""
+    """A line broken where too long: at the outermost comma or operator, else an opening bracket."""
     if len(line) <= WIDTH:
         return [line]
     indent = " " * (len(line) - len(line.lstrip()) + 4)

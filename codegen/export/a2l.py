@@ -55,27 +55,29 @@ A2ML = """\
 
 @dataclass(frozen=True, slots=True)
 class Software:
-    """What the file describes: its EPK, the calibration in it, XCP where the bus has it.
+    """The described software: its EPK, its calibration, and XCP where the bus has it.
 
-    ``state`` is the class of the bus's state record; ``calibrated`` is whether the calibration can
-    be tuned: specialised code has it compiled in.
+    ``state`` is the class of the firmware's state record, ``program`` the firmware as data, by
+    default that of the package; ``calibrated`` is whether the calibration can be tuned: specialised
+    code has it compiled in.
     """
 
     epk: str
     record: Calibration
     xcp: Xcp | None = None
     state: type[Any] = Ecu
+    program: Program | None = None
     calibrated: bool = True
 
     @property
     def records(self) -> dict[str, Any]:
-        """The records that are described, by their symbols."""
+        """The described records, by their symbols."""
         every: dict[str, Any] = RECORDS | {"ecu": self.state}
         return every if self.calibrated else {"ecu": self.state}
 
 
 def addresses(elf: Path) -> dict[str, int]:
-    """Addresses of :data:`SYMBOLS` in a linked image, of those that it has."""
+    """Addresses of those :data:`SYMBOLS` that a linked image has."""
     with elf.open("rb") as file:
         table = ELFFile(file).get_section_by_name(".symtab")
         found = {}
@@ -87,7 +89,7 @@ def addresses(elf: Path) -> dict[str, int]:
 
 
 def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
-    """The file's text; ``base`` are addresses of :data:`SYMBOLS`, 0 where not known yet."""
+    """The file's text; ``base`` holds addresses of :data:`SYMBOLS`, 0 where not known yet."""
     lines = [
         "ASAP2_VERSION 1 71",
         '/begin PROJECT canroll "roll controller"',
@@ -111,13 +113,13 @@ def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
         offsets: Mapping[str, Any] = memory_image.dtype(record).fields or {}
         for field in fields(record):
             lines += _entry(name, field, int(offsets[field.name][1]))
-    lines += _groups(software, load())
+    lines += _groups(software, software.program or load())
     text = "\n".join([*lines, "  /end MODULE", "/end PROJECT", ""])
     return located(text, base or {})
 
 
 def located(text: str, base: Mapping[str, int]) -> str:
-    """The text of an A2L of ours with the addresses of ``base`` in it, by its symbol links."""
+    """An A2L text of ours with the addresses of ``base`` filled in by its symbol links."""
 
     def moved(match: re.Match[str]) -> str:
         symbol, offset = match["symbol"], int(match["offset"] or 0)

@@ -21,11 +21,13 @@ from codegen.c99.text import filled
 from codegen.export import a2l, codec_comparison, interrupts, misra
 from codegen.generated.bus_map import EXTENDED, BusMap, read
 from codegen.generated.frame_protection import Protection
+from codegen.generated.own_stage import OwnStage
 from codegen.run import memory_image, native
-from codegen.run.bus_firmware import BusFirmware, of_bus
+from codegen.run.bus_firmware import BusFirmware, of_bus, with_stage
 from codegen.run.cortex import OPTIMISATION
 from codegen.run.ecu_traffic import Traffic
 from codegen.specialise.firmware import specialised
+from codegen.subset.program import Program
 from firmware.calibration import Calibration
 
 TEMPLATES = Path(__file__).with_name("templates")
@@ -114,16 +116,17 @@ const char canroll_epk[sizeof(CANROLL_EPK)] = CANROLL_EPK;
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Export:
-    """What is exported.
+    """Contents of a bundle.
 
     Attributes:
         record: the calibration.
         gains: text of canroll_gains.h.
-        title: what the design is, in a line or two, for the README.
-        dbc: the frames.
-        map_file: which signal is which field.
-        traffic: what the test vectors replay.
-        origin: where the vectors come from, a sentence for the README.
+        title: description of the design in a line or two, for the README.
+        dbc: the network description.
+        map_file: mapping of signals to fields.
+        traffic: frames that the test vectors replay.
+        origin: source of the vectors, a sentence for the README.
+        stage: the engineer's own stage in the loop, or None.
         specialised: whether the code is for this calibration alone.
     """
 
@@ -134,6 +137,7 @@ class Export:
     map_file: Path
     traffic: Traffic
     origin: str
+    stage: OwnStage | None = None
     specialised: bool = False
 
 
@@ -143,8 +147,8 @@ def sources(dbc: Path, map_file: Path) -> dict[str, str]:
 
 
 def write(folder: Path, export: Export) -> list[Path]:
-    """Write the bundle to ``folder``, made where it is missing; return the files written."""
-    firmware = of_bus(export.dbc, export.map_file)
+    """Write the bundle to ``folder``, created if missing; return the files written."""
+    firmware = with_stage(of_bus(export.dbc, export.map_file), export.stage)
     loop = specialised(firmware, export.record) if export.specialised else firmware
     files, bus = loop.files, firmware.bus
     texts = {
@@ -173,7 +177,12 @@ def write(folder: Path, export: Export) -> list[Path]:
     texts["include/canroll_epk.h"] = EPK_HEADER.format(version=version("canroll"), epk=epk)
     texts["src/canroll_epk.c"] = EPK_SOURCE
     software = a2l.Software(
-        epk, export.record, bus.xcp, firmware.record, calibrated=not export.specialised
+        epk,
+        export.record,
+        bus.xcp,
+        firmware.record,
+        firmware.program(),
+        calibrated=not export.specialised,
     )
     texts["canroll.a2l"] = a2l.a2l(software)
     if export.specialised:
@@ -183,7 +192,9 @@ def write(folder: Path, export: Export) -> list[Path]:
     comparison = codec_comparison.files(export.dbc, export.map_file, bus)
     texts.update({f"test/{name}": text for name, text in comparison.items()})
     texts.update({f"codec/{name}": text for name, text in _codec(export.dbc).items()})
-    texts["README.md"] = _readme(export, loop)
+    texts["README.md"] = _readme(export, loop, loop.program())
+    if export.stage is not None:
+        texts[f"stage/{export.stage.file}"] = export.stage.source
     _refuse_mixture(folder, texts)
     written = []
     for name, text in sorted(texts.items()):
@@ -268,7 +279,7 @@ def _array(head: str, items: list[str]) -> Iterator[str]:
 
 
 def _named(files: Mapping[str, str]) -> str:
-    """Eight digits that name the sources."""
+    """Eight hexadecimal digits that identify the sources."""
     text = "".join(f"{name}\n{text}" for name, text in sorted(files.items()))
     return f"{zlib.crc32(text.encode()):08x}"
 
@@ -282,7 +293,7 @@ def _digest(data: bytes) -> int:
 
 
 def _codec(dbc: Path) -> dict[str, str]:
-    """The frames as cantools' own C codec."""
+    """The C codec that cantools generates for the frames."""
     database, _ = read(dbc)
     name = "canroll_codec"
     header, source, _, _ = c_source.generate(
@@ -295,7 +306,7 @@ def _codec(dbc: Path) -> dict[str, str]:
     }
 
 
-def _readme(export: Export, firmware: BusFirmware) -> str:
+def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
     bus = firmware.bus
     protection = (
         "Checksums and counters are as the table says."
@@ -317,11 +328,21 @@ def _readme(export: Export, firmware: BusFirmware) -> str:
         "dbc": export.dbc.name,
         "vectors": export.origin,
         "deviations": misra.table(),
-        "interrupts": interrupts.table(firmware.program),
+        "interrupts": interrupts.table(program),
+        "stage": _stage(export),
     }
     for name, value in values.items():
         text = text.replace(f"{{{name}}}", value)
     return text
+
+
+def _stage(export: Export) -> str:
+    if export.stage is None:
+        return ""
+    return (
+        f"\n\nAn own stage is part of the loop, `stage/{export.stage.file}`, translated to "
+        "`src/canroll_stage.c`. It is compiled in, so every calibration runs with it."
+    )
 
 
 def _frames(bus: BusMap) -> Iterator[str]:
@@ -343,7 +364,7 @@ def _frames(bus: BusMap) -> Iterator[str]:
 
 
 def described(its: Protection | None) -> str:
-    """A frame's protection in a few words: what, where, over how many bytes."""
+    """A short description of a frame's protection: kind, position, bytes covered."""
     if its is None:
         return "none"
     parts = ["own" if its.profile == "own" else f"E2E profile {its.profile}"]

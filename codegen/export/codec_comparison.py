@@ -1,4 +1,4 @@
-"""What a bundle compares its codec with cantools by: a C program, and which signal is which field.
+"""Comparison of a bundle's codec with cantools: a C program and the mapping of signals.
 
 The program runs the loop's own unpacking and packing on raw frames; ``test_codec.py`` of the bundle
 decodes and encodes the same frames with cantools.
@@ -122,7 +122,7 @@ def files(dbc: Path, map_file: Path, bus: BusMap) -> dict[str, str]:
 def _rows(
     bus: BusMap,
 ) -> Iterator[tuple[str, int, Mailbox, int | None, tuple[MappedSignal, ...]]]:
-    """Direction, number, mailbox, number of the page that is sent, signals."""
+    """Rows of direction, number, mailbox, number of the page that is sent, signals."""
     for number, box in enumerate(bus.received):
         if box.name:
             yield "receive", number, box, None, box.signals

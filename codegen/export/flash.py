@@ -1,4 +1,4 @@
-"""A calibration for a programmer: Intel HEX and S-record, at the address it is to have."""
+"""A calibration for a flash programmer: Intel HEX and S-record at a given address."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ WORD = 4
 
 
 def check(address: int) -> None:
-    """Raise CanrollError for an address that no word has, or from which a calibration runs over."""
+    """Raise CanrollError for an unaligned address, or one too high for a whole calibration."""
     size = memory_image.dtype(Calibration).itemsize
     if address % WORD or not 0 <= address <= HIGHEST - size:
         raise CanrollError(
@@ -23,7 +23,7 @@ def write(folder: Path, record: Calibration, address: int) -> list[Path]:
     """Write ``calibration.hex`` and ``calibration.s19`` to ``folder``; return both.
 
     Raises:
-        CanrollError: as :func:`check`, or bincopy is missing.
+        CanrollError: as for :func:`check`, or bincopy is missing.
     """
     check(address)
     try:

@@ -23,8 +23,8 @@ def gains_header(
     Args:
         record: the calibration.
         title: lines for the comment at the top: law, vehicle, verdict.
-        physical: what a field stands for in SI units, by field name, where its Q format alone
-            does not tell.
+        physical: values in SI units by field name, for fields whose Q format alone does not
+            give them.
 
     Returns:
         C99 that compiles alone: the type of the record (behind a guard, so that it can stand
@@ -63,7 +63,7 @@ def _declaration(field: Field) -> str:
 
 
 def _meaning(field: Field) -> str:
-    """Say unit, format and meaning of a field in the words of the field table."""
+    """Return unit, format and meaning of a field from the field table."""
     unit = f"{field.f.unit}, " if field.f.unit else ""
     q = f"Q{field.f.q}, " if field.f.q else ""
     return plain(f"{unit}{q}{field.f.meaning}")
@@ -90,7 +90,7 @@ def _initialiser(field: Field, value: object, physical: str) -> list[str]:
 
 
 def _literal(value: object) -> str:
-    """Return a C initialiser; INT32_MIN has no literal of its own type."""
+    """Return a C literal; INT32_MIN has none of type int32_t and becomes an expression."""
     if isinstance(value, list):
         return "{ " + ", ".join(_literal(item) for item in value) + " }"
     assert isinstance(value, int)

@@ -1,7 +1,7 @@
 """Fields of the ECU's record read and written by each entry point, for interrupt safety.
 
-``receive`` may interrupt ``tick`` anywhere: it must keep to fields that are volatile, and write
-none that the tick writes too but for the flag that passes a frame over.
+``receive`` may interrupt ``tick`` anywhere: it may only access volatile fields, and must not write
+any field that the tick writes too, except the flag that hands over a frame.
 """
 
 import ast
@@ -24,7 +24,7 @@ HANDED_OVER = frozenset({"rx_fresh"})
 class Access:
     """Fields of the ECU's record that an entry point reads and writes.
 
-    ``calibrated`` tells whether it needs the calibration.
+    ``calibrated``: whether it needs the calibration.
     """
 
     reads: frozenset[str]
@@ -33,7 +33,7 @@ class Access:
 
 
 def accesses(program: Program | None = None) -> dict[str, Access]:
-    """What each entry point touches, by its name."""
+    """Fields accessed by each entry point, by its name."""
     program = program or load()
     written = writers(program)
     return {entry.name: _access(program, entry, written) for entry in entry_points(program)}
@@ -76,7 +76,7 @@ def _is_field(function: Function, node: ast.AST) -> bool:
 def _fields_stored(
     program: Program, function: Function, written: dict[tuple[str, str], frozenset[str]]
 ) -> Iterator[ast.AST]:
-    """Yield the fields that are assigned, or given to a function that writes its parameter."""
+    """Yield fields that are assigned, or passed to a function that writes its parameter."""
     for target in stored(program, function, written):
         base = target
         while isinstance(base, ast.Subscript):
@@ -85,7 +85,7 @@ def _fields_stored(
 
 
 def check(program: Program | None = None) -> dict[str, Access]:
-    """Return :func:`accesses`; raise CanrollError where ``receive`` may not be an interrupt."""
+    """Return :func:`accesses`; raise CanrollError if ``receive`` is unsafe as an interrupt."""
     program = program or load()
     found = accesses(program)
     receive, tick = found["receive"], found["tick"]

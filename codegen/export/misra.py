@@ -1,4 +1,4 @@
-"""Static analysis of the emitted C: cppcheck with its MISRA C:2012 addon, and what deviates."""
+"""Static analysis of the emitted C: cppcheck with its MISRA C:2012 addon, and deviations."""
 
 import re
 import subprocess
@@ -20,7 +20,7 @@ CHECKS = "warning,style,performance,portability"
 
 
 def cppcheck(source: Path, include: Path) -> dict[str, list[str]]:
-    """Findings by rule: a MISRA rule's number or the name of a check of cppcheck's own."""
+    """Findings by rule: a MISRA rule's number or the name of a built-in check of cppcheck."""
     command = ["cppcheck", "--addon=misra", "--std=c99", f"--enable={CHECKS}", "--quiet", "-j2"]
     command += ["--suppress=unusedFunction", f"-I{include}", str(source)]
     result = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)

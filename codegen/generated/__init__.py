@@ -1,1 +1,1 @@
-"""The sources that are generated for the firmware: its signals and its limits."""
+"""Generators of firmware sources: signals, frame sizes and limits."""

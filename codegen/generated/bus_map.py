@@ -1,9 +1,9 @@
 """Mapping of DBC signals to fields of the ECU's record, with conversion.
 
-A map file (TOML, see ``dbc/roll_control.toml``) names for each mailbox of the firmware the frame
-in it and for each signal the field. Units meet here: a DBC may say deg/s or km/h, the fields are
-SI. :func:`load` resolves a DBC and its map into :class:`Mailbox` tables, or says which key of
-which file is wrong.
+A map file (TOML, see ``dbc/roll_control.toml``) names the frame for each mailbox of the firmware
+and the field for each signal. Units are converted here: a DBC may use deg/s or km/h, the fields
+are SI. :func:`load` resolves a DBC and its map into :class:`Mailbox` tables, or reports
+which key of which file is wrong.
 """
 
 import tomllib
@@ -62,12 +62,12 @@ STANDARD = (1 << 11) - 1
 
 @dataclass(frozen=True, slots=True)
 class Mailbox:
-    """One mailbox of the firmware and the frame in it; ``name`` "" means that it stays empty.
+    """One mailbox of the firmware and its frame; an empty ``name`` means an unused mailbox.
 
-    ``pages`` are the values of the multiplexer ``selector`` that the mailbox takes or sends; both
-    are empty where no signal in use is multiplexed. ``cycle`` is the number of pages that the
+    ``pages`` are the values of the multiplexer ``selector`` that the mailbox receives or sends;
+    both are empty where no signal in use is multiplexed. ``cycle`` is the number of pages that the
     message has. ``fd``: a CAN FD frame, with ``bit_rate_switch`` its data phase is the faster one.
-    ``cycle_ms`` is the time between two frames, 0 where neither DBC nor map knows it.
+    ``cycle_ms`` is the time between two frames, 0 where neither DBC nor map states it.
     """
 
     slot: str
@@ -93,7 +93,7 @@ class Mailbox:
 
     @property
     def sent_length(self) -> int:
-        """Bytes of its frame on the wire: a CAN FD frame is padded to the next length code."""
+        """Bytes of its frame on the wire; a CAN FD frame is padded to the next length code."""
         return dbc.padded(self.length) if self.fd else self.length
 
 
@@ -110,7 +110,7 @@ class Xcp:
 class BusMap:
     """All mailboxes, in the order of the firmware's slot numbers; XCP where the map has it.
 
-    ``warnings`` say what the database has that is not as it should be.
+    ``warnings`` list defects of the database.
     """
 
     received: tuple[Mailbox, ...]
@@ -130,7 +130,7 @@ class BusMap:
 
     @property
     def echoed(self) -> tuple[bool, ...]:
-        """Of each frame sent, whether the actuators echo its counter and say that they hold it."""
+        """For each sent frame, whether the actuators echo its counter and report holding it."""
         state = self.received[RECEIVED.index("actuator_state")]
         taken = {signal.place.text for signal in state.signals}
         echo = {"accepted_counter", "command_held"} <= taken
@@ -138,7 +138,7 @@ class BusMap:
 
 
 def _counts(box: Mailbox) -> int:
-    """Number of values of a frame's counter, 0 where it has none."""
+    """Number of values of a frame's counter, 0 if it has none."""
     counter = box.protection.counter if box.protection else None
     return counter.values if counter else 0
 
@@ -146,7 +146,7 @@ def _counts(box: Mailbox) -> int:
 def load(dbc_file: Path, map_file: Path) -> BusMap:
     """Return the mailboxes that ``dbc_file`` and ``map_file`` describe.
 
-    Raises CanrollError, naming file and key, for whatever doesn't fit together.
+    Raises CanrollError, naming file and key, for any inconsistency.
     """
     database, warnings = read(dbc_file)
     try:
@@ -176,14 +176,14 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
 def read(path: Path) -> tuple[Database, tuple[str, ...]]:
     """Read a network description: DBC, KCD, ARXML or SYM.
 
-    One that breaks the rules of its format, as with overlapping signals, is read all the same.
+    A file that breaks the rules of its format, as with overlapping signals, is still read.
 
     Returns:
         database: the messages.
-        warnings: the first rule that it breaks, if any.
+        warnings: the first rule it breaks, if any.
 
     Raises:
-        CanrollError: it is none of these files, or not one of CAN.
+        CanrollError: not a file of these formats, or not a CAN network.
     """
     warnings: tuple[str, ...] = ()
     try:
@@ -220,7 +220,7 @@ def _xcp(table: Mapping[str, Any], database: Database, map_file: Path) -> Xcp:
 
 
 def _refuse_short_echo(bus: BusMap, map_file: Path) -> None:
-    """The echo of a counter must hold all its values."""
+    """The echo of a counter must be wide enough for all its values."""
     for signal in bus.received[RECEIVED.index("actuator_state")].signals:
         if signal.place.text == "accepted_counter":
             for box, echoed in zip(bus.transmitted, bus.echoed, strict=True):
@@ -291,7 +291,7 @@ def _mailbox(
 
 
 def _cycle_ms(message: Message, table: Mapping[str, Any], where: str) -> int:
-    """The time between two frames in whole milliseconds; of the map, else of the DBC."""
+    """The time between two frames in whole milliseconds, from the map, else from the DBC."""
     value = table.get("cycle_ms", message.cycle_time or 0)
     if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 10_000:
         raise CanrollError(f"{where}: cycle_ms must be a whole number up to 10000, not {value!r}")
@@ -302,8 +302,8 @@ def _refuse_length(message: Message, where: str) -> None:
     """A classic frame has at most 8 bytes, a CAN FD frame 64."""
     if message.length > 8 and not message.is_fd:
         raise CanrollError(
-            f"{where}: {message.name} has {message.length} bytes but is no CAN FD frame: set its "
-            "VFrameFormat to StandardCAN_FD or ExtendedCAN_FD in the DBC"
+            f"{where}: {message.name} has {message.length} bytes but is not a CAN FD frame: set "
+            "its VFrameFormat to StandardCAN_FD or ExtendedCAN_FD in the DBC"
         )
     if message.length > dbc.FD_LENGTHS[-1]:
         raise CanrollError(
@@ -312,16 +312,16 @@ def _refuse_length(message: Message, where: str) -> None:
 
 
 def _refuse_like_names(used: Collection[str], where: str) -> None:
-    """The code's names of signals are in lower case."""
+    """Refuse signals that differ in case only; the code's names are in lower case."""
     names: dict[str, str] = {}
     for name in sorted(used):
         other = names.setdefault(snake(name), name)
         if other != name:
-            raise CanrollError(f"{where}: {other} and {name} differ in case alone: map one of them")
+            raise CanrollError(f"{where}: {other} and {name} differ only in case: map one of them")
 
 
 def _refuse_stray_bits(message: Message, used: Collection[str], direction: str, where: str) -> None:
-    """A signal in use is inside the frame, and has its bits for itself where the frame is sent."""
+    """Refuse a signal outside the frame, or one that shares bits in a frame that is sent."""
     taken: dict[tuple[int, int | None], str] = {}
     for signal in message.signals:
         if signal.name not in used:

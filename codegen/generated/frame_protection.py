@@ -1,10 +1,9 @@
 """End-to-end protection of one frame: position and coverage of checksum and counter.
 
-AUTOSAR E2E profiles 1, 2, 5 and 22 (*E2E Protocol Specification*, PRS_E2EProtocol) and what
-manufacturers made themselves: an XOR, a sum or a CRC-8, a constant of the message, a rolling
-counter. Positions are those of the specification: bit 8 k + b is bit b of byte k. A protection
-comes from the DBC's attributes or from the map (:func:`protection`);
-:meth:`Protection.apply` says what it means.
+AUTOSAR E2E profiles 1, 2, 5 and 22 (*E2E Protocol Specification*, PRS_E2EProtocol) and
+manufacturers' schemes: an XOR, a sum or a CRC-8, a constant of the message, a rolling counter.
+Positions are those of the specification: bit 8 k + b is bit b of byte k. A protection comes from
+the DBC's attributes or from the map (:func:`protection`); :meth:`Protection.apply` defines it.
 """
 
 import re
@@ -52,7 +51,7 @@ J1850, H2F, CCITT = 0x1D, 0x2F, 0x1021
 
 @dataclass(frozen=True, slots=True)
 class Checksum:
-    """How a checksum is computed; its own bytes are left out.
+    """A checksum over a frame; its own bytes are excluded.
 
     ``method`` xor, sum, crc8 or crc16 (low byte first in the frame) runs from ``start`` over the
     bytes of the identity that ``first`` names, the frame, and those that ``last`` names; ``end`` is
@@ -70,7 +69,7 @@ class Checksum:
 
     @property
     def size(self) -> int:
-        """Bytes it takes in the frame."""
+        """Bytes it occupies in the frame."""
         return 2 if self.method == "crc16" else 1
 
 
@@ -86,7 +85,7 @@ class Counter:
 
 @dataclass(frozen=True, slots=True)
 class Protection:
-    """What protects a frame over its first ``length`` bytes.
+    """Protection of the first ``length`` bytes of a frame.
 
     ``identity`` is the data id or constant, or 16 of them, one for each value of the counter;
     ``nibble`` the bit from which a frame carries bits 8 to 11 of its data id, or None. With
@@ -144,7 +143,7 @@ class Protection:
         return 0 if which == "zero" else self.identity >> (8 if high else 0) & 255
 
     def bits(self) -> dict[str, range]:
-        """The bits it takes, by what takes them."""
+        """The bits it occupies, by owner."""
         found = {}
         if self.checksum is not None:
             start = 8 * self.checksum.byte
@@ -166,14 +165,14 @@ def _step(its: Checksum, value: int, byte: int) -> int:
 
 
 def crc_step(value: int, byte: int, polynomial: int, width: int) -> int:
-    """Take one byte into a CRC of ``width`` bits, most significant bit first."""
+    """Update a CRC of ``width`` bits with one byte, most significant bit first."""
     entry = crc_table(polynomial, width)[(value >> (width - 8)) ^ byte]
     return (value << 8) & ((1 << width) - 1) ^ entry
 
 
 @cache
 def crc_table(polynomial: int, width: int) -> tuple[int, ...]:
-    """What each first byte leaves of a CRC of ``width`` bits."""
+    """The 256-entry lookup table of a CRC of ``width`` bits."""
     table = []
     for first in range(256):
         value = first << (width - 8)
@@ -186,12 +185,12 @@ def crc_table(polynomial: int, width: int) -> tuple[int, ...]:
 def protection(
     message: Message, table: Mapping[str, Any] | None, mapped: Iterable[str], where: str
 ) -> Protection | None:
-    """The protection of a frame: what ``table`` of the map says, else the DBC's attributes.
+    """The protection of a frame: from ``table`` of the map, else from the DBC's attributes.
 
     ``mapped`` are the names of the signals in use. None where the frame carries no protection.
 
     Raises:
-        CanrollError: a wrong entry, a place outside the frame, or one that a signal has too.
+        CanrollError: a wrong entry, a position outside the frame, or one that a signal uses too.
     """
     given = dict(_attributes(message, where) if table is None else table)
     profile = _profile(given.pop("profile", None), where)
@@ -213,7 +212,7 @@ def protection(
 
 
 def _attributes(message: Message, where: str) -> dict[str, Any]:
-    """What the DBC says; a data id without a profile means profile 1, a data id 0 none."""
+    """Protection by DBC attributes; a data id alone means profile 1, a data id of 0 none."""
     given: dict[str, Any] = {}
     attributes = message.dbc.attributes if message.dbc else {}
     for name, key in ATTRIBUTES.items():
@@ -276,7 +275,7 @@ def _is_byte(value: object) -> bool:
 
 
 def _byte(given: Mapping[str, Any], key: str, size: int, length: int, where: str) -> int:
-    """The byte at which ``size`` bytes begin, from a bit offset; the first by default."""
+    """The byte at which ``size`` bytes start, from a bit offset; the first by default."""
     bit = _number(given, key, 0, where)
     if bit % 8 or bit // 8 + size > length:
         raise CanrollError(f"{where}: {key} {bit} must be a multiple of 8 inside {8 * length} bits")
@@ -406,7 +405,7 @@ def _table(entry: object, name: str, keys: tuple[str, ...], where: str) -> Mappi
 def _place(
     table: Mapping[str, Any], key: str, width: int, message: Message, where: str
 ) -> list[int]:
-    """The bits of a signal of the frame, or those from the ``key`` of the table, ascending."""
+    """The bits of a signal of the frame, or of the ``key`` of the table, ascending."""
     if ("signal" in table) == (key in table):
         raise CanrollError(f"{where}: give either signal or {key}")
     if "signal" not in table:
@@ -421,7 +420,7 @@ def _place(
 def _refuse_overlap(
     found: Protection, message: Message, mapped: frozenset[str], where: str
 ) -> None:
-    """A signal in use may not share a bit; any other only one that it gives up whole."""
+    """Refuse a signal in use that shares a bit, and any other that is only partly covered."""
     taken = found.bits()
     parts = list(taken.items())
     for i, (name, bits) in enumerate(parts):

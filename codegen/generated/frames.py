@@ -1,4 +1,4 @@
-"""firmware/frames.py from a DBC and its map: the room that the longest frame needs each way.
+"""firmware/frames.py from a DBC and its map: the longest frame in each direction.
 
     python -m codegen.generated.frames [--check]
 

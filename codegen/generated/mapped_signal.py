@@ -1,4 +1,4 @@
-"""One signal of a DBC and the field it is: bits, units, scale, limits, reserved codes."""
+"""Mapping of one DBC signal to its field: bits, units, scale, limits, reserved codes."""
 
 import ast
 import math
@@ -82,9 +82,9 @@ UNITS: dict[str, tuple[str, Fraction]] = {
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A field of the ECU's record, or one element of it, as one signal sees it.
+    """A field of the ECU's record, or one element or mask of it, that a signal maps to.
 
-    ``text`` is what the firmware calls it; a stored integer n stands for n / 2**q ``unit``.
+    ``text`` is its expression in the firmware; a stored integer n means n / 2**q ``unit``.
     """
 
     text: str
@@ -107,7 +107,7 @@ class Piece:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RawSignal:
-    """Where a signal's raw code stands in the frame."""
+    """Position of a signal's raw code in the frame."""
 
     name: str
     pieces: tuple[Piece, ...]
@@ -131,8 +131,8 @@ class Twin:
 class MappedSignal(RawSignal):
     """One signal and its field; a raw n carries ``scale`` * n + ``offset`` field integers.
 
-    ``page`` is the value of the frame's multiplexer at which the signal is there, None: always.
-    ``minus`` is a bit of the frame that says, where it is 1, that the raw code counts negative.
+    ``page`` is the value of the frame's multiplexer at which the signal is present, None: always.
+    ``minus`` is a sign bit elsewhere in the frame: where it is 1, the raw code is negated.
     """
 
     place: Place
@@ -147,7 +147,7 @@ class MappedSignal(RawSignal):
 
     @property
     def parts(self) -> tuple[RawSignal, ...]:
-        """All signals of the frame that it is made of."""
+        """Signals of the frame that carry it: the raw code, its sign bit and its second signal."""
         more = (self.minus, self.twin.signal if self.twin else None)
         return (self, *(signal for signal in more if signal is not None))
 
@@ -158,13 +158,13 @@ def map_signal(
     """Resolve the entry of the signal ``name`` in a map file.
 
     Args:
-        name: of the signal.
+        name: name of the signal.
         entry: its field, or a table with one of ``KEYS``.
         known: signals of the frame.
-        where: of the entry, for errors.
+        where: location of the entry, for errors.
 
     Raises:
-        CanrollError: unit, field or width do not fit, or a key that cannot be.
+        CanrollError: unit, field or width do not match, or a key is invalid.
     """
     signal = _integer(name, known, where)
     table: Mapping[str, Any] = {"field": entry} if isinstance(entry, str) else entry
@@ -216,7 +216,7 @@ def map_signal(
 
 
 def _integer(name: object, known: Mapping[str, Signal], where: str) -> Signal:
-    """A signal of the frame that the firmware can take."""
+    """An integer signal of the frame, of a width the firmware supports."""
     if not isinstance(name, str) or name not in known:
         raise UnknownNameError(f"signal in {where}", str(name), known)
     signal = known[name]
@@ -226,7 +226,7 @@ def _integer(name: object, known: Mapping[str, Signal], where: str) -> Signal:
 
 
 def _fraction(table: Mapping[str, Any], key: str, default: float, where: str) -> Fraction:
-    """A number of the map, in its own decimals; else the one of the DBC."""
+    """An exact number from the map's decimals, else from the DBC."""
     value = table.get(key, default)
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise CanrollError(f"{where}: {key} must be a number, not {value!r}")
@@ -244,7 +244,7 @@ def _codes(table: Mapping[str, Any], where: str) -> Iterator[int]:
 
 
 def _minus(name: str, signal: Signal, known: Mapping[str, Signal], where: str) -> RawSignal:
-    """The bit that carries the sign of an unsigned signal."""
+    """The separate sign bit of an unsigned signal, or None."""
     bit = _integer(name, known, where)
     if bit.length != 1 or bit.name == signal.name:
         raise CanrollError(f"{where}: {bit.name} has {bit.length} bits, a sign must have one")
@@ -353,7 +353,7 @@ def raw_signal(signal: Signal) -> RawSignal:
 
 
 def bits_of(signal: Signal) -> list[int]:
-    """Bits of the frame that a signal takes, its least significant first; 8 k + b of byte k."""
+    """Bits of the frame that a signal occupies, least significant first; 8 k + b for bit b of k."""
     if signal.byte_order == "little_endian":
         return [signal.start + i for i in range(signal.length)]
     byte, bit = divmod(signal.start, 8)
@@ -363,7 +363,7 @@ def bits_of(signal: Signal) -> list[int]:
 
 
 def _pieces(signal: Signal) -> tuple[Piece, ...]:
-    """Cut a signal where bytes end, its least significant bit first."""
+    """Split a signal at byte boundaries, its least significant bit first."""
     pieces: list[Piece] = []
     for i, place in enumerate(bits_of(signal)):
         byte, bit = divmod(place, 8)

@@ -1,9 +1,9 @@
 """Multiplexed frames: the selector of a message, and which of its pages a mailbox uses.
 
-Simple multiplexing (one selector, each other signal on one page or on all) is what the firmware
-knows. A mailbox that receives takes one page and passes by the frames of all others, so that its
-age is that of the page. One that sends sets the selector to the page of its signals; only the
-diagnostics send several pages, in turn.
+The firmware supports simple multiplexing: one selector, each other signal on one page or on all.
+A receiving mailbox accepts one page and ignores frames of all others, so that its age is that of
+the page. A sending one sets the selector to the page of its signals; only the diagnostics send
+several pages, in turn.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ def selector(message: Message, where: str) -> RawSignal | None:
 
 
 def all_pages(message: Message) -> tuple[int, ...]:
-    """The values of the selector that the message knows."""
+    """The values of the selector that the message defines."""
     ids = {page for signal in message.signals for page in signal.multiplexer_ids or ()}
     return tuple(sorted(ids))
 
@@ -43,7 +43,7 @@ def pages(mapped: Sequence[MappedSignal]) -> tuple[int, ...]:
 
 
 def refuse_several(message: Message, chosen: tuple[int, ...], where: str) -> None:
-    """Raise CanrollError where a mailbox of one page has signals of more."""
+    """Raise CanrollError where a single-page mailbox has signals on several pages."""
     if len(chosen) > 1:
         raise CanrollError(
             f"{where}: the signals are on pages {', '.join(map(str, chosen))} of {message.name}, "
@@ -52,7 +52,7 @@ def refuse_several(message: Message, chosen: tuple[int, ...], where: str) -> Non
 
 
 def refuse_unset(message: Message, mapped: Sequence[MappedSignal], where: str) -> None:
-    """Raise CanrollError where a frame to send leaves open which page it is."""
+    """Raise CanrollError where a frame to be sent does not determine its page."""
     for signal in message.signals:
         if signal.is_multiplexer and signal.name in {its.name for its in mapped}:
             raise CanrollError(

@@ -2,8 +2,8 @@
 
     python -m codegen.generated.protection [--check]
 
-writes (or compares) the checked-in module for ``dbc/roll_control.dbc``. Frames that are protected
-alike share their functions, and only the tables that a bus needs are written.
+writes (or compares) the checked-in module for ``dbc/roll_control.dbc``. Frames with the
+same protection share functions, and only the tables that a bus needs are written.
 """
 
 import sys
@@ -38,24 +38,24 @@ WRITTEN_OUT = 8
 
 @dataclass(frozen=True, slots=True)
 class Scheme:
-    """Frames that are protected alike: all but a plain data id is the same."""
+    """Frames whose protection is the same but for a plain data id."""
 
     number: int
     its: Protection
 
     @property
     def identified(self) -> bool:
-        """Whether its functions take the identity of the frame."""
+        """Whether its functions have a parameter for the identity of the frame."""
         return self.its.nibble is not None or self.summed
 
     @property
     def payload(self) -> str:
-        """The parameter that its functions take the bytes of a frame by."""
+        """The parameter that passes the bytes of a frame to its functions."""
         return f"payload: Annotated[list[u8], {max(self.its.length, WRITTEN_OUT)}]"
 
     @property
     def summed(self) -> bool:
-        """Whether its checksum takes the identity of the frame."""
+        """Whether its checksum covers the identity of the frame."""
         checksum = self.its.checksum
         used = (*checksum.first, *checksum.last) if checksum else ()
         return isinstance(self.its.identity, int) and any(which != "zero" for which in used)
@@ -178,7 +178,7 @@ def _counter(its: Protection, payload: str) -> str:
 
 
 def _run(checksum: Checksum, steps: Sequence[str]) -> Iterator[str]:
-    """The statements that take one byte after the other."""
+    """The statements that process the bytes one by one."""
     if checksum.method == "sum":
         yield f"    total: i32 = {checksum.start} + {steps[0]}"
         yield from (f"    total += {step}" for step in steps[1:])
@@ -210,7 +210,7 @@ def _run(checksum: Checksum, steps: Sequence[str]) -> Iterator[str]:
 def _looped(
     checksum: Checksum, first: Sequence[str], covered: Sequence[range], last: Sequence[str]
 ) -> Iterator[str]:
-    """The statements that take the identity's bytes and, in loops, those of the frame."""
+    """The statements that process the identity's bytes and, in loops, those of the frame."""
     name = f"CRC8_{checksum.polynomial:02X}"
     steps = {
         "sum": ["value = (value + {}) & 255"],
@@ -308,7 +308,7 @@ def _dispatch_protect(bus: BusMap, schemes: Sequence[Scheme]) -> Iterator[str]:
 
 
 def _common(boxes: Sequence[Mailbox], schemes: Sequence[Scheme]) -> Scheme | None:
-    """The scheme that all frames there are have, or None."""
+    """The scheme that all frames share, or None."""
     filled = [box for box in boxes if box.name]
     return next((s for s in schemes if filled and all(_has(box, s) for box in filled)), None)
 

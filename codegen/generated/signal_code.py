@@ -19,7 +19,7 @@ LARGEST_SHIFT = 62
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """``width`` bits that follow one another in one word of the frame and in the signal."""
+    """``width`` bits that are contiguous both in one word of the frame and in the signal."""
 
     word: int
     word_bit: int
@@ -41,7 +41,7 @@ def runs(signal: RawSignal) -> list[Run]:
 
 
 def words(signals: Iterable[RawSignal]) -> list[int]:
-    """The words of a frame that ``signals`` have a part in, ascending."""
+    """The words of a frame that contain parts of ``signals``, ascending."""
     return sorted({run.word for signal in signals for run in runs(signal)})
 
 
@@ -51,7 +51,7 @@ def raw_name(signal: RawSignal) -> str:
 
 
 def gathered(signal: RawSignal, frame: Sequence[str]) -> str:
-    """The raw code from the words of ``frame``; the sign comes by offset, without a branch."""
+    """The raw code from the words of ``frame``; sign extension is by offset, without a branch."""
     terms = []
     for run in runs(signal):
         term = _shifted(frame[run.word], ">>", run.word_bit)
@@ -66,7 +66,7 @@ def gathered(signal: RawSignal, frame: Sequence[str]) -> str:
 
 
 def placed(signal: RawSignal, frame: Sequence[str]) -> Iterator[str]:
-    """The statements that put a signal's raw code into the words of ``frame``."""
+    """The statements that insert a signal's raw code into the words of ``frame``."""
     text = raw_name(signal)
     for run in runs(signal):
         term = f"({text} >> {run.signal_bit})" if run.signal_bit else text
@@ -89,14 +89,14 @@ def chosen(signal: RawSignal, payload: str) -> str:
 
 
 def _shifted(term: str, operator: str, count: int) -> str:
-    """A shift by ``count``, in two steps where the subset has no count that large."""
+    """A shift by ``count``, in two steps where it exceeds the subset's largest count."""
     if count > LARGEST_SHIFT:
         return f"({term} {operator} {LARGEST_SHIFT}) {operator} {count - LARGEST_SHIFT}"
     return f"{term} {operator} {count}" if count else term
 
 
 def disagreement(signal: MappedSignal, frame: Sequence[str]) -> Iterator[str]:
-    """The statements that leave in ``apart`` how far the second signal's code is from the first."""
+    """The statements that set ``apart`` to the difference of both signals' codes."""
     assert signal.twin is not None
     other, name = signal.twin.signal, raw_name(signal.twin.signal)
     yield f"    {name}: i32 = {gathered(other, frame)}"
@@ -115,7 +115,7 @@ def disagrees(signal: MappedSignal) -> str:
 
 
 def unpacked(signal: MappedSignal) -> str:
-    """The field's value of a raw code, within the field's range."""
+    """The field's value for a raw code, limited to the field's range."""
     place, name = signal.place, raw_name(signal)
     value = _scaled(name, signal.scale, signal.offset)
     whole = value == name and not signal.signed and signal.minus is None
@@ -126,7 +126,7 @@ def unpacked(signal: MappedSignal) -> str:
 
 
 def packed(signal: MappedSignal) -> str:
-    """The raw code of a field, rounded and limited as the DBC says."""
+    """The raw code of a field, rounded and limited to the DBC's range."""
     place = signal.place
     source = f"ecu.{place.text}"
     if place.mask is not None:
@@ -138,7 +138,7 @@ def packed(signal: MappedSignal) -> str:
 
 
 def available(signal: MappedSignal) -> str:
-    """The condition that a raw code is none of the reserved ones."""
+    """The condition that a raw code is not reserved."""
     top = (1 << signal.length) // (2 if signal.signed else 1)
     codes, name = signal.unavailable, raw_name(signal)
     if codes == tuple(range(top - len(codes), top)):
@@ -147,7 +147,7 @@ def available(signal: MappedSignal) -> str:
 
 
 def wrapped(line: str, width: int) -> Iterable[str]:
-    """Break a line that is too long after its outermost opening parenthesis."""
+    """Break an overlong line after its outermost opening parenthesis."""
     if len(line) <= width:
         yield line
         return
@@ -174,7 +174,7 @@ def _scaled(variable: str, scale: Fraction, offset: Fraction) -> str:
 
 
 def _shift(scale: Fraction) -> int:
-    """The least shift at which ``scale`` is an integer, or one that leaves 30 bits of it."""
+    """The least shift that makes ``scale`` an integer, or one that keeps 30 bits of it."""
     denominator = scale.denominator
     exact = denominator.bit_length() - 1
     if denominator == 1 << exact and abs(scale) * denominator < 1 << FACTOR_BITS:
@@ -186,7 +186,7 @@ def _shift(scale: Fraction) -> int:
 
 
 def snake(name: str) -> str:
-    """A name of a signal as the generated code writes it."""
+    """A signal's name in the generated code: snake case."""
     parts: list[str] = []
     for i, letter in enumerate(name):
         after_lower = i > 0 and (name[i - 1].islower() or name[i - 1].isdigit())
@@ -198,5 +198,5 @@ def snake(name: str) -> str:
 
 
 def _plain(letter: str) -> str:
-    """A letter as C and the subset know it; the numbers keep names apart."""
+    """A letter valid in C and the subset; code numbers keep names distinct."""
     return letter if letter.isascii() and (letter.isalnum() or letter == "_") else f"_{ord(letter)}"

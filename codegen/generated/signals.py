@@ -134,7 +134,7 @@ def room(boxes: Iterable[Mailbox]) -> int:
 
 
 def _long(box: Mailbox) -> bool:
-    """Whether a frame has more than one word."""
+    """Whether a frame needs more than one word."""
     return box.length > WORD
 
 
@@ -231,7 +231,7 @@ def _frame(box: Mailbox) -> tuple[str, ...]:
 
 
 def _raw_signals(signals: Iterable[MappedSignal]) -> Iterable[RawSignal]:
-    """All that a frame carries for ``signals``: their second signals and signs too."""
+    """All raw signals a frame carries for ``signals``, including second signals and sign bits."""
     for signal in signals:
         yield from signal.parts
 
@@ -287,7 +287,7 @@ def _pack(box: Mailbox) -> Iterable[str]:
 
 
 def _pages_in_turn(box: Mailbox, selector: RawSignal) -> Iterable[str]:
-    """A branch for each page, by the number of the one that is due."""
+    """A branch for each page, selected by the number of the page that is due."""
     if len(box.pages) == 1:
         yield from _page(box, selector, box.pages[0], "    ")
         return
@@ -375,11 +375,11 @@ def _identified(box: Mailbox) -> str:
 
 
 def write_or_check(path: Path, text: str, what: str | None) -> int:
-    """Write a generated file, or with ``--check`` return 1 where it is not up to date.
+    """Write a generated file, or with ``--check`` return 1 if it is out of date.
 
     Args:
-        path: of the file.
-        text: what it is to hold.
+        path: path of the file.
+        text: its generated content.
         what: docstring of the generator; its first line is the description of the command.
     """
     parser = argparse.ArgumentParser(description=what.splitlines()[0] if what else None)

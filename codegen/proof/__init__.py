@@ -1,1 +1,1 @@
-"""Abstract interpretation on intervals: that no operation of the firmware overflows."""
+"""Abstract interpretation on intervals: proof that no operation of the firmware overflows."""

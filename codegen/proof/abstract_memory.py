@@ -15,7 +15,7 @@ I64 = KINDS["i64"]
 
 
 class Memory(ABC):
-    """The arrays of a program, what each syntax node was seen to be, the obligations not met."""
+    """The arrays of a program, the interval of each syntax node, the obligations not met."""
 
     def __init__(
         self,
@@ -62,7 +62,7 @@ class Memory(ABC):
 
     @abstractmethod
     def value(self, node: ast.expr, state: State) -> Value:
-        """What an expression can be in ``state``; calls take effect on it."""
+        """The interval of an expression in ``state``; calls in it change ``state``."""
 
     def _join(self, a: State, b: State) -> State:
         names: dict[str, Value | Reference] = {}

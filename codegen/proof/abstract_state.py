@@ -21,7 +21,7 @@ class Reference:
 
 @dataclass(frozen=True, slots=True)
 class Array:
-    """Where an array or field lives and what its elements may be when nothing else is known."""
+    """The storage of an array or field, and the default interval of its elements."""
 
     shape: tuple[int, ...]
     lo: int
@@ -32,19 +32,19 @@ class Array:
 
 @dataclass(slots=True)
 class State:
-    """Locals of the running function, and elements known better than their declared range."""
+    """Locals of the current function, and elements known more closely than their declared range."""
 
     names: dict[str, Value | Reference]
     known: dict[Element, Value] = field(default_factory=dict)
 
     def copy(self) -> "State":
-        """Return a state to change on its own."""
+        """Return an independent copy."""
         return State(dict(self.names), dict(self.known))
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """An obligation not met: where, which, and the range that breaks it."""
+    """An obligation not met: its location, its kind, and the range that violates it."""
 
     path: str
     line: int
@@ -57,7 +57,7 @@ class Finding:
 
 
 def narrow(op: type[ast.cmpop], a: Value, b: Value) -> Value | None:
-    """What of ``a`` can stand in ``a op b``, or None."""
+    """The part of ``a`` for which ``a op b`` can hold, or None."""
     lo, hi = a.lo, a.hi
     if op is ast.Lt:
         hi = min(hi, b.hi - 1)

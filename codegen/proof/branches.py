@@ -20,7 +20,7 @@ SWAPPED = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
 
 
 class Conditions(Expressions):
-    """Splits states on comparisons, and on what a called function returned."""
+    """Splits states on comparisons and on results of called functions."""
 
     @abstractmethod
     def _paths(
@@ -29,10 +29,10 @@ class Conditions(Expressions):
         names: dict[str, Value | Reference],
         known: dict[Element, Value],
     ) -> list[tuple[Value | None, State]]:
-        """Run a function; return what it returns and the state it leaves, path by path."""
+        """Run a function; return its result and final state for each path."""
 
     def branch(self, test: ast.expr, state: State) -> tuple[State | None, State | None]:
-        """States in which ``test`` holds and in which it doesn't; None where it can't."""
+        """States in which ``test`` holds and in which it does not; None where impossible."""
         if isinstance(test, ast.UnaryOp):
             yes, no = self.branch(test.operand, state)
             return no, yes
@@ -63,7 +63,7 @@ class Conditions(Expressions):
     def _branch_on_call(
         self, test: ast.Compare, call: ast.Call, state: State
     ) -> tuple[State | None, State | None]:
-        """Ask each path of the call by itself: what it learnt of its arguments holds outside."""
+        """Branch on each path of the call separately, narrowing the call's arguments by it."""
         function, names = self._arguments(call, state)
         op = type(test.ops[0])
         results: list[State | None] = [None, None]
@@ -82,7 +82,7 @@ class Conditions(Expressions):
     def _learn_arguments(
         self, call: ast.Call, function: Function, end: State, after: State
     ) -> None:
-        """What a path of ``call`` found out about its parameters holds for the arguments."""
+        """Narrow the arguments of ``call`` to the parameter intervals of one path."""
         for argument, name in zip(call.args, function.parameters, strict=True):
             learnt = end.names.get(name)
             if isinstance(learnt, Value) and name not in self.assigned[function.key]:

@@ -23,11 +23,11 @@ ARITHMETIC = {
 
 
 class Expressions(Memory):
-    """Values of expressions; what follows a call or splits on a condition is left open."""
+    """Values of expressions; subclasses define calls and branches on conditions."""
 
     @abstractmethod
     def branch(self, test: ast.expr, state: State) -> tuple[State | None, State | None]:
-        """States in which ``test`` holds and in which it doesn't; None where it can't."""
+        """States in which ``test`` holds and in which it does not; None where impossible."""
 
     @abstractmethod
     def _body(
@@ -36,10 +36,10 @@ class Expressions(Memory):
         names: dict[str, Value | Reference],
         known: dict[Element, Value],
     ) -> tuple[Value | None, dict[Element, Value]]:
-        """Run a function; return what it returns and what is known after it."""
+        """Run a function; return its result and the state after it."""
 
     def value(self, node: ast.expr, state: State) -> Value:
-        """What an expression can be in ``state``; calls take effect on it."""
+        """The interval of an expression in ``state``; calls in it change ``state``."""
         result = self._value(node, state)
         self._record(node, result)
         return result
@@ -127,7 +127,7 @@ class Expressions(Memory):
         return function, names
 
     def _clear(self, node: ast.Call, state: State) -> Value:
-        """All of a record becomes zero."""
+        """Set every element of a record to zero."""
         assert isinstance(node.args[0], ast.Name)
         record = self.function.parameters[node.args[0].id].record
         zero = Value(0, 0)
@@ -140,7 +140,7 @@ class Expressions(Memory):
         return zero
 
     def _read(self, node: ast.Call, kind: str, state: State) -> Value:
-        """An element of a record read as an array: anything of its kind."""
+        """An element of a record read as an array: any value of its kind."""
         assert isinstance(node.args[0], ast.Name)
         given = self.function.parameters[node.args[0].id]
         size = self.program.record(given.record).size // (4 if kind == "i32" else 1)

@@ -1,7 +1,7 @@
-"""The firmware's source run on intervals instead of integers.
+"""Interpreter of the firmware's source on intervals instead of integers.
 
-Two ways of running it share this interpreter. *Modular*: each function by itself, parameters of
-any value, loops to a fixed point; what each expression can be is what the emitter types C with.
+Two ways of running it share this interpreter. **Modular*: each function separately, with
+parameters of any value and loops to a fixed point; the emitter chooses C types by these intervals.
 *Proof*: calls followed, loops unrolled, each element of each record tracked; every overflow, store,
 index and divisor is an obligation, and :attr:`Interpreter.findings` lists those not met.
 Conditions narrow what they compare; where paths meet their values are joined.
@@ -19,7 +19,7 @@ UNROLLED = 64
 
 
 class Interpreter(Conditions):
-    """Runs functions of a program on intervals; see the module's docstring for the two ways."""
+    """Runs functions of a program on intervals; the module's docstring describes the two modes."""
 
     def run(self, function: Function, state: State | None = None) -> Value | None:
         """Run ``function`` with parameters of any value of their type."""
@@ -60,7 +60,7 @@ class Interpreter(Conditions):
         names: dict[str, Value | Reference],
         known: dict[Element, Value],
     ) -> list[tuple[Value | None, State]]:
-        """Run a function; return what it returns and the state it leaves, path by path."""
+        """Run a function; return its result and final state for each path."""
         outer = (self.module, self.function, self.returns)
         self.module, self.function = self.program.modules[function.module], function
         self.returns = []
@@ -85,7 +85,7 @@ class Interpreter(Conditions):
         return state
 
     def _asks(self, statement: ast.stmt, following: ast.stmt) -> bool:
-        """Whether ``following`` is an ``if`` on what ``statement`` got from a function."""
+        """Whether ``following`` is an ``if`` on the result that ``statement`` got from a call."""
         if not (self.proof and isinstance(statement, ast.AnnAssign)):
             return False
         if not (isinstance(following, ast.If) and isinstance(following.test, ast.Compare)):
@@ -96,7 +96,7 @@ class Interpreter(Conditions):
         return ast.unparse(following.test.left) == ast.unparse(statement.target)
 
     def _by_path(self, statement: ast.stmt, following: ast.stmt, state: State) -> State | None:
-        """Run a call and the ``if`` on its result path by path: they belong together."""
+        """Run a call and the ``if`` on its result together, path by path."""
         assert isinstance(statement, ast.AnnAssign) and isinstance(statement.value, ast.Call)
         assert isinstance(statement.target, ast.Name)
         function, names = self._arguments(statement.value, state)

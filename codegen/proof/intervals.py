@@ -18,14 +18,14 @@ class Value:
         return lo <= self.lo and self.hi <= hi
 
     def limited(self, lo: int, hi: int) -> "Value":
-        """The value cut to [lo, hi]; the nearer end where it lies outside."""
+        """The value intersected with [lo, hi]; the nearer end where it lies outside."""
         if self.within(lo, hi):
             return self
         return Value(min(max(self.lo, lo), hi), max(min(self.hi, hi), lo))
 
 
 def hull(a: Value, b: Value) -> Value:
-    """The least value that holds both."""
+    """The smallest interval that contains both."""
     return Value(min(a.lo, b.lo), max(a.hi, b.hi))
 
 
@@ -64,7 +64,7 @@ def _width(a: Value) -> int:
 
 
 def clamp(v: Value, lo: Value, hi: Value) -> Value:
-    """clamp(v, lo, hi) where lo <= hi; where they may cross, either may come out."""
+    """clamp(v, lo, hi) for lo <= hi; where the bounds may cross, either can result."""
     if lo.hi <= hi.lo:
         return Value(min(max(v.lo, lo.lo), hi.hi), max(min(v.hi, hi.hi), lo.lo))
     return Value(min(max(v.lo, lo.lo), hi.lo), max(min(v.hi, hi.hi), lo.hi))
@@ -81,7 +81,7 @@ def shift_rounded(v: Value, n: Value) -> Value:
 
 
 def divide(a: Value, b: Value) -> Value:
-    """tdiv(a, b) for the divisors other than 0."""
+    """tdiv(a, b) for nonzero divisors."""
     ends: list[int] = []
     divisors = {d for d in (b.lo, b.hi, -1, 1) if b.lo <= d <= b.hi and d}
     for top in (a.lo, a.hi):

@@ -4,8 +4,8 @@ Each entry point runs on intervals (:mod:`codegen.proof.interpreter`), from any 
 declared field ranges, any bytes in the mailboxes and any calibration that ``check`` accepts;
 ``check`` itself from any calibration at all. Every intermediate fits 64 bits, every store its type
 and its field's range, every index its array, no divisor is zero, every shift count lies in 1 … 62.
-As the field ranges are both assumed and shown, they are an invariant: it holds from ``init`` on,
-for ever.
+As the field ranges are both assumed and shown, they are an invariant that holds at all times after
+``init``.
 """
 
 from collections.abc import Mapping
@@ -23,7 +23,7 @@ CHECK = ("check", "check")
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """What was shown: the obligations not met, and what each expression can be.
+    """Result of a proof: the obligations not met, and the interval of each expression.
 
     ``seen`` maps the id of a syntax node to its interval over all ways to reach it.
     """

@@ -1,6 +1,6 @@
 """One interface to a running ECU for all backends: CPython, native code, Cortex-M.
 
-All give the same bytes on the bus and the same state, for any calibration and any traffic.
+All produce the same bytes on the bus and the same state, for any calibration and traffic.
 """
 
 from typing import Any, Protocol, runtime_checkable
@@ -140,7 +140,7 @@ class NativeEcu:
 
 
 def default_backend() -> str:
-    """``native`` where a C compiler is, else ``python``."""
+    """``native`` if a C compiler is installed, else ``python``."""
     return "native" if native.compiler() else "python"
 
 
@@ -149,9 +149,9 @@ def open_backend(
 ) -> Backend:
     """Start an ECU with ``calibration`` on the backend ``name``.
 
-    ``firmware`` is that of a bus, by default the built-in one.
+    ``firmware`` is the firmware for a bus, by default the built-in one.
 
-    Raises UnknownNameError for a name not in BACKENDS, CanrollError where the ECU refuses the
+    Raises UnknownNameError for a name not in BACKENDS, CanrollError if the ECU refuses the
     calibration or the backend's tools are missing.
     """
     if name == "python":
@@ -164,7 +164,7 @@ def open_backend(
 
 
 class Recorder:
-    """A backend before another that records what came through so far as :attr:`traffic`."""
+    """A wrapper of a backend that records its received frames and ticks as :attr:`traffic`."""
 
     def __init__(self, backend: Backend, firmware: BusFirmware | None = None) -> None:
         self._firmware = firmware or built_in()

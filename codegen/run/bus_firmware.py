@@ -1,7 +1,8 @@
 """The ECU loop for the frames of one bus: its C sources, and its modules for CPython.
 
-A DBC and a map make three modules of the firmware; all others are the same on every bus. The state
-record differs in the room of its mailboxes, so whatever reads one takes its class from here.
+A DBC and a map make three modules of the firmware, an own stage two; all others stay as they are.
+The state record differs in the room of its mailboxes and in the fields of a stage, so whatever
+reads one takes its class from here.
 """
 
 import importlib
@@ -21,9 +22,11 @@ from typing import Any
 
 import firmware.ecu
 from codegen.c99 import emit
-from codegen.generated import frames, protection, signals
+from codegen.generated import frames, own_stage, protection, signals, stage_rules
 from codegen.generated.bus_map import BusMap, load
-from codegen.subset import parse
+from codegen.generated.own_stage import OwnStage
+from codegen.proof.prove import prove
+from codegen.subset import parse, rules
 from codegen.subset.program import FIRMWARE, Program
 
 GENERATED = {
@@ -41,12 +44,14 @@ class BusFirmware:
     Attributes:
         bus: the mailboxes and the frames in them.
         modules: sources of the modules that differ from those checked in, by file name.
-        slots: mailboxes that take a frame, by its identifier.
+        stage: the engineer's own stage in it, or None.
+        slots: mailboxes that receive a frame, by its identifier.
         sent: identifier and length on the wire of the frame in each mailbox that sends.
     """
 
     bus: BusMap
     modules: Mapping[str, str]
+    stage: OwnStage | None = None
     slots: Mapping[int, tuple[int, ...]] = field(init=False)
     sent: tuple[tuple[int, int], ...] = field(init=False)
 
@@ -60,22 +65,19 @@ class BusFirmware:
         object.__setattr__(self, "sent", sent)
 
     @cached_property
-    def program(self) -> Program:
-        """Its modules as data."""
-        with self._folder() as folder:
-            return parse.load(folder=folder)
-
-    @cached_property
     def files(self) -> dict[str, str]:
         """The firmware in C, by file name."""
-        if not self.modules:
-            return emit.firmware()
+        return emit.Emitter(self.program()).files() if self.modules else emit.firmware()
+
+    def program(self) -> Program:
+        """The firmware as data, read anew."""
+        shown = {own_stage.NAME: self.stage.path} if self.stage else {}
         with self._folder() as folder:
-            return emit.emit(folder=folder)
+            return parse.load(folder=folder, shown=shown)
 
     @cached_property
     def loop(self) -> ModuleType:
-        """The module with ``init``, ``receive`` and ``tick``, to be run by CPython."""
+        """The module with ``init``, ``receive`` and ``tick``, for CPython."""
         if not self.modules:
             return firmware.ecu
         text = "".join(self.modules[name] for name in sorted(self.modules))
@@ -96,13 +98,13 @@ class BusFirmware:
 
     @property
     def fd(self) -> dict[int, bool]:
-        """Whether the bit rate is switched, of each identifier whose frame is a CAN FD one."""
+        """For each identifier of a CAN FD frame, whether the bit rate is switched."""
         boxes = (*self.bus.received, *self.bus.transmitted)
         return {box.ident: box.bit_rate_switch for box in boxes if box.fd}
 
     @property
     def room(self) -> int:
-        """Bytes of the longest frame that it has room for."""
+        """Bytes of its largest mailbox."""
         return max(signals.room(self.bus.received), signals.room(self.bus.transmitted))
 
     def module(self, name: str) -> Any:  # noqa: ANN401
@@ -136,12 +138,30 @@ def of_bus(dbc: Path, map_file: Path) -> BusFirmware:
     """Return the firmware for the frames of ``dbc`` that ``map_file`` maps.
 
     Raises:
-        CanrollError: file and key of whatever does not fit together.
+        CanrollError: an inconsistency between DBC and map; the message names file and key.
     """
     if (dbc, map_file) == (signals.DBC, signals.MAP):
         return built_in()
     modules = {name: generate(dbc, map_file) for name, generate in GENERATED.items()}
     return _of_sources(load(dbc, map_file), tuple(sorted(modules.items())))
+
+
+@cache
+def with_stage(firmware: BusFirmware, stage: OwnStage | None) -> BusFirmware:
+    """Return ``firmware`` with an engineer's own stage in it, checked and proved.
+
+    Raises:
+        CanrollError: file and line of what is outside the subset, no stage, or not proved.
+    """
+    if stage is None:
+        return firmware
+    its = BusFirmware(firmware.bus, {**firmware.modules, **own_stage.modules(stage)}, stage)
+    program = its.program()
+    rules.check(program)
+    stage_rules.check(program, prove(program))
+    # what remains to be refused is what only the translation sees
+    _ = its.files
+    return its
 
 
 @cache

@@ -38,7 +38,7 @@ GCC_FLAGS += ["-ffunction-sections", "-fdata-sections", "-Wall", "-Wextra"]
 
 @dataclass(frozen=True, slots=True)
 class Cpu:
-    """A processor, as the tools call it."""
+    """A processor, by its name in each tool."""
 
     name: str
     zig: str
@@ -57,9 +57,9 @@ CPUS = {
 class Run:
     """Results of a Cortex-M run on given traffic.
 
-    ``frames`` were sent, ``states`` are the records after each tick; ``instructions`` of each
-    tick, as ``counter`` counts them; ``stack`` is the deepest use seen, in bytes; ``cycles`` of
-    each tick by a model of the processor, where one was given.
+    ``frames`` are the frames sent, ``states`` the records after each tick, ``instructions`` those
+    of each tick as counted by ``counter``, ``stack`` the deepest use seen in bytes, ``cycles``
+    those of each tick by a model of the processor, if one was given.
     """
 
     cpu: str
@@ -90,9 +90,9 @@ def has_gcc_and_qemu() -> bool:
 
 @cache
 def zig_image(name: str, firmware: BusFirmware | None = None) -> Path:
-    """The firmware linked at a fixed address by zig, from the cache where it is there.
+    """The firmware linked at a fixed address by zig, from the cache if present.
 
-    ``firmware`` is that of a bus, by default the built-in one.
+    ``firmware`` is the firmware for a bus, by default the built-in one.
     """
     if not has_pip_tools():
         raise MissingExtraError("emulating a Cortex-M in this process", "target")
@@ -142,7 +142,7 @@ def built(
 
 
 def sent(states: NDArray[np.void], firmware: BusFirmware | None = None) -> NDArray[np.void]:
-    """The frames that ticks want sent; takes them, as the bus driver does."""
+    """Yield the frames marked for sending, and clear the marks as the bus driver does."""
     firmware = firmware or built_in()
     ticks, slots = np.nonzero(states["tx_pending"])
     frames = np.zeros(len(ticks), event_of(firmware.record))

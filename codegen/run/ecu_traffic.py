@@ -1,7 +1,7 @@
 """Test traffic for the ECU: received frames per tick, as arrays replayed by every backend.
 
-Recorded runs come in the same form. Random traffic is meant to hurt: valid frames with plausible
-and with full-scale values, wrong checksums, jumps and repetitions of the counter, wrong lengths,
+Recorded runs have the same form. Random traffic is adversarial: valid frames with plausible and
+with full-scale values, wrong checksums, jumps and repetitions of the counter, wrong lengths,
 reserved codes, silence, missed ticks.
 """
 
@@ -44,7 +44,7 @@ class Traffic:
 
 
 def refused(rule: int) -> CanrollError:
-    """The error for a calibration that the ECU's own check refuses."""
+    """The error for a calibration that the ECU's check refuses."""
     return CanrollError(f"the ECU refuses the calibration: rule {rule} of its check")
 
 
@@ -63,7 +63,7 @@ def random_calibration(seed: int) -> Calibration:
 def _random_field(
     rng: np.random.Generator, lo: int, hi: int, shape: tuple[int, ...]
 ) -> int | list[Any]:
-    """Values spread over all magnitudes, the ends of the range among them."""
+    """Values spread over all magnitudes, including the ends of the range."""
     if hi - lo <= 16:
         return rng.integers(lo, hi + 1, shape).tolist()  # type: ignore[no-any-return]
     top = rng.uniform(0, np.log2(max(hi - lo, 1) + 1), shape)
@@ -75,7 +75,7 @@ def _random_field(
 
 
 def _plausible(record: Calibration, rng: np.random.Generator) -> None:
-    """Order what ``check`` wants ordered, and keep the ECU running for part of the traffic."""
+    """Sort values that must ascend for ``check``, and keep the ECU active for part of the time."""
     record.tick_us = 10000
     record.e2e = int(rng.random() < 0.8)
     record.timeout_ticks = [5 if rng.random() < 0.8 else 20 for _ in range(N_RX)]
@@ -101,9 +101,9 @@ def _plausible(record: Calibration, rng: np.random.Generator) -> None:
 def random_traffic(
     seed: int, ticks: int, *, hostile: float = 0.15, bus: BusMap | None = None
 ) -> Traffic:
-    """Traffic of all messages over ``ticks``; ``hostile`` is the share of frames that hurt.
+    """Traffic of all messages over ``ticks``; ``hostile`` is the share of faulty frames.
 
-    ``bus`` has the frames, by default those of the built-in bus.
+    ``bus`` defines the frames, by default those of the built-in bus.
     """
     bus = bus or built_in().bus
     boxes = bus.received
@@ -137,10 +137,10 @@ def random_traffic(
 def disturbed(
     traffic: Traffic, seed: int, *, quiet: float = 120.0, episode: float = 8.0
 ) -> Traffic:
-    """Recorded traffic with hostile episodes: frames lost and spoiled, ticks missed.
+    """Recorded traffic with hostile episodes: frames lost or corrupted, ticks missed.
 
-    ``quiet`` and ``episode`` are the mean lengths in ticks of what is left as it is and of what is
-    not; in between the loop recovers, so that it is met in all its modes.
+    ``quiet`` and ``episode`` are the mean lengths in ticks of undisturbed and disturbed stretches;
+    in between the loop recovers, so that all its modes occur.
     """
     rng = np.random.default_rng(seed)
     hurt = _episodes(rng, traffic.ticks, quiet, episode)
@@ -163,8 +163,8 @@ def disturbed(
 def storm(traffic: Traffic, seed: int, *, calm: float = 15.0, silence: float = 25.0) -> Traffic:
     """Recorded traffic in which whole ticks are silent and ticks are missed by the dozen.
 
-    Silence and calm alternate, ``silence`` and ``calm`` ticks long on average: what everything
-    that has piled up meanwhile costs when frames come back is a tick's longest work.
+    Silence and calm alternate, ``silence`` and ``calm`` ticks long on average: a tick's work is
+    longest when frames return and everything missed meanwhile is made up.
     """
     rng = np.random.default_rng(seed)
     lost = _episodes(rng, traffic.ticks, calm, silence)
@@ -189,7 +189,7 @@ def _episodes(
 
 
 def _signals(rng: np.random.Generator, word: int) -> int:
-    """Walk each 16-bit part of the signals; now and then jump, also to a reserved code."""
+    """Random walk of each 16-bit part of the signals, with jumps, also to reserved codes."""
     parts = []
     for k in range(3):
         part = (word >> (16 * k)) & 0xFFFF
@@ -212,13 +212,13 @@ def _payload(message: int, word: int, sample: int) -> list[int]:
 
 
 def _values(box: Mailbox) -> int:
-    """Number of values of a frame's counter; 15 where it has none."""
+    """Number of values of a frame's counter; 15 if it has none."""
     counter = box.protection.counter if box.protection else None
     return counter.values if counter else 15
 
 
 def _finished(box: Mailbox, payload: list[int], counter: int, room: int) -> list[int]:
-    """The frame with its page and its protection, in ``room`` bytes of which it uses its own."""
+    """The frame with its page and protection, padded to ``room`` bytes."""
     frame = bytearray(payload[: box.length])
     if box.selector is not None:
         for piece in box.selector.pieces:

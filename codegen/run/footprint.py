@@ -1,6 +1,6 @@
 """Memory footprint of the firmware, from the symbols of a linked image.
 
-Also the proof that it needs neither heap nor floating point: no symbol of either is linked.
+It also proves that neither heap nor floating point is needed: no symbol of either is linked.
 """
 
 import re
@@ -21,10 +21,10 @@ BOARD = ("board_", "replay_", "main", "open_file", "transfer", "ecu", "calibrati
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """Bytes of code, constant tables and records; names of linked symbols that must not be there.
+    """Bytes of code, constant tables and records; names of forbidden symbols that are linked.
 
     ``text`` holds the firmware's functions and the compiler's helpers they call, without the
-    start-up; ``static`` is memory that the firmware would keep for itself.
+    start-up; ``static`` is memory beyond the caller's records (expected 0).
     """
 
     text: int
@@ -35,8 +35,8 @@ class Footprint:
     forbidden: tuple[str, ...]
 
 
-def footprint(image: Path) -> Footprint:
-    """Read an ELF image with its symbol table."""
+def footprint(image: Path, state: type = Ecu) -> Footprint:
+    """Read an ELF image with its symbol table; ``state`` is the class of its state record."""
     text = tables = static = 0
     forbidden = []
     with image.open("rb") as file:
@@ -67,7 +67,7 @@ def footprint(image: Path) -> Footprint:
         text,
         tables,
         static,
-        memory_image.dtype(Ecu).itemsize,
+        memory_image.dtype(state).itemsize,
         memory_image.dtype(Calibration).itemsize,
         tuple(sorted(set(forbidden))),
     )

@@ -34,7 +34,7 @@ def event(size: int) -> np.dtype[Any]:
 
 
 def event_of(record_class: type[Any]) -> np.dtype[Any]:
-    """The event whose payload has the room of the larger mailbox of a state record."""
+    """The event type whose payload is as large as the larger mailbox of a state record."""
     places = {field.name: field.shape for field in fields(record_class)}
     return event(max(places["rx_payload"][-1], places["tx_payload"][-1]))
 

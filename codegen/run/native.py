@@ -1,8 +1,8 @@
-"""The emitted C99 as a library of this machine: cc and cffi, cached by what went into it.
+"""The emitted C99 as a native library: cc and cffi, cached by a hash of its inputs.
 
-Two ways in: single calls (``init``, ``receive``, ``tick``) and :meth:`Library.replay`, which runs
-any number of ticks and ECUs in one call. ``pointers`` are the addresses of the C functions, for
-callers that are compiled themselves.
+Two interfaces: single calls (``init``, ``receive``, ``tick``) and :meth:`Library.replay`, which
+runs any number of ticks and ECUs in one call. ``pointers`` are the addresses of the C functions,
+for compiled callers.
 """
 
 import contextlib
@@ -142,7 +142,7 @@ class Library:
         return dict(zip(("init", "receive", "tick"), found, strict=True))
 
     def start(self, calibrations: NDArray[np.void]) -> NDArray[np.void]:
-        """Return one initialised ECU for each calibration; raise where one is refused."""
+        """Return one initialised ECU for each calibration; raise CanrollError if one is refused."""
         ecus = np.zeros(len(calibrations), dtype(self.record))
         for i in range(len(calibrations)):
             rule = self.lib.canroll_start(
@@ -190,7 +190,7 @@ class Library:
 
 
 def compiler() -> str | None:
-    """The C compiler: ``$CC``, cc, gcc or clang; None where there is none."""
+    """The C compiler: ``$CC``, cc, gcc or clang; None if there is none."""
     names = (os.environ.get("CC"), "cc", "gcc", "clang")
     return next((path for name in names if name and (path := shutil.which(name))), None)
 
@@ -202,9 +202,9 @@ def library() -> Library:
 
 @cache
 def library_of(firmware: BusFirmware) -> Library:
-    """The firmware for a bus as a library, from the cache where it is there.
+    """The firmware for a bus as a library, from the cache if present.
 
-    Raises CanrollError where no compiler is or it fails.
+    Raises CanrollError if there is no compiler or it fails.
     """
     return build(firmware.files, record=firmware.record)
 
@@ -234,7 +234,7 @@ def build(files: Mapping[str, str], flags: Sequence[str] = FLAGS, *, record: typ
 
 
 def _binding(record: type) -> tuple[str, str]:
-    """Declarations and source of the ways in, for frames as ``record`` has room for."""
+    """Declarations and source of both interfaces, for frames as large as ``record``'s mailboxes."""
     size = str(event_of(record)["payload"].shape[0])
     return DECLARATIONS.replace("EVENT_BYTES", size), BATCH.replace("EVENT_BYTES", size)
 

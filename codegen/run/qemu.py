@@ -22,7 +22,7 @@ from firmware.calibration import Calibration
 class CycleCosts:
     """Cycles of the instructions at ``cycles``' addresses by a model of the processor.
 
-    ``refill`` are added for each of the ``conditional`` branches that is taken.
+    ``refill`` is added for each of the ``conditional`` branches that is taken.
     """
 
     cycles: Mapping[int, int]
@@ -30,7 +30,7 @@ class CycleCosts:
     refill: int
 
     def text(self) -> str:
-        """As the plugin reads it."""
+        """The text that the plugin reads."""
         lines = (f"{a:x} {n:x} {a in self.conditional:x}" for a, n in self.cycles.items())
         return "\n".join(lines) + "\n"
 
@@ -46,8 +46,8 @@ def replay(
 ) -> Run:
     """Replay ``traffic`` in QEMU, counting instructions with a plugin, and cycles by ``costs``.
 
-    ``firmware`` is that of a bus, by default the built-in one; ``files`` are the sources of another
-    ECU with the same records, by default those of ``firmware``.
+    ``firmware`` is the firmware for a bus, by default the built-in one; ``files`` are the sources
+    of another ECU with the same records, by default those of ``firmware``.
     """
     firmware = firmware or built_in()
     image = gcc_image(name, files or firmware.files)
@@ -90,7 +90,7 @@ def replay(
 
 
 def replay_file(calibration: Calibration, traffic: Traffic) -> bytes:
-    """What the replay program reads: ticks, calibration, then each tick's elapsed and frames."""
+    """Input of the replay program: ticks, calibration, each tick's elapsed ticks and frames."""
     parts = [struct.pack("<i", traffic.ticks), memory_image.image(calibration)]
     bounds = np.searchsorted(traffic.frames["tick"], np.arange(traffic.ticks + 1))
     for t in range(traffic.ticks):

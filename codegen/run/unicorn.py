@@ -1,4 +1,4 @@
-"""The firmware on a Cortex-M emulated in this process by unicorn, built by zig: pip's tools alone.
+"""The firmware on a Cortex-M emulated in this process by unicorn, built by zig (both from pip).
 
 Its counts leave out the instructions of a conditional block whose condition failed.
 """
@@ -110,12 +110,12 @@ class CortexEcu:
             self.put(slot, bytes(payload).ljust(self._room, b"\0"), length)
 
     def put(self, message: int, payload: bytes, length: int) -> None:
-        """Put a frame in the mailbox of ``message``."""
+        """Store a frame in the mailbox of ``message``."""
         self._machine.mem_write(PAYLOAD, payload)
         self._call("canroll_receive", ECU, message, PAYLOAD, length)
 
     def advance(self, elapsed_ticks: int = 1) -> None:
-        """Run one tick and leave what it wants sent in the record."""
+        """Run one tick; the frames to send stay marked in the record."""
         self._call("canroll_tick", ECU, CALIBRATION, elapsed_ticks)
 
     def tick(self, elapsed_ticks: int = 1) -> list[tuple[int, bytes]]:
@@ -124,7 +124,7 @@ class CortexEcu:
         return self.send()
 
     def send(self) -> list[tuple[int, bytes]]:
-        """Take the frames that are to be sent, as the bus driver does."""
+        """Return the frames marked for sending, and clear the marks as the bus driver does."""
         packed = np.frombuffer(self.image(), self._kind, 1)[0]
         pending = packed["tx_pending"]
         if not pending.any():
@@ -144,7 +144,7 @@ def replay(
 ) -> Run:
     """Replay ``traffic`` on the emulator in this process, counting instructions and stack.
 
-    ``firmware`` is that of a bus, by default the built-in one.
+    ``firmware`` is the firmware for a bus, by default the built-in one.
     """
     firmware = firmware or built_in()
     kind = memory_image.dtype(firmware.record)

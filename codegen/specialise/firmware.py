@@ -63,15 +63,16 @@ def _specialised(firmware: BusFirmware, data: bytes) -> BusFirmware:
     rule = firmware.loop.init(started, record)
     if rule:
         raise refused(rule)
-    functions, tables = _loop(firmware.program, record, dict(_elements(started)))
+    functions, tables = _loop(firmware.program(), record, dict(_elements(started)))
     state = firmware.modules.get("state.py") or (FIRMWARE / "state.py").read_text("utf-8")
     modules = {**firmware.modules, "ecu.py": _source(record, functions, tables)}
     result = replace(firmware, modules=modules)
     for _ in range(RUNS):
-        modules["ecu.py"] = _source(record, reach.cut(result.program, "ecu"), tables)
-        modules["state.py"] = ranges.declared(state, ranges.stored(result.program))
+        program = result.program()
+        modules["state.py"] = ranges.declared(state, ranges.stored(program))
+        modules["ecu.py"] = _source(record, reach.cut(program, "ecu"), tables)
         result = replace(firmware, modules=dict(modules))
-    findings = prove(result.program).findings
+    findings = prove(result.program()).findings
     if findings:
         raise CanrollError(f"the specialised firmware is not proved to be safe: {findings[0]}")
     return result

@@ -16,7 +16,7 @@ def local_kinds(function: Function) -> dict[str, str]:
 
 
 def assigned(function: Function) -> frozenset[str]:
-    """Names that ``function`` gives another value after their declaration."""
+    """Names that ``function`` assigns again after their declaration."""
     names = set()
     for node in ast.walk(function.node):
         targets = node.targets if isinstance(node, ast.Assign) else []
@@ -27,7 +27,7 @@ def assigned(function: Function) -> frozenset[str]:
 
 
 def writers(program: Program) -> dict[tuple[str, str], frozenset[str]]:
-    """Functions that write what they were given, with the names of those parameters."""
+    """Functions that write to their parameters, with the names of those parameters."""
     found: dict[tuple[str, str], set[str]] = {}
     changed = True
     while changed:
@@ -43,11 +43,11 @@ def writers(program: Program) -> dict[tuple[str, str], frozenset[str]]:
 def stored(
     program: Program, function: Function, written: Mapping[tuple[str, str], Collection[str]]
 ) -> Iterator[ast.expr]:
-    """Yield what a function stores in: what it assigns, clears, or passes on to be written.
+    """Yield what a function writes: targets assigned, cleared or passed to a function that writes.
 
     Args:
-        program: of the function.
-        function: is read.
+        program: program of the function.
+        function: function to examine.
         written: names of the parameters that each function writes, as far as known.
     """
     module = program.modules[function.module]

@@ -1,4 +1,4 @@
-"""The rules of the integer subset for expressions, each with the words a refusal says."""
+"""The rules of the integer subset for expressions, each with the message of its refusal."""
 
 import ast
 
@@ -19,7 +19,7 @@ COMPARISONS = (ast.Lt, ast.LtE, ast.Gt, ast.GtE, ast.Eq, ast.NotEq)
 
 
 class ExpressionRules:
-    """Checks the expressions of one function; ``scope`` holds the locals that C would see here."""
+    """Checks the expressions of one function; ``scope`` holds the locals visible to C here."""
 
     def __init__(
         self,
@@ -38,7 +38,7 @@ class ExpressionRules:
         return SubsetError(self.module.path, node, rule)
 
     def known(self, name: str) -> str | None:
-        """Kind of a local that can be seen here, or None."""
+        """Kind of a local that is visible here, or None."""
         return next((level[name] for level in reversed(self.scope) if name in level), None)
 
     def truth(self, node: ast.expr) -> None:
@@ -119,7 +119,7 @@ class ExpressionRules:
             raise self.refuse(node, f"{ast.unparse(node)} is an array: give its indices")
 
     def depth(self, node: ast.expr) -> int:
-        """Indices that ``node`` still lacks to be a scalar."""
+        """Number of indices that ``node`` still needs to be a scalar."""
         if isinstance(node, ast.Subscript):
             return self.depth(node.value) - 1
         constant = self.program.constant(self.module, node)
@@ -156,7 +156,7 @@ class ExpressionRules:
         raise self.refuse(node, f"{ast.unparse(node)} is not a field, array or table")
 
     def arguments(self, node: ast.Call) -> None:
-        """The arguments of a call against the parameters."""
+        """Check the arguments of a call against its parameters."""
         if node.keywords or any(isinstance(a, ast.Starred) for a in node.args):
             raise self.refuse(node, "arguments are positional")
         intrinsic = self.program.intrinsic(self.module, node.func)
@@ -190,7 +190,7 @@ class ExpressionRules:
                 self.number(argument)
 
     def record(self, node: ast.expr, reader: str) -> None:
-        """A record that a reader of memory is given."""
+        """Check the record argument of a function that reads memory."""
         given = self.function.parameters.get(node.id) if isinstance(node, ast.Name) else None
         if given is None or given.kind != "record":
             raise self.refuse(node, f"{reader} takes a record")
@@ -200,7 +200,7 @@ class ExpressionRules:
     def order(
         self, node: ast.expr, targets: tuple[ast.expr, ...], *, augmented: bool = False
     ) -> None:
-        """C leaves the order of operands open: a call that writes must not meet other reads."""
+        """Refuse a writing call among other reads: C does not define the order of operands."""
         effects = [inner for inner in ast.walk(node) if self.writes(inner)]
         if not effects:
             return
@@ -219,7 +219,7 @@ class ExpressionRules:
                 raise self.refuse(node, "a call that writes beside a read: C orders them freely")
 
     def _owners(self, targets: tuple[ast.expr, ...]) -> set[ast.AST]:
-        """The field an assignment writes is no read of it."""
+        """The base of an assignment's target, which is written and not read."""
         found: set[ast.AST] = set()
         for target in targets:
             base = target
@@ -229,7 +229,7 @@ class ExpressionRules:
         return found
 
     def writes(self, node: ast.AST) -> bool:
-        """Whether ``node`` calls what writes its arguments."""
+        """Whether ``node`` calls a function that writes its arguments."""
         if not isinstance(node, ast.Call):
             return False
         if self.program.intrinsic(self.module, node.func) == "clear":
@@ -239,7 +239,7 @@ class ExpressionRules:
 
 
 def words(node: ast.AST) -> str:
-    """What a refusal calls a construct."""
+    """The name of a construct in messages."""
     told = {
         "While": "while",
         "FloorDiv": "//",

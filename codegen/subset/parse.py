@@ -1,17 +1,18 @@
-"""Source files of the integer subset read into a :class:`codegen.subset.program.Program`.
+"""Parser of the integer subset's source files into a :class:`codegen.subset.program.Program`.
 
 :func:`load` follows the imports from an entry module and orders the modules so that each comes
-after those it uses. What stands outside the subset is a SubsetError that names file, line and
+after those it uses. Anything outside the subset raises a SubsetError that names file, line and
 rule; the rules for function bodies are in :mod:`codegen.subset.rules`.
 """
 
 import ast
 import io
 import tokenize
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from canroll.errors import CanrollError
+from codegen.subset import idle
 from codegen.subset.program import (
     FIRMWARE,
     KINDS,
@@ -31,24 +32,38 @@ from codegen.subset.program import (
 )
 
 
-def load(entry: str = "ecu", folder: Path = FIRMWARE) -> Program:
-    """Parse ``entry`` and all it imports from ``folder``; raise SubsetError where it can't be."""
+def load(
+    entry: str = "ecu", folder: Path = FIRMWARE, shown: Mapping[str, Path] | None = None
+) -> Program:
+    """Parse ``entry`` and all it imports from ``folder``; raise SubsetError if it is not subset.
+
+    ``shown`` are paths that messages name instead of those in ``folder``, by module.
+    """
     program = Program({})
-    _load(program, entry, folder, ())
+    _load(program, entry, folder, shown or {}, ())
     _forbid_recursion(program)
+    idle.leave_out(program, entry)
     return program
 
 
-def _load(program: Program, name: str, folder: Path, within: tuple[str, ...]) -> None:
+def _load(
+    program: Program,
+    name: str,
+    folder: Path,
+    shown: Mapping[str, Path],
+    within: tuple[str, ...],
+) -> None:
     if name in program.modules:
         return
-    path = folder / f"{name}.py"
+    path = shown.get(name, folder / f"{name}.py")
     try:
-        source = path.read_text(encoding="utf-8")
+        source = (folder / f"{name}.py").read_text(encoding="utf-8")
         tree = ast.parse(source)
-    except (OSError, SyntaxError) as error:
+    except OSError as error:
         raise CanrollError(f"{path}: {error}") from error
-    module = Module(name, path, ast.get_docstring(tree) or "")
+    except SyntaxError as error:
+        raise SubsetError(path, error.lineno or 1, error.msg) from error
+    module = Module(name, path, ast.get_docstring(tree) or "", source)
     module.comments = _comments(source)
     for node in tree.body:
         if isinstance(node, ast.ImportFrom):
@@ -57,14 +72,14 @@ def _load(program: Program, name: str, folder: Path, within: tuple[str, ...]) ->
         if used in (*within, name):
             raise SubsetError(path, 1, f"modules import each other: {name} and {used}")
         if used != RUNTIME:
-            _load(program, used, folder, (*within, name))
+            _load(program, used, folder, shown, (*within, name))
     program.modules[name] = module
     for node in tree.body:
         _top_level(program, module, node)
 
 
 def _comments(source: str) -> dict[int, tuple[bool, str]]:
-    """Comments by line; True where the comment has the line to itself."""
+    """Comments by line; True where the comment stands alone on its line."""
     found = {}
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.type == tokenize.COMMENT:
@@ -103,6 +118,9 @@ def _top_level(program: Program, module: Module, node: ast.stmt) -> None:
         module.functions[node.name] = _function(program, module, node)
     elif isinstance(node, ast.ClassDef):
         module.records[node.name] = _record(program, module, node)
+    elif isinstance(node, ast.Import):
+        names = ", ".join(alias.name for alias in node.names)
+        raise SubsetError(module.path, node, f"only the firmware imports itself, not {names}")
     else:
         rule = "a module holds imports, constants, records and functions"
         raise SubsetError(module.path, node, rule)
@@ -230,9 +248,15 @@ def _record(program: Program, module: Module, node: ast.ClassDef) -> Record:
             raise SubsetError(module.path, statement, "a field is Annotated[type, sizes, F(…)]")
         description = parts[-1]
         assert isinstance(description, ast.Call)
+        if description.keywords or len(description.args) not in (5, 6):
+            rule = 'F takes: least, largest, fractional bits, "unit", "meaning"'
+            raise SubsetError(module.path, statement, rule)
         lo, hi, q = (evaluate(program, module, part) for part in description.args[:3])
+        if not all(isinstance(part, ast.Constant) for part in description.args[3:]):
+            raise SubsetError(module.path, statement, "unit and meaning are texts")
         texts = [ast.literal_eval(part) for part in description.args[3:]]
-        assert isinstance(lo, int) and isinstance(hi, int) and isinstance(q, int)
+        if not (isinstance(lo, int) and isinstance(hi, int) and isinstance(q, int)):
+            raise SubsetError(module.path, statement, "a field's range is two numbers")
         kind = "u8" if lo >= 0 and hi <= 255 else "i32"
         if not _fits(lo, kind) or not _fits(hi, kind):
             raise SubsetError(module.path, statement, f"[{lo}, {hi}] does not fit i32")

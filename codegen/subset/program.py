@@ -48,7 +48,7 @@ class SubsetError(CanrollError):
 
 @dataclass(frozen=True, slots=True)
 class Type:
-    """What a parameter, a local, a field or a result is; ``shape`` () for a scalar.
+    """Type of a parameter, a local, a field or a result; ``shape`` is () for a scalar.
 
     ``kind`` is i32, i64, u8, u16 or u32, or "record" with ``record`` its class.
     """
@@ -60,7 +60,7 @@ class Type:
 
 @dataclass(frozen=True, slots=True)
 class RecordField:
-    """One field of a record: its type and what its ``F`` says."""
+    """One field of a record: its type and the contents of its ``F``."""
 
     name: str
     type: Type
@@ -85,7 +85,7 @@ class Record:
 
     @property
     def size(self) -> int:
-        """Bytes, up to the last one that holds something."""
+        """Size in bytes up to the end of the last field."""
         end = 0
         for its in self.fields.values():
             width = 4 if its.type.kind == "i32" else 1
@@ -122,11 +122,12 @@ class Function:
 
 @dataclass(slots=True)
 class Module:
-    """One source file: what it defines, what it imports, its comments by line."""
+    """One source file: its text, what it defines, what it imports, its comments by line."""
 
     name: str
     path: Path
     doc: str
+    source: str
     constants: dict[str, Constant] = field(default_factory=dict)
     functions: dict[str, Function] = field(default_factory=dict)
     records: dict[str, Record] = field(default_factory=dict)
@@ -214,6 +215,10 @@ def evaluate(program: Program, module: Module, node: ast.expr) -> Const:
         left, right = (evaluate(program, module, side) for side in (node.left, node.right))
         operation = _OPERATIONS.get(type(node.op))
         if operation and isinstance(left, int) and isinstance(right, int):
+            if isinstance(node.op, ast.Pow | ast.LShift | ast.RShift) and not 0 <= right <= 64:
+                raise SubsetError(module.path, node, f"{right} is no shift count or exponent")
+            if isinstance(node.op, ast.FloorDiv) and right == 0:
+                raise SubsetError(module.path, node, "divides by zero")
             return operation(left, right)
     raise SubsetError(module.path, node, f"'{ast.unparse(node)}' is not a constant of ints")
 

@@ -1,8 +1,7 @@
-"""The rules of the integer subset for function bodies, each with the words a refusal says.
+"""The rules of the integer subset for function bodies, each with the message of its refusal.
 
-C and Python disagree about scope, about when an operand is read and about what a condition is
-worth; a construct where they could is refused rather than translated with care. What remains means
-the same in both.
+C and Python differ in scope, in when an operand is read and in the value of a condition. A
+construct where they could differ is refused; the remaining ones mean the same in both.
 """
 
 import ast
@@ -31,7 +30,7 @@ def check(program: Program) -> None:
 
 
 class _Checker(ExpressionRules):
-    """Checks one function, its statements here."""
+    """Checks the statements of one function."""
 
     def __init__(
         self,
@@ -155,7 +154,7 @@ class _Checker(ExpressionRules):
         self.scope.pop()
 
     def steady(self, bound: ast.expr, loop: ast.For) -> None:
-        """Python reads a bound once, C every round: it must not change in the loop."""
+        """Refuse a bound that changes in its loop: Python reads it once, C in every iteration."""
         inside = {
             target.id
             for node in ast.walk(loop)

@@ -1,4 +1,4 @@
-"""When a condition code can hold, and what its holding says of the registers compared."""
+"""Condition codes: whether one can hold, and how it restricts the compared registers."""
 
 from capstone import arm
 
@@ -29,9 +29,9 @@ ZERO = Value(0, 0)
 
 
 def where(state: State, condition: int) -> State | None:
-    """Return ``state`` where ``condition`` holds; None where it cannot.
+    """Return ``state`` restricted to ``condition``; None if it cannot hold.
 
-    The state itself is cut: give a copy where the other branch is still to be followed.
+    The state is restricted in place: pass a copy if the other branch is still to be followed.
     """
     flags = state.flags
     if flags is None or condition not in OPPOSITE:
@@ -77,7 +77,7 @@ def _possible(a: Value, b: Value, condition: int) -> bool:
 
 
 def _limits(a: Value, b: Value, condition: int) -> tuple[int, int]:
-    """The interval that a lies in where ``a condition b``."""
+    """The limits of a for which ``a condition b`` can hold."""
     if condition == EQ:
         return b.lo, b.hi
     if condition == NE:

@@ -53,7 +53,7 @@ class Nesting:
 
     @cached_property
     def dominators(self) -> Mapping[int, set[int]]:
-        """The blocks that every way to a block passes."""
+        """The dominators of each block."""
         entry = self.function.entry
         found = {start: set(self.next) for start in self.next}
         found[entry] = {entry}

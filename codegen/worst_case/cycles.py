@@ -2,7 +2,7 @@
 
 Sources: Cortex-M0 technical reference manual (DDI 0432C, table 3-1), Cortex-M3 (DDI 0337I, table
 3-1), Cortex-M4 (DDI 0439D, table 3-1). Where a table gives a range (division, long
-multiplication, refilling the pipeline), the most is taken, so that a sum is an upper bound.
+multiplication, refilling the pipeline), the maximum is taken, so that a sum is an upper bound.
 """
 
 from collections.abc import Callable
@@ -16,13 +16,13 @@ from codegen.worst_case.machine_code import conditional, writes_pc
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """A processor in its circuit.
+    """Timing parameters of a processor and its memory.
 
     Attributes:
         cpu: "cortex-m0", "cortex-m3" or "cortex-m4".
-        wait_states: of the flash, for each 32-bit word fetched or read; there is no cache.
+        wait_states: flash wait states for each 32-bit word fetched or read; there is no cache.
         multiplier: cycles of MULS on a Cortex-M0: 1, or 32 for the small one.
-        division: cycles of SDIV and UDIV on M3 and M4 at most, 2 to 12.
+        division: maximum cycles of SDIV and UDIV on M3 and M4, 2 to 12.
     """
 
     cpu: str
@@ -42,16 +42,16 @@ class Timing:
 
     @property
     def refill(self) -> int:
-        """Cycles beyond its own that a conditional branch costs when it is taken."""
+        """Additional cycles of a conditional branch when it is taken."""
         pipeline = 2 if self.cpu == "cortex-m0" else 3
         return pipeline + 2 * self.wait_states
 
     def cost(self, insn: CsInsn) -> int:
-        """Cycles of an instruction at most; of a conditional branch when it is not taken."""
+        """Maximum cycles of an instruction; for a conditional branch, when it is not taken."""
         return TABLES[self.cpu](self, insn) + self.wait_states * self._words(insn)
 
     def _words(self, insn: CsInsn) -> int:
-        """Flash words that the instruction fetches for the first time, and reads as data."""
+        """Number of flash words that the instruction newly fetches, and reads as data."""
         first = insn.address // 4 + (insn.address % 4 != 0)
         fetched = (insn.address + insn.size - 1) // 4 - first + 1
         name = insn.insn_name()

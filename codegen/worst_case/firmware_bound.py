@@ -1,4 +1,4 @@
-"""Bounds of one tick and one received frame of the firmware, and the most that was ever seen."""
+"""Bounds of one tick and one received frame of the firmware, and the maximum observed."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ SIZES = {"i32": 4, "u8": 1}
 
 @dataclass(frozen=True, slots=True)
 class FirmwareBound:
-    """What the two functions that a circuit calls cost at most, on ``timing``."""
+    """Upper bounds of the two functions called periodically and on reception, on ``timing``."""
 
     timing: Timing
     tick: Bound
@@ -31,7 +31,7 @@ class FirmwareBound:
 
 
 def state_areas(record: type, address: int) -> list[Area]:
-    """The cells of a state record at ``address`` with the ranges of its field table."""
+    """The memory cells of a state record at ``address`` with the ranges of its field table."""
     layout = memory_image.dtype(record)
     areas = []
     for field in fields(record):
@@ -50,16 +50,16 @@ def firmware_bound(
 ) -> FirmwareBound:
     """Bound ``canroll_tick`` and ``canroll_receive`` of a linked image.
 
-    The calibration is constant, the ECU's record holds any state that its field table allows,
-    frames and missed ticks come as they like.
+    The calibration is constant; the ECU's record may hold any state within its field table, and
+    frames and missed ticks are arbitrary.
 
     Args:
-        calibration: as the ECU runs it.
+        calibration: the ECU's calibration.
         timing: processor, flash and multiplier.
-        firmware: that of a bus, by default the built-in one.
+        firmware: the firmware for a bus, by default the built-in one.
 
     Raises:
-        CanrollError: code that cannot be bounded.
+        CanrollError: the code cannot be bounded.
     """
     firmware = firmware or built_in()
     image = Image(cortex.gcc_image(timing.cpu, firmware.files))
@@ -85,7 +85,7 @@ STACK = 0x2000_4000
 
 @dataclass(frozen=True, slots=True)
 class Observed:
-    """The most of ``ticks`` replayed ticks by the same model; ``late`` of them followed a miss."""
+    """Maxima over ``ticks`` replayed ticks by the same model, ``late`` of them after misses."""
 
     cycles: int
     stack: int
@@ -104,8 +104,8 @@ def observe(
 ) -> Observed:
     """Replay ``traffic``, then hostile variants of it, until ``ticks`` have run in QEMU.
 
-    Frames are lost and spoiled, ticks missed; every second variant is a storm of both. A
-    figure above the bound would show that the bound is none.
+    Frames are lost or corrupted, ticks missed; every second variant is a storm of both. A figure
+    above the bound would refute the bound.
     """
     firmware = firmware or built_in()
     costs = cycle_costs(cortex.gcc_image(timing.cpu, firmware.files), timing)
@@ -124,7 +124,7 @@ def observe(
 
 
 def cycle_costs(path: Path, timing: Timing) -> CycleCosts:
-    """The model's cycles of every instruction of an image, for a run on the emulator."""
+    """The model's cycles for every instruction of an image, for a run on the emulator."""
     image = Image(path)
     cycles, branches = {}, set()
     for address in list(image.functions):

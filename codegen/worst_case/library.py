@@ -1,8 +1,8 @@
-"""The compiler's division routines: their longest way by implicit path enumeration.
+"""Longest path through the compiler's division routines by implicit path enumeration.
 
-Their loops end by arithmetic that intervals cannot follow, so the rounds are stated here, with the
-reason; a test counts them on an emulated processor. The longest way is then an integer program:
-how often each edge of the flow graph is used, at most (Li and Malik 1995).
+Their loops end by arithmetic that intervals cannot follow, so the loop bounds are stated here with
+their reason; a test counts the iterations on an emulated processor. The longest path is then an
+integer program over the execution counts of the flow graph's edges (Li and Malik 1995).
 """
 
 from collections.abc import Mapping
@@ -32,13 +32,13 @@ def longest_way(
     costs: Mapping[int, int],
     refill: int,
 ) -> int:
-    """Return the cycles of the longest way through ``function``.
+    """Return the cycles of the longest path through ``function``.
 
     Args:
         function: its flow graph.
-        rounds: visits of a block at most.
-        costs: cycles of each block by its address, those of the function it calls included.
-        refill: cycles more of a conditional branch that is taken.
+        rounds: maximum number of visits of each block, by its address.
+        costs: cycles of each block by its address, including the function it calls.
+        refill: additional cycles of a conditional branch that is taken.
 
     Raises:
         CanrollError: the integer program has no solution.
@@ -73,7 +73,7 @@ def longest_way(
 
 
 def _edges(blocks: Mapping[int, Block]) -> list[tuple[int | None, int | None, bool]]:
-    """Every edge, whether it is a taken branch; the way in, and the ways out."""
+    """Every edge and whether it is a taken branch; the entry edge and the exit edges."""
     entry = next(iter(blocks))
     edges: list[tuple[int | None, int | None, bool]] = [(None, entry, False)]
     for start, block in blocks.items():

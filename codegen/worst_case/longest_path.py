@@ -1,9 +1,9 @@
-"""The longest way through a function: cycles and stack at most, from any state of the memory.
+"""Longest path through a function: maximum cycles and stack, from any state of the memory.
 
-The code is run on intervals. Calls are followed, and loops are run round by round until no round
-is possible any more, so that every loop bound comes from the code itself and each call and each
-round has its own ranges: the tree of all ways has no cycle, and the longest way through it is
-what an integer program over the flow graph would find.
+The code is run on intervals. Calls are followed, and loops are unrolled until no further iteration
+is possible, so that every loop bound follows from the code and each call and each iteration has its
+own ranges: the tree of all paths has no cycle, and its longest path is the one that an integer
+program over the flow graph would find.
 """
 
 from collections import Counter
@@ -28,7 +28,7 @@ DEPTH_MAX = 32
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """The longest way to a place: its cycles, and its last step behind the way before."""
+    """The longest path to an address: its cycles, its last step and a link to the path before."""
 
     cycles: int
     function: str = ""
@@ -36,7 +36,7 @@ class Way:
     before: "Way | None" = None
 
     def on(self, function: str, cycles: int) -> "Way":
-        """This way and a step more."""
+        """This path extended by one step."""
         return Way(self.cycles + cycles, function, cycles, self)
 
     def steps(self) -> Iterator[tuple[str, int]]:
@@ -49,12 +49,12 @@ class Way:
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """What a call costs at most.
+    """Upper bounds of a call.
 
     Attributes:
-        cycles: of the longest way.
+        cycles: cycles of the longest path.
         stack: bytes below the stack pointer at the call.
-        shares: cycles of the longest way by function.
+        shares: cycles of the longest path by function.
     """
 
     cycles: int
@@ -64,13 +64,13 @@ class Bound:
 
 @dataclass(slots=True)
 class Arrival:
-    """What is known at a place, and the longest way to it."""
+    """The state at an address, and the longest path to it."""
 
     state: State
     way: Way
 
     def joined(self, other: "Arrival | None") -> "Arrival":
-        """Both ways to the same place."""
+        """The longer of two paths to the same address."""
         if other is None:
             return self
         way = self.way if self.way.cycles >= other.way.cycles else other.way
@@ -82,8 +82,8 @@ class LongestPath:
 
     Args:
         image: linked machine code.
-        transfer: effect of its instructions.
-        timing: their cycles.
+        transfer: effect of instructions on a state.
+        timing: cycles of instructions.
     """
 
     def __init__(self, image: Image, transfer: Transfer, timing: Timing) -> None:
@@ -101,8 +101,8 @@ class LongestPath:
         """Return the bound of a call of ``name`` in ``state``.
 
         Raises:
-            CanrollError: code that cannot be bounded: recursion, a loop without an end, a jump
-                through a pointer.
+            CanrollError: the code cannot be bounded: recursion, an endless loop, a jump through a
+                pointer.
         """
         top = self._lowest = state.registers[SP].lo
         end = self._call(self.image.address(name), Arrival(state.copy(), Way(0)), 0)
@@ -127,7 +127,7 @@ class LongestPath:
         return visit.returned
 
     def _summary(self, function: Function, rounds: int, arrival: Arrival, depth: int) -> Arrival:
-        """A routine of the compiler's library: its registers are unknown afterwards."""
+        """A call of a compiler library routine; its registers are unknown afterwards."""
         state = arrival.state.copy()
         saved = sum(_stacked(insn) for b in function.blocks.values() for insn in b.instructions)
         bottom = state.registers[SP].lo - saved
@@ -145,7 +145,7 @@ class LongestPath:
         return Arrival(state, arrival.way.on(function.name, cycles))
 
     def saw_stack(self, state: State) -> None:
-        """Note how deep the stack is."""
+        """Record the depth of the stack."""
         pointer = state.registers[SP]
         if pointer.lo != pointer.hi:
             raise CanrollError("the stack pointer is not known")
@@ -162,7 +162,7 @@ def _stacked(insn: CsInsn) -> int:
 
 
 def _has_loops(function: Function) -> bool:
-    """Whether a branch of the function may come back."""
+    """Whether the function has a backward edge."""
     try:
         body = regions(function)
     except CanrollError:
@@ -171,14 +171,14 @@ def _has_loops(function: Function) -> bool:
 
 
 class _Visit:
-    """One call of a function: its blocks in order, loops round by round."""
+    """One call of a function: its blocks in order, loops unrolled."""
 
     def __init__(self, analysis: LongestPath, function: Function, depth: int) -> None:
         self.analysis, self.function, self.depth = analysis, function, depth
         self.returned: Arrival | None = None
 
     def region(self, region: Region, arrivals: dict[int, Arrival]) -> dict[int, Arrival]:
-        """Run through a region once; return the arrivals outside of it and at its header."""
+        """Run a region once; return the arrivals outside it and at its header."""
         out: dict[int, Arrival] = {}
         for item in region.order:
             if isinstance(item, Region):
@@ -228,7 +228,7 @@ class _Visit:
         return self._branch(block, here)
 
     def _branch(self, block: Block, here: Arrival) -> list[tuple[int, Arrival]]:
-        """A conditional branch: both ways, where they are possible."""
+        """A conditional branch: both successors, where possible."""
         insn, (target, after) = block.last, block.next
         taken, straight = here.state.copy(), here.state
         if conditional(insn):
@@ -253,7 +253,7 @@ class _Visit:
         return arrivals
 
     def _switch(self, block: Block, here: Arrival) -> list[tuple[int, Arrival]]:
-        """A table of targets: those that the index can choose."""
+        """A switch: the targets that the index can select."""
         name = self.function.name
         if block.calls is not None:
             register = 0
@@ -285,7 +285,7 @@ def _sort_in(
     inside: dict[int, Arrival],
     outside: dict[int, Arrival],
 ) -> None:
-    """Join what arrives within a region to ``inside``; its header counts as outside."""
+    """Join arrivals within a region to ``inside``; its header counts as outside."""
     for target, arrival in found:
         place = inside if target in region.blocks and target != region.header else outside
         place[target] = arrival.joined(place.get(target))

@@ -85,7 +85,7 @@ class Image:
         """The instruction at ``address``.
 
         Raises:
-            CanrollError: there is none.
+            CanrollError: there is no instruction.
         """
         if address not in self._decoded:
             code = next(filter(None, (self.bytes_at(address, n) for n in (18, 4, 2))), b"")
@@ -98,7 +98,7 @@ class Image:
         return self._decoded[address]
 
     def data_end(self, address: int) -> int:
-        """Where the data among the code at ``address`` ends, by the linker's mapping symbols."""
+        """End of the literal data at ``address``, from the linker's mapping symbols."""
         return min((start for start in self._code_starts if start > address), default=address)
 
     def function(self, address: int) -> "Function":
@@ -110,11 +110,10 @@ class Image:
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Instructions without a branch but the last; ``next`` are its successors in the function.
+    """Instructions of which only the last may branch; ``next`` are its successors in the function.
 
-    ``calls`` is the address of the function that the last instruction calls, ``tail`` that of the
-    one it goes on to for good; ``returns``: it leaves the function. ``table`` are the targets of a
-    switch in the order of its index.
+    ``calls`` is the address of the function that the last instruction calls, ``tail`` that of a
+    tail call; ``returns``: it leaves the function. ``table`` lists a switch's targets by index.
     """
 
     start: int
@@ -132,7 +131,7 @@ class Block:
 
     @property
     def end(self) -> int:
-        """The address behind the block."""
+        """The address after the block."""
         return int(self.last.address + self.last.size)
 
 
@@ -188,7 +187,7 @@ class Function:
         return dict(sorted(blocks.items()))
 
     def _ends(self, insn: capstone.CsInsn) -> Block | None:
-        """How ``insn`` ends a block, as a block of itself; None where it does not."""
+        """The one-instruction block of ``insn`` with its successors if it ends a block, or None."""
         name = insn.insn_name()
         at, after = insn.address, insn.address + insn.size
         own = (insn,)
@@ -242,7 +241,7 @@ class Function:
 
 
 def conditional(insn: capstone.CsInsn) -> bool:
-    """Whether the instruction is carried out under a condition."""
+    """Whether the instruction is executed conditionally."""
     return insn.cc not in (arm.ARM_CC_AL, arm.ARM_CC_INVALID) and insn.id != arm.ARM_INS_IT
 
 

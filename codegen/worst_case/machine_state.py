@@ -1,7 +1,7 @@
-"""What is known of a processor's registers, flags and memory at one place of the code.
+"""Abstract state of a processor's registers, flags and memory at one address of the code.
 
-Everything is an interval of signed 32-bit integers; memory that nothing is known of has the range
-that the firmware's field tables promise (proved for every store, :mod:`codegen.proof.prove`).
+All values are intervals of signed 32-bit integers; memory not otherwise known has the range of the
+firmware's field tables (proved for every store, :mod:`codegen.proof.prove`).
 """
 
 from bisect import bisect_right
@@ -27,7 +27,7 @@ def wrapped(value: Value) -> Value:
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """A cell of ``size`` bytes that always holds one of ``value``.
+    """A memory cell of ``size`` bytes whose content is always within ``value``.
 
     ``volatile``: an interrupt may change it between two instructions.
     """
@@ -39,10 +39,10 @@ class Area:
 
 
 class Promises:
-    """What memory holds whenever nothing better is known, by address.
+    """Ranges of memory cells that always hold, by address.
 
     Args:
-        areas: without overlap.
+        areas: cells that do not overlap.
     """
 
     def __init__(self, areas: Iterable[Area]) -> None:
@@ -50,7 +50,7 @@ class Promises:
         self._starts = [area.address for area in self._areas]
 
     def at(self, address: int, size: int) -> Area | None:
-        """The promise for the cell at ``address``; None where there is none of this size."""
+        """The range of the cell at ``address``; None if there is none of this size."""
         k = bisect_right(self._starts, address) - 1
         if k >= 0 and self._areas[k].address == address and self._areas[k].size == size:
             return self._areas[k]
@@ -59,7 +59,7 @@ class Promises:
 
 @dataclass(frozen=True, slots=True)
 class Flags:
-    """Where the flags come from: ``a - b`` of two values, or the sign of one result.
+    """Origin of the flags: ``a - b`` of two values, or the sign of one result.
 
     ``a_register`` and ``b_register`` still hold the values, ``result`` their difference; -1: none
     does. ``borrow``: carry and overflow are those of the difference, too.
@@ -84,7 +84,7 @@ class State:
 
     @staticmethod
     def start(stack: int) -> "State":
-        """Nothing known but the stack pointer."""
+        """A state in which only the stack pointer is known."""
         state = State([I32] * N_REGISTERS, None, {}, {})
         state.registers[SP] = Value(stack, stack)
         return state
@@ -94,7 +94,7 @@ class State:
         return State(list(self.registers), self.flags, dict(self.memory), dict(self.origin))
 
     def set(self, register: int, value: Value) -> None:
-        """Write a register; flags forget that they came from it."""
+        """Write a register and drop its link with the flags."""
         self.registers[register] = value
         self.origin.pop(register, None)
         flags = self.flags
@@ -109,7 +109,7 @@ class State:
             )
 
     def narrow(self, register: int, low: int, high: int) -> bool:
-        """Cut a register to [low, high], and the cell it came from; False: nothing is left."""
+        """Restrict a register and its origin cell to [low, high]; return False if that is empty."""
         old = self.registers[register]
         if low > old.hi or high < old.lo:
             return False
@@ -121,7 +121,7 @@ class State:
         return True
 
     def forget(self, low: int, high: int) -> None:
-        """A store somewhere into [low, high) changed the cells there."""
+        """Forget the cells in [low, high), after a store to an unknown address there."""
         near = range(low - 3, high) if high - low <= 8 else list(self.memory)
         for cell in [
             c for c in near if c in self.memory and c < high and c + self.memory[c][0] > low
@@ -146,7 +146,7 @@ class State:
 
 
 def joined(a: State | None, b: State) -> State:
-    """What holds in both states."""
+    """The smallest state that contains both."""
     if a is None:
         return b
     registers = [x if x == y else hull(x, y) for x, y in zip(a.registers, b.registers, strict=True)]

@@ -1,6 +1,6 @@
-"""Effect of one Thumb instruction on what is known (Armv6-M and Armv7-M manuals, chapter A6/A7).
+"""Effect of one Thumb instruction on the abstract state (Armv6-M and Armv7-M manuals, A6/A7).
 
-What is not modelled makes its target registers unknown and is sound; stores are all modelled.
+Instructions that are not modelled soundly make their targets unknown; all stores are modelled.
 """
 
 from collections.abc import Callable
@@ -42,11 +42,11 @@ STACK_TOP = 0x4000_0000
 
 
 class Transfer:
-    """Carries out instructions on states of one image.
+    """Executes instructions on abstract states of one image.
 
     Args:
-        image: the machine code, whose constant bytes are known.
-        promises: what its memory holds.
+        image: the machine code with its constant bytes.
+        promises: ranges of its memory.
         writable: addresses [low, high) that a store through an unknown pointer may change: all
             memory but the stack below the lowest local variable whose address was taken.
     """
@@ -56,7 +56,7 @@ class Transfer:
         self._taken: int | None = None
 
     def run(self, state: State, insn: CsInsn) -> None:
-        """Change ``state`` by an instruction; a branch changes nothing here."""
+        """Apply an instruction to ``state``; a branch has no effect here."""
         if conditional(insn) and insn.id not in (arm.ARM_INS_B, arm.ARM_INS_BX):
             skipped = where(state.copy(), OPPOSITE.get(insn.cc, 0))
             done = where(state.copy(), insn.cc)
@@ -91,7 +91,7 @@ class Transfer:
             compute(state, insn, name)
 
     def _note_address(self, state: State, insn: CsInsn) -> None:
-        """The address of a local variable goes into another register."""
+        """Note that the address of a local variable is copied to another register."""
         reads_stack_pointer = any(
             o.type == arm.ARM_OP_REG and o.reg == arm.ARM_REG_SP for o in insn.operands[1:]
         )
@@ -100,7 +100,7 @@ class Transfer:
             self._taken = low if self._taken is None else min(low, self._taken)
 
     def _address(self, state: State, insn: CsInsn) -> tuple[Value, Value | None]:
-        """The address accessed, and what the base register becomes."""
+        """The address accessed, and the new value of the base register."""
         operand = next(o for o in insn.operands if o.type == arm.ARM_OP_MEM)
         base = operand.mem.base
         if base == arm.ARM_REG_PC:
@@ -139,7 +139,7 @@ class Transfer:
         self.read(state, target, address, size, signed)
 
     def read(self, state: State, target: int, address: Value, size: int, signed: bool) -> None:
-        """Load a cell into a register; the hull of all cells that a short interval reaches."""
+        """Load a cell into a register, or the hull of all cells in a short address interval."""
         if target == PC:
             return
         if address.lo == address.hi:
@@ -163,7 +163,7 @@ class Transfer:
         state.set(target, value)
 
     def _cell(self, state: State, address: int, size: int, signed: bool) -> tuple[Value, bool]:
-        """A cell's value, and whether it is one of writable memory, read as it was written."""
+        """A cell's value, and whether it is a writable cell read with the size it was written."""
         data = self.image.bytes_at(address, size)
         if data is not None:
             number = int.from_bytes(data, "little", signed=signed or size == 4)
@@ -188,7 +188,7 @@ class Transfer:
             state.set(NUMBER[operand.mem.base], moved)
 
     def write(self, state: State, address: Value, size: int, value: Value) -> None:
-        """Store into a cell, or into any of those an interval reaches."""
+        """Store into a cell, or into any cell in an interval of addresses."""
         if address.lo == address.hi:
             low = _any(size, signed=False)
             if size < 4 and not (low.lo <= value.lo and value.hi <= low.hi):
@@ -268,7 +268,7 @@ def _any(size: int, signed: bool) -> Value:
 
 
 def operand_value(state: State, insn: CsInsn, k: int) -> Value:
-    """The value of a register or immediate operand, its shift carried out."""
+    """The value of a register or immediate operand, after its shift."""
     operand = insn.operands[k]
     if operand.type == arm.ARM_OP_IMM:
         return wrapped(Value(operand.imm, operand.imm))
@@ -310,7 +310,7 @@ SHIFT_NAMES = {"lsl": left, "asr": right, "lsr": logical_right}
 
 
 def compute(state: State, insn: CsInsn, name: str) -> None:
-    """Carry out an instruction that touches registers and flags alone."""
+    """Execute an instruction that changes only registers and flags."""
     if name in ("cmp", "cmn", "tst"):
         _compare(state, insn, name)
         return
@@ -443,7 +443,7 @@ def _result(state: State, insn: CsInsn, name: str) -> tuple[Value, Flags | None]
 
 
 def _sum_flags(value: Value, exact: Value) -> Flags | None:
-    """After an addition Z and N tell of the result; of the order nothing where it overflows."""
+    """Flags after an addition: Z and N follow the result; nothing on the order if it overflows."""
     if I32.lo <= exact.lo and exact.hi <= I32.hi:
         return Flags(value, ZERO, borrow=False)
     return None if value == I32 else Flags(value, ZERO, borrow=False)

@@ -21,9 +21,9 @@ class ActuatedCar:
     Attributes:
         a: (n, n).
         command: (n, 1).
-        steering: (n, 1), the accelerometer's feedthrough to it neglected by none of the states.
+        steering: (n, 1), steering-angle input.
         disturbance: roll moment from outside, (n, 1).
-        measured: roll rate, a_y, roll, delivered moment as the controller reads them, (4, n).
+        measured: rows of roll rate, a_y, roll, delivered moment as read by the controller, (4, n).
     """
 
     a: Matrix
@@ -38,8 +38,8 @@ def actuated(car: LinearModel, *, lag: float, sensors: Sensors) -> ActuatedCar:
 
     Args:
         car: of any order.
-        lag: of the actuator, s.
-        sensors: for their bandwidths.
+        lag: time constant of the actuator, s.
+        sensors: sensors, for their bandwidths.
     """
     n = len(car.a)
     moment, rate, lateral = n, n + 1, n + 2
@@ -65,7 +65,7 @@ def actuated(car: LinearModel, *, lag: float, sensors: Sensors) -> ActuatedCar:
 
 
 def roll_car(roll: RollModel) -> LinearModel:
-    """Return the 1-DOF roll model with the inputs and outputs of a car that does not move aside."""
+    """Return the 1-DOF roll model with the inputs and outputs of a car without lateral motion."""
     b = np.hstack([moment_input(roll), np.zeros((2, 1)), moment_input(roll)])
     c = np.zeros((len(OUTPUTS), 2))
     c[OUTPUTS.index("roll"), 0] = c[OUTPUTS.index("roll_rate"), 1] = 1.0

@@ -1,6 +1,6 @@
-"""The matrix inequalities evaluated as numbers at a point: eigenvalues, no solver.
+"""Numerical evaluation of the matrix inequalities at a point: eigenvalues, no solver.
 
-A certificate is worth what these functions say, whatever a solver reported.
+The validity of a certificate is judged by these functions, not by a solver's report.
 """
 
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ def largest_eigenvalue(matrix: Matrix) -> float:
 
 @dataclass(frozen=True, slots=True)
 class LinearPlant:
-    """x' = A x + B u + Bw w, z = C x, y = C1 x: what the inequalities are about."""
+    """The plant of the inequalities: x' = A x + B u + Bw w, z = C x, y = C1 x."""
 
     a: Matrix
     b: Matrix
@@ -50,7 +50,7 @@ def delay_blocks(
     delay: float,
     epsilon: float,
 ) -> tuple[Matrix, Matrix]:
-    """Return both blocks of the corrected delay theorem with W = K C1 X put in exactly."""
+    """Return both blocks of the corrected delay theorem with W = K C1 X substituted exactly."""
     w = gain * plant.c1 @ x
     closed = plant.a @ x + plant.b @ w
     zero = np.zeros

@@ -122,7 +122,7 @@ def _unit_modulus_frequencies(numerator: Matrix, denominator: Matrix) -> Matrix:
 
 
 def frequency_grid(*fast: float, points: int = 1200) -> Matrix:
-    """Return ω = 0 and a logarithmic grid that reaches well past each of the rates ``fast``."""
+    """Return ω = 0 and a logarithmic grid that extends well beyond each of the rates ``fast``."""
     top = 50.0 * max(1.0, *fast)
     return np.concatenate([[0.0], np.geomspace(1e-3, top, points)])
 
@@ -154,7 +154,7 @@ def h_infinity(
         b: disturbance input, (n, m).
         c: performance output, (p, n).
         delay: s.
-        check: answer infinity where the rightmost root is not in the left half plane.
+        check: return infinity if the rightmost root is not in the left half plane.
     """
     if check and rightmost_root(a, delayed, delay).real >= 0.0:
         return Peak(float("inf"), float("nan"))

@@ -1,8 +1,8 @@
-"""The loop on the linear car, exactly, over a family of conditions and delays: margins, worst.
+"""Exact loop on the linear car over a family of conditions and delays: margins, worst case.
 
-Car, actuator lag, sensor low-passes, hold, fractional delay, delay line and the ECU's own
-arithmetic. What the controller makes of a measured lateral acceleration is feedback like any other:
-the moment moves the car sideways, and rolls the accelerometer.
+Car, actuator lag, sensor low-passes, hold, fractional delay, delay line and the ECU's arithmetic.
+The command from a measured lateral acceleration is feedback like any other: the moment moves the
+car sideways and tilts the accelerometer.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -44,12 +44,12 @@ LINEAR_SHARE = 0.9
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """How a vehicle drives.
+    """Operating condition of a vehicle.
 
     Attributes:
-        load: "laden" or "empty"; another name for a model that is no car.
+        load: "laden" or "empty"; another name for a model that is not a car.
         speed: m/s; zero for such a model.
-        lateral_acceleration: of a steady curve, m/s²; zero is straight running.
+        lateral_acceleration: of a steady curve, m/s²; zero for straight running.
         friction: of the road.
     """
 
@@ -84,10 +84,10 @@ CONDITIONS = (
 
 
 def car_in(vehicle: Vehicle, condition: Condition) -> LinearModel:
-    """Return the linear car of ``vehicle`` in ``condition``; a curve beyond its grip is cut back.
+    """Return the linear car of ``vehicle`` in ``condition``; a curve beyond its grip is relaxed.
 
     Raises:
-        CanrollError: the data sheet makes no such car.
+        CanrollError: the data sheet does not define such a car.
     """
     loaded = unladen(vehicle) if condition.load == "empty" else vehicle
     curve = condition.lateral_acceleration
@@ -106,9 +106,9 @@ class Member:
     Attributes:
         condition: of the car.
         plant: with actuator and sensors.
-        held: the plant at the tick, by delay in s.
+        held: the plant sampled at the tick, by delay in s.
         frequencies: of the responses, rad/s.
-        filtered: share of each delay that the sensor's low-pass in ``plant`` already has, s.
+        filtered: part of each delay already modelled by the sensor's low-pass in ``plant``, s.
     """
 
     condition: Condition
@@ -131,13 +131,13 @@ class Member:
         return np.asarray(np.exp(1j * self.frequencies * plant.tick), dtype=complex)
 
     def commanded(self, delay: float) -> Complex:
-        """Return what the controller reads per command, (frequencies, 4)."""
+        """Return the controller's readings per command, (frequencies, 4)."""
         plant = self.held[delay]
         return command_response(plant, self._rows, self._z(plant))
 
     @cached_property
     def disturbed(self) -> Complex:
-        """What the controller reads per roll moment on the body, held, (frequencies, 4)."""
+        """The controller's readings per roll moment on the body, held, (frequencies, 4)."""
         return np.asarray((self._rows @ self._held_disturbance)[:, :, 0])
 
     @cached_property
@@ -212,7 +212,7 @@ class Family:
         delays: least, middle and longest from sample to force, s, the sensor's low-pass included.
         frequencies: of all responses, rad/s.
         tick: s.
-        note: why it is the roll model alone, or empty.
+        note: reason why it is the roll model alone, or empty.
     """
 
     members: tuple[Member, ...]
@@ -241,9 +241,9 @@ class Family:
     def rows(
         self, controller: Controller, *, first: FamilyRow | None = None
     ) -> Iterator[FamilyRow]:
-        """Yield the margins one by one, from member and delay of ``first`` on.
+        """Yield the margins one by one, starting at the member and delay of ``first``.
 
-        Who only asks whether all hold need not wait for the rest.
+        A caller that only needs to know whether all hold can stop at the first failure.
         """
         response = self.controller_response(controller)
         places = [(member, delay) for member in self.members for delay in self.delays]
@@ -259,7 +259,7 @@ class Family:
     def jitter(self, controller: Controller) -> tuple[float, Condition]:
         """Return the greatest :func:`jitter_level` of all members and where it is.
 
-        Below one every member is stable however the delay moves between its bounds.
+        Below one every member is stable for any variation of the delay between its bounds.
         """
         response = self.controller_response(controller)
         middle = self.delays[len(self.delays) // 2]
@@ -275,13 +275,13 @@ class Family:
     def largest_delay(self, controller: Controller, found: FamilyMargins, *, limit: float) -> float:
         """Return the largest constant delay, from the least on, at which all members are stable, s.
 
-        Searched on the members with the least margins, then confirmed on all. Where no loop gain
+        Searched on the members with the least margins, then confirmed on all. If no loop gain
         reaches one, no delay destabilises: that is only confirmed at the limit.
 
         Args:
-            controller: of the loops.
+            controller: controller of the loops.
             found: its margins.
-            limit: answer infinity where all are stable up to this delay, s.
+            limit: return infinity if all are stable up to this delay, s.
         """
         if not any(row.margins.crossover for row in found.rows) and _all_stable(
             self.members, controller, limit
@@ -321,14 +321,14 @@ def family(
 
     Args:
         vehicle: its data sheet.
-        delay: from motion to force with the low-pass of the roll-rate sensor, which is modelled
-            apart here: its time constant is taken off.
+        delay: from motion to force including the low-pass of the roll-rate sensor, whose time
+            constant is subtracted, as it is modelled separately here.
         tick: of the controller, s.
-        lag: of the actuator, s.
-        conditions: to build it from.
+        lag: time constant of the actuator, s.
+        conditions: conditions of its members.
 
     Raises:
-        CanrollError: the data sheet makes no such car.
+        CanrollError: the data sheet does not define such a car.
     """
     return _built(vehicle, delay, tick, lag, tuple(conditions))
 
@@ -337,7 +337,7 @@ def family(
 def _built(
     vehicle: Vehicle, delay: Delay, tick: float, lag: float, conditions: tuple[Condition, ...]
 ) -> Family:
-    """The family; every law for the same task is judged on the same one."""
+    """The family, shared by all laws for the same task."""
     cars = {condition: car_in(vehicle, condition) for condition in conditions}
     return _family(vehicle, delay, cars, tick=tick, lag=lag)
 
@@ -367,10 +367,10 @@ def _family(
 
 
 def family_of(task: Task) -> Family:
-    """Return the family that a task's controller has to hold on.
+    """Return the family on which a task's controller is verified.
 
-    Where the data sheet makes no car, it is the 1-DOF roll model alone, and the family's ``note``
-    says so.
+    If the data sheet does not define a linear car, it is the 1-DOF roll model alone, and the
+    family's ``note`` gives the reason.
     """
     try:
         return family(task.vehicle, task.delay, tick=task.tick, lag=task.lag)

@@ -1,6 +1,6 @@
-"""A continuous plant at the tick: commands held, and in force a delay after their sample.
+"""Sampling of a continuous plant with held commands that take effect a delay after the sample.
 
-x⁺ = Φ x + Γ_fresh u[k − d + 1] + Γ_stale u[k − d] with d ticks of delay, the last of them a part:
+x⁺ = Φ x + Γ_fresh u[k − d + 1] + Γ_stale u[k − d] with d ticks of delay, the last one fractional:
 the hold and the fractional delay are exact (Åström, Wittenmark 1997, section 2.5).
 """
 
@@ -18,7 +18,7 @@ Complex = NDArray[np.complexfloating[Any, Any]]
 
 @dataclass(frozen=True, slots=True)
 class HeldPlant:
-    """A plant at the tick behind a delay.
+    """A sampled plant with input delay.
 
     Attributes:
         phi: (n, n).
@@ -36,7 +36,7 @@ class HeldPlant:
 
 
 def held(a: Matrix, command: Matrix, *, tick: float, delay: float) -> HeldPlant:
-    """Return x' = A x + B u at the tick.
+    """Return x' = A x + B u sampled at the tick.
 
     Args:
         a: (n, n).
@@ -59,12 +59,12 @@ def opened(
 
     x⁺ = A x + B u, u = C x closes it. The controller's own ring of past commands stays closed: it
     holds what the controller computed. The plant's states come first, the delay line follows, its
-    first entry the oldest command still to come into force.
+    first entry is the oldest command not yet in effect.
 
     Args:
         plant: at the controller's tick.
         controller: as the ECU runs it.
-        measured: what it reads of the plant's state, in its order, (4, n).
+        measured: its inputs as rows on the plant's state, in its order, (4, n).
     """
     ac, bc, cc, dc = matrices(controller)
     n, lines, m = len(plant.phi), max(plant.steps, 1), len(ac)

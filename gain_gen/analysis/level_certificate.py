@@ -1,4 +1,4 @@
-"""A level that holds however the delay moves: one Lyapunov matrix for all delays of the task.
+"""Level certified for any varying delay: one Lyapunov matrix for all delays of the task.
 
 For the loop with u = K (roll rate) sent as v = u + e, where |e| ≤ ε |v| is what an event trigger
 withholds, and the roll angle z under a held roll moment d on the body, the inequality
@@ -8,8 +8,8 @@ withholds, and the roll angle z under a held roll moment d on the body, the ineq
 at every delay between the bounds certifies |z| ≤ γ |d| in the mean square for any sequence of
 delays. It is linear in P, γ² and λ, and convex in the closed loop's matrices, which depend on the
 delay only through the two columns of the hold: between delays of a dense grid they are bounded by
-their neighbours. The matrices are in units in which the states are of size one; what a solver
-found is evaluated here in numpy, at many more delays than it saw.
+their neighbours. The matrices are in units in which the states are of size one; a
+solver's result is evaluated here in numpy, at many more delays than it was given.
 """
 
 from dataclasses import dataclass
@@ -53,7 +53,7 @@ def switched_loop(member: Member, gain: float, delays: Matrix, tick: float) -> S
 
     Args:
         member: of a family.
-        gain: N·m·s/rad.
+        gain: roll-rate gain, N·m·s/rad.
         delays: from motion to force, s, ascending.
         tick: s.
     """
@@ -164,7 +164,7 @@ def worst_eigenvalue(
 def delay_grid(member: Member, delays: tuple[float, ...], tick: float, step: float) -> Matrix:
     """Return delays between the bounds in steps of at most ``step``, s.
 
-    Where a whole number of ticks has gone by, the loop's matrices have a kink: there is one more.
+    The loop's matrices have a kink at whole numbers of ticks, so these are included.
     """
     least, most = delays[0], delays[-1]
     even = np.linspace(least, most, max(int(np.ceil((most - least) / step)), 1) + 1)

@@ -19,8 +19,8 @@ class Margins:
     """Classical margins where the command leaves the ECU.
 
     Attributes:
-        gain_db: least change of the loop gain, up or down, that destabilises, dB; of an unstable
-            loop the change that would stabilise it, negative, minus infinity where none does.
+        gain_db: least change of the loop gain, up or down, that destabilises, dB; for an unstable
+            loop minus the change that would stabilise it, minus infinity if none does.
         phase_deg: least lag at a crossing of unit gain that destabilises, degrees.
         modulus: least distance of the Nyquist curve from −1; zero for an unstable loop.
         crossover: highest frequency of unit gain, rad/s; zero where the gain stays below one.
@@ -74,7 +74,7 @@ def nyquist_margins(frequencies: Matrix, gain: Complex, loop: Loop) -> Margins:
 
 
 def negative_crossings(gain: Complex) -> list[float]:
-    """Return where the Nyquist curve meets the negative real axis, its two ends included."""
+    """Return the crossings of the Nyquist curve with the negative real axis, including its ends."""
     imaginary = gain.imag
     found = []
     for i in np.flatnonzero(np.sign(imaginary[1:]) != np.sign(imaginary[:-1])):
@@ -89,7 +89,7 @@ def negative_crossings(gain: Complex) -> list[float]:
 
 
 def _stabilising_db(loop: Loop, crossings: list[float]) -> float:
-    """Return the change nearest to none of an unstable loop's gain that stabilises it, dB."""
+    """Return the smallest change of an unstable loop's gain that stabilises it, dB."""
     for value in sorted(value for value in crossings if value < -1.0)[::-1]:
         factor = -1.0 / value
         if spectral_radius(replace(loop, c=0.999 * factor * loop.c)) < 1.0:
@@ -100,13 +100,13 @@ def _stabilising_db(loop: Loop, crossings: list[float]) -> float:
 def largest_delay_from(
     start: float, stable: Callable[[float], bool], tick: float, *, limit: float
 ) -> float:
-    """Return the first delay from ``start`` on at which a sampled loop loses stability, s.
+    """Return the smallest delay above ``start`` at which a sampled loop loses stability, s.
 
     Args:
-        start: delay to begin at, s; zero is returned where the loop is unstable there.
-        stable: whether the loop is, at a constant delay in seconds.
+        start: lower end of the search, s; zero is returned if the loop is unstable there.
+        stable: function of a constant delay in seconds, true if the loop is stable.
         tick: grid step of the search, s; the edge is then bisected to 0.1 ms.
-        limit: answer infinity where the loop is stable up to this delay, s.
+        limit: return infinity if the loop is stable up to this delay, s.
     """
     if not stable(start):
         return 0.0
@@ -125,7 +125,7 @@ def largest_delay_from(
 
 
 def largest_sampled_delay(build: Callable[[float], Loop], tick: float, *, limit: float) -> float:
-    """Return the first delay at which the sampled loop that ``build`` returns is unstable, s."""
+    """Return the smallest delay at which the sampled loop from ``build`` is unstable, s."""
     return largest_delay_from(
         0.0, lambda seconds: spectral_radius(build(seconds)) < 1.0, tick, limit=limit
     )
@@ -140,9 +140,9 @@ def jitter_gain(loop: Loop, jitter: float) -> float:
 def jitter_level(frequencies: Matrix, gain: Complex, tick: float, jitter: float) -> float:
     """Return the small-gain level of a delay that varies by ± ``jitter``/2 about the loop's own.
 
-    Below one the loop is stable however the delay moves inside its bounds (Kao and Lincoln 2004,
-    theorem 3): sup |T(z)| |z − 1| √Ñ, T from a disturbance at the command to the command, Ñ the
-    paper's function of half the span in ticks.
+    Below one the loop is stable for any variation of the delay within its bounds (Kao and Lincoln
+    2004, theorem 3): sup |T(z)| |z − 1| √Ñ, T from a disturbance at the command to the command, Ñ
+    the paper's function of half the span in ticks.
     """
     if jitter <= 0.0:
         return 0.0

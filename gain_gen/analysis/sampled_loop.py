@@ -1,4 +1,4 @@
-"""The closed loop at the tick: continuous plant and actuator, delay, hold, discrete controller."""
+"""The sampled closed loop: continuous plant and actuator, delay, hold, discrete controller."""
 
 from dataclasses import dataclass
 
@@ -34,7 +34,7 @@ class Loop:
         c: (1, n), the command that the controller computes.
         noise: (n, 1), a disturbance; of the roll model, that of the lateral-acceleration model.
         tick: s.
-        apart: states of a model of the disturbance, which no command reaches.
+        apart: number of states of a disturbance model, which no command reaches.
     """
 
     a: Matrix
@@ -85,11 +85,11 @@ def build(
     """Return the loop of ``controller`` with a constant delay from sample to force.
 
     Args:
-        model: the plant, which need not be the design's.
+        model: the plant, possibly other than the design model.
         controller: as the ECU runs it.
         delay: τ ≥ 0 from the instant of the sample to the change of the actuator's command, s.
         lag: time constant of the actuator, s.
-        lateral: how the lateral acceleration moves.
+        lateral: model of the lateral acceleration.
     """
     tick = controller.tick
     lateral = lateral or LateralModel()
@@ -108,7 +108,7 @@ def build(
 
 
 def spectral_radius(loop: Loop) -> float:
-    """Return the largest modulus of the closed loop's eigenvalues, a disturbance model's left out.
+    """Return the largest modulus of the closed loop's eigenvalues without a disturbance model's.
 
     That model is stable and not controlled; its eigenvalues would hide the loop's own.
     """
@@ -137,10 +137,10 @@ def loop_gain(loop: Loop, frequencies: Matrix) -> Complex:
 def response_peak(loop: Loop, row: Matrix) -> float:
     """Return the peak of the closed loop's response from ``noise`` to ``row`` x.
 
-    Infinite where the loop is unstable.
+    Infinite if the loop is unstable.
 
     Args:
-        loop: closed here.
+        loop: the open loop, closed here.
         row: on the first states of the loop, (m,).
     """
     if spectral_radius(loop) >= 1.0:

@@ -1,8 +1,8 @@
-"""The command's factor over speed: chosen by margins, certified between its points and in between.
+"""Factor on the command over speed: chosen by margins, certified at and between its points.
 
-The slower the car, the more a moment moves the accelerometer; the faster, the less damping the
-tyres give. At each speed of the ECU's table the command is reduced as far as the margins there
-take, laden and empty, at every delay; the ECU interpolates.
+The slower the car, the more a moment moves the accelerometer; the faster, the less the tyres damp.
+At each speed of the ECU's table the command is reduced as far as the margins require, laden and
+empty, at every delay; the ECU interpolates.
 """
 
 from collections.abc import Iterator
@@ -40,14 +40,14 @@ LINE_WEIGHT = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Speeds:
-    """The families at each speed of the ECU's table, and half-way between."""
+    """The families at each speed of the ECU's table and midway between."""
 
     families: tuple[Family, ...]
 
     def limits(self, controller: Controller) -> tuple[float, ...]:
         """Return the largest factor at each speed of the table with which the loop has margins.
 
-        About the nominal speed there is none: a law that has no margins there is detuned as a
+        Near the nominal speed there is no limit: a law without margins there is detuned as a
         whole.
         """
         return tuple(
@@ -64,10 +64,10 @@ class Speeds:
 
 
 def speeds_of(task: Task) -> Speeds:
-    """Return the families of a task at the speeds of the table, and half-way between.
+    """Return the families of a task at the speeds of the table and midway between.
 
     Raises:
-        CanrollError: the data sheet makes no such car.
+        CanrollError: the data sheet does not define such a car.
     """
     between = [0.5 * (low + high) for low, high in pairwise(SPEEDS)]
     return Speeds(
@@ -93,7 +93,7 @@ def loop_gains(found: Family, controller: Controller) -> Iterator[Complex]:
 
 
 def largest_factor(gain: Complex) -> float:
-    """Return the largest factor up to :data:`MOST` on a loop gain that has its margins.
+    """Return the largest factor up to :data:`MOST` on a loop gain that keeps the margins.
 
     The loop is stable for small factors; the first crossing of −1 is the one that counts.
     """
@@ -113,19 +113,19 @@ def largest_factor(gain: Complex) -> float:
 
 
 def scheduled(controller: Controller, limits: tuple[float, ...], scale: float) -> Controller:
-    """Return ``controller`` with its command scaled, and at each speed reduced to its limit.
+    """Return ``controller`` with its command scaled and limited at each speed.
 
     Args:
-        controller: its schedule is replaced.
-        limits: of the factor on the command before it is scaled, at each of :data:`SPEEDS`.
-        scale: of the command.
+        controller: controller whose schedule is replaced.
+        limits: upper limit of the factor on the unscaled command, at each of :data:`SPEEDS`.
+        scale: factor on the command.
     """
     factors = tuple(min(1.0, limit / scale) for limit in limits)
     return replace(scaled_controller(controller, scale), schedule=factors)
 
 
 def certified_speed_rate(task: Task, controller: Controller) -> float:
-    """Return how fast the speed may change, m/s², with the loop certified stable all the while.
+    """Return the largest rate of speed change, m/s², for which stability is certified.
 
     Piecewise Lyapunov functions x'P_i x at speeds v_i: P_i decays in every tick from v_(i−1) to
     v_(i+1), and the change from one to the next raises the function by at most μ. The longer the

@@ -1,4 +1,4 @@
-"""What a driver's steering makes of the loop: moment and roll, by frequency and as RMS."""
+"""Response of the loop to the driver's steering: moment and roll, by frequency and as RMS."""
 
 from dataclasses import dataclass
 from math import pi, sqrt
@@ -29,11 +29,11 @@ class SteeringResponse:
 
     Attributes:
         frequencies: rad/s, (m,).
-        weights: of the squared magnitudes in a mean square, (m,); the lateral acceleration of the
-            car without control has RMS 1.
-        readings: what the controller reads per road-wheel angle, (m, 4).
-        told: the steady lateral acceleration per angle as the ECU gets it, (m,).
-        commanded: what the controller reads per command, (m, 4).
+        weights: weights of the squared magnitudes in a mean square, (m,), normalised to an RMS
+            lateral acceleration of 1 m/s² without control.
+        readings: controller inputs per road-wheel angle, (m, 4).
+        told: steady lateral acceleration per angle as computed by the ECU from steering, (m,).
+        commanded: controller inputs per command, (m, 4).
     """
 
     frequencies: Matrix
@@ -47,14 +47,14 @@ class SteeringResponse:
 
         Args:
             feedback: command per reading, (m, 4).
-            steering: command per lateral acceleration told by the steering, (m,).
+            steering: command per lateral acceleration from steering, (m,).
         """
         loop = 1.0 - np.sum(feedback * self.commanded, axis=1)
         driven = np.sum(feedback * self.readings, axis=1) + steering * self.told
         return np.asarray(driven / loop)
 
     def rolled(self, moment: Complex) -> Complex:
-        """Return the roll angle per angle under such a command per angle."""
+        """Return the roll angle per road-wheel angle, given the command per road-wheel angle."""
         return np.asarray(self.readings[:, _ROLL] + self.commanded[:, _ROLL] * moment)
 
     def rms(self, response: Complex) -> float:
@@ -69,7 +69,7 @@ def steering_response(
 
     Args:
         family: of ``vehicle``.
-        vehicle: whose steering gain the ECU knows.
+        vehicle: vehicle with the steering gain known to the ECU.
         delay: one of the family's, s.
         member: of the family.
     """

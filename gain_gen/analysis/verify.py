@@ -30,10 +30,10 @@ def verify(
 
     Args:
         law: its name.
-        task: what it was designed for.
+        task: the task it was designed for.
         solution: the law's answer.
-        family: of the task, which the loop has to hold on.
-        speeds: of the task, where the command is scheduled over speed.
+        family: family of the task, on which the loop is verified.
+        speeds: families over speed, if the command is scheduled.
     """
     if solution.verified_by_law:
         return Design(law, task, solution, {}, solution.checks, solution.notes)
@@ -66,7 +66,7 @@ def verify(
 
 
 def family_checks(found: FamilyMargins) -> dict[str, Check]:
-    """Return stability, gain margin and peak sensitivity, each where it is worst."""
+    """Return checks of stability, gain margin and peak sensitivity, each at its worst member."""
     gain, peak, edge = found.worst_gain, found.worst_sensitivity, found.least_stable
     return {
         "spectral_radius": below(edge.margins.radius, 1.0, str(edge)),
@@ -76,7 +76,7 @@ def family_checks(found: FamilyMargins) -> dict[str, Check]:
 
 
 def holds(row: FamilyRow) -> bool:
-    """Whether one loop of the family has the margins that all must have."""
+    """Whether one loop of the family has the required margins."""
     found = row.margins
     return found.gain_db > GAIN_MARGIN_DB and found.sensitivity < PEAK_SENSITIVITY
 
@@ -89,7 +89,7 @@ def _roll_loop(task: Task, controller: Controller, delay: float) -> Loop:
 def _check_roll(
     task: Task, checks: dict[str, Check], report: dict[str, float], controller: Controller
 ) -> None:
-    """Whether the roll model rolls less, and how much less from half to twice the delay."""
+    """Check that the roll model rolls less, and report by how much at half to twice the delay."""
     passive = roll_rms(_roll_loop(task, passive_controller(controller), 0.0))
     for name, factor in (("half", 0.5), ("nominal", 1.0), ("double", 2.0)):
         ratio = roll_rms(_roll_loop(task, controller, factor * task.delay.nominal)) / passive
@@ -130,9 +130,9 @@ def _check_speeds(
     report: dict[str, float],
     controller: Controller,
 ) -> None:
-    """Margins at and between the speeds of the schedule, and how fast the speed may change.
+    """Check margins at and between the speeds of the schedule, and the rate of speed change.
 
-    The last takes longest and says nothing of a design that is refused.
+    The latter takes longest and is skipped for a design that is refused anyway.
     """
     gain_db, sensitivity = speeds.worst(controller)
     checks["schedule_gain_margin_db"] = above(gain_db, GAIN_MARGIN_DB)
@@ -143,7 +143,7 @@ def _check_speeds(
 
 
 def passive_controller(controller: Controller) -> Controller:
-    """Return a controller that commands nothing."""
+    """Return a controller whose command is zero."""
     return replace(
         controller,
         output_gain=np.zeros(3),

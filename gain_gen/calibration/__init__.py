@@ -1,1 +1,1 @@
-"""A design as integers: quantised, its rounding error analysed, in a file."""
+"""Quantisation of a design to integers: rounding error, calibration record and file."""

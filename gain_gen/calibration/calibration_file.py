@@ -1,5 +1,7 @@
 """calibration.toml: physical values, integers, formats, provenance, verdicts; writer and reader."""
 
+import hashlib
+import json
 import re
 import tomllib
 from collections.abc import Mapping
@@ -11,16 +13,21 @@ from typing import Any
 import tomli_w
 
 from canroll.errors import CanrollError
+from codegen.generated import own_stage
+from codegen.generated.own_stage import OwnStage
 from codegen.run.memory_image import sealed
 from firmware.calibration import Calibration
 from firmware.subset import Field, fields
 from gain_gen.calibration.record import RESERVED, fill
 
-SCHEMA = 1
+SCHEMA = 2
+DIGEST = "digest"
+"""Key of the file's :func:`digest`."""
 
 TABLES = frozenset(
     {
         "schema",
+        DIGEST,
         "design",
         "plant",
         "gains",
@@ -31,8 +38,8 @@ TABLES = frozenset(
         "calibration",
     }
 )
-OPTIONAL = frozenset({"budget"})
-"""Tables that a user may add: the budget of a tick."""
+OPTIONAL = frozenset({"budget", "stage"})
+"""Tables that a user may add: the budget of a tick, an own stage of the loop."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +49,7 @@ class LoadedCalibration:
     Attributes:
         record: the integers.
         tables: every other table of the file, as read.
-        path: where it was read from.
+        path: file it was read from.
     """
 
     record: Calibration
@@ -56,13 +63,23 @@ class LoadedCalibration:
 
     @property
     def vehicle(self) -> str:
-        """Name or file of the vehicle that it was designed for."""
+        """Name or file of the vehicle it was designed for."""
         return str(self.tables["design"]["vehicle"])
 
     @property
     def actuator(self) -> str:
         """Kind of actuator."""
         return str(self.tables["design"]["actuator"])
+
+    @property
+    def vehicle_fingerprint(self) -> str:
+        """:attr:`vehicles.model.Vehicle.fingerprint` of the vehicle that it was designed for."""
+        return str(self.tables["provenance"]["vehicle_sha256"])
+
+    @property
+    def stage(self) -> OwnStage | None:
+        """The own stage that runs with it."""
+        return own_stage.carried(self.tables)
 
     @property
     def verified(self) -> bool:
@@ -85,7 +102,7 @@ class LoadedCalibration:
         return tuple(self.tables["design"]["warnings"])
 
     def delay_warning(self, delay: float) -> str:
-        """Return the warning that a sample-to-force delay of ``delay`` seconds deserves, or ''."""
+        """Return a warning if a sample-to-force delay of ``delay`` seconds is too long, or ''."""
         if delay < self.max_delay:
             return ""
         return (
@@ -97,18 +114,31 @@ class LoadedCalibration:
 
 def dumps(record: Calibration, tables: Mapping[str, Any]) -> str:
     """Return the text of a calibration file."""
-    content: dict[str, Any] = {"schema": SCHEMA, **tables}
-    content["calibration"] = {
-        field.name: getattr(record, field.name) for field in fields(Calibration)
+    content: dict[str, Any] = {
+        **tables,
+        "calibration": {field.name: getattr(record, field.name) for field in fields(Calibration)},
     }
-    return _NUMBERS.sub(_one_line, tomli_w.dumps(content))
+    head = {"schema": SCHEMA, DIGEST: digest(tomllib.loads(tomli_w.dumps(content)))}
+    return _NUMBERS.sub(_one_line, tomli_w.dumps(head | content))
+
+
+def digest(content: Mapping[str, Any]) -> str:
+    """Return the SHA-256 of the tables of a file as read, in hexadecimal.
+
+    The solver's time is left out, so that the same design has the same digest. It shows that a file
+    was edited; it is no signature, for anyone can compute it again.
+    """
+    promised = {name: table for name, table in content.items() if name not in OPTIONAL}
+    design = promised.get("design", {})
+    promised["design"] = {key: value for key, value in design.items() if key != "solve_s"}
+    return hashlib.sha256(json.dumps(promised, sort_keys=True).encode()).hexdigest()
 
 
 _NUMBERS = re.compile(r"\[\n((?:\s*[-+.\w]+,\n)+)\s*\]")
 
 
 def _one_line(match: re.Match[str]) -> str:
-    """Put a list of plain numbers on one line, as a person would write it."""
+    """Put a list of plain numbers on one line."""
     return f"[{', '.join(match[1].replace(',', ' ').split())}]"
 
 
@@ -152,6 +182,8 @@ def load(path: str | Path) -> LoadedCalibration:
         )
     given = OPTIONAL & set(content)
     _known(content, TABLES - {"schema"} | given, path, text)
+    written = content.pop(DIGEST)
+    found = digest(content)
     integers = content.pop("calibration")
     table = fields(Calibration)
     _known(integers, {field.name for field in table}, path, text)
@@ -169,7 +201,28 @@ def load(path: str | Path) -> LoadedCalibration:
             raise CanrollError(f"{path}: [design] missing key '{name}'")
     if "max_delay_s" not in content["margins"]:
         raise CanrollError(f"{path}: [margins] missing key 'max_delay_s'")
+    if "vehicle_sha256" not in content["provenance"]:
+        raise CanrollError(f"{path}: [provenance] missing key 'vehicle_sha256'")
+    if found != written:
+        raise CanrollError(
+            f"{path}: the digest does not match the content: the file was edited; create it again "
+            f"with 'canroll design'"
+        )
+    if own_stage.NAME in content:
+        content[own_stage.NAME] = _stage(content[own_stage.NAME], path, text)
     return LoadedCalibration(record, content, path)
+
+
+def _stage(table: Any, path: Path, text: str) -> dict[str, str]:  # noqa: ANN401
+    """Return the table of an own stage with its source, read from its file where it has none."""
+    where = _at(path, text, own_stage.NAME)
+    if not isinstance(table, dict) or not {"file"} <= set(table) <= {"file", "source"}:
+        raise CanrollError(f"{where}: [stage] has the keys file and, if not read from it, source")
+    if not all(isinstance(value, str) for value in table.values()):
+        raise CanrollError(f"{where}: [stage] file and source are texts")
+    if "source" in table:
+        return table
+    return own_stage.read(path.parent / table["file"]).table()
 
 
 def _known(

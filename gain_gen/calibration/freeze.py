@@ -26,7 +26,7 @@ def calibrate(design: Design, options: Options | None = None) -> tuple[Calibrati
     """Return the ECU's record of ``design`` and the tables that go with it.
 
     Raises:
-        CanrollError: a range that its field cannot hold, or a law that no ECU can run.
+        CanrollError: a value outside its field's range, or a law that the ECU cannot run.
     """
     options = options or Options()
     quantised = quantise_design(design, options)
@@ -45,7 +45,7 @@ def calibrate(design: Design, options: Options | None = None) -> tuple[Calibrati
 
 
 def design_tables(design: Design, quantised: Quantised) -> Tables:
-    """Return the tables of a calibration file but the integers."""
+    """Return the tables of a calibration file other than the integers."""
     task = design.task
     model = task.vehicle.design
     controller = design.controller
@@ -98,6 +98,7 @@ def design_tables(design: Design, quantised: Quantised) -> Tables:
         "provenance": {
             "canroll": version("canroll"),
             "vehicle": task.vehicle.title,
+            "vehicle_sha256": task.vehicle.fingerprint,
             "vehicle_basis": task.vehicle.basis,
             "roll_model": task.vehicle.source("design"),
             **_law_origin(design.law),
@@ -106,13 +107,13 @@ def design_tables(design: Design, quantised: Quantised) -> Tables:
 
 
 def _law_origin(law: str) -> Tables:
-    """Who offers the law, and where its code is; nothing where it is built in."""
+    """Origin of the law and its code; empty if it is built in."""
     origin = LAWS.origin(law)
     return {} if origin.is_built_in else {"law_from": origin.who, "law_code": origin.where}
 
 
 def _levels(design: Design) -> Tables:
-    """The H∞ levels that the law has, and its own further numbers."""
+    """The law's H∞ levels, if any, and its further numbers."""
     solution = design.solution
     named = {
         "gamma": solution.gamma,
@@ -173,11 +174,11 @@ def title(design: Design) -> list[str]:
     if not design.is_verified:
         failing = f"fails {', '.join(sorted(design.failures))}"
         verdict = f"NOT VERIFIED: {failing if design.failures else 'gains as printed'}"
-    admitted = f"{1e3 * design.max_delay:.4g}" if isfinite(design.max_delay) else "any"
+    admitted = f"{1e3 * design.max_delay:.4g}" if isfinite(design.max_delay) else "any number of"
     return [
         f"canroll gains: {design.law} for {task.vehicle.name} ({task.actuator}), {task.gains}",
         f"tick {1e3 * task.tick:g} ms, designed for {1e3 * task.delay.nominal:g} ms from sample "
-        f"to force, admits {admitted} ms",
+        f"to force, stable up to {admitted} ms",
         verdict,
     ]
 

@@ -17,8 +17,8 @@ def observer_fields(
     """Return model, outputs and constant gains, each row with its own shift.
 
     Args:
-        design: what is frozen.
-        rows: takes the quantised rows, by name.
+        design: the design to convert.
+        rows: filled with the quantised rows, by name.
         identification: whether the model is scaled at run time.
     """
     observer = design.controller.observer
@@ -84,7 +84,7 @@ def observer_fields(
 
 
 def _taylor_units(tick: float, lateral: float, moment: float) -> Matrix:
-    """Return what the run-time model's normalised entries stand for, rows roll and roll rate."""
+    """Return the units of the run-time model's normalised entries, rows roll and roll rate."""
     return np.array(
         [
             [1.0, tick, tick**2 * lateral, tick**2 * moment],
@@ -96,7 +96,7 @@ def _taylor_units(tick: float, lateral: float, moment: float) -> Matrix:
 def _gains(
     gain: Matrix, measured: int, name: str, rows: dict[str, Row]
 ) -> tuple[list[int], list[int]]:
-    """Quantise one correction: every gain has a shift of its own."""
+    """Quantise one correction; every gain has its own shift."""
     entries = [
         # the innovation takes all of 32 bits
         quantise_row(gain[i : i + 1], (measured,), Q_STATE[i], name=f"{name}[{i}]", bound=1 << 31)
@@ -107,7 +107,7 @@ def _gains(
 
 
 def covariance_fields(observer: Observer) -> dict[str, Value]:
-    """Return the settings of the recursion, each state in units of a power of two of its own.
+    """Return the settings of the recursion, each state scaled by its own power of two.
 
     Units are three standard deviations of the steady filter, so that variances stay near one.
     """

@@ -1,4 +1,4 @@
-"""From a design in SI units to the integers of the ECU's calibration record."""
+"""Conversion of a design in SI units to the integers of the ECU's calibration record."""
 
 from dataclasses import dataclass
 from math import ceil
@@ -44,10 +44,10 @@ class Options:
     """Options of a calibration beyond the law.
 
     Attributes:
-        event_trigger: commands only when they matter, or every tick.
+        event_trigger: send commands by the event trigger instead of every tick.
         heartbeat: maximum time between commands, s.
-        identification: roll stiffness and damping are identified at run time.
-        offset_learning: sensor offsets are learnt when straight.
+        identification: identify roll stiffness and damping at run time.
+        offset_learning: learn sensor offsets in straight running.
     """
 
     event_trigger: bool = True
@@ -75,7 +75,7 @@ def quantise_design(design: Design, options: Options) -> Quantised:
     """Return the integers of ``design``.
 
     Raises:
-        CanrollError: a coefficient or limit that its field cannot hold; the message names it.
+        CanrollError: a coefficient or limit is outside its field's range; the message names it.
     """
     rows: dict[str, Row] = {}
     task = design.task
@@ -197,8 +197,8 @@ def _trigger(design: Design, options: Options) -> Fields:
 def command_noise(design: Design) -> float:
     """Return the standard deviation of the command that sensor noise alone causes, N·m.
 
-    White noise of the sensors' standard deviations through the controller with the loop open:
-    feedback reduces it, so this is from above wherever the closed loop does not amplify.
+    White noise of the sensors' standard deviations through the controller with the loop open; an
+    upper bound where the closed loop does not amplify.
     """
     noise = design.task.noise
     a, b, c, d = matrices(design.controller)

@@ -16,10 +16,10 @@ RESERVED = "crc"
 
 
 def fill(values: Mapping[str, Any]) -> Calibration:
-    """Return a record with ``values``; fields that are not named keep their least value.
+    """Return a record with ``values``; other fields have their least value.
 
     Raises:
-        CanrollError: a value that its field cannot hold.
+        CanrollError: a value is outside its field's range.
     """
     record = Calibration()
     table = {field.name: field for field in fields(Calibration)}

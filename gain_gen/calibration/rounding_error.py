@@ -1,4 +1,4 @@
-"""The error of the integer loop against float64: frequency response and a manoeuvre."""
+"""Error of the integer loop relative to float64: frequency response and a manoeuvre."""
 
 from collections.abc import Callable
 
@@ -35,7 +35,7 @@ FULL_AUTHORITY = 1 << 30
 
 
 def quantisation_checks(design: Design, record: Calibration) -> dict[str, Check]:
-    """Return the checks of ``record`` against the design in float64."""
+    """Return checks of the error of ``record`` relative to the design in float64."""
     checks = {
         "quantised_response": below(
             response_error(design.controller, dequantise(record)), RESPONSE_LIMIT
@@ -71,14 +71,14 @@ def _response(controller: Controller) -> np.ndarray:
 
 
 def lane_change(tick: float, *, seconds: float = 5.0, peak: float = 5.0) -> Matrix:
-    """Return the lateral acceleration of a double lane change, m/s², a value a tick."""
+    """Return the lateral acceleration of a double lane change, m/s², one value per tick."""
     t = np.arange(0.0, seconds, tick)
     swing = np.sin(2.0 * np.pi * 0.4 * t) * np.exp(-(((t - 1.6) / 1.1) ** 2))
     return peak * np.asarray(swing / np.abs(swing).max(), dtype=float)
 
 
 def measured(design: Design, limit: float) -> Matrix:
-    """Return what the sensors read in the float64 closed loop over the lane change.
+    """Return the sensor readings of the float64 closed loop over the lane change.
 
     Args:
         design: the law and its vehicle.
@@ -86,7 +86,7 @@ def measured(design: Design, limit: float) -> Matrix:
 
     Returns:
         (ticks, 4): roll rate, accelerometer, roll angle, delivered moment; rounded to the ECU's
-        formats, so that both loops see the same.
+        formats, so that both loops have the same inputs.
     """
     task, controller = design.task, design.controller
     lateral = lane_change(task.tick)
@@ -111,8 +111,8 @@ def measured(design: Design, limit: float) -> Matrix:
 def manoeuvre_error(design: Design, record: Calibration) -> float:
     """Return the largest difference of the firmware's moment from float64's, N·m.
 
-    Both get the same quantised inputs with the loop open, so that neither sees the other's error;
-    the moment stays inside its limits in both.
+    Both run open loop on the same quantised inputs, so that errors are not fed back; the moment
+    stays within its limits in both.
     """
     limit = record.moment_max / 2**Q_MOMENT
     inputs = measured(design, limit)
@@ -132,8 +132,8 @@ def manoeuvre_error(design: Design, record: Calibration) -> float:
 def integer_loop(record: Calibration) -> Callable[[Matrix], float]:
     """Return a function that runs observe, look ahead and control once on the inputs of a tick.
 
-    It takes the four inputs in SI units and returns the moment, N·m: the firmware's own code
-    without mailboxes, schedule and trigger, at full authority.
+    It takes the four inputs in SI units and returns the moment, N·m: the firmware's code without
+    mailboxes, schedule and trigger, at full authority.
     """
     ecu = Ecu()
     # the slew limit belongs to the actuators: here the law alone is looked at

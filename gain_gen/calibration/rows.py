@@ -31,7 +31,7 @@ class Row:
         stored: integers, |n| ≤ 2²⁹.
         shift: n of ``rsh(sum, n)``.
         formats: fractional bits of each coefficient as a physical value.
-        error: largest absolute rounding error of a coefficient, physical units of its own.
+        error: largest absolute rounding error of a coefficient, in its physical unit.
     """
 
     stored: tuple[int, ...]
@@ -47,7 +47,7 @@ def quantise_row(
 
     Args:
         values: coefficients, (n,).
-        factors: fractional bits of what each coefficient multiplies.
+        factors: fractional bits of each coefficient's factor.
         result: fractional bits of the row's result.
         name: for the error message.
         bound: largest magnitude of each factor as an integer.

@@ -32,10 +32,10 @@ Value = int | list[int] | list[list[int]]
 
 
 def vehicle_fields(task: Task, schedule: tuple[float, ...]) -> dict[str, Value]:
-    """Return the fields that the vehicle, its actuators and the tick decide.
+    """Return the fields determined by the vehicle, its actuators and the tick.
 
     Args:
-        task: of the design.
+        task: task of the design.
         schedule: factor on the command at each of :data:`SPEEDS`.
     """
     share = share_of(task)
@@ -56,16 +56,16 @@ def vehicle_fields(task: Task, schedule: tuple[float, ...]) -> dict[str, Value]:
 
 
 def share_of(task: Task) -> float:
-    """Return the front axle's share of the moment; printed gains come with l_r / l."""
+    """Return the front axle's share of the moment; for printed gains it is l_r / l."""
     if task.gains == "as_printed":
         return task.vehicle.geometry.static_front_share
     return front_share(task.vehicle)
 
 
 def moment_limit(task: Task, share: float) -> float:
-    """Return the largest command: the moment that the actuators can give at this split, N·m.
+    """Return the largest command: the moment available from the actuators at this split, N·m.
 
-    Valves are commanded by currents, one an axle, in mA.
+    Valves are commanded by currents, one per axle, in mA.
     """
     actuators, geometry = task.vehicle.actuators, task.vehicle.geometry
     if task.actuator == "valves":
@@ -102,7 +102,7 @@ def _q(value: float, q: int) -> int:
 
 
 def _supervision(task: Task) -> dict[str, Value]:
-    """Timeouts of five samples for what the configuration needs, E2E tolerance, ramps."""
+    """Timeouts of five samples for the inputs in use, E2E tolerance, ramps."""
     needed = [True, True, False, True, False]
     needed[RX_SUSPENSION_RATE] = task.actuator == "dampers"
     if task.observer == "reference":
@@ -174,7 +174,7 @@ def _limits(task: Task, share: float) -> dict[str, Value]:
 
 
 def _schedule(vehicle: Vehicle, share: float, factors: tuple[float, ...]) -> dict[str, Value]:
-    """Over speed: the command's factor, the steering's lateral acceleration, fading."""
+    """Schedule over speed: factor on the command, lateral acceleration from steering, fading."""
     points = fw.N_POINTS
     return {
         "schedule_points": points,

@@ -1,4 +1,4 @@
-"""Compensators in the ECU's form: scaled for its 24-bit fractions, checked for its order."""
+"""Compensators for the ECU: states scaled for 24-bit fractions, order checked."""
 
 from dataclasses import replace
 
@@ -16,10 +16,10 @@ COMPENSATOR_SIGMA = 4.0
 
 
 def checked(compensator: Compensator) -> Compensator:
-    """Return ``compensator`` if its matrices fit together and the ECU.
+    """Return ``compensator`` if its matrices are consistent and fit the ECU.
 
     Raises:
-        CanrollError: naming the matrix and its shape.
+        CanrollError: a matrix does not fit; the message names it and its shape.
     """
     n, outputs = len(compensator.a), len(compensator.c)
     shapes = {"A": (n, n), "B": (n, 4), "E": (n, outputs), "C": (outputs, n), "D": (outputs, 4)}
@@ -41,9 +41,9 @@ def checked(compensator: Compensator) -> Compensator:
 def scaled_states(compensator: Compensator) -> Compensator:
     """Return the same compensator with states of equal size under typical inputs.
 
-    Inputs are taken as low-pass filtered noise of half a second, so that slow states get their
-    due; a state that nothing reaches keeps its scale. States of marginal or unstable compensators
-    are sized by what 500 ticks bring about.
+    Inputs are taken as noise low-pass filtered at half a second, so that slow states count too; a
+    state that no input reaches keeps its scale. States of marginal or unstable compensators are
+    sized by their response over 500 ticks.
     """
     n = len(compensator.a)
     closed = compensator.a + compensator.e @ compensator.c

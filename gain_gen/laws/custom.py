@@ -21,7 +21,7 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
     """Return the matrices of a .npz, .mat or .toml file by name.
 
     Raises:
-        CanrollError: unreadable, another suffix, an unknown name, no numbers.
+        CanrollError: unreadable, another suffix, an unknown name, not numeric.
     """
     if path.is_dir():
         raise CanrollError(f"cannot read matrices {path}: it is a directory")
@@ -52,7 +52,7 @@ def design_custom(task: Task) -> Solution:
     """u = −K [φ, φ'] or −K on all five observer states, or a discrete compensator at the tick.
 
     K is (1, 2) or (1, 5), Kff a number of u −= Kff a_y. A compensator takes
-    [roll, roll rate, a_y, a_y told by steering] in SI units: A (n, n), B (n, 4), C (1 or 2, n),
+    [roll, roll rate, a_y, a_y from steering] in SI units: A (n, n), B (n, 4), C (1 or 2, n),
     D (1 or 2, 4), E (n, outputs) from the saturated output.
     """
     if not task.matrices:

@@ -27,8 +27,8 @@ PRINTED_DELAY_GAIN = -84.06 * 180.0 / pi
 def design_hinf_delay(task: Task) -> Solution:
     """Delay-aware roll-rate feedback in the structure of Redondo 2021.
 
-    Computed gains are the min–max over the family of linear cars, certified for a delay that
-    changes; ``theorem`` ones come from the paper's theorem on its 1-DOF model.
+    Computed gains are the min–max over the family of linear cars, certified for a varying delay;
+    ``theorem`` ones come from the paper's theorem on its 1-DOF model.
     """
     if task.gains == "computed":
         return design_rate_gain("hinf_delay", task)
@@ -52,8 +52,8 @@ def design_hinf_delay(task: Task) -> Solution:
 def design_by_theorem(task: Task) -> Solution:
     """Return the gain of the corrected theorem of Redondo 2021, at the longest delay.
 
-    The structure W = K C1 X is exact, ρ and ε are scanned. Beside it stands the exact optimum of
-    the gain, which needs no inequality at all.
+    The structure W = K C1 X is exact; ρ and ε are scanned. The exact optimum of the gain, which
+    needs no inequality, is reported beside it.
 
     Raises:
         VerdictError: the theorem certifies no useful gain.
@@ -134,7 +134,7 @@ def design_by_theorem(task: Task) -> Solution:
 
 
 def _infeasible(task: Task, target: float, reached: float, open_loop: float, scan: object) -> str:
-    """Say which delay is the cause and which would do."""
+    """Return the error that names the delay and the largest feasible one."""
     assert callable(scan)
     lower, upper = 0.0, max(task.delay.most, 1e-3)
     for _ in range(7):

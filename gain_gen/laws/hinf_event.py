@@ -1,4 +1,4 @@
-"""Event-triggered H∞ roll-rate feedback: the inequality that Viadero 2022 does not print."""
+"""Event-triggered H∞ roll-rate feedback, by the inequality that Viadero 2022 leaves unprinted."""
 
 from math import exp, log, sqrt
 
@@ -32,10 +32,10 @@ PRINTED_EVENT_GAIN = -13552.53
 def design_hinf_event(task: Task) -> Solution:
     """Event-triggered roll-rate feedback in the structure of Viadero 2022.
 
-    Computed gains are the min–max over the family of linear cars; what the trigger withholds is a
-    bounded error in their certificate. ``theorem`` ones scan the gain in the paper's inequality on
-    its 1-DOF model, S = 0: it holds for a delay that varies. The relative threshold is the paper's;
-    the floor comes from the sensor noise when the calibration is written.
+    Computed gains are the min–max over the family of linear cars; the error of the trigger is
+    bounded in their certificate. ``theorem`` ones scan the gain in the paper's inequality on
+    its 1-DOF model with S = 0, which holds for a varying delay. The relative threshold is the
+    paper's; the floor comes from the sensor noise when the calibration is written.
     """
     if task.gains == "computed":
         return design_rate_gain("hinf_event", task, epsilon=sqrt(EPSILON_SQUARED))

@@ -29,7 +29,7 @@ def discrete_level(phi: Matrix, pi_column: Matrix, c: Matrix, tick: float) -> fl
     return level
 
 
-def design_hinf(task: Task) -> Solution:
+def design_state_hinf(task: Task) -> Solution:
     """Discrete H∞ state feedback (Yim 2020, (12)–(13)), u = −K x with the stabilising sign.
 
     Scaled by 1 deg, 10 deg/s and the moment's weight: unscaled the solver fails or returns gains

@@ -1,7 +1,7 @@
-"""The linear matrix inequalities as parametrised programs: built once, solved at many points.
+"""Linear matrix inequalities as parametrised programs, built once and solved at many points.
 
 Everything here is in the units of :class:`gain_gen.models.roll.NormalisedPlant`: in N·m the solvers
-report optima that are none. Each program is disciplined in its parameters, so a scan does not
+report wrong optima. Each program is disciplined in its parameters, so a scan does not
 compile it again. These modules alone import cvxpy, which takes half a second.
 """
 
@@ -26,14 +26,14 @@ E22 = np.array([[0.0, 0.0], [0.0, 1.0]])
 
 @dataclass(slots=True)
 class Clock:
-    """Time spent in solvers, s, and how often they were called."""
+    """Time spent in solvers, s, and number of calls."""
 
     seconds: float = 0.0
     solves: int = 0
 
 
 def solved(problem: cp.Problem, clock: Clock) -> bool:
-    """Solve; answer whether an optimum was found. Doubtful ones are verified by the caller."""
+    """Solve; return whether an optimum was found. Inaccurate ones are verified by the caller."""
     started = time.perf_counter()
     try:
         with warnings.catch_warnings():
@@ -61,13 +61,13 @@ def scalar(value: Any) -> Any:  # noqa: ANN401
 
 @dataclass(frozen=True, slots=True)
 class StaticPoint:
-    """What a static output feedback program returns, normalised.
+    """Solution of a static output feedback program, normalised.
 
     Attributes:
         gamma_squared: certified level.
         gain: K on the normalised roll rate.
         x: (2, 2).
-        y: scalar of the delay theorem, zero where it has none.
+        y: scalar of the delay theorem, zero without one.
         q: (2, 2), likewise.
     """
 
@@ -91,7 +91,7 @@ class StaticVariables:
         self.w = (self.rho * self.n) * np.array([[-1.0, 0.0]]) + self.n * np.array([[0.0, 1.0]])
 
     def point(self, y: float, q: Matrix) -> StaticPoint:
-        """Return the values; X is rebuilt from its entries so that its structure is exact."""
+        """Return the solution; X is rebuilt from its entries so that its structure is exact."""
         rho, x11, x22 = float(self.rho.value), float(self.x11.value), float(self.x22.value)
         x = x11 * E11 - rho * x22 * E12 + x22 * E22
         return StaticPoint(float(self.level.value), float(self.n.value) / x22, x, y, q)
@@ -154,7 +154,7 @@ class DelayProgram:
 class BoundedProgram:
     """The delay-free inequality of Redondo 2021, (52), with a bound on the closed loop's speed.
 
-    Without it inf γ is reached only as the gain goes to infinity. Poles stay right of −α:
+    Without it, inf γ is approached only as the gain goes to infinity. Poles stay right of −α:
     He(A X + B W) + 2 α X > 0.
     """
 

@@ -33,7 +33,7 @@ class EventProgram:
     """Event-triggered delay loop at a fixed gain: minimise γ² over P, R, Ω.
 
     ψ = [x; q = K C1 x(t − τ); e = K e_y; w], x' = A x + B q − B e + Bw w, ũ = q − e and the
-    trigger keeps e² ≤ ε² ũ². The 2022 paper prints no inequality; S = 0, so the delay may vary.
+    trigger ensures e² ≤ ε² ũ². The 2022 paper prints no inequality; S = 0, so the delay may vary.
     """
 
     def __init__(self, plant: NormalisedPlant) -> None:
@@ -93,13 +93,13 @@ class EventProgram:
 def fixed_lyapunov_certificate(
     blocks: Callable[..., Matrix], p: Matrix, gain: float, clock: Clock
 ) -> EventPoint | None:
-    """Return the best R, S, Ω and level for a given P, or None where it certifies nothing.
+    """Return the best R, S, Ω and level for a given P, or None if infeasible.
 
     Args:
         blocks: the inequality as function of p, r, s, omega, gamma_squared; affine in them.
         p: P as printed, (2, 2).
         gain: N·m·s/rad, by which q and e are scaled.
-        clock: collects the time.
+        clock: accumulates the time in solvers.
     """
     nothing = {"p": np.zeros((2, 2)), "r": 0.0, "s": 0.0, "omega": 0.0, "gamma_squared": 0.0}
     scale = np.diag([1.0, 1.0, abs(gain), abs(gain), 1.0, 1.0, 1.0])

@@ -1,4 +1,4 @@
-"""The full-car LQR made to run: a reduced compensator from the inertial sensors alone."""
+"""Full-car LQR made implementable: a reduced compensator from the inertial sensors only."""
 
 from dataclasses import dataclass, replace
 
@@ -68,8 +68,8 @@ def sampled_car(model: FullCarModel, tick: float) -> SampledCar:
 def compensator_in_full(car: SampledCar, gain: Matrix, task: Task) -> Compensator:
     """Return the LQG compensator in observer form, from [roll rate, a_y] and its own output.
 
-    ξ⁺ = (Φ − L C) ξ + L y + Γ u, u = −K ξ: stable whatever the loop does, so that it can be
-    reduced as it stands, and the ECU feeds the saturated u: no wind-up.
+    ξ⁺ = (Φ − L C) ξ + L y + Γ u, u = −K ξ: stable as an open system, so that it can be reduced
+    directly; the ECU feeds back the saturated u, which avoids wind-up.
     """
     outputs = car.outputs[:2]
     measurement = np.diag([task.noise.roll_rate**2, task.noise.lateral**2])
@@ -98,7 +98,7 @@ def reduced(full: Compensator, order: int) -> Compensator:
 def closed_loop(car: SampledCar, controller: Controller, delay: float) -> tuple[Matrix, Matrix]:
     """Return A and the noise column of car, delay line and ECU; currents in mA as commanded.
 
-    The delay is taken in whole ticks, rounded up: it is more than the real one.
+    The delay is rounded up to whole ticks, so it is never less than the real one.
     """
     steps = max(0, int(np.ceil(delay / controller.tick - 1e-9)))
     ac, bc, cc, dc = matrices(controller, summed=False)
@@ -136,7 +136,7 @@ def design_lqr_full_car(task: Task) -> Solution:
 
     The 26-state gain is computed balanced, at the tick; an observer form of it from roll rate and
     lateral acceleration is reduced by balanced truncation, and every order is checked in the
-    closed loop with the real delay before it is taken.
+    closed loop with the real delay before it is accepted.
     """
     if task.actuator != "valves":
         raise CanrollError(
@@ -188,7 +188,7 @@ def design_lqr_full_car(task: Task) -> Solution:
 
 
 def _in_milliampere(compensator: Compensator) -> Compensator:
-    """Return the compensator with its outputs, and what comes back of them, in mA."""
+    """Return the compensator with its outputs and their feedback in mA."""
     return replace(
         compensator,
         c=MILLI * compensator.c,
@@ -198,7 +198,7 @@ def _in_milliampere(compensator: Compensator) -> Compensator:
 
 
 def _checks(task: Task, car: SampledCar, controller: Controller, kept: float) -> dict[str, Check]:
-    """Stability at every delay in the bounds, other speeds, and what is kept of the benefit."""
+    """Stability at every delay in the bounds, other speeds, and the remaining benefit."""
     delays = np.linspace(task.delay.least, task.delay.most, 5)
     radius = max(
         float(np.abs(np.linalg.eigvals(closed_loop(car, controller, float(seconds))[0])).max())

@@ -1,4 +1,4 @@
-"""Laws of extensions: what they answer is checked before anything is made of it."""
+"""Laws of extensions: their solutions are checked before use."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -15,14 +15,14 @@ from gain_gen.models.task import Solution, Task
 
 
 def accept(what: str, law: Callable[[Task], Solution]) -> Callable[[Task], Solution]:
-    """Return an extension's law with its errors and its answers checked.
+    """Wrap an extension's law so that its errors and solutions are checked.
 
     Args:
-        what: what it is, for errors.
+        what: kind of object, for error messages.
         law: a function from a task to a solution.
 
     Raises:
-        CanrollError: it can't be called with one task.
+        CanrollError: it cannot be called with one task.
     """
     solve = guarded(what, law, 1, Solution)
 
@@ -39,10 +39,10 @@ def accept(what: str, law: Callable[[Task], Solution]) -> Callable[[Task], Solut
 
 
 def check_controller(controller: Controller, task: Task) -> None:
-    """Refuse a controller whose shapes or numbers no ECU can hold.
+    """Refuse a controller with shapes or numbers that the ECU cannot hold.
 
     Raises:
-        CanrollError: naming what it is.
+        CanrollError: the message names the fault.
     """
     if not isinstance(controller, Controller) or not isinstance(controller.observer, Observer):
         raise CanrollError("its controller must be a Controller with an Observer")

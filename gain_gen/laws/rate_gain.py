@@ -1,8 +1,8 @@
 """The static roll-rate gain by min–max over the family of cars and the delays of the task.
 
 No inequality is needed: the gain is one number, and the exact sampled response to a roll moment on
-the body costs a tenth of a millisecond a point. What helps most in the worst case is taken among
-the gains with which every loop has its margins.
+the body costs a tenth of a millisecond per point. Among the gains with which every loop has its
+margins, the one with the best worst case is chosen.
 """
 
 from dataclasses import dataclass
@@ -27,15 +27,15 @@ SMALLEST = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class RateGain:
-    """The best gain and what it does.
+    """The best gain and its effect.
 
     Attributes:
         gain: N·m·s/rad, negative.
-        peak_ratio: largest roll angle over a roll moment, over the same car's without control,
-            worst over members and delays.
-        where: the member and delay of that.
+        peak_ratio: peak response of roll angle to a roll moment relative to the same car's without
+            control, worst over members and delays.
+        where: member and delay of the worst case.
         largest: the largest gain that has the margins, N·m·s/rad, negative.
-        resonant: whether the roll has a resonance there without control.
+        resonant: whether roll without control has a resonance there.
     """
 
     gain: float
@@ -102,7 +102,7 @@ def free_peak(member: Member) -> float:
 def _largest_gain(channel: _Channel) -> float:
     """Return the largest gain with gain margin and peak sensitivity inside their limits.
 
-    The car is stable without control: its loop stays so up to the first crossing.
+    The car is stable without control, so its loop is stable up to the first crossing.
     """
     edge = 1.0 / max([1e-12, *(-value for value in negative_crossings(channel.loop))])
     upper = edge * float(10.0 ** (-GAIN_MARGIN_DB / 20.0))

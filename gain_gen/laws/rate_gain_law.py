@@ -30,11 +30,11 @@ LEVEL_MARGIN = 1e-4
 
 @dataclass(frozen=True, slots=True)
 class Certified:
-    """A certified level and what it rests on.
+    """A certified level and the check of its certificate.
 
     Attributes:
-        ratio: largest roll angle over a roll moment in the mean square, whatever the delay does,
-            over the largest without control.
+        ratio: certified mean-square gain from roll moment to roll angle for any varying delay,
+            relative to the largest without control.
         check: the inequality's largest eigenvalue over all delays.
     """
 
@@ -47,11 +47,11 @@ def design_rate_gain(law: str, task: Task, *, epsilon: float = 0.0) -> Solution:
 
     Args:
         law: its name, for errors.
-        task: of the design.
+        task: task of the design.
         epsilon: relative threshold of an event trigger, whose error is in the certificate.
 
     Raises:
-        VerdictError: no gain helps.
+        VerdictError: no gain reduces roll.
     """
     from gain_gen.laws.lmi import Clock  # noqa: PLC0415 - cvxpy only where it is used
 
@@ -108,7 +108,7 @@ def _certified(
 
 
 def _no_gain(law: str, task: Task, best: RateGain) -> str:
-    """Say that no gain helps, and why."""
+    """Return the error that no gain reduces roll, and why."""
     delay = task.delay
     why = (
         "the delay turns damping into excitation"

@@ -59,7 +59,7 @@ def exact_optimum(model: RollModel, delay: float, *, guess: float) -> ExactOptim
     Args:
         model: design model.
         delay: s.
-        guess: a stabilising gain, N·m·s/rad, negative; the search is within [guess / 4, 4 guess].
+        guess: a stabilising gain, N·m·s/rad, negative; the search covers [guess / 4, 4 guess].
     """
     found = minimize_scalar(
         lambda log_gain: min(exact_gamma(model, -exp(log_gain), delay), 1e6),
@@ -120,7 +120,7 @@ def open_loop_gamma(model: RollModel) -> float:
 
 
 def normalised_plant(plant: NormalisedPlant) -> LinearPlant:
-    """Return the normalised plant as the certificates take it, roll rate measured."""
+    """Return the normalised plant in the form of the certificates, roll rate measured."""
     return LinearPlant(plant.a, plant.b, plant.b_disturbance, plant.performance, ROLL_RATE)
 
 

@@ -1,15 +1,13 @@
-"""Laws on the observed state: LQR, sliding mode, feedforward alone, LQG with the exact delay."""
+"""Laws on the observed state: LQR, sliding mode, feedforward alone."""
 
 from dataclasses import replace
 from math import exp, pi, sqrt
 
 import numpy as np
 
-from canroll.errors import CanrollError
 from gain_gen.laws.state_gains import (
     disturbance_feedforward,
     lqr,
-    riccati_gain,
     sliding_mode,
     yim_weights,
 )
@@ -29,13 +27,6 @@ PRINTED = {
 SMC_SURFACE = np.array([[10.0, 1.0]])
 SMC_ALPHA = 0.5
 
-ROLL_RATE_WEIGHT = 0.05
-"""Weight of φ'² beside φ² in the cost of ``lqg_delay``, s²."""
-MOMENT_WEIGHT = 10.0**-8.4
-"""Weight of u² for the van of 2021, 1/(N·m)²; scaled with the stiffness squared for others."""
-MOMENT_WEIGHT_STIFFNESS = 12601.07
-"""K − m g h of that van, N·m/rad."""
-
 STEERED = LateralModel(frequency=6.0, damping=0.9, acceleration=1.5, steered=True)
 """Yaw and lateral dynamics between steering and a_y, and how far the tyres depart from it."""
 
@@ -53,7 +44,7 @@ def sensor_noise(vehicle: Vehicle) -> SensorNoise:
 
 
 def observer_of(task: Task) -> Observer:
-    """Return the constant-gain observer that the task asks for."""
+    """Return the constant-gain observer named by the task."""
     lateral = STEERED if task.observer == "steering" else task.lateral
     model = observer_model(task.vehicle.design, task.tick, lateral=lateral, noise=task.noise)
     measurements = (0,) if task.observer == "one_sensor" else (0, 1)
@@ -62,9 +53,9 @@ def observer_of(task: Task) -> Observer:
 
 
 def actuator_rate(task: Task) -> float:
-    """Return the share of the way to its command that the actuator goes in a tick.
+    """Return the fraction of a step command that the actuator covers in a tick.
 
-    What dampers and valves are commanded is no moment: theirs is taken as it is delivered.
+    Commands to dampers and valves are not moments: their moment is taken as delivered.
     """
     if task.actuator in ("dampers", "valves"):
         return 0.0
@@ -72,12 +63,12 @@ def actuator_rate(task: Task) -> float:
 
 
 def feedforward_row(task: Task, gain: float) -> Matrix:
-    """Return u = −gain a_y as row on the observer's state, zero where it is switched off."""
+    """Return u = −gain a_y as a row on the observer's state, zero if the feedforward is off."""
     return np.array([0.0, 0.0, gain if task.feedforward else 0.0, 0.0, 0.0])
 
 
 def state_feedback(task: Task, gain: Matrix) -> Controller:
-    """Return u = −K [φ, φ'] − K_FF a_y on the observed state, with no regard to the delay."""
+    """Return u = −K [φ, φ'] − K_FF a_y on the observed state, ignoring the delay."""
     return Controller(
         tick=task.tick,
         observer=observer_of(task),
@@ -88,7 +79,7 @@ def state_feedback(task: Task, gain: Matrix) -> Controller:
 
 
 def printed_note(law: str) -> str:
-    """Return the remark that printed gains of the 2020 paper come with."""
+    """Return the note on printed gains of the 2020 paper."""
     return (
         f"{law}: gains as printed for the small SUV; they do not follow from the printed tables "
         f"(use --gains computed)"
@@ -115,49 +106,15 @@ def design_smc(task: Task) -> Solution:
     return Solution(state_feedback(task, gain), extra={"alpha": SMC_ALPHA})
 
 
-def design_lqg_delay(task: Task) -> Solution:
-    """LQG on the exact discrete delay states and a second-order model of the lateral acceleration.
-
-    Minimises φ² + 0.05 φ'² + r u² per tick. With a pure input delay the optimum is the delay-free
-    gain on the state predicted over the delay, which the observer and the ring of past commands
-    give: no state beyond the plant's is needed. The lateral acceleration is part of the state, so
-    the feedforward is optimal for the way it moves.
-    """
-    model = task.vehicle.design
-    observer = observer_of(task)
-    weight = MOMENT_WEIGHT * (MOMENT_WEIGHT_STIFFNESS / model.effective_stiffness) ** 2
-    gain = riccati_gain(
-        observer.model.phi[:4, :4],
-        observer.model.gamma[:4],
-        np.diag([1.0, ROLL_RATE_WEIGHT, 0.0, 0.0]),
-        np.array([[weight]]),
-    )[0]
-    steps = round(task.delay.nominal / task.tick)
-    if steps > 32:
-        raise CanrollError(
-            f"a delay of {1e3 * task.delay.nominal:.0f} ms is {steps} ticks; the buffer of past "
-            f"commands holds 32: choose a longer --tick"
-        )
-    controller = Controller(
-        tick=task.tick,
-        observer=observer,
-        feedback=np.array([gain[0], gain[1], 0.0, 0.0, 0.0]),
-        feedforward=np.array([0.0, 0.0, gain[2], gain[3], 0.0]) * float(task.feedforward),
-        predict_steps=steps,
-        actuator_rate=actuator_rate(task),
-    )
-    return Solution(controller, delay_aware=True)
-
-
 def design_ay_feedforward(task: Task) -> Solution:
-    """u = −β m h â_y, predicted over the delay as the observer's model has it: no feedback."""
+    """u = −β m h â_y, predicted over the delay by the observer's model: no feedback."""
     return _share_of_lateral(task, predict_steps=min(32, round(task.delay.nominal / task.tick)))
 
 
 def design_plain_feedforward(task: Task) -> Solution:
-    """u = −β m h â_y on the observer's filtered lateral acceleration, as old as it is.
+    """u = −β m h â_y on the observer's filtered lateral acceleration, without prediction.
 
-    What a controller without a model does: the baseline of every comparison.
+    A controller without a model: the baseline of every comparison.
     """
     return _share_of_lateral(task, predict_steps=0)
 

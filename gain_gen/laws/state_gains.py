@@ -41,10 +41,10 @@ YIM_STIFFNESS = 60456.132
 
 
 def yim_weights(model: RollModel) -> Weights:
-    """Return the weights of Yim 2020, Table 2, the moment raised with the roll stiffness.
+    """Return the weights of Yim 2020, Table 2, the moment scaled up with the roll stiffness.
 
-    2000 N·m is 1.9 times what holds the SUV at one degree; a stiffer vehicle gets the same ratio,
-    a softer one the printed value.
+    2000 N·m is 1.9 times the moment that holds the SUV at one degree; a stiffer vehicle gets the
+    same ratio, a softer one the printed value.
     """
     ratio = max(1.0, model.effective_stiffness / YIM_STIFFNESS)
     return Weights(DEGREE, 10.0 * DEGREE, 2000.0 * ratio)
@@ -92,7 +92,7 @@ def sliding_mode(model: RollModel, tick: float, *, surface: Matrix, alpha: float
         model: design model.
         tick: s.
         surface: H, (1, 2).
-        alpha: share of s that is left after a tick, 0 < α < 1.
+        alpha: fraction of s that remains after a tick, 0 < α < 1.
 
     Raises:
         ValueError: α outside its range, or the input does not move the surface.

@@ -1,12 +1,12 @@
-"""Lateral-acceleration feedforward that steering carries over the delay, and a little roll rate.
+"""Lateral-acceleration feedforward with steering lead over the delay, and roll-rate feedback.
 
     u = −β m h [ F a_imu + a_δ(t + τ) − a_δ(t) ] + k_p φ'
 
-The accelerometer, low-passed by F, carries all that is slow, so that friction, tyres and speed
-cannot bias the moment. The steering model a_δ only leads: the lateral acceleration that the angle
-already turned brings over the horizon τ, less that of now. The measured lateral acceleration
-answers the moment, so the law is feedback as well: its parameters are found on the sampled loop
-over the family of conditions and delays.
+The accelerometer, low-passed by F, provides the slow part, so that friction, tyres and speed cannot
+bias the moment. The steering model a_δ only adds lead: the change of lateral acceleration over the
+horizon τ that follows from the present steering angle. The measured lateral acceleration responds
+to the moment, so the law is feedback as well: its parameters are found on the sampled loop over the
+family of conditions and delays.
 """
 
 from collections.abc import Iterator
@@ -62,7 +62,7 @@ LONGEST_HORIZON = 0.4
 
 @dataclass(frozen=True, slots=True)
 class SteeringModel:
-    """Lateral acceleration from its own steady value for the angle: x' = A x + B a, y = C x + D a.
+    """Lateral acceleration y from its steady value a at the angle: x' = A x + B a, y = C x + D a.
 
     Attributes:
         a: (n, n).
@@ -94,10 +94,10 @@ class SteeringModel:
 
 
 def steering_model(vehicle: Vehicle) -> SteeringModel:
-    """Return the model at the nominal speed: the ECU's table scales it to every other.
+    """Return the model at the nominal speed; the ECU's table scales it to other speeds.
 
     Raises:
-        CanrollError: the data sheet makes no such car.
+        CanrollError: the data sheet does not define such a car.
     """
     steering, lateral = INPUTS.index("steering"), OUTPUTS.index("lateral_acceleration")
     inputs, outputs = np.zeros(len(INPUTS)), np.full(len(OUTPUTS), np.inf)
@@ -138,7 +138,7 @@ class Tuning:
 
 
 def compensator(model: SteeringModel, tuning: Tuning, tick: float) -> Compensator:
-    """Return the law in the ECU's form: the model's states, then the filter's."""
+    """Return the law as the ECU's compensator: the model's states, then the filter's."""
     n = len(model.a)
     phi, gamma = zero_order_hold(model.a, model.b, tick)
     lead, direct = model.lead(tuning.horizon)
@@ -172,10 +172,10 @@ class DisturbedCars:
     tick: float
 
     def worst(self, tuning: Tuning) -> tuple[float, float]:
-        """Return the worst Ms and the worst roll by a moment on the body, over that without law.
+        """Return the worst Ms and the worst roll from a moment on the body relative to no control.
 
-        The roll is an RMS over all frequencies; both are from the frequency response alone: only
-        for gains that grew from none while Ms stayed finite.
+        The roll is an RMS over all frequencies. Both use the frequency response only, so they are
+        valid only for gains reached from zero with Ms finite all the way.
         """
         gains = tuning.feedback(self.z, self.tick)
         loop = 1.0 - np.sum(gains * self.commanded, axis=2)
@@ -186,13 +186,13 @@ class DisturbedCars:
         return 1.0 / float(np.abs(loop).min()), sqrt(float((energy[0] / energy[1]).max()))
 
     def rate_gain(self, start: Tuning, damping: float) -> float:
-        """Return the k_p ≤ 0 with which a moment on the body makes the least roll.
+        """Return the k_p ≤ 0 that minimises roll from a moment on the body.
 
-        The worst Ms stays below :data:`RATE_SENSITIVITY`, or at what it is without such a gain.
+        The worst Ms stays below :data:`RATE_SENSITIVITY`, or at its value without such a gain.
 
         Args:
             start: the other parameters.
-            damping: of the vehicle's roll, N·m·s/rad: no gain beyond it is tried.
+            damping: roll damping of the vehicle, N·m·s/rad: the largest gain tried.
         """
         sensitivity, best = self.worst(replace(start, rate=0.0))
         allowed, found = max(sensitivity, RATE_SENSITIVITY), 0.0
@@ -219,7 +219,7 @@ def disturbed_cars(family: Family) -> DisturbedCars:
 
 @dataclass(frozen=True, slots=True)
 class SteeredCars:
-    """The cars of a family going straight, steered, at the middle delay; the nominal one first."""
+    """Steering responses of a family's cars running straight at the middle delay, nominal first."""
 
     responses: tuple[SteeringResponse, ...]
     model: SteeringModel
@@ -238,7 +238,7 @@ class SteeredCars:
             yield response, response.moment(gains, -tuning.carried * lead)
 
     def with_horizon(self, effort: float, start: Tuning) -> Tuning:
-        """Return the horizon, and its β m h, with which the cars roll least at an effort.
+        """Return the horizon, and its β m h, that minimise the cars' roll at a given effort.
 
         Args:
             effort: RMS moment of the nominal car per RMS lateral acceleration, N·m per m/s².
@@ -268,7 +268,7 @@ class SteeredCars:
 
 
 def steered_cars(task: Task, family: Family, model: SteeringModel) -> SteeredCars:
-    """Return the cars of ``family`` that go straight."""
+    """Return the cars of ``family`` in straight running."""
     middle = family.delays[len(family.delays) // 2]
     responses = tuple(
         steering_response(family, task.vehicle, middle, member)
@@ -280,10 +280,10 @@ def steered_cars(task: Task, family: Family, model: SteeringModel) -> SteeredCar
 
 
 def design_steering_lead(task: Task) -> Solution:
-    """a_y feedforward that steering leads by the delay, and a little roll-rate feedback.
+    """a_y feedforward with steering lead over the delay, and a little roll-rate feedback.
 
     Raises:
-        CanrollError: the vehicle's data sheet makes no such car.
+        CanrollError: the vehicle's data sheet does not define such a car.
     """
     family = family_of(task)
     model = steering_model(task.vehicle)

@@ -1,4 +1,4 @@
-"""The firmware's controller as a float64 linear system, stage by stage as the ECU runs it."""
+"""The firmware's controller as a float64 linear system, stage by stage as in the ECU."""
 
 from dataclasses import dataclass, replace
 from math import inf
@@ -48,11 +48,11 @@ class Controller:
         tick: period, s.
         observer: constant-gain observer, or None where the true state is received.
         feedback: K of u = −K x̂ on the five observer states, (5,).
-        feedforward: likewise, what acts on the disturbance states, (5,).
+        feedforward: likewise on the disturbance states, (5,).
         output_gain: K of u = K [roll rate, a_y, roll], (3,), or None.
         compensator: or None.
-        predict_steps: ticks the state is predicted over.
-        actuator_rate: share of the way to its command that the actuator goes in a tick.
+        predict_steps: ticks over which the state is predicted.
+        actuator_rate: fraction of a step command that the actuator covers in a tick.
         schedule: factor on the command at each of :data:`SPEEDS`, interpolated by the ECU.
     """
 
@@ -68,14 +68,14 @@ class Controller:
 
     @property
     def observes(self) -> bool:
-        """Whether the observer has a part in the command: not where only measurements are used."""
+        """Whether the command depends on the observer, not only on measurements."""
         if self.compensator is not None:
             return bool(np.any(self.compensator.b[:, 0]) or np.any(self.compensator.d[:, 0]))
         return self.output_gain is None or bool(self.output_gain[Y_ROLL])
 
     @property
     def commands_axles(self) -> bool:
-        """Whether there is a command for each axle: one moment otherwise."""
+        """Whether there is a command for each axle instead of one moment."""
         return self.compensator is not None and len(self.compensator.c) > 1
 
     def factor_at(self, speed: float) -> float:
@@ -105,7 +105,7 @@ def scaled_controller(controller: Controller, factor: float) -> Controller:
 
 
 def at_speed(controller: Controller, speed: float) -> Controller:
-    """Return what the controller is at ``speed``, m/s, with a schedule of ones."""
+    """Return the controller at ``speed``, m/s, with its factor applied and a schedule of ones."""
     fixed = replace(controller, schedule=(1.0,) * len(SPEEDS))
     return scaled_controller(fixed, controller.factor_at(speed))
 
@@ -146,10 +146,10 @@ def step(
     """Advance by one tick.
 
     Args:
-        controller: its gains.
+        controller: gains.
         state: (order,) or (order, columns): columns are independent copies.
         y: the four :data:`INPUTS`, (4,) or (4, columns).
-        limit: of each output of a compensator, which feeds back what is left of it.
+        limit: limit on each output of a compensator, which feeds back the limited output.
 
     Returns:
         The next state and the moment command; with a compensator its outputs, (outputs, …).
@@ -185,8 +185,8 @@ def matrices(
     """Return A, B, C, D of the controller from y to u by passing unit vectors through it.
 
     Args:
-        controller: its gains.
-        summed: the two outputs of a compensator as one moment, or as they are.
+        controller: gains.
+        summed: return the sum of a compensator's two outputs instead of both.
     """
     n = controller.order
     identity = np.eye(n + 4)

@@ -1,11 +1,11 @@
 """The front axle's share of the anti-roll moment, as yaw control.
 
-Moment that a bar carries at an axle moves load there, and the tyres of an axle give the less the
-more their loads differ: front share makes a car understeer, rear share oversteer. Split as the
-suspension splits the roll stiffness, the moment changes nothing. More of it in front takes the
-sideslip out of manoeuvres at the limit and costs the actuators' reach, for the front bar is the
-first to be at its end. The share is the largest with which the car, laden or empty, understeers at
-most :data:`BAND` more than without control.
+The moment carried by an axle's bar transfers load there, and an axle's tyres give less lateral
+force the more their loads differ: a larger front share makes a car understeer, a larger rear share
+oversteer. Split like the roll stiffness of the suspension, the moment leaves the balance unchanged.
+A larger front share reduces sideslip in manoeuvres at the limit but also the available moment, as
+the front bar saturates first. The share is the largest with which the car, laden or empty,
+understeers at most :data:`BAND` more than without control.
 """
 
 from collections.abc import Iterator
@@ -50,7 +50,7 @@ def front_share(vehicle: Vehicle) -> float:
 
 
 def sensitive(vehicle: Vehicle) -> bool:
-    """Return whether its tyres lose by unequal loads: where not, no share steers the car."""
+    """Return whether unequal loads reduce the tyres' force; else the share does not affect yaw."""
     tyre = vehicle.tyre
     return tyre.cornering_load_slope > 0.0 or tyre.friction_load_slope > 0.0
 
@@ -58,8 +58,8 @@ def sensitive(vehicle: Vehicle) -> bool:
 def understeer(vehicle: Vehicle, share: float) -> Iterator[tuple[float, float]]:
     """Yield the understeer angle in each curve, without and with control, rad.
 
-    Front less rear slip angle, on a dry road. Curves that the car cannot hold with its inner wheels
-    on the road are left out.
+    Front less rear slip angle, on a dry road. Curves beyond grip or wheel lift
+    are left out.
     """
     most = most_lateral_acceleration(vehicle, 1.0)
     moment = CARRIED * vehicle.plant.roll_arm

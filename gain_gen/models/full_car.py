@@ -31,7 +31,7 @@ def balanced(a: Matrix, b: Matrix, c: Matrix) -> tuple[Matrix, Matrix, Matrix, M
 
 
 def _root(gramian: Matrix) -> Matrix:
-    """Return L with L L' = the Gramian, a whiff of identity keeping it positive definite."""
+    """Return L with L L' = the Gramian, kept positive definite by a small multiple of identity."""
     symmetric = 0.5 * (gramian + gramian.T)
     size = float(np.trace(symmetric)) / len(symmetric)
     root: Matrix = cholesky(symmetric + 1e-13 * size * np.eye(len(symmetric)), lower=True)
@@ -39,7 +39,7 @@ def _root(gramian: Matrix) -> Matrix:
 
 
 def truncated(a: Matrix, b: Matrix, c: Matrix, order: int) -> tuple[Matrix, Matrix, Matrix]:
-    """Return the first ``order`` states of a balanced system; it stays stable."""
+    """Return the first ``order`` states of a balanced system, which remain stable."""
     return a[:order, :order], b[:order], c[:, :order]
 
 
@@ -78,7 +78,7 @@ SCALE = _state_scale()
 
 
 def car_of(vehicle: Vehicle) -> FullCar:
-    """Return the full car with hydraulic bars: the repaired car of the paper, or the vehicle's."""
+    """Return the full car with hydraulic bars: the paper's corrected car, or the vehicle's."""
     if vehicle.name == PRINTED_CAR:
         return REPAIRED
     return from_vehicle(vehicle, suspension_stiffness=vehicle.design.roll_stiffness, hydraulic=True)
@@ -102,7 +102,7 @@ class FullCarModel:
 
 
 def full_car_model(car: FullCar, speed: float) -> FullCarModel:
-    """Return the scaled model at ``speed`` with what the sensors of the ECU read."""
+    """Return the scaled model at ``speed`` with the ECU's sensor readings as outputs."""
     a, b = state_matrices(car, speed)
     outputs = np.zeros((4, len(STATES)))
     outputs[0, ROLL_RATE] = 1.0
@@ -146,15 +146,20 @@ def weights() -> Matrix:
 
 
 def ideal_gain(
-    model: FullCarModel, *, input_weight: float = INPUT_WEIGHT, roads: bool = False
+    model: FullCarModel,
+    *,
+    input_weight: float = INPUT_WEIGHT,
+    roads: bool = False,
+    state_weights: Matrix | None = None,
 ) -> tuple[Matrix, Matrix]:
-    """Return K and the columns of B it drives: u = −K x on all 26 states, continuous time.
+    """Return K of u = −K x on all 26 states, continuous time, and its columns of B.
 
     Args:
         model: scaled model.
         input_weight: R on each current, 1/A².
-        roads: close the feedback on the four road inputs too, as the paper's B = [B1, B2] does;
-            no actuator can, it only explains the printed drop of the tyre forces.
+        roads: feed back to the four road inputs too, as the paper's B = [B1, B2] does; no actuator
+            can, but it explains the printed reduction of the tyre forces.
+        state_weights: diagonal of Q on the scaled states; by default :func:`weights`.
 
     Raises:
         numpy.linalg.LinAlgError: the Riccati equation has no stabilising solution.
@@ -162,7 +167,8 @@ def ideal_gain(
     columns = [*(ROADS if roads else []), *CURRENTS]
     b = model.b[:, columns]
     r = np.eye(len(columns)) * input_weight
-    cost = solve_continuous_are(model.a, b, np.diag(weights()), r)
+    q = weights() if state_weights is None else state_weights
+    cost = solve_continuous_are(model.a, b, np.diag(q), r)
     gain: Matrix = np.linalg.solve(r, b.T @ cost)
     return gain, b
 
@@ -170,7 +176,7 @@ def ideal_gain(
 def reduction_db(
     model: FullCarModel, closed: Matrix, state: int, *, frequency: float = 1.0
 ) -> float:
-    """Return how far the response of ``state`` to the steering falls at ``frequency``, dB."""
+    """Return the reduction of the response of ``state`` to steering at ``frequency``, dB."""
     identity = 1j * frequency * np.eye(len(model.a))
     column = model.b[:, STEER]
     before = np.linalg.solve(identity - model.a, column)[state]

@@ -12,7 +12,7 @@ over the relaxation length, at constant speed, about straight running or a stead
 for axle i with track t_i, roll-centre height h_i, unsprung mass m_i, sprung load W_i and its share
 s_i of the moment M. Signs as everywhere: roll > 0 lifts the left side, steering > 0 is left. Active
 suspension and active bars are the same here: one moment on the body, its reaction on the wheels.
-With ``kinematics.scrub`` s the slip angles and the moment on the body have two terms more,
+With ``kinematics.scrub`` s the slip angles and the moment on the body have two more terms,
 
     σ/v α_i' = … − s ((h_a − h_i) φ' + h_i ψ_i')/v,     I φ'' = … + Σ s (h_a − h_i) (F_i − m_i ΣF/m)
 
@@ -83,10 +83,10 @@ def linear_car(
     Args:
         vehicle: its ``plant`` part and all others; see :func:`vehicles.unladen.unladen`.
         speed: m/s.
-        lateral_acceleration: of the steady curve, m/s². Friction acts only in a curve: going
-            straight, the tyres are far from their grip.
+        lateral_acceleration: of the steady curve, m/s². Friction matters only in a curve: in
+            straight running the tyres are far from their grip.
         friction: of the road.
-        front_share: of the moment, or None: that of the static load.
+        front_share: front axle's share of the moment; None for that of the static load.
 
     Raises:
         CanrollError: no such steady curve; tyres too soft for the roll stiffness of the file.

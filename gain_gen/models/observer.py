@@ -21,8 +21,8 @@ class LateralModel:
     Attributes:
         frequency: ω, rad/s; zero makes a_y a random walk (the 2020 paper) and its rate zero.
         damping: ζ.
-        acceleration: standard deviation of a_y that the noise density is chosen for, m/s².
-        steered: a_y follows what speed and steering tell, a'' = ω² (a_δ − a) − 2 ζ ω a'.
+        acceleration: standard deviation of a_y for which the noise density is chosen, m/s².
+        steered: a_y follows a_δ from speed and steering, a'' = ω² (a_δ − a) − 2 ζ ω a'.
     """
 
     frequency: float = 1.5
@@ -60,7 +60,7 @@ class ObserverModel:
     Attributes:
         phi: (5, 5).
         gamma: input column of the moment held over a tick, (5, 1).
-        gamma_steering: input column of the lateral acceleration that the steering tells, (5, 1).
+        gamma_steering: input column of the lateral acceleration from steering, (5, 1).
         output: rows y = [roll rate, a_y] from the state, (2, 5).
         process_noise: covariance added a tick, (5, 5).
         measurement_noise: variances, (2,).
@@ -83,7 +83,7 @@ class Observer:
         measurements: indices of the measurements in use, in order of correction.
         correction: gain of each measurement, (2, 5); zero rows where it is not used.
         correction_single: gain of the roll rate when the lateral acceleration is lost, (5,).
-        warnings: what a user has to know about it.
+        warnings: limitations to report to the user.
         bypass: the true state is received instead.
     """
 
@@ -110,7 +110,7 @@ def continuous_model(roll: RollModel, lateral: LateralModel) -> tuple[Matrix, Ma
 
 
 def sampled_noise(a: Matrix, density: Matrix, step: float) -> Matrix:
-    """Return the covariance that white noise of ``density`` adds in one step (Van Loan 1978)."""
+    """Return the covariance added in one step by white noise of ``density`` (Van Loan 1978)."""
     n = len(a)
     block = np.zeros((2 * n, 2 * n))
     block[:n, :n] = -a
@@ -190,8 +190,8 @@ def sequential_gains(
 def kalman(model: ObserverModel, *, measurements: tuple[int, ...] = (0, 1)) -> Observer:
     """Return the steady Kalman filter as sequential scalar corrections.
 
-    The roll rate alone serves where the lateral acceleration is lost: without the bias state,
-    whose value is then frozen, as the two could not be told apart from a slow roll.
+    When the lateral acceleration is lost, the filter uses the roll rate alone and freezes the bias
+    state, which could not be distinguished from a slow roll.
     """
     gains = sequential_gains(steady_covariance(model, measurements), model, measurements)
     single = _single_gain(model)
@@ -208,8 +208,8 @@ def kalman(model: ObserverModel, *, measurements: tuple[int, ...] = (0, 1)) -> O
 def _single_gain(model: ObserverModel) -> Matrix:
     """Gain on the roll rate alone, the bias frozen.
 
-    With a_y as a random walk the pair is not detectable, the covariance grows for ever along the
-    unobservable direction and only the gain settles: then it is iterated, not solved.
+    With a_y as a random walk the pair is not detectable: the covariance grows without bound along
+    the unobservable direction and only the gain converges, so it is iterated, not solved.
     """
     phi = model.phi.copy()
     phi[BIAS] = 0.0
@@ -235,7 +235,7 @@ def _single_gain(model: ObserverModel) -> Matrix:
 
 
 def bias_response(model: ObserverModel, gain: Matrix, *, bias: float, seconds: float) -> float:
-    """Return the roll angle error that a constant gyro bias leaves after ``seconds``, rad.
+    """Return the roll angle error from a constant gyro bias after ``seconds``, rad.
 
     Args:
         model: the observer's model; its own bias state is held at zero.
@@ -264,7 +264,7 @@ def _tick_of(model: ObserverModel) -> float:
 
 
 def one_sensor_warning(model: ObserverModel, gain: Matrix) -> str:
-    """Return the warning that a filter on the roll rate alone comes with."""
+    """Return the warning on a filter that uses the roll rate alone."""
     bias = 0.1 * np.pi / 180.0
     angle = np.degrees(bias_response(model, gain, bias=bias, seconds=600.0))
     reduced = [ROLL, RATE, LATERAL]

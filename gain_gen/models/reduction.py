@@ -1,4 +1,4 @@
-"""Balanced reduction of a stable continuous model; what is left out settles at once."""
+"""Balanced reduction of a stable continuous model; truncated states settle at once."""
 
 from dataclasses import replace
 
@@ -23,8 +23,8 @@ def balanced(
 
     Args:
         model: stable.
-        inputs: typical size of each input, (inputs,); zero leaves one out of the balance.
-        outputs: typical size of each output, (outputs,); infinity leaves one out.
+        inputs: typical size of each input, (inputs,); zero excludes one from the balance.
+        outputs: typical size of each output, (outputs,); infinity excludes one.
 
     Raises:
         ValueError: the model is not stable.
@@ -43,7 +43,7 @@ def balanced(
 
 
 def _root(gramian: Matrix) -> Matrix:
-    """Return L with L L' = the Gramian, made positive definite by a whiff of identity."""
+    """Return L with L L' = the Gramian, made positive definite by a small multiple of identity."""
     symmetric = 0.5 * (gramian + gramian.T)
     sizes = np.sqrt(np.diag(symmetric))
     scaled = symmetric / np.outer(sizes, sizes) + 1e-13 * np.eye(len(symmetric))
@@ -52,7 +52,7 @@ def _root(gramian: Matrix) -> Matrix:
 
 
 def residualised(model: LinearModel, order: int) -> LinearModel:
-    """Return the first ``order`` states of a balanced model; the others take their steady value.
+    """Return a balanced model's first ``order`` states; the others take their steady values.
 
     The response at frequency zero stays exact (singular perturbation; Fernando, Nicholson 1982).
     """

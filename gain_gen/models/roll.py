@@ -70,7 +70,7 @@ ROLL_RATE = np.array([[0.0, 1.0]])
 class NormalisedPlant:
     """The plant in time units of 1/ωn and moments of K_eff: every entry is near one.
 
-    x = [φ, φ'/ωn], t' = ωn t, u' = u / K_eff. Semidefinite solvers report wrong optima in raw
+    x = [φ, φ'/ωn], t' = ωn t, u' = u / K_eff. Semidefinite solvers report wrong optima in SI
     units; the H∞ level from w to z is the same in both.
     """
 
@@ -91,7 +91,7 @@ class NormalisedPlant:
 
 
 def normalise(model: RollModel) -> NormalisedPlant:
-    """Return ``model`` in units in which the solvers are trustworthy."""
+    """Return ``model`` in normalised units, in which the solvers are reliable."""
     frequency = model.natural_frequency
     scale = np.diag([1.0, 1.0 / frequency])
     return NormalisedPlant(
@@ -123,8 +123,8 @@ def zero_order_hold(a: Matrix, b: Matrix, step: float) -> tuple[Matrix, Matrix]:
 def stationary_covariance(a: Matrix, noise: Matrix) -> Matrix:
     """Return P = A P A' + N for a stable A by doubling (Smith 1968), (n, n).
 
-    Close to the stability limit it keeps its digits where the direct solvers warn; 2⁴⁰ steps
-    reach any loop that a float64 can tell from a marginal one.
+    Near the stability limit it stays accurate where the direct solvers warn; 2⁴⁰ steps suffice
+    for any loop that float64 can distinguish from a marginal one.
     """
     covariance = noise
     for _ in range(40):

@@ -14,7 +14,7 @@ EPSILON_SQUARED = 0.1
 
 
 class Check(NamedTuple):
-    """One check: value, limit, whether it passes, and where the value was found, or nothing."""
+    """One check: value, limit, whether it passes, and where the value was found, if known."""
 
     value: float
     limit: float
@@ -42,7 +42,7 @@ class Delay:
 
     @classmethod
     def constant(cls, seconds: float) -> "Delay":
-        """Return a delay that does not move."""
+        """Return a constant delay."""
         return cls(seconds, seconds, seconds)
 
 
@@ -55,15 +55,15 @@ class Task:
         delay: from the sample to the force.
         tick: period of the ECU loop, s.
         actuator: "suspension", "bars", "dampers" or "valves".
-        observer: name of the observer's settings.
+        observer: name of the observer settings.
         feedforward: whether the disturbance feedforward is on.
         gains: "computed", "theorem" (of the paper, on its 1-DOF model) or "as_printed".
-        lateral: how the lateral acceleration is taken to move.
-        noise: of the sensors.
+        lateral: model of the lateral acceleration.
+        noise: noise of the sensors.
         matrices: file of a custom law, or empty.
         order: order of a reduced compensator.
-        gamma_target: H∞ level that must be certified, or zero for the least.
-        moment_share: RMS moment over the RMS of the roll moment m h a_y, or None: the law's own.
+        gamma_target: H∞ level to certify, or zero for the least.
+        moment_share: RMS moment over the RMS of the roll moment m h a_y, or None for the law's own.
     """
 
     vehicle: Vehicle
@@ -97,16 +97,16 @@ class Solution:
 
     Attributes:
         controller: gains in SI units.
-        gamma: H∞ level by exact analysis, or None where the law has no such aim.
-        gamma_bound: the level that the solver's point certifies, or None.
-        checks: verifications that only this law has.
+        gamma: H∞ level by exact analysis, or None if the law has no such objective.
+        gamma_bound: level certified by the solver's point, or None.
+        checks: checks specific to this law.
         rightmost_root: largest real part of the continuous delay loop's roots, or None.
-        max_delay: largest constant delay of the continuous loop, s, or None: found on the sampled.
+        max_delay: largest constant delay of the continuous loop, s, or None: from the sampled loop.
         delay_aware: False for a delay-unaware law.
         solve_seconds: time in solvers, s.
-        notes: what a user should know, one line each.
+        notes: remarks for the user, one line each.
         extra: further numbers to report by name.
-        verified_by_law: the law is about another plant than the 1-DOF one and checks itself.
+        verified_by_law: the law is designed on another plant than the 1-DOF one and checks itself.
     """
 
     controller: Controller
@@ -128,7 +128,7 @@ class Design:
 
     Attributes:
         law: its name.
-        task: what it was designed for.
+        task: the task it was designed for.
         solution: the law's answer.
         margins: margins and analysed numbers by name, SI units unless the name says otherwise.
         verified: every check by name.
@@ -149,7 +149,7 @@ class Design:
 
     @property
     def is_verified(self) -> bool:
-        """Whether every check holds and the gains were derived here, not printed in a paper."""
+        """Whether every check holds and the gains were computed here, not taken from a paper."""
         return self.task.gains != "as_printed" and not self.failures
 
     @property

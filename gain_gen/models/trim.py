@@ -1,4 +1,4 @@
-"""Tyres at a trim: how much lateral force an axle gains by slip and by load transfer in a curve."""
+"""Tyres linearised at a trim: lateral force of an axle per slip angle and per load transfer."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,7 +23,8 @@ class AxleTyres:
 
     Attributes:
         cornering: force per slip angle, N/rad.
-        transfer: force per load moved from the left to the right wheel, N/N; zero going straight.
+        transfer: force per load transferred from the left to the right wheel, N/N; zero in
+            straight running.
     """
 
     cornering: float
@@ -31,7 +32,7 @@ class AxleTyres:
 
 
 def straight(vehicle: Vehicle) -> tuple[AxleTyres, AxleTyres]:
-    """Return front and rear tyres going straight."""
+    """Return front and rear tyres in straight running."""
     tyre = vehicle.tyre
     return (
         AxleTyres(tyre.cornering_stiffness_front, 0.0),
@@ -47,10 +48,10 @@ def steady_curve(
     Args:
         vehicle: its plant part.
         lateral_acceleration: of the curve, m/s², not negative.
-        friction: of the road; 1 is the one that the tyre's friction coefficient is for.
+        friction: of the road, relative to that of the tyre's friction coefficient.
 
     Raises:
-        CanrollError: an inner wheel lifts, or the grip doesn't hold the car in this curve.
+        CanrollError: an inner wheel lifts, or the grip does not suffice for this curve.
     """
     if not lateral_acceleration:
         return straight(vehicle)
@@ -82,10 +83,10 @@ def slip_angles(
         vehicle: its plant part.
         lateral_acceleration: of the curve, m/s², not negative.
         friction: of the road.
-        carried: by the actuators of each axle, see :func:`vehicles.roll_stiffness.steady_roll`.
+        carried: actuator moment of each axle; see :func:`vehicles.roll_stiffness.steady_roll`.
 
     Raises:
-        CanrollError: an inner wheel lifts, or the grip doesn't hold the car in this curve.
+        CanrollError: an inner wheel lifts, or the grip does not suffice for this curve.
     """
     front, rear = (axle.slip(lateral_acceleration, friction) for axle in _axles(vehicle, carried))
     return front, rear
@@ -93,7 +94,7 @@ def slip_angles(
 
 @dataclass(frozen=True, slots=True)
 class _Axle:
-    """An axle: static load per wheel (N), load moved and force (N) per lateral acceleration."""
+    """An axle: static load per wheel (N), load transfer and force (N) per lateral acceleration."""
 
     tyre: Tyre
     stiffness: float
@@ -113,7 +114,7 @@ class _Axle:
         )
 
     def reserve(self, lateral_acceleration: float, friction: float) -> float:
-        """Return the grip that is left, N."""
+        """Return the remaining grip, N."""
         loads = self.loads(lateral_acceleration)
         available = MOST_GRIP * sum(self.grip(load, friction) for load in loads)
         return available - self.force * lateral_acceleration
@@ -134,7 +135,7 @@ class _Axle:
     def both(
         self, slip: float, lateral_acceleration: float, friction: float, shift: float = 0.0
     ) -> float:
-        """Return the lateral force of both wheels, N, ``shift`` (N) more load moved."""
+        """Return the lateral force of both wheels, N, with a further load transfer ``shift``, N."""
         inner, outer = self.loads(lateral_acceleration)
         force = self.wheel(slip, inner - shift, friction)[0]
         return force + self.wheel(slip, outer + shift, friction)[0]

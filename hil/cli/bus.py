@@ -8,28 +8,40 @@ from dataclasses import replace
 
 from rich.console import Console
 
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from hil.cli.bus_parsers import DELAY_PATH
-from hil.report import recorded_bus
+from hil.realtime.hardware.interfaces import is_loopback
+from hil.report import network_bus, recorded_bus
 from hil.report.bus_answer import Answer, Delay, as_json, check_simulation, is_late, show
 from hil.report.bus_margins import Margins, margins_json, show_margins
+from hil.report.network_bus import NetworkAnswer, check_network
 from hil.report.recorded_bus import RecordedAnswer, check_added
-from plant_sim.can_bus.ages import simulate_ages_of_set
+from plant_sim.buses.profile import BusProfile
+from plant_sim.can_bus.ages import simulate_ages_of_routes, simulate_ages_of_set
 from plant_sim.can_bus.analysis import (
     ErrorModel,
     ResponseBound,
     response_bounds,
 )
-from plant_sim.can_bus.delay_bounds import DelayBounds, delay_bounds_of_set, loop_messages
+from plant_sim.can_bus.delay_bounds import (
+    DelayBounds,
+    delay_bounds,
+    delay_bounds_of_set,
+    loop_messages,
+    loop_routes,
+)
+from plant_sim.can_bus.holistic import arrivals
 from plant_sim.can_bus.kernel.network import build_network
+from plant_sim.can_bus.network_file import is_network, load_profile
 from plant_sim.can_bus.own_frames import own_messages
 from plant_sim.can_bus.proposals import propose_offsets, propose_priorities
 from plant_sim.can_bus.recorded_load import effects, joined, missing_from
+from plant_sim.can_bus.routing import RoutedMessage
 from plant_sim.can_bus.sensitivity import Bounds, breakdown, error_tolerance
 from plant_sim.can_bus.servers.mirror import Mirror
 from plant_sim.can_bus.servers.shared_server import SharedBus
 from plant_sim.can_bus.servers.wall_clock import serve_network
-from plant_sim.can_bus.simulation import Simulation, simulate, traffic_spec
+from plant_sim.can_bus.simulation import Simulation, simulate, simulate_network, traffic_spec
 from plant_sim.can_bus.traffic.files import Traffic, load_traffic
 from plant_sim.can_bus.traffic.inference import InferredBus, infer_bus, infer_buses
 from plant_sim.can_bus.traffic.log_playback import Recording, load_recording
@@ -42,7 +54,9 @@ OF_A_SET = (
     *("serve", "share", "replay"),
     *("errors-per-second", "propose", "sensitivity", "offsets"),
 )
-"""Options that a log does not take."""
+"""Options that logs and networks do not take."""
+ACTUATOR = "Actuator"
+"""The node that applies the command."""
 OURS = "canroll"
 """What the messages of the bus contract are called that come onto a recorded bus."""
 BESIDE_RECORDING = "no bound: the periods of a recording are unknown"
@@ -54,8 +68,12 @@ def run(args: argparse.Namespace) -> int:
     _check(args)
     if is_log(args.file):
         return _run_log(args)
+    if is_network(str(args.file)):
+        return _run_network(args)
     traffic = load_traffic(args.file, bitrate=args.bitrate, data_bitrate=args.data_bitrate)
     _check_path(args, traffic.messages)
+    if not (args.serve is None and args.share is None) and not is_loopback(args.host):
+        _say(f"note: anyone who can reach {args.host} can read and write this bus")
     if args.serve is not None:
         _serve(traffic, args)
         return 0
@@ -88,8 +106,71 @@ def run(args: argparse.Namespace) -> int:
     return int(failed or (answer.delay is not None and answer.delay.failed))
 
 
+def _run_network(args: argparse.Namespace) -> int:
+    """Bound and simulate all messages of a network, over its gateways."""
+    profile = load_profile(str(args.file))
+    topology = profile.network
+    routed = loop_routes(profile, command=args.command, command_period_ms=args.tick, seed=args.seed)
+    simulation = None
+    if args.simulate > 0.0:
+        simulation = simulate_network(
+            topology,
+            routed,
+            duration_s=args.simulate,
+            seed=args.seed,
+            worst_case_lengths=args.worst_case_lengths,
+        )
+    answer = NetworkAnswer(
+        args.file.name,
+        topology,
+        routed,
+        arrivals(topology, routed, errors=_errors(args)),
+        simulation,
+        _network_delay(profile, routed, args),
+        (args.sensor, args.command, args.tick),
+    )
+    check_network(answer)
+    if args.json:
+        print(json.dumps(network_bus.as_json(answer), indent=2))
+    else:
+        network_bus.show(answer)
+    return int(answer.failed)
+
+
+def _network_delay(
+    profile: BusProfile, routed: Sequence[RoutedMessage], args: argparse.Namespace
+) -> Delay:
+    """Bounds of the total delay from sensor to command over a network, and simulated ages."""
+    limits, reason = None, ""
+    try:
+        limits = delay_bounds(
+            profile,
+            tick_ms=args.tick,
+            command=args.command,
+            sensor=args.sensor,
+            errors=_errors(args),
+        )
+    except VerdictError as error:
+        reason = str(error)
+    least = most = math.nan
+    if args.simulate > 0.0:
+        ages = simulate_ages_of_routes(
+            profile.network,
+            routed,
+            args.sensor,
+            args.command,
+            actuator_segment=profile.network.place(ACTUATOR),
+            duration_s=args.simulate,
+            seed=args.seed,
+            worst_case_lengths=args.worst_case_lengths,
+        )
+        if len(ages):
+            least, most = float(ages.min()), float(ages.max())
+    return Delay(limits, reason, bool(reason), least, most)
+
+
 def _run_log(args: argparse.Namespace) -> int:
-    """Infer what is on the bus of a log, and analyse it without and with more messages."""
+    """Infer the messages of a recorded bus, and analyse it without and with additional ones."""
     if args.add is None:
         source, added = OURS, _own(args.command)
     else:
@@ -165,13 +246,17 @@ def _own(command: str) -> Sequence[BusMessage]:
 
 
 def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
-    """Compute what was asked for beside the bounds."""
-    rates = {"bitrate": traffic.bitrate, "data_bitrate": traffic.data_bitrate}
+    """Compute the requested margins."""
+    bitrate, data_bitrate = traffic.bitrate, traffic.data_bitrate
     messages, rate = traffic.messages, args.errors_per_second
 
     def bounded(offsets: bool) -> Bounds:
         return lambda chosen, errors: response_bounds(
-            chosen, **rates, errors=errors, offsets=offsets
+            chosen,
+            bitrate=bitrate,
+            data_bitrate=data_bitrate,
+            errors=errors,
+            offsets=offsets,
         )
 
     bounds = bounded(args.offsets)
@@ -181,7 +266,9 @@ def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
     elif args.propose == "offsets":
         proposal = propose_offsets(messages, bounded(offsets=True))
     return Margins(
-        breakdown(messages, bounds, **rates) if args.sensitivity else None,
+        breakdown(messages, bounds, bitrate=bitrate, data_bitrate=data_bitrate)
+        if args.sensitivity
+        else None,
         rate,
         () if rate is None else error_tolerance(messages, bounds, errors_per_s=rate),
         args.propose,
@@ -191,7 +278,7 @@ def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
 
 
 def _check_path(args: argparse.Namespace, messages: Sequence[BusMessage]) -> None:
-    """Reject names of sensor and command that are no messages, unless they are the defaults."""
+    """Reject sensor and command names that are not messages, unless they are the defaults."""
     known = [message.name for message in messages]
     for option, default in DELAY_PATH.items():
         name = getattr(args, option)
@@ -226,21 +313,19 @@ def _check(args: argparse.Namespace) -> None:
     if args.replay is not None and args.simulate <= 0.0:
         raise CanrollError("--replay needs --simulate above 0")
     recorded = is_log(args.file)
+    network = not recorded and is_network(str(args.file))
     if args.channel is not None and args.replay is None and not recorded:
         raise CanrollError("--channel selects a channel of a log: --replay is required")
     if args.add is not None and not recorded:
         raise CanrollError(f"--add puts messages onto the bus of a log, {args.file} is none")
-    for option in (
-        "serve",
-        "share",
-        "replay",
-        "errors-per-second",
-        "propose",
-        "sensitivity",
-        "offsets",
-    ):
-        if recorded and getattr(args, option.replace("-", "_")) not in (None, False):
-            raise CanrollError(f"--{option} needs a traffic set: {args.file} is a bus log")
+    for option in OF_A_SET:
+        given = getattr(args, option.replace("-", "_")) not in (None, False)
+        if given and (recorded or network):
+            what = "bus log" if recorded else "network"
+            raise CanrollError(f"--{option} needs a traffic set: {args.file} is a {what}")
+    for option in ("bitrate", "data-bitrate"):
+        if network and getattr(args, option.replace("-", "_")) is not None:
+            raise CanrollError(f"--{option} is that of the network: set it in {args.file}")
 
 
 def _serve(traffic: Traffic, args: argparse.Namespace) -> None:
@@ -257,7 +342,7 @@ def _serve(traffic: Traffic, args: argparse.Namespace) -> None:
 
 
 def _share(traffic: Traffic, args: argparse.Namespace) -> None:
-    """Serve the set to programs in lock step until the last of them leaves."""
+    """Serve the set to programs in lock step until the last one disconnects."""
     spec = traffic_spec(
         traffic.messages,
         bitrate=traffic.bitrate,
@@ -283,7 +368,7 @@ def _share(traffic: Traffic, args: argparse.Namespace) -> None:
         if mirror is not None:
             mirror.close()
             if mirror.failed:
-                _say(f"{args.mirror} did not take {mirror.failed} frames")
+                _say(f"{args.mirror} did not accept {mirror.failed} frames")
 
 
 def _say(text: str) -> None:

@@ -15,7 +15,7 @@ from hil.runs.choices import CHOICES
 from plant_sim.can_bus.servers.shared_server import DEFAULT_PORT as SHARED_PORT
 from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT
 
-OF_AN_ECU = ("calibration", "backend", "bus", "dbc", "map")
+OF_AN_ECU = ("calibration", "stage", "backend", "bus", "dbc", "map")
 """Choices of an ECU: what it runs, and the frames of its bus."""
 PACES = ("realtime", "lockstep")
 PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
@@ -32,11 +32,15 @@ WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
 def bus(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll bus``."""
     parser.description = (
-        "Compare worst-case and simulated response times of a traffic set; or infer a set from a "
-        "bus log and bound its response times without and with canroll's messages."
+        "Compare worst-case and simulated response times of a traffic set, or of all segments of a "
+        "network; or infer a set from a bus log and bound its response times without and with "
+        "canroll's messages."
     )
     parser.add_argument(
-        "file", metavar="FILE", type=Path, help="traffic set, .dbc or .toml, or bus log"
+        "file",
+        metavar="FILE",
+        type=Path,
+        help="traffic set, .dbc or .toml; network, .toml or the name of a bus; or bus log",
     )
     parser.add_argument(
         "-b",
@@ -58,7 +62,9 @@ def bus(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help="simulated time in s, 0: no simulation (default: %(default)g)",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of payloads and jitter (default: 0)")
+    parser.add_argument(
+        "--seed", type=int, default=0, help="seed of payloads and jitter (default: 0)"
+    )
     parser.add_argument(
         "--worst-case-lengths",
         action="store_true",
@@ -286,7 +292,7 @@ def add_loop_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_prepare_option(parser: argparse.ArgumentParser) -> None:
-    """Add the option of programs whose kernels may have to be compiled first."""
+    """Add the option to compile the kernels only."""
     parser.add_argument(
         "--prepare",
         action="store_true",

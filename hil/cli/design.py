@@ -1,4 +1,4 @@
-"""``canroll design``: a law for a vehicle, verified and frozen into calibration.toml and C."""
+"""``canroll design``: a law for a vehicle, verified and written as calibration.toml and C."""
 
 import argparse
 import json
@@ -7,6 +7,7 @@ from math import inf, isfinite
 
 from canroll.errors import CanrollError
 from codegen.export.header import gains_header
+from codegen.generated import own_stage
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import calibrate, physical_notes, summary, title
 from gain_gen.design import design
@@ -16,7 +17,7 @@ from hil.cli import terminal
 from hil.cli.options import choices_of
 from hil.cli.parsers import DEFAULT_DELAY_MS, DEFAULT_SCENARIO, OF_A_DRIVE
 from hil.runs.choices import CHOICES, chosen
-from hil.runs.frozen import options_of, task_of
+from hil.runs.frozen import options_of, stage_of, task_of
 from hil.studies import equal_effort, variation
 
 LARGEST_EFFORT = 20_000.0
@@ -33,14 +34,14 @@ def design_task(args: argparse.Namespace) -> Task:
     """Return the design task that the options describe.
 
     Raises:
-        CanrollError: an unknown vehicle, or delays that cannot be.
+        CanrollError: an unknown vehicle, or invalid delays.
     """
     task = task_of(choices_of(args), delay_of(args))
     return replace(task, matrices=args.matrices, gamma_target=args.gamma)
 
 
 def delay_of(args: argparse.Namespace) -> Delay | None:
-    """Return the delay that is given in ms; None: that of the bus that is named."""
+    """Return the delay given in ms; None for that of the named bus."""
     if args.bus is not None:
         if args.delay is not None or args.delay_min is not None:
             raise CanrollError("--bus excludes --delay and --delay-min")
@@ -64,15 +65,18 @@ def run(args: argparse.Namespace) -> int:
     if args.compare:
         if args.law is not None:
             raise CanrollError("--compare designs every law: omit --law")
+        if args.stage is not None:
+            raise CanrollError("--compare designs laws without a stage: omit --stage")
         return compare(args)
     choices = choices_of(args)
+    stage = stage_of({}, choices)
     answer = design(chosen(choices, "law"), design_task(args))
     options = options_of(choices)
     record, tables = calibrate(answer, options)
     checks = {name: Check(**found) for name, found in tables["verification"].items()}
     answer = replace(answer, verified=checks)
     files = [args.out / "calibration.toml", args.out / "canroll_gains.h"]
-    calibration_file.save(files[0], record, tables)
+    calibration_file.save(files[0], record, own_stage.added(tables, stage))
     header = gains_header(record, title=title(answer), physical=physical_notes(record))
     try:
         files[1].write_text(header, encoding="utf-8")
@@ -117,7 +121,7 @@ def _words(name: str) -> str:
 
 
 def _with_unit(name: str, value: float) -> str:
-    """Return the value with the unit that its name ends in; infinite is "any"."""
+    """Return the value with the unit at the end of its name; "any" if infinite."""
     if value == inf:
         return "any"
     return f"{value:.4g} {UNITS.get(name.rpartition('_')[2], '')}".rstrip()
@@ -152,7 +156,7 @@ def compare(args: argparse.Namespace) -> int:
         f"{task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, delay "
         f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms from sample to force"
     )
-    columns = ("roll rms", "box", "gamma", "admits ms", "gain dB", "Ms")
+    columns = ("roll rms", "box", "gamma", "delay ms", "gain dB", "Ms")
     widths = (9, 7, 8, 10, 9, 7)
     print(f"{'law':<16}" + "".join(f"{c:>{w}}" for c, w in zip(columns, widths, strict=True)))
     for law, answer in answers.items():
@@ -177,10 +181,10 @@ def _line(answer: Design) -> str:
         return f"{check.value:.{digits}f}" if isfinite(check.value) else "any"
 
     gamma = "" if answer.solution.gamma is None else f"{answer.solution.gamma:.3f}"
-    admits = f"{1e3 * answer.max_delay:.0f}" if isfinite(answer.max_delay) else "any"
+    delay = f"{1e3 * answer.max_delay:.0f}" if isfinite(answer.max_delay) else "any"
     return (
         f"{answer.law:<16}{number('roll_rms_ratio_nominal_delay', 3):>9}"
-        f"{number('box_roll_rms_ratio', 3):>7}{gamma:>8}{admits:>10}"
+        f"{number('box_roll_rms_ratio', 3):>7}{gamma:>8}{delay:>10}"
         f"{worst('gain_margin_db', 1):>9}{worst('peak_sensitivity', 2):>7}"
     )
 

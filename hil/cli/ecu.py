@@ -16,7 +16,7 @@ from hil.realtime.hardware import bus_record
 from hil.realtime.phase_lock import PhaseLock
 from hil.realtime.plant_loop import sent_by
 from hil.runs import phase
-from hil.runs.frozen import firmware_of, profile_of, refuse_wide_identifiers
+from hil.runs.frozen import firmware_of, profile_of, refuse_wide_identifiers, stage_of
 
 MODES = dbc.names("RollControlStatus", "Mode")
 TRACE_SECONDS = 600
@@ -25,13 +25,13 @@ FRAMES_PER_SECOND = 700
 
 
 def check_side_channel(args: argparse.Namespace) -> None:
-    """Raise CanrollError where there is a side channel without lock step."""
+    """Raise CanrollError for a side channel without lock step."""
     if args.side_channel is not None and args.pace != "lockstep":
         raise CanrollError("--side-channel requires --pace lockstep")
 
 
 def peer_timeout(args: argparse.Namespace) -> float | None:
-    """Return the silence after which the other side is gone, s; None: it is waited for.
+    """Return the silence after which the other side counts as lost, s; None: wait forever.
 
     Raises:
         CanrollError: it is negative, or there is a side channel without lock step.
@@ -43,7 +43,7 @@ def peer_timeout(args: argparse.Namespace) -> float | None:
 
 
 def nanoseconds(seconds: float | None, option: str) -> int | None:
-    """Return a time of the command line in ns, 0 and None as None.
+    """Return a time from the command line in ns; None for 0 and None.
 
     Raises:
         CanrollError: it is negative.
@@ -58,14 +58,16 @@ def run(args: argparse.Namespace) -> int:
     backend = args.backend or default_backend()
     profile = profile_of(choices_of(args, OF_AN_ECU))
     refuse_wide_identifiers(profile)
-    firmware = firmware_of(profile)
+    loaded = None if args.calibration is None else load_calibration(args.calibration)
+    stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
+    firmware = firmware_of(profile, stage)
     if args.replay is not None:
         return replay(args.replay, backend, firmware)
-    if args.calibration is None:
+    if loaded is None:
         raise CanrollError("--calibration FILE is required; create one with 'canroll design'")
     duration = nanoseconds(args.duration, "--duration")
     timeout = peer_timeout(args)
-    calibration = load_calibration(args.calibration).record
+    calibration = loaded.record
     lock = phase_lock(args, calibration.tick_us)
     ecu = open_backend(backend, calibration, firmware)
     link = open_link(args, firmware.fd)
@@ -147,7 +149,7 @@ def phase_lock(args: argparse.Namespace, tick_us: int) -> PhaseLock | None:
     """Return the phase lock of the ticks; None for free-running ticks.
 
     Raises:
-        CanrollError: the tick can have no phase, or not this one.
+        CanrollError: no phase is possible with this tick, or not this one.
     """
     if args.phase_ms is not None and args.pace == "lockstep":
         raise CanrollError(
@@ -172,14 +174,14 @@ def grants_of(
     stop: process.Stop,
     firmware: BusFirmware,
 ) -> lockstep.Grants:
-    """Return the grants of the plant, on the bus or beside it."""
+    """Return the plant's grants, on the bus or on the side channel."""
     channel: lockstep.Channel
     if args.side_channel is None:
         channel = lockstep.InBand(link, sends=lockstep.ACKNOWLEDGEMENT, hears=lockstep.GRANT)
     else:
         channel = side_channel.connect(args.side_channel, link)
     plants = set(firmware.slots)
-    if firmware is built_in():
+    if firmware.bus is built_in().bus:
         # the plant sends what the ECU does not hear too
         plants = {message.frame_id for message in dbc.load().messages} - sent_by(firmware)
     return lockstep.Grants(link, channel, idents=plants, tick_us=tick_us, stop=stop)

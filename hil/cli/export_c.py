@@ -65,12 +65,12 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def whole_number(text: str) -> int:
-    """Read a number in any notation of Python."""
+    """Read an integer in any notation of Python."""
     return int(text, 0)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the bundle, or only its A2L where an image is given."""
+    """Write the bundle, or only its A2L if an image is given."""
     if args.elf is not None and args.address is not None:
         raise CanrollError("--elf gives the address: omit --address")
     if args.specialise and (args.elf is not None or args.address is not None):
@@ -115,7 +115,7 @@ def writing_to(folder: Path) -> Iterator[None]:
 
 
 def refuse_unwritable(folder: Path) -> None:
-    """Raise before the design is made, and without leaving a folder behind if it fails."""
+    """Raise CanrollError for an unwritable folder before designing; leave no new folder behind."""
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not there.is_dir():
         raise NotADirectoryError(ENOTDIR, os.strerror(ENOTDIR))
@@ -161,6 +161,7 @@ def described(
         map_file=args.map or settings.profile.map_file or signals.MAP,
         traffic=traffic,
         origin=origin,
+        stage=controller.stage,
         specialised=args.specialise,
     )
 
@@ -180,7 +181,7 @@ def recorded(settings: Settings, controller: Controller) -> Traffic:
 
 
 def joined(first: Traffic, second: Traffic) -> Traffic:
-    """One traffic after the other."""
+    """Concatenate recorded traffic."""
     later = second.frames.copy()
     later["tick"] += first.ticks
     return Traffic(
@@ -189,7 +190,7 @@ def joined(first: Traffic, second: Traffic) -> Traffic:
 
 
 def address(folder: Path, elf: Path, calibration: str | None) -> int:
-    """Rewrite the A2L with the addresses of an image; write a calibration for its place in it."""
+    """Rewrite the A2L with an image's addresses; write the calibration's hex files."""
     if not elf.is_file():
         raise CanrollError(f"{elf}: no such image: build it or omit --elf")
     path = folder / "canroll.a2l"

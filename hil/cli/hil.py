@@ -37,13 +37,13 @@ CHECKED = "double_lane_change"
 
 
 def bus_options(args: argparse.Namespace) -> list[str]:
-    """Return python-can's options for the programs that open the bus; none: the plant's own.
+    """Return python-can's options for the programs that open the bus; empty: the plant's own bus.
 
-    What the options leave open comes from python-can's configuration (can.rc, environment).
+    Missing options come from python-can's configuration (can.rc, environment).
 
     Raises:
-        CanrollError: an interface that only one process can see, one beside ``--serve``, or
-            options that are for one program.
+        CanrollError: an interface visible to one process only, an interface with ``--serve``, or
+            options of one program only.
     """
     if not has_bus(args):
         return []
@@ -121,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def refuse_one_adapter(args: argparse.Namespace) -> None:
-    """Raise CanrollError where two programs cannot open the bus at the same time."""
+    """Raise CanrollError if two programs cannot open the bus at the same time."""
     if not has_bus(args):
         return
     name, channel, _, _ = options_of(args)
@@ -161,7 +161,7 @@ def _announce(text: str) -> None:
 
 
 def report(answer: dict[str, Any], args: argparse.Namespace, result: Any) -> None:  # noqa: ANN401
-    """Print the answer as JSON or as a table."""
+    """Print the result as JSON or as a table."""
     if args.json:
         print(json.dumps(answer))
         return

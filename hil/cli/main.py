@@ -1,4 +1,4 @@
-"""The ``canroll`` command: finds the subcommand's module, runs it, turns errors into one line."""
+"""The ``canroll`` command: finds the subcommand's module, runs it, reports errors in one line."""
 
 import argparse
 import errno
@@ -35,10 +35,10 @@ OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.E
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line that says where help is."""
+    """An argument parser whose errors are one line that refers to ``--help``."""
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong in one line on stderr and exit with 2."""
+        """Report the error in one line on stderr and exit with 2."""
         raise UsageError(f"{message} (see '{self.prog} --help')")
 
 
@@ -118,9 +118,9 @@ def dispatch(arguments: Sequence[str]) -> int:
 
 
 def entries(kind: str) -> list[dict[str, str]]:
-    """Return name, origin and one line of description of everything of a kind.
+    """Return name, origin and one-line description of all objects of a kind.
 
-    Nothing is loaded for that: an extension that cannot be imported is listed as well.
+    Nothing is imported: an extension that cannot be imported is listed as well.
     """
     if kind not in REGISTRIES:
         return [
@@ -139,7 +139,7 @@ def entries(kind: str) -> list[dict[str, str]]:
 
 
 def list_names(args: argparse.Namespace) -> int:
-    """Print what can be named, a line each, or one JSON array."""
+    """Print the names of a kind, one per line, or one JSON array."""
     rows = entries(args.kind)
     if args.json:
         print(json.dumps(rows, ensure_ascii=False))
@@ -152,7 +152,7 @@ def list_names(args: argparse.Namespace) -> int:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run ``canroll`` with ``arguments`` (the process's own by default); return the exit code."""
+    """Run ``canroll`` with ``arguments`` (default: those of the process); return the exit code."""
     # Designs are many operations on small matrices: threads only wait for each other there, and
     # their number must not decide how a sum is rounded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -189,7 +189,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def internal_error(error: Exception) -> int:
-    """Keep the traceback in a file and ask for it; return the exit code of an error of ours."""
+    """Save the traceback to a file and name it; return the exit code of internal errors."""
     lines = "".join(traceback.format_exception(error))
     told = f"{type(error).__name__}: {error}".partition("\n")[0]
     try:

@@ -12,24 +12,38 @@ from gain_gen.analysis.family import FamilyMargins
 from gain_gen.analysis.margins import Margins
 from gain_gen.calibration import calibration_file
 from gain_gen.margin_report import MarginReport, Point, admits, margin_report, to_json
+from hil.cli import terminal
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
 def run(args: argparse.Namespace) -> int:
-    """Analyse and report; 0 where the loop has its margins on the whole family, else 1."""
-    report = margin_report(calibration_file.load(args.calibration))
+    """Analyse and report; 0 if the loop has its margins on the whole family, else 1."""
+    calibration = calibration_file.load(args.calibration)
+    report = margin_report(calibration)
     if args.out is not None:
         picture = args.out / "margins.png"
         draw(report, picture)
     if args.json:
-        print(json.dumps(to_json(report)))
+        stage = None if calibration.stage is None else calibration.stage.name
+        print(json.dumps(to_json(report) | {"without_stage": stage}))
     else:
+        if calibration.stage is not None:
+            terminal.show_warnings([without(calibration.stage.file)])
         print("\n".join(lines(report)))
         if args.out is not None:
             print(f"written: {picture}")
     return 0 if admits(report) else 1
+
+
+def without(stage: str) -> str:
+    """What margins leave open where a calibration carries an own stage."""
+    return (
+        f"the margins are those of the law without the stage {stage}: a stage that multiplies its "
+        "moment has them while the factor stays within the gains that are stable below; judge "
+        "anything else by runs"
+    )
 
 
 def lines(report: MarginReport) -> Iterable[str]:
@@ -85,7 +99,7 @@ def _peak(found: Margins) -> str:
 
 
 def draw(report: MarginReport, path: Path) -> None:
-    """Write the picture: Nyquist curves by delay, roll over delay, roll over gain.
+    """Write the figure: Nyquist curves by delay, roll over delay, roll over gain.
 
     Raises:
         CanrollError: the file cannot be written.
@@ -114,7 +128,7 @@ def draw(report: MarginReport, path: Path) -> None:
 
 
 def _curve(axes: "Axes", at: list[float], points: Sequence[Point]) -> None:
-    """Draw the peak response over one parameter; a red line where the loop is unstable."""
+    """Draw the peak response over one parameter, with a red line where the loop is unstable."""
     stable = [(x, point.peak) for x, point in zip(at, points, strict=True) if point.stable]
     axes.plot([x for x, _ in stable], [peak for _, peak in stable], "o-", label="controlled")
     axes.axhline(1.0, color="grey", linestyle="--", label="without control")

@@ -1,4 +1,4 @@
-"""Options that several commands share: the choices of a run, and where its files go."""
+"""Options shared by several commands: the choices of a run, and its output files."""
 
 import argparse
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -20,19 +20,19 @@ OF_A_RUN = tuple(name for name in CHOICES if name != "duration")
 
 
 def not_empty(text: str) -> str:
-    """Return ``text`` as an option's value; "" is refused."""
+    """Return the value of an option; "" is refused."""
     if not text:
         raise argparse.ArgumentTypeError("must not be empty")
     return text
 
 
 def path_named(text: str) -> Path:
-    """Return the path that an option names; "" would silently be the current folder."""
+    """Return the path given by an option; "" is refused, as it would mean the current folder."""
     return Path(not_empty(text))
 
 
 def key_value(text: str) -> tuple[str, str]:
-    """Return what "key=value" says."""
+    """Return key and value of "key=value"."""
     if "=" not in text:
         raise CanrollError(f"{text}: expected key=value")
     key, _, value = text.partition("=")
@@ -47,7 +47,7 @@ def scenario(text: str) -> str:
 
 
 def add_scenario(parser: argparse.ArgumentParser, default: str = "") -> None:
-    """Add the manoeuvre; without a default it must be given."""
+    """Add the manoeuvre argument; required without a default."""
     names = ", ".join(MANEUVERS)
     if default:
         parser.add_argument(
@@ -71,10 +71,10 @@ def add_choices(
     """Add the options of choices of a run.
 
     Args:
-        parser: of the command.
-        names: which choices.
-        several: those that take several names with commas.
-        defaults: those that differ from the table's, of this command alone.
+        parser: the command's parser.
+        names: names of the choices.
+        several: choices that accept several names separated by commas.
+        defaults: defaults of this command that differ from the table's.
     """
     group = parser.add_argument_group("sensors and actuators")
     own = defaults or {}
@@ -121,10 +121,10 @@ def _shown(default: Any) -> str:  # noqa: ANN401
 
 
 def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict[str, Any]:
-    """Return those of the choices ``names`` that the options ask for, by their keywords.
+    """Return the given values of the choices ``names``, by keyword.
 
     Raises:
-        CanrollError: a number that cannot be.
+        CanrollError: an invalid number.
     """
     given = {name: getattr(args, name, None) for name in names}
     for name in given.keys() & {"options", "conditions"}:
@@ -137,7 +137,7 @@ def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict
 
 
 def add_recording(parser: argparse.ArgumentParser) -> None:
-    """Add where the bus log and the signals of a run go."""
+    """Add the options for the files of bus log and signals."""
     parser.add_argument(
         "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
     )
@@ -150,7 +150,7 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 
 def add_answer(parser: argparse.ArgumentParser, files: str) -> None:
-    """Add where the ``files`` of an answer go, and that it is wanted as JSON."""
+    """Add --out for the result ``files``, and --json."""
     parser.add_argument(
         "--out", type=path_named, metavar="DIR", help=f"folder for {files} (default: out)"
     )

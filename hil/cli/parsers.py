@@ -1,6 +1,6 @@
-"""The commands: a line of help, the options, and the function that runs each.
+"""The commands: help line, options and handler of each.
 
-Nothing heavy is imported here: a command's module is loaded after its options are parsed.
+Nothing heavy is imported here: a command's module is imported after its options are parsed.
 """
 
 import argparse
@@ -29,7 +29,7 @@ DEFAULT_DELAY_MS = 20.0
 DEFAULT_DRAWS = 100
 KINDS = ("laws", "vehicles", "scenarios", "buses", "bodies")
 OF_A_DESIGN = (
-    *("vehicle", "law", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
+    *("vehicle", "law", "stage", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
     *("gains", "moment_share", "feedforward", "identification", "offset_learning", "bus"),
 )
 OF_A_DRIVE = ("plant", "speed_kmh", "options")
@@ -44,10 +44,10 @@ PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 class Command:
     """A subcommand.
 
-    ``options`` adds to the command's parser, or is the "module:function" in this room that does,
-    where that loads python-can; None: ``add_parser`` of the command's module makes the parser.
-    ``handler`` is the "module:function" in this room that is given the parsed arguments, by
-    default ``run`` of the module that is called as the command is.
+    ``options`` adds options to the command's parser, or is the "module:function" in this package
+    that does, if it imports python-can; None: ``add_parser`` of the command's module makes the
+    parser. ``handler`` is the "module:function" in this package called with the parsed arguments,
+    by default ``run`` of the module named like the command.
     """
 
     help: str
@@ -129,7 +129,7 @@ def limit(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Bisect the entry speed for the highest at which the manoeuvre's criteria are met, without "
         "and with control: no two wheels of a side two inches off the road, no cone hit, the yaw "
-        "rate decayed, whatever its standard asks for."
+        "rate decayed, as required by its standard."
     )
     add_scenario(parser)
     names = [name for name in OF_A_RUN if name != "speed_kmh"]
@@ -171,10 +171,10 @@ def response(parser: argparse.ArgumentParser) -> None:
         "--lateral-acceleration",
         type=float,
         metavar="M/S2",
-        help="with --linear: of the steady curve (default: 0, straight ahead)",
+        help="with --linear: that of the steady curve (default: 0, straight ahead)",
     )
     parser.add_argument(
-        "--friction", type=float, metavar="MU", help="with --linear: of the road (default: 1)"
+        "--friction", type=float, metavar="MU", help="with --linear: that of the road (default: 1)"
     )
     parser.add_argument(
         "--out", type=path_named, metavar="DIR", help="with --linear: write response.png there"
@@ -262,7 +262,7 @@ def timing(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--bound",
         action="store_true",
-        help="worst case of a tick in cycles from the machine code; the most seen beside it",
+        help="worst case of a tick in cycles from the machine code, with the maximum seen",
     )
     parser.add_argument(
         "--ticks", type=int, default=4000, help="with --bound: ticks replayed (default: 4000)"
@@ -298,6 +298,7 @@ def prove(parser: argparse.ArgumentParser) -> None:
         type=path_named,
         help="calibration.toml of a design (default: every calibration the ECU accepts)",
     )
+    add_choices(parser, ("stage",))
     add_json(parser)
 
 
@@ -324,7 +325,7 @@ def reproduce(parser: argparse.ArgumentParser) -> None:
 def listing(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll list``."""
     parser.description = (
-        "List what can be named: built in, or offered by an installed package's entry points. "
+        "List all names of a kind: built in, or from an installed package's entry points. "
         "Laws, scenarios, buses and bodies can also be named as file.py:name or module:name."
     )
     parser.add_argument("kind", choices=KINDS, metavar="KIND", help=", ".join(KINDS))
@@ -332,7 +333,7 @@ def listing(parser: argparse.ArgumentParser) -> None:
 
 
 def add_spread(parser: argparse.ArgumentParser) -> None:
-    """Add how far the vehicles of a population vary."""
+    """Add the option for the spread of a vehicle population."""
     parser.add_argument(
         "--spread",
         action="append",
@@ -350,8 +351,8 @@ def campaign(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll campaign``."""
     parser.description = (
         "Drive a manoeuvre with one calibration on many draws of vehicle, noise, bus and fault. "
-        "The controller is designed for the first bus; of the faults given one, or none, is drawn; "
-        "the seed is that of the draws."
+        "The controller is designed for the first bus; one or none of the given "
+        "faults is drawn; --seed is that of the draws."
     )
     add_scenario(parser, DEFAULT_SCENARIO)
     parser.add_argument(
@@ -416,9 +417,7 @@ COMMANDS = {
     "prove": Command("prove the loop free of overflow for every accepted calibration", prove),
     "reproduce": Command("recompute the tables of the four papers", reproduce),
     "campaign": Command("Monte Carlo over parameters, noise, delays and faults", campaign),
-    "severe": Command(
-        "severe manoeuvres over a population, beside a passive bar", severe, "campaign:severe"
-    ),
+    "severe": Command("severe manoeuvres over a population of vehicles", severe, "campaign:severe"),
     "list": Command(
         "laws, vehicles, scenarios, buses and bodies by name", listing, handler="main:list_names"
     ),

@@ -9,6 +9,7 @@ from hil.cli.options import choices_of
 from hil.realtime import lockstep, own_bus, plant_loop, plant_record, process, side_channel, warm
 from hil.realtime.bus_link import Link, has_bus, open_link
 from hil.realtime.hardware import bus_record
+from hil.realtime.hardware.interfaces import is_loopback
 from hil.realtime.plant_loop import Outcome
 from hil.report.run_folder import check_parent
 from hil.runs import conditions, logs, phase, signal_files
@@ -19,7 +20,7 @@ from plant_sim.world.world import World
 
 
 def run(args: argparse.Namespace) -> int:
-    """Simulate until the manoeuvre is over, the ECU is lost or a signal comes."""
+    """Simulate until the manoeuvre is over, the ECU is lost or a signal arrives."""
     for path, check in ((args.log, logs.check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
             check_parent(check(path))
@@ -141,7 +142,7 @@ def world_of(args: argparse.Namespace) -> World:
     """Return the world that the options describe, at time 0.
 
     Raises:
-        CanrollError: a name or number that cannot be.
+        CanrollError: an invalid name or number.
     """
     choices = choices_of(args)
     vehicle = vehicles.load(chosen(choices, "vehicle"))
@@ -178,5 +179,7 @@ def _link(args: argparse.Namespace) -> Link:
             "-i socketcan -c vcan0 --fd"
         )
     server = own_bus.serve(args.serve)
+    if not is_loopback(args.serve.rpartition(":")[0]):
+        print(f"note: anyone who can reach {args.serve} can drive this plant", flush=True)
     print(f"serving {server.options}", flush=True)
     return server

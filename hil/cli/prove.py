@@ -1,4 +1,4 @@
-"""``canroll prove``: no overflow, index out of range or division by zero for any frames."""
+"""``canroll prove``: absence of overflow, index errors and division by zero for any frames."""
 
 import argparse
 import json
@@ -8,22 +8,30 @@ from time import perf_counter
 from canroll.errors import CanrollError
 from codegen.proof import prove
 from codegen.run import memory_image
+from codegen.run.bus_firmware import BusFirmware, built_in, with_stage
 from firmware.calibration import Calibration
 from firmware.check import check
 from gain_gen.calibration import calibration_file
+from hil.cli.options import choices_of
+from hil.runs.frozen import stage_of
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the proof; return 1 where an obligation isn't met."""
-    record = None
-    if args.calibration is not None:
-        record = calibration_file.load(args.calibration).record
+    loaded = None if args.calibration is None else calibration_file.load(args.calibration)
+    stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, ("stage",)))
+    firmware = with_stage(built_in(), stage)
     name = str(args.calibration or "every calibration accepted by the ECU")
-    return report(record, name=name, as_json=args.json)
+    record = None if loaded is None else loaded.record
+    return report(record, firmware, name=name, as_json=args.json)
 
 
-def report(record: Calibration | None, *, name: str, as_json: bool = False) -> int:
-    """Prove the firmware for ``record`` and print what was shown, or each line that fails."""
+def report(
+    record: Calibration | None, firmware: BusFirmware, *, name: str, as_json: bool = False
+) -> int:
+    """Prove ``firmware`` for ``record`` and print what was shown, or each line that fails."""
+    if firmware.stage is not None:
+        name = f"{name}, stage {firmware.stage.file}"
     exact = None
     if record is not None:
         refused = check(record)
@@ -31,7 +39,7 @@ def report(record: Calibration | None, *, name: str, as_json: bool = False) -> i
             raise CanrollError(f"{name}: rejected by rule {refused} of the ECU's check")
         exact = memory_image.elements(record)
     begin = perf_counter()
-    proof = prove.prove(calibration=exact)
+    proof = prove.prove(firmware.program(), calibration=exact)
     took = perf_counter() - begin
     if as_json:
         findings = [str(finding) for finding in proof.findings]

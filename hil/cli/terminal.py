@@ -19,7 +19,7 @@ from hil.runs.result import Result
 
 
 class Console(RichConsole):
-    """A console whose closed pipe is the command's business, not an exit with 1."""
+    """A console that leaves a closed pipe to the command instead of exiting with 1."""
 
     def on_broken_pipe(self) -> None:
         """Let the error through."""
@@ -28,7 +28,7 @@ class Console(RichConsole):
 
 @contextmanager
 def progress(*, quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """Show a bar per stage on stderr while the body runs; nothing where that is no terminal."""
+    """Show a bar per stage on stderr while the body runs, if stderr is a terminal."""
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
         yield lambda stage, share: None
@@ -80,12 +80,12 @@ def show_files(files: Mapping[str, str]) -> None:
 
 
 def show(result: Result) -> None:
-    """Print title, verdict, warnings, figures and files of a run; dim figures without meaning."""
+    """Print title, verdict, warnings, figures (dimmed if invalid) and files of a run."""
     console = Console(highlight=False, style="dim" if result.not_valid else "")
     settings = result.settings
     console.print(
         f"[bold]{settings.scenario.replace('_', ' ')}[/bold], {settings.vehicle.name} at "
-        f"{settings.speed * 3.6:.0f} km/h, {settings.law} over {settings.bus_name}"
+        f"{settings.speed * 3.6:.0f} km/h, {settings.law_name} over {settings.bus_name}"
     )
     show_verdict(result.verdict, good=None if result.pays else result.helps)
     show_warnings(text for text in result.warnings if text not in result.verdict)

@@ -11,7 +11,7 @@ from pathlib import Path
 from canroll.errors import CanrollError, MissingExtraError
 from codegen.run import cortex, qemu, unicorn
 from codegen.run.backends import Recorder, open_backend
-from codegen.run.bus_firmware import BusFirmware, built_in
+from codegen.run.bus_firmware import BusFirmware
 from codegen.run.cortex import Run
 from codegen.run.ecu_traffic import Traffic
 from codegen.run.footprint import Footprint, footprint
@@ -24,40 +24,41 @@ from hil.realtime.budget import Budget, budget_of, judge_host, judge_target
 from hil.runs import experiment
 from hil.runs.experiment import build_world, plan
 from hil.runs.frozen import Controller, refuse_own
+from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 
 
 def run(args: argparse.Namespace) -> int:
-    """Replay a manoeuvre on the target; return 1 where the budget is exceeded."""
+    """Replay a manoeuvre on the target; return 1 if the budget is exceeded."""
     if args.hil and args.specialise:
         raise CanrollError("--specialise is of the target: omit --hil")
     if args.hil:
         return run_on_host(args)
     if args.bound:
         return run_bound(args)
-    controller, traffic = recorded(args)
+    settings, controller, traffic = recorded(args)
     record = controller.record
     counter = args.counter or ("qemu" if cortex.has_gcc_and_qemu() else "unicorn")
     if counter == "qemu" and not cortex.has_gcc_and_qemu():
         raise CanrollError("--counter qemu needs gcc-arm-none-eabi and qemu-system-arm installed")
-    firmware = chosen(record, specialise=args.specialise)
+    firmware = chosen(settings.firmware, record, specialise=args.specialise)
     if counter == "qemu":
         replayed = qemu.replay(record, traffic, args.processor, firmware=firmware)
         image = cortex.gcc_image(args.processor, firmware.files)
     else:
-        replayed = unicorn.replay(record, traffic, args.processor, firmware=firmware)
+        replayed = unicorn.replay(record, traffic, args.processor, firmware)
         image = cortex.zig_image(args.processor, firmware)
     limits = budget_of(controller.tables)
-    return report(limits, replayed, footprint(image), as_json=args.json)
+    return report(limits, replayed, footprint(image, firmware.record), as_json=args.json)
 
 
-def chosen(record: Calibration, *, specialise: bool) -> BusFirmware:
-    """The firmware of the built-in bus, for any calibration or for ``record`` alone."""
-    return specialised(built_in(), record) if specialise else built_in()
+def chosen(firmware: BusFirmware, record: Calibration, *, specialise: bool) -> BusFirmware:
+    """The firmware of a run, for any calibration or for ``record`` alone."""
+    return specialised(firmware, record) if specialise else firmware
 
 
 def run_bound(args: argparse.Namespace) -> int:
-    """Print the worst case of a tick beside the most seen; 1 where the budget is exceeded."""
+    """Print the worst case of a tick and the maximum observed; 1 if the budget is exceeded."""
     if importlib.util.find_spec("capstone") is None:
         raise MissingExtraError("reading machine code", "target")
     from codegen.worst_case import cycles, firmware_bound  # noqa: PLC0415 - need the extra
@@ -69,8 +70,8 @@ def run_bound(args: argparse.Namespace) -> int:
     timing = cycles.Timing(args.processor, args.wait_states, args.multiplier, args.division)
     if not cortex.has_gcc_and_qemu():
         raise CanrollError("--bound needs gcc-arm-none-eabi and qemu-system-arm installed")
-    controller, traffic = recorded(args)
-    firmware = chosen(controller.record, specialise=args.specialise)
+    settings, controller, traffic = recorded(args)
+    firmware = chosen(settings.firmware, controller.record, specialise=args.specialise)
     bound = firmware_bound.firmware_bound(controller.record, timing, firmware)
     with progress(quiet=args.json) as report_share:
         seen = firmware_bound.observe(
@@ -111,19 +112,19 @@ def run_bound(args: argparse.Namespace) -> int:
     show_rows(
         {
             "processor": f"{timing.cpu}, {memory}",
-            "cycles a tick, bound": bound.tick.cycles,
-            f"cycles a tick, most of {seen.ticks} ticks": seen.cycles,
-            "bound over the most seen": f"{bound.tick.cycles / seen.cycles:.2f}",
-            "of these ticks after missed ones": seen.late,
+            "cycles per tick, bound": bound.tick.cycles,
+            f"cycles per tick, maximum of {seen.ticks}": seen.cycles,
+            "bound over maximum seen": f"{bound.tick.cycles / seen.cycles:.2f}",
+            "of these after missed ticks": seen.late,
             "share of a tick": "give --clock" if share is None else f"{100 * share:.1f} %",
             "budget, cycles": limits.cycles or "none",
             "stack, bytes, bound": bound.tick.stack,
-            "stack, bytes, most seen": seen.stack,
-            "cycles a received frame, bound": bound.receive.cycles,
+            "stack, bytes, maximum seen": seen.stack,
+            "cycles per received frame, bound": bound.receive.cycles,
             "verdict": answer["verdict"],
         }
     )
-    print("\nlongest way by function, cycles")
+    print("\nlongest path by function, cycles")
     show_rows(dict(list(bound.tick.shares.items())[:8]))
     return 0 if good else 1
 
@@ -135,11 +136,12 @@ def show_rows(rows: Mapping[str, object]) -> None:
         print(f"{name:<{width}}  {value}")
 
 
-def recorded(args: argparse.Namespace) -> tuple[Controller, Traffic]:
-    """Drive the manoeuvre in virtual time; return the controller and what the ECU received."""
+def recorded(args: argparse.Namespace) -> tuple[Settings, Controller, Traffic]:
+    """Drive the manoeuvre in virtual time; return what was run and what the ECU received."""
     settings, controller = plan(args.scenario, **choices_of(args))
     refuse_own(settings.profile, "timing")
-    recorder = Recorder(open_backend(settings.backend, controller.record))
+    firmware = settings.firmware
+    recorder = Recorder(open_backend(settings.backend, controller.record, firmware), firmware)
     closed_loop(
         build_world(replace(settings), enabled=True),
         recorder,
@@ -147,11 +149,11 @@ def recorded(args: argparse.Namespace) -> tuple[Controller, Traffic]:
         duration_ns=round(args.duration * 1e9),
         progress=None,
     )
-    return controller, recorder.traffic
+    return settings, controller, recorder.traffic
 
 
 def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
-    """Print the budget table; return 1 where a budget is exceeded."""
+    """Print the budget table; return 1 if a budget is exceeded."""
     counts = run.instructions
     least, mean, most = int(counts.min()), round(float(counts.mean())), int(counts.max())
     affordable = all(verdict.ok for verdict in judge_target(limits, most))
@@ -199,9 +201,9 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
 
 
 def run_on_host(args: argparse.Namespace) -> int:
-    """Drive the manoeuvre in real time and print the verdicts; 1 where one fails or none holds.
+    """Drive the manoeuvre in real time and print the verdicts; 1 if one fails or none holds.
 
-    On a single core nothing is judged: two programs that share it say nothing about the ECU.
+    On a single core nothing is judged: two programs sharing it do not represent the ECU.
 
     Args:
         args: calibration or law, scenario, duration and json of ``canroll timing``.

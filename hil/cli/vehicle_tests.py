@@ -104,7 +104,7 @@ def response(args: argparse.Namespace) -> int:
 
 
 def _linear(args: argparse.Namespace, vehicle: Vehicle, body: Body) -> int:
-    """Linearise ``body``, print and write what is asked for, and return 0."""
+    """Linearise ``body``, print and write the requested results, and return 0."""
     lateral = 0.0 if args.lateral_acceleration is None else args.lateral_acceleration
     friction = 1.0 if args.friction is None else args.friction
     if not 0.0 <= lateral <= LARGEST_ACCELERATION:

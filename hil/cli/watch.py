@@ -1,4 +1,4 @@
-"""``canroll watch``: the state of the roll controller, from its bus frames alone."""
+"""``canroll watch``: the state of the roll controller, from its bus frames only."""
 
 import argparse
 import asyncio
@@ -17,6 +17,7 @@ from canroll.errors import CanrollError
 from hil.cli.ecu import nanoseconds
 from hil.realtime import process
 from hil.realtime.bus_link import add_bus_arguments, open_link
+from hil.realtime.hardware.interfaces import is_loopback
 from hil.watch.observation import Observation
 from hil.watch.onlooker import Onlooker
 from hil.watch.page import live_page
@@ -57,7 +58,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
 
 
 def run(args: argparse.Namespace) -> int:
-    """Watch until stopped; 0 where frames were seen, 1 where the bus was silent."""
+    """Watch until stopped; 0 if frames were seen, 1 if the bus was silent."""
     duration = nanoseconds(args.duration, "--duration")
     watch = watch_in_browser if in_browser(args) else watch_in_terminal
     seen = Observation(getattr(args, "bitrate", DEFAULT_BITRATE))
@@ -74,7 +75,7 @@ def in_browser(args: argparse.Namespace) -> bool:
     """Return whether a page is requested.
 
     Raises:
-        CanrollError: options of the page that cannot be, or without ``--web``.
+        CanrollError: invalid options of the page, or options of the page without ``--web``.
     """
     for name in ("port", "host"):
         if getattr(args, name) is not None and not args.web:
@@ -85,7 +86,7 @@ def in_browser(args: argparse.Namespace) -> bool:
 
 
 def watch_in_terminal(args: argparse.Namespace, seen: Observation, until: float) -> None:
-    """Fill ``seen``, and show it where a terminal is, until the monotonic clock is at ``until``."""
+    """Fill ``seen``, and show it on a terminal, until the monotonic clock reaches ``until``."""
     link = open_link(args)
     onlooker = Onlooker(link, seen)
     show = sys.stdout.isatty() and not args.json
@@ -101,7 +102,7 @@ def watch_in_terminal(args: argparse.Namespace, seen: Observation, until: float)
 
 
 def watch_in_browser(args: argparse.Namespace, seen: Observation, until: float) -> None:
-    """Fill ``seen``, and serve the page that shows it, until the clock is at ``until``."""
+    """Fill ``seen``, and serve the page that shows it, until the clock reaches ``until``."""
     from hil.watch import server  # noqa: PLC0415 - needs the extra "web"
 
     host = args.host or DEFAULT_HOST
@@ -110,7 +111,7 @@ def watch_in_browser(args: argparse.Namespace, seen: Observation, until: float) 
     out = sys.stderr if args.json else sys.stdout
 
     def announce(url: str) -> None:
-        if not server.is_loopback(host):
+        if not is_loopback(host):
             print(f"note: anyone who can reach {host} can watch too", file=out)
         print(f"watching at {url} (Ctrl-C to stop)", file=out, flush=True)
 

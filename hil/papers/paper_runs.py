@@ -15,7 +15,6 @@ from hil.runs.metrics import moment
 from hil.runs.result import Result
 from hil.runs.trace import Trace
 from hil.studies.comparison import Named, runs
-from plant_sim.bodies.ports import WHEELS
 from vehicles import GRAVITY
 
 SETTLED = 0.3
@@ -23,12 +22,32 @@ SETTLED = 0.3
 
 
 @dataclass(frozen=True, slots=True)
+class Headline:
+    """What a law is for: a quantity of a row that is below that of the row without control."""
+
+    table: str
+    passive: str
+    active: str
+    quantity: str
+
+
+@dataclass(frozen=True, slots=True)
 class Recomputed:
-    """Recomputed paper: rows without verdicts, plots, and further sections."""
+    """Recomputed paper.
+
+    Attributes:
+        rows: without verdicts.
+        figures: plots.
+        proofs: errata, unknowns and waterfall, shown before the rows.
+        sections: shown after them.
+        headlines: what its systems achieve.
+    """
 
     rows: Sequence[Row]
     figures: Sequence[Figure]
+    proofs: Sequence[Section] = ()
     sections: Sequence[Section] = ()
+    headlines: Sequence[Headline] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,20 +69,6 @@ def drive(
         found.append(named)
         report(title, len(found) / len(cases))
     return {named.name: named.result for named in found}
-
-
-def cycle_reason(result: Result) -> str:
-    """Return the description of a run's limit cycle, or ''."""
-    if result.limit_cycle is None:
-        return ""
-    nominal = 1e3 * result.delay.nominal
-    admitted = result.tables["margins"]["max_delay_s"] * 1e3
-    room = (
-        f"; the printed gain is stable up to {admitted:.0f} ms, the delay here is {nominal:.0f} ms"
-        if admitted < nominal
-        else "; caused by dynamics missing from the design model: tyres and unsprung masses"
-    )
-    return f"{result.limit_cycle}{room}"
 
 
 def controlled_ticks(trace: Trace) -> Any:  # noqa: ANN401
@@ -89,15 +94,6 @@ def lateral_error(trace: Trace) -> float:
     effective = signals["ay"] + GRAVITY * np.sin(signals["bank"])
     true = np.interp(ticks["t"], signals["time"], effective)
     return float(np.max(np.abs(ticks["lateral_acceleration"] - true), initial=0.0))
-
-
-def force_rms(trace: Trace) -> dict[str, float]:
-    """Return the RMS of each tyre's load about its static value, N, by wheel."""
-    found = {}
-    for wheel in WHEELS:
-        load = trace.signals[f"wheel_load_{wheel}"]
-        found[wheel] = float(np.sqrt(np.mean(np.square(load - load[0]))))
-    return found
 
 
 def plots(paper: str, title: str, results: Mapping[str, Result]) -> list[Figure]:

@@ -1,4 +1,4 @@
-"""One printed number, ours, and the verdict on it."""
+"""One printed number, under the paper's conditions and ours, and the verdict on both."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -12,10 +12,11 @@ from hil.report.page import Cell, Table
 
 REPRODUCED = "reproduced"
 SAME_ORDERING = "same ordering"
+FITTED = "fitted"
 NOT_REPRODUCIBLE = "not reproducible"
-VERDICTS = (REPRODUCED, SAME_ORDERING, NOT_REPRODUCIBLE)
+VERDICTS = (REPRODUCED, SAME_ORDERING, FITTED, NOT_REPRODUCIBLE)
 
-TOLERANCE = 0.15
+TOLERANCE = 0.10
 """Relative difference up to which a number counts as reproduced."""
 TIE = 0.02
 """Printed values closer than this share have no order."""
@@ -24,12 +25,32 @@ LEAST_SHARE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """One number of a table: where it is printed, what is printed, what we find.
+class Step:
+    """One step from the paper's conditions to ours: what was switched, and the number after it."""
 
-    ``group``: numbers of one group are ordered among each other. ``finding``: what explains a
-    difference; it is dropped where there is none to explain. ``calibrated``: the plant was fitted
-    to this number, so that its agreement proves nothing.
+    switched: str
+    value: float
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One number of a table under both conditions.
+
+    Attributes:
+        paper: key.
+        table: where it is printed.
+        row: of that table.
+        quantity: of that row, with its unit implied by ``printed.toml``.
+        printed: by the paper.
+        recomputed: under the paper's conditions; no number where its loop is unstable.
+        ours: on the best plant and over the bus.
+        group: numbers of one group are ordered among each other.
+        finding: computed reason of a difference; dropped where there is none to explain.
+        fitted: the paper's unknown was fitted to this number, so its agreement proves nothing.
+        reading: condition of this row alone, where the paper's text allows several.
+        attribution: from ``recomputed`` to ``ours``, one thing switched at a time.
+        verdict: on ``recomputed``.
+        verdict_ours: on ``ours``.
     """
 
     paper: str
@@ -37,23 +58,34 @@ class Row:
     row: str
     quantity: str
     printed: float
+    recomputed: float
     ours: float
     group: str = ""
     finding: str = ""
-    calibrated: bool = False
+    fitted: bool = False
+    reading: str = ""
+    attribution: Sequence[Step] = ()
     verdict: str = ""
-
-    @property
-    def difference_percent(self) -> float:
-        """Ours against printed, percent."""
-        return 100 * (self.ours / self.printed - 1)
+    verdict_ours: str = ""
 
     @property
     def reason(self) -> str:
         """Why the number is not met; empty where it is."""
-        if self.verdict == REPRODUCED:
-            return "calibrated on this number" if self.calibrated else ""
-        return self.finding
+        return "" if self.verdict in (REPRODUCED, FITTED) else self.finding
+
+    @property
+    def largest(self) -> Step | None:
+        """The step that changed most, with its change as value."""
+        changes = self._changes()
+        return max(changes, key=lambda step: abs(step.value), default=None)
+
+    def _changes(self) -> list[Step]:
+        before = (self.recomputed, *(step.value for step in self.attribution))
+        return [
+            Step(step.switched, step.value - value)
+            for step, value in zip(self.attribution, before, strict=False)
+            if isfinite(step.value - value)
+        ]
 
     def to_json(self) -> dict[str, Any]:
         """Return the row as ``canroll reproduce --json`` prints it."""
@@ -63,11 +95,27 @@ class Row:
             "row": self.row,
             "quantity": self.quantity,
             "printed": self.printed,
-            "ours": self.ours,
-            "difference_percent": self.difference_percent,
+            "conditions": {
+                "paper": _column(self.recomputed, self.printed, self.verdict)
+                | {"reading": self.reading},
+                "ours": _column(self.ours, self.printed, self.verdict_ours),
+            },
+            "fitted": self.fitted,
+            "attribution": [
+                {"switched": step.switched, "value": finite(step.value)}
+                for step in self.attribution
+            ],
             "verdict": self.verdict,
             "reason": self.reason,
         }
+
+
+def _column(value: float, as_printed: float, verdict: str) -> dict[str, Any]:
+    return {
+        "value": finite(value),
+        "difference_percent": finite(100 * (value / as_printed - 1)),
+        "verdict": verdict,
+    }
 
 
 @cache
@@ -79,31 +127,44 @@ def printed(paper: str) -> dict[str, Any]:
 
 
 def judged(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows with their verdicts.
+    """Return the rows with their verdicts under both conditions.
 
-    Reproduced: within :data:`TOLERANCE` of the printed number. Same ordering: further off, but on
-    the same side of every other number of its group as printed; a number without a group needs
-    the same sign and a quarter of the size. Not reproducible: neither.
+    Fitted: the number that the paper's unknown was fitted to. Reproduced: within :data:`TOLERANCE`
+    of the printed number. Same ordering: further off, but on the same side of every other number
+    of its group as printed; a number without a group needs the same sign and a quarter of the
+    size. Not reproducible: neither. A loop that is unstable has no number, and orders nothing.
     """
-    return [replace(row, verdict=_verdict(row, rows)) for row in rows]
+    under_theirs = [row.recomputed for row in rows]
+    under_ours = [row.ours for row in rows]
+    return [
+        replace(
+            row,
+            verdict=FITTED if row.fitted else _verdict(place, rows, under_theirs),
+            verdict_ours=_verdict(place, rows, under_ours),
+        )
+        for place, row in enumerate(rows)
+    ]
 
 
-def _verdict(row: Row, rows: Sequence[Row]) -> str:
-    if abs(row.ours - row.printed) <= TOLERANCE * abs(row.printed):
+def _verdict(place: int, rows: Sequence[Row], values: Sequence[float]) -> str:
+    row, value = rows[place], values[place]
+    if not isfinite(value):
+        return NOT_REPRODUCIBLE
+    if abs(value - row.printed) <= TOLERANCE * abs(row.printed):
         return REPRODUCED
     others = [
-        other
-        for other in rows
+        (other, found)
+        for other, found in zip(rows, values, strict=True)
         if other is not row and row.group and (other.paper, other.group) == (row.paper, row.group)
     ]
     if not others:
-        share = row.ours / row.printed
+        share = value / row.printed
         return SAME_ORDERING if share >= LEAST_SHARE else NOT_REPRODUCIBLE
-    for other in others:
+    for other, found in others:
         apart = row.printed - other.printed
-        if abs(apart) <= TIE * abs(row.printed):
+        if abs(apart) <= TIE * abs(row.printed) or not isfinite(found):
             continue
-        if apart * (row.ours - other.ours) <= 0:
+        if apart * (value - found) <= 0:
             return NOT_REPRODUCIBLE
     return SAME_ORDERING
 
@@ -156,7 +217,7 @@ class Section:
         table = self.table(0)
         lines = [f"### {self.title}", "", f"| {' | '.join(table.head)} |"]
         lines += [f"|{' --- |' * len(table.head)}"]
-        lines += [f"| {' | '.join(map(_shown, row))} |" for row in table.rows]
+        lines += [f"| {' | '.join(map(_in_markdown, row))} |" for row in table.rows]
         return [*lines, "", *([self.note, ""] if self.note else [])]
 
 
@@ -185,3 +246,7 @@ def _cell(value: Value, key: str) -> str | Cell:
 
 def _shown(cell: str | Cell) -> str:
     return cell if isinstance(cell, str) else cell.text
+
+
+def _in_markdown(cell: str | Cell) -> str:
+    return _shown(cell).replace("|", "\\|")

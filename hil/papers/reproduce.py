@@ -3,14 +3,26 @@
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.typing import Progress
 from hil.papers import redondo2021, viadero2022, vu2020, yim2020
 from hil.papers.effort_section import RUNS, beside
-from hil.papers.paper_runs import Recomputed
-from hil.papers.paper_table import VERDICTS, Row, Section, digits, judged
+from hil.papers.paper_runs import Headline, Recomputed
+from hil.papers.paper_table import (
+    FITTED,
+    LEAST_SHARE,
+    REPRODUCED,
+    SAME_ORDERING,
+    TOLERANCE,
+    VERDICTS,
+    Row,
+    Section,
+    digits,
+    judged,
+)
 from hil.report.figure import Figure
 
 
@@ -37,18 +49,66 @@ PAPERS = {
 
 @dataclass(frozen=True, slots=True)
 class Reproduction:
-    """All rows of one paper with their verdicts, what else was found, and its plots."""
+    """All rows of one paper with their verdicts, what proves them, what else was found, plots."""
 
     paper: Paper
     rows: Sequence[Row]
     figures: Sequence[Figure]
+    proofs: Sequence[Section] = ()
     sections: Sequence[Section] = ()
+    headlines: Sequence[Headline] = ()
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many rows have each verdict."""
+        """How many rows have each verdict under the paper's conditions."""
         found = Counter(row.verdict for row in self.rows)
         return {verdict: found[verdict] for verdict in VERDICTS}
+
+    @property
+    def counts_ours(self) -> dict[str, int]:
+        """How many rows have each verdict on our plant and bus."""
+        found = Counter(row.verdict_ours for row in self.rows)
+        return {verdict: found[verdict] for verdict in VERDICTS if verdict != FITTED}
+
+    @property
+    def every_section(self) -> Sequence[Section]:
+        """Proofs and further sections, in the order of the JSON."""
+        return (*self.proofs, *self.sections)
+
+    @property
+    def answers(self) -> list[str]:
+        """What the paper's systems achieve: in print, under its conditions, and under ours."""
+        return [self._answer(headline) for headline in self.headlines]
+
+    def _answer(self, headline: Headline) -> str:
+        by_row = {row.row: row for row in self.rows if _is(row, headline)}
+        passive, active = by_row[headline.passive], by_row[headline.active]
+        printed, theirs, ours = (
+            100 * (before / after - 1)
+            for before, after in (
+                (active.printed, passive.printed),
+                (active.recomputed, passive.recomputed),
+                (active.ours, passive.ours),
+            )
+        )
+        theirs_text = f"{theirs:+.0f} %" if isfinite(theirs) else "unstable"
+        return (
+            f"{active.table}, {active.row}, {spelt(active.quantity)}: printed {printed:+.0f} %, "
+            f"paper's conditions {theirs_text}, ours {ours:+.0f} %."
+        ).replace("-", "−")
+
+
+def _is(row: Row, headline: Headline) -> bool:
+    return (row.table, row.quantity) == (headline.table, headline.quantity)
+
+
+UNITS = {"rms": "RMS", "nlt": "NLT", "db": "(dB)", "percent": "(%)"}
+"""Words of a quantity's key that are spelt otherwise in text."""
+
+
+def spelt(quantity: str) -> str:
+    """Return the key of a quantity as text."""
+    return " ".join(UNITS.get(word, word) for word in quantity.split("_"))
 
 
 def reproduce(names: Sequence[str], report: Progress, *, runs: int = RUNS) -> list[Reproduction]:
@@ -78,7 +138,16 @@ def reproduce(names: Sequence[str], report: Progress, *, runs: int = RUNS) -> li
         if runs:
             tables, trade_off = beside(name, report, runs=runs)
             sections, figures = [*sections, *tables], [*figures, trade_off]
-        found.append(Reproduction(paper, judged(recomputed.rows), figures, sections))
+        found.append(
+            Reproduction(
+                paper,
+                judged(recomputed.rows),
+                figures,
+                recomputed.proofs,
+                sections,
+                recomputed.headlines,
+            )
+        )
     return found
 
 
@@ -87,34 +156,79 @@ def to_json(found: Sequence[Reproduction]) -> dict[str, Any]:
     return {
         "rows": [row.to_json() for part in found for row in part.rows],
         "counts": {part.paper.name: part.counts for part in found},
+        "counts_ours": {part.paper.name: part.counts_ours for part in found},
+        "answers": {part.paper.name: part.answers for part in found},
         "sections": [
-            section.to_json(part.paper.name) for part in found for section in part.sections
+            section.to_json(part.paper.name) for part in found for section in part.every_section
         ],
     }
 
 
+def legend() -> str:
+    """Return the meaning of columns and verdicts."""
+    return (
+        "Paper's conditions: its gains, delays, observer and formulas on its own model, an ideal "
+        "network, and one unknown fitted to the rows marked fitted. Ours: fixed-point firmware, "
+        "simulated bus, sensors and car. Verdicts are on the paper's conditions. Reproduced: "
+        f"within {100 * TOLERANCE:.0f} %. Same ordering: further off, but on the same side of "
+        "every other number of its table and quantity (a number without others: same sign and at "
+        f"least {100 * LEAST_SHARE:.0f} %). Fitted: never counted as reproduced. E1, E2, …: the "
+        "checks of the paper's chapter."
+    )
+
+
 def to_markdown(found: Sequence[Reproduction]) -> str:
     """Return the tables as Markdown, one section a paper."""
+    head = ("paper", "numbers", *VERDICTS, "reproduced or same ordering on our plant and bus")
     lines = [
         "# The papers' tables, recomputed",
         "",
-        "Written by `canroll reproduce`: every printed number beside ours, through fixed-point "
-        "firmware, simulated bus and vehicle.",
+        f"**{summary(found)}** Written by `canroll reproduce`.",
         "",
+        f"| {' | '.join(head)} |",
+        f"| --- |{' ---: |' * (len(head) - 1)}",
     ]
     for part in found:
-        lines += [f"## {part.paper.title}", "", _sentence(part.counts), ""]
-        lines += ["| table | row | quantity | printed | ours | difference | verdict | reason |"]
+        numbers = (len(part.rows), *part.counts.values(), _met(part.counts_ours))
+        lines.append(f"| {part.paper.title} | {' | '.join(map(str, numbers))} |")
+    lines += ["", legend(), ""]
+    for part in found:
+        lines += [f"## {part.paper.title}", "", f"{_sentence(part.counts)}", ""]
+        lines += [*(f"- {answer}" for answer in part.answers), ""]
+        for section in part.proofs:
+            lines += section.markdown()
+        lines += ["### Every number", ""]
+        lines += [
+            "| table | row | quantity | printed | paper's conditions | ours | verdict | why |"
+        ]
         lines += ["| --- | --- | --- | ---: | ---: | ---: | --- | --- |"]
         lines += [
-            f"| {row.table} | {row.row} | {row.quantity} | {row.printed:g} | {digits(row.ours, 3)} "
-            f"| {row.difference_percent:+.0f} % | {row.verdict} | {row.reason} |"
+            f"| {row.table} | {row.row} | {spelt(row.quantity)} | {row.printed:g} "
+            f"| {shown(row.recomputed)} | {shown(row.ours)} | {row.verdict} | {why(row)} |"
             for row in part.rows
         ]
         lines.append("")
         for section in part.sections:
             lines += section.markdown()
     return "\n".join(lines)
+
+
+def shown(value: float) -> str:
+    """Return a number of a row; of a loop that has none, why."""
+    return digits(value, 3) if isfinite(value) else "unstable"
+
+
+def why(row: Row) -> str:
+    """Return the reason of a row's verdict, and the step that changes most towards ours."""
+    step = row.largest
+    parts = [row.reason] if row.reason else []
+    if step is not None and abs(step.value) > TOLERANCE * abs(row.printed):
+        parts.append(f"to ours: {step.switched} {digits(step.value, 2)}".replace("-", "−"))
+    return "; ".join(parts)
+
+
+def _met(counts: Mapping[str, int]) -> int:
+    return counts[REPRODUCED] + counts[SAME_ORDERING]
 
 
 def _sentence(counts: Mapping[str, int]) -> str:

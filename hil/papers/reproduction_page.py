@@ -6,62 +6,67 @@ from dataclasses import replace
 from importlib.metadata import version
 from itertools import groupby
 
-from hil.papers.paper_table import LEAST_SHARE, TOLERANCE, digits
-from hil.papers.reproduce import Reproduction, summary, to_json
+from hil.papers.paper_table import VERDICTS, finite
+from hil.papers.reproduce import Reproduction, legend, shown, spelt, summary, to_json, why
 from hil.report.page import Cell, Page, Table, Verdict, render
-from hil.report.tables import change
 
-HEAD = ("", "printed", "ours", "off by", "verdict")
-UNITS = {"rms": "RMS", "nlt": "NLT", "db": "(dB)", "percent": "(%)"}
-"""Words of a quantity's key that are spelt otherwise in text."""
+HEAD = ("", "printed", "paper's conditions", "ours", "verdict")
 
 
-def legend() -> str:
-    """Return the meaning of the verdicts."""
-    return (
-        f"Reproduced: within {100 * TOLERANCE:.0f} % of the printed number. Same ordering: a "
-        "larger deviation, but on the same side of every other number of its table and quantity "
-        f"(a number without others: same sign and at least {100 * LEAST_SHARE:.0f} % of it). Not "
-        "reproducible: neither, with the reason found. Plants are calibrated on passive rows "
-        "only; these rows are marked."
-    )
+def _overview(found: Sequence[Reproduction]) -> Table:
+    """Return the answer: a line a paper."""
+    head = ("", *VERDICTS, "reproduced, ours", "same ordering, ours")
+    rows: list[list[str | Cell]] = []
+    for part in found:
+        ours = list(part.counts_ours.values())[:2]
+        rows.append([part.paper.title, *map(str, (*part.counts.values(), *ours))])
+    return Table("What comes out", head, rows, notes=[a for part in found for a in part.answers])
 
 
 def _tables(part: Reproduction, first: int) -> list[Table]:
     """Return a table for each of the paper's; reasons are numbered below it, each once."""
-    counts = ", ".join(f"{count} {verdict}" for verdict, count in part.counts.items())
     found: list[Table] = []
     places = enumerate(part.rows, first)
     for name, rows in groupby(places, key=lambda numbered: numbered[1].table):
         notes: dict[str, int] = {}
         cells: list[list[str | Cell]] = []
         for place, row in rows:
-            mark = f" ({notes.setdefault(row.reason, len(notes) + 1)})" if row.reason else ""
+            reason = why(row)
+            mark = f" ({notes.setdefault(reason, len(notes) + 1)})" if reason else ""
+            theirs = f"rows.{place}.conditions.paper.value"
             cells.append(
                 [
-                    f"{row.row}, {_spelt(row.quantity)}",
+                    f"{row.row}, {spelt(row.quantity)}",
                     Cell(f"{row.printed:g}", row.printed, f"rows.{place}.printed"),
-                    Cell(f"{digits(row.ours, 3)}", row.ours, f"rows.{place}.ours"),
-                    change(row.ours, row.printed, 9),
+                    _cell(row.recomputed, theirs),
+                    _cell(row.ours, f"rows.{place}.conditions.ours.value"),
                     f"{row.verdict}{mark}",
                 ]
             )
-        chapter = "" if found else f"{part.paper.title}: {counts}"
-        found.append(Table(name, HEAD, cells, notes=tuple(notes), chapter=chapter))
+        found.append(Table(name, HEAD, cells, notes=tuple(notes)))
     return found
 
 
-def _spelt(quantity: str) -> str:
-    return " ".join(UNITS.get(word, word) for word in quantity.split("_"))
+def _chapter(part: Reproduction) -> str:
+    counts = ", ".join(f"{count} {verdict}" for verdict, count in part.counts.items())
+    return f"{part.paper.title}: {counts}"
+
+
+def _cell(value: float, key: str) -> str | Cell:
+    return shown(value) if finite(value) is None else Cell(shown(value), value, key)
 
 
 def reproduction_page(found: Sequence[Reproduction]) -> str:
     """Return the page as one HTML document."""
-    tables: list[Table] = []
+    tables = [_overview(found)]
     first = place = 0
     for part in found:
-        tables += _tables(part, first)
+        rows = _tables(part, first)
         first += len(part.rows)
+        proofs = [section.table(place + n) for n, section in enumerate(part.proofs)]
+        place += len(proofs)
+        chapter = [*proofs, *rows]
+        tables += [replace(chapter[0], chapter=_chapter(part)), *chapter[1:]]
         for section in part.sections:
             tables.append(section.table(place))
             place += 1
@@ -69,7 +74,7 @@ def reproduction_page(found: Sequence[Reproduction]) -> str:
     return render(
         Page(
             title="The papers' tables, recomputed",
-            subtitle="through fixed-point firmware, simulated bus and vehicle",
+            subtitle="under each paper's conditions, and through firmware, bus and vehicle",
             verdict=Verdict(None, summary(found), legend()),
             warnings=(),
             tables=tables,

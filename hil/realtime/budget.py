@@ -11,14 +11,14 @@ KEYS = ("instructions", "cycles", "tick_p99_us", "latency_p99_us", "misses")
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """What a tick may cost; None: not limited.
+    """Limits of a tick's cost; None: not limited.
 
     Attributes:
-        instructions: of one tick on the target.
-        cycles: of one tick on the target, by its sound bound.
+        instructions: instructions of one tick on the target.
+        cycles: cycles of one tick on the target, by the worst-case bound.
         tick_p99_us: 99th percentile of the tick's duration on the host.
         latency_p99_us: 99th percentile of the time from sample to force.
-        misses: ticks that may be skipped in a run.
+        misses: number of ticks that may be skipped in a run.
     """
 
     instructions: int | None = None
@@ -30,7 +30,7 @@ class Budget:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """One limit against one measurement."""
+    """Comparison of a limit and a measurement."""
 
     name: str
     limit: float
@@ -38,7 +38,7 @@ class Verdict:
 
     @property
     def ok(self) -> bool:
-        """Whether it was measured and holds."""
+        """Whether it was measured and is within the limit."""
         return self.value is not None and self.value <= self.limit
 
     def __str__(self) -> str:
@@ -50,7 +50,7 @@ def budget_of(tables: Mapping[str, Any]) -> Budget:
     """Return the budget in the table ``[budget]`` of a calibration file.
 
     Raises:
-        CanrollError: an unknown key, or a limit that is no number above or at 0.
+        CanrollError: an unknown key, or a limit that is not a number of at least 0.
     """
     given = dict(tables.get("budget", {}))
     for key, value in given.items():
@@ -64,7 +64,7 @@ def budget_of(tables: Mapping[str, Any]) -> Budget:
 def judge_host(budget: Budget, timing: Mapping[str, Any]) -> list[Verdict]:
     """Compare the ``timing`` object of a run in real time with the limits for the host.
 
-    ``timing["judged"]`` False (fewer than two cores) leaves nothing to judge: an empty list.
+    The list is empty if ``timing["judged"]`` is False (fewer than two cores).
     """
     if not timing["judged"]:
         return []

@@ -1,7 +1,7 @@
-"""A python-can bus as the loops use it: everything that waits is taken at once, sends are counted.
+"""A python-can bus for the loops: all waiting frames are read at once, sends are counted.
 
-No thread reads the bus: a notifier's thread fights the loop for the interpreter. Whoever loops
-calls :meth:`Link.receive` once a period.
+No thread reads the bus, as a notifier's thread would compete with the loop for the interpreter; the
+loop calls :meth:`Link.receive` once a period.
 """
 
 import argparse
@@ -33,7 +33,7 @@ RETRY = 0.5
 
 
 class Link(Protocol):
-    """Frames in and out, whatever carries them.
+    """Interface to send and receive frames on any carrier.
 
     ``sent`` and ``received`` count the frames with identifiers of 11 bits: those of the contract.
     """
@@ -43,41 +43,41 @@ class Link(Protocol):
 
     @property
     def record(self) -> BusRecord | None:
-        """What went over a real bus; None where it is none."""
+        """Record of a real bus, or None."""
 
     @property
     def failed(self) -> int:
         """Frames that could not be sent."""
 
     def receive(self) -> list[Frame]:
-        """Return the frames of 11 bits (identifier, payload) that wait, without waiting."""
+        """Return the waiting frames (11-bit identifier, payload), without blocking."""
 
     def next(self, timeout: float) -> Frame | None:
-        """Return the next data frame, None where none comes within ``timeout`` seconds.
+        """Return the next data frame, or None after ``timeout`` seconds.
 
         The identifier of a frame with 29 bits carries :data:`EXTENDED`.
         """
 
     def send(self, ident: int, payload: bytes) -> None:
-        """Send a frame; a bus that does not take it makes it count as failed."""
+        """Send a frame; count it as failed if the bus does not accept it."""
 
     def close(self) -> None:
         """Close the connection."""
 
 
 class CanLink:
-    """A link over a python-can bus; one whose server went away is opened again when it is back.
+    """A link over a python-can bus; a lost connection to a server is reopened when possible.
 
     Attributes:
-        lost: the server went away and has not been found again.
-        record: everything that went over the bus, None where it is not kept.
+        lost: the connection to the server is lost.
+        record: all traffic on the bus, None if it is not kept.
 
     Args:
-        bus: open.
-        reopen: opens it again; raises CanrollError while that fails. None: never.
-        record: takes everything that goes over the bus.
-        echoes: the interface gives back what was sent, which nobody wants to hear.
-        fd: identifiers whose frames are sent as CAN FD frames, and whether with bit-rate switch.
+        bus: open bus.
+        reopen: function that reopens it; raises CanrollError while that fails. None: never.
+        record: filled with all traffic on the bus.
+        echoes: the interface echoes sent frames, which are dropped.
+        fd: identifiers sent as CAN FD frames, and whether with bit-rate switch.
     """
 
     def __init__(
@@ -101,16 +101,16 @@ class CanLink:
 
     @property
     def failed(self) -> int:
-        """Frames that the bus did not take."""
+        """Frames that the bus did not accept."""
         return self._failed
 
     def receive(self) -> list[Frame]:
-        """Return the data frames with 11 bits that wait; an interface gone down has none."""
+        """Return the waiting data frames with 11-bit identifiers; none if the interface is down."""
         frames = [data_frame(message) for message in self.messages()]
         return [frame for frame in frames if frame is not None and not frame[0] & EXTENDED]
 
     def next(self, timeout: float) -> Frame | None:
-        """Return the next data frame, None where none comes within ``timeout`` seconds."""
+        """Return the next data frame, or None after ``timeout`` seconds."""
         until = time.monotonic() + timeout
         while (message := self._recv(max(0.0, until - time.monotonic()))) is not None:
             if (frame := data_frame(message)) is not None:
@@ -118,7 +118,7 @@ class CanLink:
         return None
 
     def messages(self) -> list[can.Message]:
-        """Return all that waits, of any kind, with the interface's time stamps."""
+        """Return all waiting messages of any kind, with the interface's time stamps."""
         found = []
         while (message := self._recv(0.0)) is not None:
             found.append(message)
@@ -146,10 +146,10 @@ class CanLink:
         return message
 
     def _read(self, timeout: float) -> can.Message | None:
-        """Read the next message; None where none comes within ``timeout`` seconds.
+        """Read the next message, or None after ``timeout`` seconds.
 
-        A serial adapter is asked first, for python-can waits 1 ms for it in any case, and its
-        acknowledgement of a frame reads as nothing although other frames wait behind it.
+        A serial adapter is polled first: python-can always waits 1 ms for it, and returns None for
+        the acknowledgement of a sent frame even if other frames are waiting.
         """
         serial = getattr(self.bus, "serialPortOrig", None)
         if serial is not None and timeout == 0 and not serial.in_waiting:
@@ -209,7 +209,7 @@ class CanLink:
 
 
 def data_frame(message: can.Message) -> Frame | None:
-    """Return a message as a frame, None for an error frame or a remote request."""
+    """Return a message as a frame, or None for an error frame or a remote request."""
     if message.is_error_frame or message.is_remote_frame:
         return None
     extended = EXTENDED if message.is_extended_id else 0
@@ -217,13 +217,13 @@ def data_frame(message: can.Message) -> Frame | None:
 
 
 def _stream_of(bus: can.BusABC) -> socket.socket | None:
-    """Return the TCP connection that a bus is read from, None where it is no such bus."""
+    """Return the TCP connection of a bus, or None for another kind of bus."""
     ends = (value for value in vars(bus).values() if isinstance(value, socket.socket))
     return next((end for end in ends if end.type == socket.SOCK_STREAM), None)
 
 
 def _ended(stream: socket.socket | None) -> bool:
-    """Tell whether the far end has closed the connection: python-can reads that as silence."""
+    """Return whether the far end has closed the connection, which python-can reads as silence."""
     if stream is None:
         return False
     try:
@@ -234,7 +234,7 @@ def _ended(stream: socket.socket | None) -> bool:
 
 
 def has_bus(args: argparse.Namespace) -> bool:
-    """Tell whether the options, or python-can's own configuration, name an interface."""
+    """Return whether the options or python-can's configuration name an interface."""
     if "interface" in args:
         return True
     try:
@@ -244,10 +244,10 @@ def has_bus(args: argparse.Namespace) -> bool:
 
 
 def open_link(args: argparse.Namespace, fd: Mapping[int, bool] | None = None) -> CanLink:
-    """Open the bus that python-can's own options describe; ``fd`` as of :class:`CanLink`.
+    """Open the bus described by python-can's options; ``fd`` as in :class:`CanLink`.
 
     Raises:
-        CanrollError: it cannot be opened; the message says which command mends it.
+        CanrollError: it cannot be opened; the message names the command that fixes it.
     """
     logging.getLogger("can").setLevel(logging.CRITICAL)
     name, channel, bitrate, kwargs = options_of(args)
@@ -269,7 +269,7 @@ def open_link(args: argparse.Namespace, fd: Mapping[int, bool] | None = None) ->
 def options_of(args: argparse.Namespace) -> tuple[str, str, int | None, dict[str, Any]]:
     """Return interface, channel, bit rate (None: not given) and arguments of the bus's class.
 
-    What the options leave open comes from python-can's configuration (can.rc, environment).
+    Missing options come from python-can's configuration (can.rc, environment).
     """
     configured = {} if "interface" in args else can.util.load_config()
     name = str(getattr(args, "interface", configured.get("interface", "")))
@@ -309,7 +309,7 @@ def _reachable(host: str, port: int) -> None:
 
 
 def explain(error: BaseException, args: argparse.Namespace) -> str:
-    """Return one line on why a bus could not be opened, and the command that mends it."""
+    """Return one line on why a bus could not be opened, and the command that fixes it."""
     interface = getattr(args, "interface", "of can.rc")
     channel = getattr(args, "channel", "")
     number = getattr(error, "errno", None)

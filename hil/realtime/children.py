@@ -1,4 +1,4 @@
-"""Programs of this command line started as child processes: their output and their end."""
+"""Programs of this command line started as child processes: output and termination."""
 
 import os
 import selectors
@@ -46,25 +46,25 @@ class Program:
                 self.said += data.decode(errors="replace")
 
     def line(self, prefix: str) -> str | None:
-        """Return the first whole line that begins with ``prefix``."""
+        """Return the first complete line that begins with ``prefix``."""
         self.listen()
         whole = self.said.splitlines(keepends=True)
         found = (line for line in whole if line.startswith(prefix) and line.endswith("\n"))
         return next(found, "").strip() or None
 
     def ask_to_stop(self) -> None:
-        """Send SIGTERM where it still runs."""
+        """Send SIGTERM if it is still running."""
         if self.running.poll() is None:
             self.running.send_signal(signal.SIGTERM)
 
     def last_words(self) -> str:
-        """Return its last line on stderr, under its name."""
+        """Return its last line on stderr, prefixed with its name."""
         lines = self.errors.read().decode(errors="replace").strip().splitlines()
         told = lines[-1].removeprefix("canroll: ") if lines else "no reason given"
         return f"{self.name}: {told}"
 
     def failure(self) -> CanrollError:
-        """Return why it ended: its last line, or the signal that killed it."""
+        """Return the error with which it ended: its last line, or the signal that killed it."""
         self.listen()
         code = self.running.returncode
         if code < 0:
@@ -99,7 +99,7 @@ def wait_for(child: Program, prefix: str, other: Program | None = None) -> str:
     """Return the first line of ``child`` that begins with ``prefix``.
 
     Raises:
-        CanrollError: it, or ``other``, has ended instead, or it takes too long to start.
+        CanrollError: it or ``other`` has ended, or it takes too long to start.
         VerdictError: one of them was killed, or ended with a verdict.
     """
     until = time.monotonic() + START

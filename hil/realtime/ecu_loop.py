@@ -1,10 +1,10 @@
-"""The ECU's loop: at absolute deadlines, or tick by tick as the plant grants them.
+"""The ECU's loop: at absolute deadlines, or tick by tick as granted by the plant.
 
-Tick k is due at a fixed instant on the monotonic clock, so lateness never adds up; one that is
-locked to the sensor moves with the sensor's clock. A tick that
-would start a whole period late, or that runs into the next deadline, makes the loop skip: the
-firmware is told how many periods went by, as on a microcontroller whose timer kept counting, and
-nothing is caught up. Inside a tick nothing is logged, nothing waits and no collection runs.
+Tick k is due at a fixed instant on the monotonic clock, so lateness does not accumulate; a loop
+locked to the sensor follows the sensor's clock. If a tick would start a whole period late, or runs
+into the next deadline, the loop skips: the firmware gets the number of elapsed periods, as on a
+microcontroller whose timer kept counting, and nothing is made up for. Within a tick there is no
+logging, waiting or garbage collection.
 """
 
 import time
@@ -28,7 +28,7 @@ AWAKE_NS = 300_000
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How a loop ended: why, ticks run, ticks skipped, and the mode the firmware was in."""
+    """Outcome of a loop: reason for its end, ticks run, ticks skipped, final mode of the ECU."""
 
     reason: str
     ticks: int
@@ -48,20 +48,20 @@ def run(
     lock: PhaseLock | None = None,
     firmware: BusFirmware | None = None,
 ) -> Outcome:
-    """Run ``ecu`` on ``link`` until a stop request, loss of the vehicle or the end of the time.
+    """Run ``ecu`` on ``link`` until a stop request, loss of the vehicle or the end of the duration.
 
-    At the end the actuators are commanded zero, before anything else is done.
+    At the end the first action is to command zero to the actuators.
 
     Args:
         ecu: initialised from ``calibration``.
         link: the bus.
-        recorder: takes the trace.
-        calibration: names the period and the command message.
-        stop: looked at once a tick.
-        duration_ns: end after this time.
-        peer_timeout_ns: end when the vehicle, once heard, is silent for as long; None: never.
-        lock: keeps the ticks at a phase after the Imu frames; None: the clock runs freely.
-        firmware: that of the bus, by default the built-in one.
+        recorder: records the trace.
+        calibration: defines the period and the command message.
+        stop: checked once per tick.
+        duration_ns: duration of the run.
+        peer_timeout_ns: end when the vehicle, once heard, is silent for this long; None: never.
+        lock: keeps the ticks at a phase after the Imu frames; None: free-running ticks.
+        firmware: firmware for the bus, by default the built-in one.
     """
     firmware = firmware or built_in()
     imu = firmware.bus.received[RX_IMU].ident
@@ -115,10 +115,10 @@ def run(
 
 
 def _wait(link: Link, deadline: int, lock: PhaseLock | None, imu: int) -> list[Frame]:
-    """Wait for a deadline; return the frames of 11 bits that came in meanwhile.
+    """Wait for a deadline; return the frames with 11-bit identifiers received meanwhile.
 
-    ``imu`` is the identifier that the lock follows. Only a lock needs to know when they came:
-    without one they wait in the driver.
+    ``imu`` is the identifier that the lock follows. Only a lock needs arrival times: without one
+    the frames wait in the driver.
     """
     frames = []
     while (rest := deadline - time.monotonic_ns()) > 0:
@@ -143,20 +143,20 @@ def run_granted(
     peer_timeout: float | None = None,
     firmware: BusFirmware | None = None,
 ) -> Outcome:
-    """Run ``ecu`` in lock step: a tick for every grant, whenever that comes.
+    """Run ``ecu`` in lock step: one tick for every grant, whenever it arrives.
 
-    In the trace tick k is due, and starts, at k periods; how long it took is the clock's.
+    In the trace tick k is due, and starts, at k periods; its duration is measured.
 
     Args:
         ecu: initialised from ``calibration``.
         link: the bus.
-        grants: of the plant.
-        recorder: takes the trace.
-        calibration: names the period and the command message.
-        stop: looked at while waiting.
-        duration_ns: end after so much granted time.
+        grants: the plant's grants.
+        recorder: records the trace.
+        calibration: defines the period and the command message.
+        stop: checked while waiting.
+        duration_ns: granted time after which the run ends.
         peer_timeout: time without a grant after which the plant is lost, s; None: never.
-        firmware: that of the bus, by default the built-in one.
+        firmware: firmware for the bus, by default the built-in one.
 
     Raises:
         VerdictError: frames were lost.
@@ -200,9 +200,9 @@ def zero_command(
     """Return the command frame with zero commands, in mode SAFE.
 
     Args:
-        calibration: names the command message and whether it is protected.
-        last: payload of the last command sent; its counter goes on.
-        firmware: that of the bus, by default the built-in one.
+        calibration: defines the command message and its protection.
+        last: payload of the last command sent, whose counter is continued.
+        firmware: firmware for the bus, by default the built-in one.
     """
     firmware = firmware or built_in()
     ecu = firmware.record()

@@ -1,4 +1,4 @@
-"""A manoeuvre driven by two programs, evaluated like a run in virtual time."""
+"""A manoeuvre driven by two programs and evaluated like a run in virtual time."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -37,10 +37,10 @@ def run(
 
     Args:
         scenario: name of the manoeuvre.
-        bus_options: python-can's options, as on the command line; empty: the plant's own bus.
-        folder: where calibration and traces of both programs are left.
-        passive_by_programs: drive the run without control by the two programs too.
-        duration: s; beyond the manoeuvre only the timing counts.
+        bus_options: python-can's options, as on the command line; empty for the plant's own bus.
+        folder: folder for the calibration and the traces of both programs.
+        passive_by_programs: drive the run without control with the two programs too.
+        duration: s; beyond the manoeuvre only timing is evaluated.
         pace: "realtime", or "lockstep": the plant grants the ECU's ticks.
         side_channel: address for the grants of lock step; None: the bus carries them.
         announce: called with the name of the current activity.
@@ -48,7 +48,7 @@ def run(
         keywords: of :func:`hil.runs.experiment.plan`.
 
     Raises:
-        CanrollError: a name, number or bus that cannot be; the message says what to do.
+        CanrollError: an invalid name, number or bus; the message names the remedy.
         Interrupted: Ctrl-C; both programs have ended.
     """
     settings, controller = experiment.plan(scenario, duration=duration, **keywords)
@@ -89,10 +89,10 @@ def run(
 
 
 def prepare(scenario: str, **keywords: Any) -> None:  # noqa: ANN401
-    """Compile what :func:`run` with the same manoeuvre and ``keywords`` needs, into the caches.
+    """Compile into the caches what :func:`run` needs for the same manoeuvre and ``keywords``.
 
     Raises:
-        CanrollError: a name or number that cannot be; the message says what to do.
+        CanrollError: an invalid name or number; the message names the remedy.
     """
     settings, controller = experiment.plan(scenario, **keywords)
     refuse_wide_identifiers(settings.profile)
@@ -101,7 +101,7 @@ def prepare(scenario: str, **keywords: Any) -> None:  # noqa: ANN401
 
 
 def cut(trace: Trace, duration: float) -> Trace:
-    """Return what lies within the first ``duration`` seconds of a trace."""
+    """Return the first ``duration`` seconds of a trace."""
     if trace.duration <= duration:
         return trace
     kept = trace.signals["time"] <= duration + 1e-9

@@ -1,10 +1,10 @@
-"""Lock step: the plant grants time tick by tick, the ECU runs each tick it is granted and answers.
+"""Lock step: the plant grants time tick by tick, the ECU runs each granted tick and answers.
 
-The plant hands over what the modelled bus has delivered by a tick, grants the tick, and stands
-still until the ECU has answered with what the tick sent. How fast either program is decides
-nothing, so a run gives the same frames on any machine, those of virtual time. Grants and
-acknowledgements count the frames that belong to them: a frame that is lost, or that somebody else
-sends, ends the run instead of changing it.
+The plant passes on the frames that the modelled bus has delivered by a tick, grants the tick, and
+waits until the ECU has answered with the frames sent in it. The speed of either program has no
+effect, so a run gives the same frames on any machine: those of virtual time. Grants and
+acknowledgements contain the number of their frames: a frame that is lost, or sent by another node,
+ends the run instead of changing it.
 
 Grants travel as frames with 29-bit identifiers on the same bus, or on a TCP connection beside it
 where the bus must carry nothing else.
@@ -37,7 +37,7 @@ SLICE = 0.1
 
 
 class PeerLostError(VerdictError):
-    """The other side has not answered for longer than it may."""
+    """The other side has not answered within its timeout."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,8 +45,8 @@ class Note:
     """A grant or an acknowledgement.
 
     Attributes:
-        count: frames that were sent with it: since the last grant, or in the tick.
-        number: of the tick, from 1; 0 asks whether an ECU is there.
+        count: frames sent with it: since the last grant, or in the tick.
+        number: number of the tick, from 1; 0 queries whether an ECU is present.
         tick_us: period of the ECU in an acknowledgement, µs; 0 in a grant.
     """
 
@@ -55,15 +55,15 @@ class Note:
     tick_us: int = 0
 
     def payload(self) -> bytes:
-        """Return the eight bytes of it."""
+        """Return it as eight bytes."""
         return struct.pack(">BIHB", self.count, self.number, self.tick_us, 0)
 
     @classmethod
     def of(cls, payload: bytes) -> "Note":
-        """Read what :meth:`payload` has written.
+        """Decode the bytes of :meth:`payload`.
 
         Raises:
-            VerdictError: it has another length.
+            VerdictError: wrong length.
         """
         if len(payload) != 8:
             raise VerdictError(f"lock step: a grant has 8 bytes, got {len(payload)}")
@@ -74,16 +74,16 @@ class Channel(Protocol):
     """Transport of grants and acknowledgements."""
 
     def send(self, note: Note) -> None:
-        """Send one to the other side."""
+        """Send a note to the other side."""
 
     def wait(self, timeout: float, take: Callable[[Frame], None]) -> Note | None:
-        """Return the next one of the other side, None within ``timeout`` s.
+        """Return the other side's next note, or None after ``timeout`` s.
 
-        ``take`` gets the frames of the bus that come in meanwhile.
+        ``take`` is called with frames received on the bus meanwhile.
         """
 
     def clear(self) -> None:
-        """Forget the frames on the bus that were sent before the last grant."""
+        """Discard frames on the bus that were sent before the last grant."""
 
 
 class InBand:
@@ -91,19 +91,19 @@ class InBand:
 
     Args:
         link: the bus.
-        sends: identifier of what this side sends.
-        hears: identifier of what the other side sends.
+        sends: identifier of this side's notes.
+        hears: identifier of the other side's notes.
     """
 
     def __init__(self, link: Link, *, sends: int, hears: int) -> None:
         self._link, self._sends, self._hears = link, sends, hears
 
     def send(self, note: Note) -> None:
-        """Send one to the other side."""
+        """Send a note to the other side."""
         self._link.send(self._sends, note.payload())
 
     def wait(self, timeout: float, take: Callable[[Frame], None]) -> Note | None:
-        """Return the next one of the other side, None within ``timeout`` s."""
+        """Return the other side's next note, or None after ``timeout`` s."""
         until = time.monotonic() + timeout
         while (frame := self._link.next(max(0.0, until - time.monotonic()))) is not None:
             if frame[0] == self._hears:
@@ -112,11 +112,11 @@ class InBand:
         return None
 
     def clear(self) -> None:
-        """Nothing: what was sent before a grant has come in before it."""
+        """Do nothing: frames sent before a grant have arrived before it."""
 
 
 class _Heard:
-    """Frames of the identifiers that count, in order; another node's grants and frames do not."""
+    """Received frames with the counted identifiers, in order, without those of other nodes."""
 
     def __init__(self, link: Link, idents: Iterable[int]) -> None:
         self._link, self._idents = link, frozenset(idents)
@@ -127,10 +127,10 @@ class _Heard:
             self.frames.append(frame)
 
     def all(self, count: int, what: str, stop: Stop) -> list[Frame]:
-        """Return the ``count`` frames that were sent, those still under way included.
+        """Return the ``count`` frames that were sent, waiting for those still under way.
 
         Raises:
-            VerdictError: one is lost, or there are more than were sent.
+            VerdictError: a frame is lost, or there are more than were sent.
         """
         until = time.monotonic() + LOST
         while len(self.frames) < count and not stop.requested:
@@ -152,19 +152,19 @@ class _Heard:
 
 
 class GrantedEcu:
-    """The ECU behind a bus, as the loop of virtual time uses one.
+    """The ECU behind a bus, with the interface that the loop of virtual time uses.
 
     Attributes:
-        tick_us: period of the ECU that was greeted, µs.
-        gone: whether it has said that it ends.
+        tick_us: period of the ECU that answered, µs.
+        gone: whether it has announced its end.
 
     Args:
         link: the bus.
-        channel: of grants.
+        channel: channel of the grants.
         idents: identifiers that the ECU sends.
-        stop: looked at while waiting.
-        peer_timeout: time that an answer may take, s; None: as long as it likes, and another ECU
-            may take over from one that ends.
+        stop: checked while waiting.
+        peer_timeout: maximum time for an answer, s; None: unlimited, and another ECU may take over
+            from one that ends.
     """
 
     def __init__(
@@ -183,9 +183,9 @@ class GrantedEcu:
         self.gone = False
 
     def greet(self, timeout: float | None) -> bool:
-        """Wait until an ECU answers; its period is in ``tick_us`` then.
+        """Wait until an ECU answers, and set ``tick_us`` to its period.
 
-        Returns False where ``timeout`` seconds pass or a stop is asked for.
+        Returns False after ``timeout`` seconds or on a stop request.
         """
         try:
             note = self._ask(Note(0, 0), timeout)
@@ -198,16 +198,16 @@ class GrantedEcu:
         return True
 
     def receive(self, ident: int, payload: NDArray[uint8], length: int) -> None:
-        """Hand a frame to the ECU."""
+        """Pass a frame to the ECU."""
         self._link.send(ident, payload[:length].tobytes())
         self._sent += 1
 
     def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
-        """Grant a tick and return what the ECU sent in it; nothing where a stop is asked for.
+        """Grant a tick and return the frames the ECU sent in it; none on a stop request.
 
         Raises:
-            PeerLostError: no answer came in time.
-            VerdictError: frames are lost, or another ECU has taken over that ticks otherwise.
+            PeerLostError: no answer within the timeout.
+            VerdictError: frames are lost, or an ECU with another period has taken over.
         """
         self._number += elapsed_ticks
         count, self._sent = self._sent, 0
@@ -225,7 +225,7 @@ class GrantedEcu:
         return self._heard.all(note.count, f"of the ECU in tick {self._number}", self._stop)
 
     def end(self) -> None:
-        """Tell the ECU that the run is over."""
+        """Announce the end of the run to the ECU."""
         self._channel.send(Note(0, END))
 
     def _ask(self, question: Note, timeout: float | None) -> Note | None:
@@ -250,21 +250,21 @@ class GrantedEcu:
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """One granted tick: its number and the frames that came before it."""
+    """One granted tick: its number and the frames received before it."""
 
     number: int
     frames: list[Frame]
 
 
 class Grants:
-    """The ECU's side: waits for grants, acknowledges them.
+    """The ECU's side: waits for grants and acknowledges them.
 
     Args:
         link: the bus.
-        channel: of grants.
+        channel: channel of the grants.
         idents: identifiers that the plant sends.
         tick_us: period of the ECU, µs.
-        stop: looked at while waiting.
+        stop: checked while waiting.
     """
 
     def __init__(
@@ -276,9 +276,10 @@ class Grants:
         self._sent = 0
 
     def wait(self, timeout: float | None) -> Grant | None:
-        """Return the next grant; None where the plant has gone or a stop is asked for.
+        """Return the next grant, or None if the plant has gone or on a stop request.
 
-        The plant has gone when it says so, or says nothing for ``timeout`` s; None: it never has.
+        The plant has gone when it announces its end or is silent for ``timeout`` s (None: no
+        limit).
 
         Raises:
             VerdictError: frames are lost.
@@ -309,11 +310,11 @@ class Grants:
         return None
 
     def end(self, sent: int) -> None:
-        """Tell the plant that the ECU ends, having sent so many last frames."""
+        """Announce the ECU's end to the plant, with the number of its last frames."""
         self._channel.send(Note(sent, END, self._tick_us))
 
     def done(self, sent: int) -> None:
-        """Acknowledge the tick: it has sent so many frames."""
+        """Acknowledge the tick, with the number of frames sent in it."""
         self._sent = sent
         self._acknowledge()
 

@@ -1,7 +1,7 @@
-"""The plant's own bus: a socketcand server that hands the world's frames to python-can programs.
+"""The plant's own bus: a socketcand server that connects python-can programs with the world.
 
-Connect with ``-i socketcand``: the ECU, ``canroll watch``, can_logger and can_viewer, several at a
-time. Every client gets every frame but its own, as on vcan.
+Clients connect with ``-i socketcand``: the ECU, ``canroll watch``, can_logger and can_viewer,
+several at a time. Every client gets every frame but its own, as on vcan.
 """
 
 import time
@@ -16,7 +16,7 @@ CHANNEL = "plant"
 
 
 class OwnBus:
-    """A link whose far side are the clients of a server; it is no real bus and keeps no record."""
+    """A link to the clients of a server; as it is not a real bus, it keeps no record."""
 
     record = None
 
@@ -27,7 +27,7 @@ class OwnBus:
 
     @property
     def failed(self) -> int:
-        """Frames that slow clients did not get."""
+        """Frames dropped because clients were too slow."""
         return self._server.lost
 
     @property
@@ -37,14 +37,14 @@ class OwnBus:
         return f"-i socketcand -c {CHANNEL} --bus-kwargs host={host} port={port}"
 
     def receive(self) -> list[Frame]:
-        """Return the frames of 11 bits that clients have sent; the other clients get them too."""
+        """Return the clients' frames with 11-bit identifiers, forwarding them to all others."""
         self._take()
         frames = [frame for frame in self._waiting if not frame[0] & EXTENDED]
         self._waiting.clear()
         return frames
 
     def next(self, timeout: float) -> Frame | None:
-        """Return the next data frame, None where none comes within ``timeout`` seconds."""
+        """Return the next data frame, or None after ``timeout`` seconds."""
         if not self._waiting and self._server.wait(timeout):
             self._take()
         return self._waiting.popleft() if self._waiting else None
@@ -65,7 +65,7 @@ class OwnBus:
                 self._waiting.append((ident, frame.payload))
 
     def send(self, ident: int, payload: bytes) -> None:
-        """Hand a frame to every client."""
+        """Send a frame to every client."""
         flags = wire.EXTENDED if ident & EXTENDED else 0
         self._server.publish(
             ident & ~EXTENDED, flags, payload, length=len(payload), time_s=time.time()
@@ -73,7 +73,7 @@ class OwnBus:
         self.sent += not flags
 
     def wait(self, timeout: float) -> bool:
-        """Wait until a client has sent something, at most ``timeout`` s."""
+        """Wait until a client has sent a frame, at most ``timeout`` s."""
         return self._server.wait(timeout)
 
     def close(self) -> None:

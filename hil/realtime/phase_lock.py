@@ -1,9 +1,9 @@
-"""Keeps the ECU's ticks at a chosen phase after the sensor's frames, over drifting clocks.
+"""Phase lock of the ECU's ticks to the sensor's frames, with drifting clocks.
 
-A frame is late by whatever the bus was busy with, never early: the earliest arrivals within the
-sensor's cycle tell its clock. The estimate follows an earlier arrival at once, within a limit, and
-creeps towards later ones, so that it neither jumps for a held-up frame nor loses a slow clock.
-Frames that come anyhow, as through a gateway that delays at random, have no clock to be found.
+A frame can be late because the bus was busy, but never early: the earliest arrivals within the
+sensor's cycle give its clock. The estimate follows an earlier arrival at once, within a limit, and
+slowly follows later ones, so that it neither jumps for a delayed frame nor loses a slow clock. If
+arrivals are irregular, as through a gateway with random delays, there is no clock to lock to.
 """
 
 ACQUIRE = 12
@@ -33,7 +33,7 @@ class PhaseLock:
         self._jump = False
 
     def arrived(self, t_ns: int) -> None:
-        """Take the arrival of a sensor's frame."""
+        """Process the arrival time of a sensor's frame."""
         if self.locked:
             late = self._wrapped(t_ns - self._earliest)
             self._earliest += max(min(late, CREEP_NS), -PULL_NS)
@@ -47,7 +47,7 @@ class PhaseLock:
             self._first = []
 
     def correction(self, deadline_ns: int) -> int:
-        """Return by how much a deadline is to move, ns: once by all of it, then slowly."""
+        """Return the shift of the next deadline, ns: at first the whole error, then small steps."""
         if not self.locked:
             return 0
         wanted = self._wrapped(self._earliest + self._phase - deadline_ns)

@@ -1,9 +1,9 @@
 """The plant's loop: the world in step with the wall clock, its frames on a real bus.
 
-The world models the bus with all its delays; the real one only carries. What the modelled bus
-delivers to the ECU by now is sent, what the ECU sends is queued at the modelled controller on the
-spot. A loop that comes late lets the world catch up in one go: plant time is never anything but
-the wall clock's.
+The world models the bus with all its delays; the real bus is only a carrier. Frames that the
+modelled bus has delivered to the ECU are sent, frames from the ECU are queued at the modelled
+controller at once. After a late wake-up the world catches up in one step: plant time always
+equals the wall clock's.
 """
 
 import time
@@ -30,11 +30,11 @@ LAST_NS = 100_000_000
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """How the loop ended: why, the monotonic instants of plant time 0 and the end.
+    """Outcome of the loop: reason for its end, monotonic instants of plant time 0 and the end.
 
     ``loop``: lateness of every period against its deadline and its duration, ns, shape (n, 2);
-    none in lock step, which has no clock. Plant time 0 is then the instant 0. ``wall_ns``: how long
-    the loop took by the clock.
+    none in lock step, which has no clock and where plant time 0 is the instant 0. ``wall_ns``:
+    duration of the loop by the clock.
     """
 
     reason: str
@@ -52,9 +52,9 @@ def sent_by(firmware: BusFirmware) -> frozenset[int]:
 def wait_for_ecu(
     link: Link, *, stop: Stop, timeout: float, firmware: BusFirmware | None = None
 ) -> bool:
-    """Wait until the ECU is heard; False where ``timeout`` seconds pass or a stop is asked for.
+    """Wait until the ECU is heard; return False after ``timeout`` seconds or on a stop request.
 
-    ``firmware`` is that of the bus, by default the built-in one.
+    ``firmware`` is the firmware for the bus, by default the built-in one.
     """
     idents = sent_by(firmware or built_in())
     until = time.monotonic() + timeout
@@ -81,12 +81,12 @@ def run(
     Args:
         world: at time 0.
         link: the bus.
-        stop: looked at once a period.
+        stop: checked once per period.
         duration_ns: length of the run.
-        step_ns: period of the loop; frames are handed on as often.
-        peer_timeout_ns: end when the ECU, once heard, is silent for as long; None: never.
-        announce: called once, when the clock runs.
-        firmware: that of the bus, by default the built-in one.
+        step_ns: period of the loop, in which frames are passed on.
+        peer_timeout_ns: end when the ECU, once heard, is silent for this long; None: never.
+        announce: called once when the clock has started.
+        firmware: firmware for the bus, by default the built-in one.
     """
     clock, sleep = time.monotonic_ns, time.sleep
     idents = sent_by(firmware or built_in())
@@ -125,17 +125,17 @@ def run(
 def run_granting(
     world: World, ecu: GrantedEcu, *, stop: Stop, duration_ns: int, offset_ns: int = 0
 ) -> Outcome:
-    """Drive ``world`` in lock step with an ECU that has been greeted.
+    """Drive ``world`` in lock step with an ECU that has answered.
 
     Args:
         world: at time 0.
-        ecu: the one behind the bus.
-        stop: looked at once a tick.
+        ecu: the ECU behind the bus.
+        stop: checked once per tick.
         duration_ns: length of the run.
         offset_ns: instant of tick 0.
 
     Raises:
-        VerdictError: frames were lost, or another node sends the ECU's.
+        VerdictError: frames were lost, or another node sends the ECU's frames.
     """
     reason, began = FINISHED, time.monotonic_ns()
     try:

@@ -17,7 +17,7 @@ from plant_sim.world.world import World
 
 @dataclass(frozen=True, slots=True)
 class PlantRecord:
-    """A plant's run: vehicle signals, bus log, applied commands, its loop's instants.
+    """A plant's run: vehicle signals, bus log, applied commands, instants of its loop.
 
     ``about``: reason, start_ns, end_ns, sent, received, failed, cpu, notes, bus; ``bus``:
     everything on the real bus (:data:`hil.realtime.hardware.bus_record.ENTRY`).
@@ -39,7 +39,7 @@ def save(
     about: Mapping[str, Any],
     bus: NDArray[np.void],
 ) -> None:
-    """Write what ``world`` recorded, and the frames of the real ``bus``.
+    """Write the records of ``world`` and the frames of the real ``bus``.
 
     Raises:
         CanrollError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""Measures of a process to meet its deadlines: a core, a priority, locked memory, no collector."""
+"""Real-time settings of a process: core, priority, locked memory, no garbage collection."""
 
 import ctypes
 import gc
@@ -29,7 +29,7 @@ def prepare(*, cpu: int | None, priority: int) -> list[str]:
     """Request real-time settings from the system; return a note on each refusal.
 
     Args:
-        cpu: core to stay on; None: wherever the scheduler puts it.
+        cpu: core to be pinned to; None: not pinned.
         priority: of SCHED_FIFO, 1 to 99.
     """
     if sys.platform != "linux":
@@ -57,7 +57,7 @@ def prepare(*, cpu: int | None, priority: int) -> list[str]:
 
 @contextmanager
 def collector_off() -> Iterator[None]:
-    """Keep the garbage collector out of the loop inside; what there is by then is left alone."""
+    """Disable the garbage collector inside, and freeze the objects that exist by then."""
     was_on = gc.isenabled()
     gc.collect()
     gc.freeze()
@@ -72,7 +72,7 @@ def collector_off() -> Iterator[None]:
 
 @dataclass(slots=True)
 class Stop:
-    """Set by SIGINT or SIGTERM; a loop looks at ``requested`` once a period."""
+    """Stop request by SIGINT or SIGTERM; a loop checks ``requested`` once per period."""
 
     requested: bool = False
 

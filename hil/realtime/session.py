@@ -1,4 +1,4 @@
-"""A run of two programs: plant and ECU started, watched, stopped and put together."""
+"""A run of two programs: plant and ECU are started, watched and stopped, their results merged."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -28,10 +28,10 @@ class Setup:
     """Settings of the two programs.
 
     Attributes:
-        bus_options: python-can's options of both; empty: the plant's own bus.
-        folder: where calibration, traces and results are put.
+        bus_options: python-can's options of both; empty for the plant's own bus.
+        folder: folder for calibration, traces and results.
         cores: of plant and ECU; None: not pinned.
-        duration: s, None: the manoeuvre's.
+        duration: s; None for the manoeuvre's.
         announce: called with the name of the current activity.
         pace: "realtime", or "lockstep": the plant grants the ECU's ticks.
         side_channel: address for the grants of lock step, HOST:PORT; None: the bus carries them.
@@ -49,7 +49,7 @@ class Setup:
 
 
 def choose_cores() -> tuple[int, int] | None:
-    """Return a core each for plant and ECU, None where there is only one."""
+    """Return a core for the plant and one for the ECU, or None if there is only one."""
     cores = process.cores()
     return (cores[-2], cores[-1]) if len(cores) > 1 else None
 
@@ -60,8 +60,8 @@ def drive(
     """Drive the manoeuvre once as two programs; return its trace and the ``timing`` object.
 
     Raises:
-        CanrollError: a program could not start or fell over; its own words.
-        VerdictError: it fell over on the way, or frames of lock step were lost.
+        CanrollError: a program could not start or failed; the message is its own.
+        VerdictError: it failed during the run, or frames of lock step were lost.
         Interrupted: Ctrl-C; both have ended.
     """
     folder = setup.folder
@@ -113,14 +113,14 @@ def drive(
 def plant_arguments(
     settings: Settings, controller: Controller, setup: Setup, *, enabled: bool
 ) -> list[str]:
-    """Return the command line of the plant that ``settings`` describe."""
+    """Return the plant's command line for ``settings``."""
     arguments = ["plant", settings.scenario, *setup.bus_options, *_pace(setup)]
     # its ECU is watched: it comes, or its end is noticed
     arguments += ["--wait", str(programs.START)]
     if not setup.bus_options:
         arguments += ["--serve", setup.serve or "127.0.0.1:0"]
     arguments += ["--command", settings.command, "--record", str(setup.folder / "plant.npz")]
-    vehicle = {"vehicle": controller.tables["design"]["vehicle"]}
+    vehicle = {"vehicle": settings.plant_vehicle or controller.tables["design"]["vehicle"]}
     asked = settings.choices() | vehicle
     world = {name: value for name, value in asked.items() if CHOICES[name].of == "world"}
     arguments += choices.arguments(world | {"duration": setup.duration})
@@ -138,12 +138,12 @@ def _pace(setup: Setup) -> list[str]:
 
 
 def _grants(plant: Program) -> list[str]:
-    """Return the ECU's option for where the plant grants its ticks."""
+    """Return the ECU's options for the channel of the grants."""
     return ["--side-channel", programs.wait_for(plant, "grants at ").split()[-1]]
 
 
 def _phase(settings: Settings) -> list[str]:
-    """Return the ECU's option for the phase of virtual time, "free" for a tick that has none."""
+    """Return the ECU's option for the phase of virtual time, "free" for a tick without one."""
     try:
         return choices.arguments({"phase_ms": experiment.tick_phase_ns(settings) / 1e6})
     except CanrollError:
@@ -164,10 +164,10 @@ def assemble(
 ) -> tuple[Trace, dict[str, Any]]:
     """Return a run's trace and its ``timing`` object from the files of both programs.
 
-    The ECU's estimates come from running its tick trace again, which has to give the same frames.
+    The ECU's estimates come from replaying its tick trace, which must give the same frames.
 
     Raises:
-        CanrollError: it does not.
+        CanrollError: the replay differs.
     """
     start = int(plant.about["start_ns"])
     granted = setup.pace == "lockstep"
@@ -211,7 +211,7 @@ def _judged(
     trace: Trace,
     told: Mapping[str, Any],
 ) -> validity.Run:
-    """Return the timing on which the validity of a run depends."""
+    """Return the timing that decides the validity of a run."""
     whole = experiment.build_world(settings, enabled=False).duration_ns * 1e-9
     planned = whole if setup.duration is None else setup.duration
     if setup.pace == "lockstep":
@@ -252,9 +252,9 @@ def timing_object(
     during: np.ndarray[Any, np.dtype[np.bool_]],
     setup: Setup,
 ) -> dict[str, Any]:
-    """Return what ``canroll hil --json`` prints under "timing"; only ticks of the run count.
+    """Return the object "timing" of ``canroll hil --json``; only ticks of the run count.
 
-    Beside it, under "jitterdebugger", what timing.json holds.
+    Its "jitterdebugger" is the content of timing.json.
     """
     ran = TickTrace(ecu.calibration, ecu.ticks[during], ecu.frames, ecu.about)
     notes = [*plant.about["notes"], *ecu.about["notes"]]
@@ -299,7 +299,7 @@ def timing_object(
 def _bus_seen(program: PlantRecord | TickTrace, plant: PlantRecord) -> dict[str, Any] | None:
     """Return a program's record of the real bus while the plant ran.
 
-    In lock step the plant's time is not the clock's: all of it counts, but neither load nor waits.
+    In lock step plant time is not clock time: the whole record counts, without load and waits.
     """
     about = program.about.get("bus")
     if about is not None and plant.about.get("pace") == "lockstep":
@@ -310,7 +310,7 @@ def _bus_seen(program: PlantRecord | TickTrace, plant: PlantRecord) -> dict[str,
 
 
 def frames_lost(plant: PlantRecord, ecu: TickTrace) -> int:
-    """Return how many frames one side sent and the other never saw, send failures included."""
+    """Return the number of frames sent by one side and not received, including send failures."""
     end = int(plant.about["end_ns"])
     to_ecu = max(0, int(plant.about["sent"]) - int(ecu.about["received"]))
     early = ecu.ticks["start_ns"] < end - 10_000_000

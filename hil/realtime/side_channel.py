@@ -1,4 +1,4 @@
-"""Grants of lock step on a TCP connection beside the bus, where the bus must stay clean."""
+"""Grants of lock step on a separate TCP connection, for a bus that must not carry them."""
 
 import selectors
 import socket
@@ -16,12 +16,12 @@ CONNECT = 60.0
 
 
 class SideChannel:
-    """A connection that carries notes of eight bytes each way.
+    """A connection that carries notes of eight bytes in both directions.
 
     Args:
         link: the bus beside it.
-        listener: of the plant, which takes the ECU that connected last.
-        connection: of the ECU.
+        listener: listening socket of the plant, which uses the ECU that connected last.
+        connection: connection of the ECU.
     """
 
     def __init__(
@@ -40,19 +40,19 @@ class SideChannel:
 
     @property
     def address(self) -> str:
-        """Where the plant listens, HOST:PORT."""
+        """The plant's listening address, HOST:PORT."""
         assert self._listener is not None
         host, port = self._listener.getsockname()[:2]
         return f"{host}:{port}"
 
     def send(self, note: Note) -> None:
-        """Send one to the other side; it is lost if there is none."""
+        """Send a note to the other side; it is lost if there is none."""
         if self._connection is not None:
             with suppress(OSError):
                 self._connection.sendall(note.payload())
 
     def wait(self, timeout: float, take: Callable[[Frame], None]) -> Note | None:
-        """Return the next one of the other side, None within ``timeout`` s.
+        """Return the other side's next note, or None after ``timeout`` s.
 
         Frames stay on the bus: ``take`` is not called.
 
@@ -73,7 +73,7 @@ class SideChannel:
         return Note.of(note)
 
     def clear(self) -> None:
-        """Forget the frames on the bus that were sent before the last grant."""
+        """Discard frames on the bus that were sent before the last grant."""
         self._link.receive()
 
     def close(self) -> None:
@@ -110,7 +110,7 @@ class SideChannel:
 
 
 def listen(address: str, link: Link) -> SideChannel:
-    """Return the plant's end, which listens at ``HOST:PORT``; port 0 takes a free one.
+    """Return the plant's end, which listens at ``HOST:PORT``; port 0 selects a free one.
 
     Raises:
         CanrollError: the address is wrong or taken.
@@ -127,7 +127,7 @@ def connect(address: str, link: Link) -> SideChannel:
     """Return the ECU's end, connected to the plant at ``HOST:PORT``; waits until it listens.
 
     Raises:
-        CanrollError: the address is wrong, or nobody listens there.
+        CanrollError: the address is wrong, or nothing listens there.
     """
     place = _place(address)
     until = time.monotonic() + CONNECT

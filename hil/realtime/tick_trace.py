@@ -1,8 +1,8 @@
 """The trace of an ECU's ticks: all inputs and outputs of the firmware.
 
-Tick number, ticks elapsed and frames consumed determine the loop completely, so the trace replays
-on a desk what happened in real time: through any backend, to the same frames byte for byte. The
-tick writes into memory set aside beforehand; the file is written after the run.
+Tick number, elapsed ticks and consumed frames determine the loop completely, so a real-time run
+can be replayed offline through any backend, with the same frames byte for byte. The tick writes
+into memory allocated beforehand; the file is written after the run.
 """
 
 import json
@@ -55,7 +55,7 @@ FRAMES = frames_of(8)
 
 
 class Recorder:
-    """Memory for ``ticks`` ticks and ``frames`` frames; when it is full, recording ends.
+    """Memory for ``ticks`` ticks and ``frames`` frames; recording ends when it is full.
 
     ``room``: bytes of the longest frame.
     """
@@ -69,15 +69,15 @@ class Recorder:
         self.full = False
 
     def consumed(self, ident: int, payload: bytes) -> None:
-        """Note a frame that the tick was given."""
+        """Record a frame consumed by the tick."""
         self._frame(ident, 0, payload)
 
     def sent(self, ident: int, payload: bytes) -> None:
-        """Note a frame that the tick sent."""
+        """Record a frame sent by the tick."""
         self._frame(ident, 1, payload)
 
     def tick(self, number: int, elapsed: int, deadline: int, start: int, end: int) -> None:
-        """Close a tick: the frames noted since the last one are its own."""
+        """Close a tick: the frames recorded since the last one belong to it."""
         if self._tick_end == len(self._ticks):
             self.full = True
         if self.full:
@@ -106,7 +106,7 @@ class Recorder:
 
 @dataclass(frozen=True, slots=True)
 class TickTrace:
-    """A recorded run: calibration, ticks (:data:`TICKS`), frames (:func:`frames_of`), what else.
+    """A recorded run: calibration, ticks (:data:`TICKS`), frames (:func:`frames_of`), metadata.
 
     ``bus``: everything on the real bus (:data:`hil.realtime.hardware.bus_record.ENTRY`).
     """
@@ -143,7 +143,7 @@ def load(path: Path) -> TickTrace:
     """Read a trace.
 
     Raises:
-        CanrollError: there is none in the file.
+        CanrollError: the file contains none.
     """
     try:
         with np.load(path) as archive:
@@ -162,7 +162,7 @@ def load(path: Path) -> TickTrace:
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """A backend's run of a trace: a row a tick (:data:`hil.runs.trace.TICK`), first difference."""
+    """A backend's run of a trace: rows per tick (:data:`hil.runs.trace.TICK`), first difference."""
 
     rows: NDArray[np.void]
     difference: str | None
@@ -174,10 +174,10 @@ def replay(
     """Replay a trace with ``backend`` and compare every frame sent with the recorded one.
 
     Args:
-        trace: of a run from the start of its ECU.
-        backend: what runs the firmware.
+        trace: trace of a run from the start of its ECU.
+        backend: backend that runs the firmware.
         start_ns: monotonic instant that is time 0 of the rows.
-        firmware: that of the bus, by default the built-in one.
+        firmware: firmware for the bus, by default the built-in one.
     """
     ecu = open_backend(backend, trace.calibration, firmware)
     rows = np.zeros(len(trace.ticks), TICK)

@@ -28,9 +28,9 @@ Times = NDArray[np.int64]
 
 
 def quantiles(values_ns: Times) -> dict[str, float] | None:
-    """Return the figures of ``values_ns`` in µs by name (:data:`QUANTILES`), None of nothing.
+    """Return the figures of ``values_ns`` in µs by name (:data:`QUANTILES`), None without values.
 
-    A quantile is a value that occurred: the smallest with at least that share at or below it.
+    A quantile is a measured value: the smallest with at least that share at or below it.
     """
     if not len(values_ns):
         return None
@@ -39,7 +39,7 @@ def quantiles(values_ns: Times) -> dict[str, float] | None:
 
 
 def histogram(values_ns: Times) -> dict[str, Any]:
-    """Return what jitterdebugger notes of one core: counts by whole µs, min, max, avg."""
+    """Return jitterdebugger's record of one core: counts by whole µs, min, max, avg."""
     values = values_ns // 1000
     bins, counts = np.unique(values, return_counts=True)
     return {
@@ -52,7 +52,7 @@ def histogram(values_ns: Times) -> dict[str, Any]:
 
 
 def jitterdebugger(cores: Mapping[int, Times]) -> dict[str, Any]:
-    """Return the wake-up latencies of each core as jitterdebugger's ``results.json`` has them."""
+    """Return the wake-up latencies of each core in jitterdebugger's ``results.json`` format."""
     name = os.uname()
     return {
         "version": 3,
@@ -69,13 +69,13 @@ def jitterdebugger(cores: Mapping[int, Times]) -> dict[str, Any]:
 
 
 def start_jitter(trace: TickTrace) -> Times:
-    """Return how long after its deadline each tick started, ns."""
+    """Return the lateness of each tick's start, ns."""
     jitter: Times = trace.ticks["start_ns"] - trace.ticks["deadline_ns"]
     return jitter
 
 
 def durations(trace: TickTrace) -> Times:
-    """Return how long each tick took, frames read and sent included, ns."""
+    """Return the duration of each tick, including reading and sending of frames, ns."""
     took: Times = trace.ticks["end_ns"] - trace.ticks["start_ns"]
     return took
 
@@ -96,17 +96,17 @@ def latencies(
 ) -> Times:
     """Return the time from sample to force of each applied command, ns.
 
-    From the tick that sent the command it is known which Imu frame the firmware had read last, and
-    from the plant's log when that one was sampled: a frame that arrived while the tick ran is not
-    mistaken for the one it used.
+    The tick that sent the command identifies the Imu frame that the firmware read last, and the
+    plant's log the instant of its sample: a frame that arrived while the tick ran is not mistaken
+    for the one used.
 
     Args:
-        trace: of the ECU.
+        trace: trace of the ECU.
         commands: applied commands of the plant (``plant_sim.world.recording.COMMAND``).
         frames: the plant's bus log.
         start_ns: monotonic instant of plant time 0.
         sensor_latency_ns: from the sample to the Imu frame in its queue.
-        firmware: that of the bus, by default the built-in one.
+        firmware: firmware for the bus, by default the built-in one.
     """
     firmware = firmware or built_in()
     sent, read = _commands_and_samples(trace, firmware)
@@ -137,7 +137,7 @@ def bus_figures(
 ) -> dict[str, Any] | None:
     """Return one program's figures of the real bus; None for a simulated bus.
 
-    ``wait_us`` is how long the frames had lain at the interface when they were read.
+    ``wait_us`` is the time frames waited at the interface before they were read.
     """
     if about is None:
         return None
@@ -177,7 +177,7 @@ def _bus_line(side: str, figures: Mapping[str, Any]) -> str:
 def _commands_and_samples(
     trace: TickTrace, firmware: BusFirmware
 ) -> tuple[NDArray[np.void], list[bytes]]:
-    """Return each command's start of tick and counter, and the Imu payload it was made of."""
+    """Return each command's start of tick and counter, and the Imu payload it was computed from."""
     command = firmware.bus.transmitted[command_slot(trace.calibration)]
     imu = firmware.bus.received[RX_IMU]
     rows, read, newest, first = [], [], b"", 0

@@ -1,7 +1,7 @@
 """Warm-up before a loop: compiling, loading, touching memory.
 
-Both programs run their loops on made-up frames first, whole, and only then say that they are
-ready. What is compiled after that is counted.
+Both programs first run their complete loops on synthetic frames, and only then report that they
+are ready. Later compilations are counted.
 """
 
 import time
@@ -31,7 +31,7 @@ EVERY = 20
 
 
 class _Rehearsal:
-    """A link to nobody: the same frames come in again and again, what is sent is gone."""
+    """A dummy link that receives the same frames repeatedly and discards what is sent."""
 
     failed = 0
     record = None
@@ -59,9 +59,9 @@ class _Rehearsal:
 def rehearse_ecu(
     ecu: Backend, calibration: Calibration, firmware: BusFirmware | None = None
 ) -> None:
-    """Run the ECU's loop for a few ticks on an ECU that is thrown away.
+    """Run the ECU's loop for a few ticks on a temporary ECU.
 
-    ``firmware`` is that of the bus, by default the built-in one.
+    ``firmware`` is the firmware for the bus, by default the built-in one.
     """
     firmware = firmware or built_in()
     link = _Rehearsal([(ident, bytes(firmware.room)) for ident in firmware.slots])
@@ -81,11 +81,11 @@ def rehearse_ecu(
 
 
 def rehearse_plant(make_world: Callable[[], World], firmware: BusFirmware | None = None) -> None:
-    """Run the plant's loop for a moment, and read all that a run is read for.
+    """Run the plant's loop briefly, and read everything that is read of a run.
 
     Args:
-        make_world: a world of the run's kind.
-        firmware: that of the bus, by default the built-in one.
+        make_world: makes a world like the run's.
+        firmware: firmware for the bus, by default the built-in one.
     """
     firmware = firmware or built_in()
     world = make_world()

@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -11,7 +13,7 @@ from rich.table import Table
 from canroll.errors import VerdictError
 from plant_sim.can_bus.analysis import ResponseBound, worst_case_utilisation
 from plant_sim.can_bus.delay_bounds import DelayBounds
-from plant_sim.can_bus.simulation import Simulation
+from plant_sim.can_bus.simulation import SimulatedResponse, Simulation
 from plant_sim.can_bus.traffic.files import Traffic
 from plant_sim.can_bus.traffic.log_playback import Recording
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH
@@ -23,7 +25,7 @@ _MS = 1e-6
 class Delay:
     """Bounds of the total delay, and the simulated extreme ages, ns.
 
-    Without bounds ``reason`` says why, and ``failed`` that the set has none, not the analysis.
+    Without bounds ``reason`` gives the cause; ``failed``: the set has none, not only this analysis.
     """
 
     bounds: DelayBounds | None
@@ -35,7 +37,7 @@ class Delay:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """All that is printed of the set in file ``name``, simulated for ``duration`` s.
+    """Printed results of the set in file ``name``, simulated for ``duration`` s.
 
     ``sensor``, ``command``: the messages of the delay, at a tick of ``tick_ms``; ``log``: the file
     of the recording beside the set.
@@ -55,7 +57,7 @@ class Answer:
 
 
 def is_late(bound: ResponseBound) -> bool:
-    """Return whether a deadline that the set names is missed; the period alone is no verdict."""
+    """Return whether a deadline of the set is missed; exceeding the period alone does not count."""
     limit = bound.message.deadline_ns
     return bool(limit) and bound.bound_ns is not None and bound.bound_ns > limit
 
@@ -73,26 +75,42 @@ def check_simulation(answer: Answer) -> None:
                 f"{bound.message.name}: simulated response {seen * _MS:.3f} ms above its bound"
                 f" {bound.bound_ns * _MS:.3f} ms"
             )
-    if answer.delay is None or answer.delay.bounds is None:
+    check_ages(answer.delay)
+
+
+def check_ages(delay: Delay | None) -> None:
+    """Reject a bound of the age that the simulation exceeds.
+
+    Raises:
+        VerdictError: it does.
+    """
+    if delay is None or delay.bounds is None:
         return
     # simulated times are whole ns, the bound is a float of seconds: equal ones may differ there
-    most, limit = answer.delay.greatest, answer.delay.bounds.age_max
+    most, limit = delay.greatest, delay.bounds.age_max
     if most > round(limit * 1e9):
         raise VerdictError(
             f"simulated age {most * _MS:.3f} ms above its bound {limit * 1e3:.3f} ms"
         )
 
 
-def _milliseconds(value: float | None) -> float | None:
+def milliseconds(value: float | None) -> float | None:
+    """Return nanoseconds in milliseconds, None where there is no value."""
     return None if value is None or math.isnan(value) else round(value * _MS, 6)
 
 
 def _extremes(simulation: Simulation | None, name: str) -> tuple[float, float, float]:
-    """Least, mean and greatest simulated response, ns; not a number where there is none."""
-    if simulation is None or not len(simulation.responses[name].responses):
+    """Least, mean and greatest simulated response, ns; NaN if there is none."""
+    if simulation is None:
         return math.nan, math.nan, math.nan
-    seen = simulation.responses[name].responses
-    return float(seen.min()), float(seen.mean()), float(seen.max())
+    return extremes(simulation.responses[name].responses)
+
+
+def extremes(times: NDArray[np.int64]) -> tuple[float, float, float]:
+    """Return least, mean and greatest of simulated times; not a number where there are none."""
+    if not len(times):
+        return math.nan, math.nan, math.nan
+    return float(times.min()), float(times.mean()), float(times.max())
 
 
 def as_json(answer: Answer) -> dict[str, Any]:
@@ -103,10 +121,10 @@ def as_json(answer: Answer) -> dict[str, Any]:
         name = bound.message.name
         least, mean, greatest = _extremes(simulation, name)
         messages[name] = {
-            "response_bound_ms": _milliseconds(bound.bound_ns),
-            "response_min_ms": _milliseconds(least),
-            "response_mean_ms": _milliseconds(mean),
-            "response_max_ms": _milliseconds(greatest),
+            "response_bound_ms": milliseconds(bound.bound_ns),
+            "response_min_ms": milliseconds(least),
+            "response_mean_ms": milliseconds(mean),
+            "response_max_ms": milliseconds(greatest),
         }
     result: dict[str, Any] = {
         "utilisation": _utilisation(traffic),
@@ -122,15 +140,20 @@ def as_json(answer: Answer) -> dict[str, Any]:
             "channel": recording.channel,
         }
     if answer.delay:
-        total = answer.delay.bounds
-        result["delay"] = {
-            "tau_min_ms": total and total.tau_min * 1e3,
-            "tau_max_ms": total and total.tau_max * 1e3,
-            "age_bound_ms": total and total.age_max * 1e3,
-            "age_min_ms": _milliseconds(answer.delay.least),
-            "age_max_ms": _milliseconds(answer.delay.greatest),
-        }
+        result["delay"] = delay_json(answer.delay)
     return result
+
+
+def delay_json(delay: Delay) -> dict[str, float | None]:
+    """Return the object of the delay."""
+    total = delay.bounds
+    return {
+        "tau_min_ms": None if total is None else total.tau_min * 1e3,
+        "tau_max_ms": None if total is None else total.tau_max * 1e3,
+        "age_bound_ms": None if total is None else total.age_max * 1e3,
+        "age_min_ms": milliseconds(delay.least),
+        "age_max_ms": milliseconds(delay.greatest),
+    }
 
 
 def _utilisation(traffic: Traffic) -> float:
@@ -170,7 +193,7 @@ def show(answer: Answer) -> None:
     if recording and recording.duration_s < duration:
         console.print(f"{answer.log} ends after {recording.duration_s:g} s of {duration:g} s")
     if answer.delay:
-        console.print(_delay_line(answer.delay, answer))
+        console.print(delay_line(answer.delay, answer.sensor, answer.command, answer.tick_ms))
 
 
 def _table(answer: Answer) -> Table:
@@ -185,18 +208,24 @@ def _table(answer: Answer) -> Table:
     for bound in sorted(answer.bounds, key=lambda b: b.message.ident):
         message = bound.message
         limit = "none" if bound.bound_ns is None else f"{bound.bound_ns * _MS:.3f}"
-        cells = ["–"] * 4
-        if answer.simulation and len(answer.simulation.responses[message.name].responses):
-            least, mean, greatest = _extremes(answer.simulation, message.name)
-            most = answer.simulation.responses[message.name].quantile(0.99)
-            cells = [f"{value * _MS:.3f}" for value in (least, mean, most, greatest)]
+        seen = answer.simulation and answer.simulation.responses[message.name]
+        cells = cells_of(seen or None)
         period = f"{message.period_ns * _MS:g}"
         table.add_row(message.name, f"{message.ident:X}", period, limit, *cells)
     return table
 
 
-def _delay_line(delay: Delay, answer: Answer) -> str:
-    line = f"{answer.sensor} to {answer.command} at a tick of {answer.tick_ms:g} ms: "
+def cells_of(simulated: SimulatedResponse | None) -> list[str]:
+    """Return least, mean, 99 % and greatest of simulated times in ms, dashes without any."""
+    if simulated is None or not len(simulated.responses):
+        return ["–"] * 4
+    least, mean, greatest = extremes(simulated.responses)
+    return [f"{t * _MS:.3f}" for t in (least, mean, simulated.quantile(0.99), greatest)]
+
+
+def delay_line(delay: Delay, sensor: str, command: str, tick_ms: float) -> str:
+    """Return the line on the total delay from ``sensor`` to ``command``."""
+    line = f"{sensor} to {command} at a tick of {tick_ms:g} ms: "
     if delay.bounds is None:
         line += f"no bound of the delay, {delay.reason}; sample-to-force age"
     else:

@@ -19,7 +19,7 @@ _TOLD = 5
 
 @dataclass(frozen=True, slots=True)
 class Margins:
-    """What was asked for beside the bounds, None where it was not.
+    """Requested results beside the bounds, None where not requested.
 
     ``tolerance``: at ``errors_per_s``; ``proposal``: of ``what``, beside the bounds ``before``.
     """
@@ -70,7 +70,7 @@ def _milliseconds(value: int | None) -> float | None:
 
 
 def show_margins(margins: Margins, console: Console) -> None:
-    """Print what was asked for."""
+    """Print the requested results."""
     found = margins.breakdown
     if found is not None and found.factor == 0.0:
         console.print(

@@ -37,12 +37,12 @@ class Shown:
 
     @property
     def dash(self) -> int:
-        """Dashes of its curves, so that those that lie over each other show all the same."""
+        """Dashes of its curves, so that coinciding curves remain visible."""
         return dash(self.colour) if self.controlled else DASHED
 
 
 def dash(place: int) -> int:
-    """Return the dashes of the curve in ``place``, 1 the first."""
+    """Return the dashes of curve number ``place``, from 1."""
     return (SOLID, DASH_DOTTED, DOTTED)[(place - 1) % 3]
 
 
@@ -50,7 +50,7 @@ Signal = Callable[[Trace], Vector]
 
 
 def signal(name: str, scale: float = 1.0) -> Signal:
-    """Return what picks a recorded signal, times ``scale``."""
+    """Return a function that selects a recorded signal, times ``scale``."""
     return lambda trace: trace.signals[name] * scale
 
 
@@ -184,7 +184,7 @@ def _estimates(run: Shown, more: str, suffix: str) -> list[Figure]:
 
 
 def path(runs: Sequence[Shown]) -> list[Figure]:
-    """Return the paths from above."""
+    """Return the paths seen from above."""
     curves = [
         Series(
             run.name,
@@ -205,7 +205,7 @@ def path(runs: Sequence[Shown]) -> list[Figure]:
 def bus(runs: Sequence[Shown]) -> list[Figure]:
     """Return load of the bus over time, response times and sample-to-force ages.
 
-    Of the runs the last is shown: the frames of the others differ in payload alone.
+    Only the last run is shown: the frames of the others differ only in payload.
     """
     run = runs[-1]
     loads = [

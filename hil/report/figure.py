@@ -1,4 +1,4 @@
-"""A plot as data: what ``plot.js`` draws, packed small enough to sit in the page."""
+"""A plot as data for ``plot.js``, packed compactly for embedding in the page."""
 
 import base64
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ def pack(values: ArrayLike) -> str:
 
 
 def thin(x: NDArray[Any], y: NDArray[Any], points: int = POINTS_MAX) -> tuple[Any, Any]:
-    """Return at most ``points`` of a curve: of each stretch its smallest and largest value."""
+    """Return at most ``points`` of a curve: the smallest and largest value of each stretch."""
     stride = -(-2 * len(x) // points)
     if stride <= 2:
         return x, y
@@ -36,8 +36,8 @@ class Series:
 
     ``kind``: "line", "step" (held until the next x), "marks" (instants along the axis, ``row``
     above each other), "bars" (from x to x + ``width``) or "spans" (along the level that y
-    numbers). ``colour`` 0 to 7 of the page's palette, ``dash`` one of the patterns, so that curves
-    differ in more than colour.
+    numbers). ``colour`` is 0 to 7 of the page's palette, ``dash`` one of the patterns, so that
+    curves differ in more than colour.
     """
 
     name: str
@@ -50,7 +50,7 @@ class Series:
     row: int = 0
 
     def data(self) -> dict[str, object]:
-        """Return what the page needs."""
+        """Return the data for the page."""
         x, y = thin(self.x, self.y) if self.kind == "line" else (self.x, self.y)
         return {
             "name": self.name,
@@ -68,8 +68,8 @@ class Series:
 class Figure:
     """One plot. ``linked`` ones share range and cursor; ``equal`` ones are maps, not functions.
 
-    The y axis reaches at least from −``least`` to ``least``; with ``zero`` it begins at 0. Where
-    there are ``levels`` it names them instead, the first at the top.
+    The y axis covers at least −``least`` to ``least``; with ``zero`` it starts at 0. With
+    ``levels`` it shows their names instead, the first at the top.
     """
 
     id: str
@@ -87,7 +87,7 @@ class Figure:
     levels: Sequence[str] = ()
 
     def data(self) -> dict[str, object]:
-        """Return what the page needs."""
+        """Return the data for the page."""
         return {
             "id": self.id,
             "title": self.title,

@@ -17,8 +17,8 @@ GROUPS = {
 }
 
 HINT = (
-    '<p class="soft">Drag across a plot to zoom, double-click to see all of it again; names in a '
-    "legend switch curves off and on.</p>"
+    '<p class="soft">Drag across a plot to zoom, double-click to reset; click a name in a '
+    "legend to switch its curve off and on.</p>"
 )
 PHONE = 30
 """Letters in the longest words of a table's head that fit a phone; with more its rows stack."""
@@ -28,7 +28,7 @@ WORDS = 5
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The answer in a few words: ``good`` True, False, or None where nothing was judged."""
+    """The verdict in a few words: ``good`` is True, False, or None if nothing was judged."""
 
     good: bool | None
     headline: str
@@ -37,7 +37,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A number in a table, with the place in the JSON object that it comes from."""
+    """A number in a table, with its key in the JSON object."""
 
     text: str
     value: float | None = None
@@ -48,8 +48,8 @@ class Cell:
 class Table:
     """A titled table; cells are text or numbers with their provenance.
 
-    ``notes`` are numbered below it; ``chapter`` is a heading above it, and in the contents;
-    ``group``: the figures of that group follow it, instead of standing at the end.
+    ``notes`` are numbered below it; ``chapter`` is a heading above it, listed in the contents;
+    ``group``: the figures of that group follow it instead of standing at the end.
     """
 
     title: str
@@ -63,10 +63,10 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """All that goes on a report page.
+    """Contents of a report page.
 
     ``result`` is embedded whole and can be saved from it; ``groups`` are titles of further groups
-    of figures; ``greyed``: its figures say nothing, as the verdict on top explains.
+    of figures; ``greyed``: its figures are meaningless, as the verdict on top explains.
     """
 
     title: str
@@ -88,12 +88,12 @@ def _text(value: object) -> str:
 
 
 def _embedded(value: object) -> str:
-    """JSON that cannot end the script element it stands in."""
+    """JSON that cannot terminate its script element."""
     return json.dumps(value, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _cell(label: str, kind: str, cell: str | Cell) -> str:
-    """A cell; ``label`` stands in for the head of its column where rows are stacked."""
+    """A cell; ``label`` replaces the head of its column where rows are stacked."""
     data = kind + (f' data-label="{_text(label)}"' if label else "")
     if isinstance(cell, str):
         return f"<td{data}>{_text(cell)}</td>"
@@ -163,13 +163,13 @@ def _groups(page: Page) -> str:
 def document(
     title: str, body: Sequence[str], *, styles: Sequence[str], scripts: Sequence[str]
 ) -> str:
-    """Return an HTML document that needs nothing else, not even a network.
+    """Return a self-contained HTML document.
 
     Args:
         title: of the document, plain text.
         body: HTML.
         styles: names of style sheets of this package.
-        scripts: names of its scripts, which run once the body is there.
+        scripts: names of its scripts, which run after the body is loaded.
     """
     assets = files("hil.report") / "assets"
     return "\n".join(
@@ -196,7 +196,7 @@ def data_element(name: str, value: object) -> str:
 
 
 def render(page: Page) -> str:
-    """Return the page as one HTML document that needs nothing else, not even a network."""
+    """Return the page as one self-contained HTML document."""
     data = {"figures": [figure.data() for figure in page.figures], "playback": page.playback}
     mark = {True: "good", False: "bad", None: "none"}[page.verdict.good]
     warnings = "".join(f"<li>{_text(warning)}</li>" for warning in page.warnings)

@@ -1,4 +1,4 @@
-"""Output of ``canroll bus`` for a log: what is on the bus, and what more messages do to it."""
+"""Output of ``canroll bus`` for a log: its messages, and the effect of additional ones."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,10 +24,10 @@ _MANY_TOO_CLOSE = 0.01
 
 @dataclass(frozen=True, slots=True)
 class RecordedAnswer:
-    """All that is printed of one channel of the log ``name``.
+    """Printed results of one channel of the log ``name``.
 
-    ``added``: messages that come onto the bus, from ``source``; ``delay``: over two of them, or
-    the bound that is missing; ``simulation``: of the added beside the recorded frames.
+    ``added``: additional messages from ``source``; ``delay``: over two of them, or the missing
+    bound; ``simulation``: of the added messages beside the recorded frames.
     """
 
     name: str
@@ -41,13 +41,13 @@ class RecordedAnswer:
 
     @property
     def failed(self) -> bool:
-        """Whether some message has no bound, for a reason that the bus itself has."""
+        """Whether some message has no bound for a reason inherent to the bus."""
         bounds = [b for e in self.effects for b in (e.before, e.after) if b is not None]
         return any(b.bound_ns is None and b.covered for b in bounds)
 
 
 def limit_ns(bound: ResponseBound, effect: Effect) -> int | None:
-    """Return a bound as it is shown: from the nominal release, of events from their queueing."""
+    """Return a bound as shown: from the nominal release, for events from their queueing."""
     periodic = effect.seen is None or effect.seen.arrivals.kind == PERIODIC
     return bound.bound_ns if periodic else bound.queued_ns
 
@@ -68,7 +68,7 @@ def check_added(answer: RecordedAnswer) -> None:
 
 
 def _simulated(answer: RecordedAnswer, effect: Effect) -> int | None:
-    """Return the longest response that was seen or simulated, ns."""
+    """Return the longest recorded or simulated response, ns."""
     if effect.seen is not None:
         return effect.seen.seen_ns or None
     if answer.simulation is None:
@@ -187,7 +187,7 @@ def show(answer: RecordedAnswer) -> None:
 
 
 def _spread(found: Arrivals) -> str:
-    """Return what was seen of frames that are not on a grid, or not all of them."""
+    """Return the recorded spread of frames that are not, or not all, on a time grid."""
     if found.kind == MIXED:
         text = f"{found.between} of {found.frames} between the periodic ones"
         return text + (f", {found.restarts} restarts" if found.restarts else "")

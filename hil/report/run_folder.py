@@ -19,7 +19,7 @@ from hil.runs.result import Result
 
 
 def usable_folder(folder: Path) -> Path:
-    """Return ``folder``, made if missing; called before a run, so that it is refused early.
+    """Return ``folder``, created if missing; called before a run, so that it is refused early.
 
     Raises:
         CanrollError: it cannot be made or written to.
@@ -37,12 +37,12 @@ def usable_folder(folder: Path) -> Path:
 
 
 def page_folder(folder: Path | None) -> Path | None:
-    """Return the folder of a page, made if missing; None if no files are written."""
+    """Return the folder of a page, created if missing; None if no files are written."""
     return None if folder is None else usable_folder(folder)
 
 
 def check_parent(path: Path, *, out: Path | None = None) -> Path:
-    """Return ``path`` if its folder is there, or is ``out``, which is made.
+    """Return ``path`` if its folder exists, or is ``out``, which is created.
 
     Raises:
         CanrollError: there is no such folder, or ``path`` is a folder.
@@ -68,7 +68,7 @@ def write_text(path: Path, text: str) -> Path:
 
 
 def write_files(result: Result, folder: Path) -> Result:
-    """Write everything about a run to ``folder``, whole or not at all; return it with the paths.
+    """Write all files of a run to ``folder``, all or none; return the run with the paths.
 
     report.html, roll.png, bus.asc, canroll_gains.h, calibration.toml, trace.npz, result.json.
 
@@ -97,17 +97,21 @@ def _write_parts(result: Result, paths: Mapping[str, Path]) -> None:
     write_log(paths["log"], seen.frames)
     calibration_file.save(paths["calibration"], result.record, result.tables)
     saved_run.save_traces(paths["trace"], result)
-    settings = result.settings
+    designed = result.tables["design"]
     header = gains_header(
         result.record,
-        title=(f"{result.tables['design']['law']} for {settings.vehicle.name}",),
+        title=(f"{designed['law']} for {Path(designed['vehicle']).stem}",),
         physical=physical_notes(result.record),
     )
     write_text(paths["header"], header)
     draw_picture(result, paths["picture"])
     write_text(paths["report"], run_page(result))
     hashes = {paths[name].name: saved_run.digest(paths[name]) for name in ("trace", "calibration")}
-    data = {**result.to_json(), saved_run.HASHES: hashes}
+    data = {
+        **result.to_json(),
+        saved_run.HASHES: hashes,
+        saved_run.VEHICLE: result.settings.vehicle.fingerprint,
+    }
     write_text(paths["result"], json.dumps(data, indent=2) + "\n")
 
 
@@ -117,12 +121,12 @@ def write_page(
     texts: Mapping[str, tuple[str, Callable[[], str]]],
     data: Mapping[str, Any],
 ) -> dict[str, Any]:
-    """Write the texts and the numbers, and return the numbers with the files' names.
+    """Write texts and numbers, and return the numbers with the names of the files.
 
     Args:
         out: folder, or None for no files.
-        stem: of every file's name.
-        texts: suffix and what makes the text, by what the answer calls the file.
+        stem: stem of every file's name.
+        texts: suffix and function that makes the text, by the file's key in the result.
         data: the numbers, written as JSON.
 
     Raises:

@@ -40,7 +40,7 @@ def shown(result: Result) -> list[Shown]:
 
 
 def verdict(result: Result) -> Verdict:
-    """Return the verdict on top: headline, and what it rests on."""
+    """Return the verdict on top: headline and grounds."""
     headline, _, text = result.verdict.partition(": ")
     good = False if result.not_valid else None if result.pays else result.helps
     return Verdict(good, headline, text[:1].upper() + text[1:])
@@ -57,7 +57,7 @@ def parameters(result: Result) -> list[tuple[str, str]]:
         ("vehicle", f"{settings.vehicle.name}: {settings.vehicle.title}"),
         ("plant", settings.plant),
         ("actuator", settings.actuator),
-        ("law", settings.law),
+        ("law", settings.law_name),
         ("observer", settings.observer),
         ("bus", settings.bus_name),
         ("loop", f"every {settings.tick * 1e3:g} ms, frames after {settings.run_time * 1e6:g} µs"),
@@ -73,7 +73,7 @@ def parameters(result: Result) -> list[tuple[str, str]]:
 
 
 def provenance(result: Result) -> list[tuple[str, str]]:
-    """Return where the numbers come from."""
+    """Return the provenance of the numbers."""
     vehicle = result.settings.vehicle
     sources = [(f"vehicle: {key}", text) for key, text in vehicle.sources.items()]
     return [
@@ -123,8 +123,8 @@ def run_page(result: Result) -> str:
         Page(
             title=f"{scenario[:1].upper()}{scenario[1:]}, {settings.vehicle.title}",
             subtitle=(
-                f"{settings.vehicle.name} at {settings.speed * 3.6:.0f} km/h, {settings.law} with "
-                f"{settings.actuator} over {settings.bus_name}"
+                f"{settings.vehicle.name} at {settings.speed * 3.6:.0f} km/h, "
+                f"{settings.law_name} with {settings.actuator} over {settings.bus_name}"
             ),
             verdict=verdict(result),
             warnings=result.warnings,

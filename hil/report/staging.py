@@ -1,8 +1,8 @@
-"""A folder's files replaced together: whole or not at all.
+"""Replacement of a folder's files as a whole: all or none.
 
-They are written beside their place and moved there at the end. The file that makes the folder what
-it is goes first of the old ones and comes last of the new ones, so that a process killed in between
-leaves the older files, or a folder that is none.
+They are written to a temporary folder beside it and moved at the end. The key file, without which
+the folder is not valid, is removed first and moved last, so that a process killed in between leaves
+either the older files or an invalid folder.
 """
 
 import fcntl
@@ -20,11 +20,11 @@ PART = ".canroll-part-"
 
 @contextmanager
 def replaced(folder: Path, key: str) -> Iterator[Path]:
-    """Give an empty folder, whose files go to ``folder`` at the end; an error leaves it as it was.
+    """Yield an empty folder whose files replace those of ``folder`` unless an error occurs.
 
     Args:
-        folder: of the files.
-        key: name of the file without which the others count for nothing.
+        folder: folder of the files.
+        key: name of the key file, without which the others are not valid.
 
     Raises:
         CanrollError: another process writes to it, or it cannot be written.

@@ -40,7 +40,7 @@ def number(value: float, digits: int, key: str) -> Cell:
 
 
 def change(after: float, before: float, digits: int) -> Cell:
-    """Return the relative change in percent, or nothing where ``before`` is shown as 0."""
+    """Return the relative change in percent, or an empty cell if ``before`` is shown as 0."""
     if round(before, digits) == 0:
         return NOTHING
     percent = round(100 * (after / before - 1))
@@ -48,9 +48,9 @@ def change(after: float, before: float, digits: int) -> Cell:
 
 
 def metric_rows(result: Result) -> list[Row]:
-    """Return a row a metric: without control, with control, change, replay, with no roll at all.
+    """Return a row per metric: without control, with control, change, replay, without any roll.
 
-    Without a replay its column is left out, without a path the errors to it.
+    Without a replay its column is omitted, without a path the path errors.
     """
     rows = []
     for name in ALL_FIGURES:
@@ -73,13 +73,13 @@ def metric_rows(result: Result) -> list[Row]:
 
 
 def metric_head(result: Result, passive: str, controlled: str) -> tuple[str, ...]:
-    """Return the head over :func:`metric_rows`, with what the first two columns are called."""
+    """Return the table head of :func:`metric_rows`, with names of the first two columns."""
     replayed = () if result.replay is None else ("replay",)
     return ("", passive, controlled, "change", *replayed, "no roll at all")
 
 
 def replay_note(result: Result) -> str:
-    """Say what the replay is, or why there is none."""
+    """Return a note on what the replay is, or why there is none."""
     if result.controlled is None:
         return ""
     if result.replay is not None:
@@ -94,7 +94,7 @@ def replay_note(result: Result) -> str:
 
 
 def standard_rows(result: Result) -> list[tuple[str | Cell, ...]]:
-    """Return a row a criterion and run: run, criterion, clause, measured, limit, verdict."""
+    """Return a row per criterion and run: run, criterion, clause, measured, limit, verdict."""
     names = {"passive": "without control", "controlled": "with control"}
     return [
         (
@@ -111,7 +111,7 @@ def standard_rows(result: Result) -> list[tuple[str | Cell, ...]]:
 
 
 def can_rows(result: Result) -> list[Row]:
-    """Return a row a message with least, mean and largest response time, and the age."""
+    """Return a row per message with least, mean and largest response time, and the age."""
     spreads = {
         f"{name}, response (ms)": (f"can.response_ms.{name}", spread)
         for name, spread in result.can.response_ms.items()

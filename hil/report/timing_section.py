@@ -38,7 +38,7 @@ def timing_table(timing: Mapping[str, Any]) -> Table:
 
 
 def timing_figures(timing: Mapping[str, Any]) -> list[Figure]:
-    """Return the histograms that a run in real time left."""
+    """Return the histograms of a run in real time."""
     return [
         Figure(
             f"timing-{id}", title, "µs", "% of all",

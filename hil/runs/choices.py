@@ -34,17 +34,17 @@ class Choice:
     """One choice of a run.
 
     Attributes:
-        option: as it is written on a command line.
-        help: what it means; names, unit and default are added where they are shown.
-        of: "world", "controller" or "run": whom it concerns.
-        default: where nothing is asked for; None where that depends on something else.
-        values: the names that it may have, read when they are needed; none: any text.
-        extensible: whether "file.py:name" or "module:name" is a name as well.
-        unit: of a number.
+        option: option on the command line.
+        help: help text; names, unit and default are added when shown.
+        of: "world", "controller" or "run": what it belongs to.
+        default: default value; None if it depends on other choices.
+        values: the allowed names, read when needed; none: any text.
+        extensible: whether "file.py:name" or "module:name" is allowed as well.
+        unit: unit of a number.
         low: least number.
         high: largest number.
         frozen_in_calibration: whether a calibration file fixes it.
-        saved: whether results carry it; what does not is in their calibration.
+        saved: whether results contain it; otherwise it is in their calibration.
         name: keyword of :func:`canroll.run`, and key in JSON.
         kind: str, Path, float, int, bool, Mapping or Sequence.
     """
@@ -91,7 +91,7 @@ class Choice:
 
         Raises:
             UnknownNameError: no such name.
-            CanrollError: no number, or one that cannot be; neither on nor off.
+            CanrollError: not a number, out of range, or neither on nor off.
         """
         if self.kind is bool:
             if text.lower() not in (*ON, *OFF):
@@ -112,7 +112,7 @@ TINY = 1e-9
 
 
 class Choices(TypedDict, total=False):
-    """Keywords of a run; what is left out, or None, is the default."""
+    """Keywords of a run; the default applies where one is omitted or None."""
 
     vehicle: Annotated[
         str | None,
@@ -122,6 +122,15 @@ class Choices(TypedDict, total=False):
             of=WORLD,
             default="van_real",
             frozen_in_calibration=True,
+        ),
+    ]
+    plant_vehicle: Annotated[
+        str | None,
+        Choice(
+            option="--plant-vehicle",
+            help="vehicle that is driven, where it is not the one that the controller is designed "
+            "for; preset or TOML file",
+            of=RUN,
         ),
     ]
     law: Annotated[
@@ -141,6 +150,15 @@ class Choices(TypedDict, total=False):
         Choice(
             option="--calibration",
             help="calibration file written by canroll design, instead of a law",
+            of=CONTROLLER,
+            saved=False,
+        ),
+    ]
+    stage: Annotated[
+        str | Path | None,
+        Choice(
+            option="--stage",
+            help="Python file with an own stage of the loop, written in the integer subset",
             of=CONTROLLER,
             saved=False,
         ),
@@ -387,7 +405,7 @@ class Choices(TypedDict, total=False):
 
 
 def _kind(hint: Any) -> type:  # noqa: ANN401
-    """Return the type of a value from the annotation of its keyword."""
+    """Return the type of a value from its keyword's annotation."""
     given = [part for part in get_args(get_args(hint)[0]) if part is not NoneType]
     kind = given[-1]
     origin: type = get_origin(kind) or kind
@@ -407,7 +425,7 @@ BY_WORD = {
 
 
 def check(choices: Mapping[str, Any]) -> None:
-    """Reject invalid choices before anything slow is loaded.
+    """Reject invalid choices before any slow import.
 
     Raises:
         UnknownNameError: an unknown choice or name.
@@ -428,7 +446,7 @@ def check(choices: Mapping[str, Any]) -> None:
 
 
 def without_frozen(choices: Mapping[str, Any], *, frozen: bool = False) -> dict[str, Any]:
-    """Return the choices that a calibration does not fix; with ``frozen`` those that it does."""
+    """Return the choices not fixed by a calibration; with ``frozen`` those that are."""
     return {
         name: value
         for name, value in choices.items()
@@ -447,7 +465,7 @@ def described(text: str) -> dict[str, Any]:
 
     Raises:
         UnknownNameError: an unknown key or name.
-        CanrollError: a value that cannot be.
+        CanrollError: an invalid value.
     """
     found = {}
     for part in text.split(","):
@@ -459,7 +477,7 @@ def described(text: str) -> dict[str, Any]:
 
 
 def arguments(values: Mapping[str, Any]) -> list[str]:
-    """Return the command-line options that ask for ``values``."""
+    """Return the command-line options for ``values``."""
     found: list[str] = []
     for name, value in values.items():
         choice = CHOICES[name]

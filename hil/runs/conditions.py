@@ -1,4 +1,4 @@
-"""Faults and conditions of sensors and actuators, as they are written on a command line."""
+"""Faults and conditions of sensors and actuators, as written on a command line."""
 
 from collections.abc import Iterable, Mapping
 from math import inf, isfinite
@@ -29,12 +29,12 @@ def options(
 
     Args:
         faults: "Imu.RollRate=stuck@3:5" or "front_left=weak:0.3@2": signal or corner, kind, value
-            (SI units), from and to which instant, s.
-        conditions: by name the fields of ``SensorOptions`` and ``ActuatorOptions`` that are
-            numbers or switches, and "phases.<message>" and "lsb.<signal>".
+            (SI units), start and end, s.
+        conditions: numeric and boolean fields of ``SensorOptions`` and ``ActuatorOptions`` by name,
+            and "phases.<message>" and "lsb.<signal>".
 
     Raises:
-        CanrollError: a fault or condition that cannot be; the message says what to write.
+        CanrollError: an invalid fault or condition; the message names the expected form.
     """
     sensors: dict[str, Any] = {"phases": {}, "lsb": {}}
     actuators: dict[str, Any] = {}
@@ -68,10 +68,10 @@ def condition_names() -> tuple[str, ...]:
 
 
 def fault(text: str) -> SensorFault | ActuatorFault:
-    """Return the fault that ``text`` describes, a sensor's or an actuator's.
+    """Return the sensor or actuator fault described by ``text``.
 
     Raises:
-        CanrollError: what cannot be read.
+        CanrollError: the text cannot be parsed.
         UnknownNameError: no such signal, corner or kind.
     """
     where, equals, rest = text.partition("=")

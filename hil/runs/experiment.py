@@ -6,6 +6,7 @@ from typing import Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+import vehicles
 from canroll.errors import UnknownNameError
 from canroll.typing import Progress
 from codegen.run.backends import default_backend, open_backend
@@ -38,11 +39,11 @@ def run(scenario: str, *, progress: Progress | None = None, **choices: Unpack[Ch
 
     Args:
         scenario: name of the manoeuvre, such as "double_lane_change" or "roundabout".
-        progress: called with "passive", "controlled" or "replay" and the share done.
+        progress: called with "passive", "controlled" or "replay" and the fraction done.
         choices: vehicle, law, bus, seed, … : see :class:`hil.runs.choices.Choices`.
 
     Raises:
-        CanrollError: a name, number or file that cannot be; the message says what to do.
+        CanrollError: an invalid name, number or file; the message names the remedy.
         VerdictError: the design fails its own checks.
         Interrupted: Ctrl-C; it carries the trace so far.
     """
@@ -51,10 +52,10 @@ def run(scenario: str, *, progress: Progress | None = None, **choices: Unpack[Ch
 
 
 def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controller]:
-    """Return what :func:`run` would drive with the same arguments: settings and controller.
+    """Return settings and controller of :func:`run` with the same arguments.
 
     Raises:
-        CanrollError: a name, number or file that cannot be; the message says what to do.
+        CanrollError: an invalid name, number or file; the message names the remedy.
         VerdictError: the design fails its own checks.
     """
     check(choices)
@@ -70,15 +71,20 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
     profile = profile_of(choices)
     conditions_of.options(faults, conditions)
     controller = prepare(choices)
-    warnings = check_frames(profile, controller.record)
+    vehicle, warnings = controller.vehicle, check_frames(profile, controller.record)
+    other = choices.get("plant_vehicle")
+    if other is not None:
+        vehicle = vehicles.load(other)
+        warnings = (
+            *warnings,
+            f"{controller.law} is designed for {controller.vehicle.name} and drives "
+            f"{vehicle.name}: its margins and checks are those of {controller.vehicle.name}",
+        )
     controller = replace(controller, warnings=(*controller.warnings, *warnings))
-    if speed_kmh is None:
-        speed = maneuvers.default_speed(scenario, controller.vehicle)
-    else:
-        speed = speed_kmh / 3.6
+    speed = maneuvers.default_speed(scenario, vehicle) if speed_kmh is None else speed_kmh / 3.6
     settings = Settings(
         scenario=scenario,
-        vehicle=controller.vehicle,
+        vehicle=vehicle,
         law=controller.law,
         actuator=controller.actuator,
         command=controller.command,
@@ -96,6 +102,8 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         conditions=tuple(sorted(conditions.items())),
         dbc=choices.get("dbc"),
         map=choices.get("map"),
+        plant_vehicle=choices.get("plant_vehicle"),
+        stage=controller.stage,
         phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
     )
     # an option that the manoeuvre does not know is refused here, and a phase that cannot be
@@ -113,7 +121,7 @@ def simulate(
     progress: Progress | None = None,
     passive: Trace | None = None,
 ) -> Result:
-    """Run ``controller`` under ``settings``; ``passive`` saves driving the same run twice."""
+    """Run ``controller`` under ``settings``; ``passive`` is reused instead of driven again."""
     if passive is None:
         passive = drive(settings, controller, enabled=False, duration=duration, progress=progress)
     if settings.law == PASSIVE:
@@ -137,10 +145,10 @@ def drive(
     progress: Progress | None = None,
     steer: NDArray[np.float64] | None = None,
 ) -> Trace:
-    """Drive the manoeuvre once; without control the actuators are disabled, the frames go on.
+    """Drive the manoeuvre once; without control the actuators are disabled but frames exchanged.
 
-    ``steer``: angle at the road wheels, rad, a value a millisecond, played back instead of what
-    the driver steers.
+    ``steer``: angle at the road wheels, rad, one value per millisecond, replayed instead of the
+    driver's steering.
     """
     maneuver = _maneuver(settings)
     stage = "controlled" if enabled else "passive"
@@ -158,7 +166,7 @@ def drive(
 
 
 def tick_offset_ns(settings: Settings) -> int:
-    """Return the instant of tick 0: where the chosen phase puts it, else 0."""
+    """Return the instant of tick 0 for the chosen phase, else 0, ns."""
     if settings.phase is None:
         return 0
     world = build_world(replace(settings, faults=()), enabled=False)
@@ -166,10 +174,10 @@ def tick_offset_ns(settings: Settings) -> int:
 
 
 def tick_phase_ns(settings: Settings) -> int:
-    """Return the phase that the ticks of virtual time have under ``settings``.
+    """Return the phase of the ticks of virtual time under ``settings``, ns.
 
     Raises:
-        CanrollError: they have none.
+        CanrollError: they have no phase.
     """
     if settings.phase is not None:
         return round(settings.phase * 1e9)
@@ -180,7 +188,7 @@ def tick_phase_ns(settings: Settings) -> int:
 def build_world(
     settings: Settings, *, enabled: bool, maneuver: maneuvers.Maneuver | None = None
 ) -> World:
-    """Return the world that ``settings`` describe, at time 0; ``maneuver`` instead of theirs."""
+    """Return the world for ``settings`` at time 0, with ``maneuver`` instead of theirs if given."""
     sensors, actuators = conditions_of.options(settings.faults, dict(settings.conditions))
     return World(
         vehicle=settings.vehicle,
@@ -219,7 +227,7 @@ def assess(
     controlled: Trace | None,
     replayed: Trace | None = None,
 ) -> Result:
-    """Return the figures of a pair of runs, and of the replay where there is one."""
+    """Return the figures of a pair of runs and of the replay, if any."""
     maneuver = _maneuver(settings)
     seen = passive if controlled is None else controlled
     delay = delay_of(settings)
@@ -265,5 +273,5 @@ def assess(
 
 
 def with_files(result: Result, files: dict[str, str]) -> Result:
-    """Return the result with the files that were written of it."""
+    """Return the result with the paths of its files."""
     return replace(result, files=files)

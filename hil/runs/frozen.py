@@ -1,16 +1,19 @@
-"""The controller of a run, designed on the spot or read from a calibration file, and its frames."""
+"""The controller of a run, designed or read from a calibration file, and its frames."""
 
 from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import vehicles
 from canroll.errors import CanrollError
+from codegen.generated import own_stage
 from codegen.generated.bus_map import VALID_BITS, BusMap, Mailbox, read
-from codegen.run.bus_firmware import BusFirmware, built_in, of_bus
+from codegen.generated.own_stage import OwnStage
+from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
 from dbc import attribute
 from firmware import calibration as fw
 from firmware.calibration import Calibration
@@ -60,6 +63,11 @@ class Controller:
     warnings: tuple[str, ...]
 
     @property
+    def stage(self) -> OwnStage | None:
+        """The own stage of the loop."""
+        return own_stage.carried(self.tables)
+
+    @property
     def command(self) -> str:
         """Message that commands the actuators."""
         return COMMANDS[self.record.actuator]
@@ -77,32 +85,54 @@ class Controller:
 
 
 def prepare(choices: Mapping[str, Any]) -> Controller:
-    """Return the controller that ``choices`` (:class:`hil.runs.choices.Choices`) ask for.
+    """Return the controller for ``choices`` (:class:`hil.runs.choices.Choices`).
 
     Raises:
         CanrollError: unknown names, contradicting choices, an unreadable calibration.
-        VerdictError: a design that fails its own checks.
+        VerdictError: the design fails its own checks.
     """
     check(choices)
     if choices.get("calibration") is not None:
-        return _loaded(load(choices["calibration"]), choices)
-    return _designed(choices)
+        loaded = load(choices["calibration"])
+        stage = stage_of(loaded.tables, choices)
+        controller = _loaded(loaded, choices)
+    else:
+        stage = stage_of({}, choices)
+        controller = _designed(choices)
+    return replace(controller, tables=own_stage.added(controller.tables, stage))
+
+
+def stage_of(tables: Mapping[str, Any], choices: Mapping[str, Any]) -> OwnStage | None:
+    """Return the own stage that a calibration carries or ``choices`` name, checked and proved.
+
+    Raises:
+        CanrollError: it cannot be read, or is no stage; both name one.
+    """
+    stage = own_stage.carried(tables)
+    if choices.get("stage") is not None:
+        if stage is not None:
+            raise CanrollError(
+                f"--stage: the calibration carries the stage {stage.file}: omit --stage"
+            )
+        stage = own_stage.read(Path(choices["stage"]))
+    with_stage(built_in(), stage)
+    return stage
 
 
 def profile_of(choices: Mapping[str, Any]) -> BusProfile:
-    """Return the bus that ``choices`` ask for, with the frames on it.
+    """Return the bus for ``choices``, with its frames.
 
     Raises:
-        CanrollError: no such profile, or a file that cannot be used.
+        CanrollError: no such profile, or an unusable file.
     """
     return load_profile(chosen(choices, "bus"), choices.get("dbc"), choices.get("map"))
 
 
 def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
-    """Return the design task that ``choices`` describe, for ``delay`` or that of their bus.
+    """Return the design task for ``choices``, with ``delay`` or that of their bus.
 
     Raises:
-        CanrollError: an unknown vehicle, or a tick that cannot be.
+        CanrollError: an unknown vehicle, or an invalid tick.
     """
     vehicle = vehicles.load(chosen(choices, "vehicle"))
     actuator = chosen(choices, "actuator")
@@ -128,7 +158,7 @@ def options_of(choices: Mapping[str, Any]) -> Options:
     """Return the calibration options in ``choices`` that do not depend on the law.
 
     Raises:
-        CanrollError: a heartbeat that cannot be.
+        CanrollError: an invalid heartbeat.
     """
     tick, heartbeat = (1e-3 * chosen(choices, name) for name in ("tick_ms", "heartbeat_ms"))
     if not tick <= heartbeat < COMMAND_TIMEOUT:
@@ -166,7 +196,7 @@ def _designed(choices: Mapping[str, Any]) -> Controller:
 
 
 def _design(law: str, task: Task) -> Design:
-    """Return the verified design, that of an equal task where one was made before."""
+    """Return the verified design, cached for equal tasks."""
     for known_law, known_task, answer in RECENT:
         if (known_law, known_task) == (law, task):
             return answer
@@ -177,6 +207,8 @@ def _design(law: str, task: Task) -> Design:
 
 def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Controller:
     vehicle = vehicles.load(calibration.vehicle)
+    if choices.get("plant_vehicle") is None:
+        refuse_changed(vehicle, calibration.vehicle_fingerprint, str(calibration.path))
     command = COMMANDS[calibration.record.actuator]
     delay = sample_to_force(vehicle, command, profile_of(choices), tick=calibration.tick)
     warnings = [line for line in calibration.warnings if "expect a limit cycle" not in line]
@@ -194,6 +226,16 @@ def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Contr
     )
 
 
+def refuse_changed(vehicle: Vehicle, fingerprint: str, of: str) -> None:
+    """Raise CanrollError where a vehicle has other numbers than when ``of``, a file, was made."""
+    if vehicle.fingerprint != fingerprint:
+        raise CanrollError(
+            f"{of}: vehicle {vehicle.reference} has changed since: create the calibration again "
+            f"with 'canroll design', or drive the vehicle of today with --plant-vehicle "
+            f"{vehicle.reference}"
+        )
+
+
 RUN_TIME = 200e-6
 """From the start of a tick to its frames in the controller's queue, s: the loop takes 10 k to 20 k
 instructions on a Cortex-M0, which is less at 100 MHz."""
@@ -204,17 +246,17 @@ def sample_to_force(
 ) -> Delay:
     """Return the bounds of the delay on this bus, and their middle.
 
-    The low-pass of the roll-rate sensor and its latency are in it; the hold of the command over
-    the next tick is not, for the sampled design model has it already.
+    It includes the low-pass of the roll-rate sensor and its latency, but not the hold of the
+    command over the next tick, which is part of the sampled design model.
 
     Args:
-        vehicle: its sensors.
+        vehicle: vehicle with the sensors.
         command: message that commands the actuators.
         profile: the bus.
         tick: period of the loop, s.
 
     Raises:
-        VerdictError: the bus is so loaded that there is no bound.
+        VerdictError: the bus is overloaded and has no bound.
     """
     bounds = delay_bounds(profile, tick_ms=1e3 * tick, command=command, run_time_s=RUN_TIME)
     sensor = delay(vehicle.sensors.roll_rate, options=SensorOptions())
@@ -222,15 +264,15 @@ def sample_to_force(
     return Delay((least + most) / 2, least, most)
 
 
-def firmware_of(profile: BusProfile) -> BusFirmware:
-    """Return the ECU's program for the frames of a bus."""
+def firmware_of(profile: BusProfile, stage: OwnStage | None = None) -> BusFirmware:
+    """Return the ECU's program for the frames of a bus, with an own stage where there is one."""
     if profile.dbc is None or profile.map_file is None:
-        return built_in()
-    return of_bus(profile.dbc, profile.map_file)
+        return with_stage(built_in(), stage)
+    return with_stage(of_bus(profile.dbc, profile.map_file), stage)
 
 
 def refuse_wide_identifiers(profile: BusProfile) -> None:
-    """Raise CanrollError for frames that ECU and plant as two programs do not take."""
+    """Raise CanrollError for frames that ECU and plant as two programs do not support."""
     for message in messages_of(profile):
         if message.flags & EXTENDED:
             raise CanrollError(
@@ -240,7 +282,7 @@ def refuse_wide_identifiers(profile: BusProfile) -> None:
 
 
 def refuse_own(profile: BusProfile, command: str) -> None:
-    """Raise CanrollError for a bus whose frames only virtual time knows."""
+    """Raise CanrollError for a bus whose frames only virtual time supports."""
     if profile.dbc is not None:
         raise CanrollError(
             f"'canroll {command}' sends the frames of the bus contract: own frames (--dbc, --map) "
@@ -249,16 +291,16 @@ def refuse_own(profile: BusProfile, command: str) -> None:
 
 
 def names_of(profile: BusProfile) -> dict[int, str]:
-    """Return what the frames of a bus are called, by identifier."""
+    """Return the names of a bus's frames by identifier."""
     return {message.ident: message.name for message in messages_of(profile)}
 
 
 def check_frames(profile: BusProfile, record: Calibration) -> tuple[str, ...]:
-    """Return warnings of what the frames of a bus do to a loop with this calibration.
+    """Return warnings on the frames of a bus for a loop with this calibration.
 
     Raises:
-        CanrollError: a message or signal that the loop cannot do without is missing, or comes less
-            often than the loop waits for it.
+        CanrollError: a required message or signal is missing, or its cycle time is longer than the
+            loop's timeout for it.
     """
     bus = bus_map(profile)
     if bus is None:
@@ -268,7 +310,7 @@ def check_frames(profile: BusProfile, record: Calibration) -> tuple[str, ...]:
 
 
 def _other_rates(profile: BusProfile) -> Iterator[str]:
-    """What the DBC says of the bit rates, where the bus has others."""
+    """Warning on the DBC's bit rates if the bus has others."""
     assert profile.dbc is not None
     database, _ = read(profile.dbc)
     for name, rate in (
@@ -287,19 +329,19 @@ def _lacking(profile: BusProfile, bus: BusMap, record: Calibration) -> Iterator[
         where = f"{profile.map_file} [receive.{box.slot}]"
         absent = _absent(box, needed)
         if absent and box.slot not in DEGRADING:
-            raise CanrollError(f"{where}: no signal is the {absent}, which this loop needs")
+            raise CanrollError(f"{where}: no signal is mapped to {absent}, which the loop requires")
         if absent:
-            yield f"{where}: no signal is the {absent}: the loop runs degraded"
+            yield f"{where}: no signal is mapped to {absent}: the loop runs degraded"
         wait = timeout * record.tick_us // 1000
         if box.name and 2 * box.cycle_ms > wait:
             raise CanrollError(
-                f"{where}: {box.name} comes every {box.cycle_ms} ms, and the loop gives up after "
-                f"{wait} ms: it must come twice in that time"
+                f"{where}: {box.name} is sent every {box.cycle_ms} ms, but the loop's timeout "
+                f"is {wait} ms: it must be at least two cycle times"
             )
 
 
 def _absent(box: Mailbox, needed: int) -> str:
-    """The first needed field that no signal of a mailbox is; "" where all are there."""
+    """The first required field without a signal in a mailbox; "" if there is none."""
     there = {signal.place.text for signal in box.signals}
     for bit, field in enumerate(VALID_BITS[box.slot]):
         if needed >> bit & 1 and field not in there:
@@ -308,7 +350,7 @@ def _absent(box: Mailbox, needed: int) -> str:
 
 
 def refuse_wide_steps(bus: BusMap, record: Calibration, map_file: str) -> None:
-    """Raise where a page of a multiplexed frame comes with larger counter steps than accepted."""
+    """Raise CanrollError if a multiplexed page has larger counter steps than accepted."""
     for box, accepted in zip(bus.received, record.e2e_max_delta, strict=True):
         counter = box.protection.counter if box.protection else None
         if record.e2e and counter is not None and box.cycle > accepted:

@@ -38,7 +38,7 @@ class LimitCycle:
 
 
 def turning_points(values: Vector, hysteresis: float) -> NDArray[np.int64]:
-    """Return where ``values`` turns, ignoring wiggles smaller than ``hysteresis``; alternating."""
+    """Return the alternating extrema of ``values``, ignoring changes below ``hysteresis``."""
     turns: list[int] = []
     low = high = 0
     rising: bool | None = None
@@ -65,10 +65,10 @@ def detect(
 ) -> LimitCycle | None:
     """Return the longest limit cycle of ``command``, or None.
 
-    Swings count as one as long as they do not decay, take equally long, and go on for three
-    periods and a second. They are looked for in the command as it is, and in what is left of it
-    without its moving average, for a limit cycle rides on what the manoeuvre asks for. A manoeuvre
-    that itself swings as often in that time, told by the passive roll angle, is no limit cycle.
+    A limit cycle consists of oscillations that do not decay, have equal periods, and last for at
+    least three periods and one second. The command is searched both as it is and with its moving
+    average removed, as a limit cycle is superimposed on the command of the manoeuvre. If the
+    passive roll angle oscillates as often in that time, it is the manoeuvre and not a limit cycle.
 
     Args:
         t: times of the controlled run's ticks, s; a run in real time may have missed some.
@@ -91,7 +91,7 @@ def detect(
 
 
 def _evenly(t: Vector, values: Vector) -> tuple[Vector, Vector]:
-    """Return times at equal steps and the values there; what has equal steps is left as it is."""
+    """Return equally spaced times and the values there; unchanged if already equally spaced."""
     steps = np.diff(t)
     step = float(np.median(steps))
     if np.max(np.abs(steps - step)) <= UNEVEN * step:
@@ -101,7 +101,7 @@ def _evenly(t: Vector, values: Vector) -> tuple[Vector, Vector]:
 
 
 def _without_average(values: Vector, t: Vector, window: float) -> Vector:
-    """Return ``values`` at equal steps of ``t`` less their average over ``window``; 0: as is."""
+    """Return equally spaced ``values`` minus their average over ``window``; 0: unchanged."""
     count = min(round(window / float(t[1] - t[0])), len(values))
     if count < 2:
         return values
@@ -112,7 +112,7 @@ def _without_average(values: Vector, t: Vector, window: float) -> Vector:
 
 
 def _cycles(t: Vector, values: Vector, threshold: float) -> Iterator[LimitCycle]:
-    """Yield every stretch of even swings that do not decay and go on for three periods."""
+    """Yield every sequence of regular oscillations that do not decay for three periods."""
     turns = turning_points(values, threshold)
     swings = np.abs(np.diff(values[turns]))
     spans = np.diff(t[turns])
@@ -128,13 +128,13 @@ def _cycles(t: Vector, values: Vector, threshold: float) -> Iterator[LimitCycle]
 
 
 def _goes_on(swings: Vector, spans: Vector) -> bool:
-    """Whether the newest swing continues the ones before it."""
+    """Whether the newest oscillation continues the previous ones."""
     usual = float(np.median(spans[:-1]))
     return bool(swings[-1] >= DECAY * np.max(swings) and abs(spans[-1] - usual) <= EVENNESS * usual)
 
 
 def _excited(cycle: LimitCycle, t: Vector, roll: Vector) -> bool:
-    """Whether the manoeuvre itself swings as often while the command does."""
+    """Whether the manoeuvre itself oscillates as often at that time."""
     inside = roll[(t >= cycle.start) & (t <= cycle.end)]
     if not len(inside):
         return False

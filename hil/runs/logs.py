@@ -18,10 +18,10 @@ SUFFIXES = (".asc", ".blf", ".log", ".mf4", ".pcap", ".pcapng")
 
 
 def check_suffix(path: Path) -> Path:
-    """Return ``path`` if its suffix names a log format.
+    """Return ``path`` if its suffix is that of a log format.
 
     Raises:
-        CanrollError: it does not.
+        CanrollError: it is not.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise CanrollError(f"{path}: the suffix of a log must be one of {', '.join(SUFFIXES)}")
@@ -29,10 +29,10 @@ def check_suffix(path: Path) -> Path:
 
 
 def messages(frames: NDArray[Any]) -> Iterator[can.Message]:
-    """Yield what a logger on each segment would have seen, in order; time 0 is the run's start.
+    """Yield the messages seen by a logger on each segment, in order; time 0 is the run's start.
 
     Frames of the controller count as transmitted, all others as received; the channel is the
-    segment. Error frames are kept, frames that never made it to the bus are not.
+    segment. Error frames are included, frames that never reached the bus are not.
     """
     seen = frames[np.isin(frames["outcome"], (DELIVERED, REFUSED, ERROR))]
     for entry in seen[np.argsort(seen["t_received"], kind="stable")]:
@@ -59,7 +59,7 @@ def messages(frames: NDArray[Any]) -> Iterator[can.Message]:
 def _start_at_zero(logger: Any) -> None:  # noqa: ANN401 - whichever writer the suffix has
     """Make time 0 of a log the start of the run.
 
-    Left alone, .asc and .blf count from their first frame, .mf4 from the moment of writing.
+    By default, .asc and .blf count from their first frame, .mf4 from the moment of writing.
     """
     if isinstance(logger, can.ASCWriter | can.BLFWriter):
         logger.log_event("Start of run", 0.0)
@@ -69,7 +69,7 @@ def _start_at_zero(logger: Any) -> None:  # noqa: ANN401 - whichever writer the 
 
 
 def write_log(path: Path, frames: NDArray[Any]) -> Path:
-    """Write a bus log in the format that the suffix of ``path`` names, and return ``path``.
+    """Write a bus log in the format of ``path``'s suffix, and return ``path``.
 
     Raises:
         CanrollError: unknown suffix, the file cannot be written, or it is a .pcap and the frames

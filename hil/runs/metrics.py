@@ -54,10 +54,10 @@ class Can:
 
 @dataclass(frozen=True, slots=True)
 class Trigger:
-    """Commands against ticks. ``samples``: ticks with control active.
+    """Numbers of commands and ticks. ``samples``: ticks with control active.
 
-    ``transmission_rate`` counts heartbeats, ``transmission_rate_triggered`` does not; ``floor`` is
-    what the heartbeat alone takes: tick over heartbeat period.
+    ``transmission_rate`` includes heartbeats, ``transmission_rate_triggered`` does not; ``floor``
+    is the rate of heartbeats alone: tick over heartbeat period.
     """
 
     samples: int
@@ -69,12 +69,12 @@ class Trigger:
 
 
 def rms(values: Vector) -> float:
-    """Root of the mean square; 0 of nothing."""
+    """Root of the mean square; 0 without values."""
     return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0
 
 
 def peak(values: Vector) -> float:
-    """Largest absolute value; 0 of nothing."""
+    """Largest absolute value; 0 without values."""
     return float(np.max(np.abs(values))) if len(values) else 0.0
 
 
@@ -91,7 +91,7 @@ def axle_load_transfer(trace: Trace) -> tuple[Vector, Vector]:
 
 
 def moment(trace: Trace) -> Vector:
-    """Anti-roll moment on the body that the actuators deliver, N·m, every millisecond."""
+    """Anti-roll moment on the body from the actuators, N·m, every millisecond."""
     return trace.signals["moment_front"] + trace.signals["moment_rear"]
 
 
@@ -119,15 +119,15 @@ def load_transfer_without_roll(
 ) -> dict[str, float | None]:
     """Return the peak load transfer with the body upright.
 
-    The wheels must carry m h a_y + m g h φ; roll control can take away the second part, the body
-    leaning over its wheels, and no more. From the wheel loads of the passive run: what springs and
-    dampers of each axle carry is replaced by that axle's share of the moment −m h a_y. That holds
-    with all wheels on a level road: on a bank or with a wheel in the air the figures are None.
+    The wheels must carry m h a_y + m g h φ; roll control can remove only the second part, from the
+    body leaning over its wheels. Based on the wheel loads of the passive run: the moment of springs
+    and dampers of each axle is replaced by that axle's share of the moment −m h a_y. This requires
+    all wheels on a level road: on a bank or with a wheel in the air the figures are None.
 
     Args:
         trace: of the passive run.
-        vehicle: of the plant.
-        front_share: share of the actuators' moment that the front axle takes.
+        vehicle: vehicle of the plant.
+        front_share: front axle's share of the actuators' moment.
     """
     plant, geometry, suspension = vehicle.plant, vehicle.geometry, vehicle.suspension
     signals = trace.signals
@@ -160,8 +160,8 @@ def load_transfer_without_roll(
 def response_times(trace: Trace, names: Mapping[int, str] | None = None) -> dict[str, Vector]:
     """Response times of the contract's messages, ms, from the queue to the end of the frame.
 
-    Every segment a frame crosses counts as a frame of its own. ``names``: of the frames, by
-    identifier, where they are not the contract's.
+    A frame counts once on every segment it crosses. ``names``: names of the frames by identifier,
+    if they are not the contract's.
     """
     if names is None:
         names = {message.frame_id: message.name for message in dbc.load().messages}
@@ -180,7 +180,7 @@ def spread(values: Vector) -> Spread:
 
 
 def bus_load(trace: Trace, segment: int = 0) -> float:
-    """Share of the run that ``segment`` was busy with frames and their interframe spaces."""
+    """Share of the run in which ``segment`` was busy with frames and interframe spaces."""
     frames = trace.frames
     on = frames[(frames["segment"] == segment) & (frames["t_start"] >= 0)]
     return float(np.sum(on["t_end"] - on["t_start"]) * 1e-9 / trace.duration)
@@ -198,7 +198,7 @@ def can(trace: Trace, names: Mapping[int, str] | None = None) -> Can:
 
 
 def trigger(trace: Trace, *, heartbeat_ticks: int) -> Trigger:
-    """Return how often the loop sent commands while control was active."""
+    """Return the transmission figures of commands while control was active."""
     active = np.isin(trace.ticks["mode"], (ACTIVE, DEGRADED))
     why = trace.ticks["triggered"][active]
     samples, sent, beats = len(why), int(np.sum(why > 0)), int(np.sum(why == 2))

@@ -1,7 +1,7 @@
-"""The phase of the ECU's ticks: how long after an Imu frame has come in a tick starts.
+"""Phase of the ECU's ticks: time from the reception of an Imu frame to the start of a tick.
 
-An ECU with a clock of its own has any phase; one locked to the sensor keeps the phase it was given.
-The phase decides how old a sample is when it is used, between nothing and a cycle of the sensor.
+An ECU with a free-running clock can have any phase; one locked to the sensor keeps the phase it is
+set to. The phase decides the age of a sample when used, between zero and one cycle of the sensor.
 """
 
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ def cycle_ns(tick_ns: int) -> int:
     """Return the cycle within which ticks have a phase: the shorter of tick and sensor period.
 
     Raises:
-        CanrollError: neither is a multiple of the other, so that the phase wanders.
+        CanrollError: neither is a multiple of the other, so the phase drifts.
     """
     short, long = sorted((tick_ns, IMU_PERIOD_NS))
     if long % short:
@@ -50,7 +50,7 @@ def checked_cycle_ns(tick_ns: int, phase_ns: int) -> int:
     """Return the cycle within which ticks have the phase ``phase_ns``.
 
     Raises:
-        CanrollError: the tick can have no phase, or not this one.
+        CanrollError: no phase is possible with this tick, or not this one.
     """
     cycle = cycle_ns(tick_ns)
     if not 0 <= phase_ns < cycle:
@@ -64,18 +64,18 @@ def offset_ns(world: World, tick_ns: int, phase_ns: int) -> int:
     """Return the instant of tick 0, in [0, tick), at which ticks have a phase.
 
     Args:
-        world: at time 0, of the run's vehicle, bus and seed; it is driven and thrown away.
+        world: world at time 0 with the run's vehicle, bus and seed; it is used up.
         tick_ns: period of the ticks.
-        phase_ns: from the earliest arrival of an Imu frame to a tick.
+        phase_ns: time from the earliest arrival of an Imu frame to a tick.
 
     Raises:
-        CanrollError: the tick can have no phase, or not this one.
+        CanrollError: no phase is possible with this tick, or not this one.
     """
     return (earliest_arrival_ns(world) + phase_ns) % checked_cycle_ns(tick_ns, phase_ns)
 
 
 def phase_ns(world: World, tick_ns: int, offset: int = 0) -> int:
-    """Return the phase that ticks at ``offset + k tick_ns`` have; the inverse of `offset_ns`."""
+    """Return the phase of ticks at ``offset + k tick_ns``; the inverse of `offset_ns`."""
     return (offset - earliest_arrival_ns(world)) % cycle_ns(tick_ns)
 
 
@@ -83,7 +83,7 @@ def earliest_arrival_ns(world: World) -> int:
     """Return the earliest instant of the sensor's cycle at which an Imu frame reaches the ECU.
 
     Raises:
-        CanrollError: none does, or they come anyhow.
+        CanrollError: none does, or arrivals are irregular.
     """
     segment = int(world.network.nodes["segment"][ECU])
     if world.imu_period_ns != IMU_PERIOD_NS:
@@ -105,7 +105,7 @@ def earliest_arrival_ns(world: World) -> int:
 
 
 def measured(ticks: NDArray[np.float64], frames: NDArray[np.void], imu: int = IMU) -> Phase | None:
-    """Return the phase that a run's ticks had; None where there was no Imu frame before one.
+    """Return the phase of a run's ticks; None if no tick had an Imu frame before it.
 
     Args:
         ticks: instants of the ticks, s.
@@ -126,7 +126,7 @@ def measured(ticks: NDArray[np.float64], frames: NDArray[np.void], imu: int = IM
 def received_by_ecu(frames: NDArray[np.void], imu: int = IMU) -> NDArray[np.void]:
     """Return the Imu frames of a bus log that reached the ECU.
 
-    The ECU's segment is the one that it sends on, the first where it has sent nothing.
+    The ECU's segment is the one it sends on, or the first if it has sent nothing.
     """
     own = frames[frames["sender"] == ECU]
     return _received(frames, int(own["segment"][0]) if len(own) else 0, imu)

@@ -1,10 +1,11 @@
-"""The outcome of a run: traces, figures, settings, and the object that ``--json`` prints."""
+"""Result of a run: traces, figures, settings, and the object that ``--json`` prints."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
@@ -42,13 +43,15 @@ WORSE = 1.05
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What was run.
+    """Settings of a run.
 
     ``speed`` in m/s, ``tick``, ``run_time`` and ``phase`` in s (phase None: that of clocks that
     start together); ``command``: the message that commands the actuators; ``options`` of the
     manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
     :func:`hil.runs.conditions.options` reads them; ``dbc`` and ``map``: the frames on the bus, None
-    for those of the contract or the network's own.
+    for those of the contract or the network's own; ``stage``: an own stage of the loop.
+    ``vehicle`` is driven; ``plant_vehicle`` is what it was loaded by where it is not the one that
+    the controller was designed for, else None.
     """
 
     scenario: str
@@ -71,25 +74,32 @@ class Settings:
     phase: float | None = None
     dbc: str | None = None
     map: str | None = None
+    plant_vehicle: str | None = None
+    stage: OwnStage | None = None
+
+    @property
+    def law_name(self) -> str:
+        """The law, and the own stage after it where there is one."""
+        return self.law if self.stage is None else f"{self.law} and {self.stage.name}"
 
     @property
     def bus_name(self) -> str:
-        """The bus in a few words: its name, and the file of its frames where they are a user's."""
+        """The bus in a few words: its name, and the file of the user's frames, if any."""
         bus = Path(self.bus).stem if self.bus.endswith(".toml") else self.bus
         return bus if self.dbc is None else f"{bus}, frames of {Path(self.dbc).name}"
 
     @property
     def profile(self) -> BusProfile:
-        """The bus, with the frames on it."""
+        """The bus with its frames."""
         return load_profile(self.bus, self.dbc, self.map)
 
     @property
     def firmware(self) -> BusFirmware:
-        """The ECU's program for the frames of the bus."""
-        return firmware_of(self.profile)
+        """The ECU's program for the frames of the bus, with the own stage."""
+        return firmware_of(self.profile, self.stage)
 
     def choices(self) -> dict[str, Any]:
-        """Return these settings by the keywords of a run; what the calibration says is left out."""
+        """Return these settings by the keywords of a run, without those of the calibration."""
         own = {
             "vehicle": self.vehicle.name,
             "speed_kmh": self.speed * 3.6,
@@ -102,7 +112,7 @@ class Settings:
 
     @classmethod
     def of(cls, choices: Mapping[str, Any], **others: Any) -> "Settings":  # noqa: ANN401
-        """Return the settings that :meth:`choices` has given; ``others`` are not among them.
+        """Return the settings from the result of :meth:`choices` and the ``others``.
 
         Raises:
             KeyError: a choice is missing.
@@ -124,27 +134,27 @@ class Result:
     """One manoeuvre driven without and with control.
 
     Attributes:
-        settings: what was run.
-        record: the integers that the ECU ran.
-        tables: what the calibration says beside them.
+        settings: settings of the run.
+        record: the calibration the ECU ran with.
+        tables: the calibration's other tables.
         delay: bounds of the sample-to-force delay on this bus, s.
         passive: trace without control.
         controlled: trace with control, None for the law "passive".
         passive_metrics: figures of the passive run.
         controlled_metrics: figures of the controlled run or None.
-        without_roll: load transfer that is left if the body does not roll at all, by metric;
-            None where it cannot be told.
-        can: bus figures, of the controlled run where there is one.
-        trigger: transmission figures, of the controlled run where there is one.
-        limit_cycle: of the command, or None.
-        standard: what the manoeuvre's standard says of both runs.
-        replay: trace with control and the steering of the passive run; None where the driver
-            steers the same with and without control, for then it is the controlled run.
+        without_roll: remaining load transfer if the body did not roll at all, by metric; None if
+            unknown.
+        can: bus figures, of the controlled run if there is one.
+        trigger: transmission figures, of the controlled run if there is one.
+        limit_cycle: limit cycle of the command, or None.
+        standard: verdicts of the manoeuvre's standard on both runs.
+        replay: trace with control and the steering of the passive run; None if the driver steers
+            the same with and without control, as it would equal the controlled run.
         replay_metrics: figures of the replay or None.
         warnings: one line each.
-        files: what was written of it, by name.
-        timing: figures of a run of two programs as ``canroll hil --json`` prints them; else empty.
-        phase: of the ticks, of the controlled run where there is one.
+        files: paths of its files, by name.
+        timing: figures of a run of two programs as printed by ``canroll hil --json``; else empty.
+        phase: phase of the ticks, of the controlled run if there is one.
     """
 
     settings: Settings
@@ -169,17 +179,17 @@ class Result:
 
     @property
     def not_valid(self) -> tuple[str, ...]:
-        """Why the run has no verdict: it was not driven as it should have been; empty: it was."""
+        """Reasons why the run is not valid and has no verdict; empty if it is valid."""
         return tuple(self.timing.get("not_valid", ()))
 
     @property
     def rolls(self) -> bool:
-        """Whether there is a roll angle that control could reduce."""
+        """Whether there is any roll angle to reduce."""
         return self.passive_metrics.roll_max_deg >= LEAST_ROLL_DEG
 
     @property
     def reduction(self) -> float | None:
-        """How much smaller control makes the largest roll angle, as share.
+        """Reduction of the largest roll angle by control, as a fraction.
 
         None without control or without any roll.
         """
@@ -189,9 +199,9 @@ class Result:
 
     @property
     def helps(self) -> bool | None:
-        """Whether RMS and largest roll angle both fell, without a limit cycle or a rollover.
+        """Whether RMS and largest roll angle both decreased, without a limit cycle or a rollover.
 
-        None without control, without any roll, or where the run is not valid.
+        None without control, without any roll, or if the run is not valid.
         """
         if self.controlled_metrics is None or self.not_valid:
             return None
@@ -223,7 +233,7 @@ class Result:
 
     @property
     def verdict(self) -> str:
-        """The answer in one line."""
+        """The verdict in one line."""
         passive, active = self.passive_metrics, self.controlled_metrics
         if self.not_valid:
             return f"Not valid: {'; '.join(self.not_valid)}"
@@ -246,11 +256,11 @@ class Result:
 
     @property
     def exit_code(self) -> int:
-        """The exit code: 1 where control does not help, or nothing can be said."""
+        """The exit code: 1 if control does not help, or there is no verdict."""
         return 1 if self.helps is False or self.not_valid else 0
 
     def to_json(self) -> dict[str, Any]:
-        """Return the run as plain data: what ``canroll run --json`` prints."""
+        """Return the run as plain data, as printed by ``canroll run --json``."""
         settings = self.settings
         return {
             "scenario": settings.scenario,

@@ -1,6 +1,6 @@
 """A run saved in its folder: ``trace.npz`` beside ``result.json`` and ``calibration.toml``.
 
-From these three a run is judged and shown again, the same numbers as on the day it was driven.
+From these three files a run can be evaluated and shown again with the same numbers.
 """
 
 import hashlib
@@ -13,11 +13,10 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.lib.recfunctions import rename_fields
 from numpy.typing import NDArray
 
 import vehicles
-from canroll.errors import RENAMED, CanrollError
+from canroll.errors import CanrollError
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from hil.runs.experiment import assess
@@ -30,11 +29,10 @@ RESULT = "result.json"
 TRACE = "trace.npz"
 CALIBRATION = "calibration.toml"
 HASHES = "sha256"
-"""Key of result.json: the SHA-256 of the other two files; runs of version 0.1 have none."""
+"""Key of result.json: the SHA-256 of the other two files."""
+VEHICLE = "vehicle_sha256"
+"""Key of result.json: the fingerprint of the vehicle that was driven."""
 RUNS = ("passive", "controlled", "replay")
-
-OLD_COLUMNS = {"troubles": "fault_codes"}
-"""Names of a trace's columns in version 0.1, and those of today."""
 
 UNREADABLE = (
     OSError,
@@ -54,7 +52,7 @@ Arrays = Mapping[str, NDArray[Any]]
 def save_traces(path: Path, result: Result) -> Path:
     """Write every trace of a run as one NumPy archive and return its path.
 
-    A run's arrays are named "passive/signals" and so on; "signals" has a row a signal, named by
+    A run's arrays are named "passive/signals" and so on; "signals" has a row per signal, named by
     "signal_names". The same run gives the same bytes.
 
     Raises:
@@ -94,7 +92,7 @@ def load(folder: Path) -> Result:
         )
     try:
         data = json.loads((folder / RESULT).read_text(encoding="utf-8"))
-        hashes = data.get(HASHES, {})
+        hashes = data[HASHES]
         changed = [name for name in hashes if digest(folder / name) != hashes[name]]
         if changed:
             raise CanrollError(f"{folder}: {', '.join(changed)} changed since the run was written")
@@ -133,25 +131,29 @@ def _trace(arrays: Arrays, run: str) -> Trace | None:
         signals=dict(zip(map(str, names), arrays[f"{run}/signals"], strict=True)),
         frames=arrays[f"{run}/frames"],
         ages=arrays[f"{run}/ages"],
-        ticks=rename_fields(arrays[f"{run}/ticks"], OLD_COLUMNS),
+        ticks=arrays[f"{run}/ticks"],
         duration=float(arrays[f"{run}/duration"]),
         complete=bool(arrays[f"{run}/complete"]),
     )
 
 
 def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
-    # runs saved before there were own frames have those of the contract
-    saved = {"dbc": None, "map": None} | {name: data[name] for name in SAVED if name in data}
-    saved["plant"] = RENAMED.get(saved["plant"], saved["plant"])
+    vehicle = vehicles.load(data["plant_vehicle"] or loaded.vehicle)
+    if vehicle.fingerprint != data[VEHICLE]:
+        raise CanrollError(
+            f"the run was driven with other numbers than vehicle {vehicle.reference} has now: "
+            "restore the vehicle file, or drive it again"
+        )
     phase = data["phase_ms"]["chosen"]
     return Settings.of(
-        saved,
+        {name: data[name] for name in SAVED},
         scenario=data["scenario"],
-        vehicle=vehicles.load(loaded.vehicle),
+        vehicle=vehicle,
         command=COMMANDS[loaded.record.actuator],
         trigger="event" if loaded.record.event_trigger else "every",
         run_time=RUN_TIME_NS * 1e-9,
         phase=None if phase is None else 1e-3 * phase,
+        stage=loaded.stage,
     )
 
 

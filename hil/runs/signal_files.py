@@ -1,4 +1,4 @@
-"""The signals of a run as a file: CSV, or MF4 where asammdf is installed."""
+"""The signals of a run as a file: CSV, or MF4 if asammdf is installed."""
 
 from collections.abc import Mapping
 from importlib.util import find_spec
@@ -43,7 +43,7 @@ _RATES = {"yaw": "rad", "roll": "rad", "pitch": "rad", "heave": "m"}
 
 
 def check_suffix(path: Path) -> Path:
-    """Return ``path`` if it names a format that can be written here.
+    """Return ``path`` if its suffix is that of a supported format.
 
     Raises:
         CanrollError: another suffix, or the package for it is missing.
@@ -58,7 +58,7 @@ def check_suffix(path: Path) -> Path:
 
 
 def write_signals(path: str | Path, signals: Mapping[str, NDArray[np.float64]]) -> Path:
-    """Write the signals of a trace, a row a millisecond, SI units, "time" first; return the path.
+    """Write the signals of a trace, a row per millisecond, SI units, "time" first; return the path.
 
     Numbers in CSV have nine digits.
 
@@ -78,7 +78,7 @@ def write_signals(path: str | Path, signals: Mapping[str, NDArray[np.float64]]) 
 
 
 def unit(name: str) -> str:
-    """Return the unit of a recorded signal, '' for flags and what depends on the actuator."""
+    """Return the unit of a recorded signal, '' for flags and units that depend on the actuator."""
     if name in _UNITS:
         return _UNITS[name]
     stem, _, derivative = name.rpartition("_")

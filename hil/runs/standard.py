@@ -1,4 +1,4 @@
-"""Verdict of a manoeuvre's standard on a run: passed, failed, or none."""
+"""Verdict of a run by the manoeuvre's standard: passed, failed, or none."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -14,17 +14,17 @@ from vehicles import Vehicle
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """Verdicts of one run; none where the standard has no criteria or the run was cut short."""
+    """Verdicts on one run; none if the standard has no criteria or the run was cut short."""
 
     criteria: tuple[Verdict, ...]
 
     @property
     def passed(self) -> bool | None:
-        """Whether every criterion is met; None where there is none."""
+        """Whether every criterion is met; None without criteria."""
         return all(verdict.passed for verdict in self.criteria) if self.criteria else None
 
     def to_json(self) -> dict[str, Any]:
-        """Return plain data; what is not finite, as the lift of a car that rolled over, is None."""
+        """Return plain data; None for values that are not finite, as the lift after a rollover."""
         return {
             "passed": self.passed,
             "criteria": [
@@ -39,14 +39,14 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class Standard:
-    """The standard that a manoeuvre follows, departures named, and what it says of both runs."""
+    """The standard of a manoeuvre, deviations from it, and its verdicts on both runs."""
 
     name: str
     passive: Judged
     controlled: Judged | None
 
     def runs(self) -> list[tuple[str, Judged]]:
-        """Return the judged runs by the name of their key in the JSON object."""
+        """Return the judged runs by their key in the JSON object."""
         runs = [("passive", self.passive), ("controlled", self.controlled)]
         return [(name, judged) for name, judged in runs if judged is not None and judged.criteria]
 
@@ -62,7 +62,7 @@ class Standard:
 def assess(
     maneuver: Maneuver, vehicle: Vehicle, passive: Trace, controlled: Trace | None
 ) -> Standard:
-    """Return the verdicts of the manoeuvre's standard on a pair of runs."""
+    """Return the verdicts on a pair of runs by the manoeuvre's standard."""
     return Standard(
         maneuver.standard,
         _judged(maneuver, vehicle, passive),
@@ -103,7 +103,7 @@ def sentence(judged: Judged) -> str:
 
 
 def lines(standard: Standard) -> Sequence[str]:
-    """Return the verdicts as lines of a terminal; none where nothing was judged."""
+    """Return the verdicts as lines for a terminal; none if nothing was judged."""
     runs = [f"  {name:<10}  {sentence(judged)}" for name, judged in standard.runs()]
     return [standard.name, *runs] if runs else []
 

@@ -1,6 +1,6 @@
-"""The steering of the run without control, played back to the car with control.
+"""Replay of the steering without control on the car with control.
 
-A driver answers what a law does to the car; without him, what changes is the car alone.
+A driver reacts to the effect of a law; with replayed steering only the car's response differs.
 """
 
 from dataclasses import replace
@@ -14,10 +14,10 @@ from plant_sim.driving.maneuvers import Maneuver
 
 
 def differs(maneuver: Maneuver, passive: Trace, controlled: Trace) -> bool:
-    """Whether control changed what a driver or steering robot who watches the car steers.
+    """Whether control changed the steering of a driver or steering robot with feedback.
 
-    Where it did not, as on plants whose path does not depend on roll, a replay would be the
-    controlled run once more; so it would where the steering was fixed from the beginning.
+    Otherwise, as on plants whose path does not depend on roll or with open-loop steering, a replay
+    would equal the controlled run.
     """
     if maneuver.drive.kind not in (FOLLOW_PATH, FISHHOOK):
         return False
@@ -27,16 +27,16 @@ def differs(maneuver: Maneuver, passive: Trace, controlled: Trace) -> bool:
 
 
 def with_path_error(trace: Trace, drive: Drive) -> Trace:
-    """Return a replayed trace with its distance from the path, that no driver kept."""
+    """Return a replayed trace with its distance from the path, which no driver followed."""
     if drive.path_x.size <= 2:
         return trace
     return replace(trace, signals={**trace.signals, "path_error": path_error(trace, drive)})
 
 
 def path_error(trace: Trace, drive: Drive) -> Vector:
-    """Return the distance left of the path of ``drive``, m, a value a millisecond.
+    """Return the distance left of the path of ``drive``, m, one value per millisecond.
 
-    The station goes along the path as the driver's does, at most 1 m a step, so that a path that
+    The station advances along the path like the driver's, at most 1 m per step, so that a path that
     crosses itself is followed in order.
     """
     step = float(drive.parameters[D_PATH_STEP])

@@ -35,12 +35,12 @@ class Trace:
     """Record of one run.
 
     Attributes:
-        signals: the vehicle every millisecond, one float64 array a signal, SI units; "time" in s.
-        frames: the bus log, one entry a frame and segment, times in ns.
+        signals: the vehicle every millisecond, one float64 array per signal, SI units; "time" in s.
+        frames: the bus log, one entry per frame and segment, times in ns.
         ages: sample-to-force age of each newly applied command, ns.
-        ticks: what the ECU did, one entry a tick (:data:`TICK`).
+        ticks: the ECU's state and outputs, one entry per tick (:data:`TICK`).
         duration: length of the run, s.
-        complete: False where it was interrupted.
+        complete: False if it was interrupted.
     """
 
     signals: dict[str, NDArray[np.float64]]
@@ -72,7 +72,7 @@ def tick_rows(
 
 
 def _fill(rows: Any, t: Any, field: Callable[[str], Any]) -> None:  # noqa: ANN401
-    """Fill one entry or many: ``field`` gives a field of the record, ticks on the last axis."""
+    """Fill one entry or many: ``field`` returns a field of the record, ticks on the last axis."""
     state = field("x")
     rows["t"] = t
     rows["mode"] = field("mode")

@@ -22,19 +22,19 @@ class Run:
     """Timing of a run on which its validity depends; times in s.
 
     Attributes:
-        due: ticks that the manoeuvre has.
-        ticks: ticks that were run.
+        due: number of ticks of the manoeuvre.
+        ticks: number of ticks run.
         tick: period of the ECU.
         plant_late: lateness of every step of the plant; empty in lock step.
-        frames: frames that were sent.
-        lost: frames that the other side never saw.
-        planned: length of the manoeuvre, or of the part that was asked for.
-        driven: length that was driven.
+        frames: frames sent.
+        lost: frames not received by the other side.
+        planned: length of the manoeuvre, or of the requested part.
+        driven: length driven.
         rolled_over: whether the vehicle rolled over, which ends a manoeuvre early.
-        commands: commands that the actuators applied.
-        latencies: commands of which the latency is known.
+        commands: commands applied by the actuators.
+        latencies: number of commands with a known latency.
         latency_p99: its 99th percentile, None without any.
-        latency_bound: longest latency that the modelled bus allows.
+        latency_bound: longest latency possible on the modelled bus.
         compilations: functions compiled after the start.
     """
 
@@ -55,7 +55,7 @@ class Run:
 
 
 def reasons(run: Run) -> list[str]:
-    """Return why a run has no verdict, each with its figure and its bound; empty: it has one."""
+    """Return the reasons why a run is not valid, each with figure and bound; empty if valid."""
     found = []
     if run.driven < run.planned - run.tick and not run.rolled_over:
         found.append(f"the run ended after {run.driven:.2f} s of {run.planned:.2f} s")

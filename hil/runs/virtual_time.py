@@ -1,4 +1,4 @@
-"""The closed loop in virtual time: one ECU, one bus, one vehicle, and no clock but the plant's."""
+"""The closed loop in virtual time: one ECU, one bus, one vehicle, and only the plant's clock."""
 
 from collections.abc import Callable, Iterator
 from typing import Protocol
@@ -45,8 +45,8 @@ def ticks(
 ) -> Iterator[int]:
     """Run ``ecu`` against ``world`` up to ``end_ns``; yield the instant of each tick after it.
 
-    Tick k starts at ``offset_ns + k tick_ns``: every frame received by then has been handed over
-    in order, and what the tick sends is queued ``run_time_ns`` later.
+    Tick k starts at ``offset_ns + k tick_ns``: all frames received by then have been passed on in
+    order, and the frames the tick sends are queued ``run_time_ns`` later.
     """
     world.advance(0)
     t = offset_ns
@@ -74,19 +74,19 @@ def closed_loop(
 ) -> Trace:
     """Run ``ecu`` against ``world`` until the manoeuvre is over.
 
-    Nothing depends on how fast the computer is: the same world and ECU give the same bytes.
+    The result does not depend on the computer's speed: the same world and ECU give the same bytes.
 
     Args:
         world: vehicle, sensors, actuators and bus at time 0.
         ecu: initialised.
         tick_ns: period of the loop.
-        duration_ns: shorter than the manoeuvre, where wanted.
-        offset_ns: phase of the ticks against the plant's start.
-        run_time_ns: from a tick to its frames.
-        progress: called with the share done now and then.
+        duration_ns: duration, if shorter than the manoeuvre.
+        offset_ns: phase of the ticks relative to the plant's start.
+        run_time_ns: time from a tick to its frames.
+        progress: called with the fraction done from time to time.
 
     Raises:
-        Interrupted: Ctrl-C; it carries what was recorded.
+        Interrupted: Ctrl-C; it carries the recorded trace.
     """
     end = world.duration_ns if duration_ns is None else min(duration_ns, world.duration_ns)
     times: list[float] = []

@@ -1,13 +1,14 @@
-"""The least roll that any moment of a given effort leaves: noncausal, with full information.
+"""Lower bound of roll for a moment of given effort: noncausal, with full information.
 
 A controller that knows the whole manoeuvre in advance chooses the moment m, held 10 ms at a time,
 
     min |φ + H m|²  subject to  |m|² <= N M²
 
-with φ the passive roll angle at the N ends of those, H the plant's response to such a moment and M
-the RMS moment. No law, whatever it measures or predicts, leaves less RMS roll for the effort on a
-linear plant. H is the plant's linearisation about straight running and the passive run's lateral
-acceleration is kept, so that on a nonlinear plant the bound is good to about a percent.
+with φ the passive roll angle at the N ends of those intervals, H the plant's response to such a
+moment and M the RMS moment. On a linear plant no law, whatever it measures or predicts, achieves a
+lower RMS roll at that effort. H is the plant's linearisation about straight running and the passive
+run's lateral acceleration is kept, so that on a nonlinear plant the bound is good to about a
+percent.
 """
 
 from dataclasses import dataclass
@@ -38,7 +39,7 @@ class Bound:
 
     Attributes:
         roll: passive roll angle along each left singular vector, rad.
-        gain: singular values of H, rad per N·m, falling.
+        gain: singular values of H, rad per N·m, descending.
     """
 
     roll: Vector
@@ -50,7 +51,9 @@ class Bound:
 
         Args:
             roll: at the end of each interval, rad.
-            response: of the roll angle there to 1 N·m held over the first, rad, as long.
+            response: roll angle at the same instants in response to 1 N·m held over the first
+            interval,
+                rad.
         """
         lower: NDArray[np.float64] = toeplitz(response, np.zeros(len(response)))
         left, gain, _ = np.linalg.svd(lower)
@@ -79,10 +82,10 @@ def bound_of(settings: Settings, controller: Controller, time: Vector, roll: Vec
     """Return the bound of a run.
 
     Args:
-        settings: the run's; its vehicle, plant and speed matter.
-        controller: its front share splits the moment.
+        settings: the run's settings; vehicle, plant and speed are used.
+        controller: controller whose front share splits the moment.
         time: of the passive run, s.
-        roll: its roll angle, rad.
+        roll: roll angle of the passive run, rad.
     """
     count = int(time[-1] / HELD + 1e-9)
     ends = HELD * np.arange(1, count + 1)

@@ -35,13 +35,13 @@ class Outcome:
     """Result of one draw, without and with control.
 
     Attributes:
-        index: which draw.
+        index: number of the draw.
         bus: its profile.
         fault: its fault, or empty.
-        factors: of the quantities that were drawn.
+        factors: drawn factors by quantity.
         passive: figures without control.
         controlled: figures with control.
-        safe: share of the ticks in SAFE.
+        safe: fraction of the ticks in SAFE.
         verdict: "helps", "harmless" (with a fault), "does not help", "limit cycle", "rolls over".
     """
 
@@ -56,7 +56,7 @@ class Outcome:
 
     @property
     def reduction(self) -> float:
-        """How much smaller control makes the largest roll angle, as share."""
+        """Reduction of the largest roll angle by control, as a fraction."""
         return 1.0 - self.controlled["roll_max_deg"] / self.passive["roll_max_deg"]
 
 
@@ -71,7 +71,7 @@ class Campaign:
 
     @property
     def hardest(self) -> list[Outcome]:
-        """Every outcome: what fails first, then by how little control reduces the roll angle."""
+        """All outcomes: failures first, then by increasing reduction of the roll angle."""
         return sorted(self.outcomes, key=lambda o: (o.verdict in GOOD, o.reduction))
 
     @property
@@ -81,7 +81,7 @@ class Campaign:
 
     @property
     def verdict(self) -> str:
-        """The answer in one line."""
+        """The verdict in one line."""
         runs, good = len(self.outcomes), len(self.outcomes) - len(self.failed)
         counts = {
             word: count
@@ -92,7 +92,7 @@ class Campaign:
         return f"Control is good in {good} of {runs} runs" + (f": {text}" if text else "")
 
     def to_json(self) -> dict[str, Any]:
-        """Return what ``canroll campaign --json`` prints."""
+        """Return the object printed by ``canroll campaign --json``."""
         return {
             "scenario": self.nominal.settings.scenario,
             "vehicle": self.nominal.settings.vehicle.name,
@@ -137,27 +137,28 @@ def run(
 ) -> Campaign:
     """Drive a manoeuvre with one calibration on many draws of the world.
 
-    The calibration is made once, for the nominal vehicle and bus. The outcome depends on the
-    arguments alone, not on ``jobs``.
+    The calibration is made once, for the nominal vehicle and bus. The outcome depends only on the
+    arguments, not on ``jobs``.
 
     Args:
         scenario: name of the manoeuvre.
-        runs: how many draws.
+        runs: number of draws.
         spread: half-widths, see :mod:`hil.studies.variation`.
         buses: profiles to draw from; none: the run's own.
-        faults: of sensors and actuators, one or none of which is drawn.
-        seed: of the draws.
-        jobs: processes.
-        progress: called with what is under way and the share done.
-        choices: of :class:`hil.runs.choices.Choices`, faults excepted.
+        faults: faults of sensors and actuators, of which one or none is drawn.
+        seed: seed of the draws.
+        jobs: number of processes.
+        progress: called with the current activity and the fraction done.
+        choices: as in :class:`hil.runs.choices.Choices`, except faults.
 
     Raises:
-        CanrollError: a name or number that cannot be.
+        CanrollError: an invalid name or number.
     """
-    if runs < 1 or jobs < 1:
-        raise CanrollError(f"campaign: {runs} runs in {jobs} processes: at least one of each")
+    for option, number in (("runs", runs), ("jobs", jobs)):
+        if number < 1:
+            raise CanrollError(f"--{option} must be at least 1, got {number}")
     if choices.get("law") == PASSIVE:
-        raise CanrollError("campaign: without a control law there is nothing to judge: --law")
+        raise CanrollError("--law passive has no control to evaluate: choose another law")
     # what cannot be is refused before anything slow is done
     conditions.options(faults)
     for bus in buses:

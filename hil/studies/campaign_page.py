@@ -37,7 +37,7 @@ def quantile_table(campaign: Campaign) -> Table:
 
 
 def hardest_table(campaign: Campaign) -> Table:
-    """Return the draws in which control does least, those that fail first."""
+    """Return the draws with the least reduction, failures first."""
     rows = [_row(outcome) for outcome in campaign.hardest[:HARDEST]]
     head = (
         "draw",
@@ -77,8 +77,8 @@ def campaign_page(campaign: Campaign) -> str:
     return render(
         Page(
             title=f"{len(campaign.outcomes)} draws of a {scenario}",
-            subtitle=f"{settings.vehicle.name} at {settings.speed * 3.6:.0f} km/h, {settings.law} "
-            f"with {settings.actuator}",
+            subtitle=f"{settings.vehicle.name} at {settings.speed * 3.6:.0f} km/h, "
+            f"{settings.law_name} with {settings.actuator}",
             verdict=Verdict(not campaign.failed, headline, text),
             warnings=campaign.nominal.warnings,
             tables=[quantile_table(campaign), hardest_table(campaign)],
@@ -124,7 +124,7 @@ def _distributions(campaign: Campaign) -> list[Figure]:
 
 
 def _dependence(campaign: Campaign) -> list[Figure]:
-    """Reduction of the largest roll angle over each quantity that was drawn."""
+    """Reduction of the largest roll angle over each drawn quantity."""
     reduction = 100 * np.array([outcome.reduction for outcome in campaign.outcomes])
     return [
         Figure(

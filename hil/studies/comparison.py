@@ -13,6 +13,9 @@ from hil.runs.experiment import plan, simulate
 from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
 
+MOST_NUMBERS = 1000
+RANGE = "expected FROM:TO:STEP, e.g. 60:160:20"
+
 
 @dataclass(frozen=True, slots=True)
 class Named:
@@ -26,7 +29,7 @@ def describe(text: str) -> dict[str, Any]:
     """Return the keywords of a run described as "lqr", "file.toml" or "law=lqr,bus=125k_busy".
 
     Raises:
-        CanrollError: an unknown key or a value that is no number.
+        CanrollError: an unknown key or a value that is not a number.
         UnknownNameError: an unknown law or key.
     """
     if "=" in text:
@@ -46,14 +49,14 @@ def runs(
 ) -> Iterator[Named]:
     """Drive ``scenario`` once for every description, and once more without control.
 
-    Runs that differ in their controller alone share the run without control.
+    Runs that differ only in their controller share the run without control.
 
     Args:
         scenario: name of the manoeuvre.
-        wanted: name and keywords of :func:`canroll.run` for each.
-        common: keywords that hold for all where a description has no other.
-        duration: s, where shorter than the manoeuvre.
-        progress: called with the name of the run and the share done.
+        wanted: name and keywords of :func:`canroll.run` for each run.
+        common: keywords of all runs, unless a description overrides them.
+        duration: s, if shorter than the manoeuvre.
+        progress: called with the name of the run and the fraction done.
     """
     driven: list[tuple[Settings, Trace]] = []
     # names are refused before anything slow is done
@@ -82,17 +85,17 @@ def gather(
     duration: float | None = None,
     progress: Progress | None = None,
 ) -> list[Named]:
-    """Return the runs that ``texts`` name, saved or driven now, in their order.
+    """Return the runs described by ``texts``, saved or driven now, in their order.
 
     Args:
-        texts: each the folder of a saved run, or what :func:`describe` reads.
-        scenario: manoeuvre of those that are driven now.
-        common: keywords of all of these where a text has no other.
-        duration: of each of these, s, where shorter than the manoeuvre.
-        progress: called with the name of the run and the share done.
+        texts: for each run the folder of a saved run, or a description for :func:`describe`.
+        scenario: manoeuvre of the runs driven now.
+        common: keywords of all of these, unless a text overrides them.
+        duration: duration of each of these, s, if shorter than the manoeuvre.
+        progress: called with the name of the run and the fraction done.
 
     Raises:
-        CanrollError: runs of different manoeuvres, or what cannot be read or driven.
+        CanrollError: runs of different manoeuvres, or a run that cannot be read or driven.
     """
     read = {text: saved_run.load(Path(text)) for text in texts if _is_folder(text)}
     wanted = [(text, describe(text)) for text in texts if text not in read]
@@ -113,7 +116,7 @@ def _is_folder(text: str) -> bool:
 
 
 def _merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the keywords of one run; its own calibration replaces what all the others share."""
+    """Return the keywords of one run; its calibration replaces the common choices it fixes."""
     if "calibration" in own:
         common = without_frozen(common)
     return {**common, **own}
@@ -124,10 +127,10 @@ def _named(progress: Progress, name: str) -> Progress:
 
 
 def parse_range(text: str) -> list[float]:
-    """Return the numbers of "60:160:20" (from, to, step; the end included) or of "60,80,100".
+    """Return the numbers of "60:160:20" (from, to, step; end included) or of "60,80,100".
 
     Raises:
-        CanrollError: not a range of up to 1000 numbers.
+        CanrollError: not a range of up to :data:`MOST_NUMBERS` numbers.
     """
     try:
         if ":" not in text:
@@ -136,7 +139,9 @@ def parse_range(text: str) -> list[float]:
         (step,) = rest or (10.0,)
         count = round((last - first) / step * 1e9) // 10**9
     except (ValueError, ZeroDivisionError, OverflowError) as error:
-        raise CanrollError(f"'{text}' is no range: write from:to:step, as 60:160:20") from error
-    if not 0 <= count < 1000:
-        raise CanrollError(f"'{text}' is no range of up to 1000 numbers: write from:to:step")
+        raise CanrollError(f"invalid range '{text}' ({RANGE})") from error
+    if count < 0:
+        raise CanrollError(f"invalid range '{text}': the step leads away from the end ({RANGE})")
+    if count >= MOST_NUMBERS:
+        raise CanrollError(f"invalid range '{text}': at most {MOST_NUMBERS} numbers ({RANGE})")
     return [first + step * k for k in range(int(count) + 1)]

@@ -26,12 +26,12 @@ FIGURES_TO_CHOOSE_BY = (
 
 
 def comparison_json(named: Sequence[Named]) -> dict[str, Any]:
-    """Return what ``canroll compare --json`` prints."""
+    """Return the object printed by ``canroll compare --json``."""
     return {"runs": [{"name": run.name, **run.result.to_json()} for run in named]}
 
 
 def metric_table(named: Sequence[Named]) -> Table:
-    """Return a row a metric and a column a run, the run without control in front."""
+    """Return a row per metric and a column per run, the run without control first."""
     rows: list[list[str | Cell]] = []
     for figure in ALL_FIGURES:
         label, digits = LABELS[figure]
@@ -56,7 +56,7 @@ def metric_table(named: Sequence[Named]) -> Table:
 
 
 def summary_table(named: Sequence[Named]) -> Table:
-    """Return a row a run with the few figures that laws are chosen by."""
+    """Return a row per run with the few figures by which laws are chosen."""
     figures = FIGURES_TO_CHOOSE_BY
     head = (
         "",
@@ -89,10 +89,10 @@ def summary_table(named: Sequence[Named]) -> Table:
 
 
 def apart(named: Sequence[Named]) -> list[str]:
-    """Return a line for each run whose own run without control is not the one that is shown."""
+    """Return a line for each run whose run without control differs from the one shown."""
     first = named[0].result.passive_metrics
     return [
-        f"{run.name} has another vehicle, plant, speed or course: without control it rolls by up "
+        f"{run.name} differs in vehicle, plant, speed or course: without control it rolls by up "
         f"to {run.result.passive_metrics.roll_max_deg:.2f}°, not {first.roll_max_deg:.2f}°"
         for run in named
         if abs(run.result.passive_metrics.roll_max_deg - first.roll_max_deg)
@@ -101,10 +101,10 @@ def apart(named: Sequence[Named]) -> list[str]:
 
 
 def best(named: Sequence[Named]) -> Verdict:
-    """Return which run has the smallest largest roll angle, among those that help."""
+    """Return the run with the smallest peak roll angle among those that help."""
     helping = [run for run in named if run.result.helps]
     if not helping:
-        return Verdict(False, "Nothing helps", "No run lowers the roll angle without a limit cycle")
+        return Verdict(False, "Nothing helps", "No run reduces roll without a limit cycle")
     winner = min(helping, key=lambda run: run.result.controlled_metrics.roll_max_deg)  # type: ignore[union-attr]
     assert winner.result.controlled_metrics is not None
     moment = winner.result.controlled_metrics.moment_rms_nm
@@ -113,12 +113,12 @@ def best(named: Sequence[Named]) -> Verdict:
         True,
         f"Least roll: {winner.name}",
         f"Largest roll angle {roll:.2f}° for an RMS moment of {moment:.0f} N·m. Less roll at more "
-        "moment is no better law: look at both.",
+        "moment does not make a better law: consider both.",
     )
 
 
 def _trade_off(named: Sequence[Named]) -> Figure:
-    """RMS roll angle over RMS moment, a point a run."""
+    """RMS roll angle over RMS moment, one point per run."""
     points = [
         Series(
             run.name,
@@ -174,7 +174,7 @@ def comparison_page(named: Sequence[Named]) -> str:
 
 
 def sweep_table(named: Mapping[str, Sequence[Named]]) -> Table:
-    """Return a row a speed: without control, then largest roll angle and change for each law."""
+    """Return a row per speed: without control, then peak roll angle and change for each law."""
     laws = list(named)
     head = ["speed (km/h)", "without control (deg)"]
     for law in laws:
@@ -197,7 +197,7 @@ def sweep_table(named: Mapping[str, Sequence[Named]]) -> Table:
 
 
 def sweep_json(named: Mapping[str, Sequence[Named]]) -> dict[str, Any]:
-    """Return what ``canroll sweep --json`` prints."""
+    """Return the object printed by ``canroll sweep --json``."""
     return {"laws": {law: [run.result.to_json() for run in runs] for law, runs in named.items()}}
 
 
@@ -245,7 +245,7 @@ def sweep_page(named: Mapping[str, Sequence[Named]]) -> str:
 
 
 def _over_speed(named: Mapping[str, Sequence[Named]], figure: str, label: str) -> Figure:
-    """One metric over speed, a curve a law, and one without control."""
+    """One metric over speed, one curve per law and one without control."""
     first = next(iter(named.values()))
     speeds = np.array([run.result.settings.speed * 3.6 for run in first])
     passive = np.array([getattr(run.result.passive_metrics, figure) for run in first])

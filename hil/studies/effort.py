@@ -1,4 +1,4 @@
-"""A law at a chosen effort: its moment scaled until its RMS over the judged runs meets a budget."""
+"""A law at a given effort: its moment is scaled until its RMS over the runs meets a budget."""
 
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -51,7 +51,7 @@ class Passive:
     Attributes:
         time: s.
         roll: angle, rad.
-        bound: the least roll that a moment of given effort leaves.
+        bound: lower bound of roll for a moment of given effort.
     """
 
     time: NDArray[np.float64]
@@ -61,9 +61,9 @@ class Passive:
 
 @dataclass(frozen=True, slots=True)
 class Driven:
-    """Results of a law over several runs: figures (runs, 8), and how many limit cycles there were.
+    """Results of a law over several runs: figures (runs, 8), and number of limit cycles.
 
-    ``factor``: on the law's moment.
+    ``factor``: factor on the law's moment.
     """
 
     factor: float
@@ -77,12 +77,12 @@ class Driven:
 
     @property
     def oscillates(self) -> bool:
-        """Whether there were more limit cycles than chance explains."""
+        """Whether there were more limit cycles than expected by chance."""
         return self.cycles > max(1, len(self.figures) // CHANCE)
 
 
 class BudgetError(CanrollError):
-    """A law cannot be scaled to the budget; ``nearest``: its results at the closest factor."""
+    """A law cannot be scaled to the budget; ``nearest`` has its results at the closest factor."""
 
     def __init__(self, message: str, nearest: Driven) -> None:
         super().__init__(message)
@@ -132,9 +132,9 @@ def driven(
 
 
 def at_budget(drive_at: Callable[[float], Driven], budget: float) -> Driven:
-    """Return the results of a law at the factor where its effort equals ``budget``, N·m.
+    """Return the results of a law at the factor for which its effort equals ``budget``, N·m.
 
-    False position between a factor below and one above, kept away from both ends.
+    Found by false position between a factor below and one above, away from both ends.
 
     Raises:
         BudgetError: no factor meets it.
@@ -172,10 +172,10 @@ def at_budget(drive_at: Callable[[float], Driven], budget: float) -> Driven:
 
 
 def at_rest(drive_at: Callable[[float], Driven]) -> Driven:
-    """Return the results of a law at the largest gain factor, in tenths, without limit cycle.
+    """Return the results of a law at the largest gain factor without limit cycle, in tenths.
 
     Raises:
-        CanrollError: there is one even at the last tenth.
+        CanrollError: there is one even at one tenth.
     """
     for factor in BACKED_OFF:
         found = drive_at(factor)

@@ -2,10 +2,10 @@
 
 Every law is designed from the same design model and bus, drives the same manoeuvre on the same
 population of plants with the same seeds (so that every difference is paired), and is scaled to the
-same RMS moment over these very runs. Better means less roll, RMS and peak, beyond the 95 % interval
+same RMS moment over the same runs. Better means less roll, RMS and peak, beyond the 95 % interval
 of the paired differences, without a limit cycle, while moment, path error, steering and load
-transfer are no worse. Beside each law stands its distance to the bound of
-:mod:`hil.studies.bound`: the least roll that any moment of that effort leaves.
+transfer are no worse. The distance of each law to the bound of :mod:`hil.studies.bound` is given
+as well: the least roll possible with that effort.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,10 +42,10 @@ class Entry:
     """One law of the comparison.
 
     Attributes:
-        name: as the table calls it.
+        name: its name in the table.
         sensors: "roll_rate_only" (as in the paper), "all_sensors", or "" for none.
-        keywords: what :func:`hil.runs.experiment.plan` is called with.
-        scaled: to the common budget; a paper's law as printed is not.
+        keywords: keywords for :func:`hil.runs.experiment.plan`.
+        scaled: whether it is scaled to the common budget; a paper's law as printed is not.
         best_bar: the best passive bar instead of a law, see :meth:`_Driver.bar`.
     """
 
@@ -66,7 +66,6 @@ ENTRIES = (
     Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
     Entry("rate_feedforward", "all_sensors", {"law": "rate_feedforward"}),
     Entry("lqr, feedback only", "all_sensors", {"law": "lqr", "feedforward": False}),
-    Entry("hinf, feedback only", "all_sensors", {"law": "hinf", "feedforward": False}),
     Entry("smc, feedback only", "all_sensors", {"law": "smc", "feedforward": False}),
     Entry("lqr", "all_sensors", {"law": "lqr"}),
     Entry("hinf", "all_sensors", {"law": "hinf"}),
@@ -122,13 +121,14 @@ class Row:
 
     Attributes:
         entry: the law.
-        factor: on its moment, to meet the budget; 1 where it is not scaled; on the roll stiffness
-            of a passive bar.
+        factor: factor on its moment to meet the budget, 1 if not scaled; for a passive bar on the
+            roll stiffness.
         figures: runs by :data:`FIGURES`, (runs, 8); NaN where it did not run.
         bound: least RMS roll angle at each run's effort, (runs,), deg; NaN without control.
-        refused: why it cannot be compared, as that it did not run or misses the budget, or empty.
-        cycles: how many runs were a limit cycle.
-        oscillates: whether that is more than chance explains.
+        refused: reason why it cannot be compared, as that it did not run or misses the budget, or
+            empty.
+        cycles: number of runs with a limit cycle.
+        oscillates: whether that is more than expected by chance.
     """
 
     entry: Entry
@@ -150,9 +150,9 @@ class Row:
 
     @property
     def above_bound(self) -> float:
-        """Mean RMS roll angle over that of the bound at the same effort, less 1.
+        """Mean RMS roll angle relative to the bound at the same effort, minus 1.
 
-        Infinite where that effort could hold the body upright.
+        Infinite if that effort could hold the body upright.
         """
         least = float(np.mean(self.bound))
         return self.mean("roll_rms_deg") / least - 1.0 if least else inf
@@ -160,7 +160,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """Paired difference from the reference as share of its mean, with its 95 % interval."""
+    """Paired difference from the reference as a fraction of its mean, with its 95 % interval."""
 
     mean: float
     low: float
@@ -186,7 +186,7 @@ class Comparison:
         return paired(row.figures[:, column], base)
 
     def verdict(self, row: Row) -> str:
-        """Return "better", "worse", "equal", why it is none, or what pays for less roll."""
+        """Return "better", "worse" or "equal", why there is no verdict, or what less roll costs."""
         if row.entry.name == self.reference:
             return "reference"
         if row.refused:
@@ -219,7 +219,7 @@ def paired(values: NDArray[np.float64], base: NDArray[np.float64]) -> Difference
 
 
 def half_upright(scenario: str, **choices: Any) -> float:  # noqa: ANN401
-    """Return half the RMS of m h a_y without control, N·m, to two digits: effort by default.
+    """Return half the RMS of m h a_y without control, N·m, to two digits: the default effort.
 
     Args:
         scenario: manoeuvre.
@@ -245,26 +245,26 @@ def compare(
 ) -> Comparison:
     """Drive every law ``runs`` times and return the rows.
 
-    Where the effort is that of the reference, this is driven at the highest tenth of its designed
-    gain that makes no limit cycle on this plant; where that is not the whole gain, the law as
-    designed is one more row.
+    If the effort is that of the reference, the reference is driven at the largest tenth of its
+    designed gain without a limit cycle on this plant; if that is not the full gain, the law as
+    designed is an additional row.
 
     Args:
         scenario: manoeuvre.
         vehicle: preset or file.
         bus: profile.
-        runs: how many of the population are driven, the same for every law; at least 2.
-        entries: laws, the reference among them; by default all, with the printed gains on the
-            vehicle that they are for.
-        reference: law that the others are compared with.
+        runs: number of vehicles of the population, the same for every law; at least 2.
+        entries: laws including the reference; by default all, with the printed gains on their
+            vehicle.
+        reference: law with which the others are compared.
         effort: common RMS moment, N·m; by default that of the reference as designed.
         spread: of the population, see :mod:`hil.studies.variation`; by default equal vehicles.
-        conditions: further keywords of :func:`hil.runs.experiment.plan` that hold for all laws.
-        progress: called with the law's name and the share done.
+        conditions: further keywords of :func:`hil.runs.experiment.plan` for all laws.
+        progress: called with the law's name and the fraction done.
 
     Raises:
-        CanrollError: unknown names, fewer than two runs, or a reference that makes a limit cycle
-            at any gain.
+        CanrollError: unknown names, fewer than two runs, or a reference with a limit cycle at any
+            gain.
     """
     if runs < 2:
         raise CanrollError(f"--runs must be at least 2 for paired intervals, got {runs}")
@@ -278,7 +278,7 @@ def compare(
     at_reference: list[Row] = []
     base = next((entry for entry in entries if entry.name == reference), None)
     if base is None:
-        raise CanrollError(f"{reference}, the reference, is none of the laws compared")
+        raise CanrollError(f"{reference}, the reference, is not among the compared laws")
     if effort is None:
         effort, at_reference = driver.reference(base)
     for done, entry in enumerate(entries):
@@ -300,7 +300,7 @@ def with_stiffer_bar(settings: Settings, factor: float) -> Settings:
 
 @dataclass(frozen=True, slots=True)
 class _Driver:
-    """Where every law is driven: manoeuvre, common choices, and a population with its roll."""
+    """Conditions common to all laws: manoeuvre, choices, and a population with its passive roll."""
 
     scenario: str
     common: Mapping[str, Any]
@@ -316,8 +316,8 @@ class _Driver:
     def bar(self, entry: Entry) -> Row:
         """Return the results of the best passive bar; its factor is on the roll stiffness.
 
-        The stiffest, in tenths and at most twice as stiff, with which path error, steering and load
-        transfer are no worse.
+        It is the stiffest, in tenths and at most twice as stiff, with path error, steering and load
+        transfer no worse.
         """
         settings, controller = plan(self.scenario, **{**self.common, **entry.keywords})
         columns = [FIGURES.index(name) for name in NO_WORSE]
@@ -335,7 +335,7 @@ class _Driver:
         return self._of(entry, without)
 
     def reference(self, entry: Entry) -> tuple[float, list[Row]]:
-        """Return the effort of the reference at rest, N·m, and its rows."""
+        """Return the effort of the reference without limit cycle, N·m, and its rows."""
         where, controller = self.plan(entry)
         tried = []
 
@@ -354,7 +354,7 @@ class _Driver:
         return found.effort, [*rows, self._of(entry, found)]
 
     def row(self, entry: Entry, effort: float) -> Row:
-        """Return the results of a law at ``effort``, N·m, or at its own."""
+        """Return the results of a law at ``effort``, N·m, or at its designed effort."""
         if entry.best_bar:
             return self.bar(entry)
         try:
@@ -391,7 +391,7 @@ class _Driver:
 
 
 def table(comparison: Comparison) -> list[str]:
-    """Return the comparison as a Markdown table, wins and losses alike."""
+    """Return the comparison as a Markdown table, better and worse results alike."""
     base = next(row for row in comparison.rows if row.entry.name == "passive")
     lines = [
         "| law | sensors | factor | roll RMS | worst vehicle | roll max | above the bound "

@@ -1,4 +1,4 @@
-"""The linearised plant beside the design model: modes, frequency responses, and their distance."""
+"""Comparison of linearised plant and design model: modes, frequency responses, error."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -45,11 +45,11 @@ class LinearResponse:
     """A body linearised at a trim.
 
     Attributes:
-        trim: where.
-        modes: of the body there, slowest first.
-        plant: its responses.
-        design: those of the design model at the same trim; None where it has no such trim.
-        why_not: then the reason.
+        trim: trim of the linearisation.
+        modes: modes of the body there, slowest first.
+        plant: frequency responses of the body.
+        design: those of the design model at the same trim; None if it has no such trim.
+        why_not: reason if ``design`` is None.
     """
 
     trim: Trim
@@ -60,9 +60,9 @@ class LinearResponse:
 
     @property
     def distance(self) -> dict[str, dict[str, float | None]] | None:
-        """Largest error of the design model as a share of the plant's peak, by response.
+        """Largest error of the design model as a fraction of the plant's peak, by response.
 
-        None of a response that the plant does not have; None as a whole without a design model.
+        None for a response that the plant does not have; None altogether without a design model.
         """
         if self.design is None:
             return None
@@ -91,8 +91,9 @@ def linear_response(
     """Linearise ``body`` in a steady curve (m/s², to the left) at ``speed`` (m/s) and compare.
 
     Raises:
-        CanrollError: there is no such curve, the body cannot be linearised, or the friction changes
-            nothing about it.
+        CanrollError: there is no such curve, the body cannot be linearised, or friction has no
+        effect
+            on it.
     """
     trim = find_trim(
         vehicle,
@@ -105,7 +106,7 @@ def linear_response(
     effect = max(np.abs(plant.b[:, ports.FRICTION]).max(), np.abs(plant.d[:, ports.FRICTION]).max())
     if friction != 1.0 and effect < _IGNORED:
         raise CanrollError(
-            f"--friction {friction:g} changes nothing about {body.name} at this trim: its tyres "
+            f"--friction {friction:g} has no effect on {body.name} at this trim: its tyres "
             "are linear there; give a --lateral-acceleration, or another --plant"
         )
     rows = tuple(MEASURED.values())
@@ -135,7 +136,7 @@ def linear_response(
 def excitation(vehicle: Vehicle, name: str) -> Vector:
     """Return one unit of an excitation in the plant's inputs (N_INPUTS,).
 
-    A moment is that of forces at the corners, shared by the axles as their static load.
+    A moment is applied as forces at the corners, split between the axles like their static load.
     """
     inputs = np.zeros(ports.N_INPUTS)
     if name == "steering":
@@ -149,7 +150,7 @@ def excitation(vehicle: Vehicle, name: str) -> Vector:
 
 
 def to_json(found: LinearResponse) -> dict[str, Any]:
-    """Return what ``canroll response --linear --json`` prints, without what was asked for."""
+    """Return the object of ``canroll response --linear --json`` without the request."""
     trim = found.trim
     answer: dict[str, Any] = {
         "steer_deg": float(np.degrees(trim.inputs[ports.STEER])),

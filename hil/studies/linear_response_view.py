@@ -1,4 +1,4 @@
-"""A linearised plant as tables and as a picture."""
+"""A linearised plant as tables and as a figure."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -81,21 +81,21 @@ def _distance_lines(found: LinearResponse) -> Iterable[str]:
 
 
 def _rounded(value: float) -> str:
-    """Return two decimals, without a minus where they are all zero."""
+    """Return the number with two decimals, without "-0.00"."""
     return f"{round(float(value), 2) + 0.0:.2f}"
 
 
 def _scaled(
     response: NDArray[np.complex128], per: float, unit: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return gain in table units and phase in degrees; no phase of what does not respond."""
+    """Return gain in table units and phase in degrees; no phase without a response."""
     gain = np.abs(response) * per
     phase = np.degrees(np.unwrap(np.angle(response)))
     return (np.degrees(gain) if "°" in unit else gain), phase
 
 
 def draw(found: LinearResponse, where: str, path: Path) -> None:
-    """Write gains and phases of the plant, and of the design model in dashes, as a PNG.
+    """Write gains and phases of the plant, and dashed of the design model, as a PNG.
 
     Raises:
         CanrollError: the file cannot be written.

@@ -1,4 +1,4 @@
-"""Severe manoeuvres over a population: the law beside the plain feedforward and a passive bar.
+"""Severe manoeuvres over a population: the law compared with plain feedforward and a passive bar.
 
 Every manoeuvre is driven by the same vehicles with the same noise, so that every ratio is paired.
 The law runs as it was designed, the plain feedforward at the law's RMS moment in a double lane
@@ -71,10 +71,10 @@ class Row:
     """One controller, or none, in one manoeuvre.
 
     Attributes:
-        manoeuvre: which.
+        manoeuvre: the manoeuvre.
         name: law, "passive" or "best passive bar".
         figures: runs by :data:`FIGURES`.
-        passive: the same without control.
+        passive: the same figures without control.
         cycles: runs with a limit cycle.
     """
 
@@ -95,14 +95,14 @@ class Row:
 
     @property
     def worst(self) -> float:
-        """Largest ratio of a vehicle's largest roll angle to that without control, less 1."""
+        """Largest ratio of a vehicle's peak roll angle to that without control, minus 1."""
         column = FIGURES.index("roll_max")
         return float(np.max(self.figures[:, column] / self.passive[:, column])) - 1.0
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """All rows, and how the controllers compared came about."""
+    """All rows, and the origin of the compared controllers."""
 
     rows: tuple[Row, ...]
     law: str
@@ -127,12 +127,12 @@ def study(
     Args:
         runs: vehicles of the population, at least 2.
         spread: of the population, see :mod:`hil.studies.variation`.
-        manoeuvres: which.
-        progress: called with what is under way and the share done.
-        choices: of :class:`hil.runs.choices.Choices`: vehicle, law, bus, actuator.
+        manoeuvres: manoeuvres to drive.
+        progress: called with the current activity and the fraction done.
+        choices: vehicle, law, bus and actuator of :class:`hil.runs.choices.Choices`.
 
     Raises:
-        CanrollError: a name or number that cannot be, or a law that cannot be driven.
+        CanrollError: an invalid name or number, or a law that cannot be driven.
     """
     law = chosen(choices, "law")
     common = {name: value for name, value in choices.items() if name != "law"}
@@ -173,7 +173,7 @@ def study(
 
 @dataclass(frozen=True, slots=True)
 class _Course:
-    """One manoeuvre for every controller: common choices, the population and its passive runs."""
+    """One manoeuvre for all controllers: common choices, the population and its passive runs."""
 
     manoeuvre: Severe
     keywords: Mapping[str, Any]
@@ -182,7 +182,7 @@ class _Course:
     without: list[Trace] = field(default_factory=list)
 
     def rows(self, law: str, factors: Mapping[str, float]) -> Iterator[Row]:
-        """Yield the rows; ``factors`` on the laws' moment and on the bar's stiffness."""
+        """Yield the rows; ``factors`` are those on the laws' moment and on the bar's stiffness."""
         settings, controller = plan(self.manoeuvre.scenario, **self.keywords, law=PASSIVE)
         self.without[:] = self._drive(settings, controller, enabled=False)
         passive = np.array([_figures(trace) for trace in self.without])
@@ -225,7 +225,7 @@ def _figures(trace: Trace) -> tuple[float, float, float, float]:
 
 
 def table(found: Study) -> list[str]:
-    """Return the study as a Markdown table, wins and losses alike."""
+    """Return the study as a Markdown table, better and worse results alike."""
     lines = [
         "| manoeuvre | | roll max | against passive [95 %] | worst vehicle | roll RMS "
         "| sideslip max | both wheels of a side off | limit cycles |",

@@ -37,9 +37,9 @@ class Drawn:
     """One draw.
 
     Attributes:
-        index: which, from 0.
-        settings: what is driven.
-        factors: by quantity what its nominal value is multiplied by; 1 + the error of an estimate.
+        index: number of the draw, from 0.
+        settings: settings to drive.
+        factors: factor on the nominal value by quantity; for an estimate 1 + its error.
     """
 
     index: int
@@ -48,11 +48,11 @@ class Drawn:
 
 
 def spread_from(texts: Mapping[str, str]) -> dict[str, float]:
-    """Return the default spread with the shares that ``texts`` give instead.
+    """Return the default spread with the fractions given in ``texts`` replaced.
 
     Raises:
         UnknownNameError: no such quantity.
-        CanrollError: a share that is no number or outside 0 to 0.99 (estimate_error: 0.2).
+        CanrollError: a fraction that is not a number or outside 0 to 0.99 (estimate_error: 0.2).
     """
     spread = dict(DEFAULT_SPREAD)
     for name, text in texts.items():
@@ -78,21 +78,21 @@ def draw(
     buses: Sequence[str] = (),
     faults: Sequence[str] = (),
 ) -> Drawn:
-    """Return draw ``index`` of a campaign; it depends on ``seed`` and ``index`` alone.
+    """Return draw ``index`` of a campaign; it depends only on ``seed`` and ``index``.
 
-    The vehicle that is driven varies, the one that the controller was designed for does not. Noise,
-    phases and background traffic have the seed ``index``.
+    The driven vehicle varies, the one the controller was designed for does not. Noise, phases and
+    background traffic have the seed ``index``.
 
     Args:
-        nominal: what is varied.
-        index: which draw.
-        spread: half-width of each quantity, as share of its nominal value.
+        nominal: nominal settings.
+        index: number of the draw.
+        spread: half-width of each quantity, as a fraction of its nominal value.
         seed: of the campaign.
         buses: profiles, one of which is drawn; none: the nominal one.
-        faults: one of them, or none of them, is drawn.
+        faults: faults, of which one or none is drawn.
 
     Raises:
-        CanrollError: no vehicle can be drawn from such a spread.
+        CanrollError: no valid vehicle can be drawn from this spread.
     """
     random = np.random.default_rng([seed, index])
     names = sorted(spread)
@@ -123,10 +123,10 @@ def draw(
 
 
 def population(nominal: Settings, count: int, spread: Mapping[str, float]) -> list[Settings]:
-    """Return draws 0 to ``count`` − 1 of seed 0: the same worlds whatever law is driven there.
+    """Return draws 0 to ``count`` − 1 of seed 0: the same worlds for every law.
 
     Raises:
-        CanrollError: no vehicle can be drawn from such a spread.
+        CanrollError: no valid vehicle can be drawn from this spread.
     """
     return [draw(nominal, index, spread=spread, seed=0).settings for index in range(count)]
 

@@ -39,9 +39,9 @@ FAULT_CODES = {
 
 
 class Seen(NamedTuple):
-    """What one frame told: instant (s), message, sender's side, values, delays (s), length.
+    """Contents of one frame: instant (s), message, sender's side, values, delays (s), length.
 
-    ``side`` is None for what is not of the contract; a delay is one that the frame ended.
+    ``side`` is None for frames outside the contract; delays are those that end with the frame.
     """
 
     t: float
@@ -54,21 +54,21 @@ class Seen(NamedTuple):
 
 @dataclass(slots=True)
 class Observation:
-    """What has been seen up to now.
+    """State accumulated from all frames so far.
 
-    Two delays can be told from frames alone, both between instants at which the watching
-    interface had them whole: ``imu_to_command`` from the latest Imu frame to a command frame,
+    Two delays can be determined from frames alone, both between instants of complete reception at
+    the watching interface: ``imu_to_command`` from the latest Imu frame to a command frame,
     which may rest on an older sample, and ``command_to_acknowledgement`` from a command frame to
     the first ActuatorState frame that echoes its counter.
 
     Attributes:
-        bitrate: of the bus, bit/s; a virtual one has none, so it is an assumption.
-        frames: number of frames by message name; frames of others under their identifier.
+        bitrate: bit rate of the bus, bit/s; an assumption for a virtual bus, which has none.
+        frames: number of frames by message name, or by identifier outside the contract.
         values: last physical value of every signal, by message and signal.
-        heard: when the controller and the vehicle were last heard, s.
-        undecoded: frames of the contract that it does not explain.
-        missing: frames that the counter in the message skipped, by message name.
-        error_frames: those that the interface reports.
+        heard: instants at which controller and vehicle were last heard, s.
+        undecoded: frames of the contract that could not be decoded.
+        missing: frames skipped by the counter, by message name.
+        error_frames: number of error frames reported by the interface.
     """
 
     bitrate: int
@@ -86,11 +86,11 @@ class Observation:
     _now: float = 0.0
 
     def see(self, t: float, frame: Frame, flags: int = 0) -> Seen:
-        """Take in a frame seen at ``t`` seconds.
+        """Process a frame received at ``t`` seconds.
 
         ``flags`` are those of :mod:`plant_sim.can_bus.wire.frame`.
 
-        The contract has no frames with 29 bits and no remote ones: those only load the bus.
+        The contract has no 29-bit identifiers and no remote frames: those only load the bus.
         """
         ident, payload = frame
         name = f"0x{ident:08X}" if flags & EXTENDED else f"0x{ident:03X}"
@@ -122,7 +122,7 @@ class Observation:
         return Seen(t, name, side, values, delays, bits)
 
     def _time(self, t: float, name: str, values: Mapping[str, Any]) -> dict[str, float]:
-        """Return the delays that a frame ends, by name, s."""
+        """Return the delays that end with a frame, by name, s."""
         ended: dict[str, float] = {}
         if name.endswith("Command"):
             self._pending = t, _raw(values["Counter"])
@@ -139,7 +139,7 @@ class Observation:
         return ended
 
     def _count(self, t: float, name: str, values: Mapping[str, Any]) -> None:
-        """Take the frames that a counter skips as missing, except across a silence."""
+        """Count frames skipped by a counter as missing, except across a silence."""
         counter = _raw(values["Counter"])
         last = self._last.get(name)
         if counter >= COUNTS:
@@ -149,7 +149,7 @@ class Observation:
         self._last[name] = t, counter
 
     def pass_time(self, t: float) -> None:
-        """Forget what lies outside the window that ends at ``t`` seconds."""
+        """Drop data outside the window that ends at ``t`` seconds."""
         self._now = max(self._now, t)
         while self._recent and self._recent[0][0] < self._now - WINDOW:
             self._recent.popleft()
@@ -158,27 +158,27 @@ class Observation:
                 delays.popleft()
 
     def silence(self, side: str) -> float | None:
-        """Return for how long a side has not been heard, s, None where it never was."""
+        """Return the time since a side was last heard, s, or None if never."""
         return self._now - self.heard[side] if side in self.heard else None
 
     def delay_ms(self, name: str) -> dict[str, float] | None:
-        """Return median and maximum of a delay in the window, ms, None where there is none."""
+        """Return median and maximum of a delay in the window, ms, or None without any."""
         times = [1e3 * duration for _, duration in self._delays.get(name, ())]
         return {"median": median(times), "max": max(times)} if times else None
 
     @property
     def span(self) -> float:
-        """Length of the window that is filled, s."""
+        """Length of the filled part of the window, s."""
         return 0.0 if self._first is None else min(WINDOW, self._now - self._first)
 
     @property
     def load(self) -> float:
-        """Share of the bus that the frames seen take, interframe spaces included."""
+        """Bus load of the frames in the window, interframe spaces included."""
         bits = sum(bits for _, _, bits in self._recent)
         return bits / self.bitrate / self.span if self.span else 0.0
 
     def rate(self, name: str) -> float:
-        """Frames of message ``name`` a second."""
+        """Frames of message ``name`` per second."""
         count = sum(1 for _, seen, _ in self._recent if seen == name)
         return count / self.span if self.span else 0.0
 
@@ -190,12 +190,12 @@ class Observation:
 
     @property
     def trigger_rate(self) -> float | None:
-        """Commands sent for every Imu sample, None without either."""
+        """Commands sent per Imu sample, None without either."""
         samples = self.rate("Imu")
         return self.rate(self.command) / samples if samples and self.command else None
 
     def signal(self, message: str, name: str) -> Any:  # noqa: ANN401
-        """Return the last value of a signal, None where it has not been seen."""
+        """Return the last value of a signal, or None if not yet received."""
         return self.values.get(message, {}).get(name)
 
     @property
@@ -241,7 +241,7 @@ def _named(bits: Any) -> list[str]:  # noqa: ANN401
 
 
 def _raw(value: Any) -> int:  # noqa: ANN401
-    """Return the number of a value that may have a name."""
+    """Return the number of a value that may be named."""
     return int(getattr(value, "value", value))
 
 

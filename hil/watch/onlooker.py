@@ -1,8 +1,8 @@
 """A passive monitor of a bus, and the time axis of its observations.
 
-It looks many times less often than frames come, so differences between frames must be those of
-their stamps. The clock behind the stamps may be the wall's, an adapter's or another machine's; its
-present reading is told by the frame that was delayed least.
+It polls far less often than frames arrive, so differences between frames must come from their time
+stamps. The clock of the stamps may be the wall clock, an adapter's or another machine's; its
+present reading is derived from the frame with the least delay.
 """
 
 import time
@@ -22,10 +22,10 @@ DRIFT = 1e-3
 
 
 class BusClock:
-    """Time since the first look, s, as the stamps of frames count it.
+    """Time since the first poll, s, on the clock of the frames' time stamps.
 
     Args:
-        now: the monotonic clock at the first look, s.
+        now: the monotonic clock at the first poll, s.
     """
 
     def __init__(self, now: float) -> None:
@@ -35,11 +35,11 @@ class BusClock:
         self._last = 0.0
 
     def now(self, now: float) -> float:
-        """Return the time at ``now`` of the monotonic clock; never before a frame's."""
+        """Return the time at ``now`` of the monotonic clock; never before the last frame's."""
         return now - self._began + self._lead
 
     def instants(self, stamps: Sequence[float], now: float) -> list[float]:
-        """Return the times of frames taken at ``now``, in order; a stamp of 0 is none."""
+        """Return the times of frames read at ``now``, in order; a stamp of 0 means none."""
         known = [stamp for stamp in stamps if stamp]
         if known:
             newest, here = max(known), self.now(now)
@@ -58,18 +58,18 @@ class BusClock:
 
 @dataclass(slots=True)
 class Onlooker:
-    """Takes in what comes over ``link``; ``seen`` is the sum of it."""
+    """Reads frames from ``link`` into the observation ``seen``."""
 
     link: CanLink
     seen: Observation
     _clock: BusClock = field(default_factory=lambda: BusClock(time.monotonic()))
 
     def look(self) -> list[Seen]:
-        """Take in everything that waits on the bus."""
+        """Process all frames waiting on the bus."""
         return self.take(self.link.messages())
 
     def take(self, messages: Iterable[can.Message]) -> list[Seen]:
-        """Take in messages that have just been received; error frames are only counted."""
+        """Process messages just received; error frames are only counted."""
         messages = list(messages)
         frames = [message for message in messages if not message.is_error_frame]
         self.seen.error_frames += len(messages) - len(frames)
@@ -83,5 +83,5 @@ class Onlooker:
         return seen
 
     def now(self) -> float:
-        """Return the time on the axis of what is seen, s."""
+        """Return the present time on the observation's axis, s."""
         return self._clock.now(time.monotonic())

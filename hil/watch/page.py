@@ -1,7 +1,6 @@
 """The page of a running watch: tiles, plots, events and messages, filled over a socket.
 
-Which track and which of its columns a curve shows stands here; what tracks there are, in
-:mod:`hil.watch.stream`.
+This module assigns tracks and columns to curves; :mod:`hil.watch.stream` defines the tracks.
 """
 
 import html
@@ -41,7 +40,7 @@ class Curve:
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """A live plot, and how far its y axis reaches at least."""
+    """A live plot, and the minimum range of its y axis."""
 
     id: str
     title: str
@@ -53,7 +52,7 @@ class Plot:
     note: str = ""
 
     def data(self) -> dict[str, object]:
-        """Return what the scripts need: the figure, without data, and where they come from."""
+        """Return the input of the scripts: the figure without data, and its curves' sources."""
         none = np.zeros(0)
         figure = Figure(
             self.id,
@@ -81,7 +80,7 @@ class Plot:
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """A number on top of the page; ``key`` is its place among the values of a message."""
+    """A number on top of the page; ``key`` is its key among the values of a message."""
 
     name: str
     key: str
@@ -109,8 +108,8 @@ def plots(bitrate: int, *, assumed: bool) -> list[Plot]:
     """Return the plots, in order.
 
     Args:
-        bitrate: of the bus, bit/s.
-        assumed: nobody said so.
+        bitrate: bit rate of the bus, bit/s.
+        assumed: whether the bit rate is an assumption.
     """
     said = "assumed, not given by -b" if assumed else "as given"
     return [
@@ -172,11 +171,11 @@ def plots(bitrate: int, *, assumed: bool) -> list[Plot]:
 
 
 def live_page(*, bitrate: int, assumed: bool) -> str:
-    """Return the page as one HTML document; all it asks for is the socket ``/live``.
+    """Return the page as one HTML document, which only requests the socket ``/live``.
 
     Args:
-        bitrate: of the bus, bit/s.
-        assumed: nobody said so.
+        bitrate: bit rate of the bus, bit/s.
+        assumed: whether the bit rate is an assumption.
     """
     data = {
         "figures": [plot.data() for plot in plots(bitrate, assumed=assumed)],
@@ -196,7 +195,7 @@ def live_page(*, bitrate: int, assumed: bool) -> str:
         '<div class="tile wide-tile" id="faults"><span>fault codes, active</span><b>–</b></div>',
         "</section>",
         f'<p class="controls"><button type="button" id="pause">Pause</button>{spans}'
-        '<span class="soft">Space: pause and go on. 1, 2, 3: length of time. Drag across a plot '
+        '<span class="soft">Space: pause and resume. 1, 2, 3: time span. Drag across a plot '
         "to zoom, Esc to follow again. Names in a legend switch curves off and on.</span></p>",
         '<div class="grid" id="plots"></div>',
         '<div class="lists"><section><h2>Events</h2>'

@@ -1,8 +1,8 @@
 """The watch in a browser: a page, and a socket that pushes the stream to its clients.
 
-It listens on loopback unless told otherwise. A page of somebody else must not read the bus through
-the user's browser: a request whose Host is a name that is not ours (DNS rebinding), and a socket
-that another page opens (Origin), are refused.
+It listens on loopback by default. A foreign page must not read the bus through the user's browser:
+requests with a foreign name as Host (DNS rebinding), and sockets opened by another page (Origin),
+are refused.
 """
 
 import asyncio
@@ -31,7 +31,7 @@ SOCKET = "/live"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Address:
-    """Where the server listens; port 0 takes a free one."""
+    """Address on which the server listens; port 0 selects a free one."""
 
     host: str
     port: int
@@ -46,18 +46,18 @@ async def run(
     until: float,
     announce: Callable[[str], None],
 ) -> None:
-    """Watch and serve until a stop is asked for or the monotonic clock is at ``until``.
+    """Watch and serve until a stop request or until the monotonic clock reaches ``until``.
 
     Args:
-        onlooker: what is watched.
+        onlooker: monitor of the bus.
         page: HTML of the page, which opens a socket at :data:`SOCKET`.
-        address: where to listen.
-        stop: looked at once a period.
+        address: address to listen on.
+        stop: checked once per period.
         until: s.
-        announce: told the page's URL once it can be opened.
+        announce: called with the page's URL once it can be opened.
 
     Raises:
-        CanrollError: the address cannot be listened on.
+        CanrollError: it is impossible to listen on the address.
     """
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
     stream = LiveStream(onlooker.seen)
@@ -102,13 +102,13 @@ async def run(
 def respond(
     browser: ServerConnection, request: Request, *, page: str, name: str
 ) -> Response | None:
-    """Return the answer to a request, None where it may open the socket.
+    """Return the response to a request, or None if it may open the socket.
 
     Args:
-        browser: the connection it came by.
-        request: a GET.
-        page: answer to the path ``/``.
-        name: what the user calls the host.
+        browser: connection of the request.
+        request: a GET request.
+        page: response for the path ``/``.
+        name: host name given by the user.
     """
     hosts = request.headers.get_all("Host")
     if len(hosts) != 1 or not is_ours(hosts[0], name):
@@ -136,20 +136,14 @@ def respond(
 
 
 def is_ours(host: str, name: str) -> bool:
-    """Tell whether a Host header can only mean this server.
+    """Return whether a Host header can only mean this server.
 
-    An address cannot be rebound to another machine, a name can: only ``localhost`` and the
-    ``name`` that the user gave are taken.
+    An address cannot be rebound to another machine, a name can: only ``localhost`` and the user's
+    ``name`` are accepted.
     """
     given = host.rpartition(":")[0] if _has_port(host) else host
     given = given.removeprefix("[").removesuffix("]").lower()
     return given in ("localhost", name.lower()) or _address(given) is not None
-
-
-def is_loopback(host: str) -> bool:
-    """Tell whether only this machine can reach ``host``."""
-    address = _address(host)
-    return host.lower() == "localhost" if address is None else address.is_loopback
 
 
 def url(listening: tuple[str, int]) -> str:
@@ -169,7 +163,7 @@ def _address(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
 
 
 def _refusal(error: OSError, address: Address) -> str:
-    """Return one line on why an address cannot be listened on."""
+    """Return the reason why listening on an address failed, in one line."""
     if error.errno == errno.EADDRINUSE:
         return f"--port {address.port} is taken: choose another, or 0 for a free one"
     if error.errno in (errno.EACCES, errno.EPERM):

@@ -1,8 +1,8 @@
-"""An observation as a stream of JSON: what is new, and to a late joiner the last minute of it.
+"""An observation as a stream of JSON: increments, and the last minute for a new client.
 
-A message has ``now`` (where the time axis ends, s), ``whole`` (it replaces what came before),
-``rows`` of each track since the last message, ``events`` and ``state``. A row is the instant of a
-frame and a few numbers, null where the frame had none.
+A message has ``now`` (end of the time axis, s), ``whole`` (it replaces all earlier ones), ``rows``
+of each track since the last message, ``events`` and ``state``. A row is the instant of a frame and
+a few numbers, null where the frame had none.
 """
 
 import json
@@ -46,10 +46,10 @@ Row = list[float | None]
 
 
 class LiveStream:
-    """Turns what an observation sees into messages for browsers.
+    """Converts an observation into messages for browsers.
 
     Args:
-        seen: filled by an onlooker; what it sees is passed on to :meth:`add`.
+        seen: observation filled by an onlooker, whose frames are passed to :meth:`add`.
     """
 
     def __init__(self, seen: Observation) -> None:
@@ -71,11 +71,11 @@ class LiveStream:
 
     @property
     def _shown(self) -> float:
-        """Where the time axis ends, s: soon after the last frame, so that a run stays in view."""
+        """End of the time axis, s: shortly after the last frame, so that a run stays in view."""
         return self._now if self._last is None else min(self._now, self._last + AFTER)
 
     def add(self, seen: Iterable[Seen], now: float) -> None:
-        """Take what was seen up to ``now`` seconds."""
+        """Add the frames seen up to ``now`` seconds."""
         for frame in seen:
             self._hear(frame)
             self._row_of(frame)
@@ -90,7 +90,7 @@ class LiveStream:
         self._loads()
 
     def news(self, *, lost: bool = False) -> str:
-        """Return what came since the last call; ``lost``: the bus cannot be reached."""
+        """Return the message since the last call; ``lost``: the bus cannot be reached."""
         rows, self._fresh = self._fresh, {}
         events = sorted(self._fresh_events, key=lambda event: event[0])
         self._fresh_events = []
@@ -103,7 +103,7 @@ class LiveStream:
         return self._message(rows, events, whole=False, lost=lost)
 
     def everything(self, *, lost: bool = False) -> str:
-        """Return what is kept up to the last :meth:`news`, for a client that has just joined."""
+        """Return all data up to the last :meth:`news`, for a new client."""
         rows = {name: list(kept) for name, kept in self._kept.items()}
         return self._message(rows, list(self._events), whole=True, lost=lost)
 
@@ -140,7 +140,7 @@ class LiveStream:
             self._put(name, frame.t, 1e3 * delay)
 
     def _changes(self, frame: Seen) -> None:
-        """Note changes of mode and of active fault codes."""
+        """Record changes of mode and of active fault codes."""
         if frame.message == "RollControlStatus" and "Mode" in frame.values:
             mode = str(frame.values["Mode"])
             if self._mode != mode:
@@ -188,7 +188,7 @@ class LiveStream:
             self._silent.add(side)
 
     def _loads(self) -> None:
-        """Put the load of the stretches that are over; one more, so that late frames count."""
+        """Append the load of completed intervals, one interval late to count delayed frames."""
         over = math.floor(self._shown / LOAD_WINDOW) - 1
         if self._bin is None or over <= self._bin:
             return
@@ -221,7 +221,7 @@ def state(seen: Observation, *, lost: bool = False) -> tuple[str, str, str]:
 
 
 def _number(signal: str, value: Any) -> float | None:  # noqa: ANN401
-    """Return a value as a number, a mode as its place, None for "not available" and errors."""
+    """Return a value as a number, a mode as its index, None for "not available" and errors."""
     if isinstance(value, (int, float)):
         return value
     return float(value.value) if signal == "Mode" else None

@@ -21,5 +21,5 @@ BODIES: "Registry[Body]" = Registry(
 
 
 def body(name: str) -> "Body":
-    """The body of that name; :class:`UnknownNameError` suggests the nearest for another."""
+    """Return the body of that name; raise :class:`UnknownNameError` for an unknown one."""
     return BODIES[name]

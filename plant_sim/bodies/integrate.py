@@ -12,7 +12,7 @@ def rk4(derivative: Callable[..., None]) -> Callable[..., None]:
     """The step for one body's ``derivative(state, inputs, parameters, rate)``, a jitted function.
 
     The result advances ``state`` in place by ``dt`` (s) with the inputs held; fourth order. Built
-    once a body, because numba cannot cache a caller that passes jitted functions around.
+    once per body, because numba cannot cache a caller that passes jitted functions.
     """
 
     def advance(state: Vector, inputs: Vector, parameters: Vector, dt: float) -> None:

@@ -1,8 +1,8 @@
 """The linear full car as a plant body: nine degrees of freedom, with or without hydraulic bars.
 
 State: the 26 of :data:`vehicles.full_car.STATES`, then position and heading. The equations are
-linear; what is not: the limits of valve current, oil pressure and motor angle, and wheel loads
-that end at zero. Constant speed, no friction limit.
+linear except for the limits of valve current, oil pressure and motor angle, and wheel loads that
+end at zero. Constant speed, no friction limit.
 """
 
 from math import cos, sin

@@ -2,12 +2,12 @@
 
 [m, −m_s h; −m_s h, I_x + m_s h²] [a; φ''] =
     [ΣF_y − m g sin η; Σ y F + m_s g h (sin φ cos η + sin η)],  a = v_y' + v_x r,
-with h the sprung CG above the roll axis and η the road bank. Each axle passes the rest of its
-lateral force at its roll centre. Where the vehicle's file says so, the contact patches move
-sideways with body and axle as that roll centre has it, and the forces turn the body by the same
-arms. Tyres: :mod:`plant_sim.bodies.tyre`, with the lateral slip relaxed
-over a length and taken at the contact patch. Wheels lift off; two wheels held off, or a large roll
-angle, end the run as a rollover.
+with h the sprung CG above the roll axis and η the road bank. Each axle transmits the rest of its
+lateral force at its roll centre. With ``kinematics.scrub`` in the vehicle's file, the contact
+patches move sideways with body and axle according to that roll centre, and the forces turn the body
+by the same arms. Tyres: :mod:`plant_sim.bodies.tyre`, with a relaxation length for the lateral
+slip, which is taken at the contact patch. Wheels can lift off; two wheels off the ground for a
+while, or a large roll angle, end the run as a rollover.
 """
 
 from math import cos, sin

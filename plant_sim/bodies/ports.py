@@ -90,7 +90,7 @@ class Body:
 
 
 def initial_inputs() -> Vector:
-    """Inputs of a car on a flat, dry road with nothing applied."""
+    """Inputs of a car on a flat, dry road without steering, drive or actuation."""
     inputs = np.zeros(N_INPUTS)
     inputs[FRICTION] = 1.0
     inputs[LATERAL_ACCELERATION] = np.nan
@@ -98,15 +98,15 @@ def initial_inputs() -> Vector:
 
 
 def accept(what: str, body: object) -> Body:
-    """Return an extension's body with what it builds checked.
+    """Wrap an extension's body so that its results are checked.
 
     Args:
-        what: what it is, for errors.
+        what: kind of object, for error messages.
         body: the body.
 
     Raises:
-        CanrollError: it is no body, its step is no C function of the right signature, or its build
-            can't be called with a vehicle and a speed.
+        CanrollError: not a body, its step is not a C function of the right signature, or its build
+            cannot be called with a vehicle and a speed.
     """
     if not isinstance(body, Body):
         raise CanrollError(f"{what}: a {type(body).__name__}, it must be a Body")

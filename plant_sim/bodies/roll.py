@@ -2,7 +2,7 @@
 
 I φ'' + C φ' + (K − m g h) φ = m h (a_y + g η) + M, with η the road bank (Redondo 2021, eq. 1;
 Yim 2020, eq. 1). The speed is constant. Wheel loads follow from the moment balance per axle:
-what springs, dampers and actuators pass on, plus roll-centre and unsprung terms.
+the forces of springs, dampers and actuators, plus roll-centre and unsprung terms.
 """
 
 from math import cos, isnan, sin

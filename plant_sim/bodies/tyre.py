@@ -32,7 +32,7 @@ def forces(
 ) -> tuple[float, float]:
     """Longitudinal and lateral force (N).
 
-    ``linear_x`` and ``linear_y`` are what an unlimited tyre would give, stiffness times slip (N);
+    ``linear_x`` and ``linear_y`` are the forces of an unlimited tyre, stiffness times slip (N);
     ``limit`` is the peak of the resultant, μ F_z (N).
     """
     demand = sqrt(linear_x * linear_x + linear_y * linear_y)

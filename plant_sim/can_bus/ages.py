@@ -7,13 +7,16 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.buses.topology import Topology
 from plant_sim.can_bus.delay_bounds import loop_messages
 from plant_sim.can_bus.kernel.layout import MAX_PAYLOAD, SEED, Network, logged
 from plant_sim.can_bus.kernel.ledger import drain, took
-from plant_sim.can_bus.kernel.network import build_network
+from plant_sim.can_bus.kernel.network import NetworkSpec, build_network
 from plant_sim.can_bus.kernel.queues import enqueue
 from plant_sim.can_bus.kernel.scheduler import advance
-from plant_sim.can_bus.simulation import LISTENER, add_player, longest, traffic_spec
+from plant_sim.can_bus.network_spec import network_spec
+from plant_sim.can_bus.routing import RoutedMessage
+from plant_sim.can_bus.simulation import LISTENER, add_player, listeners, longest, traffic_spec
 from plant_sim.can_bus.traffic.log_playback import Frames, Recording, feed
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED
@@ -150,25 +153,94 @@ def simulate_ages_of_set(
     Raises:
         CanrollError: ``sensor`` and ``command`` are not two messages of the set.
     """
-    sent = {m.name: m for m in loop_messages(messages, sensor, command, tick_ms=tick_ms)}
+    sent = loop_messages(messages, sensor, command, tick_ms=tick_ms)
     if worst_case_lengths:
-        sent = {name: longest(message) for name, message in sent.items()}
-    spec = traffic_spec(list(sent.values()), bitrate=bitrate, data_bitrate=data_bitrate, seed=seed)
-    ours = [place for place, name in enumerate(sent) if name in {sensor, command}]
-    others = tuple(s for place, s in enumerate(spec.sources) if place not in ours)
+        sent = [longest(message) for message in sent]
+    spec = traffic_spec(sent, bitrate=bitrate, data_bitrate=data_bitrate, seed=seed)
+    ours = {m.name: m for m in sent if m.name in {sensor, command}}
+    others = tuple(m.source() for m in sent if m.name not in ours)
+    return simulate_ages_of_network(
+        replace(spec, sources=others),
+        ours[sensor],
+        ours[command],
+        actuator=LISTENER,
+        tick_ns=round(tick_ms * 1e6),
+        duration_s=duration_s,
+        phases=phases,
+        recording=recording,
+    )
+
+
+def simulate_ages_of_routes(
+    topology: Topology,
+    routed: Sequence[RoutedMessage],
+    sensor: str,
+    command: str,
+    *,
+    actuator_segment: int,
+    duration_s: float,
+    seed: int = 0,
+    worst_case_lengths: bool = False,
+    phases: int = 20,
+) -> NDArray[np.int64]:
+    """Return sample-to-force ages over two messages of a network, nanoseconds.
+
+    The tick is the period of the command; the actuator takes it on ``actuator_segment``.
+    """
+    if worst_case_lengths:
+        routed = [replace(way, message=longest(way.message)) for way in routed]
+    # the first ones of that name: background that a file describes may have the same
+    named = {way.message.name: way for way in reversed(routed)}
+    ours = named[sensor], named[command]
+    spec = network_spec(topology, routed, nodes=listeners(topology), seed=seed)
+    others = tuple(way.message.source() for way in routed if way not in ours)
+    return simulate_ages_of_network(
+        replace(spec, sources=others),
+        *(way.message for way in ours),
+        actuator=f"{LISTENER}{actuator_segment}",
+        tick_ns=round(ours[1].message.period_ns),
+        duration_s=duration_s,
+        phases=phases,
+    )
+
+
+def simulate_ages_of_network(
+    spec: NetworkSpec,
+    sensor: BusMessage,
+    command: BusMessage,
+    *,
+    actuator: str,
+    tick_ns: int,
+    duration_s: float,
+    phases: int = 20,
+    recording: Recording | None = None,
+) -> NDArray[np.int64]:
+    """Return sample-to-force ages over two messages of a network, nanoseconds.
+
+    Args:
+        spec: the network, and what it sends beside the two messages.
+        sensor: carries the samples.
+        command: computed from them, sent in every tick.
+        actuator: node that takes the command.
+        tick_ns: period of the control loop.
+        duration_s: simulated time, divided into ``phases`` runs, each with another phase of the
+            tick and the next piece of the recording, if there is one.
+        phases: number of runs.
+        recording: sent by one more node, on the first segment.
+    """
     nodes = [node.name for node in spec.nodes]
-    tick, duration = round(tick_ms * 1e6), round(duration_s * 1e9 / phases)
+    duration = round(duration_s * 1e9 / phases)
     ages = []
     for phase in range(phases):
-        network = build_network(replace(spec, sources=others, seed=seed + phase))
+        network = build_network(replace(spec, seed=spec.seed + phase))
         loop = Loop(
-            sensor=sent[sensor],
-            command=sent[command],
-            sensor_node=nodes.index(sent[sensor].sender),
-            command_node=nodes.index(sent[command].sender),
-            actuator_node=nodes.index(LISTENER),
-            tick_ns=tick,
-            tick_offset_ns=tick * phase // phases,
+            sensor=sensor,
+            command=command,
+            sensor_node=nodes.index(sensor.sender),
+            command_node=nodes.index(command.sender),
+            actuator_node=nodes.index(actuator),
+            tick_ns=tick_ns,
+            tick_offset_ns=tick_ns * phase // phases,
         )
         replayed = None
         if recording is not None:

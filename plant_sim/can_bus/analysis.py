@@ -9,7 +9,7 @@ Real-Time Systems 49 (2013). Identifiers that several nodes send have no bound. 
 model hold as long as no node becomes error-passive.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -77,6 +77,7 @@ def response_bounds(
     data_bitrate: int = 0,
     errors: ErrorModel | None = None,
     offsets: bool = False,
+    unlimited: Collection[int] = (),
 ) -> list[ResponseBound]:
     """Return the worst-case response time of every message on one bus.
 
@@ -90,10 +91,12 @@ def response_bounds(
         data_bitrate: of the data phase of FD frames with bit-rate switch, 0: none.
         errors: bounds how often frames are disturbed; None: never.
         offsets: the messages of one node keep their offsets; otherwise all may come at once.
+        unlimited: places in ``messages`` of those whose jitter has no limit.
     """
     fifo = {m.sender for m in messages if m.fifo}
     queues = {s: [i for i, m in enumerate(messages) if m.sender == s] for s in fifo}
     waiting: dict[int, int | None] = {i: 0 for queue in queues.values() for i in queue}
+    waiting |= dict.fromkeys(unlimited)
     found: list[_Found] = []
     for _ in range(_MAX_ROUNDS):
         level = _Round(messages, waiting, bitrate, data_bitrate, errors, offsets)
@@ -164,7 +167,7 @@ class _Round:
         own = [self.own[i] for i in queue]
         lowest = max(t.key for t in own)
         chosen = [i for i, t in enumerate(self.others) if t.key < lowest and i not in queue]
-        if any(self.waiting.get(i, 0) is None for i in chosen):
+        if any(self.waiting.get(i, 0) is None for i in (*chosen, *queue)):
             return None
         blocking = max((t.worst for t in self.own if t.key > lowest), default=0)
         higher: Sequence[Demand] = [self.others[i] for i in chosen]

@@ -14,9 +14,10 @@ from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from plant_sim.buses.profile import BusProfile
 from plant_sim.buses.topology import NODES
 from plant_sim.can_bus.analysis import ErrorModel, ResponseBound, response_bounds
-from plant_sim.can_bus.holistic import arrivals
+from plant_sim.can_bus.holistic import Arrival, arrivals
 from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, MS, own_messages
 from plant_sim.can_bus.profiles import routed_messages
+from plant_sim.can_bus.routing import RoutedMessage
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 _NS: Final = 1e-9
@@ -61,15 +62,12 @@ def message_paths(
     """
     topology = profile.network
     own = own_messages(command, profile)
-    routed = list(routed_messages(profile, command=command))
-    for number, message in enumerate(own):
-        if message.name == command:
-            sent = replace(
-                message,
-                period_ns=command_period_ms * MS,
-                jitter_ns=message.jitter_ns + round(command_jitter_ms * MS),
-            )
-            routed[number] = replace(routed[number], message=sent)
+    routed = loop_routes(
+        profile,
+        command=command,
+        command_period_ms=command_period_ms,
+        command_jitter_ms=command_jitter_ms,
+    )
     found = arrivals(topology, routed, errors=errors)
     paths = {}
     for message, there in zip(own, found, strict=False):
@@ -80,6 +78,33 @@ def message_paths(
             most = max(bound for bound in greatest if bound is not None)
             paths[message.name] = Path(min(a.least_ns for a in times) * _NS, most * _NS)
     return paths
+
+
+def loop_routes(
+    profile: BusProfile,
+    *,
+    command: str,
+    command_period_ms: float,
+    command_jitter_ms: float = 0.0,
+    seed: int = 0,
+) -> list[RoutedMessage]:
+    """Return ``routed_messages`` of a profile as a control loop sends them: with its command."""
+    routed = list(routed_messages(profile, command=command, seed=seed))
+    for number, message in enumerate(own_messages(command, profile)):
+        if message.name == command:
+            sent = replace(
+                message,
+                period_ns=command_period_ms * MS,
+                jitter_ns=message.jitter_ns + round(command_jitter_ms * MS),
+            )
+            routed[number] = replace(routed[number], message=sent)
+    return routed
+
+
+def path_of(arrival: Arrival) -> Path:
+    """Return the bounds of one arrival that has them."""
+    assert arrival.greatest_ns is not None
+    return Path(arrival.least_ns * _NS, arrival.greatest_ns * _NS)
 
 
 def delay_bounds(

@@ -3,7 +3,9 @@
 Holistic analysis (Tindell, Clark, "Holistic schedulability analysis for distributed hard real-time
 systems", 1994): what a message's response on one segment varies by, and the latency of the gateway,
 is its jitter on the next; the segments are analysed in turn until nothing changes. Jitter only
-grows from round to round, so that the first fixed point is the least.
+grows from round to round, so that the first fixed point is the least. Offsets are not kept over a
+gateway. Bounds with an error model do not cover the second copy of a frame that a gateway passes on
+after an inconsistent error.
 """
 
 from collections.abc import Sequence
@@ -11,11 +13,14 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 from plant_sim.buses.topology import Topology
-from plant_sim.can_bus.analysis import ErrorModel, ResponseBound, response_bounds
+from plant_sim.can_bus.analysis import OVERLOADED, ErrorModel, ResponseBound, response_bounds
 from plant_sim.can_bus.routing import Hop, RoutedMessage
 from plant_sim.can_bus.traffic.messages import BusMessage
 
-_MAX_ROUNDS: Final = 50
+_MOST_WAITING_NS: Final = 10**9
+"""Waiting that adds more jitter than this to what the network has counts as unlimited: FIFO queues
+of several segments can make each other's jitter grow on and on."""
+UNLIMITED: Final = "a gateway passes on a message of at least this priority without a bound"
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,25 +48,22 @@ def arrivals(
         errors: disturbed frames that the bounds of every segment allow for.
     """
     spans: dict[tuple[int, int], int | None] = {}
-    for _ in range(_MAX_ROUNDS):
+    limit = _MOST_WAITING_NS + sum(r.message.jitter_ns for r in routed)
+    limit += sum(gateway.latency.high_ns for gateway in topology.gateways)
+    while True:
         bounds = [
             _on_segment(topology, routed, segment, spans, errors)
             for segment in range(len(topology.segments))
         ]
-        update = {
-            (number, hop.target): _span(topology, hop, bounds[hop.source][number])
-            for number, found in enumerate(routed)
-            for hop in found.hops
-        }
+        update: dict[tuple[int, int], int | None] = {}
+        for number, found in enumerate(routed):
+            for hop in found.hops:
+                span = _span(topology, hop, bounds[hop.source][number])
+                endless = span is None or span > limit or spans.get((number, hop.target), 0) is None
+                update[number, hop.target] = None if endless else span
         if update == spans:
-            break
+            return [_arrivals(topology, n, found, bounds) for n, found in enumerate(routed)]
         spans = update
-    else:
-        bounds = [
-            {n: replace(b, bound_ns=None, queued_ns=None) for n, b in here.items()}
-            for here in bounds
-        ]
-    return [_arrivals(topology, number, found, bounds) for number, found in enumerate(routed)]
 
 
 def _on_segment(
@@ -74,18 +76,17 @@ def _on_segment(
     """The bounds of all messages on one segment by number, if they come to it within ``spans``."""
     numbers = [n for n, found in enumerate(routed) if segment in found.segments]
     here = [_as_it_comes(topology, routed[n], segment, spans.get((n, segment))) for n in numbers]
-    unlimited = [
-        m.arbitration_key
-        for n, m in zip(numbers, here, strict=True)
-        if spans.get((n, segment), 0) is None
-    ]
+    unlimited = [i for i, n in enumerate(numbers) if spans.get((n, segment), 0) is None]
     place = topology.segments[segment]
     bounds = response_bounds(
-        here, bitrate=place.bitrate, data_bitrate=place.data_bitrate, errors=errors
+        here,
+        bitrate=place.bitrate,
+        data_bitrate=place.data_bitrate,
+        errors=errors,
+        unlimited=unlimited,
     )
-    most = min(unlimited, default=1 << 62)
     return {
-        n: replace(b, bound_ns=None, queued_ns=None) if b.message.arbitration_key >= most else b
+        n: replace(b, reason=UNLIMITED) if unlimited and b.reason == OVERLOADED else b
         for n, b in zip(numbers, bounds, strict=True)
     }
 
@@ -113,7 +114,9 @@ def _span(topology: Topology, hop: Hop, before: ResponseBound) -> int | None:
     if before.bound_ns is None:
         return None
     latency = topology.gateways[hop.gateway].latency
-    return before.bound_ns - before.best_ns + latency.high_ns - latency.low_ns
+    # where a bit is no whole number of ns, both instants of reception are rounded
+    rounding = 2 * (10**9 % topology.segments[hop.source].bitrate != 0)
+    return before.bound_ns - before.best_ns + rounding + latency.high_ns - latency.low_ns
 
 
 def _arrivals(

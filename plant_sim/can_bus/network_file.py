@@ -52,6 +52,17 @@ def load_profile(
     return replace(profile, dbc=Path(dbc), map_file=Path(map_file))
 
 
+def is_network(name: str) -> bool:
+    """Return whether ``name`` is a built-in or installed bus, or a TOML file with a network."""
+    path = Path(name)
+    if path.suffix.lower() != ".toml":
+        return name in buses.BUSES
+    try:
+        return "schema" in tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return False
+
+
 def read_profile(name: str) -> BusProfile:
     """Return the network that the file ``name`` describes.
 

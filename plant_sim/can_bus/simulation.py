@@ -1,12 +1,13 @@
 """Simulated response times of a traffic set."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.buses.topology import Topology
 from plant_sim.can_bus.kernel.layout import DELIVERED, Network
 from plant_sim.can_bus.kernel.ledger import account, drain, load
 from plant_sim.can_bus.kernel.network import (
@@ -18,6 +19,8 @@ from plant_sim.can_bus.kernel.network import (
     build_network,
 )
 from plant_sim.can_bus.kernel.scheduler import advance
+from plant_sim.can_bus.network_spec import network_spec
+from plant_sim.can_bus.routing import RoutedMessage
 from plant_sim.can_bus.traffic.log_playback import Recording, feed
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import ERROR_STATE, worst_case_bits
@@ -85,6 +88,34 @@ def traffic_spec(
     )
 
 
+def delivered(
+    network: Network, end_ns: int, recording: Recording | None = None
+) -> Iterator[NDArray[np.void]]:
+    """Advance a network to ``end_ns``, and yield the log entries of the delivered frames.
+
+    ``recording``: replayed from one more node on the first segment, the last in number.
+    """
+    player = -1 if recording is None else add_player(network)
+    cursor = replayed = 0
+    for now in range(_CHUNK_NS, end_ns + _CHUNK_NS, _CHUNK_NS):
+        if recording is not None:
+            replayed = feed(network, recording.frames, player, replayed, min(now, end_ns))
+        advance(network, min(now, end_ns))
+        entries, cursor, _ = drain(network, cursor)
+        yield entries[entries["outcome"] == DELIVERED]
+
+
+def _by_message(
+    entries: NDArray[np.void], place: str
+) -> Iterator[tuple[tuple[int, int, int], NDArray[np.void]]]:
+    """Yield ``place`` (``sender`` or ``segment``), identifier, flags, and the entries with them."""
+    keys = np.stack([entries[f].astype(np.int64) for f in (place, "ident", "flags")])
+    keys[2] &= ~ERROR_STATE
+    for key in np.unique(keys, axis=1).T:
+        number, ident, flags = (int(part) for part in key)
+        yield (number, ident, flags), entries[(keys == key[:, np.newaxis]).all(axis=0)]
+
+
 def add_player(network: Network) -> int:
     """Put a node on a network that replays a recording, and return its number."""
     return add_node(network, Node("Recording", policy="priority", capacity=MAX_CAPACITY))
@@ -121,36 +152,107 @@ def simulate(
         worst_case_lengths=worst_case_lengths,
     )
     network = build_network(spec)
-    player = add_player(network)
-    replayed = 0
     names: dict[tuple[str, int, int], list[str]] = {}
     for message in messages:
         names.setdefault((message.sender, message.ident, message.flags), []).append(message.name)
     nodes = [node.name for node in spec.nodes]
     collected: dict[str, list[NDArray[np.int64]]] = {m.name: [] for m in messages}
-    cursor = frames = 0
-    end = round(duration_s * 1e9)
-    for now in range(_CHUNK_NS, end + _CHUNK_NS, _CHUNK_NS):
-        if recording is not None:
-            replayed = feed(network, recording.frames, player, replayed, min(now, end))
-        advance(network, min(now, end))
-        entries, cursor, _ = drain(network, cursor)
-        entries = entries[entries["outcome"] == DELIVERED]
+    frames = 0
+    for entries in delivered(network, round(duration_s * 1e9), recording):
         frames += len(entries)
-        entries = entries[entries["sender"] != player]
-        response = entries["t_end"] - entries["t_queued"]
-        keys = np.stack([entries[f].astype(np.int64) for f in ("sender", "ident", "flags")])
-        keys[2] &= ~ERROR_STATE
-        for sender, ident, flags in np.unique(keys, axis=1).T:
-            chosen = (keys == np.array([[sender], [ident], [flags]])).all(axis=0)
-            for name in names[nodes[sender], int(ident), int(flags)]:
-                collected[name].append(response[chosen])
+        for (sender, ident, flags), chosen in _by_message(entries, "sender"):
+            # the frames of a recording are no message's
+            for name in names[nodes[sender], ident, flags] if sender < len(nodes) else ():
+                collected[name].append(chosen["t_end"] - chosen["t_queued"])
     return Simulation(
-        {
-            n: SimulatedResponse(n, np.concatenate([*r, []]).astype(int))
-            for n, r in collected.items()
-        },
+        {name: _joined(name, parts) for name, parts in collected.items()},
         load(network, 0),
         frames,
         account(network, 0).balanced,
     )
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedArrival:
+    """Times of a message's delivered frames on one segment of a network, nanoseconds.
+
+    ``here``: from queueing on this segment to the end of the interframe space; ``whole``: to there
+    from queueing by the first sender.
+    """
+
+    here: SimulatedResponse
+    whole: SimulatedResponse
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkSimulation:
+    """Results of a simulated network.
+
+    ``arrivals``: of every message in the order given, by the number of the segment; ``loads`` of
+    the segments; number of delivered frames, counted on each segment.
+    """
+
+    arrivals: list[dict[int, SimulatedArrival]]
+    loads: list[float]
+    frames: int
+
+
+def simulate_network(
+    topology: Topology,
+    routed: Sequence[RoutedMessage],
+    *,
+    duration_s: float,
+    seed: int = 0,
+    worst_case_lengths: bool = False,
+) -> NetworkSimulation:
+    """Simulate the messages of a network on every segment that they reach.
+
+    Args:
+        topology: segments and gateways.
+        routed: all messages, with their ways.
+        duration_s: simulated time.
+        seed: of jitter, payloads and latencies.
+        worst_case_lengths: send every classic frame with the most stuff bits it can have.
+    """
+    sent = (
+        [replace(r, message=longest(r.message)) for r in routed] if worst_case_lengths else routed
+    )
+    spec = network_spec(topology, sent, nodes=listeners(topology), seed=seed)
+    network = build_network(spec)
+    numbers = {
+        (segment, r.message.ident, r.message.flags): number
+        for number, r in enumerate(routed)
+        for segment in r.segments
+    }
+    here: dict[tuple[int, int], list[NDArray[np.int64]]] = {
+        (number, segment): [] for number, r in enumerate(routed) for segment in r.segments
+    }
+    whole = {key: list(parts) for key, parts in here.items()}
+    frames = 0
+    for entries in delivered(network, round(duration_s * 1e9)):
+        frames += len(entries)
+        for (segment, ident, flags), chosen in _by_message(entries, "segment"):
+            key = numbers[segment, ident, flags], segment
+            here[key].append(chosen["t_end"] - chosen["t_queued"])
+            whole[key].append(chosen["t_end"] - chosen["t_origin"])
+    arrivals = [
+        {
+            segment: SimulatedArrival(
+                _joined(r.message.name, here[number, segment]),
+                _joined(r.message.name, whole[number, segment]),
+            )
+            for segment in r.segments
+        }
+        for number, r in enumerate(routed)
+    ]
+    loads = [load(network, segment) for segment in range(len(topology.segments))]
+    return NetworkSimulation(arrivals, loads, frames)
+
+
+def listeners(topology: Topology) -> list[Node]:
+    """Return a node on every segment that acknowledges, whoever else is there."""
+    return [Node(f"{LISTENER}{number}", number) for number in range(len(topology.segments))]
+
+
+def _joined(name: str, parts: Sequence[NDArray[np.int64]]) -> SimulatedResponse:
+    return SimulatedResponse(name, np.concatenate([*parts, np.array([], np.int64)]))

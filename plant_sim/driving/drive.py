@@ -1,4 +1,4 @@
-"""Collects the inputs of a manoeuvre in the arrays of the driver kernel."""
+"""The inputs of a manoeuvre as arrays for the driver kernel."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,10 +27,10 @@ class Plan:
 
     ``duration`` (s). ``table`` at steps of ``table_step`` (s): road-wheel angle (rad) or lateral
     acceleration (m/s²). ``bank`` (rad) and ``road``, the heights (m) under the left and the right
-    wheels, at steps of ``road_step`` (m) of distance. ``release_time`` (s): the accelerator is let
-    go from then on. ``steer_rate`` (rad/s at the road wheels) other than 0 replaces the driver's
-    arms by a steering robot. ``at_the_limit``: the driver dares any lateral acceleration.
-    ``fishhook``: start (s), amplitude (rad), hold (s), return (s).
+    wheels, at steps of ``road_step`` (m) of distance. ``release_time`` (s): the accelerator is
+    released from then on. ``steer_rate`` (rad/s at the road wheels) other than 0 replaces the
+    driver's arms by a steering robot. ``at_the_limit``: the driver accepts any lateral
+    acceleration. ``fishhook``: start (s), amplitude (rad), hold (s), return (s).
     """
 
     duration: float
@@ -49,9 +49,9 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """A manoeuvre before a vehicle and a speed are chosen.
+    """A kind of manoeuvre, for any vehicle and speed.
 
-    ``plan(vehicle, speed, seed, **options)`` gives the plan; ``standard`` is what it follows.
+    ``plan(vehicle, speed, seed, **options)`` gives the plan; ``standard`` is the one it follows.
     """
 
     title: str
@@ -90,9 +90,9 @@ def make_drive(
     preview_time: float = 0.0,
     chassis_control: bool = False,
 ) -> Drive:
-    """Arrays for the kernels, with a fresh driver's memory; ``speed`` in m/s.
+    """Arrays for the kernels, with a new driver's memory; ``speed`` in m/s.
 
-    ``preview_time`` (s) other than 0 replaces the vehicle's driver by one of another experience.
+    A ``preview_time`` (s) other than 0 replaces that of the vehicle's driver.
     """
     geometry, person = vehicle.geometry, vehicle.driver
     grip = GRIP_USED * friction * vehicle.tyre.friction * GRAVITY

@@ -1,10 +1,10 @@
 """The preview driver and the open-loop steering robot: one kernel that fills a body's inputs.
 
-The driver predicts where the car will be one preview time ahead if it goes on as it moves now,
-compares that with the path, and asks for the lateral acceleration that closes the gap in that
-time, a = 2 e / T². Knowing that the car answers late it asks for more as long as it feels less
-than that. It turns the wheel by the bicycle model's steady gain, through the lag of the arms
-and the limits of the steering, never asking for more than it dares.
+The driver predicts the car's position one preview time ahead at its present motion, compares it
+with the path, and demands the lateral acceleration that closes the gap in that time, a = 2 e / T².
+To compensate for the car's lag it demands more as long as it feels less than that. It turns the
+wheel by the bicycle model's steady gain, through the lag of the arms and the limits of the
+steering, up to a maximum lateral acceleration.
 """
 
 from math import cos, floor, hypot, sin
@@ -173,8 +173,8 @@ def _fishhook(time: float, outputs: Vector, drive: Drive) -> float:
 def _stabilise(outputs: Vector, inputs: Vector, drive: Drive) -> None:
     """Unified chassis control: half by one front brake, half by extra steering.
 
-    Asks for the yaw moment that brings the yaw rate to the linear car's, which never asks for more
-    lateral acceleration than the road gives; applied by the vehicle, whatever the roll law does.
+    Demands the yaw moment that brings the yaw rate to the linear car's, limited to the lateral
+    acceleration that the road permits; applied by the vehicle, independently of the roll law.
     """
     parameters, memory = drive.parameters, drive.memory
     speed = max(outputs[ports.VX], 3.0)
@@ -204,7 +204,7 @@ def drive(t_ns: int, outputs: Vector, inputs: Vector, drive: Drive) -> None:
     """Fill ``inputs`` for the step that starts at ``t_ns``, from the ``outputs`` of the last one.
 
     Writes steering, drive force, bank, friction, road heights or prescribed acceleration, and the
-    path error into ``outputs``; leaves the actuator slots alone.
+    path error into ``outputs``; leaves the actuator slots unchanged.
     """
     parameters, memory = drive.parameters, drive.memory
     time = t_ns * 1e-9

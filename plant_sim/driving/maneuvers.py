@@ -41,7 +41,7 @@ SLOWEST_KMH = 5.0
 class Maneuver:
     """One manoeuvre, ready to run once: ``drive`` holds the driver's memory.
 
-    ``speed`` (m/s) at entry; ``standard`` says which standard it follows and where it departs.
+    ``speed`` (m/s) at entry; ``standard`` is the standard it follows, with deviations.
     """
 
     name: str
@@ -63,7 +63,7 @@ def title(name: str) -> str:
 
 
 def options(name: str) -> dict[str, Any]:
-    """The options of that manoeuvre with their defaults; a preview of 0 is the vehicle's own."""
+    """The options of that manoeuvre with their defaults; a preview of 0 means the vehicle's."""
     kind = MANEUVERS[name]
     parameters = signature(kind.plan).parameters.values()
     own = {item.name: item.default for item in parameters if item.kind is Parameter.KEYWORD_ONLY}
@@ -72,7 +72,7 @@ def options(name: str) -> dict[str, Any]:
 
 
 def default_speed(name: str, vehicle: Vehicle) -> float:
-    """Entry speed (m/s) of that manoeuvre: the vehicle's own where its file states one."""
+    """Entry speed (m/s) of that manoeuvre: the vehicle's if its file states one."""
     return vehicle.speeds.get(name, MANEUVERS[name].speed_kmh / 3.6)
 
 
@@ -134,16 +134,17 @@ def build(
 
     Args:
         name: one of :func:`names`.
-        vehicle: that is to drive it; some manoeuvres are scaled to it.
+        vehicle: vehicle to drive; some manoeuvres are scaled to it.
         speed: entry speed in m/s; by default that of the vehicle or the manoeuvre.
-        seed: of what is random in the manoeuvre, the road.
-        given: options of :func:`options`; None leaves the default. Among them ``preview_time`` (s),
-            the driver's preview instead of the vehicle's: 0.5 experienced, 0.75, 1.0 novice;
-            ``friction`` of the road; ``chassis_control``, the vehicle's own yaw control.
+        seed: seed of the random part of the manoeuvre, the road.
+        given: options of :func:`options`; None for the default. Among them ``preview_time`` (s),
+        the
+            driver's preview instead of the vehicle's: 0.5 experienced, 0.75, 1.0 novice;
+            ``friction`` of the road; ``chassis_control``, the vehicle's yaw control.
 
     Raises:
-        UnknownNameError: no manoeuvre or option has that name.
-        CanrollError: a speed or an option is outside of what the manoeuvre can be driven at.
+        UnknownNameError: there is no manoeuvre or option of that name.
+        CanrollError: a speed or an option is outside the manoeuvre's range.
     """
     kind = MANEUVERS[name]
     speed = default_speed(name, vehicle) if speed is None else speed
@@ -172,11 +173,11 @@ def build(
 
 
 def replay(maneuver: Maneuver, steer: Vector) -> Maneuver:
-    """The same manoeuvre with the steering of an earlier run played back, no driver in the loop.
+    """Return the same manoeuvre with the steering of an earlier run replayed, without a driver.
 
-    ``steer``: road-wheel angle (rad), one value a step, as :func:`simulate.run_passive` gives it.
-    A law then changes only the motion of the car, without driver feedback. The recorded angle
-    holds what the chassis control added, so that is off.
+    ``steer``: road-wheel angle (rad), one value per step, as recorded. A law then changes only the
+    motion of the car, without driver feedback. The recorded angle includes the chassis control's
+    part, so chassis control is off.
     """
     parameters = maneuver.drive.parameters.copy()
     parameters[D_CHASSIS_CONTROL] = 0.0

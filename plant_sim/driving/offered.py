@@ -1,4 +1,4 @@
-"""Manoeuvres of extensions: what they plan is checked before the driver's kernel reads it."""
+"""Manoeuvres of extensions: their plans are checked before the driver's kernel reads them."""
 
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -21,14 +21,14 @@ LONGEST = 600.0
 
 
 def accept(what: str, kind: object) -> Kind:
-    """Return an extension's manoeuvre with its plans checked.
+    """Wrap an extension's manoeuvre so that its plans are checked.
 
     Args:
-        what: what it is, for errors.
+        what: kind of object, for error messages.
         kind: the manoeuvre.
 
     Raises:
-        CanrollError: it is no manoeuvre, or its figures or its plan's signature can't be.
+        CanrollError: not a manoeuvre, or invalid figures or plan signature.
     """
     if not isinstance(kind, Kind):
         raise CanrollError(f"{what}: a {type(kind).__name__}, it must be a Kind")
@@ -61,10 +61,10 @@ def _checked(what: str, plan: Callable[..., Plan]) -> Callable[..., Plan]:
 
 
 def check_plan(plan: Plan) -> None:
-    """Refuse a plan that the driver's kernel can't drive.
+    """Refuse a plan that the driver's kernel cannot drive.
 
     Raises:
-        CanrollError: naming the field.
+        CanrollError: the message names the field.
     """
     if not 0.0 < plan.duration <= LONGEST:
         raise CanrollError(f"duration {plan.duration:g} s: it must be above 0, at most {LONGEST:g}")

@@ -26,8 +26,8 @@ class Lane:
 def double_lane_change(width: float, offset: float) -> tuple[Lane, ...]:
     """Lanes of ISO 3888-1 for a car of that ``width`` (m), x from the first lane's start.
 
-    Lanes of 15, 25 and 30 m with 30 and 25 m to change over in between; ``offset`` (m, 3.5 in the
-    standard) lies between the right edges of the first and the side lane.
+    Lanes of 15, 25 and 30 m with transitions of 30 and 25 m in between; ``offset`` (m, 3.5 in the
+    standard) is the distance between the right edges of the first and the side lane.
     """
     widths = [factor * width + 0.25 for factor in (1.1, 1.2, 1.3)]
     right = -widths[0] / 2
@@ -53,7 +53,7 @@ def obstacle_avoidance(width: float) -> tuple[Lane, ...]:
 
 
 def through(lanes: tuple[Lane, ...], *, approach: float, run_out: float) -> XY:
-    """The line a driver aims at: along each lane's centre, half cosines in between.
+    """The driver's target line: along each lane's centre, half cosines in between.
 
     ``approach`` (m) lies before the first lane, so that x = ``approach`` at its start.
     """

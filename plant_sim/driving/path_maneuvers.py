@@ -1,7 +1,7 @@
-"""Manoeuvres that a driver steers along a path: lane changes, circles, straights over bad road.
+"""Manoeuvres of a driver on a path: lane changes, circles, straights over rough road.
 
-Every function plans one manoeuvre from the vehicle, the entry speed (m/s), a seed for what is
-random, and options of its own.
+Every function plans one manoeuvre from the vehicle, the entry speed (m/s), a seed for its random
+part, and its own options.
 """
 
 from math import pi, radians
@@ -17,7 +17,7 @@ APPROACH = 15.0
 
 
 def double_lane_change(vehicle: Vehicle, speed: float, _seed: int) -> Plan:
-    """ISO 3888-1 at held speed; the standard's lateral offset unless the vehicle states its own."""
+    """ISO 3888-1 at constant speed; the standard's lateral offset or the vehicle's own."""
     lanes = path.double_lane_change(vehicle.geometry.width, vehicle.lane_offset)
     end = lanes[-1].start + lanes[-1].length
     xy = path.through(lanes, approach=APPROACH, run_out=APPROACH + 3 * speed)
@@ -36,10 +36,9 @@ def moose(vehicle: Vehicle, speed: float, _seed: int) -> Plan:
 
 
 def roundabout(vehicle: Vehicle, speed: float, _seed: int) -> Plan:
-    """Half way round a circle of 22 m radius, straight in and out, at held speed.
+    """Half-way round a circle of 22 m radius, straight in and out, at constant speed.
 
-    Entered faster than the driver would dare to take it, the wheel is turned after the circle all
-    the same.
+    Above the driver's maximum lateral acceleration the wheel still follows the circle's curvature.
     """
     radius, approach, easing = 22.0, 30.0, 8.0
     arc = radius * pi - easing
@@ -68,7 +67,7 @@ def _circle(radius: float, speed: float) -> path.XY:
 
 
 def constant_radius(_vehicle: Vehicle, speed: float, _seed: int, *, radius: float = 100.0) -> Plan:
-    """ISO 4138 constant radius: on a circle to the left at held speed."""
+    """ISO 4138 constant radius: on a circle to the left at constant speed."""
     return Plan(CIRCLE_DURATION, path_xy=_circle(radius, speed), at_the_limit=True)
 
 

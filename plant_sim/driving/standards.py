@@ -1,6 +1,6 @@
 """Pass or fail by the standards: FMVSS 126, NHTSA's rollover tests, ISO 3888 cone tracks.
 
-Every function reads recorded signals by name, one value a millisecond, SI units: those of
+Every function reads recorded signals by name, one value per millisecond, SI units: those of
 :meth:`plant_sim.world.world.World.signals` or of :func:`plant_sim.world.open_loop.signals`.
 """
 
@@ -41,7 +41,7 @@ class Verdict:
 
 
 def judge(maneuver: str, vehicle: Vehicle, signals: Signals) -> list[Verdict]:
-    """All verdicts that the standard of that manoeuvre has; none where it has no criteria."""
+    """All verdicts of that manoeuvre's standard; none if it has no criteria."""
     if maneuver == "sine_with_dwell":
         return sine_with_dwell(vehicle, signals)
     if maneuver in ("fishhook", "j_turn"):
@@ -67,9 +67,9 @@ def _at(values: Vector, time: float) -> float:
 def sine_with_dwell(vehicle: Vehicle, signals: Signals) -> list[Verdict]:
     """Yaw-rate decay and lateral displacement after FMVSS 126, S5.2.1 to S5.2.3.
 
-    Yaw rate 1.0 and 1.75 s after the steering ended, as a share of its second peak, at most 35 and
-    20 %; lateral displacement 1.07 s after it began at least 1.83 m (1.52 m above 3500 kg), judged
-    from five times the angle for 0.3 g on.
+    Yaw rate 1.0 and 1.75 s after the end of steering at most 35 and 20 % of its second peak;
+    lateral displacement 1.07 s after its beginning at least 1.83 m (1.52 m above 3500 kg), judged
+    from five times the angle for 0.3 g upwards.
     """
     begin = steer_maneuvers.START
     end = begin + 1 / 0.7 + 0.5
@@ -105,7 +105,7 @@ def two_wheel_lift(signals: Signals) -> list[Verdict]:
 
 
 def cone_positions(lanes: tuple[path.Lane, ...]) -> NDArray[np.float64]:
-    """Where the cones of a track touch its lanes, (n, 2) in m, x from the first lane's start."""
+    """Positions of a track's cones at its lanes' edges, (n, 2) in m, x from the first lane."""
     points = []
     for lane in lanes:
         count = int(np.ceil(lane.length / CONE_SPACING)) + 1
@@ -115,7 +115,7 @@ def cone_positions(lanes: tuple[path.Lane, ...]) -> NDArray[np.float64]:
 
 
 def cones(vehicle: Vehicle, signals: Signals, lanes: tuple[path.Lane, ...], clause: str) -> Verdict:
-    """How many cones the bodywork's outline, a rectangle, ran over: none is a pass."""
+    """Number of cones hit by the bodywork's outline, a rectangle; none is a pass."""
     points = cone_positions(lanes) + np.array([APPROACH, 0.0])
     geometry = vehicle.geometry
     front, rear = geometry.cg_to_front_axle + OVERHANG, geometry.cg_to_rear_axle + OVERHANG

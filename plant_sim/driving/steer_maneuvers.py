@@ -1,4 +1,4 @@
-"""Manoeuvres of a steering robot: fishhook, J-turn, sine with dwell, and signals of files.
+"""Manoeuvres of a steering robot: fishhook, J-turn, sine with dwell, and signals from files.
 
 The robots of FMVSS 126 and of NHTSA's rollover tests scale their steering by the angle at which
 the car corners at 0.3 g at 80 km/h; here that is the linear car's.
@@ -92,8 +92,9 @@ def read_signal(path: Path) -> tuple[str, Vector, Vector]:
     """Column name, times (s) and values of a file with the columns ``time`` and one other.
 
     Raises:
-        CanrollError: the file cannot be read, its header is another, a field is no number, or times
-            do not grow.
+        CanrollError: the file cannot be read, its header is wrong, a field is not a number, or
+        times
+            do not increase.
     """
     try:
         with path.open(newline="") as file:

@@ -1,10 +1,10 @@
-"""Numba decorators with one cache that is keyed by the source it was compiled from.
+"""Numba decorators with one cache keyed by a hash of the sources.
 
-Numba's own cache only watches the file of the outermost function, so a changed callee would go
-on running as it was. The cache folder is named by a hash of the whole package instead, and the
-times of the files, which a copy or another file system changes, say nothing. And Numba names
-entries by counting them, so that two processes that compile at the same time could give one name to
-two functions: saving takes a lock. A cache that cannot be written is read all the same.
+Numba's own cache only watches the file of the outermost function, so that a changed callee would
+stay outdated. The cache folder is named by a hash of the whole package instead, independent of file
+times, which change with copies and file systems. As Numba numbers its entries, two processes that
+compile at the same time could use one name for two functions: saving takes a lock. A read-only
+cache is still read.
 """
 
 import fcntl
@@ -39,7 +39,7 @@ numba.config.CACHE_DIR = str(FOLDER)
 
 
 class _Locator(UserProvidedCacheLocator):  # type: ignore[misc]
-    """The place of a function in the cache, whether that can be written or not."""
+    """Location of a function in the cache, writable or not."""
 
     def ensure_cache_path(self) -> None:
         with suppress(OSError):
@@ -72,8 +72,8 @@ IndexDataCacheFile.save = _save
 def njit(function: Function) -> Function:
     """Compile to machine code, cached between processes; exact IEEE arithmetic (no fastmath).
 
-    Calls with literal arguments use the general version: Numba would compile one a literal, and
-    with every caller's callees again the whole plant more than twice as long.
+    Calls with literal arguments use the general version: Numba would compile one per literal, each
+    with all its callees, and take more than twice as long for the whole plant.
     """
     compiled: Any = numba.njit(cache=True)(function)
     resolve = compiled.get_call_template
@@ -88,7 +88,7 @@ def njit(function: Function) -> Function:
 
 
 def cfunc(signature: Any) -> Callable[[Function], Function]:  # noqa: ANN401
-    """Compile as a first-class function: kernels that take one are compiled once for all."""
+    """Compile as a first-class function: kernels that take one are compiled only once."""
     decorated: Callable[[Function], Function] = numba.cfunc(signature, cache=True)
     return decorated
 
@@ -100,9 +100,9 @@ STEP_SIGNATURE = numba.types.void(_VECTOR, _VECTOR, _VECTOR, _VECTOR, numba.type
 
 @intrinsic  # type: ignore[untyped-decorator]
 def step_at(typing_context: Any, address: Any) -> Any:  # noqa: ANN401
-    """In a kernel: the body's step at ``address``, that of a C function which the caller keeps.
+    """In a kernel: the body's step at ``address`` of a C function kept alive by the caller.
 
-    To take the function itself costs a call from Python more than the step does.
+    Passing the function itself would cost a call from Python more than the step does.
     """
     step = numba.types.FunctionType(STEP_SIGNATURE)
 

@@ -1,4 +1,4 @@
-"""Counter-based random numbers: the same seed, stream and counter give the same number always.
+"""Counter-based random numbers: the same seed, stream and counter always give the same number.
 
 The mixing function is the finaliser of SplitMix64 (Steele, Lea, Flood 2014).
 """

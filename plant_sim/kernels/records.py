@@ -1,7 +1,7 @@
 """One record for many arrays: a kernel takes a single pointer instead of dozens of arrays.
 
 Numba passes every array of a tuple by its parts and counts its references at every call; a
-record's nested arrays cost nothing of that.
+record's nested arrays avoid that.
 """
 
 from collections.abc import Iterator
@@ -38,8 +38,8 @@ def _fill(record: Any, parts: Any) -> None:  # noqa: ANN401
 def to_record(parts: Any) -> NDArray[Any]:  # noqa: ANN401
     """Copy a named tuple of arrays, integers and named tuples into an array of one record.
 
-    The record's attributes are the tuple's, so that a kernel for the one takes the other; its type
-    is fixed by the shapes of all arrays in it.
+    The record's attributes are the tuple's, so that kernels accept either; its type is fixed by the
+    shapes of all arrays in it.
     """
     result: NDArray[Any] = np.zeros(1, dtype=_dtype(parts))
     _fill(result[0], parts)

@@ -1,8 +1,8 @@
 """The smart actuator node: accepts, holds, times out, acknowledges and reports.
 
-The node works at 1 ms, on the plant's grid. A command frame counts once end-to-end protection
-lets it through; it is held until the command timeout, then the demand ramps to zero. A disabled
-node takes and acknowledges commands and delivers nothing.
+The node runs every 1 ms, on the plant's grid. A command frame takes effect if end-to-end protection
+accepts it; it is held until the command timeout, then the demand ramps to zero. A disabled node
+accepts and acknowledges commands and delivers nothing.
 """
 
 from typing import NamedTuple
@@ -70,7 +70,7 @@ class Actuators(NamedTuple):
 
 @njit
 def listens(node: Actuators, message: int) -> int:
-    """Which of the node's messages is row ``message`` of the tables; -1 for none."""
+    """Index of row ``message`` of the tables among the node's messages; -1 for none."""
     for which in range(MESSAGES):
         if message >= 0 and node.message[which, MESSAGE] == message:
             return which
@@ -81,10 +81,10 @@ def listens(node: Actuators, message: int) -> int:
 def receive(
     node: Actuators, tables: Codec, which: int, payload: NDArray[np.uint8], t_ns: int
 ) -> bool:
-    """Take a command frame in at ``t_ns``; whether it was accepted.
+    """Receive a command frame at ``t_ns``; return whether it was accepted.
 
-    A signal that carries the error or not-available code, or that its second signal contradicts,
-    demands nothing of its channel.
+    For a signal with the error or not-available code, or contradicted by its second signal, the
+    demand of its channel is zero.
     """
     row = node.message[which]
     number = row[MESSAGE]
@@ -122,7 +122,7 @@ def supervise(node: Actuators, t_ns: int) -> None:
 
 @njit
 def fault_of(node: Actuators, first: int, last: int, t_ns: int) -> int:
-    """Row of the worst fault that corners ``first`` to ``last`` have at ``t_ns``; -1 for none."""
+    """Row of the worst fault of corners ``first`` to ``last`` at ``t_ns``; -1 for none."""
     found = -1
     for number in range(FAULTS):
         if not first <= node.fault[number, FAULT_CORNER] <= last:
@@ -135,7 +135,7 @@ def fault_of(node: Actuators, first: int, last: int, t_ns: int) -> int:
 
 @njit
 def set_status(node: Actuators, first: int, last: int, status: int) -> None:
-    """Note the status of corners ``first`` to ``last``; the worst stays until it is reported."""
+    """Record the status of corners ``first`` to ``last``; the worst is kept until reported."""
     for corner in range(first, last + 1):
         node.flag[STATUS + corner] = status
         node.flag[LATCHED + corner] = max(node.flag[LATCHED + corner], status)
@@ -143,7 +143,7 @@ def set_status(node: Actuators, first: int, last: int, status: int) -> None:
 
 @njit
 def report(node: Actuators, tables: Codec, payload: NDArray[np.uint8]) -> None:
-    """Put ActuatorState into a payload but for its sample; clears the latched status."""
+    """Write ActuatorState to a payload, except its sample counter; clear the latched status."""
     for axle in range(2):
         signal = node.report[axle]
         raw = codec.raw_value(tables, signal, node.state[ESTIMATE + axle])

@@ -1,4 +1,4 @@
-"""One 1 ms step of the four kinds of roll actuators.
+"""A 1 ms step of each of the four kinds of roll actuators.
 
 Forces act on the body, upwards, with their reaction on the wheel; moments lift the left side.
 Force over a step is the mean of its values at both ends, so that a lag costs no half step.
@@ -67,7 +67,7 @@ def clip(value: float, limit: float) -> float:
 
 @njit
 def refer(node: Actuators, channel: int, demand: float) -> bool:
-    """Move a channel's reference towards ``demand``; whether limit or rate bound it."""
+    """Move a channel's reference towards ``demand``; return whether limit or rate was active."""
     setting, state = node.setting, node.state
     kept = clip(demand, setting[LIMIT])
     change = setting[RATE] if node.flag[HELD] else setting[RAMP]
@@ -80,7 +80,7 @@ def refer(node: Actuators, channel: int, demand: float) -> bool:
 def settle(  # noqa: PLR0917
     node: Actuators, channel: int, first: int, last: int, target: float, bound: bool, t_ns: int
 ) -> None:
-    """Follow ``target`` with the lag, unless a fault of corners ``first`` to ``last`` forbids."""
+    """Follow ``target`` with the lag, unless a fault of corners ``first`` to ``last`` acts."""
     state = node.state
     status = STATUS_LIMITED if bound else STATUS_OK
     gain = 1.0
@@ -176,7 +176,7 @@ def _dampers(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> Non
 
 @njit
 def _valve_current(node: Actuators, axle: int, actual: float) -> float:
-    """Current (A) commanded for the axle; a disabled node keeps the moment at zero."""
+    """Current (A) commanded for the axle; a disabled node controls the moment to zero."""
     parameters, loop = node.setting[HYDRAULIC_PARAMETERS:], node.setting[TORQUE_LOOP]
     if not node.flag[ENABLED] or not node.flag[HELD]:
         return hydraulics.torque_loop(parameters, loop, 0.0, actual)

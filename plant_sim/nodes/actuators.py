@@ -1,4 +1,4 @@
-"""Actuator options, and the node made of them for one vehicle."""
+"""Actuator options, and the node built from them for one vehicle."""
 
 import math
 from dataclasses import dataclass, field
@@ -65,8 +65,8 @@ _REPORT = (
 class ActuatorFault:
     """A fault of the actuator at ``corner`` from ``start`` to ``end`` (s).
 
-    Kinds: "stuck" holds what is delivered, "floating" delivers nothing, "weak" delivers the share
-    ``value`` of what is asked.
+    Kinds: "stuck" holds the delivered force, "floating" delivers none, "weak" delivers the fraction
+    ``value`` of the demand.
     """
 
     corner: str
@@ -78,7 +78,7 @@ class ActuatorFault:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActuatorOptions:
-    """How the vehicle's actuators are run.
+    """Operating conditions of the vehicle's actuators.
 
     ``estimate_error``: gain error of the delivered-moment estimate, within ± 0.2;
     ``estimate_lag`` (s) its first-order lag. ``oil_temperature`` (°C): cold oil slows hydraulic
@@ -107,7 +107,7 @@ def _approach(lag: float) -> float:
 def _settings(
     vehicle: Vehicle, kind: str, options: ActuatorOptions, integrated: bool
 ) -> list[float]:
-    """Lag, limit, rate, power of one channel with oil and supply taken in; inf where unlimited."""
+    """Lag, limit, rate and power of one channel, for oil and supply; inf where unlimited."""
     data = vehicle.actuators
     cold = thickening(options.oil_temperature)
     power = min(options.supply / NOMINAL_SUPPLY, 1.0)
@@ -162,7 +162,7 @@ def _check(kind: str, options: ActuatorOptions, timeout_ms: float) -> None:
 
 
 def _curve(data: SemiActiveDampers) -> NDArray[np.float64]:
-    """Rates, soft and firm forces (3, n), the last slope carried on to fill the table."""
+    """Rates, soft and firm forces (3, n), extrapolated by the last slope to fill the table."""
     curve = np.array([data.rate, data.soft_force, data.firm_force])
     if curve.shape[1] > actuator_kernel.CURVE_POINTS:
         raise CanrollError(f"dampers: at most {actuator_kernel.CURVE_POINTS} points in their map")
@@ -197,7 +197,7 @@ def build(
     timeout_ms: float,
     integrated: bool = False,
 ) -> Actuators:
-    """Actuator node of ``vehicle``; ``integrated``: the body itself has the electro-hydraulics."""
+    """Actuator node of ``vehicle``; ``integrated``: the body includes the electro-hydraulics."""
     _check(kind, options, timeout_ms)
     flag = np.zeros(actuator_kernel.N_FLAGS, dtype=np.int64)
     flag[actuator_kernel.KIND] = KINDS[kind]

@@ -1,9 +1,9 @@
-"""Signals to payloads and back on arrays, for the frames of any bus.
+"""Conversion of signals to payloads and back on arrays, for the frames of any bus.
 
 Tables have a row for every message and signal of the bus contract, in its file's order, whatever
 frames they are sent in: those of ``roll_control.dbc``, or those of a user's DBC that a map places
 the same signals in. Physical values are in the contract's units; they are rounded to the nearest
-raw code and clipped to the range the DBC allows, which leaves out the codes that mean error and not
+raw code and clipped to the DBC's range, which excludes the codes for error and not
 available. A payload is an array of bytes.
 """
 
@@ -77,7 +77,7 @@ class Codec(NamedTuple):
     """Layout of every message.
 
     ``message`` (m, 8), ``field`` (n, 12), ``piece`` (n, 5, 4), ``scaling`` (n, 2), ``protection``
-    and ``identity`` as of :mod:`plant_sim.nodes.e2e`.
+    and ``identity`` as in :mod:`plant_sim.nodes.e2e`.
     """
 
     message: NDArray[np.int64]
@@ -91,7 +91,7 @@ class Codec(NamedTuple):
 
 @njit
 def raw_value(codec: Codec, signal: int, value: float) -> int:
-    """Raw integer nearest to the physical ``value``, clipped; not a number gives the error code."""
+    """Raw integer nearest to the physical ``value``, clipped; NaN gives the error code."""
     field = codec.field[signal]
     if math.isnan(value):
         return int(field[RAW_ERROR])
@@ -128,7 +128,7 @@ def _extract(codec: Codec, signal: int, payload: NDArray[np.uint8]) -> int:
 
 @njit
 def insert(codec: Codec, signal: int, payload: NDArray[np.uint8], raw: int) -> None:
-    """Replace the bits of ``signal`` in a payload by ``raw``, and what repeats them."""
+    """Replace the bits of ``signal``, and of its second signal, in a payload by ``raw``."""
     field = codec.field[signal]
     size = raw
     if field[MINUS] >= 0:
@@ -151,7 +151,7 @@ def extract(codec: Codec, signal: int, payload: NDArray[np.uint8]) -> int:
 
 @njit
 def agrees(codec: Codec, signal: int, payload: NDArray[np.uint8]) -> bool:
-    """Whether the redundant or inverted code, if there is one, says what ``signal`` does."""
+    """Whether the redundant or inverted code, if any, agrees with ``signal``."""
     field = codec.field[signal]
     if field[TWIN] < 0:
         return True
@@ -224,7 +224,7 @@ def signal_names(message: str) -> list[str]:
 
 
 def unit(message: str, signal: str) -> str:
-    """Unit of a signal as the DBC writes it, empty where it has none."""
+    """Unit of a signal as written in the DBC, empty if it has none."""
     signal_index(message, signal)
     return _messages()[message].get_signal_by_name(signal).unit or ""
 
@@ -345,7 +345,7 @@ def _parts(box: Mailbox) -> Iterator[RawSignal]:
 
 
 def _place_rest(codec: Codec, leader: int, rest: Mapping[str, Signal]) -> None:
-    """Place the contract's signals that a frame has beside those of the map."""
+    """Map further signals of the contract that a frame contains beside those of the map."""
     for index, message in enumerate(_messages().values()):
         row = codec.message[index]
         if row[LENGTH] and row[LEADER] != leader:
@@ -370,7 +370,7 @@ def _place_rest(codec: Codec, leader: int, rest: Mapping[str, Signal]) -> None:
 
 
 def _scale(codec: Codec, row: int, signal: MappedSignal, contract_unit: str) -> None:
-    """Scaling in the contract's unit, and the codes that are values."""
+    """Scaling in the contract's unit, and the range of valid codes."""
     factor = float(UNITS[signal.place.unit][1] / UNITS[contract_unit][1]) / 2**signal.place.q
     codec.scaling[row] = float(signal.scale) * factor, float(signal.offset) * factor
     low, high = signal.raw_lo, signal.raw_hi

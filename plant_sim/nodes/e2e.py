@@ -1,9 +1,10 @@
 """End-to-end protection of the plant's frames: checksums, counters and their receiver.
 
-Whatever :class:`codegen.generated.frame_protection.Protection` describes: AUTOSAR E2E profiles 1,
-2, 5 and 22, and manufacturers' own. The receiver's state machine is E2E_P01Check of the AUTOSAR E2E
-protocol specification (PRS_E2EProtocol, profile 1), for counters of any number of values. A counter
-beyond its last value, which no sender may use, is answered like a wrong checksum.
+It covers everything in :class:`codegen.generated.frame_protection.Protection`: AUTOSAR E2E profiles
+1, 2, 5 and 22, and manufacturers' schemes. The receiver's state machine is E2E_P01Check of the
+AUTOSAR E2E protocol specification (PRS_E2EProtocol, profile 1), for counters of any number of
+values. A counter
+beyond its last value, which no sender may use, is treated like a wrong checksum.
 """
 
 from typing import NamedTuple
@@ -58,7 +59,7 @@ class Supervision(NamedTuple):
 
 
 def tables(rows: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Protections of ``rows`` messages that have none, their lists of identities, CRC tables."""
+    """Empty tables for ``rows`` unprotected messages: protections, identities, CRC tables."""
     protection = np.zeros((rows, N_PROTECTION), dtype=np.int64)
     protection[:, NIBBLE] = -1
     return protection, np.zeros((rows, 16), np.int64), np.zeros((rows, 256), np.int64)
@@ -144,7 +145,7 @@ def checksum(
 
 @njit
 def counter_of(row: NDArray[np.int64], payload: NDArray[np.uint8]) -> int:
-    """Counter of a frame; 0 where it has none."""
+    """Counter of a frame; 0 if it has none."""
     mask = (1 << row[COUNTER_WIDTH]) - 1
     return int((int(payload[row[COUNTER_BYTE]]) >> row[COUNTER_BIT]) & mask)
 

@@ -2,9 +2,9 @@
 
 State of one axle: spool position and speed, load pressure, shaft angle and speed. The bar twists
 by lever_ratio · roll angle of the suspension + shaft angle and resists roll. With the shaft held
-at 0 it is a plain anti-roll bar, which is part of the vehicle's roll stiffness; what the shaft's
-angle adds to that is the active moment. Two limits bind: load pressure to the supply and shaft
-angle to its stops.
+at 0 it is a plain anti-roll bar, which is part of the vehicle's roll stiffness; the moment added by
+the shaft's angle is the active moment. Load pressure is limited by the supply, the shaft angle by
+its stops.
 """
 
 import math
@@ -61,7 +61,7 @@ def parameters(data: ElectroHydraulicBars, *, thickening: float) -> Vector:
 
 @njit
 def active_moment(p: Vector, angle: float) -> float:
-    """Moment on the body (N·m), > 0 lifts the left, that shaft ``angle`` (rad) adds to a bar's."""
+    """Moment on the body (N·m), > 0 lifts the left, added by shaft ``angle`` (rad) to the bar's."""
     return float(-p[LEVER] * p[BAR_STIFFNESS] * angle)
 
 
@@ -69,8 +69,8 @@ def active_moment(p: Vector, angle: float) -> float:
 def torque_loop(p: Vector, bandwidth: float, demand: float, actual: float) -> float:
     """Valve current (A) that brings the active moment from ``actual`` to ``demand`` (N·m).
 
-    The valve commands flow, so the moment is its integral: a proportional loop of ``bandwidth``
-    (rad/s) closes it.
+    The valve controls flow, so the moment is its integral: a proportional loop of ``bandwidth``
+    (rad/s) suffices.
     """
     speed_per_ampere = p[VALVE_GAIN] * p[FLOW_GAIN] / p[DISPLACEMENT]
     error = (actual - demand) / (p[LEVER] * p[BAR_STIFFNESS])
@@ -94,7 +94,7 @@ def _derivative(x: Vector, p: Vector, current: float, roll: float, rate: Vector)
 
 @njit
 def advance(motor: Vector, p: Vector, current: float, roll: float, rate: float) -> bool:
-    """Advance one axle by 1 ms (RK4); whether supply pressure or stroke bound it.
+    """Advance one axle by 1 ms (RK4); return whether supply pressure or stroke limited it.
 
     ``roll`` and ``rate``: roll angle and rate of the suspension at the start of the step.
     """

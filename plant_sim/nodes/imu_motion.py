@@ -1,7 +1,7 @@
 """Motion at an inertial measurement unit: rigid-body motion of the point where it is mounted.
 
 Body attitude by heading, pitch and roll (z, y, x; ISO 8855 axes) over a road plane tilted by bank
-and grade. Exact in the angles: no small-angle terms are dropped.
+and grade. Exact in the angles, without small-angle approximations.
 """
 
 import math

@@ -1,7 +1,8 @@
 """Sensor nodes: from the plant's true motion to protected payloads at the DBC's cycle times.
 
 Every channel is filtered by a first-order low-pass at 1 ms, sampled at its node's own clock
-(between two steps of the plant, linearly), then takes noise, bias, drift, faults, range and LSB.
+(interpolated linearly between two steps of the plant); noise, bias, drift, faults, range and LSB
+follow.
 Noise is white up to the low-pass: an Ornstein-Uhlenbeck process advanced exactly from sample to
 sample, of variance density² · bandwidth · π/2.
 """
@@ -73,8 +74,8 @@ STEP_NS = 1_000_000
 class Sensors(NamedTuple):
     """Tables of every sensor node.
 
-    ``mounting`` (9) turns body axes into the IMU's, ``arm`` (3) is its place (m from the sprung
-    CG), ``motion`` (6) what it feels there.
+    ``mounting`` (9) rotates body axes to the IMU's, ``arm`` (3) is its position (m from the sprung
+    CG), ``motion`` (6) the motion there.
     """
 
     channel: NDArray[np.float64]
@@ -114,7 +115,7 @@ def _along(mounting: NDArray[np.float64], axis: int, vector: NDArray[np.float64]
 
 @njit
 def observe(sensors: Sensors, inputs: NDArray[np.float64], outputs: NDArray[np.float64]) -> None:
-    """Take in the plant's motion at the end of a step and advance the channels' low-passes."""
+    """Read the plant's motion at the end of a step and advance the channels' low-passes."""
     motion, turn, channel = sensors.motion, sensors.mounting, sensors.channel
     specific_motion(inputs, outputs, sensors.arm, motion)
     _low_pass(channel, ROLL_RATE, _along(turn, 0, motion, RATE))
@@ -135,9 +136,9 @@ def observe(sensors: Sensors, inputs: NDArray[np.float64], outputs: NDArray[np.f
 def measure(  # noqa: PLR0917
     sensors: Sensors, index: int, back: float, t_ns: int, count: int, seed: int
 ) -> float:
-    """Value of a channel at a sample in the unit of the bus; nan where the sensor reports failure.
+    """Value of a channel at a sample in the unit of the bus; nan if the sensor reports failure.
 
-    ``back`` is how far the instant ``t_ns`` lies before the last step, as a share of a step.
+    ``back`` is the time from the instant ``t_ns`` to the last step, as a fraction of a step.
     """
     row = sensors.channel[index]
     value = row[FILTERED] + back * (row[PREVIOUS] - row[FILTERED])
@@ -169,7 +170,7 @@ def measure(  # noqa: PLR0917
 
 @njit
 def silent(sensors: Sensors, node: int, t_ns: int) -> bool:
-    """Whether a dropout keeps the node from sending its sample of ``t_ns``."""
+    """Whether a dropout suppresses the node's sample of ``t_ns``."""
     first = sensors.node[node, FIRST_CHANNEL]
     for number in range(FAULTS):
         fault = sensors.fault[number]
@@ -189,9 +190,9 @@ def sample(  # noqa: PLR0917
     seed: int,
     payload: NDArray[np.uint8],
 ) -> None:
-    """Put the node's sample at ``t_ns`` into a payload; ``now_ns`` is the last step's end.
+    """Write the node's sample at ``t_ns`` to a payload and advance its sample counter.
 
-    Its counter of samples advances.
+    ``now_ns`` is the end of the last step.
     """
     row = sensors.node[node]
     count = row[SAMPLES]

@@ -1,4 +1,4 @@
-"""Sensor options, and the tables made of them for one vehicle and seed."""
+"""Sensor options, and the tables built from them for one vehicle and seed."""
 
 import math
 from collections.abc import Mapping
@@ -71,14 +71,15 @@ class SensorFault:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorOptions:
-    """How the vehicle's sensors are run.
+    """Operating conditions of the vehicle's sensors.
 
     ``noise`` and ``bias`` scale the vehicle's figures (0 switches them off); the bias is drawn
-    from the seed, uniform within the vehicle's bound. ``filtered`` and ``delayed`` keep low-passes
-    and latencies. ``temperature`` is K above calibration; ``drift`` the random walk of each bias
-    per √s as a share of its bound. ``phases``: instant of a node's first sample (s) by message;
-    others are drawn from the seed within their cycle time, 0 for all where ``synchronous``.
-    ``lsb``: step of a sensor's own converter (SI units) by signal, where coarser than the bus's.
+    from the seed, uniform within the vehicle's bound. ``filtered`` and ``delayed`` enable
+    low-passes and latencies. ``temperature`` is K above calibration; ``drift`` is the random walk
+    of each bias per √s as a fraction of its bound. ``phases``: instant of a node's first sample (s)
+    by message; others are drawn from the seed within their cycle time, 0 for all where
+    ``synchronous``. ``lsb``: resolution of a sensor's converter (SI units) by signal, if coarser
+    than the bus's.
     """
 
     noise: float = 1.0
@@ -94,7 +95,7 @@ class SensorOptions:
 
     @classmethod
     def ideal(cls, **changes: object) -> "SensorOptions":
-        """Sensors that say the truth as well as the bus can, at once."""
+        """Ideal sensors: no error but the bus's resolution, and no latency."""
         plain = {"noise": 0.0, "bias": 0.0, "filtered": False, "delayed": False}
         return cls(**{**plain, **changes})  # type: ignore[arg-type]
 
@@ -113,7 +114,7 @@ def _channels(vehicle: Vehicle) -> list[Channel | None]:
 
 
 def _rotation(angles: tuple[float, float, float]) -> NDArray[np.float64]:
-    """Turn of a vector into the axes of a sensor mounted askew by angles about x, y, z (rad)."""
+    """Rotation of a vector to the axes of a sensor misaligned by angles about x, y, z (rad)."""
     (sx, sy, sz), (cx, cy, cz) = np.sin(angles), np.cos(angles)
     about_x = np.array([[1, 0, 0], [0, cx, -sx], [0, sx, cx]])
     about_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]])
@@ -130,7 +131,7 @@ def signal_channel(name: str) -> int:
 
 
 def _low_pass(bandwidth: float) -> tuple[float, float, float]:
-    """Weights of the last output, the last input and the new one for input linear in a step."""
+    """Weights of the last output, the last and the new input, for input linear over a step."""
     rate = 2 * math.pi * bandwidth * sensor_kernel.STEP
     keep = math.exp(-rate)
     mean = (1 - keep) / rate
@@ -176,7 +177,7 @@ def _refuse_unsayable(fault: SensorFault, tables: Codec) -> None:
     message, _, signal = fault.signal.partition(".")
     row = tables.field[codec.signal_index(message, signal)]
     if not row[codec.PIECES]:
-        raise CanrollError(f"sensor fault of {fault.signal}: the map places no such signal")
+        raise CanrollError(f"sensor fault of {fault.signal}: the map has no such signal")
     if fault.kind == "invalid" and row[codec.RAW_ERROR] == codec.NO_ERROR_CODE:
         raise CanrollError(
             f"sensor fault of {fault.signal}: the signal has no code for invalid: add unavailable "
@@ -190,7 +191,7 @@ def build(
     """Tables of all sensor nodes of ``vehicle``; the same seed gives the same sensors.
 
     ``tables`` are the bus's frames, by default those of the contract. A node whose message is not
-    on the bus, or shares the frame of another node, samples at no instant of its own.
+    on the bus, or shares the frame of another node, has no sampling instants of its own.
     """
     for message in options.phases:
         if message not in NODES:

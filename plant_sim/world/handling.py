@@ -52,10 +52,10 @@ class Understeer:
 
 
 def constant_radius(vehicle: Vehicle, body: Body, *, radius: float = 100.0) -> Understeer:
-    """Drive a circle of ``radius`` (m) faster and faster, each speed to its steady state.
+    """Drive a circle of ``radius`` (m) at increasing speeds, each to its steady state.
 
     Raises:
-        CanrollError: the radius is below 20 m, where no driver holds a van's steady turn.
+        CanrollError: the radius is below 20 m, where the driver cannot hold a van's steady turn.
     """
     if not radius >= 20.0:
         raise CanrollError(f"--radius must be at least 20 m, got {radius:g}")
@@ -120,10 +120,10 @@ def frequency_response(
     lateral_acceleration: float = 2.0,
     frequencies: Vector | None = None,
 ) -> FrequencyResponse:
-    """Steer in sines, one frequency after the other, and take each response's first harmonic.
+    """Steer sines, one frequency after the other, and evaluate each response's first harmonic.
 
-    ``lateral_acceleration`` (m/s²) is what the steering amplitude would hold in steady state;
-    ISO 7401 asks for 4 at most. Frequencies in Hz, 0.2 to 4 by default.
+    ``lateral_acceleration`` (m/s²) is the steady-state value of the steering amplitude; ISO 7401
+    permits at most 4. Frequencies in Hz, 0.2 to 4 by default.
     """
     if frequencies is None:
         frequencies = np.geomspace(0.2, 4.0, 14)
@@ -160,7 +160,7 @@ def frequency_response(
 
 @dataclass(frozen=True, slots=True)
 class SpeedLimit:
-    """Highest speed (m/s) that passed and lowest that failed; None where none did."""
+    """Highest speed (m/s) that passed and lowest that failed; None if none did."""
 
     passed: float | None
     failed: float | None
@@ -171,7 +171,7 @@ def bisect_speed(
 ) -> SpeedLimit:
     """Find by bisection where ``fails(speed)`` turns true between ``low`` and ``high`` (m/s).
 
-    Assumes that more speed is never safer; ``tolerance`` (m/s) is the final bracket.
+    Assumes that a higher speed is never safer; ``tolerance`` (m/s) is the final bracket.
     """
     if fails(low):
         return SpeedLimit(None, low)

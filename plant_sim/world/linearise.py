@@ -1,9 +1,9 @@
 """Any plant body as a linear system about a steady motion, straight or in a curve.
 
-All that is known of a body is its step, so the matrices come from that: central differences of
-one step's map give the sampled system, and its matrix logarithm the continuous system whose steps
-with held inputs those are. Where a slope differs by side, as a damper's in bump and rebound, the
-mean of both is taken. States that act on no output but position and heading are left out.
+A body is known only by its step, so the matrices are derived from that: central differences of one
+step's map give the sampled system, and its matrix logarithm the continuous system with the same
+steps under held inputs. Where a slope differs by side, as a damper's in bump and rebound, the mean
+of both is used. States that affect only position and heading are left out.
 """
 
 from collections.abc import Callable, Sequence
@@ -51,15 +51,15 @@ _FORGOTTEN = 1e-6  # least factor by which a state may decay in one step
 
 @dataclass(frozen=True, slots=True)
 class Trim:
-    """A steady motion of a body, in which nothing changes but place and heading.
+    """A steady motion of a body, in which only position and heading change.
 
     Attributes:
-        vehicle: whose body it is.
+        vehicle: vehicle of the body.
         body: the body.
         state: its state there.
         inputs: its inputs there, steering and traction among them.
         parameters: its parameters.
-        relevant: indices of the states that act on an output other than place and heading.
+        relevant: indices of the states that affect an output other than position and heading.
         outputs: the body's outputs there, then the inertial unit's lateral acceleration.
     """
 
@@ -91,8 +91,8 @@ class LinearPlant:
     ) -> NDArray[np.complex128]:
         """Return the complex response (outputs, frequencies) at ``frequency`` > 0 (Hz).
 
-        ``excitation`` (N_INPUTS,) says how much of each input one unit of it is; ``outputs`` are
-        rows.
+        ``excitation`` (N_INPUTS,) is the amplitude of each input per unit; ``outputs`` are row
+        indices.
         """
         b, rows = self.b @ excitation, list(outputs)
         found = np.empty((len(rows), frequency.size), dtype=np.complex128)
@@ -109,15 +109,15 @@ def find_trim(
     lateral_acceleration: float = 0.0,
     friction: float = 1.0,
 ) -> Trim:
-    """Find the steady curve, to the left for a lateral acceleration > 0, and what holds it.
+    """Find the steady curve, to the left for a lateral acceleration > 0, and its inputs.
 
-    Newton's method on the rates of the states, from straight ahead to the curve in steps, for the
-    states, the steering and the traction.
+    Newton's method on the rates of the states, from straight ahead to the curve in steps, solves
+    for the states, the steering and the traction.
 
     Args:
-        vehicle: that is driven.
+        vehicle: vehicle to drive.
         body: its model.
-        speed: in m/s.
+        speed: m/s.
         lateral_acceleration: of the CG (m/s²); 0 is straight ahead.
         friction: of the road.
 
@@ -165,7 +165,8 @@ def linearise(trim: Trim) -> LinearPlant:
     """Return the body's linear system about ``trim``.
 
     Raises:
-        CanrollError: a state is set anew in each step instead of integrated, or the body's outputs
+        CanrollError: a state is overwritten in each step instead of integrated, or the body's
+        outputs
             cannot be differentiated there.
     """
     body, parameters, relevant = trim.body, trim.parameters, trim.relevant
@@ -186,7 +187,7 @@ def linearise(trim: Trim) -> LinearPlant:
     )
     if np.abs(np.linalg.eigvals(after[:, :states])).min() < _FORGOTTEN:
         raise CanrollError(
-            f"the body {body.name} sets a state anew in each step: only what it integrates can be "
+            f"the body {body.name} overwrites a state in each step: only integrated states can be "
             "linearised"
         )
     held = np.eye(states + slots)
@@ -212,7 +213,7 @@ def _stepped(body: Body, state: Vector, inputs: Vector, parameters: Vector) -> V
 def _measured(
     vehicle: Vehicle, body: Body, state: Vector, inputs: Vector, parameters: Vector
 ) -> Vector:
-    """Return the outputs and the inertial unit's lateral acceleration, with time standing still."""
+    """Return the outputs and the inertial unit's lateral acceleration, from a step of no time."""
     outputs, motion = np.zeros(ports.N_OUTPUTS), np.empty(N_MOTION)
     advance(body.step, state.copy(), inputs, parameters, outputs, 0.0)
     specific_motion(inputs, outputs, np.array(vehicle.sensors.imu_position), motion)
@@ -222,7 +223,7 @@ def _measured(
 def _slopes(
     function: Callable[[Vector], Vector], base: Vector, widths: Vector, varied: Sequence[int]
 ) -> Matrix:
-    """Return the derivative of ``function`` by central differences; 0 of what is not varied."""
+    """Return the derivative of ``function`` by central differences; 0 for what is not varied."""
     slopes = np.zeros((function(base).size, base.size))
     for i in varied:
         above, below = base.copy(), base.copy()
@@ -235,7 +236,7 @@ def _slopes(
 def _relevant(
     vehicle: Vehicle, body: Body, state: Vector, inputs: Vector, parameters: Vector
 ) -> NDArray[np.intp]:
-    """Return the states from which an output other than place and heading can be reached."""
+    """Return the states that affect an output other than position and heading."""
     widths, all_of_it = np.full(state.size, DIFFERENCE), range(state.size)
     after = _slopes(lambda x: _stepped(body, x, inputs, parameters), state, widths, all_of_it)
     outputs = _slopes(
@@ -250,7 +251,7 @@ def _relevant(
 
 
 def _root(function: Callable[[Vector], Vector], start: Vector) -> Vector | None:
-    """Return where ``function`` is zero by Newton's method; None where that does not converge."""
+    """Return a zero of ``function`` by Newton's method, or None if that does not converge."""
     values = start
     for _ in range(_ITERATIONS):
         rest = function(values)
@@ -268,7 +269,7 @@ def _root(function: Callable[[Vector], Vector], start: Vector) -> Vector | None:
 
 
 def _solve(matrix: Matrix, right: Vector) -> Vector:
-    """Return the least of the solutions, rows and columns scaled: pressures stand beside angles."""
+    """Return the least-norm solution, with rows and columns scaled, as units differ widely."""
     rows = np.abs(matrix).max(axis=1)
     rows[rows == 0.0] = 1.0
     columns = np.abs(matrix / rows[:, None]).max(axis=0)

@@ -1,8 +1,8 @@
-"""The modes of a linear plant, each named by the motion that takes part most.
+"""The modes of a linear plant, each named by the motion with the largest participation.
 
-A state's participation in a mode is |left × right eigenvector| there: a share without units, so
-that angles, speeds and pressures compare. What a state is the body's outputs tell: the first motion
-below whose outputs depend on it, with what an earlier one claimed left out.
+A state's participation in a mode is |left × right eigenvector|, which is dimensionless, so that
+angles, speeds and pressures can be compared. A state belongs to the first motion below whose
+outputs depend on it.
 """
 
 from dataclasses import dataclass
@@ -42,9 +42,9 @@ class Mode:
     """One real pole, or a pair of conjugate ones.
 
     Attributes:
-        shares: the two motions that take part most, the first in front, and their shares of all
-            participation; an axle's is "hop" (both wheels in phase) or "tramp".
-        pole: that with an imaginary part >= 0 (1/s).
+        shares: the two motions with the largest participation, largest first, and their fractions
+            of the total; an axle's is "hop" (both wheels in phase) or "tramp".
+        pole: the pole with an imaginary part >= 0 (1/s).
     """
 
     shares: tuple[tuple[str, float], ...]
@@ -62,12 +62,12 @@ class Mode:
 
     @property
     def damping(self) -> float:
-        """Share of critical damping: 1 of a real pole, below 0 of an unstable mode."""
+        """Damping ratio: 1 for a real pole, below 0 for an unstable mode."""
         return -self.pole.real / abs(self.pole)
 
 
 def modes(plant: LinearPlant) -> list[Mode]:
-    """Return the modes of ``plant``, slowest first; what only rests, a pole at 0, is left out."""
+    """Return the modes of ``plant``, slowest first, without poles at 0."""
     poles, right = np.linalg.eig(plant.a)
     participation = np.abs(right * np.linalg.pinv(right).T)
     participation /= participation.sum(axis=0)
@@ -97,7 +97,7 @@ def _states(plant: LinearPlant) -> dict[str, list[int]]:
 
 
 def _sided(motion: str, outputs: NDArray[np.complex128]) -> str:
-    """Tell an axle's hop from its tramp by the travel of its two wheels."""
+    """Distinguish an axle's hop and tramp by the travel of its two wheels."""
     if motion not in _FIRST_TRAVEL:
         return motion
     left, right = outputs[_FIRST_TRAVEL[motion] :][:2]

@@ -28,7 +28,7 @@ def advance(  # noqa: PLR0917
     outputs: Vector,
     dt: float,
 ) -> None:
-    """One step of the body whose C function is ``step``, callable from Python."""
+    """One step of the body with the C function ``step``, callable from Python."""
     step(state, inputs, parameters, outputs, dt)
 
 
@@ -43,7 +43,7 @@ class _Run(NamedTuple):
 
 @njit
 def _drive_through(step: Any, drive: Drive, run: _Run, step_ns: int) -> int:  # noqa: ANN401
-    """Run until the record is full or the car has rolled over; how many steps were recorded."""
+    """Run until the record is full or the car has rolled over; return the number of steps."""
     for k in range(run.record.shape[0]):
         apply_drive(k * step_ns, run.outputs, run.inputs, drive)
         step(run.state, run.inputs, run.parameters, run.outputs, step_ns * 1e-9)
@@ -60,8 +60,9 @@ def start(
     """State, inputs, parameters and outputs of ``body`` before the first step of ``maneuver``.
 
     Raises:
-        CanrollError: the manoeuvre prescribes the lateral acceleration, and the body makes its own
-            by its tyres.
+        CanrollError: the manoeuvre prescribes the lateral acceleration, but the body computes it
+        from
+            its tyres.
     """
     if maneuver.drive.kind == ACCELERATION_TABLE and body.name != "roll1":
         raise CanrollError(
@@ -80,7 +81,7 @@ def run_passive(
     """Drive ``maneuver`` with all actuators off.
 
     Returns:
-        outputs: one row a millisecond, columns of :mod:`plant_sim.bodies.ports`; ends early on a
+        outputs: one row per millisecond, columns of :mod:`plant_sim.bodies.ports`; ends early on a
             rollover.
         steer: the road-wheel angle of each row (rad).
     """
@@ -95,7 +96,7 @@ def run_passive(
 def load_transfer(outputs: NDArray[np.float64], axle: int) -> NDArray[np.float64]:
     """Normalised load transfer (F_zR − F_zL)/(F_zR + F_zL) of axle 0 (front) or 1 (rear).
 
-    ``outputs``: rows as :func:`run_passive` gives them. 0 where the whole axle is off the road.
+    ``outputs``: rows as returned by :func:`run_passive`. 0 if the whole axle is off the road.
     """
     left = outputs[:, ports.WHEEL_LOAD + 2 * axle]
     right = outputs[:, ports.WHEEL_LOAD + 2 * axle + 1]
@@ -106,7 +107,7 @@ def load_transfer(outputs: NDArray[np.float64], axle: int) -> NDArray[np.float64
 def signals(
     outputs: NDArray[np.float64], steer: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
-    """The rows of :func:`run_passive` by signal name, as a world's recording names them."""
+    """The rows of :func:`run_passive` by signal name, as in a world's recording."""
     named = {
         name: outputs[:, column]
         for name, column in recording.SIGNALS.items()
@@ -125,16 +126,16 @@ def moment_response(
 ) -> Vector:
     """Roll angle (rad) after 1 N·m on the body over the first ``held`` seconds, straight ahead.
 
-    The dampers are as firm in bump as in rebound, on their mean: rolling does both at once, while
-    the difference would make the answer to a pulse depend on how the car heaves meanwhile.
+    The dampers have the mean of their bump and rebound rates: rolling involves both, while a
+    difference would couple the response with heave.
 
     Args:
-        vehicle: that is driven.
+        vehicle: vehicle to drive.
         body: its model.
-        speed: m/s; nobody drives or steers.
-        front_share: of the moment that acts at the front axle; the wheels take the reaction.
-        held: duration of the pulse (s), and distance of the values.
-        count: how many, the first at ``held``.
+        speed: m/s; without traction and steering.
+        front_share: front axle's share of the moment, whose reaction acts on the wheels.
+        held: duration of the pulse and interval of the values (s).
+        count: number of values, the first at ``held``.
     """
     even = replace(vehicle.suspension, rebound_bump_ratio=1.0)
     state, parameters = body.build(replace(vehicle, suspension=even), speed)

@@ -1,7 +1,7 @@
 """Everything outside the ECU in one object: vehicle, driver, sensors, actuators and bus.
 
-The ECU sees frames only: it queues what it sends at an instant and gets what it receives up to
-another. One compiled kernel advances everything in between; time is an argument, never a clock.
+The ECU sees only frames: it queues frames at an instant and gets the frames received up to another.
+One compiled kernel advances everything in between; time is an argument, never a clock.
 """
 
 from typing import Any
@@ -41,22 +41,22 @@ class World:
     """One run of one vehicle through one manoeuvre, seen from its bus.
 
     Args:
-        vehicle: what drives, as of ``vehicles.load``.
-        body: a name of ``plant_sim.bodies``; the linear full car has the hydraulics of ``valves``
-            built in.
-        maneuver: where it drives, as of ``maneuvers.build``.
+        vehicle: the vehicle, from ``vehicles.load``.
+        body: a name of ``plant_sim.bodies``; the linear full car includes the hydraulics of
+            ``valves``.
+        maneuver: the manoeuvre, from ``maneuvers.build``.
         actuator: ``suspension``, ``bars``, ``dampers`` or ``valves``.
-        profile: the bus: ``can_bus.load_profile``.
-        seed: of all that is random: sensor noise and bias, sampling phases, background traffic.
-        enabled: False: the actuators take and acknowledge commands but deliver nothing.
-        command: message that commands the actuator where it takes several.
-        command_timeout_ms: the actuators let go of a command that is older.
-        sensors: how the sensors are run.
-        actuators: how the actuators are run.
+        profile: the bus, from ``can_bus.load_profile``.
+        seed: seed of everything random: sensor noise and bias, sampling phases, background traffic.
+        enabled: False: the actuators accept and acknowledge commands but deliver nothing.
+        command: message that commands the actuator if it accepts several.
+        command_timeout_ms: age at which the actuators release a command.
+        sensors: operating conditions of the sensors.
+        actuators: operating conditions of the actuators.
         bus: further options of ``can_bus.make_network``.
 
     Raises:
-        UnknownNameError: for a body, actuator, command, signal or fault that does not exist.
+        UnknownNameError: no such body, actuator, command, signal or fault.
     """
 
     def __init__(
@@ -165,7 +165,7 @@ class World:
 
     @property
     def signals(self) -> dict[str, NDArray[np.float64]]:
-        """Signals by name (``recording.SIGNALS``), one value a millisecond, ``time`` in s."""
+        """Signals by name (``recording.SIGNALS``), one value per millisecond, ``time`` in s."""
         count = self._clock[ROWS]
         times = np.arange(1, count + 1, dtype=np.float64) * (STEP_NS * 1e-9)
         return recording.signals(self._parts.rows[:count], times)
@@ -187,7 +187,7 @@ class World:
 
     @property
     def ages(self) -> NDArray[np.int64]:
-        """Age of the newest sample behind each applied command when it is applied (ns)."""
+        """Age of the newest sample used for each applied command, when applied (ns)."""
         commands = self.commands
         known = commands[commands["t_sample"] >= 0]
         return np.asarray(known["t_applied"] - known["t_sample"], dtype=np.int64)
@@ -199,12 +199,12 @@ class World:
 
     @property
     def imu_period_ns(self) -> int:
-        """Time from one of these frames to the next."""
+        """Cycle time of these frames (ns)."""
         return int(self._imu[CYCLE_MS]) * STEP_NS
 
     @property
     def network(self) -> can_bus.Network:
-        """The bus, for its accounts (``can_bus.account``, ``can_bus.load``)."""
+        """The bus, for its statistics (``can_bus.account``, ``can_bus.load``)."""
         return self._parts.network
 
     def _advance_to(self, until_ns: int) -> NDArray[Any]:

@@ -1,8 +1,8 @@
 """The compiled loop over vehicle, driver, sensors, actuators and bus.
 
 Order within a step from t to t + 1 ms: frames received up to t reach actuators and ECU, the
-actuator node works, the driver steers, the body moves, and sensors that sample within the step
-queue their frames. Nothing in a step depends on what happens later on the bus.
+actuator node runs, the driver steers, the body moves, and sensors that sample within the step
+queue their frames. Nothing in a step depends on later events on the bus.
 """
 
 from typing import Any, NamedTuple
@@ -90,9 +90,9 @@ class Memory(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Everything the loop works on, in place; ``memory`` is a record of ``Memory``.
+    """All data of the loop, changed in place; ``memory`` is a record of ``Memory``.
 
-    Only what differs in size from run to run stands beside the record.
+    Only arrays whose size differs between runs are outside the record.
     """
 
     memory: NDArray[Any]
@@ -104,7 +104,7 @@ class Parts(NamedTuple):
 
 @njit
 def _row_of(tables: Codec, key: int) -> int:
-    """Row of the first message in the frame ``key`` of the tables; -1 where it is of others."""
+    """Row of the first message in the frame ``key`` of the tables; -1 for a foreign frame."""
     for row in range(len(tables.message)):
         if tables.message[row, codec.KEY] == key:
             return row
@@ -139,7 +139,7 @@ def _post(world: Memory, network: bus.State) -> None:
 
 @njit
 def _accepted(world: Memory, row: NDArray[np.int64], t_origin: int, t_received: int) -> None:
-    """Note a command that the actuators will apply in the next step."""
+    """Record a command that the actuators will apply in the next step."""
     clock = world.clock
     row[recording.SAMPLED] = NOTHING
     for back in range(1, min(clock[SUBMISSIONS], len(world.flight)) + 1):
@@ -155,7 +155,7 @@ def _accepted(world: Memory, row: NDArray[np.int64], t_origin: int, t_received: 
 
 @njit
 def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> None:
-    """Hand frames that the bus has delivered since the last call to the actuators and the ECU."""
+    """Pass frames delivered by the bus since the last call to the actuators and the ECU."""
     clock = world.clock
     total = network.clock[bus.LOGGED]
     for number in range(clock[LOG_CURSOR], total):
@@ -228,7 +228,7 @@ def advance(parts: Parts, until_ns: int) -> int:
     """Advance up to and including ``until_ns``; the body ends on the next full ms.
 
     Returns:
-        received: how many frames the ECU has received: the first of ``Memory.received``.
+        received: number of frames received by the ECU: the first of ``Memory.received``.
     """
     world, network = parts.memory[0], parts.network.state[0]
     rows, commands, driver = parts.rows, parts.commands, parts.drive

@@ -39,10 +39,10 @@ _SENDERS = {
 
 
 def command_of(actuator: str, command: str | None) -> str:
-    """Return the message that commands an actuator; None: its first.
+    """Return the message that commands an actuator, by default its first.
 
     Raises:
-        UnknownNameError: it takes no such message.
+        UnknownNameError: it does not accept such a message.
     """
     known = [name for name, _, _ in actuator_setup.COMMANDS[actuator]]
     if command is not None and command not in known:
@@ -61,7 +61,7 @@ def _roles(actuator: str) -> NDArray[np.uint8]:
 
 
 def _tables(profile: can_bus.BusProfile, command: str, actuator: str) -> Codec:
-    """The frames of the bus; with those of a map every channel of the command must be there."""
+    """The frames of the bus; those of a map must include every channel of the command."""
     bus = own_frames.bus_map(profile)
     if bus is None:
         return codec.load()
@@ -72,12 +72,12 @@ def _tables(profile: can_bus.BusProfile, command: str, actuator: str) -> Codec:
             missing = codec.signal_names(name)
             places = tables.field[row : row + channels, codec.PIECES]
             absent = missing[missing.index(first) + int(np.argmin(places))]
-            raise CanrollError(f"{profile.map_file}: no signal is the {absent} of {name}")
+            raise CanrollError(f"{profile.map_file}: no signal is mapped to {absent} of {name}")
     return tables
 
 
 def fd_keys(messages: NDArray[np.int64]) -> frozenset[int]:
-    """The frames of a codec's ``message`` table that are of CAN FD, by key."""
+    """The CAN FD frames of a codec's ``message`` table, by key."""
     fd = messages[messages[:, codec.FLAGS] & FD != 0]
     return frozenset(int(key) for key in fd[:, codec.KEY])
 
@@ -90,7 +90,7 @@ def _sensors(  # noqa: PLR0917
     outputs: NDArray[np.float64],
     tables: Codec,
 ) -> sensor_kernel.Sensors:
-    """Sensor nodes on their bus nodes, low-passes settled on the state that the run starts in."""
+    """Sensor nodes on their bus nodes, with low-passes settled at the initial state."""
     nodes = sensor_setup.build(vehicle, options=options, seed=seed, tables=tables)
     for row, message in zip(nodes.node, sensor_setup.NODES, strict=True):
         row[sensor_kernel.BUS_NODE] = _SENDERS[message]
@@ -136,7 +136,7 @@ def assemble(
     actuators: ActuatorOptions,
     bus: dict[str, Any],
 ) -> Parts:
-    """Everything the kernel works on, at time 0; the parameters are those of ``World``."""
+    """All data of the kernel at time 0; the parameters are those of ``World``."""
     node = actuator_setup.build(
         vehicle,
         actuator,

@@ -1,4 +1,4 @@
-"""docs/extend.md from its first example to its last, in one folder."""
+"""docs/extend.md from its first example to its last, in one folder; test_docs runs its consoles."""
 
 import json
 import re
@@ -24,11 +24,11 @@ def folder(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(path)
         for language, name, text in BLOCKS:
-            if name:
+            if name and language != "console":
                 (path / name).write_text(text)
             elif language == "python":
                 exec(compile(text, "docs/extend.md", "exec"), {})
-            else:
+            elif language == "sh":
                 for line in text.replace("\\\n", "").splitlines():
                     command, *arguments = shlex.split(line)
                     assert command == "canroll"
@@ -45,19 +45,28 @@ def result_in(folder):
 
 def test_every_kind_of_example_is_there():
     languages = [language for language, _, _ in BLOCKS]
-    assert languages.count("python") == 4 and languages.count("sh") == 4
-    assert {name for _, name, _ in BLOCKS} == {
+    assert languages.count("python") == 5 and languages.count("sh") == 5
+    assert {name for language, name, _ in BLOCKS if language != "console"} == {
         "",
         "gains.toml",
         "car.dbc",
         "car.toml",
         "ecu_program.py",
+        "soft_band.py",
     }
 
 
 def test_own_gains_help(folder):
     assert result_in(folder / "own")["law"] == "custom"
     assert result_in(folder / "own")["helps"]
+
+
+def test_an_own_stage_is_run(folder):
+    banded = result_in(folder / "banded")
+    plain = result_in(folder / "own")
+    assert banded["helps"]
+    moments = [found["controlled"]["moment_rms_nm"] for found in (banded, plain)]
+    assert moments[0] < moments[1]
 
 
 def test_an_own_vehicle_is_driven(folder):

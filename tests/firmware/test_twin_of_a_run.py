@@ -134,8 +134,8 @@ RUNS = [
     {"law": "hinf_delay", "vehicle": "van_2021", "gains": "theorem"},
 ]
 ALL_RUNS = [
-    {"law": "lqg_delay", "vehicle": "van_real"},
-    {"law": "lqg_delay", "vehicle": "van_real", "bus": "gateway_20ms", "trigger": "every"},
+    {"law": "ay_feedforward", "vehicle": "van_real"},
+    {"law": "ay_feedforward", "vehicle": "van_real", "bus": "gateway_20ms", "trigger": "every"},
     {"law": "lqr", "vehicle": "van_2021", "tick_ms": 5.0, "observer": "steering"},
     {"law": "lqr", "vehicle": "suv_2020", "bus": "125k_busy"},
 ]

@@ -215,4 +215,4 @@ def test_a_wrong_sample_is_a_usage_error():
     command = [sys.executable, "-m", "tools.mutation", "--sample", "0"]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=FIRMWARE.parent)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "mutate: --sample and --jobs are at least 1\n"
+    assert done.stderr == "mutate: --sample and --jobs must be at least 1\n"

@@ -52,7 +52,7 @@ def test_kinematics_are_optional_and_checked():
     assert front + front_tilt == pytest.approx(van.roll_axis_height)
     assert rear + rear_tilt == pytest.approx(van.roll_axis_height)
     for wrong, message in (
-        ({"scrub": 1.5}, "kinematics.scrub = 1.5: a share is at most 1"),
+        ({"scrub": 1.5}, "kinematics.scrub = 1.5: must be at most 1"),
         ({"scrub": -1.0}, "kinematics.scrub = -1: must not be negative"),
         ({"scrubb": 1.0}, "unknown key 'scrubb', did you mean 'scrub'"),
     ):

@@ -2,9 +2,9 @@
 
     python -m tools.differential [--ticks N] [--cortex CPU] [--specialise] [--jobs J]
 
-Of four runs one is a random calibration in random traffic, three are recorded manoeuvres of the
-generator's designs with hostile episodes, in which the loop controls for most of the time. The
-states after every tick and all frames of CPython, the native library and, where asked, a Cortex-M
+One of four runs is a random calibration in random traffic, three are recorded manoeuvres of the
+generator's designs with hostile episodes, in which the loop is active for most of the time. The
+states after every tick and all frames of CPython, the native library and, if requested, a Cortex-M
 in QEMU and the firmware specialised for the calibration must be equal.
 """
 
@@ -39,7 +39,7 @@ MODES = ("INIT", "ACTIVE", "DEGRADED", "SAFE")
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """One run; ``name`` says what it is, so that it can be repeated."""
+    """One run; ``name`` identifies it, so that it can be repeated."""
 
     name: str
     calibration: Calibration

@@ -1,7 +1,7 @@
 """Traffic of driven manoeuvres, recorded in closed loop, for all laws, actuators and observers.
 
-What a random calibration meets in random traffic is mostly SAFE. Here the loop controls: each
-recording is a design of the gain generator at work on its own plant.
+A random calibration in random traffic is mostly in SAFE. Here the loop is active: each recording is
+a design of the gain generator on its own plant.
 """
 
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ DURATION = 10.0
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """What is designed and driven."""
+    """A design and the run that it drives."""
 
     scenario: str
     law: str
@@ -39,7 +39,7 @@ CASES = (
     Case("double_lane_change", "hinf_nodelay"),
     Case("double_lane_change", "hinf_event", trigger="event"),
     Case("double_lane_change", "lqg_delay", actuator="bars"),
-    Case("j_turn", "hinf", observer="propagated"),
+    Case("j_turn", "hinf"),
     Case("double_lane_change", "smc", actuator="bars", observer="propagated"),
     Case("j_turn", "rate_feedforward"),
     Case("double_lane_change", "ay_feedforward", actuator="dampers"),
@@ -49,7 +49,7 @@ CASES = (
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """A case with its calibration and what its ECU received."""
+    """A case with its calibration and the frames its ECU received."""
 
     case: Case
     calibration: Calibration

@@ -1,12 +1,11 @@
-"""Mutation test of the firmware: change one operator or constant, and the tests must notice.
+"""Mutation test of the firmware: change one operator or constant, and the tests must fail.
 
     python -m tools.mutation [--sample N] [--seed S] [--jobs J]
 
-Every mutant meets the quick tests of tests/firmware that run the changed line, and the proof that
-nothing overflows; a killed one failed at least one of them. Mutants that translate to the very
-machine code of the original, or differ from it only for values that are proved not to occur, are
-equivalent and don't count. Survivors are listed, with the reason where one is on record in
-survivors.toml.
+Every mutant is tested by the quick tests of tests/firmware that run the changed line, and by the
+proof of no overflow; a killed one failed at least one of them. Mutants that translate to the same
+machine code as the original, or differ from it only for values proved not to occur, are equivalent
+and do not count. Survivors are listed, with the reason if there is one in survivors.toml.
 """
 
 import argparse
@@ -35,16 +34,16 @@ def sample(mutants: Sequence[Mutant], size: int, seed: int) -> list[Mutant]:
 
 
 def share(outcomes: Iterable[Outcome]) -> float:
-    """Return which part of the mutants that aren't equivalent was killed."""
+    """Return the fraction of killed mutants among those that are not equivalent."""
     counts = Counter(outcome.verdict for outcome in outcomes)
     counted = counts[KILLED] + counts[SURVIVED]
     return counts[KILLED] / counted if counted else 1.0
 
 
 def reasons() -> list[tuple[str, str, str]]:
-    """Place, changed line and reason of the survivors that have one on record.
+    """Place, changed line and reason of the survivors in survivors.toml.
 
-    The place is a function, or a module where the line is a constant of it.
+    The place is a function, or a module if the line is a constant of it.
     """
     found = []
     for module, places in tomllib.loads(REASONS.read_text(encoding="utf-8")).items():
@@ -81,7 +80,7 @@ def report(outcomes: Sequence[Outcome], exist: int) -> str:
 
 
 def main() -> int:
-    """Run a sample or all mutants; 1 where fewer than 95 % are killed."""
+    """Run a sample or all mutants; 1 if fewer than 95 % are killed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--sample", type=int, help="how many mutants (default: all)")
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
@@ -92,7 +91,7 @@ def main() -> int:
     size = arguments.sample if arguments.sample is not None else len(every)
     try:
         if size < 1 or arguments.jobs < 1:
-            raise CanrollError("--sample and --jobs are at least 1")
+            raise CanrollError("--sample and --jobs must be at least 1")
         chosen = sample(every, size, arguments.seed)
         with progress("mutants", len(chosen)) as more:
             outcomes = run(chosen, texts, arguments.jobs, lambda: more(1))

@@ -1,8 +1,8 @@
 """Whether a mutant of the firmware can differ from it at all.
 
 Trivial compiler equivalence (Papadakis 2015): the emitted C gives the same object code at -O2. As
-the translation leaves out the bounds that its intervals show no value to reach, this also tells
-those mutants that differ only for values that can't occur.
+the translation omits bounds that its intervals show to be unreachable, this also finds mutants that
+differ only for values that cannot occur.
 """
 
 import subprocess
@@ -36,9 +36,9 @@ class Original:
         return folder
 
     def examine(self, module: str, changed: str) -> tuple[str, str]:
-        """Return what the translation or its proof has against a changed module, or "".
+        """Return the objection of the translation or its proof to a changed module, or "".
 
-        And where they have nothing, why the firmware is the same with the change, or "".
+        Without an objection, also return why the firmware is equivalent, or "".
         """
         with self._folder(module, changed) as temporary:
             try:
@@ -56,7 +56,7 @@ class Original:
         return "", "the same object code at -O2" if same else ""
 
     def _objects(self, files: Mapping[str, str], others: Mapping[str, str]) -> list[bytes]:
-        """The object code of those of ``files`` that differ from ``others``."""
+        """The object code of the ``files`` that differ from ``others``."""
         built = []
         with tempfile.TemporaryDirectory() as temporary:
             for name, text in files.items():

@@ -1,4 +1,4 @@
-"""Work in forked processes: each begins with all that this one has loaded, and can't change it."""
+"""Work in forked processes: each starts with everything loaded here, without affecting it."""
 
 import json
 import os
@@ -18,8 +18,8 @@ def results(
 ) -> Iterator[tuple[int, dict[str, Any]]]:
     """Yield k and ``work(k)``, which must be JSON, for k below ``n`` as they come.
 
-    ``jobs`` run at a time, without standard output. Raises RuntimeError where one fails otherwise
-    than by its time limit; ends all that still run when it is left.
+    ``jobs`` run at a time, without standard output. Raises RuntimeError if one fails other than by
+    its time limit; ends all running ones on exit.
     """
     running: dict[int, int] = {}
     waiting = iter(range(n))

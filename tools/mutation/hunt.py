@@ -1,9 +1,9 @@
-"""The tests of the firmware against mutants of it, each in a process forked from a warm one.
+"""Run of the firmware's tests on mutants, each in a process forked from a warm one.
 
-pytest collects once. Then a child for every mutant gives the changed function its new code in
-place, for everybody who has imported it, and runs the tests that reach the changed line, the
-cheapest first. The proof, and whether the mutant is equivalent, come when the tests have taken as
-long. Where a constant of a module is changed, all is loaded anew.
+pytest collects once. Then a child process for every mutant replaces the code of the changed
+function in place, for all its importers, and runs the tests that reach the changed line, cheapest
+first. Proof and equivalence follow when the tests have taken as long. If a constant of a module is
+changed, everything is reloaded.
 """
 
 import ast
@@ -42,7 +42,7 @@ PROOF_SECONDS = 2.0
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a mutant; ``by`` is what killed it, or why it is equivalent."""
+    """Outcome of a mutant; ``by`` is what killed it, or why it is equivalent."""
 
     mutant: Mutant
     verdict: str
@@ -51,7 +51,7 @@ class Outcome:
 
 @dataclass(slots=True)
 class Reached:
-    """What a test took on the unchanged firmware: CPU seconds, statements by module and line."""
+    """Cost of a test on the unchanged firmware: CPU seconds, statements by module and line."""
 
     seconds: float
     lines: set[tuple[str, int]]
@@ -64,9 +64,9 @@ def run(
     done: Callable[[], object] = lambda: None,
     tests: Sequence[Path] = (TESTS,),
 ) -> list[Outcome]:
-    """Return the outcome of each mutant of ``texts``, which is what is imported.
+    """Return the outcome of each mutant of ``texts``, the imported sources.
 
-    ``done`` is called after each. Raises CanrollError where the tests fail without a mutation.
+    ``done`` is called after each. Raises CanrollError if the tests fail without a mutation.
     """
     hunt = Hunt(chosen, texts, jobs, done, tests)
     said = io.StringIO()
@@ -80,7 +80,7 @@ def run(
 
 
 class Hunt:
-    """A plugin of pytest that takes the place of its loop over the tests."""
+    """A plugin of pytest that replaces its loop over the tests."""
 
     def __init__(
         self,
@@ -101,19 +101,19 @@ class Hunt:
         self.killers: set[tuple[str, str]] = set()
 
     def pytest_collection(self) -> None:
-        """Let hypothesis neither shrink what it finds nor mind a busy machine."""
+        """Disable hypothesis's shrinking and deadlines."""
         phases = (Phase.explicit, Phase.generate)
         slow = (HealthCheck.too_slow,)
         settings.register_profile("mutation", phases=phases, suppress_health_check=slow)
         settings.load_profile("mutation")
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        """Note a failed test."""
+        """Record a failed test."""
         if report.failed:
             self.failed.append(report.nodeid)
 
     def pytest_runtestloop(self, session: pytest.Session) -> bool:
-        """Run all mutants in place of the tests."""
+        """Run all mutants instead of the tests."""
         self.items = session.items
         try:
             self._measure()
@@ -133,7 +133,7 @@ class Hunt:
         self.done()
 
     def _measure(self) -> None:
-        """Let the tests run on the unchanged firmware."""
+        """Run the tests on the unchanged firmware."""
         baseline = forked.results(
             self.jobs, lambda k: self._baseline(self.items[k :: self.jobs]), self.jobs
         )
@@ -165,7 +165,7 @@ class Hunt:
         return {"verdict": verdict, "by": by}
 
     def _judge(self, mutant: Mutant) -> tuple[str, str]:
-        """Run what may kill ``mutant``, in this process; verdict and what led to it."""
+        """Run whatever may kill ``mutant`` in this process; return verdict and reason."""
         changed = mutant.apply(self.texts[mutant.module])
         waiting = self._reaching(mutant)
         # a constant is met by all tests
@@ -208,9 +208,9 @@ class Hunt:
 
 
 def fails_afresh(texts: Mapping[str, str], tests: Sequence[Path]) -> bool:
-    """Whether the tests fail on the firmware of ``texts``, loaded anew.
+    """Whether the tests fail on the firmware of ``texts``, reloaded.
 
-    Who has imported a constant has its value: it can't be exchanged in place.
+    Importers of a constant hold its value: it cannot be replaced in place.
     """
     with tempfile.TemporaryDirectory() as temporary:
         copy = Path(temporary) / PACKAGE
@@ -228,7 +228,7 @@ def fails_afresh(texts: Mapping[str, str], tests: Sequence[Path]) -> bool:
 
 
 def mark_lines(module: str, source: str) -> bytearray:
-    """Let the functions of a loaded module note which of its lines they have come to."""
+    """Instrument the functions of a loaded module to record the lines they reach."""
     tree = ast.parse(source)
     for node in tree.body:
         if isinstance(node, ast.FunctionDef):
@@ -249,7 +249,7 @@ def _mark(node: ast.AST) -> None:
 
 
 def replace_code(module: str, source: str | ast.Module) -> None:
-    """Give the functions of a loaded module of the firmware the code they have in ``source``."""
+    """Replace the code of the functions of a loaded firmware module by that in ``source``."""
     loaded = sys.modules[f"{PACKAGE}.{module}"]
     compiled = compile(source, str(loaded.__file__), "exec")
     for code in compiled.co_consts:

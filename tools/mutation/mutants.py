@@ -1,4 +1,4 @@
-"""The mutants of the firmware: every operator exchanged, every integer one more."""
+"""The mutants of the firmware: every operator exchanged, every integer incremented."""
 
 import ast
 from collections.abc import Iterator, Mapping
@@ -34,8 +34,8 @@ OPERATORS: dict[type[ast.AST], tuple[str, str]] = {
 class Mutant:
     """One change: ``before`` at ``start`` of a module's text becomes ``after``.
 
-    The statement it is part of begins in line ``first``; ``text`` is the changed line.
-    ``function`` is "" where a constant of the module is changed.
+    Its statement begins in line ``first``; ``text`` is the changed line. ``function`` is "" if a
+    constant of the module is changed.
     """
 
     module: str
@@ -71,7 +71,7 @@ class Finder:
             self.starts.append(self.starts[-1] + len(text))
 
     def offset(self, line: int, column: int) -> int:
-        """Where in the text a place of the syntax tree is, whose columns count bytes."""
+        """Offset in the text of a position in the syntax tree, whose columns count bytes."""
         return self.starts[line - 1] + len(self.lines[line - 1].encode()[:column].decode())
 
     def changes(self, node: ast.AST) -> Iterator[tuple[int, str, str]]:
@@ -107,7 +107,7 @@ class Finder:
             yield place, before, after
 
     def mutants(self, function: str, statements: list[ast.stmt]) -> Iterator[Mutant]:
-        """The mutants of the statements of one function, or of the module where that is ""."""
+        """The mutants of the statements of one function, or of the module if that is ""."""
         for first, node in _nodes(statements):
             for place, before, after in self.changes(node):
                 line = self.source.count("\n", 0, place) + 1
@@ -121,7 +121,7 @@ def _lines(node: ast.stmt) -> int:
 
 
 def _nodes(statements: list[ast.stmt]) -> Iterator[tuple[int, ast.AST]]:
-    """Every node below ``statements``, with the line its innermost statement begins in."""
+    """Every node below ``statements``, with the first line of its innermost statement."""
     for statement in statements:
         waiting: list[tuple[int, ast.AST]] = [(statement.lineno, statement)]
         while waiting:
@@ -134,7 +134,7 @@ def _nodes(statements: list[ast.stmt]) -> Iterator[tuple[int, ast.AST]]:
 def mutants(module: str, source: str) -> Iterator[Mutant]:
     """Every mutant of a module's functions and constants, in order of the text.
 
-    Tables of a page are left out: a test holds each against where it comes from.
+    Published tables are left out: a test compares each with its source.
     """
     finder = Finder(module, source)
     for node in ast.parse(source).body:

@@ -1,1 +1,1 @@
-"""Our 14-DOF plant beside an independent multi-body car: the CommonRoad package."""
+"""Validation of the 14-DOF plant by an independent multi-body car: the CommonRoad package."""

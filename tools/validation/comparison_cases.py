@@ -1,4 +1,4 @@
-"""The same steering for the 14-DOF plant and for the multi-body car, and how far they differ."""
+"""Comparison of the 14-DOF plant and the multi-body car under the same steering."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -28,7 +28,7 @@ DRIVABLE_RELAXATION = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A steering table (rad, a value a millisecond) at an entry speed (m/s).
+    """A steering table (rad, one value per millisecond) at an entry speed (m/s).
 
     ``moments`` (n, 2) are anti-roll moments of front and rear axle (N·m).
     """
@@ -41,7 +41,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """RMS of the difference over that of the multi-body car; of loads, of their change."""
+    """RMS of the difference relative to that of the multi-body car; for loads, of their change."""
 
     yaw_rate: float
     roll: float
@@ -50,11 +50,11 @@ class Difference:
 
 
 def in_common(vehicle: Vehicle, *, scrub: bool = True) -> Vehicle:
-    """Return ``vehicle`` with what the multi-body car has as well, and nothing else.
+    """Return ``vehicle`` restricted to the features of the multi-body car.
 
     Tyres linear in load with one stiffness per load, dampers linear, no stops, no rolling
-    resistance; unsprung masses in balance about the CG. ``scrub``: contact patches that move as
-    the roll centres have it, as those of a multi-body car must.
+    resistance; unsprung masses in balance about the CG. ``scrub``: contact patches move according
+    to the roll centres, as in a multi-body car.
     """
     geometry, mass = vehicle.geometry, vehicle.mass
     front = geometry.static_front_share
@@ -95,7 +95,7 @@ def lane_change(vehicle: Vehicle, speed_kmh: float) -> Case:
 
 
 def step(angle_deg: float = 2.0, speed_kmh: float = 80.0) -> Case:
-    """Road wheels turned at once, after half a second."""
+    """A step of the road wheels after half a second."""
     steer = np.where(np.arange(4000) < 500, 0.0, np.radians(angle_deg))
     return Case(f"step of {angle_deg:g}°, {speed_kmh:g} km/h", speed_kmh / 3.6, steer)
 
@@ -111,7 +111,7 @@ def sine(hertz: float, angle_deg: float = 1.0, speed_kmh: float = 80.0) -> Case:
 def moment_sine(
     vehicle: Vehicle, hertz: float, size: float = 1000.0, speed_kmh: float = 80.0
 ) -> Case:
-    """Five seconds of a moment (N·m) going straight, shared by the axles as their load."""
+    """Five seconds of a sine moment (N·m) in straight running, split between the axles by load."""
     time = np.arange(5000) * STEP
     moment = size * np.sin(2 * np.pi * hertz * time) * np.minimum(time, 1.0)
     front = vehicle.geometry.static_front_share
@@ -128,7 +128,7 @@ def cases(vehicle: Vehicle) -> Iterator[Case]:
 
 
 def drive_plant(vehicle: Vehicle, case: Case) -> Motion:
-    """Drive our plant through ``case``, coasting."""
+    """Drive the 14-DOF plant through ``case``, coasting."""
     state, parameters = NONLINEAR.build(vehicle, case.speed)
     inputs, outputs = initial_inputs(), np.zeros(ports.N_OUTPUTS)
     rows = np.empty((case.steer.size, ports.N_OUTPUTS))
@@ -144,7 +144,7 @@ def drive_plant(vehicle: Vehicle, case: Case) -> Motion:
 
 
 def difference(ours: Motion, theirs: Motion) -> Difference:
-    """Return how far our motion is from theirs."""
+    """Return the difference of the plant's motion from the multi-body car's."""
 
     def share(of: str) -> float:
         mine, other = getattr(ours, of), getattr(theirs, of)
@@ -155,14 +155,15 @@ def difference(ours: Motion, theirs: Motion) -> Difference:
 
 
 def balance(vehicle: Vehicle, motion: Motion) -> tuple[float, float, float]:
-    """Return what holds the car up at the end of a steady case about the line between its wheels.
+    """Return the moments on the car about the line between its wheels at the end of a steady case.
 
     Returns:
         transferred: moment of the wheel loads (N·m).
-        required: by the forces' balance of the whole car at small angles: m a_y at the CG's height
-            and the weight of body and axles beside that line.
-        unbalanced: what a car leaves out whose springs push axles along the body's vertical without
-            an arm where they do (N·m).
+        required: by the force balance of the whole car at small angles: m a_y at the CG's height
+        and
+            the weight of body and axles beside that line.
+        unbalanced: part neglected by a car whose springs push on axles along the body's vertical
+            without a moment arm (N·m).
     """
     geometry, plant, tyre = vehicle.geometry, vehicle.plant, vehicle.tyre
     tracks = geometry.half_track_front, geometry.half_track_rear

@@ -1,8 +1,8 @@
 """The CommonRoad multi-body car (PyPI ``commonroad-vehicle-models``) driven by a steering table.
 
-Sprung body and two axles as rigid bodies, 29 states, derived by others from the DOT's vehicle
+Sprung body and two axles as rigid bodies, 29 states, derived independently from the DOT's vehicle
 dynamics. Its axes are those of SAE, z down: its motion to the right is ours to the left. Its
-heights are those on tyres without load, ours on tyres that stand.
+heights are those on unloaded tyres, ours on loaded ones.
 """
 
 from collections.abc import Callable, Iterator
@@ -39,7 +39,7 @@ _UNUSED += ("p_hy1", "p_hy3", "p_vy1", "p_vy3")
 
 
 class Motion(NamedTuple):
-    """What both cars do, a row a step: our axes, SI units."""
+    """Motion of either car, a row per step: the project's axes, SI units."""
 
     yaw_rate: Vector
     roll: Vector
@@ -51,9 +51,9 @@ class Motion(NamedTuple):
 def parameters(vehicle: Vehicle) -> SimpleNamespace:
     """Return the multi-body car's parameters equal to those of ``vehicle``, joints stiff.
 
-    What it does not have must be neutral in the vehicle: one cornering stiffness per load of both
-    axles, grip that does not fall with load, linear dampers, unsprung masses that leave the CG of
-    the body under that of the car.
+    Features it lacks must be neutral in the vehicle: one cornering stiffness per load for both
+    axles, grip independent of load, linear dampers, unsprung masses that leave the CG of the body
+    below that of the car.
     """
     geometry, mass, suspension = vehicle.geometry, vehicle.mass, vehicle.suspension
     tyre, plant = vehicle.tyre, vehicle.plant
@@ -136,10 +136,10 @@ def standing(p: Any, speed: float) -> Vector:  # noqa: ANN401
 
 
 class _AtContactPatch:
-    """The published tyre, given the slip angle that its wheel has at the road.
+    """The published tyre with the slip angle of its wheel at the road.
 
     The published car takes it from the velocity of the sprung body's CG with the roll rate of the
-    axle. Wheels are asked for in the order left, right, front before rear.
+    axle. Wheels are called in the order left, right, front before rear.
     """
 
     def __init__(self, p: Any) -> None:  # noqa: ANN401
@@ -170,7 +170,7 @@ _PUBLISHED_TYRE = published.tireModel
 
 @contextmanager
 def _rates(p: Any, *, as_published: bool) -> Iterator[Callable[[Vector, float], Vector]]:  # noqa: ANN401
-    """Give the rates of the state at a steering angle (rad); slip as published or at the road."""
+    """Return the rates of the state at a steering angle (rad); slip as published or at the road."""
     tyre = _AtContactPatch(p)
 
     def rates(state: Vector, steer: float) -> Vector:
@@ -198,11 +198,11 @@ def simulate(
     """Drive the multi-body car from ``speed`` (m/s), coasting.
 
     Args:
-        p: its parameters: of :func:`parameters`, or of the package.
+        p: its parameters, from :func:`parameters` or the package.
         speed: in m/s.
-        steer: road-wheel angle (rad), a value a millisecond.
+        steer: road-wheel angle (rad), one value per millisecond.
         moments: anti-roll moment of front and rear axle (N·m), (n, 2), which lifts the left side of
-            the body and presses the left wheels down; none by default.
+            the body and loads the left wheels; none by default.
         as_published: slip angles as the package defines them, else those at the contact patches.
     """
     pushed = np.zeros((steer.size, _STATES))

@@ -1,8 +1,8 @@
-"""Derive the shortest sustainable tick from measurements, and remedies for the machine.
+"""Shortest sustainable tick derived from measurements, and remedies for the machine.
 
-The rule: the largest wake-up lateness, the longest tick and the largest CAN round trip, as if all
-three came at once, take at most half of the period. The other half is for what some seconds of
-measuring did not show. On the plant's core the lateness alone must be within that half.
+The rule: the sum of the largest wake-up lateness, the longest tick and the largest CAN round trip
+is at most half of the period. The other half is a reserve for events too rare for a measurement of
+a few seconds. On the plant's core the lateness alone must be within that half.
 """
 
 from collections.abc import Sequence
@@ -29,12 +29,12 @@ IDLE_EXIT_US = 100
 
 @dataclass(frozen=True, slots=True)
 class Measurements:
-    """Everything that was measured and read.
+    """Measurements of the loops and settings of the machine.
 
     Attributes:
-        seconds: that the loops ran.
-        counted: what the machine counted meanwhile.
-        resolution_ns: of the clock that the loops read.
+        seconds: duration of the loops, s.
+        counted: change of the machine's counters meanwhile.
+        resolution_ns: resolution of the loops' clock.
     """
 
     machine: Machine
@@ -47,7 +47,7 @@ class Measurements:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A cause of longer ticks, as read or measured, with its remedy."""
+    """A cause of longer ticks, read or measured, with its remedy."""
 
     what: str
     remedy: str
@@ -57,7 +57,7 @@ class Finding:
 
 
 def needed_us(seen: Measurements) -> tuple[float, float]:
-    """Return what the ECU's period has to hold at worst, and the plant's, µs."""
+    """Return the worst-case demand within the ECU's and the plant's period, µs."""
     ecu = plant = 0.0
     for loop in seen.loops:
         late = _largest(loop.late_ns)
@@ -69,12 +69,12 @@ def needed_us(seen: Measurements) -> tuple[float, float]:
 
 
 def holds(seen: Measurements, tick_ms: float) -> bool:
-    """Tell whether a tick of ``tick_ms`` can be held, by :data:`RULE`."""
+    """Return whether a tick of ``tick_ms`` can be sustained, by :data:`RULE`."""
     return max(needed_us(seen)) <= SHARE * tick_ms * 1e3
 
 
 def shortest_ms(seen: Measurements) -> float | None:
-    """Return the shortest of :data:`TICKS_MS` that can be held, None where none can."""
+    """Return the shortest of :data:`TICKS_MS` that can be sustained, or None."""
     return min((tick for tick in TICKS_MS if holds(seen, tick)), default=None)
 
 
@@ -91,7 +91,7 @@ def findings(seen: Measurements) -> list[Finding]:
 
 
 def _refused(seen: Measurements) -> list[Finding]:
-    """Return the settings refused by the system, once if the same on every core."""
+    """Return the settings refused by the system, merged if the same on every core."""
     found = {note: None for loop in seen.loops for note in loop.notes}
     machine = seen.machine
     limits = {
@@ -113,7 +113,7 @@ def _one_core(seen: Measurements) -> list[Finding]:
 
 
 def _cores(seen: Measurements) -> list[Finding]:
-    """Return the settings of the run's cores, and their use by other programs."""
+    """Return findings on the settings of the run's cores and their use by other programs."""
     found = []
     for core in seen.machine.cores:
         loops = [loop for loop in seen.loops if loop.place.core in (core.number, None)]

@@ -40,7 +40,7 @@ class Ticks:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """Where a loop runs: core (None: not pinned), its part in a run, SCHED_FIFO priority."""
+    """Placement of a loop: core (None: not pinned), its role in a run, SCHED_FIFO priority."""
 
     core: int | None
     role: str
@@ -49,16 +49,16 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Loop:
-    """What one loop measured.
+    """Measurements of one loop.
 
     Attributes:
-        late_ns: of every period, from the deadline to the first instruction after it.
-        ticks_ns: duration of each tick of the firmware; of the ECU's loop only.
-        overshoot_ns: by how much sleeps of :data:`NAP_NS` were longer.
-        slack_ns: by which the kernel may delay the process's timers; None: unknown.
-        own_s: processor time that the loop itself used, s.
-        counted: what the machine counted meanwhile; with the ECU's loop only.
-        notes: what the system refused.
+        late_ns: lateness of every period, from the deadline to the first instruction after it.
+        ticks_ns: duration of each tick of the firmware; ECU's loop only.
+        overshoot_ns: excess duration of sleeps of :data:`NAP_NS`.
+        slack_ns: timer slack of the process; None: unknown.
+        own_s: processor time used by the loop, s.
+        counted: change of the machine's counters meanwhile; ECU's loop only.
+        notes: settings refused by the system.
     """
 
     place: Place
@@ -75,7 +75,7 @@ def measure(places: Sequence[Place], seconds: float, ticks: Ticks) -> list[Loop]
     """Run a loop at each of ``places``, all at the same time, for ``seconds``.
 
     Raises:
-        CanrollError: one of the processes fell over.
+        CanrollError: one of the processes failed.
     """
     together = CONTEXT.Barrier(len(places))
     children: list[Child] = []

@@ -1,6 +1,6 @@
 """Settings of a Linux machine that affect real-time loops, read from /proc and /sys.
 
-A file that is not there, or cannot be read, gives None: unknown, never a guess.
+A file that is missing or cannot be read gives None (unknown), never a guess.
 """
 
 import os
@@ -18,13 +18,13 @@ _STEAL = 7
 
 @dataclass(frozen=True, slots=True)
 class Core:
-    """What is set for one core.
+    """Settings of one core.
 
     Attributes:
-        isolated: left alone by the scheduler (isolcpus).
-        governor: of its frequency; None where the machine does not say.
-        idle_state: the deepest enabled idle state; None where there is none.
-        idle_exit_us: how long that one takes to wake, µs.
+        isolated: excluded from scheduling (isolcpus).
+        governor: frequency governor; None if unknown.
+        idle_state: deepest enabled idle state; None without one.
+        idle_exit_us: exit latency of that state, µs.
     """
 
     number: int
@@ -36,18 +36,18 @@ class Core:
 
 @dataclass(frozen=True, slots=True)
 class Machine:
-    """What is set for all of it.
+    """Settings of the whole machine.
 
     Attributes:
-        cores: those a process of ours may run on.
+        cores: cores available to this process.
         kernel: release and build.
         realtime_kernel: PREEMPT_RT, by /sys/kernel/realtime.
-        hypervisor: the kernel runs on one, by the processor's flags.
-        clocksource: what the kernel reads the time from.
-        rt_runtime: share of the time that real-time processes may have; 1: all.
-        quota: cores' worth of time that the control group may use; None: not limited.
+        hypervisor: the kernel runs in a virtual machine, by the processor's flags.
+        clocksource: clock source of the kernel.
+        rt_runtime: share of the time available to real-time processes; 1: all.
+        quota: processor time of the control group, in cores; None: not limited.
         rtprio_limit: highest SCHED_FIFO priority without root (``ulimit -r``).
-        memlock_limit: bytes that may be locked without root (``ulimit -l``); None: all.
+        memlock_limit: lockable bytes without root (``ulimit -l``); None: unlimited.
     """
 
     cores: tuple[Core, ...]
@@ -63,14 +63,14 @@ class Machine:
 
 @dataclass(frozen=True, slots=True)
 class Counters:
-    """What /proc and the control group count, since boot: s by core, and times throttled."""
+    """Counters of /proc and the control group since boot: s by core, and times throttled."""
 
     busy: dict[int, float]
     steal: dict[int, float]
     throttled: int
 
     def since(self, before: "Counters") -> "Counters":
-        """Return what was added after ``before``."""
+        """Return the increments since ``before``."""
         return Counters(
             {core: value - before.busy.get(core, 0.0) for core, value in self.busy.items()},
             {core: value - before.steal.get(core, 0.0) for core, value in self.steal.items()},
@@ -79,7 +79,7 @@ class Counters:
 
 
 def read(numbers: Iterable[int], root: Path = Path("/")) -> Machine:
-    """Read what is set for the machine and its cores; ``root`` has its /proc and /sys."""
+    """Read the settings of the machine and its cores; ``root`` contains /proc and /sys."""
     isolated = core_list(_text(root / "sys/devices/system/cpu/isolated") or "")
     runtime = _number(root / "proc/sys/kernel/sched_rt_runtime_us")
     period = _number(root / "proc/sys/kernel/sched_rt_period_us")
@@ -103,7 +103,7 @@ def read(numbers: Iterable[int], root: Path = Path("/")) -> Machine:
 
 
 def counters(root: Path = Path("/")) -> Counters:
-    """Read what is counted."""
+    """Read the counters."""
     busy, steal = {}, {}
     for line in (_text(root / "proc/stat") or "").splitlines():
         name, *rest = line.split()
@@ -120,7 +120,7 @@ def counters(root: Path = Path("/")) -> Counters:
 
 
 def core_list(text: str) -> set[int]:
-    """Return the cores of a list such as "1,4-6"; none of an empty one."""
+    """Return the cores of a list such as "1,4-6"; none for an empty one."""
     found: set[int] = set()
     for part in text.strip().split(","):
         first, _, last = part.partition("-")
@@ -141,7 +141,7 @@ def _core(root: Path, number: int, isolated: bool) -> Core:
 
 
 def _quota(root: Path) -> float | None:
-    """Return the smallest limit on processor time among our control groups, in cores."""
+    """Return the smallest limit on processor time among this process's control groups, in cores."""
     found = []
     for folder in _control_groups(root):
         words = (_text(folder / "cpu.max") or "").split()
@@ -154,7 +154,7 @@ def _quota(root: Path) -> float | None:
 
 
 def _control_groups(root: Path) -> list[Path]:
-    """Return the folders of the control groups that limit us, of version 2 or 1."""
+    """Return the folders of the control groups of this process, version 2 or 1."""
     folders = []
     for line in (_text(root / "proc/self/cgroup") or "").splitlines():
         _, controllers, path = line.split(":", 2)

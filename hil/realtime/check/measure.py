@@ -39,17 +39,17 @@ def measure(
     duration: float = DURATION,
     announce: Callable[[str], None] = lambda text: None,
 ) -> Measurements:
-    """Measure for ``duration`` seconds what a run of ``settings`` would need.
+    """Measure for ``duration`` seconds under the conditions of a run of ``settings``.
 
     Args:
         settings: backend and period of the ECU.
         controller: its calibration.
-        bus: python-can's options; None: the plant's own bus.
+        bus: python-can's options; None for the plant's own bus.
         duration: s, shared by the loops and the round trips.
         announce: called with the name of the current activity.
 
     Raises:
-        CanrollError: a duration that cannot be, or the bus cannot be opened.
+        CanrollError: an invalid duration, or the bus cannot be opened.
     """
     if not 0.5 <= duration <= 3600:
         raise CanrollError(f"--duration must be 0.5 to 3600 s, got {duration:g}")
@@ -73,7 +73,7 @@ def measure(
 
 
 def _places() -> list[Place]:
-    """Return where loops run: the run's own cores as in a run, and the others of the machine."""
+    """Return the placement of loops: the run's cores as in a run, and all others."""
     chosen = choose_cores()
     if chosen is None:
         return [Place(None, loops.PLANT, PLANT_PRIORITY), Place(None, loops.ECU, ECU_PRIORITY)]
@@ -87,7 +87,7 @@ def _places() -> list[Place]:
 
 
 def _driven(settings: Settings, controller: Controller) -> Ticks:
-    """Return the frames that the ECU receives in the manoeuvre, tick by tick."""
+    """Return the frames received by the ECU in the manoeuvre, tick by tick."""
     recorder = Recorder(open_backend(settings.backend, controller.record))
     closed_loop(
         experiment.build_world(settings, enabled=True),
@@ -104,7 +104,7 @@ def _driven(settings: Settings, controller: Controller) -> Ticks:
 
 
 def report(seen: Measurements, tick_ms: float) -> dict[str, Any]:
-    """Return what ``canroll hil --check --json`` prints."""
+    """Return the report of ``canroll hil --check --json``."""
     needs, plant_needs = judgement.needed_us(seen)
     return {
         "tick_ms": tick_ms,

@@ -1,7 +1,7 @@
 """Round-trip time of the bus: a frame out, echoed by a process on another core, and back.
 
-Both wait in the kernel for their frame, so the wake-ups of both are in it. On an interface that one
-program opens alone, an adapter, only reading an empty bus is timed: the echo is another node's.
+Both wait in the kernel for their frame, so both wake-ups are included. On an interface that only
+one program can open (an adapter), only reading an empty bus is timed, as no echo is available.
 """
 
 import argparse
@@ -36,14 +36,14 @@ Times = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class RoundTrip:
-    """What was measured on an interface.
+    """Measurements on an interface.
 
     Attributes:
         interface: python-can's name and channel, or "the plant's own bus".
-        trips_ns: round trips; none where the interface does not allow the measurement.
-        poll_ns: reading once where nothing waits: what every tick pays.
-        lost: frames that did not come back.
-        missing: why there is no round trip; None where there is one.
+        trips_ns: round trips; empty if the interface does not allow the measurement.
+        poll_ns: duration of reading an empty bus, which every tick spends.
+        lost: frames that did not return.
+        missing: reason why there is no round trip, or None.
     """
 
     interface: str
@@ -57,13 +57,13 @@ def measure(bus: argparse.Namespace | None, seconds: float, near: Place, far: Pl
     """Time round trips for ``seconds``.
 
     Args:
-        bus: python-can's options; None: a bus of our own, as the plant's.
-        seconds: at most.
-        near: where the frames go out: the ECU's place.
-        far: where they are echoed: the plant's.
+        bus: python-can's options; None for a bus like the plant's own.
+        seconds: maximum duration.
+        near: placement of the sender: the ECU's.
+        far: placement of the echo: the plant's.
 
     Raises:
-        CanrollError: the bus cannot be opened; the message says what mends it.
+        CanrollError: the bus cannot be opened; the message names the remedy.
     """
     children: list[Child] = []
     with ended(children):
@@ -83,7 +83,7 @@ def _name(bus: argparse.Namespace) -> str:
 
 
 def _echo(send: Send, bus: argparse.Namespace | None, place: Place) -> None:
-    """Answer every ping; first send the options of a bus that the other side can join."""
+    """Answer every ping, after sending the options of a bus that the other side can join."""
     if bus is None:
         server = own_bus.serve("127.0.0.1:0")
         prepare(cpu=place.core, priority=place.priority)

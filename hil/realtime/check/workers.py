@@ -16,7 +16,7 @@ Send = Callable[[Any], None]
 
 
 class Child:
-    """A process that runs ``target(send, *arguments)``; what it sends is received in order."""
+    """A process that runs ``target(send, *arguments)`` and whose results are received in order."""
 
     def __init__(self, target: Callable[..., None], *arguments: Any) -> None:  # noqa: ANN401
         self._near, far = CONTEXT.Pipe(duplex=False)
@@ -27,10 +27,10 @@ class Child:
         far.close()
 
     def receive(self, timeout: float) -> Any:  # noqa: ANN401
-        """Return the next thing it sends.
+        """Return the next object it sends.
 
         Raises:
-            CanrollError: the one that it ended with; or it ended otherwise, or said nothing.
+            CanrollError: the error it ended with; or it ended otherwise, or sent nothing in time.
         """
         answer: Any = None
         if self._near.poll(timeout):
@@ -45,7 +45,7 @@ class Child:
         return answer
 
     def end(self) -> None:
-        """End it where it still runs."""
+        """Terminate it if it is still running."""
         if self._process.is_alive():
             self._process.terminate()
         self._process.join()
@@ -54,7 +54,7 @@ class Child:
 
 @contextmanager
 def ended(children: list[Child]) -> Iterator[None]:
-    """End all ``children``, those added meanwhile too, when the body is left."""
+    """End all ``children``, including those added meanwhile, when the body ends."""
     try:
         yield
     finally:

@@ -1,6 +1,6 @@
 """Record of a real bus, with the interface's time stamps, and its summary.
 
-The record is filled from within a loop, into memory set aside beforehand; it is looked at after
+The record is filled from within a loop, into memory allocated beforehand; it is evaluated after
 the run.
 """
 
@@ -43,14 +43,14 @@ _ENTRY = struct.Struct("<qqIBBxx8s")
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where a record comes from.
+    """Origin of a record.
 
     Attributes:
         interface: python-can's name and channel.
-        clock: whose time the stamps are.
+        clock: clock of the time stamps.
         comparable: whether it can be compared with this machine's clock.
-        bitrate: of the bus, bit/s; None: unknown.
-        classified: error frames carry the classes of SocketCAN.
+        bitrate: bit rate of the bus, bit/s; None: unknown.
+        classified: error frames carry SocketCAN's error classes.
     """
 
     interface: str
@@ -61,12 +61,12 @@ class Source:
 
 
 def source(name: str, channel: str, clock: tuple[str, bool], bitrate: int | None) -> Source:
-    """Return the source that an interface is."""
+    """Return the description of an interface as a source."""
     return Source(f"{name} {channel}".strip(), *clock, bitrate, name in CLASSIFIED)
 
 
 class BusRecord:
-    """Memory for ``room`` frames; when it is full, recording ends."""
+    """Memory for ``room`` frames; recording ends when it is full."""
 
     def __init__(self, source: Source, room: int = ROOM) -> None:
         self.source = source
@@ -117,16 +117,16 @@ class BusRecord:
 
 
 def wall_minus_monotonic() -> int:
-    """Return by how much CLOCK_REALTIME is ahead of the monotonic clock, ns."""
+    """Return CLOCK_REALTIME minus the monotonic clock, ns."""
     return time.time_ns() - time.monotonic_ns()
 
 
 def waits_ns(
     entries: NDArray[np.void], about: Mapping[str, Any]
 ) -> tuple[NDArray[np.int64], str | None]:
-    """Return how long each frame had lain at the interface when it was read, ns.
+    """Return the time each frame waited at the interface before it was read, ns.
 
-    Beside it why there is none, None where there are some.
+    Also return the reason if there are none, else None.
     """
     none = np.zeros(0, np.int64)
     if not about["real_time"]:
@@ -144,15 +144,16 @@ def waits_ns(
 
 
 def errors(entries: NDArray[np.void], about: Mapping[str, Any]) -> dict[str, int]:
-    """Return how often each kind of error was reported."""
+    """Return the number of reports of each kind of error."""
     frames = [(int(e["ident"]), _data(e)) for e in entries[entries["flags"] & ERROR != 0]]
     return error_frames.count(frames, classified=about["classified"])
 
 
 def bits(entries: NDArray[np.void]) -> int | None:
-    """Return how many bits the frames took on the wire, spaces included; None with FD frames.
+    """Return the number of bits of all frames on the wire, spaces included; None with FD frames.
 
-    Of an FD frame not the whole payload is kept. Error flags and repeated frames are not in it.
+    FD frames are not recorded with their whole payload. Error flags and retransmissions are not
+    counted.
     """
     frames = entries[entries["flags"] & ERROR == 0]
     if np.any(frames["flags"] & FD):
@@ -165,7 +166,7 @@ def bits(entries: NDArray[np.void]) -> int | None:
 
 
 def load(entries: NDArray[np.void], about: Mapping[str, Any]) -> tuple[float | None, str | None]:
-    """Return the share of the bus that its frames took, or None and why it is unknown."""
+    """Return the bus load of its frames, or None and the reason why it is unknown."""
     if not about["real_time"]:
         return None, "in lock step"
     if not about["bitrate"]:
@@ -203,10 +204,10 @@ def _data(entry: np.void) -> bytes:
 
 
 def about_of(record: BusRecord | None) -> dict[str, Any] | None:
-    """Return :meth:`BusRecord.about`, None where there is no record."""
+    """Return :meth:`BusRecord.about`, or None without a record."""
     return None if record is None else record.about()
 
 
 def entries_of(record: BusRecord | None) -> NDArray[np.void]:
-    """Return :meth:`BusRecord.entries`, none where there is no record."""
+    """Return :meth:`BusRecord.entries`, empty without a record."""
     return np.zeros(0, ENTRY) if record is None else record.entries()

@@ -37,7 +37,7 @@ VIOLATIONS = {
 
 
 def names(ident: int, data: bytes) -> set[str]:
-    """Return what an error frame reports; one frame may report several things."""
+    """Return the errors that a frame reports; one frame may report several."""
     padded = data.ljust(8, b"\0")
     found = {name for bit, name in CLASSES.items() if ident & bit}
     if ident & CONTROLLER:
@@ -52,11 +52,11 @@ def names(ident: int, data: bytes) -> set[str]:
 
 
 def count(frames: Iterable[tuple[int, bytes]], *, classified: bool) -> dict[str, int]:
-    """Return how often each thing was reported, by name.
+    """Return the number of reports of each error, by name.
 
     Args:
         frames: identifier and data of each error frame.
-        classified: they carry the classes; else each counts as unclassified.
+        classified: they carry error classes; else each counts as unclassified.
     """
     counted: Counter[str] = Counter()
     for ident, data in frames:

@@ -1,8 +1,9 @@
-"""python-can's interfaces to real buses: options, what to install, clock, and their habits.
+"""python-can's interfaces to real buses: options, prerequisites, clock and peculiarities.
 
 Read from the sources of python-can 4.6.1; docs/realtime.md has the same as a table.
 """
 
+import ipaddress
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +13,6 @@ from canroll.errors import CanrollError
 KERNEL = "CLOCK_REALTIME of this kernel"
 HOST = "this machine's, when the frame is read"
 ADAPTER = "the adapter's own"
-LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,12 +20,12 @@ class Interface:
     """One of python-can's interfaces.
 
     Attributes:
-        options: as an example, what opens it.
-        needs: what has to be installed or plugged in.
-        clock: whose time the stamps of received frames are.
-        shared: several programs of one machine can open it at the same time.
-        echoes: it gives back the frames that were sent, marked as not received.
-        bitrates: the only ones it knows, where it would take another in silence; None: it says so.
+        options: example of options that open it.
+        needs: what must be installed or plugged in.
+        clock: clock of the time stamps of received frames.
+        shared: several programs on one machine can open it at the same time.
+        echoes: it echoes sent frames, marked as not received.
+        bitrates: supported bit rates, if it silently replaces others; None if it reports them.
     """
 
     options: str
@@ -96,7 +96,7 @@ CLASSIFIED = ("socketcan", "gs_usb")
 
 
 def is_shared(name: str) -> bool:
-    """Tell whether several programs of one machine can open the interface at the same time."""
+    """Return whether several programs on one machine can open the interface at the same time."""
     return name in INTERFACES and INTERFACES[name].shared
 
 
@@ -105,11 +105,19 @@ def echoes(name: str) -> bool:
     return name in INTERFACES and INTERFACES[name].echoes
 
 
+def is_loopback(host: str) -> bool:
+    """Return whether only this machine can reach the address or name ``host``."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host.lower() == "localhost"
+
+
 def clock_of(name: str, bus_kwargs: Mapping[str, Any]) -> tuple[str, bool]:
     """Return the clock of the time stamps, and whether it is comparable with this machine's."""
     if name not in INTERFACES:
         return "unknown", False
-    if name == "socketcand" and bus_kwargs.get("host") in LOOPBACK:
+    if name == "socketcand" and is_loopback(str(bus_kwargs.get("host", ""))):
         return "CLOCK_REALTIME of the server on this machine", True
     clock = INTERFACES[name].clock
     return clock, clock == KERNEL
@@ -118,10 +126,10 @@ def clock_of(name: str, bus_kwargs: Mapping[str, Any]) -> tuple[str, bool]:
 def arguments_for(
     name: str, channel: str | None, bitrate: int | None, bus_kwargs: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return what python-can is to be given besides the options, so that a loop can use the bus.
+    """Return python-can's arguments, besides the options, with which a loop can use the bus.
 
     Raises:
-        CanrollError: a bit rate that the interface would replace in silence.
+        CanrollError: a bit rate that the interface would silently replace.
     """
     known = INTERFACES.get(name)
     if known is not None and known.bitrates and bitrate not in (None, *known.bitrates):
@@ -138,7 +146,7 @@ def arguments_for(
 
 
 def driver_is_missing(error: BaseException) -> bool:
-    """Tell whether an interface could not be opened for want of its driver or package."""
+    """Return whether an interface could not be opened because its driver or package is missing."""
     text = str(error).lower()
     missing = isinstance(error, (ImportError, NameError)) or "not installed" in text
     return missing or "not been loaded" in text or "library not found" in text

@@ -103,4 +103,5 @@ def forward(bus: State, slot: int, now: int, missed: int) -> None:
             frame.flags,
         )
         if stored >= 0:
+            bus.frames[stored].bits = frame.bits
             schedule(bus, gateway.last_ns, stored)

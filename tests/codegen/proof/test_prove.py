@@ -12,6 +12,7 @@ from codegen.proof import intervals as iv
 from codegen.proof.intervals import Value
 from codegen.proof.prove import prove
 from codegen.run import ecu_traffic, memory_image
+from codegen.run.bus_firmware import built_in
 from codegen.subset.parse import load
 from codegen.subset.program import FIRMWARE
 from firmware import subset
@@ -132,10 +133,10 @@ def test_a_removed_clamp_is_found(tmp_path, module, clamped, bare):
 
 
 def test_the_command_proves_a_calibration_of_its_own(capsys):
-    assert command.report(ecu_traffic.random_calibration(1), name="mine") == 0
+    assert command.report(ecu_traffic.random_calibration(1), built_in(), name="mine") == 0
     assert "proved for mine" in capsys.readouterr().out
     with pytest.raises(CanrollError, match="rejected by rule"):
-        command.report(Calibration(), name="mine")
+        command.report(Calibration(), built_in(), name="mine")
 
 
 def test_one_calibration_is_narrower_than_all():

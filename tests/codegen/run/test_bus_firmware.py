@@ -248,7 +248,7 @@ def test_long_frames_of_any_length_and_byte_order(tmp_path, size, rate, lateral)
 
 
 def test_what_is_no_fd_frame_cannot_be_long(tmp_path):
-    with pytest.raises(CanrollError, match=r"Inertial has 21 bytes but is no CAN FD frame"):
+    with pytest.raises(CanrollError, match=r"Inertial has 21 bytes but is not a CAN FD frame"):
         bus_map.load(*files(tmp_path, fd=False))
 
 

@@ -17,7 +17,7 @@ from gain_gen.analysis.certificates import (
 from gain_gen.design import design
 from gain_gen.laws.hinf_delay import design_by_theorem
 from gain_gen.laws.hinf_event import design_hinf_event
-from gain_gen.laws.hinf_state import design_hinf, discrete_level
+from gain_gen.laws.hinf_state import design_state_hinf, discrete_level
 from gain_gen.laws.lmi import Clock
 from gain_gen.laws.lmi_event import EventProgram, fixed_lyapunov_certificate
 from gain_gen.laws.roll_rate_feedback import design_hinf_nodelay, exact_gamma, exact_optimum
@@ -135,7 +135,7 @@ def test_printed_event_certificate(van):
 
 def test_discrete_hinf_agrees_with_a_riccati_bisection():
     """Yim 2020: χ* = 0.2005 and [137650 35300], the level against the game Riccati equation."""
-    found = design_hinf(task("suv_2020", 0.0))
+    found = design_state_hinf(task("suv_2020", 0.0))
     suv = load("suv_2020").design
     np.testing.assert_allclose(found.controller.feedback[:2], [137650, 35300], rtol=1e-3)
     assert found.gamma == pytest.approx(0.2005, rel=1e-3)

@@ -383,3 +383,86 @@ def test_sensitivity_and_errors_are_told_in_words(tmp_path, capsys):
     path.write_text(MARGINS.replace("deadline_ms = 3 ", "deadline_ms = 5 "))
     assert main(["bus", str(path), *options]) == 0
     assert "times as often (load" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize(("host", "notes"), [("127.0.0.1", 0), ("0.0.0.0", 1)])
+def test_a_bus_open_to_the_network_says_so(host, notes, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr("hil.cli.bus.serve_network", lambda *_, **__: None)
+    assert main(["bus", traffic(tmp_path, period=10), "--serve", "0", "--host", host]) == 0
+    assert capsys.readouterr().out.count("anyone who can reach 0.0.0.0 can read and write") == notes
+
+
+def network(folder, text="gateway_ms = [2, 4]"):
+    path = folder / "network.toml"
+    path.write_text(f"schema = 1\nbitrate = 500000\nload = 0.3\n{text}\n")
+    return str(path)
+
+
+def network_answer(capsys, *arguments):
+    assert main(["bus", *arguments, "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_network_has_bounds_on_every_segment_and_over_its_gateways(tmp_path, capsys):
+    options = ("--simulate", "1", "--worst-case-lengths")
+    found = network_answer(capsys, network(tmp_path), *options)
+    assert set(found["segments"]) == {"ecu", "vehicle"}
+    there, here = (
+        {m["name"]: m for m in found["segments"][name]["messages"]} for name in ("vehicle", "ecu")
+    )
+    assert there["Imu"]["way"] == ["vehicle"]
+    assert here["Imu"]["way"] == ["vehicle", "ecu"]
+    assert here["Imu"]["jitter_ms"] > 2.0
+    for row in (there["Imu"], here["Imu"], here["RollControlStatus"]):
+        assert 0.0 < row["response_max_ms"] <= row["response_bound_ms"]
+        assert 0.0 < row["arrival_max_ms"] <= row["arrival_bound_ms"]
+    assert here["Imu"]["arrival_bound_ms"] >= there["Imu"]["arrival_bound_ms"] + 2.0
+    assert here["Imu"]["arrival_min_ms"] > 2.0
+    delay = found["delay"]
+    assert 4.0 < delay["age_min_ms"] < delay["age_max_ms"] <= delay["age_bound_ms"]
+    page = (DBC.parents[1] / "docs" / "file-formats.md").read_text(encoding="utf-8")
+    section = page.partition("### The bounds of a network")[2].partition("\n## ")[0]
+    assert [key for key in {*found["segments"]["ecu"], *here["Imu"]} if key not in section] == []
+
+
+def test_the_page_of_a_network_names_ways_and_segments(tmp_path, capsys):
+    assert main(["bus", network(tmp_path), "--simulate", "0.2"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "network.toml, segment ecu at 500 kbit/s: response times, ms" in text
+    assert "Imu vehicle → ecu" in text
+    assert "Imu to SuspensionForceCommand at a tick of 10 ms: total delay" in text
+
+
+def test_a_built_in_bus_is_a_network(capsys):
+    found = network_answer(capsys, "500k", "--simulate", "0")
+    assert list(found["segments"]) == ["bus"]
+    assert "simulated_load" not in found["segments"]["bus"]
+
+
+def test_a_network_without_a_bound_fails_its_verdict(tmp_path, capsys):
+    path = tmp_path / "slow.toml"
+    path.write_text("schema = 1\nbitrate = 125000\nload = 0.68\n")
+    assert main(["bus", str(path), "--simulate", "0"]) == 0
+    capsys.readouterr()
+    assert main(["bus", str(path), "--simulate", "0", "--tick", "1"]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert "without a bound, bus overloaded at this priority" in text
+    assert "no bound of the delay" in text
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--serve"], "--serve needs a traffic set"),
+        (["--propose", "offsets"], "--propose needs a traffic set"),
+        (["--bitrate", "250000"], "--bitrate is that of the network: set it in"),
+        (["--sensor", "Gyro"], "'Gyro' is not a message of the bus"),
+        (["--command", "ForceCommand"], "command message"),
+        (["--add", "x.toml"], "--add puts messages onto the bus of a log"),
+    ],
+)
+def test_what_a_network_cannot_do_is_one_line(tmp_path, capsys, options, message):
+    assert main(["bus", network(tmp_path), *options]) == 2
+    error = capsys.readouterr().err
+    assert message in error
+    assert error.count("\n") == 1

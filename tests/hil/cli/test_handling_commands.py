@@ -73,7 +73,7 @@ def test_limit_of_the_fishhook_rises_with_control(capsys):
         (["response", "--friction", "0.5"], "--friction needs --linear"),
         (["response", "--out", "there"], "--out needs --linear"),
         (["response", "--load", "half"], "choose from"),
-        ([*LINEAR, "--friction", "0.5"], "--friction 0.5 changes nothing"),
+        ([*LINEAR, "--friction", "0.5"], "--friction 0.5 has no effect"),
         ([*LINEAR, "--friction", "nan"], "must be 0.05 to 1.5"),
         ([*LINEAR, "--lateral-acceleration", "-1"], "must be 0 to 12 m/s²"),
         ([*LINEAR, "--lateral-acceleration", "11"], "no steady curve of 11 m/s² on four wheels"),

@@ -9,6 +9,7 @@ import vehicles
 from canroll.errors import CanrollError
 from gain_gen.calibration import calibration_file
 from hil.cli.main import main
+from hil.runs import saved_run
 from hil.runs.frozen import prepare
 
 
@@ -29,6 +30,46 @@ def test_the_calibration_is_driven_with_its_vehicle(camper, capsys):
     assert main(run) == 0
     assert json.loads(capsys.readouterr().out)["vehicle"] == "camper"
     assert prepare({"calibration": camper}).vehicle.plant.sprung_mass == 2500
+
+
+def test_a_vehicle_that_has_changed_is_driven_only_on_purpose(camper, capsys):
+    text = Path("camper.toml").read_text()
+    Path("camper.toml").write_text(text.replace("sprung_mass = 2500.0", "sprung_mass = 2600.0"))
+    with pytest.raises(CanrollError, match=r"camper\.toml has changed since.*--plant-vehicle"):
+        prepare({"calibration": camper})
+    capsys.readouterr()
+    run = ["run", "double_lane_change", "--calibration", str(camper), "--duration", "1"]
+    assert main([*run, "--plant-vehicle", "camper.toml", "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["plant_vehicle"] == "camper.toml"
+
+
+def test_what_only_people_read_may_change(camper):
+    text = Path("camper.toml").read_text()
+    renamed = text.replace('title = "', 'title = "My ')
+    Path("camper.toml").write_text(f"# weighed again\n{renamed}")
+    assert prepare({"calibration": camper}).vehicle.plant.sprung_mass == 2500
+
+
+def test_another_vehicle_is_driven_on_purpose(camper, capsys):
+    capsys.readouterr()
+    run = ["run", "double_lane_change", "--calibration", str(camper), "--duration", "1", "--json"]
+    assert main([*run, "--plant-vehicle", "suv_2020", "--out", "run"]) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["vehicle"] == "suv_2020"
+    assert any("designed for camper and drives suv_2020" in line for line in answer["warnings"])
+    again = saved_run.load(Path("run"))
+    assert again.settings.vehicle == vehicles.load("suv_2020")
+    assert "suv_2020" not in Path("run/canroll_gains.h").read_text()
+
+
+def test_a_run_is_not_judged_with_a_vehicle_that_has_changed(camper):
+    run = ["run", "double_lane_change", "--calibration", str(camper), "--duration", "1"]
+    assert main([*run, "--out", "run"]) == 0
+    text = Path("camper.toml").read_text()
+    Path("camper.toml").write_text(text.replace("sprung_mass = 2500.0", "sprung_mass = 2600.0"))
+    with pytest.raises(CanrollError, match="other numbers"):
+        saved_run.load(Path("run"))
 
 
 def test_a_file_that_is_gone_is_named(camper):

@@ -159,6 +159,11 @@ def test_what_a_record_is_given_it_gives_back():
     assert record.entries().tobytes() == found.tobytes()
 
 
+def test_only_this_machine_reaches_loopback():
+    assert all(map(interfaces.is_loopback, ("127.0.0.1", "127.8.8.8", "::1", "localhost")))
+    assert not any(map(interfaces.is_loopback, ("0.0.0.0", "::", "192.168.1.7", "bench7", "")))
+
+
 def test_the_load_is_that_of_the_bits_seen():
     rows = [
         {"read_ns": 0, "ident": 0xA0, "payload": bytes(8)},

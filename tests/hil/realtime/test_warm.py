@@ -64,6 +64,25 @@ def test_a_cache_that_cannot_be_written_is_read(tmp_path, monkeypatch):
     assert build_cache.place("native", "missing").parent == build_cache.private("native")
 
 
+@pytest.mark.parametrize("open_to_all", ["canroll", "canroll/native"])
+def test_a_cache_that_anyone_may_write_to_is_not_used(tmp_path, monkeypatch, open_to_all):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    kept = build_cache.folder("native")
+    assert kept == tmp_path / "canroll" / "native"
+    (tmp_path / open_to_all).chmod(0o777)
+    assert build_cache.folder("native") == build_cache.private("native")
+
+
+def test_a_cache_of_another_user_is_not_used(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    build_cache.folder("native")
+    owner = (tmp_path / "canroll").stat().st_uid
+    monkeypatch.setattr(os, "geteuid", lambda: owner + 1)
+    assert owner == 0 or build_cache.folder("native") == build_cache.private("native")
+    os.chown(tmp_path / "canroll", owner + 2, -1) if owner == 0 else None
+    assert build_cache.folder("native") == build_cache.private("native")
+
+
 def test_without_a_cache_the_firmware_is_built_all_the_same(tmp_path, monkeypatch):
     if native.compiler() is None:
         pytest.skip("needs a C compiler: apt-get install gcc")

@@ -15,6 +15,7 @@ from hil.runs.choices import CHOICES, arguments, check, described
 
 ASKED = {
     "vehicle": "van_2021",
+    "plant_vehicle": "suv_2020",
     "law": "lqr",
     "actuator": "bars",
     "observer": "steering",
@@ -22,6 +23,7 @@ ASKED = {
     "bus": "gateway_20ms",
     "dbc": "own.dbc",
     "map": "own.toml",
+    "stage": "own.py",
     "backend": "python",
     "seed": 7,
     "speed_kmh": 71.00000000000001,

@@ -150,9 +150,9 @@ def test_a_saved_run_knows_its_frames(own, tmp_path):
         ('[receive.imu]\nmessage = "GYRO_01"', "[receive.imu]\ncycle_ms = 40", "unknown message"),
         ('message = "GYRO_01"', 'message = "GYRO_01"\ncycle_ms = 200', "every 200 ms"),
         ('message = "GYRO_01"', 'message = "GYRO_01"\ncycle_ms = 0', "has no cycle time"),
-        ('signals.RC_ForceRR = "force[3]"\n', "", "is the ForceRearRight"),
+        ('signals.RC_ForceRR = "force[3]"\n', "", "is mapped to ForceRearRight"),
         ("[transmit.suspension_force]", "[transmit.damper]", "places no SuspensionForceCommand"),
-        ("signals.AC_MomentFront", "#", "no signal is the delivered[0]"),
+        ("signals.AC_MomentFront", "#", "no signal is mapped to delivered[0]"),
     ],
 )
 def test_what_the_loop_cannot_do_without_is_named(tmp_path, old, new, word):

@@ -241,5 +241,5 @@ def test_a_body_that_does_not_integrate_is_refused():
         relevant=np.array([0]),
         outputs=np.zeros(ports.N_OUTPUTS + 1),
     )
-    with pytest.raises(CanrollError, match="body repeat sets a state anew in each step"):
+    with pytest.raises(CanrollError, match="body repeat overwrites a state in each step"):
         linearise.linearise(trim)

@@ -1,0 +1,235 @@
+"""An engineer's own stage: modules of the firmware that a file written in the subset replaces.
+
+The file takes the place of ``firmware/stage.py`` with some of its functions. State of its own are
+the fields of one record derived from ``Ecu``; they follow those of the firmware in memory, so that
+nothing else moves. The text keeps its lines, so that messages name those of the file.
+"""
+
+import ast
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from canroll.errors import CanrollError
+from codegen.subset.parse import load
+from codegen.subset.program import FIRMWARE, Module, Record, SubsetError
+from codegen.subset.rules import C_WORDS
+
+NAME = "stage"
+FILE = f"{NAME}.py"
+STATE = "Ecu"
+MOST_CHARACTERS = 100_000
+IMPORTS = """
+from firmware.calibration import Calibration
+from firmware.state import Ecu
+from firmware.subset import i32
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class OwnStage:
+    """A stage: its file's name and text, and the folder that messages name."""
+
+    file: str
+    source: str
+    folder: Path = field(default=Path(), compare=False)
+
+    @property
+    def name(self) -> str:
+        """Name of the file without its suffix."""
+        return Path(self.file).stem
+
+    @property
+    def path(self) -> Path:
+        """The file, as messages name it."""
+        return self.folder / self.file
+
+    def table(self) -> dict[str, str]:
+        """Return the table of a calibration file that carries the stage."""
+        return {"file": self.file, "source": self.source}
+
+
+def read(path: Path) -> OwnStage:
+    """Read a stage.
+
+    Raises:
+        CanrollError: it cannot be read.
+    """
+    try:
+        source = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
+        raise CanrollError(f"cannot read stage {path}: {reason}") from error
+    if len(source) > MOST_CHARACTERS:
+        raise CanrollError(f"{path}: more than {MOST_CHARACTERS} characters: not a stage")
+    return OwnStage(path.name, source, path.parent)
+
+
+def carried(tables: Mapping[str, Any]) -> OwnStage | None:
+    """Return the stage that the tables of a calibration carry."""
+    table = tables.get(NAME)
+    return None if table is None else OwnStage(table["file"], table["source"])
+
+
+def added(tables: Mapping[str, Any], stage: OwnStage | None) -> Mapping[str, Any]:
+    """Return the tables of a calibration with the stage that it is to carry."""
+    return tables if stage is None else {**tables, NAME: stage.table()}
+
+
+def modules(stage: OwnStage) -> dict[str, str]:
+    """Return the sources of the firmware's modules that ``stage`` replaces.
+
+    Raises:
+        SubsetError: file and line of what is no stage.
+    """
+    path = stage.path
+    try:
+        tree = ast.parse(stage.source)
+    except (SyntaxError, ValueError) as error:
+        line = getattr(error, "lineno", None) or 1
+        raise SubsetError(path, line, getattr(error, "msg", str(error))) from error
+    _refuse_unknown_imports(path, tree)
+    own = _record(path, tree)
+    found = _parsed(stage, own)
+    whole = _with_missing(stage.source, tree, path, found, own)
+    replaced = {FILE: _without_record(whole, tree, own)}
+    if own is not None:
+        fields = found.records[own.name]
+        _refuse_fields(path, fields)
+        state = (FIRMWARE / "state.py").read_text(encoding="utf-8")
+        replaced["state.py"] = "\n".join([state.rstrip(), "", *_rows(fields, path), ""])
+    return replaced
+
+
+def _refuse_unknown_imports(path: Path, tree: ast.Module) -> None:
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("firmware."):
+            home = FIRMWARE / f"{(node.module or '').removeprefix('firmware.')}.py"
+            if not home.is_file():
+                raise SubsetError(path, node, f"there is no module {node.module}")
+            there = _names(home)
+            for alias in node.names:
+                if alias.name not in there:
+                    raise SubsetError(path, node, f"{node.module} has no {alias.name}")
+        elif isinstance(node, ast.ImportFrom) and node.module == "firmware":
+            for alias in node.names:
+                if not (FIRMWARE / f"{alias.name}.py").is_file():
+                    raise SubsetError(path, node, f"there is no module firmware.{alias.name}")
+
+
+def _names(path: Path) -> set[str]:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    found = set()
+    for node in tree.body:
+        if isinstance(node, ast.FunctionDef | ast.ClassDef):
+            found.add(node.name)
+        targets = node.targets if isinstance(node, ast.Assign) else []
+        if isinstance(node, ast.AnnAssign):
+            targets = [node.target]
+        for target in targets:
+            found |= {n.id for n in ast.walk(target) if isinstance(n, ast.Name)}
+    return found
+
+
+def _record(path: Path, tree: ast.Module) -> ast.ClassDef | None:
+    """The record with the stage's own fields, if it has one."""
+    classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
+    for node in classes:
+        decorators = [ast.unparse(d) for d in node.decorator_list]
+        if [ast.unparse(b) for b in node.bases] != [STATE] or decorators != ["record"]:
+            rule = f"a stage's own fields are in one '@record class {node.name}({STATE})'"
+            raise SubsetError(path, node, rule)
+        if node is not classes[0]:
+            raise SubsetError(path, node, "a stage has one record")
+        if node.name == STATE:
+            raise SubsetError(path, node, f"the record needs another name than {STATE}")
+    return classes[0] if classes else None
+
+
+def _parsed(stage: OwnStage, own: ast.ClassDef | None) -> Module:
+    """The stage by itself, its record without the base."""
+    lines = stage.source.splitlines()
+    if own is not None:
+        base = own.bases[0]
+        row = lines[base.lineno - 1].encode()
+        opened = row.rindex(b"(", 0, base.col_offset)
+        closed = row.index(b")", base.end_col_offset)
+        lines[base.lineno - 1] = (row[:opened] + row[closed + 1 :]).decode()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        for path in FIRMWARE.glob("*.py"):
+            shutil.copy(path, folder)
+        (folder / FILE).write_text("\n".join([*lines, ""]), encoding="utf-8")
+        return load(NAME, folder, {NAME: stage.path}).modules[NAME]
+
+
+def _with_missing(
+    source: str, tree: ast.Module, path: Path, found: Module, own: ast.ClassDef | None
+) -> str:
+    """The source with the firmware's own functions where it has none; refuse other signatures."""
+    default = load(NAME).modules[NAME]
+    missing = []
+    for name, function in default.functions.items():
+        its = found.functions.get(name)
+        if its is None:
+            missing.append(ast.get_source_segment(default.source, function.node) or "")
+            continue
+        kinds = [
+            (kind.kind, kind.shape, STATE if own and kind.record == own.name else kind.record)
+            for kind in its.parameters.values()
+        ]
+        right = [(kind.kind, kind.shape, kind.record) for kind in function.parameters.values()]
+        if kinds != right or its.result != function.result:
+            signature = f"def {name}({ast.unparse(function.node.args)})"
+            result = function.result or "None"
+            raise SubsetError(path, its.node, f"must be: {signature} -> {result}")
+    if len(missing) == len(default.functions):
+        names = ", ".join(default.functions)
+        raise SubsetError(path, 1, f"a stage defines at least one of {names}")
+    return "\n\n".join([source.rstrip(), IMPORTS.strip(), *missing]) + "\n" if missing else source
+
+
+def _without_record(source: str, tree: ast.Module, own: ast.ClassDef | None) -> str:
+    """The source with its record's lines empty and the firmware's in its place."""
+    if own is None:
+        return source
+    lines = [line.encode() for line in source.split("\n")]
+    inside = range(own.decorator_list[0].lineno, (own.end_lineno or own.lineno) + 1)
+    uses = [n for n in ast.walk(tree) if isinstance(n, ast.Name) and n.id == own.name]
+    for use in sorted(uses, key=lambda n: (n.lineno, -n.col_offset)):
+        row = lines[use.lineno - 1]
+        lines[use.lineno - 1] = row[: use.col_offset] + STATE.encode() + row[use.end_col_offset :]
+    for number in inside:
+        lines[number - 1] = b""
+    return b"\n".join(lines).decode()
+
+
+def _refuse_fields(path: Path, own: Record) -> None:
+    taken = load("state").record(STATE).fields
+    for its in own.fields.values():
+        if its.name in taken:
+            raise SubsetError(path, its.line, f"{STATE} has a field {its.name} already")
+        if its.name in C_WORDS or its.name.startswith("__") or its.name.endswith("_t"):
+            raise SubsetError(path, its.line, f"'{its.name}' has another meaning in C")
+        if its.volatile:
+            raise SubsetError(path, its.line, f"{its.name}: no interrupt writes a stage's field")
+        if not its.lo <= 0 <= its.hi:
+            rule = f"{its.name} starts at 0, which is outside [{its.lo}, {its.hi}]"
+            raise SubsetError(path, its.line, rule)
+
+
+def _rows(own: Record, path: Path) -> Iterator[str]:
+    """The fields as the state record has them: words, then bytes."""
+    yield f"    # own stage {path.name}"
+    for its in sorted(own.fields.values(), key=lambda one: one.type.kind == "u8"):
+        kind = its.type.kind
+        for _ in its.type.shape:
+            kind = f"list[{kind}]"
+        sizes = "".join(f"{size}, " for size in its.type.shape)
+        texts = ", ".join(json.dumps(text, ensure_ascii=False) for text in (its.unit, its.meaning))
+        described = f"F({its.lo}, {its.hi}, {its.q}, {texts})"
+        yield f"    {its.name}: Annotated[{kind}, {sizes}{described}]"

@@ -1,0 +1,104 @@
+"""What a stage may do to the loop around it: the rules that an own stage is checked by.
+
+It stores in its own fields and in the estimate, leaves alone what interrupts write, and its loops
+end after a proved number of rounds. Everything else is the rules of the subset and the proof.
+"""
+
+import ast
+from collections.abc import Iterator, Mapping
+
+from codegen.generated.own_stage import NAME, STATE
+from codegen.proof.interpreter import UNROLLED
+from codegen.proof.intervals import Value
+from codegen.proof.prove import Proof
+from codegen.subset.effects import stored, writers
+from codegen.subset.parse import load
+from codegen.subset.program import Function, Program, RecordField, SubsetError, evaluate
+
+ESTIMATE = "x"
+"""The field of the loop that a stage may change."""
+
+
+def check(program: Program, proof: Proof) -> None:
+    """Raise SubsetError, with file and line, for what a stage must not do or is not proved."""
+    if NAME not in program.modules:
+        return
+    module = program.modules[NAME]
+    fields = program.record(STATE).fields
+    own = set(fields) - set(load("state").record(STATE).fields)
+    for function in module.functions.values():
+        for place in _foreign_stores(program, function, own):
+            rule = f"a stage stores in its own fields and in ecu.{ESTIMATE} only"
+            raise SubsetError(module.path, place, rule)
+        for node in ast.walk(function.node):
+            if _volatile(function, node, fields):
+                rule = f"an interrupt writes {ast.unparse(node)}: use the inputs, such as roll_rate"
+                raise SubsetError(module.path, node, rule)
+            if isinstance(node, ast.For):
+                _refuse_long(program, function, node, proof)
+    for finding in proof.findings:
+        rule = f"not proved: {finding.what}: [{finding.lo}, {finding.hi}]"
+        where = module.path if finding.path == str(module.path) else finding.path
+        raise SubsetError(where, finding.line, rule)  # type: ignore[arg-type]
+
+
+def _foreign_stores(program: Program, function: Function, own: set[str]) -> Iterator[ast.expr]:
+    """What a function stores in the loop's state outside of the stage's."""
+    written = writers(program)
+    module = program.modules[function.module]
+    for target in stored(program, function, written):
+        base = target
+        while isinstance(base, ast.Subscript):
+            base = base.value
+        if isinstance(base, ast.Attribute) and base.attr not in {*own, ESTIMATE}:
+            yield target
+    for node in ast.walk(function.node):
+        if not isinstance(node, ast.Call):
+            continue
+        called = program.function(module, node.func)
+        for k, argument in enumerate(node.args):
+            if isinstance(argument, ast.Name) and _is_record(function, argument.id):
+                if called is None:
+                    if program.intrinsic(module, node.func) == "clear":
+                        yield node
+                elif called.module != NAME:
+                    parameters = list(called.parameters)
+                    if k < len(parameters) and parameters[k] in written.get(called.key, ()):
+                        yield node
+
+
+def _is_record(function: Function, name: str) -> bool:
+    its = function.parameters.get(name)
+    return its is not None and its.record == STATE
+
+
+def _volatile(function: Function, node: ast.AST, fields: Mapping[str, RecordField]) -> bool:
+    return (
+        isinstance(node, ast.Attribute)
+        and isinstance(node.value, ast.Name)
+        and _is_record(function, node.value.id)
+        and node.attr in fields
+        and fields[node.attr].volatile
+    )
+
+
+def _refuse_long(program: Program, function: Function, node: ast.For, proof: Proof) -> None:
+    """Refuse a loop that is not shown to end after as many rounds as the proof follows."""
+    module = program.modules[function.module]
+    assert isinstance(node.iter, ast.Call)
+    bounds = [proof.seen.get(id(argument)) for argument in node.iter.args]
+    if any(bound is None for bound in bounds):
+        return
+    ranges = [bound for bound in bounds if bound is not None]
+    first, last = (Value(0, 0), ranges[0]) if len(ranges) == 1 else (ranges[0], ranges[1])
+    step = 1
+    if len(ranges) == 3:
+        given = evaluate(program, module, node.iter.args[2])
+        assert isinstance(given, int)
+        step = given
+    rounds = (
+        len(range(first.lo, last.hi, step)) if step > 0 else len(range(first.hi, last.lo, step))
+    )
+    if rounds > UNROLLED:
+        rule = f"a loop of up to {rounds} rounds: limit it to {UNROLLED}, by a constant or clamp"
+        raise SubsetError(module.path, node, rule)

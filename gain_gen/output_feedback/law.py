@@ -1,0 +1,166 @@
+"""LQG and H∞ by dynamic output feedback: as strong as asked for, as the loop's margins take.
+
+The weight of the command sets the effort: the RMS moment that the nominal car's driver causes. It
+is found by bisection for the share that is asked for; the share is reduced until every car of the
+family has its margins at every delay.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import exp, log
+
+import numpy as np
+
+from canroll.errors import VerdictError
+from firmware.calibration import N_ORDER
+from gain_gen.analysis.family import family_of
+from gain_gen.analysis.held_plant import resolvent_rows
+from gain_gen.analysis.steering_response import SteeringResponse, steering_response
+from gain_gen.laws.hinf_state import design_state_hinf
+from gain_gen.laws.state_feedback import actuator_rate, observer_of
+from gain_gen.laws.steering_lead import GAIN_MARGIN_DB, MOMENT_SHARE, PEAK_SENSITIVITY
+from gain_gen.models.controller import (
+    S_LATERAL,
+    S_RATE,
+    S_STEERING,
+    Y_LATERAL,
+    Y_RATE,
+    Compensator,
+    Controller,
+)
+from gain_gen.models.task import Solution, Task, below
+from gain_gen.output_feedback.driven_car import DrivenCar, driven_car
+from gain_gen.output_feedback.dynamic import Dynamic, compensator, residualised
+from gain_gen.output_feedback.hinf import closed_level, hinf, weighted
+from gain_gen.output_feedback.lqg import lqg
+
+LIGHTEST, HEAVIEST = log(0.05), log(20.0)
+"""Weights of a kN·m over the steady roll that it makes, between which is sought."""
+ACCURACY = 0.01
+"""Of the weight, as share of it."""
+HEAVIER = 1.1
+HEAVIER_STEPS = 25
+"""Factor on the weight while a loop lacks its margins, and how often."""
+SHORT = 0.02
+"""By what share the effort may be less than is asked for without a word."""
+
+Synthesise = Callable[[DrivenCar, float], Dynamic | None]
+
+
+def design_lqg_delay(task: Task) -> Solution:
+    """LQG on the car with its driver, the delay exact, reduced to the ECU's compensator.
+
+    Raises:
+        CanrollError: the data sheet makes no such car.
+        VerdictError: no stable controller.
+    """
+    return _designed("lqg_delay", task, lqg)
+
+
+def design_hinf(task: Task) -> Solution:
+    """H∞ output feedback likewise; the paper's state feedback for its own gains.
+
+    Raises:
+        CanrollError: the data sheet makes no such car.
+        VerdictError: no stable controller.
+    """
+    if task.gains != "computed":
+        return design_state_hinf(task)
+
+    def central(car: DrivenCar, weight: float) -> Dynamic | None:
+        found = hinf(car, weight)
+        return None if found is None else found.controller
+
+    solution = _designed("hinf", task, central)
+    car, weight = driven_car(task, family_of(task)), solution.extra["moment_weight"]
+    found = hinf(car, weight)
+    assert found is not None
+    reduced = residualised(found.controller, N_ORDER)
+    return replace(
+        solution,
+        gamma=closed_level(weighted(car, weight), reduced, car.tick),
+        gamma_bound=found.bound,
+        checks={"hinf_level": below(found.level, found.bound)},
+    )
+
+
+def _designed(law: str, task: Task, synthesise: Synthesise) -> Solution:
+    """Return the strongest controller up to the share that is asked for, with its margins."""
+    family = family_of(task)
+    car = driven_car(task, family)
+    response = steering_response(family, task.vehicle, family.delays[len(family.delays) // 2])
+    wanted = MOMENT_SHARE if task.moment_share is None else task.moment_share
+    base = Controller(
+        tick=task.tick,
+        observer=observer_of(task),
+        feedback=np.zeros(5),
+        feedforward=np.zeros(5),
+        actuator_rate=actuator_rate(task),
+    )
+    arm, unit = task.vehicle.design.roll_arm, _unit_weight(car)
+
+    def at(relative: float) -> Compensator | None:
+        found = synthesise(car, relative * unit)
+        return compensator(found) if found is not None and found.stable else None
+
+    relative, own = _of_effort(wanted * arm, response, at, task.tick)
+    for _ in range(HEAVIER_STEPS):
+        if own is not None:
+            controller = replace(base, compensator=own)
+            margins = family.margins(controller)
+            if (
+                margins.worst_gain.margins.gain_db > GAIN_MARGIN_DB
+                and margins.worst_sensitivity.margins.sensitivity < PEAK_SENSITIVITY
+            ):
+                break
+        relative *= HEAVIER
+        own = at(relative)
+    if own is None:
+        raise VerdictError(f"{law} for {task.vehicle.name}: the solver finds no stable controller")
+    share = effort(response, own, task.tick) / arm
+    notes: tuple[str, ...] = ()
+    if share < (1.0 - SHORT) * wanted:
+        notes = (
+            f"{law}: --moment-share {wanted:.3g} reduced to {share:.3g} for gain margin and peak "
+            "sensitivity over the family, and a stable controller",
+        )
+    return Solution(
+        controller,
+        delay_aware=True,
+        notes=notes,
+        extra={"moment_share": share, "moment_weight": relative * unit},
+    )
+
+
+def effort(response: SteeringResponse, own: Compensator, tick: float) -> float:
+    """Return the RMS moment per RMS lateral acceleration that the driver causes, N·m per m/s²."""
+    z = np.exp(1j * response.frequencies * tick)
+    gains = (resolvent_rows(own.a, own.c, z) @ own.b + own.d)[:, 0]
+    readings = np.zeros((len(z), 4), dtype=complex)
+    readings[:, Y_RATE], readings[:, Y_LATERAL] = gains[:, S_RATE], gains[:, S_LATERAL]
+    return response.rms(response.moment(readings, gains[:, S_STEERING]))
+
+
+def _of_effort(
+    wanted: float,
+    response: SteeringResponse,
+    at: Callable[[float], Compensator | None],
+    tick: float,
+) -> tuple[float, Compensator | None]:
+    """Return the least weight whose controller is stable and needs at most the effort wanted."""
+    low, high = LIGHTEST, HEAVIEST
+    best = at(exp(high))
+    while high - low > ACCURACY:
+        middle = 0.5 * (low + high)
+        own = at(exp(middle))
+        if own is not None and effort(response, own, tick) <= wanted:
+            high, best = middle, own
+        else:
+            low = middle
+    return exp(high), best
+
+
+def _unit_weight(car: DrivenCar) -> float:
+    """Return the steady roll that a kN·m makes without control, deg."""
+    steady = np.linalg.solve(np.eye(len(car.a)) - car.a, car.command)
+    return abs(float((car.rolled @ steady)[0, 0]))

@@ -1,0 +1,334 @@
+"""An engineer's own stage: source to proof to C, the same on every back end, refused by line."""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from canroll.errors import CanrollError
+from codegen.c99 import emit
+from codegen.export import interrupts
+from codegen.generated import own_stage
+from codegen.generated.own_stage import OwnStage
+from codegen.proof.prove import prove
+from codegen.run import bus_firmware, cortex, ecu_traffic, memory_image, native
+from codegen.run import qemu as qemu_run
+from codegen.run import unicorn as unicorn_run
+from codegen.subset.program import FIRMWARE
+from firmware.calibration import COMPENSATOR, OUTPUT_FEEDBACK, STATE_FEEDBACK, Calibration
+from firmware.state import ACTIVE, DEGRADED, Ecu
+from firmware.subset import fields
+
+EXAMPLE = Path(__file__).parents[3] / "examples" / "own_stage" / "progressive.py"
+STAGE = own_stage.read(EXAMPLE)
+
+HEAD = """\
+\"\"\"Sample.\"\"\"
+from typing import Annotated
+from firmware.calibration import Calibration
+from firmware.state import Ecu
+from firmware.subset import F, clamp, clear, i32, i64, record, sat31, u8
+
+
+"""
+MOMENT = "def moment(ecu: Ecu, cal: Calibration, wanted: i32, output: i32, steps: i32) -> i32:\n"
+ESTIMATE = "def estimate(ecu: Ecu, cal: Calibration, steps: i32) -> None:\n"
+OWN = '@record\nclass Own(Ecu):\n    """State."""\n\n'
+
+needs_cc = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
+
+
+def staged(source, file="own.py", firmware=None):
+    path = Path(file)
+    stage = OwnStage(path.name, source, path.parent)
+    return bus_firmware.with_stage(firmware or bus_firmware.built_in(), stage)
+
+
+@pytest.fixture(scope="module")
+def firmware():
+    return bus_firmware.with_stage(bus_firmware.built_in(), STAGE)
+
+
+def reference(firmware, record, traffic):
+    cals = np.frombuffer(memory_image.image(record), memory_image.dtype(Calibration), 1).copy()
+    library = native.library_of(firmware)
+    return library.replay(library.start(cals), cals, [traffic], states=True)
+
+
+def python_states(firmware, record, traffic):
+    loop, ecu = firmware.loop, firmware.record()
+    assert loop.init(ecu, record) == 0
+    for t in range(traffic.ticks):
+        for frame in traffic.frames[traffic.frames["tick"] == t]:
+            payload = frame["payload"].tolist()
+            loop.receive(ecu, int(frame["message"]), payload, int(frame["length"]))
+        loop.tick(ecu, record, int(traffic.elapsed[t]))
+        ecu.tx_pending = [0] * len(ecu.tx_pending)
+        yield ecu
+
+
+def calibration(seed, **changes):
+    record = ecu_traffic.random_calibration(seed)
+    for name, value in changes.items():
+        setattr(record, name, value)
+    return memory_image.sealed(record)
+
+
+def test_without_a_stage_the_c_has_nothing_of_it(tmp_path):
+    for path in FIRMWARE.glob("*.py"):
+        lines = path.read_text().splitlines()
+        kept = [s for s in lines if "stage." not in s and s != "from firmware import stage"]
+        (tmp_path / path.name).write_text("\n".join([*kept, ""]))
+    (tmp_path / "stage.py").unlink()
+    assert "stage.moment" in (FIRMWARE / "control_law.py").read_text()
+    assert emit.emit(folder=tmp_path) == emit.firmware()
+    assert not any("stage" in name for name in emit.firmware())
+
+
+def test_the_places_of_a_stage_do_nothing_by_default():
+    loop = bus_firmware.built_in().module("stage")
+    ecu, cal = Ecu(), Calibration()
+    before = memory_image.image(ecu)
+    assert loop.moment(ecu, cal, -5, 1, 3) == -5
+    for hook in (loop.start, loop.rest):
+        assert hook(ecu, cal) is None
+    assert loop.estimate(ecu, cal, 1) is None
+    assert memory_image.image(ecu) == before
+
+
+def test_its_state_follows_that_of_the_loop(firmware):
+    ours, its = memory_image.dtype(Ecu), memory_image.dtype(firmware.record)
+    assert [f.name for f in fields(firmware.record)][-2:] == ["swing", "factor"]
+    assert all(its.fields[name] == ours.fields[name] for name in ours.names)
+    assert "swing; /* largest roll angle of late, rad Q30 */" in firmware.files["canroll_state.h"]
+
+
+def test_the_example_is_proved_and_keeps_the_contract_of_the_interrupt(firmware):
+    program = firmware.program()
+    assert prove(program).findings == ()
+    assert interrupts.table(program) == interrupts.table()
+    assert firmware.files["canroll_stage.c"].startswith("/* Generated from progressive.py. */")
+
+
+def test_the_example_is_quiet_for_small_angles_and_whole_for_large_ones(firmware):
+    stage, ecu, cal = firmware.module("stage"), firmware.record(), Calibration()
+    stage.start(ecu, cal)
+    degree = np.pi / 180 * (1 << 30)
+    wanted = 1000 << 14
+    ecu.x[0] = round(0.05 * degree)
+    assert stage.moment(ecu, cal, wanted, 0, 1) == wanted // 4
+    ecu.x[0] = round(-0.35 * degree)
+    assert stage.moment(ecu, cal, wanted, 0, 1) == pytest.approx(wanted * 5 / 8, rel=1e-4)
+    ecu.x[0] = round(0.7 * degree)
+    assert stage.moment(ecu, cal, -wanted, 0, 1) == -wanted
+    ecu.x[0] = 0
+    assert stage.moment(ecu, cal, wanted, 0, 1) == wanted
+    for _ in range(200):
+        last = stage.moment(ecu, cal, wanted, 0, 1)
+    assert last == wanted // 4
+    ecu.x[0] = round(0.7 * degree)
+    stage.moment(ecu, cal, wanted, 0, 1)
+    stage.rest(ecu, cal)
+    assert (ecu.swing, ecu.factor) == (0, 1 << 14)
+
+
+@needs_cc
+@pytest.mark.parametrize("law", [STATE_FEEDBACK, OUTPUT_FEEDBACK, COMPENSATOR])
+def test_native_is_python(firmware, law):
+    record = calibration(law, law=law, actuator=0, compensator_outputs=1, init_ticks=1)
+    traffic = ecu_traffic.random_traffic(law, 60)
+    got = reference(firmware, record, traffic)
+    modes, worked = set(), 0
+    for t, ecu in enumerate(python_states(firmware, record, traffic)):
+        expected, found = memory_image.image(ecu), got.states[0, t].tobytes()
+        assert found == expected, memory_image.differences(firmware.record, expected, found)
+        modes.add(ecu.mode)
+        worked += ecu.swing != 0
+    assert modes & {ACTIVE, DEGRADED} and worked
+
+
+@needs_cc
+@pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]")
+def test_cortex_m4_is_native(firmware):
+    record, traffic = calibration(5), ecu_traffic.random_traffic(5, 12)
+    run = unicorn_run.replay(record, traffic, "cortex-m4", firmware)
+    expected = reference(firmware, record, traffic)
+    assert run.states.tobytes() == expected.states[0].tobytes()
+    assert run.frames.tobytes() == expected.frames.tobytes()
+
+
+@needs_cc
+@pytest.mark.skipif(not cortex.has_gcc_and_qemu(), reason="needs arm-none-eabi-gcc and QEMU")
+def test_qemu_is_native(firmware):
+    record, traffic = calibration(6), ecu_traffic.random_traffic(6, 60)
+    run = qemu_run.replay(record, traffic, "cortex-m4", firmware=firmware)
+    expected = reference(firmware, record, traffic)
+    assert run.states.tobytes() == expected.states[0].tobytes()
+    assert run.frames.tobytes() == expected.frames.tobytes()
+
+
+def test_what_a_stage_gives_is_limited_as_what_a_law_gives():
+    most = staged(HEAD + MOMENT + '    """Most."""\n    return 2147483647\n')
+    limits = {"moment_max": 500 << 14, "slew_max": 300 << 14}
+    record = calibration(
+        5, law=STATE_FEEDBACK, actuator=0, init_ticks=1, compensator_outputs=1, **limits
+    )
+    traffic = ecu_traffic.random_traffic(5, 60)
+    moments = [ecu.moment for ecu in python_states(most, record, traffic)]
+    assert max(moments) == limits["moment_max"]
+    rises = np.diff([0, *moments]) / np.clip(traffic.elapsed, 1, 16)
+    assert max(rises) == limits["slew_max"]
+
+
+def test_a_law_with_two_outputs_has_two_calls():
+    text = OWN + '    calls: Annotated[list[i32], 2, F(0, 100, 0, "", "calls")]\n\n\n'
+    text += MOMENT.replace("ecu: Ecu", "ecu: Own") + '    """Count."""\n'
+    text += "    k: i32 = clamp(output, 0, 1)\n"
+    text += "    ecu.calls[k] = clamp(ecu.calls[k] + 1, 0, 100)\n    return wanted\n"
+    its = staged(HEAD + text)
+    record = calibration(
+        1, law=COMPENSATOR, actuator=1, compensator_outputs=2, observer=1, init_ticks=1
+    )
+    states = [
+        list(ecu.calls) for ecu in python_states(its, record, ecu_traffic.random_traffic(1, 60))
+    ]
+    assert states[-1][0] == states[-1][1] > 0
+
+
+def test_an_estimator_corrects_what_the_law_reads():
+    text = ESTIMATE + '    """No roll."""\n    ecu.x[0] = 0\n'
+    its = staged(HEAD + text)
+    record = calibration(0, observer=0, law=STATE_FEEDBACK, init_ticks=1)
+    seen = set()
+    for ecu in python_states(its, record, ecu_traffic.random_traffic(0, 60)):
+        assert ecu.x[0] == 0
+        seen.add(ecu.reference_roll)
+    assert len(seen) > 1
+
+
+def test_a_stage_runs_on_a_bus_of_its_own():
+    folder = EXAMPLE.parents[1] / "own_bus"
+    own = bus_firmware.of_bus(folder / "own.dbc", folder / "own.toml")
+    its = bus_firmware.with_stage(own, STAGE)
+    assert its.files["canroll_signals.c"] == own.files["canroll_signals.c"]
+    assert "canroll_stage.c" in its.files and its.slots == own.slots
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "rule"),
+    [
+        ("import numpy\n", 1, "only the firmware imports itself, not numpy"),
+        (HEAD + "from firmware.state import Nothing\n", 8, "firmware.state has no Nothing"),
+        (HEAD + "from firmware.nothing import x\n", 8, "there is no module firmware.nothing"),
+        (HEAD + "def moment(:\n", 8, "invalid syntax"),
+        (HEAD + "X = 1\n", 1, "a stage defines at least one of start, estimate, moment, rest"),
+        (HEAD + "def rest(ecu: Ecu) -> None:\n    ecu.x[0] = 0\n", 8, "must be: def rest(ecu: Ecu"),
+        (HEAD + MOMENT + "    return wanted * 1.5\n", 9, "1.5"),
+        (HEAD + MOMENT + "    return wanted // 2\n", 9, "tdiv"),
+        (HEAD + MOMENT + "    return wanted * steps\n", 9, "i32"),
+        (HEAD + MOMENT + "    while wanted > 0:\n        pass\n    return 0\n", 9, "while"),
+        (HEAD + ESTIMATE + "    for k in range(ecu.x[0]):\n        ecu.x[k] = 0\n", 9, "bound"),
+        (
+            HEAD
+            + ESTIMATE
+            + "    n: i32 = ecu.x[0]\n    for _ in range(n):\n        ecu.x[1] = 0\n",
+            10,
+            "a loop of up to 1073741823 rounds: limit it to 64",
+        ),
+        (HEAD + ESTIMATE + "    ecu.x[5] = 0\n", 9, "not proved: index of 5 elements: [5, 5]"),
+        (HEAD + ESTIMATE + "    ecu.x[0] = steps << 30\n", 9, "not proved"),
+        (
+            HEAD + ESTIMATE + "    ecu.mode = 1\n",
+            9,
+            "a stage stores in its own fields and in ecu.x",
+        ),
+        (HEAD + ESTIMATE + "    clear(ecu)\n", 9, "a stage stores in its own fields"),
+        (
+            HEAD
+            + "from firmware.plausibility import latch_faults\n"
+            + ESTIMATE
+            + "    latch_faults(ecu)\n",
+            10,
+            "a stage stores in its own fields",
+        ),
+        (
+            HEAD + ESTIMATE + "    k: i32 = ecu.rx_payload[0][0]\n    ecu.x[0] = k\n",
+            9,
+            "an interrupt writes ecu.rx_payload",
+        ),
+        (
+            HEAD
+            + OWN
+            + '    mode: Annotated[i32, F(0, 9, 0, "", "")]\n'
+            + ESTIMATE
+            + "    ecu.x[0] = 0\n",
+            12,
+            "Ecu has a field mode already",
+        ),
+        (
+            HEAD
+            + OWN
+            + '    low: Annotated[i32, F(1, 9, 0, "", "")]\n'
+            + ESTIMATE
+            + "    ecu.x[0] = 0\n",
+            12,
+            "low starts at 0, which is outside [1, 9]",
+        ),
+        (
+            HEAD
+            + OWN
+            + '    int: Annotated[i32, F(0, 9, 0, "", "")]\n'
+            + ESTIMATE
+            + "    ecu.x[0] = 0\n",
+            12,
+            "'int' has another meaning in C",
+        ),
+        (
+            HEAD
+            + OWN
+            + '    n: Annotated[i32, F(0, 9, 0, "")]\n'
+            + ESTIMATE
+            + "    ecu.x[0] = 0\n",
+            12,
+            "F takes",
+        ),
+        (
+            HEAD + OWN.replace("(Ecu)", "") + "    n: i32\n" + ESTIMATE + "    ecu.x[0] = 0\n",
+            9,
+            "a stage's own fields are in one '@record class Own(Ecu)'",
+        ),
+        (
+            HEAD
+            + OWN
+            + '    n: Annotated[i32, F(0, 9, 0, "", "")]\n\n\n'
+            + ESTIMATE.replace("Ecu", "Own")
+            + "    ecu.n = steps\n",
+            16,
+            "not proved: does not fit n is declared in [0, 9]: [1, 16]",
+        ),
+    ],
+)
+def test_what_is_no_stage_is_refused_with_file_and_line(text, line, rule):
+    with pytest.raises(CanrollError) as refused:
+        staged(text, "folder/own.py")
+    message = str(refused.value)
+    assert message.startswith(f"folder/own.py:{line}: ") and rule in message
+    assert "\n" not in message
+
+
+def test_a_file_that_cannot_be_read_is_named(tmp_path):
+    with pytest.raises(CanrollError, match=r"cannot read stage .*none\.py: No such file"):
+        own_stage.read(tmp_path / "none.py")
+    (tmp_path / "latin.py").write_bytes(b"\xe9")
+    with pytest.raises(CanrollError, match=r"latin\.py: not UTF-8"):
+        own_stage.read(tmp_path / "latin.py")
+
+
+def test_the_example_also_runs_as_plain_python(tmp_path):
+    shutil.copy(EXAMPLE, tmp_path)
+    scope = {"__name__": "progressive"}
+    exec(compile(EXAMPLE.read_text(), str(EXAMPLE), "exec"), scope)
+    ecu = scope["Progressive"]()
+    scope["start"](ecu, Calibration())
+    assert ecu.factor == 1 << 14
