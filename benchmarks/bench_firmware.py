@@ -95,7 +95,7 @@ def beside_hand_written(name, record, traffic):
     least = runs["hand-written"]
     for kind, run in runs.items():
         print(
-            f"cortex-m4, {name:<10} {kind:<13} {run.instructions.mean():.0f} instructions "
+            f"cortex-m4, {name:<15} {kind:<13} {run.instructions.mean():.0f} instructions "
             f"({run.instructions.mean() / least.instructions.mean():.3f}), {run.cycles.mean():.0f} "
             f"cycles ({run.cycles.mean() / least.cycles.mean():.3f}), code {sizes[kind]} B"
         )
@@ -121,7 +121,7 @@ def main():
         plain = {"scenario": "double_lane_change", "calibration": None, "law": "lqr"}
         plain |= {"observer": None, "identification": False, "duration": arguments.duration}
         plain |= {"actuator": "suspension"}
-        controller, traffic = recorded(SimpleNamespace(**(plain | options)))
+        _, controller, traffic = recorded(SimpleNamespace(**(plain | options)))
         return controller.record, traffic
 
     constant, delayed = case(), case(law="ay_feedforward")

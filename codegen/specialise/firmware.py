@@ -16,7 +16,7 @@ from codegen.proof.prove import entry_points, prove
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu_traffic import refused
 from codegen.run.memory_image import fill, image
-from codegen.specialise import fold, ranges, reach
+from codegen.specialise import fold, reach, state_ranges
 from codegen.specialise.evaluator import Evaluator
 from codegen.specialise.merge import merged
 from codegen.specialise.places import Element
@@ -69,7 +69,7 @@ def _specialised(firmware: BusFirmware, data: bytes) -> BusFirmware:
     result = replace(firmware, modules=modules)
     for _ in range(RUNS):
         program = result.program()
-        modules["state.py"] = ranges.declared(state, ranges.stored(program))
+        modules["state.py"] = state_ranges.declared(state, state_ranges.stored(program))
         modules["ecu.py"] = _source(record, reach.cut(program, "ecu"), tables)
         result = replace(firmware, modules=dict(modules))
     findings = prove(result.program()).findings
