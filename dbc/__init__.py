@@ -6,6 +6,8 @@ from pathlib import Path
 import cantools
 from cantools.database import Database, Message
 
+from canroll.errors import CanrollError
+
 PATH = Path(__file__).with_name("roll_control.dbc")
 FD_PATH = PATH.with_name("roll_control_fd.dbc")
 """The same signals in CAN FD frames."""
@@ -20,6 +22,33 @@ def load() -> Database:
     database = cantools.database.load_file(PATH)
     assert isinstance(database, Database)
     return database
+
+
+def read(path: Path) -> tuple[Database, tuple[str, ...]]:
+    """Read a network description: DBC, KCD, ARXML or SYM.
+
+    One that breaks the rules of its format, as with overlapping signals, is read all the same.
+
+    Returns:
+        database: the messages.
+        warnings: the first rule that it breaks, if any.
+
+    Raises:
+        CanrollError: it is none of these files, or not one of CAN.
+    """
+    warnings: tuple[str, ...] = ()
+    try:
+        try:
+            database = cantools.database.load_file(path)
+        except cantools.Error as error:
+            database = cantools.database.load_file(path, strict=False)
+            warnings = (f"{path}: read leniently: {str(error).splitlines()[0]}",)
+    except (OSError, UnicodeDecodeError, cantools.Error) as error:
+        first = (str(error).splitlines() or [type(error).__name__])[0]
+        raise CanrollError(f"{path}: not a readable DBC, KCD, ARXML or SYM: {first}") from error
+    if not isinstance(database, Database):
+        raise CanrollError(f"{path}: not a CAN database; give a .dbc file")
+    return database, warnings
 
 
 def attribute(source: Database | Message, name: str, default: int = 0) -> int:

@@ -20,9 +20,11 @@ from gain_gen.laws.custom import read_matrices
 from gain_gen.models.task import Delay, Task
 from hil.realtime import tick_trace
 from hil.realtime.budget import Budget, budget_of
+from plant_sim.buses.topology import Spread
 from plant_sim.can_bus.network_file import KEYS as KEYS_OF_A_NETWORK
 from plant_sim.can_bus.network_file import load_profile
 from plant_sim.can_bus.own_frames import bus_map as bus_map_of
+from plant_sim.can_bus.profiles import routed_messages
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.wire.frame import EXTENDED, FD
 from plant_sim.driving import maneuvers
@@ -119,9 +121,30 @@ def test_a_network_is_read_to_the_last_key(example):
         (path.parent / name).write_bytes((own / name).read_bytes())
     profile = load_profile(str(path))
     assert (profile.bitrate, profile.data_bitrate, profile.load) == (500_000, 2_000_000, 0.6)
-    assert (profile.above, profile.bit_error_rate, profile.gateway_ms) == (0.3, 1e-7, (2, 4))
+    assert (profile.above, profile.bit_error_rate) == (0.3, 1e-7)
+    assert profile.network.gateways[0].latency == Spread(2_000_000, 4_000_000)
+    assert profile.network.jitter["Imu"].high_ns == 300_000
     assert [box.slot for box in bus_map_of(profile).frames][:2] == ["imu", "vehicle_motion"]
-    assert tomllib.loads(path.read_text()).keys() | {"traffic"} == KEYS_OF_A_NETWORK.keys()
+    several = tomllib.loads(example("segments.toml").read_text())
+    keys = (
+        tomllib.loads(path.read_text()).keys() | several.keys() | several["segment"]["body"].keys()
+    )
+    assert keys == KEYS_OF_A_NETWORK.keys()
+
+
+def test_segments_are_joined_by_gateways(example):
+    path = example("segments.toml")
+    (path.parent / "measured.csv").write_text("latency\n1.5\n2\n")
+    (path.parent / "others.dbc").write_text(
+        'VERSION ""\n\nBU_: Body\n\nBO_ 1280 Doors: 8 Body\n\n'
+        'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 65535;\nBA_DEF_DEF_ "GenMsgCycleTime" 0;\n'
+        'BA_ "GenMsgCycleTime" BO_ 1280 50;\n'
+    )
+    profile = load_profile(str(path))
+    ways = {found.message.name: found.segments for found in routed_messages(profile)}
+    assert ways["Imu"] == (0, 1) and ways["Doors"] == (1, 0)
+    assert profile.network.gateways[0].latency.samples_ns == (1_500_000, 2_000_000)
+    assert profile.network.jitter["RollControl"] == Spread(100_000, 400_000)
 
 
 def test_a_map_leads_from_signals_to_fields(example, tmp_path):

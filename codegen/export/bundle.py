@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from codegen.c99.text import filled
-from codegen.export import a2l, codec_comparison, interrupts, misra
-from codegen.generated.bus_map import EXTENDED, BusMap, read
+from codegen.export import a2l, codec_comparison, coverage_cases, interrupts, misra
+from codegen.generated.bus_map import EXTENDED, BusMap
 from codegen.generated.frame_protection import Protection
 from codegen.generated.own_stage import OwnStage
 from codegen.run import memory_image, native
@@ -28,6 +28,7 @@ from codegen.run.cortex import OPTIMISATION
 from codegen.run.ecu_traffic import Traffic
 from codegen.specialise.firmware import specialised
 from codegen.subset.program import Program
+from dbc import read
 from firmware.calibration import Calibration
 
 TEMPLATES = Path(__file__).with_name("templates")
@@ -46,6 +47,15 @@ not compile. The record stays in memory, as `canroll_tick` goes on checking that
 """
 GENERAL_FILES = "the loop, one file a stage"
 SPECIALISED_FILES = "the loop, in `canroll_ecu.c`; each function names the one it is a copy of"
+GENERAL_CASES = """\
+The cases in `test/cases.c` run other calibrations than yours, all laws, observers and refusals among them,
+on hostile frames. They reach every statement and branch of the loop (`make coverage` shows it with gcov)
+but these, which are of the frames of canroll's own bus:
+
+{unreached}"""
+SPECIALISED_CASES = """\
+The cases in `test/cases.c` run the calibration on hostile frames, and give `canroll_init` records that it
+refuses. `make coverage` counts with gcov what they reach."""
 FLASHING_NOTE = """ With
 `--calibration FILE` it also writes that calibration for the address of the one in your image, as
 `calibration.hex` (Intel HEX) and `calibration.s19` (S-record); `--address` does where there is no
@@ -157,10 +167,17 @@ def write(folder: Path, export: Export) -> list[Path]:
     }
     texts["include/canroll_gains.h"] = export.gains
     texts["test/vectors.h"], texts["test/vectors.c"] = _vectors(firmware, export)
+    found = coverage_cases.cases(bus)
+    if export.specialised:
+        found = coverage_cases.cases_of(export.record, bus)
+    texts["test/cases.h"], texts["test/cases.c"] = coverage_cases.sources(
+        native.library_of(firmware), list(found)
+    )
     for name in ("startup.c", "link.ld"):
         texts[f"board/{name}"] = (BOARD / name).read_text(encoding="utf-8")
     for name, place in (
         ("test_main.c", "test/"),
+        ("test_cases.c", "test/"),
         ("test_codec.py.in", "test/"),
         ("example.c", "board/"),
         ("Makefile", ""),
@@ -328,6 +345,9 @@ def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
         "dbc": export.dbc.name,
         "vectors": export.origin,
         "deviations": misra.table(),
+        "cases": SPECIALISED_CASES
+        if export.specialised
+        else GENERAL_CASES.format(unreached=coverage_cases.table()),
         "interrupts": interrupts.table(program),
         "stage": _stage(export),
     }

@@ -10,8 +10,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from codegen.generated.bus_map import IN_TURN, VALID_BITS, BusMap, Mailbox, read
+from codegen.generated.bus_map import IN_TURN, VALID_BITS, BusMap, Mailbox
 from codegen.generated.mapped_signal import UNITS, MappedSignal, RawSignal
+from dbc import read
 from firmware.state import Ecu
 from firmware.subset import fields
 

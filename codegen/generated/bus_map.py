@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cantools
 from cantools.database import Database, Message
 
 import dbc
@@ -148,7 +147,7 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
 
     Raises CanrollError, naming file and key, for any inconsistency.
     """
-    database, warnings = read(dbc_file)
+    database, warnings = dbc.read(dbc_file)
     try:
         document = tomllib.loads(map_file.read_text(encoding="utf-8"))
     except (OSError, tomllib.TOMLDecodeError) as error:
@@ -171,33 +170,6 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
     bus = BusMap(boxes["receive"], boxes["transmit"], xcp, warnings)
     _refuse_short_echo(bus, map_file)
     return bus
-
-
-def read(path: Path) -> tuple[Database, tuple[str, ...]]:
-    """Read a network description: DBC, KCD, ARXML or SYM.
-
-    A file that breaks the rules of its format, as with overlapping signals, is still read.
-
-    Returns:
-        database: the messages.
-        warnings: the first rule it breaks, if any.
-
-    Raises:
-        CanrollError: not a file of these formats, or not a CAN network.
-    """
-    warnings: tuple[str, ...] = ()
-    try:
-        try:
-            database = cantools.database.load_file(path)
-        except cantools.Error as error:
-            database = cantools.database.load_file(path, strict=False)
-            warnings = (f"{path}: read leniently: {str(error).splitlines()[0]}",)
-    except (OSError, UnicodeDecodeError, cantools.Error) as error:
-        first = (str(error).splitlines() or [type(error).__name__])[0]
-        raise CanrollError(f"{path}: not a readable DBC, KCD, ARXML or SYM: {first}") from error
-    if not isinstance(database, Database):
-        raise CanrollError(f"{path}: not a CAN database; give a .dbc file")
-    return database, warnings
 
 
 def _xcp(table: Mapping[str, Any], database: Database, map_file: Path) -> Xcp:

@@ -113,7 +113,11 @@ def observe(
     for seed in count():
         if done >= ticks:
             return Observed(cycles, stack, done, late)
-        played = (storm if seed % 2 else disturbed)(traffic, seed) if seed else traffic
+        played = traffic
+        if seed:
+            played = storm(traffic, seed)
+            if seed % 2 == 0:
+                played = disturbed(traffic, seed, bus=firmware.bus)
         run = qemu.replay(calibration, played, timing.cpu, firmware=firmware, costs=costs)
         assert run.cycles is not None
         cycles, stack = max(cycles, int(run.cycles.max())), max(stack, run.stack)

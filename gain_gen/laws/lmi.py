@@ -1,8 +1,9 @@
 """Linear matrix inequalities as parametrised programs, built once and solved at many points.
 
-Everything here is in the units of :class:`gain_gen.models.roll.NormalisedPlant`: in N·m the solvers
-report wrong optima. Each program is disciplined in its parameters, so a scan does not
-compile it again. These modules alone import cvxpy, which takes half a second.
+Everything here is in the units of :class:`gain_gen.models.roll.NormalisedPlant`, or of the loop for
+:func:`certify_level`: in N·m the solvers report wrong optima. Each program is disciplined in its
+parameters, so a scan does not compile it again. These modules alone import cvxpy, which takes half
+a second.
 """
 
 import time
@@ -13,11 +14,14 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 
+from gain_gen.analysis.level_certificate import SwitchedLoop
 from gain_gen.models.roll import Matrix, NormalisedPlant
 
 SOLVER = "CLARABEL"
 STRICT = 1e-6
 """Margin by which every inequality must be inside the cone."""
+LEVEL_STRICT = 1e-5
+"""The same for the level certificate."""
 
 E11 = np.array([[1.0, 0.0], [0.0, 0.0]])
 E12 = np.array([[0.0, 1.0], [1.0, 0.0]])
@@ -222,3 +226,47 @@ def discrete_h_infinity(
     if not solved(problem, clock):
         return None
     return DiscretePoint(float(chi.value), np.asarray(p.value), np.asarray(y.value))
+
+
+@dataclass(frozen=True, slots=True)
+class LevelPoint:
+    """Solution of the level program: γ² in the loop's unit, P (n, n) and the error's weight λ."""
+
+    level_squared: float
+    p: Matrix
+    weight: float
+
+
+def certify_level(loop: SwitchedLoop, epsilon: float, clock: Clock) -> LevelPoint | None:
+    """Return the least level that one P certifies for all delays of ``loop``, or None.
+
+    The certificate of :mod:`gain_gen.analysis.level_certificate` as a semidefinite program.
+
+    Args:
+        loop: loop at a few delays; each is a block.
+        epsilon: relative threshold of the event trigger, or zero.
+        clock: accumulates the time in solvers.
+    """
+    n = len(loop.a[0])
+    p = cp.Variable((n, n), symmetric=True)
+    level = cp.Variable(nonneg=True)
+    weight = cp.Variable(nonneg=True)
+    constraints = [p >> LEVEL_STRICT * np.eye(n)]
+    inputs = 2 if epsilon else 1
+    pick = np.eye(n + inputs)
+    state, disturbance = pick[:, :n], pick[:, n : n + 1]
+    for a, b in zip(loop.a, loop.b, strict=True):
+        joint = np.hstack([a, b[:, :inputs]])
+        matrix = joint.T @ p @ joint - state @ p @ state.T
+        matrix = matrix + state @ (loop.z.T @ loop.z) @ state.T
+        matrix = matrix - level * (disturbance @ disturbance.T)
+        if epsilon:
+            sent = np.hstack([loop.v, [[0.0, 1.0]]])
+            error = pick[:, n + 1 :]
+            matrix = matrix + weight * (epsilon**2 * sent.T @ sent - error @ error.T)
+        constraints.append(0.5 * (matrix + matrix.T) << -LEVEL_STRICT * np.eye(n + inputs))
+    if not solved(cp.Problem(cp.Minimize(level), constraints), clock):
+        return None
+    return LevelPoint(
+        float(level.value), np.asarray(p.value), float(weight.value) if epsilon else 0.0
+    )

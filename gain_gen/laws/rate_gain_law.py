@@ -53,17 +53,14 @@ def design_rate_gain(law: str, task: Task, *, epsilon: float = 0.0) -> Solution:
     Raises:
         VerdictError: no gain reduces roll.
     """
-    from gain_gen.laws.lmi import Clock  # noqa: PLC0415 - cvxpy only where it is used
-
     family = family_of(task)
     best = best_rate_gain(family)
     if best.peak_ratio > USELESS:
         raise VerdictError(_no_gain(law, task, best))
-    clock = Clock()
     extra = {"peak_ratio": best.peak_ratio, "largest_gain_with_margins": best.largest}
     checks = {"peak_ratio": below(best.peak_ratio, 1.0, best.where)}
     notes: tuple[str, ...] = ()
-    found = _certified(family, family.members[0], best.gain, epsilon, clock)
+    found, clock = _certified(family, family.members[0], best.gain, epsilon)
     if found is None:
         notes = (f"{law}: no level is certified for a delay that changes, only stability",)
     else:
@@ -84,11 +81,15 @@ def design_rate_gain(law: str, task: Task, *, epsilon: float = 0.0) -> Solution:
 
 
 def _certified(
-    family: Family, member: Member, gain: float, epsilon: float, clock: "Clock"
-) -> Certified | None:
-    """Return the level that one Lyapunov matrix certifies for any sequence of delays, or None."""
-    from gain_gen.laws.lmi_level import certify_level  # noqa: PLC0415 - cvxpy as above
+    family: Family, member: Member, gain: float, epsilon: float
+) -> tuple[Certified | None, "Clock"]:
+    """Return the level that one Lyapunov matrix certifies for any sequence of delays, or None.
 
+    Also return the time in solvers.
+    """
+    from gain_gen.laws.lmi import Clock, certify_level  # noqa: PLC0415 - cvxpy only where used
+
+    clock = Clock()
     fine = switched_loop(
         member, gain, delay_grid(member, family.delays, family.tick, FINE), family.tick
     )
@@ -96,15 +97,16 @@ def _certified(
         coarse = delay_grid(member, family.delays, family.tick, step)
         point = certify_level(switched_loop(member, gain, coarse, family.tick), epsilon, clock)
         if point is None:
-            return None
+            return None, clock
         level_squared = point.level_squared * (1.0 + LEVEL_MARGIN)
         value = worst_eigenvalue(
             fine, p=point.p, level_squared=level_squared, weight=point.weight, epsilon=epsilon
         )
         if value < 0.0:
             free = free_peak(member) / LEVEL_UNIT
-            return Certified(sqrt(level_squared) / free, below(value, 0.0, str(member.condition)))
-    return None
+            check = below(value, 0.0, str(member.condition))
+            return Certified(sqrt(level_squared) / free, check), clock
+    return None, clock
 
 
 def _no_gain(law: str, task: Task, best: RateGain) -> str:

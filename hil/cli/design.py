@@ -17,6 +17,7 @@ from hil.cli import terminal
 from hil.cli.options import choices_of
 from hil.cli.parsers import DEFAULT_DELAY_MS, DEFAULT_SCENARIO, OF_A_DRIVE
 from hil.runs.choices import CHOICES, chosen
+from hil.runs.choices import check as check_choices
 from hil.runs.frozen import options_of, stage_of, task_of
 from hil.studies import equal_effort, variation
 
@@ -36,15 +37,22 @@ def design_task(args: argparse.Namespace) -> Task:
     Raises:
         CanrollError: an unknown vehicle, or invalid delays.
     """
-    task = task_of(choices_of(args), delay_of(args))
+    choices = choices_of(args)
+    check_choices(choices)
+    task = task_of(choices, delay_of(args))
     return replace(task, matrices=args.matrices, gamma_target=args.gamma)
 
 
 def delay_of(args: argparse.Namespace) -> Delay | None:
-    """Return the delay given in ms; None for that of the named bus."""
-    if args.bus is not None:
+    """Return the delay given in ms; None for that of the named bus.
+
+    Frames of a bus's own without a bus are on the default one.
+    """
+    for option in ("bus", "dbc"):
+        if getattr(args, option) is None:
+            continue
         if args.delay is not None or args.delay_min is not None:
-            raise CanrollError("--bus excludes --delay and --delay-min")
+            raise CanrollError(f"--{option} excludes --delay and --delay-min")
         return None
     most = 1e-3 * (DEFAULT_DELAY_MS if args.delay is None else args.delay)
     least = most if args.delay_min is None else 1e-3 * args.delay_min

@@ -7,6 +7,7 @@ import dbc
 from canroll.errors import CanrollError, VerdictError
 from codegen.run.backends import default_backend, open_backend
 from codegen.run.bus_firmware import BusFirmware, built_in
+from firmware.state import RX_IMU
 from gain_gen.calibration.calibration_file import load as load_calibration
 from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, OF_AN_ECU, PEER_TIMEOUT
 from hil.cli.options import choices_of
@@ -16,7 +17,7 @@ from hil.realtime.hardware import bus_record
 from hil.realtime.phase_lock import PhaseLock
 from hil.realtime.plant_loop import sent_by
 from hil.runs import phase
-from hil.runs.frozen import firmware_of, profile_of, refuse_wide_identifiers, stage_of
+from hil.runs.frozen import firmware_of, profile_of, stage_of
 
 MODES = dbc.names("RollControlStatus", "Mode")
 TRACE_SECONDS = 600
@@ -57,7 +58,6 @@ def run(args: argparse.Namespace) -> int:
     """Run until stopped, or replay a trace; 0 unless a replay differs."""
     backend = args.backend or default_backend()
     profile = profile_of(choices_of(args, OF_AN_ECU))
-    refuse_wide_identifiers(profile)
     loaded = None if args.calibration is None else load_calibration(args.calibration)
     stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
     firmware = firmware_of(profile, stage)
@@ -68,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     duration = nanoseconds(args.duration, "--duration")
     timeout = peer_timeout(args)
     calibration = loaded.record
-    lock = phase_lock(args, calibration.tick_us)
+    lock = phase_lock(args, calibration.tick_us, firmware)
     ecu = open_backend(backend, calibration, firmware)
     link = open_link(args, firmware.fd)
     seconds = args.duration + 1 if args.duration else TRACE_SECONDS
@@ -145,8 +145,10 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def phase_lock(args: argparse.Namespace, tick_us: int) -> PhaseLock | None:
+def phase_lock(args: argparse.Namespace, tick_us: int, firmware: BusFirmware) -> PhaseLock | None:
     """Return the phase lock of the ticks; None for free-running ticks.
+
+    Imu frames that come otherwise than those of the bus contract have no phase.
 
     Raises:
         CanrollError: no phase is possible with this tick, or not this one.
@@ -156,6 +158,14 @@ def phase_lock(args: argparse.Namespace, tick_us: int) -> PhaseLock | None:
             "--phase: in lock step the plant grants the ticks: give it to 'canroll plant'"
         )
     if args.phase_ms == FREE or args.pace == "lockstep":
+        return None
+    cycle_ms = firmware.bus.received[RX_IMU].cycle_ms
+    if 1_000_000 * cycle_ms != phase.IMU_PERIOD_NS:
+        if args.phase_ms is not None:
+            raise CanrollError(
+                f"Imu frames come every {cycle_ms:g} ms on this bus: a phase is chosen within "
+                f"{phase.IMU_PERIOD_NS / 1e6:g} ms; omit --phase"
+            )
         return None
     if args.phase_ms is None:
         try:
@@ -175,15 +185,20 @@ def grants_of(
     firmware: BusFirmware,
 ) -> lockstep.Grants:
     """Return the plant's grants, on the bus or on the side channel."""
-    channel: lockstep.Channel
-    if args.side_channel is None:
-        channel = lockstep.InBand(link, sends=lockstep.ACKNOWLEDGEMENT, hears=lockstep.GRANT)
-    else:
-        channel = side_channel.connect(args.side_channel, link)
     plants = set(firmware.slots)
     if firmware.bus is built_in().bus:
         # the plant sends what the ECU does not hear too
         plants = {message.frame_id for message in dbc.load().messages} - sent_by(firmware)
+    channel: lockstep.Channel
+    if args.side_channel is None:
+        channel = lockstep.InBand(
+            link,
+            sends=lockstep.ACKNOWLEDGEMENT,
+            hears=lockstep.GRANT,
+            idents=plants | sent_by(firmware),
+        )
+    else:
+        channel = side_channel.connect(args.side_channel, link)
     return lockstep.Grants(link, channel, idents=plants, tick_us=tick_us, stop=stop)
 
 

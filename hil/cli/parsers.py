@@ -184,7 +184,7 @@ def response(parser: argparse.ArgumentParser) -> None:
 
 def design(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll design``."""
-    add_choices(parser, OF_A_DESIGN, defaults={"bus": None})
+    add_choices(parser, (*OF_A_DESIGN, "dbc", "map"), defaults={"bus": None})
     parser.add_argument(
         "--delay",
         type=float,

@@ -14,7 +14,7 @@ from hil.realtime.plant_loop import Outcome
 from hil.report.run_folder import check_parent
 from hil.runs import conditions, logs, phase, signal_files
 from hil.runs.choices import chosen
-from hil.runs.frozen import firmware_of, profile_of, refuse_wide_identifiers
+from hil.runs.frozen import firmware_of, profile_of
 from plant_sim.driving import maneuvers
 from plant_sim.world.world import World
 
@@ -107,13 +107,19 @@ def _drive_granting(
     args: argparse.Namespace, world: World, link: Link, stop: process.Stop
 ) -> Outcome | None:
     """Drive in lock step with the ECU that answers; None if stopped before."""
+    firmware = firmware_of(profile_of(choices_of(args)))
+    idents = plant_loop.sent_by(firmware)
     channel: lockstep.Channel
     if args.side_channel is None:
-        channel = lockstep.InBand(link, sends=lockstep.GRANT, hears=lockstep.ACKNOWLEDGEMENT)
+        channel = lockstep.InBand(
+            link,
+            sends=lockstep.GRANT,
+            hears=lockstep.ACKNOWLEDGEMENT,
+            idents=idents.union(firmware.slots),
+        )
     else:
         channel = side_channel.listen(args.side_channel, link)
         print(f"grants at {channel.address}", flush=True)
-    idents = plant_loop.sent_by(firmware_of(profile_of(choices_of(args))))
     ecu = lockstep.GrantedEcu(
         link, channel, idents=idents, stop=stop, peer_timeout=peer_timeout(args)
     )
@@ -154,7 +160,6 @@ def world_of(args: argparse.Namespace) -> World:
         choices.get("faults", ()), choices.get("conditions", {})
     )
     profile = profile_of(choices)
-    refuse_wide_identifiers(profile)
     return World(
         vehicle=vehicle,
         body=chosen(choices, "plant"),

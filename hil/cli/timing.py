@@ -23,7 +23,7 @@ from hil.realtime import session
 from hil.realtime.budget import Budget, budget_of, judge_host, judge_target
 from hil.runs import experiment
 from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller, refuse_own
+from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 
@@ -139,7 +139,6 @@ def show_rows(rows: Mapping[str, object]) -> None:
 def recorded(args: argparse.Namespace) -> tuple[Settings, Controller, Traffic]:
     """Drive the manoeuvre in virtual time; return what was run and what the ECU received."""
     settings, controller = plan(args.scenario, **choices_of(args))
-    refuse_own(settings.profile, "timing")
     firmware = settings.firmware
     recorder = Recorder(open_backend(settings.backend, controller.record, firmware), firmware)
     closed_loop(
@@ -183,9 +182,9 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
         "processor": run.cpu,
         "counter": f"{run.counter}, instructions (not cycles)",
         "ticks": len(counts),
-        "instructions a tick, min": least,
-        "instructions a tick, mean": mean,
-        "instructions a tick, max": most,
+        "instructions per tick, min": least,
+        "instructions per tick, mean": mean,
+        "instructions per tick, max": most,
         "budget, instructions": "none" if limits.instructions is None else limits.instructions,
         "stack, bytes": run.stack,
         "code, bytes": size.text,

@@ -17,14 +17,24 @@ import can
 from can.cli import add_bus_arguments, create_bus_from_namespace
 
 from canroll.errors import CanrollError
+from codegen.generated.bus_map import EXTENDED
 from hil.realtime.hardware import interfaces
 from hil.realtime.hardware.bus_record import BusRecord, source
 
-__all__ = ["EXTENDED", "CanLink", "Frame", "Link", "add_bus_arguments", "has_bus", "open_link"]
+__all__ = [
+    "EXTENDED",
+    "NOTES",
+    "CanLink",
+    "Frame",
+    "Link",
+    "add_bus_arguments",
+    "has_bus",
+    "open_link",
+]
 
 Frame = tuple[int, bytes]
-EXTENDED = 1 << 31
-"""In an identifier: it has 29 bits, as in a frame of SocketCAN."""
+NOTES = frozenset((EXTENDED | 0x1CA00000, EXTENDED | 0x1CA00001))
+"""Identifiers of lock step's grants and acknowledgements, which are no frames of the run."""
 RECEIVE_BUFFER = 1 << 20
 """A raw CAN socket left alone holds 278 frames by default and then drops silently."""
 
@@ -35,7 +45,8 @@ RETRY = 0.5
 class Link(Protocol):
     """Interface to send and receive frames on any carrier.
 
-    ``sent`` and ``received`` count the frames with identifiers of 11 bits: those of the contract.
+    An identifier of 29 bits carries :data:`EXTENDED`. ``sent`` and ``received`` count data frames,
+    the notes of lock step left out.
     """
 
     sent: int
@@ -50,13 +61,10 @@ class Link(Protocol):
         """Frames that could not be sent."""
 
     def receive(self) -> list[Frame]:
-        """Return the waiting frames (11-bit identifier, payload), without blocking."""
+        """Return the waiting frames (identifier, payload) but notes, without blocking."""
 
     def next(self, timeout: float) -> Frame | None:
-        """Return the next data frame, or None after ``timeout`` seconds.
-
-        The identifier of a frame with 29 bits carries :data:`EXTENDED`.
-        """
+        """Return the next data frame, None where none comes within ``timeout`` seconds."""
 
     def send(self, ident: int, payload: bytes) -> None:
         """Send a frame; count it as failed if the bus does not accept it."""
@@ -105,9 +113,9 @@ class CanLink:
         return self._failed
 
     def receive(self) -> list[Frame]:
-        """Return the waiting data frames with 11-bit identifiers; none if the interface is down."""
+        """Return the waiting data frames; none if the interface is down."""
         frames = [data_frame(message) for message in self.messages()]
-        return [frame for frame in frames if frame is not None and not frame[0] & EXTENDED]
+        return [frame for frame in frames if frame is not None and frame[0] not in NOTES]
 
     def next(self, timeout: float) -> Frame | None:
         """Return the next data frame, or None after ``timeout`` seconds."""
@@ -141,8 +149,8 @@ class CanLink:
             return None
         if self.record is not None:
             self.record.heard(message)
-        if not (message.is_error_frame or message.is_remote_frame or message.is_extended_id):
-            self.received += 1
+        frame = data_frame(message)
+        self.received += frame is not None and frame[0] not in NOTES
         return message
 
     def _read(self, timeout: float) -> can.Message | None:
@@ -181,7 +189,7 @@ class CanLink:
         except (can.CanError, OSError):
             self._failed += 1
         else:
-            self.sent += not extended
+            self.sent += ident not in NOTES
             if self.record is not None:
                 self.record.sent(message.arbitration_id, payload, extended=extended)
 

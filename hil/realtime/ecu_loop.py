@@ -115,7 +115,7 @@ def run(
 
 
 def _wait(link: Link, deadline: int, lock: PhaseLock | None, imu: int) -> list[Frame]:
-    """Wait for a deadline; return the frames with 11-bit identifiers received meanwhile.
+    """Wait for a deadline; return the frames received meanwhile.
 
     ``imu`` is the identifier that the lock follows. Only a lock needs arrival times: without one
     the frames wait in the driver.

@@ -13,7 +13,6 @@ from hil.realtime import session
 from hil.runs import experiment
 from hil.runs.choices import PASSIVE
 from hil.runs.experiment import with_files
-from hil.runs.frozen import refuse_wide_identifiers
 from hil.runs.result import Result
 from hil.runs.trace import Trace
 
@@ -52,7 +51,6 @@ def run(
         Interrupted: Ctrl-C; both programs have ended.
     """
     settings, controller = experiment.plan(scenario, duration=duration, **keywords)
-    refuse_wide_identifiers(settings.profile)
     if settings.firmware.fd and not bus_options:
         raise CanrollError(
             "the plant's own bus has no CAN FD frames: give an interface that has, such as "
@@ -95,7 +93,6 @@ def prepare(scenario: str, **keywords: Any) -> None:  # noqa: ANN401
         CanrollError: an invalid name or number; the message names the remedy.
     """
     settings, controller = experiment.plan(scenario, **keywords)
-    refuse_wide_identifiers(settings.profile)
     experiment.build_world(settings, enabled=True)
     open_backend(settings.backend, controller.record, settings.firmware)
 

@@ -19,13 +19,11 @@ from typing import Protocol
 from numpy import uint8
 from numpy.typing import NDArray
 
-from canroll.errors import VerdictError
-from hil.realtime.bus_link import EXTENDED, Frame, Link
+from canroll.errors import CanrollError, VerdictError
+from hil.realtime.bus_link import EXTENDED, NOTES, Frame, Link
 from hil.realtime.process import Stop
 
-GRANT = EXTENDED | 0x1CA00000
-ACKNOWLEDGEMENT = EXTENDED | 0x1CA00001
-
+GRANT, ACKNOWLEDGEMENT = sorted(NOTES)
 END = 0xFFFFFFFF
 """Number in the last note of a side: it goes."""
 RESEND = 1.0
@@ -91,11 +89,20 @@ class InBand:
 
     Args:
         link: the bus.
-        sends: identifier of this side's notes.
-        hears: identifier of the other side's notes.
+        sends: identifier of what this side sends.
+        hears: identifier of what the other side sends.
+        idents: those of the frames on the bus.
+
+    Raises:
+        CanrollError: a frame has an identifier of the notes.
     """
 
-    def __init__(self, link: Link, *, sends: int, hears: int) -> None:
+    def __init__(self, link: Link, *, sends: int, hears: int, idents: Iterable[int] = ()) -> None:
+        for ident in NOTES.intersection(idents):
+            raise CanrollError(
+                f"lock step: its grants and acknowledgements have the identifier "
+                f"0x{ident & ~EXTENDED:X} of a frame: send them with --side-channel"
+            )
         self._link, self._sends, self._hears = link, sends, hears
 
     def send(self, note: Note) -> None:

@@ -8,7 +8,7 @@ import time
 from collections import deque
 
 from canroll.errors import CanrollError
-from hil.realtime.bus_link import EXTENDED, Frame
+from hil.realtime.bus_link import EXTENDED, NOTES, Frame
 from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT, SocketcandServer
 from plant_sim.can_bus.wire import frame as wire
 
@@ -37,9 +37,9 @@ class OwnBus:
         return f"-i socketcand -c {CHANNEL} --bus-kwargs host={host} port={port}"
 
     def receive(self) -> list[Frame]:
-        """Return the clients' frames with 11-bit identifiers, forwarding them to all others."""
+        """Return the clients' frames, forwarding them to all others."""
         self._take()
-        frames = [frame for frame in self._waiting if not frame[0] & EXTENDED]
+        frames = [frame for frame in self._waiting if frame[0] not in NOTES]
         self._waiting.clear()
         return frames
 
@@ -59,9 +59,9 @@ class OwnBus:
                 time_s=time.time(),
                 sender=frame.client,
             )
-            self.received += not frame.flags
             if not frame.flags & ~wire.EXTENDED:
                 ident = frame.ident | (EXTENDED if frame.flags else 0)
+                self.received += ident not in NOTES
                 self._waiting.append((ident, frame.payload))
 
     def send(self, ident: int, payload: bytes) -> None:
@@ -70,7 +70,7 @@ class OwnBus:
         self._server.publish(
             ident & ~EXTENDED, flags, payload, length=len(payload), time_s=time.time()
         )
-        self.sent += not flags
+        self.sent += ident not in NOTES
 
     def wait(self, timeout: float) -> bool:
         """Wait until a client has sent a frame, at most ``timeout`` s."""

@@ -46,7 +46,7 @@ class Outcome:
 
 def sent_by(firmware: BusFirmware) -> frozenset[int]:
     """Return the identifiers of the frames that an ECU sends."""
-    return frozenset(ident for ident, _ in firmware.sent)
+    return frozenset(ident for ident, length in firmware.sent if length)
 
 
 def wait_for_ecu(

@@ -1,4 +1,4 @@
-"""The report page of one run."""
+"""The report page of one run, in virtual or real time."""
 
 import platform
 from collections.abc import Mapping, Sequence
@@ -7,11 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from hil.realtime.timing import QUANTILES, ROWS, bus_lines
 from hil.report.curves import Shown, all_figures
-from hil.report.figure import pack
+from hil.report.figure import Figure, Series, histogram, pack
 from hil.report.page import Cell, Page, Table, Verdict, render
-from hil.report.tables import can_rows, metric_head, metric_rows, replay_note, standard_rows
-from hil.report.timing_section import timing_figures, timing_table
+from hil.report.tables import (
+    can_rows,
+    metric_head,
+    metric_rows,
+    number,
+    replay_note,
+    standard_rows,
+)
 from hil.runs.result import Result
 from plant_sim.bodies.ports import WHEELS
 from vehicles import Vehicle
@@ -28,6 +35,12 @@ NO_ROLL = (
 )
 PLAYBACK_STEP = 0.02
 """Time between two pictures of the playback, s."""
+TIMING_PLOTS = (
+    ("jitter", "Start after the deadline", (("tick", "start_jitter"), ("plant", "plant_jitter"))),
+    ("tick", "Duration of a tick, including its frames", (("tick", "tick"),)),
+    ("latency", "Sample to force", (("commands", "latency"),)),
+)
+"""Id, title and histograms (name of the curve, key) of each plot of timing."""
 PLAYED = ("x", "y", "yaw", "roll", *(f"wheel_load_{wheel}" for wheel in WHEELS))
 
 
@@ -171,3 +184,43 @@ def playback(runs: Sequence[Shown], vehicle: Vehicle) -> dict[str, object]:
 def _resampled(run: Shown, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     time = run.trace.signals["time"]
     return np.interp(np.arange(0.0, time[-1], PLAYBACK_STEP), time, run.trace.signals[name])
+
+
+def timing_table(timing: Mapping[str, Any]) -> Table:
+    """Return the quantiles of ``timing`` as printed by ``canroll hil --json``."""
+    rows: list[list[str | Cell]] = [
+        [
+            f"{name} (µs)",
+            *(number(timing[key][q], 0, f"timing.{key}.{q}") for q in QUANTILES),
+        ]
+        for key, name in ROWS.items()
+        if timing[key] is not None
+    ]
+    told = (
+        f"{timing['ticks']} ticks, {timing['deadline_misses']} missed, {timing['frames_lost']} "
+        "frames lost."
+    )
+    seen = [f"{line}." for line in bus_lines(timing)]
+    title = "Lock step" if timing["pace"] == "lockstep" else "Real time"
+    return Table(title, ("", *QUANTILES), rows, " ".join([told, *seen, *timing["notes"]]))
+
+
+def timing_figures(timing: Mapping[str, Any]) -> list[Figure]:
+    """Return the histograms of a run in real time."""
+    return [
+        Figure(
+            f"timing-{id}", title, "µs", "% of all",
+            [_bars(name, counts[key], place) for place, (name, key) in enumerate(curves, 1)],
+            unit="µs", group="timing", linked=False, zero=True,
+        )
+        for counts in (timing["histograms"],)
+        for id, title, curves in TIMING_PLOTS
+        if all(counts[key]["count"] for _, key in curves)
+    ]  # fmt: skip
+
+
+def _bars(name: str, counted: Mapping[str, Any], colour: int) -> Series:
+    """Return the bars of counts by whole µs."""
+    values = [int(value) for value in counted["histogram"]]
+    counts = list(counted["histogram"].values())
+    return histogram(name, np.repeat(values, counts), colour=colour)

@@ -11,10 +11,10 @@ import numpy as np
 import vehicles
 from canroll.errors import CanrollError
 from codegen.generated import own_stage
-from codegen.generated.bus_map import VALID_BITS, BusMap, Mailbox, read
+from codegen.generated.bus_map import VALID_BITS, BusMap, Mailbox
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
-from dbc import attribute
+from dbc import attribute, read
 from firmware import calibration as fw
 from firmware.calibration import Calibration
 from firmware.plausibility import NEEDED
@@ -27,7 +27,7 @@ from hil.runs.choices import PASSIVE, check, chosen
 from plant_sim.can_bus import BusProfile, load_profile
 from plant_sim.can_bus.delay_bounds import delay_bounds
 from plant_sim.can_bus.own_frames import bus_map, messages_of
-from plant_sim.can_bus.wire.frame import EXTENDED
+from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.nodes.sensors import SensorOptions, delay
 from vehicles import Vehicle
 
@@ -44,6 +44,8 @@ COMMAND_TIMEOUT = 0.160
 """Age at which actuators release a command, s."""
 DEGRADING = ("vehicle_motion",)
 """Mailboxes without which the loop runs degraded."""
+NAMED = 5
+"""Messages that a warning lists."""
 LAW_OF_PASSIVE = "lqr"
 """Without control the frames go on all the same, so some law must fill them."""
 
@@ -103,7 +105,7 @@ def prepare(choices: Mapping[str, Any]) -> Controller:
 
 
 def stage_of(tables: Mapping[str, Any], choices: Mapping[str, Any]) -> OwnStage | None:
-    """Return the own stage that a calibration carries or ``choices`` name, checked and proved.
+    """Return the own stage of a calibration or of ``choices``, checked and proved.
 
     Raises:
         CanrollError: it cannot be read, or is no stage; both name one.
@@ -227,7 +229,7 @@ def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Contr
 
 
 def refuse_changed(vehicle: Vehicle, fingerprint: str, of: str) -> None:
-    """Raise CanrollError where a vehicle has other numbers than when ``of``, a file, was made."""
+    """Raise CanrollError if a vehicle's numbers have changed since the file ``of`` was made."""
     if vehicle.fingerprint != fingerprint:
         raise CanrollError(
             f"{of}: vehicle {vehicle.reference} has changed since: create the calibration again "
@@ -271,25 +273,6 @@ def firmware_of(profile: BusProfile, stage: OwnStage | None = None) -> BusFirmwa
     return with_stage(of_bus(profile.dbc, profile.map_file), stage)
 
 
-def refuse_wide_identifiers(profile: BusProfile) -> None:
-    """Raise CanrollError for frames that ECU and plant as two programs do not support."""
-    for message in messages_of(profile):
-        if message.flags & EXTENDED:
-            raise CanrollError(
-                f"{message.name} has an identifier of 29 bits: as two programs, ECU and plant take "
-                "identifiers of 11 bits; use 'canroll run'"
-            )
-
-
-def refuse_own(profile: BusProfile, command: str) -> None:
-    """Raise CanrollError for a bus whose frames only virtual time supports."""
-    if profile.dbc is not None:
-        raise CanrollError(
-            f"'canroll {command}' sends the frames of the bus contract: own frames (--dbc, --map) "
-            "are for virtual time, as in 'canroll run'"
-        )
-
-
 def names_of(profile: BusProfile) -> dict[int, str]:
     """Return the names of a bus's frames by identifier."""
     return {message.ident: message.name for message in messages_of(profile)}
@@ -303,10 +286,34 @@ def check_frames(profile: BusProfile, record: Calibration) -> tuple[str, ...]:
             loop's timeout for it.
     """
     bus = bus_map(profile)
+    background = tuple(_of_traffic(profile))
     if bus is None:
-        return ()
+        return background
     refuse_wide_steps(bus, record, str(profile.map_file))
-    return (*bus.warnings, *_other_rates(profile), *_lacking(profile, bus, record))
+    own = (*bus.warnings, *_other_rates(profile), *_lacking(profile, bus, record))
+    return (*own, *background)
+
+
+def _of_traffic(profile: BusProfile) -> Iterator[str]:
+    """What the files of a network's background leave open, or say otherwise."""
+    for segment in profile.network.segments:
+        if segment.traffic is None:
+            continue
+        traffic = load_traffic(segment.traffic)
+        if traffic.left_out:
+            names = ", ".join(traffic.left_out[:NAMED])
+            more = len(traffic.left_out) - NAMED
+            yield (
+                f"{segment.traffic}: no cycle time, so not on the bus: {names}"
+                f"{f' and {more} more' if more > 0 else ''}"
+            )
+        if traffic.rate_assumed and segment.traffic == profile.traffic:
+            yield f"{segment.traffic}: says no bit rate; {segment.bitrate} bit/s is assumed"
+        elif not traffic.rate_assumed and traffic.bitrate != segment.bitrate:
+            yield (
+                f"{segment.traffic}: says {traffic.bitrate} bit/s, the network "
+                f"{segment.bitrate} bit/s"
+            )
 
 
 def _other_rates(profile: BusProfile) -> Iterator[str]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 import dbc
 from canroll.errors import CanrollError
+from codegen.generated.bus_map import EXTENDED
 from plant_sim.can_bus import DELIVERED, ECU
 from plant_sim.world.world import World
 
@@ -133,5 +134,5 @@ def received_by_ecu(frames: NDArray[np.void], imu: int = IMU) -> NDArray[np.void
 
 
 def _received(frames: NDArray[np.void], segment: int, imu: int) -> NDArray[np.void]:
-    whole = (frames["ident"] == imu) & (frames["outcome"] == DELIVERED)
+    whole = (frames["ident"] == imu & ~EXTENDED) & (frames["outcome"] == DELIVERED)
     return np.asarray(frames[whole & (frames["segment"] == segment)])

@@ -100,11 +100,10 @@ def draw(found: LinearResponse, where: str, path: Path) -> None:
     Raises:
         CanrollError: the file cannot be written.
     """
-    import matplotlib  # noqa: PLC0415 - half a second that only a picture needs
-    from matplotlib.figure import Figure  # noqa: PLC0415
+    import matplotlib.figure  # noqa: PLC0415 - half a second that only a figure needs
 
     with matplotlib.rc_context({"font.size": 8, "axes.grid": True, "grid.alpha": 0.3}):
-        figure = Figure(figsize=(16, 10), layout="constrained")
+        figure = matplotlib.figure.Figure(figsize=(16, 10), layout="constrained")
         axes = figure.subplots(4, len(MEASURED), sharex=True)
         for i, name in enumerate(EXCITATIONS):
             per, unit, units = UNITS[name]

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
 _LOG = "plant_sim.can_bus.recorded_profile:read_profile"
 _LOGS = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db", ".pcap", ".pcapng")
 
+_DATABASES = (".dbc", ".kcd", ".arxml", ".sym")
+
 BUSES: "Registry[BusProfile]" = Registry(
     "bus profile",
     "canroll.buses",
@@ -21,12 +23,18 @@ BUSES: "Registry[BusProfile]" = Registry(
         "fd_2m": "plant_sim.buses.profile:FD",
     },
     accept="plant_sim.buses.profile:accept",
-    files={**dict.fromkeys(_LOGS, _LOG), ".toml": "plant_sim.can_bus.network_file:read_profile"},
+    files={
+        **dict.fromkeys(_LOGS, _LOG),
+        **dict.fromkeys(_DATABASES, "plant_sim.can_bus.network_file:read_traffic"),
+        ".toml": "plant_sim.can_bus.network_file:read_profile",
+    },
 )
 
 
 def load_profile(name: str) -> "BusProfile":
-    """Return the bus profile ``name``, of a network file, or of a log (``log.blf#channel``).
+    """Return the bus profile ``name``, that of a network file, a database, or a log.
+
+    One bus of several in a database, or one channel of several in a log, is ``file#name``.
 
     Raises:
         UnknownNameError: there is no such profile.

@@ -99,7 +99,7 @@ def accept(what: str, profile: object) -> BusProfile:
     if profile.gateway_ms is not None:
         if len(profile.gateway_ms) != 2:
             raise CanrollError(f"{what}: gateway_ms {profile.gateway_ms}: two times in order")
-        check_times(what, "gateway_ms", *profile.gateway_ms)
+        check_times(f"{what}: gateway_ms", *profile.gateway_ms)
     for segment in profile.network.segments:
         check_segment(what, segment)
     return profile

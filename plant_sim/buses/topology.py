@@ -37,6 +37,10 @@ class Spread:
         return cls(min(samples_ns), max(samples_ns), samples_ns)
 
 
+PUNCTUAL: Final = Spread()
+"""No time at all, in every frame."""
+
+
 @dataclass(frozen=True, slots=True)
 class BusSegment:
     """One bus: its rates (bit/s), errors and background.
@@ -120,15 +124,16 @@ def check_segment(what: str, segment: BusSegment) -> None:
     )
 
 
-def check_times(what: str, key: str, low_ms: float, high_ms: float) -> None:
-    """Refuse a range of times ``key`` of ``what`` that cannot be.
+def check_times(what: str, low_ms: float, high_ms: float) -> None:
+    """Refuse a range of times that cannot be; ``what`` names it.
 
     Raises:
         CanrollError: not in order, or not 0 to 1 s.
     """
     most = LATENCY_MAX_NS * 1e-6
     in_range = isfinite(low_ms) and isfinite(high_ms) and 0.0 <= low_ms <= high_ms <= most
-    _check(what, {f"{key} ({low_ms}, {high_ms}): two times in order, 0 to {most:g} ms": in_range})
+    if not in_range:
+        raise CanrollError(f"{what} ({low_ms}, {high_ms}): two times in order, 0 to {most:g} ms")
 
 
 def _check(what: str, rules: Mapping[str, bool]) -> None:

@@ -66,11 +66,15 @@ def network_spec(
 
 def _one_way(latency: Spread, source: str, target: str, passed: Sequence[BusMessage]) -> Gateway:
     """One direction of a gateway, from node to node."""
+    distribution = "sampled" if latency.samples_ns else "uniform"
+    if latency.low_ns == latency.high_ns:
+        distribution = "fixed"
     return Gateway(
         source,
         target,
         latency.low_ns,
         latency.high_ns,
-        "fixed" if latency.low_ns == latency.high_ns else "uniform",
+        distribution,
         idents=tuple((message.ident, message.flags) for message in passed),
+        samples_ns=latency.samples_ns,
     )

@@ -11,7 +11,7 @@ from cantools.database import Signal
 import dbc
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.generated.bus_map import EXTENDED as EXTENDED_IDENT
-from codegen.generated.bus_map import BusMap, Mailbox, load, read
+from codegen.generated.bus_map import BusMap, Mailbox, load
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
@@ -61,7 +61,7 @@ def frame_signals(profile: BusProfile) -> dict[int, dict[str, Signal]]:
     """Return the signals that are in every frame of a profile's own, by name, by identifier."""
     if profile.dbc is None:
         return {}
-    database, _ = read(profile.dbc)
+    database, _ = dbc.read(profile.dbc)
     return {
         message.frame_id | (EXTENDED_IDENT if message.is_extended_frame else 0): {
             signal.name: signal

@@ -5,7 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 from plant_sim.buses.profile import BusProfile
-from plant_sim.buses.topology import NODES
+from plant_sim.buses.topology import NODES, PUNCTUAL
 from plant_sim.can_bus.kernel.layout import Network
 from plant_sim.can_bus.kernel.network import (
     MAX_CAPACITY,
@@ -130,7 +130,10 @@ def profile_spec(
         topology = replace(topology, segments=tuple(segments))
     routed = routed_messages(profile, command=command, seed=seed)
     periodic = background and not isinstance(profile, RecordedProfile)
-    nodes = [Node(name, topology.place(name), policy) for name in NODES]
+    nodes = [
+        Node(name, topology.place(name), policy, jitter=topology.jitter.get(name, PUNCTUAL))
+        for name in NODES
+    ]
     nodes += [Node(_background(number), number) for number in range(len(topology.segments))]
     spec = network_spec(
         topology,

@@ -12,12 +12,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from codegen.generated.own_stage import OwnStage
 from codegen.run.backends import open_backend
 from firmware.calibration import Calibration
 from hil.realtime.bus_link import Frame
 from hil.realtime.check.machine import Counters, counters
 from hil.realtime.check.workers import CONTEXT, Child, Send, ended
 from hil.realtime.process import collector_off, prepare
+from hil.runs.frozen import firmware_of
+from plant_sim.buses.profile import BusProfile
 
 ECU, PLANT, SPARE = "ECU", "plant", "spare"
 """Parts that a core has in a run."""
@@ -31,11 +34,13 @@ Times = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Ticks:
-    """Input of the firmware: one list of received frames per tick."""
+    """Input of the firmware: one list of received frames per tick, and what makes that firmware."""
 
     backend: str
     calibration: Calibration
     received: Sequence[Sequence[Frame]]
+    profile: BusProfile
+    stage: OwnStage | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +94,10 @@ def measure(places: Sequence[Place], seconds: float, ticks: Ticks) -> list[Loop]
 def _loop(send: Send, together: Barrier, place: Place, seconds: float, ticks: Ticks | None) -> None:
     notes = prepare(cpu=place.core, priority=place.priority)
     slack = Path("/proc/self/timerslack_ns")
-    ecu = None if ticks is None else open_backend(ticks.backend, ticks.calibration)
+    ecu = None
+    if ticks is not None:
+        firmware = firmware_of(ticks.profile, ticks.stage)
+        ecu = open_backend(ticks.backend, ticks.calibration, firmware)
     late = np.zeros(round(seconds * 1e9) // PERIOD_NS + 1, np.int64)
     received = [] if ticks is None else ticks.received
     took = np.zeros(len(late), np.int64)

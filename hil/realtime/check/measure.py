@@ -9,7 +9,6 @@ import numpy as np
 
 from canroll.errors import CanrollError
 from codegen.run.backends import Recorder, open_backend
-from firmware.signals import RX_IDS
 from hil.realtime import timing
 from hil.realtime.bus_link import Frame
 from hil.realtime.check import judgement, loops, machine, round_trip
@@ -88,7 +87,8 @@ def _places() -> list[Place]:
 
 def _driven(settings: Settings, controller: Controller) -> Ticks:
     """Return the frames received by the ECU in the manoeuvre, tick by tick."""
-    recorder = Recorder(open_backend(settings.backend, controller.record))
+    firmware = settings.firmware
+    recorder = Recorder(open_backend(settings.backend, controller.record, firmware), firmware)
     closed_loop(
         experiment.build_world(settings, enabled=True),
         recorder,
@@ -97,10 +97,13 @@ def _driven(settings: Settings, controller: Controller) -> Ticks:
     )
     received: list[list[Frame]] = [[] for _ in range(recorder.traffic.ticks)]
     for event in recorder.traffic.frames:
-        if event["tick"] < len(received):
+        box = firmware.bus.received[event["message"]]
+        # a frame that several mailboxes take is recorded once for each
+        first = firmware.slots[box.ident][0] == event["message"]
+        if first and event["tick"] < len(received):
             payload = bytes(event["payload"][: event["length"]])
-            received[event["tick"]].append((RX_IDS[event["message"]], payload))
-    return Ticks(settings.backend, controller.record, received)
+            received[event["tick"]].append((box.ident, payload))
+    return Ticks(settings.backend, controller.record, received, settings.profile, firmware.stage)
 
 
 def report(seen: Measurements, tick_ms: float) -> dict[str, Any]:

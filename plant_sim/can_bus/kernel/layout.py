@@ -62,10 +62,11 @@ DISTURB: Final = 3
 OVERLOAD: Final = 4
 REFUSE: Final = 5
 
-# latency distributions of gateways
+# distributions of a gateway's latency and of a node's jitter
 FIXED: Final = 0
 UNIFORM: Final = 1
 EXPONENTIAL: Final = 2
+SAMPLED: Final = 3
 
 # slots of Network.clock
 NOW: Final = 0
@@ -86,6 +87,7 @@ LOG_SIZE: Final = 14
 SLOT: Final = 15
 WAITING: Final = 16
 DISTANT: Final = 17
+SAMPLES: Final = 18
 
 NEVER: Final = 2**62
 """A time that never comes."""
@@ -100,6 +102,8 @@ MAX_GATEWAYS: Final = 16
 MAX_ROUTES: Final = 256
 MAX_FAULTS: Final = 64
 MAX_PAYLOAD: Final = 64
+MAX_SAMPLES: Final = 1 << 14
+"""Measured times of all gateways and nodes together."""
 MAX_LOG: Final = 1 << 15
 RING_SLOTS: Final = 1 << 12
 """Slots of time in the calendar of releases, a power of two."""
@@ -137,6 +141,7 @@ _STATE: Final = np.dtype(
         ("gateways", records.GATEWAY, (MAX_GATEWAYS,)),
         ("routes", "i8", (MAX_GATEWAYS, MAX_ROUTES)),
         ("faults", records.FAULT, (MAX_FAULTS,)),
+        ("samples", "i8", (MAX_SAMPLES,)),
         ("aside", "i8", (_QUEUES,)),
         ("scratch", "u1", (2, 1024)),
         ("log", log_dtype(), (MAX_LOG,)),

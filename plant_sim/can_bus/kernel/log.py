@@ -29,8 +29,19 @@ SEGMENT: Final = np.dtype(
         ("missed", "i8"),
     ]
 )
+_DRAWN: Final = [
+    ("distribution", "i8"),
+    ("low_ns", "i8"),
+    ("high_ns", "i8"),
+    ("mean_ns", "f8"),
+    ("first_sample", "i8"),
+    ("samples", "i8"),
+    ("drawn", "i8"),
+]
+"""A time that is drawn anew for every frame, and how often it has been."""
 NODE: Final = np.dtype(
     [
+        *_DRAWN,
         ("segment", "i8"),
         ("policy", "i8"),
         ("capacity", "i8"),
@@ -75,6 +86,7 @@ FRAME: Final = np.dtype(
         ("length", "i8"),
         ("bits", "i8"),
         ("attempts", "i8"),
+        ("held", "i8"),
         ("t_origin", "i8"),
         ("t_queued", "i8"),
     ]
@@ -98,15 +110,11 @@ SOURCE: Final = np.dtype(
 RELEASE: Final = np.dtype([("t_ns", "i8"), ("tie", "i8"), ("value", "i8"), ("next", "i8")])
 GATEWAY: Final = np.dtype(
     [
+        *_DRAWN,
         ("from_node", "i8"),
         ("to_node", "i8"),
-        ("distribution", "i8"),
-        ("low_ns", "i8"),
-        ("high_ns", "i8"),
-        ("mean_ns", "f8"),
         ("routes", "i8"),
         ("last_ns", "i8"),
-        ("forwarded", "i8"),
     ]
 )
 FAULT: Final = np.dtype(

@@ -7,8 +7,9 @@ from typing import Final
 import numpy as np
 
 from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.buses.topology import PUNCTUAL, Spread
 from plant_sim.can_bus.kernel import layout
-from plant_sim.can_bus.kernel.layout import Network
+from plant_sim.can_bus.kernel.layout import Network, Records
 from plant_sim.can_bus.kernel.sources import start_source
 from plant_sim.can_bus.wire.frame import EXTENDED, FD, arbitration_key
 
@@ -17,6 +18,7 @@ DISTRIBUTIONS: Final = {
     "fixed": layout.FIXED,
     "uniform": layout.UNIFORM,
     "exponential": layout.EXPONENTIAL,
+    "sampled": layout.SAMPLED,
 }
 FAULTS: Final = {
     "node_down": layout.NODE_DOWN,
@@ -50,6 +52,7 @@ class Node:
     ``policy`` of its transmit queue: ``priority`` (all frames compete), ``fifo`` (only the oldest
     does), ``replace`` (as priority; a newer frame of a message takes the place of a waiting one).
     ``drift_ppm`` stretches the periods of its sources; ``recovers``: comes back after bus-off.
+    ``jitter``: its frames are queued so much later than they are handed over, in their order.
     """
 
     name: str
@@ -59,6 +62,7 @@ class Node:
     drift_ppm: float = 0.0
     single_shot: bool = False
     recovers: bool = True
+    jitter: Spread = PUNCTUAL
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +90,8 @@ class Gateway:
     """Store and forward from one node's segment to another node, with latency, order kept.
 
     ``distribution``: ``fixed`` (``low_ns``), ``uniform`` (low to high) or ``exponential``
-    (low + Exp(mean), cut at high). ``idents``: what it forwards (flags beside), None: all.
+    (low + Exp(mean), cut at high), or ``sampled``: one of ``samples_ns``, which lie in between.
+    ``idents``: what it forwards (flags beside), None: all.
     Forwarded frames compete by priority at the far side and keep their order per message.
     """
 
@@ -97,6 +102,7 @@ class Gateway:
     distribution: str = "fixed"
     mean_ns: float = 0.0
     idents: tuple[tuple[int, int], ...] | None = None
+    samples_ns: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -265,7 +271,23 @@ def add_node(network: Network, node: Node) -> int:
     record["drift"] = node.drift_ppm * 1e-6
     record["single_shot"] = node.single_shot
     record["recovers"] = node.recovers
+    _draw_from(network, record, node.jitter)
     return number
+
+
+def _draw_from(network: Network, record: Records, spread: Spread) -> None:
+    """Fill in a time that is drawn for every frame."""
+    first, count = int(network.clock[layout.SAMPLES]), len(spread.samples_ns)
+    if first + count > layout.MAX_SAMPLES:
+        raise CanrollError(f"a network holds at most {layout.MAX_SAMPLES} measured times")
+    network.part("samples")[first : first + count] = spread.samples_ns
+    network.clock[layout.SAMPLES] = first + count
+    record["low_ns"], record["high_ns"] = spread.low_ns, spread.high_ns
+    record["first_sample"], record["samples"] = first, count
+    varies = spread.low_ns < spread.high_ns
+    record["distribution"] = DISTRIBUTIONS["uniform" if varies else "fixed"]
+    if count:
+        record["distribution"] = layout.SAMPLED
 
 
 def _add_gateways(network: Network, spec: NetworkSpec, names: Sequence[str]) -> None:
@@ -273,9 +295,9 @@ def _add_gateways(network: Network, spec: NetworkSpec, names: Sequence[str]) -> 
         record = network.part("gateways")[i : i + 1]
         record["from_node"] = _number(names, gateway.from_node)
         record["to_node"] = _number(names, gateway.to_node)
+        high = max(gateway.high_ns, gateway.low_ns)
+        _draw_from(network, record, Spread(gateway.low_ns, high, gateway.samples_ns))
         record["distribution"] = _code("latency distribution", DISTRIBUTIONS, gateway.distribution)
-        record["low_ns"] = gateway.low_ns
-        record["high_ns"] = max(gateway.high_ns, gateway.low_ns)
         record["mean_ns"] = gateway.mean_ns
         record["routes"] = -1 if gateway.idents is None else len(gateway.idents)
         for j, (ident, flags) in enumerate(gateway.idents or ()):

@@ -5,6 +5,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.can_bus.kernel.calendar import schedule
+from plant_sim.can_bus.kernel.drawing import draw
 from plant_sim.can_bus.kernel.heap import push
 from plant_sim.can_bus.kernel.layout import (
     BUS_OFF,
@@ -33,6 +34,8 @@ from plant_sim.can_bus.kernel.layout import (
 from plant_sim.can_bus.kernel.ledger import finish
 from plant_sim.can_bus.wire.frame import REMOTE, arbitration_key
 from plant_sim.kernels.jit import njit
+
+_JITTER_STREAM = 1 << 47
 
 
 @njit
@@ -126,6 +129,7 @@ def store(
     frame.length = length
     frame.bits = 0
     frame.attempts = 0
+    frame.held = 0
     frame.t_origin = t_origin
     frame.t_queued = t_ns
     stored = bus.payloads[slot]
@@ -188,15 +192,20 @@ def release(bus: State, slot: int, now: int) -> None:
     """Put the frame in ``slot`` into the transmit queue of its node."""
     frame = bus.frames[slot]
     node = bus.nodes[frame.node]
-    if bus.clock[FAULT_COUNT] > 0 and frame.t_queued == frame.t_origin:
+    late = node.high_ns > 0
+    own = frame.held == 0 and frame.t_queued == frame.t_origin
+    if own and (bus.clock[FAULT_COUNT] > 0 or late):
         index = fault_active(bus, NODE_DELAY, frame.node, now)
-        if index >= 0 or now < node.delayed_ns:
-            late = now if index < 0 else now + bus.faults[index].value
-            node.delayed_ns = max(node.delayed_ns, late)
-            if node.delayed_ns > now:
-                frame.t_queued = node.delayed_ns
-                schedule(bus, node.delayed_ns, slot)
-                return
+        if index >= 0 or late or now <= node.delayed_ns:
+            queued = now + draw(bus, node, _JITTER_STREAM + frame.node) if late else now
+            if index >= 0:
+                queued += bus.faults[index].value
+            node.delayed_ns = max(node.delayed_ns, queued)
+            # where it is due at once, it goes behind those that are due at this instant
+            frame.held = 1
+            frame.t_queued = node.delayed_ns
+            schedule(bus, node.delayed_ns, slot)
+            return
     bus.totals[node.segment, OFFERED] += 1
     bus.messages[frame.message].offered += 1
     if node.state == BUS_OFF:

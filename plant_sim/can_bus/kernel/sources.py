@@ -3,15 +3,8 @@
 import numpy as np
 
 from plant_sim.can_bus.kernel.calendar import schedule
-from plant_sim.can_bus.kernel.layout import (
-    EXPONENTIAL,
-    GATEWAY_COUNT,
-    NOW,
-    SEED,
-    UNIFORM,
-    Network,
-    State,
-)
+from plant_sim.can_bus.kernel.drawing import draw
+from plant_sim.can_bus.kernel.layout import GATEWAY_COUNT, NOW, SEED, Network, State
 from plant_sim.can_bus.kernel.queues import message_of, release, store
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import random_bits, uniform
@@ -81,18 +74,7 @@ def forward(bus: State, slot: int, now: int, missed: int) -> None:
         gateway = bus.gateways[index]
         if gateway.from_node == missed:
             continue
-        latency = gateway.low_ns
-        spread = gateway.high_ns - gateway.low_ns
-        if gateway.distribution != 0:
-            draw = uniform(bus.clock[SEED], _LATENCY_STREAM + index, gateway.forwarded)
-            if gateway.distribution == UNIFORM:
-                latency += np.int64(draw * (spread + 1))
-            elif gateway.distribution == EXPONENTIAL:
-                # truncated at high_ns by inversion of the distribution function
-                share = -np.expm1(-spread / gateway.mean_ns)
-                latency += np.int64(-gateway.mean_ns * np.log1p(-draw * share))
-        gateway.forwarded += 1
-        gateway.last_ns = max(gateway.last_ns, now + latency)
+        gateway.last_ns = max(gateway.last_ns, now + draw(bus, gateway, _LATENCY_STREAM + index))
         stored = store(
             bus,
             message_of(bus, gateway.to_node, frame.ident, frame.flags),

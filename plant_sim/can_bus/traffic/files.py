@@ -1,4 +1,7 @@
-"""Traffic sets: periodic messages from a DBC's cycle times or from a TOML file.
+"""Traffic sets: periodic messages from a database's cycle times or from a TOML file.
+
+A DBC, KCD, ARXML or SYM file is read by cantools; of a file with several buses one is chosen with
+``file#bus``.
 
 A TOML file has ``bitrate`` and tables ``[[message]]`` with ``name``, ``id``, ``bytes`` (or
 ``bits``, the frame length with interframe space) and ``period_ms``; optional ``jitter_ms``,
@@ -12,17 +15,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-import cantools
 from cantools.database import Database, Message
+from cantools.database.can import Bus
 
 from canroll.errors import CanrollError, UnknownNameError
-from dbc import attribute, switches_bit_rate
+from dbc import attribute, padded, read, switches_bit_rate
 from plant_sim.can_bus.kernel.network import check_frame, check_rates
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
 
 MS: Final = 1_000_000
 DEFAULT_BITRATE: Final = 500_000
+DATABASES: Final = (".dbc", ".kcd", ".arxml", ".sym")
+"""Suffixes of the descriptions that cantools reads."""
 _TABLE: Final = ("bitrate", "data_bitrate", "message")
 _REQUIRED: Final = ("name", "id", "period_ms")
 _OPTIONAL: Final = (
@@ -41,40 +46,49 @@ _OPTIONAL: Final = (
 
 @dataclass(frozen=True, slots=True)
 class Traffic:
-    """Periodic messages of one bus; ``left_out`` names messages without a cycle time."""
+    """Periodic messages of one bus.
+
+    ``left_out`` names messages without a cycle time; ``rate_assumed``: nothing says the bit rate.
+    """
 
     bitrate: int
     data_bitrate: int
     messages: tuple[BusMessage, ...]
     left_out: tuple[str, ...] = ()
+    rate_assumed: bool = False
 
 
 def load_traffic(
     path: Path, *, bitrate: int | None = None, data_bitrate: int | None = None
 ) -> Traffic:
-    """Read a traffic set from ``path``, a ``.dbc`` or a ``.toml`` file.
+    """Read a traffic set from ``path``, a ``.toml`` file or one of :data:`DATABASES`.
 
     Args:
-        path: the file.
-        bitrate: overrides the file's own; for a DBC without one: 500 kbit/s.
+        path: the file, with ``#bus`` behind it to choose one of several buses.
+        bitrate: overrides the file's own; for a database without one: 500 kbit/s.
         data_bitrate: of FD frames with bit-rate switch, overrides the file's own.
 
     Raises:
         CanrollError: the file cannot be read or says something impossible.
     """
-    suffix = path.suffix.lower()
-    if suffix not in {".dbc", ".toml"}:
-        raise CanrollError(f"{path}: a traffic set must be a .dbc or .toml file")
-    if not path.is_file():
-        raise CanrollError(f"{path}: no such file")
-    traffic = _from_dbc(path) if suffix == ".dbc" else _from_toml(path)
+    name, _, bus = str(path).partition("#")
+    file = Path(name)
+    suffix = file.suffix.lower()
+    if suffix not in {*DATABASES, ".toml"} or (bus and suffix == ".toml"):
+        raise CanrollError(
+            f"{path}: a traffic set must be a .toml, {', '.join(DATABASES[:-1])} or {DATABASES[-1]}"
+            " file"
+        )
+    if not file.is_file():
+        raise CanrollError(f"{file}: no such file")
+    traffic = _from_toml(file) if suffix == ".toml" else _from_database(file, bus)
     if not traffic.messages:
         raise CanrollError(f"{path}: contains no periodic message")
     for name, count in Counter(message.name for message in traffic.messages).items():
         if count > 1:
             raise CanrollError(f"{path}: two messages are named '{name}'")
     if bitrate is not None:
-        traffic = replace(traffic, bitrate=bitrate)
+        traffic = replace(traffic, bitrate=bitrate, rate_assumed=False)
     if data_bitrate is not None:
         traffic = replace(traffic, data_bitrate=data_bitrate)
     try:
@@ -84,28 +98,45 @@ def load_traffic(
     return traffic
 
 
-def _from_dbc(path: Path) -> Traffic:
-    try:
-        database = cantools.database.load_file(path, strict=False)
-    except (cantools.Error, UnicodeDecodeError, OSError) as error:
-        raise CanrollError(f"{path}: not a readable DBC: {str(error).splitlines()[0]}") from error
-    assert isinstance(database, Database)
+def _from_database(path: Path, chosen: str) -> Traffic:
+    database, _ = read(path)
+    bus = _bus(path, database, chosen)
     messages, left_out = [], []
     for message in database.messages:
+        if bus is not None and message.bus_name not in (None, bus.name):
+            continue
         period = _period_ms(message)
         if period:
-            messages.append(_dbc_message(message, period))
+            messages.append(_message(message, period))
         else:
             left_out.append(message.name)
-    bitrate = attribute(database, "Baudrate") or DEFAULT_BITRATE
+    bitrate = (bus and bus.baudrate) or attribute(database, "Baudrate")
     switched = any(m.flags & BIT_RATE_SWITCH for m in messages)
-    data_bitrate = attribute(database, "BaudrateCANFD") if switched else 0
+    data_bitrate = (bus and bus.fd_baudrate) or attribute(database, "BaudrateCANFD")
     try:
         for found in messages:
             check_frame(found.ident, found.length, found.flags)
     except CanrollError as error:
         raise CanrollError(f"{path}: {error}") from error
-    return Traffic(bitrate, data_bitrate, tuple(messages), tuple(left_out))
+    return Traffic(
+        bitrate or DEFAULT_BITRATE,
+        data_bitrate if switched else 0,
+        tuple(messages),
+        tuple(left_out),
+        rate_assumed=not bitrate,
+    )
+
+
+def _bus(path: Path, database: Database, chosen: str) -> Bus | None:
+    """The chosen bus of a description, or the only one that has messages."""
+    used = {message.bus_name for message in database.messages}
+    buses = {bus.name: bus for bus in database.buses if bus.name in used}
+    if chosen and chosen not in buses:
+        raise UnknownNameError(f"bus of {path}", chosen, buses)
+    if len(buses) > 1 and not chosen:
+        names = ", ".join(f"{path}#{name}" for name in buses)
+        raise CanrollError(f"{path}: choose a bus of it: {names}")
+    return buses[chosen] if chosen else next(iter(buses.values()), None)
 
 
 def _period_ms(message: Message) -> int:
@@ -116,14 +147,14 @@ def _period_ms(message: Message) -> int:
     return least if event and least else period
 
 
-def _dbc_message(message: Message, period_ms: int) -> BusMessage:
+def _message(message: Message, period_ms: int) -> BusMessage:
     flags = (EXTENDED if message.is_extended_frame else 0) | (FD if message.is_fd else 0)
     if switches_bit_rate(message):
         flags |= BIT_RATE_SWITCH
     return BusMessage(
         name=message.name,
         ident=message.frame_id,
-        length=message.length,
+        length=padded(message.length) if message.is_fd else message.length,
         period_ns=period_ms * MS,
         sender=message.senders[0] if message.senders else "Node",
         receivers=tuple(sorted(message.receivers)),

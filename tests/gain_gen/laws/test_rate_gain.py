@@ -17,8 +17,7 @@ from gain_gen.analysis.level_certificate import (
 from gain_gen.analysis.sampled_loop import response_peak
 from gain_gen.analysis.verify import passive_controller
 from gain_gen.design import design
-from gain_gen.laws.lmi import Clock
-from gain_gen.laws.lmi_level import certify_level
+from gain_gen.laws.lmi import Clock, certify_level
 from gain_gen.laws.rate_gain import best_rate_gain, free_peak
 from gain_gen.laws.roll_rate_feedback import static_controller
 from gain_gen.models.task import Delay, Task

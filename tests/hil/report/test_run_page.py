@@ -16,8 +16,7 @@ from hil.realtime.timing import histogram as time_histogram
 from hil.realtime.timing import quantiles
 from hil.report.figure import Series, distribution, histogram, thin
 from hil.report.page import Cell, Page, Table, Verdict, render
-from hil.report.run_page import run_page
-from hil.report.timing_section import timing_figures
+from hil.report.run_page import run_page, timing_figures
 from hil.runs import experiment
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)

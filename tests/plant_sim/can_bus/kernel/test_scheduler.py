@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.buses.topology import Spread
 from plant_sim.can_bus import (
     DELIVERED,
     OUTCOMES,
@@ -421,3 +422,70 @@ def test_a_full_store_refuses_and_counts():
 
 def test_outcome_names_are_distinct():
     assert len(set(OUTCOMES)) == len(OUTCOMES)
+
+
+def test_measured_latencies_are_drawn_as_they_were_measured():
+    ms = 1_000_000
+    samples = (3 * ms, 3 * ms, 3 * ms, 7 * ms)
+    network = bus(
+        nodes=4,
+        segments=2,
+        sources=(Source("n0", 0x100, 8, 20 * ms),),
+        gateways=(Gateway("n2", "n3", 3 * ms, 7 * ms, "sampled", samples_ns=samples),),
+    )
+    advance(network, 20_000 * ms)
+    log = entries(network)
+    here, there = (log[log["segment"] == s] for s in (0, 1))
+    latency = there["t_queued"] - here["t_received"][: len(there)]
+    values, counts = np.unique(latency, return_counts=True)
+    assert list(values) == [3 * ms, 7 * ms]
+    assert counts[0] / len(latency) == pytest.approx(0.75, abs=0.05)
+
+
+def test_a_nodes_jitter_delays_its_frames_and_keeps_their_order():
+    ms = 1_000_000
+    late = Spread.of_samples((0, 1 * ms, 30 * ms))
+    spec = NetworkSpec(
+        segments=(Segment(500_000),),
+        nodes=(Node("a", policy="priority", jitter=late), Node("b", policy="priority")),
+        sources=(Source("a", 0x100, 8, 10 * ms), Source("b", 0x200, 8, 10 * ms)),
+        seed=5,
+    )
+    network = build_network(spec)
+    payload = np.arange(8, dtype=np.uint8)
+    for k in range(100):
+        enqueue(network, 0, 5 * ms + 10 * k * ms, 0x110, 8, payload)
+    advance(network, 2_000 * ms)
+    log = entries(network)
+    for ident in (0x100, 0x110):
+        found = log[log["ident"] == ident]
+        waited = found["t_queued"] - found["t_origin"]
+        assert waited.max() == 30 * ms and waited.min() == 0
+        assert (np.diff(found["t_origin"]) > 0).all()
+        assert len(np.unique(waited)) > 3  # behind an older one of the node
+    other = log[log["ident"] == 0x200]
+    assert (other["t_queued"] == other["t_origin"]).all()
+    assert account(network, 0).balanced
+
+
+def test_there_is_room_for_so_many_measured_times():
+    late = Spread.of_samples(tuple(range(1, 10_000)))
+    nodes = tuple(Node(name, jitter=late) for name in "ab")
+    with pytest.raises(CanrollError, match="at most 16384 measured times"):
+        build_network(NetworkSpec(segments=(Segment(500_000),), nodes=nodes))
+
+
+def test_a_delay_fault_comes_on_top_of_a_nodes_jitter():
+    ms = 1_000_000
+    spec = NetworkSpec(
+        segments=(Segment(500_000),),
+        nodes=(Node("a", jitter=Spread(1 * ms, 1 * ms)), Node("b")),
+        sources=(Source("a", 0x100, 8, 10 * ms),),
+        faults=(Fault("node_delay", "a", 100 * ms, 200 * ms, value=2 * ms),),
+    )
+    network = build_network(spec)
+    advance(network, 300 * ms)
+    log = entries(network)
+    waited = log["t_queued"] - log["t_origin"]
+    inside = (log["t_origin"] >= 100 * ms) & (log["t_origin"] < 200 * ms)
+    assert set(waited[inside]) == {3 * ms} and set(waited[~inside]) == {1 * ms}

@@ -1,28 +1,46 @@
-"""The loop on CAN FD frames as two programs: in lock step, and in real time over python-can."""
+"""The loop on a bus's own frames as two programs: in lock step, and in real time over python-can.
+
+One bus has CAN FD frames, the other identifiers of 29 bits.
+"""
 
 import threading
+from pathlib import Path
 
 import can
 import cantools
 import pytest
 
-import dbc
+from canroll.errors import CanrollError
 from codegen.run.backends import open_backend
 from hil.realtime import ecu_loop, plant_loop, tick_trace
-from hil.realtime.bus_link import CanLink
+from hil.realtime.bus_link import EXTENDED, CanLink
 from hil.realtime.lockstep import ACKNOWLEDGEMENT, GRANT, GrantedEcu, Grants, InBand
 from hil.realtime.process import Stop
 from hil.runs import virtual_time
 from hil.runs.experiment import build_world, plan
 
 SECONDS = 600_000_000
-DATABASE = cantools.database.load_file(dbc.FD_PATH)
+OWN = Path(__file__).parents[3] / "examples" / "own_bus"
+FD = {"bus": "fd_2m"}
+WIDE = {"dbc": str(OWN / "own.dbc"), "map": str(OWN / "own.toml")}
 
 
-@pytest.fixture(scope="module")
-def planned():
+@pytest.fixture(scope="module", params=[FD, WIDE], ids=["fd", "wide"])
+def planned(request):
     named = {"law": "lqr", "actuator": "suspension", "plant": "roll1", "backend": "python"}
-    return plan("double_lane_change", seed=2, bus="fd_2m", **named)
+    return plan("double_lane_change", seed=2, **request.param, **named)
+
+
+@pytest.fixture
+def database(planned):
+    return cantools.database.load_file(planned[0].profile.dbc)
+
+
+def speed_frame(planned):
+    """Identifier (bit 30: of 29 bits) and length of the frame with the speed, and its signal."""
+    box = planned[0].firmware.bus.received[1]
+    name = next(s.name for s in box.signals if s.place.text == "speed")
+    return box.ident, box.sent_length, name
 
 
 @pytest.fixture
@@ -89,7 +107,7 @@ class ClockedThread(Ecu):
         )
 
 
-def test_lock_step_gives_the_frames_of_virtual_time(planned, links):
+def test_lock_step_gives_the_frames_of_virtual_time(planned, links, database):
     settings, controller = planned
     virtual = build_world(settings, enabled=True)
     virtual_time.closed_loop(
@@ -113,16 +131,17 @@ def test_lock_step_gives_the_frames_of_virtual_time(planned, links):
     # the trace has whole frames: it replays, and cantools decodes what was consumed
     trace = ecu.trace()
     assert tick_trace.replay(trace, "python", firmware=settings.firmware).difference is None
-    consumed = trace.frames[(trace.frames["sent"] == 0) & (trace.frames["ident"] == 0xA0)]
-    assert len(consumed) > 50
+    ident, length, name = speed_frame(planned)
+    consumed = trace.frames[(trace.frames["sent"] == 0) & (trace.frames["ident"] == ident)]
+    assert len(consumed) > 25
     for frame in consumed:
-        assert frame["length"] == 32
-        signals = DATABASE.decode_message(0xA0, frame["payload"].tobytes())
-        assert 70 < signals["VehicleSpeed"] < 90
+        assert frame["length"] == length
+        data = frame["payload"].tobytes()[:length]
+        assert 70 < database.decode_message(ident & ~EXTENDED, data)[name] < 90
 
 
-def test_real_time_over_the_virtual_interface(planned, links):
-    """No figure depends on the clock: both sides hear each other, and all frames are of CAN FD."""
+def test_real_time_over_the_virtual_interface(planned, links, database):
+    """No figure depends on the clock: both sides hear each other, in frames of their bus."""
     settings, _ = planned
     plant, link = links
     listener = can.Bus(plant.bus.channel_id, interface="virtual", protocol="CAN_FD")
@@ -137,11 +156,21 @@ def test_real_time_over_the_virtual_interface(planned, links):
     assert outcome.reason == plant_loop.FINISHED
     seen = {}
     while (message := listener.recv(0.0)) is not None:
-        assert message.is_fd and message.bitrate_switch
-        DATABASE.decode_message(message.arbitration_id, message.data)
-        seen.setdefault(message.arbitration_id, []).append(len(message.data))
+        described = database.get_message_by_frame_id(message.arbitration_id)
+        assert message.is_extended_id == described.is_extended_frame
+        assert message.is_fd == message.bitrate_switch == described.is_fd
+        described.decode(message.data)
+        key = message.arbitration_id | (EXTENDED if message.is_extended_id else 0)
+        seen.setdefault(key, []).append(len(message.data))
     listener.shutdown()
-    assert set(seen[0xA0]) == {32}
-    assert {0x80, 0xA0, 0xD0, 0x300, 0x301} <= seen.keys()
+    ident, length, _ = speed_frame(planned)
+    assert set(seen[ident]) == {length}
+    sent = {box.ident for box in settings.firmware.bus.frames if "_bar" not in box.slot}
+    assert len(seen.keys() & sent) > 4
     assert len(world.commands) > 0
     assert tick_trace.replay(ecu.trace(), "python", firmware=settings.firmware).difference is None
+
+
+def test_a_frame_with_the_identifier_of_a_grant_is_refused(links):
+    with pytest.raises(CanrollError, match="0x1CA00000 of a frame: send them with --side-channel"):
+        InBand(links[0], sends=GRANT, hears=ACKNOWLEDGEMENT, idents=[0x80, GRANT])
