@@ -48,14 +48,14 @@ not compile. The record stays in memory, as `canroll_tick` goes on checking that
 GENERAL_FILES = "the loop, one file a stage"
 SPECIALISED_FILES = "the loop, in `canroll_ecu.c`; each function names the one it is a copy of"
 GENERAL_CASES = """\
-The cases in `test/cases.c` run other calibrations than yours, all laws, observers and refusals among them,
-on hostile frames. They reach every statement and branch of the loop (`make coverage` shows it with gcov)
-but these, which are of the frames of canroll's own bus:
+The cases in `test/cases.c` run other calibrations than yours, all laws, observers and refusals
+among them, on hostile frames. They reach every statement and branch of the loop (`make coverage`
+shows it with gcov) but these, which are of the frames of canroll's own bus:
 
 {unreached}"""
 SPECIALISED_CASES = """\
-The cases in `test/cases.c` run the calibration on hostile frames, and give `canroll_init` records that it
-refuses. `make coverage` counts with gcov what they reach."""
+The cases in `test/cases.c` run the calibration on hostile frames, and give `canroll_init` records
+that it refuses. `make coverage` counts with gcov what they reach."""
 FLASHING_NOTE = """ With
 `--calibration FILE` it also writes that calibration for the address of the one in your image, as
 `calibration.hex` (Intel HEX) and `calibration.s19` (S-record); `--address` does where there is no
