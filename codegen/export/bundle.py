@@ -17,7 +17,7 @@ from cantools.database.can import c_source
 from numpy.typing import NDArray
 
 from codegen.c99.text import filled
-from codegen.export import a2l, codec_comparison, coverage_cases, interrupts, misra
+from codegen.export import a2l, codec_comparison, coverage_cases, interrupts, misra, traceability
 from codegen.generated.bus_map import EXTENDED, BusMap
 from codegen.generated.frame_protection import Protection
 from codegen.generated.own_stage import OwnStage
@@ -135,6 +135,7 @@ def write(folder: Path, export: Export) -> list[Path]:
     comparison = codec_comparison.files(export.dbc, export.map_file, bus)
     texts.update({f"test/{name}": text for name, text in comparison.items()})
     texts.update({f"codec/{name}": text for name, text in _codec(export.dbc).items()})
+    texts["TRACEABILITY.md"] = traceability.page(program, files)
     texts["README.md"] = _readme(export, firmware, program)
     if export.stage is not None:
         texts[f"stage/{export.stage.file}"] = export.stage.source
