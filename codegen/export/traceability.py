@@ -20,6 +20,12 @@ from codegen.subset.program import Function, Program
 
 FILE = Path(__file__).with_name("requirements.toml")
 SCHEMA = 1
+NOTE = (
+    "| `TRACEABILITY.md` | from each requirement to source line, C line, proof obligations and "
+    "tests |\n"
+)
+PAGE = "TRACEABILITY.md"
+"""File of a bundle; code for one calibration has no functions to trace, as they are merged."""
 
 
 @dataclass(frozen=True, slots=True)
