@@ -27,7 +27,7 @@ def folder(name: str) -> Path:
 
 
 def _is_safe(kept: Path) -> bool:
-    """Whether only this user, or root, decides what stands in a folder."""
+    """Whether only this user, or root, controls the contents of a folder."""
     about = kept.stat()
     return about.st_uid in (0, os.geteuid()) and not about.st_mode & stat.S_IWOTH
 

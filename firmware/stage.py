@@ -1,9 +1,9 @@
-"""Where an engineer's own stage runs in the loop; this one does nothing and costs nothing.
+"""Hooks for an engineer's own stage; the default ones are empty and cost nothing.
 
-``codegen.run.own_stage`` puts a module with some of these functions in its place. Calls of a
-function that does nothing are left out when the loop is translated, so without an own stage the C
-has none of them. A stage stores in its own fields and in ``ecu.x`` only; schedule, moment limit,
-slew limit and allocation come after it.
+``codegen.generated.own_stage`` replaces this module by one with some of these functions. Calls of
+empty functions are omitted when the loop is translated, so without an own stage the C has none of
+them. A stage writes only its own fields and ``ecu.x``; schedule, moment limit, slew limit and
+allocation follow it.
 """
 
 from firmware.calibration import Calibration
@@ -16,16 +16,17 @@ def start(ecu: Ecu, cal: Calibration) -> None:
 
 
 def estimate(ecu: Ecu, cal: Calibration, steps: i32) -> None:
-    """Correct the estimate ``ecu.x``, which the observer has just made over ``steps`` ticks."""
+    """Correct the estimate ``ecu.x``, just updated by the observer over ``steps`` ticks."""
 
 
 def moment(ecu: Ecu, cal: Calibration, wanted: i32, output: i32, steps: i32) -> i32:
-    """Return the moment to give (Q14) where the law wants ``wanted``, in ACTIVE and DEGRADED.
+    """Return the moment to apply (Q14) instead of the law's ``wanted``, in ACTIVE and DEGRADED.
 
-    ``output`` is 0; a law that commands both axles has a second call a tick, with 1 for the rear.
+    ``output`` is 0; for a law that commands both axles there is a second call per tick, with 1 for
+    the rear.
     """
     return wanted
 
 
 def rest(ecu: Ecu, cal: Calibration) -> None:
-    """Rest for a tick in which no law runs, in INIT and SAFE."""
+    """Called instead of :func:`moment` in a tick without a law, in INIT and SAFE."""

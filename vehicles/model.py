@@ -247,7 +247,7 @@ class Vehicle:
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of all its numbers, in hexadecimal; names, title and sources are left out."""
+        """SHA-256 of all its numbers, in hexadecimal, without names, title and sources."""
         words = ("name", "title", "basis", "sources", "file")
         numbers = {key: value for key, value in asdict(self).items() if key not in words}
         return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()

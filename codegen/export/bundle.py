@@ -17,7 +17,7 @@ from cantools.database.can import c_source
 from numpy.typing import NDArray
 
 from codegen.c99.text import filled
-from codegen.export import a2l, codec_comparison, interrupts, misra
+from codegen.export import a2l, codec_comparison, coverage_cases, interrupts, misra
 from codegen.generated.bus_map import EXTENDED, BusMap
 from codegen.generated.frame_protection import Protection
 from codegen.generated.own_stage import OwnStage
@@ -106,10 +106,14 @@ def write(folder: Path, export: Export) -> list[Path]:
     }
     texts["include/canroll_gains.h"] = export.gains
     texts["test/vectors.h"], texts["test/vectors.c"] = _vectors(firmware, export)
+    texts["test/cases.h"], texts["test/cases.c"] = coverage_cases.sources(
+        native.library_of(firmware), bus
+    )
     for name in ("startup.c", "link.ld"):
         texts[f"board/{name}"] = (BOARD / name).read_text(encoding="utf-8")
     for name, place in (
         ("test_main.c", "test/"),
+        ("test_cases.c", "test/"),
         ("test_codec.py.in", "test/"),
         ("example.c", "board/"),
         ("Makefile", ""),
@@ -248,6 +252,7 @@ def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
         "dbc": export.dbc.name,
         "vectors": export.origin,
         "deviations": misra.table(),
+        "unreached": coverage_cases.table(),
         "interrupts": interrupts.table(program),
         "stage": _stage(export),
     }

@@ -1,8 +1,8 @@
-"""An engineer's own stage: modules of the firmware that a file written in the subset replaces.
+"""An engineer's own stage: a file in the subset that replaces modules of the firmware.
 
-The file takes the place of ``firmware/stage.py`` with some of its functions. State of its own are
-the fields of one record derived from ``Ecu``; they follow those of the firmware in memory, so that
-nothing else moves. The text keeps its lines, so that messages name those of the file.
+The file replaces ``firmware/stage.py`` and defines some of its functions. Its state is the fields
+of one record derived from ``Ecu``; they follow those of the firmware in memory, so that all others
+keep their place. Line numbers are preserved, so that messages name those of the file.
 """
 
 import ast
@@ -32,7 +32,7 @@ from firmware.subset import i32
 
 @dataclass(frozen=True, slots=True)
 class OwnStage:
-    """A stage: its file's name and text, and the folder that messages name."""
+    """A stage: name and text of its file, and its folder for messages."""
 
     file: str
     source: str
@@ -45,11 +45,11 @@ class OwnStage:
 
     @property
     def path(self) -> Path:
-        """The file, as messages name it."""
+        """Path of the file for messages."""
         return self.folder / self.file
 
     def table(self) -> dict[str, str]:
-        """Return the table of a calibration file that carries the stage."""
+        """Return the table of a calibration file that contains the stage."""
         return {"file": self.file, "source": self.source}
 
 
@@ -70,13 +70,13 @@ def read(path: Path) -> OwnStage:
 
 
 def carried(tables: Mapping[str, Any]) -> OwnStage | None:
-    """Return the stage that the tables of a calibration carry."""
+    """Return the stage in the tables of a calibration, or None."""
     table = tables.get(NAME)
     return None if table is None else OwnStage(table["file"], table["source"])
 
 
 def added(tables: Mapping[str, Any], stage: OwnStage | None) -> Mapping[str, Any]:
-    """Return the tables of a calibration with the stage that it is to carry."""
+    """Return the tables of a calibration with the stage added."""
     return tables if stage is None else {**tables, NAME: stage.table()}
 
 
@@ -84,7 +84,7 @@ def modules(stage: OwnStage) -> dict[str, str]:
     """Return the sources of the firmware's modules that ``stage`` replaces.
 
     Raises:
-        SubsetError: file and line of what is no stage.
+        SubsetError: not a stage; the message names file and line.
     """
     path = stage.path
     try:
@@ -151,7 +151,7 @@ def _record(path: Path, tree: ast.Module) -> ast.ClassDef | None:
 
 
 def _parsed(stage: OwnStage, own: ast.ClassDef | None) -> Module:
-    """The stage by itself, its record without the base."""
+    """The stage alone, its record without the base class."""
     lines = stage.source.splitlines()
     if own is not None:
         base = own.bases[0]
@@ -170,7 +170,7 @@ def _parsed(stage: OwnStage, own: ast.ClassDef | None) -> Module:
 def _with_missing(
     source: str, tree: ast.Module, path: Path, found: Module, own: ast.ClassDef | None
 ) -> str:
-    """The source with the firmware's own functions where it has none; refuse other signatures."""
+    """The source with the firmware's functions where it defines none; refuse other signatures."""
     default = load(NAME).modules[NAME]
     missing = []
     for name, function in default.functions.items():
@@ -194,7 +194,7 @@ def _with_missing(
 
 
 def _without_record(source: str, tree: ast.Module, own: ast.ClassDef | None) -> str:
-    """The source with its record's lines empty and the firmware's in its place."""
+    """The source with its record's lines emptied and the firmware's record imported instead."""
     if own is None:
         return source
     lines = [line.encode() for line in source.split("\n")]
@@ -223,7 +223,7 @@ def _refuse_fields(path: Path, own: Record) -> None:
 
 
 def _rows(own: Record, path: Path) -> Iterator[str]:
-    """The fields as the state record has them: words, then bytes."""
+    """The fields in the order of the state record: words, then bytes."""
     yield f"    # own stage {path.name}"
     for its in sorted(own.fields.values(), key=lambda one: one.type.kind == "u8"):
         kind = its.type.kind

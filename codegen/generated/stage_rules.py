@@ -1,7 +1,7 @@
-"""What a stage may do to the loop around it: the rules that an own stage is checked by.
+"""Rules for an own stage beyond those of the subset and the proof.
 
-It stores in its own fields and in the estimate, leaves alone what interrupts write, and its loops
-end after a proved number of rounds. Everything else is the rules of the subset and the proof.
+It writes only its own fields and the estimate, does not access fields written by interrupts, and
+its loops end after a proved number of iterations.
 """
 
 import ast
@@ -20,7 +20,7 @@ ESTIMATE = "x"
 
 
 def check(program: Program, proof: Proof) -> None:
-    """Raise SubsetError, with file and line, for what a stage must not do or is not proved."""
+    """Raise SubsetError, with file and line, for a violated rule or a failed proof."""
     if NAME not in program.modules:
         return
     module = program.modules[NAME]
@@ -43,7 +43,7 @@ def check(program: Program, proof: Proof) -> None:
 
 
 def _foreign_stores(program: Program, function: Function, own: set[str]) -> Iterator[ast.expr]:
-    """What a function stores in the loop's state outside of the stage's."""
+    """Writes of a function to the loop's state outside the stage's fields."""
     written = writers(program)
     module = program.modules[function.module]
     for target in stored(program, function, written):
@@ -83,7 +83,7 @@ def _volatile(function: Function, node: ast.AST, fields: Mapping[str, RecordFiel
 
 
 def _refuse_long(program: Program, function: Function, node: ast.For, proof: Proof) -> None:
-    """Refuse a loop that is not shown to end after as many rounds as the proof follows."""
+    """Refuse a loop that is not shown to end within the iterations followed by the proof."""
     module = program.modules[function.module]
     assert isinstance(node.iter, ast.Call)
     bounds = [proof.seen.get(id(argument)) for argument in node.iter.args]

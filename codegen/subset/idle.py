@@ -1,8 +1,7 @@
-"""Calls of functions that do nothing, left out of a program.
+"""Removal of calls of empty functions from a program.
 
-A place where something may run, such as those of ``firmware.stage``, then costs nothing where
-nothing does: no instruction, no line of C. A function does nothing if it has no statement, or only
-returns one of its parameters.
+A hook, such as those of ``firmware.stage``, then costs nothing if unused: no instruction, no line
+of C. A function is empty if it has no statement, or only returns one of its parameters.
 """
 
 import ast
@@ -12,7 +11,7 @@ from codegen.subset.program import Function, Module, Program
 
 
 def leave_out(program: Program, entry: str) -> None:
-    """Remove such calls where they are statements, and modules but ``entry`` with nothing else."""
+    """Remove such calls where they are statements, and modules other than ``entry`` left empty."""
     idle = {f.key: f for f in program.functions() if _does_nothing(f)}
     for module in program.modules.values():
         for function in module.functions.values():
@@ -83,7 +82,7 @@ def _is_idle(
 
 
 def _forget(module: Module) -> None:
-    """Drop imports that no function of a module uses any more, where they were of whole modules."""
+    """Drop imports of whole modules that no function of a module uses any more."""
     named = {
         node.id
         for function in module.functions.values()

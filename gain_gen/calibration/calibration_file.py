@@ -73,7 +73,7 @@ class LoadedCalibration:
 
     @property
     def vehicle_fingerprint(self) -> str:
-        """:attr:`vehicles.model.Vehicle.fingerprint` of the vehicle that it was designed for."""
+        """:attr:`vehicles.model.Vehicle.fingerprint` of the vehicle it was designed for."""
         return str(self.tables["provenance"]["vehicle_sha256"])
 
     @property
@@ -214,7 +214,7 @@ def load(path: str | Path) -> LoadedCalibration:
 
 
 def _stage(table: Any, path: Path, text: str) -> dict[str, str]:  # noqa: ANN401
-    """Return the table of an own stage with its source, read from its file where it has none."""
+    """Return the table of an own stage with its source, read from its file if it has none."""
     where = _at(path, text, own_stage.NAME)
     if not isinstance(table, dict) or not {"file"} <= set(table) <= {"file", "source"}:
         raise CanrollError(f"{where}: [stage] has the keys file and, if not read from it, source")

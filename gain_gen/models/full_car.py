@@ -48,7 +48,7 @@ SPEED = 70.0 / 3.6
 STATE_WEIGHTS = (1e5, 1e5, 1e9, 1e8, 1e8, 1e8, 1e8)
 """Heave, pitch, roll, four wheels (Vu 2020, (16)); all others 1, on pressures in MPa."""
 INPUT_WEIGHT = 1e3
-"""Weight of a current squared: the printed 1 commands hundreds of ampere."""
+"""Weight of a current squared, 1/A²; of the printed 1 no unit is printed."""
 PRINTED_CAR = "car_2020"
 """Vehicle that corresponds to the paper's car."""
 MILLI = 1e3

@@ -1,7 +1,7 @@
 """The central H∞ controller of a continuous plant, by two Riccati equations (Glover, Doyle 1988).
 
-In the form of Zhou, Doyle, Glover 1996, section 17.1, feedthroughs included. Whoever calls checks
-the closed loop: near the optimum a Riccati solution loses its digits without a sign.
+In the form of Zhou, Doyle, Glover 1996, section 17.1, feedthroughs included. Callers must check the
+closed loop: near the optimum a Riccati solution loses accuracy without warning.
 """
 
 from dataclasses import dataclass
@@ -37,7 +37,7 @@ class Generalised:
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """How many disturbances w and errors z there are."""
+        """Number of disturbances w and errors z."""
         return self.b.shape[1] - self.commands, len(self.c) - self.readings
 
 
@@ -45,7 +45,7 @@ Quadruple = tuple[Matrix, Matrix, Matrix, Matrix]
 
 
 def central_controller(plant: Generalised, level: float) -> Quadruple | None:
-    """Return A, B, C, D of u = K y with which ‖z‖ < level ‖w‖, or None: there is none.
+    """Return A, B, C, D of u = K y such that ‖z‖ < level ‖w‖, or None if there is none.
 
     D₁₂ must have full column rank and D₂₁ full row rank.
     """
@@ -114,7 +114,7 @@ def _normalised(plant: Generalised) -> tuple[Generalised, Matrix, Matrix, Matrix
 
 
 def _diagonal(first: Matrix, second: Matrix) -> Matrix:
-    """Return two blocks on the diagonal."""
+    """Return the block diagonal matrix of two blocks."""
     whole = np.zeros((len(first) + len(second), first.shape[1] + second.shape[1]))
     whole[: len(first), : first.shape[1]] = first
     whole[len(first) :, first.shape[1] :] = second

@@ -1,10 +1,11 @@
-"""The car with its driver at the tick, exactly: what dynamic output feedback is designed on.
+"""The exact sampled car with its driver: the design model of dynamic output feedback.
 
 The linear car reduced to eight states, its actuator, the sensors' low-passes, the hold, the
 fractional delay and the commands under way. The driver's steering is white noise behind a
-second-order low-pass, and the ECU knows the angle. Beside it the front wheels turn by a slow angle
-that no one knows: all that tyres, friction and speed do otherwise than the model. By it alone the
-steering is no source of what is slow, so that no such error biases the moment.
+second-order low-pass, and the ECU knows the angle. In addition the front wheels turn by a slow
+unknown angle, which represents all deviations of tyres, friction and speed from the model. Because
+of it the estimate does not rely on steering for slow motion, so that no such error biases the
+moment.
 """
 
 from dataclasses import dataclass
@@ -69,7 +70,7 @@ def driven_car(task: Task, family: Family) -> DrivenCar:
     """Return the nominal car of ``family`` behind its middle delay.
 
     Raises:
-        CanrollError: the data sheet makes no such car.
+        CanrollError: the data sheet does not define such a car.
     """
     vehicle, tick = task.vehicle, task.tick
     car = reduced(car_in(vehicle, NOMINAL), CAR_ORDER)

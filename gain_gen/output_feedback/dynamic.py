@@ -12,7 +12,7 @@ from gain_gen.models.roll import Matrix
 from gain_gen.output_feedback.driven_car import MOMENT_UNIT
 
 READINGS = np.array([0.3, 3.0, 3.0])
-"""Typical sizes of the readings, which the reduction weighs: rad/s, m/s², m/s²."""
+"""Typical sizes of the readings, by which the reduction is weighted: rad/s, m/s², m/s²."""
 INPUTS = [S_RATE, S_LATERAL, S_STEERING]
 
 
@@ -34,7 +34,7 @@ class Dynamic:
 
     @property
     def stable(self) -> bool:
-        """Whether it is by itself: the ECU may lose its loop at any time."""
+        """Whether the controller alone is stable: the ECU may lose the loop at any time."""
         return bool(np.abs(np.linalg.eigvals(self.a)).max() < 1.0)
 
 

@@ -1,4 +1,4 @@
-"""H∞ output feedback on the driven car: γ by bisection, every answer checked on the loop."""
+"""H∞ output feedback on the driven car: γ by bisection, every solution checked on the loop."""
 
 from dataclasses import dataclass
 from math import inf, pi, sqrt
@@ -17,7 +17,7 @@ ROLL_OFF = 2.0 * pi * 3.0
 ROLL_OFF_SPAN = 6.0
 """Frequencies over which the cost rises, by its square."""
 BACK = 1.1
-"""How far above the least level the controller is taken: at the least it is ill-conditioned."""
+"""Level of the controller over the least level, at which it would be ill-conditioned."""
 LEVEL_SHARE = 0.02
 """Accuracy of the least level, as share of it."""
 LARGEST_LEVEL = 1e4
@@ -40,7 +40,7 @@ class Synthesis:
 
 
 def hinf(car: DrivenCar, weight: float) -> Synthesis | None:
-    """Return the H∞ controller, or None where the solver has no stabilising one.
+    """Return the H∞ controller, or None if the solver finds no stabilising one.
 
     Args:
         car: disturbed by steering, unknown angle, roll moment and noise of unit size.

@@ -1,8 +1,8 @@
-"""LQG and H∞ by dynamic output feedback: as strong as asked for, as the loop's margins take.
+"""LQG and H∞ by dynamic output feedback: of the requested effort, as far as margins permit.
 
-The weight of the command sets the effort: the RMS moment that the nominal car's driver causes. It
-is found by bisection for the share that is asked for; the share is reduced until every car of the
-family has its margins at every delay.
+The weight of the command determines the effort: the RMS moment caused by the nominal car's driver.
+It is found by bisection for the requested share; the share is reduced until every car of the family
+has its margins at every delay.
 """
 
 from collections.abc import Callable
@@ -35,33 +35,33 @@ from gain_gen.output_feedback.hinf import closed_level, hinf, weighted
 from gain_gen.output_feedback.lqg import lqg
 
 LIGHTEST, HEAVIEST = log(0.05), log(20.0)
-"""Weights of a kN·m over the steady roll that it makes, between which is sought."""
+"""Range of the weight of 1 kN·m over its steady roll."""
 ACCURACY = 0.01
 """Of the weight, as share of it."""
 HEAVIER = 1.1
 HEAVIER_STEPS = 25
 """Factor on the weight while a loop lacks its margins, and how often."""
 SHORT = 0.02
-"""By what share the effort may be less than is asked for without a word."""
+"""Shortfall of the effort, as a fraction, up to which no note is given."""
 
 Synthesise = Callable[[DrivenCar, float], Dynamic | None]
 
 
 def design_lqg_delay(task: Task) -> Solution:
-    """LQG on the car with its driver, the delay exact, reduced to the ECU's compensator.
+    """LQG on the car with its driver and exact delay, reduced to the ECU's compensator.
 
     Raises:
-        CanrollError: the data sheet makes no such car.
+        CanrollError: the data sheet does not define such a car.
         VerdictError: no stable controller.
     """
     return _designed("lqg_delay", task, lqg)
 
 
 def design_hinf(task: Task) -> Solution:
-    """H∞ output feedback likewise; the paper's state feedback for its own gains.
+    """H∞ output feedback likewise; for the gains of the paper, its state feedback.
 
     Raises:
-        CanrollError: the data sheet makes no such car.
+        CanrollError: the data sheet does not define such a car.
         VerdictError: no stable controller.
     """
     if task.gains != "computed":
@@ -85,7 +85,7 @@ def design_hinf(task: Task) -> Solution:
 
 
 def _designed(law: str, task: Task, synthesise: Synthesise) -> Solution:
-    """Return the strongest controller up to the share that is asked for, with its margins."""
+    """Return the strongest controller with margins, up to the requested share."""
     family = family_of(task)
     car = driven_car(task, family)
     response = steering_response(family, task.vehicle, family.delays[len(family.delays) // 2])
@@ -133,7 +133,7 @@ def _designed(law: str, task: Task, synthesise: Synthesise) -> Solution:
 
 
 def effort(response: SteeringResponse, own: Compensator, tick: float) -> float:
-    """Return the RMS moment per RMS lateral acceleration that the driver causes, N·m per m/s²."""
+    """Return the RMS moment per RMS lateral acceleration caused by the driver, N·m per m/s²."""
     z = np.exp(1j * response.frequencies * tick)
     gains = (resolvent_rows(own.a, own.c, z) @ own.b + own.d)[:, 0]
     readings = np.zeros((len(z), 4), dtype=complex)
@@ -147,7 +147,7 @@ def _of_effort(
     at: Callable[[float], Compensator | None],
     tick: float,
 ) -> tuple[float, Compensator | None]:
-    """Return the least weight whose controller is stable and needs at most the effort wanted."""
+    """Return the least weight with a stable controller of at most the wanted effort."""
     low, high = LIGHTEST, HEAVIEST
     best = at(exp(high))
     while high - low > ACCURACY:
@@ -161,6 +161,6 @@ def _of_effort(
 
 
 def _unit_weight(car: DrivenCar) -> float:
-    """Return the steady roll that a kN·m makes without control, deg."""
+    """Return the steady roll from 1 kN·m without control, deg."""
     steady = np.linalg.solve(np.eye(len(car.a)) - car.a, car.command)
     return abs(float((car.rolled @ steady)[0, 0]))

@@ -10,7 +10,7 @@ from gain_gen.output_feedback.dynamic import Dynamic
 
 
 def lqg(car: DrivenCar, weight: float) -> Dynamic:
-    """Return the controller that minimises the roll and its rate, and the command by ``weight``.
+    """Return the controller that minimises roll, roll rate and the command with ``weight``.
 
     Args:
         car: commands under way are states of it, so that the gain sees the whole delay.

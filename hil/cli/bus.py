@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
-from hil.cli.bus_parsers import DELAY_PATH
+from hil.cli.bus_parsers import COMMANDS, SENSOR
 from hil.realtime.hardware.interfaces import is_loopback
 from hil.report import network_bus, recorded_bus
 from hil.report.bus_answer import Answer, Delay, as_json, check_simulation, is_late, show
@@ -18,6 +18,7 @@ from hil.report.bus_margins import Margins, margins_json, show_margins
 from hil.report.network_bus import NetworkAnswer, check_network
 from hil.report.recorded_bus import RecordedAnswer, check_added
 from hil.runs.choices import CHOICES, check
+from plant_sim.buses import BUSES
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.ages import simulate_ages_of_routes, simulate_ages_of_set
 from plant_sim.can_bus.analysis import (
@@ -29,13 +30,13 @@ from plant_sim.can_bus.delay_bounds import (
     DelayBounds,
     delay_bounds,
     delay_bounds_of_set,
-    loop_messages,
+    in_every_tick,
     loop_routes,
 )
 from plant_sim.can_bus.holistic import arrivals
 from plant_sim.can_bus.kernel.network import build_network
 from plant_sim.can_bus.network_file import is_network, load_profile
-from plant_sim.can_bus.own_frames import own_messages
+from plant_sim.can_bus.own_frames import messages_of, own_messages
 from plant_sim.can_bus.proposals import propose_offsets, propose_priorities
 from plant_sim.can_bus.recorded_load import effects, joined, missing_from
 from plant_sim.can_bus.routing import RoutedMessage
@@ -76,6 +77,7 @@ def run(args: argparse.Namespace) -> int:
         return _run_network(args)
     traffic = load_traffic(args.file, bitrate=args.bitrate, data_bitrate=args.data_bitrate)
     _check_path(args, traffic.messages)
+    args.command = args.command or _command_among(traffic.messages)
     if not (args.serve is None and args.share is None) and not is_loopback(args.host):
         _say(f"note: anyone who can reach {args.host} can read and write this bus")
     if args.serve is not None:
@@ -127,6 +129,7 @@ def _of_network(args: argparse.Namespace) -> bool:
 def _run_network(args: argparse.Namespace) -> int:
     """Bound and simulate all messages of a network, over its gateways."""
     profile = load_profile(str(args.file), args.dbc, args.map)
+    args.command = args.command or _command_among(messages_of(profile))
     topology = profile.network
     routed = loop_routes(profile, command=args.command, command_period_ms=args.tick, seed=args.seed)
     simulation = None
@@ -189,13 +192,12 @@ def _network_delay(
 
 def _run_log(args: argparse.Namespace) -> int:
     """Infer the messages of a recorded bus, and analyse it without and with additional ones."""
-    if args.add is None:
-        source, added = OURS, _own(args)
+    added = None if args.add is None else load_traffic(args.add).messages
+    frames = _frames(args)
+    if added is None:
+        _check_path(args, own_messages(args.command or _default_command(frames), frames))
     else:
-        source, added = args.add.name, load_traffic(args.add).messages
-    _check_path(args, added)
-    if _has_path(args, added):
-        added = loop_messages(added, args.sensor, args.command, tick_ms=args.tick)
+        _check_path(args, added)
     rates = {"bitrate": args.bitrate, "data_bitrate": args.data_bitrate}
     if args.channel is None:
         buses = list(infer_buses(args.file, **rates))
@@ -203,7 +205,7 @@ def _run_log(args: argparse.Namespace) -> int:
         buses = [infer_bus(args.file, channel=args.channel, **rates)]
     answers = []
     for bus in buses:
-        answer = _answer_of_log(bus, added, source, args)
+        answer = _answer_of_log(bus, added, frames, args)
         check_added(answer)
         answers.append(answer)
     if args.json:
@@ -216,20 +218,32 @@ def _run_log(args: argparse.Namespace) -> int:
 
 
 def _answer_of_log(
-    bus: InferredBus, added: Sequence[BusMessage], source: str, args: argparse.Namespace
+    bus: InferredBus,
+    added: Sequence[BusMessage] | None,
+    frames: BusProfile | None,
+    args: argparse.Namespace,
 ) -> RecordedAnswer:
-    more = missing_from(bus, added)
+    """Analyse one channel without and with messages; None: with ours, in ``frames``."""
+    if added is None:
+        command = args.command or _recorded_command(bus, frames)
+        source = OURS
+        messages: Sequence[BusMessage] = own_messages(command, frames)
+    else:
+        command = args.command or _command_among(added)
+        source, messages = args.add.name, added
+    more = missing_from(bus, messages)
     delay = None
-    if _has_path(args, added):
+    if {args.sensor, command} <= {message.name for message in messages}:
         delay = delay_bounds_of_set(
-            joined(bus, added),
+            joined(bus, messages),
             args.sensor,
-            args.command,
+            command,
             tick_ms=args.tick,
             bitrate=bus.rate.nominal,
             data_bitrate=bus.rate.data,
             errors=_errors(args),
         )
+        more = in_every_tick(more, command, tick_ms=args.tick)
     simulation = None
     if args.simulate > 0.0 and more:
         simulation = simulate(
@@ -247,25 +261,35 @@ def _answer_of_log(
         source,
         more,
         effects(bus, more, errors=_errors(args)),
-        (args.sensor, args.command, args.tick),
+        (args.sensor, command, args.tick),
         delay,
         simulation,
     )
 
 
-def _has_path(args: argparse.Namespace, messages: Sequence[BusMessage]) -> bool:
-    return {args.sensor, args.command} <= {message.name for message in messages}
+def _command_among(messages: Sequence[BusMessage]) -> str:
+    """Return the actuators' command among messages, the default one where there is none."""
+    names = {message.name for message in messages}
+    return next((name for name in COMMANDS if name in names), COMMANDS[0])
 
 
-def _own(args: argparse.Namespace) -> Sequence[BusMessage]:
-    """Return our messages with the command in use, the default one if unknown, in their frames."""
-    profile = None
-    if args.dbc is not None:
-        profile = load_profile(DEFAULT_BUS, args.dbc, args.map)
-    known = {m.name for m in own_messages(profile=profile)}
-    if args.command in known:
-        return own_messages(profile=profile)
-    return own_messages(args.command, profile)
+def _frames(args: argparse.Namespace) -> BusProfile | None:
+    """Return a bus with the frames of --dbc and --map; None for those of the contract."""
+    return None if args.dbc is None else load_profile(DEFAULT_BUS, args.dbc, args.map)
+
+
+def _default_command(frames: BusProfile | None) -> str:
+    return COMMANDS[0] if frames is None else _command_among(messages_of(frames))
+
+
+def _recorded_command(bus: InferredBus, frames: BusProfile | None) -> str:
+    """Return our command that is on a recorded bus, the default one where there is none."""
+    ours = messages_of(BUSES[DEFAULT_BUS] if frames is None else frames)
+    for name in COMMANDS:
+        command = [m for m in ours if m.name == name]
+        if command and not missing_from(bus, command):
+            return name
+    return _default_command(frames)
 
 
 def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
@@ -303,7 +327,7 @@ def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
 def _check_path(args: argparse.Namespace, messages: Sequence[BusMessage]) -> None:
     """Reject sensor and command names that are not messages, unless they are the defaults."""
     known = [message.name for message in messages]
-    for option, default in DELAY_PATH.items():
+    for option, default in (("sensor", SENSOR), ("command", None)):
         name = getattr(args, option)
         if name != default and name not in known:
             raise UnknownNameError(f"--{option} message", name, known)
@@ -460,7 +484,7 @@ def _simulation(
 def _delay(traffic: Traffic, recording: Recording | None, args: argparse.Namespace) -> Delay | None:
     """Bounds of the total delay from sensor to command, and simulated ages; None without both."""
     path = args.sensor, args.command
-    if not _has_path(args, traffic.messages):
+    if not {args.sensor, args.command} <= {message.name for message in traffic.messages}:
         return None
     bounds = delay_bounds_of_set(
         traffic.messages,

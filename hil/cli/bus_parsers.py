@@ -22,8 +22,11 @@ PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
 """Silence after which the other side is taken to be gone, s: in lock step it may be slow."""
 DEFAULT_PHASE_MS = 2.0
 PROPOSALS = ("priorities", "offsets")
-DELAY_PATH = {"sensor": "Imu", "command": "SuspensionForceCommand"}
-"""Messages whose delay ``canroll bus`` shows where the set has them."""
+SENSOR = "Imu"
+"""Message with the samples whose delay ``canroll bus`` shows where the set has it."""
+COMMANDS = ("AntiRollBarCommand", "SuspensionForceCommand", "DamperCommand", "ValveCommand")
+"""Commands to which it shows the delay: the first one that is there, that of the default actuators
+before the others."""
 FREE = "free"
 WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
 """Choices of a run that concern the plant."""
@@ -116,13 +119,10 @@ def bus(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--channel", help="channel of a log, as named by python-can; default: all, of --replay one"
     )
-    parser.add_argument(
-        "--sensor", default=DELAY_PATH["sensor"], help="sensor message (default: %(default)s)"
-    )
+    parser.add_argument("--sensor", default=SENSOR, help="sensor message (default: %(default)s)")
     parser.add_argument(
         "--command",
-        default=DELAY_PATH["command"],
-        help="command message (default: %(default)s)",
+        help=f"command message (default: the first of {', '.join(COMMANDS)} that is there)",
     )
     parser.add_argument(
         "--tick", type=float, default=10.0, metavar="MS", help="control tick (default: 10)"

@@ -16,7 +16,7 @@ from vehicles import RollModel
 Figures = Callable[[str], float]
 """A run: the value of each quantity of the tables by its name."""
 
-NO_NOISE = {"noise": 0, "bias": 0, "filtered": "off", "delayed": "off"}
+IDEAL_SENSORS = {"noise": 0, "bias": 0, "filtered": "off", "delayed": "off"}
 """Ideal sensors of a run through the ECU."""
 METRICS = {
     "roll_rms": "roll_rms_deg",

@@ -12,7 +12,7 @@ from gain_gen.laws.hinf_delay import PRINTED_DELAY_GAIN
 from gain_gen.laws.roll_rate_feedback import PRINTED_NO_DELAY_GAIN
 from gain_gen.models.roll import ROLL_RATE, moment_input, state_matrix
 from hil.papers.conditions import (
-    NO_NOISE,
+    IDEAL_SENSORS,
     Chain,
     Figures,
     errata,
@@ -52,8 +52,8 @@ READ_GAINS = {"delay_aware": PRINTED_DELAY_GAIN, "delay_unaware": PRINTED_NO_DEL
 """N·m·s/rad: −84.06 per degree, −1.29e6 per radian."""
 QUANTITIES = ("roll_rms", "roll_max", "nlt_front", "nlt_rear")
 STEPS: tuple[tuple[str, dict[str, Any]], ...] = (
-    ("14-DOF car, ECU and bus", {"conditions": NO_NOISE}),
-    ("sensor noise and bias", {}),
+    ("14-DOF car, ECU and bus", {"conditions": IDEAL_SENSORS}),
+    ("sensor noise, bias, filter, latency", {}),
 )
 HEADLINES = tuple(
     Headline(
@@ -168,6 +168,9 @@ def _rows(  # noqa: PLR0917
     last = results[-1][1]
     lateral, delay = last.passive.signals["ay"], last.delay.nominal
     plant = theirs.vehicle.plant
+    # what the course alone makes of the number: the row without control against its print
+    course = theirs.figures("passive", lateral)("roll_max")
+    free = course / printed(PAPER)[test]["passive"]["roll_max"] - 1
     chain = Chain(
         theirs.figures(row, lateral),
         [
@@ -185,24 +188,31 @@ def _rows(  # noqa: PLR0917
             printed=numbers[quantity],
             **chain.columns(quantity),
             group=f"{test}.{quantity}",
-            finding=_reason(test, row, quantity),
+            finding=_reason(test, row, quantity, free),
             fitted=passive and test == TESTS[0][0] and quantity == "roll_max",
         )
         for quantity in QUANTITIES
     ]
 
 
-def _reason(test: str, row: str, quantity: str) -> str:
-    """Return the check that explains a difference under the paper's conditions."""
+def _reason(test: str, row: str, quantity: str, free: float) -> str:
+    """Return the check that explains a difference under the paper's conditions.
+
+    Args:
+        test: of the row.
+        row: its key.
+        quantity: of the row.
+        free: largest roll without control against the printed one, as share.
+    """
     if row == "delay_unaware":
         return "E2: the printed gain is unstable with the printed delay"
     if test == "roundabout_120":
         return "E5: nobody can drive this test; the car leaves the circle"
     if quantity.startswith("nlt"):
         return "E6: the printed formula with the printed stiffness gives less"
-    if row == "passive":
-        return "course and driver not printed; scale fitted to the roundabout"
-    return "E3: no roll rate, no moment" if test == TESTS[0][0] else "E4: unit of the gain"
+    if test == TESTS[0][0]:
+        return "E3: no roll rate, no moment"
+    return f"course not printed: on ours the largest roll without control is {100 * free:+.0f} %"
 
 
 def checks(theirs: Theirs) -> list[Mapping[str, Value]]:
@@ -230,7 +240,8 @@ def checks(theirs: Theirs) -> list[Mapping[str, Value]]:
             f"{number(level)}: no roll-rate gain reaches the printed level",
         ),
         erratum(
-            f"K = {PRINTED_NO_DELAY_GAIN:.3g} runs with a delay of {1e3 * theirs.delay:.0f} ms",
+            f"K = −{-1e-6 * PRINTED_NO_DELAY_GAIN:.2f}·10⁶ with a delay of "
+            f"{1e3 * theirs.delay:.0f} ms",
             "largest stable delay ≈ π I_xx/(2 |K|)",
             f"{number(most)} ms: unstable in every test, whatever the unit",
         ),
@@ -240,10 +251,10 @@ def checks(theirs: Theirs) -> list[Mapping[str, Value]]:
             "0 % for any roll-rate gain; only entry and exit change",
         ),
         erratum(
-            f"K = {tables['delay_aware_gain']:g}",
+            f"K = {number(tables['delay_aware_gain'], 4)}",
             "K/C_r in N·m·s/rad",
             f"adds {number(added)} % of damping, without effect; per degree it is "
-            f"{PRINTED_DELAY_GAIN:.0f} N·m·s/rad, used here",
+            f"{number(PRINTED_DELAY_GAIN)} N·m·s/rad, used here",
         ),
         erratum(
             f"120 km/h on a radius of {RADIUS:g} m",

@@ -179,14 +179,14 @@ def legend() -> str:
 
 def to_markdown(found: Sequence[Reproduction]) -> str:
     """Return the tables as Markdown, one section a paper."""
-    head = ("paper", "numbers", *VERDICTS, "reproduced or same ordering on our plant and bus")
+    overview = ("paper", "numbers", *VERDICTS, "reproduced or same ordering on our plant and bus")
     lines = [
         "# The papers' tables, recomputed",
         "",
         f"**{summary(found)}** Written by `canroll reproduce`.",
         "",
-        f"| {' | '.join(head)} |",
-        f"| --- |{' ---: |' * (len(head) - 1)}",
+        f"| {' | '.join(overview)} |",
+        f"| --- |{' ---: |' * (len(overview) - 1)}",
     ]
     for part in found:
         numbers = (len(part.rows), *part.counts.values(), _met(part.counts_ours))
@@ -198,13 +198,16 @@ def to_markdown(found: Sequence[Reproduction]) -> str:
         for section in part.proofs:
             lines += section.markdown()
         lines += ["### Every number", ""]
-        lines += [
-            "| table | row | quantity | printed | paper's conditions | ours | verdict | why |"
-        ]
-        lines += ["| --- | --- | --- | ---: | ---: | ---: | --- | --- |"]
+        head = (
+            *("table", "row", "quantity", "printed", "paper's conditions", "verdict", "why"),
+            *("ours", "largest step to ours"),
+        )
+        lines += [f"| {' | '.join(head)} |"]
+        lines += ["| --- | --- | --- | ---: | ---: | --- | --- | ---: | --- |"]
         lines += [
             f"| {row.table} | {row.row} | {spelt(row.quantity)} | {row.printed:g} "
-            f"| {shown(row.recomputed)} | {shown(row.ours)} | {row.verdict} | {why(row)} |"
+            f"| {shown(row.recomputed)} | {row.verdict} | {row.reason} | {shown(row.ours)} "
+            f"| {towards_ours(row)} |"
             for row in part.rows
         ]
         lines.append("")
@@ -218,13 +221,12 @@ def shown(value: float) -> str:
     return digits(value, 3) if isfinite(value) else "unstable"
 
 
-def why(row: Row) -> str:
-    """Return the reason of a row's verdict, and the step that changes most towards ours."""
+def towards_ours(row: Row) -> str:
+    """Return the step that changes most from the paper's conditions to ours, where it matters."""
     step = row.largest
-    parts = [row.reason] if row.reason else []
-    if step is not None and abs(step.value) > TOLERANCE * abs(row.printed):
-        parts.append(f"to ours: {step.switched} {digits(step.value, 2)}".replace("-", "−"))
-    return "; ".join(parts)
+    if step is None or abs(step.value) <= TOLERANCE * abs(row.printed):
+        return ""
+    return f"{step.switched} {step.value:+.2g}".replace(" -", " −")
 
 
 def _met(counts: Mapping[str, int]) -> int:

@@ -7,7 +7,7 @@ from importlib.metadata import version
 from itertools import groupby
 
 from hil.papers.paper_table import VERDICTS, finite
-from hil.papers.reproduce import Reproduction, legend, shown, spelt, summary, to_json, why
+from hil.papers.reproduce import Reproduction, legend, shown, spelt, summary, to_json, towards_ours
 from hil.report.page import Cell, Page, Table, Verdict, render
 
 HEAD = ("", "printed", "paper's conditions", "ours", "verdict")
@@ -31,7 +31,8 @@ def _tables(part: Reproduction, first: int) -> list[Table]:
         notes: dict[str, int] = {}
         cells: list[list[str | Cell]] = []
         for place, row in rows:
-            reason = why(row)
+            step = towards_ours(row)
+            reason = "; ".join(filter(None, (row.reason, step and f"to ours: {step}")))
             mark = f" ({notes.setdefault(reason, len(notes) + 1)})" if reason else ""
             theirs = f"rows.{place}.conditions.paper.value"
             cells.append(

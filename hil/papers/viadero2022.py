@@ -12,7 +12,7 @@ from gain_gen.models.roll import ROLL_RATE
 from gain_gen.models.task import EPSILON_SQUARED
 from hil.papers import viadero2022_certificate
 from hil.papers.conditions import (
-    NO_NOISE,
+    IDEAL_SENSORS,
     Chain,
     Figures,
     errata,
@@ -48,9 +48,9 @@ COMMON = {
 TESTS = (("double_lane_change_100", 100.0, "I"), ("double_lane_change_120", 120.0, "II"))
 QUANTITIES = ("roll_rate_rms", "roll_rate_max", "roll_rms", "roll_max")
 STEPS: tuple[tuple[str, dict[str, Any]], ...] = (
-    ("14-DOF car, ECU and bus", {"trigger": "every", "conditions": NO_NOISE}),
-    ("trigger at the ECU", {"conditions": NO_NOISE}),
-    ("sensor noise and bias", {}),
+    ("14-DOF car, ECU and bus", {"trigger": "every", "conditions": IDEAL_SENSORS}),
+    ("trigger at the ECU", {"conditions": IDEAL_SENSORS}),
+    ("sensor noise, bias, filter, latency", {}),
 )
 HEADLINES = tuple(
     Headline(f"Table {table}, double lane change at {speed:g} km/h", "passive", "active", quantity)

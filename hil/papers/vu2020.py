@@ -20,7 +20,7 @@ from gain_gen.models.full_car import (
 )
 from gain_gen.models.roll import zero_order_hold
 from hil.papers.conditions import (
-    NO_NOISE,
+    IDEAL_SENSORS,
     Chain,
     errata,
     erratum,
@@ -146,8 +146,8 @@ BODE = {
 SAME_TABLE = replace(AS_PRINTED, valves=REPAIRED.valves)
 """Table 2 number by number; of Table 1 the misprints mended, without which the bars are idle."""
 STEPS: tuple[tuple[str, dict[str, Any]], ...] = (
-    ("compensator, ECU and bus", {"conditions": NO_NOISE}),
-    ("sensor noise and bias", {}),
+    ("compensator, ECU and bus", {"conditions": IDEAL_SENSORS}),
+    ("sensor noise, bias, filter, latency", {}),
 )
 WEIGHT = "weight of the currents"
 ROADS = "B = [B1, B2], feedback also on the four road inputs"

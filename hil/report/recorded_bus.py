@@ -211,11 +211,11 @@ def _rate_line(name: str, bus: InferredBus) -> str:
 
 
 def _table(answer: RecordedAnswer) -> Table:
-    table = Table(title="times in ms", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    title = f"times in ms; after: the bound with {answer.source}"
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("message", no_wrap=True, max_width=14)
-    for heading in ("bytes", "period", "jitter", "frames", "conf.", "seen", "bound"):
+    for heading in ("bytes", "period", "jitter", "frames", "conf.", "seen", "bound", "after"):
         table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column(f"with {answer.source}", justify="right", min_width=8)
     for effect in answer.effects:
         message, seen = effect.message, effect.seen
         star = "*" if effect.assumes else ""

@@ -105,7 +105,7 @@ def prepare(choices: Mapping[str, Any]) -> Controller:
 
 
 def stage_of(tables: Mapping[str, Any], choices: Mapping[str, Any]) -> OwnStage | None:
-    """Return the own stage that a calibration carries or ``choices`` name, checked and proved.
+    """Return the own stage of a calibration or of ``choices``, checked and proved.
 
     Raises:
         CanrollError: it cannot be read, or is no stage; both name one.
@@ -229,7 +229,7 @@ def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Contr
 
 
 def refuse_changed(vehicle: Vehicle, fingerprint: str, of: str) -> None:
-    """Raise CanrollError where a vehicle has other numbers than when ``of``, a file, was made."""
+    """Raise CanrollError if a vehicle's numbers have changed since the file ``of`` was made."""
     if vehicle.fingerprint != fingerprint:
         raise CanrollError(
             f"{of}: vehicle {vehicle.reference} has changed since: create the calibration again "

@@ -79,7 +79,7 @@ class Settings:
 
     @property
     def law_name(self) -> str:
-        """The law, and the own stage after it where there is one."""
+        """The law, and the own stage if there is one."""
         return self.law if self.stage is None else f"{self.law} and {self.stage.name}"
 
     @property

@@ -213,6 +213,13 @@ def loop_messages(
             raise UnknownNameError("message of the set", name, names)
     if sensor == command:
         raise CanrollError(f"message '{sensor}' cannot be both sensor and command")
+    return in_every_tick(messages, command, tick_ms=tick_ms)
+
+
+def in_every_tick(
+    messages: Sequence[BusMessage], command: str, *, tick_ms: float
+) -> list[BusMessage]:
+    """Return messages with the command, where it is among them, sent in every tick."""
     return [
         replace(m, period_ns=float(round(tick_ms * MS))) if m.name == command else m
         for m in messages

@@ -207,7 +207,7 @@ def test_an_age_equal_to_its_bound_is_not_above_it(monkeypatch, capsys):
 
 def recorded(folder, *, suffix=".blf", seconds=6, more=()):
     """A log of a bus at 250 kbit/s with four messages a node, queued at once, and its truth."""
-    rows = [(f"m{k}", 0x61 + 0x20 * k, (10, 20, 50)[k % 3]) for k in range(10)]
+    rows = [(f"m{k}", 0x63 + 0x20 * k, (10, 20, 50)[k % 3]) for k in range(10)]
     messages = [BusMessage(n, i, 8, p * 1e6, f"node{i % 3}") for n, i, p in (*rows, *more)]
     network = build_network(traffic_spec(messages, bitrate=250_000))
     entries, cursor = [], 0
@@ -251,8 +251,8 @@ def test_a_log_alone_gives_periods_and_bounds_before_and_after_canroll(tmp_path,
         assert row["cycle_ms"] == pytest.approx(truth.message.period_ns * 1e-6, rel=0.01)
         assert truth.bound_ns * 1e-6 <= row["bound_before_ms"] <= row["bound_after_ms"]
         assert row["response_seen_ms"] <= row["bound_before_ms"]
-    assert found["messages"]["Recorded181"]["bound_after_ms"] > (
-        found["messages"]["Recorded181"]["bound_before_ms"] + 1.0
+    assert found["messages"]["Recorded183"]["bound_after_ms"] > (
+        found["messages"]["Recorded183"]["bound_before_ms"] + 1.0
     )
     assert found["delay"]["tau_max_ms"] > found["delay"]["age_bound_ms"] > 10.0
 
@@ -262,7 +262,7 @@ def test_the_docs_name_every_key_of_a_recorded_bus(tmp_path, capsys):
     found = answer_of(capsys, path, "--simulate", "0")
     page = (DBC.parents[1] / "docs" / "file-formats.md").read_text(encoding="utf-8")
     section = page.partition("### A recorded bus")[2].partition("\n## ")[0]
-    keys = {*found, *found["messages"]["Recorded061"], *(found["delay"] or ())}
+    keys = {*found, *found["messages"]["Recorded063"], *(found["delay"] or ())}
     assert [key for key in keys if f"`{key}" not in section] == []
 
 
@@ -272,7 +272,31 @@ def test_the_page_of_a_log_names_its_evidence(tmp_path, capsys):
     text = " ".join(capsys.readouterr().out.split())
     assert "frames in 5.99" in text
     assert "at 250 kbit/s (inferred from" in text
-    assert "Imu to SuspensionForceCommand at a tick of 10 ms on this bus: total delay" in text
+    assert "Imu to AntiRollBarCommand at a tick of 10 ms on this bus: total delay" in text
+    assert "after: the bound with canroll" in text
+
+
+def test_every_bound_of_a_log_is_printed_whole(tmp_path, capsys):
+    """Once the last column was cut to five characters on a terminal of 80."""
+    path, _ = recorded(tmp_path, more=[("Other", 0x91, 30)])
+    found = answer_of(capsys, path, "--simulate", "0")
+    assert main(["bus", path, "--simulate", "0"]) == 0
+    text = capsys.readouterr().out
+    bounds = [row["bound_after_ms"] for row in found["messages"].values()]
+    assert len(bounds) > 10
+    assert [f"{b:.3f}" for b in bounds if f" {b:.3f}" not in text] == []
+
+
+def test_our_recorded_command_is_ours_whatever_the_tick(tmp_path, capsys):
+    """It is recorded with its heartbeats, and analysed in every tick: once it met itself."""
+    path, _ = recorded(tmp_path, more=[("SuspensionForceCommand", 0x80, 50)])
+    for options in ((), ("--command", "SuspensionForceCommand")):
+        found = answer_of(capsys, path, "--simulate", "0", *options)
+        assert not found["messages"]["Recorded080"]["added"]
+        assert found["messages"]["Imu"]["added"]
+        assert found["delay"]["tau_max_ms"] > 10.0
+    assert main(["bus", path, "--simulate", "0"]) == 0
+    assert "Imu to SuspensionForceCommand at a tick" in " ".join(capsys.readouterr().out.split())
 
 
 def test_a_message_of_ours_that_is_on_the_bus_is_not_added_again(tmp_path, capsys):
@@ -295,7 +319,7 @@ def test_more_than_a_recorded_bus_can_carry_fails_the_verdict(tmp_path, capsys):
     heavy = tmp_path / "heavy.toml"
     heavy.write_text(ROW.format(name="Flood", ident=0x10, period=0.6))
     found = answer_of(capsys, path, "--add", str(heavy), "--simulate", "0", code=1)
-    last = found["messages"]["Recorded181"]
+    last = found["messages"]["Recorded183"]
     assert last["bound_after_ms"] is None
     assert last["bound_before_ms"] > 0.0
     assert last["reason"] == "bus overloaded at this priority"
@@ -430,7 +454,7 @@ def test_the_page_of_a_network_names_ways_and_segments(tmp_path, capsys):
     text = " ".join(capsys.readouterr().out.split())
     assert "network.toml, segment ecu at 500 kbit/s: response times, ms" in text
     assert "Imu vehicle → ecu" in text
-    assert "Imu to SuspensionForceCommand at a tick of 10 ms: total delay" in text
+    assert "Imu to AntiRollBarCommand at a tick of 10 ms: total delay" in text
 
 
 def test_a_built_in_bus_is_a_network(capsys):

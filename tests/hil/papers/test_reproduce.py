@@ -6,6 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import vehicles
+from gain_gen.analysis.held_plant import held
+from gain_gen.models.roll import zero_order_hold
 from hil.cli.main import main
 from hil.papers import yim2020
 from hil.papers.effort_section import BESIDE, OURS, beside, rows
@@ -23,7 +26,7 @@ from hil.papers.paper_table import (
     printed,
 )
 from hil.papers.paper_table import text as shown
-from hil.papers.reproduce import PAPERS, reproduce, to_json, to_markdown, why
+from hil.papers.reproduce import PAPERS, reproduce, to_json, to_markdown, towards_ours
 from hil.papers.reproduction_page import reproduction_page
 from hil.papers.viadero2022_certificate import WATCHED, relative_rule
 from hil.papers.vu2020 import SAME_TABLE, fitted_weight, frequency_domain, linear_states
@@ -85,7 +88,7 @@ def test_the_largest_step_towards_ours():
     steps = (Step("delay", 2.1), Step("plant", 3.0), Step("noise", 2.9))
     (found,) = judged([row(2.0, 2.0, ours=2.9, attribution=steps)])
     assert found.largest == Step("plant", pytest.approx(0.9))
-    assert why(found) == "to ours: plant 0.9"
+    assert towards_ours(found) == "plant +0.9"
     changed = found.to_json()["attribution"]
     assert [step["switched"] for step in changed] == ["delay", "plant", "noise"]
     assert changed[-1]["value"] == found.ours
@@ -241,12 +244,38 @@ def test_gains_behind_the_tables(viadero):
     assert row["admitted_delay_ms_as_printed"] < row["admitted_delay_ms_computed"]
 
 
-def test_the_limit_cycle_of_printed_hinf_is_the_observers():
-    """On the same tyres and bus the printed gains rest, if the ECU is given the true states."""
-    keywords = {**yim2020.COMMON, "law": "hinf", "actuator": "bars"}
-    assert experiment.run("moose", **keywords).limit_cycle is not None
-    true = experiment.run("moose", **{**keywords, "observer": "reference"})
-    assert true.limit_cycle is None
+def test_the_limit_cycle_of_printed_gains_is_the_observers():
+    """On the same tyres and bus they rest, if the ECU is given the true states."""
+    for law in ("hinf", "smc"):
+        keywords = {**yim2020.COMMON, "law": law, "actuator": "bars"}
+        assert experiment.run("moose", **keywords).limit_cycle is not None
+        true = experiment.run("moose", **{**keywords, "observer": "reference"})
+        assert true.limit_cycle is None
+
+
+def test_printed_gains_on_tyres():
+    """True states: all are stable without delay; H∞ is lost with a tick of it, SMC is not."""
+    found = {line["law"]: line for line in yim2020.on_tyres(vehicles.load("suv_2020")).rows}
+    assert all(line["radius_0_ms"] < 1 for line in found.values())
+    assert found["hinf"]["radius_10_ms"] > 1 > found["smc"]["radius_20_ms"]
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.004, 0.01, 0.025])
+def test_spectral_radius_is_that_of_the_simulated_loop(delay):
+    """The decay of the sampled loop in steps of 1 ms, of which each tick holds its command."""
+    a, b = np.array([[0.0, 1.0], [-30.0, -1.0]]), np.array([[0.0], [1.0]])
+    gain = np.array([[5.0, 8.0]])
+    radius = yim2020.spectral_radius(held(a, b, tick=0.01, delay=delay), gain)
+    step = zero_order_hold(a, b, 0.001)
+    state, queue, norms = np.array([1.0, 0.0]), [0.0] * round(1e3 * delay), []
+    for k in range(12000):
+        if k % 10 == 0:
+            command = -float((gain @ state)[0])
+            norms.append(np.linalg.norm(state))
+        queue.append(command)
+        state = step[0] @ state + step[1][:, 0] * queue.pop(0)
+    decay = (max(norms[1100:]) / max(norms[100:200])) ** (1 / 1000)
+    assert radius == pytest.approx(decay, abs=1e-3)
 
 
 @pytest.mark.parametrize(

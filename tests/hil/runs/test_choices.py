@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -23,7 +24,7 @@ ASKED = {
     "bus": "gateway_20ms",
     "dbc": "own.dbc",
     "map": "own.toml",
-    "stage": "own.py",
+    "stage": Path("own.py"),
     "backend": "python",
     "seed": 7,
     "speed_kmh": 71.00000000000001,
