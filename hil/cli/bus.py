@@ -41,7 +41,7 @@ from plant_sim.can_bus.proposals import propose_offsets, propose_priorities
 from plant_sim.can_bus.recorded_load import effects, joined, missing_from
 from plant_sim.can_bus.routing import RoutedMessage
 from plant_sim.can_bus.sensitivity import Bounds, breakdown, error_tolerance
-from plant_sim.can_bus.servers.mirror import Mirror
+from plant_sim.can_bus.servers.frames import Mirror
 from plant_sim.can_bus.servers.shared_server import SharedBus
 from plant_sim.can_bus.servers.wall_clock import serve_network
 from plant_sim.can_bus.simulation import Simulation, simulate, simulate_network, traffic_spec
