@@ -7,7 +7,7 @@ states. What no case reaches is in :data:`UNREACHED`, with the reason.
 """
 
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,6 +81,23 @@ def cases(bus: BusMap) -> Iterator[Case]:
         yield Case(f"random {seed}", random_calibration(seed), traffic)
     yield from _rare(bus)
     yield from _refused(bus)
+
+
+def cases_of(record: Calibration, bus: BusMap) -> Iterator[Case]:
+    """Yield cases of one calibration, for code that takes no other, and of what it refuses."""
+    for seed in SEEDS:
+        traffic = random_traffic(seed, TICKS, bus=bus)
+        yield Case(f"random {seed}", record, traffic)
+    longer = np.concatenate([traffic.elapsed, np.ones(1000, np.int32)])
+    yield Case("a flipped bit", record, Traffic(traffic.frames, longer), flipped=10)
+    none = Traffic(traffic.frames[:0], np.full(2100, FULL, np.int32))
+    yield Case("the clock wraps", record, none)
+    for name in ("law", "moment_max", "force_max"):
+        other = Calibration()
+        memory_image.fill(other, memory_image.image(record))
+        value = getattr(other, name)
+        setattr(other, name, [value[0] ^ 1, *value[1:]] if name == "force_max" else value ^ 1)
+        yield Case(f"another {name}", other, Traffic(none.frames, none.elapsed[:2]))
 
 
 def _rare(bus: BusMap) -> Iterator[Case]:
@@ -218,9 +235,8 @@ def result(library: Library, case: Case) -> tuple[int, int]:
     return rule, crc
 
 
-def sources(library: Library, bus: BusMap) -> tuple[str, str]:
-    """Return header and source of the cases with their results."""
-    found = list(cases(bus))
+def sources(library: Library, found: Sequence[Case]) -> tuple[str, str]:
+    """Return header and source of cases with their results."""
     room = found[0].traffic.frames.dtype["payload"].shape[0]
     size = memory_image.dtype(Calibration).itemsize
     header = HEADER.format(cases=len(found), bytes=size, flipped=FLIPPED, room=room)

@@ -24,7 +24,8 @@ def built(folder, *, flags):
     """The loop with the cases' runner; return the program."""
     for name, text in emit.firmware().items():
         (folder / name).write_text(text)
-    header, source = coverage_cases.sources(native.library(), built_in().bus)
+    found = list(coverage_cases.cases(built_in().bus))
+    header, source = coverage_cases.sources(native.library(), found)
     (folder / "cases.h").write_text(header)
     (folder / "cases.c").write_text(source)
     shutil.copy(TEMPLATES / "test_cases.c", folder)
