@@ -66,14 +66,16 @@ class Calibration:
     observer: Annotated[u8, F(0, 2, 0, "", "0 bypass, 1 constant gain, 2 covariance")]
     measurements: Annotated[u8, F(1, 3, 0, "", "bit 0 roll rate, bit 1 lateral acceleration")]
     identification: Annotated[u8, F(0, 1, 0, "", "1: roll stiffness and damping are identified")]
-    offset_learning: Annotated[u8, F(0, 1, 0, "", "1: sensor offsets are learnt when straight")]
-    event_trigger: Annotated[u8, F(0, 1, 0, "", "0: a command every tick, 1: when it matters")]
+    offset_learning: Annotated[
+        u8, F(0, 1, 0, "", "1: sensor offsets are learnt in straight running")
+    ]
+    event_trigger: Annotated[u8, F(0, 1, 0, "", "0: a command every tick, 1: event-triggered")]
     e2e: Annotated[u8, F(0, 1, 0, "", "1: frames carry and need their protection")]
 
     # supervision, per received message
     e2e_max_delta: Annotated[list[u8], N_RX, F(1, 14, 0, "", "largest counter step accepted")]
     e2e_max_repeated: Annotated[list[u8], N_RX, F(0, 14, 0, "", "repetitions before a resync")]
-    e2e_sync: Annotated[list[u8], N_RX, F(0, 14, 0, "", "good frames that a resync takes")]
+    e2e_sync: Annotated[list[u8], N_RX, F(0, 14, 0, "", "good frames needed to resynchronise")]
 
     # observer: states are roll, roll rate, effective a_y, its rate, gyro bias
     phi_shift: Annotated[list[u8], N_STATES, F(1, 62, 0, "", "shift of each transition row")]
@@ -93,7 +95,7 @@ class Calibration:
 
     # identification of roll stiffness and damping, relative to nominal: theta [int phi, d phi] =
     # int(M + m h a_y) - I_x d phi', all over a window of ten steps and divided by 100 N·m·s
-    rls_decimation: Annotated[u8, F(1, 20, 0, "ticks", "ticks an identification step takes")]
+    rls_decimation: Annotated[u8, F(1, 20, 0, "ticks", "ticks per identification step")]
 
     # control laws; the moment is minus the sum for state feedback, plus for output feedback
     feedback_shift: Annotated[u8, F(1, 62, 0, "", "shift of the feedback row")]
@@ -108,7 +110,7 @@ class Calibration:
     schedule_points: Annotated[u8, F(1, N_POINTS, 0, "", "points of the speed schedule")]
 
     # offset learning
-    offset_shift: Annotated[u8, F(1, 20, 0, "", "offset += error >> shift a tick")]
+    offset_shift: Annotated[u8, F(1, 20, 0, "", "offset += error >> shift per tick")]
 
     # identity
     id: Annotated[i32, F(0, LARGE, 0, "", "identifies the calibration")]
@@ -133,7 +135,7 @@ class Calibration:
         list[i32], N_STATES, F(-COEFFICIENT, COEFFICIENT, 0, "", "input: delivered moment")
     ]
     gamma_steering: Annotated[
-        list[i32], N_STATES, F(-COEFFICIENT, COEFFICIENT, 0, "", "input: a_y told by steering")
+        list[i32], N_STATES, F(-COEFFICIENT, COEFFICIENT, 0, "", "input: a_y from steering")
     ]
     output: Annotated[
         list[list[i32]],
@@ -148,14 +150,14 @@ class Calibration:
         list[list[i32]],
         N_MEASUREMENTS,
         N_STATES,
-        F(-COEFFICIENT, COEFFICIENT, 0, "", "Kalman gain, a row a measurement"),
+        F(-COEFFICIENT, COEFFICIENT, 0, "", "Kalman gain, a row per measurement"),
     ]
     correction_single: Annotated[
         list[i32],
         N_STATES,
         F(-COEFFICIENT, COEFFICIENT, 0, "", "roll-rate gain when a_y is lost"),
     ]
-    bias_max: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "largest gyro bias believed")]
+    bias_max: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "largest plausible gyro bias")]
 
     # propagated covariance of the states, each in units of its own power of two
     covariance_phi: Annotated[
@@ -171,22 +173,22 @@ class Calibration:
 
     # prediction over the delay
     actuator_rate: Annotated[
-        i32, F(0, ONE, Q_UNIT, "", "share of the way to the command the actuator goes a tick")
+        i32, F(0, ONE, Q_UNIT, "", "fraction of a step command covered by the actuator per tick")
     ]
 
     # identification of roll stiffness and damping, relative to nominal: theta [int phi, d phi] =
     # int(M + m h a_y) - I_x d phi', all over a window of ten steps and divided by 100 N·m·s
     rls_forgetting: Annotated[i32, F(ONE // 2, ONE, Q_UNIT, "", "forgetting factor a step")]
-    rls_washout: Annotated[i32, F(ONE // 2, ONE, Q_UNIT, "", "washout kept of a signal a step")]
-    rls_gate: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "least roll rate that teaches")]
+    rls_washout: Annotated[i32, F(ONE // 2, ONE, Q_UNIT, "", "washout factor per step")]
+    rls_gate: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "least roll rate for identification")]
     rls_trace_max: Annotated[i32, F(1, 1 << 25, 20, "", "no forgetting above this trace")]
     rls_start: Annotated[i32, F(1, 1 << 24, 20, "", "initial variance of each ratio")]
     rls_lo: Annotated[list[i32], 2, F(1, STATE_MAX, 28, "", "least stiffness, damping ratio")]
     rls_hi: Annotated[list[i32], 2, F(1, STATE_MAX, 28, "", "largest stiffness, damping ratio")]
-    rls_moment: Annotated[i32, F(0, COEFFICIENT, 30, "", "Q14 moment to its impulse a step, Q20")]
+    rls_moment: Annotated[i32, F(0, COEFFICIENT, 30, "", "Q14 moment to its impulse per step, Q20")]
     rls_lateral: Annotated[i32, F(0, COEFFICIENT, 30, "", "Q24 a_y to m h a_y a step, Q20")]
     rls_inertia: Annotated[i32, F(0, COEFFICIENT, 30, "", "Q27 rate to I_x rate, Q20")]
-    rls_stiffness: Annotated[i32, F(0, COEFFICIENT, 30, "", "Q30 roll to T0 roll a step, Q20")]
+    rls_stiffness: Annotated[i32, F(0, COEFFICIENT, 30, "", "Q30 roll to T0 roll per step, Q20")]
     rls_damping: Annotated[i32, F(0, COEFFICIENT, 20, "", "C0 / (T0 step)")]
     model_stiffness: Annotated[i32, F(0, COEFFICIENT, 30, "", "T0 tick**2 / I_x, nominal")]
     model_damping: Annotated[i32, F(0, COEFFICIENT, 30, "", "C0 tick / I_x, nominal")]
@@ -231,7 +233,7 @@ class Calibration:
         list[list[i32]], 2, 4, F(-COEFFICIENT, COEFFICIENT, 0, "", "from the inputs")
     ]
     moment_max: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "largest moment commanded")]
-    slew_max: Annotated[i32, F(1, STATE_MAX, Q_MOMENT, "N·m", "largest change of it a tick")]
+    slew_max: Annotated[i32, F(1, STATE_MAX, Q_MOMENT, "N·m", "largest change of it per tick")]
 
     # speed schedule and fading
     schedule_speed: Annotated[
@@ -242,13 +244,13 @@ class Calibration:
         list[i32], N_POINTS, F(0, ONE, Q_UNIT, "", "share of the front axle")
     ]
     schedule_steering: Annotated[
-        list[i32], N_POINTS, F(-STATE_MAX, STATE_MAX, 20, "m/s2/rad", "a_y a rad of the wheel")
+        list[i32], N_POINTS, F(-STATE_MAX, STATE_MAX, 20, "m/s2/rad", "a_y per rad of the wheel")
     ]
     fade_low: Annotated[i32, F(0, 200 << Q_SPEED, Q_SPEED, "m/s", "no authority below")]
     fade_high: Annotated[i32, F(1, 200 << Q_SPEED, Q_SPEED, "m/s", "full authority above")]
 
     # offset learning
-    straight_steering: Annotated[i32, F(0, STATE_MAX, 24, "rad", "wheel angle that is straight")]
+    straight_steering: Annotated[i32, F(0, STATE_MAX, 24, "rad", "wheel angle in straight running")]
     straight_yaw_rate: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "and yaw rate")]
     offset_rate_max: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "largest roll-rate offset")]
     offset_acceleration_max: Annotated[
@@ -258,9 +260,9 @@ class Calibration:
     # event trigger: send when e**2 > epsilon**2 u**2 + floor**2
     trigger_epsilon_squared: Annotated[i32, F(0, 1 << 20, 20, "", "relative threshold, squared")]
     trigger_floor: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "absolute threshold")]
-    heartbeat_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "a command at the latest after")]
-    acknowledge_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "the echo is due after")]
-    status_ticks: Annotated[i32, F(1, 10000, 0, "ticks", "between two status frames")]
+    heartbeat_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "maximum time between commands")]
+    acknowledge_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "time after which the echo is due")]
+    status_ticks: Annotated[i32, F(1, 10000, 0, "ticks", "time between two status frames")]
 
     # allocation
     arm_front: Annotated[i32, F(0, 4 << 28, 28, "1/m", "1 / (2 half track), front")]
@@ -269,7 +271,7 @@ class Calibration:
     track_rear: Annotated[i32, F(1, 4 << 28, 28, "m", "2 half track, rear")]
     force_max: Annotated[list[i32], 4, F(0, 4090 << Q_MOMENT, Q_MOMENT, "N", "of each corner")]
     share_slack: Annotated[
-        i32, F(0, ONE, Q_UNIT, "", "how far redistribution may move the front share")
+        i32, F(0, ONE, Q_UNIT, "", "largest shift of the front share by redistribution")
     ]
     bar_max: Annotated[list[i32], 2, F(0, 8191 << Q_MOMENT, Q_MOMENT, "N·m", "of each bar")]
     damper_speed: Annotated[list[i32], 2, F(1, STATE_MAX, Q_RATE, "m/s", "knee: soft, firm")]

@@ -94,12 +94,14 @@ class Ecu:
 
     # supervision
     unchanged: Annotated[list[i32], N_RX, F(0, AGE_MAX, 0, "ticks", "sample counter unchanged")]
-    bad_ticks: Annotated[list[i32], 6, F(0, AGE_MAX, 0, "ticks", "a watched value is bad since")]
+    bad_ticks: Annotated[
+        list[i32], 6, F(0, AGE_MAX, 0, "ticks", "time since a monitored value became bad")
+    ]
     calibration_crc: Annotated[i32, F(I32_MIN, I32_MAX, 0, "", "CRC of its words so far")]
     calibration_word: Annotated[
         i32, F(0, CORRUPT, 0, "", "to be checked next, 4096: it is corrupt")
     ]
-    refused: Annotated[i32, F(0, 1000, 0, "", "rule that refused the calibration, 0: none")]
+    refused: Annotated[i32, F(0, 1000, 0, "", "rule by which the calibration was refused, 0: none")]
     rate_good: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "last plausible gyro")]
     acceleration_good: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "last plausible accelerometer")
@@ -123,14 +125,14 @@ class Ecu:
     ring: Annotated[
         list[i32],
         N_RING,
-        F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "moments that the commands sent give"),
+        F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "moments of the sent commands"),
     ]
     offset_rate: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "learnt, roll rate")]
     offset_acceleration: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "learnt, lateral acceleration")
     ]
     steering_acceleration: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "a_y told by speed and steering")
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "a_y from speed and steering")
     ]
     gain_factor: Annotated[i32, F(0, ONE, 28, "", "of the schedule at this speed, with fading")]
     front_share: Annotated[i32, F(0, ONE, Q_UNIT, "", "of the schedule at this speed")]
@@ -199,10 +201,12 @@ class Ecu:
     e2e_last: Annotated[list[u8], N_RX, F(0, 255, 0, "", "last valid counter, 255: none yet")]
     e2e_delta: Annotated[list[u8], N_RX, F(0, 15, 0, "", "counter step accepted now")]
     e2e_repeated: Annotated[list[u8], N_RX, F(0, 14, 0, "", "checks without new data")]
-    e2e_resync: Annotated[list[u8], N_RX, F(0, 14, 0, "", "good frames a resync still takes")]
+    e2e_resync: Annotated[
+        list[u8], N_RX, F(0, 14, 0, "", "good frames still needed to resynchronise")
+    ]
 
     # inputs: the last valid ones, in internal formats
-    fresh: Annotated[list[u8], N_RX, F(0, 1, 0, "", "1: a valid frame came this tick")]
+    fresh: Annotated[list[u8], N_RX, F(0, 1, 0, "", "1: a valid frame was received this tick")]
     valid: Annotated[
         list[u8], N_RX, F(0, 255, 0, "", "bit i: signal i has a value; 7: disagreement")
     ]

@@ -81,7 +81,8 @@ class Emitter:
             found[f"canroll_{module.name}.h"] = self._header(module)
             functions = [f for f in module.functions.values() if f.key in self.linkage.reachable]
             tables = [c for c in module.constants.values() if c.type.shape]
-            if functions or any(self._where(c) == "header" for c in tables):
+            public = module.name == PUBLIC_TABLES and bool(tables)
+            if functions or public or any(self._where(c) == "header" for c in tables):
                 found[f"canroll_{module.name}.c"] = self._source(module, functions)
         return found
 

@@ -269,7 +269,12 @@ class Body:
     def operation(self, operator: str, a: Expression, b: Expression, value: Value) -> Expression:
         """A binary operation; a left shift of a possibly negative value becomes a product."""
         unsigned_shift = a.kind == "u32" and fits(value, "u32")
-        if operator == "<<" and not unsigned_shift and (a.value.lo < 0 or not fits(value, "i32")):
+        # C leaves open what a shift by the width of its operand does
+        far = operator in ("<<", ">>") and b.value.hi >= 32 and not a.wide
+        if operator == ">>" and far:
+            return binary(operator, widened(a), b, value)
+        narrow = a.value.lo >= 0 and fits(value, "i32") and not far
+        if operator == "<<" and not narrow and (far or not unsigned_shift):
             count = f"((int64_t)1 << {b.inside(PRIMARY)})"
             if a.kind == "literal" and a.value == Value(1, 1):
                 return Expression(count, PRIMARY, "i64", value)

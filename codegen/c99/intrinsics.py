@@ -46,7 +46,7 @@ def _rounded(a: list[Expression], count: str, seen: Value) -> Expression:
     half = 1 << (max(a[1].value.hi, 1) - 1)
     room = fits(Value(a[0].value.lo, a[0].value.hi + half), "i32")
     known = a[1].kind == "literal"
-    if not a[0].wide and (room or a[1].value.lo > 1):
+    if not a[0].wide and (room or a[1].value.within(2, 31)):
         text = f"canroll_rsh32{'' if room else '_by'}({a[0].text}, {count})"
         return Expression(text, PRIMARY, "i32", seen)
     text = f"canroll_rsh{'' if known else '_by'}({a[0].text}, {count})"

@@ -58,7 +58,8 @@ class Software:
     """The described software: its EPK, its calibration, and XCP where the bus has it.
 
     ``state`` is the class of the firmware's state record, ``program`` the firmware as data, by
-    default that of the package.
+    default that of the package; ``calibrated`` is whether the calibration can be tuned: specialised
+    code has it compiled in.
     """
 
     epk: str
@@ -66,6 +67,13 @@ class Software:
     xcp: Xcp | None = None
     state: type[Any] = Ecu
     program: Program | None = None
+    calibrated: bool = True
+
+    @property
+    def records(self) -> dict[str, Any]:
+        """The described records, by their symbols."""
+        every: dict[str, Any] = RECORDS | {"ecu": self.state}
+        return every if self.calibrated else {"ecu": self.state}
 
 
 def addresses(elf: Path) -> dict[str, int]:
@@ -100,12 +108,12 @@ def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
     for kind in sorted(set(TYPES.values())):
         lines += _block("RECORD_LAYOUT", f"{kind}_VALUES", [f"FNC_VALUES 1 {kind} ROW_DIR DIRECT"])
     lines += _block("RECORD_LAYOUT", "SLONG_AXIS", ["AXIS_PTS_X 1 SLONG INDEX_INCR DIRECT"])
-    lines += _methods(software.state)
-    for name, record in (RECORDS | {"ecu": software.state}).items():
+    lines += _methods(software)
+    for name, record in software.records.items():
         offsets: Mapping[str, Any] = memory_image.dtype(record).fields or {}
         for field in fields(record):
             lines += _entry(name, field, int(offsets[field.name][1]))
-    lines += _groups(software.program or load())
+    lines += _groups(software, software.program or load())
     text = "\n".join([*lines, "  /end MODULE", "/end PROJECT", ""])
     return located(text, base or {})
 
@@ -152,6 +160,10 @@ def _block(kind: str, head: str, lines: list[str]) -> Iterator[str]:
 def _parameters(software: Software) -> Iterator[str]:
     record = software.record
     size = memory_image.dtype(Calibration).itemsize
+    segment = [
+        '/begin MEMORY_SEGMENT calibration "the calibration" '
+        f"DATA FLASH INTERN 0x00000000 0x{size:X} -1 -1 -1 -1 -1 /end MEMORY_SEGMENT"
+    ]
     yield from _block(
         "MOD_PAR",
         f'"{_text(software.epk)}"',
@@ -159,8 +171,7 @@ def _parameters(software: Software) -> Iterator[str]:
             f'VERSION "{_text(software.epk)}"',
             "ADDR_EPK 0x00000000",
             f'EPK "{_text(software.epk)}"',
-            '/begin MEMORY_SEGMENT calibration "the calibration" '
-            f"DATA FLASH INTERN 0x00000000 0x{size:X} -1 -1 -1 -1 -1 /end MEMORY_SEGMENT",
+            *(segment if software.calibrated else []),
             f'SYSTEM_CONSTANT "CALIBRATION_ID" "0x{record.id:08X}"',
             f'SYSTEM_CONSTANT "CALIBRATION_CRC" "0x{record.crc & 0xFFFFFFFF:08X}"',
         ],
@@ -181,9 +192,9 @@ def _interface(xcp: Xcp) -> Iterator[str]:
     yield "    /end IF_DATA"
 
 
-def _methods(state: type[Any]) -> Iterator[str]:
+def _methods(software: Software) -> Iterator[str]:
     seen = set()
-    for record, its in (RECORDS | {"ecu": state}).items():
+    for record, its in software.records.items():
         for field in fields(its):
             name = _method(record, field)
             if name in seen:
@@ -255,9 +266,9 @@ def _entry(record: str, field: Field, offset: int) -> Iterator[str]:
         yield from _block("CHARACTERISTIC", head, lines)
 
 
-def _groups(program: Program) -> Iterator[str]:
-    """The groups of both records as their sources have them, by the comments above the fields."""
-    for name, record_class in RECORDS.items():
+def _groups(software: Software, program: Program) -> Iterator[str]:
+    """The groups of the records as their sources have them, by the comments above the fields."""
+    for name, record_class in software.records.items():
         record = program.record(record_class.__name__)
         comments = program.modules[record.module].comments
         groups: dict[str, list[str]] = {}

@@ -16,8 +16,9 @@ import numpy as np
 from cantools.database.can import c_source
 from numpy.typing import NDArray
 
+from canroll.errors import CanrollError
 from codegen.c99.text import filled
-from codegen.export import a2l, codec_comparison, interrupts, misra
+from codegen.export import a2l, codec_comparison, coverage_cases, interrupts, misra
 from codegen.generated.bus_map import EXTENDED, BusMap
 from codegen.generated.frame_protection import Protection
 from codegen.generated.own_stage import OwnStage
@@ -25,6 +26,7 @@ from codegen.run import memory_image, native
 from codegen.run.bus_firmware import BusFirmware, of_bus, with_stage
 from codegen.run.cortex import OPTIMISATION
 from codegen.run.ecu_traffic import Traffic
+from codegen.specialise.firmware import specialised
 from codegen.subset.program import Program
 from dbc import read
 from firmware.calibration import Calibration
@@ -35,6 +37,63 @@ FNV_OFFSET, FNV_PRIME = 2166136261, 16777619
 FD_NOTE = """ `canroll_signals_tx_fd[slot]` is 0
    for a classic frame, 1 for CAN FD, 3 for CAN FD with bit-rate switch. A frame of several
    mailboxes is given to `canroll_receive` once for each."""
+
+SPECIALISED_NOTE = """
+The code was specialised for the one calibration in `canroll_gains.h`: gains are literals, options
+that are off are gone. The general code gives the same bytes, and the vectors are made by it. There
+is nothing to tune: the A2L describes the ECU's record alone, a new calibration takes a new export.
+`canroll_init` refuses every other record by its CRC (rule 511), and another `canroll_gains.h` does
+not compile. The record stays in memory, as `canroll_tick` goes on checking that CRC.
+"""
+GENERAL_FILES = "the loop, one file a stage"
+SPECIALISED_FILES = "the loop, in `canroll_ecu.c`; each function names the one it is a copy of"
+GENERAL_CASES = """\
+The cases in `test/cases.c` run other calibrations than yours, all laws, observers and refusals
+among them, on hostile frames. They reach every statement and branch of the loop (`make coverage`
+shows it with gcov) but these, which are of the frames of canroll's own bus:
+
+{unreached}"""
+SPECIALISED_CASES = """\
+The cases in `test/cases.c` run the calibration on hostile frames, and give `canroll_init` records
+that it refuses. `make coverage` counts with gcov what they reach."""
+FLASHING_NOTE = """ With
+`--calibration FILE` it also writes that calibration for the address of the one in your image, as
+`calibration.hex` (Intel HEX) and `calibration.s19` (S-record); `--address` does where there is no
+image."""
+TIE = "canroll_specialised"
+TIE_HEADER = """\
+/* The CRC of the one calibration that the code was specialised for, as canroll_gains.h has it. */
+#ifndef CANROLL_SPECIALISED_H
+#define CANROLL_SPECIALISED_H
+
+#include <stdint.h>
+
+#define CANROLL_SPECIALISED_CRC {crc}u
+
+#ifdef __cplusplus
+extern "C" {{
+#endif
+
+extern const uint32_t canroll_specialised_crc;
+
+#ifdef __cplusplus
+}}
+#endif
+
+#endif
+"""
+TIE_SOURCE = """\
+/* Refuses to compile with another calibration; canroll_init refuses to run with one. */
+#include "canroll_specialised.h"
+#include "canroll.h"
+#include "canroll_gains.h"
+
+#if CANROLL_CALIBRATION_CRC != CANROLL_SPECIALISED_CRC
+#error "canroll_gains.h is not the calibration that the code was specialised for: export it again"
+#endif
+
+const uint32_t canroll_specialised_crc = CANROLL_SPECIALISED_CRC;
+"""
 
 
 EPK_HEADER = """\
@@ -78,6 +137,7 @@ class Export:
         traffic: frames that the test vectors replay.
         origin: source of the vectors, a sentence for the README.
         stage: the engineer's own stage in the loop, or None.
+        specialised: whether the code is for this calibration alone.
     """
 
     record: Calibration
@@ -88,6 +148,7 @@ class Export:
     traffic: Traffic
     origin: str
     stage: OwnStage | None = None
+    specialised: bool = False
 
 
 def sources(dbc: Path, map_file: Path) -> dict[str, str]:
@@ -98,18 +159,25 @@ def sources(dbc: Path, map_file: Path) -> dict[str, str]:
 def write(folder: Path, export: Export) -> list[Path]:
     """Write the bundle to ``folder``, created if missing; return the files written."""
     firmware = with_stage(of_bus(export.dbc, export.map_file), export.stage)
-    program = firmware.program()
-    files, bus = firmware.files, firmware.bus
+    loop = specialised(firmware, export.record) if export.specialised else firmware
+    files, bus = loop.files, firmware.bus
     texts = {
         f"{'src' if name.endswith('.c') else 'include'}/{name}": text
         for name, text in files.items()
     }
     texts["include/canroll_gains.h"] = export.gains
     texts["test/vectors.h"], texts["test/vectors.c"] = _vectors(firmware, export)
+    found = coverage_cases.cases(bus)
+    if export.specialised:
+        found = coverage_cases.cases_of(export.record, bus)
+    texts["test/cases.h"], texts["test/cases.c"] = coverage_cases.sources(
+        native.library_of(firmware), list(found)
+    )
     for name in ("startup.c", "link.ld"):
         texts[f"board/{name}"] = (BOARD / name).read_text(encoding="utf-8")
     for name, place in (
         ("test_main.c", "test/"),
+        ("test_cases.c", "test/"),
         ("test_codec.py.in", "test/"),
         ("example.c", "board/"),
         ("Makefile", ""),
@@ -125,15 +193,26 @@ def write(folder: Path, export: Export) -> list[Path]:
     epk = f"canroll {version('canroll')} {_named(files)}"
     texts["include/canroll_epk.h"] = EPK_HEADER.format(version=version("canroll"), epk=epk)
     texts["src/canroll_epk.c"] = EPK_SOURCE
-    texts["canroll.a2l"] = a2l.a2l(
-        a2l.Software(epk, export.record, bus.xcp, firmware.record, program)
+    software = a2l.Software(
+        epk,
+        export.record,
+        bus.xcp,
+        firmware.record,
+        firmware.program(),
+        calibrated=not export.specialised,
     )
+    texts["canroll.a2l"] = a2l.a2l(software)
+    if export.specialised:
+        crc = export.record.crc & 0xFFFFFFFF
+        texts[f"include/{TIE}.h"] = TIE_HEADER.format(crc=f"0x{crc:08X}")
+        texts[f"src/{TIE}.c"] = TIE_SOURCE
     comparison = codec_comparison.files(export.dbc, export.map_file, bus)
     texts.update({f"test/{name}": text for name, text in comparison.items()})
     texts.update({f"codec/{name}": text for name, text in _codec(export.dbc).items()})
-    texts["README.md"] = _readme(export, firmware, program)
+    texts["README.md"] = _readme(export, loop, loop.program())
     if export.stage is not None:
         texts[f"stage/{export.stage.file}"] = export.stage.source
+    _refuse_mixture(folder, texts)
     written = []
     for name, text in sorted(texts.items()):
         path = folder / name
@@ -143,6 +222,20 @@ def write(folder: Path, export: Export) -> list[Path]:
     # as it is: a DBC may be in any character set
     shutil.copyfile(export.dbc, folder / export.dbc.name)
     return [*written, folder / export.dbc.name]
+
+
+def is_specialised(folder: Path) -> bool:
+    """Whether the bundle in ``folder`` is for one calibration alone."""
+    return (folder / "src" / f"{TIE}.c").is_file()
+
+
+def _refuse_mixture(folder: Path, texts: Mapping[str, str]) -> None:
+    """Raise where sources of another kind of export would be compiled too."""
+    for path in sorted(folder.glob("src/canroll*.c")):
+        if f"src/{path.name}" not in texts:
+            raise CanrollError(
+                f"{path}: of an export with other files: remove it or choose another folder"
+            )
 
 
 def _vectors(firmware: BusFirmware, export: Export) -> tuple[str, str]:
@@ -240,6 +333,10 @@ def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
     text = (TEMPLATES / "README.md").read_text(encoding="utf-8")
     values = {
         "title": export.title,
+        "kind": SPECIALISED_NOTE if export.specialised else "",
+        "sources": SPECIALISED_FILES if export.specialised else GENERAL_FILES,
+        "described": "the ECU's record" if export.specialised else "every field of both records",
+        "flashing": "" if export.specialised else FLASHING_NOTE,
         "state": str(memory_image.dtype(firmware.record).itemsize),
         "tick_us": str(export.record.tick_us),
         "fd": FD_NOTE if any(box.fd for box in bus.transmitted) else "",
@@ -248,6 +345,9 @@ def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
         "dbc": export.dbc.name,
         "vectors": export.origin,
         "deviations": misra.table(),
+        "cases": SPECIALISED_CASES
+        if export.specialised
+        else GENERAL_CASES.format(unreached=coverage_cases.table()),
         "interrupts": interrupts.table(program),
         "stage": _stage(export),
     }

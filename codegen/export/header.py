@@ -9,6 +9,7 @@ from firmware.subset import Field, fields
 WIDTH = 96
 TYPE_GUARD = "CANROLL_CALIBRATION_TYPE"
 TYPE_NAME = "canroll_calibration"
+CRC_NAME = "CANROLL_CALIBRATION_CRC"
 
 
 def gains_header(
@@ -27,7 +28,7 @@ def gains_header(
 
     Returns:
         C99 that compiles alone: the type of the record (behind a guard, so that it can stand
-        beside the firmware's own headers) and ``CANROLL_CALIBRATION_INITIALISER``.
+        beside the firmware's own headers), ``CANROLL_CALIBRATION_INITIALISER`` and the CRC.
     """
     table = fields(Calibration)
     physical = physical or {}
@@ -51,7 +52,8 @@ def gains_header(
     lines += [f"}} {TYPE_NAME};", "#endif", "", "#define CANROLL_CALIBRATION_INITIALISER { \\"]
     for field in table:
         lines += _initialiser(field, getattr(record, field.name), physical.get(field.name, ""))
-    lines += ["}", "", "#endif /* CANROLL_GAINS_H */", ""]
+    lines += ["}", "", f"#define {CRC_NAME} 0x{record.crc & 0xFFFFFFFF:08X}u", ""]
+    lines += ["#endif /* CANROLL_GAINS_H */", ""]
     return "\n".join(lines)
 
 

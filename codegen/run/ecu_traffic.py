@@ -99,11 +99,17 @@ def _plausible(record: Calibration, rng: np.random.Generator) -> None:
 
 
 def random_traffic(
-    seed: int, ticks: int, *, hostile: float = 0.15, bus: BusMap | None = None
+    seed: int,
+    ticks: int,
+    *,
+    hostile: float = 0.15,
+    rough: float = 1.0,
+    bus: BusMap | None = None,
 ) -> Traffic:
     """Traffic of all messages over ``ticks``; ``hostile`` is the share of faulty frames.
 
-    ``bus`` defines the frames, by default those of the built-in bus.
+    With ``rough`` 0 no signal jumps or is reserved, no frame is lost and no tick missed. ``bus``
+    defines the frames, by default those of the built-in bus.
     """
     bus = bus or built_in().bus
     boxes = bus.received
@@ -115,11 +121,11 @@ def random_traffic(
     rows = []
     for tick in range(ticks):
         for message in range(N_RX):
-            if rng.random() < 0.1:
+            if rng.random() < 0.1 * rough:
                 continue
             counters[message] = (counters[message] + 1) % _values(boxes[message])
             samples[message] = (samples[message] + 1) % 16
-            words[message] = _signals(rng, int(words[message]))
+            words[message] = _signals(rng, int(words[message]), rough)
             box = boxes[message]
             payload = _payload(message, int(words[message]), samples[message])
             payload += rng.integers(0, 256, max(box.length - 8, 0)).tolist()
@@ -129,7 +135,7 @@ def random_traffic(
                 payload, length = _spoiled(rng, payload, box)
             rows.append((tick, message, length, payload))
     elapsed = np.ones(ticks, np.int32)
-    missed = rng.random(ticks) < 0.02
+    missed = rng.random(ticks) < 0.02 * rough
     elapsed[missed] = rng.integers(-1, 40, int(missed.sum()))
     return Traffic(np.array(rows, event(room)), elapsed)
 
@@ -194,15 +200,15 @@ def _episodes(
     return inside
 
 
-def _signals(rng: np.random.Generator, word: int) -> int:
+def _signals(rng: np.random.Generator, word: int, rough: float) -> int:
     """Random walk of each 16-bit part of the signals, with jumps, also to reserved codes."""
     parts = []
     for k in range(3):
         part = (word >> (16 * k)) & 0xFFFF
         chance = rng.random()
-        if chance < 0.03:
+        if chance < 0.03 * rough:
             part = int(rng.integers(0, 1 << 16))
-        elif chance < 0.04:
+        elif chance < 0.04 * rough:
             part = int(rng.choice(RESERVED_CODES))
         else:
             part = (part + int(rng.integers(-300, 301))) & 0xFFFF

@@ -36,6 +36,8 @@ class RateGain:
         where: member and delay of the worst case.
         largest: the largest gain that has the margins, N·m·s/rad, negative.
         resonant: whether roll without control has a resonance there.
+        least: of ``peak_ratio``: the steady roll over the largest, worst over members. No roll-rate
+            gain leaves less, for the steady roll has no rate.
     """
 
     gain: float
@@ -43,6 +45,7 @@ class RateGain:
     where: str
     largest: float
     resonant: bool
+    least: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +60,12 @@ class _Channel:
 
     def sensitivity(self, gain: float) -> float:
         return float(1.0 / np.abs(1.0 + gain * self.loop).min())
+
+    @property
+    def steady(self) -> float:
+        """The steady roll over the largest, without control."""
+        roll = np.abs(self.free)
+        return float(roll[0] / roll.max())
 
     def peak_ratio(self, gain: float) -> float:
         closed: Complex = self.free - gain * self.roll * self.free_rate / (1.0 + gain * self.loop)
@@ -91,7 +100,14 @@ def best_rate_gain(family: Family) -> RateGain:
     limiting = max(channels, key=lambda channel: channel.peak_ratio(gain))
     free = np.abs(limiting.free)
     resonant = bool(free.max() > RESONANT * free[0])
-    return RateGain(-gain, limiting.peak_ratio(gain), limiting.name, -largest, resonant)
+    return RateGain(
+        gain=-gain,
+        peak_ratio=limiting.peak_ratio(gain),
+        where=limiting.name,
+        largest=-largest,
+        resonant=resonant,
+        least=max(channel.steady for channel in channels),
+    )
 
 
 def free_peak(member: Member) -> float:

@@ -57,7 +57,11 @@ def design_rate_gain(law: str, task: Task, *, epsilon: float = 0.0) -> Solution:
     best = best_rate_gain(family)
     if best.peak_ratio > USELESS:
         raise VerdictError(_no_gain(law, task, best))
-    extra = {"peak_ratio": best.peak_ratio, "largest_gain_with_margins": best.largest}
+    extra = {
+        "peak_ratio": best.peak_ratio,
+        "least_peak_ratio": best.least,
+        "largest_gain_with_margins": best.largest,
+    }
     checks = {"peak_ratio": below(best.peak_ratio, 1.0, best.where)}
     notes: tuple[str, ...] = ()
     found, clock = _certified(family, family.members[0], best.gain, epsilon)
@@ -115,7 +119,7 @@ def _no_gain(law: str, task: Task, best: RateGain) -> str:
     why = (
         "the delay turns damping into excitation"
         if best.resonant
-        else "its roll has no resonance for a damper to take"
+        else "the roll there is largest when it is steady, which no damper changes"
     )
     return (
         f"{law} for {task.vehicle.name}: no roll-rate gain helps at delays of "

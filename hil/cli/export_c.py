@@ -56,6 +56,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         metavar="ADDRESS",
         help="also write the calibration for this address, as Intel HEX and S-record",
     )
+    parser.add_argument(
+        "--specialise",
+        action="store_true",
+        help="code for this calibration alone: smaller, faster, nothing to tune",
+    )
     parser.set_defaults(run=run)
 
 
@@ -68,6 +73,8 @@ def run(args: argparse.Namespace) -> int:
     """Write the bundle, or only its A2L if an image is given."""
     if args.elf is not None and args.address is not None:
         raise CanrollError("--elf gives the address: omit --address")
+    if args.specialise and (args.elf is not None or args.address is not None):
+        raise CanrollError("--specialise has the calibration compiled in: omit --elf and --address")
     if args.address is not None:
         flash.check(args.address)
     if args.elf is not None:
@@ -155,6 +162,7 @@ def described(
         traffic=traffic,
         origin=origin,
         stage=controller.stage,
+        specialised=args.specialise,
     )
 
 
@@ -189,6 +197,10 @@ def address(folder: Path, elf: Path, calibration: str | None) -> int:
     if not path.is_file():
         raise CanrollError(
             f"{path}: not found: write the bundle first with canroll export-c {folder}"
+        )
+    if calibration is not None and bundle.is_specialised(folder):
+        raise CanrollError(
+            f"{folder}: is specialised for one calibration: omit --calibration, or export again"
         )
     base = a2l.addresses(elf)
     missing = sorted(set(a2l.RECORDS) - set(base))

@@ -252,6 +252,11 @@ def timing(parser: argparse.ArgumentParser) -> None:
         help="instruction counter (default: qemu if installed)",
     )
     parser.add_argument(
+        "--specialise",
+        action="store_true",
+        help="the firmware specialised for the calibration, as export-c --specialise writes it",
+    )
+    parser.add_argument(
         "--hil", action="store_true", help="run in real time; verdict on tick, latency and misses"
     )
     parser.add_argument(

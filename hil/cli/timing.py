@@ -11,9 +11,12 @@ from pathlib import Path
 from canroll.errors import CanrollError, MissingExtraError
 from codegen.run import cortex, qemu, unicorn
 from codegen.run.backends import Recorder, open_backend
+from codegen.run.bus_firmware import BusFirmware
 from codegen.run.cortex import Run
 from codegen.run.ecu_traffic import Traffic
 from codegen.run.footprint import Footprint, footprint
+from codegen.specialise.firmware import specialised
+from firmware.calibration import Calibration
 from hil.cli.options import choices_of
 from hil.cli.terminal import progress, show_timing
 from hil.realtime import session
@@ -27,15 +30,18 @@ from hil.runs.virtual_time import closed_loop
 
 def run(args: argparse.Namespace) -> int:
     """Replay a manoeuvre on the target; return 1 if the budget is exceeded."""
+    if args.hil and args.specialise:
+        raise CanrollError("--specialise is of the target: omit --hil")
     if args.hil:
         return run_on_host(args)
     if args.bound:
         return run_bound(args)
     settings, controller, traffic = recorded(args)
-    record, firmware = controller.record, settings.firmware
+    record = controller.record
     counter = args.counter or ("qemu" if cortex.has_gcc_and_qemu() else "unicorn")
     if counter == "qemu" and not cortex.has_gcc_and_qemu():
         raise CanrollError("--counter qemu needs gcc-arm-none-eabi and qemu-system-arm installed")
+    firmware = chosen(settings.firmware, record, specialise=args.specialise)
     if counter == "qemu":
         replayed = qemu.replay(record, traffic, args.processor, firmware=firmware)
         image = cortex.gcc_image(args.processor, firmware.files)
@@ -44,6 +50,11 @@ def run(args: argparse.Namespace) -> int:
         image = cortex.zig_image(args.processor, firmware)
     limits = budget_of(controller.tables)
     return report(limits, replayed, footprint(image, firmware.record), as_json=args.json)
+
+
+def chosen(firmware: BusFirmware, record: Calibration, *, specialise: bool) -> BusFirmware:
+    """The firmware of a run, for any calibration or for ``record`` alone."""
+    return specialised(firmware, record) if specialise else firmware
 
 
 def run_bound(args: argparse.Namespace) -> int:
@@ -60,14 +71,15 @@ def run_bound(args: argparse.Namespace) -> int:
     if not cortex.has_gcc_and_qemu():
         raise CanrollError("--bound needs gcc-arm-none-eabi and qemu-system-arm installed")
     settings, controller, traffic = recorded(args)
-    bound = firmware_bound.firmware_bound(controller.record, timing, settings.firmware)
+    firmware = chosen(settings.firmware, controller.record, specialise=args.specialise)
+    bound = firmware_bound.firmware_bound(controller.record, timing, firmware)
     with progress(quiet=args.json) as report_share:
         seen = firmware_bound.observe(
             controller.record,
             traffic,
             timing,
             args.ticks,
-            firmware=settings.firmware,
+            firmware=firmware,
             progress=lambda done: report_share("replay", min(done / args.ticks, 1.0)),
         )
     limits = budget_of(controller.tables)

@@ -172,8 +172,9 @@ def legend() -> str:
         "simulated bus, sensors and car. Verdicts are on the paper's conditions. Reproduced: "
         f"within {100 * TOLERANCE:.0f} %. Same ordering: further off, but on the same side of "
         "every other number of its table and quantity (a number without others: same sign and at "
-        f"least {100 * LEAST_SHARE:.0f} %). Fitted: never counted as reproduced. E1, E2, …: the "
-        "checks of the paper's chapter."
+        f"least {100 * LEAST_SHARE:.0f} %). Fitted: the unknown, or our course, "
+        "was tuned to this number, which is never counted. E1, E2, …: the checks of the paper's "
+        "chapter."
     )
 
 

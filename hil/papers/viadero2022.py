@@ -46,7 +46,8 @@ COMMON = {
     "heartbeat_ms": 140.0,
 }
 TESTS = (("double_lane_change_100", 100.0, "I"), ("double_lane_change_120", 120.0, "II"))
-QUANTITIES = ("roll_rate_rms", "roll_rate_max", "roll_rms", "roll_max")
+FITTED_TO = ("roll_rms", "roll_max")
+"""Passive numbers at 100 km/h: the second by the scale, both by the vehicle file's lane offset."""
 STEPS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("14-DOF car, ECU and bus", {"trigger": "every", "conditions": IDEAL_SENSORS}),
     ("trigger at the ECU", {"conditions": IDEAL_SENSORS}),
@@ -135,7 +136,7 @@ def recompute(report: Progress) -> Recomputed:
                         **chain.columns(quantity),
                         group=group,
                         finding=_reason(test, row, quantity),
-                        fitted=(test, row, quantity) == (TESTS[0][0], "passive", "roll_max"),
+                        fitted=(test, row) == (TESTS[0][0], "passive") and quantity in FITTED_TO,
                     )
                 )
     assert theirs is not None
@@ -241,7 +242,8 @@ def _unknowns(theirs: Theirs) -> Sequence[tuple[str, str]]:
         (
             "vehicle, course and driver",
             f"Table 1 of the 2021 paper; {number(theirs.scale)} times m h a_y of our run without "
-            "control at 100 km/h, fitted to its 3.31°, for both speeds",
+            "control at 100 km/h, fitted to its 3.31°, for both speeds; lane offset and preview "
+            "were tuned to the passive roll at 100 km/h, which does not count either",
         ),
         ("which y", "roll rate: E3"),
         ("noise, limits and lag of the actuators", "none"),

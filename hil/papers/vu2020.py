@@ -446,7 +446,11 @@ def _unknowns(weight: float) -> Sequence[tuple[str, str]]:
             f"pressures in MPa; currents fitted to the 4.3 dB of roll: {number(weight)} per A²",
         ),
         ("stiffness of the bar in series with the motor", "150 N·m/rad"),
-        ("CarSim car, driver", "linear car of 26 states; driver tuned to 1.39° at 100 km/h"),
+        (
+            "CarSim car, driver",
+            "linear car of 26 states; driver tuned to the passive 1.39° at 100 km/h, which does "
+            "not count",
+        ),
         ("inputs that the feedback closes", "currents; for the wheels of Table 3 B = [B1, B2]"),
     ]
 

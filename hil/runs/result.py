@@ -50,8 +50,8 @@ class Settings:
     manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
     :func:`hil.runs.conditions.options` reads them; ``dbc`` and ``map``: the frames on the bus, None
     for those of the contract or the network's own; ``stage``: an own stage of the loop.
-    ``vehicle`` is driven; ``plant_vehicle`` is what it was loaded by where it is not the one that
-    the controller was designed for, else None.
+    ``vehicle`` is driven; ``plant_vehicle`` is its name or file if it is not the one the
+    controller was designed for, else None.
     """
 
     scenario: str

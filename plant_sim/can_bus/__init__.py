@@ -1,6 +1,6 @@
 """CAN that behaves like CAN: segments, arbitration, queues, errors, gateways, traffic.
 
-A network is made in Python and worked on by kernels, in Python or in other kernels alike::
+A network is built in Python and advanced by compiled kernels, from Python or from other kernels::
 
     network = make_network(load_profile("gateway_50ms"), seed=1)
     enqueue(network, IMU, t_ns, 0xA0, 8, payload)   # payload: uint8 array, copied
@@ -10,19 +10,19 @@ A network is made in Python and worked on by kernels, in Python or in other kern
 Conventions: times are int64 nanoseconds. A frame occupies the bus from SOF to the end of the
 three-bit interframe space, where its response time ends (``t_end − t_queued``); receivers take it
 at the end of the last-but-one EOF bit (``t_received``). A frame queued at the very instant of a
-start of frame takes part in that arbitration. Whatever is queued ends in the log exactly once as
-delivered, superseded or lost with its reason (``OUTCOMES``); an entry with outcome ``ERROR`` is a
-destroyed attempt of a frame that is still under way, one with ``REFUSED`` an attempt that all
-receivers took but the one in ``missed``. ``account`` proves the sum.
+start of frame takes part in that arbitration. Every queued frame appears in the log exactly once
+with its final outcome: delivered, superseded, or lost with the reason (``OUTCOMES``). Entries with
+outcome ``ERROR`` are failed attempts of a frame that is still pending; with ``REFUSED``, attempts
+that every receiver except ``missed`` accepted. ``account`` checks that the counts add up.
 
-In a kernel, entry number k of ``logged(network)`` is ``network.log[k % len(network.log)]``; a
-consumer on a segment takes those that it ``took``, with its own ``segment``, and skips its own
-``sender``. A gateway sends what it forwards from its own node on the other segment;
-``t_origin`` keeps the time at which the first sender queued it.
+In a kernel, entry number k of ``logged(network)`` is ``network.log[k % len(network.log)]``. A node
+receives the entries of its own ``segment`` for which ``took`` is true, except those it sent. A
+gateway forwards frames from its node on the other segment; ``t_origin`` remains the time at which
+the original sender queued the frame.
 
 Beside the kernels: ``analysis`` (worst-case response times), ``delay_bounds`` (sensor to actuator),
-``traffic`` and ``background`` (message sets), ``replay`` (recorded logs), ``simulation``, and for
-other programs ``simbus`` (a python-can interface) and ``socketcand`` with ``serving`` (a server).
+``holistic`` (over gateways), ``traffic`` (message sets, background, recorded logs), ``simulation``,
+and for other programs ``servers`` (python-can interfaces, socketcand).
 """
 
 from plant_sim.buses.profile import BusProfile

@@ -30,8 +30,8 @@ _PAYLOAD_STREAM: Final = 1 << 45
 class Loop:
     """A control loop over a bus: its two messages, the numbers of its nodes, times in nanoseconds.
 
-    The command is sent in every tick, whatever its own period; both messages are queued up to
-    their jitter late.
+    The command is sent in every tick, whatever its period. Both messages are queued with a delay of
+    up to their jitter.
     """
 
     sensor: BusMessage
@@ -45,7 +45,7 @@ class Loop:
 
 
 class _Sender:
-    """Queues the frames of one message, random in payload and jitter, never out of order."""
+    """Queues the frames of one message in order, with random payload and jitter."""
 
     def __init__(self, network: Network, node: int, message: BusMessage) -> None:
         self.network, self.node, self.message = network, node, message
@@ -53,7 +53,7 @@ class _Sender:
         self.sent, self.last_ns = 0, -1
 
     def send(self, nominal_ns: int) -> int:
-        """Queue a frame that is nominally released now; return when it is queued."""
+        """Queue the frame with nominal release ``nominal_ns``; return the time of queueing, ns."""
         message, seed = self.message, int(self.network.clock[SEED])
         draw = float(uniform(seed, _JITTER_STREAM + message.ident, self.sent))
         queued = max(nominal_ns + int(draw * (message.jitter_ns + 1)), self.last_ns + 1)
@@ -82,9 +82,9 @@ def simulate_ages(
 ) -> NDArray[np.int64]:
     """Return the sample-to-force age of every applied command, nanoseconds.
 
-    A sensor samples and sends; in every tick the ECU sends a command computed from the newest
-    sample it has received; the actuator looks at what it has received once a period. The age runs
-    from the sample to that look. ``replayed``: frames that another node sends beside all that.
+    A sensor samples and sends. In every tick the ECU sends a command computed from the newest
+    sample it has received. The actuator reads its newest command once a period; the age runs from
+    the sample to that instant. ``replayed``: frames sent by a further node.
     """
     home = int(network.nodes["segment"][loop.command_node])
     far = int(network.nodes["segment"][loop.actuator_node])
@@ -147,8 +147,8 @@ def simulate_ages_of_set(
 ) -> NDArray[np.int64]:
     """Return sample-to-force ages over two messages of a set on one bus, nanoseconds.
 
-    The duration is divided into ``phases`` runs, each with another phase of the tick and the next
-    piece of the recording, if there is one.
+    The duration is divided into ``phases`` runs, each with a different phase of the tick and, if
+    there is a recording, its next section.
 
     Raises:
         CanrollError: ``sensor`` and ``command`` are not two messages of the set.
@@ -185,7 +185,7 @@ def simulate_ages_of_routes(
 ) -> NDArray[np.int64]:
     """Return sample-to-force ages over two messages of a network, nanoseconds.
 
-    The tick is the period of the command; the actuator takes it on ``actuator_segment``.
+    The tick is the period of the command; the actuator is on segment ``actuator_segment``.
     """
     if worst_case_lengths:
         routed = [replace(way, message=longest(way.message)) for way in routed]
@@ -218,15 +218,15 @@ def simulate_ages_of_network(
     """Return sample-to-force ages over two messages of a network, nanoseconds.
 
     Args:
-        spec: the network, and what it sends beside the two messages.
+        spec: the network, with the other messages as sources.
         sensor: carries the samples.
         command: computed from them, sent in every tick.
-        actuator: node that takes the command.
+        actuator: node that receives the command.
         tick_ns: period of the control loop.
-        duration_s: simulated time, divided into ``phases`` runs, each with another phase of the
-            tick and the next piece of the recording, if there is one.
+        duration_s: simulated time, divided into ``phases`` runs, each with a different phase of
+            the tick and, if there is a recording, its next section.
         phases: number of runs.
-        recording: sent by one more node, on the first segment.
+        recording: sent by a further node on the first segment.
     """
     nodes = [node.name for node in spec.nodes]
     duration = round(duration_s * 1e9 / phases)

@@ -20,15 +20,15 @@ from plant_sim.can_bus.wire.frame import duration_ns
 ERROR_OVERHEAD_BITS: Final = 31
 """Longest error frame with interframe space and suspend transmission: 12 + 8 + 3 + 8 bits."""
 _MAX_STEPS: Final = 200_000
-"""Of all fixed points of one message: a busy period this long is all but overload."""
+"""Iterations for one message; a longer busy period is treated as overload."""
 _MAX_ROUNDS: Final = 200
-"""Of the waiting in FIFO queues; with more their analysis diverges."""
+"""Iterations over the waiting times in FIFO queues; more are treated as divergence."""
 OVERLOADED: Final = "bus overloaded at this priority"
 
 
 @dataclass(frozen=True, slots=True)
 class ErrorModel:
-    """At most ``burst`` disturbed frames at once, then one in every ``interval_ns``."""
+    """At most ``burst`` disturbed frames at once, then one per ``interval_ns``."""
 
     interval_ns: int
     burst: int = 1
@@ -38,10 +38,10 @@ class ErrorModel:
 class ResponseBound:
     """Response times of one message from its nominal release, in nanoseconds.
 
-    ``bound_ns`` None: there is none, and ``reason`` says why; ``covered``: because the set has no
-    bound (overload, identifiers used twice), not because the analysis does not cover it.
-    ``instances``: how many instances in the busy period were examined. ``queued_ns``: likewise from
-    the instant of queueing, whatever the jitter before.
+    ``bound_ns`` is None if there is no bound; ``reason`` gives the cause, and ``covered`` is False
+    if the analysis does not apply, True if the set itself is unbounded (overload, duplicate
+    identifiers). ``instances``: number of instances examined in the busy period. ``queued_ns``:
+    bound from the instant of queueing, without the jitter before it.
     """
 
     message: BusMessage
@@ -54,7 +54,7 @@ class ResponseBound:
 
 
 def _obstacles(messages: Sequence[BusMessage]) -> list[str]:
-    """Return for every message why it can have no bound, empty where it can."""
+    """Return the reason why each message has no bound, empty if it can have one."""
     keys = [m.arbitration_key for m in messages]
     nodes: dict[int, list[str]] = {}
     for message, key in zip(messages, keys, strict=True):
@@ -81,17 +81,19 @@ def response_bounds(
 ) -> list[ResponseBound]:
     """Return the worst-case response time of every message on one bus.
 
-    A frame in a first-in first-out queue competes only when it is the oldest there: what has waited
-    longest in it adds to its jitter towards all others, until nothing changes.
+    A frame in a first-in first-out queue takes part in arbitration only when it is the oldest. The
+    longest waiting time in the queue is therefore added to its jitter as interference on others,
+    and the analysis is repeated until no waiting time changes.
 
     Args:
-        messages: all periodic messages of the bus; a triggered message's period is its least
-            distance. A sender with one FIFO message queues all of its messages so.
+        messages: all periodic messages of the bus; the period of a triggered message is its minimum
+            distance. If one message of a sender is FIFO, all messages of that sender are.
         bitrate: nominal bit rate, bit/s.
-        data_bitrate: of the data phase of FD frames with bit-rate switch, 0: none.
-        errors: bounds how often frames are disturbed; None: never.
-        offsets: the messages of one node keep their offsets; otherwise all may come at once.
-        unlimited: places in ``messages`` of those whose jitter has no limit.
+        data_bitrate: of the data phase of FD frames with bit-rate switch, bit/s; 0: none.
+        errors: limit on the number of disturbed frames; None: no errors.
+        offsets: whether the messages of one node keep their offsets; otherwise all may be queued
+            at once.
+        unlimited: indices in ``messages`` of those with unlimited jitter.
     """
     fifo = {m.sender for m in messages if m.fifo}
     queues = {s: [i for i, m in enumerate(messages) if m.sender == s] for s in fifo}
@@ -123,12 +125,12 @@ def response_bounds(
 
 
 _Found = tuple[tuple[int, int] | None, int]
-"""Responses from the nominal release and from queueing, None: unbounded; instances examined."""
+"""Bounds from the nominal release and from queueing, ns, None if unbounded; instances examined."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Round:
-    """One round of the analysis: ``waiting`` in FIFO queues is known, None: without limit."""
+    """One round of the analysis with known waiting times in queues, ns; None: unlimited."""
 
     messages: Sequence[BusMessage]
     waiting: Mapping[int, int | None]
@@ -140,7 +142,7 @@ class _Round:
     others: list[Task] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Take every message as it is, and as others see it."""
+        """Describe every message as analysed, and as interference on others."""
         rates = self.bitrate, self.data_bitrate
         waits = [self.waiting.get(i) or 0 for i in range(len(self.messages))]
         own = [task_of(m, *rates) for m in self.messages]
@@ -149,21 +151,21 @@ class _Round:
         object.__setattr__(self, "others", others)
 
     def waits(self, place: int, found: _Found) -> int | None:
-        """Return how long a frame may wait in its queue until its transmission begins."""
+        """Return the longest time from queueing to the start of transmission, ns, if bounded."""
         return None if found[0] is None else found[0][1] - self.own[place].worst
 
     def of(self, place: int) -> _Found:
-        """Return the bound of a message that competes as soon as it is queued."""
+        """Return the bound of a message that takes part in arbitration as soon as it is queued."""
         level = self._level([place])
         return (None, 0) if level is None else _bound(self.own[place], level)
 
     def of_queue(self, place: int, queue: Sequence[int]) -> _Found:
-        """Return the bound of a message in a FIFO queue, which is as urgent as its least one."""
+        """Return the bound of a message in a FIFO queue, with the priority of its lowest one."""
         level = self._level(queue)
         return (None, 0) if level is None else _queue_bound(self.own[place], level)
 
     def _level(self, queue: Sequence[int]) -> "_Level | None":
-        """Return the level of priority of these messages; None: what is above has no bound."""
+        """Return the priority level of these messages; None if a higher one is unbounded."""
         own = [self.own[i] for i in queue]
         lowest = max(t.key for t in own)
         chosen = [i for i, t in enumerate(self.others) if t.key < lowest and i not in queue]
@@ -178,7 +180,7 @@ class _Round:
 
 @dataclass(slots=True)
 class _Level:
-    """A level of priority: the messages that keep the bus busy, and what errors add."""
+    """A priority level: its messages, those of higher priority, blocking, and errors."""
 
     higher: Sequence[Demand]
     own: Sequence[Task]
@@ -189,12 +191,12 @@ class _Level:
 
     @property
     def _longest(self) -> int:
-        """Return what one error costs at most, ns."""
+        """Longest time lost by one error, ns."""
         return max(t.worst for t in (*self.higher, *self.own)) + ERROR_OVERHEAD_BITS * self.bit
 
     @property
     def overloaded(self) -> bool:
-        """Whether the level can keep the bus busy for ever."""
+        """Whether the level can keep the bus busy forever."""
         lost = self._longest / self.errors.interval_ns if self.errors else 0.0
         return sum(t.share for t in (*self.higher, *self.own)) + lost >= 1.0
 
@@ -205,7 +207,7 @@ class _Level:
         return count * self._longest
 
     def busy(self) -> int | None:
-        """Return the longest time that the level keeps the bus busy; None: practically for ever."""
+        """Return the longest busy period of the level, ns; None if it is practically endless."""
         busy, longer = 0, self.own[0].worst
         while longer != busy:
             busy = longer
@@ -219,9 +221,9 @@ class _Level:
         """Return the latest start of a frame behind blocking and ``before`` ns of its own level.
 
         Args:
-            before: of frames that are sent before it.
-            worst: its longest transmission.
-            least: it begins no sooner, as has been found before.
+            before: transmission time of the frames sent before it, ns.
+            worst: its longest transmission, ns.
+            least: known lower bound of the result, ns.
         """
         first = self.blocking + before
         longer, wait = max(least, first), -1
@@ -280,5 +282,5 @@ def _queue_bound(task: Task, level: _Level) -> _Found:
 def worst_case_utilisation(
     messages: Sequence[BusMessage], *, bitrate: int, data_bitrate: int = 0
 ) -> float:
-    """Return the share of time a bus is busy if every frame is as long as it can be."""
+    """Return the bus load, 0 to 1 or more, if every frame has its greatest length."""
     return sum(m.worst_ns(bitrate, data_bitrate) / m.period_ns for m in messages)

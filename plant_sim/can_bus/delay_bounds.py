@@ -1,9 +1,9 @@
 """Bounds of the total delay from a sensor's sample to the actuator's force.
 
 τ_max = sensor filter + response of the sensor frame + wait for the tick that uses it + run time and
-its jitter + response of the command frame + actuator period + lost sensor frames + gateways, and
-the command is then held one more tick. τ_min likewise with the shortest frames and no waiting.
-Responses over gateways are those of the holistic analysis.
+its jitter + response of the command frame + actuator period + lost sensor frames + gateways + one
+tick, for which the command is held. τ_min is the same with the shortest frames and no waiting.
+Responses over gateways come from the holistic analysis.
 """
 
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ class DelayBounds:
 
     ``tau_min``, ``tau_max``: from the motion to the force, the hold of one tick included.
     ``age_min``, ``age_max``: from a sample to the instant the actuator applies what was computed
-    from it; what a simulation measures as sample-to-force age lies between them.
+    from it; simulated sample-to-force ages lie between them.
     """
 
     tau_min: float
@@ -56,9 +56,9 @@ def message_paths(
     command_jitter_ms: float = 0.0,
     errors: ErrorModel | None = None,
 ) -> dict[str, Path]:
-    """Return for every own message the bounds from its queueing to its farthest receiver.
+    """Return the bounds from queueing to the farthest receiver for every own message, by name.
 
-    A message without a bound is not among them.
+    Messages without a bound are left out.
     """
     topology = profile.network
     own = own_messages(command, profile)
@@ -88,7 +88,7 @@ def loop_routes(
     command_jitter_ms: float = 0.0,
     seed: int = 0,
 ) -> list[RoutedMessage]:
-    """Return ``routed_messages`` of a profile as a control loop sends them: with its command."""
+    """Return ``routed_messages`` of a profile, with period and jitter of the loop's command."""
     routed = list(routed_messages(profile, command=command, seed=seed))
     for number, message in enumerate(own_messages(command, profile)):
         if message.name == command:
@@ -102,7 +102,7 @@ def loop_routes(
 
 
 def path_of(arrival: Arrival) -> Path:
-    """Return the bounds of one arrival that has them."""
+    """Return the bounds of an arrival that is bounded."""
     assert arrival.greatest_ns is not None
     return Path(arrival.least_ns * _NS, arrival.greatest_ns * _NS)
 
@@ -128,12 +128,12 @@ def delay_bounds(
             command is taken as sent in every tick.
         command: the actuator command message.
         sensor: the sensor message whose samples count.
-        filter_delay_s: of the sensor, in front of the sample.
+        filter_delay_s: of the sensor, before the sample.
         run_time_s: greatest time from the tick to the queueing of the command.
-        jitter_s: greatest lateness of a tick.
-        actuator_period_s: the actuator looks at its commands this often.
-        n_lost: sensor frames that may be lost one after the other.
-        errors: disturbed frames that the bounds allow for.
+        jitter_s: greatest delay of a tick.
+        actuator_period_s: the actuator reads its commands with this period.
+        n_lost: number of consecutive sensor frames that may be lost.
+        errors: disturbed frames included in the bounds.
 
     Raises:
         VerdictError: the bus is so loaded that no bound exists.
@@ -180,11 +180,11 @@ def delay_bounds_of_set(
 ) -> DelayBounds | ResponseBound:
     """Return the bounds of the total delay over two messages of a set on one bus.
 
-    Where one of them has no response bound with the command sent in every tick, return that one,
-    with its reason.
+    If one of them has no response bound with the command sent in every tick, return its
+    ``ResponseBound`` with the reason.
 
     Raises:
-        CanrollError: the two are not two messages of the set.
+        CanrollError: ``sensor`` and ``command`` are not two messages of the set.
     """
     sent = loop_messages(messages, sensor, command, tick_ms=tick_ms)
     bounds = response_bounds(sent, bitrate=bitrate, data_bitrate=data_bitrate, errors=errors)
@@ -202,7 +202,7 @@ def delay_bounds_of_set(
 def loop_messages(
     messages: Sequence[BusMessage], sensor: str, command: str, *, tick_ms: float
 ) -> list[BusMessage]:
-    """Return a set as a control loop sends it: the command in every tick.
+    """Return a set with the command sent in every tick, as by a control loop.
 
     Raises:
         CanrollError: ``sensor`` and ``command`` are not two messages of the set.
@@ -219,7 +219,7 @@ def loop_messages(
 def in_every_tick(
     messages: Sequence[BusMessage], command: str, *, tick_ms: float
 ) -> list[BusMessage]:
-    """Return messages with the command, where it is among them, sent in every tick."""
+    """Return ``messages`` with the period of ``command``, if present, set to the tick."""
     return [
         replace(m, period_ns=float(round(tick_ms * MS))) if m.name == command else m
         for m in messages

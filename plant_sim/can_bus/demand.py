@@ -1,4 +1,4 @@
-"""How much of the bus the frames of a message, or of a node, can take in a window of time."""
+"""Bus time that the frames of a message or of a node can take in a window of time."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 _MOST_RELEASES: Final = 4000
-"""Of one node in its hyperperiod; with more its offsets are not used."""
+"""Releases of one node in its hyperperiod; with more, its offsets are ignored."""
 
 
 class Demand(Protocol):
-    """What interferes with a message: time on the bus in a window, ns."""
+    """Interference on a message: bus time in a window, ns."""
 
     @property
     def worst(self) -> int:
@@ -23,15 +23,15 @@ class Demand(Protocol):
 
     @property
     def share(self) -> float:
-        """Share of the time that it can keep the bus busy."""
+        """Bus load, 0 to 1 or more."""
 
     def demand(self, window: int) -> int:
-        """Return the most that the frames queued in a half-open window of ``window`` ns take."""
+        """Return the greatest bus time of the frames queued in a half-open window, both in ns."""
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """A message as the analysis sees it, times in ns; its period is ``above / below``, exactly."""
+    """A message as analysed, times in ns; its exact period is ``above / below``."""
 
     key: int
     above: int
@@ -42,31 +42,31 @@ class Task:
     offset: int = 0
 
     def frames(self, window: int) -> int:
-        """Return how many frames can be queued in a half-open window of ``window`` ns."""
+        """Return the greatest number of frames queued in a half-open window of ``window`` ns."""
         most = -(-(window + self.jitter) * self.below // self.above)
         return min(most, -(-window // self.distance)) if self.distance else most
 
     def demand(self, window: int) -> int:
-        """Return the time on the bus that its frames of a window take at most."""
+        """Return the greatest bus time of the frames queued in a half-open window, both in ns."""
         return self.frames(window) * self.worst
 
     def earliest(self, number: int) -> int:
-        """Return when the frame of that number can be queued, counted from the first's queueing."""
+        """Return the earliest queueing of frame ``number``, ns after that of frame 0."""
         nominal = -(-number * self.above // self.below)
         return max(0, nominal - self.jitter, number * self.distance)
 
     @property
     def share(self) -> float:
-        """Share of the time that it can keep the bus busy."""
+        """Bus load, 0 to 1 or more."""
         return self.worst * self.below / self.above
 
 
 @dataclass(frozen=True, slots=True)
 class OffsetDemand:
-    """Messages of one node that keep their offsets to each other: they can't all come at once.
+    """Messages of one node that keep their offsets, so that they cannot all be queued at once.
 
-    The most that any window holds, over the windows that begin with the latest queueing of some
-    frame of the hyperperiod (transactions of Tindell 1994, Palencia and González Harbour 1998).
+    The maximum over the windows that begin at the latest queueing of any frame of the hyperperiod
+    (transactions of Tindell 1994, Palencia and González Harbour 1998).
     """
 
     tasks: Sequence[Task]
@@ -74,7 +74,7 @@ class OffsetDemand:
     _known: dict[int, int] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Find the instants at which the windows begin."""
+        """Compute the starts of the windows."""
         span = lcm(*(task.above for task in self.tasks))
         starts = [
             (task.offset + task.jitter + np.arange(span // task.above) * task.above) % span
@@ -89,11 +89,11 @@ class OffsetDemand:
 
     @property
     def share(self) -> float:
-        """Share of the time that the node can keep the bus busy."""
+        """Bus load of the node, 0 to 1 or more."""
         return sum(task.share for task in self.tasks)
 
     def demand(self, window: int) -> int:
-        """Return the most that the frames queued in a half-open window of ``window`` ns take."""
+        """Return the greatest bus time of the frames queued in a half-open window, both in ns."""
         if window <= 0:
             return 0
         if window not in self._known:
@@ -108,10 +108,10 @@ class OffsetDemand:
 
 
 def with_offsets(tasks: Sequence[tuple[str, Task]]) -> list[Demand]:
-    """Return the demand of (node, message) pairs, of a node as a whole where that can be done.
+    """Return the demand of (node, message) pairs, joined by node if its offsets can be used.
 
-    A node whose periods are no whole nanoseconds, or have a long common multiple, counts as one
-    without offsets.
+    They cannot if a period of the node is not a whole number of nanoseconds, or if the hyperperiod
+    has too many releases.
     """
     found: list[Demand] = []
     nodes: dict[str, list[Task]] = {}
@@ -129,7 +129,7 @@ def with_offsets(tasks: Sequence[tuple[str, Task]]) -> list[Demand]:
 
 
 def task_of(message: BusMessage, bitrate: int, data_bitrate: int, waiting: int = 0) -> Task:
-    """Return a message as the analysis sees it; ``waiting``: in a queue before it competes."""
+    """Return a message as analysed; ``waiting``: ns in a queue before arbitration."""
     above, below = float(message.period_ns).as_integer_ratio()
     return Task(
         message.arbitration_key,

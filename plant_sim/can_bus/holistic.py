@@ -1,11 +1,11 @@
-"""Response times over several segments that gateways join.
+"""Response times over several segments joined by gateways.
 
 Holistic analysis (Tindell, Clark, "Holistic schedulability analysis for distributed hard real-time
-systems", 1994): what a message's response on one segment varies by, and the latency of the gateway,
-is its jitter on the next; the segments are analysed in turn until nothing changes. Jitter only
-grows from round to round, so that the first fixed point is the least. Offsets are not kept over a
-gateway. Bounds with an error model do not cover the second copy of a frame that a gateway passes on
-after an inconsistent error.
+systems", 1994): the variation of a message's response on one segment and of the gateway's latency
+is its jitter on the next; all segments are analysed repeatedly until no jitter changes. Jitter only
+grows from round to round, so the first fixed point is the least one. Offsets are not used behind a
+gateway. Bounds with an error model do not include duplicates that a gateway forwards after an
+inconsistent error.
 """
 
 from collections.abc import Sequence
@@ -18,18 +18,17 @@ from plant_sim.can_bus.routing import Hop, RoutedMessage
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 _MOST_WAITING_NS: Final = 10**9
-"""Waiting that adds more jitter than this to what the network has counts as unlimited: FIFO queues
-of several segments can make each other's jitter grow on and on."""
+"""Jitter that grows by more than this through waiting is treated as unlimited, ns: FIFO queues on
+several segments can increase each other's jitter without end."""
 UNLIMITED: Final = "a gateway passes on a message of at least this priority without a bound"
 
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """When a message's frames arrive on a segment, ns from their nominal release by the sender.
+    """Bounds of a message's arrival on a segment, in ns from its nominal release by the sender.
 
-    ``least_ns``: reception at the earliest. ``greatest_ns``: end of the interframe space at the
-    latest, None: without bound. ``here``: the response on this segment alone, from the nominal
-    instant at which it comes here.
+    ``least_ns``: earliest reception. ``greatest_ns``: latest end of the interframe space, None if
+    there is no bound. ``here``: the response on this segment alone, from its nominal release there.
     """
 
     least_ns: int
@@ -40,12 +39,12 @@ class Arrival:
 def arrivals(
     topology: Topology, routed: Sequence[RoutedMessage], *, errors: ErrorModel | None = None
 ) -> list[dict[int, Arrival]]:
-    """Return, for every message of a network, when it arrives on each of its segments, by number.
+    """Return the bounds of every message's arrival on each of its segments, by segment number.
 
     Args:
         topology: the network.
         routed: all messages on it, as of :func:`plant_sim.can_bus.profiles.routed_messages`.
-        errors: disturbed frames that the bounds of every segment allow for.
+        errors: disturbed frames on each segment included in the bounds.
     """
     spans: dict[tuple[int, int], int | None] = {}
     limit = _MOST_WAITING_NS + sum(r.message.jitter_ns for r in routed)
@@ -73,7 +72,7 @@ def _on_segment(
     spans: dict[tuple[int, int], int | None],
     errors: ErrorModel | None,
 ) -> dict[int, ResponseBound]:
-    """The bounds of all messages on one segment by number, if they come to it within ``spans``."""
+    """Bounds of all messages on one segment by number, with the jitter ``spans`` on arrival."""
     numbers = [n for n, found in enumerate(routed) if segment in found.segments]
     here = [_as_it_comes(topology, routed[n], segment, spans.get((n, segment))) for n in numbers]
     unlimited = [i for i, n in enumerate(numbers) if spans.get((n, segment), 0) is None]
@@ -94,7 +93,7 @@ def _on_segment(
 def _as_it_comes(
     topology: Topology, found: RoutedMessage, segment: int, span: int | None
 ) -> BusMessage:
-    """A message on one of its segments: as sent, or as a gateway sends it on."""
+    """A message on one of its segments, as sent or as forwarded by a gateway."""
     if segment == found.home:
         return found.message
     hop = found.way_to(segment)[-1]
@@ -110,7 +109,7 @@ def _as_it_comes(
 
 
 def _span(topology: Topology, hop: Hop, before: ResponseBound) -> int | None:
-    """How far apart the times can be at which a message comes over a gateway."""
+    """Variation of a message's release behind a gateway, ns; None: unlimited."""
     if before.bound_ns is None:
         return None
     latency = topology.gateways[hop.gateway].latency

@@ -24,7 +24,7 @@ NEEDED: Final = ("imu", "actuator_state")
 
 
 def flags_of(box: Mailbox) -> int:
-    """Return what a mailbox's frame is on the wire."""
+    """Return the wire flags of a mailbox's frame."""
     switched = BIT_RATE_SWITCH if box.bit_rate_switch else 0
     extended = EXTENDED if box.ident & EXTENDED_IDENT else 0
     return extended | (FD if box.fd else 0) | switched
@@ -32,7 +32,7 @@ def flags_of(box: Mailbox) -> int:
 
 @dataclass(frozen=True, slots=True)
 class ContractNames:
-    """What the contract calls the message of a mailbox, and its signals by the field they are."""
+    """Names in the bus contract: of a mailbox's message, and of its signals by field."""
 
     message: str
     signals: Mapping[str, str]
@@ -40,13 +40,13 @@ class ContractNames:
 
 @cache
 def contract_names(slot: str) -> ContractNames:
-    """Return the contract's names of the message in a mailbox of the firmware."""
+    """Return the names of a firmware mailbox in the bus contract."""
     box = next(box for box in load(dbc.PATH, CONTRACT_MAP).frames if box.slot == slot)
     return ContractNames(box.name, {signal.place.text: signal.name for signal in box.signals})
 
 
 def bus_map(profile: BusProfile) -> BusMap | None:
-    """Return the map of a profile with frames of its own; None for those of the contract.
+    """Return the map of a profile with user-defined frames; None for those of the contract.
 
     Raises:
         CanrollError: DBC or map cannot be used; a frame that the loop needs is missing, or has no
@@ -58,7 +58,7 @@ def bus_map(profile: BusProfile) -> BusMap | None:
 
 
 def frame_signals(profile: BusProfile) -> dict[int, dict[str, Signal]]:
-    """Return the signals that are in every frame of a profile's own, by name, by identifier."""
+    """Return the always-present signals of a profile's own frames, by name, by identifier."""
     if profile.dbc is None:
         return {}
     database, _ = dbc.read(profile.dbc)
@@ -105,8 +105,8 @@ def own_messages(
 ) -> tuple[BusMessage, ...]:
     """Return our messages that are in use with actuator command ``command``.
 
-    They have the contract's names whatever frames ``profile`` sends them in; messages that share a
-    frame count as the first of them.
+    They have the contract's names whichever frames of ``profile`` carry them; messages that share a
+    frame are represented by the first of them.
     """
     commands = {m.name for m in dbc.load().messages if m.name.endswith("Command")}
     if command not in commands:
@@ -130,7 +130,7 @@ def own_messages(
 
 
 def frame_names(profile: BusProfile) -> dict[str, str]:
-    """Return what the frames of a profile are called that carry our messages, by their names."""
+    """Return the frame names of a profile by the contract's message names."""
     bus = bus_map(profile)
     if bus is None:
         return {message.name: message.name for message in dbc.load().messages}

@@ -1,4 +1,4 @@
-"""Proposals for a set of messages: priorities with which all deadlines hold, and offsets."""
+"""Proposals for a set of messages: priorities that meet all deadlines, and offsets."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,29 +13,29 @@ from plant_sim.can_bus.wire.frame import EXTENDED
 
 MS: Final = 1_000_000
 _GRAIN_NS: Final = MS // 2
-"""Offsets are multiples of this."""
+"""Offsets are multiples of this, ns."""
 _HORIZON: Final = 2000
-"""Slots of that grain that the offsets of one node are spread over, at most."""
+"""Greatest number of such slots over which the offsets of one node are spread."""
 
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """A set as it could be, and its bounds; in the order of the set as it is."""
+    """A changed set and its bounds, in the order of the original set."""
 
     messages: tuple[BusMessage, ...]
     bounds: tuple[ResponseBound, ...]
 
 
 def propose_priorities(messages: Sequence[BusMessage], bounds: Bounds) -> Proposal:
-    """Return the set with its own identifiers dealt out so that every deadline holds.
+    """Return the set with its identifiers reassigned so that every deadline is met.
 
     Audsley, "Optimal priority assignment and feasibility of static priority tasks with arbitrary
     start times" (1991), optimal for CAN (Davis et al. 2007, section 6) where no queue is first in,
-    first out: from the lowest priority upwards each goes to a message that keeps its deadline
-    there, the one that has it already if it can. Identifiers of 11 and of 29 bits are not mixed.
+    first out: from the lowest upwards, each priority is given to a message that meets its deadline
+    with it, preferably its present owner. Identifiers of 11 and of 29 bits are not exchanged.
 
     Raises:
-        VerdictError: no assignment of these identifiers keeps all deadlines.
+        VerdictError: no assignment of these identifiers meets all deadlines.
     """
     order = sorted(messages, key=lambda m: m.arbitration_key)
     for place in range(len(order) - 1, -1, -1):
@@ -67,9 +67,9 @@ def propose_priorities(messages: Sequence[BusMessage], bounds: Bounds) -> Propos
 def propose_offsets(messages: Sequence[BusMessage], bounds: Bounds) -> Proposal:
     """Return the set with the messages of each node spread over time.
 
-    One by one, the most frequent first, each gets the offset at which the node is busy least, and
-    among these the one farthest from the busy ones (after Grenier, Havet, Navet, "Pushing the
-    limits of CAN: scheduling frames with offsets", ERTS 2008).
+    One by one, the most frequent first, each is given the offset with the fewest releases of the
+    node, and among these the one farthest from other releases (after Grenier, Havet, Navet,
+    "Pushing the limits of CAN: scheduling frames with offsets", ERTS 2008).
     """
     offsets = {}
     for node in dict.fromkeys(m.sender for m in messages):
@@ -86,7 +86,7 @@ def propose_offsets(messages: Sequence[BusMessage], bounds: Bounds) -> Proposal:
 
 
 def _quietest(busy: Sequence[int], period: int) -> int:
-    """Return the start of a comb of that period that meets the least, farthest from all."""
+    """Return the first slot of the period with the fewest releases, farthest from others."""
     starts = range(min(period, len(busy)))
     met = [max(busy[slot] for slot in range(start, len(busy), period)) for start in starts]
     quiet = [start for start in starts if met[start] == min(met)]

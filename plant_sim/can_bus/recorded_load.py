@@ -1,4 +1,4 @@
-"""Response times on a recorded bus, before and after more messages come onto it."""
+"""Response times on a recorded bus, without and with additional messages."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -8,15 +8,15 @@ from plant_sim.can_bus.traffic.inference import InferredBus, InferredMessage
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 _SAME_PERIOD = 0.05
-"""A recorded message is the added one if its period differs by no more than this share."""
+"""Greatest relative difference in period between a recorded message and the same added one."""
 
 
 @dataclass(frozen=True, slots=True)
 class Effect:
-    """Response bounds of one message without and with those added; None: it is not there.
+    """Response bounds of one message without (``before``) and with the added ones (``after``).
 
-    ``seen``: what the log says of it, None of an added message. ``assumes``: names of recorded
-    messages that nothing limits and on whose recorded density the bounds rest.
+    ``seen``: its evidence in the log; None, like ``before``, for an added message. ``assumes``:
+    names of event-driven messages on whose recorded density the bounds depend.
     """
 
     message: BusMessage
@@ -27,10 +27,10 @@ class Effect:
 
 
 def missing_from(bus: InferredBus, messages: Sequence[BusMessage]) -> list[BusMessage]:
-    """Return those of ``messages`` that are not on the recorded bus already.
+    """Return those of ``messages`` that are not already on the recorded bus.
 
-    One is if a periodic identifier of the log has its identifier, length and period. Another one
-    of the same identifier collides with it.
+    A message is on it if the log has a periodic message with its identifier, length and period.
+    Any other message with its identifier collides with it.
     """
     known = {m.message.arbitration_key: m for m in bus.messages}
     return [m for m in messages if not _same(known.get(m.arbitration_key), m)]
@@ -44,7 +44,7 @@ def _same(found: InferredMessage | None, message: BusMessage) -> bool:
 
 
 def joined(bus: InferredBus, messages: Sequence[BusMessage]) -> list[BusMessage]:
-    """Return what is on the bus with ``messages``, which stand for the recorded ones they are."""
+    """Return all messages on the bus with ``messages``, which replace the same recorded ones."""
     more = {m.name for m in missing_from(bus, messages)}
     there = {m.arbitration_key for m in messages if m.name not in more}
     recorded = [m.message for m in bus.messages]
@@ -54,9 +54,9 @@ def joined(bus: InferredBus, messages: Sequence[BusMessage]) -> list[BusMessage]
 def effects(
     bus: InferredBus, added: Sequence[BusMessage], *, errors: ErrorModel | None = None
 ) -> list[Effect]:
-    """Return what ``added`` messages do to the response times of all, in order of arbitration.
+    """Return the effect of ``added`` messages on all response times, in order of arbitration.
 
-    A bound that the log itself exceeds is none: then its curve does not hold.
+    A bound exceeded in the log itself is dropped: the inferred arrival curve is then wrong.
     """
     recorded = [m.message for m in bus.messages]
     before, after = (

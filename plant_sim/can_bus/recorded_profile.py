@@ -1,4 +1,4 @@
-"""A bus log as bus profile: ``--bus recording.blf`` of every command."""
+"""A bus log as a bus profile, for ``--bus recording.blf``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,12 +15,12 @@ from plant_sim.can_bus.traffic.messages import BusMessage
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecordedProfile(BusProfile):
-    """A recorded bus: bounds take its inferred messages, simulations its frames."""
+    """A recorded bus: bounds use its inferred messages, simulations its frames."""
 
     bus: InferredBus = field(compare=False)
 
     def background(self, own: Sequence[BusMessage]) -> tuple[BusMessage, ...]:
-        """Return the recorded messages beside ``own``, which are left out where they are there.
+        """Return the recorded messages other than ``own``.
 
         Raises:
             CanrollError: another recorded message has the identifier of one of them.
@@ -39,7 +39,7 @@ class RecordedProfile(BusProfile):
         return tuple(m for m in recorded if m.arbitration_key not in taken)
 
     def loop(self, own: Sequence[BusMessage]) -> Loop:
-        """Return the recorded frames beside ``own``, to be sent again and again."""
+        """Return the recorded frames other than those of ``own``, to be repeated."""
         return loop_of(self.bus, {m.arbitration_key for m in own})
 
 

@@ -1,4 +1,4 @@
-"""How far a set of messages is from missing a deadline: more load, or errors at random."""
+"""Distance of a set of messages from a missed deadline, in load and in random errors."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ _ACCURACY: Final = 1e-3
 _LEAST_FACTOR: Final = 1e-3
 _MOST_ERRORS: Final = 1000
 _ALWAYS: Final = 1 << 60
-"""Interval of an error model whose burst is all: longer than any busy period, ns."""
+"""Interval of an error model without errors after its burst: exceeds any busy period, ns."""
 
 
 def late(bounds: Sequence[ResponseBound]) -> list[str]:
@@ -25,10 +25,10 @@ def late(bounds: Sequence[ResponseBound]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class Breakdown:
-    """The factor by which all messages can come more often until a deadline falls.
+    """Greatest factor on the rate of all messages with which every deadline is met.
 
-    ``utilisation``: load with the longest frames at that factor; ``first``: whose deadline falls
-    next. A factor below 1: one has fallen already; 0: one cannot be kept however seldom they come.
+    ``utilisation``: load with the longest frames at that factor; ``first``: messages that miss
+    their deadline next. Below 1, a deadline is already missed; at 0, one is missed at any rate.
     """
 
     factor: float
@@ -39,9 +39,9 @@ class Breakdown:
 def breakdown(
     messages: Sequence[BusMessage], bounds: Bounds, *, bitrate: int, data_bitrate: int = 0
 ) -> Breakdown:
-    """Return how much more often all messages can come, at their deadlines and jitter as they are.
+    """Return the breakdown of a set with unchanged deadlines and jitter.
 
-    Bisection to a thousandth; the load of the longest frames is an upper limit.
+    Bisection to a thousandth, up to a load of 1 with the longest frames.
     """
     load = worst_case_utilisation(messages, bitrate=bitrate, data_bitrate=data_bitrate)
     low, high = 0.0, 1.0 / load
@@ -65,10 +65,10 @@ def _faster(messages: Sequence[BusMessage], factor: float) -> list[BusMessage]:
 
 @dataclass(frozen=True, slots=True)
 class ErrorTolerance:
-    """Errors that a message survives, and how probable it is that more come.
+    """Errors that a message tolerates, and the probability of more.
 
-    ``errors``: disturbed frames in one busy period with which the deadline is still kept, −1: it
-    is missed without any. ``probability``: upper bound of missing it, for each frame.
+    ``errors``: disturbed frames in one busy period with which the deadline is still met, −1: missed
+    without any. ``probability``: upper bound of missing it, per frame.
     """
 
     message: BusMessage
@@ -79,9 +79,9 @@ class ErrorTolerance:
 def error_tolerance(
     messages: Sequence[BusMessage], bounds: Bounds, *, errors_per_s: float
 ) -> list[ErrorTolerance]:
-    """Return how probable a missed deadline is if errors come as a Poisson process.
+    """Return the probability of missed deadlines if errors are a Poisson process.
 
-    A frame is late only if more errors come than it survives, between the beginning of its busy
+    A frame is late only if more errors than it tolerates occur between the beginning of its busy
     period and its deadline (Navet, Song, Simonot, "Worst-case deadline failure probability in
     real-time applications distributed over CAN", J. Systems Architecture 46, 2000). Each error
     costs the longest error frame and the longest frame of that priority.

@@ -1,4 +1,4 @@
-"""Simulated response times of a traffic set."""
+"""Simulated response times of a traffic set, and of a network with gateways."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -31,13 +31,13 @@ LISTENER: Final = "Listener"
 
 @dataclass(frozen=True, slots=True)
 class SimulatedResponse:
-    """Response times of one message in nanoseconds, queueing to end of the interframe space."""
+    """Response times of one message, from queueing to the end of the interframe space, in ns."""
 
     name: str
     responses: NDArray[np.int64]
 
     def quantile(self, share: float) -> float:
-        """Return the response that ``share`` of the frames keep; not a number without frames."""
+        """Return the quantile ``share`` (0 to 1) of the responses, ns; NaN without frames."""
         return float(np.quantile(self.responses, share)) if len(self.responses) else float("nan")
 
 
@@ -52,7 +52,7 @@ class Simulation:
 
 
 def longest(message: BusMessage) -> BusMessage:
-    """Fix a frame's length at its worst; with bit-rate switch the actual bits have to decide."""
+    """Return the message with its greatest frame length; unchanged with bit-rate switch."""
     nominal, data = worst_case_bits(message.length, message.flags)
     return message if message.bits or data else replace(message, bits=nominal)
 
@@ -68,8 +68,8 @@ def traffic_spec(
 ) -> NetworkSpec:
     """Return a network of one segment that sends ``messages``, one node for every sender.
 
-    A sender with a FIFO message queues all of its messages first in, first out. Another node
-    listens and acknowledges.
+    If one message of a sender is FIFO, all messages of that sender are. A further node listens and
+    acknowledges.
     """
     if worst_case_lengths:
         messages = [longest(message) for message in messages]
@@ -93,7 +93,7 @@ def delivered(
 ) -> Iterator[NDArray[np.void]]:
     """Advance a network to ``end_ns``, and yield the log entries of the delivered frames.
 
-    ``recording``: replayed from one more node on the first segment, the last in number.
+    ``recording``: replayed by a further node on the first segment, which has the last number.
     """
     player = -1 if recording is None else add_player(network)
     cursor = replayed = 0
@@ -117,7 +117,7 @@ def _by_message(
 
 
 def add_player(network: Network) -> int:
-    """Put a node on a network that replays a recording, and return its number."""
+    """Add a node for replaying a recording, and return its number."""
     return add_node(network, Node("Recording", policy="priority", capacity=MAX_CAPACITY))
 
 
@@ -141,8 +141,8 @@ def simulate(
         duration_s: simulated time.
         data_bitrate: of FD frames with bit-rate switch, 0: as nominal.
         seed: of jitter and payloads.
-        worst_case_lengths: send every classic frame with the most stuff bits it can have.
-        recording: replayed beside the set; its frames count towards load and account alone.
+        worst_case_lengths: send classic frames with the maximum number of stuff bits.
+        recording: replayed in addition; its frames count only in load and account.
     """
     spec = traffic_spec(
         messages,
@@ -176,8 +176,8 @@ def simulate(
 class SimulatedArrival:
     """Times of a message's delivered frames on one segment of a network, nanoseconds.
 
-    ``here``: from queueing on this segment to the end of the interframe space; ``whole``: to there
-    from queueing by the first sender.
+    Both end with the interframe space. ``here``: from queueing on this segment; ``whole``: from
+    queueing by the original sender.
     """
 
     here: SimulatedResponse
@@ -188,8 +188,8 @@ class SimulatedArrival:
 class NetworkSimulation:
     """Results of a simulated network.
 
-    ``arrivals``: of every message in the order given, by the number of the segment; ``loads`` of
-    the segments; number of delivered frames, counted on each segment.
+    ``arrivals``: of each message, by segment number; ``loads``: of each segment, 0 to 1;
+    ``frames``: delivered on all segments together.
     """
 
     arrivals: list[dict[int, SimulatedArrival]]
@@ -209,10 +209,10 @@ def simulate_network(
 
     Args:
         topology: segments and gateways.
-        routed: all messages, with their ways.
+        routed: all messages with their routes.
         duration_s: simulated time.
         seed: of jitter, payloads and latencies.
-        worst_case_lengths: send every classic frame with the most stuff bits it can have.
+        worst_case_lengths: send classic frames with the maximum number of stuff bits.
     """
     sent = (
         [replace(r, message=longest(r.message)) for r in routed] if worst_case_lengths else routed
@@ -250,7 +250,7 @@ def simulate_network(
 
 
 def listeners(topology: Topology) -> list[Node]:
-    """Return a node on every segment that acknowledges, whoever else is there."""
+    """Return one listening node for each segment, so that every frame is acknowledged."""
     return [Node(f"{LISTENER}{number}", number) for number in range(len(topology.segments))]
 
 

@@ -1,11 +1,11 @@
 """All backends on the same traffic, byte for byte, for any duration.
 
-    python -m tools.differential [--ticks N] [--cortex CPU] [--jobs J]
+    python -m tools.differential [--ticks N] [--cortex CPU] [--specialise] [--jobs J]
 
 One of four runs is a random calibration in random traffic, three are recorded manoeuvres of the
 generator's designs with hostile episodes, in which the loop is active for most of the time. The
 states after every tick and all frames of CPython, the native library and, if requested, a Cortex-M
-in QEMU must be equal.
+in QEMU and the firmware specialised for the calibration must be equal.
 """
 
 import argparse
@@ -13,7 +13,7 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 
 import numpy as np
@@ -23,8 +23,10 @@ from canroll.errors import CanrollError
 from codegen.run import cortex as cortex_build
 from codegen.run import ecu_traffic, memory_image, native, qemu
 from codegen.run.backends import PythonEcu
+from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.ecu_traffic import Traffic
 from codegen.run.native import Replay
+from codegen.specialise.firmware import specialised
 from firmware.calibration import Calibration
 from firmware.signals import RX_IDS
 from firmware.state import Ecu
@@ -43,6 +45,7 @@ class Task:
     calibration: Calibration
     traffic: Traffic
     cpu: str | None
+    specialise: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +59,12 @@ class Outcome:
     modes: NDArray[np.int64]
 
 
-def reference(calibration: Calibration, traffic: Traffic) -> Replay:
-    """Results of the native library."""
+def reference(
+    calibration: Calibration, traffic: Traffic, firmware: BusFirmware | None = None
+) -> Replay:
+    """Results of the native library, of another firmware than the general one where given."""
     cals = np.frombuffer(memory_image.image(calibration), memory_image.dtype(Calibration), 1).copy()
-    library = native.library()
+    library = native.library_of(firmware or built_in())
     return library.replay(library.start(cals), cals, [traffic], states=True)
 
 
@@ -90,6 +95,12 @@ def compare(task: Task) -> Outcome:
         runs[task.cpu] = [state.tobytes() for state in cortex.states]
         if cortex.frames.tobytes() != expected.frames.tobytes():
             return Outcome(f"{task.name}: {task.cpu} sends other frames", modes)
+    if task.specialise:
+        own = reference(calibration, traffic, specialised(built_in(), calibration))
+        assert own.states is not None
+        runs["specialised"] = [state.tobytes() for state in own.states[0]]
+        if own.frames.tobytes() != expected.frames.tobytes():
+            return Outcome(f"{task.name}: the specialised firmware sends other frames", modes)
     for name, states in runs.items():
         for t, state in enumerate(states):
             other = wanted[t].tobytes()
@@ -126,7 +137,10 @@ def run(arguments: argparse.Namespace) -> int:
     modes = np.zeros(len(MODES), np.int64)
     # built once, before several processes would
     native.library()
-    chosen = tasks(arguments.ticks, arguments.seed, recorded, arguments.cortex)
+    chosen = (
+        replace(task, specialise=arguments.specialise)
+        for task in tasks(arguments.ticks, arguments.seed, recorded, arguments.cortex)
+    )
     with (
         ProcessPoolExecutor(arguments.jobs, initializer=_leave_to_parent) as pool,
         progress("ticks", arguments.ticks) as more,
@@ -141,6 +155,7 @@ def run(arguments: argparse.Namespace) -> int:
         finally:
             pool.shutdown(cancel_futures=True)
     backends = ["CPython", "native", *([arguments.cortex] if arguments.cortex else [])]
+    backends += ["specialised"] if arguments.specialise else []
     print(f"{modes.sum()} ticks: {' = '.join(backends)}, 0 differing bytes")
     shares = (f"{name} {100 * n / modes.sum():.1f} %" for name, n in zip(MODES, modes, strict=True))
     print(f"{len(recorded)} designs recorded and disturbed; {', '.join(shares)}")
@@ -152,6 +167,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--ticks", type=int, default=10_000)
     parser.add_argument("--cortex", choices=tuple(cortex_build.CPUS), help="also in QEMU")
+    parser.add_argument(
+        "--specialise", action="store_true", help="also specialised for each calibration"
+    )
     parser.add_argument("--seed", type=int, default=1000)
     parser.add_argument("--jobs", type=int, default=1)
     try:

@@ -1,9 +1,9 @@
-"""The calendar of releases: what is due soon in a heap, what is due later in slots of time.
+"""Calendar of releases: those due soon in a heap, later ones in time slots.
 
-A heap of all releases would cost more the more messages there are. So the heap holds only the
-releases of the present slot; later ones wait unsorted in a ring of slots, and those beyond the
-ring in a heap of their own. ``RELEASES`` counts the heap of the present slot, which is empty only
-if nothing is due ever. Releases at one instant keep the order in which they were scheduled.
+The cost of a single heap would grow with the number of messages. The heap therefore holds only the
+releases of the current slot; later ones are kept unsorted in a ring of slots, and those beyond the
+ring in a second heap. ``RELEASES`` is the size of the first heap, which is empty only if no release
+is scheduled at all. Releases at one instant keep the order in which they were scheduled.
 """
 
 from typing import Final
@@ -29,7 +29,7 @@ _WORD: Final = 32
 
 @njit
 def schedule(bus: State, t_ns: int, value: int) -> None:
-    """Put a release into the calendar: a frame's slot, or −1 − the number of a source."""
+    """Add a release to the calendar: the slot of a frame, or −1 − the number of a source."""
     clock = bus.clock
     tie = clock[SEQUENCE]
     clock[SEQUENCE] = tie + 1
@@ -54,7 +54,7 @@ def schedule(bus: State, t_ns: int, value: int) -> None:
 
 @njit
 def take(bus: State) -> int:
-    """Return the release that is due first and take it out; there is one."""
+    """Remove and return the earliest release; the calendar is not empty."""
     clock = bus.clock
     value = pop(bus.release_times, bus.release_ties, bus.releases, clock[RELEASES])
     clock[RELEASES] -= 1
@@ -73,7 +73,7 @@ def _due(bus: State, t_ns: int, tie: int, value: int) -> None:
 
 @njit
 def _turn(bus: State) -> None:
-    """Go to the next slot in which something is due, if there is one."""
+    """Advance to the next slot with a release, if there is one."""
     clock = bus.clock
     if clock[WAITING] == 0 and clock[DISTANT] == 0:
         return
@@ -102,7 +102,7 @@ def _turn(bus: State) -> None:
 
 @njit
 def _next_filled(bus: State, slot: int) -> int:
-    """Return the first slot from this one on that is not empty; there is one."""
+    """Return the first non-empty slot from ``slot`` on; there is one."""
     while True:
         bits = bus.ring_filled[(slot & _MASK) // _WORD] >> slot % _WORD
         if bits == 0:

@@ -1,12 +1,12 @@
 # ruff: noqa: PLR0917
 """Error frames, error counters, error-passive and bus-off nodes (ISO 11898-1, 12.1).
 
-A disturbed bit destroys the attempt for all nodes: the transmitter counts +8 (an error-passive
-one without acknowledgement nothing), every other node +1; a success counts −1 on both sides.
-Above 127 a node is error-passive and waits 8 more bits behind each of its transmissions; above 255
-the transmitter leaves the bus, loses what it has queued, and comes back after 128 times 11
-recessive bits. An error that one receiver alone sees in the last but one bit of EOF makes the nodes
-differ: all others have taken the frame and get it again, or the one never gets it (Rufino et al.,
+A disturbed bit destroys the attempt for all nodes: the transmitter counts +8 (an error-passive one
+without acknowledgement nothing), every other node +1; a success counts −1 on both sides. Above 127
+a node is error-passive and waits 8 more bits after each of its transmissions; above 255 the
+transmitter leaves the bus, loses its queued frames, and rejoins after 128 times 11 recessive bits.
+An error seen by a single receiver in the last but one bit of EOF makes the nodes inconsistent: the
+others have accepted the frame and receive it twice, or the one never receives it (Rufino et al.,
 "Fault-tolerant broadcasts in CAN", 1998).
 """
 
@@ -57,7 +57,7 @@ def encode_frame(bus: State, slot: int, out: NDArray[np.uint8]) -> tuple[int, in
 
 @njit
 def first_difference(bus: State, slot: int, twin: int) -> int:
-    """Return the first wire bit in which two frames differ, −1 where they are the same."""
+    """Return the first wire bit in which two frames differ, −1 if they are identical."""
     bits, _, _ = encode_frame(bus, slot, bus.scratch[0])
     others, _, _ = encode_frame(bus, twin, bus.scratch[1])
     for index in range(min(bits, others)):
@@ -89,7 +89,7 @@ def _due(bus: State, index: int, kind: int, slot: int, now: int) -> bool:
 
 @njit
 def scripted_error(bus: State, slot: int, bits: int, now: int) -> int:
-    """Return the bit that a fault disturbs in this attempt, −1 for none; uses the fault up."""
+    """Return the bit disturbed by a fault in this attempt, −1 for none; consumes the fault."""
     for index in range(bus.clock[FAULT_COUNT]):
         fault = bus.faults[index]
         hit = fault.target < 0 or fault.target == bus.frames[slot].node
@@ -102,9 +102,9 @@ def scripted_error(bus: State, slot: int, bits: int, now: int) -> int:
 
 @njit
 def refusing_receiver(bus: State, which: int, slot: int, now: int) -> int:
-    """Return the node that sees an error where all others see none, −1 for none.
+    """Return the only node that sees an error in this attempt, −1 for none.
 
-    A fault disturbs the last but one bit of EOF for that receiver alone; uses the fault up.
+    The fault disturbs the last but one bit of EOF for that receiver, and is consumed.
     """
     for index in range(bus.clock[FAULT_COUNT]):
         if _due(bus, index, REFUSE, slot, now):
@@ -120,7 +120,7 @@ def refusing_receiver(bus: State, which: int, slot: int, now: int) -> int:
 
 @njit
 def acknowledged(bus: State, which: int, sender: int, now: int) -> bool:
-    """Return whether any other node of the segment is there to acknowledge a frame."""
+    """Return whether another node of the segment acknowledges the frame."""
     for index in range(bus.clock[NODE_COUNT]):
         node = bus.nodes[index]
         there = node.segment == which and index != sender and node.state != BUS_OFF
@@ -208,9 +208,9 @@ def count_error(bus: State, which: int, sender: int, twin: int, kind: int) -> No
 def count_refusal(bus: State, which: int, sender: int, receiver: int) -> None:
     """Raise the error counters after a receiver refused a frame in its last bit.
 
-    The sender counts an error of its own. Behind its flag the receiver sees a dominant bit of the
-    others' flags, which counts 8 more; to them it was a good frame and an overload. The flag of an
-    error-passive receiver nobody sees.
+    The sender counts a transmit error. After its own flag the receiver sees a dominant bit of the
+    other nodes' flags, which counts 8 more; for them the frame was valid and followed by an
+    overload. The flag of an error-passive receiver is invisible to others.
     """
     node = bus.nodes[receiver]
     seen = node.state != ERROR_PASSIVE
@@ -249,7 +249,7 @@ def count_error_flag(bus: State, which: int) -> None:
 
 @njit
 def purge(bus: State, which: int, sender: int, now: int) -> None:
-    """Clear the queues of a node that has left the bus."""
+    """Discard the queued frames of a node that has left the bus."""
     segment = bus.segments[which]
     segment.pending = 0
     for number in range(MAX_NODES + bus.clock[MESSAGES]):

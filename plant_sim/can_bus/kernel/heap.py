@@ -13,7 +13,7 @@ Column = NDArray[np.int64]
 def push(
     keys: Column, ties: Column, values: Column, size: int, key: int, tie: int, value: int
 ) -> None:
-    """Insert one entry into the heap of ``size`` entries; the caller counts."""
+    """Insert one entry into a heap of ``size`` entries; the caller updates the size."""
     child = size
     while child > 0:
         parent = (child - 1) >> 1
@@ -30,11 +30,11 @@ def push(
 
 @njit
 def pop(keys: Column, ties: Column, values: Column, size: int) -> int:
-    """Remove the least entry from the heap of ``size`` entries and return its value.
+    """Remove the smallest entry from a heap of ``size`` entries and return its value.
 
-    The gap goes down to the bottom along the lesser children, and the last entry, which belongs
-    near there, comes up from it. The choice of the child is arithmetic: a branch there is as often
-    mispredicted as not, which makes large heaps slow.
+    The gap moves to the bottom along the smaller children, and the last entry is inserted from
+    there. The child is selected arithmetically, because a branch would be mispredicted half of the
+    time and make large heaps slow.
     """
     result: int = values[0]
     last = size - 1

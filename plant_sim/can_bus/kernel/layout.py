@@ -12,9 +12,9 @@ from plant_sim.kernels.jit import njit
 Records = NDArray[Any]
 
 State = Any
-"""The one record of a network's state, as kernels hand it on: ``network.state[0]``.
+"""The record of a network's state passed between kernels: ``network.state[0]``.
 
-Unlike arrays it has no count of references, whose upkeep would cost more than the bus itself.
+Unlike arrays it is not reference-counted, which would cost more than the simulation itself.
 """
 
 DELIVERED: Final = 0
@@ -109,7 +109,7 @@ RING_SLOTS: Final = 1 << 12
 """Slots of time in the calendar of releases, a power of two."""
 
 OFFERED: Final = len(OUTCOMES)
-"""Column of ``Network.totals`` behind the outcomes: frames queued at all."""
+"""Column of ``Network.totals`` after the outcomes: number of queued frames."""
 
 _QUEUES: Final = MAX_NODES + MAX_MESSAGES
 _CALENDAR: Final = MAX_FRAMES + MAX_SOURCES
@@ -150,9 +150,9 @@ _STATE: Final = np.dtype(
 
 
 class Network(NamedTuple):
-    """One or more bus segments with all that is on them; kernels work on it in place.
+    """One or more bus segments and everything on them; kernels modify it in place.
 
-    ``state`` holds one record with everything; its parts are there as properties.
+    ``state`` holds one record with all parts, which are also available as properties.
     ``log`` is a view of the ring in it (see ``log_dtype``): entry number k sits at
     ``log[k % len(log)]``, and ``logged(network)`` counts the entries ever written. In a kernel:
     ``network.state[0]``.
@@ -163,7 +163,7 @@ class Network(NamedTuple):
 
     @property
     def clock(self) -> NDArray[np.int64]:
-        """Single counters: ``NOW``, ``LOGGED`` and so on."""
+        """Counters: ``NOW``, ``LOGGED`` and so on."""
         return self.part("clock")
 
     @property
@@ -187,20 +187,20 @@ class Network(NamedTuple):
         return self.part("messages")[: self.clock[MESSAGES]]
 
     def part(self, name: str) -> Records:
-        """Return one part of the state at its full room."""
+        """Return one part of the state at full capacity."""
         part: Records = self.state[name][0]
         return part
 
 
 @njit
 def logged(network: Network) -> int:
-    """Return how many entries have ever been written to the log."""
+    """Return the number of entries ever written to the log."""
     count: int = network.state[0].clock[LOGGED]
     return count
 
 
 def empty(*, log: int, seed: int) -> Network:
-    """Return a network with nothing on it at time 0 and room for ``log`` log entries."""
+    """Return an empty network at time 0 with room for ``log`` log entries."""
     state = np.zeros(1, _STATE)
     network = Network(state, state["log"][0][:log])
     network.clock[LOG_SIZE] = log

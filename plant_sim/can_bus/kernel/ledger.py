@@ -22,7 +22,7 @@ from plant_sim.kernels.jit import njit
 
 @njit
 def took(outcome: int, missed: int, node: int) -> bool:
-    """Return whether a receiver took the frame of a log entry with that ``outcome``, ``missed``."""
+    """Return whether ``node`` received the frame of a log entry."""
     return (outcome in (DELIVERED, REFUSED)) and missed != node
 
 
@@ -36,7 +36,7 @@ def finish(
     t_end: int,
     missed: int = -1,
 ) -> None:
-    """Log the end of a frame, count it and free its slot."""
+    """Log the final outcome of a frame, count it, and free its slot."""
     write_log(bus, slot, outcome, t_start, t_received, t_end, missed)
     frame = bus.frames[slot]
     message = bus.messages[frame.message]
@@ -65,7 +65,7 @@ def write_log(
     t_end: int,
     missed: int = -1,
 ) -> None:
-    """Append the outcome of a frame to the ring log and to the segment's totals."""
+    """Append an outcome to the ring log and to the segment's totals."""
     frame = bus.frames[slot]
     segment = bus.nodes[frame.node].segment
     bus.totals[segment, outcome] += 1
@@ -96,9 +96,9 @@ def write_log(
 
 
 def drain(network: Network, cursor: int) -> tuple[np.ndarray, int, int]:
-    """Return the log entries from number ``cursor`` on, the next cursor and how many were missed.
+    """Return the log entries from number ``cursor`` on, the next cursor, and the number missed.
 
-    Entries are missed where more were written since ``cursor`` than the ring holds.
+    Entries are missed if more were written since ``cursor`` than the ring holds.
     """
     total = int(network.clock[layout.LOGGED])
     size = len(network.log)
@@ -109,7 +109,7 @@ def drain(network: Network, cursor: int) -> tuple[np.ndarray, int, int]:
 
 @dataclass(frozen=True, slots=True)
 class Account:
-    """Where the frames of one segment went; ``offered`` is the sum of all the others."""
+    """Number of frames of one segment by outcome; ``offered``: all that were queued."""
 
     offered: int
     outcomes: dict[str, int]
@@ -117,7 +117,7 @@ class Account:
 
     @property
     def balanced(self) -> bool:
-        """True where every frame is accounted for."""
+        """Whether every frame is accounted for."""
         return self.offered == sum(self.outcomes.values()) + self.waiting
 
 
@@ -135,6 +135,6 @@ def account(network: Network, segment: int) -> Account:
 
 
 def load(network: Network, segment: int) -> float:
-    """Return the share of time up to now in which ``segment`` was busy, interframe spaces too."""
+    """Return the load of ``segment`` up to now, 0 to 1, interframe spaces included."""
     now = int(network.clock[layout.NOW])
     return int(network.segments["busy_ns"][segment]) / now if now else 0.0

@@ -51,7 +51,7 @@ class Node:
 
     ``policy`` of its transmit queue: ``priority`` (all frames compete), ``fifo`` (only the oldest
     does), ``replace`` (as priority; a newer frame of a message takes the place of a waiting one).
-    ``drift_ppm`` stretches the periods of its sources; ``recovers``: comes back after bus-off.
+    ``drift_ppm`` stretches the periods of its sources; ``recovers``: rejoins after bus-off.
     ``jitter``: its frames are queued so much later than they are handed over, in their order.
     """
 
@@ -90,9 +90,9 @@ class Gateway:
     """Store and forward from one node's segment to another node, with latency, order kept.
 
     ``distribution``: ``fixed`` (``low_ns``), ``uniform`` (low to high) or ``exponential``
-    (low + Exp(mean), cut at high), or ``sampled``: one of ``samples_ns``, which lie in between.
-    ``idents``: what it forwards (flags beside), None: all.
-    Forwarded frames compete by priority at the far side and keep their order per message.
+    (low + Exp(mean), truncated at high), or ``sampled``: one of ``samples_ns``, which lie in
+    between. ``idents``: identifiers and flags that it forwards, None: all. Frames are queued on the
+    far side in the order of their reception, whatever latency is drawn.
     """
 
     from_node: str
@@ -128,7 +128,7 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class NetworkSpec:
-    """Everything a network is made of; capacities bound the memory it ever uses."""
+    """Description of a network; capacities limit its memory."""
 
     segments: tuple[Segment, ...]
     nodes: tuple[Node, ...]
@@ -199,7 +199,7 @@ def check_rates(bitrate: int, data_bitrate: int) -> None:
 
 
 def check_frame(ident: int, length: int, flags: int) -> None:
-    """Refuse identifiers and lengths that no CAN frame has."""
+    """Reject invalid identifiers and payload lengths."""
     if not 0 <= ident < (1 << 29 if flags & EXTENDED else 1 << 11):
         raise CanrollError(
             f"identifier 0x{ident:X} does not fit in {29 if flags & EXTENDED else 11} bits"
@@ -255,7 +255,7 @@ def build_network(spec: NetworkSpec) -> Network:
 
 
 def add_node(network: Network, node: Node) -> int:
-    """Put another node on a network, at any time, and return its number.
+    """Add a node to a network, at any time, and return its number.
 
     Raises:
         CanrollError: there is no room for another node.

@@ -1,5 +1,5 @@
 # ruff: noqa: PLR0917
-"""Transmit queues of the nodes, and the account of every frame that enters one."""
+"""Transmit queues of the nodes, and the store of the frames in them."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,7 @@ def enqueue(
     flags: int = 0,
     bits: int = 0,
 ) -> bool:
-    """Hand a frame to the transmit queue of ``node`` at ``t_ns``.
+    """Put a frame into the transmit queue of ``node`` at ``t_ns``.
 
     Args:
         network: of ``make_network`` or ``build_network``.
@@ -59,10 +59,10 @@ def enqueue(
         length: payload bytes.
         payload: one-dimensional array of at least ``length`` bytes; copied.
         flags: ``EXTENDED``, ``REMOTE``, ``FD``, ``BIT_RATE_SWITCH`` or 0.
-        bits: above 0: its length on the wire, interframe space included, whatever it holds.
+        bits: if above 0, its length on the wire, interframe space included.
 
     Returns:
-        False where the network's store of frames is full: the frame is lost and accounted for.
+        False if the network's store of frames is full: the frame is counted as lost.
 
     Raises:
         ValueError: ``t_ns`` lies before the last ``advance``, ``payload`` is shorter than
@@ -83,7 +83,7 @@ def submit(
     flags: int,
     bits: int = 0,
 ) -> bool:
-    """``enqueue`` for kernels that hold the network's record."""
+    """``enqueue`` for kernels, which pass the network's record."""
     if t_ns < bus.clock[NOW]:
         raise ValueError("frame queued before the time the bus has been advanced to")
     held = 0 if flags & REMOTE else length
@@ -108,7 +108,7 @@ def store(
     payload: NDArray[np.uint8],
     flags: int,
 ) -> int:
-    """Copy a frame of message ``number`` into the store; its slot, or −1 where there is no room."""
+    """Copy a frame of message ``number`` into the store; return its slot, −1 if it is full."""
     clock = bus.clock
     message = bus.messages[number]
     slot = clock[FREE_FRAME]
@@ -141,7 +141,7 @@ def store(
 
 @njit
 def message_of(bus: State, node: int, ident: int, flags: int) -> int:
-    """Return the number of the message ``ident`` of ``node``, entering it when first seen."""
+    """Return the number of message ``ident`` of ``node``; register it when first seen."""
     key = arbitration_key(ident, flags)
     table = bus.message_table
     mask = len(table) - 1
@@ -179,7 +179,7 @@ def message_of(bus: State, node: int, ident: int, flags: int) -> int:
 
 @njit
 def fault_active(bus: State, kind: int, target: int, t_ns: int) -> int:
-    """Return the number of the fault of ``kind`` that hits ``target`` at ``t_ns``, or −1."""
+    """Return the number of the fault of ``kind`` active for ``target`` at ``t_ns``, or −1."""
     for index in range(bus.clock[FAULT_COUNT]):
         fault = bus.faults[index]
         if fault.kind == kind and fault.target == target and fault.from_ns <= t_ns < fault.until_ns:

@@ -75,7 +75,7 @@ _END, _RELEASE, _ARBITRATION = 0, 1, 2
 
 @njit
 def _next(bus: State) -> tuple[int, int, int]:
-    """Return time, kind and segment of the next event; a time of 2⁶² where there is none."""
+    """Return time, kind and segment of the next event; time 2⁶² if there is none."""
     clock = bus.clock
     best: int = NEVER
     kind = _END
@@ -97,7 +97,7 @@ def _next(bus: State) -> tuple[int, int, int]:
 
 @njit
 def next_event_ns(network: Network) -> int:
-    """Return when the next thing happens on any segment, 2⁶² where nothing ever will."""
+    """Return the time of the next event on any segment, ns; 2⁶² if there is none."""
     return _next(network.state[0])[0]
 
 
@@ -112,9 +112,9 @@ def advance(network: Network, until_ns: int) -> None:
 
 @njit
 def advance_to_entry(network: Network, until_ns: int) -> bool:
-    """``advance``, but only to the next entry of the log; return whether there was one.
+    """``advance``, but only to the next log entry; return whether there was one.
 
-    Where nothing will ever happen up to 2⁶², time stays as it is.
+    If no event is left up to 2⁶², time does not advance.
     """
     bus = network.state[0]
     before = bus.clock[LOGGED]
@@ -130,7 +130,7 @@ def advance_to_entry(network: Network, until_ns: int) -> bool:
 
 @njit
 def run(bus: State, until_ns: int) -> None:
-    """``advance`` for kernels that hold the network's record."""
+    """``advance`` for kernels, which pass the network's record."""
     clock = bus.clock
     while True:
         best, kind, which = _next(bus)
@@ -171,7 +171,7 @@ def _take(bus: State, which: int) -> int:
 
 @njit
 def _detach(bus: State, number: int) -> int:
-    """Take the head out of a queue; the queue stays marked as waiting while it is sent."""
+    """Remove the head of a queue, which stays marked as waiting during transmission."""
     queue = bus.queues[number]
     slot: int = queue.head
     queue.head = bus.frames[slot].next

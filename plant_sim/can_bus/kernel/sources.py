@@ -1,4 +1,4 @@
-"""Frames generated in the network: by periodic sources and gateways."""
+"""Frames generated within the network, by periodic sources and gateways."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ _LATENCY_STREAM = 1 << 43
 
 @njit
 def start_source(network: Network, number: int) -> None:
-    """Enter the message of a periodic source and schedule its first release."""
+    """Register the message of a periodic source and schedule its first release."""
     bus = network.state[0]
     source = bus.sources[number]
     source.message = message_of(bus, source.node, source.ident, source.flags)
@@ -25,7 +25,7 @@ def start_source(network: Network, number: int) -> None:
 
 @njit
 def schedule_source(bus: State, number: int, now: int) -> None:
-    """Put the next release of a periodic source into the calendar."""
+    """Schedule the next release of a periodic source."""
     source = bus.sources[number]
     drift = bus.nodes[source.node].drift
     nominal = source.offset_ns + np.int64(np.rint(source.sent * source.period_ns * (1.0 + drift)))
@@ -39,7 +39,7 @@ def schedule_source(bus: State, number: int, now: int) -> None:
 
 @njit
 def generate(bus: State, number: int, now: int) -> None:
-    """Queue the frame of a periodic source that is due and schedule its next."""
+    """Queue the frame of a periodic source and schedule the next release."""
     source = bus.sources[number]
     payload = bus.source_payloads[number]
     if source.random_payload:
@@ -62,7 +62,7 @@ def generate(bus: State, number: int, now: int) -> None:
 
 @njit
 def forward(bus: State, slot: int, now: int, missed: int) -> None:
-    """Store a received frame in the gateways that route it.
+    """Forward a received frame through the gateways that route it.
 
     ``missed``: the one node that has not received it, or −1.
     """

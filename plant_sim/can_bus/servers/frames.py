@@ -1,4 +1,4 @@
-"""Frames of python-can as the simulated buses take and give them."""
+"""Frames of the simulated buses as python-can messages, and a copy of them on a python-can bus."""
 
 from typing import Any
 
@@ -18,17 +18,20 @@ from plant_sim.can_bus.wire.frame import (
     REMOTE,
 )
 
+_NOBODY = -1
+"""Node of no program: every frame is received."""
+
 
 def truth(value: Any) -> bool:  # noqa: ANN401
-    """Return a boolean as configuration files and command lines give them."""
+    """Return a boolean from an option of a configuration file or command line."""
     return str(value).strip().lower() in {"1", "true", "yes", "on"}
 
 
 def sent_flags(message: can.Message, *, fd: bool, where: str) -> int:
-    """Return the flags of a frame that a node is to send.
+    """Return the wire flags of a message to be sent.
 
     Raises:
-        can.CanOperationError: no CAN frame is like that, or it is FD on a node without.
+        can.CanOperationError: it is not a valid CAN frame, or is FD on a node without FD.
     """
     if message.is_fd and not fd:
         raise can.CanOperationError(f"{where} has no FD: open it with fd=True")
@@ -43,7 +46,7 @@ def sent_flags(message: can.Message, *, fd: bool, where: str) -> int:
 
 
 def message_of(frame: Received, channel: Any, node: int) -> can.Message:  # noqa: ANN401
-    """Return a received frame as python-can has it, for ``node``."""
+    """Return a received frame as a python-can message for ``node``."""
     flags = frame.flags
     remote = bool(flags & REMOTE)
     return can.Message(
@@ -60,3 +63,40 @@ def message_of(frame: Received, channel: Any, node: int) -> can.Message:  # noqa
         is_rx=frame.sender != node,
         channel=channel,
     )
+
+
+class Mirror:
+    """Forwards every frame to a python-can bus.
+
+    Attributes:
+        failed: number of frames that could not be sent.
+
+    Args:
+        where: "interface:channel".
+
+    Raises:
+        CanrollError: it cannot be opened.
+    """
+
+    def __init__(self, where: str) -> None:
+        interface, _, channel = where.partition(":")
+        if not interface or not channel:
+            raise CanrollError(f"mirror '{where}': expected INTERFACE:CHANNEL")
+        self.failed = 0
+        try:
+            self._bus = can.Bus(channel, interface=interface, fd=True)
+        except (can.CanError, OSError, ValueError, ImportError) as error:
+            raise CanrollError(f"mirror '{where}': {error}") from error
+
+    def __call__(self, frame: Received) -> None:
+        """Forward a frame; frames destroyed by an error are left out."""
+        if frame.error:
+            return
+        try:
+            self._bus.send(message_of(frame, None, _NOBODY))
+        except (can.CanError, OSError):
+            self.failed += 1
+
+    def close(self) -> None:
+        """Close the bus."""
+        self._bus.shutdown()

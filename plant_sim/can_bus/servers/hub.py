@@ -1,8 +1,8 @@
-"""A network that several programs' ports share, in virtual or in wall-clock time.
+"""A network shared by the ports of several programs, in virtual or wall-clock time.
 
-Virtual time moves only while a port waits for a frame or for room in its queue, or lets time pass:
-from event to event and as fast as the machine can. With one thread the same calls give the same
-frames; several threads take turns. In wall-clock time a thread keeps the network at the present.
+Virtual time advances only while a port waits for a frame or for room in its queue, or lets time
+pass: from event to event, as fast as possible. With one thread the same calls give the same frames;
+several threads take turns. In wall-clock time a thread keeps the network at the present time.
 """
 
 import threading
@@ -39,7 +39,7 @@ _PIECE_NS: Final = 100_000_000
 _IDLE_S: Final = 0.05
 _STEPS_A_TURN: Final = 256
 _ENTRY: Final = Struct("<5qIh4BHh64s")
-"""An entry of the log, see ``log_dtype``: reading it so is ten times as fast as through NumPy."""
+"""A log entry, see ``log_dtype``: reading it this way is ten times as fast as with NumPy."""
 
 
 class HubError(Exception):
@@ -47,11 +47,11 @@ class HubError(Exception):
 
 
 class QueueFullError(HubError):
-    """The transmit queue had no room in time."""
+    """The transmit queue stayed full until the timeout."""
 
 
 class Received(NamedTuple):
-    """A frame as a port sees it; ``error``: destroyed by an error, or an error flag alone."""
+    """A frame as received by a port; ``error``: destroyed by an error, or only an error flag."""
 
     time_s: float
     ident: int
@@ -66,8 +66,8 @@ class Received(NamedTuple):
 class Port:
     """One program's node on a hub.
 
-    ``lost`` counts frames it was too slow to take, ``outstanding`` those it sent that are not at
-    their end; ``stamps`` are the times that the program gave to them, by identifier and flags.
+    ``lost``: frames it did not read in time; ``outstanding``: frames it has sent that are still
+    pending; ``stamps``: the program's time stamps of these, by identifier and flags.
     """
 
     node: int
@@ -84,8 +84,8 @@ class Hub:
     """Owner of a network; all methods may be called from any thread.
 
     Attributes:
-        unacknowledged: a node alone on the bus has sent, and nobody was there to acknowledge;
-            ``warned``: its user has been told so.
+        unacknowledged: a node alone on the bus has sent a frame that no node acknowledges;
+            ``warned``: the warning has been issued.
     """
 
     def __init__(self, network: Network, *, virtual_time: bool = False) -> None:
@@ -114,7 +114,7 @@ class Hub:
             self._thread.start()
 
     def open_port(self, *, receive_own: bool = False, fd: bool = True, queue: str = "fifo") -> Port:
-        """Return a new node on segment 0; ``queue``: a policy of ``Node``, ``fd``: it sees FD.
+        """Return a new node on segment 0; ``queue``: a policy of ``Node``, ``fd``: it receives FD.
 
         Raises:
             CanrollError: there is no room for another node.
@@ -135,7 +135,7 @@ class Hub:
             return port
 
     def close_port(self, port: Port) -> bool:
-        """Take a port off the bus; what it has queued is still sent. True if it was the last."""
+        """Remove a port; its queued frames are still sent. Return True if it was the last."""
         with self._lock:
             if port in self.ports:
                 # a node that is off takes no more into its queue: let in what is on its way
@@ -160,7 +160,7 @@ class Hub:
             self._thread.join()
 
     def now_ns(self) -> int:
-        """Return the bus time: virtual, or since the hub was made."""
+        """Return the bus time, ns: virtual, or since the hub was created."""
         if self.virtual_time:
             return int(self._clock[NOW])
         return time.monotonic_ns() - self._origin_ns
@@ -181,15 +181,15 @@ class Hub:
         Args:
             port: of the sender.
             ident: its identifier.
-            flags: its flags; ``ERROR_FLAG`` stands for an error flag.
+            flags: its wire flags; ``ERROR_FLAG`` for an error flag.
             length: payload bytes.
-            payload: the payload, empty of remote frames.
-            timeout_s: waits no longer for room than that; None: as long as it takes.
-            stamp_s: receivers get this time stamp instead of the time of reception.
+            payload: the payload, empty for remote frames.
+            timeout_s: longest wait for room in the queue, s; None: no limit.
+            stamp_s: time stamp for receivers instead of the time of reception, s.
 
         Raises:
-            QueueFullError: there was no room in time.
-            HubError: the node is bus-off or has left the bus, or nobody will ever acknowledge.
+            QueueFullError: the queue stayed full until the timeout.
+            HubError: the node is bus-off or has left the bus, or no node can acknowledge.
             ValueError: the network has no room for another identifier.
         """
         with self._lock:
@@ -224,9 +224,9 @@ class Hub:
             self._run_until(self._limit(duration_s), None)
 
     def step(self, limit_ns: int) -> bool:
-        """Go to the next end of a frame in virtual time, no farther than ``limit_ns``.
+        """Advance virtual time to the next end of a frame, at most to ``limit_ns``.
 
-        Returns False where nothing will ever happen and there is no limit.
+        Returns False if no event is left and there is no limit.
         """
         with self._lock:
             before = self._cursor
@@ -265,13 +265,13 @@ class Hub:
                 turn = self._step(limit, turn)
 
     def _stuck(self) -> bool:
-        """Return whether nothing but attempts of a lone node will ever happen (lock held)."""
+        """Return whether only retransmissions of a lone node are left (lock held)."""
         count = len(self.network.nodes)
         there = (self._states[:count] != BUS_OFF) | (self._nodes["recovers"][:count] != 0)
         return int(there.sum()) < 2 and self._clock[RELEASES] == 0
 
     def _run_until(self, limit_ns: int, port: Port | None) -> None:
-        """Go from event to event up to ``limit_ns``, or until ``port`` has a frame or closes."""
+        """Advance by events to ``limit_ns``, or until ``port`` has a frame or closes."""
         turn = 0
         while port is None or (port.open and not port.entries):
             reached = int(self._clock[NOW]) >= limit_ns and turn > 0
@@ -283,7 +283,7 @@ class Hub:
                 return
 
     def _step(self, limit_ns: int, turn: int) -> int:
-        """Go to the next entry of the log or to the limit; other threads get their turns."""
+        """Advance to the next log entry or to the limit, and yield to other threads."""
         if advance_to_entry(self.network, limit_ns):
             self._distribute()
         if (turn + 1) % _STEPS_A_TURN == 0:
@@ -320,7 +320,7 @@ class Hub:
         self._cursor = total
 
     def _finished(self, sender: int, ident: int, flags: int, time_s: float) -> float:
-        """Account for a frame at its end; return its time stamp."""
+        """Count a finished frame; return its time stamp."""
         for port in self.ports:
             if port.node == sender:
                 port.outstanding -= 1

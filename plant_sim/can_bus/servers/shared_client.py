@@ -1,12 +1,13 @@
 """python-can interface ``simbus_shared``: a node on a bus that several programs share in lock step.
 
 ``can.Bus("127.0.0.1:29600", interface="simbus_shared", node="ecu")`` joins the bus that
-``canroll bus SET --share --programs N`` serves. ``node``: a name, different for each program, which
-decides who is first where two send at one instant. ``fd=True``: it sends and sees FD frames;
-``receive_own_messages`` as everywhere.
+``canroll bus SET --share --programs N`` serves. ``node``: a unique name for each program, which
+decides the order of frames queued at one instant. ``fd=True``: it sends and receives FD frames;
+``receive_own_messages`` as in python-can.
 
-Time passes only in ``recv`` with a timeout and in ``let_pass``: the bus goes on when all programs
-are in one. A program that sleeps or computes holds all others, and nothing depends on how long.
+Time passes only in ``recv`` with a timeout and in ``let_pass``: the bus advances when all programs
+are in one of them. A program that sleeps or computes delays the others without affecting the
+result.
 """
 
 import socket
@@ -34,14 +35,14 @@ _RETRY_S: Final = 0.1
 
 
 class SharedSimBus(can.BusABC):
-    """One program's node; see the module.
+    """Node of one program; see the module docstring.
 
     Args:
         channel: HOST:PORT of the server.
         node: name of this program on the bus.
-        fd: it sends and sees FD frames.
-        receive_own_messages: it also receives what it sent.
-        join_timeout: how long to wait for the server and for the other programs, s; None: always.
+        fd: it sends and receives FD frames.
+        receive_own_messages: it also receives its own frames.
+        join_timeout: longest wait for the server and the other programs, s; None: no limit.
         can_filters: as of python-can.
         **kwargs: further options of python-can.
 
@@ -95,11 +96,12 @@ class SharedSimBus(can.BusABC):
 
         Args:
             msg: the frame.
-            timeout: no time passes here: a full queue is reported by the next call that waits.
+            timeout: ignored, as no time passes here; a full queue is reported by the next call that
+                waits.
 
         Raises:
-            can.CanOperationError: the frame is impossible, or FD without ``fd``; the server has
-                gone.
+            can.CanOperationError: the frame is invalid, or FD without ``fd``; the connection is
+            lost.
         """
         self._waiting.append(
             Sent(
@@ -113,7 +115,7 @@ class SharedSimBus(can.BusABC):
             self._wait(self._now_ns)
 
     def let_pass(self, duration_s: float) -> None:
-        """Wait for a time of the bus; what is received meanwhile stays for ``recv``."""
+        """Wait for a duration of bus time; frames received meanwhile are kept for ``recv``."""
         end = self._now_ns + round(max(0.0, duration_s) * 1e9)
         while self._wait(end) is not None and self._now_ns < end:
             pass
@@ -121,7 +123,7 @@ class SharedSimBus(can.BusABC):
     def recv(self, timeout: float | None = None) -> can.Message | None:
         """Return the next frame, None after ``timeout`` seconds of the bus.
 
-        A bus on which nothing will ever happen again returns None at once.
+        Returns None at once if no event is left on the bus.
         """
         end = NEVER if timeout is None else self._now_ns + round(max(0.0, timeout) * 1e9)
         while True:
@@ -136,7 +138,7 @@ class SharedSimBus(can.BusABC):
         return self.recv(timeout), True
 
     def _wait(self, until_ns: int) -> Answer | None:
-        """Send what waits and wait; None: nothing will ever happen again."""
+        """Send the pending frames and wait; None if no event is left on the bus."""
         if self._connection is None:
             raise can.CanOperationError("the bus has been shut down")
         frames, self._waiting = self._waiting, []
@@ -156,7 +158,7 @@ class SharedSimBus(can.BusABC):
         return None if answer.over else answer
 
     def shutdown(self) -> None:
-        """Leave the bus; what has been sent is still queued."""
+        """Leave the bus; frames already sent stay queued."""
         super().shutdown()
         if self._connection is not None:
             frames, self._waiting = self._waiting, []
@@ -170,7 +172,7 @@ class SharedSimBus(can.BusABC):
 
 
 def _join(channel: str, said: dict[str, Any], timeout: float | None) -> socket.socket:
-    """Connect to the server, which may only be starting, and say who joins."""
+    """Connect to the server, which may still be starting, and join."""
     host, _, port = channel.rpartition(":")
     if not host or not port.isdigit():
         raise can.CanInitializationError(f"simbus_shared: channel '{channel}': HOST:PORT expected")

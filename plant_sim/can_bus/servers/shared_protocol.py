@@ -1,7 +1,8 @@
-"""What a shared bus and its programs say to each other over TCP.
+"""TCP protocol between a shared bus and its programs.
 
-A program joins with one line of JSON. Then it asks, with the frames it has sent meanwhile and the
-time until which it waits, and the bus answers with the time, and the frames that have come.
+A program joins with one line of JSON. Each of its questions then contains the frames it has sent
+since the last one and the time until which it waits; the bus answers with the time and the frames
+received.
 """
 
 import json
@@ -16,7 +17,7 @@ _SENT: Final = Struct("<IHB64s")
 _ANSWER: Final = Struct("<qIIBB")
 _CAME: Final = Struct("<dIHBBh64s")
 LEAVE: Final = -1
-"""Time of the question with which a program leaves."""
+"""Time in the question of a program that leaves."""
 MAX_FRAMES: Final = 1 << 16
 
 
@@ -30,16 +31,16 @@ class Sent(NamedTuple):
 
 
 class Question(NamedTuple):
-    """Wait until ``until_ns``, having sent ``frames``; ``LEAVE``: no more."""
+    """Wait until ``until_ns`` after sending ``frames``; ``LEAVE``: the program leaves."""
 
     until_ns: int
     frames: list[Sent]
 
 
 class Answer(NamedTuple):
-    """The time is ``now_ns``, ``frames`` have come; ``refused``: frames that had no room.
+    """The time ``now_ns`` and the received ``frames``; ``refused``: number of frames without room.
 
-    ``over``: nothing will ever happen again. ``bus_off``: the node is.
+    ``over``: no event is left on the bus. ``bus_off``: the node is bus-off.
     """
 
     now_ns: int
@@ -58,7 +59,7 @@ def read_line(connection: socket.socket) -> dict[str, Any]:
     """Receive one JSON object.
 
     Raises:
-        ConnectionError: the other side has gone, or says something else.
+        ConnectionError: the connection is lost, or the line is not a JSON object.
     """
     line = b""
     while not line.endswith(b"\n"):
@@ -86,7 +87,7 @@ def read_question(connection: socket.socket) -> Question:
     """Receive a question.
 
     Raises:
-        ConnectionError: the program has gone.
+        ConnectionError: the connection is lost.
     """
     until_ns, count = _ASK.unpack(_exactly(connection, _ASK.size))
     data = _exactly(connection, _counted(count) * _SENT.size)
@@ -108,7 +109,7 @@ def read_answer(connection: socket.socket) -> Answer:
     """Receive an answer.
 
     Raises:
-        ConnectionError: the bus has gone.
+        ConnectionError: the connection is lost.
     """
     now_ns, count, refused, over, bus_off = _ANSWER.unpack(_exactly(connection, _ANSWER.size))
     frames = []

@@ -1,9 +1,9 @@
-"""A bus that several programs share over TCP, in lock step: time passes only while all wait.
+"""A bus shared by several programs over TCP in lock step: time passes only while all wait.
 
-Each program runs as long as it likes in one instant of the bus. When all of them wait, for a frame
-or for a time, the bus goes on to the first instant at which one has something to do. What they sent
-in one instant is queued in the order of their names, whoever was faster: the same programs give the
-same frames, on any machine. In real time the bus also waits for the clock.
+The bus stands still while a program runs. When all of them wait, for a frame or for a time, it
+advances to the first instant at which one of them continues. Frames sent at one instant are queued
+in the order of the programs' names, so that the same programs give the same frames on any machine.
+In real time the bus also waits for the clock.
 """
 
 import socket
@@ -31,7 +31,7 @@ DEFAULT_PORT: Final = 29600
 
 @dataclass(slots=True, eq=False)
 class _Program:
-    """A program on the bus: its connection, its node, and until when it waits, None: it runs."""
+    """A program: its connection, its node, and the time until which it waits, None: it runs."""
 
     name: str
     connection: socket.socket
@@ -42,18 +42,18 @@ class _Program:
 
 
 class SharedBus:
-    """A server that waits for its programs, runs the bus with them, and ends with the last.
+    """Server that waits for all programs, runs the bus, and ends when the last one leaves.
 
     Args:
         network: at time 0; every program becomes a node on its segment 0.
-        programs: how many to wait for.
+        programs: number of programs.
         host: address to listen on.
-        port: 0 takes a free one.
-        real_time: virtual time does not run ahead of the clock.
-        mirror: gets every frame that ends on the bus.
+        port: to listen on, 0: a free one.
+        real_time: bus time does not run ahead of the clock.
+        mirror: called with every finished frame.
 
     Raises:
-        CanrollError: the address cannot be listened on.
+        CanrollError: the address is not available.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class SharedBus:
         self.address: tuple[str, int] = self._listener.getsockname()[:2]
 
     def run(self) -> int:
-        """Serve until the last program has left; return the time of the bus then, ns."""
+        """Serve until the last program has left; return the bus time, ns."""
         try:
             self._gather()
             began = time.monotonic_ns()
@@ -102,7 +102,7 @@ class SharedBus:
             program.connection.close()
 
     def _gather(self) -> None:
-        """Wait for all programs; their nodes have the order of their names."""
+        """Wait for all programs, and add their nodes in the order of their names."""
         found: dict[str, _Program] = {}
         while len(found) < self._expected:
             connection, _ = self._listener.accept()
@@ -128,7 +128,7 @@ class SharedBus:
                 send_line(program.connection, {"node": program.port.node})
 
     def _ask(self, program: _Program) -> None:
-        """Take what a program sends, and until when it waits; one that leaves is taken off."""
+        """Read the question of a program; remove a program that leaves."""
         try:
             question = read_question(program.connection)
         except (ConnectionError, OSError):
@@ -146,7 +146,7 @@ class SharedBus:
             self._programs.remove(program)
 
     def _go_on(self) -> bool:
-        """Advance to the first instant at which a program goes on; True: there is none."""
+        """Advance to the first instant at which a program continues; True if there is none."""
         while not any(self._ready(program) for program in self._programs):
             limit = min(p.until_ns for p in self._programs if p.until_ns is not None)
             if not self._hub.step(limit):

@@ -1,4 +1,4 @@
-"""python-can interface ``simbus``: buses with arbitration, transmission times and errors.
+"""python-can interface ``simbus``: a bus with arbitration, transmission times and errors.
 
 ``can.Bus("chassis", interface="simbus", bitrate=500_000)`` is a node on the bus ``chassis`` of
 this process; every further one with the same channel is another node. The first decides the bus:
@@ -12,12 +12,12 @@ this process; every further one with the same channel is another node. The first
 
 Each node decides for itself:
 
-* ``fd=True``: it sends and sees FD frames; without, both are as on a classic SocketCAN socket;
-* ``queue="priority"``: its frames compete among each other; by default they keep their order;
+* ``fd=True``: it sends and receives FD frames; without, it behaves like a classic SocketCAN socket;
+* ``queue="priority"``: its frames are sent by priority; by default in the order of queueing;
 * ``enobufs=True``: ``send`` fails at once when its queue is full, as on SocketCAN;
-* ``receive_own_messages``, and ``preserve_timestamps``: its frames keep their own time stamps.
+* ``receive_own_messages``, and ``preserve_timestamps``: its frames keep their time stamps.
 
-An error frame that is sent is an error flag on the idle bus: all nodes see and count it.
+Sending an error frame puts an error flag on the idle bus, which all nodes see and count.
 """
 
 import errno
@@ -116,7 +116,8 @@ class SimBus(can.BusABC):
     """One node on a simulated bus; see the module for the options.
 
     Raises:
-        can.CanInitializationError: the channel is open with other settings, or impossible ones.
+        can.CanInitializationError: the settings are invalid, or differ from those of the open
+        channel.
     """
 
     def __init__(
@@ -174,13 +175,13 @@ class SimBus(can.BusABC):
 
         Args:
             msg: the frame; an error frame puts an error flag on the bus.
-            timeout: waits at most so many seconds of the bus's own time for room; 0: not at all;
-                None: as long as it takes, unless the bus was opened with ``enobufs``.
+            timeout: longest wait for room in seconds of bus time; 0: none; None: no limit, unless
+                the bus was opened with ``enobufs``.
 
         Raises:
             can.CanOperationError: the bus is shut down, the node bus-off, its queue full for longer
-                than ``timeout`` (``error_code`` ENOBUFS), the frame impossible or FD without
-                ``fd``; in virtual time also: nobody will ever acknowledge and make room.
+                than ``timeout`` (``error_code`` ENOBUFS), the frame invalid or FD without ``fd``;
+                in virtual time also if no node can acknowledge and make room.
         """
         if not self._open:
             raise can.CanOperationError("send on a bus that has been shut down")
@@ -214,9 +215,9 @@ class SimBus(can.BusABC):
             )
 
     def recv(self, timeout: float | None = None) -> can.Message | None:
-        """Return the next frame, None after ``timeout`` seconds of the bus's own time.
+        """Return the next frame, None after ``timeout`` seconds of bus time.
 
-        In virtual time a bus on which nothing will ever happen again returns None at once.
+        In virtual time, returns None at once if no event is left on the bus.
         """
         if not self.hub.virtual_time:
             return super().recv(timeout)
@@ -238,7 +239,7 @@ class SimBus(can.BusABC):
         return message_of(frame, self.channel, self.port.node), False
 
     def let_pass(self, duration_s: float) -> None:
-        """Advance the time of the bus: in virtual time at once, else by a sleep."""
+        """Advance bus time: in virtual time at once, otherwise by sleeping."""
         self.hub.let_pass(duration_s)
         self._warn()
 
@@ -263,7 +264,7 @@ class SimBus(can.BusABC):
 
     @staticmethod
     def _detect_available_configs() -> Sequence[AutoDetectedConfig]:
-        """Return the open channels and one that is not."""
+        """Return the open channels and one unused channel."""
         with _LOCK:
             channels = list(_HUBS)
         unused = "simbus0"

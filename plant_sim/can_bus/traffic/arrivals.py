@@ -1,8 +1,8 @@
-"""Arrival curves: how many frames of one identifier can be queued in any window of time.
+"""Arrival curves: greatest number of frames of one identifier in any window of time.
 
-A curve of period T, jitter J and least distance d admits at most min(⌈(t + J)/T⌉, ⌈t/d⌉) frames in
-a window of t (Richter, Ernst 2002). Of a recorded identifier all that is known is between which
-instants each frame was queued; a curve here covers every course of events in between.
+With period T, jitter J and minimum distance d it is min(⌈(t + J)/T⌉, ⌈t/d⌉) in a window of length t
+(Richter, Ernst 2002). For a recorded identifier only an interval for each queueing instant is
+known; the curve holds for all instants within these intervals.
 """
 
 from dataclasses import dataclass
@@ -18,36 +18,36 @@ PERIODIC: Final = "periodic"
 MIXED: Final = "mixed"
 EVENT: Final = "event-driven"
 LEAST_FRAMES: Final = 6
-"""Fewer frames say nothing about a period."""
+"""Least number of frames from which a period is inferred."""
 _KNOWN_BEST: Final = 0.9
-"""Share of the frames, those whose release is known best, from which the jitter is inferred: the
-others were released in long busy stretches, anywhere in them."""
+"""Share of the frames, with the best-known releases, from which the jitter is inferred: the others
+were released somewhere within long busy periods."""
 _CONFIDENCE: Final = 0.99
 _FILLED_PERIODIC: Final = 0.9
 _FILLED_MIXED: Final = 0.8
 _ON_GRID_MIXED: Final = 0.5
 _WINDOW_NS: Final = 10e6
-"""In so short a window an event-driven identifier's curve is to admit as few frames as it can."""
+"""Window in which the curve of an event-driven identifier is made as tight as possible, ns."""
 
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """Arrival curve of one identifier, in nanoseconds, and what it rests on.
+    """Arrival curve of one identifier, in nanoseconds, and its evidence.
 
     Attributes:
-        kind: ``periodic``, ``mixed`` (periodic, with frames in between) or ``event-driven``.
-        period: of the curve; of a mixed one that of its periodic part is ``cycle``.
-        jitter: greatest lateness behind the nominal release.
-        distance: least distance of two frames, 0: unknown.
-        cycle: inferred period of the periodic part, 0: there is none.
+        kind: ``periodic``, ``mixed`` (periodic with further frames) or ``event-driven``.
+        period: of the curve; ``cycle`` is the period of a mixed one's periodic part.
+        jitter: greatest delay after the nominal release.
+        distance: minimum distance of two frames, 0: unknown.
+        cycle: inferred period of the periodic part, 0: none.
         offset: first nominal release of the grid, from the log's start.
-        frames: how many were seen; ``between`` of them not on the grid.
-        missing: places of the grid without a frame; ``restarts``: jumps of its phase.
-        exact: frames on the grid whose release is known exactly; of nine tenths it is known
-            within ``uncertainty``, by which the jitter may be too large.
+        frames: number recorded; ``between``: those not on the grid.
+        missing: grid points without a frame; ``restarts``: jumps of the phase.
+        exact: frames on the grid with exactly known release; for nine tenths it is known within
+            ``uncertainty``, by which the jitter may be overestimated.
         residual: root mean square deviation of releases from the grid.
-        confidence: probability that the next release lies within the jitter seen, whatever its
-            distribution: (n − 1)/(n + 1) of n releases; 0 without a grid.
+        confidence: distribution-free probability that the next release lies within the recorded
+            jitter, (n − 1)/(n + 1) for n releases; 0 without a grid.
     """
 
     kind: str
@@ -76,9 +76,9 @@ def find_arrivals(
     """Return the arrival curve of frames queued between ``earliest`` and ``latest``.
 
     Args:
-        earliest: instants in order, nanoseconds, one entry a frame.
+        earliest: sorted instants in nanoseconds, one entry per frame.
         latest: likewise; where ``exact``, equal to ``earliest``.
-        exact: which are known exactly.
+        exact: mask of the exactly known ones.
         duration_ns: of the log.
     """
     count = len(latest)
@@ -132,7 +132,7 @@ def _periodic(
 
 
 def _narrowest(places: NDArray[np.int64], times: NDArray[np.int64], period: float) -> float:
-    """Return the period near ``period`` at which all times lie in the narrowest strip, ns."""
+    """Return the period near ``period`` with the least spread of phases, ns."""
     shifted = (times - times[0]).astype(float)
     span = max(int(places[-1] - places[0]), 1)
     reach = float(np.ptp(shifted - places * period)) / span
@@ -150,7 +150,7 @@ def _narrowest(places: NDArray[np.int64], times: NDArray[np.int64], period: floa
 def _events(
     earliest: NDArray[np.int64], latest: NDArray[np.int64], grid: Grid | None, duration_ns: int
 ) -> Arrivals:
-    """Return the curve that the log itself keeps, of frames that nothing else is known of."""
+    """Return a curve that holds for the log itself, for frames without a period."""
     count = len(latest)
     mixed = (
         grid is not None
@@ -188,7 +188,7 @@ def _events(
 
 
 def _jitter(earliest: NDArray[np.int64], latest: NDArray[np.int64], period: float) -> int:
-    """Return the least jitter with which a curve of this period admits the frames, ns."""
+    """Return the least jitter with which a curve of this period holds for the frames, ns."""
     releases = np.arange(len(latest)) * period
     most = np.maximum.accumulate(latest - releases)
     return int(np.ceil(max(float(np.max(most - (earliest - releases))), 0.0)))

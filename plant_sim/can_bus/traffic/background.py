@@ -14,7 +14,7 @@ from plant_sim.kernels.random import random_bits
 MS: Final = 1_000_000
 PERIODS_ABOVE_MS: Final = (10, 10, 20)
 PERIODS_BELOW_MS: Final = (20, 50, 100)
-"""Periods the generated messages take in turn: the urgent ones are the frequent ones."""
+"""Periods of the generated messages, in turn: urgent messages are the frequent ones."""
 _SAMPLES: Final = 32
 _SMALLEST_SHARE: Final = 0.02
 
@@ -39,7 +39,7 @@ def _mean_ns(
 
 
 def utilisation(messages: Sequence[BusMessage], bitrate: int, data_bitrate: int = 0) -> float:
-    """Return the mean share of time that periodic messages keep the bus busy."""
+    """Return the mean bus load of periodic messages, 0 to 1 or more."""
     return sum(
         _mean_ns(m.ident, m.flags, m.length, bitrate, data_bitrate, 0) / m.period_ns
         for m in messages
@@ -61,13 +61,13 @@ def background_messages(
     seed: int = 0,
     data_bitrate: int = 0,
 ) -> list[BusMessage]:
-    """Return periodic messages that fill a bus up to ``load``.
+    """Return periodic messages that bring a bus to the total ``load``.
 
     Args:
-        own: messages that are on the bus anyway; their mean load counts towards ``load``.
+        own: messages already on the bus; their mean load is part of ``load``.
         node: name of the sending node.
         bitrate: of the bus, bit/s.
-        load: wanted total, 0 to 1.
+        load: total load, 0 to 1.
         above: share of the background with identifiers below all of ``own`` (higher priority).
         seed: of the offsets.
         data_bitrate: of FD frames among ``own``, bit/s.

@@ -1,8 +1,8 @@
 """Bit rates of a recorded bus, from frames that follow each other without a pause.
 
-The times of reception of two such frames differ by the second one's exact length on the wire. At
-the right rate many do and none comes sooner; at a lower one many come sooner; at a higher one none
-follows without a pause.
+The times of reception of two such frames differ by the exact transmission time of the second. At
+the right rate this holds for many frames and none comes sooner; at a lower rate many come sooner;
+at a higher rate no frame follows without a pause.
 """
 
 from dataclasses import dataclass
@@ -19,13 +19,13 @@ from plant_sim.can_bus.traffic.log_reader import Logged, transmission_times
 _KBIT: Final = (10, 20, 33.333, 50, 83.333, 100, 125, 250, 500, 800, 1000)
 RATES: Final = tuple(round(rate * 1000) for rate in _KBIT)
 DATA_RATES: Final = (500_000, 1_000_000, 2_000_000, 4_000_000, 5_000_000, 8_000_000)
-"""Rates of arbitration and of the data of FD frames that are tried, bit/s."""
+"""Candidate rates of arbitration and of FD data, bit/s."""
 LEAST_EVIDENCE: Final = 10
-"""Pairs of frames without a pause that a rate needs."""
+"""Least number of frames without a pause as evidence for a rate."""
 _TOLERANCE_NS: Final = 2_500
 """Of a difference of two time stamps of whole µs, and bits lost to resynchronisation."""
 _TOO_CLOSE: Final = 0.7
-"""Share of its length within which no frame can follow, however inexact the time stamps."""
+"""Share of its length within which no frame can follow, even with inexact time stamps."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ def find_bit_rate(
     """Return the rates of a channel: those given, the others inferred.
 
     Raises:
-        CanrollError: a rate can neither be inferred nor was given, or is impossible.
+        CanrollError: a rate is neither given nor can be inferred, or is invalid.
     """
     gaps = np.diff(logged.received_ns)
     nominal, data = logged.nominal_bits[1:], logged.data_bits[1:]
@@ -89,7 +89,7 @@ def _evidence(
     rate: int,
     data_rate: int,
 ) -> int:
-    """Return how many frames follow without a pause at these rates; 0 where that is no evidence."""
+    """Return the number of frames without a pause at these rates, 0 if they are no evidence."""
     if data_rate and data_rate < rate:
         return 0
     slack = gaps - transmission_times(nominal, data, rate, data_rate)

@@ -69,7 +69,7 @@ def load_traffic(
         data_bitrate: of FD frames with bit-rate switch, overrides the file's own.
 
     Raises:
-        CanrollError: the file cannot be read or says something impossible.
+        CanrollError: the file cannot be read or has an invalid value.
     """
     name, _, bus = str(path).partition("#")
     file = Path(name)
@@ -128,7 +128,7 @@ def _from_database(path: Path, chosen: str) -> Traffic:
 
 
 def _bus(path: Path, database: Database, chosen: str) -> Bus | None:
-    """The chosen bus of a description, or the only one that has messages."""
+    """The chosen bus of a database, or the only one with messages."""
     used = {message.bus_name for message in database.messages}
     buses = {bus.name: bus for bus in database.buses if bus.name in used}
     if chosen and chosen not in buses:
@@ -140,7 +140,7 @@ def _bus(path: Path, database: Database, chosen: str) -> Bus | None:
 
 
 def _period_ms(message: Message) -> int:
-    """Cycle time; of a message that is also sent on events: its least distance, if it has one."""
+    """Cycle time, or the minimum distance of a message that is also sent on events, if given."""
     period = int(message.cycle_time or 0)
     least = attribute(message, "GenMsgDelayTime")
     event = "spontaneous" in (message.send_type or "").lower()

@@ -1,4 +1,4 @@
-"""From a log to periodic messages: what is on a recorded bus, and the evidence of it."""
+"""From a log to messages: those on a recorded bus, and their evidence."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,15 +17,15 @@ from plant_sim.can_bus.traffic.queueing import QueueTimes, queue_times
 from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE
 
 RECORDED = "Recorded"
-"""Node that stands for all senders of a log, which does not name them."""
+"""Node that represents all senders of a log, which does not name them."""
 
 
 @dataclass(frozen=True, slots=True)
 class InferredMessage:
     """One identifier of a log: as a message, how its frames arrive, and the lengths seen.
 
-    ``seen_ns``: the longest response from the nominal release that the log shows, to the end of
-    the interframe space; 0 of an identifier that is not periodic.
+    ``seen_ns``: the longest recorded response from the nominal release to the end of the interframe
+    space; 0 for an identifier that is not periodic.
     """
 
     message: BusMessage
@@ -35,7 +35,7 @@ class InferredMessage:
 
     @property
     def assumed(self) -> bool:
-        """Whether its curve holds of what was recorded only: nothing limits its frames."""
+        """Whether its curve holds only for the recording, because it is sent on events."""
         return self.arrivals.kind != PERIODIC
 
 
@@ -43,9 +43,9 @@ class InferredMessage:
 class InferredBus:
     """One channel of a log: bit rates, its messages in the order of arbitration, its frames.
 
-    The frames of ``recording`` are queued as early as they must have been for the jitter of their
-    messages, none later than the log shows. ``span_ns``: from the start of the first frame to the
-    end of the last; ``errors``: error frames in the log.
+    The frames of ``recording`` are queued early enough for the jitter of their messages, and no
+    later than in the log. ``span_ns``: from the start of the first frame to the end of the last;
+    ``errors``: number of error frames in the log.
     """
 
     channel: str
@@ -58,7 +58,7 @@ class InferredBus:
 
     @property
     def load(self) -> float:
-        """Share of the time that the recorded frames kept the bus busy."""
+        """Bus load of the recorded frames, 0 to 1."""
         return self.busy_ns / self.span_ns
 
     @property
@@ -75,7 +75,7 @@ def infer_bus(
     bitrate: int | None = None,
     data_bitrate: int | None = None,
 ) -> InferredBus:
-    """Return what is on one channel of a log.
+    """Return the messages of one channel of a log, with bit rates and evidence.
 
     Args:
         path: a log of a format python-can knows by its suffix.
@@ -84,8 +84,8 @@ def infer_bus(
         data_bitrate: of FD frames with bit-rate switch; None: inferred.
 
     Raises:
-        CanrollError: the file cannot be read, has no frame or several channels, or a bit rate can
-            neither be inferred nor was given.
+        CanrollError: the file cannot be read, has no frame or several channels, or a bit rate is
+            neither given nor can be inferred.
         UnknownNameError: it has no such channel.
     """
     logged = select_channel(path, read_log(path), channel)
@@ -106,7 +106,7 @@ def infer_buses(
 def infer_channel(
     logged: Logged, bitrate: int | None = None, data_bitrate: int | None = None
 ) -> InferredBus:
-    """Return what is on one channel that has been read; see ``infer_bus``."""
+    """Return the messages of a channel that has been read; see ``infer_bus``."""
     rate = find_bit_rate(logged, bitrate=bitrate, data_bitrate=data_bitrate)
     times = queue_times(logged, rate)
     kinds = logged.flags & (EXTENDED | REMOTE)
@@ -141,7 +141,7 @@ def infer_channel(
 
 
 def _releases(found: InferredMessage, start: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return when frames that started then are queued: no later than the jitter admits."""
+    """Return the queueing times of frames with these starts, within the jitter, ns."""
     if found.assumed:
         return start
     nominal = found.arrivals.offset + _place(found.arrivals, start) * found.arrivals.period

@@ -1,4 +1,4 @@
-"""Recorded traffic as background: logs that python-can reads, fed into a network."""
+"""Recorded traffic as background: bus logs fed into a network."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ from plant_sim.kernels.jit import njit
 
 
 class Frames(NamedTuple):
-    """Recorded frames in the order of their queueing, times from 0 in nanoseconds."""
+    """Recorded frames in the order of queueing, times in nanoseconds from 0."""
 
     t_ns: NDArray[np.int64]
     ident: NDArray[np.int64]
@@ -31,7 +31,7 @@ class Frames(NamedTuple):
     payload: NDArray[np.uint8]
 
     def piece(self, from_ns: int, to_ns: int) -> "Frames":
-        """Return the frames queued from ``from_ns`` until before ``to_ns``, that start at 0."""
+        """Return the frames queued in [``from_ns``, ``to_ns``), with times from 0."""
         part = slice(*np.searchsorted(self.t_ns, (from_ns, to_ns)))
         return Frames(
             self.t_ns[part] - from_ns,
@@ -44,7 +44,7 @@ class Frames(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Frames of one channel of a log, and the time from the first frame to the last."""
+    """Frames of one channel of a log, and the duration from the first frame to the last."""
 
     frames: Frames
     channel: str
@@ -65,9 +65,9 @@ def load_recording(
         path: a log of a format python-can knows by its suffix.
         bitrate: of the recorded bus, bit/s.
         data_bitrate: of FD frames with bit-rate switch, 0: as ``bitrate``.
-        leave_out: identifiers that are not replayed, such as those simulated anyway, each with
-            whether it is extended.
-        channel: of the log, as python-can names it; None: its only one.
+        leave_out: identifiers that are not replayed, such as simulated ones, each with a flag for
+            extended.
+        channel: of the log, as named by python-can; None: the only one.
 
     Raises:
         CanrollError: the file cannot be read, has no frame to replay, or has several channels and
@@ -85,10 +85,10 @@ def load_recording(
 def recording_of(
     logged: Logged, *, bitrate: int, data_bitrate: int = 0, kept: NDArray[np.bool_] | None = None
 ) -> Recording:
-    """Return the frames of a channel, those of the mask ``kept`` alone, as they were queued.
+    """Return the frames of a channel, only those of the mask ``kept``, with times of queueing.
 
-    A log has times of reception. Every frame is queued its own transmission time earlier, so that
-    on a bus of the same ``bitrate`` with nothing else on it, it is received when it was recorded.
+    A log has times of reception. Every frame is queued its transmission time earlier, so that on an
+    otherwise idle bus of the same ``bitrate`` it is received when it was recorded.
     """
     started = start_times(logged, bitrate=bitrate, data_bitrate=data_bitrate)
     order = np.argsort(started, kind="stable")
@@ -106,7 +106,7 @@ def recording_of(
 
 
 def start_times(logged: Logged, *, bitrate: int, data_bitrate: int = 0) -> NDArray[np.int64]:
-    """Return when each frame's transmission began, ns, from the time of its reception."""
+    """Return the start of each frame's transmission, ns, computed from its reception."""
     nominal = logged.nominal_bits - RECEPTION_BITS_BEFORE_END
     taken = transmission_times(nominal, logged.data_bits, bitrate, data_bitrate)
     started: NDArray[np.int64] = logged.received_ns - taken
@@ -118,8 +118,8 @@ def feed(network: Network, frames: Frames, node: int, cursor: int, until_ns: int
     """Queue recorded frames up to ``until_ns`` from ``node``; call it before ``advance``.
 
     Returns:
-        The cursor for the next call; the length of the recording when it is at its end. Stops
-        early where the network's store is full, and goes on with the next call.
+        The cursor for the next call; at the end, the length of the recording. Stops early if the
+        network's store is full, and continues with the next call.
     """
     clock = network.state[0].clock
     while cursor < len(frames.t_ns) and frames.t_ns[cursor] <= until_ns:

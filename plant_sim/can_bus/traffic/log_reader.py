@@ -24,7 +24,7 @@ def is_log(path: Path) -> bool:
 
 
 class Logged(NamedTuple):
-    """One channel of a log, in the order of reception; one entry a frame.
+    """One channel of a log in the order of reception, one entry per frame.
 
     Times of reception in nanoseconds, 0 at the log's first frame of any channel; whole
     microseconds, which is what logs hold. ``nominal_bits`` and ``data_bits``: lengths on the wire,
@@ -123,7 +123,7 @@ def _logged(channel: str, messages: list[can.Message], start: float) -> Logged:
 def transmission_times(
     nominal: NDArray[np.int64], data: NDArray[np.int64], bitrate: int, data_bitrate: int
 ) -> NDArray[np.int64]:
-    """Return the times of frames of so many bits, nanoseconds; ``data_bitrate`` 0: as nominal."""
+    """Return the transmission times of frames, ns; ``data_bitrate`` 0: as nominal."""
 
     def rounded(bits: NDArray[np.int64], rate: int) -> NDArray[np.int64]:
         time: NDArray[np.int64] = (bits * 1_000_000_000 + rate // 2) // rate

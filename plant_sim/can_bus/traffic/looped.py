@@ -1,4 +1,4 @@
-"""A recording sent again and again, so that every message keeps its arrival curve."""
+"""A recording repeated in a loop within the arrival curve of every message."""
 
 from collections.abc import Collection
 from typing import NamedTuple
@@ -15,7 +15,7 @@ _PHASE_STREAM = 1 << 46
 
 
 class Loop(NamedTuple):
-    """Frames of the first pass and of all further ones, and the time of a pass, ns."""
+    """Frames of the first pass and of all later ones, and the duration of a pass, ns."""
 
     first: Frames
     again: Frames
@@ -25,8 +25,8 @@ class Loop(NamedTuple):
 def loop_of(bus: InferredBus, leave_out: Collection[int] = ()) -> Loop:
     """Return a recording as a loop, without the arbitration keys of ``leave_out``.
 
-    Where the end meets the start, a message's frames may come too close: those of the start that
-    its arrival curve does not admit are left out of all passes but the first.
+    Where the end meets the start, frames of a message may come too close: frames at the start that
+    violate its arrival curve are left out of all passes but the first.
     """
     frames = bus.recording.frames
     pairs = zip(frames.ident.tolist(), frames.flags.tolist(), strict=True)
@@ -47,7 +47,7 @@ def _only(frames: Frames, mask: np.ndarray) -> Frames:
 
 
 class LoopedTraffic:
-    """Sends a loop from one node of a network, from a phase that the seed draws.
+    """Sends a loop from one node of a network, with a phase drawn from the seed.
 
     Args:
         network: at time 0.
@@ -64,7 +64,7 @@ class LoopedTraffic:
         self._cursor = 0
 
     def feed(self, until_ns: int) -> None:
-        """Queue all frames up to ``until_ns``; call it before the network advances so far."""
+        """Queue all frames up to ``until_ns``; call it before the network advances to then."""
         while True:
             self._cursor = feed(self._network, self._frames, self._node, self._cursor, until_ns)
             if self._cursor < len(self._frames.t_ns) or self._next_ns > until_ns:

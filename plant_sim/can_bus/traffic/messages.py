@@ -1,4 +1,4 @@
-"""A periodic message as traffic sets, analysis and simulation all describe it."""
+"""Periodic messages, for traffic sets, analysis and simulation."""
 
 from dataclasses import dataclass
 
@@ -16,10 +16,10 @@ from plant_sim.can_bus.wire.frame import (
 class BusMessage:
     """A periodic message: identifier, payload bytes, period and who sends and receives it.
 
-    ``jitter_ns`` is the greatest time from the nominal release to the queueing; ``bits`` above 0
-    gives the frame length, interframe space included, instead of identifier and payload; ``fifo``:
-    it waits in a first-in first-out queue. The analysis alone reads ``distance_ns``, the least one
-    of two frames (0: any), and ``deadline_ns`` (0: the period).
+    ``jitter_ns``: greatest time from the nominal release to queueing. ``bits``: if above 0, the
+    frame length, interframe space included, instead of that from identifier and payload. ``fifo``:
+    it waits in a first-in first-out queue. Only the analysis uses ``distance_ns``, the minimum
+    distance of two frames (0: any), and ``deadline_ns`` (0: the period).
     """
 
     name: str
@@ -43,21 +43,21 @@ class BusMessage:
 
     @property
     def arbitration_key(self) -> int:
-        """The number that decides arbitration: lower wins."""
+        """Arbitration key: the lower one wins."""
         return int(arbitration_key(self.ident, self.flags))
 
     def worst_ns(self, bitrate: int, data_bitrate: int = 0) -> int:
-        """Return the longest time its frame can take, interframe space included."""
+        """Return the longest transmission time of its frame, interframe space included, ns."""
         if self.bits:
             return transmission_ns((self.bits, 0), bitrate=bitrate)
         return worst_case_ns(self.length, self.flags, bitrate=bitrate, data_bitrate=data_bitrate)
 
     def best_ns(self, bitrate: int, data_bitrate: int = 0) -> int:
-        """Return the shortest time its frame can take, interframe space included."""
+        """Return the shortest transmission time of its frame, interframe space included, ns."""
         return transmission_ns(self._best_bits, bitrate=bitrate, data_bitrate=data_bitrate)
 
     def least_delivery_ns(self, bitrate: int, data_bitrate: int = 0) -> int:
-        """Return the shortest time from its queueing to its reception."""
+        """Return the shortest time from queueing to reception, ns."""
         nominal, data = self._best_bits
         taken = nominal - RECEPTION_BITS_BEFORE_END, data
         return transmission_ns(taken, bitrate=bitrate, data_bitrate=data_bitrate)
@@ -67,7 +67,7 @@ class BusMessage:
         return (self.bits, 0) if self.bits else best_case_bits(self.length, self.flags)
 
     def source(self) -> Source:
-        """Return the source that sends it in a simulation."""
+        """Return the source of the message for a simulation."""
         return Source(
             node=self.sender,
             ident=self.ident,

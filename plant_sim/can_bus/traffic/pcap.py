@@ -1,8 +1,8 @@
-"""Bus logs of Wireshark and tcpdump: .pcap and .pcapng with the link type of SocketCAN.
+"""Bus logs for Wireshark and tcpdump: .pcap and .pcapng with the link type of SocketCAN.
 
-Plug-ins of python-can: ``can.Logger`` and ``can.LogReader`` know them by their suffix. Times are
-written in nanoseconds. A .pcap has one channel and does not tell sent frames from received ones; a
-.pcapng has an interface a channel, named ``can0`` and so on, and the direction.
+Plug-ins of python-can, selected by ``can.Logger`` and ``can.LogReader`` from the suffix. Times are
+written in nanoseconds. A .pcap has one channel and no direction; a .pcapng has one interface per
+channel, named ``can0`` and so on, and the direction of every frame.
 Sources: LINKTYPE_CAN_SOCKETCAN of tcpdump.org, draft-ietf-opsawg-pcap, draft-ietf-opsawg-pcapng.
 """
 
@@ -78,7 +78,7 @@ class PcapWriter(BinaryIOMessageWriter):
     """Writes a .pcap.
 
     Raises:
-        CanrollError: a message is of another channel than those before.
+        CanrollError: a message has a different channel than the previous ones.
     """
 
     def __init__(self, file: StringPathLike | BinaryIO, **options: Any) -> None:  # noqa: ANN401
@@ -109,7 +109,7 @@ class PcapngWriter(BinaryIOMessageWriter):
         self._block(_SECTION, Struct("<IHHq").pack(_ORDER, 1, 0, -1))
 
     def on_message_received(self, msg: can.Message) -> None:
-        """Append a message, and its channel where it is new."""
+        """Append a message, and its channel if it is new."""
         if msg.channel not in self._channels:
             self._channels[msg.channel] = len(self._channels)
             number = channel2int(msg.channel)
@@ -135,10 +135,10 @@ def _options_of(values: dict[int, bytes]) -> bytes:
 
 
 class CaptureReader(BinaryIOMessageReader):
-    """Reads a .pcap or .pcapng of any byte order and resolution, packets of SocketCAN alone.
+    """Reads the SocketCAN packets of a .pcap or .pcapng of any byte order and resolution.
 
     Raises:
-        CanrollError: the file is none, is cut off, or is of another link type.
+        CanrollError: the file is not a capture, is truncated, or has another link type.
     """
 
     def __init__(self, file: StringPathLike | BinaryIO, **options: Any) -> None:  # noqa: ANN401

@@ -1,7 +1,7 @@
-"""Whether the times of one identifier's frames lie on a grid, and which.
+"""The time grid, if any, of the frames of one identifier.
 
-A grid is followed frame by frame: the next one is expected a period after the last, the phase
-slowly corrected. Frames may be missing, others may come between, and a node may start again.
+The grid is tracked frame by frame: the next frame is expected one period after the last, with a
+slow correction of the phase. Frames may be missing or in between, and a node may restart.
 """
 
 from dataclasses import dataclass
@@ -11,23 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 _CORRECTION: Final = 0.2
-"""Share of a frame's deviation by which the grid's phase follows it."""
+"""Share of a frame's deviation by which the phase of the grid is corrected."""
 _TOLERANCE: Final = 0.4
 """Greatest deviation of a frame from its place in the grid, as a share of the period."""
 _RESTART: Final = 3
-"""Frames off the grid, one after the other, behind which it starts again."""
+"""Consecutive frames off the grid after which a restart is assumed."""
 _TRIAL: Final = 400
-"""Frames on which the candidate periods are tried."""
+"""Number of frames on which candidate periods are tried."""
 _STARTS: Final = 4
-"""First frames that are tried as the one where the grid begins."""
+"""Number of first frames tried as the beginning of the grid."""
 
 
 @dataclass(frozen=True, slots=True)
 class Grid:
-    """Frames on a grid: ``period`` (ns), and every frame's place in it.
+    """Frames on a grid: ``period`` (ns), and the grid point of every frame.
 
-    ``places``: −1 for a frame between the grid's. ``filled``: share of places with a frame.
-    ``restarts``: how often the phase jumped.
+    ``places``: grid points, −1 for a frame off the grid. ``filled``: share of grid points with a
+    frame. ``restarts``: number of jumps of the phase.
     """
 
     period: float
@@ -43,13 +43,13 @@ class Grid:
 
     @property
     def agreement(self) -> float:
-        """Agreement of places and frames: 1 where each has exactly one of the other."""
+        """Agreement of grid points and frames, 1 if each point has exactly one frame."""
         hits = int(self.on.sum())
         return 2.0 * hits / (hits / self.filled + len(self.places)) if hits else 0.0
 
 
 def find_grid(times: NDArray[np.int64]) -> Grid:
-    """Return the grid that fits the times of at least three frames best, in order."""
+    """Return the best grid for the sorted times (ns) of at least three frames."""
     sample = times[:_TRIAL]
     trials = [
         (grid.agreement, grid.period, first)
@@ -67,7 +67,7 @@ def find_grid(times: NDArray[np.int64]) -> Grid:
 
 
 def _candidates(times: NDArray[np.int64]) -> list[float]:
-    """Return mean and median distance and the commonest ones of frames 1, 2 and 3 apart, ns."""
+    """Return mean and median distance, and the commonest of frames 1, 2 and 3 apart, ns."""
     steps = np.diff(times)
     found = [float(steps.mean()), float(np.median(steps))]
     for apart in (1, 2, 3):

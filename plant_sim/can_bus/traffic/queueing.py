@@ -1,9 +1,10 @@
-"""When the frames of a log were queued, from nothing but what the bus did.
+"""Queueing times of the frames of a log, inferred from the traffic on the bus.
 
 A frame that starts on an idle bus was queued at that instant. One that follows another frame
-without a pause has waited: since the busy stretch began at the earliest, and since the start of the
-last frame before it that would have lost to it. That holds of frames that compete by identifier as
-soon as they are queued; what a node's own queue holds back counts as queued when it is let go.
+without a pause has waited, at the earliest since the busy period began, and since the start of the
+last frame before it with lower priority. This holds for frames that take part in arbitration as
+soon as they are queued; a frame held in a node's own queue counts as queued when it reaches the
+front.
 """
 
 from typing import NamedTuple
@@ -17,16 +18,16 @@ from plant_sim.can_bus.traffic.log_reader import Logged, transmission_times
 from plant_sim.can_bus.wire.frame import arbitration_key, duration_ns, worst_case_bits
 
 _STAMP_NS = 2_000
-"""By how much two time stamps of whole microseconds may be off."""
+"""Greatest error of the difference of two time stamps of whole microseconds, ns."""
 _PAUSE_BITS = 3
-"""A shorter pause is none: an edge may be taken late, clocks differ."""
+"""Shorter pauses are ignored, because of sampling delay and clock differences."""
 
 
 class QueueTimes(NamedTuple):
-    """Frames of a log in the order of their starts, one entry a frame, times in nanoseconds.
+    """Frames of a log in the order of their starts, one entry per frame, times in ns.
 
-    Each was queued between ``earliest`` and ``start``, where its transmission began; ``exact``: at
-    ``start``, on an idle bus. ``end``: of its interframe space. ``order``: its place in the log.
+    Each was queued between ``earliest`` and ``start`` of its transmission; ``exact``: at ``start``,
+    on an idle bus. ``end``: of its interframe space. ``order``: its index in the log.
     """
 
     order: NDArray[np.int64]
@@ -37,7 +38,7 @@ class QueueTimes(NamedTuple):
 
 
 def queue_times(logged: Logged, rate: BitRate) -> QueueTimes:
-    """Return between which instants every frame of a channel was queued."""
+    """Return the interval in which every frame of a channel was queued."""
     started = start_times(logged, bitrate=rate.nominal, data_bitrate=rate.data)
     order = np.argsort(started, kind="stable")
     start = started[order]

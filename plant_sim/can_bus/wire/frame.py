@@ -46,7 +46,7 @@ _STUFF_MASK = 7
 
 
 def _stuffing_table() -> NDArray[np.uint8]:
-    """Next state and stuff bits of eight more bits: state = 4·last bit + run length − 1."""
+    """Next state and number of stuff bits after eight more bits: state = 4·last bit + run − 1."""
     table = np.zeros((8, 256), np.uint8)
     for state in range(8):
         for byte in range(256):
@@ -87,10 +87,11 @@ def length_code(length: int) -> int:
 
 @njit
 def arbitration_key(ident: int, flags: int) -> int:
-    """Return the 32 bits that decide arbitration, as sent: lower wins.
+    """Return the 32 bits of the arbitration field, as sent: the lower key wins.
 
-    Base identifier, RTR or SRR, IDE, then extension and RTR: a standard frame beats an extended
-    one of equal base identifier, a data frame its remote frame. An error flag beats them all.
+    Base identifier, RTR or SRR, IDE, then extension and RTR: a standard frame wins against an
+    extended one with equal base identifier, a data frame against its remote frame, and an error
+    flag against every frame.
     """
     if flags & ERROR_FLAG:
         return -1
@@ -107,7 +108,7 @@ def frame_bits(ident: int, flags: int, length: int, payload: NDArray[np.uint8]) 
     Args:
         ident: 11-bit identifier, or 29-bit with ``EXTENDED``.
         flags: any of ``EXTENDED``, ``REMOTE``, ``FD``, ``BIT_RATE_SWITCH``, ``ERROR_STATE``.
-        length: payload bytes (of a remote frame: the length it asks for).
+        length: payload bytes (of a remote frame: the requested length).
         payload: at least ``length`` bytes; not read for remote frames.
     """
     if flags & FD:
@@ -210,8 +211,8 @@ def worst_case_bits(length: int, flags: int = 0) -> tuple[int, int]:
     """Return an upper bound of ``frame_bits`` over identifiers and payloads.
 
     Classic: g + 8s + 13 + ⌊(g + 8s − 1)/4⌋ with g = 34 or 54 (Davis et al. 2007, equation 1).
-    FD: a stuff bit after every fourth bit of SOF … last data bit, the last one excepted (a fixed
-    stuff bit stands there), as many of them as can be in the part at nominal rate.
+    FD: a stuff bit after every fourth bit from SOF to the last data bit, except for the last one
+    (followed by a fixed stuff bit), with as many as possible in the part at nominal rate.
     """
     if flags & FD:
         nominal, data = best_case_bits(length, flags)
@@ -230,8 +231,8 @@ def worst_case_bits(length: int, flags: int = 0) -> tuple[int, int]:
 def worst_case_ns(length: int, flags: int = 0, *, bitrate: int, data_bitrate: int = 0) -> int:
     """Return an upper bound of a frame's time over identifiers and payloads, in nanoseconds.
 
-    With bit-rate switch stuff bits may stand in either part, and each part's time is rounded to
-    whole nanoseconds: the longest of all divisions counts.
+    With bit-rate switch, stuff bits may be in either part, and the time of each part is rounded to
+    whole nanoseconds: the result is the maximum over all divisions.
     """
     nominal, data = worst_case_bits(length, flags)
     movable = (35 if flags & EXTENDED else 16) // 4 if data else 0

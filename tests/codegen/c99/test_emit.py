@@ -287,3 +287,26 @@ def test_an_unsigned_value_that_meets_a_sign_is_computed_in_64_bits(sample):
 def test_what_may_not_fit_an_unsigned_type_is_refused(sample, body):
     with pytest.raises(SubsetError, match=r"may not fit u(16|32): use clamp"):
         unsigned(sample, body)
+
+
+def test_a_shift_that_may_exceed_32_bits_is_done_in_64(sample):
+    sample.write(
+        """
+        def run(ecu: Ecu, cal: Calibration, k: i32) -> None:
+            small: i32 = clamp(k, -8, 7)
+            ecu.x[0] = clamp(rsh(small, cal.shift), -8, 7)
+            ecu.x[1] = clamp(rsh(small, 52), -8, 7)
+            ecu.x[2] = clamp(rsh(small, 31), -8, 7)
+            ecu.small = byte((ecu.small << 40) >> 40)
+            ecu.count = clamp(ecu.count >> 33, 0, 100)
+            bits: u32 = to_u32(clamp(k, 0, 0))
+            ecu.m[0][0] = clamp(bits << 35, 0, 0)
+        """
+    )
+    text = emit.emit("sample", sample.path)["canroll_sample.c"]
+    assert "canroll_rsh_by(small, cal->shift)" in text
+    assert "canroll_rsh(small, 52)" in text
+    assert "canroll_rsh32(small, 31)" in text
+    assert "* ((int64_t)1 << 40)) >> 40" in text
+    assert "(int64_t)ecu->count >> 33" in text
+    assert "* ((int64_t)1 << 35)" in text

@@ -14,7 +14,7 @@ import pytest
 from canroll.errors import CanrollError
 from hil.cli.main import main
 from plant_sim.can_bus import NetworkSpec, Segment, build_network
-from plant_sim.can_bus.servers.mirror import Mirror
+from plant_sim.can_bus.servers.frames import Mirror
 from plant_sim.can_bus.servers.shared_client import SharedSimBus
 from plant_sim.can_bus.servers.shared_server import SharedBus
 from plant_sim.can_bus.simulation import traffic_spec

@@ -1,0 +1,314 @@
+"""Cases that take the exported C through every statement and branch, each with its result.
+
+One calibration runs a part of the code only. The cases run many: random ones on hostile frames,
+some that reach what chance does not, and one for every rule that refuses a calibration. A case is a
+calibration, frames, ticks, and what the reference gave: the rule of ``init`` and a CRC-32 of all
+states. What no case reaches is in :data:`UNREACHED`, with the reason.
+"""
+
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from codegen.c99.text import filled
+from codegen.generated.bus_map import BusMap
+from codegen.run import memory_image
+from codegen.run.ecu_traffic import Traffic, random_calibration, random_traffic
+from codegen.run.native import Library
+from firmware.calibration import (
+    BYPASS,
+    COMPENSATOR,
+    CONSTANT_GAIN,
+    DAMPERS,
+    OUTPUT_FEEDBACK,
+    STATE_FEEDBACK,
+    SUSPENSION,
+    VALVES,
+    Calibration,
+)
+from firmware.state import (
+    RX_ACTUATOR_STATE,
+    RX_IMU,
+    RX_ROLL_REFERENCE,
+    RX_SUSPENSION_RATE,
+    RX_VEHICLE_MOTION,
+)
+
+SEEDS = (3, 5, 7, 10, 13, 22, 23, 40, 42, 101, 163, 169, 195, 281)
+"""Of the random cases; chosen by what each adds."""
+TICKS = 80
+NEVER = -1
+FLIPPED = 8
+"""Byte of the calibration, from its end, in which a bit flips."""
+FULL = 1 << 20
+"""The most ticks that can pass between two."""
+
+LAST = "the last of all there are: no other is asked for"
+UNREACHED = {
+    ("canroll_event_trigger.c", "if (ecu->commands_sent < INT32_MAX) {"): "it takes 2^31 commands",
+    (
+        "canroll_mailbox.c",
+        "if (canroll_signals_wanted(message, payload) == 0) {",
+    ): "only frames with pages have one that is not wanted",
+    (
+        "canroll_plausibility.c",
+        "if ((bad == 0) || (timeout == 0)) {",
+    ): "a message that is not needed is not read, so it is never bad",
+    ("canroll_signals.c", "} else if ((int32_t)ecu->diagnostics_page == 4) {"): LAST,
+    ("canroll_signals.c", "} else if (message == CANROLL_RX_ROLL_REFERENCE) {"): LAST,
+    ("canroll_signals.c", "} else if (message == CANROLL_TX_DIAGNOSTICS) {"): LAST,
+}
+"""Lines of the C, on the built-in frames, with a branch that no case takes, and why."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One calibration on some frames; in tick ``flipped`` a bit of the calibration flips."""
+
+    name: str
+    record: Calibration
+    traffic: Traffic
+    flipped: int = NEVER
+
+
+def cases(bus: BusMap) -> Iterator[Case]:
+    """Yield the cases for the frames of a bus."""
+    for seed in SEEDS:
+        traffic = random_traffic(seed, TICKS, bus=bus)
+        yield Case(f"random {seed}", random_calibration(seed), traffic)
+    yield from _rare(bus)
+    yield from _refused(bus)
+
+
+def cases_of(record: Calibration, bus: BusMap) -> Iterator[Case]:
+    """Yield cases of one calibration, for code that takes no other, and of what it refuses."""
+    for seed in SEEDS:
+        traffic = random_traffic(seed, TICKS, bus=bus)
+        yield Case(f"random {seed}", record, traffic)
+    longer = np.concatenate([traffic.elapsed, np.ones(1000, np.int32)])
+    yield Case("a flipped bit", record, Traffic(traffic.frames, longer), flipped=10)
+    none = Traffic(traffic.frames[:0], np.full(2100, FULL, np.int32))
+    yield Case("the clock wraps", record, none)
+    for name in ("law", "moment_max", "force_max"):
+        other = Calibration()
+        memory_image.fill(other, memory_image.image(record))
+        value = getattr(other, name)
+        setattr(other, name, [value[0] ^ 1, *value[1:]] if name == "force_max" else value ^ 1)
+        yield Case(f"another {name}", other, Traffic(none.frames, none.elapsed[:2]))
+
+
+def _rare(bus: BusMap) -> Iterator[Case]:
+    """What chance does not reach."""
+    quiet = random_traffic(1, 240, hostile=0.0, rough=0.0, bus=bus)
+    learns: dict[str, object] = {
+        "identification": 1,
+        "observer": CONSTANT_GAIN,
+        "rls_decimation": 1,
+    }
+    learns |= {"law": STATE_FEEDBACK, "actuator": SUSPENSION, "compensator_outputs": 1}
+    for gate, trace in ((0, 1 << 25), (1 << 26, 1)):
+        changes = learns | {"rls_gate": gate, "rls_trace_max": trace, "init_ticks": 1}
+        yield Case("identification", _changed(1, **changes), quiet)
+    frames = random_traffic(2, TICKS, bus=bus)
+    longer = np.concatenate([frames.elapsed, np.ones(1000, np.int32)])
+    flipped = _changed(2, law=STATE_FEEDBACK, actuator=SUSPENSION, compensator_outputs=1)
+    yield Case("a flipped bit", flipped, Traffic(frames.frames, longer), flipped=10)
+    quiet = random_traffic(1, 40, hostile=0.0, rough=0.0, bus=bus)
+    zeros: dict[str, object] = {
+        "law": COMPENSATOR,
+        "compensator_b": [[0] * 4] * 8,
+        "compensator_d": [[0] * 4] * 2,
+    }
+    bad: dict[str, object] = {
+        "acceleration_max": 0,
+        "actuator": SUSPENSION,
+        "compensator_outputs": 1,
+    }
+    bad |= {"observer": CONSTANT_GAIN, "init_ticks": 1}
+    for name, changes in {
+        "the law reads no lateral acceleration": zeros,
+        "a compensator's states read it": zeros | {"compensator_b": [[0, 0, 1, 0]] * 8},
+        "a compensator's output reads it": zeros | {"compensator_d": [[0, 0, 1, 0]] * 2},
+        "output feedback of it": {"law": OUTPUT_FEEDBACK, "output_gain": [0, 1, 0]},
+        "output feedback without it": {"law": OUTPUT_FEEDBACK, "output_gain": [1, 0, 0]},
+        "nothing reads it": zeros | {"measurements": 1, "identification": 0},
+        "identification reads it": zeros | {"measurements": 1, "identification": 1},
+        "nothing else is measured": zeros | {"measurements": 2, "identification": 0},
+    }.items():
+        yield Case(name, _changed(1, **{**bad, **changes}), quiet)
+    optional: dict[str, object] = {
+        "law": STATE_FEEDBACK,
+        "actuator": SUSPENSION,
+        "compensator_outputs": 1,
+    }
+    optional["timeout_ticks"] = [5, 5, 0, 0, 0]
+    yield Case("inputs that are not needed", _changed(1, **optional), quiet)
+    optional |= {"observer": BYPASS, "timeout_ticks": [0, 5, 0, 0, 5]}
+    yield Case("bypass", _changed(1, **optional), quiet)
+    none = Traffic(frames.frames[:0], np.full(2100, FULL, np.int32))
+    yield Case("the clock wraps", _changed(3), none)
+    alien = frames.frames[:4].copy()
+    alien["message"] = (-1, 5, 99, -(2**31))
+    yield Case("no such message", _changed(4), Traffic(alien, frames.elapsed[:8]))
+
+
+def _refused(bus: BusMap) -> Iterator[Case]:
+    """A calibration for every rule of the check."""
+    traffic = Traffic(random_traffic(0, 1, bus=bus).frames[:0], np.ones(2, np.int32))
+    plain: dict[str, object] = {
+        "law": STATE_FEEDBACK,
+        "actuator": SUSPENSION,
+        "observer": CONSTANT_GAIN,
+    }
+    plain |= {"compensator_outputs": 1}
+    wanting: dict[str, dict[str, object]] = {
+        "a byte out of its range": {"law": 7},
+        "a word out of its range": {"tick_us": 0},
+        "speeds do not ascend": {"schedule_points": 8, "schedule_speed": [0] * 8},
+        "the fade has no width": {"fade_low": 1 << 20, "fade_high": 1 << 20},
+        "ratios exclude each other": {"rls_lo": [9, 9], "rls_hi": [1, 1]},
+        "valves without compensator": {"actuator": VALVES},
+        "two outputs without compensator": {"compensator_outputs": 2},
+        "two outputs on dampers": {
+            "law": COMPENSATOR,
+            "compensator_outputs": 2,
+            "actuator": DAMPERS,
+        },
+        "no Imu": {"timeout_ticks": _without(RX_IMU)},
+        "bypass without reference": {
+            "observer": BYPASS,
+            "timeout_ticks": _without(RX_ROLL_REFERENCE),
+        },
+        "dampers without their speed": {
+            "actuator": DAMPERS,
+            "timeout_ticks": _without(RX_SUSPENSION_RATE),
+        },
+        "dampers without their moment": {
+            "actuator": DAMPERS,
+            "timeout_ticks": _without(RX_ACTUATOR_STATE),
+        },
+        "no speed": {"timeout_ticks": _without(RX_VEHICLE_MOTION)},
+    }
+    for name, changes in wanting.items():
+        yield Case(name, _changed(0, **(plain | changes)), traffic)
+    wrong = _changed(0, **plain)
+    wrong.crc ^= 1
+    yield Case("a wrong CRC", wrong, traffic)
+
+
+def _without(message: int) -> list[int]:
+    return [0 if k == message else 5 for k in range(5)]
+
+
+def _changed(seed: int, **changes: object) -> Calibration:
+    record = random_calibration(seed)
+    for name, value in changes.items():
+        setattr(record, name, value)
+    return memory_image.sealed(record)
+
+
+def result(library: Library, case: Case) -> tuple[int, int]:
+    """Return the rule by which ``init`` refuses and the CRC-32 of all states of the reference."""
+    ffi, lib = library.ffi, library.lib
+    cal = np.frombuffer(memory_image.image(case.record), np.uint8).copy()
+    state = np.zeros(memory_image.dtype(library.record).itemsize, np.uint8)
+    ecu, calibration = (ffi.from_buffer("uint8_t[]", each) for each in (state, cal))
+    rule = int(lib.canroll_start(ecu, calibration))
+    crc = zlib.crc32(state.tobytes())
+    frames, place = case.traffic.frames, 0
+    for tick, elapsed in enumerate(case.traffic.elapsed.tolist()):
+        if tick == case.flipped:
+            cal[-FLIPPED] ^= 1
+        while place < len(frames) and frames[place]["tick"] == tick:
+            frame = frames[place]
+            lib.canroll_put(
+                ecu, int(frame["message"]), frame["payload"].tobytes(), int(frame["length"])
+            )
+            place += 1
+        lib.canroll_step(ecu, calibration, elapsed)
+        pending = memory_image.dtype(library.record).fields["tx_pending"]  # type: ignore[index]
+        crc = zlib.crc32(state.tobytes(), crc)
+        state[pending[1] : pending[1] + pending[0].itemsize] = 0
+    return rule, crc
+
+
+def sources(library: Library, found: Sequence[Case]) -> tuple[str, str]:
+    """Return header and source of cases with their results."""
+    room = found[0].traffic.frames.dtype["payload"].shape[0]
+    size = memory_image.dtype(Calibration).itemsize
+    header = HEADER.format(cases=len(found), bytes=size, flipped=FLIPPED, room=room)
+    lines = ['#include "cases.h"', ""]
+    rows = []
+    for k, case in enumerate(found):
+        rule, crc = result(library, case)
+        data = memory_image.image(case.record)
+        frames, elapsed = case.traffic.frames, case.traffic.elapsed
+        lines += _array(f"uint8_t calibration_{k}", [str(byte) for byte in data])
+        lines += _array(f"int32_t elapsed_{k}", [str(n) for n in elapsed.tolist()])
+        lines += _array(f"case_frame frames_{k}", _frames(frames))
+        rows.append(
+            f'{{ "{case.name}", calibration_{k}, elapsed_{k}, frames_{k}, {len(elapsed)}, '
+            f"{len(frames)}, {case.flipped}, {rule}, 0x{crc:08X}u }}"
+        )
+    lines += _array("case_data cases", rows, storage="const")
+    return header, "\n".join([*lines, ""])
+
+
+HEADER = """\
+/* Cases for every statement and branch: calibration, frames, what the reference gave. */
+#ifndef CASES_H
+#define CASES_H
+
+#include <stdint.h>
+
+#define CASES {cases}
+#define CASE_CALIBRATION {bytes}
+#define CASE_FLIPPED {flipped}
+
+typedef struct {{
+    int32_t tick, message, length;
+    uint8_t payload[{room}];
+}} case_frame;
+
+typedef struct {{
+    const char *name;
+    const uint8_t *calibration;
+    const int32_t *elapsed;
+    const case_frame *frames;
+    int32_t ticks, received;
+    int32_t flipped; /* tick in which a bit of the calibration flips, -1: none */
+    int32_t rule; /* of canroll_init */
+    uint32_t states; /* CRC-32 of the state after canroll_init and after every tick */
+}} case_data;
+
+extern const case_data cases[CASES];
+
+#endif
+"""
+
+
+def table() -> str:
+    """What no case reaches, as Markdown."""
+    rows = []
+    for (file, line), why in UNREACHED.items():
+        text = line.strip("{} ").replace("|", r"\|")
+        rows.append(f"| `{file}` | `{text}` | {why} |")
+    return "\n".join(["| file | branch not taken | why |", "| --- | --- | --- |", *rows])
+
+
+def _frames(frames: NDArray[np.void]) -> list[str]:
+    rows = []
+    for row in frames:
+        payload = ", ".join(str(byte) for byte in row["payload"].tolist())
+        rows.append(f"{{ {row['tick']}, {row['message']}, {row['length']}, {{ {payload} }} }}")
+    return rows or ["{ 0, 0, 0, { 0 } }"]
+
+
+def _array(head: str, items: list[str], storage: str = "static const") -> Iterator[str]:
+    yield f"{storage} {head}[{len(items)}] = {{"
+    yield from filled(f"{item}," for item in items)
+    yield "};"
+    yield ""

@@ -1,0 +1,233 @@
+"""Expressions of the subset with what is known of them folded in.
+
+Arithmetic of the subset is exact, so every rule here holds for all integers; a rule that would
+drop an operand is applied only where dropping it drops no effect.
+"""
+
+import ast
+from collections.abc import Callable, Sequence
+
+from firmware import subset
+
+Number = ast.expr
+
+OPERATIONS: dict[type[ast.operator], Callable[[int, int], int]] = {
+    ast.Add: lambda a, b: a + b,
+    ast.Sub: lambda a, b: a - b,
+    ast.Mult: lambda a, b: a * b,
+    ast.LShift: lambda a, b: a << b,
+    ast.RShift: lambda a, b: a >> b,
+    ast.BitOr: lambda a, b: a | b,
+    ast.BitAnd: lambda a, b: a & b,
+    ast.BitXor: lambda a, b: a ^ b,
+}
+RELATIONS: dict[type[ast.cmpop], Callable[[int, int], bool]] = {
+    ast.Lt: lambda a, b: a < b,
+    ast.LtE: lambda a, b: a <= b,
+    ast.Gt: lambda a, b: a > b,
+    ast.GtE: lambda a, b: a >= b,
+    ast.Eq: lambda a, b: a == b,
+    ast.NotEq: lambda a, b: a != b,
+}
+NEGATED = {
+    ast.Lt: ast.GtE,
+    ast.LtE: ast.Gt,
+    ast.Gt: ast.LtE,
+    ast.GtE: ast.Lt,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+}
+
+
+def literal(number: int) -> ast.expr:
+    """A constant as Python writes it."""
+    if number < 0:
+        return ast.UnaryOp(ast.USub(), ast.Constant(-number))
+    return ast.Constant(number)
+
+
+def known(node: ast.expr) -> int | None:
+    """The value of a literal, or None."""
+    if isinstance(node, ast.Constant) and type(node.value) is int:
+        return node.value
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        inner = known(node.operand)
+        return None if inner is None else -inner
+    return None
+
+
+def same(a: ast.expr, b: ast.expr) -> bool:
+    """Whether both are written alike."""
+    return ast.unparse(a) == ast.unparse(b)
+
+
+def pure(node: ast.AST) -> bool:
+    """Whether evaluating ``node`` calls nothing but intrinsics that read."""
+    return not any(
+        isinstance(inner, ast.Call)
+        and not (isinstance(inner.func, ast.Name) and inner.func.id in READERS)
+        for inner in ast.walk(node)
+    )
+
+
+READERS = frozenset(
+    ("sat32", "sat31", "scaled", "clamp", "rsh", "tdiv", "byte", "narrow", "to_i32", "to_u32")
+) | {"word", "octet"}
+
+
+def negated(a: ast.expr) -> ast.expr:
+    """-a."""
+    value = known(a)
+    if value is not None:
+        return literal(-value)
+    if isinstance(a, ast.UnaryOp) and isinstance(a.op, ast.USub):
+        return a.operand
+    return ast.UnaryOp(ast.USub(), a)
+
+
+def operation(op: ast.operator, a: ast.expr, b: ast.expr) -> ast.expr:
+    """``a op b``."""
+    x, y = known(a), known(b)
+    if x is not None and y is not None:
+        return literal(OPERATIONS[type(op)](x, y))
+    if isinstance(op, ast.Mult):
+        return _product(a, b, x, y)
+    if isinstance(op, ast.Add):
+        return _sum(a, b, x, y)
+    if isinstance(op, ast.Sub):
+        if y == 0:
+            return a
+        if x == 0:
+            return negated(b)
+    if isinstance(op, ast.BitOr | ast.BitXor):
+        if x == 0:
+            return b
+        if y == 0:
+            return a
+    if isinstance(op, ast.BitAnd) and 0 in (x, y) and pure(a) and pure(b):
+        return literal(0)
+    if isinstance(op, ast.LShift | ast.RShift):
+        if y == 0:
+            return a
+        if x == 0:
+            return literal(0)
+    return ast.BinOp(a, op, b)
+
+
+def _product(a: ast.expr, b: ast.expr, x: int | None, y: int | None) -> ast.expr:
+    if x is not None:
+        a, b, y = b, a, x
+    if y == 0 and pure(a):
+        return literal(0)
+    if y == 1:
+        return a
+    if y == -1:
+        return negated(a)
+    return ast.BinOp(a, ast.Mult(), b)
+
+
+def _sum(a: ast.expr, b: ast.expr, x: int | None, y: int | None) -> ast.expr:
+    if x == 0:
+        return b
+    if y == 0:
+        return a
+    if isinstance(b, ast.UnaryOp) and isinstance(b.op, ast.USub):
+        return ast.BinOp(a, ast.Sub(), b.operand)
+    return ast.BinOp(a, ast.Add(), b)
+
+
+def intrinsic(name: str, arguments: Sequence[ast.expr]) -> ast.expr:
+    """A call of an intrinsic that reads no memory."""
+    values = [known(each) for each in arguments]
+    if all(value is not None for value in values):
+        return literal(getattr(subset, name)(*values))
+    if name in ("scaled", "rsh") and values[1] is not None:
+        return shifted(name, arguments[0], values[1])
+    return ast.Call(ast.Name(name), list(arguments), [])
+
+
+def shifted(name: str, total: ast.expr, count: int) -> ast.expr:
+    """``scaled`` or ``rsh`` by ``count``; without the shift where all of the sum is a multiple."""
+    if _power(total) >= count:
+        rest = _divided(total, count)
+        return intrinsic("sat31", [rest]) if name == "scaled" else rest
+    return ast.Call(ast.Name(name), [total, ast.Constant(count)], [])
+
+
+def _power(node: ast.expr) -> int:
+    """How often two is seen to divide ``node``: 62 for 0."""
+    value = known(node)
+    if value is not None:
+        return 62 if value == 0 else (value & -value).bit_length() - 1
+    if isinstance(node, ast.UnaryOp):
+        return _power(node.operand)
+    if isinstance(node, ast.BinOp):
+        if isinstance(node.op, ast.Mult):
+            return _power(node.left) + _power(node.right)
+        if isinstance(node.op, ast.Add | ast.Sub):
+            return min(_power(node.left), _power(node.right))
+    return 0
+
+
+def _divided(node: ast.expr, count: int) -> ast.expr:
+    """``node`` / 2**count, which two divides that often by :func:`_power`."""
+    value = known(node)
+    if value is not None:
+        return literal(value >> count)
+    if isinstance(node, ast.UnaryOp):
+        return negated(_divided(node.operand, count))
+    assert isinstance(node, ast.BinOp)
+    if isinstance(node.op, ast.Mult):
+        left = min(_power(node.left), count)
+        a = _divided(node.left, left) if left else node.left
+        b = _divided(node.right, count - left) if count - left else node.right
+        return operation(ast.Mult(), a, b)
+    return operation(node.op, _divided(node.left, count), _divided(node.right, count))
+
+
+def comparison(op: ast.cmpop, a: ast.expr, b: ast.expr) -> ast.expr:
+    """``a op b``; a literal True or False where both are known."""
+    x, y = known(a), known(b)
+    if x is not None and y is not None:
+        return ast.Constant(RELATIONS[type(op)](x, y))
+    if x is not None:
+        swapped = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
+        return ast.Compare(b, [swapped.get(type(op), type(op))()], [a])
+    return ast.Compare(a, [op], [b])
+
+
+def truth(node: ast.expr) -> bool | None:
+    """What a condition is, where that is known."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, bool):
+        return node.value
+    return None
+
+
+def inverse(node: ast.expr) -> ast.expr:
+    """A condition that holds where ``node`` doesn't."""
+    told = truth(node)
+    if told is not None:
+        return ast.Constant(not told)
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+        return node.operand
+    if isinstance(node, ast.Compare):
+        return ast.Compare(node.left, [NEGATED[type(node.ops[0])]()], node.comparators)
+    return ast.UnaryOp(ast.Not(), node)
+
+
+def joined(op: ast.boolop, parts: Sequence[ast.expr]) -> ast.expr:
+    """``and`` or ``or`` of conditions, evaluated from the left as far as needed."""
+    deciding = isinstance(op, ast.Or)
+    left: list[ast.expr] = []
+    for part in parts:
+        told = truth(part)
+        if told is deciding:
+            # what stands before it is still asked, unless that changes nothing
+            left = [each for each in left if not pure(each)]
+            left.append(part)
+            break
+        if told is None:
+            left.append(part)
+    if not left:
+        return ast.Constant(not deciding)
+    return left[0] if len(left) == 1 else ast.BoolOp(op, left)

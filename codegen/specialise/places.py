@@ -1,0 +1,200 @@
+"""Places of the records and of constant tables, while a program is specialised.
+
+What is known of a place is folded in; what is read of the calibration or of a table by an index
+that is not known is kept as a table of the program that is written.
+"""
+
+import ast
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+
+from codegen.specialise import fold
+from codegen.specialise.scope import Scope
+from codegen.subset.effects import writers
+from codegen.subset.program import CONST_RECORD, Const, Program, RecordField, Type, evaluate
+
+Element = tuple[str, tuple[int, ...]]
+
+STATE_RECORD = "Ecu"
+RECORDS = {STATE_RECORD: "ecu", CONST_RECORD: "cal"}
+"""What each record is called in all copies."""
+CALIBRATION = "calibration of"
+TABLE = "table of "
+"""Owners of places that are no names of the subset: the calibration and a module's tables."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """A store in the state: which elements, and the value if it is known."""
+
+    elements: tuple[Element, ...]
+    value: int | None
+
+
+@dataclass(slots=True)
+class Places:
+    """What is known of the records of one program.
+
+    Attributes:
+        program: is read.
+        calibration: every element of the calibration.
+        steady: elements of the state with the value that they always have.
+        results: what calls of these functions return, without effect.
+        tables: what of the calibration and of the modules' tables is read by an unknown index.
+        used: names of the functions that were written.
+        stores: all stores in the state, but those that change nothing.
+    """
+
+    program: Program
+    calibration: Mapping[Element, int]
+    steady: Mapping[Element, int]
+    results: Mapping[tuple[str, str], int]
+    tables: dict[str, tuple[Type, Const]] = field(default_factory=dict)
+    used: set[str] = field(default_factory=set)
+    stores: list[Stored] = field(default_factory=list)
+    writers: Mapping[tuple[str, str], frozenset[str]] = field(init=False)
+    reserved: frozenset[str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.writers = writers(self.program)
+        names = {
+            n.id
+            for f in self.program.functions()
+            for n in ast.walk(f.node)
+            if isinstance(n, ast.Name)
+        }
+        names |= {name for f in self.program.functions() for name in f.parameters}
+        self.reserved = frozenset(names)
+
+    def value(self, node: ast.expr, scope: Scope) -> ast.expr:
+        """An expression with what is known folded in."""
+        raise NotImplementedError
+
+    def _read(self, node: ast.expr, scope: Scope) -> ast.expr:
+        module = self.program.modules[scope.function.module]
+        if isinstance(node, ast.Name | ast.Attribute):
+            limit = self.program.limit(module, node)
+            constant = self.program.constant(module, node)
+            if limit is not None or constant is not None:
+                number = evaluate(self.program, module, node)
+                assert isinstance(number, int)
+                return fold.literal(number)
+        place = self._place(node, scope)
+        table = self._table(place)
+        if table is not None:
+            return table
+        element = self._element(place)
+        if element is not None and element in self.steady and not self._volatile(place):
+            return fold.literal(self.steady[element])
+        return place
+
+    def _place(self, node: ast.expr, scope: Scope) -> ast.expr:
+        """A field, an element or an array, its indices folded."""
+        if isinstance(node, ast.Subscript):
+            index = self.value(node.slice, scope)
+            return ast.Subscript(self._place(node.value, scope), index)
+        if isinstance(node, ast.Name) and node.id in scope.values:
+            return scope.values[node.id]
+        module = self.program.modules[scope.function.module]
+        constant = self.program.constant(module, node)
+        if constant is not None:
+            return ast.Attribute(ast.Name(f"{TABLE}{constant.module}"), constant.name)
+        assert isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name)
+        record = scope.function.parameters[node.value.id].record
+        owner = CALIBRATION if record == CONST_RECORD else RECORDS[record]
+        return ast.Attribute(ast.Name(owner), node.attr)
+
+    def _table(self, place: ast.expr, *, whole: bool = False) -> ast.expr | None:
+        """An element of the calibration or of a constant table: its value, or what reads it."""
+        indices: list[ast.expr] = []
+        base = place
+        while isinstance(base, ast.Subscript):
+            indices.insert(0, base.slice)
+            base = base.value
+        if not isinstance(base, ast.Attribute) or not isinstance(base.value, ast.Name):
+            return None
+        home = base.value.id
+        if home == CALIBRATION:
+            its = self.program.record(CONST_RECORD).fields[base.attr].type
+            value = self._calibrated(base.attr, its.shape, ())
+        elif home.startswith(TABLE):
+            constant = self.program.modules[home.removeprefix(TABLE)].constants[base.attr]
+            its, value = constant.type, constant.value
+        else:
+            return None
+        numbers = [fold.known(index) for index in indices]
+        if not whole and None not in numbers:
+            for number in numbers:
+                assert isinstance(value, tuple) and number is not None
+                value = value[number]
+            assert isinstance(value, int)
+            return fold.literal(value)
+        name = base.attr.upper()
+        if self.tables.setdefault(name, (its, value)) != (its, value):
+            name = f"{name}_{home.removeprefix(TABLE).upper()}"
+            self.tables[name] = (its, value)
+        found: ast.expr = ast.Name(name)
+        for index in indices:
+            found = ast.Subscript(found, index)
+        return found
+
+    def _calibrated(self, name: str, shape: tuple[int, ...], prefix: tuple[int, ...]) -> Const:
+        if not shape:
+            return self.calibration[name, prefix]
+        return tuple(self._calibrated(name, shape[1:], (*prefix, k)) for k in range(shape[0]))
+
+    def _keeps(self, place: ast.expr, value: ast.expr) -> bool:
+        """Whether a store leaves what is there."""
+        if self._volatile(place):
+            return False
+        if fold.same(place, value):
+            return True
+        element = self._element(place)
+        number = fold.known(value)
+        return element is not None and number is not None and self.steady.get(element) == number
+
+    def _store(self, place: ast.expr, number: int | None) -> None:
+        elements = tuple(self._elements(place))
+        if elements:
+            self.stores.append(Stored(elements, number))
+
+    def _element(self, place: ast.expr) -> Element | None:
+        found = list(self._elements(place))
+        return found[0] if len(found) == 1 and fixed(place) else None
+
+    def _elements(self, place: ast.expr) -> Iterator[Element]:
+        """The elements of the state that ``place`` may be."""
+        indices: list[int | None] = []
+        base = place
+        while isinstance(base, ast.Subscript):
+            indices.insert(0, fold.known(base.slice))
+            base = base.value
+        if not isinstance(base, ast.Attribute) or not isinstance(base.value, ast.Name):
+            return
+        if base.value.id == CALIBRATION or base.value.id.startswith(TABLE):
+            return
+        shape = self._state()[base.attr].type.shape
+        ways: list[tuple[int, ...]] = [()]
+        for at, size in enumerate(shape):
+            index = indices[at] if at < len(indices) else None
+            its = range(size) if index is None else (index,)
+            ways = [(*way, k) for way in ways for k in its]
+        yield from ((base.attr, way) for way in ways)
+
+    def _volatile(self, place: ast.expr) -> bool:
+        base = place
+        while isinstance(base, ast.Subscript):
+            base = base.value
+        return isinstance(base, ast.Attribute) and self._state()[base.attr].volatile
+
+    def _state(self) -> Mapping[str, RecordField]:
+        return self.program.record(STATE_RECORD).fields
+
+
+def fixed(node: ast.expr) -> bool:
+    """Whether ``node`` is a literal or a place without indices that are not known."""
+    if isinstance(node, ast.Subscript):
+        return fold.known(node.slice) is not None and fixed(node.value)
+    if isinstance(node, ast.Attribute):
+        return True
+    return fold.known(node) is not None

@@ -1,0 +1,125 @@
+"""Locals and statements that nothing needs any more, taken out."""
+
+import ast
+from collections.abc import Iterable
+
+from canroll.errors import CanrollError
+from codegen.specialise import fold
+
+
+def tidied(body: list[ast.stmt]) -> list[ast.stmt]:
+    """``body`` without values that nobody reads, as often as that leaves another unread."""
+    while True:
+        shorter, _ = _live(_declared_late(body), frozenset())
+        if _size(shorter) == _size(body):
+            return shorter
+        body = shorter
+
+
+def _live(body: list[ast.stmt], after: frozenset[str]) -> tuple[list[ast.stmt], frozenset[str]]:
+    """The statements that count where ``after`` are read later; the names read from here on."""
+    kept: list[ast.stmt] = []
+    for node in reversed(body):
+        if isinstance(node, ast.Return):
+            after = frozenset(_names([node]))
+            kept = [node]
+        elif isinstance(node, ast.If):
+            yes, in_yes = _live(node.body, after)
+            no, in_no = _live(node.orelse, after)
+            its = _condition(node.test, yes, no)
+            after = frozenset(_names([node.test])) | in_yes | in_no if its else after
+            kept = [*its, *kept]
+        elif isinstance(node, ast.For):
+            inner, first = _turn(node.body, after)
+            if inner:
+                kept.insert(0, ast.For(node.target, node.iter, inner, [], lineno=0))
+                after |= first | _names([node.iter])
+        elif isinstance(node, ast.AnnAssign) or _local(node) is not None:
+            name, value = _local(node) or "", node.value  # type: ignore[attr-defined]
+            needed = name in after or (isinstance(node, ast.AnnAssign) and name in _all(kept))
+            if needed:
+                kept.insert(0, node)
+                after = after - {name} | _names([value])
+            elif not fold.pure(value):
+                kept = [*(ast.Expr(call) for call in _outermost(value)), *kept]
+                after |= _names([value])
+        else:
+            kept.insert(0, node)
+            after |= _names([node])
+    return kept, after
+
+
+def _turn(body: list[ast.stmt], after: frozenset[str]) -> tuple[list[ast.stmt], frozenset[str]]:
+    """The same for a loop's body, whose end is followed by its beginning."""
+    while True:
+        kept, first = _live(body, after)
+        if first <= after:
+            return kept, first
+        after |= first
+
+
+def _local(node: ast.stmt) -> str | None:
+    """The local that a statement gives a value, or None."""
+    target = None
+    if isinstance(node, ast.AnnAssign):
+        target = node.target
+    elif isinstance(node, ast.Assign):
+        target = node.targets[0]  # type: ignore[assignment]
+    return target.id if isinstance(target, ast.Name) else None
+
+
+def _declared_late(body: list[ast.stmt]) -> list[ast.stmt]:
+    """Declare a local where it gets the first value that is read, not one that is replaced."""
+    body = list(body)
+    for i, node in enumerate(body):
+        if isinstance(node, ast.If):
+            body[i] = ast.If(node.test, _declared_late(node.body), _declared_late(node.orelse))
+        elif isinstance(node, ast.For):
+            inner = _declared_late(node.body)
+            body[i] = ast.For(node.target, node.iter, inner, [], lineno=0)
+        elif isinstance(node, ast.AnnAssign) and node.value is not None and fold.pure(node.value):
+            name = _local(node)
+            later = next((k for k in range(i + 1, len(body)) if name in _all([body[k]])), None)
+            if later is None or _local(body[later]) != name:
+                continue
+            following = body[later]
+            assert isinstance(following, ast.Assign | ast.AnnAssign) and following.value
+            if name not in _names([following.value]):
+                body[later] = ast.AnnAssign(node.target, node.annotation, following.value, 1)
+                return _declared_late([*body[:i], *body[i + 1 :]])
+    return body
+
+
+def _condition(test: ast.expr, yes: list[ast.stmt], no: list[ast.stmt]) -> list[ast.stmt]:
+    if not yes and not no:
+        if fold.pure(test):
+            return []
+        if isinstance(test, ast.BoolOp):
+            raise CanrollError(
+                f"cannot specialise 'if {ast.unparse(test)}': nothing depends on it, but it calls "
+                "a function that writes: write the call as a statement"
+            )
+        return [ast.Expr(call) for call in _outermost(test)]
+    if not yes:
+        return [ast.If(fold.inverse(test), no, [])]
+    return [ast.If(test, yes, no)]
+
+
+def _outermost(node: ast.AST) -> list[ast.expr]:
+    """The calls in ``node`` that have effects, without those inside their arguments."""
+    if isinstance(node, ast.Call) and ast.unparse(node.func) not in fold.READERS:
+        return [node]
+    return [call for inner in ast.iter_child_nodes(node) for call in _outermost(inner)]
+
+
+def _all(body: Iterable[ast.AST]) -> set[str]:
+    """All names in ``body``."""
+    return {n.id for node in body for n in ast.walk(node) if isinstance(n, ast.Name)}
+
+
+def _names(nodes: Iterable[ast.AST]) -> frozenset[str]:
+    return frozenset(_all(nodes))
+
+
+def _size(body: list[ast.stmt]) -> int:
+    return sum(1 for statement in body for _ in ast.walk(statement))

@@ -1,0 +1,194 @@
+"""Specialised firmware is the general one for its calibration, byte for byte, and for no other."""
+
+import numpy as np
+import pytest
+
+from canroll.errors import CanrollError
+from codegen.proof.prove import prove
+from codegen.run import ecu_traffic, memory_image, native
+from codegen.run.backends import PythonEcu
+from codegen.run.bus_firmware import built_in
+from codegen.specialise.firmware import specialised
+from firmware import ecu as loop
+from firmware.calibration import Calibration
+from firmware.check import RULE_CRC
+from firmware.signals import RX_IDS
+from firmware.state import ACTIVE, DEGRADED, INIT, SAFE, Ecu
+from tools.differential import recorded_traffic
+from tools.differential.recorded_traffic import Case
+
+pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
+MODES = {INIT, ACTIVE, DEGRADED, SAFE}
+OTHERS = (
+    Case("double_lane_change", "lqr", observer="propagated", identification=True),
+    Case("double_lane_change", "lqr", observer="reference", actuator="dampers"),
+    Case("j_turn", "hinf_delay", observer="steering"),
+    Case("double_lane_change", "lqr_full_car", actuator="valves"),
+)
+FEW = (Case("double_lane_change", "lqr"), Case("j_turn", "lqg_delay", actuator="bars"))
+
+
+def images(calibrations):
+    data = b"".join(memory_image.image(each) for each in calibrations)
+    return np.frombuffer(data, memory_image.dtype(Calibration)).copy()
+
+
+def replay(library, calibration, traffic):
+    cals = images([calibration])
+    return library.replay(library.start(cals), cals, [traffic], states=True)
+
+
+def difference(calibration, traffic):
+    """Name the fields in which the first tick differs that does."""
+    special = specialised(built_in(), calibration)
+    general, own = (
+        replay(library, calibration, traffic)
+        for library in (native.library(), native.library_of(special))
+    )
+    for tick, (one, two) in enumerate(zip(general.states[0], own.states[0], strict=True)):
+        if one.tobytes() != two.tobytes():
+            fields = memory_image.differences(Ecu, one.tobytes(), two.tobytes())
+            return f"tick {tick}: {', '.join(fields)}"
+    return "" if general.frames.tobytes() == own.frames.tobytes() else "frames"
+
+
+def python_difference(calibration, traffic):
+    """The first tick in which CPython, running the specialised source, differs from the C."""
+    special = specialised(built_in(), calibration)
+    states = replay(native.library(), calibration, traffic).states[0]
+    ecu = PythonEcu(calibration, special)
+    bounds = np.searchsorted(traffic.frames["tick"], np.arange(traffic.ticks + 1))
+    for t in range(traffic.ticks):
+        for event in traffic.frames[bounds[t] : bounds[t + 1]]:
+            ident = RX_IDS[event["message"]]
+            ecu.receive(ident, event["payload"].tobytes(), int(event["length"]))
+        ecu.tick(int(traffic.elapsed[t]))
+        if ecu.image() != states[t].tobytes():
+            return t
+    return None
+
+
+@pytest.fixture(scope="module", params=FEW, ids=lambda case: case.law)
+def recording(request):
+    return recorded_traffic.record(request.param, 4.0)
+
+
+@pytest.mark.slow
+def test_same_bytes_in_hostile_traffic(recording):
+    calibration, plain = recording.calibration, recording.traffic
+    hurt = [ecu_traffic.disturbed(plain, seed, quiet=60.0) for seed in range(8)]
+    hurt += [ecu_traffic.storm(plain, seed) for seed in range(4)]
+    hurt += [ecu_traffic.random_traffic(seed, 400, hostile=0.03) for seed in range(4)]
+    modes = set()
+    for traffic in [plain, *hurt]:
+        assert difference(calibration, traffic) == ""
+        states = replay(native.library(), calibration, traffic).states
+        modes |= set(np.unique(states["mode"]).tolist())
+    assert modes == MODES
+
+
+@pytest.mark.slow
+def test_cpython_runs_the_specialised_source_to_the_same_bytes(recording):
+    traffic = ecu_traffic.disturbed(recording.traffic, 1, quiet=60.0)
+    assert python_difference(recording.calibration, traffic) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_any_calibration_can_be_specialised(seed):
+    """Coefficients anywhere in their ranges, options in any combination."""
+    calibration = ecu_traffic.random_calibration(seed)
+    for hostile in (0.01, 0.15):
+        traffic = ecu_traffic.random_traffic(seed, 800, hostile=hostile)
+        assert difference(calibration, traffic) == ""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("case", OTHERS, ids=str)
+def test_every_law_actuator_and_observer(case):
+    recording = recorded_traffic.record(case, 3.0)
+    for traffic in (
+        recording.traffic,
+        ecu_traffic.disturbed(recording.traffic, 5),
+        ecu_traffic.storm(recording.traffic, 6),
+    ):
+        assert difference(recording.calibration, traffic) == ""
+
+
+@pytest.fixture(scope="module")
+def special(calibration):
+    return specialised(built_in(), calibration)
+
+
+@pytest.fixture(scope="module")
+def calibration():
+    return ecu_traffic.random_calibration(4)
+
+
+def test_it_is_proved_like_the_general_program(special):
+    assert prove(special.program()).findings == ()
+
+
+def test_the_state_record_has_the_same_layout(special):
+    assert memory_image.dtype(special.record) == memory_image.dtype(Ecu)
+
+
+def test_its_ranges_are_never_wider(special):
+    fields = special.program().record("Ecu").fields
+    general = built_in().program().record("Ecu").fields
+    for name, its in fields.items():
+        assert general[name].lo <= its.lo <= its.hi <= max(general[name].hi, 256)
+    assert (fields["law"].lo, fields["law"].hi) != (general["law"].lo, general["law"].hi)
+
+
+def test_what_is_off_is_gone(special, calibration):
+    text = special.files["canroll_ecu.c"]
+    assert calibration.observer != 2
+    assert "covariance" not in text.replace("init_covariance", "").split("canroll_receive")[1]
+    assert "cal->" not in text
+
+
+@pytest.mark.parametrize("name", ["feedback", "moment_max", "output_gain"])
+def test_another_calibration_is_refused_though_its_own_crc_is_right(special, calibration, name):
+    other = Calibration()
+    memory_image.fill(other, memory_image.image(calibration))
+    value = getattr(other, name)
+    if isinstance(value, list):
+        value[0] ^= 1
+    else:
+        setattr(other, name, value ^ 1)
+    memory_image.sealed(other)
+    assert loop.init(Ecu(), other) == 0
+    library = native.library_of(special)
+    with pytest.raises(CanrollError, match=f"rule {RULE_CRC}"):
+        library.start(images([other]))
+
+
+def test_a_refused_ecu_does_nothing(special, calibration):
+    library = native.library_of(special)
+    other = memory_image.sealed(ecu_traffic.random_calibration(5))
+    ecus, cals = np.zeros(1, memory_image.dtype(Ecu)), images([other])
+    buffer = library.ffi.from_buffer
+    assert library.lib.canroll_start(buffer(ecus), buffer(cals)) == RULE_CRC
+    assert ecus["mode"][0] == SAFE
+    before = ecus.tobytes()
+    library.lib.canroll_step(buffer(ecus), buffer(cals), 1)
+    assert ecus.tobytes() == before
+
+
+def test_a_calibration_that_changes_while_running_ends_in_safe(special, calibration):
+    library = native.library_of(special)
+    cals = images([calibration])
+    ecus = library.start(cals)
+    cals["feedback"][0][0] ^= 4
+    traffic = ecu_traffic.random_traffic(1, 900, hostile=0.0)
+    states = library.replay(ecus, cals, [traffic], states=True).states
+    assert states["mode"][0][-1] == SAFE
+
+
+def test_a_calibration_that_the_check_refuses_is_not_specialised(calibration):
+    wrong = Calibration()
+    memory_image.fill(wrong, memory_image.image(calibration))
+    wrong.fade_high = wrong.fade_low
+    with pytest.raises(CanrollError, match="refuses the calibration"):
+        specialised(built_in(), memory_image.sealed(wrong))
