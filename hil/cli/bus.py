@@ -109,6 +109,7 @@ def run(args: argparse.Namespace) -> int:
         show(answer)
         show_margins(margins, Console())
     failed = any((b.bound_ns is None and b.covered) or is_late(b) for b in answer.bounds)
+    failed = failed or bool(margins.refused)
     return int(failed or (answer.delay is not None and answer.delay.failed))
 
 
@@ -307,11 +308,14 @@ def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
         )
 
     bounds = bounded(args.offsets)
-    proposal = None
-    if args.propose == "priorities":
-        proposal = propose_priorities(messages, bounds)
-    elif args.propose == "offsets":
-        proposal = propose_offsets(messages, bounded(offsets=True))
+    proposal, refused = None, ""
+    try:
+        if args.propose == "priorities":
+            proposal = propose_priorities(messages, bounds)
+        elif args.propose == "offsets":
+            proposal = propose_offsets(messages, bounded(offsets=True))
+    except VerdictError as error:
+        refused = str(error)
     return Margins(
         breakdown(messages, bounds, bitrate=bitrate, data_bitrate=data_bitrate)
         if args.sensitivity
@@ -321,6 +325,7 @@ def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
         args.propose,
         proposal,
         bounds(messages, None) if proposal else (),
+        refused,
     )
 
 

@@ -25,7 +25,7 @@ FINISHED, STOPPED, PEER_LOST = "finished", "stopped", "peer lost"
 STEP_NS = 500_000
 """Period of the loop: frames wait for it in both directions, so it is half the body's step."""
 LAST_NS = 100_000_000
-"""Time that a plant in lock step goes on for when the ECU has said that it ends."""
+"""Time for which a plant in lock step continues after the ECU has announced its end."""
 
 
 @dataclass(frozen=True, slots=True)

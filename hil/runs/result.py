@@ -35,10 +35,10 @@ LEAST_ROLL_DEG = 0.01
 """Below this largest roll angle there is no roll to reduce."""
 
 SAVED = tuple(name for name, choice in CHOICES.items() if choice.saved)
-"""The choices that results carry; what else was chosen is in their calibration."""
+"""The choices stored in results; all others are in their calibration."""
 
 WORSE = 1.05
-"""Roll rate with control over that without it, from which on the verdict is mixed."""
+"""Ratio of roll rate with control to that without, above which the verdict is mixed."""
 
 
 @dataclass(frozen=True, slots=True)
