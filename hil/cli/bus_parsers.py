@@ -43,8 +43,10 @@ def bus(parser: argparse.ArgumentParser) -> None:
         "file",
         metavar="FILE",
         type=Path,
-        help="traffic set, .dbc or .toml; network, .toml or the name of a bus; or bus log",
+        help="traffic set, .toml, .dbc, .kcd, .arxml or .sym; network, .toml or the name of a bus; "
+        "or bus log; one of several buses or channels: FILE#NAME",
     )
+    add_choices(parser, ("dbc", "map"))
     parser.add_argument(
         "-b",
         "--bitrate",
@@ -82,23 +84,23 @@ def bus(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--offsets",
         action="store_true",
-        help="the messages of a node keep their offsets: bounds take them into account",
+        help="take the offsets between the messages of a node into account in the bounds",
     )
     parser.add_argument(
         "--sensitivity",
         action="store_true",
-        help="how much more often all messages may come until a deadline falls",
+        help="greatest factor on the rate of all messages with which every deadline is met",
     )
     parser.add_argument(
         "--errors-per-second",
         type=float,
         metavar="R",
-        help="probability of a missed deadline if errors come at random, R a second (Poisson)",
+        help="probability of a missed deadline with R random errors a second (Poisson)",
     )
     parser.add_argument(
         "--propose",
         choices=PROPOSALS,
-        help="identifiers with which all deadlines hold (Audsley), or offsets that spread the"
+        help="identifiers that meet all deadlines (Audsley), or offsets that spread the"
         " messages of each node",
     )
     parser.add_argument(
@@ -112,7 +114,7 @@ def bus(parser: argparse.ArgumentParser) -> None:
         "--add",
         type=Path,
         metavar="FILE",
-        help="with a log: traffic set that comes onto its bus; default: canroll's own messages",
+        help="with a log: traffic set to add to its bus; default: canroll's own messages",
     )
     parser.add_argument(
         "--channel", help="channel of a log, as named by python-can; default: all, of --replay one"
