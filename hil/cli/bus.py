@@ -5,6 +5,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from rich.console import Console
 
@@ -14,10 +15,11 @@ from hil.realtime.hardware.interfaces import is_loopback
 from hil.report import network_bus, recorded_bus
 from hil.report.bus_answer import Answer, Delay, as_json, check_simulation, is_late, show
 from hil.report.bus_margins import Margins, margins_json, show_margins
-from hil.report.network_bus import NetworkAnswer, check_network
 from hil.report.recorded_bus import RecordedAnswer, check_added
+from hil.runs.choices import CHOICES, check
+from plant_sim.buses import BUSES
 from plant_sim.buses.profile import BusProfile
-from plant_sim.can_bus.ages import simulate_ages_of_routes, simulate_ages_of_set
+from plant_sim.can_bus.ages import simulate_ages_of_set
 from plant_sim.can_bus.analysis import (
     ErrorModel,
     ResponseBound,
@@ -25,23 +27,19 @@ from plant_sim.can_bus.analysis import (
 )
 from plant_sim.can_bus.delay_bounds import (
     DelayBounds,
-    delay_bounds,
     delay_bounds_of_set,
     in_every_tick,
-    loop_routes,
 )
-from plant_sim.can_bus.holistic import arrivals
 from plant_sim.can_bus.kernel.network import build_network
 from plant_sim.can_bus.network_file import is_network, load_profile
 from plant_sim.can_bus.own_frames import messages_of, own_messages
 from plant_sim.can_bus.proposals import propose_offsets, propose_priorities
 from plant_sim.can_bus.recorded_load import effects, joined, missing_from
-from plant_sim.can_bus.routing import RoutedMessage
 from plant_sim.can_bus.sensitivity import Bounds, breakdown, error_tolerance
 from plant_sim.can_bus.servers.frames import Mirror
 from plant_sim.can_bus.servers.shared_server import SharedBus
 from plant_sim.can_bus.servers.wall_clock import serve_network
-from plant_sim.can_bus.simulation import Simulation, simulate, simulate_network, traffic_spec
+from plant_sim.can_bus.simulation import Simulation, simulate, traffic_spec
 from plant_sim.can_bus.traffic.files import Traffic, load_traffic
 from plant_sim.can_bus.traffic.inference import InferredBus, infer_bus, infer_buses
 from plant_sim.can_bus.traffic.log_playback import Recording, load_recording
@@ -55,8 +53,7 @@ OF_A_SET = (
     *("errors-per-second", "propose", "sensitivity", "offsets"),
 )
 """Options that logs and networks do not take."""
-ACTUATOR = "Actuator"
-"""The node that applies the command."""
+DEFAULT_BUS = str(CHOICES["bus"].default)
 OURS = "canroll"
 """What the messages of the bus contract are called that come onto a recorded bus."""
 BESIDE_RECORDING = "no bound: the periods of a recording are unknown"
@@ -65,10 +62,11 @@ BESIDE_RECORDING = "no bound: the periods of a recording are unknown"
 
 def run(args: argparse.Namespace) -> int:
     """Analyse, simulate and print; or serve until interrupted."""
+    _split_channel(args)
     _check(args)
     if is_log(args.file):
         return _run_log(args)
-    if is_network(str(args.file)):
+    if _of_network(args):
         return _run_network(args)
     traffic = load_traffic(args.file, bitrate=args.bitrate, data_bitrate=args.data_bitrate)
     _check_path(args, traffic.messages)
@@ -104,77 +102,52 @@ def run(args: argparse.Namespace) -> int:
         show(answer)
         show_margins(margins, Console())
     failed = any((b.bound_ns is None and b.covered) or is_late(b) for b in answer.bounds)
+    failed = failed or bool(margins.refused)
     return int(failed or (answer.delay is not None and answer.delay.failed))
+
+
+def _split_channel(args: argparse.Namespace) -> None:
+    """Take the channel of a log from its name, ``log.blf#channel``."""
+    name, mark, channel = str(args.file).partition("#")
+    if mark and is_log(Path(name)):
+        if args.channel is not None:
+            raise CanrollError(f"{args.file} names a channel: omit --channel")
+        args.file, args.channel = Path(name), channel
+
+
+def _of_network(args: argparse.Namespace) -> bool:
+    """Whether it is a network, or a set on whose bus our frames are placed."""
+    return args.dbc is not None or is_network(str(args.file))
 
 
 def _run_network(args: argparse.Namespace) -> int:
     """Bound and simulate all messages of a network, over its gateways."""
-    profile = load_profile(str(args.file))
-    args.command = args.command or _command_among(messages_of(profile))
-    topology = profile.network
-    routed = loop_routes(profile, command=args.command, command_period_ms=args.tick, seed=args.seed)
-    simulation = None
-    if args.simulate > 0.0:
-        simulation = simulate_network(
-            topology,
-            routed,
-            duration_s=args.simulate,
-            seed=args.seed,
-            worst_case_lengths=args.worst_case_lengths,
-        )
-    answer = NetworkAnswer(
-        args.file.name,
-        topology,
-        routed,
-        arrivals(topology, routed, errors=_errors(args)),
-        simulation,
-        _network_delay(profile, routed, args),
-        (args.sensor, args.command, args.tick),
+    profile = load_profile(str(args.file), args.dbc, args.map)
+    command = args.command or _command_among(messages_of(profile))
+    answer = network_bus.analyse(
+        profile,
+        (args.sensor, command, args.tick),
+        errors=_errors(args),
+        duration_s=args.simulate,
+        seed=args.seed,
+        worst_case_lengths=args.worst_case_lengths,
     )
-    check_network(answer)
+    network_bus.check(answer)
     if args.json:
         print(json.dumps(network_bus.as_json(answer), indent=2))
     else:
-        network_bus.show(answer)
+        network_bus.show(answer, args.file.name)
     return int(answer.failed)
-
-
-def _network_delay(
-    profile: BusProfile, routed: Sequence[RoutedMessage], args: argparse.Namespace
-) -> Delay:
-    """Bounds of the total delay from sensor to command over a network, and simulated ages."""
-    limits, reason = None, ""
-    try:
-        limits = delay_bounds(
-            profile,
-            tick_ms=args.tick,
-            command=args.command,
-            sensor=args.sensor,
-            errors=_errors(args),
-        )
-    except VerdictError as error:
-        reason = str(error)
-    least = most = math.nan
-    if args.simulate > 0.0:
-        ages = simulate_ages_of_routes(
-            profile.network,
-            routed,
-            args.sensor,
-            args.command,
-            actuator_segment=profile.network.place(ACTUATOR),
-            duration_s=args.simulate,
-            seed=args.seed,
-            worst_case_lengths=args.worst_case_lengths,
-        )
-        if len(ages):
-            least, most = float(ages.min()), float(ages.max())
-    return Delay(limits, reason, bool(reason), least, most)
 
 
 def _run_log(args: argparse.Namespace) -> int:
     """Infer the messages of a recorded bus, and analyse it without and with additional ones."""
     added = None if args.add is None else load_traffic(args.add).messages
-    _check_path(args, own_messages(args.command or COMMANDS[0]) if added is None else added)
+    frames = _frames(args)
+    if added is None:
+        _check_path(args, own_messages(args.command or _default_command(frames), frames))
+    else:
+        _check_path(args, added)
     rates = {"bitrate": args.bitrate, "data_bitrate": args.data_bitrate}
     if args.channel is None:
         buses = list(infer_buses(args.file, **rates))
@@ -182,7 +155,7 @@ def _run_log(args: argparse.Namespace) -> int:
         buses = [infer_bus(args.file, channel=args.channel, **rates)]
     answers = []
     for bus in buses:
-        answer = _answer_of_log(bus, added, args)
+        answer = _answer_of_log(bus, added, frames, args)
         check_added(answer)
         answers.append(answer)
     if args.json:
@@ -195,13 +168,16 @@ def _run_log(args: argparse.Namespace) -> int:
 
 
 def _answer_of_log(
-    bus: InferredBus, added: Sequence[BusMessage] | None, args: argparse.Namespace
+    bus: InferredBus,
+    added: Sequence[BusMessage] | None,
+    frames: BusProfile | None,
+    args: argparse.Namespace,
 ) -> RecordedAnswer:
-    """Analyse one channel without and with messages; None: with ours."""
+    """Analyse one channel without and with messages; None: with ours, in ``frames``."""
     if added is None:
-        command = args.command or _recorded_command(bus)
+        command = args.command or _recorded_command(bus, frames)
         source = OURS
-        messages: Sequence[BusMessage] = own_messages(command)
+        messages: Sequence[BusMessage] = own_messages(command, frames)
     else:
         command = args.command or _command_among(added)
         source, messages = args.add.name, added
@@ -247,13 +223,23 @@ def _command_among(messages: Sequence[BusMessage]) -> str:
     return next((name for name in COMMANDS if name in names), COMMANDS[0])
 
 
-def _recorded_command(bus: InferredBus) -> str:
+def _frames(args: argparse.Namespace) -> BusProfile | None:
+    """Return a bus with the frames of --dbc and --map; None for those of the contract."""
+    return None if args.dbc is None else load_profile(DEFAULT_BUS, args.dbc, args.map)
+
+
+def _default_command(frames: BusProfile | None) -> str:
+    return COMMANDS[0] if frames is None else _command_among(messages_of(frames))
+
+
+def _recorded_command(bus: InferredBus, frames: BusProfile | None) -> str:
     """Return our command that is on a recorded bus, the default one where there is none."""
+    ours = messages_of(BUSES[DEFAULT_BUS] if frames is None else frames)
     for name in COMMANDS:
-        command = [m for m in own_messages(name) if m.name == name]
-        if not missing_from(bus, command):
+        command = [m for m in ours if m.name == name]
+        if command and not missing_from(bus, command):
             return name
-    return COMMANDS[0]
+    return _default_command(frames)
 
 
 def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
@@ -271,11 +257,14 @@ def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
         )
 
     bounds = bounded(args.offsets)
-    proposal = None
-    if args.propose == "priorities":
-        proposal = propose_priorities(messages, bounds)
-    elif args.propose == "offsets":
-        proposal = propose_offsets(messages, bounded(offsets=True))
+    proposal, refused = None, ""
+    try:
+        if args.propose == "priorities":
+            proposal = propose_priorities(messages, bounds)
+        elif args.propose == "offsets":
+            proposal = propose_offsets(messages, bounded(offsets=True))
+    except VerdictError as error:
+        refused = str(error)
     return Margins(
         breakdown(messages, bounds, bitrate=bitrate, data_bitrate=data_bitrate)
         if args.sensitivity
@@ -285,6 +274,7 @@ def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
         args.propose,
         proposal,
         bounds(messages, None) if proposal else (),
+        refused,
     )
 
 
@@ -324,7 +314,7 @@ def _check(args: argparse.Namespace) -> None:
     if args.replay is not None and args.simulate <= 0.0:
         raise CanrollError("--replay needs --simulate above 0")
     recorded = is_log(args.file)
-    network = not recorded and is_network(str(args.file))
+    network = not recorded and _of_network(args)
     if args.channel is not None and args.replay is None and not recorded:
         raise CanrollError("--channel selects a channel of a log: --replay is required")
     if args.add is not None and not recorded:
@@ -334,21 +324,27 @@ def _check(args: argparse.Namespace) -> None:
         if given and (recorded or network):
             what = "bus log" if recorded else "network"
             raise CanrollError(f"--{option} needs a traffic set: {args.file} is a {what}")
+    check({"dbc": args.dbc, "map": args.map})
+    if args.dbc is not None and args.add is not None:
+        raise CanrollError("--dbc and --add both say what comes onto the bus: omit one")
     for option in ("bitrate", "data-bitrate"):
         if network and getattr(args, option.replace("-", "_")) is not None:
             raise CanrollError(f"--{option} is that of the network: set it in {args.file}")
 
 
 def _serve(traffic: Traffic, args: argparse.Namespace) -> None:
+    fd = ", ".join(m.name for m in traffic.messages if m.flags & FD)
+    if fd:
+        raise CanrollError(
+            f"--serve: socketcand has no CAN FD frames, python-can's client neither, so {fd} would "
+            "be missing: use --share --programs N (interface=simbus_shared)"
+        )
     spec = traffic_spec(
         traffic.messages,
         bitrate=traffic.bitrate,
         data_bitrate=traffic.data_bitrate,
         seed=args.seed,
     )
-    hidden = ", ".join(m.name for m in traffic.messages if m.flags & FD)
-    if hidden:
-        _say(f"socketcand does not support FD frames: clients do not receive {hidden}")
     serve_network(build_network(spec), host=args.host, port=args.serve, announce=_say)
 
 

@@ -43,8 +43,10 @@ def bus(parser: argparse.ArgumentParser) -> None:
         "file",
         metavar="FILE",
         type=Path,
-        help="traffic set, .dbc or .toml; network, .toml or the name of a bus; or bus log",
+        help="traffic set, .toml, .dbc, .kcd, .arxml or .sym; network, .toml or the name of a bus; "
+        "or bus log; one of several buses or channels: FILE#NAME",
     )
+    add_choices(parser, ("dbc", "map"))
     parser.add_argument(
         "-b",
         "--bitrate",

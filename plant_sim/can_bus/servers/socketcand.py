@@ -20,6 +20,8 @@ from typing import Final, NamedTuple
 from canroll.errors import CanrollError
 from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE
 
+CLASSIC_LENGTH: Final = 8
+
 
 class Received(NamedTuple):
     """A frame that a client sent; ``client`` is its place, 0 to ``MAX_CLIENTS − 1``."""
@@ -49,7 +51,9 @@ def parse_frame(words: list[str]) -> tuple[int, int, int, bytes]:
     flags = EXTENDED if len(words[1]) > 3 else 0
     remote = words[0] == "sendrtr"
     flags |= REMOTE if remote else 0
-    fits = 0 <= ident < (1 << 29 if flags & EXTENDED else 1 << 11) and 0 <= length <= 8
+    if length > CLASSIC_LENGTH:
+        raise ProtocolError("no frames of more than 8 bytes: the protocol has no CAN FD")
+    fits = 0 <= ident < (1 << 29 if flags & EXTENDED else 1 << 11) and length >= 0
     if not fits or len(payload) != (0 if remote else length):
         raise ProtocolError("no such frame")
     return ident, flags, length, payload
@@ -92,14 +96,13 @@ class SocketcandServer:
         lost: frames that slow clients did not get.
         refused: connections closed because of malformed or oversized input.
         dropped: client frames dropped because they were not taken in time.
-        fd_frames: FD frames not deliverable to any client.
     """
 
     def __init__(
         self, *, channel: str = "simbus", host: str = "127.0.0.1", port: int = DEFAULT_PORT
     ) -> None:
         self.channel = channel
-        self.lost = self.refused = self.dropped = self.fd_frames = 0
+        self.lost = self.refused = self.dropped = 0
         self._clients: dict[int, _Client] = {}
         self._taken: deque[Received] = deque()
         self._lock = threading.Lock()
@@ -134,11 +137,11 @@ class SocketcandServer:
     ) -> None:
         """Give a frame to every client but ``sender``; never waits.
 
-        The protocol has no FD frames: they are not sent, and ``fd_frames`` counts them.
+        Raises:
+            ValueError: an FD frame, of which the protocol has none.
         """
         if flags & FD:
-            self.fd_frames += 1
-            return
+            raise ValueError("socketcand has no CAN FD frames")
         with self._lock:
             now = time.monotonic()
             text = format_frame(ident, flags, time_s, payload, length)

@@ -79,8 +79,5 @@ def serve_network(
                 pause = (int(next_event_ns(network)) - elapsed) * 1e-9
                 server.wait(min(max(pause, 0.0), _IDLE_S))
         except KeyboardInterrupt:
-            announce(
-                f"{server.lost} frames lost to slow clients, {server.refused} refused,"
-                f" {server.fd_frames} FD frames not deliverable to any client"
-            )
+            announce(f"{server.lost} frames lost to slow clients, {server.refused} refused")
         return server

@@ -12,6 +12,8 @@ from canroll.errors import CanrollError
 from hil.cli.hil import bus_options
 from hil.cli.main import main
 from hil.realtime import bus_link, own_bus
+from hil.realtime.bus_link import EXTENDED
+from hil.realtime.lockstep import GRANT as NOTE
 
 
 def options(**given):
@@ -113,17 +115,19 @@ def test_who_only_listens_finds_a_server_that_comes_back(monkeypatch):
     again.close()
 
 
-def test_only_data_frames_with_11_bits_count():
+def test_only_data_frames_count_and_no_notes_of_lock_step():
     with can.Bus("realtime-test", interface="virtual") as far:
         near = bus_link.CanLink(can.Bus("realtime-test", interface="virtual"))
         for changes in (
-            {"is_extended_id": True},
+            {"arbitration_id": NOTE & ~EXTENDED},
             {"is_remote_frame": True, "is_extended_id": False, "dlc": 8},
             {"is_error_frame": True, "is_extended_id": False},
         ):
-            far.send(can.Message(arbitration_id=0xA0, **changes))
+            far.send(can.Message(**{"arbitration_id": 0xA0, **changes}))
+        far.send(can.Message(arbitration_id=0xA0, data=b"\x01"))
         far.send(can.Message(arbitration_id=0xA0, is_extended_id=False, data=b"\x07"))
-        assert near.receive() == [(0xA0, b"\x07")]
+        assert near.receive() == [(0xA0 | EXTENDED, b"\x01"), (0xA0, b"\x07")]
+        assert near.received == 2
         near.close()
 
 

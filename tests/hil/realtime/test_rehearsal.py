@@ -17,6 +17,7 @@ from support.slcan_adapter import SlcanAdapter, line_of
 from firmware.signals import TX_IDS
 from hil.cli.main import main
 from hil.realtime import bus_link, tick_trace
+from hil.realtime.bus_link import EXTENDED
 from hil.realtime.hardware import bus_record
 
 pytest.importorskip("serial", reason="needs pyserial")
@@ -83,8 +84,8 @@ def test_frames_go_both_ways(far, link):
     far.send(can.Message(arbitration_id=0x7FF, is_extended_id=False))
     heard = []
     wait_until(lambda: heard.extend(link.receive()) or (0x7FF, b"") in heard)
-    assert heard == [*frames, (0x7FF, b"")]
-    assert (link.sent, link.received, link.failed) == (40, 41, 0)
+    assert heard == [*frames, (0x1ABCDEF0 | EXTENDED, b"\x01"), (0x7FF, b"")]
+    assert (link.sent, link.received, link.failed) == (40, 42, 0)
 
 
 def test_an_acknowledgement_hides_no_frame_behind_it(adapter, link):

@@ -179,23 +179,27 @@ def test_a_slow_client_loses_frames_that_are_counted_and_nobody_waits(server):
     slow.close()
 
 
-def test_fd_frames_have_no_form_and_are_counted(server):
-    with client(server):
-        time.sleep(0.2)
+def test_fd_frames_do_not_vanish_in_a_protocol_without_them(server):
+    with client(server), pytest.raises(ValueError, match="no CAN FD frames"):
         server.publish(0x1, FD, bytes(12), length=12, time_s=0.0)
-        assert (server.fd_frames, server.lost) == (1, 0)
+    with raw(server, b"< open simbus >< rawmode >") as connection:
+        connection.sendall(b"< send 123 c " + b" ".join([b"0"] * 12) + b" >")
+        text = b""
+        while chunk := connection.recv(200):
+            text += chunk
+        assert b"< error no frames of more than 8 bytes: the protocol has no CAN FD >" in text
+    assert server.take() == []
 
 
-def test_serving_says_which_frames_its_clients_do_not_see(tmp_path, capsys, monkeypatch):
-    served = []
-    monkeypatch.setattr(bus, "serve_network", lambda network, **_: served.append(network))
+def test_serving_refuses_frames_that_its_clients_would_not_see(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(bus, "serve_network", lambda network, **_: pytest.fail("served"))
     path = tmp_path / "fd.toml"
     row = "[[message]]\nname = '{0}'\nid = {1}\nperiod_ms = 10\nbytes = 8\nfd = {2}\n"
     path.write_text(row.format("Radar", 1, "true") + row.format("Wheels", 2, "false"))
-    assert main(["bus", str(path), "--serve"]) == 0
-    told = capsys.readouterr().out
-    assert told == "socketcand does not support FD frames: clients do not receive Radar\n"
-    assert len(served) == 1
+    assert main(["bus", str(path), "--serve"]) == 2
+    error = capsys.readouterr().err
+    assert "no CAN FD frames" in error and "so Radar would be missing" in error
+    assert error.count("\n") == 1
 
 
 def test_places_are_limited_and_come_free(server):
