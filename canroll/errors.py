@@ -1,7 +1,10 @@
 """The exception family: every user error, in one line with its remedy."""
 
+import struct
+import zlib
 from collections.abc import Iterable
 from difflib import get_close_matches
+from zipfile import BadZipFile
 
 EXTRAS = {
     "asammdf": ("asammdf",),
@@ -12,6 +15,12 @@ EXTRAS = {
 
 RENAMED = {"fullcar": "linear_car", "fullcar_hydraulic": "linear_car_hydraulic"}
 """New names of choices that version 0.1 called otherwise."""
+
+UNREADABLE = (
+    *(OSError, ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError),
+    *(RuntimeError, BadZipFile, zlib.error, struct.error),
+)
+"""Exceptions raised by parsers of truncated, damaged or foreign files."""
 
 
 class CanrollError(Exception):

@@ -43,7 +43,7 @@ def read(path: Path) -> tuple[Database, tuple[str, ...]]:
         except cantools.Error as error:
             database = cantools.database.load_file(path, strict=False)
             warnings = (f"{path}: read leniently: {str(error).splitlines()[0]}",)
-    except (OSError, UnicodeDecodeError, cantools.Error) as error:
+    except Exception as error:  # cantools lets through whatever its parsers raise
         first = (str(error).splitlines() or [type(error).__name__])[0]
         raise CanrollError(f"{path}: not a readable DBC, KCD, ARXML or SYM: {first}") from error
     if not isinstance(database, Database):

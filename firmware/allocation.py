@@ -2,9 +2,9 @@
 
 Four corners: F_fl = -F_fr = u s / (2 t_f), F_rl = -F_rr = u (1 - s) / (2 t_r), with s the front
 share and t the half track (Redondo 2021, force split with s = l_r / l), so that the sum of y F
-is u. What an axle can't give, its other corner and then the other axle take, within the share
-that keeps the car's steering balance. Dampers follow the four-condition rule of Yim 2020, (25) to
-(28).
+is u. Any excess over a limit is taken by the axle's other corner, then by the other axle, within
+the share that keeps the car's steering balance. Dampers follow the four-condition rule of Yim 2020,
+(25) to (28).
 """
 
 from firmware.calibration import BARS, DAMPERS, STATE_MAX, SUSPENSION, Calibration
@@ -31,7 +31,7 @@ def corner_limit(ecu: Ecu, cal: Calibration, corner: i32) -> i32:
 
 
 def split_axle(ecu: Ecu, cal: Calibration, axle: i32, moment: i32) -> i32:
-    """Split an axle's moment over its corners; return what they can't give of it."""
+    """Split an axle's moment over its corners; return the part beyond their limits."""
     arm: i32 = cal.arm_front
     track: i32 = cal.track_front
     if axle == REAR:
@@ -60,7 +60,7 @@ def front_moment(ecu: Ecu, moment: i32) -> i32:
 
 
 def slack(cal: Calibration, moment: i32) -> i32:
-    """Return how much of a moment may move from one axle to the other."""
+    """Return the part of a moment that may move from one axle to the other."""
     size: i32 = moment
     if size < 0:
         size = -size
@@ -68,7 +68,7 @@ def slack(cal: Calibration, moment: i32) -> i32:
 
 
 def allocate_suspension(ecu: Ecu, cal: Calibration, moment: i32) -> None:
-    """Four corner forces for a moment: each axle takes what the other lacks, within the slack."""
+    """Four corner forces for a moment: each axle takes the other's excess, within the slack."""
     front: i32 = front_moment(ecu, moment)
     rear: i32 = sat31(moment - front)
     lack: i32 = split_axle(ecu, cal, FRONT, front)

@@ -1,4 +1,4 @@
-"""The calibration record: everything a design decides, in one fixed layout for all laws.
+"""The calibration record: all parameters of a design, in one fixed layout for all laws.
 
 Formats of the quantities the coefficients meet are fixed: roll angle Q30 rad, rates Q27 rad/s,
 accelerations Q24 m/s², moments Q14 N·m. A coefficient row shares one shift n: the products are

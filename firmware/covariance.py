@@ -1,8 +1,8 @@
-"""Run-time Riccati recursion of the observer, for gains that follow what is really measured.
+"""Run-time Riccati recursion of the observer, for gains that adapt to the valid measurements.
 
 Each state is in units of its own power of two, so that all variances are near one; they are kept
 in Q24, symmetric, with a floor and a cap. The cap on the lateral acceleration's variance keeps
-roll angle and lateral acceleration from winding each other up while they can't be told apart.
+roll angle and lateral acceleration from winding each other up while they cannot be distinguished.
 """
 
 from firmware.calibration import N_STATES, STATE_MAX, Calibration

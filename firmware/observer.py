@@ -164,7 +164,7 @@ def look_ahead(ecu: Ecu, cal: Calibration) -> None:
 
 
 def learn_offsets(ecu: Ecu, cal: Calibration) -> None:
-    """Let the sensor offsets follow what the sensors read at standstill or straight ahead.
+    """Adapt the sensor offsets to the readings at standstill or straight ahead.
 
     At standstill only the gyro learns: the lateral acceleration there is the ground's slope.
     """

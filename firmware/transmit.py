@@ -43,6 +43,6 @@ def transmit(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
 
 
 def init_transmit(ecu: Ecu) -> None:
-    """Let the first counters be 0."""
+    """Make the first counters 0."""
     for slot in range(N_TX):
         ecu.tx_counter[slot] = protection.TX_LAST_COUNTERS[slot]

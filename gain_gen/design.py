@@ -13,9 +13,9 @@ from gain_gen.models.controller import Controller
 from gain_gen.models.task import Check, Design, Solution, Task
 
 STEP_DB = 1.0
-"""What a step of detuning takes off the whole command, dB."""
+"""Reduction of the whole command per step of detuning, dB."""
 STEPS = 40
-"""After so many a law is refused."""
+"""Number of steps after which a law is refused."""
 
 WITH_SHARE = ("steering_lead", "lqg_delay", "hinf")
 """Laws that are designed for a share of the roll moment."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from codegen.c99.text import filled
-from codegen.export import a2l, codec_comparison, coverage_cases, interrupts, misra
+from codegen.export import a2l, codec_comparison, coverage_cases, interrupts, misra, traceability
 from codegen.generated.bus_map import EXTENDED, BusMap
 from codegen.generated.frame_protection import Protection
 from codegen.generated.own_stage import OwnStage
@@ -209,6 +209,8 @@ def write(folder: Path, export: Export) -> list[Path]:
     comparison = codec_comparison.files(export.dbc, export.map_file, bus)
     texts.update({f"test/{name}": text for name, text in comparison.items()})
     texts.update({f"codec/{name}": text for name, text in _codec(export.dbc).items()})
+    if not export.specialised:
+        texts[traceability.PAGE] = traceability.page(firmware.program(), files)
     texts["README.md"] = _readme(export, loop, loop.program())
     if export.stage is not None:
         texts[f"stage/{export.stage.file}"] = export.stage.source
@@ -350,6 +352,7 @@ def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
         else GENERAL_CASES.format(unreached=coverage_cases.table()),
         "interrupts": interrupts.table(program),
         "stage": _stage(export),
+        "traced": "" if export.specialised else traceability.NOTE,
     }
     for name, value in values.items():
         text = text.replace(f"{{{name}}}", value)
@@ -359,9 +362,10 @@ def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
 def _stage(export: Export) -> str:
     if export.stage is None:
         return ""
+    module = "ecu" if export.specialised else "stage"
     return (
         f"\n\nAn own stage is part of the loop, `stage/{export.stage.file}`, translated to "
-        "`src/canroll_stage.c`. It is compiled in, so every calibration runs with it."
+        f"`src/canroll_{module}.c`. It is compiled in, so every calibration runs with it."
     )
 
 

@@ -150,7 +150,7 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
     database, warnings = dbc.read(dbc_file)
     try:
         document = tomllib.loads(map_file.read_text(encoding="utf-8"))
-    except (OSError, tomllib.TOMLDecodeError) as error:
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise CanrollError(f"{map_file}: {error}") from error
     if document.get("schema") != 1:
         raise CanrollError(f"{map_file}: schema must be 1, not {document.get('schema')!r}")

@@ -29,6 +29,7 @@ class Memory(ABC):
         self.proof = proof
         self.seen: dict[int, Value] = {}
         self.found: dict[tuple[str, int, str], Finding] = {}
+        self.obligations: set[tuple[str, int, int, str]] = set()
         self.arrays: dict[Key, Array] = {}
         self.module: Module = next(iter(program.modules.values()))
         self.function: Function = next(iter(program.functions()))
@@ -160,10 +161,13 @@ class Memory(ABC):
         return value.limited(*I64)
 
     def _oblige(self, node: ast.AST, met: bool, what: str, value: Value) -> None:
-        if met or not self.proof:
+        if not self.proof:
             return
         path = str(self.module.path)
         line = getattr(node, "lineno", 0)
+        self.obligations.add((path, line, getattr(node, "col_offset", 0), what))
+        if met:
+            return
         before = self.found.get((path, line, what))
         lo = value.lo if before is None else min(before.lo, value.lo)
         hi = value.hi if before is None else max(before.hi, value.hi)

@@ -8,6 +8,7 @@ As the field ranges are both assumed and shown, they are an invariant that holds
 ``init``.
 """
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -25,11 +26,13 @@ CHECK = ("check", "check")
 class Proof:
     """Result of a proof: the obligations not met, and the interval of each expression.
 
-    ``seen`` maps the id of a syntax node to its interval over all ways to reach it.
+    ``seen`` maps the id of a syntax node to its interval over all ways to reach it, ``obligations``
+    file and line to the number of obligations that stand there.
     """
 
     findings: tuple[Finding, ...]
     seen: Mapping[int, Value]
+    obligations: Mapping[tuple[str, int], int]
 
 
 def entry_points(program: Program) -> list[Function]:
@@ -69,4 +72,6 @@ def prove(
         for node, value in run.seen.items():
             seen[node] = hull(seen[node], value) if node in seen else value
     findings = {finding: None for run in runs for finding in run.findings}
-    return Proof(tuple(findings), seen)
+    places = {place for run in runs for place in run.obligations}
+    obligations = Counter((path, line) for path, line, _, _ in places)
+    return Proof(tuple(findings), seen, obligations)

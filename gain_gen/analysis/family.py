@@ -39,7 +39,7 @@ from vehicles.unladen import unladen
 
 KMH = 1.0 / 3.6
 LINEAR_SHARE = 0.9
-"""Of the hardest steady curve: a vehicle that cannot take the family's curve is tested in this."""
+"""Fraction of its hardest steady curve for a vehicle that cannot take the family's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +80,7 @@ CONDITIONS = (
     Condition("laden", 80 * KMH, 3.2, 0.5),
     Condition("empty", 80 * KMH, 3.2, 0.5),
 )
-"""What every design is checked on. Low friction changes the car only in a curve."""
+"""Conditions on which every design is checked. Low friction changes the car only in a curve."""
 
 
 def car_in(vehicle: Vehicle, condition: Condition) -> LinearModel:

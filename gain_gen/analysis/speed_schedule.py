@@ -22,18 +22,18 @@ from gain_gen.models.task import Task
 
 GAIN_MARGIN_DB = 8.2
 PEAK_SENSITIVITY = 1.68
-"""Margins that a factor is chosen for, a little more than every design must have."""
+"""Margins for the choice of a factor, slightly more than required of every design."""
 ABOUT_NOMINAL = 5.0
-"""Speeds nearer to the nominal one than this are its own, m/s."""
+"""Distance within which speeds count as the nominal one, m/s."""
 MOST = 10.0
-"""Largest factor that is looked for."""
+"""Largest factor considered."""
 UNLIMITED = (inf,) * len(SPEEDS)
-"""Of a command that is not scheduled."""
+"""Limits of a command without schedule."""
 LOADS = ("laden", "empty")
 STEP = 0.5
-"""Between the speeds at which the changing speed is looked at, m/s."""
+"""Step of the speeds for the certificate of changing speed, m/s."""
 DECAY = 0.3
-"""How far from the spectral radius to 1 the decay of a Lyapunov function is set."""
+"""Decay of a Lyapunov function, as a fraction of the way from the spectral radius to 1."""
 LINE_WEIGHT = 0.1
 """Weight of the commands under way in the Lyapunov functions, beside 1 for every other state."""
 

@@ -16,9 +16,9 @@ STEERING_FREQUENCY = 2.0 * pi * 0.5
 STEERING_DAMPING = 0.7
 """The driver's steering is white noise behind a second-order low-pass: that of a lane change."""
 FASTEST_STEERING = 2.0 * pi * 4.0
-"""No driver steers faster, rad/s; it is far below the Nyquist frequency of every tick."""
+"""Upper limit of a driver's steering, rad/s, far below the Nyquist frequency of every tick."""
 STEERING_AGE = 0.5 * (dbc.period("VehicleMotion") - dbc.period("Imu"))
-"""By how much the steering angle in use is older on the average than the inertial sample, s."""
+"""Mean additional age of the steering angle relative to the inertial sample, s."""
 
 _ROLL = 2
 

@@ -18,9 +18,9 @@ GAIN_MARGIN_DB = 8.0
 PEAK_SENSITIVITY = 1.7
 """Greatest Ms of every member at every delay."""
 BOX = 0.2
-"""Share by which every parameter may be off, each way, all at once."""
+"""Relative error of every parameter, both ways and combined."""
 DELAY_LIMIT = 1.0
-"""Delays beyond this are not looked at, s."""
+"""Largest delay considered, s."""
 
 
 def verify(

@@ -36,7 +36,7 @@ Q_COMPENSATOR_INPUTS = (fw.Q_ANGLE, fw.Q_RATE, fw.Q_ACCELERATION, fw.Q_ACCELERAT
 TRIGGER_SIGMAS = {"output": 5.0, "state": 3.0, "dynamic": 3.0}
 """Floor of the trigger over the command's noise: raw measurements need more than filtered ones."""
 BIAS_MAX = 0.05
-"""Largest gyro bias believed, rad/s."""
+"""Largest plausible gyro bias, rad/s."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from vehicles.model import SemiActiveDampers
 SENSOR_PERIODS = tuple(
     dbc.period(dbc.load().get_message_by_frame_id(ident).name) for ident in RX_IDS
 )
-"""Of what the ECU receives, in the order of its mailboxes, s."""
+"""Cycle times of the received messages, in the order of the mailboxes, s."""
 MISSED_SAMPLES = 5
 KMH = 1.0 / 3.6
 FADE = (5.0 * KMH, 10.0 * KMH)

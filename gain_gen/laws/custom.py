@@ -1,19 +1,26 @@
 """A user's own gains from a file: state feedback, or a discrete compensator."""
 
+import io
+import subprocess
+import sys
 import tomllib
-import zipfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from scipy.io import loadmat
 
-from canroll.errors import CanrollError
+from canroll.errors import UNREADABLE, CanrollError
 from gain_gen.laws.compensator import checked, scaled_states
 from gain_gen.laws.state_feedback import actuator_rate, feedforward_row, observer_of
 from gain_gen.models.controller import Compensator, Controller
 from gain_gen.models.roll import Matrix
 from gain_gen.models.task import Solution, Task
 
+_MAT_TO_NPZ = """
+import sys, numpy, scipy.io
+found = scipy.io.loadmat(sys.argv[1])
+numpy.savez(sys.stdout.buffer, **{k: v for k, v in found.items() if not k.startswith("__")})
+"""
 NAMES = ("K", "Kff", "A", "B", "C", "D", "E")
 
 
@@ -32,13 +39,13 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
             with np.load(path) as stored:
                 found = dict(stored)
         elif path.suffix == ".mat":
-            found = {k: v for k, v in loadmat(path).items() if not k.startswith("__")}
+            found = _read_mat(path)
         elif path.suffix == ".toml":
             found = dict(tomllib.loads(path.read_text(encoding="utf-8")))
         else:
             raise CanrollError(f"matrices {path}: give a .npz, .mat or .toml file")
         matrices = {name: np.atleast_2d(np.asarray(v, float)) for name, v in found.items()}
-    except (OSError, ValueError, TypeError, zipfile.BadZipFile, tomllib.TOMLDecodeError) as error:
+    except UNREADABLE as error:
         raise CanrollError(f"cannot read matrices {path}: {error}") from error
     unknown = sorted(set(matrices) - set(NAMES))
     if unknown:
@@ -46,6 +53,20 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
             f"{path}: unknown matrix '{unknown[0]}', expected one of {', '.join(NAMES)}"
         )
     return matrices
+
+
+def _read_mat(path: Path) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the arrays of a .mat file, read in a process of its own.
+
+    scipy's reader ends the process on some damaged files.
+    """
+    done = subprocess.run(
+        [sys.executable, "-c", _MAT_TO_NPZ, str(path)], capture_output=True, check=False
+    )
+    if done.returncode:
+        raise CanrollError(f"cannot read matrices {path}: not a .mat file that scipy can read")
+    with np.load(io.BytesIO(done.stdout)) as stored:
+        return dict(stored)
 
 
 def design_custom(task: Task) -> Solution:

@@ -22,7 +22,7 @@ INSIDE = 0.99
 RESONANT = 1.005
 """A peak of the roll over its steady value that counts as resonance."""
 SMALLEST = 1e-3
-"""Of that gain: where the search begins."""
+"""Fraction of that gain at which the search starts."""
 
 
 @dataclass(frozen=True, slots=True)

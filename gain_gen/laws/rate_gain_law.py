@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from gain_gen.laws.lmi import Clock
 
 USELESS = 0.98
-"""A worst-case peak of this share of the open loop's is no improvement worth a law."""
+"""Worst-case peak, relative to the open loop's, above which a gain counts as useless."""
 STEPS = (4e-3, 2e-3)
-"""Steps of the delays that the solver sees, s: finer ones where the coarser do not suffice."""
+"""Steps of the delays given to the solver, s: finer ones if the coarser do not suffice."""
 LEVEL_MARGIN = 1e-4
 """Share by which a certified level is raised, so that the certificate holds strictly."""
 

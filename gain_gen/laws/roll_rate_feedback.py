@@ -34,7 +34,7 @@ FASTEST_POLE = 5.0
 LEVEL_MARGIN = 1e-5
 """Share by which a certified level is raised, so that the certificate holds strictly."""
 USELESS = 0.99
-"""A level of this share of the open loop's is no improvement worth a law."""
+"""Level, relative to the open loop's, above which a gain counts as useless."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,14 +47,14 @@ CANDIDATES = (
     *((1.0, corner) for corner in CORNERS),
     *((0.9**step, CORNERS[-1]) for step in range(1, 8)),
 )
-"""Shares of what is asked for, with corners, in the order in which they are tried."""
+"""Fractions of the requested share, with corners, in the order tried."""
 GAIN_MARGIN_DB = 8.5
 PEAK_SENSITIVITY = 1.6
-"""Margins that they are chosen for, a little more than every design must have."""
+"""Margins for their choice, slightly more than required of every design."""
 MODEL_ORDER = 4
 """States of the steering model: six are no better."""
 RATE_SENSITIVITY = 1.4
-"""Ms that the roll-rate gain may raise the worst loop to."""
+"""Largest Ms of the worst loop with the roll-rate gain."""
 RATE_STEPS = 40
 LONGEST_HORIZON = 0.4
 """s."""

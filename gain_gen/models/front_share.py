@@ -20,7 +20,7 @@ from vehicles.roll_stiffness import axle_roll_shares
 from vehicles.unladen import unladen
 
 BAND = 0.05
-"""How much more the car may understeer with control, as share of its understeer angle without."""
+"""Permitted increase of understeer with control, relative to the understeer angle without."""
 LEAST_BAND = radians(0.02)
 """Width of the band of a car that hardly understeers, rad."""
 CARRIED = 0.5
@@ -28,7 +28,7 @@ CARRIED = 0.5
 ACCELERATIONS = tuple(0.5 * half for half in range(2, 15))
 """Lateral accelerations of these curves, as far as the car holds them: 1 to 7 m/s²."""
 MOST = 0.65
-"""Largest share: beyond, the rear bar of a pair does too little of what it could."""
+"""Largest share; beyond it the rear bar is hardly used."""
 
 
 def front_share(vehicle: Vehicle) -> float:

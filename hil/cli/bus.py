@@ -15,12 +15,11 @@ from hil.realtime.hardware.interfaces import is_loopback
 from hil.report import network_bus, recorded_bus
 from hil.report.bus_answer import Answer, Delay, as_json, check_simulation, is_late, show
 from hil.report.bus_margins import Margins, margins_json, show_margins
-from hil.report.network_bus import NetworkAnswer, check_network
 from hil.report.recorded_bus import RecordedAnswer, check_added
 from hil.runs.choices import CHOICES, check
 from plant_sim.buses import BUSES
 from plant_sim.buses.profile import BusProfile
-from plant_sim.can_bus.ages import simulate_ages_of_routes, simulate_ages_of_set
+from plant_sim.can_bus.ages import simulate_ages_of_set
 from plant_sim.can_bus.analysis import (
     ErrorModel,
     ResponseBound,
@@ -28,23 +27,19 @@ from plant_sim.can_bus.analysis import (
 )
 from plant_sim.can_bus.delay_bounds import (
     DelayBounds,
-    delay_bounds,
     delay_bounds_of_set,
     in_every_tick,
-    loop_routes,
 )
-from plant_sim.can_bus.holistic import arrivals
 from plant_sim.can_bus.kernel.network import build_network
 from plant_sim.can_bus.network_file import is_network, load_profile
 from plant_sim.can_bus.own_frames import messages_of, own_messages
 from plant_sim.can_bus.proposals import propose_offsets, propose_priorities
 from plant_sim.can_bus.recorded_load import effects, joined, missing_from
-from plant_sim.can_bus.routing import RoutedMessage
 from plant_sim.can_bus.sensitivity import Bounds, breakdown, error_tolerance
 from plant_sim.can_bus.servers.frames import Mirror
 from plant_sim.can_bus.servers.shared_server import SharedBus
 from plant_sim.can_bus.servers.wall_clock import serve_network
-from plant_sim.can_bus.simulation import Simulation, simulate, simulate_network, traffic_spec
+from plant_sim.can_bus.simulation import Simulation, simulate, traffic_spec
 from plant_sim.can_bus.traffic.files import Traffic, load_traffic
 from plant_sim.can_bus.traffic.inference import InferredBus, infer_bus, infer_buses
 from plant_sim.can_bus.traffic.log_playback import Recording, load_recording
@@ -58,8 +53,6 @@ OF_A_SET = (
     *("errors-per-second", "propose", "sensitivity", "offsets"),
 )
 """Options that logs and networks do not take."""
-ACTUATOR = "Actuator"
-"""The node that applies the command."""
 DEFAULT_BUS = str(CHOICES["bus"].default)
 OURS = "canroll"
 """What the messages of the bus contract are called that come onto a recorded bus."""
@@ -109,6 +102,7 @@ def run(args: argparse.Namespace) -> int:
         show(answer)
         show_margins(margins, Console())
     failed = any((b.bound_ns is None and b.covered) or is_late(b) for b in answer.bounds)
+    failed = failed or bool(margins.refused)
     return int(failed or (answer.delay is not None and answer.delay.failed))
 
 
@@ -129,65 +123,21 @@ def _of_network(args: argparse.Namespace) -> bool:
 def _run_network(args: argparse.Namespace) -> int:
     """Bound and simulate all messages of a network, over its gateways."""
     profile = load_profile(str(args.file), args.dbc, args.map)
-    args.command = args.command or _command_among(messages_of(profile))
-    topology = profile.network
-    routed = loop_routes(profile, command=args.command, command_period_ms=args.tick, seed=args.seed)
-    simulation = None
-    if args.simulate > 0.0:
-        simulation = simulate_network(
-            topology,
-            routed,
-            duration_s=args.simulate,
-            seed=args.seed,
-            worst_case_lengths=args.worst_case_lengths,
-        )
-    answer = NetworkAnswer(
-        args.file.name,
-        topology,
-        routed,
-        arrivals(topology, routed, errors=_errors(args)),
-        simulation,
-        _network_delay(profile, routed, args),
-        (args.sensor, args.command, args.tick),
+    command = args.command or _command_among(messages_of(profile))
+    answer = network_bus.analyse(
+        profile,
+        (args.sensor, command, args.tick),
+        errors=_errors(args),
+        duration_s=args.simulate,
+        seed=args.seed,
+        worst_case_lengths=args.worst_case_lengths,
     )
-    check_network(answer)
+    network_bus.check(answer)
     if args.json:
         print(json.dumps(network_bus.as_json(answer), indent=2))
     else:
-        network_bus.show(answer)
+        network_bus.show(answer, args.file.name)
     return int(answer.failed)
-
-
-def _network_delay(
-    profile: BusProfile, routed: Sequence[RoutedMessage], args: argparse.Namespace
-) -> Delay:
-    """Bounds of the total delay from sensor to command over a network, and simulated ages."""
-    limits, reason = None, ""
-    try:
-        limits = delay_bounds(
-            profile,
-            tick_ms=args.tick,
-            command=args.command,
-            sensor=args.sensor,
-            errors=_errors(args),
-        )
-    except VerdictError as error:
-        reason = str(error)
-    least = most = math.nan
-    if args.simulate > 0.0:
-        ages = simulate_ages_of_routes(
-            profile.network,
-            routed,
-            args.sensor,
-            args.command,
-            actuator_segment=profile.network.place(ACTUATOR),
-            duration_s=args.simulate,
-            seed=args.seed,
-            worst_case_lengths=args.worst_case_lengths,
-        )
-        if len(ages):
-            least, most = float(ages.min()), float(ages.max())
-    return Delay(limits, reason, bool(reason), least, most)
 
 
 def _run_log(args: argparse.Namespace) -> int:
@@ -307,11 +257,14 @@ def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
         )
 
     bounds = bounded(args.offsets)
-    proposal = None
-    if args.propose == "priorities":
-        proposal = propose_priorities(messages, bounds)
-    elif args.propose == "offsets":
-        proposal = propose_offsets(messages, bounded(offsets=True))
+    proposal, refused = None, ""
+    try:
+        if args.propose == "priorities":
+            proposal = propose_priorities(messages, bounds)
+        elif args.propose == "offsets":
+            proposal = propose_offsets(messages, bounded(offsets=True))
+    except VerdictError as error:
+        refused = str(error)
     return Margins(
         breakdown(messages, bounds, bitrate=bitrate, data_bitrate=data_bitrate)
         if args.sensitivity
@@ -321,6 +274,7 @@ def _margins(traffic: Traffic, args: argparse.Namespace) -> Margins:
         args.propose,
         proposal,
         bounds(messages, None) if proposal else (),
+        refused,
     )
 
 

@@ -57,6 +57,12 @@ def run(args: argparse.Namespace) -> int:
             + (f", at most {late:.1f} ms late" if len(outcome.loop) else ""),
             flush=True,
         )
+        if outcome.refused:
+            print(
+                f"note: {outcome.refused} frames with identifiers of the ECU were ignored: too "
+                "long, or too many at once",
+                flush=True,
+            )
         if args.record is not None:
             about = {
                 "reason": outcome.reason,

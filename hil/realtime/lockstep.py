@@ -25,13 +25,13 @@ from hil.realtime.process import Stop
 
 GRANT, ACKNOWLEDGEMENT = sorted(NOTES)
 END = 0xFFFFFFFF
-"""Number in the last note of a side: it goes."""
+"""Number in the last note of a side, which announces its end."""
 RESEND = 1.0
 """Time without an answer after which a grant is sent again, s: for an ECU that joins late."""
 LOST = 30.0
-"""Time that frames which were counted may take to come, s; then they are lost."""
+"""Time within which counted frames must arrive, s; then they are lost."""
 SLICE = 0.1
-"""Longest time that a side waits without looking whether it is to stop, s."""
+"""Longest wait without checking for a stop request, s."""
 
 
 class PeerLostError(VerdictError):

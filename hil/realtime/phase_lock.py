@@ -7,15 +7,15 @@ arrivals are irregular, as through a gateway with random delays, there is no clo
 """
 
 ACQUIRE = 12
-"""Frames that the first estimate rests on."""
+"""Number of frames for the first estimate."""
 REGULAR = 0.3
-"""Share of the cycle within which they must come."""
+"""Fraction of the cycle within which they must arrive."""
 CREEP_NS = 2_000
-"""The estimate moves later by so much a frame: 200 ppm at a frame every 10 ms."""
+"""Shift of the estimate to later times per frame: 200 ppm at a frame every 10 ms."""
 PULL_NS = 50_000
-"""The estimate moves earlier by so much a frame at most."""
+"""Largest shift of the estimate to earlier times per frame."""
 SLEW_NS = 100_000
-"""A deadline moves by so much a tick at most, once the phase has been found."""
+"""Largest shift of a deadline per tick, once the phase has been found."""
 
 
 class PhaseLock:

@@ -25,7 +25,7 @@ FINISHED, STOPPED, PEER_LOST = "finished", "stopped", "peer lost"
 STEP_NS = 500_000
 """Period of the loop: frames wait for it in both directions, so it is half the body's step."""
 LAST_NS = 100_000_000
-"""Time that a plant in lock step goes on for when the ECU has said that it ends."""
+"""Time for which a plant in lock step continues after the ECU has announced its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,8 @@ class Outcome:
 
     ``loop``: lateness of every period against its deadline and its duration, ns, shape (n, 2);
     none in lock step, which has no clock and where plant time 0 is the instant 0. ``wall_ns``:
-    duration of the loop by the clock.
+    duration of the loop by the clock. ``refused``: frames with an identifier of the ECU that were
+    not put on the modelled bus: longer than the ECU's, or more in one period than a node can queue.
     """
 
     reason: str
@@ -42,6 +43,7 @@ class Outcome:
     end_ns: int
     loop: NDArray[np.int64]
     wall_ns: int
+    refused: int = 0
 
 
 def sent_by(firmware: BusFirmware) -> frozenset[int]:
@@ -89,11 +91,11 @@ def run(
         firmware: firmware for the bus, by default the built-in one.
     """
     clock, sleep = time.monotonic_ns, time.sleep
-    idents = sent_by(firmware or built_in())
+    longest = dict((firmware or built_in()).sent)
     loop = np.zeros((duration_ns // step_ns + 2, 2), dtype=np.int64)
     world.advance(0)
     reason = FINISHED
-    last_heard = done = 0
+    last_heard = done = refused = 0
     with collector_off():
         began = deadline = clock()
         announce()
@@ -103,9 +105,14 @@ def run(
             start = clock()
             now = min(start - began, duration_ns)
             for ident, payload in link.receive():
-                if ident in idents:
+                # a babbling or hostile node must not end the plant
+                if not longest.get(ident):
+                    continue
+                last_heard = start
+                if len(payload) > longest[ident] or not world.room:
+                    refused += 1
+                else:
                     world.submit(now, ident, payload)
-                    last_heard = start
             for frame in world.advance(now):
                 link.send(int(frame["ident"]), frame["payload"][: frame["length"]].tobytes())
             end = clock()
@@ -119,7 +126,7 @@ def run(
                 break
             deadline += step_ns * max(1, -(-(end - deadline) // step_ns))
         ended = clock()
-    return Outcome(reason, began, ended, loop[:done], ended - began)
+    return Outcome(reason, began, ended, loop[:done], ended - began, refused)
 
 
 def run_granting(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import CanrollError
+from canroll.errors import UNREADABLE, CanrollError
 from hil.realtime.hardware.bus_record import ENTRY
 from hil.realtime.plant_loop import Outcome
 from plant_sim.world.world import World
@@ -80,5 +80,5 @@ def load(path: Path) -> PlantRecord:
                 about=json.loads(str(archive["about"])),
                 bus=archive["bus"],
             )
-    except (OSError, KeyError, ValueError) as error:
+    except UNREADABLE as error:
         raise CanrollError(f"cannot read {path}: {error}") from error

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import CanrollError
+from canroll.errors import UNREADABLE, CanrollError
 from codegen.run.backends import Backend, open_backend
 from codegen.run.bus_firmware import BusFirmware
 from firmware.calibration import Calibration
@@ -156,7 +156,7 @@ def load(path: Path) -> TickTrace:
             )
     except OSError as error:
         raise CanrollError(f"cannot read {path}: {error.strerror or error}") from error
-    except (KeyError, ValueError) as error:
+    except UNREADABLE as error:
         raise CanrollError(f"{path}: not a tick trace; 'canroll ecu --trace' writes one") from error
 
 

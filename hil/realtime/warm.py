@@ -27,7 +27,7 @@ TICKS = ACQUIRE + 4
 PLANT_NS = 50_000_000
 """Length of the plant's rehearsal."""
 EVERY = 20
-"""A loop that asks for frames gets some every so many times: every 10 ms in the plant."""
+"""A loop receives frames once in this many reads: every 10 ms in the plant."""
 
 
 class _Rehearsal:

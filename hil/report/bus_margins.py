@@ -21,7 +21,8 @@ _TOLD = 5
 class Margins:
     """Requested results beside the bounds, None where not requested.
 
-    ``tolerance``: at ``errors_per_s``; ``proposal``: of ``what``, beside the bounds ``before``.
+    ``tolerance``: at ``errors_per_s``; ``proposal``: of ``what``, beside the bounds ``before``;
+    ``refused``: why there is no proposal.
     """
 
     breakdown: Breakdown | None
@@ -30,6 +31,7 @@ class Margins:
     what: str | None
     proposal: Proposal | None
     before: Sequence[ResponseBound]
+    refused: str = ""
 
 
 def margins_json(margins: Margins) -> dict[str, Any]:
@@ -62,6 +64,9 @@ def margins_json(margins: Margins) -> dict[str, Any]:
                 margins.proposal.messages, margins.proposal.bounds, margins.before, strict=True
             )
         }
+    if margins.refused:
+        found["proposal"] = None
+        found["no_proposal"] = margins.refused
     return found
 
 
@@ -87,6 +92,8 @@ def show_margins(margins: Margins, console: Console) -> None:
         console.print(_error_line(margins), highlight=False)
     if margins.proposal is not None:
         console.print(_proposal_table(margins))
+    if margins.refused:
+        console.print(f"no {margins.what} proposed: {margins.refused}", highlight=False)
 
 
 def _error_line(margins: Margins) -> str:

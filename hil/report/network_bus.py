@@ -1,9 +1,10 @@
-"""Output of ``canroll bus`` for a network: response times by segment, and over its gateways."""
+"""``canroll bus`` for a network: response times by segment, and over its gateways."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -18,23 +19,27 @@ from hil.report.bus_answer import (
     extremes,
     milliseconds,
 )
+from plant_sim.buses.profile import BusProfile
 from plant_sim.buses.topology import BusSegment, Topology
-from plant_sim.can_bus.analysis import worst_case_utilisation
-from plant_sim.can_bus.holistic import Arrival
+from plant_sim.can_bus.ages import simulate_ages_of_routes
+from plant_sim.can_bus.analysis import ErrorModel, worst_case_utilisation
+from plant_sim.can_bus.delay_bounds import delay_bounds, loop_routes
+from plant_sim.can_bus.holistic import Arrival, arrivals
 from plant_sim.can_bus.routing import RoutedMessage
-from plant_sim.can_bus.simulation import NetworkSimulation, SimulatedResponse
+from plant_sim.can_bus.simulation import NetworkSimulation, SimulatedResponse, simulate_network
 
 _MS = 1e-6
+_ACTUATOR = "Actuator"
+"""The node that applies the command."""
 
 
 @dataclass(frozen=True, slots=True)
 class NetworkAnswer:
-    """All that is printed of the network ``name``.
+    """Results of a network.
 
     ``arrivals``: of each message in ``routed``, by segment; ``path``: sensor, command, tick in ms.
     """
 
-    name: str
     topology: Topology
     routed: Sequence[RoutedMessage]
     arrivals: Sequence[dict[int, Arrival]]
@@ -68,7 +73,69 @@ class NetworkAnswer:
         return worst_case_utilisation(here, bitrate=place.bitrate, data_bitrate=place.data_bitrate)
 
 
-def check_network(answer: NetworkAnswer) -> None:
+def analyse(
+    profile: BusProfile,
+    path: tuple[str, str, float],
+    *,
+    errors: ErrorModel | None,
+    duration_s: float,
+    seed: int,
+    worst_case_lengths: bool,
+) -> NetworkAnswer:
+    """Return bounds and simulated times of all messages of a network.
+
+    Args:
+        profile: the network, with our messages and its background.
+        path: names of sensor and command message, and the tick in ms.
+        errors: disturbed frames included in the bounds.
+        duration_s: simulated time, 0: no simulation.
+        seed: of payloads, jitter and latencies.
+        worst_case_lengths: simulate classic frames with the maximum number of stuff bits.
+
+    Raises:
+        CanrollError: the sensor or the command is not a message of the network.
+    """
+    sensor, command, tick_ms = path
+    topology = profile.network
+    routed = loop_routes(profile, command=command, command_period_ms=tick_ms, seed=seed)
+    bounds, reason = None, ""
+    try:
+        bounds = delay_bounds(
+            profile, tick_ms=tick_ms, command=command, sensor=sensor, errors=errors
+        )
+    except VerdictError as error:
+        reason = str(error)
+    simulation, ages = None, np.array([], np.int64)
+    if duration_s > 0.0:
+        simulation = simulate_network(
+            topology,
+            routed,
+            duration_s=duration_s,
+            seed=seed,
+            worst_case_lengths=worst_case_lengths,
+        )
+        ages = simulate_ages_of_routes(
+            topology,
+            routed,
+            sensor,
+            command,
+            actuator_segment=topology.place(_ACTUATOR),
+            duration_s=duration_s,
+            seed=seed,
+            worst_case_lengths=worst_case_lengths,
+        )
+    least, _, most = extremes(ages)
+    return NetworkAnswer(
+        topology,
+        routed,
+        arrivals(topology, routed, errors=errors),
+        simulation,
+        Delay(bounds, reason, bool(reason), least, most),
+        path,
+    )
+
+
+def check(answer: NetworkAnswer) -> None:
     """Reject a bound that the simulation exceeds.
 
     Raises:
@@ -143,11 +210,11 @@ def _way(answer: NetworkAnswer, number: int, segment: int) -> list[int]:
     return [found.home, *(hop.target for hop in found.way_to(segment))]
 
 
-def show(answer: NetworkAnswer) -> None:
+def show(answer: NetworkAnswer, name: str) -> None:
     """Print a table for every segment, one of the ways over gateways, and the lines below."""
     console = Console()
     for number, place in enumerate(answer.topology.segments):
-        console.print(_segment_table(answer, number, place))
+        console.print(_segment_table(answer, name, number, place))
         line = f"load with the longest frames {answer.utilisation(number):.1%}"
         if answer.simulation is not None:
             line += f", simulated {answer.simulation.loads[number]:.1%}"
@@ -165,12 +232,12 @@ def show(answer: NetworkAnswer) -> None:
     console.print(delay_line(answer.delay, *answer.path))
 
 
-def _segment_table(answer: NetworkAnswer, number: int, place: BusSegment) -> Table:
+def _segment_table(answer: NetworkAnswer, name: str, number: int, place: BusSegment) -> Table:
     rate = f"{place.bitrate / 1000:g}"
     if place.data_bitrate:
         rate += f" and {place.data_bitrate / 1000:g}"
     table = _table(
-        f"{answer.name}, segment {place.name} at {rate} kbit/s: response times, ms",
+        f"{name}, segment {place.name} at {rate} kbit/s: response times, ms",
         ("message", "id", "period", "jitter", "bound", "min", "99 %", "max"),
         left=1,
     )

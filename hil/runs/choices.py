@@ -128,8 +128,8 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--plant-vehicle",
-            help="vehicle that is driven, where it is not the one that the controller is designed "
-            "for; preset or TOML file",
+            help="vehicle to drive, if other than the one the controller is designed for; preset "
+            "or TOML file",
             of=RUN,
         ),
     ]

@@ -12,13 +12,13 @@ HALF_CYCLES_MIN = 6
 SECONDS_MIN = 1.0
 SHARE_OF_PEAK = 0.1
 UNEVEN = 0.1
-"""Share of a step by which the ticks of a run in real time may start early or late."""
+"""Fraction of a step by which ticks of a real-time run may start early or late."""
 LEAST_MOMENT = 50.0
 DECAY = 0.7
 EVENNESS = 0.45
 EXCITED = 0.6
 AVERAGES = (0.0, 1.0, 0.5)
-"""Lengths of the moving averages taken off, s."""
+"""Lengths of the subtracted moving averages, s."""
 
 
 @dataclass(frozen=True, slots=True)

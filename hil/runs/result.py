@@ -35,10 +35,10 @@ LEAST_ROLL_DEG = 0.01
 """Below this largest roll angle there is no roll to reduce."""
 
 SAVED = tuple(name for name, choice in CHOICES.items() if choice.saved)
-"""The choices that results carry; what else was chosen is in their calibration."""
+"""The choices stored in results; all others are in their calibration."""
 
 WORSE = 1.05
-"""Roll rate with control over that without it, from which on the verdict is mixed."""
+"""Ratio of roll rate with control to that without, above which the verdict is mixed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,8 +50,8 @@ class Settings:
     manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
     :func:`hil.runs.conditions.options` reads them; ``dbc`` and ``map``: the frames on the bus, None
     for those of the contract or the network's own; ``stage``: an own stage of the loop.
-    ``vehicle`` is driven; ``plant_vehicle`` is what it was loaded by where it is not the one that
-    the controller was designed for, else None.
+    ``vehicle`` is driven; ``plant_vehicle`` is its name or file if it is not the one the
+    controller was designed for, else None.
     """
 
     scenario: str

@@ -5,18 +5,16 @@ From these three files a run can be evaluated and shown again with the same numb
 
 import hashlib
 import json
-import zlib
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 import vehicles
-from canroll.errors import CanrollError
+from canroll.errors import UNREADABLE, CanrollError
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from hil.runs.experiment import assess
@@ -33,18 +31,6 @@ HASHES = "sha256"
 VEHICLE = "vehicle_sha256"
 """Key of result.json: the fingerprint of the vehicle that was driven."""
 RUNS = ("passive", "controlled", "replay")
-
-UNREADABLE = (
-    OSError,
-    ValueError,
-    KeyError,
-    TypeError,
-    AttributeError,
-    EOFError,
-    BadZipFile,
-    zlib.error,
-)
-"""Exceptions raised when reading a truncated or foreign file."""
 
 Arrays = Mapping[str, NDArray[Any]]
 

@@ -32,15 +32,15 @@ FIGURES = (
 what a car that understeers more takes more of on the same path."""
 MOMENT_RMS = FIGURES.index("moment_rms_nm")
 BUDGET_TOLERANCE = 0.005
-"""How near to the budget a law is scaled, as share of it."""
+"""Relative accuracy to which a law is scaled to the budget."""
 LARGEST_FACTOR = 3.99
 STEPS_MAX = 40
 NARROWEST = 1e-4
-"""Width of a bracket, as share of its upper end, in which the effort is taken to jump."""
+"""Width of a bracket, relative to its upper end, below which the effort counts as jumping."""
 MARGIN = 0.1
-"""Share of a bracket that the next trial keeps away from its ends."""
+"""Least distance of the next trial from the ends of a bracket, relative to its width."""
 CHANCE = 10
-"""Of so many runs one may swing evenly by chance: noise does so now and then without feedback."""
+"""One in this many runs may oscillate by chance, as noise occasionally does without feedback."""
 BACKED_OFF = tuple(step / 10 for step in range(10, 0, -1))
 
 

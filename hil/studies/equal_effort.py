@@ -89,7 +89,7 @@ PRINTED = (
 )
 """Laws whose printed gains are for one vehicle: van_2021."""
 REFERENCE = "plain_feedforward"
-"""What needs neither a model nor a prediction: a law has to do better."""
+"""The default reference: it needs neither a model nor a prediction."""
 UPRIGHT_SHARE = 0.5
 """Effort by default, as share of the RMS of m h a_y, the moment that holds the body upright."""
 
@@ -105,13 +105,13 @@ NO_WORSE = {
 }
 """Quantities that must not get worse, as text."""
 TOLERANCE = 0.01
-"""How much worse a figure may be and still count as no worse, as share of the reference."""
+"""Tolerance within which a figure counts as no worse, relative to the reference."""
 EFFORT_TOLERANCE = 0.02
-"""How far from the budget the mean RMS moment of a scaled law may be, as share of it."""
+"""Tolerance of the mean RMS moment of a scaled law, relative to the budget."""
 SEARCHED = 20
-"""How many of the runs the factor of a law is searched on."""
+"""Number of runs on which the factor of a law is searched."""
 STIFFER = tuple(tenth / 10 for tenth in range(20, 10, -1))
-"""Factors on the roll stiffness that a passive bar is sought among: twice is all a car can bear."""
+"""Factors on the roll stiffness tried for a passive bar; twice is the practical maximum."""
 CONFIDENCE = 1.96
 
 

@@ -15,11 +15,11 @@ from hil.realtime.bus_link import Frame
 from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE, length_of
 
 WINDOW = 2.0
-"""Rates, delays and the load are those of the last so many seconds."""
+"""Window of rates, delays and load, s."""
 SILENT = 0.5
-"""A side of which nothing is heard for as long is silent, s; every message comes more often."""
+"""Time after which an unheard side counts as silent, s; every message is more frequent."""
 IMU_LATE = 0.1
-"""A command that comes so long after the last Imu frame does not answer it, s."""
+"""Time after the last Imu frame beyond which a command does not belong to it, s."""
 COUNTS = 15
 """The counters of E2E profile 1 run from 0 to 14; 15 is invalid."""
 CONTROLLER, VEHICLE = "controller", "vehicle"

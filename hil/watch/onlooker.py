@@ -16,9 +16,9 @@ from hil.watch.observation import Observation, Seen
 from plant_sim.can_bus.traffic.log_reader import flags_of
 
 LEAP = 5.0
-"""A stamp so far ahead of the present, or behind the last one, is of another clock, s."""
+"""Distance ahead of the present, or behind the last stamp, that indicates another clock, s."""
 DRIFT = 1e-3
-"""A clock may run slower than ours by this share."""
+"""Largest relative slowness of a clock."""
 
 
 class BusClock:

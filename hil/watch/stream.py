@@ -24,12 +24,12 @@ from hil.watch.observation import (
 )
 
 KEPT = 60.0
-"""How far back rows go, s."""
+"""Length of the kept history, s."""
 AFTER = 1.0
-"""On a silent bus the time axis goes on for so long after the last frame, s."""
+"""Time for which the time axis continues after the last frame on a silent bus, s."""
 EVENTS = 200
 LOAD_WINDOW = 0.1
-"""The load is that of stretches so long, s."""
+"""Length of the intervals of the load, s."""
 
 TRACKS = {
     "status": ("RollControlStatus", ("RollAngleEstimate", "MomentCommand", "Mode")),

@@ -53,14 +53,14 @@ def propose_priorities(messages: Sequence[BusMessage], bounds: Bounds) -> Propos
         else:
             ident = order[place].ident
             raise VerdictError(
-                f"no priorities keep all deadlines: no message left for {ident:X} keeps its own"
+                f"no priorities meet all deadlines: no message left for {ident:X} meets its own"
             )
     named = {m.name: m for m in order}
     changed = tuple(named[m.name] for m in messages)
     found = bounds(changed, None)
     if late(found):
         names = ", ".join(late(found))
-        raise VerdictError(f"no priorities found that keep all deadlines: {names} in FIFO queues")
+        raise VerdictError(f"no priorities found that meet all deadlines: {names} in FIFO queues")
     return Proposal(changed, tuple(found))
 
 

@@ -61,9 +61,9 @@ MAX_PAYLOAD = 64
     N_FIELD,
 ) = range(13)
 NO_ERROR_CODE = -(1 << 40)
-"""Of a signal whose DBC has no code for error or not available."""
+"""Value for a signal without a code for error or not available in the DBC."""
 OF_THE_FRAME = frozenset({"Checksum", "Counter", "SampleCounter"})
-"""Signals of the contract that are each frame's own."""
+"""Signals of the contract that are specific to each frame."""
 # Columns of Codec.scaling.
 SCALE, OFFSET = range(2)
 # Columns of Codec.piece: bits of a signal in one byte.

@@ -115,6 +115,11 @@ class World:
         self._drained = 0
         self._log: list[NDArray[Any]] = []
 
+    @property
+    def room(self) -> int:
+        """Number of frames that can still be submitted before the next ``advance``."""
+        return len(self._outbox) - int(self._clock[OUTBOX])
+
     def submit(self, t_ns: int, ident: int, payload: bytes) -> None:
         """Queue a frame at the ECU at ``t_ns`` (ns), not before the last ``advance``'s end.
 
@@ -134,7 +139,7 @@ class World:
                 "identifiers of 11 bits and at most 8 bytes, and those of its map"
             )
         count = self._clock[OUTBOX]
-        if count == len(self._outbox):
+        if not self.room:
             raise CanrollError(f"more than {len(self._outbox)} frames submitted in one tick")
         out = self._outbox[count]
         out["t_ns"], out["ident"], out["length"] = t_ns, ident, len(payload)

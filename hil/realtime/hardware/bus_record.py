@@ -36,7 +36,7 @@ flags, and the first 8 bytes."""
 ROOM = 1 << 18
 """Frames that are kept: four minutes of a bus with a thousand a second."""
 STEP_NS = 1_000_000
-"""By more than this, the wall clock was set during the run: stamps mean nothing then."""
+"""Change beyond which the wall clock was set during the run, so that stamps are meaningless."""
 
 _ENTRY = struct.Struct("<qqIBBxx8s")
 

@@ -1,5 +1,6 @@
 """Frames of a bus log by channel, from every format that python-can reads by suffix."""
 
+import logging
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -12,6 +13,9 @@ from plant_sim.can_bus.kernel.layout import MAX_PAYLOAD
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE, frame_bits
 
 SUFFIXES: Final = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db", ".pcap", ".pcapng")
+
+LATEST: Final = 4e9
+"""Largest time stamp of a frame, s, since 1970 or the start: it fits 63 bits in ns."""
 
 
 def is_log(path: Path) -> bool:
@@ -48,6 +52,8 @@ def read_log(path: Path) -> dict[str, Logged]:
         raise CanrollError(f"{path}: no such file")
     if not is_log(path):
         raise CanrollError(f"{path}: a bus log ends in {', '.join(SUFFIXES)}")
+    # asammdf's own words on a damaged file come with tracebacks; ours are one line
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     try:
         with can.LogReader(path) as reader:
             messages = list(reader)
@@ -55,6 +61,8 @@ def read_log(path: Path) -> dict[str, Logged]:
         raise CanrollError(f"{path}: {error}") from error
     except Exception as error:  # python-can's readers let through whatever their parsers raise
         raise CanrollError(f"{path}: not a readable bus log: {error}") from error
+    if not all(abs(message.timestamp) < LATEST for message in messages):
+        raise CanrollError(f"{path}: not a readable bus log: a time is beyond {LATEST:g} s")
     channels: dict[str, list[can.Message]] = {}
     for message in messages:
         channels.setdefault(str(message.channel), []).append(message)

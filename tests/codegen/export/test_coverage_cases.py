@@ -88,6 +88,13 @@ def test_the_runner_finds_another_state(tmp_path):
     assert done.returncode == 1 and done.stdout.startswith("FAIL: case ")
 
 
+def test_no_case_does_what_c_leaves_undefined(tmp_path):
+    flags = ["-O1", "-fsanitize=undefined,address", "-fno-sanitize-recover=all"]
+    program = built(tmp_path, flags=flags)
+    done = subprocess.run([program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
 def test_a_case_has_one_name_and_refusals_have_all_rules():
     rules = set()
     for case in coverage_cases.cases(built_in().bus):

@@ -1,15 +1,18 @@
 """cppcheck with MISRA, and the sanitizers over hostile traffic, on the exported sources."""
 
+import re
 import shutil
 import subprocess
 
 import pytest
+from support.sample import Sample
 
 from codegen.c99 import emit
 from codegen.export import bundle, misra
 from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.run import ecu_traffic, native
+from codegen.subset.parse import load
 
 
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck")
@@ -57,3 +60,38 @@ def test_sanitizers_have_nothing_to_say(tmp_path, seed):
     )
     assert result.returncode == 0, result.stderr
     assert "PASS" in result.stdout
+
+
+WHERE = {
+    "2.5": r"#define CANROLL_\w+ ",
+    "10.1": r"<<|>>|&|\||\^|~",
+    "11.5": r"canroll_any_word|const uint8_t \*\)record",
+    "15.5": r"\breturn\b",
+}
+"""What a line has on which a rule is deviated from, if the reason is true."""
+
+
+@pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck")
+def test_the_reason_of_a_deviation_is_that_of_every_place(tmp_path):
+    for name, text in emit.firmware().items():
+        (tmp_path / name).write_text(text)
+    names = {c.name for m in load().modules.values() for c in m.constants.values()}
+    assert set(WHERE) == set(misra.DEVIATIONS)
+    for rule, places in misra.cppcheck(tmp_path, tmp_path).items():
+        for place in places:
+            file, _, number = place.rpartition(":")
+            path = tmp_path / file.rpartition("/")[2]
+            line = path.read_text().splitlines()[int(number) - 1]
+            assert re.search(WHERE[rule], line), f"{rule}: {place}: {line}"
+            if rule == "2.5":
+                assert any(line.split()[1].endswith(f"_{name}") for name in names), line
+            if rule == "11.5":
+                assert path.name == "canroll_runtime.h"
+
+
+def test_what_may_be_negative_is_multiplied_and_not_shifted_left(tmp_path):
+    code = "def shifted(v: i32) -> i64:\n    return v << 3\n\n\n"
+    code += "def masked(v: i32) -> i32:\n    return (v & 255) << 3\n"
+    c = emit.emit("sample", Sample(tmp_path).write(code))["canroll_sample.c"]
+    assert c.count("<<") == 2 and "* ((int64_t)1 << 3)" in c and "(v & 255) << 3" in c
+    assert "#error" in emit.firmware()["canroll_runtime.h"]

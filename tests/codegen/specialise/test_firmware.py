@@ -1,13 +1,16 @@
 """Specialised firmware is the general one for its calibration, byte for byte, and for no other."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
+from codegen.generated import own_stage
 from codegen.proof.prove import prove
 from codegen.run import ecu_traffic, memory_image, native
 from codegen.run.backends import PythonEcu
-from codegen.run.bus_firmware import built_in
+from codegen.run.bus_firmware import built_in, with_stage
 from codegen.specialise.firmware import specialised
 from firmware import ecu as loop
 from firmware.calibration import Calibration
@@ -18,11 +21,12 @@ from tools.differential import recorded_traffic
 from tools.differential.recorded_traffic import Case
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
+ROOT = Path(__file__).parents[3]
 MODES = {INIT, ACTIVE, DEGRADED, SAFE}
 OTHERS = (
     Case("double_lane_change", "lqr", observer="propagated", identification=True),
     Case("double_lane_change", "lqr", observer="reference", actuator="dampers"),
-    Case("j_turn", "hinf_delay", observer="steering"),
+    Case("j_turn", "hinf_delay"),
     Case("double_lane_change", "lqr_full_car", actuator="valves"),
 )
 FEW = (Case("double_lane_change", "lqr"), Case("j_turn", "lqg_delay", actuator="bars"))
@@ -113,6 +117,19 @@ def test_every_law_actuator_and_observer(case):
         ecu_traffic.storm(recording.traffic, 6),
     ):
         assert difference(recording.calibration, traffic) == ""
+
+
+@pytest.mark.slow
+def test_an_own_stage_is_specialised_with_the_loop(calibration):
+    stage = own_stage.read(ROOT / "examples" / "own_stage" / "progressive.py")
+    firmware = with_stage(built_in(), stage)
+    special = specialised(firmware, calibration)
+    traffic = ecu_traffic.random_traffic(2, 800)
+    general, own = (
+        replay(native.library_of(each), calibration, traffic) for each in (firmware, special)
+    )
+    assert general.states.tobytes() == own.states.tobytes()
+    assert general.frames.tobytes() == own.frames.tobytes()
 
 
 @pytest.fixture(scope="module")

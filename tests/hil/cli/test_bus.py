@@ -383,6 +383,25 @@ def test_priorities_are_proposed_that_keep_a_deadline_now_missed(tmp_path, capsy
     assert found["factor"] > 1.0
 
 
+def test_without_priorities_to_propose_all_else_is_printed(tmp_path, capsys):
+    """Once the refusal was the whole answer."""
+    path = tmp_path / "set.toml"
+    rows = [
+        ROW.format(name=f"m{k}", ident=k + 1, period=10) + "deadline_ms = 2.2" for k in range(3)
+    ]
+    path.write_text("bitrate = 125000" + "".join(rows))
+    options = ("--propose", "priorities", "--sensitivity", "--simulate", "0.1")
+    assert main(["bus", str(path), *options]) == 1
+    text = " ".join(capsys.readouterr().out.split())
+    assert "set.toml at 125 kbit/s: response times, ms" in text
+    assert "no priorities proposed: no priorities meet all deadlines" in text
+    assert main(["bus", str(path), *options, "--json"]) == 1
+    found = json.loads(capsys.readouterr().out)
+    assert found["proposal"] is None
+    assert found["no_proposal"].startswith("no priorities meet")
+    assert found["breakdown"]["factor"] == 0.0
+
+
 def test_offsets_are_proposed_and_bounds_take_them_into_account(tmp_path, capsys):
     found = margins_of(tmp_path, capsys, "--propose", "offsets", "--offsets", code=1)
     rows = found["proposal"]

@@ -155,3 +155,16 @@ def test_what_cannot_be_is_refused_in_one_line(calibration, tmp_path, capsys):
         assert old in text
         own.write_text(text.replace(old, new))
         assert rule in refused((*run, "--calibration", own), capsys)
+
+
+@pytest.mark.slow
+@needs_cc
+@pytest.mark.skipif(not shutil.which("make"), reason="needs make")
+def test_code_for_one_calibration_has_it_too(calibration, tmp_path):
+    words = ("export-c", str(tmp_path), "--calibration", str(calibration), "--specialise")
+    assert main(words) == 0
+    assert "translated to `src/canroll_ecu.c`" in (tmp_path / "README.md").read_text()
+    assert "swing" in (tmp_path / "src" / "canroll_ecu.c").read_text()
+    command = ["make", "-C", tmp_path, "test"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
+    assert done.stdout.count("PASS") == 2

@@ -46,6 +46,16 @@ def test_what_the_ecu_sends_reaches_the_modelled_bus(world, list_bus, clock):
     assert 0x123 not in world.frames["ident"]
 
 
+@pytest.mark.parametrize("frames", [[(0x300, bytes(64))], [(0x300, bytes(8))] * 2000])
+def test_what_no_ecu_would_send_does_not_end_the_plant(world, list_bus, clock, frames):
+    longer = sum(len(payload) > 8 for _, payload in frames)
+    beyond = max(0, len(frames) - world.room)
+    list_bus.waiting = frames
+    outcome = plant_loop.run(world, list_bus, stop=Stop(), duration_ns=20 * MS)
+    assert outcome.reason == plant_loop.FINISHED
+    assert outcome.refused == longer + beyond > 0
+
+
 def test_a_silent_ecu_ends_the_run(world, list_bus, clock):
     list_bus.waiting = [(0x300, bytes(8))]
     outcome = plant_loop.run(

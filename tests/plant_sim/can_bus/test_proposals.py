@@ -59,7 +59,7 @@ def test_priorities_are_found_where_there_are_any_and_only_there():
             assert [m.name for m in answer.messages] == [m.name for m in messages]
             found += 1
         else:
-            with pytest.raises(VerdictError, match="no priorities keep all deadlines"):
+            with pytest.raises(VerdictError, match="no priorities meet all deadlines"):
                 propose_priorities(messages, bounds_at)
             none += 1
     assert min(found, none) >= 4

@@ -1,0 +1,90 @@
+"""Requirements, functions, C lines, obligations and tests: complete, and as they are."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+from canroll.errors import CanrollError
+from codegen.c99.linkage import linkage
+from codegen.export import traceability
+from codegen.export.traceability import Requirement, requirements
+from codegen.generated import own_stage
+from codegen.run.bus_firmware import built_in, with_stage
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def found():
+    return traceability.rows(built_in().program(), built_in().files)
+
+
+def test_every_requirement_has_functions_and_tests_that_exist(found):
+    defined = {}
+    for its in requirements():
+        assert its.text.endswith(".") and its.tests and found[its.name], its.name
+        for test in its.tests:
+            file, _, name = test.partition("::")
+            if file not in defined:
+                tree = ast.parse((ROOT / "tests" / file).read_text())
+                defined[file] = {n.name for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)}
+            assert name in defined[file], test
+        assert len(set(its.tests)) == len(its.tests)
+
+
+def test_every_function_has_one_requirement(found):
+    program = built_in().program()
+    for function in program.functions():
+        asked = [its.name for its in requirements() if its.covers(function)]
+        assert len(asked) == 1, f"{function.key}: {asked}"
+    functions = [row.function for rows in found.values() for row in rows]
+    # those that only other frames need are not translated
+    assert sorted(functions) == sorted(".".join(key) for key in linkage(program).reachable)
+    assert found[""] == []
+
+
+def test_no_pattern_is_left_over():
+    functions = list(built_in().program().functions())
+    for its in requirements():
+        for pattern in its.functions:
+            one = Requirement(its.name, its.text, (pattern,), its.tests)
+            assert any(one.covers(function) for function in functions), pattern
+
+
+def test_a_function_that_nobody_asked_for_is_named(monkeypatch):
+    fewer = tuple(its for its in requirements() if its.name != "limits")
+    monkeypatch.setattr(traceability, "requirements", lambda: fewer)
+    with pytest.raises(CanrollError, match=r"control_law\.limited has requirements: none"):
+        traceability.rows(built_in().program(), built_in().files)
+
+
+def test_the_lines_are_those_of_source_and_c(found):
+    for rows in found.values():
+        for row in rows:
+            module, name = row.function.split(".")
+            file, _, span = row.source.partition(":")
+            first, last = map(int, span.split("–"))
+            source = (ROOT / "firmware" / file).read_text().splitlines()
+            assert source[first - 1].startswith(f"def {name}(")
+            assert last == len(source) or not source[last].startswith("    ")
+            file, _, line = row.emitted.removeprefix("src/").partition(":")
+            text = built_in().files[file].splitlines()[int(line) - 1]
+            assert f"canroll_{module}_{name}(" in text or f"canroll_{name}(" in text
+            assert not text.endswith(";")
+
+
+def test_obligations_are_those_of_the_proof(found):
+    count = {row.function: row.obligations for rows in found.values() for row in rows}
+    # v / 2**n: the sum for rounding, the shift count, the result
+    assert count["fixed_point.quotient"] >= 2
+    assert all(count[name] > 5 for name in ("ecu.init", "observer.advance", "check.check_ranges"))
+    assert sum(count.values()) > 2000
+
+
+def test_an_own_stage_stands_for_itself():
+    stage = own_stage.read(ROOT / "examples" / "own_stage" / "progressive.py")
+    firmware = with_stage(built_in(), stage)
+    page = traceability.page(firmware.program(), firmware.files)
+    assert "## own stage" in page
+    assert "| `stage.moment` | progressive.py:56–62 | src/canroll_stage.c:" in page
