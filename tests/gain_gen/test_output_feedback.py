@@ -183,6 +183,38 @@ def test_what_is_slow_comes_from_the_accelerometer(law, bus, designs):
     assert abs(np.radians(0.1) * steady[S_RATE]) < 60.0
 
 
+def drawn(vehicle, rng):
+    """A vehicle whose body, springs, dampers and tyres are each up to 20 % off."""
+
+    def off(part, *names):
+        return replace(
+            part, **{name: getattr(part, name) * rng.uniform(0.8, 1.2) for name in names}
+        )
+
+    body = off(
+        vehicle.plant,
+        *("sprung_mass", "cg_height_above_roll_axis", "roll_inertia"),
+        *("roll_stiffness", "roll_damping"),
+    )
+    stiffness = ("cornering_stiffness_front", "cornering_stiffness_rear", "vertical_stiffness")
+    return replace(vehicle, plant=body, tyre=off(vehicle.tyre, *stiffness))
+
+
+@pytest.mark.parametrize("law", [*LAWS, "steering_lead"])
+@pytest.mark.parametrize("bus", DELAYS)
+def test_they_hold_on_vehicles_that_they_were_not_designed_for(law, bus, designs):
+    """Eight drawn vehicles in all ten conditions at all delays: 6 dB and Ms of 2 are left."""
+    task = task_on(bus)
+    found = designs.get((law, bus)) or design(law, task)
+    rng = np.random.default_rng(1)
+    for _ in range(8):
+        every = family(drawn(task.vehicle, rng), task.delay, tick=TICK, lag=task.lag)
+        margins = every.margins(found.controller)
+        assert margins.stable
+        assert margins.worst_gain.margins.gain_db > 6.0
+        assert margins.worst_sensitivity.margins.sensitivity < 2.0
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_a_car_that_takes_less_gets_less_and_says_so(law):
     answer = design(law, task_on("gateway_50ms", "sedan_320i"))

@@ -26,7 +26,7 @@ MODES = {INIT, ACTIVE, DEGRADED, SAFE}
 OTHERS = (
     Case("double_lane_change", "lqr", observer="propagated", identification=True),
     Case("double_lane_change", "lqr", observer="reference", actuator="dampers"),
-    Case("j_turn", "hinf_delay", observer="steering"),
+    Case("j_turn", "hinf_delay"),
     Case("double_lane_change", "lqr_full_car", actuator="valves"),
 )
 FEW = (Case("double_lane_change", "lqr"), Case("j_turn", "lqg_delay", actuator="bars"))

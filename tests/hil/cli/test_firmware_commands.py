@@ -94,3 +94,18 @@ def test_the_bound_of_a_tick_is_printed_beside_the_most_seen(capsys):
 def test_a_bound_for_a_circuit_that_cannot_be_is_refused(option, message):
     with pytest.raises(CanrollError, match=message):
         timing.run(parse(("timing", "--bound", *option)))
+
+
+@pytest.mark.slow
+def test_timing_of_specialised_firmware_takes_fewer_instructions(capsys):
+    means = []
+    for options in ([], ["--specialise"]):
+        args = parse(["timing", "--law", "lqr", "--duration", "0.3", "--json", *options])
+        assert timing.run(args) == 0
+        means.append(json.loads(capsys.readouterr().out)["instructions"]["mean"])
+    assert means[1] < 0.7 * means[0]
+
+
+def test_the_host_runs_no_specialised_firmware():
+    with pytest.raises(CanrollError, match="--specialise is of the target: omit --hil"):
+        timing.run(parse(["timing", "--hil", "--specialise"]))
