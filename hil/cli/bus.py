@@ -68,6 +68,8 @@ def run(args: argparse.Namespace) -> int:
         return _run_log(args)
     if _of_network(args):
         return _run_network(args)
+    if not args.file.suffix and not args.file.exists():
+        raise UnknownNameError("bus", str(args.file), BUSES)
     traffic = load_traffic(args.file, bitrate=args.bitrate, data_bitrate=args.data_bitrate)
     _check_path(args, traffic.messages)
     args.command = args.command or _command_among(traffic.messages)

@@ -168,7 +168,7 @@ def legend() -> str:
     """Return the meaning of columns and verdicts."""
     return (
         "Paper's conditions: its gains, delays, observer and formulas on its own model, an ideal "
-        "network, and one unknown fitted to the rows marked fitted. Ours: fixed-point firmware, "
+        "network, and one fitted unknown. Ours: fixed-point firmware, "
         "simulated bus, sensors and car. Verdicts are on the paper's conditions. Reproduced: "
         f"within {100 * TOLERANCE:.0f} %. Same ordering: further off, but on the same side of "
         "every other number of its table and quantity (a number without others: same sign and at "

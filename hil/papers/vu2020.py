@@ -377,9 +377,9 @@ def checks(result: Result) -> list[Mapping[str, Value]]:
         erratum(
             "B = [B1, B2] in (13) to (15)",
             "LQR with the four road heights as inputs, Table 2, printed weights",
-            f"wheels {number(roads['hop_fl_db'])} and {number(roads['hop_rl_db'])} dB as printed "
-            f"(27.8, 30.5), but roll {number(roads['roll_db'])} instead of 4.3 dB; the road is no "
-            "actuator",
+            f"wheels {number(roads['hop_fl_db'])} and {number(roads['hop_rl_db'])} dB "
+            f"(printed 27.8, 30.5), but roll {number(roads['roll_db'])} instead of 4.3 dB; the "
+            "road is no actuator",
         ),
         erratum(
             "ρ = 1 for every current and pressure",

@@ -200,8 +200,8 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--bus",
-            help="bus profile, network (.toml) or bus log (.blf, .asc …; with several channels "
-            "FILE#CHANNEL)",
+            help="bus profile, network (.toml, .dbc, .kcd, .arxml, .sym) or log (.blf, .asc …); "
+            "with several buses or channels FILE#NAME",
             of=WORLD,
             default="500k",
             values=lambda: BUSES,

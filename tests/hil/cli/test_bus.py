@@ -428,6 +428,11 @@ def test_sensitivity_and_errors_are_told_in_words(tmp_path, capsys):
     assert "times as often (load" in " ".join(capsys.readouterr().out.split())
 
 
+def test_an_unknown_bus_is_suggested_the_nearest(capsys):
+    assert main(["bus", "500kk"]) == 2
+    assert "did you mean '500k'?" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(("host", "notes"), [("127.0.0.1", 0), ("0.0.0.0", 1)])
 def test_a_bus_open_to_the_network_says_so(host, notes, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("hil.cli.bus.serve_network", lambda *_, **__: None)
