@@ -23,6 +23,13 @@ UNREADABLE = (
 """Exceptions raised by parsers of truncated, damaged or foreign files."""
 
 
+def reason(error: BaseException) -> str:
+    """Return why something failed: of an OSError without number and path, else the first line."""
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
 class CanrollError(Exception):
     """What is wrong and what to do, in one line; the command line prints it and exits.
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import cantools
 from cantools.database import Database, Message
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 
 PATH = Path(__file__).with_name("roll_control.dbc")
 FD_PATH = PATH.with_name("roll_control_fd.dbc")
@@ -44,8 +44,9 @@ def read(path: Path) -> tuple[Database, tuple[str, ...]]:
             database = cantools.database.load_file(path, strict=False)
             warnings = (f"{path}: read leniently: {str(error).splitlines()[0]}",)
     except Exception as error:  # cantools lets through whatever its parsers raise
-        first = (str(error).splitlines() or [type(error).__name__])[0]
-        raise CanrollError(f"{path}: not a readable DBC, KCD, ARXML or SYM: {first}") from error
+        raise CanrollError(
+            f"{path}: not a readable DBC, KCD, ARXML or SYM: {reason(error)}"
+        ) from error
     if not isinstance(database, Database):
         raise CanrollError(f"{path}: not a CAN database; give a .dbc file")
     return database, warnings

@@ -15,7 +15,7 @@ from typing import Any
 from cantools.database import Database, Message
 
 import dbc
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.errors import CanrollError, UnknownNameError, reason
 from codegen.generated.frame_protection import Protection, protection
 from codegen.generated.mapped_signal import MappedSignal, RawSignal, bits_of, map_signal
 from codegen.generated.multiplexing import (
@@ -151,7 +151,7 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
     try:
         document = tomllib.loads(map_file.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise CanrollError(f"{map_file}: {error}") from error
+        raise CanrollError(f"{map_file}: {reason(error)}") from error
     if document.get("schema") != 1:
         raise CanrollError(f"{map_file}: schema must be 1, not {document.get('schema')!r}")
     for key in document:

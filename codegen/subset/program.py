@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import prod
 from pathlib import Path
+from typing import Any
 
 from canroll.errors import CanrollError
 
@@ -35,7 +36,7 @@ LIMITS = {
 }
 CONST_RECORD = "Calibration"
 
-Const = int | tuple["Const", ...]
+Const = int | tuple[Any, ...]
 
 
 class SubsetError(CanrollError):

@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.errors import CanrollError, UnknownNameError, reason
 from plant_sim import buses
 from plant_sim.buses.profile import BusProfile, accept
 from plant_sim.buses.topology import NODES, BusGateway, BusSegment, Spread, Topology, check_times
@@ -108,7 +108,7 @@ def read_profile(name: str) -> BusProfile:
     try:
         table = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise CanrollError(f"{path}: not a readable network: {error}") from error
+        raise CanrollError(f"{path}: not a readable network: {reason(error)}") from error
     if "message" in table:
         return read_traffic(name)
     _check_keys(str(path), table, KEYS, required=("schema",))
@@ -277,7 +277,7 @@ def _samples(path: Path, where: str) -> tuple[int, ...]:
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise CanrollError(f"{where}: cannot read {path}: {error}") from error
+        raise CanrollError(f"{where}: cannot read {path}: {reason(error)}") from error
     found: list[int] = []
     for number, line in enumerate(lines, 1):
         text = line.partition("#")[0].replace(";", ",").partition(",")[0].strip()
