@@ -7,20 +7,11 @@ drop an operand is applied only where dropping it drops no effect.
 import ast
 from collections.abc import Callable, Sequence
 
+from codegen.subset.program import OPERATIONS
 from firmware import subset
 
 Number = ast.expr
 
-OPERATIONS: dict[type[ast.operator], Callable[[int, int], int]] = {
-    ast.Add: lambda a, b: a + b,
-    ast.Sub: lambda a, b: a - b,
-    ast.Mult: lambda a, b: a * b,
-    ast.LShift: lambda a, b: a << b,
-    ast.RShift: lambda a, b: a >> b,
-    ast.BitOr: lambda a, b: a | b,
-    ast.BitAnd: lambda a, b: a & b,
-    ast.BitXor: lambda a, b: a ^ b,
-}
 RELATIONS: dict[type[ast.cmpop], Callable[[int, int], bool]] = {
     ast.Lt: lambda a, b: a < b,
     ast.LtE: lambda a, b: a <= b,

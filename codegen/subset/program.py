@@ -214,7 +214,7 @@ def evaluate(program: Program, module: Module, node: ast.expr) -> Const:
             return -inner
     if isinstance(node, ast.BinOp):
         left, right = (evaluate(program, module, side) for side in (node.left, node.right))
-        operation = _OPERATIONS.get(type(node.op))
+        operation = OPERATIONS.get(type(node.op))
         if operation and isinstance(left, int) and isinstance(right, int):
             if isinstance(node.op, ast.Pow | ast.LShift | ast.RShift) and not 0 <= right <= 64:
                 raise SubsetError(module.path, node, f"{right} is no shift count or exponent")
@@ -224,7 +224,7 @@ def evaluate(program: Program, module: Module, node: ast.expr) -> Const:
     raise SubsetError(module.path, node, f"'{ast.unparse(node)}' is not a constant of ints")
 
 
-_OPERATIONS: dict[type[ast.operator], Callable[[int, int], int]] = {
+OPERATIONS: dict[type[ast.operator], Callable[[int, int], int]] = {
     ast.Add: lambda a, b: a + b,
     ast.Sub: lambda a, b: a - b,
     ast.Mult: lambda a, b: a * b,
@@ -236,6 +236,7 @@ _OPERATIONS: dict[type[ast.operator], Callable[[int, int], int]] = {
     ast.FloorDiv: lambda a, b: a // b,
     ast.Pow: lambda a, b: int(a**b),
 }
+"""What operators do to constants."""
 
 
 def calls(program: Program, function: Function) -> list[Function]:
