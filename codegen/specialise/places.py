@@ -5,6 +5,7 @@ that is not known is kept as a table of the program that is written.
 """
 
 import ast
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -32,7 +33,7 @@ class Stored:
 
 
 @dataclass(slots=True)
-class Places:
+class Places(ABC):
     """What is known of the records of one program.
 
     Attributes:
@@ -66,9 +67,9 @@ class Places:
         names |= {name for f in self.program.functions() for name in f.parameters}
         self.reserved = frozenset(names)
 
+    @abstractmethod
     def value(self, node: ast.expr, scope: Scope) -> ast.expr:
         """An expression with what is known folded in."""
-        raise NotImplementedError
 
     def _read(self, node: ast.expr, scope: Scope) -> ast.expr:
         module = self.program.modules[scope.function.module]

@@ -8,6 +8,7 @@ from importlib.metadata import version
 
 import cantools
 import pytest
+from support.bundles import make
 
 from canroll.errors import CanrollError
 from codegen.export import a2l, bundle, flash, interrupts
@@ -57,16 +58,6 @@ def export(record, traffic, dbc=signals.DBC, map_file=signals.MAP):
         map_file=map_file,
         traffic=traffic,
         origin="Random vectors.",
-    )
-
-
-def make(folder, *goals):
-    return subprocess.run(
-        ["make", "-C", str(folder), *goals],
-        capture_output=True,
-        text=True,
-        timeout=1800,
-        check=False,
     )
 
 

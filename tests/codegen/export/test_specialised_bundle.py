@@ -1,9 +1,9 @@
 """The bundle of specialised code builds, passes the general code's vectors, takes nothing else."""
 
 import shutil
-import subprocess
 
 import pytest
+from support.bundles import make
 
 from canroll.errors import CanrollError
 from codegen.export import a2l, bundle, misra
@@ -50,11 +50,6 @@ def export(record, *, specialised=True, dbc=signals.DBC, map_file=signals.MAP):
         origin="Random vectors.",
         specialised=specialised,
     )
-
-
-def make(folder, *goals):
-    command = ["make", "-C", str(folder), *goals]
-    return subprocess.run(command, capture_output=True, text=True, timeout=1800, check=False)
 
 
 @pytest.fixture(scope="module")

@@ -2,9 +2,9 @@
 
 import re
 import shutil
-import subprocess
 
 import pytest
+from support.bundles import make
 from support.sample import Sample
 
 from codegen.c99 import emit
@@ -51,13 +51,7 @@ def test_sanitizers_have_nothing_to_say(tmp_path, seed):
         ),
     )
     flags = "-std=c99 -O1 -g -fsanitize=undefined,address -fno-sanitize-recover=all"
-    result = subprocess.run(
-        ["make", "-C", str(tmp_path), "test", f"CFLAGS={flags}"],
-        capture_output=True,
-        text=True,
-        timeout=1800,
-        check=False,
-    )
+    result = make(tmp_path, "test", f"CFLAGS={flags}")
     assert result.returncode == 0, result.stderr
     assert "PASS" in result.stdout
 
