@@ -9,6 +9,7 @@ long as it advances.
 
 from firmware import signals
 from firmware.calibration import BARS, DAMPERS, N_RING, SUSPENSION, Calibration
+from firmware.monitors.delivery import note_command
 from firmware.state import (
     AGE_MAX,
     RX_ACTUATOR_STATE,
@@ -85,6 +86,7 @@ def trigger(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         ecu.triggered = HEARTBEAT
     if ecu.triggered != NOTHING:
         ecu.since_sent = 0
+        note_command(ecu, cal)
         # without a counter that comes back there is no echo to wait for
         ecu.waiting = cal.e2e & signals.TX_ECHOED[command_slot(cal)]
         if ecu.commands_sent < I32_MAX:

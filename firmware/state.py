@@ -115,6 +115,39 @@ class Ecu:
     fault_latched: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i has occurred")]
     time: Annotated[i32, F(I32_MIN, I32_MAX, 0, "ticks", "since init, wraps")]
 
+    # monitors
+    accused: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: a monitor has found fault i")]
+    monitor_gap: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last comparison")]
+    stroke_roll: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad", "roll on the suspension, leaky integral")
+    ]
+    turn_roll: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad", "gyro less strokes")]
+    warp_roll: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad", "front strokes less rear")]
+    rate_smooth: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "gyro, low-passed")]
+    lateral_mean: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "slow mean of the accelerometer")
+    ]
+    force_mean: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "slow mean of a_y, damping, moment")
+    ]
+    response: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "residual but for the inertia")
+    ]
+    near_limit: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "second of three accelerations, envelope")
+    ]
+    size: Annotated[i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "of the terms, envelope")]
+    rough: Annotated[i32, F(0, STATE_MAX, Q_RATE, "m/s, rad/s", "of the road, envelope")]
+    commanded: Annotated[
+        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "front, rear, as sent last")
+    ]
+    band_high: Annotated[
+        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "largest that may be delivered")
+    ]
+    band_low: Annotated[
+        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "least that may be delivered")
+    ]
+
     # observer
     x: Annotated[list[i32], N_STATES, F(STATE_MIN, STATE_MAX, 0, "", "corrected estimate")]
     work: Annotated[list[i32], N_ORDER, F(STATE_MIN, STATE_MAX, 0, "", "scratch")]
@@ -230,6 +263,10 @@ class Ecu:
     fault_count: Annotated[list[u8], N_FAULT_CODES, F(0, 255, 0, "", "occurrences")]
     fault_number: Annotated[u8, F(0, 15, 0, "", "active codes, 15 for more")]
     law: Annotated[u8, F(0, 2, 0, "", "of the calibration, for the status frame")]
+
+    # monitors
+    strikes: Annotated[list[u8], 3, F(0, 15, 0, "", "samples beyond a threshold, by residual")]
+    astray: Annotated[list[u8], 2, F(0, 15, 0, "", "samples outside the band, by axle")]
 
     # observer
     ring_head: Annotated[u8, F(0, N_RING - 1, 0, "", "newest entry of the ring")]

@@ -9,6 +9,7 @@ time, except after a corrupt calibration, which is permanent.
 
 from firmware import signals
 from firmware.calibration import ONE, Calibration
+from firmware.monitors.watch import watch
 from firmware.plausibility import (
     DEGRADING,
     FAULT_CALIBRATION_CRC,
@@ -60,6 +61,9 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     ecu.found = signals.contradicted(ecu) << FAULT_DISAGREEMENT
     motion: i32 = watch_motion(ecu, cal, elapsed)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
+    accused: i32 = watch(ecu, cal, elapsed)
+    if accused > actuators:
+        actuators = accused
     if elapsed > 1:
         ecu.found = ecu.found | (1 << FAULT_TICK_MISSED)
     if ecu.calibration_word == CORRUPT:
