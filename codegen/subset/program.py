@@ -170,9 +170,10 @@ class Module:
 
 @dataclass(slots=True)
 class Program:
-    """All modules, each after those it uses."""
+    """All modules, each after those it uses; ``entries`` are those with the entry points."""
 
     modules: dict[str, Module]
+    entries: tuple[str, ...] = ()
 
     def functions(self) -> Iterator[Function]:
         """Every function, module by module."""
