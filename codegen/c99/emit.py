@@ -256,7 +256,14 @@ class Emitter:
                 table = self._table(constant, "static const", body=True)
                 lines += [f"    {line}" for line in table]
         body = Body(self.program, self.names, self.seen, module, function)
-        used = {n.id for n in ast.walk(function.node) if isinstance(n, ast.Name)}
+        # a size is a literal in C
+        sizes = {
+            call.args[0]
+            for call in ast.walk(function.node)
+            if isinstance(call, ast.Call)
+            and self.program.intrinsic(module, call.func) == "bytes_of"
+        }
+        used = {n.id for n in ast.walk(function.node) if isinstance(n, ast.Name) and n not in sizes}
         lines += [f"    (void){name};" for name in function.parameters if name not in used]
         lines += body.lines()
         return [*lines, "}", ""]

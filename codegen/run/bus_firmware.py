@@ -13,7 +13,7 @@ import tempfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from types import ModuleType
@@ -44,6 +44,7 @@ class BusFirmware:
         bus: the mailboxes and the frames in them.
         modules: sources of the modules that differ from those checked in, by file name.
         stage: the engineer's own stage in it, or None.
+        services: modules beside the loop that are part of it.
         slots: mailboxes that receive a frame, by its identifier.
         sent: identifier and length on the wire of the frame in each mailbox that sends.
     """
@@ -51,6 +52,7 @@ class BusFirmware:
     bus: BusMap
     modules: Mapping[str, str]
     stage: OwnStage | None = None
+    services: tuple[str, ...] = ()
     slots: Mapping[int, tuple[int, ...]] = field(init=False)
     sent: tuple[tuple[int, int], ...] = field(init=False)
 
@@ -66,13 +68,15 @@ class BusFirmware:
     @cached_property
     def files(self) -> dict[str, str]:
         """The firmware in C, by file name."""
-        return emit.Emitter(self.program()).files() if self.modules else emit.firmware()
+        if self.modules or self.services:
+            return emit.Emitter(self.program()).files()
+        return emit.firmware()
 
     def program(self) -> Program:
         """The firmware as data, read anew."""
         shown = {own_stage.NAME: self.stage.path} if self.stage else {}
         with self._folder() as folder:
-            return parse.load(folder=folder, shown=shown)
+            return parse.load(folder=folder, shown=shown, services=self.services)
 
     @cached_property
     def loop(self) -> ModuleType:
@@ -107,7 +111,7 @@ class BusFirmware:
         return max(signals.room(self.bus.received), signals.room(self.bus.transmitted))
 
     def module(self, name: str) -> Any:  # noqa: ANN401
-        """One of its modules for CPython."""
+        """One of its modules for CPython, with its room's name where it has one."""
         return importlib.import_module(f"{self.loop.__package__}.{name}")
 
     @property
@@ -160,6 +164,12 @@ def with_stage(firmware: BusFirmware, stage: OwnStage | None) -> BusFirmware:
     # what remains to be refused is what only the translation sees
     _ = its.files
     return its
+
+
+@cache
+def with_services(firmware: BusFirmware, services: tuple[str, ...]) -> BusFirmware:
+    """Return ``firmware`` with services beside the loop."""
+    return replace(firmware, services=services) if services else firmware
 
 
 @cache
