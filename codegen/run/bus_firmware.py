@@ -22,7 +22,7 @@ from typing import Any
 import firmware.ecu
 from codegen.c99 import emit
 from codegen.generated import frames, own_stage, protection, signals, stage_rules
-from codegen.generated.bus_map import BusMap, load
+from codegen.generated.bus_map import BusMap, frame_ident, load
 from codegen.generated.own_stage import OwnStage
 from codegen.proof.prove import prove
 from codegen.subset import parse, rules
@@ -34,6 +34,8 @@ GENERATED = {
     "signals.py": signals.generate,
 }
 """Modules of the firmware that a bus makes."""
+SERVICES = ("xcp",)
+"""Modules with entry points beside the loop, each an option."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,6 +100,12 @@ class BusFirmware:
             sys.modules[name] = package
             spec.loader.exec_module(package)
             return importlib.import_module(f"{name}.ecu")
+
+    @property
+    def heard(self) -> frozenset[int]:
+        """Identifiers of all frames that it takes, the commands of services among them."""
+        xcp = self.bus.xcp if "xcp" in self.services else None
+        return frozenset(self.slots) | ({frame_ident(xcp.master)} if xcp else set())
 
     @property
     def fd(self) -> dict[int, bool]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
-from codegen.generated.bus_map import EXTENDED, Xcp
+from codegen.generated.bus_map import Xcp, frame_ident
 from codegen.run import memory_image, native
 from codegen.run.backends import NativeEcu, PythonEcu
 from codegen.run.bus_firmware import BusFirmware
@@ -18,13 +18,6 @@ from firmware.calibration import Calibration
 
 STATE_ADDRESS = 0x2000_0000
 PAGE_ADDRESS = 0x0800_0000
-WIDE = 1 << 31
-"""Bit of an identifier of 29 bits in an A2L."""
-
-
-def can_ident(ident: int) -> int:
-    """Return an identifier of an A2L as frames have it here."""
-    return ident & ~WIDE | (EXTENDED if ident & WIDE else 0)
 
 
 def idents(firmware: BusFirmware) -> Xcp:
@@ -120,7 +113,7 @@ class XcpEcu:
     ) -> None:
         found = idents(firmware)
         self._ecu = ecu
-        self._master, self._answers = can_ident(found.master), can_ident(found.slave)
+        self._master, self._answers = frame_ident(found.master), frame_ident(found.slave)
         self.slave: PythonSlave | NativeSlave
         if isinstance(ecu, PythonEcu):
             self.slave = PythonSlave(ecu, reference, firmware)
@@ -143,8 +136,13 @@ class XcpEcu:
         else:
             self._ecu.receive(ident, payload, length)
 
-    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
-        """Run one tick and return the frames to send, those of the loop first."""
+    def run(self, elapsed_ticks: int) -> list[Frame]:
+        """Run one tick; return the frames of the loop, those of the slave stay marked."""
         frames = self._ecu.tick(elapsed_ticks)
         self.slave.tick(elapsed_ticks)
+        return frames
+
+    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
+        """Run one tick and return the frames to send, those of the loop first."""
+        frames = self.run(elapsed_ticks)
         return [*frames, *((self._answers, payload) for payload in self.slave.take())]
