@@ -47,6 +47,8 @@ GROUND = tuple(
     f"canroll.{name}" for name in ("build_cache", "errors", "extension", "registry", "typing")
 )
 """Files of ``canroll`` that all may import; the rest of it is on the highest floor."""
+LOOP = "firmware"
+"""The integer subset; its parser refuses modules that import each other."""
 PACKAGES = ("canroll", "codegen", "dbc", "firmware", "gain_gen", "hil", "plant_sim", "tools")
 PACKAGES += ("vehicles",)
 
@@ -82,9 +84,11 @@ def _imported(path: Path, known: Mapping[str, Path]) -> Iterator[str]:
 
 
 def room_of(module: str, known: Mapping[str, Path]) -> str:
-    """Return the room of a module."""
+    """Return the room of a module; the ECU's loop is one, whatever folders it has."""
     if module in GROUND:
         return module
+    if module.split(".", maxsplit=1)[0] == LOOP:
+        return LOOP
     package = known[module].name == "__init__.py"
     return module if package else module.rpartition(".")[0]
 
