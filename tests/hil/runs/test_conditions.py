@@ -42,7 +42,7 @@ def test_conditions_reach_their_options():
         ("--fault", "Imu.RollRate=stuck@x", "write WHERE=KIND"),
         ("--fault", "Imu.RollRate=stuck@1:2:3", "does not take a ramp"),
         ("--fault", "Imu.RollRate=offset:1@1:2:3:4", "write WHERE=KIND"),
-        ("--fault", "Imu.RollRate=stuck@1,evry=1", "did you mean 'every'?"),
+        ("--fault", "Imu.RollRate=stuck@1,ever=1", "did you mean 'every'?"),
         ("--fault", "Imu.RollRate=stuck,every=1", "needs every and for"),
         ("--fault", "AntiRollBarCommand=dropout", "unknown fault of AntiRollBarCommand"),
         ("--fault", "Imu.RollRate=stuck@5:3", "before END"),
