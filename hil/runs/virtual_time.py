@@ -100,12 +100,18 @@ def compiled_ticks(
     world.advance(0)
     t = offset_ns
     while (left := (end_ns - t) // tick_ns) > 0 and not world.finished:
-        count = world.run_ticks(
-            connection, images[:left], before_ns=t, period_ns=tick_ns, run_time_ns=run_time_ns
-        )
-        for image in images[:count]:
+        interrupted = None
+        try:
+            world.run_ticks(
+                connection, images[:left], before_ns=t, period_ns=tick_ns, run_time_ns=run_time_ns
+            )
+        except KeyboardInterrupt as error:
+            interrupted = error
+        for image in images[: (world.now_ns - t) // tick_ns]:
             t += tick_ns
             yield t, image.tobytes()
+        if interrupted:
+            raise interrupted
     if not world.finished and t < end_ns:
         world.advance(end_ns)
 

@@ -87,7 +87,6 @@ class World:
             sensors or SensorOptions(), actuators or ActuatorOptions(), tuple(faults)
         )
         self.duration_ns = maneuver.duration_ns
-        self.now_ns = 0
         self._parts = world_parts.assemble(
             vehicle=vehicle,
             plant=plant,
@@ -167,8 +166,10 @@ class World:
         before_ns: int,
         period_ns: int,
         run_time_ns: int,
-    ) -> int:
+    ) -> None:
         """Run a native ECU for at most as many ticks as ``images`` has rows, in compiled code.
+
+        The time tells how many: at least one, unless the vehicle has rolled over.
 
         Args:
             ecu: initialised; every frame that it sends has passed :meth:`check_frame`.
@@ -176,9 +177,6 @@ class World:
             before_ns: the ticks are at ``before_ns + k period_ns``, k from 1.
             period_ns: at most 200 ms.
             run_time_ns: time from a tick to its frames.
-
-        Returns:
-            The number of ticks, at least 1 unless the vehicle has rolled over.
         """
         if self._recorded is not None:
             # fed anew before every tick, as recorded frames are queued in order with all others
@@ -189,9 +187,8 @@ class World:
             self._make_room(last_ns)
         stop = self._drained + world_parts.LOG_CAPACITY // 2
         ticks = Ticks(before_ns, period_ns, run_time_ns, stop)
-        count: int = run(self._parts, ecu, ticks, images)
-        self._advanced_to(before_ns + period_ns * count)
-        return count
+        run(self._parts, ecu, ticks, images)
+        self._keep()
 
     def advance(self, until_ns: int) -> NDArray[Any]:
         """Advance to ``until_ns``; return the frames (``FRAME``) the ECU received since."""
@@ -204,6 +201,11 @@ class World:
             chunks.append(self._advance_to(self.now_ns + CHUNK_NS))
         last = self._advance_to(until_ns)
         return np.concatenate([*chunks, last]) if chunks else last
+
+    @property
+    def now_ns(self) -> int:
+        """The instant that the world has been advanced to."""
+        return int(self._bus_clock[can_bus.NOW])
 
     @property
     def finished(self) -> bool:
@@ -263,11 +265,11 @@ class World:
         if self._recorded is not None:
             self._recorded.feed(until_ns)
         count = self._kernel(self._parts, until_ns)
-        self._advanced_to(until_ns)
+        self._keep()
         return self._received[:count].copy()
 
-    def _advanced_to(self, now_ns: int) -> None:
-        self.now_ns = now_ns
+    def _keep(self) -> None:
+        """Take the log out of the ring before it is overwritten."""
         if self._bus_clock[can_bus.LOGGED] - self._drained > world_parts.LOG_CAPACITY // 2:
             self._drain()
 
