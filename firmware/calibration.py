@@ -268,7 +268,8 @@ class Calibration:
 
     # monitors: the body's m h a_y = K s + C s' + I p' - M, divided by m h
     monitor_limit: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "acceleration of no redundancy, 0: monitors off")
+        i32,
+        F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "acceleration of no redundancy, 0: monitors off"),
     ]
     monitor_step: Annotated[i32, F(0, ONE, Q_UNIT, "s", "from sample to sample")]
     monitor_stiffness: Annotated[i32, F(0, COEFFICIENT, 20, "m/s2/rad", "K / (m h)")]
@@ -283,9 +284,7 @@ class Calibration:
     response_min: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "threshold of the roll dynamics at rest")
     ]
-    response_rough: Annotated[
-        i32, F(0, COEFFICIENT, 20, "m/s/rad", "what roughness adds to it")
-    ]
+    response_rough: Annotated[i32, F(0, COEFFICIENT, 20, "m/s/rad", "what roughness adds to it")]
     turn_min: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad", "threshold of gyro against strokes")]
     warp_min: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad", "threshold of front against rear")]
     delivery_min: Annotated[

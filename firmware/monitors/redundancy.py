@@ -66,8 +66,8 @@ def median(a: i32, b: i32, c: i32) -> i32:
 def severity(ecu: Ecu, cal: Calibration, explained: i32, lateral: i32, turning: i32) -> i32:
     """Return the acceleration that says how near its limit the car is: the second of three.
 
-    Beyond the limit the roll dynamics explain nothing, and the larger of the other two counts, until
-    both are small again.
+    Beyond the limit the roll dynamics explain nothing, and the larger of the other two counts,
+    until both are small again.
     """
     if ecu.near_limit > cal.monitor_limit:
         return larger(lateral, turning)

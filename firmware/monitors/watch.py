@@ -1,8 +1,8 @@
 """All monitors, and what their findings do to the mode.
 
-A monitor accuses for good, until the next ``init``: its evidence needs motion, which SAFE or the end
-of a bend takes away. Without trustworthy strokes the gyro and the accelerometer still check each
-other in the observer: that degrades. Any other finding is unsafe: what is wrong is either what the
+A monitor accuses for good, until the next ``init``: its evidence needs motion, which SAFE or the
+end of a bend takes away. Without trustworthy strokes the gyro and the accelerometer still check
+each other in the observer: that degrades. Any other finding is unsafe: what is wrong is what the
 law needs or what acts on the body.
 """
 

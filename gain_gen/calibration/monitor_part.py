@@ -11,8 +11,8 @@ from vehicles.roll_stiffness import steady_roll, suspension_roll_stiffness
 
 TURN_WASHOUT = 1.28
 RESPONSE_WASHOUT = 2.56
-"""Time constants of the leaky integrals of gyro less strokes and of the roll dynamics, s: a gyro bias
-of 0.002 rad/s adds up to 0.15 degrees; the strokes' rates have no bias."""
+"""Time constants of the leaky integrals of gyro less strokes and of the roll dynamics, s: a gyro
+bias of 0.002 rad/s adds up to 0.15 degrees; the strokes' rates have no bias."""
 SMOOTHING = 0.25
 """Share of the way to a new sample that the low-passed rate goes."""
 GRAVITY = 9.81
@@ -72,9 +72,7 @@ def monitor_fields(task: Task, axle_moment: float) -> dict[str, Value]:
         "monitor_step": round(step * 2.0**fw.Q_UNIT),
         "monitor_stiffness": q(suspension_roll_stiffness(vehicle) / arm, 20, "monitor_stiffness"),
         "monitor_damping": q(damping, 20, "monitor_damping"),
-        "monitor_inertia": q(
-            inertia * SMOOTHING / (1.0 - SMOOTHING) / step, 20, "monitor_inertia"
-        ),
+        "monitor_inertia": q(inertia * SMOOTHING / (1.0 - SMOOTHING) / step, 20, "monitor_inertia"),
         "monitor_moment": q(1.0 / arm, 36, "monitor_moment"),
         "monitor_tyre": q(TYRE_SHARE * tyre_roll(vehicle), 30, "monitor_tyre"),
         "response_min": round(RESPONSE * 2.0**fw.Q_ACCELERATION),
