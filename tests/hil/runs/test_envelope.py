@@ -68,6 +68,7 @@ def test_no_law_is_touched_in_severe_manoeuvres(vehicle, actuator, law, bus, wit
             pytest.skip(str(refusal))
         kept = driven(settings, controller, built_in())
         assert not np.any(kept.ticks["fault_codes"] & KEPT), manoeuvre.title
+        assert not np.any(kept.signals["envelope"]), manoeuvre.title
         free = driven(settings, controller, without)
         assert kept.frames.tobytes() == free.frames.tobytes(), manoeuvre.title
         seen += np.abs(kept.ticks["moment"]).max() > 100
