@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware import calibration as fw
-from firmware import ecu as loop
 from firmware import plausibility as sv
 from firmware.monitors import envelope
 from firmware.state import AGE_MAX, RX_IMU, RX_ROLL_REFERENCE

@@ -11,6 +11,7 @@ from codegen.export import traceability
 from codegen.export.traceability import Requirement, requirements
 from codegen.generated import own_stage
 from codegen.run.bus_firmware import built_in, with_stage
+from codegen.subset.program import file_of
 
 ROOT = Path(__file__).parents[3]
 
@@ -65,7 +66,7 @@ def test_the_lines_are_those_of_source_and_c(found):
             module, name = row.function.split(".")
             file, _, span = row.source.partition(":")
             first, last = map(int, span.split("–"))
-            source = (ROOT / "firmware" / file).read_text().splitlines()
+            source = file_of(file.removesuffix(".py")).read_text().splitlines()
             assert source[first - 1].startswith(f"def {name}(")
             assert last == len(source) or not source[last].startswith("    ")
             file, _, line = row.emitted.removeprefix("src/").partition(":")
