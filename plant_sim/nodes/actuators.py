@@ -216,9 +216,7 @@ def fault_tables(
     return table, value
 
 
-def _roll_moment(
-    vehicle: Vehicle, kind: str
-) -> tuple[tuple[float, float, float, float], float]:
+def _roll_moment(vehicle: Vehicle, kind: str) -> tuple[tuple[float, float, float, float], float]:
     """Arms that turn commands by channel into a roll moment, and the largest moment, N·m.
 
     Dampers push no body; valves are judged by the moments they deliver.
