@@ -19,6 +19,9 @@ from firmware.calibration import Calibration
 class Backend(Protocol):
     """One running ECU."""
 
+    def restart(self) -> None:
+        """Start anew, as after a loss of power."""
+
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Put a received frame in its mailbox; an unmapped identifier is ignored."""
 
@@ -40,9 +43,13 @@ class PythonEcu:
         self._firmware = firmware or built_in()
         self._loop: Any = self._firmware.loop
         self._calibration = calibration
-        self._ecu = self._firmware.record()
         self._room = memory_image.event_of(self._firmware.record)["payload"].shape[0]
-        rule = self._loop.init(self._ecu, calibration)
+        self.restart()
+
+    def restart(self) -> None:
+        """Start anew, as after a loss of power."""
+        self._ecu = self._firmware.record()
+        rule = self._loop.init(self._ecu, self._calibration)
         if rule:
             raise refused(rule)
 
@@ -98,6 +105,10 @@ class NativeEcu:
         self._copy = record()
         self._slots = self._firmware.slots
         self._room = memory_image.event_of(record)["payload"].shape[0]
+
+    def restart(self) -> None:
+        """Start anew, as after a loss of power."""
+        self.ecu[:] = self._library.start(self.calibration)
 
     @property
     def pointers(self) -> dict[str, int]:
