@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from canroll.errors import UnknownNameError
+from canroll.errors import CanrollError, UnknownNameError
 from codegen.run import BACKENDS, memory_image, native
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.ecu_traffic import Frame, Payload, Traffic, refused
@@ -197,6 +197,14 @@ class Recorder:
     def image(self) -> bytes:
         """The bytes of the state record, as C lays it out."""
         return self._backend.image()
+
+    def restart(self) -> None:
+        """Refuse: a record of traffic says nothing of power.
+
+        Raises:
+            CanrollError: always.
+        """
+        raise CanrollError("a run in which the ECU loses its power cannot be recorded for replay")
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Put a received frame in its mailbox."""
