@@ -8,6 +8,7 @@ from zipfile import BadZipFile
 
 EXTRAS = {
     "asammdf": ("asammdf",),
+    "fmi": ("fmpy",),
     "target": ("bincopy", "capstone", "unicorn", "ziglang"),
     "web": ("websockets",),
 }
