@@ -111,6 +111,11 @@ class NativeEcu:
         self.ecu[:] = self._library.start(self.calibration)
 
     @property
+    def firmware(self) -> BusFirmware:
+        """What it runs."""
+        return self._firmware
+
+    @property
     def pointers(self) -> dict[str, int]:
         """Addresses of the C functions, of the ECU's record and of the calibration's."""
         return {
