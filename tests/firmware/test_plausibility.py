@@ -313,4 +313,5 @@ def test_fault_codes_keep_the_numbers_that_diagnostics_know():
         "FAULT_LATERAL_CONTRADICTED": 20,
         "FAULT_STROKE_CONTRADICTED": 21,
         "FAULT_ACTUATOR_CONTRADICTED": 22,
+        "FAULT_ENVELOPE": 23,
     }
