@@ -115,7 +115,7 @@ def judge(ecu: Ecu, cal: Calibration, turn: i32, response: i32, turning: i32) ->
     tilt: i32 = product(ecu.size, cal.monitor_tyre, 27)
     limit = sat31(cal.turn_min + tilt + rsh(tilt, 2) + rsh(ecu.rough, 5))
     turned: i32 = strike(ecu, cal, TURN, turn, limit)
-    limit = sat31(cal.response_min + rsh(ecu.size, 2) + rsh(ecu.size, 3))
+    limit = sat31(cal.response_min + rsh(ecu.size, 2) + rsh(ecu.size, 4))
     limit = sat31(limit + product(ecu.rough, cal.response_rough, 23))
     answered: i32 = strike(ecu, cal, RESPONSE, response, limit)
     if warped == 1:
