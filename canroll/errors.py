@@ -8,6 +8,8 @@ from zipfile import BadZipFile
 
 EXTRAS = {
     "asammdf": ("asammdf",),
+    "campaign": ("pyarrow",),
+    "cluster": ("distributed",),
     "target": ("bincopy", "capstone", "unicorn", "ziglang"),
     "web": ("websockets",),
 }
