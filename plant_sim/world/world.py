@@ -4,6 +4,7 @@ The ECU sees only frames: it queues frames at an instant and gets the frames rec
 One compiled kernel advances everything in between; time is an argument, never a clock.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,8 @@ from canroll.errors import CanrollError
 from plant_sim import can_bus
 from plant_sim.bodies import body as body_named
 from plant_sim.driving.maneuvers import Maneuver
+from plant_sim.faults import Fault
+from plant_sim.faults.effects import with_faults
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
 from plant_sim.nodes.sensors import SensorOptions
@@ -53,6 +56,7 @@ class World:
         command_timeout_ms: age at which the actuators release a command.
         sensors: operating conditions of the sensors.
         actuators: operating conditions of the actuators.
+        faults: what fails (:mod:`plant_sim.faults`), on top of the faults in those conditions.
         bus: further options of ``can_bus.make_network``.
 
     Raises:
@@ -73,10 +77,14 @@ class World:
         command_timeout_ms: float = 160.0,
         sensors: SensorOptions | None = None,
         actuators: ActuatorOptions | None = None,
+        faults: Sequence[Fault] = (),
         **bus: Any,  # noqa: ANN401
     ) -> None:
         hydraulic = body == "linear_car" and actuator == "valves"
         plant = body_named("linear_car_hydraulic" if hydraulic else body)
+        sensors, actuators = with_faults(
+            sensors or SensorOptions(), actuators or ActuatorOptions(), tuple(faults)
+        )
         self.duration_ns = maneuver.duration_ns
         self.now_ns = 0
         self._parts = world_parts.assemble(
@@ -89,8 +97,8 @@ class World:
             enabled=enabled,
             command=command,
             command_timeout_ms=command_timeout_ms,
-            sensors=sensors or SensorOptions(),
-            actuators=actuators or ActuatorOptions(),
+            sensors=sensors,
+            actuators=actuators,
             bus=bus,
         )
         self._recorded = can_bus.recorded_traffic(
