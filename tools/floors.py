@@ -36,7 +36,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("hil.realtime.check",),
     ("hil.report",),
     ("hil.studies", "hil.watch"),
-    ("hil.papers",),
+    ("hil.papers", "hil.campaign"),
     ("hil.cli",),
     ("canroll", "tools"),
     ("tools.mutation", "tools.differential", "tools.validation"),

@@ -28,13 +28,15 @@ from plant_sim.driving import MANEUVERS
 
 SCHEMA = 1
 CHUNK = 64
-"""Draws of a chunk by default: some seconds of one process."""
+"""Draws of a chunk by default, at most: some seconds of one process."""
+CHUNKS = 16
+"""Chunks of a small campaign by default, at least: there is work for several processes."""
 CHUNK_MOST = 4096
 RUNS_MOST = 10**9
 SEED_MOST = 2**31 - 1
 KEYS = ("schema", "scenario", "runs", "seed", "sampling", "chunk")
 TABLES = ("run", "draw", "faults", "correlation")
-OWN = ("seed", "duration", "faults")
+OWN = ("seed", "duration", "faults", "fault_file")
 """Choices of a run that a campaign has its own keys for."""
 
 
@@ -122,9 +124,9 @@ def of_options(
         scenario=scenario,
         choices=choices,
         draw=draw,
-        places={"bus": "--bus", FAULTS: "--fault"} | {n: "--spread" for n in draw if "." in n},
+        places=dict.fromkeys(draw, "--spread") | {"bus": "--bus", FAULTS: "--fault"},
         runs=_whole(runs, "--runs", 1, RUNS_MOST),
-        sampling=Sampling(RANDOM, seed, CHUNK),
+        sampling=Sampling(RANDOM, seed, _chunk(runs)),
     )
 
 
@@ -142,7 +144,7 @@ def fault_sets(faults: Sequence[str], single: float, double: float) -> Discrete:
     for count, share in ((1, single), (2, double)):
         found = list(combinations(faults, count)) if share > 0.0 else []
         sets += found
-        shares += [share / len(found)] * len(found)
+        shares += [share / len(found) for _ in found]
     return Discrete(tuple(sets), tuple(shares))
 
 
@@ -159,6 +161,7 @@ def load(path: Path, choices: Mapping[str, Any], *, runs: int | None, seed: int 
     for key in table:
         if key not in (*KEYS, *TABLES):
             raise UnknownNameError(f"key of {path}:", key, (*KEYS, *TABLES))
+    run, drawn, faults = (_table(table, key, path) for key in ("run", "draw", "faults"))
     if table.get("schema") != SCHEMA:
         raise CanrollError(f"{path}: needs schema = {SCHEMA}")
     scenario = table.get("scenario")
@@ -167,31 +170,34 @@ def load(path: Path, choices: Mapping[str, Any], *, runs: int | None, seed: int 
     method = table.get("sampling", RANDOM)
     if method not in SAMPLINGS:
         raise UnknownNameError(f"sampling of {path}:", str(method), SAMPLINGS)
-    chunk = _whole(table.get("chunk", CHUNK), f"{path}: chunk", 1, CHUNK_MOST)
+    count = _whole(table.get("runs") if runs is None else runs, f"{path}: runs", 1, RUNS_MOST)
+    chunk = _whole(table.get("chunk", _chunk(count)), f"{path}: chunk", 1, CHUNK_MOST)
     if method == SOBOL and chunk & (chunk - 1):
         raise CanrollError(f"{path}: chunk = {chunk}: must be a power of two with sampling sobol")
-    written = table.get("runs") if runs is None else runs
     first = table.get("seed", 0) if seed is None else seed
-    draw = {
-        name: read(value, f"{path} [draw] {name}")
-        for name, value in _flat(_table(table, "draw", path), f"{path} [draw]")
-    }
+    draw = {name: read(value, f"{path} [draw] {name}") for name, value in _flat(drawn)}
     places = {name: f"{path} [draw] {name}" for name in draw}
     if FAULTS in draw:
         raise CanrollError(f"{path} [draw] faults: faults have their own table [faults]")
     if "faults" in table:
-        draw[FAULTS] = _faults(_table(table, "faults", path), f"{path} [faults]")
+        draw[FAULTS] = _faults(faults, f"{path} [faults]")
         places[FAULTS] = f"{path} [faults] of"
     return Request(
         scenario=scenario,
-        choices={**_choices(_table(table, "run", path), f"{path} [run]"), **choices},
+        choices={**_choices(run, f"{path} [run]"), **choices},
         draw=draw,
         places=places,
         correlations=tuple(_correlations(table.get("correlation", []), path)),
-        runs=_whole(written, f"{path}: runs", 1, RUNS_MOST),
+        runs=count,
         sampling=Sampling(method, _whole(first, f"{path}: seed", 0, SEED_MOST), chunk),
         source=str(path),
     )
+
+
+def _chunk(runs: int) -> int:
+    """Return the draws of a chunk by default: a power of two."""
+    most = max(1, min(CHUNK, runs // CHUNKS))
+    return 1 << (most.bit_length() - 1)
 
 
 def _table(table: Mapping[str, Any], key: str, path: Path) -> Mapping[str, Any]:
@@ -211,19 +217,16 @@ def _whole(value: object, where: str, least: int, most: int) -> int:
     return value
 
 
-def _flat(table: Mapping[str, Any], where: str, prefix: str = "") -> Iterator[tuple[str, Any]]:
+def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Yield name and distribution; "vehicle.tyre.radius" may be written as nested tables."""
     for key, value in table.items():
         name = prefix + key
-        group = prefix or key in GROUPS
-        if (
-            group
-            and isinstance(value, Mapping)
-            and all(isinstance(v, Mapping) for v in value.values())
+        if isinstance(value, Mapping) and (
+            key in GROUPS
+            if not prefix
+            else value and all(isinstance(part, Mapping) for part in value.values())
         ):
-            if not value:
-                raise CanrollError(f"{where} {name}: is empty")
-            yield from _flat(value, where, f"{name}.")
+            yield from _flat(value, f"{name}.")
         else:
             yield name, value
 

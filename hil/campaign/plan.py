@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from importlib.metadata import version
@@ -15,7 +15,7 @@ from canroll.errors import CanrollError
 from codegen.run.memory_image import image
 from hil.campaign import quantities
 from hil.campaign.quantities import FAULTS
-from hil.campaign.space import Sampling, Space, rows
+from hil.campaign.space import Sampling, Space
 from hil.runs.frozen import Controller
 from hil.runs.metrics import Metrics
 from hil.runs.result import LEAST_ROLL_DEG, Settings
@@ -96,51 +96,57 @@ class Plan:
     def draws(self, chunk: int) -> tuple[Columns, list[Settings]]:
         """Return columns with the drawn quantities, and the settings, of a chunk's draws.
 
-        A point whose numbers are no vehicle is replaced by an independent one; ``redrawn`` says
-        how often.
+        ``redrawn`` says how many points were no vehicle before the one that is.
 
         Raises:
             CanrollError: no valid vehicle was drawn.
         """
         numbers = self.numbers(chunk)
         points = self.sampling.points(chunk, self.space.size)[: len(numbers)]
-        redrawn = np.zeros(len(numbers), dtype=np.int64)
-        settings = self.at(points, numbers)
-        for row, number in enumerate(numbers):
-            if quantities.is_vehicle(settings[row].vehicle):
-                continue
-            for tried, point in enumerate(self.sampling.again(number, self.space.size, TRIES), 1):
-                found = self.at(point[None], (number,))[0]
-                if quantities.is_vehicle(found.vehicle):
-                    points[row], settings[row], redrawn[row] = point, found, tried
-                    break
-            else:
-                raise CanrollError(
-                    f"draw {number}: no valid vehicle in {TRIES} draws: reduce the spread"
-                )
-        columns: Columns = {"draw": np.array(numbers, dtype=np.int64), "redrawn": redrawn}
-        return {**columns, **self.columns(points)}, settings
+        found = [self._valid(*each) for each in zip(points, numbers, strict=True)]
+        columns: Columns = {
+            "draw": np.array(numbers, dtype=np.int64),
+            "redrawn": np.array([tries for _, _, tries in found], dtype=np.int64),
+            **self.columns([values for values, _, _ in found]),
+        }
+        return columns, [settings for _, settings, _ in found]
 
-    def columns(self, points: NDArray[np.float64]) -> Columns:
-        """Return the drawn quantities as columns of a table."""
-        return {name: shown(name, column) for name, column in self.space.columns(points).items()}
+    def draw(self, number: int) -> Settings:
+        """Return the settings of one draw.
 
-    def at(self, points: NDArray[np.float64], seeds: range | tuple[int, ...]) -> list[Settings]:
-        """Return the settings at unit points, with the seeds of noise and background traffic."""
-        values = rows(self.space.columns(points), len(points))
-        return [
-            quantities.drawn(self.settings, value, seed=seed)
-            for value, seed in zip(values, seeds, strict=True)
-        ]
+        Raises:
+            CanrollError: no valid vehicle was drawn.
+        """
+        chunk, row = divmod(number, self.sampling.chunk)
+        point = self.sampling.points(chunk, self.space.size)[row]
+        return self._valid(point, number)[1]
+
+    def _valid(
+        self, point: NDArray[np.float64], number: int
+    ) -> tuple[dict[str, Any], Settings, int]:
+        """Return values and settings at the point, or at an independent one, and the tries."""
+        others = self.sampling.again(number, self.space.size)
+        for tries in range(TRIES + 1):
+            values, settings = self.at(next(others) if tries else point, number)
+            if quantities.is_vehicle(settings.vehicle):
+                return values, settings, tries
+        raise CanrollError(f"draw {number}: no valid vehicle in {TRIES} draws: reduce the spread")
+
+    def at(self, point: NDArray[np.float64], seed: int) -> tuple[dict[str, Any], Settings]:
+        """Return values and settings at a unit point, with the seed of noise and background."""
+        values = self.space.values(point)
+        return values, quantities.drawn(self.settings, values, seed=seed)
+
+    def columns(self, draws: Sequence[Mapping[str, Any]]) -> Columns:
+        """Return the drawn values as columns of a table: numbers, or text."""
+        return {name: _column(name, [draw[name] for draw in draws]) for name in self.space.names}
 
 
-def shown(name: str, column: NDArray[Any]) -> NDArray[Any]:
-    """Return the values of a quantity as numbers or text."""
+def _column(name: str, values: list[Any]) -> NDArray[Any]:
     if name == FAULTS:
-        return np.array(["; ".join(faults) for faults in column], dtype=object)
-    if column.dtype == object and all(isinstance(value, bool | int | float) for value in column):
-        return column.astype(np.float64)
-    return column
+        return np.array(["; ".join(faults) for faults in values], dtype=object)
+    text = any(isinstance(value, str) for value in values)
+    return np.array(values, dtype=object if text else np.float64)
 
 
 def drive_chunk(plan: Plan, chunk: int) -> Columns:

@@ -11,6 +11,7 @@ from hil.runs.result import Settings
 from hil.studies.variation import ROLL_MODEL, TYRES
 from plant_sim.can_bus import load_profile
 from plant_sim.driving import MANEUVERS, maneuvers
+from plant_sim.faults import parse_all
 from vehicles import Vehicle
 from vehicles.check import problems
 
@@ -44,19 +45,12 @@ def check(nominal: Settings, name: str, distribution: Distribution, where: str) 
     group, _, member = name.partition(".")
     if name not in (*WORDS, *NUMBERS, FAULTS) and not (group in GROUPS and member):
         raise UnknownNameError(f"quantity of {where}", name, GIVEN)
-    extremes = distribution.extremes()
-    text = name in WORDS or (group == "option" and isinstance(_option(nominal, member), str))
-    for value in extremes:
-        if name == FAULTS:
-            conditions.options(value)
-        elif text != isinstance(value, str):
-            raise CanrollError(f"{where}: {value!r} must be {'text' if text else 'a number'}")
-        elif not text and not is_number(value) and not isinstance(value, bool):
-            raise CanrollError(f"{where}: {value!r} must be a finite number")
+    for value in distribution.extremes():
         try:
             _check_value(nominal, name, value)
         except CanrollError as error:
-            hint = "" if group == "vehicle" or text else _hint(distribution)
+            number = not isinstance(value, str | tuple)
+            hint = _hint(distribution) if number and group != "vehicle" else ""
             raise CanrollError(f"{where}: {error}{hint}") from error
 
 
@@ -66,6 +60,12 @@ def _hint(distribution: Distribution) -> str:
 
 
 def _check_value(nominal: Settings, name: str, value: Any) -> None:  # noqa: ANN401
+    if name == FAULTS:
+        parse_all(value)
+    elif isinstance(value, str) != _is_text(nominal, name):
+        raise CanrollError(f"{value!r} must be {'a number' if isinstance(value, str) else 'text'}")
+    elif not isinstance(value, str | bool) and not is_number(value):
+        raise CanrollError(f"{value!r} must be a finite number")
     if name == "scenario" and value not in MANEUVERS:
         raise UnknownNameError("scenario", value, MANEUVERS)
     if name == "bus":
@@ -76,7 +76,7 @@ def _check_value(nominal: Settings, name: str, value: Any) -> None:  # noqa: ANN
     if name == "phase_ms" and not 0 <= value <= 1e3 * nominal.tick:
         raise CanrollError(f"{value:g} must be 0 to {1e3 * nominal.tick:g} ms")
     settings = drawn(nominal, {name: value}, seed=nominal.seed)
-    conditions.options(settings.faults, dict(settings.conditions))
+    conditions.options(dict(settings.conditions))
     maneuvers.build(
         settings.scenario,
         nominal.vehicle,
@@ -84,6 +84,11 @@ def _check_value(nominal: Settings, name: str, value: Any) -> None:  # noqa: ANN
         settings.seed,
         **dict(settings.options),
     )
+
+
+def _is_text(nominal: Settings, name: str) -> bool:
+    group, _, member = name.partition(".")
+    return name in WORDS or (group == "option" and isinstance(_option(nominal, member), str))
 
 
 def _option(nominal: Settings, name: str) -> Any:  # noqa: ANN401

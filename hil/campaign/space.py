@@ -1,6 +1,6 @@
 """The space of a campaign's draws: independent or correlated quantities of a unit cube."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import pi, sin
 from typing import Any
@@ -11,7 +11,7 @@ from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
 from canroll.errors import CanrollError, UnknownNameError
-from hil.campaign.distributions import EDGE, Continuous, Distribution
+from hil.campaign.distributions import EDGE, Continuous, Distribution, Vector
 
 RANDOM, LATIN, SOBOL = "random", "latin_hypercube", "sobol"
 SAMPLINGS = (RANDOM, LATIN, SOBOL)
@@ -44,13 +44,16 @@ class Space:
         """Number of dimensions."""
         return len(self.names)
 
-    def columns(self, points: Matrix) -> dict[str, NDArray[Any]]:
-        """Return the values by quantity at unit ``points`` (draws, dimensions)."""
+    def values(self, point: Vector) -> dict[str, Any]:
+        """Return the value of each quantity at a unit point, one coordinate for each."""
         if self.correlations:
-            scores = ndtri(np.clip(points, EDGE, 1.0 - EDGE))
-            points = ndtr(scores @ self.factor().T)
-        pairs = zip(self.names, self.distributions, points.T, strict=True)
-        return {name: distribution.quantile(unit) for name, distribution, unit in pairs}
+            scores = ndtri(np.clip(point, EDGE, 1.0 - EDGE))
+            point = ndtr(self.factor() @ scores)
+        found = {}
+        for name, distribution, unit in zip(self.names, self.distributions, point, strict=True):
+            value = distribution.quantile(np.array([unit]))[0]
+            found[name] = value.item() if isinstance(value, np.generic) else value
+        return found
 
     def factor(self) -> Matrix:
         """Return the Cholesky factor of the correlation of the normal scores.
@@ -117,7 +120,8 @@ class Sampling:
             return qmc.LatinHypercube(dimensions, rng=random).random(self.chunk)
         if self.method == SOBOL:
             sequence = qmc.Sobol(dimensions, rng=np.random.default_rng(self.seed))
-            sequence.fast_forward(number * self.chunk)
+            if number:
+                sequence.fast_forward(number * self.chunk)
             return sequence.random(self.chunk)
         first = number * self.chunk
         return np.array(
@@ -128,13 +132,9 @@ class Sampling:
         """Return the random numbers of one draw."""
         return np.random.default_rng([self.seed, index])
 
-    def again(self, index: int, dimensions: int, tries: int) -> Matrix:
-        """Return independent points to take instead of the draw's, shape (tries, dimensions)."""
+    def again(self, index: int, dimensions: int) -> Iterator[Matrix]:
+        """Yield independent points to take instead of a draw's, one after the other."""
         random = self.stream(index)
         random.random(dimensions)
-        return random.random((tries, dimensions))
-
-
-def rows(columns: Mapping[str, NDArray[Any]], count: int) -> list[dict[str, Any]]:
-    """Return the columns as one mapping a row."""
-    return [{name: column[i] for name, column in columns.items()} for i in range(count)]
+        while True:
+            yield random.random(dimensions)

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import pyarrow
 
 PLAN = "plan.json"
+ARGUMENTS = "arguments"
+"""Key of the command line in a plan; it is no part of what must be the same."""
 DIGEST = b"canroll.plan"
 COMPRESSION = "zstd"
 
@@ -181,7 +183,9 @@ def opened(folder: Path, digest: str, description: dict[str, Any], *, resume: bo
         ) from error
     if kept is not None and kept.get("digest") != digest:
         other = {"digest": digest, **json.loads(json.dumps(description, default=str))}
-        differs = [key for key in other if key != "digest" and kept.get(key) != other[key]]
+        differs = [
+            key for key in other if key not in ("digest", ARGUMENTS) and kept.get(key) != other[key]
+        ]
         raise CanrollError(
             f"{folder}: --resume continues the same campaign, this one differs in "
             f"{', '.join(differs) or 'its calibration'}: choose another --out"
