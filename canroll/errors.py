@@ -10,6 +10,7 @@ EXTRAS = {
     "asammdf": ("asammdf",),
     "campaign": ("pyarrow",),
     "cluster": ("distributed",),
+    "fmi": ("fmpy",),
     "target": ("bincopy", "capstone", "unicorn", "ziglang"),
     "web": ("websockets",),
 }
