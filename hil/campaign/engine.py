@@ -32,12 +32,12 @@ class Engine:
 
     def submit(self, work: Callable[..., Columns], *arguments: Any) -> "Future[Columns]":  # noqa: ANN401
         """Start work and return its future result."""
-        if self.executor is not None:
-            return self.executor.submit(work, *arguments)
         done: Future[Columns] = Future()
         try:
+            if self.executor is not None:
+                return self.executor.submit(work, *arguments)
             done.set_result(work(*arguments))
-        except CanrollError as error:
+        except (CanrollError, BrokenProcessPool) as error:
             done.set_exception(error)
         return done
 

@@ -7,7 +7,10 @@ ratio against a Beta mixture is a martingale, which Ville's inequality (1939) bo
 """
 
 from dataclasses import dataclass
+from math import log
 
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 from scipy.special import betainccinv, betaincinv, betaln, xlog1py, xlogy
 
@@ -45,18 +48,21 @@ def always(events: int, draws: int, confidence: float = CONFIDENCE) -> Interval:
     """
     if not draws:
         return Interval(0.0, 1.0)
-    share, limit = events / draws, -_log(1.0 - confidence)
-    mixed = betaln(MIXTURE + events, MIXTURE + draws - events) - betaln(MIXTURE, MIXTURE)
+    share, limit = events / draws, -log(1.0 - confidence)
 
     def excess(probability: float) -> float:
-        """Logarithm of the martingale above the bound that it exceeds with 1 − confidence."""
-        likelihood = xlogy(events, probability) + xlog1py(draws - events, -probability)
-        return float(mixed - likelihood - limit)
+        return float(martingale(events, draws, probability)) - limit
 
     low = float(brentq(excess, TOLERANCE, share, xtol=TOLERANCE)) if events else 0.0
     high = float(brentq(excess, share, 1.0 - TOLERANCE, xtol=TOLERANCE)) if events < draws else 1.0
     return Interval(low, high)
 
 
-def _log(value: float) -> float:
-    return float(xlogy(1.0, value))
+def martingale(events: ArrayLike, draws: ArrayLike, probability: float) -> NDArray[np.float64]:
+    """Return the logarithm of the likelihood ratio of a Beta mixture against ``probability``.
+
+    If that is the probability, the ratio ever exceeds 1/α with a probability of at most α.
+    """
+    count, rest = np.asarray(events), np.asarray(draws) - np.asarray(events)
+    mixed = betaln(MIXTURE + count, MIXTURE + rest) - betaln(MIXTURE, MIXTURE)
+    return np.asarray(mixed - xlogy(count, probability) - xlog1py(rest, -probability))

@@ -69,7 +69,19 @@ class Store:
         path = self.path(name)
         if not path.is_file():
             return None
-        return columns_of(self.table(path))
+        return self.columns(path)
+
+    def columns(self, path: Path) -> Columns:
+        """Return a file of this plan as columns; text as objects.
+
+        Raises:
+            CanrollError: it is damaged, or of another plan.
+        """
+        table = self.table(path)
+        return {
+            name: np.asarray(table.column(name).to_numpy(zero_copy_only=False))
+            for name in table.column_names
+        }
 
     def table(self, path: Path) -> "pyarrow.Table":
         """Return a file of this plan as a table.
@@ -118,14 +130,6 @@ class Store:
 
     def _marked(self, table: Any) -> Any:  # noqa: ANN401
         return table.replace_schema_metadata({DIGEST: self.digest.encode()})
-
-
-def columns_of(table: "pyarrow.Table") -> Columns:
-    """Return the columns of a table as arrays; text as objects."""
-    return {
-        name: np.asarray(table.column(name).to_numpy(zero_copy_only=False))
-        for name in table.column_names
-    }
 
 
 class _placed:  # noqa: N801 - reads as a verb

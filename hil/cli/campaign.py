@@ -7,8 +7,9 @@ from pathlib import Path
 
 from canroll.errors import CanrollError
 from hil.campaign import campaign_file, page, store, study
-from hil.campaign.engine import LOCAL
+from hil.campaign.events import EVENTS
 from hil.campaign.plan import Plan
+from hil.campaign.splitting import Splitting
 from hil.cli import terminal
 from hil.cli.main import parse
 from hil.cli.options import choices_of, folder_of, scenario
@@ -30,10 +31,11 @@ def run(args: argparse.Namespace) -> int:
     if args.what[:1] == [MERGE]:
         return _merge(args)
     _check(args)
-    if args.only is not None:
-        return _one(args)
     out = page_folder(folder_of(args))
-    folder = None if out is None else out / CHUNKS
+    if args.only is not None:
+        return _one(args, out)
+    name = CHUNKS if args.rare is None else f"{CHUNKS}-{args.rare}"
+    folder = None if out is None else out / name
     kept = None if folder is None or args.resume else store.unfinished(folder)
     if kept and args.shard is None:
         raise CanrollError(
@@ -45,6 +47,8 @@ def run(args: argparse.Namespace) -> int:
     if folder is not None:
         store.arrow()
     plan = _request(args).plan()
+    if args.rare is not None:
+        return _rare(args, plan, folder)
     chunks = None if folder is None else _opened(args, plan, folder)
     return _drive(args, plan, chunks, out)
 
@@ -59,6 +63,8 @@ def _check(args: argparse.Namespace) -> None:
         raise CanrollError(f"--until must be above 0 and below 1, got {args.until:g}")
     if args.until is not None and args.shard is not None:
         raise CanrollError("--until needs all draws in their order: omit --shard")
+    if args.rare is not None and (args.until is not None or args.shard is not None):
+        raise CanrollError("--rare draws level by level: omit --until and --shard")
     if args.shard is not None and folder_of(args) is None:
         raise CanrollError("--shard needs the folder for its chunks: add --out")
 
@@ -106,7 +112,7 @@ def _opened(args: argparse.Namespace, plan: Plan, folder: Path) -> store.Store:
 
 
 def _means(args: argparse.Namespace, chunks: store.Store | None, watch: study.Watch) -> study.Means:
-    return study.Means(chunks, args.scheduler or LOCAL, args.jobs, watch)
+    return study.Means(chunks, args.scheduler, args.jobs, watch)
 
 
 def _drive(
@@ -176,15 +182,66 @@ def command_of(args: argparse.Namespace) -> str:
     return shlex.join(["canroll", *kept])
 
 
-def _one(args: argparse.Namespace) -> int:
+def _one(args: argparse.Namespace, out: Path | None) -> int:
     """Drive one draw again and report it as a run."""
-    out = page_folder(folder_of(args))
     plan = _request(args).plan()
-    if args.only >= plan.runs:
+    if args.rare is not None:
+        if out is None:
+            raise CanrollError("--only with --rare reads the samples of --out: add it")
+        splitting = Splitting(plan, args.rare, args.samples)
+        settings = splitting.sample(out / f"{CHUNKS}-{args.rare}", args.only)
+    elif args.only < plan.runs:
+        settings = plan.draw(args.only)
+    else:
         raise CanrollError(f"--only {args.only}: the campaign has the draws 0 to {plan.runs - 1}")
     with terminal.progress(quiet=args.json) as progress:
-        result = experiment.simulate(plan.draw(args.only), plan.controller, progress=progress)
+        result = experiment.simulate(settings, plan.controller, progress=progress)
     return answer(result, out, as_json=args.json)
+
+
+def _rare(args: argparse.Namespace, plan: Plan, folder: Path | None) -> int:
+    """Estimate the probability of a rare event, and report it."""
+    splitting = Splitting(plan, args.rare, args.samples)
+    splitting.check()
+    chunks = None
+    if folder is not None:
+        about = {**splitting.description, store.ARGUMENTS: args.arguments}
+        chunks = store.opened(folder, splitting.digest, about, resume=args.resume)
+    label = EVENTS[args.rare].label
+    with terminal.progress(quiet=args.json) as progress:
+        found = splitting.run(
+            study.Means(chunks, args.scheduler, args.jobs),
+            lambda count, level: progress(label, min(level, 1.0)),
+        )
+    low, high = found.interval
+    data = {
+        "event": args.rare,
+        "probability": found.probability,
+        "low": low,
+        "high": high,
+        "variation": found.variation,
+        "runs": found.runs,
+        "levels": [{"level": level, "share": share} for level, share in found.levels],
+        "command": command_of(args),
+        "table": None if chunks is None else str(store.table_of(chunks.folder)),
+    }
+    if args.json:
+        print(json.dumps(data))
+        return 0
+    if not found.probability:
+        print(f"{label}: not reached; its probability is below about {high:.0e}")
+    else:
+        print(
+            f"{label}: probability {found.probability:.2e}, 95 % from {low:.2e} to {high:.2e}, "
+            f"by {found.runs} samples on {len(found.levels)} levels"
+        )
+    if chunks is not None and found.probability:
+        first = splitting.first_event(chunks.folder)
+        print(
+            f"see one with\n{command_of(args)} --out {args.out or folder_of(args)} --only {first}"
+        )
+        terminal.show_files({"table": data["table"]})
+    return 0
 
 
 def _merge(args: argparse.Namespace) -> int:

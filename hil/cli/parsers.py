@@ -33,6 +33,8 @@ EVENT_NAMES = (
     *("limit_cycle", "harm"),
 )
 """Events of a draw, see :mod:`hil.campaign.events`."""
+RARE_EVENTS = tuple(name for name in EVENT_NAMES if name not in ("fails", "limit_cycle"))
+"""Those that can be approached by levels."""
 KINDS = ("laws", "vehicles", "scenarios", "buses", "bodies")
 OF_A_DESIGN = (
     *("vehicle", "law", "stage", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
@@ -384,6 +386,19 @@ def campaign(parser: argparse.ArgumentParser) -> None:
         choices=EVENT_NAMES,
         default=EVENT_NAMES[0],
         help=f"event of --until: {', '.join(EVENT_NAMES)} (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--rare",
+        choices=RARE_EVENTS,
+        help=f"estimate the probability of a rare event by subset simulation instead: "
+        f"{', '.join(RARE_EVENTS)}",
+    )
+    parser.add_argument(
+        "--samples",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="with --rare: samples on each level (default: %(default)s)",
     )
     parser.add_argument(
         "--resume", action="store_true", help="continue the campaign in the output folder"
