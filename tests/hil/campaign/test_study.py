@@ -89,6 +89,15 @@ def test_without_spread_every_draw_is_the_run_of_its_seed():
     assert (rows["verdict"][0] == "helps") == run.helps
 
 
+def test_a_draw_with_a_fault_is_the_run_with_that_fault():
+    plan = planned(runs=2, spread={}, faults=["front_left=stuck@1"])
+    number = next(n for n in range(2) if plan.draw(n).faults)
+    rows = drive_chunk(plan, number)
+    run = experiment.simulate(plan.draw(number), plan.controller)
+    assert rows["passive_roll_max_deg"][0] == run.passive_metrics.roll_max_deg
+    assert rows["controlled_roll_max_deg"][0] == run.controlled_metrics.roll_max_deg
+
+
 def test_the_table_holds_every_draw(alone):
     table = pq.read_table(alone / "campaign.parquet")
     assert table["draw"].to_pylist() == list(range(20))
