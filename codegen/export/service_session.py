@@ -5,7 +5,7 @@ from importlib.resources import files
 
 from codegen.run.backends import NativeEcu
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.served import serve
+from codegen.run.served import ServedEcu
 from firmware.calibration import Calibration
 
 REST = 20
@@ -28,7 +28,7 @@ def session_test(
         asked: frames to the ECU, each with the tick before which it arrives.
         heading: further lines of the header.
     """
-    ecu = serve(NativeEcu(record, firmware), record, firmware)
+    ecu = ServedEcu(NativeEcu(record, firmware), record, firmware)
     its = ecu.services[service]
     answers = []
     waiting = dict(asked)

@@ -30,11 +30,26 @@ class Service(Protocol):
 
 
 class ServedEcu:
-    """A running ECU with services, behind the interface of all backends."""
+    """A running ECU with the services of its firmware, behind the interface of all backends."""
 
-    def __init__(self, ecu: PythonEcu | NativeEcu, services: Mapping[str, Service]) -> None:
-        self._ecu = ecu
-        self.services = services
+    def __init__(
+        self, ecu: PythonEcu | NativeEcu, calibration: Calibration, firmware: BusFirmware
+    ) -> None:
+        self._ecu, self._calibration, self._firmware = ecu, calibration, firmware
+        self.services = self._started()
+
+    def _started(self) -> Mapping[str, Service]:
+        found: dict[str, Service] = {}
+        if "xcp" in self._firmware.services:
+            found["xcp"] = slave_of(self._ecu, self._calibration, self._firmware)
+        if "uds" in self._firmware.services:
+            found["uds"] = server_of(self._ecu, self._firmware)
+        return found
+
+    def restart(self) -> None:
+        """Start anew, as after a loss of power."""
+        self._ecu.restart()
+        self.services = self._started()
 
     @property
     def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
@@ -68,16 +83,6 @@ class ServedEcu:
         return frames
 
 
-def serve(ecu: PythonEcu | NativeEcu, calibration: Calibration, firmware: BusFirmware) -> ServedEcu:
-    """Start the services of ``firmware`` beside an ECU that runs on ``calibration``."""
-    found: dict[str, Service] = {}
-    if "xcp" in firmware.services:
-        found["xcp"] = slave_of(ecu, calibration, firmware)
-    if "uds" in firmware.services:
-        found["uds"] = server_of(ecu, firmware)
-    return ServedEcu(ecu, found)
-
-
 def open_ecu(name: str, calibration: Calibration, firmware: BusFirmware | None = None) -> Backend:
     """Start an ECU with ``calibration`` and the services of ``firmware`` on the backend ``name``.
 
@@ -91,4 +96,4 @@ def open_ecu(name: str, calibration: Calibration, firmware: BusFirmware | None =
     if not isinstance(ecu, PythonEcu | NativeEcu):
         asked = " and ".join(f"--{service}" for service in firmware.services)
         raise CanrollError(f"{asked} requires --backend native or python, not {name}")
-    return serve(ecu, calibration, firmware)
+    return ServedEcu(ecu, calibration, firmware)

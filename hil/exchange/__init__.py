@@ -1,1 +1,1 @@
-"""What programs of others read and ask: an ECU for their tools, the data of a run in their formats."""
+"""What programs of others read and ask: an ECU for their tools, runs in their formats."""

@@ -10,7 +10,7 @@ from support.xcp_tool import Tool, address_of, word
 from codegen.run import ecu_traffic, memory_image, native
 from codegen.run.backends import NativeEcu, PythonEcu
 from codegen.run.bus_firmware import built_in, with_services
-from codegen.run.served import serve
+from codegen.run.served import ServedEcu
 from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS
 from firmware.calibration import Calibration
 from firmware.check import RULE_FADE
@@ -42,7 +42,7 @@ needs_cc = pytest.mark.skipif(native.compiler() is None, reason="needs cc (packa
 def tool(request):
     record = ecu_traffic.random_calibration(3)
     kind = PythonEcu if request.param == "python" else NativeEcu
-    found = Tool(serve(kind(record, SERVED), record, SERVED))
+    found = Tool(ServedEcu(kind(record, SERVED), record, SERVED))
     assert found.ask(xcp.CONNECT, 0)[0] == 0xFF
     return found
 
@@ -142,7 +142,7 @@ def test_the_page_that_runs_is_what_the_loop_obeys(tool):
 @pytest.mark.parametrize("field", range(0, 105, 13))
 def test_a_page_that_check_refuses_never_runs(field):
     record = ecu_traffic.random_calibration(3)
-    tool = Tool(serve(PythonEcu(record, SERVED), record, SERVED))
+    tool = Tool(ServedEcu(PythonEcu(record, SERVED), record, SERVED))
     tool.ask(xcp.CONNECT, 0)
     its = fields(Calibration)[field]
     wrong = its.f.hi + 1 if its.f.hi < 2**31 - 1 else its.f.lo - 1
@@ -274,7 +274,7 @@ def test_every_command_has_its_errors(tool):
 
 def test_nothing_is_answered_before_a_tool_connects():
     record = ecu_traffic.random_calibration(3)
-    tool = Tool(serve(PythonEcu(record, SERVED), record, SERVED))
+    tool = Tool(ServedEcu(PythonEcu(record, SERVED), record, SERVED))
     assert tool.ask(xcp.GET_STATUS) == b""
     assert tool.ask(xcp.CONNECT, 0) == bytes([0xFF, 5, 0x80, 8, 8, 0, 1, 1])
 
@@ -282,7 +282,9 @@ def test_nothing_is_answered_before_a_tool_connects():
 @needs_cc
 def test_both_backends_give_the_same_bytes_for_any_commands():
     record = ecu_traffic.random_calibration(5)
-    tools = [Tool(serve(kind(record, SERVED), record, SERVED)) for kind in (PythonEcu, NativeEcu)]
+    tools = [
+        Tool(ServedEcu(kind(record, SERVED), record, SERVED)) for kind in (PythonEcu, NativeEcu)
+    ]
     draw = random.Random(4)
     known = [0xC0 + k for k, length in enumerate(xcp.LENGTHS) if length and k != 0x3E]
     for _ in range(3000):
