@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
 #   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract limit_cycles
-#                                  reproduce
+#                                  false_alarms reproduce
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
@@ -34,7 +34,7 @@ print(json.load(sys.stdin)[\"verdict\"])"
 done'
 
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce}"; do
+for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles false_alarms reproduce}"; do
     for part in $name; do
         case $part in
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
@@ -51,6 +51,7 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
             contract)
                 keep contract canroll design --compare --bus 500k --vehicle van_real --runs 200 ;;
             limit_cycles) keep limit_cycles bash -c "$LIMIT_CYCLES" ;;
+            false_alarms) keep false_alarms python -m tools.validation.false_alarms --runs 10000 ;;
             reproduce) keep reproduce canroll reproduce ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac
