@@ -119,7 +119,8 @@ class Reaction:
 
     def to_json(self) -> dict[str, Any]:
         """Return it as plain data."""
-        return {**asdict(self), "modes": [asdict(m) for m in self.modes]}
+        lists = {name: list(asdict(self)[name]) for name in ("modes", "codes", "harm")}
+        return {**asdict(self), **lists}
 
 
 def observe(trace: Trace, passive: Trace, faults: Sequence[Fault]) -> Reaction:
