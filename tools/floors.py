@@ -34,7 +34,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("hil.runs",),
     ("hil.realtime.hardware",),
     ("hil.realtime",),
-    ("hil.realtime.check",),
+    ("hil.exchange", "hil.realtime.check"),
     ("hil.report",),
     ("hil.studies", "hil.watch"),
     ("hil.papers",),
