@@ -186,7 +186,7 @@ def _detection(trace: Trace, start: float) -> tuple[float, str] | None:
     time = trace.signals["time"]
     released = np.flatnonzero((time[1:] > start) & (held[1:] == 0) & (held[:-1] > 0))
     found += [(float(time[i + 1]), "command released") for i in released[:1]]
-    return min(found, default=None)
+    return min(found, key=lambda entry: entry[0], default=None)
 
 
 def _wrong_side(trace: Trace, begin: float) -> tuple[float, float, float | None]:
