@@ -1,4 +1,4 @@
-"""``canroll ecu``: the ECU alone, in real time on any python-can bus or through a recorded drive."""
+"""``canroll ecu``: the ECU alone, in real time on any python-can bus, or on a recorded drive."""
 
 import argparse
 import json
@@ -13,8 +13,8 @@ from firmware.event_trigger import command_slot
 from firmware.state import RX_IMU
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.calibration.calibration_file import load as load_calibration
-from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, OF_AN_ECU, PEER_TIMEOUT
 from hil.cli import terminal
+from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, OF_AN_ECU, PEER_TIMEOUT
 from hil.cli.options import choices_of, folder_of
 from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
 from hil.realtime.bus_link import CanLink, open_link
@@ -245,11 +245,12 @@ def replay_drive(
         CanrollError: an option that only a bus has, an unreadable log, or none of its frames.
     """
     for name in ONLY_ON_A_BUS:
-        if getattr(args, name, None) not in (None, False, "realtime"):
+        given = getattr(args, name, None)
+        if given is not None and given is not False and given != "realtime":
             option = name.removesuffix("_ms").replace("_", "-")
             raise CanrollError(f"--{option}: a recorded drive has no bus; omit it")
     out = page_folder(folder_of(args))
-    logged = select_channel(args.replay, read_log(args.replay), args.channel)
+    logged = select_channel(args.replay, read_log(args.replay), getattr(args, "channel", None))
     database = dbc.load() if args.dbc is None else dbc.read(Path(args.dbc))[0]
     name = firmware.bus.transmitted[command_slot(loaded.record)].name
     with terminal.progress(quiet=args.json) as progress:
@@ -274,7 +275,7 @@ def replay_drive(
         print(json.dumps(data))
     else:
         terminal.show_verdict(drive.verdict, good=None)
+        terminal.show_warnings(drive.warnings)
         terminal.show_table(reception_table(drive))
-        print(f"\n{recorded_drive.NOTE}")
         terminal.show_files(data["files"])  # type: ignore[arg-type]
     return 0

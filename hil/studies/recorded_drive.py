@@ -83,6 +83,12 @@ class RecordedDrive:
         return float(np.mean(self.ticks["mode"] == MODES.index(mode)))
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """Remarks for the reader."""
+        silent = ", ".join(heard.message for heard in self.receptions if not heard.frames)
+        return (NOTE, *((f"no frame of {silent} in the log",) if silent else ()))
+
+    @property
     def verdict(self) -> str:
         """The drive in one line."""
         shares = [(name, self.in_mode(name)) for name in MODES]
@@ -197,7 +203,7 @@ def _commanded(sent: list[tuple[float, bytes]], command: Message) -> dict[str, V
     return {
         "t": times,
         **{
-            signal.name: np.array([float(row[signal.name]) for row in rows])  # type: ignore[index,call-overload,arg-type]
+            signal.name: np.array([float(row[signal.name]) for row in rows])
             for signal in command.signals
         },
     }

@@ -10,18 +10,17 @@ from hil.report.figure import Figure, Series
 from hil.report.page import Page, Table, Verdict, render
 from hil.report.tables import number
 from hil.runs.fault_codes import MODES
-from hil.studies.recorded_drive import NOTE, RecordedDrive
+from hil.studies.recorded_drive import RecordedDrive
 
-def drive_page(
-    drive: RecordedDrive, source: str, parameters: Sequence[tuple[str, str]]
-) -> str:
+
+def drive_page(drive: RecordedDrive, source: str, parameters: Sequence[tuple[str, str]]) -> str:
     """Return the page as HTML; ``source`` names the log."""
     return render(
         Page(
             title="Recorded drive",
             subtitle=f"{source}, {drive.seconds:.1f} s, open loop",
             verdict=Verdict(None, "Open loop", drive.verdict),
-            warnings=[NOTE],
+            warnings=drive.warnings,
             tables=[reception_table(drive), *_events(drive)],
             figures=_figures(drive),
             playback=None,
