@@ -6,6 +6,7 @@ All produce the same bytes on the bus and the same state, for any calibration an
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.run import BACKENDS, memory_image, native
@@ -61,6 +62,10 @@ class PythonEcu:
     def image(self) -> bytes:
         """The bytes of the state record, as C lays it out."""
         return memory_image.image(self._ecu)
+
+    def run_on(self, calibration: Calibration) -> None:
+        """Run on another calibration from the next tick on."""
+        self._calibration = calibration
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Put a received frame in its mailbox; an unmapped identifier is ignored."""
@@ -133,6 +138,10 @@ class NativeEcu:
     def image(self) -> bytes:
         """The bytes of the state record, as C lays it out."""
         return self.ecu.tobytes()
+
+    def run_on(self, calibration: NDArray[np.void]) -> None:
+        """Run on another calibration in memory from the next tick on."""
+        self._cal = self._library.ffi.from_buffer("uint8_t[]", calibration)
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Put a received frame in its mailbox; an unmapped identifier is ignored."""

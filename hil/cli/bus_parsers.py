@@ -241,6 +241,9 @@ def ecu(parser: argparse.ArgumentParser) -> None:
         "open loop",
     )
     add_answer(parser, "the page of a bus log")
+    parser.add_argument(
+        "--xcp", action="store_true", help="answer an XCP tool: measure, calibrate, change pages"
+    )
 
 
 def plant(parser: argparse.ArgumentParser) -> None:

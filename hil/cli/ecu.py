@@ -8,7 +8,8 @@ from pathlib import Path
 import dbc
 from canroll.errors import CanrollError, VerdictError
 from codegen.run.backends import default_backend, open_backend
-from codegen.run.bus_firmware import BusFirmware, built_in
+from codegen.run.bus_firmware import BusFirmware, built_in, with_services
+from codegen.run.served import open_ecu
 from firmware.event_trigger import command_slot
 from firmware.state import RX_IMU
 from gain_gen.calibration.calibration_file import LoadedCalibration
@@ -31,7 +32,7 @@ from plant_sim.can_bus.traffic.log_reader import is_log, read_log, select_channe
 MODES = dbc.names("RollControlStatus", "Mode")
 ONLY_ON_A_BUS = (
     *("interface", "bitrate", "fd", "data_bitrate", "duration", "phase_ms", "trace", "pace"),
-    *("side_channel", "peer_timeout", "cpu"),
+    *("side_channel", "peer_timeout", "cpu", "xcp"),
 )
 """Options of the ECU in real time that a recorded drive has no use for."""
 TRACE_SECONDS = 600
@@ -74,7 +75,9 @@ def run(args: argparse.Namespace) -> int:
     profile = profile_of(choices_of(args, OF_AN_ECU))
     loaded = None if args.calibration is None else load_calibration(args.calibration)
     stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
-    firmware = firmware_of(profile, stage)
+    if args.xcp and args.pace == "lockstep":
+        raise CanrollError("--xcp requires --pace realtime: a tool does not wait for grants")
+    firmware = with_services(firmware_of(profile, stage), ("xcp",) if args.xcp else ())
     drive = args.replay is not None and is_log(args.replay)
     if not drive and (args.out is not None or args.json):
         raise CanrollError("--out and --json belong to --replay of a bus log")
@@ -88,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     timeout = peer_timeout(args)
     calibration = loaded.record
     lock = phase_lock(args, calibration.tick_us, firmware)
-    ecu = open_backend(backend, calibration, firmware)
+    ecu = open_ecu(backend, calibration, firmware)
     link = open_link(args, firmware.fd)
     seconds = args.duration + 1 if args.duration else TRACE_SECONDS
     recorder = tick_trace.Recorder(

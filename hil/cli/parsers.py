@@ -436,7 +436,9 @@ COMMANDS = {
     "prove": Command("prove the loop free of overflow for every accepted calibration", prove),
     "reproduce": Command("recompute the tables of the four papers", reproduce),
     "campaign": Command("Monte Carlo over parameters, noise, delays and faults", campaign),
-    "faults": Command("drive and judge a catalogue of faults", faults),
+    "faults": Command(
+        "drive and judge a catalogue of faults", faults, handler="studies.faults:run"
+    ),
     "severe": Command("severe manoeuvres over a population of vehicles", severe, "campaign:severe"),
     "list": Command(
         "laws, vehicles, scenarios, buses and bodies by name", listing, handler="main:list_names"

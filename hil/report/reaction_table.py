@@ -1,8 +1,8 @@
 """What the ECU noticed in a run, as a table for terminal and page."""
 
+from hil.reaction.reaction import WRONG_MOMENT, WRONG_TIME
 from hil.report.page import Cell, Table
 from hil.report.tables import number
-from hil.runs.reaction import WRONG_MOMENT, WRONG_TIME
 from hil.runs.result import Result
 
 HARMFUL = (

@@ -12,8 +12,9 @@ from canroll.typing import Progress
 from codegen.run.backends import default_backend, open_backend
 from firmware.calibration import ONE
 from gain_gen.models.task import Delay
+from hil.reaction import reaction
 from hil.runs import conditions as conditions_of
-from hil.runs import limit_cycle, metrics, phase, reaction, standard, steering_replay
+from hil.runs import limit_cycle, metrics, phase, standard, steering_replay
 from hil.runs.choices import PASSIVE, Choices, check, chosen
 from hil.runs.frozen import (
     COMMAND_TIMEOUT,

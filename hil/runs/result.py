@@ -9,12 +9,12 @@ from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
+from hil.reaction.reaction import Reaction
 from hil.runs.choices import CHOICES
 from hil.runs.frozen import firmware_of
 from hil.runs.limit_cycle import LimitCycle
 from hil.runs.metrics import Can, Metrics, Trigger
 from hil.runs.phase import Phase
-from hil.runs.reaction import Reaction
 from hil.runs.standard import Standard
 from hil.runs.trace import Trace
 from plant_sim.can_bus import BusProfile, load_profile

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
-from hil.runs.fault_codes import MODES
+from hil.reaction.fault_codes import MODES
 from hil.runs.result import Settings
 from plant_sim.faults import kinds, parse
 from plant_sim.nodes.actuators import command_signals

@@ -18,12 +18,12 @@ import numpy as np
 
 from canroll.errors import CanrollError
 from canroll.typing import Progress
-from hil.runs import reaction
+from hil.reaction import reaction
+from hil.reaction.reaction import Reaction
 from hil.runs.choices import PASSIVE
 from hil.runs.experiment import drive, plan
 from hil.runs.frozen import Controller
 from hil.runs.metrics import peak
-from hil.runs.reaction import Reaction
 from hil.runs.result import Settings
 from hil.runs.trace import Trace
 from hil.studies.fault_catalogue import CATALOGUE, DETECTED, DOUBLE, GROUPS, Entry, entries

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.reaction.fault_codes import FAULT_CODES, MODES
 from hil.report.figure import DASH_DOTTED, DASHED, DOTTED, SOLID, Figure, Series
 from hil.report.page import data_element, document
-from hil.runs.fault_codes import FAULT_CODES, MODES
 from hil.watch.observation import (
     COMMAND_TO_ACKNOWLEDGEMENT,
     IMU_TO_COMMAND,

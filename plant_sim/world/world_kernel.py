@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from plant_sim import can_bus as bus
 from plant_sim.bodies import ports
 from plant_sim.can_bus.wire.frame import ERROR_STATE, EXTENDED, RECESSIVE_INDICATOR
-from plant_sim.driving.driver import Drive, drive
-from plant_sim.kernels.jit import njit, step_at
-from plant_sim.nodes import actuator_kernel, codec, sensor_kernel
+from plant_sim.driving.driver import Drive, drive, uncounted
+from plant_sim.kernels.jit import borrowed, njit, step_at
+from plant_sim.nodes import actuator_kernel, codec, envelope, sensor_kernel
 from plant_sim.nodes.actuator_kernel import Actuators
 from plant_sim.nodes.actuator_models import act
 from plant_sim.nodes.codec import Codec
@@ -204,7 +204,17 @@ def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> 
         row = _row_of(world.tables, _key(entry.ident, entry.flags))
         if row < 0 or entry.flags & ~SENDER_STATE != world.tables.message[row, codec.FLAGS]:
             continue
+        if entry.length != world.tables.message[row, codec.LENGTH]:
+            continue
         role = world.roles[row]
+        its = world.actuators.envelope
+        if (
+            row == its.place[envelope.FRAME]
+            and entry.segment == clock[ACTUATOR_SEGMENT]
+            and bus.took(entry.outcome, entry.missed, bus.ACTUATOR)
+        ):
+            supervision = world.actuators.supervision
+            envelope.hear(its, world.tables, supervision, entry.payload, entry.t_received)
         receiver = bus.ACTUATOR if role == FOR_ACTUATOR else bus.ECU
         if role == NOBODY or not bus.took(entry.outcome, entry.missed, receiver):
             continue
@@ -282,7 +292,7 @@ def advance(parts: Parts, until_ns: int) -> int:
         received: number of frames received by the ECU: the first of ``Memory.received``.
     """
     world, network = parts.memory[0], parts.network.state[0]
-    rows, commands, driver = parts.rows, parts.commands, parts.drive
+    rows, commands, driver = borrowed(parts.rows), borrowed(parts.commands), uncounted(parts.drive)
     clock = world.clock
     # Views into the record: unlike arrays of their own they have no references to be counted.
     inputs, outputs = world.inputs[:], world.outputs[:]

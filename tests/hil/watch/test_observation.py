@@ -8,7 +8,7 @@ from support.bus_frames import frame
 
 import dbc
 from hil.cli.watch import view
-from hil.runs.fault_codes import FAULT_CODES
+from hil.reaction.fault_codes import FAULT_CODES
 from hil.watch.observation import (
     COMMAND_TO_ACKNOWLEDGEMENT,
     CONTROLLER,

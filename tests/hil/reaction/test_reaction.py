@@ -5,7 +5,7 @@ import pytest
 
 from firmware.plausibility import FAULT_ROLL_RATE, FAULT_STUCK
 from firmware.state import ACTIVE, DEGRADED, INIT, SAFE
-from hil.runs.reaction import observe
+from hil.reaction.reaction import observe
 from hil.runs.trace import TICK, Trace
 from plant_sim.faults import parse
 

@@ -138,7 +138,7 @@ def test_the_command_prints_what_the_study_found(path, study, capsys):
     ("text", "expected"),
     [
         ("", "no entry"),
-        ("[[singel]]", "did you mean 'single'?"),
+        ("[[singles]]", "did you mean 'single'?"),
         ('[[single]]\nname = "a"\nfaults = "Imu=dropout"', "expect is missing"),
         ('[[single]]\nname = "a"\nfaults = "Imu=dropuot"\nexpect = "detected"', "'dropout'"),
         ('[[single]]\nname = "a"\nfaults = "Imu=dropout"\nexpect = "detect"', "'detected'"),

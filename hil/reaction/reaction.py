@@ -8,16 +8,14 @@ code or leaves ACTIVE, or where the actuators release the command.
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from canroll.typing import Vector
 from firmware.state import ACTIVE
-from hil.runs.fault_codes import FAULT_CODES, MODES
-from hil.runs.metrics import moment, peak
-from hil.runs.trace import Trace
+from hil.reaction.fault_codes import FAULT_CODES, MODES
 from plant_sim.faults import Fault
 
 WORSE = 1.1
@@ -27,6 +25,22 @@ WRONG_MOMENT = 500.0
 WRONG_TIME = 0.1
 LEAST_PATH_ERROR = 0.05
 """Path error of the passive vehicle (m) below which it is no measure."""
+
+
+class Trace(Protocol):
+    """What is needed of the record of a run, as in :class:`hil.runs.trace.Trace`."""
+
+    @property
+    def signals(self) -> dict[str, NDArray[np.float64]]:
+        """The vehicle every millisecond, one array per signal."""
+
+    @property
+    def ticks(self) -> NDArray[np.void]:
+        """The ECU after every tick."""
+
+    @property
+    def duration(self) -> float:
+        """Length of the run, s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +193,8 @@ def _detection(trace: Trace, start: float) -> tuple[float, str] | None:
 def _wrong_side(trace: Trace, begin: float) -> tuple[float, float, float | None]:
     """Return the largest wrong moment, its longest time beyond the limit, and when it harms."""
     signals = trace.signals
-    outwards = moment(trace) * np.sign(signals["ay"])
+    moment = signals["moment_front"] + signals["moment_rear"]
+    outwards = moment * np.sign(signals["ay"])
     outwards = np.where(signals["time"] >= begin, outwards, 0.0)
     longest, run, harmful = 0, 0, None
     for place in np.flatnonzero(outwards > WRONG_MOMENT):
@@ -188,6 +203,10 @@ def _wrong_side(trace: Trace, begin: float) -> tuple[float, float, float | None]
         if harmful is None and run > 1e3 * WRONG_TIME:
             harmful = float(signals["time"][place])
     return float(max(outwards.max(initial=0.0), 0.0)), longest * 1e-3, harmful
+
+
+def _peak(values: Vector) -> float:
+    return float(np.abs(values).max(initial=0.0))
 
 
 def _harms(trace: Trace, passive: Trace, begin: float) -> list[Harm]:
@@ -199,11 +218,11 @@ def _harms(trace: Trace, passive: Trace, begin: float) -> list[Harm]:
         ("roll", "roll angle", "°", 180 / np.pi, 0.0),
         ("path_error", "path error", " m", 1.0, LEAST_PATH_ERROR),
     ):
-        limit = WORSE * max(peak(passive.signals[name]), least)
+        limit = WORSE * max(_peak(passive.signals[name]), least)
         over = np.flatnonzero((np.abs(signals[name]) > limit) & late)
-        if len(over) and peak(passive.signals[name]) > 0:
-            most = peak(signals[name][late])
-            before = peak(passive.signals[name])
+        if len(over) and _peak(passive.signals[name]) > 0:
+            most = _peak(signals[name][late])
+            before = _peak(passive.signals[name])
             text = f"{what} {scale * most:.2f}{unit} instead of {scale * before:.2f}{unit}"
             found.append(Harm(float(time[over[0]]), text))
     most, longest, harmful = _wrong_side(trace, begin)
