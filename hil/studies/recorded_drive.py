@@ -19,9 +19,9 @@ from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import BusFirmware
 from firmware.calibration import Calibration
 from firmware.event_trigger import command_slot
-from hil.runs.fault_codes import MODES
+from hil.reaction.fault_codes import MODES
+from hil.reaction.reaction import CodeSeen, ModeChange, codes_seen, mode_changes
 from hil.runs.metrics import peak, rms
-from hil.runs.reaction import CodeSeen, ModeChange, codes_seen, mode_changes
 from hil.runs.trace import tick_rows
 from plant_sim.can_bus.traffic.log_reader import Logged
 from plant_sim.can_bus.wire import frame as wire

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from canroll.typing import Vector
+from hil.reaction.fault_codes import MODES
 from hil.report.curves import dash
 from hil.report.figure import Figure, Series
 from hil.report.page import Page, Table, Verdict, render
 from hil.report.tables import number
-from hil.runs.fault_codes import MODES
 from hil.studies.recorded_drive import RecordedDrive
 
 
