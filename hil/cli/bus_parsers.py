@@ -8,6 +8,7 @@ from hil.cli.options import (
     add_choices,
     add_recording,
     add_scenario,
+    add_services,
     scenario,
 )
 from hil.realtime.bus_link import add_bus_arguments
@@ -241,9 +242,7 @@ def ecu(parser: argparse.ArgumentParser) -> None:
         "open loop",
     )
     add_answer(parser, "the page of a bus log")
-    parser.add_argument(
-        "--xcp", action="store_true", help="answer an XCP tool: measure, calibrate, change pages"
-    )
+    add_services(parser)
 
 
 def plant(parser: argparse.ArgumentParser) -> None:

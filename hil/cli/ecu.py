@@ -16,7 +16,7 @@ from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.calibration.calibration_file import load as load_calibration
 from hil.cli import terminal
 from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, OF_AN_ECU, PEER_TIMEOUT
-from hil.cli.options import choices_of, folder_of
+from hil.cli.options import choices_of, chosen_services, folder_of
 from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
 from hil.realtime.bus_link import CanLink, open_link
 from hil.realtime.hardware import bus_record
@@ -32,7 +32,7 @@ from plant_sim.can_bus.traffic.log_reader import is_log, read_log, select_channe
 MODES = dbc.names("RollControlStatus", "Mode")
 ONLY_ON_A_BUS = (
     *("interface", "bitrate", "fd", "data_bitrate", "duration", "phase_ms", "trace", "pace"),
-    *("side_channel", "peer_timeout", "cpu", "xcp"),
+    *("side_channel", "peer_timeout", "cpu", "xcp", "uds"),
 )
 """Options of the ECU in real time that a recorded drive has no use for."""
 TRACE_SECONDS = 600
@@ -75,9 +75,12 @@ def run(args: argparse.Namespace) -> int:
     profile = profile_of(choices_of(args, OF_AN_ECU))
     loaded = None if args.calibration is None else load_calibration(args.calibration)
     stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
-    if args.xcp and args.pace == "lockstep":
-        raise CanrollError("--xcp requires --pace realtime: a tool does not wait for grants")
-    firmware = with_services(firmware_of(profile, stage), ("xcp",) if args.xcp else ())
+    services = chosen_services(args)
+    if services and args.pace == "lockstep":
+        raise CanrollError(
+            f"--{services[0]} requires --pace realtime: a tool does not wait for grants"
+        )
+    firmware = with_services(firmware_of(profile, stage), services)
     drive = args.replay is not None and is_log(args.replay)
     if not drive and (args.out is not None or args.json):
         raise CanrollError("--out and --json belong to --replay of a bus log")
