@@ -77,6 +77,12 @@ def bus(parser: argparse.ArgumentParser) -> None:
         help="simulate every frame with the maximum number of stuff bits",
     )
     parser.add_argument(
+        "--xcp",
+        type=int,
+        metavar="N",
+        help="on a network: the ECU also sends N frames of measurements by XCP in every tick",
+    )
+    parser.add_argument(
         "--error-interval",
         type=float,
         metavar="MS",
