@@ -8,12 +8,19 @@ from zipfile import BadZipFile
 
 EXTRAS = {
     "asammdf": ("asammdf",),
+    "fmi": ("fmpy",),
     "target": ("bincopy", "capstone", "unicorn", "ziglang"),
     "web": ("websockets",),
 }
 """Extras of this package, and the packages that come only with them."""
 
-RENAMED = {"fullcar": "linear_car", "fullcar_hydraulic": "linear_car_hydraulic"}
+RENAMED = {
+    "fullcar": "linear_car",
+    "fullcar_hydraulic": "linear_car_hydraulic",
+    "bias": "offset",
+    "noise": "burst",
+    "error_code": "invalid",
+}
 """New names of choices that version 0.1 called otherwise."""
 
 UNREADABLE = (

@@ -7,7 +7,6 @@ keep their place. Line numbers are preserved, so that messages name those of the
 
 import ast
 import json
-import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ from typing import Any
 
 from canroll.errors import CanrollError
 from codegen.subset.parse import load
-from codegen.subset.program import FIRMWARE, Module, Record, SubsetError
+from codegen.subset.program import FIRMWARE, Module, Record, SubsetError, copy_sources
 from codegen.subset.rules import C_WORDS
 
 NAME = "stage"
@@ -108,7 +107,7 @@ def modules(stage: OwnStage) -> dict[str, str]:
 def _refuse_unknown_imports(path: Path, tree: ast.Module) -> None:
     for node in tree.body:
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("firmware."):
-            home = FIRMWARE / f"{(node.module or '').removeprefix('firmware.')}.py"
+            home = FIRMWARE.joinpath(*(node.module or "").split(".")[1:]).with_suffix(".py")
             if not home.is_file():
                 raise SubsetError(path, node, f"there is no module {node.module}")
             there = _names(home)
@@ -161,8 +160,7 @@ def _parsed(stage: OwnStage, own: ast.ClassDef | None) -> Module:
         lines[base.lineno - 1] = (row[:opened] + row[closed + 1 :]).decode()
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        for path in FIRMWARE.glob("*.py"):
-            shutil.copy(path, folder)
+        copy_sources(folder)
         (folder / FILE).write_text("\n".join([*lines, ""]), encoding="utf-8")
         return load(NAME, folder, {NAME: stage.path}).modules[NAME]
 

@@ -100,6 +100,11 @@ class NativeEcu:
         self._room = memory_image.event_of(record)["payload"].shape[0]
 
     @property
+    def firmware(self) -> BusFirmware:
+        """What it runs."""
+        return self._firmware
+
+    @property
     def pointers(self) -> dict[str, int]:
         """Addresses of the C functions, of the ECU's record and of the calibration's."""
         return {

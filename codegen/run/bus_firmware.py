@@ -8,7 +8,6 @@ reads one takes its class from here.
 import importlib
 import importlib.util
 import re
-import shutil
 import sys
 import tempfile
 import zlib
@@ -27,7 +26,7 @@ from codegen.generated.bus_map import BusMap, load
 from codegen.generated.own_stage import OwnStage
 from codegen.proof.prove import prove
 from codegen.subset import parse, rules
-from codegen.subset.program import FIRMWARE, Program
+from codegen.subset.program import Program, copy_sources
 
 GENERATED = {
     "frames.py": frames.generate,
@@ -83,7 +82,7 @@ class BusFirmware:
         text = "".join(self.modules[name] for name in sorted(self.modules))
         name = f"canroll_firmware_{zlib.crc32(text.encode()):08x}"
         with self._folder() as folder:
-            for path in folder.glob("*.py"):
+            for path in folder.rglob("*.py"):
                 source = path.read_text(encoding="utf-8")
                 source = re.sub(r"^from firmware\b", f"from {name}", source, flags=re.MULTILINE)
                 path.write_text(source, encoding="utf-8")
@@ -121,8 +120,7 @@ class BusFirmware:
         """A folder with all modules of the firmware."""
         with tempfile.TemporaryDirectory() as temporary:
             folder = Path(temporary)
-            for path in FIRMWARE.glob("*.py"):
-                shutil.copy(path, folder)
+            copy_sources(folder)
             for name, text in self.modules.items():
                 (folder / name).write_text(text, encoding="utf-8")
             yield folder

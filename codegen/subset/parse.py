@@ -29,6 +29,7 @@ from codegen.subset.program import (
     Type,
     calls,
     evaluate,
+    file_of,
 )
 
 
@@ -55,9 +56,10 @@ def _load(
 ) -> None:
     if name in program.modules:
         return
-    path = shown.get(name, folder / f"{name}.py")
+    home = file_of(name, folder)
+    path = shown.get(name, home)
     try:
-        source = (folder / f"{name}.py").read_text(encoding="utf-8")
+        source = home.read_text(encoding="utf-8")
         tree = ast.parse(source)
     except OSError as error:
         raise CanrollError(f"{path}: {error}") from error
@@ -67,7 +69,7 @@ def _load(
     module.comments = _comments(source)
     for node in tree.body:
         if isinstance(node, ast.ImportFrom):
-            _import(module, node)
+            _import(module, node, folder)
     for used in module.uses():
         if used in (*within, name):
             raise SubsetError(path, 1, f"modules import each other: {name} and {used}")
@@ -90,15 +92,17 @@ def _comments(source: str) -> dict[int, tuple[bool, str]]:
     return found
 
 
-def _import(module: Module, node: ast.ImportFrom) -> None:
+def _import(module: Module, node: ast.ImportFrom, folder: Path) -> None:
+    """Note what an import brings; modules are known by their own name, whatever their room."""
     source = node.module or ""
+    room = folder.joinpath(*source.split(".")[1:]) if source.startswith(f"{PACKAGE}.") else folder
     for alias in node.names:
         if alias.asname is not None:
             raise SubsetError(module.path, node, "an import must not rename: remove 'as'")
-        if source == PACKAGE:
+        if source == PACKAGE or (room.is_dir() and room != folder):
             module.modules[alias.name] = alias.name
         elif source.startswith(f"{PACKAGE}."):
-            module.imported[alias.name] = (source.removeprefix(f"{PACKAGE}."), alias.name)
+            module.imported[alias.name] = (source.rpartition(".")[2], alias.name)
         elif (source, alias.name) != ("typing", "Annotated"):
             raise SubsetError(module.path, node, f"only the firmware imports itself, not {source}")
 

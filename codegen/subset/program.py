@@ -4,6 +4,7 @@ Nothing is imported or run: :mod:`codegen.subset.parse` reads the sources into t
 """
 
 import ast
+import shutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import prod
@@ -37,6 +38,31 @@ LIMITS = {
 CONST_RECORD = "Calibration"
 
 Const = int | tuple[Any, ...]
+
+
+def source_files(folder: Path = FIRMWARE) -> list[Path]:
+    """The Python files of a firmware folder and of the rooms in it, without their ``__init__``."""
+    inside = [*folder.glob("*.py"), *folder.glob("*/*.py")]
+    return sorted(path for path in inside if path.name != "__init__.py")
+
+
+def file_of(name: str, folder: Path = FIRMWARE) -> Path:
+    """The file of a module, in ``folder`` or in the only room of it that has one of this name."""
+    here = folder / f"{name}.py"
+    if here.is_file():
+        return here
+    found = sorted(folder.glob(f"*/{name}.py"))
+    if len(found) > 1:
+        raise CanrollError(f"{found[0]} and {found[1]}: a module's name must be unique")
+    return found[0] if found else here
+
+
+def copy_sources(folder: Path) -> None:
+    """Copy the firmware with its rooms into ``folder``."""
+    for path in FIRMWARE.rglob("*.py"):
+        copy = folder / path.relative_to(FIRMWARE)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(path, copy)
 
 
 class SubsetError(CanrollError):

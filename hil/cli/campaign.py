@@ -10,7 +10,7 @@ from hil.cli import terminal
 from hil.cli.options import choices_of, folder_of
 from hil.cli.run import answer
 from hil.report.run_folder import page_folder, write_page
-from hil.runs import experiment
+from hil.runs import conditions, experiment
 from hil.runs.choices import CHOICES
 from hil.studies import campaign, variation
 from hil.studies import severe as severe_manoeuvres
@@ -23,8 +23,10 @@ def run(args: argparse.Namespace) -> int:
     draws = {
         "spread": variation.spread_from(dict(args.spread)),
         "seed": choices.pop("seed", CHOICES["seed"].default),
-        "faults": choices.pop("faults", ()),
+        "faults": conditions.fault_texts(choices),
     }
+    for name in ("faults", "fault_file"):
+        choices.pop(name, None)
     if "bus" in choices:
         draws["buses"] = choices["bus"]
         choices["bus"] = choices["bus"][0]

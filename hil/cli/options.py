@@ -13,8 +13,8 @@ from plant_sim.driving import MANEUVERS
 
 DEFAULT_OUT = Path("out")
 METAVARS = {"km/h": "KMH", "ms": "MS", "s": "S"}
-PATTERNS = {"faults": "WHERE=KIND[:VALUE][@START[:END]]"}
-NODES = ("faults", "conditions")
+PATTERNS = {"faults": "WHERE=KIND[:VALUE][@START[:END[:RAMP]]]"}
+NODES = ("faults", "fault_file", "conditions")
 OF_A_RUN = tuple(name for name in CHOICES if name != "duration")
 """Choices of vehicle, controller and bus."""
 

@@ -16,6 +16,7 @@ from hil.runs import conditions, logs, phase, signal_files
 from hil.runs.choices import chosen
 from hil.runs.frozen import firmware_of, profile_of
 from plant_sim.driving import maneuvers
+from plant_sim.faults import parse_all
 from plant_sim.world.world import World
 
 
@@ -162,9 +163,7 @@ def world_of(args: argparse.Namespace) -> World:
     if args.speed_kmh is not None:
         speed = args.speed_kmh / 3.6
     seed = chosen(choices, "seed")
-    sensors, actuators = conditions.options(
-        choices.get("faults", ()), choices.get("conditions", {})
-    )
+    sensors, actuators = conditions.options(choices.get("conditions", {}))
     profile = profile_of(choices)
     return World(
         vehicle=vehicle,
@@ -177,6 +176,7 @@ def world_of(args: argparse.Namespace) -> World:
         enabled=not args.passive,
         sensors=sensors,
         actuators=actuators,
+        faults=parse_all(conditions.fault_texts(choices)),
     )
 
 

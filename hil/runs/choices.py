@@ -373,11 +373,19 @@ class Choices(TypedDict, total=False):
         Sequence[str] | None,
         Choice(
             option="--fault",
-            help="fault from START to END (s); WHERE is a signal of a sensor's message "
-            "(Imu.RollRate=stuck@3:5; stuck, dropout, invalid, offset:VALUE, burst:VALUE in SI "
-            "units) or an actuator's corner (front_left=weak:0.3@2; stuck, floating, weak:SHARE); "
-            "may be repeated",
+            help="what fails: a sensor's signal (Imu.RollRate=stuck@3:5) or message, an actuator "
+            "(front_left=weak:0.3@2), a node, the bus or an attacker, from START to END (s), fully "
+            "after RAMP; 'A + B': together; see docs/faults.md; may be repeated",
             of=WORLD,
+        ),
+    ]
+    fault_file: Annotated[
+        str | Path | None,
+        Choice(
+            option="--faults",
+            help="TOML file of faults, one in each table [[fault]]",
+            of=WORLD,
+            saved=False,
         ),
     ]
     conditions: Annotated[

@@ -28,6 +28,7 @@ from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS, closed_loop
 from plant_sim.driving import MANEUVERS, maneuvers
+from plant_sim.faults import parse_all
 from plant_sim.world.world import World
 
 AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
@@ -62,14 +63,11 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
     if scenario not in MANEUVERS:
         raise UnknownNameError("scenario", scenario, MANEUVERS)
     speed_kmh, backend = choices.get("speed_kmh"), choices.get("backend")
-    options, faults, conditions = (
-        choices.get("options") or {},
-        choices.get("faults") or (),
-        choices.get("conditions") or {},
-    )
+    options, conditions = choices.get("options") or {}, choices.get("conditions") or {}
     # what cannot be is refused before anything slow is done
     profile = profile_of(choices)
-    conditions_of.options(faults, conditions)
+    faults = conditions_of.fault_texts(choices)
+    conditions_of.options(conditions)
     controller = prepare(choices)
     vehicle, warnings = controller.vehicle, check_frames(profile, controller.record)
     other = choices.get("plant_vehicle")
@@ -98,7 +96,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         tick=controller.tick,
         run_time=RUN_TIME_NS * 1e-9,
         options=tuple(sorted(options.items())),
-        faults=tuple(faults),
+        faults=faults,
         conditions=tuple(sorted(conditions.items())),
         dbc=choices.get("dbc"),
         map=choices.get("map"),
@@ -189,7 +187,7 @@ def build_world(
     settings: Settings, *, enabled: bool, maneuver: maneuvers.Maneuver | None = None
 ) -> World:
     """Return the world for ``settings`` at time 0, with ``maneuver`` instead of theirs if given."""
-    sensors, actuators = conditions_of.options(settings.faults, dict(settings.conditions))
+    sensors, actuators = conditions_of.options(dict(settings.conditions))
     return World(
         vehicle=settings.vehicle,
         body=settings.plant,
@@ -202,6 +200,7 @@ def build_world(
         command_timeout_ms=1e3 * COMMAND_TIMEOUT,
         sensors=sensors,
         actuators=actuators,
+        faults=parse_all(settings.faults),
     )
 
 

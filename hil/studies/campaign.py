@@ -12,7 +12,6 @@ import numpy as np
 from canroll.errors import CanrollError
 from canroll.typing import Progress
 from firmware.state import SAFE
-from hil.runs import conditions
 from hil.runs.choices import PASSIVE
 from hil.runs.experiment import plan, simulate
 from hil.runs.frozen import Controller
@@ -20,6 +19,7 @@ from hil.runs.result import Result
 from hil.studies import variation
 from hil.studies.variation import Drawn
 from plant_sim.can_bus import load_profile
+from plant_sim.faults import parse_all
 
 HARMLESS = 1.02
 """Largest roll angle over that without control, up to which a faulted run has done no harm."""
@@ -145,7 +145,7 @@ def run(
         runs: number of draws.
         spread: half-widths, see :mod:`hil.studies.variation`.
         buses: profiles to draw from; none: the run's own.
-        faults: faults of sensors and actuators, of which one or none is drawn.
+        faults: texts of :mod:`plant_sim.faults`, of which one or none is drawn.
         seed: seed of the draws.
         jobs: number of processes.
         progress: called with the current activity and the fraction done.
@@ -160,7 +160,7 @@ def run(
     if choices.get("law") == PASSIVE:
         raise CanrollError("--law passive has no control to evaluate: choose another law")
     # what cannot be is refused before anything slow is done
-    conditions.options(faults)
+    parse_all(faults)
     for bus in buses:
         load_profile(bus)
     settings, controller = plan(scenario, **choices)

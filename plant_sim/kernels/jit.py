@@ -98,17 +98,25 @@ STEP_SIGNATURE = numba.types.void(_VECTOR, _VECTOR, _VECTOR, _VECTOR, numba.type
 """Of a body's step: ``step(state, inputs, parameters, outputs, dt)``."""
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def step_at(typing_context: Any, address: Any) -> Any:  # noqa: ANN401
-    """In a kernel: the body's step at ``address`` of a C function kept alive by the caller.
+def function_at(signature: Any) -> Any:  # noqa: ANN401
+    """In a kernel: the C function of ``signature`` at an address, which the caller keeps alive.
 
-    Passing the function itself would cost a call from Python more than the step does.
+    Passing the function itself would cost a call from Python more than a step of the plant does.
     """
-    step = numba.types.FunctionType(STEP_SIGNATURE)
 
-    def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:  # noqa: ANN401
-        value = cgutils.create_struct_proxy(step)(context, builder)
-        value.c_addr = builder.inttoptr(arguments[0], cgutils.voidptr_t)
-        return value._getvalue()
+    @intrinsic  # type: ignore[untyped-decorator]
+    def at(typing_context: Any, address: Any) -> Any:  # noqa: ANN401
+        function = numba.types.FunctionType(signature)
 
-    return step(numba.types.int64), lower
+        def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:  # noqa: ANN401
+            value = cgutils.create_struct_proxy(function)(context, builder)
+            value.c_addr = builder.inttoptr(arguments[0], cgutils.voidptr_t)
+            return value._getvalue()
+
+        return function(numba.types.int64), lower
+
+    return at
+
+
+step_at = function_at(STEP_SIGNATURE)
+"""A body's step at an address."""

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from plant_sim.kernels import schedule
 from plant_sim.kernels.jit import njit
 from plant_sim.nodes import codec, e2e
 from plant_sim.nodes.codec import Codec
@@ -18,9 +19,8 @@ SUSPENSION, BARS, DAMPERS, VALVES = range(4)
 
 # Status of a corner, as the DBC numbers it.
 STATUS_OK, STATUS_LIMITED, STATUS_STUCK, STATUS_FLOATING = range(4)
-# Kinds of faults, and columns of Actuators.fault.
-STUCK, FLOATING, WEAK = range(3)
-FAULT_CORNER, FAULT_KIND, FAULT_START, FAULT_END = range(4)
+# Kinds of faults; the target of a row of Actuators.fault has bit i set for corner i.
+STUCK, FLOATING, WEAK, DEAD, SLOW, REVERSED, RUNAWAY, DERATING, LYING = range(9)
 
 # Slots of Actuators.flag. STATUS, LATCHED: one for each corner.
 (
@@ -41,16 +41,17 @@ NO_COUNTER = -1
 """All bits of the echo are set, as long as no command has been accepted."""
 
 # Slots of Actuators.state: four channels each, then both axles each, then the hydraulics.
+# REPORTED is what the last ActuatorState said.
 DEMAND, REFERENCE, ACTUAL, APPLIED = 0, 4, 8, 12
-DELIVERED, ESTIMATE = 16, 18
-HYDRAULICS = 20
+DELIVERED, ESTIMATE, REPORTED = 16, 18, 20
+HYDRAULICS = 22
 N_STATE = HYDRAULICS + 10
 
 # Columns of Actuators.message.
 MESSAGE, FIRST_SIGNAL, CHANNELS = range(3)
 
 # Room in the node's tables: accepted messages, points of the damper map, faults.
-MESSAGES, CURVE_POINTS, FAULTS = 2, 8, 8
+MESSAGES, CURVE_POINTS, FAULTS = 2, 8, 16
 
 
 class Actuators(NamedTuple):
@@ -121,16 +122,45 @@ def supervise(node: Actuators, t_ns: int) -> None:
 
 
 @njit
-def fault_of(node: Actuators, first: int, last: int, t_ns: int) -> int:
-    """Row of the worst fault of corners ``first`` to ``last`` at ``t_ns``; -1 for none."""
-    found = -1
+def fault_share(node: Actuators, kind: int, first: int, last: int, t_ns: int) -> float:
+    """Strength at ``t_ns`` of the faults of ``kind`` at corners ``first`` to ``last``, up to 1."""
+    share = 0.0
+    corners = (2 << last) - (1 << first)
     for number in range(FAULTS):
-        if not first <= node.fault[number, FAULT_CORNER] <= last:
-            continue
-        active = node.fault[number, FAULT_START] <= t_ns < node.fault[number, FAULT_END]
-        if active and (found < 0 or node.fault[number, FAULT_KIND] < node.fault[found, FAULT_KIND]):
-            found = number
-    return found
+        fault = node.fault[number]
+        if fault[schedule.TARGET] < 0:
+            break
+        if fault[schedule.KIND] == kind and fault[schedule.TARGET] & corners:
+            share = max(share, schedule.severity(fault, t_ns))
+    return share
+
+
+@njit
+def fault_factor(node: Actuators, kind: int, first: int, last: int, t_ns: int) -> float:
+    """Product of the values of these faults, each as far from 1 as it is strong; 1 without any."""
+    factor = 1.0
+    corners = (2 << last) - (1 << first)
+    for number in range(FAULTS):
+        fault = node.fault[number]
+        if fault[schedule.TARGET] < 0:
+            break
+        if fault[schedule.KIND] == kind and fault[schedule.TARGET] & corners:
+            factor *= 1.0 + schedule.severity(fault, t_ns) * (node.fault_value[number] - 1.0)
+    return factor
+
+
+@njit
+def fault_amount(node: Actuators, kind: int, first: int, last: int, t_ns: int) -> float:
+    """Sum of the values of these faults, each times its strength; 0 without any."""
+    amount = 0.0
+    corners = (2 << last) - (1 << first)
+    for number in range(FAULTS):
+        fault = node.fault[number]
+        if fault[schedule.TARGET] < 0:
+            break
+        if fault[schedule.KIND] == kind and fault[schedule.TARGET] & corners:
+            amount += schedule.severity(fault, t_ns) * node.fault_value[number]
+    return amount
 
 
 @njit
@@ -142,11 +172,16 @@ def set_status(node: Actuators, first: int, last: int, status: int) -> None:
 
 
 @njit
-def report(node: Actuators, tables: Codec, payload: NDArray[np.uint8]) -> None:
-    """Write ActuatorState to a payload, except its sample counter; clear the latched status."""
+def report(node: Actuators, tables: Codec, payload: NDArray[np.uint8], frozen: bool) -> None:
+    """Write ActuatorState to a payload, except its sample counter; clear the latched status.
+
+    ``frozen``: with the moments of the last one.
+    """
     for axle in range(2):
         signal = node.report[axle]
-        raw = codec.raw_value(tables, signal, node.state[ESTIMATE + axle])
+        if not frozen:
+            node.state[REPORTED + axle] = node.state[ESTIMATE + axle]
+        raw = codec.raw_value(tables, signal, node.state[REPORTED + axle])
         codec.insert(tables, signal, payload, raw)
     for corner in range(4):
         codec.insert(tables, node.report[2 + corner], payload, node.flag[LATCHED + corner])

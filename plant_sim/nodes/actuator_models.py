@@ -13,17 +13,22 @@ from plant_sim.nodes.actuator_kernel import (
     APPLIED,
     BARS,
     DAMPERS,
+    DEAD,
     DELIVERED,
     DEMAND,
+    DERATING,
     ENABLED,
     ESTIMATE,
-    FAULT_KIND,
     FLOATING,
     HELD,
     HYDRAULICS,
     KIND,
+    LYING,
     POWERED,
     REFERENCE,
+    REVERSED,
+    RUNAWAY,
+    SLOW,
     SOURCE,
     STATUS_FLOATING,
     STATUS_LIMITED,
@@ -33,7 +38,9 @@ from plant_sim.nodes.actuator_kernel import (
     SUSPENSION,
     WEAK,
     Actuators,
-    fault_of,
+    fault_amount,
+    fault_factor,
+    fault_share,
     set_status,
 )
 
@@ -54,6 +61,9 @@ from plant_sim.nodes.actuator_kernel import (
     INTEGRATED,
     HYDRAULIC_PARAMETERS,
 ) = range(13)
+
+# Share of its way that a channel without lag goes in a step, for one that is to be slowed down.
+SLOWED = 0.99
 
 # Second message of the nodes that take two, besides currents.
 FORCES = MOMENTS = 1
@@ -80,24 +90,44 @@ def refer(node: Actuators, channel: int, demand: float) -> bool:
 def settle(  # noqa: PLR0917
     node: Actuators, channel: int, first: int, last: int, target: float, bound: bool, t_ns: int
 ) -> None:
-    """Follow ``target`` with the lag, unless a fault of corners ``first`` to ``last`` acts."""
-    state = node.state
+    """Follow ``target`` with the lag, unless a fault of corners ``first`` to ``last`` acts.
+
+    Of several faults the worst decides: stuck, no force, a force of its own.
+    """
+    state, lag = node.state, node.setting[LAG]
     status = STATUS_LIMITED if bound else STATUS_OK
-    gain = 1.0
-    fault = fault_of(node, first, last, t_ns)
+    if node.fault[0, 0] >= 0:
+        limit = node.setting[LIMIT]
+        derated = fault_factor(node, DERATING, first, last, t_ns)
+        if abs(target) > derated * limit:
+            target, status = clip(target, derated * limit), STATUS_LIMITED
+        share = fault_factor(node, WEAK, first, last, t_ns)
+        if share != 1.0:
+            target, status = share * target, STATUS_LIMITED
+        target *= 1.0 - 2.0 * fault_share(node, REVERSED, first, last, t_ns)
+        target = clip(target + limit * fault_amount(node, RUNAWAY, first, last, t_ns), limit)
+        target *= 1.0 - fault_share(node, DEAD, first, last, t_ns)
+        floating = fault_share(node, FLOATING, first, last, t_ns)
+        if floating > 0.0:
+            target, status = (1.0 - floating) * target, STATUS_FLOATING
+        if fault_share(node, STUCK, first, last, t_ns) > 0.0:
+            target, status = state[ACTUAL + channel], STATUS_STUCK
+        slow = fault_factor(node, SLOW, first, last, t_ns)
+        if slow != 1.0:
+            lag = 1.0 - (1.0 - min(lag, SLOWED)) ** (1.0 / slow)
     if not node.flag[POWERED]:
         target, status = 0.0, STATUS_FLOATING
-    elif fault >= 0:
-        kind = node.fault[fault, FAULT_KIND]
-        if kind == STUCK:
-            target, status = state[ACTUAL + channel], STATUS_STUCK
-        elif kind == FLOATING:
-            target, status = 0.0, STATUS_FLOATING
-        else:
-            gain, status = node.fault_value[fault], STATUS_LIMITED
     before = state[ACTUAL + channel]
-    state[ACTUAL + channel] += node.setting[LAG] * (target * gain - before)
+    state[ACTUAL + channel] += lag * (target - before)
     state[APPLIED + channel] = 0.5 * (before + state[ACTUAL + channel])
+    show(node, first, last, status, t_ns)
+
+
+@njit
+def show(node: Actuators, first: int, last: int, status: int, t_ns: int) -> None:
+    """Set the status of corners ``first`` to ``last``, unless they lie about it."""
+    if node.fault[0, 0] >= 0 and fault_share(node, LYING, first, last, t_ns) > 0.0:
+        status = STATUS_OK
     set_status(node, first, last, status)
 
 
@@ -175,12 +205,15 @@ def _dampers(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> Non
 
 
 @njit
-def _valve_current(node: Actuators, axle: int, actual: float) -> float:
+def _valve_current(node: Actuators, axle: int, actual: float, t_ns: int) -> float:
     """Current (A) commanded for the axle; a disabled node controls the moment to zero."""
     parameters, loop = node.setting[HYDRAULIC_PARAMETERS:], node.setting[TORQUE_LOOP]
+    demand = node.state[DEMAND + axle]
+    if node.fault[0, 0] >= 0:
+        loop /= fault_factor(node, SLOW, 2 * axle, 2 * axle + 1, t_ns)
+        demand *= 1.0 - 2.0 * fault_share(node, REVERSED, 2 * axle, 2 * axle + 1, t_ns)
     if not node.flag[ENABLED] or not node.flag[HELD]:
         return hydraulics.torque_loop(parameters, loop, 0.0, actual)
-    demand = node.state[DEMAND + axle]
     if node.flag[SOURCE] == MOMENTS:
         return hydraulics.torque_loop(parameters, loop, demand, actual)
     return float(demand * 1e-3)
@@ -195,18 +228,30 @@ def _valve_axle(node: Actuators, axle: int, outputs: Vector, inputs: Vector, t_n
     motor = state[first : first + 5]
     angle = outputs[ports.BAR_ANGLE + axle] if setting[INTEGRATED] else motor[hydraulics.ANGLE]
     before = hydraulics.active_moment(parameters, angle)
-    wanted = _valve_current(node, axle, before)
-    current = clip(wanted, setting[CURRENT_LIMIT])
+    first_corner, last_corner = 2 * axle, 2 * axle + 1
+    wanted = _valve_current(node, axle, before, t_ns)
+    limit = setting[CURRENT_LIMIT]
+    current = clip(wanted, limit)
     status = STATUS_OK if current == wanted else STATUS_LIMITED
-    fault = fault_of(node, 2 * axle, 2 * axle + 1, t_ns)
-    kind = node.fault[fault, FAULT_KIND] if fault >= 0 else -1
-    locked = not node.flag[POWERED] or kind == FLOATING
+    locked = not node.flag[POWERED]
+    if node.fault[0, 0] >= 0:
+        derated = limit * fault_factor(node, DERATING, first_corner, last_corner, t_ns)
+        if abs(current) > derated:
+            current, status = clip(current, derated), STATUS_LIMITED
+        share = fault_factor(node, WEAK, first_corner, last_corner, t_ns)
+        if share != 1.0:
+            current, status = share * current, STATUS_LIMITED
+        runaway = fault_amount(node, RUNAWAY, first_corner, last_corner, t_ns)
+        current = clip(current + limit * runaway, limit)
+        locked = locked or fault_share(node, DEAD, first_corner, last_corner, t_ns) > 0.0
+        if fault_share(node, STUCK, first_corner, last_corner, t_ns) > 0.0:
+            current, status = 0.0, STATUS_STUCK
+        if fault_share(node, FLOATING, first_corner, last_corner, t_ns) > 0.0:
+            locked, status = True, STATUS_FLOATING
+    if not node.flag[POWERED]:
+        status = STATUS_FLOATING
     if locked:
-        current, status = 0.0, STATUS_FLOATING
-    elif kind == STUCK:
-        current, status = 0.0, STATUS_STUCK
-    elif kind == WEAK:
-        current, status = current * node.fault_value[fault], STATUS_LIMITED
+        current = 0.0
     if setting[INTEGRATED]:
         inputs[ports.VALVE_CURRENT_FRONT + axle] = current
         state[APPLIED + axle] = before
@@ -231,7 +276,20 @@ def _valve_axle(node: Actuators, axle: int, outputs: Vector, inputs: Vector, t_n
 def _valves(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
     for axle in range(2):
         status = _valve_axle(node, axle, outputs, inputs, t_ns)
-        set_status(node, 2 * axle, 2 * axle + 1, status)
+        show(node, 2 * axle, 2 * axle + 1, status, t_ns)
+
+
+@njit
+def _commanded(node: Actuators, axle: int) -> float:
+    """Moment of an axle (N·m) that its command asks for, within the limit; currents: unknown."""
+    state, setting = node.state, node.setting
+    if node.flag[KIND] == SUSPENSION:
+        left = clip(state[DEMAND + 2 * axle], setting[LIMIT])
+        right = clip(state[DEMAND + 2 * axle + 1], setting[LIMIT])
+        return float(setting[TRACK_FRONT + axle] * (left - right))
+    if node.flag[KIND] == BARS:
+        return clip(state[DEMAND + axle], setting[LIMIT])
+    return float(state[ESTIMATE + axle])
 
 
 @njit
@@ -256,3 +314,7 @@ def act(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
         state[DELIVERED + axle] = total
         error = setting[ESTIMATE_GAIN] * total - state[ESTIMATE + axle]
         state[ESTIMATE + axle] += setting[ESTIMATE_LAG] * error
+        if node.fault[0, 0] >= 0 and node.flag[HELD]:
+            lying = fault_share(node, LYING, 2 * axle, 2 * axle + 1, t_ns)
+            if lying > 0.0:
+                state[ESTIMATE + axle] = _commanded(node, axle)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.kernels import schedule
 from plant_sim.nodes import actuator_kernel, codec, e2e, hydraulics
 from plant_sim.nodes.actuator_kernel import Actuators
 from vehicles.model import SemiActiveDampers, Vehicle
@@ -32,11 +33,38 @@ COMMANDS = {
 """Messages that each node takes: name, first signal, channels. Dampers turn forces into settings
 by the rule of a semi-active device, valves close a torque loop on moments, both at 1 ms."""
 
+
+def command_signals(message: str) -> tuple[str, ...]:
+    """Names of the values in a command, in the order of its channels."""
+    first, channels = next(
+        (signal, count)
+        for taken in COMMANDS.values()
+        for name, signal, count in taken
+        if name == message
+    )
+    names = list(codec.signal_names(message))
+    start = names.index(first)
+    return tuple(names[start : start + channels])
+
+
 CORNERS = ("front_left", "front_right", "rear_left", "rear_right")
+PLACES = {
+    **{corner: 1 << number for number, corner in enumerate(CORNERS)},
+    "front": 0b0011,
+    "rear": 0b1100,
+    "actuators": 0b1111,
+}
+"""Places of faults, and the corners there, bit by bit."""
 FAULTS = {
     "stuck": actuator_kernel.STUCK,
     "floating": actuator_kernel.FLOATING,
     "weak": actuator_kernel.WEAK,
+    "dead": actuator_kernel.DEAD,
+    "slow": actuator_kernel.SLOW,
+    "reversed": actuator_kernel.REVERSED,
+    "runaway": actuator_kernel.RUNAWAY,
+    "derating": actuator_kernel.DERATING,
+    "lying": actuator_kernel.LYING,
 }
 
 NOMINAL_TEMPERATURE = 40.0
@@ -63,10 +91,14 @@ _REPORT = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ActuatorFault:
-    """A fault of the actuator at ``corner`` from ``start`` to ``end`` (s).
+    """A fault of the actuators at ``corner``: a corner, an axle, or all ("actuators").
 
     Kinds: "stuck" holds the delivered force, "floating" delivers none, "weak" delivers the fraction
-    ``value`` of the demand.
+    ``value`` of the demand, and their status says so. "dead" delivers none, "slow" has ``value``
+    times the lag, "reversed" delivers the opposite, "runaway" the fraction ``value`` of the limit
+    on top of the demand, and the status stays OK; "derating" limits to the fraction ``value`` of
+    the limit. "lying" reports OK and the commanded moment, whatever else is wrong. A bar joins
+    both corners of its axle. Times as in :class:`plant_sim.kernels.schedule.Timed`.
     """
 
     corner: str
@@ -74,6 +106,9 @@ class ActuatorFault:
     start: float = 0.0
     end: float = math.inf
     value: float = 0.5
+    ramp: float = 0.0
+    every: float = 0.0
+    lasting: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,12 +188,10 @@ def _check(kind: str, options: ActuatorOptions, timeout_ms: float) -> None:
     if len(options.faults) > actuator_kernel.FAULTS:
         raise CanrollError(f"actuators: at most {actuator_kernel.FAULTS} faults per run")
     for fault in options.faults:
-        if fault.corner not in CORNERS:
-            raise UnknownNameError("corner", fault.corner, CORNERS)
+        if fault.corner not in PLACES:
+            raise UnknownNameError("corner", fault.corner, PLACES)
         if fault.kind not in FAULTS:
             raise UnknownNameError("actuator fault", fault.kind, FAULTS)
-        if not 0 <= fault.start < fault.end:
-            raise CanrollError(f"actuator fault at {fault.corner}: start must be before end")
 
 
 def _curve(data: SemiActiveDampers) -> NDArray[np.float64]:
@@ -171,19 +204,14 @@ def _curve(data: SemiActiveDampers) -> NDArray[np.float64]:
     return np.hstack([curve, curve[:, -1:] + slope[:, None] * missing])
 
 
-def _fault_tables(
+def fault_tables(
     faults: tuple[ActuatorFault, ...],
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    table = np.full((actuator_kernel.FAULTS, 4), -1, dtype=np.int64)
-    value = np.zeros(actuator_kernel.FAULTS)
+    """Rows of :mod:`plant_sim.kernels.schedule` and values of faults."""
+    table, value = schedule.table(actuator_kernel.FAULTS), np.zeros(actuator_kernel.FAULTS)
     for number, fault in enumerate(faults):
-        end = fault.end * 1e9 if math.isfinite(fault.end) else 2**62
-        table[number] = (
-            CORNERS.index(fault.corner),
-            FAULTS[fault.kind],
-            round(fault.start * 1e9),
-            round(end),
-        )
+        what = f"actuator fault at {fault.corner}"
+        table[number] = schedule.row(PLACES[fault.corner], FAULTS[fault.kind], fault, what)
         value[number] = fault.value
     return table, value
 
@@ -208,7 +236,7 @@ def build(
     message = np.full((actuator_kernel.MESSAGES, 3), -1, dtype=np.int64)
     for row, (name, first, channels) in zip(message, COMMANDS[kind], strict=False):
         row[:] = codec.message_index(name), codec.signal_index(name, first), channels
-    fault, value = _fault_tables(options.faults)
+    fault, value = fault_tables(options.faults)
     return Actuators(
         setting=np.concatenate(
             [

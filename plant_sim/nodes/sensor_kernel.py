@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.bodies import ports
+from plant_sim.kernels import schedule
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import uniform
 from plant_sim.nodes import codec, e2e
@@ -58,13 +59,17 @@ N_CHANNELS = 17
     SAMPLES,
     SAMPLE_SIGNAL,
     BUS_NODE,
+    HELD_SAMPLE,
+    HELD_COUNTER,
     N_NODE_COLUMNS,
-) = range(10)
-# Columns of Sensors.fault, and kinds of faults.
-FAULT_CHANNEL, FAULT_KIND, FAULT_START, FAULT_END = range(4)
-STUCK, OFFSET, DROPOUT, BURST, INVALID = range(5)
-# Room for faults; an unused row has channel -1.
-FAULTS = 16
+) = range(12)
+# Kinds of faults of a channel.
+STUCK, INVALID, DELAY, OFFSET, DRIFT_AWAY, SCALE, BURST, REVERSED = range(8)
+# Kinds of faults of a node; their target is N_CHANNELS + the node's row.
+DROPOUT, FROZEN, FROZEN_COUNTER, DOWN, CLOCK_DRIFT = range(8, 13)
+# Room for faults, and samples that a delayed signal may be late.
+FAULTS = 32
+HISTORY = 256
 
 NEVER = 1 << 62
 STEP = 1e-3
@@ -74,7 +79,9 @@ STEP_NS = 1_000_000
 class Sensors(NamedTuple):
     """Tables of every sensor node.
 
-    ``mounting`` (9) rotates body axes to the IMU's, ``arm`` (3) is its position (m from the sprung
+    ``fault`` has rows of :mod:`plant_sim.kernels.schedule`, ``history`` (FAULTS, HISTORY) the
+    newest samples of delayed signals. ``mounting`` (9) rotates body axes to the IMU's, ``arm`` (3)
+    is its position (m from the sprung
     CG), ``motion`` (6) the motion there.
     """
 
@@ -83,6 +90,7 @@ class Sensors(NamedTuple):
     node: NDArray[np.int64]
     fault: NDArray[np.int64]
     fault_value: NDArray[np.float64]
+    history: NDArray[np.float64]
     mounting: NDArray[np.float64]
     arm: NDArray[np.float64]
     motion: NDArray[np.float64]
@@ -133,6 +141,45 @@ def observe(sensors: Sensors, inputs: NDArray[np.float64], outputs: NDArray[np.f
 
 
 @njit
+def _faulty(  # noqa: PLR0917
+    sensors: Sensors, index: int, value: float, t_ns: int, count: int, seed: int
+) -> float:
+    """Apply the faults of a channel to its value; nan if the sensor reports failure."""
+    last = sensors.channel[index, LAST]
+    found = value
+    for number in range(FAULTS):
+        fault = sensors.fault[number]
+        if fault[schedule.TARGET] < 0:
+            break
+        if fault[schedule.TARGET] != index:
+            continue
+        kind, amount = fault[schedule.KIND], sensors.fault_value[number]
+        if kind == DELAY:
+            sensors.history[number, count % HISTORY] = value
+        share = schedule.severity(fault, t_ns)
+        if share == 0.0:
+            continue
+        if kind == STUCK:
+            return float(last)
+        if kind == INVALID:
+            return math.nan
+        if kind == DELAY:
+            late = min(int(amount), count)
+            found += sensors.history[number, (count - late) % HISTORY] - value
+        elif kind == OFFSET:
+            found += share * amount
+        elif kind == DRIFT_AWAY:
+            found += amount * (t_ns - fault[schedule.START]) * 1e-9
+        elif kind == SCALE:
+            found *= 1.0 + share * (amount - 1.0)
+        elif kind == REVERSED:
+            found *= 1.0 - 2.0 * share
+        elif kind == BURST:
+            found += share * amount * normal(seed, 2 * N_CHANNELS + number, count)
+    return found
+
+
+@njit
 def measure(  # noqa: PLR0917
     sensors: Sensors, index: int, back: float, t_ns: int, count: int, seed: int
 ) -> float:
@@ -149,18 +196,9 @@ def measure(  # noqa: PLR0917
     if row[DRIFT_STEP] > 0.0:
         row[DRIFT] += row[DRIFT_STEP] * normal(seed, N_CHANNELS + index, count)
     value += row[BIAS] + row[DRIFT]
-    for number in range(FAULTS):
-        fault = sensors.fault[number]
-        if fault[FAULT_CHANNEL] != index or not fault[FAULT_START] <= t_ns < fault[FAULT_END]:
-            continue
-        if fault[FAULT_KIND] == STUCK:
-            return float(row[LAST] * row[TO_BUS])
-        if fault[FAULT_KIND] == INVALID:
-            return math.nan
-        if fault[FAULT_KIND] == OFFSET:
-            value += sensors.fault_value[number]
-        elif fault[FAULT_KIND] == BURST:
-            value += sensors.fault_value[number] * normal(seed, 2 * N_CHANNELS + number, count)
+    value = _faulty(sensors, index, value, t_ns, count, seed)
+    if math.isnan(value):
+        return value
     value = min(max(value, -row[RANGE]), row[RANGE])
     if row[LSB] > 0.0:
         value = math.floor(value / row[LSB] + 0.5) * row[LSB]
@@ -169,15 +207,33 @@ def measure(  # noqa: PLR0917
 
 
 @njit
-def silent(sensors: Sensors, node: int, t_ns: int) -> bool:
-    """Whether a dropout suppresses the node's sample of ``t_ns``."""
-    first = sensors.node[node, FIRST_CHANNEL]
+def node_fault(sensors: Sensors, node: int, kind: int, t_ns: int) -> float:
+    """Strength times value of a node's faults of ``kind`` at ``t_ns``; 0 where none acts."""
+    total = 0.0
     for number in range(FAULTS):
         fault = sensors.fault[number]
-        ours = first <= fault[FAULT_CHANNEL] < first + sensors.node[node, CHANNELS]
-        if ours and fault[FAULT_KIND] == DROPOUT and fault[FAULT_START] <= t_ns < fault[FAULT_END]:
-            return True
-    return False
+        if fault[schedule.TARGET] < 0:
+            break
+        if fault[schedule.TARGET] == N_CHANNELS + node and fault[schedule.KIND] == kind:
+            total += schedule.severity(fault, t_ns) * sensors.fault_value[number]
+    return total
+
+
+@njit
+def silent(sensors: Sensors, node: int, t_ns: int) -> bool:
+    """Whether a fault keeps the node's sample of ``t_ns`` off the bus; if down, it restarts."""
+    if node_fault(sensors, node, DOWN, t_ns) > 0.0:
+        sensors.node[node, SAMPLES] = 0
+        return True
+    return node_fault(sensors, node, DROPOUT, t_ns) > 0.0
+
+
+@njit
+def period(sensors: Sensors, node: int, t_ns: int) -> int:
+    """Time (ns) from the node's sample at ``t_ns`` to its next."""
+    nominal = sensors.node[node, PERIOD]
+    drift = node_fault(sensors, node, CLOCK_DRIFT, t_ns)
+    return int(nominal if drift == 0.0 else nominal * (1.0 + drift))
 
 
 @njit
@@ -197,11 +253,20 @@ def sample(  # noqa: PLR0917
     row = sensors.node[node]
     count = row[SAMPLES]
     back = (now_ns - t_ns) / STEP_NS
+    frozen = node_fault(sensors, node, FROZEN, t_ns) > 0.0
+    if not frozen:
+        row[HELD_SAMPLE] = count
+    if node_fault(sensors, node, FROZEN_COUNTER, t_ns) == 0.0:
+        row[HELD_COUNTER] = count
     for index in range(row[FIRST_CHANNEL], row[FIRST_CHANNEL] + row[CHANNELS]):
+        held = sensors.channel[index, LAST]
         value = measure(sensors, index, back, t_ns, count, seed)
+        if frozen:
+            sensors.channel[index, LAST] = held
+            value = held * sensors.channel[index, TO_BUS]
         signal = sensors.signal[index]
         codec.insert(tables, signal, payload, codec.raw_value(tables, signal, value))
-    codec.insert(tables, row[SAMPLE_SIGNAL], payload, count % 16)
+    codec.insert(tables, row[SAMPLE_SIGNAL], payload, row[HELD_SAMPLE] % 16)
     row[SAMPLES] += 1
 
 
@@ -217,6 +282,6 @@ def finish(sensors: Sensors, tables: Codec, node: int, payload: NDArray[np.uint8
         tables.protection[number],
         tables.identity[number],
         tables.crc[number],
-        row[SAMPLES] - 1,
+        row[HELD_COUNTER],
         payload,
     )

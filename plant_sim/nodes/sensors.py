@@ -1,13 +1,14 @@
 """Sensor options, and the tables built from them for one vehicle and seed."""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.kernels import schedule
 from plant_sim.nodes import codec, sensor_kernel
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.imu_motion import N_MOTION
@@ -24,13 +25,27 @@ NODES = (
 )
 """Messages of the plant's nodes in the order of the node table."""
 
-FAULTS = {
+SIGNAL_FAULTS = {
     "stuck": sensor_kernel.STUCK,
     "offset": sensor_kernel.OFFSET,
-    "dropout": sensor_kernel.DROPOUT,
+    "drift": sensor_kernel.DRIFT_AWAY,
+    "scale": sensor_kernel.SCALE,
+    "reversed": sensor_kernel.REVERSED,
     "burst": sensor_kernel.BURST,
+    "spike": sensor_kernel.OFFSET,
+    "delay": sensor_kernel.DELAY,
     "invalid": sensor_kernel.INVALID,
 }
+MESSAGE_FAULTS = {
+    "dropout": sensor_kernel.DROPOUT,
+    "frozen": sensor_kernel.FROZEN,
+    "frozen_counter": sensor_kernel.FROZEN_COUNTER,
+    "down": sensor_kernel.DOWN,
+    "clock_drift": sensor_kernel.CLOCK_DRIFT,
+}
+FAULTS = {**SIGNAL_FAULTS, **MESSAGE_FAULTS}
+SPIKE_EVERY = 0.1
+"""Time (s) from spike to spike, unless given."""
 
 _SIGNALS = (
     ("Imu", ("RollRate", "LateralAcceleration", "YawRate")),
@@ -43,6 +58,8 @@ _SIGNALS = (
     ("RollReference", ("RollAngle", "RollRate", "LateralAcceleration")),
     ("ActuatorState", ()),
 )
+SIGNALS = tuple(f"{message}.{signal}" for message, names in _SIGNALS for signal in names)
+"""Signals of the sensors, in the order of their channels."""
 _PER_UNIT = {
     "deg/s": 180 / math.pi,
     "deg": 180 / math.pi,
@@ -55,11 +72,15 @@ _PER_UNIT = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorFault:
-    """A fault of one signal from ``start`` to ``end`` (s).
+    """A fault of a signal, written "Imu.RollRate", or of a whole message, "Imu".
 
-    ``signal`` is written "Imu.RollRate". Kinds: "stuck" holds the last value, "offset" adds
-    ``value`` and "burst" white noise of deviation ``value`` (SI units), "dropout" keeps the whole
-    message off the bus, "invalid" sends the error code.
+    Kinds for a signal: "stuck" holds the last value, "offset" adds ``value``, "drift" ``value`` per
+    second, "burst" white noise of deviation ``value`` and "spike" ``value`` to single samples (SI
+    units); "scale" multiplies by ``value``, "reversed" by -1; "delay" is ``value`` seconds late;
+    "invalid" sends the error code. For a message, or the one of a signal: "dropout" keeps it off
+    the bus, "frozen" repeats its last sample, "frozen_counter" its last counter, "down" loses power
+    and restarts, "clock_drift" stretches its cycle time by the fraction ``value``. Times as in
+    :class:`plant_sim.kernels.schedule.Timed`.
     """
 
     signal: str
@@ -67,6 +88,9 @@ class SensorFault:
     start: float = 0.0
     end: float = math.inf
     value: float = 0.0
+    ramp: float = 0.0
+    every: float = 0.0
+    lasting: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -124,10 +148,9 @@ def _rotation(angles: tuple[float, float, float]) -> NDArray[np.float64]:
 
 def signal_channel(name: str) -> int:
     """Row of the channel table for a signal written "Imu.RollRate"."""
-    names = [f"{message}.{signal}" for message, signals in _SIGNALS for signal in signals]
-    if name not in names:
-        raise UnknownNameError("sensor signal", name, names)
-    return names.index(name)
+    if name not in SIGNALS:
+        raise UnknownNameError("sensor signal", name, SIGNALS)
+    return SIGNALS.index(name)
 
 
 def _low_pass(bandwidth: float) -> tuple[float, float, float]:
@@ -164,17 +187,36 @@ def _channel(
     return row
 
 
-def _fault(fault: SensorFault) -> list[int]:
+def _fault(fault: SensorFault, node: NDArray[np.int64]) -> tuple[list[int], float]:
+    """Row and value of a fault among the tables of the sensors' nodes."""
     if fault.kind not in FAULTS:
         raise UnknownNameError("sensor fault", fault.kind, FAULTS)
-    if not 0 <= fault.start < fault.end:
-        raise CanrollError(f"sensor fault of {fault.signal}: start must be >= 0 and before end")
-    end = fault.end * 1e9 if math.isfinite(fault.end) else 2**62
-    return [signal_channel(fault.signal), FAULTS[fault.kind], round(fault.start * 1e9), round(end)]
+    message = fault.signal.partition(".")[0]
+    if message not in NODES:
+        raise UnknownNameError("sensor message", message, NODES)
+    what = f"sensor fault of {fault.signal}"
+    number = NODES.index(message)
+    value = fault.value
+    if fault.kind in MESSAGE_FAULTS:
+        target = sensor_kernel.N_CHANNELS + number
+        value = value if fault.kind == "clock_drift" else 1.0
+    else:
+        target = signal_channel(fault.signal)
+    period = int(node[number, sensor_kernel.PERIOD]) * 1e-9
+    if fault.kind == "spike":
+        fault = replace(fault, every=fault.every or SPIKE_EVERY, lasting=period)
+    elif fault.kind == "delay":
+        value = round(value / period)
+        if not 0 <= value < sensor_kernel.HISTORY:
+            longest = period * (sensor_kernel.HISTORY - 1)
+            raise CanrollError(f"{what}: a delay must be 0 to {longest:g} s")
+    return schedule.row(target, FAULTS[fault.kind], fault, what), value
 
 
 def _refuse_unsayable(fault: SensorFault, tables: Codec) -> None:
     message, _, signal = fault.signal.partition(".")
+    if not signal:
+        return
     row = tables.field[codec.signal_index(message, signal)]
     if not row[codec.PIECES]:
         raise CanrollError(f"sensor fault of {fault.signal}: the map has no such signal")
@@ -183,6 +225,24 @@ def _refuse_unsayable(fault: SensorFault, tables: Codec) -> None:
             f"sensor fault of {fault.signal}: the signal has no code for invalid: add unavailable "
             "in the map"
         )
+
+
+def fault_tables(
+    faults: Sequence[SensorFault], node: NDArray[np.int64], tables: Codec
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Rows of :mod:`plant_sim.kernels.schedule` and values of faults of the nodes ``node``.
+
+    Raises:
+        CanrollError: too many, or one that cannot be on this bus.
+        UnknownNameError: no such signal, message or kind.
+    """
+    if len(faults) > sensor_kernel.FAULTS:
+        raise CanrollError(f"sensors: at most {sensor_kernel.FAULTS} faults per run")
+    rows, values = schedule.table(sensor_kernel.FAULTS), np.zeros(sensor_kernel.FAULTS)
+    for number, entry in enumerate(faults):
+        rows[number], values[number] = _fault(entry, node)
+        _refuse_unsayable(entry, tables)
+    return rows, values
 
 
 def build(
@@ -229,19 +289,14 @@ def build(
     channel = np.array(channels)
     for name, step in options.lsb.items():
         channel[signal_channel(name), sensor_kernel.LSB] = step
-    if len(options.faults) > sensor_kernel.FAULTS:
-        raise CanrollError(f"sensors: at most {sensor_kernel.FAULTS} faults per run")
-    fault = np.full((sensor_kernel.FAULTS, 4), -1, dtype=np.int64)
-    value = np.zeros(sensor_kernel.FAULTS)
-    for number, entry in enumerate(options.faults):
-        fault[number], value[number] = _fault(entry), entry.value
-        _refuse_unsayable(entry, tables)
+    fault, value = fault_tables(options.faults, node, tables)
     return Sensors(
         channel,
         np.array(signals, dtype=np.int64),
         node,
         fault,
         value,
+        np.zeros((sensor_kernel.FAULTS, sensor_kernel.HISTORY)),
         _rotation(vehicle.sensors.imu_misalignment).ravel(),
         np.array(vehicle.sensors.imu_position),
         np.zeros(N_MOTION),

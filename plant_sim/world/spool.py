@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, reason
 
-IN_MEMORY = 8 << 20
+IN_MEMORY = 4 << 20
 """Bytes of a table that are kept in memory."""
 
 

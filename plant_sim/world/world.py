@@ -4,6 +4,7 @@ The ECU sees only frames: it queues frames at an instant and gets the frames rec
 One compiled kernel advances everything in between; time is an argument, never a clock.
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,13 @@ from canroll.errors import CanrollError
 from plant_sim import can_bus
 from plant_sim.bodies import body as body_named
 from plant_sim.driving.maneuvers import Maneuver
+from plant_sim.faults import Fault
+from plant_sim.faults.effects import with_faults
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import recording, world_parts
+from plant_sim.world.ecu_kernel import Connection, Ticks, run
 from plant_sim.world.spool import Columns, Rows
 from plant_sim.world.world_kernel import (
     APPLIED_COMMANDS,
@@ -33,7 +37,7 @@ from vehicles.model import Vehicle
 __all__ = ["FRAME", "World"]
 
 # The most that the loop is asked for at a time: neither the log nor the inbox overflows in it.
-_CHUNK_NS = 200_000_000
+CHUNK_NS = 200_000_000
 STANDARD_IDENT = 0x7FF
 CLASSIC_PAYLOAD = 8
 
@@ -54,6 +58,7 @@ class World:
         command_timeout_ms: age at which the actuators release a command.
         sensors: operating conditions of the sensors.
         actuators: operating conditions of the actuators.
+        faults: what fails (:mod:`plant_sim.faults`), on top of the faults in those conditions.
         bus: further options of ``can_bus.make_network``.
 
     Raises:
@@ -74,12 +79,15 @@ class World:
         command_timeout_ms: float = 160.0,
         sensors: SensorOptions | None = None,
         actuators: ActuatorOptions | None = None,
+        faults: Sequence[Fault] = (),
         **bus: Any,  # noqa: ANN401
     ) -> None:
         hydraulic = body == "linear_car" and actuator == "valves"
         plant = body_named("linear_car_hydraulic" if hydraulic else body)
+        sensors, actuators = with_faults(
+            sensors or SensorOptions(), actuators or ActuatorOptions(), tuple(faults)
+        )
         self.duration_ns = maneuver.duration_ns
-        self.now_ns = 0
         self._parts = world_parts.assemble(
             vehicle=vehicle,
             plant=plant,
@@ -90,8 +98,8 @@ class World:
             enabled=enabled,
             command=command,
             command_timeout_ms=command_timeout_ms,
-            sensors=sensors or SensorOptions(),
-            actuators=actuators or ActuatorOptions(),
+            sensors=sensors,
+            actuators=actuators,
             bus=bus,
         )
         self._recorded = can_bus.recorded_traffic(
@@ -132,15 +140,7 @@ class World:
             raise CanrollError(
                 f"frame 0x{ident:X} submitted at {t_ns} ns, in the past of the world"
             )
-        if len(payload) > MAX_PAYLOAD:
-            raise CanrollError(f"frame 0x{ident:X} of {len(payload)} bytes: at most {MAX_PAYLOAD}")
-        if not (0 <= ident <= STANDARD_IDENT or ident & EXTENDED_KEY) or (
-            len(payload) > CLASSIC_PAYLOAD and ident not in self._fd
-        ):
-            raise CanrollError(
-                f"frame 0x{ident:X} of {len(payload)} bytes: the ECU sends classic frames with "
-                "identifiers of 11 bits and at most 8 bytes, and those of its map"
-            )
+        self.check_frame(ident, len(payload))
         count = self._clock[OUTBOX]
         if not self.room:
             raise CanrollError(f"more than {len(self._outbox)} frames submitted in one tick")
@@ -149,15 +149,61 @@ class World:
         out["payload"][: len(payload)] = np.frombuffer(payload, np.uint8)
         self._clock[OUTBOX] = count + 1
 
+    def check_frame(self, ident: int, length: int) -> None:
+        """Refuse a frame that the ECU cannot send on this bus."""
+        if length > MAX_PAYLOAD:
+            raise CanrollError(f"frame 0x{ident:X} of {length} bytes: at most {MAX_PAYLOAD}")
+        if not (0 <= ident <= STANDARD_IDENT or ident & EXTENDED_KEY) or (
+            length > CLASSIC_PAYLOAD and ident not in self._fd
+        ):
+            raise CanrollError(
+                f"frame 0x{ident:X} of {length} bytes: the ECU sends classic frames with "
+                "identifiers of 11 bits and at most 8 bytes, and those of its map"
+            )
+
+    def run_ticks(
+        self,
+        ecu: Connection,
+        images: NDArray[np.uint8],
+        *,
+        before_ns: int,
+        period_ns: int,
+        run_time_ns: int,
+    ) -> None:
+        """Run a native ECU for at most as many ticks as ``images`` has rows, in compiled code.
+
+        The time tells how many: at least one, unless the vehicle has rolled over.
+
+        Args:
+            ecu: initialised; every frame that it sends has passed :meth:`check_frame`.
+            images: filled with its state record after each tick.
+            before_ns: the ticks are at ``before_ns + k period_ns``, k from 1.
+            period_ns: at most 200 ms.
+            run_time_ns: time from a tick to its frames.
+        """
+        if self._recorded is not None:
+            # fed anew before every tick, as recorded frames are queued in order with all others
+            images = images[:1]
+            self._recorded.feed(before_ns + period_ns)
+        stop = self._drained + world_parts.LOG_CAPACITY // 2
+        ticks = Ticks(before_ns, period_ns, run_time_ns, stop)
+        run(self._parts, ecu, ticks, images)
+        self._keep()
+
     def advance(self, until_ns: int) -> NDArray[Any]:
         """Advance to ``until_ns``; return the frames (``FRAME``) the ECU received since."""
         if until_ns < self.now_ns:
             raise CanrollError(f"the world is at {self.now_ns} ns and cannot go back to {until_ns}")
         chunks = []
-        while until_ns - self.now_ns > _CHUNK_NS:
-            chunks.append(self._advance_to(self.now_ns + _CHUNK_NS))
+        while until_ns - self.now_ns > CHUNK_NS:
+            chunks.append(self._advance_to(self.now_ns + CHUNK_NS))
         last = self._advance_to(until_ns)
         return np.concatenate([*chunks, last]) if chunks else last
+
+    @property
+    def now_ns(self) -> int:
+        """The instant that the world has been advanced to."""
+        return int(self._bus_clock[can_bus.NOW])
 
     @property
     def finished(self) -> bool:
@@ -212,12 +258,15 @@ class World:
         if self._recorded is not None:
             self._recorded.feed(until_ns)
         count = self._kernel(self._parts, until_ns)
-        self.now_ns = until_ns
+        self._keep()
+        return self._received[:count].copy()
+
+    def _keep(self) -> None:
+        """Take log and record out of the kernel's memory before they are full."""
         if self._bus_clock[can_bus.LOGGED] - self._drained > world_parts.LOG_CAPACITY // 2:
             self._drain()
-        if self._clock[ROWS] >= world_parts.RECORD_CAPACITY - _CHUNK_NS // STEP_NS:
+        if self._clock[ROWS] >= world_parts.RECORD_CAPACITY - CHUNK_NS // STEP_NS:
             self._take_record()
-        return self._received[:count].copy()
 
     def _take_record(self) -> None:
         """Move what the kernel has recorded to the tables of the run."""

@@ -204,7 +204,8 @@ def _sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
             if world.tables.message[row, codec.LEADER] != node[sensor_kernel.MESSAGE]:
                 continue
             if other == clock[STATE_NODE]:
-                actuator_kernel.report(world.actuators, world.tables, payload)
+                held = sensor_kernel.node_fault(world.sensors, other, sensor_kernel.FROZEN, t_ns)
+                actuator_kernel.report(world.actuators, world.tables, payload, held > 0.0)
             sensor_kernel.sample(
                 world.sensors, world.tables, other, t_ns, now_ns, clock[SEED], payload
             )
@@ -220,7 +221,7 @@ def _sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
                 payload,
                 message[codec.FLAGS],
             )
-        node[sensor_kernel.NEXT] += node[sensor_kernel.PERIOD]
+        node[sensor_kernel.NEXT] += sensor_kernel.period(world.sensors, number, t_ns)
 
 
 @njit

@@ -15,6 +15,7 @@ from codegen.c99.emit import Emitter
 from codegen.proof.prove import prove
 from codegen.run import native
 from codegen.subset.parse import load
+from tools.mutation.mutants import write
 
 
 class Original:
@@ -31,8 +32,7 @@ class Original:
 
     def _folder(self, module: str = "", changed: str = "") -> tempfile.TemporaryDirectory[str]:
         folder = tempfile.TemporaryDirectory()
-        for name, text in {**self.texts, **({module: changed} if module else {})}.items():
-            (Path(folder.name) / f"{name}.py").write_text(text, encoding="utf-8")
+        write({**self.texts, **({module: changed} if module else {})}, Path(folder.name))
         return folder
 
     def examine(self, module: str, changed: str) -> tuple[str, str]:

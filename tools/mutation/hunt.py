@@ -18,17 +18,17 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import CodeType
+from types import CodeType, ModuleType
 from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
 
 from canroll.errors import CanrollError
-from codegen.subset.program import FIRMWARE, PACKAGE
+from codegen.subset.program import FIRMWARE, PACKAGE, file_of
 from tools.mutation import forked
 from tools.mutation.equivalence import Original
-from tools.mutation.mutants import Mutant
+from tools.mutation.mutants import Mutant, write
 
 TESTS = FIRMWARE.parent / "tests" / "firmware"
 KILLED, SURVIVED, EQUIVALENT = "killed", "survived", "equivalent"
@@ -213,10 +213,7 @@ def fails_afresh(texts: Mapping[str, str], tests: Sequence[Path]) -> bool:
     Importers of a constant hold its value: it cannot be replaced in place.
     """
     with tempfile.TemporaryDirectory() as temporary:
-        copy = Path(temporary) / PACKAGE
-        copy.mkdir()
-        for name, text in texts.items():
-            (copy / f"{name}.py").write_text(text, encoding="utf-8")
+        write(texts, Path(temporary) / PACKAGE)
         # the project's own folder in front of the path would hide the copy
         command = [sys.executable, "-P", "-m", "pytest", "-o", "pythonpath=tests", "-x"]
         command += [*ARGUMENTS, *map(str, tests)]
@@ -227,6 +224,12 @@ def fails_afresh(texts: Mapping[str, str], tests: Sequence[Path]) -> bool:
     return done.returncode != 0
 
 
+def loaded_module(name: str) -> ModuleType:
+    """A module of the firmware that is imported already."""
+    parts = file_of(name).relative_to(FIRMWARE).with_suffix("").parts
+    return sys.modules[".".join([PACKAGE, *parts])]
+
+
 def mark_lines(module: str, source: str) -> bytearray:
     """Instrument the functions of a loaded module to record the lines they reach."""
     tree = ast.parse(source)
@@ -235,7 +238,7 @@ def mark_lines(module: str, source: str) -> bytearray:
             _mark(node)
     replace_code(module, tree)
     marks = bytearray(source.count("\n") + 2)
-    setattr(sys.modules[f"{PACKAGE}.{module}"], MARKS, marks)
+    setattr(loaded_module(module), MARKS, marks)
     return marks
 
 
@@ -250,7 +253,7 @@ def _mark(node: ast.AST) -> None:
 
 def replace_code(module: str, source: str | ast.Module) -> None:
     """Replace the code of the functions of a loaded firmware module by that in ``source``."""
-    loaded = sys.modules[f"{PACKAGE}.{module}"]
+    loaded = loaded_module(module)
     compiled = compile(source, str(loaded.__file__), "exec")
     for code in compiled.co_consts:
         if isinstance(code, CodeType):

@@ -3,12 +3,13 @@
 import ast
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
-from codegen.subset.program import FIRMWARE
+from codegen.subset.program import FIRMWARE, file_of, source_files
 
 GENERATED = ("signals", "limits")
 """Modules that a drift test holds against their generator."""
-SKIPPED = ("__init__", "subset", "calibration", "state", *GENERATED)
+SKIPPED = ("subset", "calibration", "state", *GENERATED)
 TABLE_LINES = 16
 OPERATORS: dict[type[ast.AST], tuple[str, str]] = {
     ast.Add: ("+", "-"),
@@ -148,8 +149,16 @@ def mutants(module: str, source: str) -> Iterator[Mutant]:
 
 def sources() -> dict[str, str]:
     """The text of every module of the firmware."""
-    paths = sorted(FIRMWARE.glob("*.py"))
-    return {path.stem: path.read_text(encoding="utf-8") for path in paths}
+    return {path.stem: path.read_text(encoding="utf-8") for path in source_files()}
+
+
+def write(texts: Mapping[str, str], folder: Path) -> None:
+    """Write modules to ``folder`` as a package, each in its room."""
+    for name, text in texts.items():
+        path = folder / file_of(name).relative_to(FIRMWARE)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        (path.parent / "__init__.py").touch()
+        path.write_text(text, encoding="utf-8")
 
 
 def all_mutants(texts: Mapping[str, str]) -> list[Mutant]:

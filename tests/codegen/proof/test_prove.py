@@ -1,7 +1,6 @@
 """The prover: finds what is wrong, accepts what is right, and never misses what really happens."""
 
 import random
-import shutil
 
 import pytest
 from hypothesis import given
@@ -14,7 +13,7 @@ from codegen.proof.prove import prove
 from codegen.run import ecu_traffic, memory_image
 from codegen.run.bus_firmware import built_in
 from codegen.subset.parse import load
-from codegen.subset.program import FIRMWARE
+from codegen.subset.program import copy_sources, file_of
 from firmware import subset
 from firmware.calibration import Calibration
 from hil.cli import prove as command
@@ -121,9 +120,8 @@ def test_the_firmware_is_proved():
     ],
 )
 def test_a_removed_clamp_is_found(tmp_path, module, clamped, bare):
-    for path in FIRMWARE.glob("*.py"):
-        shutil.copy(path, tmp_path)
-    path = tmp_path / f"{module}.py"
+    copy_sources(tmp_path)
+    path = file_of(module, tmp_path)
     source = path.read_text()
     assert source.count(clamped) == 1
     path.write_text(source.replace(clamped, bare))

@@ -39,6 +39,7 @@ ASKED = {
     "offset_learning": True,
     "options": {"friction": "0.6"},
     "faults": ["Imu.RollRate=stuck@3:5", "front_left=weak:0.3@2"],
+    "fault_file": Path("faults.toml"),
     "conditions": {"supply": "10"},
     "duration": 2.5,
 }

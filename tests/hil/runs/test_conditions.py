@@ -1,7 +1,5 @@
 """Faults and conditions from the command line, and what they do to a run."""
 
-import math
-
 import numpy as np
 import pytest
 
@@ -9,28 +7,13 @@ import dbc
 from canroll.errors import CanrollError
 from hil.cli.main import main
 from hil.runs import conditions, experiment
-from plant_sim.nodes.actuators import ActuatorFault
-from plant_sim.nodes.sensors import SensorFault
 
 SHORT = 2.0
 
 
-def test_a_fault_of_a_sensor_and_of_an_actuator():
-    sensors, actuators = conditions.options(
-        ["Imu.RollRate=stuck@3:5", "Imu.YawRate=offset:-0.1", "rear_right=weak:0.3@2"]
-    )
-    assert sensors.faults == (
-        SensorFault(signal="Imu.RollRate", kind="stuck", start=3.0, end=5.0),
-        SensorFault(signal="Imu.YawRate", kind="offset", start=0.0, end=math.inf, value=-0.1),
-    )
-    assert actuators.faults == (
-        ActuatorFault(corner="rear_right", kind="weak", start=2.0, end=math.inf, value=0.3),
-    )
-
-
 def test_conditions_reach_their_options():
     sensors, actuators = conditions.options(
-        conditions={
+        {
             "noise": "0",
             "filtered": "off",
             "synchronous": True,
@@ -57,13 +40,17 @@ def test_conditions_reach_their_options():
         ("--fault", "Imu.RollRate", "write WHERE=KIND"),
         ("--fault", "Imu.RollRate=stuck@", "write WHERE=KIND"),
         ("--fault", "Imu.RollRate=stuck@x", "write WHERE=KIND"),
-        ("--fault", "Imu.RollRate=stuck@1:2:3", "write WHERE=KIND"),
+        ("--fault", "Imu.RollRate=stuck@1:2:3", "does not take a ramp"),
+        ("--fault", "Imu.RollRate=offset:1@1:2:3:4", "write WHERE=KIND"),
+        ("--fault", "Imu.RollRate=stuck@1,ever=1", "did you mean 'every'?"),
+        ("--fault", "Imu.RollRate=stuck,every=1", "needs every and for"),
+        ("--fault", "AntiRollBarCommand=dropout", "unknown fault of AntiRollBarCommand"),
         ("--fault", "Imu.RollRate=stuck@5:3", "before END"),
         ("--fault", "Imu.RollRate=stuck@nan", "before END"),
         ("--fault", "Imu.RollRate=stuck:1", "does not take a value"),
         ("--fault", "Imu.RollRate=offset@1", "needs a value"),
         ("--fault", "Imu.RollRate=offset:inf", "finite"),
-        ("--fault", "front_left=weak:2", "0 to 1"),
+        ("--fault", "front_left=weak:2", "must be 0 to 1"),
         ("--condition", "suply=10", "did you mean 'supply'?"),
         ("--condition", "supply", "expected key=value"),
         ("--condition", "supply=low", "'low' is not a number"),
@@ -83,8 +70,8 @@ def test_what_is_wrong_is_said_in_one_line(option, text, expected, capsys):
 
 
 def test_more_faults_than_a_run_has_room_for():
-    with pytest.raises(CanrollError, match="at most 16"):
-        experiment.run("roundabout", duration=SHORT, faults=["Imu.RollRate=stuck@1"] * 17)
+    with pytest.raises(CanrollError, match="at most 32"):
+        experiment.run("roundabout", duration=SHORT, faults=["Imu.RollRate=stuck@1"] * 33)
 
 
 def test_a_stuck_sensor_repeats_its_value_on_the_bus():

@@ -205,6 +205,87 @@ def test_faults_change_one_signal_while_they_last(kind, value, expected):
     assert read(nodes, 20_000_000)["RollRate"] == pytest.approx(20.0)
 
 
+def series(kind, count=60, rate=lambda k: 10.0, **options):
+    """Roll rates (deg/s) of samples every 10 ms, ``rate(k)`` being true; the fault is at 0.2 s."""
+    nodes = ideal(SensorFault(signal="Imu.RollRate", kind=kind, start=0.2, **options))
+    found = []
+    for k in range(count):
+        observe(nodes, roll_rate=math.radians(rate(k)))
+        found.append(read(nodes, k * 10_000_000)["RollRate"])
+    return np.array(found)
+
+
+@pytest.mark.parametrize(
+    ("kind", "options", "expected"),
+    [
+        ("offset", {"value": math.radians(4), "ramp": 0.2}, lambda s: 10 + 20 * min(s, 0.2)),
+        ("drift", {"value": math.radians(5)}, lambda s: 10 + 5 * s),
+        ("scale", {"value": 0.5}, lambda s: 5.0),
+        ("reversed", {}, lambda s: -10.0),
+        ("reversed", {"ramp": 0.2}, lambda s: 10 - 100 * min(s, 0.2)),
+        ("spike", {"value": math.radians(3)}, lambda s: 13.0 if round(100 * s) % 10 == 0 else 10.0),
+        (
+            "offset",
+            {"value": math.radians(4), "every": 0.05, "lasting": 0.02},
+            lambda s: 14.0 if round(100 * s) % 5 < 2 else 10.0,
+        ),
+    ],
+)
+def test_a_fault_changes_every_sample_as_stated(kind, options, expected):
+    found = series(kind, **options)
+    assert found[:20] == pytest.approx(10.0, abs=0.0026)
+    assert found[20:] == pytest.approx([expected(0.01 * k) for k in range(40)], abs=0.0052)
+
+
+def test_a_delayed_signal_is_late_by_its_delay():
+    found = series("delay", rate=lambda k: 0.5 * k, value=0.07)
+    assert found[:20] == pytest.approx(0.5 * np.arange(20), abs=0.0052)
+    assert found[20:] == pytest.approx(0.5 * np.arange(13, 53), abs=0.0052)
+
+
+def test_faults_of_one_signal_add_up():
+    nodes = ideal(
+        SensorFault(signal="Imu.RollRate", kind="scale", value=2.0),
+        SensorFault(signal="Imu.RollRate", kind="offset", value=math.radians(1.0)),
+    )
+    observe(nodes, roll_rate=math.radians(10.0))
+    assert read(nodes, 0)["RollRate"] == pytest.approx(21.0, abs=0.0052)
+
+
+def test_a_frozen_message_repeats_its_sample_and_goes_on_counting():
+    nodes = ideal(SensorFault(signal="Imu", kind="frozen", start=0.02, end=0.04))
+    seen = []
+    for k in range(6):
+        observe(nodes, roll_rate=math.radians(k), yaw_rate=0.01 * k)
+        seen.append(read(nodes, k * 10_000_000))
+    assert [frame["RollRate"] for frame in seen] == pytest.approx([0, 1, 1, 1, 4, 5], abs=0.0026)
+    assert [frame["SampleCounter"] for frame in seen] == [0, 1, 1, 1, 4, 5]
+    assert [frame["Counter"] for frame in seen] == [0, 1, 2, 3, 4, 5]
+
+
+def test_a_frozen_counter_is_repeated_with_fresh_values():
+    nodes = ideal(SensorFault(signal="Imu", kind="frozen_counter", start=0.02, end=0.04))
+    seen = []
+    for k in range(6):
+        observe(nodes, roll_rate=math.radians(k))
+        seen.append(read(nodes, k * 10_000_000))
+    assert [frame["RollRate"] for frame in seen] == pytest.approx(range(6), abs=0.0026)
+    assert [frame["Counter"] for frame in seen] == [0, 1, 1, 1, 4, 5]
+
+
+def test_a_node_that_was_down_restarts_its_counters():
+    nodes = ideal(SensorFault(signal="Imu", kind="down", start=0.02, end=0.04))
+    sent_at = [k for k in range(6) if not sensor_kernel.silent(nodes, IMU, k * 10_000_000)]
+    assert sent_at == [0, 1, 4, 5]
+    assert nodes.node[IMU, sensor_kernel.SAMPLES] == 0
+
+
+def test_a_clock_that_drifts_stretches_the_cycle():
+    nodes = ideal(SensorFault(signal="Imu", kind="clock_drift", start=1.0, value=0.01))
+    assert sensor_kernel.period(nodes, IMU, 0) == 10_000_000
+    assert sensor_kernel.period(nodes, IMU, 1_000_000_000) == 10_100_000
+
+
 def test_a_burst_adds_noise_of_the_stated_size():
     nodes = ideal(SensorFault(signal="Imu.RollRate", kind="burst", value=0.1))
     values = [
@@ -265,7 +346,10 @@ def fault(signal="Imu.RollRate", kind="stuck", **when):
         (fault("Imu.RolRate"), UnknownNameError, "Imu.RollRate"),
         (fault(kind="stick"), UnknownNameError, "stuck"),
         (fault(start=2, end=1), CanrollError, "start"),
-        ({"faults": fault()["faults"] * 17}, CanrollError, "at most 16"),
+        (fault(kind="delay", value=9.0), CanrollError, "0 to 2.55 s"),
+        (fault(ramp=-1.0), CanrollError, "ramp"),
+        (fault(every=0.1, lasting=0.2), CanrollError, "intermittent"),
+        ({"faults": fault()["faults"] * 33}, CanrollError, "at most 32"),
         ({"phases": {"Imo": 0.0}}, UnknownNameError, "Imu"),
     ],
 )

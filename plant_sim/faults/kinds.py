@@ -1,0 +1,171 @@
+"""What can fail, and how: the one table of the fault language.
+
+Parser, files, refusals, help and docs/faults.md are made from it.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from plant_sim.buses.topology import NODES
+from plant_sim.nodes import actuators, sensors
+
+SIGNAL, MESSAGE, ACTUATOR, NODE, BUS, ATTACKER = (
+    *("signal", "message", "actuator", "node", "bus", "attacker"),
+)
+NODE_PREFIX, ATTACKER_PREFIX = "node.", "attacker."
+ECU_NODE, ACTUATOR_NODE = NODES[0], "Actuator"
+
+SIGNALS = sensors.SIGNALS
+SENSOR_MESSAGES = sensors.NODES
+COMMANDS = tuple(
+    dict.fromkeys(name for taken in actuators.COMMANDS.values() for name, _, _ in taken)
+)
+MESSAGES = (*SENSOR_MESSAGES, *COMMANDS)
+COMMAND_SIGNALS = tuple(
+    f"{name}.{signal}" for name in COMMANDS for signal in actuators.command_signals(name)
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """One way to fail.
+
+    Attributes:
+        name: its name.
+        at: what can fail so: "signal", "message", "actuator", "node", "bus" or "attacker".
+        help: what happens.
+        value: what its value is, with the unit; empty if it has none.
+        default: the value if none is given; None: one must be given.
+        low: least value.
+        high: largest value.
+        ramps: whether it can come on gradually.
+        repeats: whether it can be intermittent.
+        sensors_only: at a message: only at those of sensors and actuators, not at commands.
+    """
+
+    name: str
+    at: str
+    help: str
+    value: str = ""
+    default: float | None = None
+    low: float = -math.inf
+    high: float = math.inf
+    ramps: bool = False
+    repeats: bool = True
+    sensors_only: bool = False
+
+
+KINDS: tuple[Kind, ...] = (
+    Kind(name="stuck", at=SIGNAL, help="holds the last value, counters go on"),
+    Kind(name="offset", at=SIGNAL, help="adds VALUE", value="SI unit", ramps=True),
+    Kind(name="drift", at=SIGNAL, help="drifts away by VALUE each second", value="SI unit/s"),
+    Kind(name="scale", at=SIGNAL, help="multiplies by VALUE", value="factor", ramps=True),
+    Kind(name="reversed", at=SIGNAL, help="has the opposite sign", ramps=True),
+    Kind(
+        name="burst",
+        at=SIGNAL,
+        help="white noise of standard deviation VALUE",
+        value="SI unit",
+        low=0.0,
+        ramps=True,
+    ),
+    Kind(
+        name="spike",
+        at=SIGNAL,
+        help="adds VALUE to one sample, every 0.1 s or EVERY",
+        value="SI unit",
+        ramps=True,
+    ),
+    Kind(name="delay", at=SIGNAL, help="is late by VALUE", value="s", low=0.0, high=2.5),
+    Kind(name="invalid", at=SIGNAL, help="sends the code for error"),
+    Kind(name="dropout", at=SIGNAL, help="keeps its message off the bus"),
+    Kind(name="dropout", at=MESSAGE, help="is not sent", sensors_only=True),
+    Kind(
+        name="frozen",
+        at=MESSAGE,
+        help="repeats the last sample and its sample counter, protection goes on",
+        sensors_only=True,
+    ),
+    Kind(
+        name="frozen_counter",
+        at=MESSAGE,
+        help="repeats its counter of the protection",
+        sensors_only=True,
+    ),
+    Kind(name="stuck", at=ACTUATOR, help="holds its force and reports it"),
+    Kind(name="floating", at=ACTUATOR, help="delivers nothing and reports it", ramps=True),
+    Kind(name="dead", at=ACTUATOR, help="delivers nothing, status OK", ramps=True),
+    Kind(
+        name="weak",
+        at=ACTUATOR,
+        help="delivers the fraction VALUE of its command, status limited",
+        value="fraction",
+        default=0.5,
+        ramps=True,
+        low=0.0,
+        high=1.0,
+    ),
+    Kind(
+        name="slow",
+        at=ACTUATOR,
+        help="has VALUE times its lag, status OK",
+        value="factor",
+        low=1.0,
+        high=1000.0,
+        ramps=True,
+    ),
+    Kind(name="reversed", at=ACTUATOR, help="delivers the opposite, status OK", ramps=True),
+    Kind(
+        name="runaway",
+        at=ACTUATOR,
+        help="adds the fraction VALUE of its limit to its command, status OK",
+        value="fraction",
+        low=-1.0,
+        high=1.0,
+        ramps=True,
+    ),
+    Kind(
+        name="derating",
+        at=ACTUATOR,
+        help="is limited to the fraction VALUE of its limit",
+        value="fraction",
+        ramps=True,
+        low=0.0,
+        high=1.0,
+    ),
+    Kind(
+        name="lying",
+        at=ACTUATOR,
+        help="reports OK and the commanded moment, whatever else is wrong",
+    ),
+)
+"""Every kind of fault, by what can fail so."""
+
+
+def places(at: str) -> tuple[str, ...]:
+    """Return the names of everything that can fail as "signal", "message" and so on."""
+    if at == SIGNAL:
+        return SIGNALS
+    if at == MESSAGE:
+        return MESSAGES
+    if at == ACTUATOR:
+        return tuple(actuators.PLACES)
+    if at == NODE:
+        return tuple(f"{NODE_PREFIX}{name}" for name in NODES)
+    if at == BUS:
+        return (BUS,)
+    attacked = (*MESSAGES, *SIGNALS, *COMMAND_SIGNALS)
+    return tuple(f"{ATTACKER_PREFIX}{name}" for name in attacked)
+
+
+ALL_AT = (SIGNAL, MESSAGE, ACTUATOR, NODE, BUS, ATTACKER)
+PLACES: dict[str, str] = {name: at for at in reversed(ALL_AT) for name in places(at)}
+"""What each place is."""
+
+
+def kinds_at(where: str) -> Iterator[Kind]:
+    """Yield the kinds of faults that a place can have."""
+    for kind in KINDS:
+        if kind.at == PLACES[where] and not (kind.sensors_only and where in COMMANDS):
+            yield kind

@@ -1,0 +1,34 @@
+"""canroll export-fmu refuses in one line what does not apply."""
+
+import zipfile
+
+import pytest
+
+from canroll.errors import CanrollError
+from codegen.run import native
+from hil.cli.exchange import export_fmu
+from hil.cli.main import parse
+
+pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler (gcc)")
+
+
+def test_an_ecu_has_sources_and_a_library(tmp_path, capsys):
+    out = tmp_path / "ecu.fmu"
+    assert export_fmu.run(parse(["export-fmu", "ecu", str(out), "--law", "lqr"])) == 0
+    assert "lqr for van_real" in capsys.readouterr().out
+    names = zipfile.ZipFile(out).namelist()
+    assert "modelDescription.xml" in names
+    assert "sources/canroll_ecu.c" in names
+    assert any(name.startswith("binaries/") for name in names)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["out.zip"], "ends in .fmu"),
+        (["no/such/folder/x.fmu"], "cannot write no/such/folder/x.fmu"),
+    ],
+)
+def test_what_cannot_be_is_refused(words, message):
+    with pytest.raises(CanrollError, match=message):
+        export_fmu.run(parse(["export-fmu", "ecu", *words]))
