@@ -20,6 +20,7 @@ from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import open_loop, recording
 from plant_sim.world import world_kernel as kernel
+from plant_sim.world.step_size import check_step
 from plant_sim.world.world_kernel import Memory, Parts
 from vehicles.model import Vehicle
 
@@ -151,6 +152,7 @@ def assemble(
         **bus,
     )
     state, inputs, parameters, outputs = open_loop.start(vehicle, plant, maneuver)
+    check_step(plant, state, inputs, parameters)
     nodes = _sensors(vehicle, sensors, seed, inputs, outputs, tables)
     clock = _clock(nodes, network, seed)
     clock[kernel.STEP] = plant.step.address
