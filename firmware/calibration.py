@@ -232,6 +232,9 @@ class Calibration:
     compensator_d: Annotated[
         list[list[i32]], 2, 4, F(-COEFFICIENT, COEFFICIENT, 0, "", "from the inputs")
     ]
+    steering_limit: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "largest a_y by steering of the inputs")
+    ]
     moment_max: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "largest moment commanded")]
     slew_max: Annotated[i32, F(1, STATE_MAX, Q_MOMENT, "N·m", "largest change of it per tick")]
 
@@ -263,6 +266,21 @@ class Calibration:
     heartbeat_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "maximum time between commands")]
     acknowledge_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "time after which the echo is due")]
     status_ticks: Annotated[i32, F(1, 10000, 0, "ticks", "time between two status frames")]
+
+    # safety envelope
+    envelope_moment: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "largest output")]
+    envelope_slew: Annotated[i32, F(1, STATE_MAX, Q_MOMENT, "N·m", "largest change per tick")]
+    envelope_age: Annotated[
+        i32, F(1, 1 << 20, 0, "ticks", "largest age of the lateral acceleration")
+    ]
+    envelope_outward: Annotated[
+        i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "moment outward that does no harm")
+    ]
+    envelope_lateral: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "direction is judged above it")
+    ]
+    envelope_ticks: Annotated[i32, F(1, 1 << 20, 0, "ticks", "a moment outward is cut after")]
+    envelope_pass: Annotated[i32, F(0, ONE, Q_UNIT, "", "low-pass of a_y: its weight per tick")]
 
     # allocation
     arm_front: Annotated[i32, F(0, 4 << 28, 28, "1/m", "1 / (2 half track), front")]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from plant_sim import can_bus as bus
 from plant_sim.bodies import ports
-from plant_sim.kernels.jit import function_at, njit
+from plant_sim.kernels.jit import borrowed, function_at, njit
 from plant_sim.nodes.codec import MAX_PAYLOAD
 from plant_sim.world.world_kernel import OUTBOX, ROWS, STEP_NS, Memory, Parts, advance
 
@@ -124,12 +124,13 @@ def run(parts: Parts, ecu: Connection, ticks: Ticks, images: NDArray[np.uint8]) 
         Number of ticks that were run.
     """
     world, network, firmware = parts.memory[0], parts.network.state[0], ecu.firmware[0]
-    image, buffer, tick = ecu.image, ecu.buffer, tick_at(firmware.tick)
+    image, buffer, kept = borrowed(ecu.image), borrowed(ecu.buffer), borrowed(images)
+    tick = tick_at(firmware.tick)
     room = len(parts.rows) - ticks.period_ns // STEP_NS - 1
     done = 0
     t_ns = ticks.before_ns
     while (
-        done < len(images)
+        done < len(kept)
         and world.outputs[ports.ROLLOVER] == 0.0
         and world.clock[ROWS] <= room
         and network.clock[bus.LOGGED] <= ticks.stop_logged
@@ -138,8 +139,7 @@ def run(parts: Parts, ecu: Connection, ticks: Ticks, images: NDArray[np.uint8]) 
         _take_in(firmware, world, advance(parts, t_ns), buffer)
         tick(firmware.ecu, firmware.calibration, np.int32(1))
         _send(firmware, world, image, t_ns + ticks.run_time_ns)
-        kept = images[done]
         for byte in range(len(image)):
-            kept[byte] = image[byte]
+            kept[done, byte] = image[byte]
         done += 1
     return done
