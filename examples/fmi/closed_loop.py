@@ -12,6 +12,7 @@ import sys
 import tempfile
 import xml.etree.ElementTree as Xml
 from collections.abc import Iterable, Iterator, Mapping
+from ctypes import c_int, c_uint32, c_uint64
 from pathlib import Path
 
 import fmpy
@@ -71,10 +72,14 @@ class Fmu:
         if clock.intervalVariability == "constant":
             period, shift = int(clock.intervalCounter), int(clock.shiftCounter or 0)
             return shift + period * max(0, (self.now - shift) // period + 1)
-        counters, resolutions, qualifiers = self.slave.getIntervalFraction([clock.valueReference])
-        if qualifiers[0] == NOT_YET_KNOWN:
+        counter, resolution, known = (c_uint64 * 1)(), (c_uint64 * 1)(), (c_int * 1)()
+        reference = (c_uint32 * 1)(clock.valueReference)
+        self.slave.fmi3GetIntervalFraction(
+            self.slave.component, reference, 1, counter, resolution, known
+        )
+        if known[0] == NOT_YET_KNOWN:
             return None
-        return self.now + int(counters[0]) * (10**9 // int(resolutions[0]))
+        return self.now + counter[0] * (10**9 // resolution[0])
 
     def read(self, ticking: Iterable[str]) -> dict[str, bytes]:
         """Enter event mode, let the Tx clocks of the terminals tick and return what they send."""

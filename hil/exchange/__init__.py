@@ -1,0 +1,1 @@
+"""Parts of a run for other tools, and their models as parts of a run."""
