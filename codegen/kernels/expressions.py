@@ -90,7 +90,8 @@ class Static:
 class Scope:
     """What names mean in one function: variables with their kinds, and everything around it.
 
-    ``call`` translates a call of another kernel, ``table`` names a constant array.
+    ``call`` translates a call of another kernel, ``table`` names a constant array, ``make`` one that
+    np.empty makes.
     """
 
     variables: dict[str, Kind]
@@ -98,7 +99,7 @@ class Scope:
     where: Callable[[ast.AST], str]
     call: Callable[[Any, list[Value], dict[str, Value]], Value]
     table: Callable[[np.ndarray], Value]
-    stored: Callable[[np.dtype[Any]], str]
+    make: Callable[[ast.Call], Value]
 
     def refuse(self, node: ast.AST, why: str) -> KernelError:
         """The error for a construct outside the subset."""
@@ -219,6 +220,10 @@ class Scope:
         if low is not None and high is not None and high.value is not None:
             assert isinstance(low.value, int) and isinstance(high.value, int)
             size = high.value - low.value
+        elif isinstance(node.upper, ast.BinOp) and isinstance(node.upper.op, ast.Add):
+            more = self.static(node.upper.right)
+            if more is not None and node.lower is not None and _same(node.upper.left, node.lower):
+                size = int(more.value)
         start = self.number(node.lower).c if node.lower else "0"
         step = "" if kind.inner == 1 else f" * {kind.inner}"
         text = owner.c if start == "0" else f"({owner.c} + ({start}){step})"
@@ -296,6 +301,8 @@ class Scope:
         if static is None or static.value is None:
             raise self.refuse(node, "a call of something that is no kernel")
         its = static.value
+        if its is np.empty:
+            return self.make(node)
         arguments = [self.value(argument) for argument in node.args]
         if its in (math.floor, np.floor):
             return Value(INT, f"((int64_t)floor({arguments[0].c}))")
@@ -331,6 +338,10 @@ class Scope:
                 raise self.refuse(node, "the extreme of unsigned numbers")
             text = f"{name}_{word}({text}, {value.c})"
         return Value(kind, text)
+
+
+def _same(one: ast.AST, other: ast.AST) -> bool:
+    return ast.dump(one) == ast.dump(other)
 
 
 def _hashable(its: object) -> bool:

@@ -20,6 +20,7 @@ class Body:
     def __init__(self, node: ast.FunctionDef, scope: Scope, structs: Structs) -> None:
         self.node = node
         self.scope = scope
+        scope.make = self.make
         self.structs = structs
         self.result: Kind | None = None
         self.parameters = set(scope.variables)
@@ -43,12 +44,10 @@ class Body:
         for name, kind in self.scope.variables.items():
             if name in self.parameters:
                 continue
-            if name in self.local:
-                count = self.local[name].count
-                yield f"{INDENT}{self.structs.stored(kind.dtype)} {name}_[{count}];"  # type: ignore[union-attr]
-            else:
-                start = " = 0" if isinstance(kind, Number) else ""
-                yield f"{INDENT}{self.structs.c(kind)} {name}_{start};"
+            start = " = 0" if isinstance(kind, Number) else ""
+            yield f"{INDENT}{self.structs.c(kind)} {name}_{start};"
+        for name, array in self.local.items():
+            yield f"{INDENT}{self.structs.stored(array.dtype)} {name}[{array.count}];"
 
     def block(self, statements: Sequence[ast.stmt], depth: int) -> None:
         """Translate statements."""
@@ -125,22 +124,11 @@ class Body:
         if isinstance(target, ast.Tuple):
             self._unpack(target, source, depth)
             return
-        made = self._made(source)
-        if made is not None:
-            assert isinstance(target, ast.Name)
-            self.local[target.id] = made
-            self._define(target.id, made)
-            return
         value = self.scope.value(source)
         self._store(target, value, depth)
 
-    def _made(self, source: ast.expr) -> Array | None:
-        """The array that np.empty or np.zeros makes, None for another expression."""
-        if not isinstance(source, ast.Call):
-            return None
-        function = self.scope.static(source.func)
-        if function is None or function.value not in (np.empty,):
-            return None
+    def make(self, source: ast.Call) -> Value:
+        """An array of this call of the function, as np.empty makes it."""
         sizes = source.args[0].elts if isinstance(source.args[0], ast.Tuple) else [source.args[0]]
         shape = []
         for size in sizes:
@@ -149,7 +137,9 @@ class Body:
             shape.append(number.value)
         kind = self.scope.static(source.args[1]) if len(source.args) > 1 else Static(np.float64)
         assert kind is not None
-        return Array(np.dtype(kind.value), tuple(shape))  # type: ignore[call-overload]
+        name = f"made_{source.lineno}_{source.col_offset}"
+        self.local[name] = Array(np.dtype(kind.value), tuple(shape))
+        return Value(self.local[name], name)
 
     def _known(self, node: ast.expr) -> int:
         """A length held by a variable that is assigned once, from an array's size."""

@@ -45,12 +45,12 @@ static inline int64_t floor_remainder(int64_t a, int64_t b)
 class Translator:
     """Kernels in C, each once for every set of argument kinds that it is called with.
 
-    ``replaced`` are kernels that are C functions written by hand, by name; their result is none.
+    ``replaced`` says which kernels are others here, or C functions that give nothing back, by name.
     """
 
-    def __init__(self, prefix: str, replaced: Mapping[Any, str] | None = None) -> None:
+    def __init__(self, prefix: str, replaced: Mapping[Any, Any] | None = None) -> None:
         self.structs = Structs(prefix)
-        self.replaced = {_python(its): name for its, name in (replaced or {}).items()}
+        self.replaced = {_python(its): other for its, other in (replaced or {}).items()}
         self._made: dict[tuple[Any, tuple[Kind, ...]], tuple[str, Kind | None]] = {}
         self._taken: set[str] = set()
         self._functions: list[str] = []
@@ -117,7 +117,7 @@ class Translator:
             where=lambda node: f"{file}:{first + getattr(node, 'lineno', 1) - 1}",
             call=self._call,
             table=self._table,
-            stored=self.structs.stored,
+            make=_nothing,
         )
         body = Body(tree, scope, self.structs)
         try:
@@ -140,10 +140,11 @@ class Translator:
         self._functions.append(comment + "\n".join([head, "{", *text, "}", ""]))
 
     def _call(self, kernel: Any, given: list[Value], named: dict[str, Value]) -> Value:  # noqa: ANN401
+        other = self.replaced.get(_python(kernel))
+        if isinstance(other, str):
+            return Value(Number("int"), f"{other}({', '.join(value.c for value in given)})")
+        kernel = other or kernel
         function = _python(kernel)
-        if function in self.replaced:
-            arguments = ", ".join(value.c for value in (*given, *named.values()))
-            return Value(Number("int"), f"{self.replaced[function]}({arguments})")
         if not inspect.isfunction(function):
             raise KernelError(f"a call of {kernel!r}, which is no kernel")
         values = list(given)
@@ -171,3 +172,7 @@ class Translator:
 def _python(kernel: Any) -> Any:  # noqa: ANN401
     """The Python function of a kernel."""
     return getattr(kernel, "py_func", None) or getattr(kernel, "_pyfunc", None) or kernel
+
+
+def _nothing(node: ast.Call) -> Value:
+    raise KernelError(f"an array is made outside of a function: {ast.unparse(node)}")

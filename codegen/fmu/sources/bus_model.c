@@ -12,7 +12,7 @@
 enum { EXTENDED = 1, REMOTE = 2, FD = 4, BIT_RATE_SWITCH = 8, ERROR_STATE = 16, ERROR_FLAG = 32,
        RECESSIVE_INDICATOR = 64 };
 enum { DELIVERED = 0, ERROR = 2, REFUSED = 8 };
-enum { ACKNOWLEDGE_ERROR = 3, BUS_OFF = 2, PRIMARY = 1, SECONDARY = 2, BIT_CODE = 1, ACK_CODE = 5 };
+enum { ACKNOWLEDGE_ERROR = 3, PRIMARY = 1, SECONDARY = 2, BIT_CODE = 1, ACK_CODE = 5 };
 enum { NOW = 0, LOGGED = 2, SEGMENT_COUNT = 8, FREE_FRAME = 3 };
 enum { BAUDRATE = 1, FD_BAUDRATE = 2, ARBITRATION_LOST = 4, BUFFER_AND_RETRANSMIT = 1 };
 
@@ -68,7 +68,7 @@ static bool publish(model *m, fmu_buffer *tx, const bus_log *entry, fmu_reason *
         const bus_nodes *node = &m->bus.nodes[bus_ports[port]];
         bool sender = bus_ports[port] == entry->sender;
         bool missed = bus_ports[port] == entry->missed;
-        if (node->segment != entry->segment || (node->state == BUS_OFF && !sender)) {
+        if (node->segment != entry->segment) {
             continue;
         }
         if (whole && !sender && !missed && !ls_transmit(&tx[port], &frame)) {

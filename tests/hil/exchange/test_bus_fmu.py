@@ -140,7 +140,7 @@ def test_frames_of_all_kinds(tmp_path):
 
 @pytest.mark.slow
 def test_a_hundred_thousand_frames(tmp_path):
-    reference, _, _, _ = same(tmp_path, list(messages(100_000, 4)), spec())
+    reference, _, _, _ = same(tmp_path, list(messages(100_000, 4, mean_ns=400_000)), spec())
     assert sum(map(len, reference.values())) == 3 * 100_000
 
 
