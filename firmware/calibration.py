@@ -232,6 +232,9 @@ class Calibration:
     compensator_d: Annotated[
         list[list[i32]], 2, 4, F(-COEFFICIENT, COEFFICIENT, 0, "", "from the inputs")
     ]
+    steering_limit: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "largest a_y by steering of the inputs")
+    ]
     moment_max: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "largest moment commanded")]
     slew_max: Annotated[i32, F(1, STATE_MAX, Q_MOMENT, "N·m", "largest change of it per tick")]
 

@@ -69,19 +69,23 @@ CRC32: tuple[u32, ...] = (
 )
 
 
+def folded(crc: u32, value: i32) -> u32:
+    """Return a CRC-32 continued by one word; both are kept inverted, so that it starts at 0."""
+    rest: u32 = (crc ^ 0xFFFFFFFF) ^ to_u32(value)
+    for _ in range(8):
+        rest = (rest >> 4) ^ CRC32[rest & 15]
+    return rest ^ 0xFFFFFFFF
+
+
 def watch_calibration(ecu: Ecu, cal: Calibration) -> None:
     """Check the next word of the calibration; a wrong CRC marks it corrupt permanently.
 
-    A round takes as many calls as the calibration has words. The remainder is kept inverted, so
-    that it starts at 0.
+    A round takes as many calls as the calibration has words.
     """
     if ecu.calibration_word == CORRUPT:
         return
     at: i32 = clamp(ecu.calibration_word, 0, LAST_WORD - 1)
-    rest: u32 = (to_u32(ecu.calibration_crc) ^ 0xFFFFFFFF) ^ to_u32(word(cal, at))
-    for _ in range(8):
-        rest = (rest >> 4) ^ CRC32[rest & 15]
-    ecu.calibration_crc = to_i32(rest ^ 0xFFFFFFFF)
+    ecu.calibration_crc = to_i32(folded(to_u32(ecu.calibration_crc), word(cal, at)))
     ecu.calibration_word = at + 1
     if at < LAST_WORD - 1:
         return
@@ -93,6 +97,18 @@ def watch_calibration(ecu: Ecu, cal: Calibration) -> None:
     ecu.calibration_crc = 0
 
 
+def fits(cal: Calibration, its: i32, at: i32) -> i32:
+    """Return 1 where the element at byte ``at`` is within range number ``its``, else 0."""
+    value: i32 = 0
+    if its < BYTES:
+        value = word(cal, clamp(at >> 2, 0, LAST_WORD))
+    else:
+        value = octet(cal, clamp(at, 0, LAST_BYTE))
+    if value < LOW[its] or value > HIGH[its]:
+        return 0
+    return 1
+
+
 def check_ranges(cal: Calibration) -> i32:
     """Return 0, or the number of the first field that is out of its range, from 1."""
     at: i32 = 0
@@ -100,15 +116,11 @@ def check_ranges(cal: Calibration) -> i32:
         its: i32 = RANGE[field]
         size: i32 = SIZE[field]
         for _ in range(size):
-            value: i32 = 0
-            step: i32 = 4
-            if its < BYTES:
-                value = word(cal, clamp(at >> 2, 0, LAST_WORD))
-            else:
-                value = octet(cal, clamp(at, 0, LAST_BYTE))
-                step = 1
-            if value < LOW[its] or value > HIGH[its]:
+            if fits(cal, its, at) == 0:
                 return field + 1
+            step: i32 = 4
+            if its >= BYTES:
+                step = 1
             at = clamp(at + step, 0, LAST_BYTE + 1)
     return 0
 
@@ -125,6 +137,11 @@ def check(cal: Calibration) -> i32:
     field: i32 = check_ranges(cal)
     if field != 0:
         return field
+    return check_rules(cal)
+
+
+def check_rules(cal: Calibration) -> i32:
+    """Return 0, or the number of the first rule by which fields in their ranges do not agree."""
     points: i32 = clamp(cal.schedule_points, 1, N_POINTS)
     for k in range(1, points):
         if cal.schedule_speed[k] <= cal.schedule_speed[k - 1]:

@@ -52,13 +52,18 @@ def output_feedback(ecu: Ecu, cal: Calibration) -> i32:
     return shifted(acc, cal.output_gain_shift)
 
 
-def driven(ecu: Ecu, cal: Calibration, row: Annotated[list[i32], 4]) -> i64:
+def steering_input(ecu: Ecu, cal: Calibration) -> i32:
+    """Return the lateral acceleration by steering, as far as tyres can follow it (Q24)."""
+    return clamp(ecu.steering_acceleration, -cal.steering_limit, cal.steering_limit)
+
+
+def driven(ecu: Ecu, cal: Calibration, row: Annotated[list[i32], 4], steered: i32) -> i64:
     """Return a row of the compensator times its inputs: roll, roll rate, a_y, a_y by steering.
 
     Except the roll angle, which no sensor measures, they are unfiltered: the compensator filters.
     """
     acc: i64 = row[0] * ecu.x[ROLL] + row[1] * rate_input(ecu, cal)
-    return acc + row[2] * lateral_input(ecu, cal) + row[3] * ecu.steering_acceleration
+    return acc + row[2] * lateral_input(ecu, cal) + row[3] * steered
 
 
 def carried(ecu: Ecu, cal: Calibration, row: Annotated[list[i32], N_ORDER]) -> i64:
@@ -69,10 +74,10 @@ def carried(ecu: Ecu, cal: Calibration, row: Annotated[list[i32], N_ORDER]) -> i
     return acc
 
 
-def advance_compensator(ecu: Ecu, cal: Calibration) -> None:
+def advance_compensator(ecu: Ecu, cal: Calibration, steered: i32) -> None:
     """Advance the compensator's state with its inputs and the outputs after limiting."""
     for i in range(cal.compensator_order):
-        acc: i64 = driven(ecu, cal, cal.compensator_b[i])
+        acc: i64 = driven(ecu, cal, cal.compensator_b[i], steered)
         acc += carried(ecu, cal, cal.compensator_a[i])
         for k in range(2):
             acc += cal.compensator_e[i][k] * ecu.outputs[k]
@@ -104,14 +109,15 @@ def control(ecu: Ecu, cal: Calibration, steps: i32) -> None:
         stage.rest(ecu, cal)
         return
     if cal.law == COMPENSATOR:
+        steered: i32 = steering_input(ecu, cal)
         for k in range(cal.compensator_outputs):
-            acc: i64 = driven(ecu, cal, cal.compensator_d[k])
+            acc: i64 = driven(ecu, cal, cal.compensator_d[k], steered)
             acc += carried(ecu, cal, cal.compensator_c[k])
             wanted: i32 = shifted(acc, cal.compensator_output_shift[k])
             wanted = stage.moment(ecu, cal, wanted, k, steps)
             ecu.outputs[k] = limited(ecu, cal, wanted, ecu.outputs[k], steps)
         ecu.moment = sat31(ecu.outputs[0] + ecu.outputs[1])
-        advance_compensator(ecu, cal)
+        advance_compensator(ecu, cal, steered)
         return
     u: i32 = 0
     if cal.law == OUTPUT_FEEDBACK:

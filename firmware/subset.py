@@ -170,17 +170,38 @@ def word(record: Any, k: i32) -> i32:  # noqa: ANN401
 
 
 def octet(record: Any, k: i32) -> u8:  # noqa: ANN401
-    """Return the ``u8`` at byte ``k`` of a record as C lays it out."""
-    return stored(record, k)
+    """Return byte ``k`` of a record as C lays it out."""
+    return word(record, k >> 2) >> 8 * (k & 3) & 255
 
 
-def stored(record: Any, place: int) -> int:  # noqa: ANN401
-    """Return the element at byte ``place``."""
-    name, indices = places(record.__class__)[place]
-    found = getattr(record, name)
-    for index in indices:
-        found = found[index]
-    return int(found)
+def set_octet(record: Any, k: i32, value: u8) -> None:  # noqa: ANN401
+    """Set byte ``k`` of a calibration as C lays it out, whatever its field's range."""
+    for name, indices, shift in words(record.__class__)[k >> 2]:
+        width = 32 if wide(record.__class__, name) else 8
+        low = 8 * (k & 3) - shift
+        if not 0 <= low < width:
+            continue
+        row, before = None, getattr(record, name)
+        for index in indices:
+            row, before = before, before[index]
+        found = (before & 0xFFFFFFFF) & ~(255 << low) | value << low
+        found = to_i32(found) if width == 32 else found
+        if row is None:
+            setattr(record, name, found)
+        else:
+            row[indices[-1]] = found
+
+
+def bytes_of(record: Any) -> i32:  # noqa: ANN401
+    """Return the bytes of a record up to the end of its last field, as C lays it out."""
+    last, (name, _) = max(places(record.__class__).items())
+    return last + (4 if wide(record.__class__, name) else 1)
+
+
+@cache
+def wide(record_class: Any, name: str) -> bool:  # noqa: ANN401
+    """Return whether a field has 32 bits."""
+    return any(field.name == name and field.kind == "i32" for field in fields(record_class))
 
 
 @cache

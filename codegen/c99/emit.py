@@ -7,7 +7,7 @@ narrower type only where it is shown to fit, so that no cast changes a value.
 """
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -50,12 +50,14 @@ def firmware() -> dict[str, str]:
     return emit()
 
 
-def emit(entry: str = "ecu", folder: Path = FIRMWARE) -> dict[str, str]:
-    """Translate the module ``entry`` and all it uses; return texts by file name.
+def emit(
+    entry: str = "ecu", folder: Path = FIRMWARE, services: Sequence[str] = ()
+) -> dict[str, str]:
+    """Translate the module ``entry``, ``services`` and all they use; return texts by file name.
 
     Raises SubsetError, naming file and line, for anything outside the subset.
     """
-    return Emitter(load(entry, folder)).files()
+    return Emitter(load(entry, folder, services=services)).files()
 
 
 class Emitter:
@@ -254,7 +256,14 @@ class Emitter:
                 table = self._table(constant, "static const", body=True)
                 lines += [f"    {line}" for line in table]
         body = Body(self.program, self.names, self.seen, module, function)
-        used = {n.id for n in ast.walk(function.node) if isinstance(n, ast.Name)}
+        # a size is a literal in C
+        sizes = {
+            call.args[0]
+            for call in ast.walk(function.node)
+            if isinstance(call, ast.Call)
+            and self.program.intrinsic(module, call.func) == "bytes_of"
+        }
+        used = {n.id for n in ast.walk(function.node) if isinstance(n, ast.Name) and n not in sizes}
         lines += [f"    (void){name};" for name in function.parameters if name not in used]
         lines += body.lines()
         return [*lines, "}", ""]

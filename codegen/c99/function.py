@@ -289,9 +289,21 @@ class Body:
             record = ast.unparse(node.args[0])
             text = f"canroll_clear({record}, (uint32_t)sizeof(*{record}))"
             return Expression(text, PRIMARY, "i32", seen)
+        if name == "bytes_of":
+            return literal(seen.lo)
+        if name == "set_octet":
+            record = ast.unparse(node.args[0])
+            index = self.stored(node, self.value(node.args[1]), "i32")
+            value = self.stored(node, self.value(node.args[2]), "u8")
+            return Expression(
+                f"canroll_set_octet({record}, {index}, {value})", PRIMARY, "i32", seen
+            )
         if name in MEMORY:
             index = self.stored(node, self.value(node.args[1]), "i32")
-            text = f"canroll_{name}({ast.unparse(node.args[0])}, {index})"
+            given = self.function.parameters[ast.unparse(node.args[0])]
+            fields = self.program.record(given.record).fields.values()
+            shared = "shared_" if any(each.volatile for each in fields) else ""
+            text = f"canroll_{shared}{name}({ast.unparse(node.args[0])}, {index})"
             return Expression(text, PRIMARY, MEMORY[name], seen)
         if name is not None:
             a = [self.value(argument) for argument in node.args]

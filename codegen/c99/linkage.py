@@ -57,7 +57,7 @@ class Names:
 
 def linkage(program: Program) -> Linkage:
     """Return the linkage of ``program``."""
-    public = {f.key: f"canroll_{f.name}" for f in entry_points(program)}
+    public = {f.key: _public_name(program, f) for f in entry_points(program)}
     reachable = _reachable(program, public)
     shared = _shared(program, public, reachable)
     given = {
@@ -70,6 +70,12 @@ def linkage(program: Program) -> Linkage:
     volatile = _passed_on(program, set(), _is_volatile)
     homes = _homes(program, reachable, shared)
     return Linkage(public, reachable, shared, volatile, _passed_on(program, given, _never), homes)
+
+
+def _public_name(program: Program, function: Function) -> str:
+    """``canroll_init`` of the first entry module, ``canroll_xcp_init`` of the service ``xcp``."""
+    service = f"{function.module}_" if function.module in program.entries[1:] else ""
+    return f"canroll_{service}{function.name}"
 
 
 def _homes(program: Program, reachable: frozenset[Key], shared: frozenset[Key]) -> dict[Key, Key]:

@@ -205,6 +205,23 @@ static inline uint8_t canroll_octet(const void *record, int32_t k)
     return ((const uint8_t *)record)[k];
 }
 
+/* The same of a record that an interrupt may write. */
+static inline int32_t canroll_shared_word(const volatile void *record, int32_t k)
+{
+    return ((const volatile canroll_any_word *)record)[k];
+}
+
+static inline uint8_t canroll_shared_octet(const volatile void *record, int32_t k)
+{
+    return ((const volatile uint8_t *)record)[k];
+}
+
+/* Byte k of a record becomes v. */
+static inline void canroll_set_octet(void *record, int32_t k, uint8_t v)
+{
+    ((uint8_t *)record)[k] = v;
+}
+
 #endif
 """
 

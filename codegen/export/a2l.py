@@ -14,6 +14,7 @@ from typing import Any
 from elftools.elf.elffile import ELFFile
 
 from codegen.c99.text import plain
+from codegen.export import a2l_xcp
 from codegen.generated.bus_map import Xcp
 from codegen.run import memory_image
 from codegen.subset.parse import load
@@ -29,28 +30,6 @@ SYMBOLS = (*RECORDS, EPK_SYMBOL)
 AXIS = "schedule_speed"
 CURVES = ("schedule_gain", "schedule_front_share", "schedule_steering")
 CODE = re.compile(r"(\d+):? ([A-Za-z][^,\d]*?)(?=,| \d|$)")
-A2ML = """\
-    /begin A2ML
-      block "IF_DATA" taggedunion if_data {
-        "XCP" struct {
-          taggedstruct {
-            block "PROTOCOL_LAYER" struct {
-              uint; uint; uint; uint; uint; uint; uint; uint; uchar; uint;
-              enum { "BYTE_ORDER_MSB_LAST" = 0, "BYTE_ORDER_MSB_FIRST" = 1 };
-              enum { "ADDRESS_GRANULARITY_BYTE" = 1, "ADDRESS_GRANULARITY_WORD" = 2 };
-            };
-            block "XCP_ON_CAN" struct {
-              uint;
-              taggedstruct {
-                "CAN_ID_MASTER" ulong;
-                "CAN_ID_SLAVE" ulong;
-                "BAUDRATE" ulong;
-              };
-            };
-          };
-        };
-      };
-    /end A2ML"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +38,8 @@ class Software:
 
     ``state`` is the class of the firmware's state record, ``program`` the firmware as data, by
     default that of the package; ``calibrated`` is whether the calibration can be tuned: specialised
-    code has it compiled in.
+    code has it compiled in. ``slave`` is whether the XCP slave is that of the firmware, which reads
+    the two records alone and not the EPK.
     """
 
     epk: str
@@ -68,6 +48,7 @@ class Software:
     state: type[Any] = Ecu
     program: Program | None = None
     calibrated: bool = True
+    slave: bool = False
 
     @property
     def records(self) -> dict[str, Any]:
@@ -95,7 +76,7 @@ def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
         '/begin PROJECT canroll "roll controller"',
         '  /begin MODULE ecu "the records of the roll controller"',
     ]
-    lines += [A2ML] if software.xcp else []
+    lines += [a2l_xcp.A2ML] if software.xcp else []
     lines += _parameters(software)
     lines += [
         '    /begin MOD_COMMON ""',
@@ -104,7 +85,9 @@ def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
         "      ALIGNMENT_LONG 4",
         "    /end MOD_COMMON",
     ]
-    lines += _interface(software.xcp) if software.xcp else []
+    if software.xcp:
+        period = software.record.tick_us if software.slave else None
+        lines += a2l_xcp.interface(software.xcp, period)
     for kind in sorted(set(TYPES.values())):
         lines += _block("RECORD_LAYOUT", f"{kind}_VALUES", [f"FNC_VALUES 1 {kind} ROW_DIR DIRECT"])
     lines += _block("RECORD_LAYOUT", "SLONG_AXIS", ["AXIS_PTS_X 1 SLONG INDEX_INCR DIRECT"])
@@ -160,36 +143,23 @@ def _block(kind: str, head: str, lines: list[str]) -> Iterator[str]:
 def _parameters(software: Software) -> Iterator[str]:
     record = software.record
     size = memory_image.dtype(Calibration).itemsize
+    pages = f"{a2l_xcp.segment()} " if software.slave else ""
     segment = [
         '/begin MEMORY_SEGMENT calibration "the calibration" '
-        f"DATA FLASH INTERN 0x00000000 0x{size:X} -1 -1 -1 -1 -1 /end MEMORY_SEGMENT"
+        f"DATA FLASH INTERN 0x00000000 0x{size:X} -1 -1 -1 -1 -1 {pages}/end MEMORY_SEGMENT"
     ]
     yield from _block(
         "MOD_PAR",
         f'"{_text(software.epk)}"',
         [
             f'VERSION "{_text(software.epk)}"',
-            "ADDR_EPK 0x00000000",
+            *([] if software.slave else ["ADDR_EPK 0x00000000"]),
             f'EPK "{_text(software.epk)}"',
             *(segment if software.calibrated else []),
             f'SYSTEM_CONSTANT "CALIBRATION_ID" "0x{record.id:08X}"',
             f'SYSTEM_CONSTANT "CALIBRATION_CRC" "0x{record.crc & 0xFFFFFFFF:08X}"',
         ],
     )
-
-
-def _interface(xcp: Xcp) -> Iterator[str]:
-    yield "    /begin IF_DATA XCP"
-    yield "      /begin PROTOCOL_LAYER"
-    yield "        0x0100 1000 1000 1000 1000 1000 1000 1000 8 8"
-    yield "        BYTE_ORDER_MSB_LAST ADDRESS_GRANULARITY_BYTE"
-    yield "      /end PROTOCOL_LAYER"
-    yield "      /begin XCP_ON_CAN 0x0100"
-    yield f"        CAN_ID_MASTER 0x{xcp.master:X}"
-    yield f"        CAN_ID_SLAVE 0x{xcp.slave:X}"
-    yield f"        BAUDRATE {xcp.bitrate}"
-    yield "      /end XCP_ON_CAN"
-    yield "    /end IF_DATA"
 
 
 def _methods(software: Software) -> Iterator[str]:

@@ -18,14 +18,23 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from codegen.c99.text import filled
-from codegen.export import a2l, codec_comparison, coverage_cases, interrupts, misra, traceability
+from codegen.export import (
+    a2l,
+    codec_comparison,
+    coverage_cases,
+    interrupts,
+    misra,
+    traceability,
+    xcp_session,
+)
 from codegen.generated.bus_map import EXTENDED, BusMap
 from codegen.generated.frame_protection import Protection
 from codegen.generated.own_stage import OwnStage
 from codegen.run import memory_image, native
-from codegen.run.bus_firmware import BusFirmware, of_bus, with_stage
+from codegen.run.bus_firmware import BusFirmware, of_bus, with_services, with_stage
 from codegen.run.cortex import OPTIMISATION
 from codegen.run.ecu_traffic import Traffic
+from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS, idents
 from codegen.specialise.firmware import specialised
 from codegen.subset.program import Program
 from dbc import read
@@ -33,6 +42,7 @@ from firmware.calibration import Calibration
 
 TEMPLATES = Path(__file__).with_name("templates")
 BOARD = Path(__file__).parents[1] / "board"
+ADDRESSES = {"calibration": PAGE_ADDRESS, "ecu": STATE_ADDRESS}
 FNV_OFFSET, FNV_PRIME = 2166136261, 16777619
 FD_NOTE = """ `canroll_signals_tx_fd[slot]` is 0
    for a classic frame, 1 for CAN FD, 3 for CAN FD with bit-rate switch. A frame of several
@@ -138,6 +148,7 @@ class Export:
         origin: source of the vectors, a sentence for the README.
         stage: the engineer's own stage in the loop, or None.
         specialised: whether the code is for this calibration alone.
+        services: modules beside the loop that are part of it.
     """
 
     record: Calibration
@@ -149,6 +160,7 @@ class Export:
     origin: str
     stage: OwnStage | None = None
     specialised: bool = False
+    services: tuple[str, ...] = ()
 
 
 def sources(dbc: Path, map_file: Path) -> dict[str, str]:
@@ -160,7 +172,8 @@ def write(folder: Path, export: Export) -> list[Path]:
     """Write the bundle to ``folder``, created if missing; return the files written."""
     firmware = with_stage(of_bus(export.dbc, export.map_file), export.stage)
     loop = specialised(firmware, export.record) if export.specialised else firmware
-    files, bus = loop.files, firmware.bus
+    served = with_services(loop, export.services)
+    files, bus = served.files, firmware.bus
     texts = {
         f"{'src' if name.endswith('.c') else 'include'}/{name}": text
         for name, text in files.items()
@@ -200,8 +213,11 @@ def write(folder: Path, export: Export) -> list[Path]:
         firmware.record,
         firmware.program(),
         calibrated=not export.specialised,
+        slave="xcp" in export.services,
     )
-    texts["canroll.a2l"] = a2l.a2l(software)
+    texts["canroll.a2l"] = a2l.a2l(software, ADDRESSES if software.slave else None)
+    if software.slave:
+        texts.update(xcp_session.sources(served, export.record))
     if export.specialised:
         crc = export.record.crc & 0xFFFFFFFF
         texts[f"include/{TIE}.h"] = TIE_HEADER.format(crc=f"0x{crc:08X}")
@@ -210,7 +226,7 @@ def write(folder: Path, export: Export) -> list[Path]:
     texts.update({f"test/{name}": text for name, text in comparison.items()})
     texts.update({f"codec/{name}": text for name, text in _codec(export.dbc).items()})
     if not export.specialised:
-        texts[traceability.PAGE] = traceability.page(firmware.program(), files)
+        texts[traceability.PAGE] = traceability.page(served.program(), files)
     texts["README.md"] = _readme(export, loop, loop.program())
     if export.stage is not None:
         texts[f"stage/{export.stage.file}"] = export.stage.source
@@ -352,6 +368,8 @@ def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
         else GENERAL_CASES.format(unreached=coverage_cases.table()),
         "interrupts": interrupts.table(program),
         "stage": _stage(export),
+        "services": _services(export, firmware),
+        "tested": xcp_session.FILES if "xcp" in export.services else "",
         "traced": "" if export.specialised else traceability.NOTE,
     }
     for name, value in values.items():
@@ -366,6 +384,18 @@ def _stage(export: Export) -> str:
     return (
         f"\n\nAn own stage is part of the loop, `stage/{export.stage.file}`, translated to "
         f"`src/canroll_{module}.c`. It is compiled in, so every calibration runs with it."
+    )
+
+
+def _services(export: Export, firmware: BusFirmware) -> str:
+    if "xcp" not in export.services:
+        return ""
+    found = idents(firmware)
+    return xcp_session.NOTE.format(
+        state=f"0x{STATE_ADDRESS:08X}",
+        page=f"0x{PAGE_ADDRESS:08X}",
+        master=f"0x{found.master:X}",
+        slave=f"0x{found.slave:X}",
     )
 
 

@@ -96,6 +96,11 @@ class Mailbox:
         return dbc.padded(self.length) if self.fd else self.length
 
 
+def frame_ident(ident: int) -> int:
+    """Return an identifier of an A2L, with bit 31 for one of 29 bits, as frames have it here."""
+    return ident & ~(1 << 31) | (EXTENDED if ident >> 31 else 0)
+
+
 @dataclass(frozen=True, slots=True)
 class Xcp:
     """XCP on CAN: identifiers (bit 31: a 29-bit one) to and from the ECU, bit rate."""

@@ -8,7 +8,7 @@ from codegen.proof import intervals as iv
 from codegen.proof.abstract_memory import I64, Memory
 from codegen.proof.abstract_state import Element, Reference, State
 from codegen.proof.intervals import Value
-from codegen.subset.program import BITS_31, KINDS, MEMORY, Function
+from codegen.subset.program import BITS_31, KINDS, MEMORY, Function, Record
 
 ARITHMETIC = {
     ast.Add: "+",
@@ -97,6 +97,11 @@ class Expressions(Memory):
         intrinsic = self.program.intrinsic(self.module, node.func)
         if intrinsic == "clear":
             return self._clear(node, state)
+        if intrinsic == "bytes_of":
+            bytes_ = self._record_of(node).size
+            return Value(bytes_, bytes_)
+        if intrinsic == "set_octet":
+            return self._set(node, state)
         if intrinsic in MEMORY:
             return self._read(node, MEMORY[intrinsic], state)
         if intrinsic is not None:
@@ -139,11 +144,23 @@ class Expressions(Memory):
                     state.known[(record, name), indices] = zero
         return zero
 
+    def _record_of(self, node: ast.Call) -> Record:
+        """The record that is the first argument of an intrinsic."""
+        assert isinstance(node.args[0], ast.Name)
+        return self.program.record(self.function.parameters[node.args[0].id].record)
+
+    def _set(self, node: ast.Call, state: State) -> Value:
+        """A byte of a calibration that the loop does not run on: forget what was known of it."""
+        record = self._record_of(node)
+        index = self.value(node.args[1], state)
+        self._oblige(node, index.within(0, record.size - 1), f"index of {record.size} bytes", index)
+        self._stored(node, self.value(node.args[2], state), *KINDS["u8"], "u8")
+        state.known = {e: value for e, value in state.known.items() if e[0][0] != record.name}
+        return Value(0, 0)
+
     def _read(self, node: ast.Call, kind: str, state: State) -> Value:
         """An element of a record read as an array: any value of its kind."""
-        assert isinstance(node.args[0], ast.Name)
-        given = self.function.parameters[node.args[0].id]
-        size = self.program.record(given.record).size // (4 if kind == "i32" else 1)
+        size = self._record_of(node).size // (4 if kind == "i32" else 1)
         index = self.value(node.args[1], state)
         self._oblige(node, index.within(0, size - 1), f"index of {size} elements", index)
         return Value(*KINDS[kind])

@@ -36,15 +36,19 @@ class Proof:
 
 
 def entry_points(program: Program) -> list[Function]:
-    """``init``, ``receive``, ``tick`` of the last module, or all its functions without those."""
-    last = list(program.modules.values())[-1]
+    """``init``, ``receive``, ``tick`` of each entry module, or all its functions without those."""
+    return [function for name in program.entries for function in _entries(program, name)]
+
+
+def _entries(program: Program, module: str) -> list[Function]:
+    its = program.modules[module]
     found = []
     for name in ENTRIES:
-        home, its = last.imported.get(name, (last.name, name))
-        function = program.modules[home].functions.get(its)
+        home, origin = its.imported.get(name, (module, name))
+        function = program.modules[home].functions.get(origin)
         if function is not None:
             found.append(function)
-    return found or list(last.functions.values())
+    return found or list(its.functions.values())
 
 
 def prove(

@@ -6,6 +6,7 @@ All produce the same bytes on the bus and the same state, for any calibration an
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from canroll.errors import UnknownNameError
 from codegen.run import BACKENDS, memory_image, native
@@ -55,6 +56,10 @@ class PythonEcu:
         """The bytes of the state record, as C lays it out."""
         return memory_image.image(self._ecu)
 
+    def run_on(self, calibration: Calibration) -> None:
+        """Run on another calibration from the next tick on."""
+        self._calibration = calibration
+
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Put a received frame in its mailbox; an unmapped identifier is ignored."""
         for slot in self._firmware.slots.get(ident, ()):
@@ -100,6 +105,11 @@ class NativeEcu:
         self._room = memory_image.event_of(record)["payload"].shape[0]
 
     @property
+    def firmware(self) -> BusFirmware:
+        """What it runs."""
+        return self._firmware
+
+    @property
     def pointers(self) -> dict[str, int]:
         """Addresses of the C functions, of the ECU's record and of the calibration's."""
         return {
@@ -117,6 +127,10 @@ class NativeEcu:
     def image(self) -> bytes:
         """The bytes of the state record, as C lays it out."""
         return self.ecu.tobytes()
+
+    def run_on(self, calibration: NDArray[np.void]) -> None:
+        """Run on another calibration in memory from the next tick on."""
+        self._cal = self._library.ffi.from_buffer("uint8_t[]", calibration)
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Put a received frame in its mailbox; an unmapped identifier is ignored."""

@@ -13,7 +13,7 @@ import tempfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
 from pathlib import Path
 from types import ModuleType
@@ -22,7 +22,7 @@ from typing import Any
 import firmware.ecu
 from codegen.c99 import emit
 from codegen.generated import frames, own_stage, protection, signals, stage_rules
-from codegen.generated.bus_map import BusMap, load
+from codegen.generated.bus_map import BusMap, frame_ident, load
 from codegen.generated.own_stage import OwnStage
 from codegen.proof.prove import prove
 from codegen.subset import parse, rules
@@ -34,6 +34,8 @@ GENERATED = {
     "signals.py": signals.generate,
 }
 """Modules of the firmware that a bus makes."""
+SERVICES = ("xcp",)
+"""Modules with entry points beside the loop, each an option."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +46,7 @@ class BusFirmware:
         bus: the mailboxes and the frames in them.
         modules: sources of the modules that differ from those checked in, by file name.
         stage: the engineer's own stage in it, or None.
+        services: modules beside the loop that are part of it.
         slots: mailboxes that receive a frame, by its identifier.
         sent: identifier and length on the wire of the frame in each mailbox that sends.
     """
@@ -51,6 +54,7 @@ class BusFirmware:
     bus: BusMap
     modules: Mapping[str, str]
     stage: OwnStage | None = None
+    services: tuple[str, ...] = ()
     slots: Mapping[int, tuple[int, ...]] = field(init=False)
     sent: tuple[tuple[int, int], ...] = field(init=False)
 
@@ -66,13 +70,15 @@ class BusFirmware:
     @cached_property
     def files(self) -> dict[str, str]:
         """The firmware in C, by file name."""
-        return emit.Emitter(self.program()).files() if self.modules else emit.firmware()
+        if self.modules or self.services:
+            return emit.Emitter(self.program()).files()
+        return emit.firmware()
 
     def program(self) -> Program:
         """The firmware as data, read anew."""
         shown = {own_stage.NAME: self.stage.path} if self.stage else {}
         with self._folder() as folder:
-            return parse.load(folder=folder, shown=shown)
+            return parse.load(folder=folder, shown=shown, services=self.services)
 
     @cached_property
     def loop(self) -> ModuleType:
@@ -96,6 +102,12 @@ class BusFirmware:
             return importlib.import_module(f"{name}.ecu")
 
     @property
+    def heard(self) -> frozenset[int]:
+        """Identifiers of all frames that it takes, the commands of services among them."""
+        xcp = self.bus.xcp if "xcp" in self.services else None
+        return frozenset(self.slots) | ({frame_ident(xcp.master)} if xcp else set())
+
+    @property
     def fd(self) -> dict[int, bool]:
         """For each identifier of a CAN FD frame, whether the bit rate is switched."""
         boxes = (*self.bus.received, *self.bus.transmitted)
@@ -107,7 +119,7 @@ class BusFirmware:
         return max(signals.room(self.bus.received), signals.room(self.bus.transmitted))
 
     def module(self, name: str) -> Any:  # noqa: ANN401
-        """One of its modules for CPython."""
+        """One of its modules for CPython, with its room's name where it has one."""
         return importlib.import_module(f"{self.loop.__package__}.{name}")
 
     @property
@@ -160,6 +172,12 @@ def with_stage(firmware: BusFirmware, stage: OwnStage | None) -> BusFirmware:
     # what remains to be refused is what only the translation sees
     _ = its.files
     return its
+
+
+@cache
+def with_services(firmware: BusFirmware, services: tuple[str, ...]) -> BusFirmware:
+    """Return ``firmware`` with services beside the loop."""
+    return replace(firmware, services=services) if services else firmware
 
 
 @cache

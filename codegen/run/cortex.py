@@ -96,10 +96,14 @@ def zig_image(name: str, firmware: BusFirmware | None = None) -> Path:
     """
     if not has_pip_tools():
         raise MissingExtraError("emulating a Cortex-M in this process", "target")
-    files = dict((firmware or built_in()).files)
+    firmware = firmware or built_in()
+    files = dict(firmware.files)
     files["entry.c"] = (BOARD / "entry.c").read_text(encoding="utf-8")
     flags = ["-target", "thumb-freestanding-eabi", f"-mcpu={cpu(name).zig}", "-std=c99", "-O2"]
     flags += ["-ffreestanding", "-Wl,--image-base=0x10000", "-Wl,-e,canroll_idle"]
+    if firmware.services:
+        # entry.c calls none of them
+        flags.append("-Wl,--no-gc-sections")
     return built([sys.executable, "-m", "ziglang", "cc", *flags], files, f"zig_{name}.elf")
 
 

@@ -31,6 +31,7 @@ from canroll.errors import CanrollError
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.ecu_traffic import Traffic, refused
 from codegen.run.memory_image import dtype, event_of
+from codegen.run.service_binding import BINDINGS
 from firmware.calibration import Calibration
 from firmware.state import Ecu
 
@@ -206,20 +207,26 @@ def library_of(firmware: BusFirmware) -> Library:
 
     Raises CanrollError if there is no compiler or it fails.
     """
-    return build(firmware.files, record=firmware.record)
+    return build(firmware.files, record=firmware.record, services=firmware.services)
 
 
-def build(files: Mapping[str, str], flags: Sequence[str] = FLAGS, *, record: type = Ecu) -> Library:
+def build(
+    files: Mapping[str, str],
+    flags: Sequence[str] = FLAGS,
+    *,
+    record: type = Ecu,
+    services: Sequence[str] = (),
+) -> Library:
     """Compile ``files`` (as :func:`codegen.c99.emit.emit` returns them) and load the library.
 
-    ``record`` is the class of their state record.
+    ``record`` is the class of their state record; ``services`` are those in ``files``.
     """
     cc = compiler()
     if cc is None:
         raise CanrollError("no C compiler found: install one (cc), or choose --backend python")
     version = subprocess.run([cc, "--version"], capture_output=True, text=True, check=False)
     key = hashlib.sha256()
-    binding = _binding(record)
+    binding = _binding(record, services)
     for part in (*sorted(files.items()), *binding, flags, version.stdout, sys.version):
         key.update(repr(part).encode())
     name = f"canroll_native_{key.hexdigest()[:20]}"
@@ -233,10 +240,13 @@ def build(files: Mapping[str, str], flags: Sequence[str] = FLAGS, *, record: typ
     return Library(module, record)
 
 
-def _binding(record: type) -> tuple[str, str]:
-    """Declarations and source of both interfaces, for frames as large as ``record``'s mailboxes."""
+def _binding(record: type, services: Sequence[str]) -> tuple[str, str]:
+    """Declarations and source of the interfaces, for frames as large as ``record``'s mailboxes."""
     size = str(event_of(record)["payload"].shape[0])
-    return DECLARATIONS.replace("EVENT_BYTES", size), BATCH.replace("EVENT_BYTES", size)
+    bound = [BINDINGS[name] for name in services]
+    declarations = "".join([DECLARATIONS, *(its.declarations for its in bound)])
+    source = "".join([BATCH, *(its.source for its in bound)])
+    return declarations.replace("EVENT_BYTES", size), source.replace("EVENT_BYTES", size)
 
 
 def _compile(

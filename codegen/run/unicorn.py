@@ -3,6 +3,7 @@
 Its counts leave out the instructions of a conditional block whose condition failed.
 """
 
+import struct
 from typing import Any
 
 import numpy as np
@@ -80,9 +81,13 @@ class CortexEcu:
 
     def _call(self, function: str, *arguments: int) -> int:
         names = self._registers
-        self._machine.reg_write(names.UC_ARM_REG_SP, STACK_TOP)
+        # the fifth argument and those after it are on the stack, which stays aligned to eight
+        rest = arguments[4:]
+        top = STACK_TOP - 8 * -(-len(rest) // 2)
+        self._machine.mem_write(top, struct.pack(f"<{len(rest)}i", *rest))
+        self._machine.reg_write(names.UC_ARM_REG_SP, top)
         self._machine.reg_write(names.UC_ARM_REG_LR, RETURN | 1)
-        for i, argument in enumerate(arguments):
+        for i, argument in enumerate(arguments[:4]):
             self._machine.reg_write(names.UC_ARM_REG_R0 + i, argument & 0xFFFFFFFF)
         self.instructions = 0
         self._machine.emu_start(self._symbols[function] | 1, RETURN)

@@ -1,23 +1,32 @@
 """Partial evaluation of functions: one copy for each set of known arguments.
 
 The calibration is known, and so are elements of the state that never change
-(:mod:`codegen.specialise.steady`). A copy is written with what follows from both: constants folded,
+(:func:`steady`). A copy is written with what follows from both: constants folded,
 branches that cannot be taken gone, loops with known bounds unrolled while that stays small, and
 functions that come down to one expression put in place of their calls. What a copy still needs of
 the calibration by an index that is not known becomes a table.
 """
 
 import ast
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from textwrap import fill
 
 from codegen.specialise import fold
 from codegen.specialise.expressions import Copy, Expressions
-from codegen.specialise.places import CALIBRATION, RECORDS, TABLE, fixed
-from codegen.specialise.scope import Scope, agreed
+from codegen.specialise.places import (
+    CALIBRATION,
+    RECORDS,
+    STATE_RECORD,
+    TABLE,
+    Element,
+    Scope,
+    agreed,
+    fixed,
+)
 from codegen.specialise.tidy import tidied
 from codegen.subset.effects import assigned
-from codegen.subset.program import CONST_RECORD, Function, Type
+from codegen.subset.program import CONST_RECORD, Function, Program, Type
 
 Key = tuple[tuple[str, str], tuple[str, ...]]
 
@@ -27,6 +36,8 @@ ROOM = 700
 """Most syntax nodes that an unrolled loop may have."""
 LINE = 90
 """Length of a line of a comment."""
+REFUSAL = "refused"
+"""The state field of an ECU that refuses its calibration; not as after a start."""
 
 
 @dataclass(slots=True)
@@ -282,3 +293,45 @@ def _annotation(its: Type) -> ast.expr:
         inner = ast.Subscript(ast.Name("list"), inner)
     sizes = [ast.Constant(n) for n in its.shape]
     return ast.Subscript(ast.Name("Annotated"), ast.Tuple([inner, *sizes]))
+
+
+def steady(
+    program: Program,
+    entries: Mapping[str, Function],
+    calibration: Mapping[Element, int],
+    started: Mapping[Element, int],
+    results: Mapping[tuple[str, str], int],
+) -> dict[Element, int]:
+    """Return the elements of the state that stay as ``started`` has them.
+
+    Options that are off leave much of the state as ``init`` made it. All of it is assumed to stay,
+    the tick is specialised on that assumption, and every element in which it then stores another
+    value is dropped, until there is none: what remains holds at the start and after every tick.
+
+    Args:
+        program: of the entry points.
+        entries: ``tick``, which runs once a period, and ``receive``, which may run at any time.
+        calibration: every element of it.
+        started: every element of the state after ``init``.
+        results: as of :class:`Evaluator`.
+    """
+    fields = program.record(STATE_RECORD).fields
+    held = {
+        (name, indices): value
+        for (name, indices), value in started.items()
+        if name != REFUSAL and not fields[name].volatile
+    }
+    interrupt = Evaluator(program, calibration, {}, results)
+    interrupt.entry(entries["receive"])
+    while True:
+        evaluator = Evaluator(program, calibration, held, results)
+        evaluator.entry(entries["tick"])
+        changed = {
+            element
+            for store in (*interrupt.stores, *evaluator.stores)
+            for element in store.elements
+            if element in held and store.value != held[element]
+        }
+        if not changed:
+            return held
+        held = {element: value for element, value in held.items() if element not in changed}

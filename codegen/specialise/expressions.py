@@ -6,8 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from codegen.specialise import fold
-from codegen.specialise.places import Places, fixed
-from codegen.specialise.scope import Scope
+from codegen.specialise.places import Places, Scope, fixed
 from codegen.subset.program import MEMORY, Function
 
 

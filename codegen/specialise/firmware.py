@@ -6,7 +6,7 @@ only the calibration it was made for starts it, as its CRC is that of the record
 """
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import product
@@ -17,10 +17,9 @@ from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu_traffic import refused
 from codegen.run.memory_image import fill, image
 from codegen.specialise import fold, reach, state_ranges
-from codegen.specialise.evaluator import Evaluator
-from codegen.specialise.merge import merged
+from codegen.specialise.evaluator import Evaluator, steady
+from codegen.specialise.expressions import Copy
 from codegen.specialise.places import Element
-from codegen.specialise.steady import steady
 from codegen.subset.program import FIRMWARE, KINDS, Const, Program, Type
 from firmware.calibration import Calibration
 from firmware.subset import fields
@@ -92,7 +91,31 @@ def _loop(
     early.entry(entries["receive"])
     late = Evaluator(program, calibration, held, results, tables=early.tables, used=early.used)
     late.entry(entries["tick"])
-    return merged([*early.copies.values(), *late.copies.values()], tuple(entries)), early.tables
+    return _merged([*early.copies.values(), *late.copies.values()], tuple(entries)), early.tables
+
+
+def _merged(copies: Iterable[Copy], entries: Sequence[str]) -> list[ast.FunctionDef]:
+    """The functions of ``copies`` that ``entries`` need, callees first; equal ones only once."""
+    names: dict[str, str] = {}
+    known: dict[str, str] = {}
+    functions: dict[str, ast.FunctionDef] = {}
+    for copy in copies:
+        node = copy.node
+        for inner in ast.walk(node):
+            if isinstance(inner, ast.Name):
+                inner.id = names.get(inner.id, inner.id)
+        head = ast.unparse(ast.fix_missing_locations(node.args))
+        text = head + "".join(ast.unparse(statement) for statement in node.body[1:])
+        names[copy.name] = known.setdefault(text, copy.name)
+        functions.setdefault(names[copy.name], node)
+    needed: set[str] = set()
+    todo = list(entries)
+    while todo:
+        name = todo.pop()
+        if name in functions and name not in needed:
+            needed.add(name)
+            todo += [n.id for n in ast.walk(functions[name]) if isinstance(n, ast.Name)]
+    return [node for name, node in functions.items() if name in needed]
 
 
 def _source(record: Calibration, functions: list[ast.FunctionDef], tables: Tables) -> str:

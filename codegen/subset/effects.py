@@ -3,7 +3,7 @@
 import ast
 from collections.abc import Collection, Iterator, Mapping
 
-from codegen.subset.program import Function, Program
+from codegen.subset.program import WRITERS, Function, Program
 
 
 def local_kinds(function: Function) -> dict[str, str]:
@@ -62,7 +62,7 @@ def stored(
                 below = written.get(called.key, ())
                 pairs = zip(node.args, called.parameters, strict=False)
                 yield from (argument for argument, name in pairs if name in below)
-            elif program.intrinsic(module, node.func) == "clear":
+            elif program.intrinsic(module, node.func) in WRITERS:
                 yield node.args[0]
 
 

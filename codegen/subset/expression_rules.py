@@ -7,6 +7,7 @@ from codegen.subset.program import (
     INTRINSICS,
     KINDS,
     MEMORY,
+    WRITERS,
     Function,
     Module,
     Program,
@@ -79,8 +80,9 @@ class ExpressionRules:
             called = self.program.function(self.module, node.func)
             if called is not None and called.result is None:
                 raise self.refuse(node, f"{called.name} returns nothing")
-            if self.program.intrinsic(self.module, node.func) == "clear":
-                raise self.refuse(node, "clear returns nothing")
+            intrinsic = self.program.intrinsic(self.module, node.func)
+            if intrinsic in WRITERS:
+                raise self.refuse(node, f"{intrinsic} returns nothing")
         elif isinstance(node, ast.Compare | ast.BoolOp):
             raise self.refuse(node, "a comparison is not a number: use if")
         else:
@@ -164,7 +166,7 @@ class ExpressionRules:
             if len(node.args) != INTRINSICS[intrinsic]:
                 raise self.refuse(node, f"{intrinsic} takes {INTRINSICS[intrinsic]} arguments")
             numbers = node.args
-            if intrinsic in MEMORY or intrinsic == "clear":
+            if intrinsic in (*MEMORY, *WRITERS, "bytes_of"):
                 self.record(node.args[0], intrinsic)
                 numbers = node.args[1:]
             for argument in numbers:
@@ -196,6 +198,8 @@ class ExpressionRules:
             raise self.refuse(node, f"{reader} takes a record")
         if reader == "clear" and given.record == CONST_RECORD:
             raise self.refuse(node, "the calibration is constant")
+        if reader == "set_octet" and given.record != CONST_RECORD:
+            raise self.refuse(node, "set_octet writes a calibration: assign the fields of others")
 
     def order(
         self, node: ast.expr, targets: tuple[ast.expr, ...], *, augmented: bool = False
@@ -232,7 +236,7 @@ class ExpressionRules:
         """Whether ``node`` calls a function that writes its arguments."""
         if not isinstance(node, ast.Call):
             return False
-        if self.program.intrinsic(self.module, node.func) == "clear":
+        if self.program.intrinsic(self.module, node.func) in WRITERS:
             return True
         called = self.program.function(self.module, node.func)
         return called is not None and called.key in self.written

@@ -10,14 +10,15 @@ from collections.abc import Mapping
 from codegen.subset.program import Function, Module, Program
 
 
-def leave_out(program: Program, entry: str) -> None:
-    """Remove such calls where they are statements, and modules other than ``entry`` left empty."""
+def leave_out(program: Program) -> None:
+    """Remove such calls where they are statements, and modules left empty but the entries."""
     idle = {f.key: f for f in program.functions() if _does_nothing(f)}
     for module in program.modules.values():
         for function in module.functions.values():
             _prune(program, module, function.node, idle)
         _forget(module)
-    used = {name for module in program.modules.values() for name in module.uses()} | {entry}
+    used = {name for module in program.modules.values() for name in module.uses()}
+    used |= set(program.entries)
     for module in list(program.modules.values()):
         functions = module.functions.values()
         if functions and all(f.key in idle for f in functions) and module.name not in used:

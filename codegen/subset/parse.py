@@ -8,7 +8,7 @@ rule; the rules for function bodies are in :mod:`codegen.subset.rules`.
 import ast
 import io
 import tokenize
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from canroll.errors import CanrollError
@@ -34,16 +34,21 @@ from codegen.subset.program import (
 
 
 def load(
-    entry: str = "ecu", folder: Path = FIRMWARE, shown: Mapping[str, Path] | None = None
+    entry: str = "ecu",
+    folder: Path = FIRMWARE,
+    shown: Mapping[str, Path] | None = None,
+    services: Sequence[str] = (),
 ) -> Program:
     """Parse ``entry`` and all it imports from ``folder``; raise SubsetError if it is not subset.
 
-    ``shown`` are paths that messages name instead of those in ``folder``, by module.
+    ``shown`` are paths that messages name instead of those in ``folder``, by module; ``services``
+    are further modules with entry points.
     """
-    program = Program({})
-    _load(program, entry, folder, shown or {}, ())
+    program = Program({}, (entry, *services))
+    for name in program.entries:
+        _load(program, name, folder, shown or {}, ())
     _forbid_recursion(program)
-    idle.leave_out(program, entry)
+    idle.leave_out(program)
     return program
 
 

@@ -13,7 +13,7 @@ from gain_gen.models.controller import SPEEDS
 from gain_gen.models.front_share import front_share
 from gain_gen.models.task import Task
 from vehicles import Vehicle
-from vehicles.model import SemiActiveDampers
+from vehicles.model import GRAVITY, SemiActiveDampers
 
 SENSOR_PERIODS = tuple(
     dbc.period(dbc.load().get_message_by_frame_id(ident).name) for ident in RX_IDS
@@ -27,6 +27,11 @@ DBC_BAR_LIMIT = floor(dbc.largest("AntiRollBarCommand", "TorqueFront"))
 DBC_CURRENT_LIMIT = floor(dbc.largest("ValveCommand", "CurrentFront"))
 """Ranges of the command frames, whole N, N·m and mA."""
 MILLI = 1e3
+LINEAR_SHARE = 0.5
+"""Lateral acceleration over friction × g up to which that of the linear car follows the steering.
+
+Beyond, as in a fishhook, the angle would promise what the tyres cannot hold.
+"""
 
 Value = int | list[int] | list[list[int]]
 
@@ -164,12 +169,14 @@ def _identification(task: Task) -> dict[str, Value]:
 
 
 def _limits(task: Task, share: float) -> dict[str, Value]:
-    """Moment and slew limits."""
+    """Limits of the moment, of its slew and of the lateral acceleration by steering."""
     limit = moment_limit(task, share)
     slew = _moment_rate(task, share) * task.tick
+    followed = LINEAR_SHARE * task.vehicle.tyre.friction * GRAVITY
     return {
         "moment_max": quantise(limit, fw.Q_MOMENT, 0, fw.STATE_MAX, name="moment_max"),
         "slew_max": max(1, min(_q(slew, fw.Q_MOMENT), fw.STATE_MAX)),
+        "steering_limit": _q(followed, fw.Q_ACCELERATION),
     }
 
 

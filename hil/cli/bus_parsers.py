@@ -234,6 +234,9 @@ def ecu(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--trace", type=Path, metavar="FILE", help="write the trace of all ticks")
     parser.add_argument("--replay", type=Path, metavar="FILE", help="replay a trace and compare")
+    parser.add_argument(
+        "--xcp", action="store_true", help="answer an XCP tool: measure, calibrate, change pages"
+    )
 
 
 def plant(parser: argparse.ArgumentParser) -> None:

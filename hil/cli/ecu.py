@@ -6,7 +6,8 @@ from pathlib import Path
 import dbc
 from canroll.errors import CanrollError, VerdictError
 from codegen.run.backends import default_backend, open_backend
-from codegen.run.bus_firmware import BusFirmware, built_in
+from codegen.run.bus_firmware import BusFirmware, built_in, with_services
+from codegen.run.served import open_ecu
 from firmware.state import RX_IMU
 from gain_gen.calibration.calibration_file import load as load_calibration
 from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, OF_AN_ECU, PEER_TIMEOUT
@@ -60,7 +61,9 @@ def run(args: argparse.Namespace) -> int:
     profile = profile_of(choices_of(args, OF_AN_ECU))
     loaded = None if args.calibration is None else load_calibration(args.calibration)
     stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
-    firmware = firmware_of(profile, stage)
+    if args.xcp and args.pace == "lockstep":
+        raise CanrollError("--xcp requires --pace realtime: a tool does not wait for grants")
+    firmware = with_services(firmware_of(profile, stage), ("xcp",) if args.xcp else ())
     if args.replay is not None:
         return replay(args.replay, backend, firmware)
     if loaded is None:
@@ -69,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     timeout = peer_timeout(args)
     calibration = loaded.record
     lock = phase_lock(args, calibration.tick_us, firmware)
-    ecu = open_backend(backend, calibration, firmware)
+    ecu = open_ecu(backend, calibration, firmware)
     link = open_link(args, firmware.fd)
     seconds = args.duration + 1 if args.duration else TRACE_SECONDS
     recorder = tick_trace.Recorder(

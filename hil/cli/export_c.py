@@ -61,6 +61,11 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         action="store_true",
         help="code for this calibration alone: smaller, faster, nothing to tune",
     )
+    parser.add_argument(
+        "--xcp",
+        action="store_true",
+        help="with the XCP slave beside the loop: measure, calibrate, change pages",
+    )
     parser.set_defaults(run=run)
 
 
@@ -75,6 +80,8 @@ def run(args: argparse.Namespace) -> int:
         raise CanrollError("--elf gives the address: omit --address")
     if args.specialise and (args.elf is not None or args.address is not None):
         raise CanrollError("--specialise has the calibration compiled in: omit --elf and --address")
+    if args.specialise and args.xcp:
+        raise CanrollError("--specialise has the calibration compiled in: omit --xcp")
     if args.address is not None:
         flash.check(args.address)
     if args.elf is not None:
@@ -83,6 +90,8 @@ def run(args: argparse.Namespace) -> int:
         refuse_unwritable(args.folder)
     if (args.dbc is None) != (args.map is None):
         raise CanrollError("--dbc and --map require each other")
+    if args.xcp and args.dbc is not None and load_map(args.dbc, args.map).xcp is None:
+        raise CanrollError(f"--xcp: {args.map} has no table [xcp]: add master, slave and bitrate")
     settings, controller = plan(
         "double_lane_change",
         **choices_of(args, OF_AN_EXPORT),
@@ -163,6 +172,7 @@ def described(
         origin=origin,
         stage=controller.stage,
         specialised=args.specialise,
+        services=("xcp",) if args.xcp else (),
     )
 
 

@@ -8,7 +8,13 @@ from time import perf_counter
 from canroll.errors import CanrollError
 from codegen.proof import prove
 from codegen.run import memory_image
-from codegen.run.bus_firmware import BusFirmware, built_in, with_stage
+from codegen.run.bus_firmware import (
+    SERVICES,
+    BusFirmware,
+    built_in,
+    with_services,
+    with_stage,
+)
 from firmware.calibration import Calibration
 from firmware.check import check
 from gain_gen.calibration import calibration_file
@@ -20,7 +26,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the proof; return 1 where an obligation isn't met."""
     loaded = None if args.calibration is None else calibration_file.load(args.calibration)
     stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, ("stage",)))
-    firmware = with_stage(built_in(), stage)
+    firmware = with_services(with_stage(built_in(), stage), SERVICES)
     name = str(args.calibration or "every calibration accepted by the ECU")
     record = None if loaded is None else loaded.record
     return report(record, firmware, name=name, as_json=args.json)

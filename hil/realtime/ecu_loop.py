@@ -69,7 +69,7 @@ def run(
     period = calibration.tick_us * 1000
     command_id, length = firmware.sent[command_slot(calibration)]
     command = bytes(length)
-    ours = frozenset(firmware.slots)
+    ours = firmware.heard
     number = ticks = last_heard = 0
     elapsed = 1
     with collector_off():

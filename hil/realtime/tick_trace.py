@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import UNREADABLE, CanrollError
-from codegen.run.backends import Backend, open_backend
+from codegen.run.backends import Backend
 from codegen.run.bus_firmware import BusFirmware
+from codegen.run.served import open_ecu
 from firmware.calibration import Calibration
 from firmware.subset import fields
 from gain_gen.calibration.record import fill
@@ -179,7 +180,7 @@ def replay(
         start_ns: monotonic instant that is time 0 of the rows.
         firmware: firmware for the bus, by default the built-in one.
     """
-    ecu = open_backend(backend, trace.calibration, firmware)
+    ecu = open_ecu(backend, trace.calibration, firmware)
     rows = np.zeros(len(trace.ticks), TICK)
     difference = None
     first = 0

@@ -1,17 +1,23 @@
 """The closed loop in virtual time: one ECU, one bus, one vehicle, and only the plant's clock."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from codegen.run.backends import Backend
+from codegen.run.backends import Backend, NativeEcu
 from hil.runs.frozen import RUN_TIME
 from hil.runs.trace import Trace, tick_rows
-from plant_sim.world.world import World
+from plant_sim.kernels.records import to_record
+from plant_sim.nodes.codec import MAX_PAYLOAD
+from plant_sim.world.ecu_kernel import MAILBOXES, Connection, Firmware
+from plant_sim.world.world import CHUNK_NS, World
 
 RUN_TIME_NS = round(RUN_TIME * 1e9)
+
+BLOCK = 50
+"""Ticks run in one call of the compiled loop."""
 
 Progress = Callable[[float], None]
 
@@ -62,6 +68,91 @@ def ticks(
         world.advance(end_ns)
 
 
+def observed_ticks(
+    world: World,
+    ecu: Backend,
+    *,
+    tick_ns: int,
+    end_ns: int,
+    offset_ns: int = 0,
+    run_time_ns: int = RUN_TIME_NS,
+) -> Iterator[tuple[int, bytes]]:
+    """Run :func:`ticks`; yield the instant of each and the ECU's state record after it."""
+    instants = ticks(
+        world, ecu, tick_ns=tick_ns, end_ns=end_ns, offset_ns=offset_ns, run_time_ns=run_time_ns
+    )
+    for t in instants:
+        yield t, ecu.image()
+
+
+def compiled_ticks(
+    world: World,
+    ecu: NativeEcu,
+    *,
+    tick_ns: int,
+    end_ns: int,
+    offset_ns: int = 0,
+    run_time_ns: int = RUN_TIME_NS,
+) -> Iterator[tuple[int, bytes]]:
+    """Run :func:`observed_ticks` in compiled code: the same world, ECU and results."""
+    connection = connected(world, ecu)
+    images = np.empty((BLOCK, len(connection.image)), np.uint8)
+    world.advance(0)
+    t = offset_ns
+    while (left := (end_ns - t) // tick_ns) > 0 and not world.finished:
+        interrupted = None
+        try:
+            world.run_ticks(
+                connection, images[:left], before_ns=t, period_ns=tick_ns, run_time_ns=run_time_ns
+            )
+        except KeyboardInterrupt as error:
+            interrupted = error
+        for image in images[: (world.now_ns - t) // tick_ns]:
+            t += tick_ns
+            yield t, image.tobytes()
+        if interrupted:
+            raise interrupted
+    if not world.finished and t < end_ns:
+        world.advance(end_ns)
+
+
+def connected(world: World, ecu: NativeEcu) -> Connection:
+    """Return the connection of a native ECU to the compiled loop of ``world``."""
+    sent, slots = ecu.firmware.sent, ecu.firmware.slots
+    for ident, length in sent:
+        if length:
+            world.check_frame(ident, length)
+    received = [(ident, slot) for ident, its in slots.items() for slot in its]
+    places = ecu.ecu.dtype.fields
+    assert places is not None
+    payloads, payloads_at = places["tx_payload"][:2]
+    buffer = np.zeros(MAX_PAYLOAD, np.uint8)
+    pointers = ecu.pointers
+    firmware = Firmware(
+        receive=pointers["receive"],
+        tick=pointers["tick"],
+        ecu=pointers["ecu"],
+        calibration=pointers["calibration"],
+        payload=buffer.ctypes.data,
+        received=len(received),
+        received_key=_in_room([ident for ident, _ in received]),
+        received_mailbox=_in_room([slot for _, slot in received]),
+        sent=len(sent),
+        sent_key=_in_room([ident for ident, _ in sent]),
+        sent_length=_in_room([length for _, length in sent]),
+        pending_at=places["tx_pending"][1],
+        payloads_at=payloads_at,
+        payload_size=payloads.shape[-1],
+    )
+    return Connection(to_record(firmware), ecu.ecu.view(np.uint8), buffer)
+
+
+def _in_room(values: Sequence[int]) -> NDArray[np.int64]:
+    row = np.zeros(MAILBOXES, np.int64)
+    row[: len(values)] = values
+    return row
+
+
 def closed_loop(
     world: World,
     ecu: Backend,
@@ -91,18 +182,24 @@ def closed_loop(
     end = world.duration_ns if duration_ns is None else min(duration_ns, world.duration_ns)
     times: list[float] = []
     images: list[bytes] = []
+    loop = _loop(
+        world, ecu, tick_ns=tick_ns, end_ns=end, offset_ns=offset_ns, run_time_ns=run_time_ns
+    )
     try:
-        loop = ticks(
-            world, ecu, tick_ns=tick_ns, end_ns=end, offset_ns=offset_ns, run_time_ns=run_time_ns
-        )
-        for t in loop:
+        for t, image in loop:
             times.append(t * 1e-9)
-            images.append(ecu.image())
+            images.append(image)
             if progress is not None and len(times) % 50 == 0:
                 progress(t / end)
     except KeyboardInterrupt:
         raise Interrupted(_trace(world, type(ecu.state), times, images, complete=False)) from None
     return _trace(world, type(ecu.state), times, images, complete=True)
+
+
+def _loop(world: World, ecu: Backend, **times: int) -> Iterator[tuple[int, bytes]]:
+    if isinstance(ecu, NativeEcu) and times["tick_ns"] <= CHUNK_NS:
+        return compiled_ticks(world, ecu, **times)
+    return observed_ticks(world, ecu, **times)
 
 
 def _trace(

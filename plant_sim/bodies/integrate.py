@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 
-import numpy as np
-
 from canroll.typing import Vector
-from plant_sim.kernels.jit import njit
+from plant_sim.bodies.ports import STATES_MAX
+from plant_sim.kernels.jit import njit, stack_vector
+
+_room = stack_vector(STATES_MAX)
 
 
 def rk4(derivative: Callable[..., None]) -> Callable[..., None]:
@@ -17,8 +18,7 @@ def rk4(derivative: Callable[..., None]) -> Callable[..., None]:
 
     def advance(state: Vector, inputs: Vector, parameters: Vector, dt: float) -> None:
         n = state.size
-        work = np.empty((3, n))
-        trial, rate, total = work[0], work[1], work[2]
+        trial, rate, total = _room()[:n], _room()[:n], _room()[:n]
         derivative(state, inputs, parameters, rate)
         for i in range(n):
             total[i] = rate[i]

@@ -13,7 +13,7 @@ from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.bodies.integrate import rk4
 from plant_sim.bodies.ports import Body
-from plant_sim.kernels.jit import cfunc, njit
+from plant_sim.kernels.jit import cfunc, njit, stack_vector
 from vehicles import GRAVITY, Vehicle
 from vehicles.full_car import INPUTS, STATES, FullCar, from_vehicle, state_matrices
 from vehicles.roll_stiffness import suspension_roll_stiffness
@@ -22,6 +22,8 @@ N_LINEAR = len(STATES)
 N_DRIVE = len(INPUTS)
 X, Y, YAW = N_LINEAR, N_LINEAR + 1, N_LINEAR + 2
 N_STATES = N_LINEAR + 3
+
+_drives, _rates = stack_vector(N_DRIVE), stack_vector(N_STATES)
 HEAVE, PITCH, ROLL, HOP = 0, 1, 2, 3
 RATES, HOP_RATE = 7, 10
 SIDESLIP, YAW_RATE, OIL = 14, 15, 16
@@ -82,7 +84,7 @@ def build_hydraulic(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
 @njit
 def derivative(state: Vector, inputs: Vector, p: Vector, rate: Vector) -> None:
     """Fill ``rate`` with the time derivative of ``state``."""
-    drive = np.empty(N_DRIVE)
+    drive = _drives()
     drive[0] = inputs[ports.STEER]
     limit = p[P_CURRENT_LIMIT]
     for i in range(4):
@@ -121,7 +123,7 @@ def _limit(state: Vector, p: Vector) -> None:
 
 @njit
 def _observe(state: Vector, inputs: Vector, p: Vector, outputs: Vector) -> None:
-    rate = np.empty(N_STATES)
+    rate = _rates()
     derivative(state, inputs, p, rate)
     speed, yaw_rate = p[P_SPEED], state[YAW_RATE]
     outputs[ports.X : ports.YAW + 1] = state[X : YAW + 1]

@@ -59,7 +59,7 @@ from plant_sim.bodies.parameters import (
     build_parameters,
 )
 from plant_sim.bodies.ports import Body
-from plant_sim.kernels.jit import cfunc, njit
+from plant_sim.kernels.jit import cfunc, njit, stack_vector
 from vehicles import GRAVITY, Vehicle
 
 X, Y, YAW, VX, VY, YAW_RATE = range(6)
@@ -83,6 +83,8 @@ ROLLOVER_TIME = 1.0
 # Slots of the algebraic results that one evaluation leaves for the outputs.
 _LOAD, _LATERAL, _AY, _AX = 0, 4, 8, 9
 _N_RESULTS = 10
+
+_results, _rates = stack_vector(_N_RESULTS), stack_vector(N_STATES)
 
 
 def build(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
@@ -120,6 +122,9 @@ def evaluate(state: Vector, inputs: Vector, p: Vector, rate: Vector, results: Ve
     vx, vy, yaw_rate = state[VX], state[VY], state[YAW_RATE]
     radius, sprung, arm = p[P_RADIUS], p[P_SPRUNG], p[P_ARM]
 
+    c_front, s_front = cos(steer), sin(steer)
+    c_bank, s_bank = cos(bank), sin(bank)
+    c_yaw, s_yaw = cos(state[YAW]), sin(state[YAW])
     force_x, force_y, yaw_moment = 0.0, 0.0, 0.0
     for wheel in range(4):
         axle = wheel // 2
@@ -130,8 +135,7 @@ def evaluate(state: Vector, inputs: Vector, p: Vector, rate: Vector, results: Ve
         load = load if static + p[P_TYRE_STIFFNESS] * gap > 0.0 and load > 0.0 else 0.0
         results[_LOAD + wheel] = load
 
-        turn = steer if axle == 0 else 0.0
-        c, s = cos(turn), sin(turn)
+        c, s = (c_front, s_front) if axle == 0 else (1.0, 0.0)
         tilt_rate = (state[HOP_RATE + 2 * axle] - state[HOP_RATE + 2 * axle + 1]) / (
             2.0 * p[P_TRACK + axle]
         )
@@ -166,7 +170,7 @@ def evaluate(state: Vector, inputs: Vector, p: Vector, rate: Vector, results: Ve
 
     pushed_y = force_y / p[P_MASS]
     pushed_x = force_x / p[P_MASS]
-    lateral = force_y - p[P_MASS] * GRAVITY * sin(bank)
+    lateral = force_y - p[P_MASS] * GRAVITY * s_bank
     results[_AY] = lateral / p[P_MASS]
     results[_AX] = pushed_x - GRAVITY * sin(grade)
 
@@ -221,19 +225,19 @@ def evaluate(state: Vector, inputs: Vector, p: Vector, rate: Vector, results: Ve
                 results[_LOAD + wheel] - p[P_STATIC + axle] - force + sign * geometric - shift
             ) / unsprung
 
-    body_roll += sprung * GRAVITY * arm * (sin(state[ROLL]) * cos(bank) + sin(bank))
+    body_roll += sprung * GRAVITY * arm * (sin(state[ROLL]) * c_bank + s_bank)
     coupling = sprung * arm
     determinant = p[P_MASS] * p[P_ROLL_INERTIA] - coupling * coupling
     acceleration = (p[P_ROLL_INERTIA] * lateral + coupling * body_roll) / determinant
     rate[ROLL_RATE] = (p[P_MASS] * body_roll + coupling * lateral) / determinant
     rate[PITCH_RATE] = (body_pitch - sprung * pushed_x * p[P_CG_HEIGHT]) / p[P_PITCH_INERTIA]
-    rate[HEAVE_RATE] = body_force / sprung + GRAVITY * (1.0 - cos(bank) * cos(grade))
+    rate[HEAVE_RATE] = body_force / sprung + GRAVITY * (1.0 - c_bank * cos(grade))
     rate[HEAVE], rate[ROLL], rate[PITCH] = state[HEAVE_RATE], state[ROLL_RATE], state[PITCH_RATE]
     rate[VX] = results[_AX] + yaw_rate * (vy - coupling / p[P_MASS] * state[ROLL_RATE])
     rate[VY] = acceleration - vx * yaw_rate
     rate[YAW_RATE] = yaw_moment / p[P_YAW_INERTIA]
-    rate[X] = vx * cos(state[YAW]) - vy * sin(state[YAW])
-    rate[Y] = vx * sin(state[YAW]) + vy * cos(state[YAW])
+    rate[X] = vx * c_yaw - vy * s_yaw
+    rate[Y] = vx * s_yaw + vy * c_yaw
     rate[YAW] = yaw_rate
     rate[LIFTED_TIME] = 0.0
     rate[ROLLED_OVER] = 0.0
@@ -242,12 +246,12 @@ def evaluate(state: Vector, inputs: Vector, p: Vector, rate: Vector, results: Ve
 @njit
 def derivative(state: Vector, inputs: Vector, parameters: Vector, rate: Vector) -> None:
     """Fill ``rate`` with the time derivative of ``state``."""
-    evaluate(state, inputs, parameters, rate, np.empty(_N_RESULTS))
+    evaluate(state, inputs, parameters, rate, _results())
 
 
 @njit
 def _observe(state: Vector, inputs: Vector, p: Vector, outputs: Vector, dt: float) -> None:
-    rate, results = np.empty(N_STATES), np.empty(_N_RESULTS)
+    rate, results = _rates(), _results()
     evaluate(state, inputs, p, rate, results)
     outputs[ports.X : ports.YAW + 1] = state[X : YAW + 1]
     outputs[ports.VX], outputs[ports.VY] = state[VX], state[VY]

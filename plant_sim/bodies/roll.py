@@ -13,11 +13,13 @@ from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.bodies.integrate import rk4
 from plant_sim.bodies.ports import Body
-from plant_sim.kernels.jit import cfunc, njit
+from plant_sim.kernels.jit import cfunc, njit, stack_vector
 from vehicles import GRAVITY, Vehicle
 
 VY, YAW_RATE, X, Y, YAW, ROLL, ROLL_RATE = range(7)
 N_STATES = 7
+
+_rates = stack_vector(N_STATES)
 
 (
     P_SPEED,
@@ -136,7 +138,7 @@ def derivative(state: Vector, inputs: Vector, parameters: Vector, rate: Vector) 
 @njit
 def observe(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector) -> None:
     """Fill ``outputs`` from state and inputs (:mod:`plant_sim.bodies.ports`)."""
-    rate = np.empty(N_STATES)
+    rate = _rates()
     derivative(state, inputs, parameters, rate)
     front, rear = axle_forces(state, inputs, parameters)
     bank = GRAVITY * sin(inputs[ports.BANK])

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from canroll.typing import Vector
 from plant_sim.bodies import ports
-from plant_sim.kernels.jit import njit
+from plant_sim.kernels.jit import borrowed, njit
 from vehicles import GRAVITY
 
 FOLLOW_PATH = 0
@@ -87,6 +87,22 @@ class Drive(NamedTuple):
     """Road height (m) under the left and the right wheels, at the same steps."""
     road_right: Vector
     memory: Vector
+
+
+@njit
+def uncounted(drive: Drive) -> Drive:
+    """Views of the arrays of a drive that the caller keeps alive; see ``borrowed``."""
+    return Drive(
+        drive.kind,
+        borrowed(drive.parameters),
+        borrowed(drive.path_x),
+        borrowed(drive.path_y),
+        borrowed(drive.table),
+        borrowed(drive.bank),
+        borrowed(drive.road_left),
+        borrowed(drive.road_right),
+        borrowed(drive.memory),
+    )
 
 
 @njit

@@ -98,17 +98,66 @@ STEP_SIGNATURE = numba.types.void(_VECTOR, _VECTOR, _VECTOR, _VECTOR, numba.type
 """Of a body's step: ``step(state, inputs, parameters, outputs, dt)``."""
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def step_at(typing_context: Any, address: Any) -> Any:  # noqa: ANN401
-    """In a kernel: the body's step at ``address`` of a C function kept alive by the caller.
+def function_at(signature: Any) -> Any:  # noqa: ANN401
+    """In a kernel: the C function of ``signature`` at an address, which the caller keeps alive.
 
-    Passing the function itself would cost a call from Python more than the step does.
+    Passing the function itself would cost a call from Python more than a step of the plant does.
     """
-    step = numba.types.FunctionType(STEP_SIGNATURE)
 
-    def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:  # noqa: ANN401
-        value = cgutils.create_struct_proxy(step)(context, builder)
-        value.c_addr = builder.inttoptr(arguments[0], cgutils.voidptr_t)
-        return value._getvalue()
+    @intrinsic  # type: ignore[untyped-decorator]
+    def at(typing_context: Any, address: Any) -> Any:  # noqa: ANN401
+        function = numba.types.FunctionType(signature)
 
-    return step(numba.types.int64), lower
+        def lower(context: Any, builder: Any, _: Any, arguments: Any) -> Any:  # noqa: ANN401
+            value = cgutils.create_struct_proxy(function)(context, builder)
+            value.c_addr = builder.inttoptr(arguments[0], cgutils.voidptr_t)
+            return value._getvalue()
+
+        return function(numba.types.int64), lower
+
+    return at
+
+
+step_at = function_at(STEP_SIGNATURE)
+"""A body's step at an address."""
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def borrowed(typing_context: Any, array: Any) -> Any:  # noqa: ANN401
+    """In a kernel: a view of an array that the caller keeps alive, without counted references.
+
+    Counting takes an atomic operation for every use, up to a third of a kernel's time.
+    """
+
+    def lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ANN401
+        view = context.make_array(signature.args[0])(context, builder, arguments[0])
+        view.meminfo = cgutils.get_null_value(view.meminfo.type)
+        view.parent = cgutils.get_null_value(view.parent.type)
+        return view._getvalue()
+
+    return array(array), lower
+
+
+def stack_vector(size: int) -> Any:  # noqa: ANN401
+    """In a kernel: an uninitialised vector of ``size`` that is gone when the function returns."""
+
+    @intrinsic  # type: ignore[untyped-decorator]
+    def make(typing_context: Any) -> Any:  # noqa: ANN401
+        def lower(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:  # noqa: ANN401
+            word = context.get_constant(numba.types.intp, 8)
+            count = context.get_constant(numba.types.intp, size)
+            number = context.get_value_type(numba.types.float64)
+            vector = context.make_array(_VECTOR)(context, builder)
+            context.populate_array(
+                vector,
+                data=cgutils.alloca_once(builder, number, size=count),
+                shape=[count],
+                strides=[word],
+                itemsize=word,
+                meminfo=None,
+            )
+            return vector._getvalue()
+
+        return _VECTOR(), lower
+
+    return make

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from canroll.typing import Vector
-from plant_sim.kernels.jit import njit
+from plant_sim.kernels.jit import njit, stack_vector
 from vehicles.model import ElectroHydraulicBars
 
 SPOOL, SPOOL_RATE, PRESSURE, ANGLE, ANGLE_RATE = range(5)
@@ -59,6 +59,9 @@ def parameters(data: ElectroHydraulicBars, *, thickening: float) -> Vector:
     return result
 
 
+_slopes, _trial = stack_vector(20), stack_vector(5)
+
+
 @njit
 def active_moment(p: Vector, angle: float) -> float:
     """Moment on the body (N·m), > 0 lifts the left, added by shaft ``angle`` (rad) to the bar's."""
@@ -98,8 +101,7 @@ def advance(motor: Vector, p: Vector, current: float, roll: float, rate: float) 
 
     ``roll`` and ``rate``: roll angle and rate of the suspension at the start of the step.
     """
-    slope = np.empty((4, 5))
-    x = np.empty(5)
+    slope, x = _slopes().reshape((4, 5)), _trial()
     for stage in range(4):
         ahead = STEP * (0.0 if stage == 0 else 1.0 if stage == 3 else 0.5)
         for i in range(5):

@@ -11,10 +11,10 @@ from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.bodies.ports import Body, initial_inputs
 from plant_sim.driving.drive import STEP_NS
-from plant_sim.driving.driver import ACCELERATION_TABLE, Drive
+from plant_sim.driving.driver import ACCELERATION_TABLE, Drive, uncounted
 from plant_sim.driving.driver import drive as apply_drive
 from plant_sim.driving.maneuvers import Maneuver
-from plant_sim.kernels.jit import njit
+from plant_sim.kernels.jit import borrowed, njit
 from plant_sim.world import recording
 from vehicles import Vehicle
 
@@ -44,14 +44,17 @@ class _Run(NamedTuple):
 @njit
 def _drive_through(step: Any, drive: Drive, run: _Run, step_ns: int) -> int:  # noqa: ANN401
     """Run until the record is full or the car has rolled over; return the number of steps."""
-    for k in range(run.record.shape[0]):
-        apply_drive(k * step_ns, run.outputs, run.inputs, drive)
-        step(run.state, run.inputs, run.parameters, run.outputs, step_ns * 1e-9)
-        run.record[k] = run.outputs
-        run.steer[k] = run.inputs[ports.STEER]
-        if run.outputs[ports.ROLLOVER] != 0.0:
+    inputs, outputs, record = borrowed(run.inputs), borrowed(run.outputs), borrowed(run.record)
+    state, parameters, steer = borrowed(run.state), borrowed(run.parameters), borrowed(run.steer)
+    driver = uncounted(drive)
+    for k in range(len(record)):
+        apply_drive(k * step_ns, outputs, inputs, driver)
+        step(state, inputs, parameters, outputs, step_ns * 1e-9)
+        record[k] = outputs
+        steer[k] = inputs[ports.STEER]
+        if outputs[ports.ROLLOVER] != 0.0:
             return k + 1
-    return int(run.record.shape[0])
+    return len(record)
 
 
 def start(

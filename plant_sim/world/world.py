@@ -21,6 +21,7 @@ from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import recording, world_parts
+from plant_sim.world.ecu_kernel import Connection, Ticks, run
 from plant_sim.world.world_kernel import (
     APPLIED_COMMANDS,
     EXTENDED_KEY,
@@ -35,7 +36,7 @@ from vehicles.model import Vehicle
 __all__ = ["FRAME", "World"]
 
 # The most that the loop is asked for at a time: neither the log nor the inbox overflows in it.
-_CHUNK_NS = 200_000_000
+CHUNK_NS = 200_000_000
 STANDARD_IDENT = 0x7FF
 CLASSIC_PAYLOAD = 8
 
@@ -86,7 +87,6 @@ class World:
             sensors or SensorOptions(), actuators or ActuatorOptions(), tuple(faults)
         )
         self.duration_ns = maneuver.duration_ns
-        self.now_ns = 0
         self._parts = world_parts.assemble(
             vehicle=vehicle,
             plant=plant,
@@ -137,15 +137,7 @@ class World:
             raise CanrollError(
                 f"frame 0x{ident:X} submitted at {t_ns} ns, in the past of the world"
             )
-        if len(payload) > MAX_PAYLOAD:
-            raise CanrollError(f"frame 0x{ident:X} of {len(payload)} bytes: at most {MAX_PAYLOAD}")
-        if not (0 <= ident <= STANDARD_IDENT or ident & EXTENDED_KEY) or (
-            len(payload) > CLASSIC_PAYLOAD and ident not in self._fd
-        ):
-            raise CanrollError(
-                f"frame 0x{ident:X} of {len(payload)} bytes: the ECU sends classic frames with "
-                "identifiers of 11 bits and at most 8 bytes, and those of its map"
-            )
+        self.check_frame(ident, len(payload))
         count = self._clock[OUTBOX]
         if not self.room:
             raise CanrollError(f"more than {len(self._outbox)} frames submitted in one tick")
@@ -154,6 +146,50 @@ class World:
         out["payload"][: len(payload)] = np.frombuffer(payload, np.uint8)
         self._clock[OUTBOX] = count + 1
 
+    def check_frame(self, ident: int, length: int) -> None:
+        """Refuse a frame that the ECU cannot send on this bus."""
+        if length > MAX_PAYLOAD:
+            raise CanrollError(f"frame 0x{ident:X} of {length} bytes: at most {MAX_PAYLOAD}")
+        if not (0 <= ident <= STANDARD_IDENT or ident & EXTENDED_KEY) or (
+            length > CLASSIC_PAYLOAD and ident not in self._fd
+        ):
+            raise CanrollError(
+                f"frame 0x{ident:X} of {length} bytes: the ECU sends classic frames with "
+                "identifiers of 11 bits and at most 8 bytes, and those of its map"
+            )
+
+    def run_ticks(
+        self,
+        ecu: Connection,
+        images: NDArray[np.uint8],
+        *,
+        before_ns: int,
+        period_ns: int,
+        run_time_ns: int,
+    ) -> None:
+        """Run a native ECU for at most as many ticks as ``images`` has rows, in compiled code.
+
+        The time tells how many: at least one, unless the vehicle has rolled over.
+
+        Args:
+            ecu: initialised; every frame that it sends has passed :meth:`check_frame`.
+            images: filled with its state record after each tick.
+            before_ns: the ticks are at ``before_ns + k period_ns``, k from 1.
+            period_ns: at most 200 ms.
+            run_time_ns: time from a tick to its frames.
+        """
+        if self._recorded is not None:
+            # fed anew before every tick, as recorded frames are queued in order with all others
+            images = images[:1]
+            self._recorded.feed(before_ns + period_ns)
+        last_ns = before_ns + period_ns * len(images)
+        if last_ns > self._recorded_until_ns:
+            self._make_room(last_ns)
+        stop = self._drained + world_parts.LOG_CAPACITY // 2
+        ticks = Ticks(before_ns, period_ns, run_time_ns, stop)
+        run(self._parts, ecu, ticks, images)
+        self._keep()
+
     def advance(self, until_ns: int) -> NDArray[Any]:
         """Advance to ``until_ns``; return the frames (``FRAME``) the ECU received since."""
         if until_ns < self.now_ns:
@@ -161,10 +197,15 @@ class World:
         if until_ns > self._recorded_until_ns:
             self._make_room(until_ns)
         chunks = []
-        while until_ns - self.now_ns > _CHUNK_NS:
-            chunks.append(self._advance_to(self.now_ns + _CHUNK_NS))
+        while until_ns - self.now_ns > CHUNK_NS:
+            chunks.append(self._advance_to(self.now_ns + CHUNK_NS))
         last = self._advance_to(until_ns)
         return np.concatenate([*chunks, last]) if chunks else last
+
+    @property
+    def now_ns(self) -> int:
+        """The instant that the world has been advanced to."""
+        return int(self._bus_clock[can_bus.NOW])
 
     @property
     def finished(self) -> bool:
@@ -224,10 +265,13 @@ class World:
         if self._recorded is not None:
             self._recorded.feed(until_ns)
         count = self._kernel(self._parts, until_ns)
-        self.now_ns = until_ns
+        self._keep()
+        return self._received[:count].copy()
+
+    def _keep(self) -> None:
+        """Take the log out of the ring before it is overwritten."""
         if self._bus_clock[can_bus.LOGGED] - self._drained > world_parts.LOG_CAPACITY // 2:
             self._drain()
-        return self._received[:count].copy()
 
     def _make_room(self, until_ns: int) -> None:
         old, steps = self._parts, 2 * until_ns // STEP_NS + 2

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from plant_sim import can_bus as bus
 from plant_sim.bodies import ports
 from plant_sim.can_bus.wire.frame import ERROR_STATE, EXTENDED, RECESSIVE_INDICATOR
-from plant_sim.driving.driver import Drive, drive
-from plant_sim.kernels.jit import njit, step_at
+from plant_sim.driving.driver import Drive, drive, uncounted
+from plant_sim.kernels.jit import borrowed, njit, step_at
 from plant_sim.nodes import actuator_kernel, codec, sensor_kernel
 from plant_sim.nodes.actuator_kernel import Actuators
 from plant_sim.nodes.actuator_models import act
@@ -232,7 +232,7 @@ def advance(parts: Parts, until_ns: int) -> int:
         received: number of frames received by the ECU: the first of ``Memory.received``.
     """
     world, network = parts.memory[0], parts.network.state[0]
-    rows, commands, driver = parts.rows, parts.commands, parts.drive
+    rows, commands, driver = borrowed(parts.rows), borrowed(parts.commands), uncounted(parts.drive)
     clock = world.clock
     # Views into the record: unlike arrays of their own they have no references to be counted.
     inputs, outputs = world.inputs[:], world.outputs[:]

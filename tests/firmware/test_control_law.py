@@ -59,7 +59,7 @@ def test_compensator_is_the_linear_system(order, outputs):
     a, b, c = a[:order, :order], b[:order], c[:, :order]
     cal = rig.calibration(actuator=fw.BARS)
     fill_compensator(cal, (a, b, c, d), np.zeros((order, 2)))
-    cal.moment_max = cal.slew_max = fw.STATE_MAX
+    cal.moment_max = cal.slew_max = cal.steering_limit = fw.STATE_MAX
     ecu = running(cal)
     inputs = np.cumsum(rng.normal(size=(400, 4)), axis=0) * [1e-3, 1e-2, 0.1, 0.1]
     scale = 2.0 ** np.array([30, 27, 24, 24])
@@ -72,6 +72,19 @@ def test_compensator_is_the_linear_system(order, outputs):
     exact = signal.dlsim((a, b, c, d, 0.01), inputs)[1] if order else inputs @ d.T
     assert np.max(np.abs(exact)) > 30
     np.testing.assert_allclose(ours, exact, atol=0.02)
+
+
+def test_compensator_believes_the_steering_up_to_its_limit():
+    cal = rig.calibration(steering_limit=5 << 24, moment_max=fw.STATE_MAX, slew_max=fw.STATE_MAX)
+    d = np.array([[0, 0, 0, 100.0]])
+    fill_compensator(
+        cal, (np.zeros((0, 0)), np.zeros((0, 4)), np.zeros((1, 0)), d), np.zeros((0, 2))
+    )
+    ecu = running(cal)
+    for steered, moment in ((4, 400), (5, 500), (9, 500), (-4, -400), (-9, -500)):
+        ecu.steering_acceleration = steered << 24
+        control_law.control(ecu, cal, 1)
+        assert ecu.moment / 2**14 == pytest.approx(moment, abs=0.01)
 
 
 def test_compensator_follows_its_saturated_output_and_does_not_wind_up():

@@ -175,7 +175,9 @@ def test_the_compensator_is_its_matrices(seed):
     ecu.rate_good, ecu.offset_rate = small(rng, 2, 20)
     rate = ecu.rate_good - ecu.offset_rate
     lateral = ecu.acceleration_good - ecu.offset_acceleration
-    inputs = [ecu.x[0], rate, lateral, ecu.steering_acceleration]
+    cal.steering_limit = rng.randint(0, 1 << 14)
+    steered = limited(ecu.steering_acceleration, -cal.steering_limit, cal.steering_limit)
+    inputs = [ecu.x[0], rate, lateral, steered]
     state = ecu.compensator_x[:order]
     given = [
         nearest(

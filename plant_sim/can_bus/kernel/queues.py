@@ -1,16 +1,19 @@
 # ruff: noqa: PLR0917
 """Transmit queues of the nodes, and the store of the frames in them."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from plant_sim.can_bus.kernel.calendar import schedule
-from plant_sim.can_bus.kernel.drawing import draw
 from plant_sim.can_bus.kernel.heap import push
 from plant_sim.can_bus.kernel.layout import (
     BUS_OFF,
+    EXPONENTIAL,
     FAULT_COUNT,
     FIFO,
+    FIXED,
     FREE_FRAME,
     GATEWAY_COUNT,
     GATEWAY_DOWN,
@@ -27,15 +30,22 @@ from plant_sim.can_bus.kernel.layout import (
     NOW,
     OFFERED,
     REPLACE,
+    SAMPLED,
+    SEED,
     SUPERSEDED,
+    UNIFORM,
     Network,
     State,
 )
 from plant_sim.can_bus.kernel.ledger import finish
 from plant_sim.can_bus.wire.frame import REMOTE, arbitration_key
 from plant_sim.kernels.jit import njit
+from plant_sim.kernels.random import uniform
 
 _JITTER_STREAM = 1 << 47
+
+Drawn = Any
+"""Record of a gateway or a node, with the fields of a distribution."""
 
 
 @njit
@@ -264,3 +274,23 @@ def offer(bus: State, number: int) -> None:
     )
     segment.pending += 1
     segment.wake_ns = 0
+
+
+@njit
+def draw(bus: State, of: Drawn, stream: int) -> int:
+    """Return the next time (ns) of the distribution in a record; ``stream`` is its own."""
+    time = of.low_ns
+    if of.distribution == FIXED:
+        return int(time)
+    share = uniform(bus.clock[SEED], stream, of.drawn)
+    of.drawn += 1
+    spread = of.high_ns - of.low_ns
+    if of.distribution == UNIFORM:
+        time += np.int64(share * (spread + 1))
+    elif of.distribution == EXPONENTIAL:
+        # truncated at high_ns by inversion of the distribution function
+        kept = -np.expm1(-spread / of.mean_ns)
+        time += np.int64(-of.mean_ns * np.log1p(-share * kept))
+    elif of.distribution == SAMPLED:
+        time = bus.samples[of.first_sample + np.int64(share * of.samples)]
+    return int(time)

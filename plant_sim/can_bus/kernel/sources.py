@@ -3,9 +3,8 @@
 import numpy as np
 
 from plant_sim.can_bus.kernel.calendar import schedule
-from plant_sim.can_bus.kernel.drawing import draw
 from plant_sim.can_bus.kernel.layout import GATEWAY_COUNT, NOW, SEED, Network, State
-from plant_sim.can_bus.kernel.queues import message_of, release, store
+from plant_sim.can_bus.kernel.queues import draw, message_of, release, store
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import random_bits, uniform
 

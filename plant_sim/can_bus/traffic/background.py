@@ -2,6 +2,7 @@
 """Background traffic: periodic messages that bring a bus to a given total load."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -24,6 +25,7 @@ def mean_frame_ns(ident: int, length: int, bitrate: int, *, seed: int = 0) -> fl
     return _mean_ns(ident, 0, length, bitrate, 0, seed)
 
 
+@cache
 def _mean_ns(
     ident: int, flags: int, length: int, bitrate: int, data_bitrate: int, seed: int
 ) -> float:

@@ -310,3 +310,27 @@ def test_a_shift_that_may_exceed_32_bits_is_done_in_64(sample):
     assert "* ((int64_t)1 << 40)) >> 40" in text
     assert "(int64_t)ecu->count >> 33" in text
     assert "* ((int64_t)1 << 35)" in text
+
+
+SERVICE = """
+'''A service beside the loop.'''
+from firmware.state import Ecu
+from firmware.subset import clamp, i32
+
+
+def tick(ecu: Ecu, by: i32) -> None:
+    '''Count.'''
+    ecu.count = clamp(ecu.count + clamp(by, -3, 3), 0, 90)
+"""
+
+
+def test_a_service_has_entry_points_of_its_own(sample):
+    folder = sample.write("def tick(ecu: Ecu) -> None:\n    ecu.count = 1")
+    (folder / "services").mkdir()
+    (folder / "services" / "counter.py").write_text(SERVICE)
+    files = emit.emit("sample", folder, ["counter"])
+    header = files["canroll_counter.h"]
+    assert "void canroll_counter_tick(canroll_ecu *ecu, int32_t by);" in header
+    assert "void canroll_tick(canroll_ecu *ecu)" in files["canroll_sample.c"]
+    assert '#include "canroll_counter.h"' in files["canroll.h"]
+    assert "counter" not in "".join(emit.emit("sample", folder))

@@ -10,14 +10,16 @@ from codegen.c99.linkage import linkage
 from codegen.export import traceability
 from codegen.export.traceability import Requirement, requirements
 from codegen.generated import own_stage
-from codegen.run.bus_firmware import built_in, with_stage
+from codegen.run.bus_firmware import SERVICES, built_in, with_services, with_stage
+from codegen.subset.program import file_of
 
 ROOT = Path(__file__).parents[3]
+SERVED = with_services(built_in(), SERVICES)
 
 
 @pytest.fixture(scope="module")
 def found():
-    return traceability.rows(built_in().program(), built_in().files)
+    return traceability.rows(SERVED.program(), SERVED.files)
 
 
 def test_every_requirement_has_functions_and_tests_that_exist(found):
@@ -34,7 +36,7 @@ def test_every_requirement_has_functions_and_tests_that_exist(found):
 
 
 def test_every_function_has_one_requirement(found):
-    program = built_in().program()
+    program = SERVED.program()
     for function in program.functions():
         asked = [its.name for its in requirements() if its.covers(function)]
         assert len(asked) == 1, f"{function.key}: {asked}"
@@ -45,7 +47,7 @@ def test_every_function_has_one_requirement(found):
 
 
 def test_no_pattern_is_left_over():
-    functions = list(built_in().program().functions())
+    functions = list(SERVED.program().functions())
     for its in requirements():
         for pattern in its.functions:
             one = Requirement(its.name, its.text, (pattern,), its.tests)
@@ -65,11 +67,11 @@ def test_the_lines_are_those_of_source_and_c(found):
             module, name = row.function.split(".")
             file, _, span = row.source.partition(":")
             first, last = map(int, span.split("–"))
-            source = (ROOT / "firmware" / file).read_text().splitlines()
+            source = file_of(Path(file).stem).read_text().splitlines()
             assert source[first - 1].startswith(f"def {name}(")
             assert last == len(source) or not source[last].startswith("    ")
             file, _, line = row.emitted.removeprefix("src/").partition(":")
-            text = built_in().files[file].splitlines()[int(line) - 1]
+            text = SERVED.files[file].splitlines()[int(line) - 1]
             assert f"canroll_{module}_{name}(" in text or f"canroll_{name}(" in text
             assert not text.endswith(";")
 

@@ -4,9 +4,8 @@ import ast
 
 import pytest
 
-from codegen.specialise.evaluator import TURNS, Evaluator
+from codegen.specialise.evaluator import TURNS, Evaluator, steady
 from codegen.specialise.reach import cut
-from codegen.specialise.steady import steady
 from codegen.subset.parse import load
 
 CALIBRATION = {("gain", (0,)): 0, ("gain", (1,)): 1, ("gain", (2,)): -5}

@@ -1,0 +1,1 @@
+"""Services beside the loop, each optional: measurement and calibration, diagnostics."""

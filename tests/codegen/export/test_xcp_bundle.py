@@ -1,0 +1,68 @@
+"""A bundle with the XCP slave: its own test, its A2L, and what it costs where it is not chosen."""
+
+import re
+
+import pytest
+from support.bundles import make
+
+from codegen.export import bundle
+from codegen.export.header import gains_header
+from codegen.generated import signals
+from codegen.run import ecu_traffic, native
+from codegen.run.bus_firmware import built_in
+from codegen.subset.parse import load
+from hil.cli import main
+
+pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs cc (package gcc)")
+RECORD = ecu_traffic.random_calibration(3)
+
+
+def export(**changes):
+    return bundle.Export(
+        record=RECORD,
+        gains=gains_header(RECORD, title=["test"]),
+        title="test",
+        dbc=signals.DBC,
+        map_file=signals.MAP,
+        traffic=ecu_traffic.random_traffic(1, 20),
+        origin="Random.",
+        **changes,
+    )
+
+
+@pytest.mark.slow
+def test_the_bundle_tests_its_own_slave(tmp_path):
+    bundle.write(tmp_path / "with", export(services=("xcp",)))
+    done = make(tmp_path / "with", "test")
+    assert done.returncode == 0, done.stderr
+    assert re.search(r"PASS: XCP, 43 commands and \d+ answers", done.stdout)
+    session = tmp_path / "with" / "test" / "xcp_session.h"
+    text = session.read_text()
+    session.write_text(text.replace("{ 254, 38, ", "{ 254, 39, ", 1))
+    assert session.read_text() != text
+    assert make(tmp_path / "with", "test").returncode != 0
+    a2l = (tmp_path / "with" / "canroll.a2l").read_text()
+    assert "/begin DAQ" in a2l and "XCP_WRITE_ACCESS_WITHOUT_ECU_ONLY" in a2l
+    assert "ADDR_EPK" not in a2l
+    bundle.write(tmp_path / "without", export())
+    names = {path.name for path in (tmp_path / "without").rglob("*")}
+    assert not any("xcp" in name for name in names)
+    assert "/begin DAQ" not in (tmp_path / "without" / "canroll.a2l").read_text()
+
+
+def test_the_loop_has_nothing_of_the_slave():
+    assert not any(name.startswith("xcp") for name in load().modules)
+    assert not any("xcp" in name for name in built_in().files)
+
+
+def test_options_that_exclude_each_other_are_refused(capsys, tmp_path):
+    assert main.main(["export-c", str(tmp_path / "a"), "--xcp", "--specialise"]) == 2
+    assert "omit --xcp" in capsys.readouterr().err
+    assert main.main(["ecu", "--xcp", "--pace", "lockstep"]) == 2
+    assert "--xcp requires --pace realtime" in capsys.readouterr().err
+    path = tmp_path / "map.toml"
+    text = signals.MAP.read_text(encoding="utf-8")
+    path.write_text(text[: text.index("# for the A2L")])
+    asked = ["export-c", str(tmp_path / "b"), "--xcp", "--dbc", str(signals.DBC)]
+    assert main.main([*asked, "--map", str(path)]) == 2
+    assert "no table [xcp]" in capsys.readouterr().err
