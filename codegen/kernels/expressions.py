@@ -295,13 +295,15 @@ class Scope:
     def _call(self, node: ast.Call) -> Value:
         if isinstance(node.func, ast.Name) and node.func.id in ("min", "max", "abs", "len", "bool"):
             return self._built_in(node, node.func.id)
+        if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
+            return self._reshaped(node, node.func)
         static = self.static(node.func)
         if isinstance(node.func, ast.Name) and static is None:
             static = Static({"int": int, "float": float}.get(node.func.id))
         if static is None or static.value is None:
             raise self.refuse(node, "a call of something that is no kernel")
         its = static.value
-        if its is np.empty:
+        if its is np.empty or hasattr(its, "elements"):
             return self.make(node)
         arguments = [self.value(argument) for argument in node.args]
         if its in (math.floor, np.floor):
@@ -316,6 +318,14 @@ class Scope:
             return Value(kind, f"({cast}({arguments[0].c}))")
         given = {word.arg: self.value(word.value) for word in node.keywords if word.arg}
         return self.call(its, arguments, given)
+
+    def _reshaped(self, node: ast.Call, method: ast.Attribute) -> Value:
+        owner = self.value(method.value)
+        if not isinstance(owner.kind, Array) or not isinstance(node.args[0], ast.Tuple):
+            raise self.refuse(node, "no shape of an array")
+        sizes = [self.static(size) for size in node.args[0].elts]
+        shape = tuple(size.value for size in sizes if size is not None)
+        return Value(Array(owner.kind.dtype, shape), owner.c)
 
     def _built_in(self, node: ast.Call, name: str) -> Value:
         values = [self.value(argument) for argument in node.args]

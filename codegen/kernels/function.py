@@ -129,33 +129,27 @@ class Body:
 
     def make(self, source: ast.Call) -> Value:
         """An array of this call of the function, as np.empty makes it."""
+        function = self.scope.static(source.func)
+        assert function is not None
+        if function.value is np.empty:
+            kind = self._empty(source)
+        else:
+            kind = Array(np.dtype(np.float64), (function.value.elements,))
+        name = f"made_{source.lineno}_{source.col_offset}"
+        self.local[name] = kind
+        return Value(kind, name)
+
+    def _empty(self, source: ast.Call) -> Array:
         sizes = source.args[0].elts if isinstance(source.args[0], ast.Tuple) else [source.args[0]]
         shape = []
         for size in sizes:
-            number = self.scope.static(size) or Static(self._known(size))
-            assert isinstance(number.value, int)
-            shape.append(number.value)
+            number = self.scope.static(size)
+            if number is None:
+                raise self.scope.refuse(size, "the size of an array must be known")
+            shape.append(int(number.value))
         kind = self.scope.static(source.args[1]) if len(source.args) > 1 else Static(np.float64)
         assert kind is not None
-        name = f"made_{source.lineno}_{source.col_offset}"
-        self.local[name] = Array(np.dtype(kind.value), tuple(shape))
-        return Value(self.local[name], name)
-
-    def _known(self, node: ast.expr) -> int:
-        """A length held by a variable that is assigned once, from an array's size."""
-        assigned = [
-            its.value
-            for its in ast.walk(self.node)
-            if isinstance(its, ast.Assign)
-            and isinstance(node, ast.Name)
-            and any(isinstance(t, ast.Name) and t.id == node.id for t in its.targets)
-        ]
-        if len(assigned) != 1:
-            raise self.scope.refuse(node, "the size of an array must be known")
-        text = self.scope.value(assigned[0]).c
-        if not text.isdecimal():
-            raise self.scope.refuse(node, "the size of an array must be known")
-        return int(text)
+        return Array(np.dtype(kind.value), tuple(shape))
 
     def _store(self, target: ast.expr, value: Value, depth: int) -> None:
         if isinstance(target, ast.Name):
@@ -199,6 +193,8 @@ class Body:
         self.loops += 1
         prefix = f"t{self.loops}"
         self.put(depth, "{")
+        if isinstance(source, ast.IfExp):
+            source = self._split(source)
         if isinstance(source, ast.Tuple):
             values = [self.scope.value(its) for its in source.elts]
             held = []
@@ -213,6 +209,17 @@ class Body:
         for its, value in zip(target.elts, held, strict=True):
             self._store(its, value, depth + 1)
         self.put(depth, "}")
+
+    def _split(self, source: ast.IfExp) -> ast.Tuple:
+        """A choice between two tuples as a tuple of choices."""
+        yes, no = source.body, source.orelse
+        if not (isinstance(yes, ast.Tuple) and isinstance(no, ast.Tuple)):
+            raise self.scope.refuse(source, "no choice between tuples")
+        choices: list[ast.expr] = [
+            ast.copy_location(ast.IfExp(test=source.test, body=a, orelse=b), source)
+            for a, b in zip(yes.elts, no.elts, strict=True)
+        ]
+        return ast.copy_location(ast.Tuple(elts=choices, ctx=ast.Load()), source)
 
     def _augassign(self, node: ast.AugAssign, depth: int) -> None:
         load: ast.expr = ast.parse(ast.unparse(node.target), mode="eval").body

@@ -69,17 +69,17 @@ class Fmu:
     def next_tick(self, port: str) -> int | None:
         """Return when the Tx clock of a terminal ticks next, after now; None if unknown."""
         clock = self.variables[f"{port}.Tx_Clock"]
-        if clock.intervalVariability == "constant":
-            period, shift = int(clock.intervalCounter), int(clock.shiftCounter or 0)
-            return shift + period * max(0, (self.now - shift) // period + 1)
         counter, resolution, known = (c_uint64 * 1)(), (c_uint64 * 1)(), (c_int * 1)()
-        reference = (c_uint32 * 1)(clock.valueReference)
-        self.slave.fmi3GetIntervalFraction(
-            self.slave.component, reference, 1, counter, resolution, known
-        )
+        reference, instance = (c_uint32 * 1)(clock.valueReference), self.slave.component
+        self.slave.fmi3GetIntervalFraction(instance, reference, 1, counter, resolution, known)
         if known[0] == NOT_YET_KNOWN:
             return None
-        return self.now + counter[0] * (10**9 // resolution[0])
+        interval = counter[0] * (10**9 // resolution[0])
+        if clock.intervalVariability == "countdown":
+            return self.now + interval
+        self.slave.fmi3GetShiftFraction(instance, reference, 1, counter, resolution)
+        shift = counter[0] * (10**9 // resolution[0])
+        return shift + interval * max(0, (self.now - shift) // interval + 1)
 
     def read(self, ticking: Iterable[str]) -> dict[str, bytes]:
         """Enter event mode, let the Tx clocks of the terminals tick and return what they send."""

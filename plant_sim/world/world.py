@@ -29,6 +29,7 @@ from plant_sim.world.world_kernel import (
     OUTBOX,
     ROWS,
     STEP_NS,
+    Parts,
     advance,
 )
 from vehicles.model import Vehicle
@@ -122,6 +123,11 @@ class World:
         self._kernel = kernel.compile((typeof(self._parts), int64))
         self._drained = 0
         self._log: list[NDArray[Any]] = []
+
+    @property
+    def parts(self) -> Parts:
+        """All data of the kernel."""
+        return self._parts
 
     @property
     def room(self) -> int:
