@@ -90,8 +90,8 @@ class Static:
 class Scope:
     """What names mean in one function: variables with their kinds, and everything around it.
 
-    ``call`` translates a call of another kernel, ``table`` names a constant array, ``make`` one that
-    np.empty makes.
+    ``call`` translates a call of another kernel, ``table`` names a constant array, ``make`` one
+    that np.empty makes.
     """
 
     variables: dict[str, Kind]

@@ -1,1 +1,1 @@
-"""Parts of a run for other tools, and their models as parts of a run."""
+"""Runs and their parts for other tools: FMUs, signal files, data sets; and models of theirs."""

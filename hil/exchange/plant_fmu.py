@@ -17,7 +17,7 @@ from plant_sim import can_bus
 from plant_sim.bodies.ports import Body
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.kernels.records import to_record
-from plant_sim.nodes import actuator_kernel, actuators, sensor_kernel, sensors
+from plant_sim.nodes import actuators, sensor_kernel, sensors
 from plant_sim.world import recording
 from plant_sim.world.world_kernel import PLANT_NS, Parts
 
@@ -270,6 +270,3 @@ def _measured_unit(name: str) -> str:
         if word in signal:
             return "m/s" if name.startswith("SuspensionRate") else unit
     return ""
-
-
-assert actuator_kernel.DEMAND == 0

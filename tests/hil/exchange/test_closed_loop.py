@@ -4,17 +4,18 @@ import fmpy
 import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
-from support.fmus import importer
+from support.fmus import importer, transmit
 
 from codegen.run.backends import open_backend
 from hil.cli.exchange import export_fmu
 from hil.cli.main import parse
 from hil.runs.experiment import build_world, plan
-from hil.runs.virtual_time import RUN_TIME_NS, closed_loop
+from hil.runs.virtual_time import closed_loop
 from plant_sim import can_bus
-from plant_sim.can_bus import ECU, IMU
+from plant_sim.can_bus import ACTUATOR, CHASSIS, ECU, IMU, REFERENCE, SUSPENSION
 
 END = 2_500_000_000
+PLANT = (IMU, CHASSIS, SUSPENSION, ACTUATOR, REFERENCE)
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +64,7 @@ def test_frames_are_those_of_a_run(fmus, run):
         if port in heard:
             heard[port].append((now, ident, data))
     # one terminal stands for all nodes of the plant
-    plant = {IMU, *range(2, 6)}
-    ours = [f for f in run.frames if f["sender"] not in plant]
+    ours = [f for f in run.frames if f["sender"] not in PLANT]
     assert heard["bus:RollControl"] == received(run.frames, ECU)
     assert heard["bus:Imu"] == received(np.array(ours, run.frames.dtype), IMU)
     assert sum(1 for _, ident, _ in heard["bus:Imu"] if ident == 0x81) > 40
@@ -83,7 +83,7 @@ def test_plant_moves_as_in_a_run(fmus, run):
             plant.advance(int(f["t_received"]))
             plant.read([])
             data = f["payload"][: f["length"]].tobytes()
-            plant.give({"CAN": transmitted(int(f["ident"]), data)})
+            plant.give({"CAN": transmit(int(f["ident"]), data)})
             at += 1
         plant.advance(k * 1_000_000)
         for name in ("x", "y", "roll", "moment_front", "wheel_load_rear_left", "steer"):
@@ -92,13 +92,6 @@ def test_plant_moves_as_in_a_run(fmus, run):
     assert worst < 1e-9
 
 
-def transmitted(ident, data):
-    from support.fmus import transmit
-
-    return transmit(ident, data)
-
-
 def test_fmpy_simulates_the_plant(fmus):
     result = fmpy.simulate_fmu(str(fmus / "plant.fmu"), stop_time=0.2, step_size=1e-3)
     assert result["x"][-1] == pytest.approx(80 / 3.6 * 0.2, rel=1e-3)
-    assert RUN_TIME_NS == 200_000
