@@ -1,6 +1,6 @@
 """Couple FMUs at their CAN terminals (fmi-ls-bus, low cut) with FMPy, in the order of their clocks.
 
-    python closed_loop.py 3.0 ecu.fmu:CAN=bus.fmu:Node1 plant.fmu:CAN=bus.fmu:Node2
+    python closed_loop.py 3.0 ecu.fmu:CAN=bus.fmu:Node1 plant.fmu:Sensors=bus.fmu:Node2
 
 Every instant is a whole number of nanoseconds. At each instant at which a Tx clock ticks, all FMUs
 step there, the ticking terminals are read, and what they send is handed to the terminals they are

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from canroll.errors import UnknownNameError
+from canroll.errors import CanrollError, UnknownNameError
 from codegen.fmu import archive
 from codegen.fmu.ecu import CAN, PORTS, SIGNALS
 from codegen.fmu.variables import FLOAT64, INPUT, OUTPUT, Interface, Terminal, Variable
@@ -18,14 +18,14 @@ from plant_sim.bodies.ports import Body
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.kernels.records import to_record
 from plant_sim.nodes import actuators, sensor_kernel, sensors
-from plant_sim.world import recording
+from plant_sim.world import frame_kernel, recording
 from plant_sim.world.world_kernel import PLANT_NS, Parts
 
 IDENTIFIER = "canroll_plant"
 BUFFER = 8192
 PARTS = (
     *("clock", "state", "inputs", "parameters", "outputs", "payload", "roles"),
-    *("sensors", "actuators", "tables"),
+    *("frames", "sensors", "actuators", "tables"),
 )
 """Parts of the world's memory that the plant has."""
 UNITS = {
@@ -63,6 +63,7 @@ MODEL = """\
 #define FMU_PORTS {ports}
 #define FMU_BUFFER {buffer}
 #define PLANT_NS {plant_ns}
+#define PLANT_ACTUATOR {node}
 #define PLANT_COMMAND {command}
 #define PLANT_CHANNELS {channels}
 
@@ -103,10 +104,14 @@ def write(
         ports: ``can`` or ``signals``.
 
     Raises:
-        CanrollError: no compiler, an unwritable file, or a body that is not in the kernels' subset.
+        CanrollError: no compiler, an unwritable file, faults of frames, or a body that is not in
+            the kernels' subset.
     """
     if ports not in PORTS:
         raise UnknownNameError("kind of ports", ports, PORTS)
+    frames = parts.memory[0]["frames"]
+    if frames["fault"][0, 0] >= 0 or np.any(frames["clock"][frame_kernel.ATTACKER_AT_ECU :] >= 0):
+        raise CanrollError("faults of frames act on the bus and are not part of the plant: omit it")
     start = _start(parts, maneuver)
     row = np.dtype([("values", "f8", (1, recording.N_COLUMNS))])
     messages = [name for name, _, _ in actuators.COMMANDS[actuator]]
@@ -131,7 +136,8 @@ def write(
         f"const double plant_start[{count}] = {values};\n",
         "model.h": MODEL.format(
             token=archive.TOKEN,
-            ports=int(ports == CAN),
+            ports=2 if ports == CAN else 0,
+            node=can_bus.ACTUATOR,
             buffer=BUFFER if ports == CAN else 1,
             plant_ns=PLANT_NS,
             command=which,
@@ -142,12 +148,15 @@ def write(
     variables = [*_signals()]
     if ports == SIGNALS:
         variables += [*_demands(command), *_measured()]
-    terminal = Terminal(name="CAN", description="frames of sensors and actuators")
+    terminals = (
+        Terminal(name="Sensors", description="frames of the sensors"),
+        Terminal(name="Actuator", description="commands, and the actuators' state"),
+    )
     interface = Interface(
         identifier=IDENTIFIER,
         description=title,
         variables=variables,
-        terminals=(terminal,) if ports == CAN else (),
+        terminals=terminals if ports == CAN else (),
         step=1e-3,
     )
     archive.write(path, interface, sources)
@@ -180,7 +189,7 @@ def _kernels(plant: np.dtype[Any], row: np.dtype[Any], body: Body) -> dict[str, 
     found = [
         translator.entry(body.step, (*vectors, FLOAT), "plant_body"),
         translator.entry(plant_kernel.take, (queue,), "plant_take"),
-        translator.entry(plant_kernel.receive, (state, INT, INT, frame, INT), "plant_receive"),
+        translator.entry(plant_kernel.receive, (state, INT, INT, INT, frame, INT), "plant_receive"),
         translator.entry(plant_kernel.command, (state, INT, four, INT, INT), "plant_command"),
         translator.entry(plant_kernel.advance, (state,), "plant_advance"),
         translator.entry(plant_kernel.record, (state, Record(row)), "plant_record"),

@@ -11,7 +11,7 @@ import numpy as np
 from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.driving.driver import drive
-from plant_sim.nodes import actuator_kernel, codec, sensor_kernel
+from plant_sim.nodes import actuator_kernel, codec, envelope, sensor_kernel
 from plant_sim.nodes.actuator_models import act
 from plant_sim.world import recording
 from plant_sim.world.world_kernel import (
@@ -29,6 +29,7 @@ QUEUE = 64
 ENTRY = np.dtype(
     [
         ("t_ns", "i8"),
+        ("node", "i8"),
         ("ident", "i8"),
         ("length", "i8"),
         ("flags", "i8"),
@@ -63,6 +64,7 @@ def post(  # noqa: PLR0917
     while at > 0 and queue.entries[at - 1].t_ns > t_ns:
         later, earlier = queue.entries[at], queue.entries[at - 1]
         later.t_ns = earlier.t_ns
+        later.node = earlier.node
         later.ident = earlier.ident
         later.length = earlier.length
         later.flags = earlier.flags
@@ -71,6 +73,7 @@ def post(  # noqa: PLR0917
         at -= 1
     entry = queue.entries[at]
     entry.t_ns = t_ns
+    entry.node = node
     entry.ident = ident
     entry.length = length
     entry.flags = flags
@@ -84,6 +87,7 @@ def take(queue: Any) -> None:  # noqa: ANN401
     for at in range(queue.count):
         entry, later = queue.entries[at], queue.entries[at + 1]
         entry.t_ns = later.t_ns
+        entry.node = later.node
         entry.ident = later.ident
         entry.length = later.length
         entry.flags = later.flags
@@ -91,11 +95,18 @@ def take(queue: Any) -> None:  # noqa: ANN401
             entry.payload[k] = later.payload[k]
 
 
-def receive(plant: Plant, key: int, flags: int, payload: Payload, t_ns: int) -> None:
-    """Give a frame received at ``t_ns`` to the actuators if it is a command; see ``row_of``."""
+def receive(  # noqa: PLR0917
+    plant: Plant, key: int, flags: int, length: int, payload: Payload, t_ns: int
+) -> None:
+    """Give a frame received at ``t_ns`` to the actuator node; see ``world_kernel``."""
     row = row_of(plant.tables, key)
     if row < 0 or flags & ~SENDER_STATE != plant.tables.message[row, codec.FLAGS]:
         return
+    if length != plant.tables.message[row, codec.LENGTH]:
+        return
+    its = plant.actuators.envelope
+    if row == its.place[envelope.FRAME]:
+        envelope.hear(its, plant.tables, plant.actuators.supervision, payload, t_ns)
     if plant.roles[row] == FOR_ACTUATOR:
         which = actuator_kernel.listens(plant.actuators, row)
         actuator_kernel.receive(plant.actuators, plant.tables, which, payload, t_ns)

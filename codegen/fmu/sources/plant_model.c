@@ -12,6 +12,7 @@
 
 #define STEP_NS 1000000
 
+enum { SENSORS, ACTUATOR };
 enum { EXTENDED = 1, REMOTE = 2, FD = 4, BIT_RATE_SWITCH = 8 };
 
 void model_defaults(model *m)
@@ -65,7 +66,8 @@ static bool send(model *m, fmu_buffer *tx, int64_t until_ns, fmu_reason *why)
                            .switched = (next->flags & BIT_RATE_SWITCH) != 0,
                            .length = (uint8_t)next->length };
         memcpy(frame.data, next->payload, sizeof frame.data);
-        if (tx != NULL && !ls_transmit(&tx[0], &frame)) {
+        int port = next->node == PLANT_ACTUATOR ? ACTUATOR : SENSORS;
+        if (tx != NULL && !ls_transmit(&tx[port], &frame)) {
             snprintf(why->text, sizeof why->text, "more frames in one step than there is room for");
             return false;
         }
@@ -76,8 +78,8 @@ static bool send(model *m, fmu_buffer *tx, int64_t until_ns, fmu_reason *why)
 
 bool model_advance(model *m, fmu_buffer *tx, int64_t until_ns, fmu_reason *why)
 {
-    if (tx != NULL) {
-        tx[0].size = 0; /* nobody listens where it was not taken before this step */
+    for (size_t port = 0; port < FMU_PORTS && tx != NULL; port++) {
+        tx[port].size = 0; /* nobody listens where it was not taken before this step */
     }
     while (m->plant.clock[PLANT_NS] < until_ns) {
         int64_t now_ns = m->plant.clock[PLANT_NS];
@@ -95,10 +97,10 @@ bool model_advance(model *m, fmu_buffer *tx, int64_t until_ns, fmu_reason *why)
 bool model_receive(model *m, fmu_buffer *tx, size_t port, const uint8_t *operation, uint32_t size,
                    int64_t now_ns, fmu_reason *why)
 {
-    (void)tx, (void)port;
+    (void)tx;
     uint32_t code = ls_number(operation, 4);
-    if (code != LS_CAN && code != LS_CAN_FD) {
-        return true; /* what buses report beside frames */
+    if (port != ACTUATOR || (code != LS_CAN && code != LS_CAN_FD)) {
+        return true; /* sensors hear nothing, and nobody what buses report beside frames */
     }
     ls_frame frame;
     if (!ls_read(operation, size, &frame)) {
@@ -108,7 +110,7 @@ bool model_receive(model *m, fmu_buffer *tx, size_t port, const uint8_t *operati
     int64_t flags = (frame.extended ? EXTENDED : 0) | (frame.remote ? REMOTE : 0)
         | (frame.fd ? FD : 0) | (frame.switched ? BIT_RATE_SWITCH : 0);
     int64_t key = frame.extended ? (int64_t)frame.ident | INT64_C(1) << 30 : frame.ident;
-    plant_receive(&m->plant, key, flags, frame.data, now_ns);
+    plant_receive(&m->plant, key, flags, frame.length, frame.data, now_ns);
     return true;
 }
 
