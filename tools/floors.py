@@ -37,7 +37,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("hil.exchange", "hil.realtime.check"),
     ("hil.report",),
     ("hil.studies", "hil.watch"),
-    ("hil.papers",),
+    ("hil.papers", "hil.campaign"),
     ("hil.cli",),
     ("hil.cli.exchange", "hil.cli.studies"),
     ("canroll", "tools"),

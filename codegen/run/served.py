@@ -48,6 +48,10 @@ class ServedEcu:
 
     def restart(self) -> None:
         """Start anew, as after a loss of power."""
+        if isinstance(self._ecu, PythonEcu):
+            self._ecu.run_on(self._calibration)
+        else:
+            self._ecu.run_on(self._ecu.calibration)
         self._ecu.restart()
         self.services = self._started()
 

@@ -1,7 +1,7 @@
 """Figures of many pairs of runs, without their traces."""
 
 from collections.abc import Iterable
-from dataclasses import astuple, fields
+from dataclasses import astuple, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +42,8 @@ def figures(controller: Controller, settings: Iterable[Settings]) -> NDArray[np.
 
 
 def _pair(controller: Controller, settings: Settings) -> tuple[object, ...]:
-    passive = drive(settings, controller, enabled=False)
+    # as in a run: what faults do is measured against a vehicle whose parts are all right
+    passive = drive(replace(settings, faults=()), controller, enabled=False)
     controlled = drive(settings, controller, enabled=True)
     cycle = limit_cycle.detect(
         controlled.ticks["t"],
