@@ -30,6 +30,7 @@ from plant_sim.world.world_kernel import (
     OUTBOX,
     ROWS,
     STEP_NS,
+    Parts,
     advance,
 )
 from vehicles.model import Vehicle
@@ -131,6 +132,11 @@ class World:
         self._signals = Columns(recording.NAMES)
         self._commands = Rows(recording.COMMAND)
         self._steps = 0
+
+    @property
+    def parts(self) -> Parts:
+        """All data of the kernel."""
+        return self._parts
 
     @property
     def room(self) -> int:
