@@ -30,6 +30,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("gain_gen.output_feedback",),
     ("gain_gen.calibration",),
     ("gain_gen",),
+    ("hil.reaction",),
     ("hil.runs",),
     ("hil.realtime.hardware",),
     ("hil.realtime",),
@@ -38,7 +39,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("hil.studies", "hil.watch"),
     ("hil.papers",),
     ("hil.cli",),
-    ("hil.cli.exchange",),
+    ("hil.cli.exchange", "hil.cli.studies"),
     ("canroll", "tools"),
     ("tools.mutation", "tools.differential", "tools.validation"),
 )

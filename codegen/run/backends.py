@@ -8,7 +8,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import UnknownNameError
+from canroll.errors import CanrollError, UnknownNameError
 from codegen.run import BACKENDS, memory_image, native
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.ecu_traffic import Frame, Payload, Traffic, refused
@@ -19,6 +19,9 @@ from firmware.calibration import Calibration
 @runtime_checkable
 class Backend(Protocol):
     """One running ECU."""
+
+    def restart(self) -> None:
+        """Start anew, as after a loss of power."""
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Put a received frame in its mailbox; an unmapped identifier is ignored."""
@@ -41,9 +44,13 @@ class PythonEcu:
         self._firmware = firmware or built_in()
         self._loop: Any = self._firmware.loop
         self._calibration = calibration
-        self._ecu = self._firmware.record()
         self._room = memory_image.event_of(self._firmware.record)["payload"].shape[0]
-        rule = self._loop.init(self._ecu, calibration)
+        self.restart()
+
+    def restart(self) -> None:
+        """Start anew, as after a loss of power."""
+        self._ecu = self._firmware.record()
+        rule = self._loop.init(self._ecu, self._calibration)
         if rule:
             raise refused(rule)
 
@@ -103,6 +110,10 @@ class NativeEcu:
         self._copy = record()
         self._slots = self._firmware.slots
         self._room = memory_image.event_of(record)["payload"].shape[0]
+
+    def restart(self) -> None:
+        """Start anew, as after a loss of power."""
+        self.ecu[:] = self._library.start(self.calibration)
 
     @property
     def firmware(self) -> BusFirmware:
@@ -200,6 +211,14 @@ class Recorder:
     def image(self) -> bytes:
         """The bytes of the state record, as C lays it out."""
         return self._backend.image()
+
+    def restart(self) -> None:
+        """Refuse: a record of traffic says nothing of power.
+
+        Raises:
+            CanrollError: always.
+        """
+        raise CanrollError("a run in which the ECU loses its power cannot be recorded for replay")
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Put a received frame in its mailbox."""

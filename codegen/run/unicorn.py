@@ -72,6 +72,11 @@ class CortexEcu:
         self.instructions = 0
         if count:
             self._machine.hook_add(unicorn.UC_HOOK_CODE, self._counted)
+        self.restart()
+
+    def restart(self) -> None:
+        """Start anew, as after a loss of power."""
+        self._machine.mem_write(ECU, bytes(self._kind.itemsize))
         rule = self._call("canroll_init", ECU, CALIBRATION)
         if rule:
             raise refused(rule)

@@ -112,13 +112,19 @@ class XcpEcu:
         self, ecu: PythonEcu | NativeEcu, reference: Calibration, firmware: BusFirmware
     ) -> None:
         found = idents(firmware)
-        self._ecu = ecu
+        self._ecu, self._reference, self._firmware = ecu, reference, firmware
         self._master, self._answers = frame_ident(found.master), frame_ident(found.slave)
-        self.slave: PythonSlave | NativeSlave
-        if isinstance(ecu, PythonEcu):
-            self.slave = PythonSlave(ecu, reference, firmware)
-        else:
-            self.slave = NativeSlave(ecu, reference, firmware)
+        self.slave: PythonSlave | NativeSlave = self._slave()
+
+    def _slave(self) -> "PythonSlave | NativeSlave":
+        if isinstance(self._ecu, PythonEcu):
+            return PythonSlave(self._ecu, self._reference, self._firmware)
+        return NativeSlave(self._ecu, self._reference, self._firmware)
+
+    def restart(self) -> None:
+        """Start anew, as after a loss of power."""
+        self._ecu.restart()
+        self.slave = self._slave()
 
     @property
     def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware

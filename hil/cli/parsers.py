@@ -367,6 +367,24 @@ def campaign(parser: argparse.ArgumentParser) -> None:
     add_answer(parser, "the page")
 
 
+def faults(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll faults``."""
+    parser.description = (
+        "Drive a manoeuvre with each fault of a catalogue, single and double, and judge what was "
+        "detected, when, and with what harm. Exit code 1 if anything harmful goes undetected."
+    )
+    add_scenario(parser, DEFAULT_SCENARIO)
+    parser.add_argument("--all", action="store_true", help="list every fault, not only the worst")
+    parser.add_argument(
+        "--catalogue", type=path_named, metavar="FILE", help="TOML file (default: the shipped one)"
+    )
+    parser.add_argument(
+        "--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)"
+    )
+    add_choices(parser, [name for name in OF_A_RUN if name not in ("faults", "fault_file")])
+    add_json(parser)
+
+
 def severe(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll severe``."""
     parser.description = (
@@ -418,6 +436,9 @@ COMMANDS = {
     "prove": Command("prove the loop free of overflow for every accepted calibration", prove),
     "reproduce": Command("recompute the tables of the four papers", reproduce),
     "campaign": Command("Monte Carlo over parameters, noise, delays and faults", campaign),
+    "faults": Command(
+        "drive and judge a catalogue of faults", faults, handler="studies.faults:run"
+    ),
     "severe": Command("severe manoeuvres over a population of vehicles", severe, "campaign:severe"),
     "list": Command(
         "laws, vehicles, scenarios, buses and bodies by name", listing, handler="main:list_names"

@@ -17,6 +17,7 @@ from hil.runs.choices import chosen
 from hil.runs.frozen import firmware_of, profile_of
 from plant_sim.driving import maneuvers
 from plant_sim.faults import parse_all
+from plant_sim.world.fault_parts import outages
 from plant_sim.world.world import World
 
 
@@ -165,6 +166,9 @@ def world_of(args: argparse.Namespace) -> World:
     seed = chosen(choices, "seed")
     sensors, actuators = conditions.options(choices.get("conditions", {}))
     profile = profile_of(choices)
+    faults = parse_all(conditions.fault_texts(choices))
+    if outages(faults):
+        raise CanrollError(lockstep.POWER)
     return World(
         vehicle=vehicle,
         body=chosen(choices, "plant"),
@@ -176,7 +180,7 @@ def world_of(args: argparse.Namespace) -> World:
         enabled=not args.passive,
         sensors=sensors,
         actuators=actuators,
-        faults=parse_all(conditions.fault_texts(choices)),
+        faults=faults,
     )
 
 

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from hil.realtime.timing import QUANTILES, ROWS, bus_lines
 from hil.report.page import Cell, Table
+from hil.report.reaction_table import reaction_table
 from hil.report.tables import can_rows, metric_head, metric_rows, replay_note
 from hil.runs import standard
 from hil.runs.result import Result
@@ -87,7 +88,8 @@ def show(result: Result) -> None:
         f"[bold]{settings.scenario.replace('_', ' ')}[/bold], {settings.vehicle.name} at "
         f"{settings.speed * 3.6:.0f} km/h, {settings.law_name} over {settings.bus_name}"
     )
-    show_verdict(result.verdict, good=None if result.pays else result.helps)
+    good = False if result.harmful else None if result.pays else result.helps
+    show_verdict(result.verdict, good=good)
     show_warnings(text for text in result.warnings if text not in result.verdict)
     console.print()
     head = metric_head(result, "passive", "controlled")
@@ -96,6 +98,9 @@ def show(result: Result) -> None:
     told = [text for text in (replay_note(result), *judged) if text]
     if told:
         console.print("\n" + "\n".join(told), soft_wrap=True, markup=False)
+    if result.settings.faults and (table := reaction_table(result)) is not None:
+        console.print()
+        console.print(_table(table.head, table.rows))
     console.print()
     head = ("", "least", "mean", "most")
     console.print(_table(head, [(row.name, *row.numbers) for row in can_rows(result)]))

@@ -30,6 +30,10 @@ RESEND = 1.0
 """Time without an answer after which a grant is sent again, s: for an ECU that joins late."""
 LOST = 30.0
 """Time within which counted frames must arrive, s; then they are lost."""
+POWER = (
+    "a fault of node.RollControl that cuts its power is simulated in virtual time only: use "
+    "'canroll run', or restart 'canroll ecu' by hand"
+)
 SLICE = 0.1
 """Longest wait without checking for a stop request, s."""
 
@@ -203,6 +207,14 @@ class GrantedEcu:
         self._heard.frames.clear()
         self.tick_us = note.tick_us
         return True
+
+    def restart(self) -> None:
+        """Refuse: the power of a program of its own cannot be cut from here.
+
+        Raises:
+            CanrollError: always.
+        """
+        raise CanrollError(POWER)
 
     def receive(self, ident: int, payload: NDArray[uint8], length: int) -> None:
         """Pass a frame to the ECU."""

@@ -11,6 +11,7 @@ from hil.realtime.timing import QUANTILES, ROWS, bus_lines
 from hil.report.curves import Shown, all_figures
 from hil.report.figure import Figure, Series, histogram, pack
 from hil.report.page import Cell, Page, Table, Verdict, render
+from hil.report.reaction_table import reaction_table
 from hil.report.tables import (
     can_rows,
     metric_head,
@@ -55,7 +56,7 @@ def shown(result: Result) -> list[Shown]:
 def verdict(result: Result) -> Verdict:
     """Return the verdict on top: headline and grounds."""
     headline, _, text = result.verdict.partition(": ")
-    good = False if result.not_valid else None if result.pays else result.helps
+    good = False if result.not_valid or result.harmful else None if result.pays else result.helps
     return Verdict(good, headline, text[:1].upper() + text[1:])
 
 
@@ -129,6 +130,7 @@ def run_page(result: Result) -> str:
             [(row.name, *row.numbers) for row in can_rows(result)],
             rates,
         ),
+        *([seen] if (seen := reaction_table(result)) is not None else []),
         *([timing_table(result.timing)] if result.timing else []),
     ]
     scenario = settings.scenario.replace("_", " ")

@@ -12,6 +12,7 @@ from canroll.typing import Progress
 from codegen.run.backends import default_backend, open_backend
 from firmware.calibration import ONE
 from gain_gen.models.task import Delay
+from hil.reaction import reaction
 from hil.runs import conditions as conditions_of
 from hil.runs import limit_cycle, metrics, phase, standard, steering_replay
 from hil.runs.choices import PASSIVE, Choices, check, chosen
@@ -121,7 +122,9 @@ def simulate(
 ) -> Result:
     """Run ``controller`` under ``settings``; ``passive`` is reused instead of driven again."""
     if passive is None:
-        passive = drive(settings, controller, enabled=False, duration=duration, progress=progress)
+        # what faults do is measured against a vehicle whose parts are all right
+        healthy = settings if settings.law == PASSIVE else replace(settings, faults=())
+        passive = drive(healthy, controller, enabled=False, duration=duration, progress=progress)
     if settings.law == PASSIVE:
         return assess(settings, controller, passive, None)
     controlled = drive(settings, controller, enabled=True, duration=duration, progress=progress)
@@ -267,6 +270,9 @@ def assess(
         replay=replayed,
         replay_metrics=None if replayed is None else metrics.judge(replayed),
         warnings=tuple(warnings),
+        reaction=None
+        if controlled is None
+        else reaction.observe(controlled, passive, parse_all(settings.faults)),
         phase=phase.measured(seen.ticks["t"], seen.frames, imu),
     )
 

@@ -9,6 +9,7 @@ from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
+from hil.reaction.reaction import Reaction
 from hil.runs.choices import CHOICES
 from hil.runs.frozen import firmware_of
 from hil.runs.limit_cycle import LimitCycle
@@ -155,6 +156,7 @@ class Result:
         files: paths of its files, by name.
         timing: figures of a run of two programs as printed by ``canroll hil --json``; else empty.
         phase: phase of the ticks, of the controlled run if there is one.
+        reaction: modes, fault codes, detection and harm of the controlled run, if there is one.
     """
 
     settings: Settings
@@ -176,6 +178,7 @@ class Result:
     files: Mapping[str, str] = field(default_factory=dict)
     timing: Mapping[str, Any] = field(default_factory=dict)
     phase: Phase | None = None
+    reaction: Reaction | None = None
 
     @property
     def not_valid(self) -> tuple[str, ...]:
@@ -232,8 +235,22 @@ class Result:
         )
 
     @property
+    def harmful(self) -> bool:
+        """Whether faults were driven with and did harm."""
+        return bool(self.settings.faults and self.reaction and self.reaction.harm)
+
+    @property
     def verdict(self) -> str:
-        """The verdict in one line."""
+        """The verdict in one line, with detection and harm of its faults."""
+        text = self._figures_verdict
+        if self.reaction is None or not self.reaction.text or self.not_valid:
+            return text
+        if self.harmful:
+            return f"Harmful: {self.reaction.text}. {text}"
+        return f"{text}; {self.reaction.text}"
+
+    @property
+    def _figures_verdict(self) -> str:
         passive, active = self.passive_metrics, self.controlled_metrics
         if self.not_valid:
             return f"Not valid: {'; '.join(self.not_valid)}"
@@ -256,8 +273,8 @@ class Result:
 
     @property
     def exit_code(self) -> int:
-        """The exit code: 1 if control does not help, or there is no verdict."""
-        return 1 if self.helps is False or self.not_valid else 0
+        """The exit code: 1 if control does not help or harms, or there is no verdict."""
+        return 1 if self.helps is False or self.not_valid or self.harmful else 0
 
     def to_json(self) -> dict[str, Any]:
         """Return the run as plain data, as printed by ``canroll run --json``."""
@@ -280,6 +297,7 @@ class Result:
             "phase_ms": self._phase_json(),
             "delay_ms": {name: 1e3 * value for name, value in asdict(self.delay).items()},
             "limit_cycle": asdict(self.limit_cycle) if self.limit_cycle else None,
+            "reaction": None if self.reaction is None else self.reaction.to_json(),
             "helps": self.helps,
             "not_valid": list(self.not_valid),
             "verdict": self.verdict,

@@ -33,6 +33,9 @@ class Interrupted(KeyboardInterrupt):
 class Ticking(Protocol):
     """Interface of an ECU to the loop: in this process, or in lock step over a bus."""
 
+    def restart(self) -> None:
+        """Start anew, as after a loss of power."""
+
     def receive(self, ident: int, payload: NDArray[np.uint8], length: int) -> None:
         """Take a frame."""
 
@@ -52,12 +55,20 @@ def ticks(
     """Run ``ecu`` against ``world`` up to ``end_ns``; yield the instant of each tick after it.
 
     Tick k starts at ``offset_ns + k tick_ns``: all frames received by then have been passed on in
-    order, and the frames the tick sends are queued ``run_time_ns`` later.
+    order, and the frames the tick sends are queued ``run_time_ns`` later. In an outage of the
+    ``world`` there are no ticks, and after it the ECU starts anew.
     """
     world.advance(0)
-    t = offset_ns
+    t, powered = offset_ns, True
     while t + tick_ns <= end_ns and not world.finished:
         t += tick_ns
+        if any(start <= t < end for start, end in world.outages):
+            world.advance(t)
+            powered = False
+            continue
+        if not powered:
+            ecu.restart()
+            powered = True
         for frame in world.advance(t):
             length = int(frame["length"])
             ecu.receive(int(frame["ident"]), frame["payload"][:length], length)
@@ -197,7 +208,7 @@ def closed_loop(
 
 
 def _loop(world: World, ecu: Backend, **times: int) -> Iterator[tuple[int, bytes]]:
-    if isinstance(ecu, NativeEcu) and times["tick_ns"] <= CHUNK_NS:
+    if isinstance(ecu, NativeEcu) and times["tick_ns"] <= CHUNK_NS and not world.outages:
         return compiled_ticks(world, ecu, **times)
     return observed_ticks(world, ecu, **times)
 

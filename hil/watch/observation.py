@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 from cantools.database import DecodeError
 
 import dbc
-from firmware import plausibility
-from firmware.signals import RX_IDS
+from hil.reaction.fault_codes import in_words
 from hil.realtime.bus_link import Frame
 from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE, length_of
 
@@ -24,18 +23,6 @@ COUNTS = 15
 """The counters of E2E profile 1 run from 0 to 14; 15 is invalid."""
 CONTROLLER, VEHICLE = "controller", "vehicle"
 IMU_TO_COMMAND, COMMAND_TO_ACKNOWLEDGEMENT = "imu_to_command", "command_to_acknowledgement"
-FAULT_CODES = {
-    **{
-        place: f"{dbc.load().get_message_by_frame_id(ident).name} late"
-        for place, ident in enumerate(RX_IDS)
-    },
-    **{
-        number: name.removeprefix("FAULT_").replace("_", " ").lower()
-        for name, number in vars(plausibility).items()
-        if name.startswith("FAULT_") and isinstance(number, int)
-    },
-}
-"""Fault codes in words."""
 
 
 class Seen(NamedTuple):
@@ -201,12 +188,12 @@ class Observation:
     @property
     def fault_codes(self) -> list[str]:
         """Active fault codes as text."""
-        return _named(self.signal("RollControlDiagnostics", "ActiveFaultCodes"))
+        return in_words(self.signal("RollControlDiagnostics", "ActiveFaultCodes"))
 
     @property
     def latched_fault_codes(self) -> list[str]:
         """Fault codes that have occurred."""
-        return _named(self.signal("RollControlDiagnostics", "LatchedFaultCodes"))
+        return in_words(self.signal("RollControlDiagnostics", "LatchedFaultCodes"))
 
     def summary(self) -> dict[str, Any]:
         """Return the observation as plain data, angles in degrees and moments in N·m."""
@@ -232,12 +219,6 @@ class Observation:
             "undecoded": self.undecoded,
             "error_frames": self.error_frames,
         }
-
-
-def _named(bits: Any) -> list[str]:  # noqa: ANN401
-    if bits is None:
-        return []
-    return [FAULT_CODES.get(i, f"code {i}") for i in range(24) if int(bits) >> i & 1]
 
 
 def _raw(value: Any) -> int:  # noqa: ANN401

@@ -9,15 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.reaction.fault_codes import FAULT_CODES, MODES
 from hil.report.figure import DASH_DOTTED, DASHED, DOTTED, SOLID, Figure, Series
 from hil.report.page import data_element, document
 from hil.watch.observation import (
     COMMAND_TO_ACKNOWLEDGEMENT,
-    FAULT_CODES,
     IMU_TO_COMMAND,
     SILENT,
 )
-from hil.watch.stream import KEPT, MODES
+from hil.watch.stream import KEPT
 
 SPANS = (10, 30, 60)
 """Lengths of time that the plots can show, s."""

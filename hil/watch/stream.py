@@ -11,11 +11,10 @@ from collections import deque
 from collections.abc import Iterable
 from typing import Any
 
-import dbc
+from hil.reaction.fault_codes import FAULT_CODES
 from hil.watch.observation import (
     COMMAND_TO_ACKNOWLEDGEMENT,
     CONTROLLER,
-    FAULT_CODES,
     IMU_TO_COMMAND,
     SILENT,
     VEHICLE,
@@ -40,7 +39,6 @@ TRACKS = {
     "faults": ("RollControlDiagnostics", ("ActiveFaultCodes",)),
 }
 """Tracks that are signals of a message. Beside them: the two delays (ms) and "load" (share)."""
-MODES = dbc.names("RollControlStatus", "Mode")
 
 Row = list[float | None]
 

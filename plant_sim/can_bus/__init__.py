@@ -16,9 +16,10 @@ outcome ``ERROR`` are failed attempts of a frame that is still pending; with ``R
 that every receiver except ``missed`` accepted. ``account`` checks that the counts add up.
 
 In a kernel, entry number k of ``logged(network)`` is ``network.log[k % len(network.log)]``. A node
-receives the entries of its own ``segment`` for which ``took`` is true, except those it sent. A
-gateway forwards frames from its node on the other segment; ``t_origin`` remains the time at which
-the original sender queued the frame.
+receives the entries of its own ``segment`` for which ``took`` is true, except those it sent and
+those that came while it did not hear (``hears``: down or bus-off). A gateway forwards frames from
+its node on the other segment; ``t_origin`` remains the time at which the original sender queued
+the frame.
 
 Beside the kernels: ``analysis`` (worst-case response times), ``delay_bounds`` (sensor to actuator),
 ``holistic`` (over gateways), ``traffic`` (message sets, background, recorded logs), ``simulation``,
@@ -49,9 +50,12 @@ from plant_sim.can_bus.kernel.network import (
     Node,
     Segment,
     Source,
+    add_fault,
+    add_node,
+    add_source,
     build_network,
 )
-from plant_sim.can_bus.kernel.queues import enqueue, submit
+from plant_sim.can_bus.kernel.queues import enqueue, hears, submit
 from plant_sim.can_bus.kernel.scheduler import advance, run
 from plant_sim.can_bus.network_file import load_profile
 from plant_sim.can_bus.profiles import (
@@ -93,10 +97,14 @@ __all__ = [
     "Source",
     "State",
     "account",
+    "add_fault",
+    "add_node",
+    "add_source",
     "advance",
     "build_network",
     "drain",
     "enqueue",
+    "hears",
     "load",
     "load_profile",
     "log_dtype",

@@ -41,6 +41,9 @@ class Kind:
         high: largest value.
         ramps: whether it can come on gradually.
         repeats: whether it can be intermittent.
+        start: whether it has a beginning; else it acts from the start of the run.
+        end: whether it has an end; else its value says when.
+        not_at: places of ``at`` that cannot fail so.
         sensors_only: at a message: only at those of sensors and actuators, not at commands.
     """
 
@@ -54,6 +57,9 @@ class Kind:
     ramps: bool = False
     repeats: bool = True
     sensors_only: bool = False
+    start: bool = True
+    end: bool = True
+    not_at: tuple[str, ...] = ()
 
 
 KINDS: tuple[Kind, ...] = (
@@ -139,6 +145,129 @@ KINDS: tuple[Kind, ...] = (
         at=ACTUATOR,
         help="reports OK and the commanded moment, whatever else is wrong",
     ),
+    Kind(
+        name="down",
+        at=NODE,
+        help="has no power: it neither sends nor hears, then starts anew; without power the "
+        "actuators float",
+        repeats=False,
+    ),
+    Kind(
+        name="reset",
+        at=NODE,
+        help="is down for VALUE, then starts anew",
+        value="s",
+        default=0.1,
+        low=0.001,
+        high=1e6,
+        end=False,
+        repeats=False,
+    ),
+    Kind(
+        name="late",
+        at=NODE,
+        help="has no power before VALUE",
+        value="s",
+        low=0.001,
+        high=1e6,
+        start=False,
+        end=False,
+        repeats=False,
+    ),
+    Kind(name="silent", at=NODE, help="hears, but sends nothing", repeats=False),
+    Kind(
+        name="bus_off",
+        at=NODE,
+        help="every frame that it sends is disturbed, until its controller leaves the bus",
+        repeats=False,
+    ),
+    Kind(
+        name="babbling",
+        at=NODE,
+        help="fills the share VALUE of its bus with frames of the highest priority",
+        value="fraction",
+        default=0.9,
+        low=0.01,
+        high=1.0,
+        repeats=False,
+    ),
+    Kind(
+        name="clock_drift",
+        at=NODE,
+        help="its cycle times are longer by the fraction VALUE",
+        value="fraction",
+        low=-0.5,
+        high=1.0,
+        ramps=True,
+        not_at=(f"{NODE_PREFIX}{ECU_NODE}",),
+    ),
+    *(
+        Kind(name=name, at=at, help=text, value="fraction", low=0.0, high=1.0, ramps=True)
+        for at in (MESSAGE, BUS)
+        for name, text in (
+            ("loss", "the receiver loses this fraction of the frames"),
+            ("corruption", "one bit is wrong in this fraction of the frames, as received"),
+            ("duplicate", "this fraction of the frames is sent twice"),
+            ("reorder", "this fraction of the frames is overtaken by the next"),
+        )
+    ),
+    *(
+        Kind(
+            name="delay",
+            at=at,
+            help="frames are handed over late by VALUE",
+            value="s",
+            low=0.0,
+            high=1.0,
+            ramps=True,
+        )
+        for at in (MESSAGE, BUS)
+    ),
+    Kind(
+        name="error_rate",
+        at=BUS,
+        help="every bit is disturbed with this probability",
+        value="per bit",
+        low=0.0,
+        high=0.1,
+        repeats=False,
+    ),
+    Kind(
+        name="flood",
+        at=BUS,
+        help="fills the share VALUE of every bus with frames of the highest priority",
+        value="fraction",
+        default=0.9,
+        low=0.01,
+        high=1.0,
+        repeats=False,
+    ),
+    Kind(name="partition", at=BUS, help="its gateways forward nothing", repeats=False),
+    Kind(
+        name="spoof",
+        at=ATTACKER,
+        help="answers each frame with one that says VALUE for the signal, with the right checksum "
+        "and the next counters",
+        value="SI unit",
+    ),
+    Kind(
+        name="replay",
+        at=ATTACKER,
+        help="sends each frame once more, VALUE later",
+        value="s",
+        default=0.5,
+        low=0.0,
+        high=1.0,
+    ),
+    Kind(
+        name="wrong_length",
+        at=ATTACKER,
+        help="answers each frame with one of VALUE bytes, with the next counters",
+        value="bytes",
+        default=4.0,
+        low=0.0,
+        high=64.0,
+    ),
 )
 """Every kind of fault, by what can fail so."""
 
@@ -166,6 +295,12 @@ PLACES: dict[str, str] = {name: at for at in reversed(ALL_AT) for name in places
 
 def kinds_at(where: str) -> Iterator[Kind]:
     """Yield the kinds of faults that a place can have."""
+    of_signal = where.removeprefix(ATTACKER_PREFIX) in (*SIGNALS, *COMMAND_SIGNALS)
     for kind in KINDS:
-        if kind.at == PLACES[where] and not (kind.sensors_only and where in COMMANDS):
-            yield kind
+        if kind.at != PLACES[where] or where in kind.not_at:
+            continue
+        if kind.sensors_only and where in COMMANDS:
+            continue
+        if kind.at == ATTACKER and (kind.name == "spoof") != of_signal:
+            continue
+        yield kind

@@ -168,6 +168,10 @@ def _check_value(kind: Kind, given: Mapping[str, Any], what: str) -> None:
 def _check_times(kind: Kind, fault: Fault, what: str) -> None:
     if not 0 <= fault.start < fault.end or not math.isfinite(fault.start):
         raise CanrollError(f"{what}: START must be 0 or later and before END")
+    if fault.start and not kind.start:
+        raise CanrollError(f"{what}: {kind.name} does not take a START: its value is its end")
+    if fault.end < math.inf and not kind.end:
+        raise CanrollError(f"{what}: {kind.name} does not take an END: its value says when")
     if fault.ramp and not kind.ramps:
         raise CanrollError(f"{what}: {kind.name} does not take a ramp")
     if not 0 <= fault.ramp < math.inf:

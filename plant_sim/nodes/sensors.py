@@ -25,6 +25,16 @@ NODES = (
 )
 """Messages of the plant's nodes in the order of the node table."""
 
+SENDERS = {
+    "Imu": "Imu",
+    "VehicleMotion": "Chassis",
+    "SuspensionRate": "Suspension",
+    "SuspensionTravel": "Suspension",
+    "RollReference": "Reference",
+    "ActuatorState": "Actuator",
+}
+"""Node of the bus that sends each message."""
+
 SIGNAL_FAULTS = {
     "stuck": sensor_kernel.STUCK,
     "offset": sensor_kernel.OFFSET,
@@ -60,14 +70,18 @@ _SIGNALS = (
 )
 SIGNALS = tuple(f"{message}.{signal}" for message, names in _SIGNALS for signal in names)
 """Signals of the sensors, in the order of their channels."""
-_PER_UNIT = {
+PER_UNIT = {
     "deg/s": 180 / math.pi,
     "deg": 180 / math.pi,
     "m/s2": 1.0,
     "km/h": 3.6,
     "mm": 1e3,
     "mm/s": 1e3,
+    "mA": 1e3,
+    "N": 1.0,
+    "Nm": 1.0,
 }
+"""Units of the bus per SI unit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,7 +185,7 @@ def _channel(
     row = np.zeros(sensor_kernel.N_COLUMNS)
     row[sensor_kernel.NEW] = 1.0
     row[sensor_kernel.RANGE] = math.inf
-    row[sensor_kernel.TO_BUS] = _PER_UNIT[unit]
+    row[sensor_kernel.TO_BUS] = PER_UNIT[unit]
     if data is None:
         return row
     if options.filtered:

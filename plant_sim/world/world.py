@@ -20,7 +20,7 @@ from plant_sim.faults.effects import with_faults
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
 from plant_sim.nodes.sensors import SensorOptions
-from plant_sim.world import recording, world_parts
+from plant_sim.world import fault_parts, recording, world_parts
 from plant_sim.world.ecu_kernel import Connection, Ticks, run
 from plant_sim.world.world_kernel import (
     APPLIED_COMMANDS,
@@ -60,6 +60,9 @@ class World:
         faults: what fails (:mod:`plant_sim.faults`), on top of the faults in those conditions.
         bus: further options of ``can_bus.make_network``.
 
+    Attributes:
+        outages: when the ECU has no power (ns): it restarts at the end of each.
+
     Raises:
         UnknownNameError: no such body, actuator, command, signal or fault.
     """
@@ -83,9 +86,11 @@ class World:
     ) -> None:
         hydraulic = body == "linear_car" and actuator == "valves"
         plant = body_named("linear_car_hydraulic" if hydraulic else body)
+        faults = tuple(faults)
         sensors, actuators = with_faults(
-            sensors or SensorOptions(), actuators or ActuatorOptions(), tuple(faults)
+            sensors or SensorOptions(), actuators or ActuatorOptions(), faults
         )
+        self.outages = fault_parts.outages(faults)
         self.duration_ns = maneuver.duration_ns
         self._parts = world_parts.assemble(
             vehicle=vehicle,
@@ -99,6 +104,7 @@ class World:
             command_timeout_ms=command_timeout_ms,
             sensors=sensors,
             actuators=actuators,
+            faults=faults,
             bus=bus,
         )
         self._recorded = can_bus.recorded_traffic(

@@ -20,7 +20,8 @@ from plant_sim.nodes.actuator_kernel import Actuators
 from plant_sim.nodes.actuator_models import act
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensor_kernel import Sensors
-from plant_sim.world import recording
+from plant_sim.world import frame_kernel, recording
+from plant_sim.world.frame_kernel import Frames
 
 STEP_NS = 1_000_000
 
@@ -84,6 +85,7 @@ class Memory(NamedTuple):
     outbox: NDArray[Any]
     flight: NDArray[np.int64]
     roles: NDArray[np.uint8]
+    frames: Frames
     sensors: Sensors
     actuators: Actuators
     tables: Codec
@@ -127,11 +129,22 @@ def _post(world: Memory, network: bus.State) -> None:
         flags = EXTENDED if key & EXTENDED_KEY else 0
         if row >= 0:
             flags = world.tables.message[row, codec.FLAGS]
-        ident = key & ~EXTENDED_KEY
-        bus.submit(network, bus.ECU, out.t_ns, ident, int(out.length), out.payload, flags)
+        t_queued = frame_kernel.send(
+            world.frames,
+            world.tables,
+            network,
+            bus.ECU,
+            row,
+            out.t_ns,
+            key & ~EXTENDED_KEY,
+            int(out.length),
+            out.payload,
+            flags,
+            clock[SEED],
+        )
         if row >= 0 and world.roles[row] == FOR_ACTUATOR:
             flight = world.flight[clock[SUBMISSIONS] % len(world.flight)]
-            flight[FLIGHT_SUBMITTED] = out.t_ns
+            flight[FLIGHT_SUBMITTED] = t_queued
             flight[FLIGHT_SAMPLE] = clock[IMU_SAMPLE]
             clock[SUBMISSIONS] += 1
     clock[OUTBOX] = 0
@@ -154,6 +167,34 @@ def _accepted(world: Memory, row: NDArray[np.int64], t_origin: int, t_received: 
 
 
 @njit
+def _take(
+    world: Memory,
+    row: int,
+    entry: Any,  # noqa: ANN401
+    payload: NDArray[np.uint8],
+    commands: NDArray[np.int64],
+) -> None:
+    """Pass a frame of message ``row`` with ``payload`` to its receiver."""
+    clock = world.clock
+    role = world.roles[row]
+    if role == FOR_ACTUATOR:
+        which = actuator_kernel.listens(world.actuators, row)
+        if actuator_kernel.receive(world.actuators, world.tables, which, payload, entry.t_received):
+            applied = commands[clock[APPLIED_COMMANDS]]
+            _accepted(world, applied, entry.t_origin, entry.t_received)
+        return
+    frame = world.received[clock[RECEIVED]]
+    frame.t_ns = entry.t_received
+    frame.ident = world.tables.message[row, codec.KEY]
+    frame.length = entry.length
+    for byte in range(codec.MAX_PAYLOAD):
+        frame.payload[byte] = payload[byte]
+    clock[RECEIVED] += 1
+    if role == FOR_ECU_IMU:
+        clock[IMU_SAMPLE] = entry.t_origin - clock[IMU_LATENCY]
+
+
+@njit
 def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> None:
     """Pass frames delivered by the bus since the last call to the actuators and the ECU."""
     clock = world.clock
@@ -167,25 +208,30 @@ def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> 
         receiver = bus.ACTUATOR if role == FOR_ACTUATOR else bus.ECU
         if role == NOBODY or not bus.took(entry.outcome, entry.missed, receiver):
             continue
-        if role == FOR_ACTUATOR:
-            if entry.segment != clock[ACTUATOR_SEGMENT]:
-                continue
-            which = actuator_kernel.listens(world.actuators, row)
-            if actuator_kernel.receive(
-                world.actuators, world.tables, which, entry.payload, entry.t_received
-            ):
-                applied = commands[clock[APPLIED_COMMANDS]]
-                _accepted(world, applied, entry.t_origin, entry.t_received)
-        elif entry.segment == clock[ECU_SEGMENT]:
-            frame = world.received[clock[RECEIVED]]
-            frame.t_ns = entry.t_received
-            frame.ident = world.tables.message[row, codec.KEY]
-            frame.length = entry.length
-            for byte in range(codec.MAX_PAYLOAD):
-                frame.payload[byte] = entry.payload[byte]
-            clock[RECEIVED] += 1
-            if role == FOR_ECU_IMU:
-                clock[IMU_SAMPLE] = entry.t_origin - clock[IMU_LATENCY]
+        segment = clock[ACTUATOR_SEGMENT if role == FOR_ACTUATOR else ECU_SEGMENT]
+        if entry.segment != segment:
+            continue
+        frames = world.frames
+        if frames.clock[frame_kernel.ATTACKER_AT_ECU] >= 0:
+            at_ecu = frames.clock[frame_kernel.ATTACKER_AT_ECU]
+            at_actuator = frames.clock[frame_kernel.ATTACKER_AT_ACTUATOR]
+            if entry.sender not in (at_ecu, at_actuator):
+                attacker = at_actuator if role == FOR_ACTUATOR else at_ecu
+                frame_kernel.attack(
+                    frames, world.tables, network, attacker, row, entry, world.payload
+                )
+        if not bus.hears(network, receiver, entry.t_received):
+            continue
+        if frame_kernel.lost(frames, row, entry.t_received, clock[SEED]):
+            continue
+        if frames.fault[0, 0] < 0:
+            _take(world, row, entry, entry.payload, commands)
+            continue
+        payload = world.payload
+        for byte in range(codec.MAX_PAYLOAD):
+            payload[byte] = entry.payload[byte] if byte < entry.length else 0
+        frame_kernel.damage(frames, row, entry.t_received, entry.length, payload, clock[SEED])
+        _take(world, row, entry, payload, commands)
     clock[LOG_CURSOR] = total
 
 
@@ -212,14 +258,18 @@ def _sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
         sensor_kernel.finish(world.sensors, world.tables, number, payload)
         if not sensor_kernel.silent(world.sensors, number, t_ns):
             t_queued = t_ns + node[sensor_kernel.LATENCY]
-            bus.submit(
+            frame_kernel.send(
+                world.frames,
+                world.tables,
                 network,
                 node[sensor_kernel.BUS_NODE],
+                node[sensor_kernel.MESSAGE],
                 t_queued,
                 message[codec.IDENT],
                 message[codec.LENGTH],
                 payload,
                 message[codec.FLAGS],
+                clock[SEED],
             )
         node[sensor_kernel.NEXT] += sensor_kernel.period(world.sensors, number, t_ns)
 

@@ -1,5 +1,6 @@
 """Assembly of a world: bodies, nodes and bus for one run."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from plant_sim.bodies.ports import PARAMETERS_MAX, STATES_MAX, Body
 from plant_sim.can_bus import own_frames
 from plant_sim.can_bus.wire.frame import FD
 from plant_sim.driving.maneuvers import Maneuver
+from plant_sim.faults import Fault
 from plant_sim.kernels.records import to_record
 from plant_sim.nodes import actuators as actuator_setup
 from plant_sim.nodes import codec, sensor_kernel
@@ -18,7 +20,7 @@ from plant_sim.nodes import sensors as sensor_setup
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensors import SensorOptions
-from plant_sim.world import open_loop, recording
+from plant_sim.world import fault_parts, open_loop, recording
 from plant_sim.world import world_kernel as kernel
 from plant_sim.world.world_kernel import Memory, Parts
 from vehicles.model import Vehicle
@@ -27,15 +29,6 @@ LOG_CAPACITY = 1 << 15
 _OUTBOX_CAPACITY = 256
 _INBOX_CAPACITY = 8192
 _FLIGHT_CAPACITY = 64
-
-_SENDERS = {
-    "Imu": can_bus.IMU,
-    "VehicleMotion": can_bus.CHASSIS,
-    "SuspensionRate": can_bus.SUSPENSION,
-    "SuspensionTravel": can_bus.SUSPENSION,
-    "RollReference": can_bus.REFERENCE,
-    "ActuatorState": can_bus.ACTUATOR,
-}
 
 
 def command_of(actuator: str, command: str | None) -> str:
@@ -93,7 +86,7 @@ def _sensors(  # noqa: PLR0917
     """Sensor nodes on their bus nodes, with low-passes settled at the initial state."""
     nodes = sensor_setup.build(vehicle, options=options, seed=seed, tables=tables)
     for row, message in zip(nodes.node, sensor_setup.NODES, strict=True):
-        row[sensor_kernel.BUS_NODE] = _SENDERS[message]
+        row[sensor_kernel.BUS_NODE] = can_bus.NODES.index(sensor_setup.SENDERS[message])
     sensor_kernel.observe(nodes, inputs, outputs)
     for column in (sensor_kernel.FILTERED, sensor_kernel.PREVIOUS):
         nodes.channel[:, column] = nodes.channel[:, sensor_kernel.INPUT]
@@ -134,6 +127,7 @@ def assemble(
     command_timeout_ms: float,
     sensors: SensorOptions,
     actuators: ActuatorOptions,
+    faults: Sequence[Fault],
     bus: dict[str, Any],
 ) -> Parts:
     """All data of the kernel at time 0; the parameters are those of ``World``."""
@@ -154,6 +148,7 @@ def assemble(
         log_capacity=LOG_CAPACITY,
         **bus,
     )
+    fault_parts.add_to_network(network, faults)
     state, inputs, parameters, outputs = open_loop.start(vehicle, plant, maneuver)
     nodes = _sensors(vehicle, sensors, seed, inputs, outputs, tables)
     clock = _clock(nodes, network, seed)
@@ -170,6 +165,7 @@ def assemble(
         outbox=np.zeros(_OUTBOX_CAPACITY, dtype=kernel.FRAME),
         flight=np.full((_FLIGHT_CAPACITY, kernel.N_FLIGHT), kernel.NOTHING, dtype=np.int64),
         roles=_roles(actuator),
+        frames=fault_parts.frames(faults, tables, nodes, network),
         sensors=nodes,
         actuators=node,
         tables=tables,

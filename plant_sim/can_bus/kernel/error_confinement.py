@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from plant_sim.can_bus.kernel.layout import (
     ACKNOWLEDGE_ERROR,
+    BIT_ERRORS,
     BUS_OFF,
     DISTURB,
     DRAWS,
@@ -26,6 +27,7 @@ from plant_sim.can_bus.kernel.layout import (
     MESSAGES,
     NODE_COUNT,
     NODE_DOWN,
+    NOW,
     REFUSE,
     SEED,
     State,
@@ -67,9 +69,20 @@ def first_difference(bus: State, slot: int, twin: int) -> int:
 
 
 @njit
-def random_error(bus: State, which: int, bits: int) -> int:
+def error_rate(bus: State, which: int, now: int) -> float:
+    """Return the probability that a bit on a segment is disturbed at ``now``."""
+    rate: float = bus.segments[which].bit_error_rate
+    for index in range(bus.clock[FAULT_COUNT]):
+        fault = bus.faults[index]
+        there = fault.target < 0 or fault.target == which
+        if fault.kind == BIT_ERRORS and there and fault.from_ns <= now < fault.until_ns:
+            rate += fault.rate
+    return rate
+
+
+@njit
+def random_error(bus: State, which: int, bits: int, rate: float) -> int:
     """Draw the first disturbed bit of an attempt of ``bits`` bits, −1 for none."""
-    rate = bus.segments[which].bit_error_rate
     bus.clock[DRAWS] += 1
     draw = uniform(bus.clock[SEED], _DRAW_STREAM + which, bus.clock[DRAWS])
     if draw >= -np.expm1((bits - 1) * np.log1p(-rate)):
@@ -231,6 +244,7 @@ def _count_transmit_error(bus: State, which: int, index: int) -> None:
     _classify(bus, index)
     if node.transmit_errors > 255:
         node.state = BUS_OFF
+        node.off_ns = bus.clock[NOW]
         node.bus_offs += 1
         node.recovery_left = _RECOVERY_SEQUENCES
         bus.segments[which].bus_off += 1
@@ -280,6 +294,7 @@ def count_recessive(bus: State, which: int, sequences: int) -> None:
             node.recovery_left -= sequences
             if node.recovery_left <= 0:
                 node.state = ERROR_ACTIVE
+                node.on_ns = bus.clock[NOW]
                 node.transmit_errors = node.receive_errors = 0
                 segment.bus_off -= 1
 

@@ -61,6 +61,8 @@ GATEWAY_DOWN: Final = 2
 DISTURB: Final = 3
 OVERLOAD: Final = 4
 REFUSE: Final = 5
+NODE_MUTE: Final = 6
+BIT_ERRORS: Final = 7
 
 # distributions of a gateway's latency and of a node's jitter
 FIXED: Final = 0

@@ -55,6 +55,8 @@ NODE: Final = np.dtype(
         ("suspended_ns", "i8"),
         ("recovery_left", "i8"),
         ("bus_offs", "i8"),
+        ("off_ns", "i8"),
+        ("on_ns", "i8"),
         ("delayed_ns", "i8"),
     ]
 )
@@ -126,6 +128,7 @@ FAULT: Final = np.dtype(
         ("ident", "i8"),
         ("value", "i8"),
         ("left", "i8"),
+        ("rate", "f8"),
     ]
 )
 

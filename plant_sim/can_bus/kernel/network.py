@@ -27,6 +27,8 @@ FAULTS: Final = {
     "disturb": layout.DISTURB,
     "overload": layout.OVERLOAD,
     "refuse": layout.REFUSE,
+    "node_mute": layout.NODE_MUTE,
+    "bit_errors": layout.BIT_ERRORS,
 }
 NEVER: Final = layout.NEVER
 MAX_CAPACITY: Final = layout.MAX_FRAMES
@@ -109,7 +111,9 @@ class Gateway:
 class Fault:
     """A scripted fault, active from ``from_ns`` until before ``until_ns``.
 
-    ``kind``: ``node_down`` and ``node_delay`` (by ``value`` ns) of node ``target``;
+    ``kind``: ``node_down`` (it neither sends nor hears), ``node_mute`` (it hears but does not send)
+    and ``node_delay`` (by ``value`` ns) of node ``target``; ``bit_errors``: every bit is disturbed
+    with probability ``rate`` on segment ``target`` (None: on all);
     ``gateway_down`` of gateway number ``target``; ``disturb``: bit ``value`` of the next ``count``
     attempts of node ``target`` (None: any node) with identifier ``ident`` (None: any);
     ``overload``: an overload frame behind the next ``count`` frames of segment ``target``;
@@ -124,6 +128,7 @@ class Fault:
     ident: int | None = None
     value: int = 20
     count: int = -1
+    rate: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -219,9 +224,7 @@ def build_network(spec: NetworkSpec) -> Network:
     network = layout.empty(log=spec.log_capacity, seed=spec.seed)
     clock = network.clock
     clock[layout.SEGMENT_COUNT] = len(spec.segments)
-    clock[layout.SOURCE_COUNT] = len(spec.sources)
     clock[layout.GATEWAY_COUNT] = len(spec.gateways)
-    clock[layout.FAULT_COUNT] = len(spec.faults)
     for i, segment in enumerate(spec.segments):
         for key in ("bitrate", "data_bitrate", "propagation_ns", "bit_error_rate"):
             network.segments[key][i] = getattr(segment, key)
@@ -231,27 +234,34 @@ def build_network(spec: NetworkSpec) -> Network:
     for node in spec.nodes:
         add_node(network, node)
     _add_gateways(network, spec, names)
-    _add_faults(network, spec, names)
-    for i, source in enumerate(spec.sources):
-        record = network.part("sources")[i : i + 1]
-        record["node"] = _number(names, source.node)
-        for key in (
-            "ident",
-            "flags",
-            "length",
-            "bits",
-            "period_ns",
-            "offset_ns",
-            "jitter_ns",
-            "until_ns",
-        ):
-            record[key] = getattr(source, key)
-        record["random_payload"] = source.payload is None
-        if source.payload is not None:
-            stored = np.frombuffer(source.payload, np.uint8)
-            network.part("source_payloads")[i, : len(stored)] = stored
-        start_source(network, i)
+    for fault in spec.faults:
+        add_fault(network, fault, names)
+    for source in spec.sources:
+        add_source(network, source, _number(names, source.node))
     return network
+
+
+def add_source(network: Network, source: Source, node: int) -> None:
+    """Add a periodic message of ``node`` to a network, at any time.
+
+    Raises:
+        CanrollError: there is no room for another one.
+    """
+    number = int(network.clock[layout.SOURCE_COUNT])
+    if number >= layout.MAX_SOURCES:
+        raise CanrollError(f"a network holds at most {layout.MAX_SOURCES} periodic messages")
+    network.clock[layout.SOURCE_COUNT] = number + 1
+    record = network.part("sources")[number : number + 1]
+    record["node"] = node
+    for key in (
+        *("ident", "flags", "length", "bits", "period_ns", "offset_ns", "jitter_ns", "until_ns"),
+    ):
+        record[key] = getattr(source, key)
+    record["random_payload"] = source.payload is None
+    if source.payload is not None:
+        stored = np.frombuffer(source.payload, np.uint8)
+        network.part("source_payloads")[number, : len(stored)] = stored
+    start_source(network, number)
 
 
 def add_node(network: Network, node: Node) -> int:
@@ -304,14 +314,24 @@ def _add_gateways(network: Network, spec: NetworkSpec, names: Sequence[str]) -> 
             network.part("routes")[i, j] = arbitration_key(ident, flags)
 
 
-def _add_faults(network: Network, spec: NetworkSpec, names: Sequence[str]) -> None:
-    for i, fault in enumerate(spec.faults):
-        record = network.part("faults")[i : i + 1]
-        record["kind"] = _code("bus fault", FAULTS, fault.kind)
-        if fault.kind == "refuse" and fault.target is None:
-            raise CanrollError("bus fault 'refuse' needs a target node")
-        target = -1 if fault.target is None else fault.target
-        record["target"] = _number(names, target) if isinstance(target, str) else target
-        record["from_ns"], record["until_ns"] = fault.from_ns, fault.until_ns
-        record["ident"] = -1 if fault.ident is None else fault.ident
-        record["value"], record["left"] = fault.value, fault.count
+def add_fault(network: Network, fault: Fault, names: Sequence[str] = ()) -> None:
+    """Add a fault to a network, at any time; ``names`` are those of its nodes.
+
+    Raises:
+        CanrollError: there is no room for another fault, or its target is missing.
+        UnknownNameError: no such kind or node.
+    """
+    number = int(network.clock[layout.FAULT_COUNT])
+    if number >= layout.MAX_FAULTS:
+        raise CanrollError(f"a network holds at most {layout.MAX_FAULTS} faults")
+    network.clock[layout.FAULT_COUNT] = number + 1
+    record = network.part("faults")[number : number + 1]
+    record["kind"] = _code("bus fault", FAULTS, fault.kind)
+    if fault.kind == "refuse" and fault.target is None:
+        raise CanrollError("bus fault 'refuse' needs a target node")
+    target = -1 if fault.target is None else fault.target
+    record["target"] = _number(names, target) if isinstance(target, str) else target
+    record["from_ns"], record["until_ns"] = fault.from_ns, fault.until_ns
+    record["ident"] = -1 if fault.ident is None else fault.ident
+    record["value"], record["left"] = fault.value, fault.count
+    record["rate"] = fault.rate

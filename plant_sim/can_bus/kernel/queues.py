@@ -27,6 +27,7 @@ from plant_sim.can_bus.kernel.layout import (
     MESSAGES,
     NODE_DELAY,
     NODE_DOWN,
+    NODE_MUTE,
     NOW,
     OFFERED,
     REPLACE,
@@ -198,6 +199,19 @@ def fault_active(bus: State, kind: int, target: int, t_ns: int) -> int:
 
 
 @njit
+def hears(bus: State, number: int, t_ns: int) -> bool:
+    """Return whether node ``number`` could receive a frame at ``t_ns``: neither down nor bus-off.
+
+    ``t_ns`` is not so long ago that the node has left the bus again since.
+    """
+    node = bus.nodes[number]
+    off: int = node.off_ns
+    if t_ns >= off and (node.state == BUS_OFF or t_ns < node.on_ns):
+        return False
+    return bus.clock[FAULT_COUNT] == 0 or fault_active(bus, NODE_DOWN, number, t_ns) < 0
+
+
+@njit
 def release(bus: State, slot: int, now: int) -> None:
     """Put the frame in ``slot`` into the transmit queue of its node."""
     frame = bus.frames[slot]
@@ -222,7 +236,8 @@ def release(bus: State, slot: int, now: int) -> None:
         finish(bus, slot, LOST_BUS_OFF, -1, now, now)
         return
     if bus.clock[FAULT_COUNT] > 0:
-        if fault_active(bus, NODE_DOWN, frame.node, now) >= 0:
+        down = fault_active(bus, NODE_DOWN, frame.node, now)
+        if down >= 0 or fault_active(bus, NODE_MUTE, frame.node, now) >= 0:
             finish(bus, slot, LOST_NODE_DOWN, -1, now, now)
             return
         for index in range(bus.clock[GATEWAY_COUNT]):

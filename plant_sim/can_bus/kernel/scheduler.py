@@ -15,6 +15,7 @@ from plant_sim.can_bus.kernel.error_confinement import (
     count_recessive,
     count_refusal,
     count_success,
+    error_rate,
     error_times,
     first_difference,
     purge,
@@ -258,8 +259,9 @@ def _start(bus: State, which: int, slot: int, twin: int, now: int) -> None:
     if twin >= 0:
         bus.frames[twin].attempts += 1
         position, kind = first_difference(bus, slot, twin), COLLISION
-    if position < 0 and segment.bit_error_rate > 0.0:
-        position, kind = random_error(bus, which, bits), BIT_ERROR
+    errors = error_rate(bus, which, now)
+    if position < 0 and errors > 0.0:
+        position, kind = random_error(bus, which, bits, errors), BIT_ERROR
     if position < 0 and bus.clock[FAULT_COUNT] > 0:
         position, kind = scripted_error(bus, slot, bits, now), BIT_ERROR
     if position < 0 and twin < 0 and not acknowledged(bus, which, frame.node, now):

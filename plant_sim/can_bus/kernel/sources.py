@@ -4,7 +4,7 @@ import numpy as np
 
 from plant_sim.can_bus.kernel.calendar import schedule
 from plant_sim.can_bus.kernel.layout import GATEWAY_COUNT, NOW, SEED, Network, State
-from plant_sim.can_bus.kernel.queues import draw, message_of, release, store
+from plant_sim.can_bus.kernel.queues import draw, hears, message_of, release, store
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import random_bits, uniform
 
@@ -71,7 +71,7 @@ def forward(bus: State, slot: int, now: int, missed: int) -> None:
         if not mask >> index & 1:
             continue
         gateway = bus.gateways[index]
-        if gateway.from_node == missed:
+        if gateway.from_node == missed or not hears(bus, gateway.from_node, now):
             continue
         gateway.last_ns = max(gateway.last_ns, now + draw(bus, gateway, _LATENCY_STREAM + index))
         stored = store(

@@ -8,10 +8,10 @@ from support.bus_frames import frame
 
 import dbc
 from hil.cli.watch import view
+from hil.reaction.fault_codes import FAULT_CODES
 from hil.watch.observation import (
     COMMAND_TO_ACKNOWLEDGEMENT,
     CONTROLLER,
-    FAULT_CODES,
     IMU_TO_COMMAND,
     VEHICLE,
     Observation,

@@ -6,8 +6,9 @@ import pytest
 import dbc
 from codegen.run.backends import open_backend
 from hil.runs import experiment, virtual_time
-from plant_sim.can_bus import DELIVERED, ERROR, IMU, OUTCOMES, Fault, account, load_profile
+from plant_sim.can_bus import DELIVERED, ERROR, IMU, OUTCOMES, account, load_profile
 from plant_sim.driving import maneuvers
+from plant_sim.faults import parse
 from plant_sim.world.world import World
 
 START, END = 1_500_000_000, 1_900_000_000
@@ -26,7 +27,7 @@ def disturbed():
         maneuver=maneuvers.build("double_lane_change", settings.vehicle, settings.speed, 0),
         profile=load_profile("500k"),
         command=settings.command,
-        faults=(Fault("disturb", "Imu", START, END),),
+        faults=parse(f"node.Imu=bus_off@{START * 1e-9}:{END * 1e-9}"),
     )
     ecu = open_backend("python", controller.record)
     trace = virtual_time.closed_loop(

@@ -40,7 +40,11 @@ def example(where, kind):
     """A fault of the kind that is allowed everywhere."""
     value = min(max(kind.low, 1.0), kind.high) if kind.value else 0.0
     return Fault(
-        where=where, kind=kind.name, value=value, start=1.0, ramp=0.25 if kind.ramps else 0.0
+        where=where,
+        kind=kind.name,
+        value=value,
+        start=1.0 if kind.start else 0.0,
+        ramp=0.25 if kind.ramps else 0.0,
     )
 
 

@@ -1,0 +1,1 @@
+"""What the ECU noticed of the faults in a run, and the harm they did."""

@@ -1,0 +1,233 @@
+"""What the ECU noticed of a run's faults, when, and what harm was done.
+
+A run is harmful where roll angle or path error exceed 1.1 times those of the passive vehicle, where
+the actuators push the body to the wrong side, outwards in a curve, with more than 500 N·m for more
+than 100 ms, or where the vehicle rolls over. A fault is detected where the ECU sets a new fault
+code or leaves ACTIVE, or where the actuators release the command.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.typing import Vector
+from firmware.state import ACTIVE
+from hil.reaction.fault_codes import FAULT_CODES, MODES
+from plant_sim.faults import Fault
+
+WORSE = 1.1
+"""Factor on the passive vehicle's roll angle or path error above which a run is harmful."""
+WRONG_MOMENT = 500.0
+"""Moment to the wrong side (N·m) that harms if it lasts for :data:`WRONG_TIME` (s)."""
+WRONG_TIME = 0.1
+LEAST_PATH_ERROR = 0.05
+"""Path error of the passive vehicle (m) below which it is no measure."""
+
+
+class Trace(Protocol):
+    """What is needed of the record of a run, as in :class:`hil.runs.trace.Trace`."""
+
+    @property
+    def signals(self) -> dict[str, NDArray[np.float64]]:
+        """The vehicle every millisecond, one array per signal."""
+
+    @property
+    def ticks(self) -> NDArray[np.void]:
+        """The ECU after every tick."""
+
+    @property
+    def duration(self) -> float:
+        """Length of the run, s."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModeChange:
+    """The ECU's mode from ``t`` (s) on."""
+
+    t: float
+    mode: str
+
+
+@dataclass(frozen=True, slots=True)
+class CodeSeen:
+    """A fault code: when it was first and last active (s), and in how many ticks."""
+
+    code: int
+    name: str
+    first: float
+    last: float
+    ticks: int
+
+
+@dataclass(frozen=True, slots=True)
+class Harm:
+    """One way in which a run was harmful, from ``t`` (s) on."""
+
+    t: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Reaction:
+    """Reaction of a controlled run to its faults.
+
+    Attributes:
+        modes: every change of mode, the first one included.
+        codes: every fault code that was active.
+        wrong_side_max_nm: largest moment to the wrong side, N·m.
+        wrong_side_s: longest time with more than 500 N·m to the wrong side without a break, s.
+        start: when the first fault began; None without faults.
+        detected_after: time from there to the detection; None if not detected.
+        detected_by: what the detection was, such as "stuck" or "SAFE"; empty if there was none.
+        mode: the mode that the ECU was in most after the detection, or after ``start``.
+        harm: in which ways the run was harmful.
+        harm_after: time from the first fault to the first harm; None without harm.
+        no_verdict: why the run says nothing about its faults; empty if it does.
+    """
+
+    modes: tuple[ModeChange, ...]
+    codes: tuple[CodeSeen, ...]
+    wrong_side_max_nm: float
+    wrong_side_s: float
+    start: float | None
+    detected_after: float | None
+    detected_by: str
+    mode: str
+    harm: tuple[str, ...]
+    harm_after: float | None
+    no_verdict: str
+
+    @property
+    def undetected_harm(self) -> bool:
+        """Whether harm was done and nothing detected."""
+        return bool(self.harm) and self.detected_after is None
+
+    @property
+    def text(self) -> str:
+        """Detection and harm in one line; empty without faults."""
+        if self.start is None:
+            return ""
+        if self.no_verdict:
+            return f"no verdict on the fault: {self.no_verdict}"
+        found = "fault not detected"
+        if self.detected_after is not None:
+            found = f"fault detected after {1e3 * self.detected_after:.0f} ms ({self.detected_by})"
+        return f"{found}, {'; '.join(self.harm) if self.harm else 'no harm'}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return it as plain data."""
+        return {**asdict(self), "modes": [asdict(m) for m in self.modes]}
+
+
+def observe(trace: Trace, passive: Trace, faults: Sequence[Fault]) -> Reaction:
+    """Return the reaction of the ECU in ``trace`` to ``faults``.
+
+    ``passive`` is the same manoeuvre with the passive vehicle and without faults.
+    """
+    start = min((fault.start for fault in faults), default=None)
+    begin = 0.0 if start is None else start
+    harms = sorted(_harms(trace, passive, begin), key=lambda harm: harm.t)
+    found = None if start is None else _detection(trace, start)
+    ticks = trace.ticks[trace.ticks["t"] >= (begin if found is None else found[0])]
+    modes = np.bincount(ticks["mode"]) if len(ticks) else np.zeros(1)
+    no_verdict = ""
+    if start is not None and start >= trace.duration:
+        no_verdict = f"it begins at {start:g} s, the run ends at {trace.duration:g} s"
+    wrong, longest, _ = _wrong_side(trace, begin)
+    return Reaction(
+        modes=_mode_changes(trace.ticks),
+        codes=_codes(trace.ticks),
+        wrong_side_max_nm=wrong,
+        wrong_side_s=longest,
+        start=start,
+        detected_after=None if found is None or start is None else found[0] - start,
+        detected_by="" if found is None else found[1],
+        mode=MODES[int(np.argmax(modes))],
+        harm=tuple(harm.text for harm in harms),
+        harm_after=harms[0].t - begin if harms else None,
+        no_verdict=no_verdict,
+    )
+
+
+def _mode_changes(ticks: NDArray[np.void]) -> tuple[ModeChange, ...]:
+    mode = ticks["mode"].astype(int)
+    places = np.flatnonzero(np.diff(mode, prepend=-1))
+    return tuple(ModeChange(float(ticks["t"][i]), MODES[int(mode[i])]) for i in places)
+
+
+def _codes(ticks: NDArray[np.void]) -> tuple[CodeSeen, ...]:
+    found = []
+    for code, name in sorted(FAULT_CODES.items()):
+        active = ticks["t"][(ticks["fault_codes"] >> code) & 1 == 1]
+        if len(active):
+            found.append(CodeSeen(code, name, float(active[0]), float(active[-1]), len(active)))
+    return tuple(found)
+
+
+def _detection(trace: Trace, start: float) -> tuple[float, str] | None:
+    """Return when and by what the first fault was detected."""
+    ticks = trace.ticks
+    before, after = ticks[ticks["t"] < start], ticks[ticks["t"] >= start]
+    known = int(np.bitwise_or.reduce(before["fault_codes"][-1:], initial=0))
+    found = []
+    new = after["fault_codes"] & ~np.uint32(known)
+    for place in np.flatnonzero(new)[:1]:
+        names = [name for code, name in FAULT_CODES.items() if int(new[place]) >> code & 1]
+        found.append((float(after["t"][place]), ", ".join(names)))
+    was_active = len(before) == 0 or before["mode"][-1] == ACTIVE
+    left = np.flatnonzero(after["mode"] != ACTIVE) if was_active and len(before) else ()
+    for place in left[:1]:
+        found.append((float(after["t"][place]), MODES[int(after["mode"][place])]))
+    held = trace.signals["command_held"]
+    time = trace.signals["time"]
+    released = np.flatnonzero((time[1:] > start) & (held[1:] == 0) & (held[:-1] > 0))
+    found += [(float(time[i + 1]), "command released") for i in released[:1]]
+    return min(found, default=None)
+
+
+def _wrong_side(trace: Trace, begin: float) -> tuple[float, float, float | None]:
+    """Return the largest wrong moment, its longest time beyond the limit, and when it harms."""
+    signals = trace.signals
+    moment = signals["moment_front"] + signals["moment_rear"]
+    outwards = moment * np.sign(signals["ay"])
+    outwards = np.where(signals["time"] >= begin, outwards, 0.0)
+    longest, run, harmful = 0, 0, None
+    for place in np.flatnonzero(outwards > WRONG_MOMENT):
+        run = run + 1 if place and outwards[place - 1] > WRONG_MOMENT else 1
+        longest = max(longest, run)
+        if harmful is None and run > 1e3 * WRONG_TIME:
+            harmful = float(signals["time"][place])
+    return float(max(outwards.max(initial=0.0), 0.0)), longest * 1e-3, harmful
+
+
+def _peak(values: Vector) -> float:
+    return float(np.abs(values).max(initial=0.0))
+
+
+def _harms(trace: Trace, passive: Trace, begin: float) -> list[Harm]:
+    signals = trace.signals
+    time: Vector = signals["time"]
+    late = time >= begin
+    found = []
+    for name, what, unit, scale, least in (
+        ("roll", "roll angle", "°", 180 / np.pi, 0.0),
+        ("path_error", "path error", " m", 1.0, LEAST_PATH_ERROR),
+    ):
+        limit = WORSE * max(_peak(passive.signals[name]), least)
+        over = np.flatnonzero((np.abs(signals[name]) > limit) & late)
+        if len(over) and _peak(passive.signals[name]) > 0:
+            most = _peak(signals[name][late])
+            before = _peak(passive.signals[name])
+            text = f"{what} {scale * most:.2f}{unit} instead of {scale * before:.2f}{unit}"
+            found.append(Harm(float(time[over[0]]), text))
+    most, longest, harmful = _wrong_side(trace, begin)
+    if harmful is not None:
+        text = f"up to {most:.0f} N·m on the wrong side for {longest:.2f} s"
+        found.append(Harm(harmful, text))
+    over = np.flatnonzero(signals["rollover"] > 0)
+    if len(over) and not np.any(passive.signals["rollover"] > 0):
+        found.append(Harm(float(time[over[0]]), "the vehicle rolls over"))
+    return found

@@ -1,0 +1,184 @@
+"""Faults of nodes, of the bus and of its frames, and attackers, as the parts of a world."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError
+from plant_sim import can_bus
+from plant_sim.can_bus.kernel import layout
+from plant_sim.can_bus.wire.frame import INTERFRAME_BITS
+from plant_sim.faults import Fault, kinds
+from plant_sim.faults.effects import power_losses
+from plant_sim.kernels import schedule
+from plant_sim.nodes import codec, sensor_kernel
+from plant_sim.nodes.codec import Codec
+from plant_sim.nodes.sensor_kernel import Sensors
+from plant_sim.nodes.sensors import PER_UNIT
+from plant_sim.world import frame_kernel
+from plant_sim.world.frame_kernel import Frames
+
+FRAME_FAULTS = {
+    "loss": frame_kernel.LOSS,
+    "corruption": frame_kernel.CORRUPTION,
+    "delay": frame_kernel.DELAY,
+    "duplicate": frame_kernel.DUPLICATE,
+    "reorder": frame_kernel.REORDER,
+    "spoof": frame_kernel.SPOOF,
+    "replay": frame_kernel.REPLAY,
+    "wrong_length": frame_kernel.WRONG_LENGTH,
+}
+FLOOD_IDENT, FLOOD_LENGTH = 0x000, 8
+FLOOD_BITS = 44 + 8 * FLOOD_LENGTH + 13 + INTERFRAME_BITS
+"""Length on the wire of a frame of a flood, stuff bits of its random payload not counted."""
+
+
+def outages(faults: Iterable[Fault]) -> tuple[tuple[int, int], ...]:
+    """Return when the ECU has no power, ns, in order of the beginnings."""
+    return tuple(
+        sorted(
+            (_ns(fault.start), _ns(fault.end))
+            for fault in power_losses(faults)
+            if fault.where == kinds.NODE_PREFIX + kinds.ECU_NODE
+        )
+    )
+
+
+def add_to_network(network: can_bus.Network, faults: Iterable[Fault]) -> None:
+    """Add the faults of nodes and of the bus itself to a network at time 0.
+
+    Raises:
+        CanrollError: a partition of a bus without gateways.
+    """
+    faults = tuple(faults)
+    for fault in faults:
+        at = kinds.PLACES[fault.where]
+        if at == kinds.BUS and fault.kind == "partition":
+            count = int(network.clock[layout.GATEWAY_COUNT])
+            if not count:
+                raise CanrollError(f"fault '{fault}': this bus has no gateway that could fail")
+            for number in range(count):
+                _add(network, "gateway_down", number, fault)
+        elif at == kinds.BUS and fault.kind == "error_rate":
+            _add(network, "bit_errors", None, fault, rate=fault.value)
+        elif at == kinds.BUS and fault.kind == "flood":
+            for segment in range(len(network.segments)):
+                flooder = can_bus.add_node(network, can_bus.Node("Flood", segment))
+                _flood(network, flooder, fault)
+        elif at == kinds.NODE:
+            _add_of_node(network, fault)
+    for fault in power_losses(faults):
+        _add(network, "node_down", _node(fault), fault)
+
+
+def _node(fault: Fault) -> int:
+    return can_bus.NODES.index(fault.where.removeprefix(kinds.NODE_PREFIX))
+
+
+def _add_of_node(network: can_bus.Network, fault: Fault) -> None:
+    if fault.kind == "silent":
+        _add(network, "node_mute", _node(fault), fault)
+    elif fault.kind == "bus_off":
+        _add(network, "disturb", _node(fault), fault)
+    elif fault.kind == "babbling":
+        _flood(network, _node(fault), fault)
+
+
+def _add(
+    network: can_bus.Network, kind: str, target: int | None, fault: Fault, *, rate: float = 0.0
+) -> None:
+    can_bus.add_fault(
+        network, can_bus.Fault(kind, target, _ns(fault.start), _ns(fault.end), rate=rate)
+    )
+
+
+def _flood(network: can_bus.Network, node: int, fault: Fault) -> None:
+    """Let ``node`` fill the share ``fault.value`` of its segment with the highest priority."""
+    segment = network.segments[int(network.nodes["segment"][node])]
+    period = FLOOD_BITS * 1e9 / int(segment["bitrate"]) / fault.value
+    can_bus.add_source(
+        network,
+        can_bus.Source(
+            node="",
+            ident=FLOOD_IDENT,
+            length=FLOOD_LENGTH,
+            period_ns=period,
+            offset_ns=_ns(fault.start),
+            until_ns=_ns(fault.end),
+        ),
+        node,
+    )
+
+
+def _ns(time: float) -> int:
+    return round(time * 1e9) if np.isfinite(time) else schedule.NEVER
+
+
+def frames(
+    faults: Iterable[Fault], tables: Codec, nodes: Sensors, network: can_bus.Network
+) -> Frames:
+    """Return the faults of our frames, with an attacker on the bus where one is needed.
+
+    Raises:
+        CanrollError: too many, or of a message or signal that this bus does not have.
+    """
+    chosen = [
+        fault
+        for fault in faults
+        if fault.kind in FRAME_FAULTS
+        and kinds.PLACES[fault.where] in (kinds.MESSAGE, kinds.BUS, kinds.ATTACKER)
+    ]
+    if len(chosen) > frame_kernel.FAULTS:
+        raise CanrollError(f"bus: at most {frame_kernel.FAULTS} faults of frames per run")
+    rows = schedule.table(frame_kernel.FAULTS)
+    values = np.zeros(frame_kernel.FAULTS)
+    signals = np.full((frame_kernel.FAULTS, 2), -1, dtype=np.int64)
+    clock = np.full(frame_kernel.N_CLOCK, -1, dtype=np.int64)
+    clock[frame_kernel.DRAWN] = 0
+    for number, fault in enumerate(chosen):
+        target, signals[number] = _target(fault, tables, nodes)
+        rows[number] = schedule.row(target, FRAME_FAULTS[fault.kind], fault, f"fault '{fault}'")
+        values[number] = fault.value
+        if kinds.PLACES[fault.where] == kinds.ATTACKER:
+            message, _, signal = fault.where.removeprefix(kinds.ATTACKER_PREFIX).partition(".")
+            if signal:
+                values[number] *= PER_UNIT[codec.unit(message, signal)]
+            _add_attackers(clock, network)
+    return Frames(rows, values, signals, clock)
+
+
+def _target(fault: Fault, tables: Codec, nodes: Sensors) -> tuple[int, NDArray[np.int64]]:
+    """Return the message of a fault of frames, and the rows of its signal and sample counter."""
+    found = np.full(2, -1, dtype=np.int64)
+    if fault.where == kinds.BUS:
+        return frame_kernel.EVERY_MESSAGE, found
+    message, _, signal = fault.where.removeprefix(kinds.ATTACKER_PREFIX).partition(".")
+    row = codec.message_index(message)
+    if not tables.message[row, codec.LENGTH]:
+        raise CanrollError(f"fault '{fault}': {message} is not on this bus")
+    if signal:
+        found[0] = codec.signal_index(message, signal)
+        if not tables.field[found[0], codec.PIECES]:
+            raise CanrollError(f"fault '{fault}': the map has no such signal")
+    sampled = nodes.node[nodes.node[:, sensor_kernel.MESSAGE] == row]
+    if len(sampled):
+        counter = int(sampled[0, sensor_kernel.SAMPLE_SIGNAL])
+        found[1] = counter if tables.field[counter, codec.PIECES] else -1
+    if fault.kind == "wrong_length" and fault.value > tables.message[row, codec.LENGTH]:
+        length = int(tables.message[row, codec.LENGTH])
+        raise CanrollError(f"fault '{fault}': {message} has {length} bytes: give fewer")
+    return row, found
+
+
+def _add_attackers(clock: NDArray[np.int64], network: can_bus.Network) -> None:
+    """Put an attacker on the ECU's segment and one on the actuators', once."""
+    if clock[frame_kernel.ATTACKER_AT_ECU] >= 0:
+        return
+    segments: Sequence[int] = network.nodes["segment"].tolist()
+    for slot, node in (
+        (frame_kernel.ATTACKER_AT_ECU, can_bus.ECU),
+        (frame_kernel.ATTACKER_AT_ACTUATOR, can_bus.ACTUATOR),
+    ):
+        attacker = can_bus.Node("Attacker", segments[node], policy="fifo")
+        clock[slot] = can_bus.add_node(network, attacker)

@@ -1,0 +1,160 @@
+"""What happens to our frames between sender and receiver: faults of the bus, and attackers.
+
+A sender's frame may be handed over late, twice or out of order; a receiver's may be lost or
+damaged. An attacker waits for a genuine frame and answers it with one of its own, with the right
+checksum and the next counter, so that the next genuine frame looks repeated.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim import can_bus as bus
+from plant_sim.kernels import schedule
+from plant_sim.kernels.jit import njit
+from plant_sim.kernels.random import uniform
+from plant_sim.nodes import codec, e2e
+from plant_sim.nodes.codec import Codec
+
+LOSS, CORRUPTION, DELAY, DUPLICATE, REORDER, SPOOF, REPLAY, WRONG_LENGTH = range(8)
+FAULTS = 16
+EVERY_MESSAGE = 1 << 20
+"""Target of a fault of all our messages; else the row of the codec's ``message`` table."""
+LATER_NS = 1_000_000
+"""By so much a duplicate follows its frame."""
+CYCLES_LATE = 1.5
+SHORTEST_CYCLE_MS = 10
+"""A frame out of order is so many of its cycle times late, so that the next one overtakes it."""
+_STREAM = 1 << 44
+# Slots of Frames.clock.
+DRAWN, ATTACKER_AT_ECU, ATTACKER_AT_ACTUATOR, N_CLOCK = range(4)
+
+
+class Frames(NamedTuple):
+    """Faults of frames: rows of :mod:`plant_sim.kernels.schedule`, their values, and signals.
+
+    ``signal`` (FAULTS, 2): rows of a spoofed signal and of the sample counter, -1: none.
+    """
+
+    fault: NDArray[np.int64]
+    value: NDArray[np.float64]
+    signal: NDArray[np.int64]
+    clock: NDArray[np.int64]
+
+
+@njit
+def _amount(frames: Any, kind: int, row: int, t_ns: int) -> float:  # noqa: ANN401
+    """Largest value, by its strength, of the faults of ``kind`` of a message at ``t_ns``."""
+    amount = 0.0
+    for number in range(FAULTS):
+        fault = frames.fault[number]
+        target = fault[schedule.TARGET]
+        if target < 0:
+            break
+        if fault[schedule.KIND] == kind and target in (row, EVERY_MESSAGE):
+            amount = max(amount, frames.value[number] * schedule.severity(fault, t_ns))
+    return amount
+
+
+@njit
+def _happens(frames: Any, kind: int, row: int, t_ns: int, seed: int) -> bool:  # noqa: ANN401
+    share = _amount(frames, kind, row, t_ns)
+    if share <= 0.0:
+        return False
+    frames.clock[DRAWN] += 1
+    return bool(uniform(seed, _STREAM + kind, frames.clock[DRAWN]) < share)
+
+
+@njit
+def send(  # noqa: PLR0917
+    frames: Any,  # noqa: ANN401
+    tables: Codec,
+    network: bus.State,
+    node: int,
+    row: int,
+    t_ns: int,
+    ident: int,
+    length: int,
+    payload: NDArray[np.uint8],
+    flags: int,
+    seed: int,
+) -> int:
+    """Queue a frame of message ``row`` (-1: not ours) as its faults have it; return when."""
+    if row >= 0 and frames.fault[0, 0] >= 0:
+        handed = t_ns
+        t_ns += int(1e9 * _amount(frames, DELAY, row, handed))
+        if _happens(frames, REORDER, row, handed, seed):
+            cycle = max(int(tables.message[row, codec.CYCLE_MS]), SHORTEST_CYCLE_MS)
+            t_ns += int(CYCLES_LATE * 1e6 * cycle)
+        if _happens(frames, DUPLICATE, row, handed, seed):
+            bus.submit(network, node, t_ns + LATER_NS, ident, length, payload, flags)
+    bus.submit(network, node, t_ns, ident, length, payload, flags)
+    return t_ns
+
+
+@njit
+def lost(frames: Any, row: int, t_ns: int, seed: int) -> bool:  # noqa: ANN401
+    """Whether the receiver of a frame received at ``t_ns`` loses it."""
+    return bool(frames.fault[0, 0] >= 0) and _happens(frames, LOSS, row, t_ns, seed)
+
+
+@njit
+def damage(  # noqa: PLR0917
+    frames: Any,  # noqa: ANN401
+    row: int,
+    t_ns: int,
+    length: int,
+    payload: NDArray[np.uint8],
+    seed: int,
+) -> None:
+    """Invert one bit of a received payload where a fault does so."""
+    if frames.fault[0, 0] >= 0 and length > 0 and _happens(frames, CORRUPTION, row, t_ns, seed):
+        draw = uniform(seed, _STREAM + FAULTS, frames.clock[DRAWN])
+        bit = int(draw * 8 * length)
+        payload[bit // 8] = int(payload[bit // 8]) ^ (1 << (bit % 8))
+
+
+@njit
+def attack(  # noqa: PLR0917
+    frames: Any,  # noqa: ANN401
+    tables: Codec,
+    network: bus.State,
+    attacker: int,
+    row: int,
+    entry: Any,  # noqa: ANN401
+    payload: NDArray[np.uint8],
+) -> None:
+    """Answer a genuine frame of message ``row`` at once; ``payload`` is room for the answer."""
+    message = tables.message[row]
+    for number in range(FAULTS):
+        fault = frames.fault[number]
+        if fault[schedule.TARGET] < 0:
+            break
+        kind = fault[schedule.KIND]
+        if fault[schedule.TARGET] != row or kind < SPOOF:
+            continue
+        if schedule.severity(fault, entry.t_received) == 0.0:
+            continue
+        t_ns = network.clock[bus.NOW]
+        length = message[codec.LENGTH]
+        for byte in range(len(payload)):
+            payload[byte] = entry.payload[byte] if byte < length else 0
+        if kind == REPLAY:
+            t_ns += int(1e9 * frames.value[number])
+        else:
+            signal, sample = frames.signal[number, 0], frames.signal[number, 1]
+            if kind == SPOOF:
+                raw = codec.raw_value(tables, signal, frames.value[number])
+                codec.insert(tables, signal, payload, raw)
+            else:
+                length = int(frames.value[number])
+            if sample >= 0:
+                count = codec.extract(tables, sample, payload) + 1
+                codec.insert(tables, sample, payload, count % 16)
+            counter = e2e.counter_of(tables.protection[row], payload) + 1
+            e2e.protect(
+                tables.protection[row], tables.identity[row], tables.crc[row], counter, payload
+            )
+        flags = message[codec.FLAGS]
+        bus.submit(network, attacker, t_ns, message[codec.IDENT], length, payload, flags)
