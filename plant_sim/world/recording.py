@@ -70,6 +70,9 @@ SIGNALS: dict[str, int] = {
 mA); ``moment``: delivered roll moment on the body by axle; ``status``: 0 OK, 1 limited, 2 stuck,
 3 floating."""
 
+NAMES = ("time", *SIGNALS)
+"""The recorded signals in order; ``time`` in s."""
+
 # Columns of a row of applied commands.
 SAMPLED, SUBMITTED, RECEIVED, APPLIED, COUNTER, N_COMMAND = range(6)
 
@@ -106,8 +109,6 @@ def record(
     row[ACTUATOR + 8] = node.flag[actuator_kernel.HELD]
 
 
-def signals(
-    rows: NDArray[np.float64], times: NDArray[np.float64]
-) -> dict[str, NDArray[np.float64]]:
-    """Recorded signals by name, ``time`` (s) first; views of ``rows``."""
-    return {"time": times, **{name: rows[:, column] for name, column in SIGNALS.items()}}
+def signal_block(rows: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Rows of the kernel as a block of :class:`Columns` named :data:`NAMES`; ``times`` in s."""
+    return np.vstack((times, rows[:, list(SIGNALS.values())].T))
