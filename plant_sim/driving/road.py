@@ -59,7 +59,7 @@ def random_tracks(
 
 
 def _spectrum(amplitude: Vector, phase: Vector) -> NDArray[np.complex128]:
-    spectrum = 1j * phase
+    spectrum = np.asarray(1j * phase, np.complex128)
     np.exp(spectrum, out=spectrum)
     spectrum *= amplitude
     return spectrum
