@@ -8,6 +8,8 @@ from zipfile import BadZipFile
 
 EXTRAS = {
     "asammdf": ("asammdf",),
+    "campaign": ("pyarrow",),
+    "cluster": ("distributed",),
     "fmi": ("fmpy",),
     "target": ("bincopy", "capstone", "unicorn", "ziglang"),
     "web": ("websockets",),

@@ -267,6 +267,21 @@ class Calibration:
     acknowledge_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "time after which the echo is due")]
     status_ticks: Annotated[i32, F(1, 10000, 0, "ticks", "time between two status frames")]
 
+    # safety envelope
+    envelope_moment: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "largest output")]
+    envelope_slew: Annotated[i32, F(1, STATE_MAX, Q_MOMENT, "N·m", "largest change per tick")]
+    envelope_age: Annotated[
+        i32, F(1, 1 << 20, 0, "ticks", "largest age of the lateral acceleration")
+    ]
+    envelope_outward: Annotated[
+        i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "moment outward that does no harm")
+    ]
+    envelope_lateral: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "direction is judged above it")
+    ]
+    envelope_ticks: Annotated[i32, F(1, 1 << 20, 0, "ticks", "a moment outward is cut after")]
+    envelope_pass: Annotated[i32, F(0, ONE, Q_UNIT, "", "low-pass of a_y: its weight per tick")]
+
     # allocation
     arm_front: Annotated[i32, F(0, 4 << 28, 28, "1/m", "1 / (2 half track), front")]
     arm_rear: Annotated[i32, F(0, 4 << 28, 28, "1/m", "1 / (2 half track), rear")]

@@ -14,6 +14,7 @@ from firmware.event_trigger import init_trigger, trigger
 from firmware.identification import identify, init_identification
 from firmware.limits import LAST_WORD
 from firmware.mailbox import init_mailboxes, read_inputs, receive
+from firmware.monitors import envelope
 from firmware.observer import init_observer, learn_offsets, look_ahead, observe
 from firmware.plausibility import FAULT_CALIBRATION, FAULT_CALIBRATION_CRC, latch_faults
 from firmware.schedule import schedule
@@ -78,7 +79,9 @@ def tick(ecu: Ecu, cal: Calibration, elapsed_ticks: i32) -> None:
     identify(ecu, cal, elapsed)
     look_ahead(ecu, cal)
     control(ecu, cal, steps)
+    envelope.guard(ecu, cal, elapsed)
     allocate(ecu, cal)
+    envelope.bound(ecu, cal)
     trigger(ecu, cal, elapsed)
     transmit(ecu, cal, elapsed)
     time: i64 = ecu.time + elapsed

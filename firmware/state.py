@@ -173,6 +173,15 @@ class Ecu:
     commands_sent: Annotated[i32, F(0, I32_MAX, 0, "", "commands sent, saturates")]
     since_status: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last status frame")]
 
+    # safety envelope
+    guarded: Annotated[
+        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "", "outputs within the envelope")
+    ]
+    lateral_slow: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "lateral acceleration, low-passed")
+    ]
+    outward_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "the body has been pushed outward")]
+
     # allocation
     given: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "moment within the actuators' limits")
@@ -238,6 +247,10 @@ class Ecu:
     rls_index: Annotated[u8, F(0, 9, 0, "", "oldest entry of the history")]
     rls_count: Annotated[u8, F(0, 20, 0, "ticks", "since the last identification step")]
     rls_filled: Annotated[u8, F(0, 200, 0, "", "steps since the start of window and filters")]
+
+    # safety envelope
+    outward_cut: Annotated[u8, F(0, 1, 0, "", "1: no moment outward")]
+    envelope_acted: Annotated[u8, F(0, 1, 0, "", "1: the command was changed in the last tick")]
 
     # trigger
     waiting: Annotated[u8, F(0, 1, 0, "", "1: the last command is not acknowledged yet")]

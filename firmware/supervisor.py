@@ -13,6 +13,7 @@ from firmware.plausibility import (
     DEGRADING,
     FAULT_CALIBRATION_CRC,
     FAULT_DISAGREEMENT,
+    FAULT_ENVELOPE,
     FAULT_TICK_MISSED,
     UNSAFE,
     latch_faults,
@@ -58,6 +59,7 @@ def change_mode(ecu: Ecu, cal: Calibration, severity: i32) -> None:
 def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Judge all inputs, set the mode and move the authority along its ramp."""
     ecu.found = signals.contradicted(ecu) << FAULT_DISAGREEMENT
+    ecu.found = ecu.found | (ecu.envelope_acted << FAULT_ENVELOPE)
     motion: i32 = watch_motion(ecu, cal, elapsed)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
     if elapsed > 1:

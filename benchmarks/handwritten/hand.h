@@ -26,6 +26,8 @@ void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t el
 void hand_observe(canroll_ecu *ecu, const canroll_calibration *cal, int32_t steps);
 void hand_control(canroll_ecu *ecu, const canroll_calibration *cal, int32_t steps);
 void hand_allocate(canroll_ecu *ecu, const canroll_calibration *cal);
+void hand_guard(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed);
+void hand_bound(canroll_ecu *ecu, const canroll_calibration *cal);
 void hand_trigger(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed);
 void hand_transmit(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed);
 

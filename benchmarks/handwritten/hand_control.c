@@ -177,3 +177,62 @@ void hand_allocate(canroll_ecu *ecu, const canroll_calibration *cal)
     }
     ecu->given = front - lack + rear;
 }
+
+/* Whether the moment pushes outward while the acceleration does not fall. */
+static bool pushes(const canroll_calibration *cal, int32_t moment, int32_t a, int32_t slow)
+{
+    const int32_t margin = (cal->envelope_lateral + 4) >> 3;
+    if (moment > cal->envelope_outward) {
+        return a > cal->envelope_lateral && a > bits_31(slow - margin);
+    }
+    return moment < -cal->envelope_outward && a < -cal->envelope_lateral
+        && a < bits_31(slow + margin);
+}
+
+/* The safety envelope before the allocation: one output, judged by the Imu. */
+void hand_guard(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
+{
+    const int32_t a = ecu->lateral_acceleration, last = ecu->guarded[0];
+    const int64_t way = (int64_t)elapsed * cal->envelope_slew;
+    const int32_t step = (way > STATE_MAX) ? STATE_MAX : (int32_t)way;
+    int32_t low = -cal->envelope_moment, high = cal->envelope_moment, given;
+    if (ecu->lateral_lost == 0) {
+        const bool out = pushes(cal, ecu->outputs[0], a, ecu->lateral_slow);
+        ecu->outward_ticks = limit(
+            ecu->outward_ticks + (out ? elapsed : -elapsed), 0, cal->envelope_ticks);
+        if (ecu->outward_ticks == cal->envelope_ticks) {
+            ecu->outward_cut = 1;
+        } else if (ecu->outward_ticks == 0) {
+            ecu->outward_cut = 0;
+        }
+        ecu->lateral_slow = bits_31(
+            ecu->lateral_slow + bits_31(product(a - ecu->lateral_slow, cal->envelope_pass, 30)));
+    }
+    if (ecu->age[CANROLL_RX_IMU] > cal->envelope_age) {
+        low = high = 0;
+    }
+    if (ecu->outward_cut) {
+        if (a > 0) {
+            high = 0;
+        } else {
+            low = 0;
+        }
+    }
+    given = limit(ecu->outputs[0], low, high);
+    given = limit(bits_31(last + limit(given - last, -step, step)), -cal->envelope_moment,
+        cal->envelope_moment);
+    ecu->envelope_acted = given != ecu->outputs[0];
+    ecu->guarded[0] = ecu->moment = ecu->outputs[0] = given;
+}
+
+/* And behind it: no corner beyond its limit. */
+void hand_bound(canroll_ecu *ecu, const canroll_calibration *cal)
+{
+    for (uint32_t corner = 0; corner < 4; corner++) {
+        const int32_t most = cal->force_max[corner];
+        if (ecu->force[corner] > most || ecu->force[corner] < -most) {
+            ecu->envelope_acted = 1;
+            ecu->force[corner] = limit(ecu->force[corner], -most, most);
+        }
+    }
+}

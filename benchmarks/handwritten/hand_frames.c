@@ -158,7 +158,9 @@ void canroll_tick(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elap
     hand_supervise(ecu, cal, elapsed);
     hand_observe(ecu, cal, steps);
     hand_control(ecu, cal, steps);
+    hand_guard(ecu, cal, elapsed);
     hand_allocate(ecu, cal);
+    hand_bound(ecu, cal);
     hand_trigger(ecu, cal, elapsed);
     hand_transmit(ecu, cal, elapsed);
     ecu->time = (int32_t)((uint32_t)ecu->time + (uint32_t)elapsed);

@@ -5,7 +5,7 @@
 enum { ROLL_RATE_BIT = 1 << 6, LATERAL_BIT = 1 << 7, STUCK_BIT = 1 << 8, SPEED_BIT = 1 << 10,
        MOMENT_BIT = 1 << 12, CORNER_STUCK_BIT = 1 << 13, CORNER_FLOATING_BIT = 1 << 14,
        COMMAND_BIT = 1 << 15, TICK_MISSED_BIT = 1 << 16,
-       CALIBRATION_CRC_BIT = 1 << 18 };
+       CALIBRATION_CRC_BIT = 1 << 18, ENVELOPE_CODE = 23 };
 enum { BAD_ROLL_RATE = 0, BAD_LATERAL = 1, BAD_SPEED = 2, BAD_MOMENT = 4 };
 enum { GOOD, DEGRADING, UNSAFE };
 enum { CORNER_STUCK = 2, CORNER_FLOATING = 3, OVERDUE = 8 };
@@ -209,7 +209,8 @@ static void schedule(canroll_ecu *ecu, const canroll_calibration *cal)
 
 void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
-    uint32_t found = (elapsed > 1) ? TICK_MISSED_BIT : 0;
+    uint32_t found = ((elapsed > 1) ? TICK_MISSED_BIT : 0)
+        | ((uint32_t)ecu->envelope_acted << ENVELOPE_CODE);
     uint32_t severity = judge_imu(ecu, cal, elapsed, &found);
     const uint32_t motion = judge_motion(ecu, cal, elapsed, &found);
     const uint32_t actuators = judge_actuators(ecu, cal, elapsed, &found);

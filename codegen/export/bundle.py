@@ -25,16 +25,17 @@ from codegen.export import (
     interrupts,
     misra,
     traceability,
+    uds_session,
     xcp_session,
 )
 from codegen.generated.bus_map import EXTENDED, BusMap
 from codegen.generated.frame_protection import Protection
 from codegen.generated.own_stage import OwnStage
-from codegen.run import memory_image, native
+from codegen.run import memory_image, native, uds_server, xcp_slave
 from codegen.run.bus_firmware import BusFirmware, of_bus, with_services, with_stage
 from codegen.run.cortex import OPTIMISATION
 from codegen.run.ecu_traffic import Traffic
-from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS, idents
+from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS
 from codegen.specialise.firmware import specialised
 from codegen.subset.program import Program
 from dbc import read
@@ -218,6 +219,8 @@ def write(folder: Path, export: Export) -> list[Path]:
     texts["canroll.a2l"] = a2l.a2l(software, ADDRESSES if software.slave else None)
     if software.slave:
         texts.update(xcp_session.sources(served, export.record))
+    if "uds" in export.services:
+        texts.update(uds_session.sources(served, export.record))
     if export.specialised:
         crc = export.record.crc & 0xFFFFFFFF
         texts[f"include/{TIE}.h"] = TIE_HEADER.format(crc=f"0x{crc:08X}")
@@ -369,7 +372,7 @@ def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
         "interrupts": interrupts.table(program),
         "stage": _stage(export),
         "services": _services(export, firmware),
-        "tested": xcp_session.FILES if "xcp" in export.services else "",
+        "tested": _tested(export),
         "traced": "" if export.specialised else traceability.NOTE,
     }
     for name, value in values.items():
@@ -388,15 +391,32 @@ def _stage(export: Export) -> str:
 
 
 def _services(export: Export, firmware: BusFirmware) -> str:
-    if "xcp" not in export.services:
-        return ""
-    found = idents(firmware)
-    return xcp_session.NOTE.format(
-        state=f"0x{STATE_ADDRESS:08X}",
-        page=f"0x{PAGE_ADDRESS:08X}",
-        master=f"0x{found.master:X}",
-        slave=f"0x{found.slave:X}",
-    )
+    notes = []
+    if "xcp" in export.services:
+        xcp = xcp_slave.idents(firmware)
+        notes.append(
+            xcp_session.NOTE.format(
+                state=f"0x{STATE_ADDRESS:08X}",
+                page=f"0x{PAGE_ADDRESS:08X}",
+                master=f"0x{xcp.master:X}",
+                slave=f"0x{xcp.slave:X}",
+            )
+        )
+    if "uds" in export.services:
+        uds = uds_server.idents(firmware)
+        notes.append(
+            uds_session.NOTE.format(
+                request=f"0x{uds.request:X}",
+                response=f"0x{uds.response:X}",
+                data=uds_session.DATA,
+            )
+        )
+    return "".join(notes)
+
+
+def _tested(export: Export) -> str:
+    files = {"xcp": xcp_session.FILES, "uds": uds_session.FILES}
+    return "".join(files[name] for name in export.services)
 
 
 def _frames(bus: BusMap) -> Iterator[str]:

@@ -2,18 +2,14 @@
 
 import struct
 from collections.abc import Iterator, Sequence
-from importlib.resources import files
-from itertools import count
 
-from codegen.run.backends import NativeEcu
+from codegen.export.service_session import session_test
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS, XcpEcu
+from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS
 from firmware.calibration import Calibration
 from firmware.limits import LAST_BYTE
 from firmware.services import xcp
 
-REST = 20
-"""Ticks after the last command."""
 WAIT = 100
 """Ticks after a command that starts a job."""
 NOTE = """
@@ -90,51 +86,16 @@ def commands() -> list[bytes]:
 def sources(firmware: BusFirmware, record: Calibration) -> dict[str, str]:
     """The test of the service: its program, and the session with the reference's answers."""
     asked = list(_timed(commands()))
-    ecu = XcpEcu(NativeEcu(record, firmware), record, firmware)
-    answers = []
-    waiting = dict(asked)
-    ticks = asked[-1][0] + REST
-    for tick in range(ticks):
-        if tick in waiting:
-            ecu.slave.receive(waiting[tick])
-        ecu.run(1)
-        answers += [(tick, payload) for payload in ecu.slave.take()]
-    text = [
-        "/* A session of XCP. */",
-        "#include <stdint.h>",
-        "",
-        f"#define XCP_TICKS {ticks}",
-        f"#define XCP_COMMANDS {len(asked)}",
-        f"#define XCP_ANSWERS {len(answers)}",
+    heading = [
         f"#define XCP_STATE_ADDRESS 0x{STATE_ADDRESS:08X}",
         f"#define XCP_PAGE_ADDRESS 0x{PAGE_ADDRESS:08X}",
-        "",
-        "typedef struct { int32_t tick, length; uint8_t payload[8]; } xcp_frame;",
-        "",
-        *_frames("xcp_commands", asked),
-        *_frames("xcp_answers", answers),
     ]
-    template = files("codegen.export").joinpath("templates", "test_xcp.c")
-    return {
-        "test/test_xcp.c": template.read_text(encoding="utf-8"),
-        "test/xcp_session.h": "\n".join([*text, ""]),
-    }
+    return session_test("xcp", firmware, record, asked, heading)
 
 
 def _timed(asked: Sequence[bytes]) -> Iterator[tuple[int, bytes]]:
     """Each command in a tick, the next one later where the answer takes a job."""
-    ticks = count(1)
+    tick = 1
     for payload in asked:
-        yield next(ticks), payload
-        if payload[0] in (xcp.SET_CAL_PAGE, xcp.COPY_CAL_PAGE):
-            for _ in range(WAIT - 1):
-                next(ticks)
-
-
-def _frames(name: str, frames: Sequence[tuple[int, bytes]]) -> Iterator[str]:
-    yield f"static const xcp_frame {name}[{len(frames)}] = {{"
-    for tick, payload in frames:
-        padded = ", ".join(str(byte) for byte in payload.ljust(8, b"\0"))
-        yield f"    {{ {tick}, {len(payload)}, {{ {padded} }} }},"
-    yield "};"
-    yield ""
+        yield tick, payload
+        tick += WAIT if payload[0] in (xcp.SET_CAL_PAGE, xcp.COPY_CAL_PAGE) else 1

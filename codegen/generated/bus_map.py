@@ -52,6 +52,7 @@ VALID_BITS = {
 }
 COMMANDS = ("suspension_force", "anti_roll_bar", "damper", "valve")
 OF_A_MAILBOX = ("message", "signals", "protection", "cycle_ms")
+TABLES = ("receive", "transmit", "xcp", "uds")
 IN_TURN = "diagnostics"
 """The one mailbox that sends the pages of its frame in turn."""
 EXTENDED = 1 << 30
@@ -111,8 +112,16 @@ class Xcp:
 
 
 @dataclass(frozen=True, slots=True)
+class Uds:
+    """UDS on CAN: identifiers (bit 31: a 29-bit one) of the tester's frames and the ECU's."""
+
+    request: int
+    response: int
+
+
+@dataclass(frozen=True, slots=True)
 class BusMap:
-    """All mailboxes, in the order of the firmware's slot numbers; XCP where the map has it.
+    """All mailboxes, in the order of the firmware's slot numbers; XCP and UDS if the map has them.
 
     ``warnings`` list defects of the database.
     """
@@ -121,6 +130,7 @@ class BusMap:
     transmitted: tuple[Mailbox, ...]
     xcp: Xcp | None = None
     warnings: tuple[str, ...] = ()
+    uds: Uds | None = None
 
     @property
     def protected(self) -> bool:
@@ -160,8 +170,8 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
     if document.get("schema") != 1:
         raise CanrollError(f"{map_file}: schema must be 1, not {document.get('schema')!r}")
     for key in document:
-        if key not in ("schema", "receive", "transmit", "xcp"):
-            raise UnknownNameError(f"table in {map_file}", key, ("receive", "transmit", "xcp"))
+        if key not in ("schema", *TABLES):
+            raise UnknownNameError(f"table in {map_file}", key, TABLES)
     boxes = {}
     for direction, slots in (("receive", RECEIVED), ("transmit", TRANSMITTED)):
         tables = document.get(direction, {})
@@ -171,29 +181,44 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
         boxes[direction] = tuple(
             _mailbox(database, map_file, direction, slot, tables.get(slot)) for slot in slots
         )
-    xcp = _xcp(document["xcp"], database, map_file) if "xcp" in document else None
-    bus = BusMap(boxes["receive"], boxes["transmit"], xcp, warnings)
+    xcp = uds = None
+    if "xcp" in document:
+        keys = ("master", "slave", "bitrate")
+        xcp = Xcp(**_numbers("xcp", keys, document["xcp"], database, map_file))
+    if "uds" in document:
+        pair = ("request", "response")
+        uds = Uds(**_numbers("uds", pair, document["uds"], database, map_file))
+    bus = BusMap(boxes["receive"], boxes["transmit"], xcp, warnings, uds)
     _refuse_short_echo(bus, map_file)
     return bus
 
 
-def _xcp(table: Mapping[str, Any], database: Database, map_file: Path) -> Xcp:
-    names = ("master", "slave", "bitrate")
+def _numbers(
+    section: str,
+    names: Sequence[str],
+    table: Mapping[str, Any],
+    database: Database,
+    map_file: Path,
+) -> dict[str, int]:
+    """Return the whole numbers of a table, the first two of them identifiers that are free."""
     for key in table:
         if key not in names:
-            raise UnknownNameError(f"key in {map_file} [xcp]", key, names)
+            raise UnknownNameError(f"key in {map_file} [{section}]", key, names)
     for key in names:
         value = table.get(key)
         if not isinstance(value, int) or not 0 < value < 1 << 32:
-            raise CanrollError(f"{map_file} [xcp]: {key} must be a whole number, not {value!r}")
-    for key in ("master", "slave"):
+            raise CanrollError(
+                f"{map_file} [{section}]: {key} must be a whole number, not {value!r}"
+            )
+    for key in names[:2]:
         for message in database.messages:
             wide = 1 << 31 if message.is_extended_frame else 0
             if message.frame_id | wide == table[key]:
                 raise CanrollError(
-                    f"{map_file} [xcp]: {key} 0x{table[key]:X} is the identifier of {message.name}"
+                    f"{map_file} [{section}]: {key} 0x{table[key]:X} is the identifier of "
+                    f"{message.name}"
                 )
-    return Xcp(**table)
+    return dict(table)
 
 
 def _refuse_short_echo(bus: BusMap, map_file: Path) -> None:

@@ -2,3 +2,5 @@
 
 BACKENDS = ("python", "native", "cortex-m0", "cortex-m3", "cortex-m4")
 """Backends that run the firmware."""
+SERVICES = ("xcp", "uds")
+"""Modules of the firmware with entry points beside the loop, each an option."""

@@ -63,6 +63,11 @@ class PythonEcu:
         """The bytes of the state record, as C lays it out."""
         return memory_image.image(self._ecu)
 
+    @property
+    def running(self) -> Calibration:
+        """The calibration it runs on."""
+        return self._calibration
+
     def run_on(self, calibration: Calibration) -> None:
         """Run on another calibration from the next tick on."""
         self._calibration = calibration
@@ -138,6 +143,11 @@ class NativeEcu:
     def image(self) -> bytes:
         """The bytes of the state record, as C lays it out."""
         return self.ecu.tobytes()
+
+    @property
+    def running(self) -> Any:  # noqa: ANN401 - a buffer of cffi
+        """The calibration it runs on, in memory."""
+        return self._cal
 
     def run_on(self, calibration: NDArray[np.void]) -> None:
         """Run on another calibration in memory from the next tick on."""

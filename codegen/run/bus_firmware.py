@@ -34,8 +34,6 @@ GENERATED = {
     "signals.py": signals.generate,
 }
 """Modules of the firmware that a bus makes."""
-SERVICES = ("xcp",)
-"""Modules with entry points beside the loop, each an option."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,8 +102,12 @@ class BusFirmware:
     @property
     def heard(self) -> frozenset[int]:
         """Identifiers of all frames that it takes, the commands of services among them."""
-        xcp = self.bus.xcp if "xcp" in self.services else None
-        return frozenset(self.slots) | ({frame_ident(xcp.master)} if xcp else set())
+        found = set(self.slots)
+        if "xcp" in self.services and self.bus.xcp is not None:
+            found.add(frame_ident(self.bus.xcp.master))
+        if "uds" in self.services and self.bus.uds is not None:
+            found.add(frame_ident(self.bus.uds.request))
+        return frozenset(found)
 
     @property
     def fd(self) -> dict[int, bool]:

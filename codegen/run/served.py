@@ -1,10 +1,90 @@
 """A running ECU with the services of its firmware beside the loop."""
 
+from collections.abc import Mapping
+from typing import Any, Protocol
+
 from canroll.errors import CanrollError
 from codegen.run.backends import Backend, NativeEcu, PythonEcu, open_backend
 from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.xcp_slave import XcpEcu
+from codegen.run.ecu_traffic import Frame, Payload
+from codegen.run.uds_server import server_of
+from codegen.run.xcp_slave import slave_of
 from firmware.calibration import Calibration
+
+
+class Service(Protocol):
+    """One service: the identifiers it hears and answers by, its frames in and out."""
+
+    record: Any
+    hears: int
+    answers: int
+
+    def receive(self, payload: bytes) -> None:
+        """Put a frame in its mailbox."""
+
+    def tick(self, elapsed: int) -> None:
+        """Do its work after a tick of the loop."""
+
+    def take(self) -> list[bytes]:
+        """The frames marked for sending; clears the marks."""
+
+
+class ServedEcu:
+    """A running ECU with the services of its firmware, behind the interface of all backends."""
+
+    def __init__(
+        self, ecu: PythonEcu | NativeEcu, calibration: Calibration, firmware: BusFirmware
+    ) -> None:
+        self._ecu, self._calibration, self._firmware = ecu, calibration, firmware
+        self.services = self._started()
+
+    def _started(self) -> Mapping[str, Service]:
+        found: dict[str, Service] = {}
+        if "xcp" in self._firmware.services:
+            found["xcp"] = slave_of(self._ecu, self._calibration, self._firmware)
+        if "uds" in self._firmware.services:
+            found["uds"] = server_of(self._ecu, self._firmware)
+        return found
+
+    def restart(self) -> None:
+        """Start anew, as after a loss of power."""
+        if isinstance(self._ecu, PythonEcu):
+            self._ecu.run_on(self._calibration)
+        else:
+            self._ecu.run_on(self._ecu.calibration)
+        self._ecu.restart()
+        self.services = self._started()
+
+    @property
+    def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
+        """The state record, to be read only."""
+        return self._ecu.state
+
+    def image(self) -> bytes:
+        """The bytes of the state record, as C lays it out."""
+        return self._ecu.image()
+
+    def receive(self, ident: int, payload: Payload, length: int) -> None:
+        """Put a received frame in the mailbox of the loop or of the service that it is for."""
+        for service in self.services.values():
+            if ident == service.hears:
+                service.receive(bytes(payload)[:length])
+                return
+        self._ecu.receive(ident, payload, length)
+
+    def run(self, elapsed_ticks: int = 1) -> list[Frame]:
+        """Run one tick; return the frames of the loop, those of the services stay marked."""
+        frames = self._ecu.tick(elapsed_ticks)
+        for service in self.services.values():
+            service.tick(elapsed_ticks)
+        return frames
+
+    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
+        """Run one tick and return the frames to send, those of the loop first."""
+        frames = self.run(elapsed_ticks)
+        for service in self.services.values():
+            frames += [(service.answers, payload) for payload in service.take()]
+        return frames
 
 
 def open_ecu(name: str, calibration: Calibration, firmware: BusFirmware | None = None) -> Backend:
@@ -18,5 +98,6 @@ def open_ecu(name: str, calibration: Calibration, firmware: BusFirmware | None =
     if not firmware.services:
         return ecu
     if not isinstance(ecu, PythonEcu | NativeEcu):
-        raise CanrollError(f"--xcp requires --backend native or python, not {name}")
-    return XcpEcu(ecu, calibration, firmware)
+        asked = " and ".join(f"--{service}" for service in firmware.services)
+        raise CanrollError(f"{asked} requires --backend native or python, not {name}")
+    return ServedEcu(ecu, calibration, firmware)

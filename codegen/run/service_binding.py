@@ -38,5 +38,28 @@ static void canroll_xcp_step(
 static size_t canroll_xcp_size(void) { return sizeof(canroll_xcp); }
 """,
 )
-BINDINGS = {"xcp": XCP}
+UDS = Binding(
+    declarations="""
+void canroll_uds_start(void *uds, const void *ecu);
+void canroll_uds_put(void *uds, const uint8_t *payload, int32_t length);
+void canroll_uds_step(void *uds, void *ecu, const void *cal, int32_t elapsed_ticks);
+size_t canroll_uds_size(void);
+""",
+    source="""
+static void canroll_uds_start(void *uds, const void *ecu)
+{
+    canroll_uds_init(uds, ecu);
+}
+static void canroll_uds_put(void *uds, const uint8_t *payload, int32_t length)
+{
+    canroll_uds_receive(uds, payload, length);
+}
+static void canroll_uds_step(void *uds, void *ecu, const void *cal, int32_t elapsed_ticks)
+{
+    canroll_uds_tick(uds, ecu, cal, elapsed_ticks);
+}
+static size_t canroll_uds_size(void) { return sizeof(canroll_uds); }
+""",
+)
+BINDINGS = {"xcp": XCP, "uds": UDS}
 """By the name of the service."""

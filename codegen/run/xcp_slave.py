@@ -1,10 +1,8 @@
-"""An ECU with the XCP slave beside its loop, as CPython or as compiled C.
+"""The XCP slave beside a running ECU, as CPython or as compiled C.
 
 The tool names the records by addresses: those of the A2L of an export with ``--xcp`` until an image
 is known.
 """
-
-from typing import Any
 
 import numpy as np
 
@@ -13,7 +11,6 @@ from codegen.generated.bus_map import Xcp, frame_ident
 from codegen.run import memory_image, native
 from codegen.run.backends import NativeEcu, PythonEcu
 from codegen.run.bus_firmware import BusFirmware
-from codegen.run.ecu_traffic import Frame, Payload
 from firmware.calibration import Calibration
 
 STATE_ADDRESS = 0x2000_0000
@@ -32,10 +29,17 @@ def idents(firmware: BusFirmware) -> Xcp:
     return xcp
 
 
+def numbers(firmware: BusFirmware) -> tuple[int, int]:
+    """Return the identifiers of the frames to the slave and from it."""
+    found = idents(firmware)
+    return frame_ident(found.master), frame_ident(found.slave)
+
+
 class PythonSlave:
     """The slave run by CPython beside a :class:`PythonEcu`."""
 
     def __init__(self, ecu: PythonEcu, reference: Calibration, firmware: BusFirmware) -> None:
+        self.hears, self.answers = numbers(firmware)
         self._module = firmware.module("services.xcp")
         self.record = firmware.module("services.xcp_state").Xcp()
         self._ecu, self._reference, self.working = ecu, reference, Calibration()
@@ -68,6 +72,7 @@ class NativeSlave:
     """The slave as compiled C beside a :class:`NativeEcu`."""
 
     def __init__(self, ecu: NativeEcu, reference: Calibration, firmware: BusFirmware) -> None:
+        self.hears, self.answers = numbers(firmware)
         library = native.library_of(firmware)
         kind = memory_image.dtype(firmware.module("services.xcp_state").Xcp)
         assert library.lib.canroll_xcp_size() == kind.itemsize
@@ -105,50 +110,9 @@ class NativeSlave:
         return found
 
 
-class XcpEcu:
-    """A running ECU with XCP, behind the interface of all backends."""
-
-    def __init__(
-        self, ecu: PythonEcu | NativeEcu, reference: Calibration, firmware: BusFirmware
-    ) -> None:
-        found = idents(firmware)
-        self._ecu, self._reference, self._firmware = ecu, reference, firmware
-        self._master, self._answers = frame_ident(found.master), frame_ident(found.slave)
-        self.slave: PythonSlave | NativeSlave = self._slave()
-
-    def _slave(self) -> "PythonSlave | NativeSlave":
-        if isinstance(self._ecu, PythonEcu):
-            return PythonSlave(self._ecu, self._reference, self._firmware)
-        return NativeSlave(self._ecu, self._reference, self._firmware)
-
-    def restart(self) -> None:
-        """Start anew, as after a loss of power."""
-        self._ecu.restart()
-        self.slave = self._slave()
-
-    @property
-    def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
-        """The state record, to be read only."""
-        return self._ecu.state
-
-    def image(self) -> bytes:
-        """The bytes of the state record, as C lays it out."""
-        return self._ecu.image()
-
-    def receive(self, ident: int, payload: Payload, length: int) -> None:
-        """Put a received frame in its mailbox, or a command in that of the slave."""
-        if ident == self._master:
-            self.slave.receive(bytes(payload)[:length])
-        else:
-            self._ecu.receive(ident, payload, length)
-
-    def run(self, elapsed_ticks: int) -> list[Frame]:
-        """Run one tick; return the frames of the loop, those of the slave stay marked."""
-        frames = self._ecu.tick(elapsed_ticks)
-        self.slave.tick(elapsed_ticks)
-        return frames
-
-    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
-        """Run one tick and return the frames to send, those of the loop first."""
-        frames = self.run(elapsed_ticks)
-        return [*frames, *((self._answers, payload) for payload in self.slave.take())]
+def slave_of(
+    ecu: PythonEcu | NativeEcu, reference: Calibration, firmware: BusFirmware
+) -> PythonSlave | NativeSlave:
+    """Start the slave beside an ECU."""
+    kind = PythonSlave if isinstance(ecu, PythonEcu) else NativeSlave
+    return kind(ecu, reference, firmware)  # type: ignore[arg-type]

@@ -26,39 +26,17 @@ from pyxcp.master import Master
 from pyxcp.types import XcpResponseError
 
 from codegen.export import a2l
-from codegen.run import ecu_traffic, native
-from codegen.run.backends import NativeEcu, PythonEcu
-from codegen.run.bus_firmware import built_in, with_services
-from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS, XcpEcu, idents
+from codegen.run import ecu_traffic
+from codegen.run.bus_firmware import built_in
+from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS, idents
+from hil.exchange.ecu_on_bus import ecu_on_bus
 
-SERVED = with_services(built_in(), ("xcp",))
-IDS = idents(SERVED)
+IDS = idents(built_in())
 RECORD = ecu_traffic.random_calibration(3)
 SECONDS = 60.0
 """The tool waits so long for an answer: on a busy machine the ECU's thread may be late."""
 SIGNALS = {"ecu.time": "I32", "ecu.roll_rate": "I32", "ecu.mode": "U8", "ecu.authority": "I32"}
 SAMPLES = 50
-
-
-class EcuOnBus(threading.Thread):
-    """The ECU in a thread: as many ticks as it can, its answers as frames of simbus."""
-
-    def __init__(self, bus: can.BusABC) -> None:
-        super().__init__(daemon=True)
-        self.bus, self.done = bus, threading.Event()
-        kind = NativeEcu if native.compiler() else PythonEcu
-        self.ecu = XcpEcu(kind(RECORD, SERVED), RECORD, SERVED)
-
-    def run(self) -> None:
-        """Run ticks until ``done``."""
-        while not self.done.is_set():
-            message = self.bus.recv(0.002)
-            if message is not None:
-                self.ecu.receive(message.arbitration_id, bytes(message.data), len(message.data))
-            for ident, payload in self.ecu.tick():
-                if ident == IDS.slave:
-                    frame = can.Message(arbitration_id=ident, data=payload, is_extended_id=False)
-                    self.bus.send(frame)
 
 
 class Samples(DaqOnlinePolicy):  # type: ignore[misc]
@@ -75,22 +53,6 @@ class Samples(DaqOnlinePolicy):  # type: ignore[misc]
         self.rows.append({"stamp": stamp1} | dict(zip(names, payload, strict=True)))
         if len(self.rows) >= SAMPLES:
             self.enough.set()
-
-
-@contextmanager
-def ecu_on_bus(channel: str) -> Iterator[can.BusABC]:
-    """A node for the tool on a bus with the ECU."""
-    ours = can.Bus(channel, interface="simbus", bitrate=500_000, queue="priority")
-    theirs = can.Bus(channel, interface="simbus", bitrate=500_000)
-    thread = EcuOnBus(ours)
-    thread.start()
-    try:
-        yield theirs
-    finally:
-        thread.done.set()
-        thread.join()
-        ours.shutdown()
-        theirs.shutdown()
 
 
 @contextmanager
@@ -170,7 +132,7 @@ def main(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     where = located(folder)
     policy = Samples([list_of(where, SIGNALS)])
-    with ecu_on_bus("xcp example") as bus, master_on(bus, policy) as tool:
+    with ecu_on_bus("xcp example", RECORD, ["xcp"]) as bus, master_on(bus, policy) as tool:
         properties = tool.slaveProperties
         print(f"connected: MAX_CTO {properties.maxCto}, pages {properties.supportsCalpag}")
         policy.setup()

@@ -1,6 +1,6 @@
 """Calibration fields from the vehicle: limits, split, schedule, supervision."""
 
-from math import ceil, floor
+from math import ceil, exp, floor
 
 import numpy as np
 
@@ -27,6 +27,11 @@ DBC_BAR_LIMIT = floor(dbc.largest("AntiRollBarCommand", "TorqueFront"))
 DBC_CURRENT_LIMIT = floor(dbc.largest("ValveCommand", "CurrentFront"))
 """Ranges of the command frames, whole N, N·m and mA."""
 MILLI = 1e3
+OUTWARD_SHARE = 0.2
+OUTWARD_LATERAL = 2.0
+OUTWARD_TIME = 0.1
+OUTWARD_FALL = 0.16
+"""Safety envelope: share of the moment limit, m/s², s, and time constant of the low-pass, s."""
 LINEAR_SHARE = 0.5
 """Lateral acceleration over friction × g up to which that of the linear car follows the steering.
 
@@ -50,6 +55,7 @@ def vehicle_fields(task: Task, schedule: tuple[float, ...]) -> dict[str, Value]:
         | _limits(task, share)
         | _schedule(task.vehicle, share, schedule)
         | _allocation(task)
+        | _envelope(task, share)
         | {
             "straight_steering": _q(0.03, 24),
             "straight_yaw_rate": _q(0.01, fw.Q_RATE),
@@ -82,7 +88,12 @@ def moment_limit(task: Task, share: float) -> float:
             2.0 * geometry.half_track_rear * force / max(1.0 - share, 1e-3),
         )
         return min(limits)
-    torque = min(actuators.bars.torque_limit, DBC_BAR_LIMIT)
+    return _bar_moment(task, share)
+
+
+def _bar_moment(task: Task, share: float) -> float:
+    """Return the moment that the anti-roll bars give at this split, N·m."""
+    torque = min(task.vehicle.actuators.bars.torque_limit, DBC_BAR_LIMIT)
     return torque / max(share, 1.0 - share)
 
 
@@ -177,6 +188,35 @@ def _limits(task: Task, share: float) -> dict[str, Value]:
         "moment_max": quantise(limit, fw.Q_MOMENT, 0, fw.STATE_MAX, name="moment_max"),
         "slew_max": max(1, min(_q(slew, fw.Q_MOMENT), fw.STATE_MAX)),
         "steering_limit": _q(followed, fw.Q_ACCELERATION),
+    }
+
+
+def _envelope(task: Task, share: float) -> dict[str, Value]:
+    """Safety envelope: what the law may at most, and what pushes outward no longer than 0.1 s.
+
+    The largest change is that of the slew limit, or of the ramp to zero in SAFE if that is more.
+    In fault-free severe manoeuvres no law pushes outward by a fifth of its limit for longer than
+    0.03 s while the lateral acceleration is above 2 m/s² and does not fall.
+    """
+    limits = _limits(task, share)
+    supervision = _supervision(task)
+    most, slew, ramp = limits["moment_max"], limits["slew_max"], supervision["ramp_ticks"]
+    timeouts = supervision["timeout_ticks"]
+    assert isinstance(most, int) and isinstance(slew, int) and isinstance(ramp, int)
+    assert isinstance(timeouts, list)
+    source = RX_ROLL_REFERENCE if task.observer == "reference" else RX_IMU
+    timeout = timeouts[source]
+    assert isinstance(timeout, int)
+    # valves are commanded by currents and judged by the moments they deliver
+    moment = most if task.actuator != "valves" else _q(_bar_moment(task, share), fw.Q_MOMENT)
+    return {
+        "envelope_moment": most,
+        "envelope_slew": min(max(slew, most // ramp + 2), fw.STATE_MAX),
+        "envelope_age": timeout + 2 * ramp,
+        "envelope_outward": round(OUTWARD_SHARE * moment),
+        "envelope_lateral": _q(OUTWARD_LATERAL, fw.Q_ACCELERATION),
+        "envelope_ticks": ceil(OUTWARD_TIME / task.tick),
+        "envelope_pass": _q(1.0 - exp(-task.tick / OUTWARD_FALL), fw.Q_UNIT),
     }
 
 

@@ -8,6 +8,7 @@ from hil.cli.options import (
     add_choices,
     add_recording,
     add_scenario,
+    add_services,
     scenario,
 )
 from hil.realtime.bus_link import add_bus_arguments
@@ -234,9 +235,7 @@ def ecu(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--trace", type=Path, metavar="FILE", help="write the trace of all ticks")
     parser.add_argument("--replay", type=Path, metavar="FILE", help="replay a trace and compare")
-    parser.add_argument(
-        "--xcp", action="store_true", help="answer an XCP tool: measure, calibrate, change pages"
-    )
+    add_services(parser)
 
 
 def plant(parser: argparse.ArgumentParser) -> None:

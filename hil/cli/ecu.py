@@ -11,7 +11,7 @@ from codegen.run.served import open_ecu
 from firmware.state import RX_IMU
 from gain_gen.calibration.calibration_file import load as load_calibration
 from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, OF_AN_ECU, PEER_TIMEOUT
-from hil.cli.options import choices_of
+from hil.cli.options import choices_of, chosen_services
 from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
 from hil.realtime.bus_link import CanLink, open_link
 from hil.realtime.hardware import bus_record
@@ -61,9 +61,12 @@ def run(args: argparse.Namespace) -> int:
     profile = profile_of(choices_of(args, OF_AN_ECU))
     loaded = None if args.calibration is None else load_calibration(args.calibration)
     stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
-    if args.xcp and args.pace == "lockstep":
-        raise CanrollError("--xcp requires --pace realtime: a tool does not wait for grants")
-    firmware = with_services(firmware_of(profile, stage), ("xcp",) if args.xcp else ())
+    services = chosen_services(args)
+    if services and args.pace == "lockstep":
+        raise CanrollError(
+            f"--{services[0]} requires --pace realtime: a tool does not wait for grants"
+        )
+    firmware = with_services(firmware_of(profile, stage), services)
     if args.replay is not None:
         return replay(args.replay, backend, firmware)
     if loaded is None:

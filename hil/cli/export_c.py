@@ -20,7 +20,7 @@ from codegen.run.ecu_traffic import Traffic
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
 from gain_gen.calibration.record import identify
-from hil.cli.options import add_choices, choices_of
+from hil.cli.options import add_choices, add_services, choices_of, chosen_services
 from hil.cli.parsers import OF_A_DESIGN
 from hil.cli.terminal import show_warnings
 from hil.runs.experiment import build_world, plan
@@ -61,11 +61,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         action="store_true",
         help="code for this calibration alone: smaller, faster, nothing to tune",
     )
-    parser.add_argument(
-        "--xcp",
-        action="store_true",
-        help="with the XCP slave beside the loop: measure, calibrate, change pages",
-    )
+    add_services(parser)
     parser.set_defaults(run=run)
 
 
@@ -80,8 +76,9 @@ def run(args: argparse.Namespace) -> int:
         raise CanrollError("--elf gives the address: omit --address")
     if args.specialise and (args.elf is not None or args.address is not None):
         raise CanrollError("--specialise has the calibration compiled in: omit --elf and --address")
-    if args.specialise and args.xcp:
-        raise CanrollError("--specialise has the calibration compiled in: omit --xcp")
+    services = chosen_services(args)
+    if args.specialise and services:
+        raise CanrollError(f"--specialise has the calibration compiled in: omit --{services[0]}")
     if args.address is not None:
         flash.check(args.address)
     if args.elf is not None:
@@ -90,8 +87,11 @@ def run(args: argparse.Namespace) -> int:
         refuse_unwritable(args.folder)
     if (args.dbc is None) != (args.map is None):
         raise CanrollError("--dbc and --map require each other")
-    if args.xcp and args.dbc is not None and load_map(args.dbc, args.map).xcp is None:
-        raise CanrollError(f"--xcp: {args.map} has no table [xcp]: add master, slave and bitrate")
+    for name in services if args.dbc is not None else ():
+        if getattr(load_map(args.dbc, args.map), name) is None:
+            raise CanrollError(
+                f"--{name}: {args.map} has no table [{name}] with the identifiers: add it"
+            )
     settings, controller = plan(
         "double_lane_change",
         **choices_of(args, OF_AN_EXPORT),
@@ -172,7 +172,7 @@ def described(
         origin=origin,
         stage=controller.stage,
         specialised=args.specialise,
-        services=("xcp",) if args.xcp else (),
+        services=chosen_services(args),
     )
 
 

@@ -69,6 +69,8 @@ def help_text() -> str:
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """Return the parsed arguments of one subcommand; ``arguments[0]`` is its name.
 
+    They are in the result as ``arguments``, too.
+
     Raises:
         UnknownNameError: there is no such command.
         UsageError: its options are wrong.
@@ -82,6 +84,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     if unknown:
         told = f"see 'canroll {name} --help'"
         raise UsageError(f"'{name}' does not take {' '.join(unknown)} ({told})")
+    namespace.arguments = list(arguments)
     return namespace
 
 

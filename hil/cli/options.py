@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
+from codegen.run import SERVICES
 from hil.runs.choices import CHOICES, Choice
 from plant_sim.driving import MANEUVERS
 
@@ -118,6 +119,21 @@ def _help(choice: Choice) -> str:
 
 def _shown(default: Any) -> str:  # noqa: ANN401
     return f"{default:g}" if isinstance(default, float) else str(default)
+
+
+def add_services(parser: argparse.ArgumentParser) -> None:
+    """Add the services beside the loop."""
+    parser.add_argument(
+        "--xcp", action="store_true", help="with XCP: measure, calibrate, change pages"
+    )
+    parser.add_argument(
+        "--uds", action="store_true", help="with diagnostics: fault codes and data by UDS"
+    )
+
+
+def chosen_services(args: argparse.Namespace) -> tuple[str, ...]:
+    """Return the services beside the loop that were chosen."""
+    return tuple(name for name in SERVICES if getattr(args, name))
 
 
 def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from canroll.errors import CanrollError
 from codegen.run import BACKENDS
 from hil.cli.options import (
     OF_A_RUN,
@@ -27,6 +28,13 @@ DEFAULT_SCENARIO = "double_lane_change"
 DEFAULT_SPEEDS = "60:120:20"
 DEFAULT_DELAY_MS = 20.0
 DEFAULT_DRAWS = 100
+EVENT_NAMES = (
+    *("fails", "rollover", "rollover_passive", "wheel_lift", "wheel_lift_passive"),
+    *("limit_cycle", "harm"),
+)
+"""Events of a draw, see :mod:`hil.campaign.events`."""
+RARE_EVENTS = tuple(name for name in EVENT_NAMES if name not in ("fails", "limit_cycle"))
+"""Those that can be approached by levels."""
 KINDS = ("laws", "vehicles", "scenarios", "buses", "bodies")
 OF_A_DESIGN = (
     *("vehicle", "law", "stage", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
@@ -350,21 +358,84 @@ def add_spread(parser: argparse.ArgumentParser) -> None:
 def campaign(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll campaign``."""
     parser.description = (
-        "Drive a manoeuvre with one calibration on many draws of vehicle, noise, bus and fault. "
-        "The controller is designed for the first bus; one or none of the given "
-        "faults is drawn; --seed is that of the draws."
+        "Drive a manoeuvre with one calibration on many draws of vehicle, noise, bus and fault: "
+        "those of a campaign file, or of the options. The controller is designed for the first "
+        "bus; one or none of the given faults is drawn; --seed is that of the draws. "
+        "'canroll campaign merge FOLDER…' joins the shards of a campaign."
     )
-    add_scenario(parser, DEFAULT_SCENARIO)
     parser.add_argument(
-        "--runs", type=int, default=DEFAULT_DRAWS, metavar="N", help="draws (default: %(default)s)"
+        "what",
+        nargs="*",
+        metavar="SCENARIO|FILE.toml|merge FOLDER…",
+        help=f"manoeuvre (default: {DEFAULT_SCENARIO}), campaign file, or 'merge' and the --out "
+        "folders of all shards",
+    )
+    parser.add_argument(
+        "--runs", type=int, metavar="N", help=f"draws (default: the file's, or {DEFAULT_DRAWS})"
     )
     add_spread(parser)
     parser.add_argument("--only", type=int, metavar="DRAW", help="report one draw as a run")
     parser.add_argument(
+        "--until",
+        type=float,
+        metavar="WIDTH",
+        help="stop when the 95 %% interval of the event's probability is as narrow",
+    )
+    parser.add_argument(
+        "--event",
+        choices=EVENT_NAMES,
+        default=EVENT_NAMES[0],
+        help=f"event of --until: {', '.join(EVENT_NAMES)} (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--rare",
+        choices=RARE_EVENTS,
+        help=f"estimate the probability of a rare event by subset simulation instead: "
+        f"{', '.join(RARE_EVENTS)}",
+    )
+    parser.add_argument(
+        "--samples",
+        type=int,
+        default=1000,
+        metavar="N",
+        help="with --rare: samples on each level (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="continue the campaign in the output folder"
+    )
+    parser.add_argument(
+        "--shard",
+        type=shard,
+        metavar="I/N",
+        help="drive the I-th of N parts, to be merged later",
+    )
+    parser.add_argument(
+        "--scheduler",
+        type=scheduler,
+        default="local",
+        metavar="ADDRESS",
+        help="local processes, or a Dask scheduler, tcp://HOST:PORT (default: %(default)s)",
+    )
+    parser.add_argument(
         "--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)"
     )
     add_choices(parser, OF_A_RUN, several=("bus",))
-    add_answer(parser, "the page")
+    add_answer(parser, "page and table")
+
+
+def shard(text: str) -> tuple[int, int]:
+    """Return the numbers of "I/N"."""
+    first, _, of = text.partition("/")
+    if not (first.isdecimal() and of.isdecimal()) or not 1 <= int(first) <= int(of):
+        raise CanrollError(f"--shard {text}: must be I/N with I from 1 to N, e.g. 2/8")
+    return int(first), int(of)
+
+
+def scheduler(text: str) -> str:
+    """Return "local" or the address of a Dask scheduler."""
+    if text != "local" and "://" not in text:
+        raise CanrollError(f"--scheduler {text}: must be local or an address, e.g. tcp://host:8786")
+    return text
 
 
 def faults(parser: argparse.ArgumentParser) -> None:
@@ -439,7 +510,9 @@ COMMANDS = {
     "faults": Command(
         "drive and judge a catalogue of faults", faults, handler="studies.faults:run"
     ),
-    "severe": Command("severe manoeuvres over a population of vehicles", severe, "campaign:severe"),
+    "severe": Command(
+        "severe manoeuvres over a population of vehicles", severe, "vehicle_tests:severe"
+    ),
     "list": Command(
         "laws, vehicles, scenarios, buses and bodies by name", listing, handler="main:list_names"
     ),

@@ -7,9 +7,8 @@ from time import perf_counter
 
 from canroll.errors import CanrollError
 from codegen.proof import prove
-from codegen.run import memory_image
+from codegen.run import SERVICES, memory_image
 from codegen.run.bus_firmware import (
-    SERVICES,
     BusFirmware,
     built_in,
     with_services,

@@ -1,14 +1,16 @@
 """Terminal output of a run: table, verdict and progress."""
 
+import sys
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import rich.table
 from rich.console import Console as RichConsole
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 from hil.realtime.timing import QUANTILES, ROWS, bus_lines
@@ -17,6 +19,9 @@ from hil.report.reaction_table import reaction_table
 from hil.report.tables import can_rows, metric_head, metric_rows, replay_note
 from hil.runs import standard
 from hil.runs.result import Result
+
+if TYPE_CHECKING:
+    from hil.campaign.summary import Summary
 
 
 class Console(RichConsole):
@@ -44,6 +49,35 @@ def progress(*, quiet: bool) -> Iterator[Callable[[str, float], None]]:
             bars.update(tasks[stage], completed=share)
 
         yield report
+
+
+@contextmanager
+def draws(total: int, *, quiet: bool) -> "Iterator[Callable[[Summary, int], None]]":
+    """Show draws, rate, time left and failures so far on stderr, if it is a terminal."""
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield lambda found, kept: None
+        return
+    columns = (
+        TextColumn("draw {task.completed:.0f} of {task.total:.0f}"),
+        BarColumn(),
+        TextColumn("{task.fields[rate]} {task.fields[fails]} fail"),
+        TimeRemainingColumn(compact=True),
+    )
+    with Progress(*columns, console=console, transient=True) as bars:
+        task = bars.add_task("", total=total, rate="", fails=0)
+        start = time.monotonic()
+
+        def report(found: "Summary", kept: int) -> None:
+            rate = (found.draws - kept) / max(time.monotonic() - start, 1e-9)
+            bars.update(task, completed=found.draws, rate=f"{rate:.1f} draws/s", fails=found.fails)
+
+        yield report
+
+
+def note(text: str) -> None:
+    """Print a line on stderr."""
+    print(text, file=sys.stderr)
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str | Cell]]) -> rich.table.Table:

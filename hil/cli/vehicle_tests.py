@@ -1,4 +1,4 @@
-"""``canroll limit``, ``understeer`` and ``response``: tests of the vehicle alone."""
+"""``canroll limit``, ``understeer``, ``response`` and ``severe``: tests of vehicles."""
 
 import argparse
 import json
@@ -10,11 +10,14 @@ import numpy as np
 
 import vehicles
 from canroll.errors import CanrollError
+from hil.cli import terminal
 from hil.cli.options import choices_of
 from hil.runs import experiment
 from hil.runs.choices import PASSIVE, chosen
 from hil.runs.frozen import Controller
 from hil.runs.result import Settings
+from hil.studies import severe as severe_manoeuvres
+from hil.studies import variation
 from hil.studies.linear_response import linear_response, to_json
 from hil.studies.linear_response_view import draw, lines
 from plant_sim import bodies
@@ -222,3 +225,24 @@ def _words(limit: SpeedLimit) -> str:
     if limit.failed is None:
         return f"passes up to {limit.passed * 3.6:.1f} km/h, the fastest tried"
     return f"passes up to {limit.passed * 3.6:.1f} km/h, fails at {limit.failed * 3.6:.1f}"
+
+
+def severe(args: argparse.Namespace) -> int:
+    """Drive the severe manoeuvres and print their table."""
+    with terminal.progress(quiet=args.json) as progress:
+        found = severe_manoeuvres.study(
+            runs=args.runs,
+            spread=variation.spread_from(dict(args.spread)),
+            progress=progress,
+            **choices_of(args),
+        )
+    if args.json:
+        print(json.dumps(severe_manoeuvres.to_json(found)))
+    else:
+        print(
+            f"{found.vehicle}, {found.actuator}, bus {found.bus}, {found.runs} vehicles, "
+            f"{found.law} as designed, plain feedforward at its RMS moment of {found.effort:.0f} "
+            f"N·m, bar: {found.bar:g} times the roll stiffness"
+        )
+        print("\n".join(severe_manoeuvres.table(found)))
+    return 0

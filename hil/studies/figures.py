@@ -1,7 +1,7 @@
 """Figures of many pairs of runs, without their traces."""
 
 from collections.abc import Iterable
-from dataclasses import astuple, fields
+from dataclasses import astuple, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,9 +54,10 @@ def figures(controller: Controller, settings: Iterable[Settings]) -> NDArray[np.
 
 
 def _pair(controller: Controller, settings: Settings) -> tuple[object, ...]:
-    passive, controlled = (
-        drive(settings, controller, enabled=enabled, kept=NEEDED) for enabled in (False, True)
-    )
+    # as in a run: what faults do is measured against a vehicle whose parts are all right
+    whole = replace(settings, faults=())
+    passive = drive(whole, controller, enabled=False, kept=NEEDED)
+    controlled = drive(settings, controller, enabled=True, kept=NEEDED)
     cycle = limit_cycle.detect(
         controlled.ticks["t"],
         controlled.ticks["moment"],

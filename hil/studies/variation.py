@@ -1,7 +1,7 @@
-"""Random variation of vehicle, bus, sensors and faults for Monte Carlo runs."""
+"""Random variation of the vehicle: populations in which laws are compared."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping
+from dataclasses import fields, replace
 
 import numpy as np
 
@@ -32,21 +32,6 @@ SHARE_MAX: Mapping[str, float] = {"estimate_error": 0.2}
 TRIES = 100
 
 
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """One draw.
-
-    Attributes:
-        index: number of the draw, from 0.
-        settings: settings to drive.
-        factors: factor on the nominal value by quantity; for an estimate 1 + its error.
-    """
-
-    index: int
-    settings: Settings
-    factors: Mapping[str, float]
-
-
 def spread_from(texts: Mapping[str, str]) -> dict[str, float]:
     """Return the default spread with the fractions given in ``texts`` replaced.
 
@@ -75,10 +60,8 @@ def draw(
     *,
     spread: Mapping[str, float],
     seed: int,
-    buses: Sequence[str] = (),
-    faults: Sequence[str] = (),
-) -> Drawn:
-    """Return draw ``index`` of a campaign; it depends only on ``seed`` and ``index``.
+) -> Settings:
+    """Return draw ``index`` of a population; it depends only on ``seed`` and ``index``.
 
     The driven vehicle varies, the one the controller was designed for does not. Noise, phases and
     background traffic have the seed ``index``.
@@ -87,17 +70,13 @@ def draw(
         nominal: nominal settings.
         index: number of the draw.
         spread: half-width of each quantity, as a fraction of its nominal value.
-        seed: of the campaign.
-        buses: profiles, one of which is drawn; none: the nominal one.
-        faults: faults, of which one or none is drawn.
+        seed: of the population.
 
     Raises:
         CanrollError: no valid vehicle can be drawn from this spread.
     """
     random = np.random.default_rng([seed, index])
     names = sorted(spread)
-    bus = str(random.choice(buses)) if buses else nominal.bus
-    chosen = int(random.integers(len(faults) + 1))
     for _ in range(TRIES):
         shares = random.uniform(-1.0, 1.0, len(names))
         factors = {
@@ -110,16 +89,13 @@ def draw(
     else:
         raise CanrollError("--spread: no valid vehicle in 100 draws: reduce the spread")
     errors = {name: f"{factors[name] - 1.0:.6g}" for name in CONDITIONS if spread[name]}
-    settings = replace(
+    return replace(
         nominal,
         vehicle=vehicle,
-        bus=bus,
         seed=index,
         speed=nominal.speed * factors["speed"],
-        faults=tuple(faults[chosen - 1 : chosen] if chosen else ()),
         conditions=tuple(sorted({**errors, **dict(nominal.conditions)}.items())),
     )
-    return Drawn(index, settings, {name: factors[name] for name in names if spread[name]})
 
 
 def population(nominal: Settings, count: int, spread: Mapping[str, float]) -> list[Settings]:
@@ -128,7 +104,7 @@ def population(nominal: Settings, count: int, spread: Mapping[str, float]) -> li
     Raises:
         CanrollError: no valid vehicle can be drawn from this spread.
     """
-    return [draw(nominal, index, spread=spread, seed=0).settings for index in range(count)]
+    return [draw(nominal, index, spread=spread, seed=0) for index in range(count)]
 
 
 def varied(vehicle: Vehicle, factors: Mapping[str, float]) -> Vehicle:

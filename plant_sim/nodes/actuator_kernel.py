@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from plant_sim.kernels import schedule
 from plant_sim.kernels.jit import njit
-from plant_sim.nodes import codec, e2e
+from plant_sim.nodes import codec, e2e, envelope
 from plant_sim.nodes.codec import Codec
+from plant_sim.nodes.envelope import Envelope
 
 SUSPENSION, BARS, DAMPERS, VALVES = range(4)
 
@@ -67,6 +68,7 @@ class Actuators(NamedTuple):
     fault: NDArray[np.int64]
     fault_value: NDArray[np.float64]
     supervision: e2e.Supervision
+    envelope: Envelope
 
 
 @njit
@@ -115,10 +117,24 @@ def receive(
 
 @njit
 def supervise(node: Actuators, t_ns: int) -> None:
-    """Release a command that was not renewed within the timeout."""
+    """Release a command that was not renewed within the timeout; judge it by the envelope."""
     if node.flag[HELD] and t_ns - node.flag[T_ACCEPTED] > node.flag[TIMEOUT]:
         node.flag[HELD] = 0
         node.state[DEMAND : DEMAND + 4] = 0.0
+    if not node.flag[ENABLED]:
+        return
+    wanted = envelope.moment_of(node.envelope, node.state[DEMAND : DEMAND + 4])
+    if node.flag[KIND] == VALVES and node.flag[SOURCE] == 0:
+        wanted = node.state[DELIVERED] + node.state[DELIVERED + 1]
+    if envelope.cuts(node.envelope, wanted, t_ns):
+        for corner in range(4):
+            node.flag[LATCHED + corner] = max(node.flag[LATCHED + corner], STATUS_LIMITED)
+
+
+@njit
+def follows(node: Actuators) -> bool:
+    """Whether the node follows its command: it is enabled, and its envelope does not refuse."""
+    return bool(node.flag[ENABLED] and node.envelope.memory[envelope.ACTED] == 0.0)
 
 
 @njit

@@ -41,6 +41,7 @@ from plant_sim.nodes.actuator_kernel import (
     fault_amount,
     fault_factor,
     fault_share,
+    follows,
     set_status,
 )
 
@@ -135,7 +136,7 @@ def show(node: Actuators, first: int, last: int, status: int, t_ns: int) -> None
 def _suspension(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> None:
     state = node.state
     for corner in range(4):
-        demand = state[DEMAND + corner] if node.flag[ENABLED] else 0.0
+        demand = state[DEMAND + corner] if follows(node) else 0.0
         bound = refer(node, corner, demand)
         target = state[REFERENCE + corner]
         stroke = outputs[ports.TRAVEL_RATE + corner]
@@ -150,7 +151,7 @@ def _suspension(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> 
 def _bars(node: Actuators, inputs: Vector, t_ns: int) -> None:
     state = node.state
     for axle in range(2):
-        demand = state[DEMAND + axle] if node.flag[ENABLED] else 0.0
+        demand = state[DEMAND + axle] if follows(node) else 0.0
         bound = refer(node, axle, demand)
         # A bar joins both corners of its axle: the worse of their faults decides.
         settle(node, axle, 2 * axle, 2 * axle + 1, state[REFERENCE + axle], bound, t_ns)
@@ -193,7 +194,7 @@ def _dampers(node: Actuators, outputs: Vector, inputs: Vector, t_ns: int) -> Non
     state = node.state
     for corner in range(4):
         stroke = outputs[ports.TRAVEL_RATE + corner]
-        demand = state[DEMAND + corner] if node.flag[ENABLED] else 0.0
+        demand = state[DEMAND + corner] if follows(node) else 0.0
         if node.flag[SOURCE] == FORCES:
             wanted = semi_active_setting(node.curve, demand, stroke)
         else:
@@ -212,7 +213,7 @@ def _valve_current(node: Actuators, axle: int, actual: float, t_ns: int) -> floa
     if node.fault[0, 0] >= 0:
         loop /= fault_factor(node, SLOW, 2 * axle, 2 * axle + 1, t_ns)
         demand *= 1.0 - 2.0 * fault_share(node, REVERSED, 2 * axle, 2 * axle + 1, t_ns)
-    if not node.flag[ENABLED] or not node.flag[HELD]:
+    if not follows(node) or not node.flag[HELD]:
         return hydraulics.torque_loop(parameters, loop, 0.0, actual)
     if node.flag[SOURCE] == MOMENTS:
         return hydraulics.torque_loop(parameters, loop, demand, actual)

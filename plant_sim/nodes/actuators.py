@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.kernels import schedule
-from plant_sim.nodes import actuator_kernel, codec, e2e, hydraulics
+from plant_sim.nodes import actuator_kernel, codec, e2e, envelope, hydraulics
 from plant_sim.nodes.actuator_kernel import Actuators
 from vehicles.model import SemiActiveDampers, Vehicle
 
@@ -216,6 +216,20 @@ def fault_tables(
     return table, value
 
 
+def _roll_moment(vehicle: Vehicle, kind: str) -> tuple[tuple[float, float, float, float], float]:
+    """Arms that turn commands by channel into a roll moment, and the largest moment, N·m.
+
+    Dampers push no body; valves are judged by the moments they deliver.
+    """
+    data, geometry = vehicle.actuators, vehicle.geometry
+    if kind == "suspension":
+        front, rear = geometry.half_track_front, geometry.half_track_rear
+        return (front, -front, rear, -rear), 2.0 * (front + rear) * data.suspension.force_limit
+    if kind == "dampers":
+        return (0.0, 0.0, 0.0, 0.0), math.inf
+    return (1.0, 1.0, 0.0, 0.0), 2.0 * data.bars.torque_limit
+
+
 def build(
     vehicle: Vehicle,
     kind: str,
@@ -224,8 +238,12 @@ def build(
     enabled: bool,
     timeout_ms: float,
     integrated: bool = False,
+    tables: codec.Codec | None = None,
 ) -> Actuators:
-    """Actuator node of ``vehicle``; ``integrated``: the body includes the electro-hydraulics."""
+    """Actuator node of ``vehicle`` on the bus of ``tables``, by default that of the contract.
+
+    ``integrated``: the body includes the electro-hydraulics.
+    """
     _check(kind, options, timeout_ms)
     flag = np.zeros(actuator_kernel.N_FLAGS, dtype=np.int64)
     flag[actuator_kernel.KIND] = KINDS[kind]
@@ -237,6 +255,7 @@ def build(
     for row, (name, first, channels) in zip(message, COMMANDS[kind], strict=False):
         row[:] = codec.message_index(name), codec.signal_index(name, first), channels
     fault, value = fault_tables(options.faults)
+    arm, most = _roll_moment(vehicle, kind)
     return Actuators(
         setting=np.concatenate(
             [
@@ -257,4 +276,5 @@ def build(
         fault=fault,
         fault_value=value,
         supervision=options.supervision,
+        envelope=envelope.build(arm, most, tables or codec.load(), options.supervision),
     )

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from plant_sim.bodies import ports
 from plant_sim.bodies.ports import WHEELS
 from plant_sim.kernels.jit import njit
-from plant_sim.nodes import actuator_kernel
+from plant_sim.nodes import actuator_kernel, envelope
 from plant_sim.nodes.actuator_kernel import Actuators
 
 INPUTS = ports.N_OUTPUTS
 ACTUATOR = INPUTS + ports.N_INPUTS
-N_COLUMNS = ACTUATOR + 13
+N_COLUMNS = ACTUATOR + 14
 
 AXLES = ("front", "rear")
 
@@ -68,10 +68,11 @@ SIGNALS: dict[str, int] = {
     **_two("moment_estimate", ACTUATOR + 6),
     "command_held": ACTUATOR + 8,
     **_four("status", ACTUATOR + 9),
+    "envelope": ACTUATOR + 13,
 }
 """Column of each recorded signal, SI units. ``demand``: the accepted command by channel (N, N·m or
 mA); ``moment``: delivered roll moment on the body by axle; ``status``: 0 OK, 1 limited, 2 stuck,
-3 floating."""
+3 floating; ``envelope``: 1 where the actuators' envelope refuses the command."""
 
 NAMES = ("time", *SIGNALS)
 """The recorded signals in order; ``time`` in s."""
@@ -110,6 +111,7 @@ def record(
         row[ACTUATOR + 4 + i] = node.state[actuator_kernel.DELIVERED + i]
         row[ACTUATOR + 9 + i] = node.flag[actuator_kernel.STATUS + i]
     row[ACTUATOR + 8] = node.flag[actuator_kernel.HELD]
+    row[ACTUATOR + 13] = node.envelope.memory[envelope.ACTED]
 
 
 @dataclass(frozen=True, slots=True)

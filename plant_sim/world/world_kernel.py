@@ -15,7 +15,7 @@ from plant_sim.bodies import ports
 from plant_sim.can_bus.wire.frame import ERROR_STATE, EXTENDED, RECESSIVE_INDICATOR
 from plant_sim.driving.driver import Drive, drive, uncounted
 from plant_sim.kernels.jit import borrowed, njit, step_at
-from plant_sim.nodes import actuator_kernel, codec, sensor_kernel
+from plant_sim.nodes import actuator_kernel, codec, envelope, sensor_kernel
 from plant_sim.nodes.actuator_kernel import Actuators
 from plant_sim.nodes.actuator_models import act
 from plant_sim.nodes.codec import Codec
@@ -204,7 +204,17 @@ def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> 
         row = _row_of(world.tables, _key(entry.ident, entry.flags))
         if row < 0 or entry.flags & ~SENDER_STATE != world.tables.message[row, codec.FLAGS]:
             continue
+        if entry.length != world.tables.message[row, codec.LENGTH]:
+            continue
         role = world.roles[row]
+        its = world.actuators.envelope
+        if (
+            row == its.place[envelope.FRAME]
+            and entry.segment == clock[ACTUATOR_SEGMENT]
+            and bus.took(entry.outcome, entry.missed, bus.ACTUATOR)
+        ):
+            supervision = world.actuators.supervision
+            envelope.hear(its, world.tables, supervision, entry.payload, entry.t_received)
         receiver = bus.ACTUATOR if role == FOR_ACTUATOR else bus.ECU
         if role == NOBODY or not bus.took(entry.outcome, entry.missed, receiver):
             continue

@@ -127,6 +127,8 @@ def assemble(
     bus: dict[str, Any],
 ) -> Parts:
     """All data of the kernel at time 0; the parameters are those of ``World``."""
+    chosen = command_of(actuator, command)
+    tables = _tables(profile, chosen, actuator)
     node = actuator_setup.build(
         vehicle,
         actuator,
@@ -134,9 +136,8 @@ def assemble(
         enabled=enabled,
         timeout_ms=command_timeout_ms,
         integrated=actuator == "valves" and plant.name == "linear_car_hydraulic",
+        tables=tables,
     )
-    chosen = command_of(actuator, command)
-    tables = _tables(profile, chosen, actuator)
     network = can_bus.make_network(
         profile,
         seed=seed,

@@ -264,6 +264,9 @@ def calibration(
     cal.offset_shift = 8
     cal.offset_rate_max, cal.offset_acceleration_max = round(0.035 * 2**27), round(0.5 * 2**24)
     cal.heartbeat_ticks, cal.acknowledge_ticks, cal.status_ticks = per(0.05), 3, per(0.1)
+    # as wide as it gets: tests of the law are not those of the envelope
+    cal.envelope_moment = cal.envelope_slew = cal.envelope_outward = fw.STATE_MAX
+    cal.envelope_age, cal.envelope_ticks = 1 << 20, 1 << 20
     cal.arm_front = cal.arm_rear = round(2**28 / (2 * vehicle.half_track))
     cal.track_front = cal.track_rear = round(2**28 * 2 * vehicle.half_track)
     cal.force_max = [4000 << 14] * 4

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from codegen.run import memory_image
-from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS, XcpEcu
+from codegen.run.served import ServedEcu
+from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS
 from firmware.calibration import Calibration
 from firmware.services import xcp
 
@@ -16,14 +17,14 @@ PATIENCE = 200
 class Tool:
     """Sends commands and runs ticks until they are answered."""
 
-    def __init__(self, ecu: XcpEcu) -> None:
-        self.ecu = ecu
+    def __init__(self, ecu: ServedEcu) -> None:
+        self.ecu, self.slave = ecu, ecu.services["xcp"]
         self.ticks = 0
         self.sampled: list[bytes] = []
 
     def ask(self, *command: int) -> bytes:
         """Send a command; return its answer, frames of measurements go to ``sampled``."""
-        self.ecu.slave.receive(bytes(command))
+        self.slave.receive(bytes(command))
         for _ in range(PATIENCE):
             answers = [frame for frame in self.tick() if frame[0] >= 0xFE]
             if answers:
@@ -35,7 +36,7 @@ class Tool:
         """Run a tick; return the frames of the slave."""
         self.ecu.run(1)
         self.ticks += 1
-        frames = self.ecu.slave.take()
+        frames = self.slave.take()
         self.sampled += [frame for frame in frames if frame[0] < 0xC0]
         return frames
 

@@ -10,7 +10,8 @@ from codegen.c99.linkage import linkage
 from codegen.export import traceability
 from codegen.export.traceability import Requirement, requirements
 from codegen.generated import own_stage
-from codegen.run.bus_firmware import SERVICES, built_in, with_services, with_stage
+from codegen.run import SERVICES
+from codegen.run.bus_firmware import built_in, with_services, with_stage
 from codegen.subset.program import file_of
 
 ROOT = Path(__file__).parents[3]

@@ -1,4 +1,4 @@
-"""A bundle with the XCP slave: its own test, its A2L, and what it costs where it is not chosen."""
+"""A bundle with the services: their own tests, the A2L, and what they cost if not chosen."""
 
 import re
 
@@ -31,11 +31,12 @@ def export(**changes):
 
 
 @pytest.mark.slow
-def test_the_bundle_tests_its_own_slave(tmp_path):
-    bundle.write(tmp_path / "with", export(services=("xcp",)))
+def test_the_bundle_tests_its_own_services(tmp_path):
+    bundle.write(tmp_path / "with", export(services=("xcp", "uds")))
     done = make(tmp_path / "with", "test")
     assert done.returncode == 0, done.stderr
     assert re.search(r"PASS: XCP, 43 commands and \d+ answers", done.stdout)
+    assert re.search(r"PASS: UDS, 32 frames and \d+ answers", done.stdout)
     session = tmp_path / "with" / "test" / "xcp_session.h"
     text = session.read_text()
     session.write_text(text.replace("{ 254, 38, ", "{ 254, 39, ", 1))
@@ -46,13 +47,13 @@ def test_the_bundle_tests_its_own_slave(tmp_path):
     assert "ADDR_EPK" not in a2l
     bundle.write(tmp_path / "without", export())
     names = {path.name for path in (tmp_path / "without").rglob("*")}
-    assert not any("xcp" in name for name in names)
+    assert not any("xcp" in name or "uds" in name for name in names)
     assert "/begin DAQ" not in (tmp_path / "without" / "canroll.a2l").read_text()
 
 
-def test_the_loop_has_nothing_of_the_slave():
-    assert not any(name.startswith("xcp") for name in load().modules)
-    assert not any("xcp" in name for name in built_in().files)
+def test_the_loop_has_nothing_of_the_services():
+    assert not {"xcp", "uds", "isotp"} & set(load().modules)
+    assert not any("xcp" in name or "uds" in name for name in built_in().files)
 
 
 def test_options_that_exclude_each_other_are_refused(capsys, tmp_path):
@@ -62,7 +63,7 @@ def test_options_that_exclude_each_other_are_refused(capsys, tmp_path):
     assert "--xcp requires --pace realtime" in capsys.readouterr().err
     path = tmp_path / "map.toml"
     text = signals.MAP.read_text(encoding="utf-8")
-    path.write_text(text[: text.index("# for the A2L")])
+    path.write_text(text[: text.index("# XCP:")])
     asked = ["export-c", str(tmp_path / "b"), "--xcp", "--dbc", str(signals.DBC)]
     assert main.main([*asked, "--map", str(path)]) == 2
     assert "no table [xcp]" in capsys.readouterr().err

@@ -9,6 +9,7 @@ import pytest
 
 from codegen.run import memory_image
 from codegen.run.xcp_slave import PAGE_ADDRESS
+from hil.exchange.ecu_on_bus import ecu_on_bus
 
 for name in ("asammdf", "pya2l.a2lparser", "pyxcp"):
     pytest.importorskip(name, reason=f"needs {name}")
@@ -35,7 +36,7 @@ def where(session, tmp_path_factory):
 def test_pyxcp_reads_writes_and_changes_pages(session, where):
     at = where["calibration.heartbeat_ticks"]
     record = session.RECORD
-    with session.ecu_on_bus("xcp pages") as bus, session.master_on(bus) as master:
+    with ecu_on_bus("xcp pages", record, ["xcp"]) as bus, session.master_on(bus) as master:
         assert master.slaveProperties.supportsCalpag and master.slaveProperties.supportsDaq
         assert not master.slaveProperties.supportsStim
         status = master.getStatus().resourceProtectionStatus
@@ -66,7 +67,7 @@ def test_pyxcp_reads_writes_and_changes_pages(session, where):
 def test_pyxcp_measures_by_lists(session, where):
     signals = session.SIGNALS | {"ecu.since_status": "I32", "calibration.tick_us": "I32"}
     policy = session.Samples([session.list_of(where, signals)])
-    with session.ecu_on_bus("xcp lists") as bus, session.master_on(bus, policy):
+    with ecu_on_bus("xcp lists", session.RECORD, ["xcp"]) as bus, session.master_on(bus, policy):
         policy.setup()
         policy.start()
         assert policy.enough.wait(session.SECONDS)

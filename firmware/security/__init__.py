@@ -1,0 +1,1 @@
+"""Authentication of frames, after AUTOSAR SecOC: beside the loop, which knows nothing of it."""

@@ -1,0 +1,199 @@
+"""The plan of a campaign: which draws there are, and how one is driven."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError
+from codegen.run.memory_image import image
+from hil.campaign import quantities
+from hil.campaign.quantities import FAULTS
+from hil.campaign.space import Sampling, Space
+from hil.runs.frozen import Controller
+from hil.runs.metrics import Metrics
+from hil.runs.result import LEAST_ROLL_DEG, Settings
+from hil.studies.figures import figures
+
+HARMLESS = 1.02
+"""Largest roll angle over that without control, up to which a faulted run has done no harm."""
+HELPS, STAYS_HARMLESS = "helps", "harmless"
+NO_HELP, LIMIT_CYCLE, ROLLOVER = "does not help", "limit cycle", "rolls over"
+VERDICTS = (HELPS, STAYS_HARMLESS, NO_HELP, LIMIT_CYCLE, ROLLOVER)
+GOOD = (HELPS, STAYS_HARMLESS)
+SIDES = ("passive", "controlled")
+METRICS = tuple(field.name for field in fields(Metrics))
+TRIES = 100
+"""Points that are drawn instead of one that is not a vehicle, at most."""
+
+Columns = dict[str, NDArray[Any]]
+"""Columns of a table by name, all of the same length; text has the type U or object."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A campaign: all that decides its table, byte for byte.
+
+    Attributes:
+        settings: nominal settings.
+        controller: the controller, designed once.
+        space: the quantities that are drawn.
+        sampling: how.
+        runs: number of draws.
+    """
+
+    settings: Settings
+    controller: Controller
+    space: Space
+    sampling: Sampling
+    runs: int
+
+    @property
+    def chunks(self) -> int:
+        """Number of chunks."""
+        return -(-self.runs // self.sampling.chunk)
+
+    @cached_property
+    def description(self) -> dict[str, Any]:
+        """Everything that decides the table, as plain data."""
+        settings, controller = self.settings, self.controller
+        return {
+            "canroll": version("canroll"),
+            "scenario": settings.scenario,
+            **settings.choices(),
+            "phase_ms": None if settings.phase is None else 1e3 * settings.phase,
+            "vehicle_fingerprint": settings.vehicle.fingerprint,
+            "calibration": hashlib.sha256(image(controller.record)).hexdigest(),
+            "stage": None if settings.stage is None else settings.stage.name,
+            "runs": self.runs,
+            **asdict(self.sampling),
+            "draw": {
+                name: distribution.to_json()
+                for name, distribution in zip(
+                    self.space.names, self.space.distributions, strict=True
+                )
+            },
+            "correlations": [asdict(pair) for pair in self.space.correlations],
+        }
+
+    @cached_property
+    def digest(self) -> str:
+        """Fingerprint of the description."""
+        text = json.dumps(self.description, sort_keys=True, default=str)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def numbers(self, chunk: int) -> range:
+        """Return the numbers of the draws in a chunk."""
+        first = chunk * self.sampling.chunk
+        return range(first, min(first + self.sampling.chunk, self.runs))
+
+    def draws(self, chunk: int) -> tuple[Columns, list[Settings]]:
+        """Return columns with the drawn quantities, and the settings, of a chunk's draws.
+
+        ``redrawn`` says how many points were no vehicle before the one that is.
+
+        Raises:
+            CanrollError: no valid vehicle was drawn.
+        """
+        numbers = self.numbers(chunk)
+        points = self.sampling.points(chunk, self.space.size)[: len(numbers)]
+        found = [self._valid(*each) for each in zip(points, numbers, strict=True)]
+        columns: Columns = {
+            "draw": np.array(numbers, dtype=np.int64),
+            "redrawn": np.array([tries for _, _, tries in found], dtype=np.int64),
+            **self.columns([values for values, _, _ in found]),
+        }
+        return columns, [settings for _, settings, _ in found]
+
+    def draw(self, number: int) -> Settings:
+        """Return the settings of one draw.
+
+        Raises:
+            CanrollError: no valid vehicle was drawn.
+        """
+        chunk, row = divmod(number, self.sampling.chunk)
+        point = self.sampling.points(chunk, self.space.size)[row]
+        return self._valid(point, number)[1]
+
+    def _valid(
+        self, point: NDArray[np.float64], number: int
+    ) -> tuple[dict[str, Any], Settings, int]:
+        """Return values and settings at the point, or at an independent one, and the tries."""
+        others = self.sampling.again(number, self.space.size)
+        for tries in range(TRIES + 1):
+            values, settings = self.at(next(others) if tries else point, number)
+            if quantities.is_vehicle(settings.vehicle):
+                return values, settings, tries
+        raise CanrollError(f"draw {number}: no valid vehicle in {TRIES} draws: reduce the spread")
+
+    def at(self, point: NDArray[np.float64], seed: int) -> tuple[dict[str, Any], Settings]:
+        """Return values and settings at a unit point, with the seed of noise and background."""
+        values = self.space.values(point)
+        return values, quantities.drawn(self.settings, values, seed=seed)
+
+    def columns(self, draws: Sequence[Mapping[str, Any]]) -> Columns:
+        """Return the drawn values as columns of a table: numbers, or text."""
+        return {name: _column(name, [draw[name] for draw in draws]) for name in self.space.names}
+
+
+def _column(name: str, values: list[Any]) -> NDArray[Any]:
+    if name == FAULTS:
+        return np.array(["; ".join(faults) for faults in values], dtype=object)
+    text = any(isinstance(value, str) for value in values)
+    return np.array(values, dtype=object if text else np.float64)
+
+
+def drive_chunk(plan: Plan, chunk: int) -> Columns:
+    """Drive the draws of a chunk without and with control; return their rows of the table.
+
+    Raises:
+        CanrollError: a draw cannot be driven, or another version of canroll planned it.
+    """
+    planned = plan.description["canroll"]
+    if planned != version("canroll"):
+        raise CanrollError(
+            f"this worker has canroll {version('canroll')}, the campaign {planned}: install the "
+            "same version on every machine"
+        )
+    numbers = plan.numbers(chunk)
+    try:
+        columns, settings = plan.draws(chunk)
+        return {**columns, **driven(plan.controller, settings)}
+    except CanrollError as error:
+        # of one argument, unlike its subclasses: it has to travel between processes
+        raise CanrollError(f"draws {numbers[0]} to {numbers[-1]}: {error}") from None
+
+
+def driven(controller: Controller, settings: list[Settings]) -> Columns:
+    """Return the columns of figures and verdicts of draws."""
+    found = figures(controller, settings)
+    columns: Columns = {
+        f"{side}_{name}": np.ascontiguousarray(found[side][name])
+        for side in SIDES
+        for name in METRICS
+    }
+    for name in ("safe", "cycle_hz", "cycle_nm"):
+        columns[name] = np.ascontiguousarray(found[name])
+    faulted = np.array([bool(each.faults) for each in settings])
+    return {**columns, "verdict": verdicts(columns, faulted)}
+
+
+def verdicts(columns: Mapping[str, NDArray[Any]], faulted: NDArray[np.bool_]) -> NDArray[Any]:
+    """Return the verdict of each row; the rules are those of a run (``Result.helps``)."""
+    before, after = (columns[f"{side}_roll_max_deg"] for side in SIDES)
+    over, under = columns["controlled_rollover"], columns["passive_rollover"]
+    cycle = columns["cycle_nm"] > 0.0
+    less = (after < before) & (columns["controlled_roll_rms_deg"] < columns["passive_roll_rms_deg"])
+    helps = ~over & ~cycle & (before >= LEAST_ROLL_DEG) & less
+    harmless = faulted & (after <= HARMLESS * before)
+    return np.select(
+        [helps, over & ~under, cycle, harmless],
+        [HELPS, ROLLOVER, LIMIT_CYCLE, STAYS_HARMLESS],
+        NO_HELP,
+    ).astype(object)

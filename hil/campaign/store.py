@@ -1,0 +1,239 @@
+"""The chunks of a campaign on disk: Parquet files, each whole or absent, and their table."""
+
+import json
+import os
+import shutil
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from canroll.errors import CanrollError, MissingExtraError, reason
+from hil.campaign.plan import Columns
+
+if TYPE_CHECKING:
+    import pyarrow
+
+PLAN = "plan.json"
+ARGUMENTS = "arguments"
+"""Key of the command line in a plan; it is no part of what must be the same."""
+DIGEST = b"canroll.plan"
+COMPRESSION = "zstd"
+
+
+def arrow() -> Any:  # noqa: ANN401
+    """Return pyarrow with its Parquet part.
+
+    Raises:
+        MissingExtraError: it is not installed.
+    """
+    try:
+        import pyarrow.parquet  # noqa: PLC0415 - an extra, and slow to import
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("a campaign's table", "campaign") from error
+    return pyarrow
+
+
+@dataclass(frozen=True, slots=True)
+class Store:
+    """A folder of chunks of one plan; several processes may add to it at once.
+
+    A chunk is written beside its place and moved there: whatever ends the process, it is whole or
+    absent.
+
+    Attributes:
+        folder: the folder.
+        digest: fingerprint of the plan, in every file.
+    """
+
+    folder: Path
+    digest: str
+
+    def path(self, name: str) -> Path:
+        """Return the path of a chunk."""
+        return self.folder / f"{name}.parquet"
+
+    def has(self, name: str) -> bool:
+        """Whether the chunk is there."""
+        return self.path(name).is_file()
+
+    def read(self, name: str) -> Columns | None:
+        """Return a chunk, or None if it is absent.
+
+        Raises:
+            CanrollError: it is damaged, or of another plan.
+        """
+        path = self.path(name)
+        if not path.is_file():
+            return None
+        return self.columns(path)
+
+    def columns(self, path: Path) -> Columns:
+        """Return a file of this plan as columns; text as objects.
+
+        Raises:
+            CanrollError: it is damaged, or of another plan.
+        """
+        table = self.table(path)
+        return {
+            name: np.asarray(table.column(name).to_numpy(zero_copy_only=False))
+            for name in table.column_names
+        }
+
+    def table(self, path: Path) -> "pyarrow.Table":
+        """Return a file of this plan as a table.
+
+        Raises:
+            CanrollError: it is damaged, or of another plan.
+        """
+        pa = arrow()
+        try:
+            # without memory mapping: a file that shrinks would end the process by a signal
+            table = pa.parquet.ParquetFile(path).read()
+        except (OSError, pa.ArrowException) as error:
+            raise CanrollError(
+                f"{path}: not a chunk of a campaign ({reason(error)}): delete it and continue with "
+                "--resume"
+            ) from error
+        if (table.schema.metadata or {}).get(DIGEST) != self.digest.encode():
+            raise CanrollError(f"{path}: belongs to another campaign: choose another --out")
+        return table
+
+    def write(self, name: str, columns: Columns) -> None:
+        """Write a chunk, whole or not at all."""
+        pa = arrow()
+        table = pa.table({key: pa.array(values) for key, values in columns.items()})
+        with _placed(self.path(name)) as part:
+            pa.parquet.write_table(self._marked(table), part, compression=COMPRESSION)
+
+    def take(self, other: "Store", name: str) -> None:
+        """Copy a chunk of another store of the same plan, byte for byte."""
+        other.read(name)
+        with _placed(self.path(name)) as part:
+            shutil.copyfile(other.path(name), part)
+
+    def join(self, names: Iterable[str], path: Path) -> None:
+        """Write the chunks ``names`` one after the other as one file, whole or not at all."""
+        pa = arrow()
+        with _placed(path) as part:
+            writer = None
+            for name in names:
+                table = self.table(self.path(name))
+                if writer is None:
+                    writer = pa.parquet.ParquetWriter(part, table.schema, compression=COMPRESSION)
+                writer.write_table(table)
+            if writer is not None:
+                writer.close()
+
+    def _marked(self, table: Any) -> Any:  # noqa: ANN401
+        return table.replace_schema_metadata({DIGEST: self.digest.encode()})
+
+
+class _placed:  # noqa: N801 - reads as a verb
+    """A file beside ``path`` that is moved there when the body has succeeded."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.part = path.with_name(f".{path.name}.{os.getpid()}.part")
+
+    def __enter__(self) -> Path:
+        return self.part
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None:
+            with suppress(OSError):
+                self.part.unlink(missing_ok=True)
+            return
+        with open(self.part, "rb+") as file:
+            os.fsync(file.fileno())
+        self.part.replace(self.path)
+
+
+def opened(folder: Path, digest: str, description: dict[str, Any], *, resume: bool) -> Store:
+    """Return the store in ``folder``, created if missing.
+
+    Args:
+        folder: folder of the chunks.
+        digest: fingerprint of the plan.
+        description: the plan as plain data.
+        resume: whether to continue the campaign in the folder.
+
+    Raises:
+        CanrollError: the folder holds an unfinished campaign and ``resume`` is not given, another
+            campaign, or cannot be written.
+        MissingExtraError: pyarrow is not installed.
+    """
+    arrow()
+    plan = folder / PLAN
+    kept = _kept(plan)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if kept is not None and not resume:
+            for path in (*folder.glob("*.parquet"), *folder.glob(".*.part")):
+                path.unlink()
+            table_of(folder).unlink(missing_ok=True)
+            plan.unlink()
+            kept = None
+        if kept is None:
+            with _placed(plan) as part:
+                text = json.dumps({"digest": digest, **description}, indent=2, default=str)
+                part.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise CanrollError(
+            f"cannot write to {folder}: {reason(error)}: choose another --out"
+        ) from error
+    if kept is not None and kept.get("digest") != digest:
+        other = {"digest": digest, **json.loads(json.dumps(description, default=str))}
+        differs = [
+            key for key in other if key not in ("digest", ARGUMENTS) and kept.get(key) != other[key]
+        ]
+        raise CanrollError(
+            f"{folder}: --resume continues the same campaign, this one differs in "
+            f"{', '.join(differs) or 'its calibration'}: choose another --out"
+        )
+    return Store(folder, digest)
+
+
+def unfinished(folder: Path) -> int | None:
+    """Return how many chunks of an unfinished campaign the folder holds; None if it holds none."""
+    if _kept(folder / PLAN) is None or table_of(folder).is_file():
+        return None
+    return len(list(folder.glob("*.parquet"))) or None
+
+
+def table_of(folder: Path) -> Path:
+    """Return the path of the whole table of the chunks in a folder."""
+    return folder.parent / f"{folder.name}.parquet"
+
+
+def plan_in(folder: Path) -> dict[str, Any]:
+    """Return the plan in a folder of chunks.
+
+    Raises:
+        CanrollError: there is none.
+    """
+    kept = _kept(folder / PLAN)
+    if kept is None:
+        raise CanrollError(f"{folder}: not a campaign (expected {PLAN})")
+    return kept
+
+
+def _kept(plan: Path) -> dict[str, Any] | None:
+    """Return the plan in a folder; None if there is none."""
+    try:
+        kept = json.loads(plan.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise CanrollError(f"{plan}: not a campaign's plan ({reason(error)})") from error
+    if not isinstance(kept, dict):
+        raise CanrollError(f"{plan}: not a campaign's plan")
+    return kept
+
+
+def chunk_name(number: int) -> str:
+    """Return the name of a chunk."""
+    return f"{number:07d}"

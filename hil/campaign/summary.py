@@ -1,0 +1,123 @@
+"""What a campaign's page and JSON object need of its draws, in a fixed memory."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.campaign.events import EVENTS
+from hil.campaign.intervals import Interval, always, exact
+from hil.campaign.plan import GOOD, SIDES, VERDICTS, Columns
+from hil.campaign.sketch import Sketch
+
+QUANTITIES = ("roll_max_deg", "roll_rms_deg", "nlt_front_max", "moment_rms_nm", "path_error_max_m")
+QUANTILES = (5, 50, 95)
+SAMPLE = 10_000
+"""Draws, the first ones, that sensitivities are estimated from."""
+WORST = 50
+"""Hardest draws that are kept whole."""
+FAILED = 1000
+"""Failing draws, the first ones, that are kept whole."""
+
+
+@dataclass
+class Summary:
+    """What is kept of the draws added so far, in the order of their numbers.
+
+    Attributes:
+        draws: how many.
+        verdicts: counts by verdict.
+        events: counts by event.
+        worst: rows of the hardest draws: failures first, then by increasing reduction.
+        sample: rows of the first draws.
+        failed: rows of the first draws that fail.
+    """
+
+    draws: int = 0
+    verdicts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(VERDICTS, 0))
+    events: dict[str, int] = field(default_factory=lambda: dict.fromkeys(EVENTS, 0))
+    worst: Columns = field(default_factory=dict)
+    sample: Columns = field(default_factory=dict)
+    failed: Columns = field(default_factory=dict)
+    sketches: dict[tuple[str, str], Sketch] = field(
+        default_factory=lambda: {(name, side): Sketch() for name in QUANTITIES for side in SIDES}
+    )
+
+    def add(self, rows: Columns) -> None:
+        """Add the next rows of the table."""
+        count = len(rows["draw"])
+        self.draws += count
+        for verdict in VERDICTS:
+            self.verdicts[verdict] += int(np.sum(rows["verdict"] == verdict))
+        for name, event in EVENTS.items():
+            self.events[name] += int(np.sum(event.occurs(rows)))
+        for (name, side), sketch in self.sketches.items():
+            sketch.add(rows[f"{side}_{name}"])
+        if self.draws - count < SAMPLE:
+            self.sample = first(joined(self.sample, rows), SAMPLE)
+        fails = EVENTS["fails"].occurs(rows)
+        if fails.any() and count_of(self.failed) < FAILED:
+            self.failed = first(joined(self.failed, taken(rows, np.flatnonzero(fails))), FAILED)
+        self.worst = hardest(joined(self.worst, rows))
+
+    @property
+    def fails(self) -> int:
+        """Number of draws in which control fails."""
+        return self.events["fails"]
+
+    def interval(self, event: str) -> Interval:
+        """Return the exact interval of an event's probability for the number of draws."""
+        return exact(self.events[event], self.draws)
+
+    def sequence(self, event: str) -> Interval:
+        """Return the interval that is valid at every number of draws."""
+        return always(self.events[event], self.draws)
+
+    def quantiles(self) -> dict[str, dict[str, dict[str, float]]]:
+        """Return least, 5 %, 50 %, 95 % and largest of each figure, without and with control."""
+        found: dict[str, dict[str, dict[str, float]]] = {name: {} for name in QUANTITIES}
+        shares = np.array([0.0, *(q / 100 for q in QUANTILES), 1.0])
+        keys = ("min", *(f"p{q}" for q in QUANTILES), "max")
+        for (name, side), sketch in self.sketches.items():
+            values = map(float, sketch.quantiles(shares))
+            found[name][side] = dict(zip(keys, values, strict=True))
+        return found
+
+
+def count_of(rows: Columns) -> int:
+    """Return the number of rows."""
+    return len(rows["draw"]) if rows else 0
+
+
+def joined(rows: Columns, more: Columns) -> Columns:
+    """Return the rows followed by ``more``."""
+    return {name: np.concatenate([rows[name], more[name]]) for name in rows} if rows else more
+
+
+def taken(rows: Columns, which: NDArray[np.int64]) -> Columns:
+    """Return the rows ``which``."""
+    return {name: column[which] for name, column in rows.items()}
+
+
+def first(rows: Columns, count: int) -> Columns:
+    """Return the first ``count`` rows."""
+    return {name: column[:count] for name, column in rows.items()}
+
+
+def reduction(rows: Columns) -> NDArray[np.float64]:
+    """Return the reduction of the largest roll angle by control of each row, as a fraction."""
+    before, after = (rows[f"{side}_roll_max_deg"] for side in SIDES)
+    return 1.0 - np.divide(after, before, out=np.ones_like(after), where=before > 0.0)
+
+
+def hardest(rows: Columns) -> Columns:
+    """Return the hardest rows: failures first, then by increasing reduction."""
+    good = np.isin(rows["verdict"].astype(str), GOOD)
+    return taken(rows, np.lexsort((rows["draw"], reduction(rows), good))[:WORST])
+
+
+def plain(rows: Columns, index: int) -> dict[str, Any]:
+    """Return a row as plain data."""
+    found = {name: column[index] for name, column in rows.items()}
+    return {k: v.item() if isinstance(v, np.generic) else v for k, v in found.items()}

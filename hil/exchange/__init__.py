@@ -1,0 +1,1 @@
+"""What programs of others read and ask: an ECU for their tools, runs in their formats."""

@@ -1,0 +1,71 @@
+"""An ECU with its services in a thread of this process, for a tool on the same bus.
+
+It runs as many ticks as it can, each as one period: for measuring, calibrating and diagnosing by
+programs of others, not for judging time. ``canroll ecu`` is the ECU in real time.
+"""
+
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import can
+
+from codegen.generated.bus_map import EXTENDED
+from codegen.run import backends
+from codegen.run.bus_firmware import built_in, with_services
+from codegen.run.ecu_traffic import Frame
+from codegen.run.served import open_ecu
+from firmware.calibration import Calibration
+
+PAUSE = 0.002
+"""Longest wait for a frame before the next tick, s."""
+
+
+class EcuOnBus(threading.Thread):
+    """The thread: an ECU on ``calibration`` with ``services`` at a node of a bus."""
+
+    def __init__(self, bus: can.BusABC, calibration: Calibration, services: Sequence[str]) -> None:
+        super().__init__(daemon=True)
+        firmware = with_services(built_in(), tuple(services))
+        self.bus, self.done = bus, threading.Event()
+        self.ecu = open_ecu(backends.default_backend(), calibration, firmware)
+        self._loops = {ident for ident, _ in firmware.sent}
+
+    def run(self) -> None:
+        """Run ticks until ``done``; send the frames of the services, not those of the loop."""
+        while not self.done.is_set():
+            message = self.bus.recv(PAUSE)
+            if message is not None:
+                ident = message.arbitration_id | (EXTENDED if message.is_extended_id else 0)
+                self.ecu.receive(ident, bytes(message.data), len(message.data))
+            for frame in self.ecu.tick():
+                if frame[0] not in self._loops:
+                    self.bus.send(message_of(frame))
+
+
+def message_of(frame: Frame) -> can.Message:
+    """Return a frame as a message of python-can."""
+    ident, payload = frame
+    return can.Message(
+        arbitration_id=ident & (EXTENDED - 1),
+        is_extended_id=bool(ident & EXTENDED),
+        data=payload,
+    )
+
+
+@contextmanager
+def ecu_on_bus(
+    channel: str, calibration: Calibration, services: Sequence[str]
+) -> Iterator[can.BusABC]:
+    """A node for a tool on a simbus at 500 kbit/s, on which an ECU with ``services`` runs."""
+    ours = can.Bus(channel, interface="simbus", bitrate=500_000, queue="priority")
+    theirs = can.Bus(channel, interface="simbus", bitrate=500_000)
+    thread = EcuOnBus(ours, calibration, services)
+    thread.start()
+    try:
+        yield theirs
+    finally:
+        thread.done.set()
+        thread.join()
+        ours.shutdown()
+        theirs.shutdown()

@@ -1,0 +1,133 @@
+"""Safety envelope of the actuator node: it judges commands by the motion that it hears of itself.
+
+The node takes the lateral acceleration from the Imu's frames, with a receiver of its own. A command
+that pushes the body outward for too long while the acceleration does not fall is not followed until
+it has stopped, nor is any once the acceleration has not been heard for long. Limits of moment and
+rate are the actuator's own (:func:`plant_sim.nodes.actuator_models.refer`).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.typing import Vector
+from plant_sim.kernels.jit import njit
+from plant_sim.nodes import codec, e2e
+from plant_sim.nodes.codec import Codec
+
+OUTWARD_SHARE = 0.2
+"""Share of the largest roll moment that may point outward for any time."""
+JUDGED_ABOVE = 2.0
+"""Lateral acceleration above which a direction is judged, m/s²."""
+FALLEN = 0.25
+"""Difference to the low-passed acceleration at which it falls, m/s²."""
+LOW_PASS = 0.16
+"""Its time constant, s."""
+PATIENCE_MS = 200
+DEAF_NS = 500_000_000
+"""Longest time outward, and longest time without an acceleration once one has been heard."""
+
+# Slots of Envelope.memory and of Envelope.place.
+ACCELERATION, SLOW, OUTWARD_MS, CUT, ACTED, HEARD_NS, N_MEMORY = range(7)
+FRAME, MESSAGE, SIGNAL, N_PLACE = range(4)
+NEVER = -1.0
+
+
+class Envelope(NamedTuple):
+    """``arm`` (4) turns commands by channel into a roll moment, ``most`` is the largest (N·m).
+
+    ``place``: rows of frame, message and signal of the lateral acceleration in the codec's tables,
+    -1 where it is not on the bus; ``memory``: state; ``receiver``: E2E state of the Imu's frames.
+    """
+
+    arm: NDArray[np.float64]
+    most: NDArray[np.float64]
+    place: NDArray[np.int64]
+    memory: NDArray[np.float64]
+    receiver: NDArray[np.int64]
+
+
+def build(
+    arm: tuple[float, float, float, float],
+    most: float,
+    tables: Codec,
+    supervision: e2e.Supervision,
+) -> Envelope:
+    """Envelope that has heard nothing yet."""
+    message = codec.message_index("Imu")
+    row = tables.message[message]
+    on_bus = bool(row[codec.LENGTH])
+    place = [
+        int(row[codec.LEADER]) if on_bus else -1,
+        message,
+        codec.signal_index("Imu", "LateralAcceleration"),
+    ]
+    memory = np.zeros(N_MEMORY)
+    memory[HEARD_NS] = NEVER
+    return Envelope(
+        arm=np.array(arm),
+        most=np.array([most]),
+        place=np.array(place, dtype=np.int64),
+        memory=memory,
+        receiver=e2e.receiver_state(supervision),
+    )
+
+
+@njit
+def hear(
+    envelope: Envelope,
+    tables: Codec,
+    supervision: e2e.Supervision,
+    payload: NDArray[np.uint8],
+    t_ns: int,
+) -> None:
+    """Take the lateral acceleration from a frame of the Imu, if it is valid and in sequence."""
+    message, signal = envelope.place[MESSAGE], envelope.place[SIGNAL]
+    status = e2e.check(
+        envelope.receiver,
+        supervision,
+        tables.protection[message],
+        tables.identity[message],
+        tables.crc[message],
+        payload,
+    )
+    raw = codec.extract(tables, signal, payload)
+    if status > e2e.INITIAL or not codec.valid(tables, signal, raw):
+        return
+    scale = tables.scaling[signal]
+    envelope.memory[ACCELERATION] = raw * scale[codec.SCALE] + scale[codec.OFFSET]
+    envelope.memory[HEARD_NS] = t_ns
+
+
+@njit
+def cuts(envelope: Envelope, moment: float, t_ns: int) -> bool:
+    """Judge the roll ``moment`` (N·m) wanted for the next millisecond; whether to refuse it."""
+    memory = envelope.memory
+    if memory[HEARD_NS] == NEVER:
+        return False
+    acceleration = memory[ACCELERATION]
+    side = 1.0 if acceleration > 0.0 else -1.0
+    outward = side * moment > OUTWARD_SHARE * envelope.most[0]
+    steady = side * (acceleration - memory[SLOW]) > -FALLEN
+    memory[SLOW] += (acceleration - memory[SLOW]) * 1e-3 / LOW_PASS
+    if outward and steady and side * acceleration > JUDGED_ABOVE:
+        memory[OUTWARD_MS] = min(memory[OUTWARD_MS] + 1.0, PATIENCE_MS)
+    else:
+        memory[OUTWARD_MS] = max(memory[OUTWARD_MS] - 1.0, 0.0)
+    if memory[OUTWARD_MS] == PATIENCE_MS:
+        memory[CUT] = 1.0
+    elif memory[OUTWARD_MS] == 0.0:
+        memory[CUT] = 0.0
+    refused = (memory[CUT] == 1.0 and outward) or t_ns - memory[HEARD_NS] > DEAF_NS
+    memory[ACTED] = 1.0 if refused else 0.0
+    return bool(refused)
+
+
+@njit
+def moment_of(envelope: Envelope, commands: Vector) -> float:
+    """Roll moment (N·m) of commands by channel."""
+    total = 0.0
+    for channel in range(4):
+        total += envelope.arm[channel] * commands[channel]
+    return total

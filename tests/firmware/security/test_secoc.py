@@ -1,0 +1,153 @@
+"""Authenticated frames: what passes, what does not, and how either side comes back."""
+
+import pytest
+from cryptography.hazmat.primitives.ciphers import algorithms
+from cryptography.hazmat.primitives.cmac import CMAC
+
+from firmware.protection import RX_DATA_IDS, TX_DATA_IDS
+from firmware.security import secoc
+from firmware.security.secoc_state import COUNTER_MAX, SECURED, Secoc
+from firmware.state import RX_IMU, TX_ANTI_ROLL_BAR
+
+KEY = bytes(range(100, 116))
+PAYLOAD = bytes.fromhex("1122334455667788")
+
+
+def started(reset=1, key=KEY):
+    its = Secoc()
+    secoc.start(its, list(key), reset)
+    return its
+
+
+def secured(count, reset=1, *, payload=PAYLOAD, identity=RX_DATA_IDS[RX_IMU], key=KEY):
+    """A frame as another implementation sends it."""
+    judge = CMAC(algorithms.AES(key))
+    judge.update(
+        identity.to_bytes(2, "big") + payload + reset.to_bytes(3, "big") + count.to_bytes(3, "big")
+    )
+    low = bytes([reset & 255]) + count.to_bytes(3, "big")
+    return payload + low + judge.finalize()[:4]
+
+
+def verified(its, frame, message=RX_IMU, length=SECURED):
+    return secoc.verify(its, message, list(frame.ljust(SECURED, b"\0")), length)
+
+
+def test_a_frame_sent_is_that_of_the_specification():
+    its = started(reset=0x010203)
+    for count in range(3):
+        frame = [*PAYLOAD, *[0] * 8]
+        secoc.protect(its, TX_ANTI_ROLL_BAR, frame)
+        identity = TX_DATA_IDS[TX_ANTI_ROLL_BAR]
+        assert bytes(frame) == secured(count, 0x010203, identity=identity)
+
+
+def test_every_frame_passes_once_and_lost_ones_do_not_matter():
+    its = started()
+    for count in (0, 1, 2, 7, 300, 70_000):
+        assert verified(its, secured(count)) == 1
+        assert verified(its, secured(count)) == 0
+    assert its.refused == 6
+
+
+@pytest.mark.parametrize("count", [0, 4, 5])
+def test_an_older_frame_is_refused(count):
+    its = started()
+    assert verified(its, secured(5)) == 1
+    assert verified(its, secured(count)) == 0
+    assert verified(its, secured(6)) == 1
+
+
+@pytest.mark.parametrize("bit", range(8 * SECURED))
+def test_any_bit_changed_is_refused(bit):
+    its = started()
+    assert verified(its, secured(8)) == 1
+    frame = bytearray(secured(9))
+    frame[bit // 8] ^= 1 << bit % 8
+    assert verified(its, bytes(frame)) == 0
+    assert (its.rx_freshness[RX_IMU], its.refused) == (8, 1)
+    assert verified(its, secured(9)) == 1
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [secured(3, key=bytes(16)), secured(3, identity=RX_DATA_IDS[1])],
+    ids=["another key", "another message"],
+)
+def test_what_was_authenticated_for_something_else_is_refused(frame):
+    assert verified(started(), frame) == 0
+
+
+@pytest.mark.parametrize("length", [0, 8, 12, 15, 17, 64])
+def test_another_length_is_refused(length):
+    its = started()
+    assert verified(its, secured(1), length=length) == 0
+    assert its.refused == 1
+
+
+@pytest.mark.parametrize("message", [-1, 5])
+def test_there_is_no_other_message(message):
+    its = started()
+    assert verified(its, secured(1), message=message) == 0
+    assert its.refused == 0
+
+
+def test_a_reset_of_the_sender_resynchronises_with_its_first_frame():
+    its = started()
+    assert verified(its, secured(9000, reset=1)) == 1
+    assert verified(its, secured(0, reset=2)) == 1
+    # and what it sent before is old for ever
+    assert verified(its, secured(9001, reset=1)) == 0
+    assert verified(its, secured(1, reset=2)) == 1
+
+
+@pytest.mark.parametrize(("reset", "taken"), [(127, 1), (128, 0), (255, 0)])
+def test_a_start_far_ahead_is_refused(reset, taken):
+    assert verified(started(), secured(0, reset=reset)) == taken
+
+
+def test_starts_are_counted_beyond_what_a_frame_carries():
+    its = started()
+    for reset in range(100, 1000, 100):
+        assert verified(its, secured(5, reset=reset)) == 1
+        assert its.rx_reset[RX_IMU] == reset
+
+
+def test_a_reset_of_the_receiver_resynchronises_with_the_next_frame():
+    its = started()
+    assert verified(its, secured(12345)) == 1
+    assert verified(started(), secured(12346)) == 1
+
+
+def test_messages_do_not_share_their_freshness():
+    its = started()
+    assert verified(its, secured(9)) == 1
+    assert verified(its, secured(2, identity=RX_DATA_IDS[3]), message=3) == 1
+
+
+def test_the_last_number_of_a_start_authenticates_nothing():
+    its = started()
+    its.tx_freshness[TX_ANTI_ROLL_BAR] = COUNTER_MAX - 1
+    frames = []
+    for _ in range(3):
+        frame = [*PAYLOAD, *[0] * 8]
+        secoc.protect(its, TX_ANTI_ROLL_BAR, frame)
+        frames.append(bytes(frame))
+    identity = TX_DATA_IDS[TX_ANTI_ROLL_BAR]
+    assert frames[0] == secured(COUNTER_MAX - 1, identity=identity)
+    assert frames[1][12:] == frames[2][12:] == bytes(4)
+    assert verified(started(), secured(COUNTER_MAX)) == 0
+
+
+@pytest.mark.parametrize("slot", [-1, 6])
+def test_there_is_no_other_slot(slot):
+    frame = [0] * SECURED
+    secoc.protect(started(), slot, frame)
+    assert frame == [0] * SECURED
+
+
+def test_refusals_are_counted_without_end():
+    its = started()
+    its.refused = 2**31 - 1
+    assert verified(its, secured(1), length=8) == 0
+    assert its.refused == 2**31 - 1

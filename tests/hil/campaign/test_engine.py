@@ -1,0 +1,172 @@
+"""Where chunks are driven changes nothing, and nothing that dies loses or spoils one."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from canroll.errors import CanrollError
+from hil.campaign import store
+from hil.campaign.engine import Engine, engine, results
+
+pytest.importorskip("pyarrow", reason="needs pyarrow: the extra campaign")
+
+DIGEST = "0" * 64
+CHUNKS = 12
+
+
+def work(chunk, grave=None):
+    """A chunk of some numbers; with ``grave`` the first to come to chunk 5 dies."""
+    if grave is not None and chunk == 5 and not Path(grave).exists():
+        Path(grave).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    random = np.random.default_rng(chunk)
+    return {"draw": np.arange(4) + 4 * chunk, "figure": random.random(4)}
+
+
+def fails(chunk):
+    raise CanrollError(f"chunk {chunk} cannot be")
+
+
+def tasks(*arguments):
+    return [(store.chunk_name(n), work, (n, *arguments)) for n in range(CHUNKS)]
+
+
+def opened(folder, *, resume=False):
+    return store.opened(folder / "campaign", DIGEST, {}, resume=resume)
+
+
+def joined(kept, where, *arguments):
+    names = [name for name, _, _ in results(where, kept, tasks(*arguments))]
+    assert names == [store.chunk_name(n) for n in range(CHUNKS)]
+    path = store.table_of(kept.folder)
+    kept.join(names, path)
+    return path.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    return joined(opened(tmp_path_factory.mktemp("whole")), Engine(None, 1))
+
+
+def test_a_pool_changes_nothing(whole, tmp_path):
+    with engine("local", 2) as pool:
+        assert joined(opened(tmp_path), pool) == whole
+
+
+def test_a_failing_chunk_is_one_error():
+    with engine("local", 2) as pool, pytest.raises(CanrollError, match="chunk 3 cannot be"):
+        list(results(pool, None, [("3", fails, (3,))]))
+
+
+def test_work_is_taken_up_as_results_are_taken():
+    """However many chunks there are, few are in work or waiting."""
+    started = []
+
+    def endless():
+        number = 0
+        while True:
+            started.append(number)
+            yield store.chunk_name(number), work, (number,)
+            number += 1
+
+    with engine("local", 2) as pool:
+        for _, (name, _, _) in zip(range(10), results(pool, None, endless()), strict=False):
+            assert len(started) <= int(name) + 5
+
+
+def test_a_process_that_dies_leaves_whole_chunks(whole, tmp_path):
+    """The campaign's process kills itself at chunk 5; what is there is whole, and is used."""
+    script = (
+        "import sys; sys.path.insert(0, sys.argv[1]); import test_engine as t\n"
+        "from pathlib import Path; kept = t.opened(Path(sys.argv[2]))\n"
+        "t.joined(kept, t.Engine(None, 1), sys.argv[2] + '/grave')\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", script, str(Path(__file__).parent), str(tmp_path)],
+        check=False,
+        capture_output=True,
+    )
+    assert ended.returncode == -signal.SIGKILL
+    kept = opened(tmp_path, resume=True)
+    there = sorted(path.stem for path in kept.folder.glob("*.parquet"))
+    assert there == [store.chunk_name(n) for n in range(5)]
+    again = [kept for _, _, kept in results(Engine(None, 1), kept, tasks())]
+    assert again == [True] * 5 + [False] * 7
+    assert joined(kept, Engine(None, 1)) == whole
+
+
+def test_a_worker_of_the_pool_that_dies_is_one_line(tmp_path):
+    with engine("local", 2) as pool, pytest.raises(CanrollError, match="continue with --resume"):
+        list(results(pool, opened(tmp_path), tasks(str(tmp_path / "grave"))))
+
+
+def test_a_file_being_written_is_no_chunk(tmp_path):
+    kept = opened(tmp_path)
+    part = kept.folder / ".0000000.parquet.1.part"
+    part.write_bytes(b"PAR1")
+    assert not kept.has("0000000")
+    with pytest.raises(RuntimeError, match="full"), store._placed(kept.path("0000001")) as beside:
+        beside.write_bytes(b"half")
+        raise RuntimeError("full")
+    assert list(kept.folder.glob("*.parquet")) == []
+
+
+def test_chunks_of_another_campaign_are_refused(tmp_path):
+    kept = opened(tmp_path)
+    kept.write("0000000", work(0))
+    other = store.Store(kept.folder, "1" * 64)
+    with pytest.raises(CanrollError, match="belongs to another campaign"):
+        other.read("0000000")
+
+
+@pytest.mark.slow
+def test_a_cluster_changes_nothing_though_a_worker_dies(whole, tmp_path, monkeypatch):
+    """A worker is killed at chunk 5: the scheduler gives the chunk to another."""
+    distributed = pytest.importorskip("distributed", reason="needs distributed: the extra cluster")
+    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    import test_engine
+
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        ) as cluster,
+        engine(cluster.scheduler_address, 1) as where,
+    ):
+        assert where.slots == 2
+        grave = tmp_path / "grave"
+        kept = opened(tmp_path)
+        mine = [(name, test_engine.work, (n, str(grave))) for n, (name, _, _) in enumerate(tasks())]
+        names = [name for name, _, _ in results(where, kept, mine)]
+        assert grave.exists()
+        path = store.table_of(kept.folder)
+        kept.join(names, path)
+        assert path.read_bytes() == whole
+
+
+def test_no_scheduler_is_one_line(monkeypatch):
+    pytest.importorskip("distributed", reason="needs distributed: the extra cluster")
+    monkeypatch.setattr("hil.campaign.engine.PATIENCE_S", 0.2)
+    with (
+        pytest.raises(CanrollError, match="no Dask scheduler answers there"),
+        engine("tcp://127.0.0.1:9", 1),
+    ):
+        pass
+
+
+def test_ctrl_c_keeps_the_chunks_in_work(tmp_path):
+    kept = opened(tmp_path)
+    with engine("local", 2) as pool:
+        running = results(pool, kept, tasks())
+        next(running)
+        time.sleep(0.2)
+        with pytest.raises(KeyboardInterrupt):
+            running.throw(KeyboardInterrupt)
+    assert len(list(kept.folder.glob("*.parquet"))) >= 1
+    assert joined(kept, Engine(None, 1))
