@@ -120,7 +120,8 @@ class Reaction:
 
     def to_json(self) -> dict[str, Any]:
         """Return it as plain data."""
-        return {**asdict(self), "modes": [asdict(m) for m in self.modes]}
+        lists = {name: list(asdict(self)[name]) for name in ("modes", "codes", "harm")}
+        return {**asdict(self), **lists}
 
 
 def observe(trace: Trace, passive: Trace, faults: Sequence[Fault]) -> Reaction:
@@ -139,8 +140,8 @@ def observe(trace: Trace, passive: Trace, faults: Sequence[Fault]) -> Reaction:
         no_verdict = f"it begins at {start:g} s, the run ends at {trace.duration:g} s"
     wrong, longest, _ = _wrong_side(trace, begin)
     return Reaction(
-        modes=_mode_changes(trace.ticks),
-        codes=_codes(trace.ticks),
+        modes=mode_changes(trace.ticks),
+        codes=codes_seen(trace.ticks),
         wrong_side_max_nm=wrong,
         wrong_side_s=longest,
         start=start,
@@ -153,13 +154,15 @@ def observe(trace: Trace, passive: Trace, faults: Sequence[Fault]) -> Reaction:
     )
 
 
-def _mode_changes(ticks: Table) -> tuple[ModeChange, ...]:
+def mode_changes(ticks: Table) -> tuple[ModeChange, ...]:
+    """Return every change of mode in rows of :data:`hil.runs.trace.TICK`, the first included."""
     mode = ticks["mode"].astype(int)
     places = np.flatnonzero(np.diff(mode, prepend=-1))
     return tuple(ModeChange(float(ticks["t"][i]), MODES[int(mode[i])]) for i in places)
 
 
-def _codes(ticks: Table) -> tuple[CodeSeen, ...]:
+def codes_seen(ticks: Table) -> tuple[CodeSeen, ...]:
+    """Return every fault code active in rows of :data:`hil.runs.trace.TICK`."""
     found = []
     for code, name in sorted(FAULT_CODES.items()):
         active = ticks["t"][(ticks["fault_codes"] >> code) & 1 == 1]
@@ -186,7 +189,7 @@ def _detection(trace: Trace, start: float) -> tuple[float, str] | None:
     time = trace.signals["time"]
     released = np.flatnonzero((time[1:] > start) & (held[1:] == 0) & (held[:-1] > 0))
     found += [(float(time[i + 1]), "command released") for i in released[:1]]
-    return min(found, default=None)
+    return min(found, key=lambda entry: entry[0], default=None)
 
 
 def _wrong_side(trace: Trace, begin: float) -> tuple[float, float, float | None]:

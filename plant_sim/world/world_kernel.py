@@ -212,6 +212,7 @@ def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> 
             row == its.place[envelope.FRAME]
             and entry.segment == clock[ACTUATOR_SEGMENT]
             and bus.took(entry.outcome, entry.missed, bus.ACTUATOR)
+            and bus.hears(network, bus.ACTUATOR, entry.t_received)
         ):
             supervision = world.actuators.supervision
             envelope.hear(its, world.tables, supervision, entry.payload, entry.t_received)
