@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from canroll.errors import UNREADABLE, CanrollError
 from hil.realtime.hardware.bus_record import ENTRY
 from hil.realtime.plant_loop import Outcome
-from hil.runs import archive
+from plant_sim.world import archive
 from plant_sim.world.spool import Table
 from plant_sim.world.world import World
 

@@ -24,8 +24,8 @@ from firmware.subset import fields
 from gain_gen.calibration.record import fill
 from hil.realtime.bus_link import Frame
 from hil.realtime.hardware.bus_record import ENTRY
-from hil.runs import archive
 from hil.runs.trace import TICK, record_tick
+from plant_sim.world import archive
 
 TICKS = np.dtype(
     [

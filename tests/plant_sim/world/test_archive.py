@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from canroll.errors import UNREADABLE
-from hil.runs import archive
-from plant_sim.world import spool
+from plant_sim.world import archive, spool
 from plant_sim.world.spool import Rows, as_columns
 
 ROW = np.dtype([("t", "f8"), ("payload", "u1", (3,))])
