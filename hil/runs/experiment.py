@@ -107,7 +107,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
     )
     # an option that the manoeuvre does not know is refused here, and a phase that cannot be
-    _maneuver(settings)
+    maneuver_of(settings)
     if settings.phase is not None:
         phase.checked_cycle_ns(round(settings.tick * 1e9), round(settings.phase * 1e9))
     return settings, controller
@@ -130,7 +130,7 @@ def simulate(
         return assess(settings, controller, passive, None)
     controlled = drive(settings, controller, enabled=True, duration=duration, progress=progress)
     replayed = None
-    if steering_replay.differs(_maneuver(settings), passive, controlled):
+    if steering_replay.differs(maneuver_of(settings), passive, controlled):
         steer = passive.signals["steer"]
         replayed = drive(
             settings, controller, enabled=True, duration=duration, progress=progress, steer=steer
@@ -153,7 +153,7 @@ def drive(
     ``steer``: angle at the road wheels, rad, one value per millisecond, replayed instead of the
     driver's steering. ``kept``: what the trace has of signals and frames.
     """
-    maneuver = _maneuver(settings)
+    maneuver = maneuver_of(settings)
     stage = "controlled" if enabled else "passive"
     if steer is not None:
         maneuver, stage = maneuvers.replay(maneuver, steer), "replay"
@@ -201,7 +201,7 @@ def build_world(
         vehicle=settings.vehicle,
         body=settings.plant,
         actuator=settings.actuator,
-        maneuver=maneuver or _maneuver(settings),
+        maneuver=maneuver or maneuver_of(settings),
         profile=settings.profile,
         seed=settings.seed,
         enabled=enabled,
@@ -214,7 +214,8 @@ def build_world(
     )
 
 
-def _maneuver(settings: Settings) -> maneuvers.Maneuver:
+def maneuver_of(settings: Settings) -> maneuvers.Maneuver:
+    """Return the manoeuvre of ``settings``."""
     return maneuvers.build(
         settings.scenario,
         settings.vehicle,
@@ -237,7 +238,7 @@ def assess(
     replayed: Trace | None = None,
 ) -> Result:
     """Return the figures of a pair of runs and of the replay, if any."""
-    maneuver = _maneuver(settings)
+    maneuver = maneuver_of(settings)
     seen = passive if controlled is None else controlled
     delay = delay_of(settings)
     names = names_of(settings.profile)

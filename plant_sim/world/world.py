@@ -31,6 +31,7 @@ from plant_sim.world.world_kernel import (
     OUTBOX,
     ROWS,
     STEP_NS,
+    Parts,
     advance,
 )
 from vehicles.model import Vehicle
@@ -133,6 +134,11 @@ class World:
         self._signals = Columns(kept.signals)
         self._commands = Rows(recording.COMMAND)
         self._steps = 0
+
+    @property
+    def parts(self) -> Parts:
+        """All data of the kernel."""
+        return self._parts
 
     @property
     def room(self) -> int:
