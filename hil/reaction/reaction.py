@@ -154,14 +154,14 @@ def observe(trace: Trace, passive: Trace, faults: Sequence[Fault]) -> Reaction:
     )
 
 
-def mode_changes(ticks: NDArray[np.void]) -> tuple[ModeChange, ...]:
+def mode_changes(ticks: Table) -> tuple[ModeChange, ...]:
     """Return every change of mode in rows of :data:`hil.runs.trace.TICK`, the first included."""
     mode = ticks["mode"].astype(int)
     places = np.flatnonzero(np.diff(mode, prepend=-1))
     return tuple(ModeChange(float(ticks["t"][i]), MODES[int(mode[i])]) for i in places)
 
 
-def codes_seen(ticks: NDArray[np.void]) -> tuple[CodeSeen, ...]:
+def codes_seen(ticks: Table) -> tuple[CodeSeen, ...]:
     """Return every fault code active in rows of :data:`hil.runs.trace.TICK`."""
     found = []
     for code, name in sorted(FAULT_CODES.items()):

@@ -112,8 +112,17 @@ def compiled_ticks(
     connection = connected(world, ecu)
     images = np.empty((BLOCK, len(connection.image)), np.uint8)
     world.advance(0)
-    t = offset_ns
+    t, powered = offset_ns, True
     while (left := (end_ns - t) // tick_ns) > 0 and not world.finished:
+        left = _before_outage(world, t, tick_ns, left)
+        if left == 0:
+            t += tick_ns
+            world.advance(t)
+            powered = False
+            continue
+        if not powered:
+            ecu.restart()
+            powered = True
         interrupted = None
         try:
             world.run_ticks(
@@ -128,6 +137,15 @@ def compiled_ticks(
             raise interrupted
     if not world.finished and t < end_ns:
         world.advance(end_ns)
+
+
+def _before_outage(world: World, t: int, tick_ns: int, left: int) -> int:
+    """Return how many of the ``left`` ticks after ``t`` come before the next in an outage."""
+    for start, end in world.outages:
+        first = max(-((t - start) // tick_ns), 1)
+        if t + first * tick_ns < end:
+            left = min(left, first - 1)
+    return left
 
 
 def connected(world: World, ecu: NativeEcu) -> Connection:
@@ -194,7 +212,8 @@ def closed_loop(
         Interrupted: Ctrl-C; it carries the recorded trace.
     """
     end = world.duration_ns if duration_ns is None else min(duration_ns, world.duration_ns)
-    ticked = _Ticks(type(ecu.state))
+    # of a native ECU without a copy of its state
+    ticked = _Ticks(ecu.firmware.record if isinstance(ecu, NativeEcu) else type(ecu.state))
     loop = _loop(
         world, ecu, tick_ns=tick_ns, end_ns=end, offset_ns=offset_ns, run_time_ns=run_time_ns
     )
@@ -209,7 +228,7 @@ def closed_loop(
 
 
 def _loop(world: World, ecu: Backend, **times: int) -> Iterator[tuple[int, bytes]]:
-    if isinstance(ecu, NativeEcu) and times["tick_ns"] <= CHUNK_NS and not world.outages:
+    if isinstance(ecu, NativeEcu) and times["tick_ns"] <= CHUNK_NS:
         return compiled_ticks(world, ecu, **times)
     return observed_ticks(world, ecu, **times)
 

@@ -1,5 +1,8 @@
 """Recording of a run: one row of signals per millisecond, and every applied command."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -111,6 +114,19 @@ def record(
     row[ACTUATOR + 13] = node.envelope.memory[envelope.ACTED]
 
 
-def signal_block(rows: NDArray[np.float64], times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows of the kernel as a block of :class:`Columns` named :data:`NAMES`; ``times`` in s."""
-    return np.vstack((times, rows[:, list(SIGNALS.values())].T))
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """What is kept of a run: signals by name, and whether the bus log is."""
+
+    signals: tuple[str, ...] = NAMES
+    frames: bool = True
+
+
+EVERYTHING = Kept()
+
+
+def signal_block(
+    rows: NDArray[np.float64], times: NDArray[np.float64], names: Sequence[str]
+) -> NDArray[np.float64]:
+    """Rows of the kernel as a block of :class:`Columns` named ``names``; ``times`` in s."""
+    return np.vstack([times if name == "time" else rows[:, SIGNALS[name]] for name in names])

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numba import int64, typeof
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
@@ -17,11 +16,13 @@ from plant_sim.bodies import body as body_named
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.faults import Fault
 from plant_sim.faults.effects import with_faults
+from plant_sim.kernels.records import entry
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import fault_parts, recording, world_parts
 from plant_sim.world.ecu_kernel import Connection, Ticks, run
+from plant_sim.world.recording import EVERYTHING, Kept
 from plant_sim.world.spool import Columns, Rows
 from plant_sim.world.world_kernel import (
     APPLIED_COMMANDS,
@@ -60,6 +61,7 @@ class World:
         sensors: operating conditions of the sensors.
         actuators: operating conditions of the actuators.
         faults: what fails (:mod:`plant_sim.faults`), on top of the faults in those conditions.
+        kept: what is kept of the run.
         bus: further options of ``can_bus.make_network``.
 
     Attributes:
@@ -84,6 +86,7 @@ class World:
         sensors: SensorOptions | None = None,
         actuators: ActuatorOptions | None = None,
         faults: Sequence[Fault] = (),
+        kept: Kept = EVERYTHING,
         **bus: Any,  # noqa: ANN401
     ) -> None:
         hydraulic = body == "linear_car" and actuator == "valves"
@@ -124,12 +127,11 @@ class World:
         self._fd = world_parts.fd_keys(memory["tables"]["message"])
         self._received: NDArray[Any] = memory["received"]
         self._outputs: NDArray[np.float64] = memory["outputs"]
-        # Called by its entry point: to type the arguments anew costs more than a step of the plant.
-        kernel: Any = advance
-        self._kernel = kernel.compile((typeof(self._parts), int64))
+        self._kernel = entry(advance, (self._parts, 0))
         self._drained = 0
+        self._kept = kept
         self._log = Rows(can_bus.log_dtype())
-        self._signals = Columns(recording.NAMES)
+        self._signals = Columns(kept.signals)
         self._commands = Rows(recording.COMMAND)
         self._steps = 0
 
@@ -199,7 +201,8 @@ class World:
             self._recorded.feed(before_ns + period_ns)
         stop = self._drained + world_parts.LOG_CAPACITY // 2
         ticks = Ticks(before_ns, period_ns, run_time_ns, stop)
-        run(self._parts, ecu, ticks, images)
+        arguments = (self._parts, ecu, ticks, images)
+        entry(run, arguments)(*arguments)
         self._keep()
 
     def advance(self, until_ns: int) -> NDArray[Any]:
@@ -229,13 +232,13 @@ class World:
 
     @property
     def signals(self) -> Columns:
-        """Signals by name (``recording.NAMES``), one value per millisecond."""
+        """The signals that are kept, one value per millisecond."""
         self._take_record()
         return self._signals
 
     @property
     def frames(self) -> Rows:
-        """The whole bus log so far (``can_bus.log_dtype``), in the order of reception."""
+        """The whole bus log so far (``can_bus.log_dtype``), in the order of reception, if kept."""
         self._drain()
         return self._log
 
@@ -284,7 +287,9 @@ class World:
         """Move what the kernel has recorded to the tables of the run."""
         steps, applied = self._clock[ROWS], self._clock[APPLIED_COMMANDS]
         times = np.arange(self._steps + 1, self._steps + steps + 1) * (STEP_NS * 1e-9)
-        self._signals.append(recording.signal_block(self._parts.rows[:steps], times))
+        self._signals.append(
+            recording.signal_block(self._parts.rows[:steps], times, self._kept.signals)
+        )
         commands = self._parts.commands
         self._commands.append(commands[:applied].view(recording.COMMAND)[:, 0])
         # the next one may be accepted already, and waits for the step that applies it
@@ -293,6 +298,9 @@ class World:
         self._clock[ROWS] = self._clock[APPLIED_COMMANDS] = 0
 
     def _drain(self) -> None:
+        if not self._kept.frames:
+            self._drained = self._bus_clock[can_bus.LOGGED]
+            return
         entries, self._drained, missed = can_bus.drain(self._parts.network, self._drained)
         assert missed == 0
         self._log.append(entries)
