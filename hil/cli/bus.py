@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
+from firmware.services.xcp_state import N_ODT
 from hil.cli.bus_parsers import COMMANDS, SENSOR
 from hil.realtime.hardware.interfaces import is_loopback
 from hil.report import network_bus, recorded_bus
@@ -64,6 +65,10 @@ def run(args: argparse.Namespace) -> int:
     """Analyse, simulate and print; or serve until interrupted."""
     _split_channel(args)
     _check(args)
+    if args.xcp is not None and not 0 <= args.xcp <= N_ODT:
+        raise CanrollError(f"--xcp must be 0 to {N_ODT} frames, got {args.xcp}")
+    if args.xcp is not None and (is_log(args.file) or not _of_network(args)):
+        raise CanrollError("--xcp requires a network or the name of a bus, such as 500k")
     if is_log(args.file):
         return _run_log(args)
     if _of_network(args):
@@ -125,6 +130,8 @@ def _of_network(args: argparse.Namespace) -> bool:
 def _run_network(args: argparse.Namespace) -> int:
     """Bound and simulate all messages of a network, over its gateways."""
     profile = load_profile(str(args.file), args.dbc, args.map)
+    if args.xcp is not None:
+        profile = replace(profile, measured=(args.xcp, args.tick))
     command = args.command or _command_among(messages_of(profile))
     answer = network_bus.analyse(
         profile,

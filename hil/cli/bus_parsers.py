@@ -77,6 +77,12 @@ def bus(parser: argparse.ArgumentParser) -> None:
         help="simulate every frame with the maximum number of stuff bits",
     )
     parser.add_argument(
+        "--xcp",
+        type=int,
+        metavar="N",
+        help="on a network: the ECU also sends N frames of measurements by XCP in every tick",
+    )
+    parser.add_argument(
         "--error-interval",
         type=float,
         metavar="MS",
@@ -234,7 +240,14 @@ def ecu(parser: argparse.ArgumentParser) -> None:
         f"(default: {DEFAULT_PHASE_MS:g})",
     )
     parser.add_argument("--trace", type=Path, metavar="FILE", help="write the trace of all ticks")
-    parser.add_argument("--replay", type=Path, metavar="FILE", help="replay a trace and compare")
+    parser.add_argument(
+        "--replay",
+        type=Path,
+        metavar="FILE",
+        help="replay a trace of --trace and compare; or run through a bus log (.mf4 .blf .asc …), "
+        "open loop",
+    )
+    add_answer(parser, "the page of a bus log")
     add_services(parser)
 
 

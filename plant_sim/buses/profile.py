@@ -29,6 +29,7 @@ class BusProfile:
     joined to the vehicle's by a gateway. ``data_bitrate``: of FD frames with bit-rate switch, 0:
     as ``bitrate``. ``dbc`` and ``map_file``: the frames that carry our signals, both None for those
     of the contract. ``traffic``: a traffic set that is the background, whatever ``load`` says.
+    ``measured``: frames that the ECU's XCP slave sends every so many ms, besides the ``load``.
     ``topology``: segments and gateways of any number; what is said of one bus above is then that of
     the ECU's segment.
     """
@@ -44,6 +45,7 @@ class BusProfile:
     map_file: Path | None = None
     traffic: Path | None = None
     topology: Topology | None = None
+    measured: tuple[int, float] = (0, 10.0)
 
     @property
     def network(self) -> Topology:

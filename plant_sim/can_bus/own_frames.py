@@ -1,6 +1,6 @@
 """The frames that carry our signals on a bus: those of the contract, or of a user's DBC and map."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -11,7 +11,7 @@ from cantools.database import Signal
 import dbc
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.generated.bus_map import EXTENDED as EXTENDED_IDENT
-from codegen.generated.bus_map import BusMap, Mailbox, load
+from codegen.generated.bus_map import BusMap, Mailbox, frame_ident, load
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
@@ -127,6 +127,37 @@ def own_messages(
     )
     bus = None if profile is None else bus_map(profile)
     return contract if bus is None else _placed(contract, command, bus)
+
+
+def measurement_messages(profile: BusProfile, taken: Collection[int]) -> list[BusMessage]:
+    """Return the frames of measurements by XCP, each as a message of its own.
+
+    On the bus they have one identifier and follow each other; here they have free ones from it on,
+    which gives all others the same bounds. ``taken`` are identifiers in use.
+
+    Raises:
+        CanrollError: the map has no XCP, or there are not enough identifiers.
+    """
+    count, period_ms = profile.measured
+    if count == 0:
+        return []
+    bus = load(profile.dbc or dbc.PATH, profile.map_file or CONTRACT_MAP)
+    if bus.xcp is None:
+        raise CanrollError(f"{profile.map_file}: has no table [xcp]: add it, or omit --xcp")
+    first = frame_ident(bus.xcp.slave)
+    wide = bool(first & EXTENDED_IDENT)
+    last = (1 << 29 if wide else 1 << 11) - 1
+    free = [i for i in range(first & (EXTENDED_IDENT - 1), last + 1) if i not in taken]
+    if len(free) < count:
+        raise CanrollError(
+            f"--xcp: only {len(free)} identifiers are free from 0x{first:X} on: fewer frames, or a "
+            "lower one in [xcp]"
+        )
+    flags = EXTENDED if wide else 0
+    return [
+        BusMessage(f"XcpMeasurement{k + 1}", ident, 8, period_ms * MS, "RollControl", flags=flags)
+        for k, ident in enumerate(free[:count])
+    ]
 
 
 def frame_names(profile: BusProfile) -> dict[str, str]:

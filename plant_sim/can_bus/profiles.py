@@ -19,6 +19,7 @@ from plant_sim.can_bus.network_spec import network_spec
 from plant_sim.can_bus.own_frames import (
     DEFAULT_COMMAND,
     frame_names,
+    measurement_messages,
     messages_of,
     own_messages,
 )
@@ -53,9 +54,8 @@ def routed_messages(
     own = own_messages(command, profile)
     given = [_of_file(profile, segment, own) for segment in range(len(topology.segments))]
     routed = list(route(topology, own, given, frame_names(profile), known=messages_of(profile)))
-    if isinstance(profile, RecordedProfile):
-        return tuple(routed)
-    for number, segment in enumerate(topology.segments):
+    filled = () if isinstance(profile, RecordedProfile) else enumerate(topology.segments)
+    for number, segment in filled:
         if segment.traffic is None:
             filling = background_messages(
                 [r.message for r in routed if number in r.segments],
@@ -67,6 +67,9 @@ def routed_messages(
                 data_bitrate=segment.data_bitrate,
             )
             routed += [RoutedMessage(message, number) for message in filling]
+    home = topology.place("RollControl")
+    taken = {r.message.ident for r in routed if home in r.segments}
+    routed += [RoutedMessage(m, home) for m in measurement_messages(profile, taken)]
     return tuple(routed)
 
 

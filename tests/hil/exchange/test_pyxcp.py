@@ -2,6 +2,7 @@
 
 import importlib.util
 import struct
+import sys
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,6 +17,12 @@ for name in ("asammdf", "pya2l.a2lparser", "pyxcp"):
 XcpResponseError = pytest.importorskip("pyxcp.types", reason="needs pyxcp").XcpResponseError
 
 ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(autouse=True)
+def no_arguments(monkeypatch):
+    """pyxcp would read those of pytest."""
+    monkeypatch.setattr(sys, "argv", ["pyxcp"])
 
 
 @pytest.fixture(scope="module")
