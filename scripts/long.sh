@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
 #   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract limit_cycles
-#                                  false_alarms reproduce
+#                                  false_alarms reproduce campaign rollover splitting
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
@@ -34,7 +34,7 @@ print(json.load(sys.stdin)[\"verdict\"])"
 done'
 
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles false_alarms reproduce}"; do
+for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles false_alarms reproduce campaign rollover splitting}"; do
     for part in $name; do
         case $part in
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
@@ -53,6 +53,14 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
             limit_cycles) keep limit_cycles bash -c "$LIMIT_CYCLES" ;;
             false_alarms) keep false_alarms python -m tools.validation.false_alarms --runs 10000 ;;
             reproduce) keep reproduce canroll reproduce ;;
+            campaign) keep campaign scripts/campaign-evidence 10000 ;;
+            rollover)
+                fishhook=examples/campaigns/fishhook.toml
+                keep rollover canroll campaign $fishhook
+                keep rollover_splitting canroll campaign $fishhook --rare rollover
+                keep rollover_passive_splitting canroll campaign $fishhook \
+                    --rare rollover_passive ;;
+            splitting) keep splitting scripts/splitting-coverage ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac
     done

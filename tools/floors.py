@@ -13,12 +13,12 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("canroll.build_cache", "canroll.errors"),
+    ("canroll.apart", "canroll.build_cache", "canroll.errors"),
     ("canroll.extension", "canroll.typing"),
     ("canroll.registry",),
     ("plant_sim.kernels", "dbc", "firmware", "vehicles"),
     ("plant_sim.can_bus.wire", "plant_sim.buses", "codegen.subset"),
-    ("plant_sim.can_bus.kernel", "codegen.proof"),
+    ("plant_sim.can_bus.kernel", "codegen.proof", "codegen.kernels"),
     ("plant_sim.can_bus.traffic", "codegen.c99"),
     ("codegen.generated",),
     ("plant_sim.can_bus",),
@@ -46,7 +46,8 @@ FLOORS: tuple[tuple[str, ...], ...] = (
 """Rooms, lowest floor first; the three lowest hold single files."""
 
 GROUND = tuple(
-    f"canroll.{name}" for name in ("build_cache", "errors", "extension", "registry", "typing")
+    f"canroll.{name}"
+    for name in ("apart", "build_cache", "errors", "extension", "registry", "typing")
 )
 """Files of ``canroll`` that all may import; the rest of it is on the highest floor."""
 LOOP = "firmware"

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, MissingExtraError
+from plant_sim.world.spool import pieces
 
 SUFFIXES = (".csv", ".mf4")
 _UNITS = {
@@ -69,9 +70,11 @@ def write_signals(path: str | Path, signals: Mapping[str, NDArray[np.float64]]) 
     if path.suffix.lower() == ".mf4":
         _write_mf4(path, signals)
         return path
-    columns = np.column_stack(list(signals.values()))
     try:
-        np.savetxt(path, columns, fmt="%.9g", delimiter=",", header=",".join(signals), comments="")
+        with path.open("w", encoding="latin-1") as file:
+            file.write(",".join(signals) + "\n")
+            for columns in pieces(signals, *signals):
+                np.savetxt(file, np.column_stack(columns), fmt="%.9g", delimiter=",")
     except OSError as error:
         raise CanrollError(f"cannot write {path}: {error.strerror or error}") from error
     return path
