@@ -37,8 +37,10 @@ def command_of(actuator: str, command: str | None) -> str:
     """Return the message that commands an actuator, by default its first.
 
     Raises:
-        UnknownNameError: it does not accept such a message.
+        UnknownNameError: no such actuator, or it does not accept such a message.
     """
+    if actuator not in actuator_setup.COMMANDS:
+        raise UnknownNameError("actuator", actuator, actuator_setup.COMMANDS)
     known = [name for name, _, _ in actuator_setup.COMMANDS[actuator]]
     if command is not None and command not in known:
         raise UnknownNameError(f"command of actuator '{actuator}'", command, known)
