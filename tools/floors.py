@@ -18,7 +18,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("canroll.registry",),
     ("plant_sim.kernels", "dbc", "firmware", "vehicles"),
     ("plant_sim.can_bus.wire", "plant_sim.buses", "codegen.subset"),
-    ("plant_sim.can_bus.kernel", "codegen.proof"),
+    ("plant_sim.can_bus.kernel", "codegen.proof", "codegen.kernels"),
     ("plant_sim.can_bus.traffic", "codegen.c99"),
     ("codegen.generated",),
     ("plant_sim.can_bus",),

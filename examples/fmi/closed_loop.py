@@ -1,6 +1,6 @@
 """Couple FMUs at their CAN terminals (fmi-ls-bus, low cut) with FMPy, in the order of their clocks.
 
-    python closed_loop.py 3.0 ecu.fmu:CAN=bus.fmu:Node1 plant.fmu:CAN=bus.fmu:Node2
+    python closed_loop.py 3.0 ecu.fmu:CAN=bus.fmu:Node1 plant.fmu:Sensors=bus.fmu:Node2
 
 Every instant is a whole number of nanoseconds. At each instant at which a Tx clock ticks, all FMUs
 step there, the ticking terminals are read, and what they send is handed to the terminals they are
@@ -12,6 +12,7 @@ import sys
 import tempfile
 import xml.etree.ElementTree as Xml
 from collections.abc import Iterable, Iterator, Mapping
+from ctypes import c_int, c_uint32, c_uint64
 from pathlib import Path
 
 import fmpy
@@ -68,13 +69,17 @@ class Fmu:
     def next_tick(self, port: str) -> int | None:
         """Return when the Tx clock of a terminal ticks next, after now; None if unknown."""
         clock = self.variables[f"{port}.Tx_Clock"]
-        if clock.intervalVariability == "constant":
-            period, shift = int(clock.intervalCounter), int(clock.shiftCounter or 0)
-            return shift + period * max(0, (self.now - shift) // period + 1)
-        counters, resolutions, qualifiers = self.slave.getIntervalFraction([clock.valueReference])
-        if qualifiers[0] == NOT_YET_KNOWN:
+        counter, resolution, known = (c_uint64 * 1)(), (c_uint64 * 1)(), (c_int * 1)()
+        reference, instance = (c_uint32 * 1)(clock.valueReference), self.slave.component
+        self.slave.fmi3GetIntervalFraction(instance, reference, 1, counter, resolution, known)
+        if known[0] == NOT_YET_KNOWN:
             return None
-        return self.now + int(counters[0]) * (10**9 // int(resolutions[0]))
+        interval = counter[0] * (10**9 // resolution[0])
+        if clock.intervalVariability == "countdown":
+            return self.now + interval
+        self.slave.fmi3GetShiftFraction(instance, reference, 1, counter, resolution)
+        shift = counter[0] * (10**9 // resolution[0])
+        return shift + interval * max(0, (self.now - shift) // interval + 1)
 
     def read(self, ticking: Iterable[str]) -> dict[str, bytes]:
         """Enter event mode, let the Tx clocks of the terminals tick and return what they send."""

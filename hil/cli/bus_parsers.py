@@ -240,7 +240,14 @@ def ecu(parser: argparse.ArgumentParser) -> None:
         f"(default: {DEFAULT_PHASE_MS:g})",
     )
     parser.add_argument("--trace", type=Path, metavar="FILE", help="write the trace of all ticks")
-    parser.add_argument("--replay", type=Path, metavar="FILE", help="replay a trace and compare")
+    parser.add_argument(
+        "--replay",
+        type=Path,
+        metavar="FILE",
+        help="replay a trace of --trace and compare; or run through a bus log (.mf4 .blf .asc …), "
+        "open loop",
+    )
+    add_answer(parser, "the page of a bus log")
     add_services(parser)
 
 

@@ -1,6 +1,8 @@
-"""``canroll ecu``: the ECU alone, in real time, on any python-can bus."""
+"""``canroll ecu``: the ECU alone, in real time on any python-can bus, or on a recorded drive."""
 
 import argparse
+import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import dbc
@@ -8,19 +10,31 @@ from canroll.errors import CanrollError, VerdictError
 from codegen.run.backends import default_backend, open_backend
 from codegen.run.bus_firmware import BusFirmware, built_in, with_services
 from codegen.run.served import open_ecu
+from firmware.event_trigger import command_slot
 from firmware.state import RX_IMU
+from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.calibration.calibration_file import load as load_calibration
+from hil.cli import terminal
 from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, OF_AN_ECU, PEER_TIMEOUT
-from hil.cli.options import choices_of, chosen_services
+from hil.cli.options import choices_of, chosen_services, folder_of
 from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
 from hil.realtime.bus_link import CanLink, open_link
 from hil.realtime.hardware import bus_record
 from hil.realtime.phase_lock import PhaseLock
 from hil.realtime.plant_loop import sent_by
+from hil.report.run_folder import page_folder, write_page
 from hil.runs import phase
 from hil.runs.frozen import firmware_of, profile_of, stage_of
+from hil.studies import recorded_drive
+from hil.studies.recorded_drive_page import drive_page, reception_table
+from plant_sim.can_bus.traffic.log_reader import is_log, read_log, select_channel
 
 MODES = dbc.names("RollControlStatus", "Mode")
+ONLY_ON_A_BUS = (
+    *("interface", "bitrate", "fd", "data_bitrate", "duration", "phase_ms", "trace", "pace"),
+    *("side_channel", "peer_timeout", "cpu", "xcp", "uds"),
+)
+"""Options of the ECU in real time that a recorded drive has no use for."""
 TRACE_SECONDS = 600
 FRAMES_PER_SECOND = 700
 """Upper bound of the frame rate of the bus contract, with reserve."""
@@ -56,7 +70,7 @@ def nanoseconds(seconds: float | None, option: str) -> int | None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run until stopped, or replay a trace; 0 unless a replay differs."""
+    """Run until stopped, or replay a trace or a recorded drive; 0 unless a trace differs."""
     backend = args.backend or default_backend()
     profile = profile_of(choices_of(args, OF_AN_ECU))
     loaded = None if args.calibration is None else load_calibration(args.calibration)
@@ -67,10 +81,15 @@ def run(args: argparse.Namespace) -> int:
             f"--{services[0]} requires --pace realtime: a tool does not wait for grants"
         )
     firmware = with_services(firmware_of(profile, stage), services)
-    if args.replay is not None:
+    drive = args.replay is not None and is_log(args.replay)
+    if not drive and (args.out is not None or args.json):
+        raise CanrollError("--out and --json belong to --replay of a bus log")
+    if args.replay is not None and not drive:
         return replay(args.replay, backend, firmware)
     if loaded is None:
         raise CanrollError("--calibration FILE is required; create one with 'canroll design'")
+    if drive:
+        return replay_drive(args, loaded, firmware, backend)
     duration = nanoseconds(args.duration, "--duration")
     timeout = peer_timeout(args)
     calibration = loaded.record
@@ -220,4 +239,49 @@ def replay(path: Path, backend: str, firmware: BusFirmware) -> int:
         raise VerdictError(f"{path}: backend '{backend}' differs: {again.difference}")
     sent = int(trace.frames["sent"].sum())
     print(f"{backend}: {len(trace.ticks)} ticks, {sent} frames, identical byte for byte")
+    return 0
+
+
+def replay_drive(
+    args: argparse.Namespace, loaded: LoadedCalibration, firmware: BusFirmware, backend: str
+) -> int:
+    """Drive the firmware with a bus log and show what it made of it.
+
+    Raises:
+        CanrollError: an option that only a bus has, an unreadable log, or none of its frames.
+    """
+    for name in ONLY_ON_A_BUS:
+        given = getattr(args, name, None)
+        if given is not None and given is not False and given != "realtime":
+            option = name.removesuffix("_ms").replace("_", "-")
+            raise CanrollError(f"--{option}: a recorded drive has no bus; omit it")
+    out = page_folder(folder_of(args))
+    logged = select_channel(args.replay, read_log(args.replay), getattr(args, "channel", None))
+    database = dbc.load() if args.dbc is None else dbc.read(Path(args.dbc))[0]
+    name = firmware.bus.transmitted[command_slot(loaded.record)].name
+    with terminal.progress(quiet=args.json) as progress:
+        drive = recorded_drive.replay(
+            logged,
+            loaded.record,
+            firmware,
+            database.get_message_by_name(name),
+            backend=backend,
+            progress=progress,
+        )
+    parameters = [
+        ("log", str(args.replay)),
+        ("calibration", f"{args.calibration} (id {loaded.record.id})"),
+        ("bus", args.dbc or "canroll's own frames"),
+        ("firmware run by", backend),
+    ]
+    texts = {"report": (".html", lambda: drive_page(drive, args.replay.name, parameters))}
+    about = {"log": str(args.replay), "channel": logged.channel, **drive.to_json()}
+    data: Mapping[str, object] = {"files": {}, **write_page(out, "drive", texts, about)}
+    if args.json:
+        print(json.dumps(data))
+    else:
+        terminal.show_verdict(drive.verdict, good=None)
+        terminal.show_warnings(drive.warnings)
+        terminal.show_table(reception_table(drive))
+        terminal.show_files(data["files"])  # type: ignore[arg-type]
     return 0

@@ -502,7 +502,9 @@ COMMANDS = {
     "plant": Command("the vehicle alone, on any python-can interface", "bus_parsers:plant"),
     "watch": Command("watch the roll controller from the bus"),
     "export-c": Command("export the controller as C99 with test vectors"),
-    "export-fmu": Command("export the ECU as an FMU (FMI 3.0)", handler="exchange.export_fmu:run"),
+    "export-fmu": Command(
+        "export ECU, plant or bus as an FMU (FMI 3.0)", handler="exchange.export_fmu:run"
+    ),
     "timing": Command("instructions, stack and sizes on the target; budget verdict", timing),
     "prove": Command("prove the loop free of overflow for every accepted calibration", prove),
     "reproduce": Command("recompute the tables of the four papers", reproduce),

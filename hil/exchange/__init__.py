@@ -1,1 +1,1 @@
-"""What programs of others read and ask: an ECU for their tools, runs in their formats."""
+"""Runs and their parts for other tools: FMUs, signal files, data sets; and models of theirs."""

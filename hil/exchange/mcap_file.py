@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.runs.logs import messages
+from plant_sim.world.spool import Table, pieces
 
 SIGNALS = "/vehicle"
 FRAMES = "/can"
@@ -37,7 +38,7 @@ class Contents:
     signals: Mapping[str, NDArray[np.float64]]
     units: Mapping[str, str]
     texts: Mapping[str, str]
-    frames: NDArray[np.void] | None = None
+    frames: Table | None = None
     dbc: Path | None = None
 
 
@@ -63,12 +64,13 @@ def write(path: Path, contents: Contents) -> None:
         }
         schema = {"type": "object", "properties": properties}
         channel = _channel(writer, SIGNALS, "canroll.Vehicle", schema)
-        rows = np.column_stack([signals[name] for name in names]).tolist()
-        for time, row in zip(_nanoseconds(signals["time"]), rows, strict=True):
-            # JSON has no NaN
-            values = {name: None if isnan(x) else x for name, x in zip(names, row, strict=True)}
-            text = json.dumps(values, allow_nan=False)
-            writer.add_message(channel, time, text.encode(), time)
+        for times, *columns in pieces(signals, "time", *names):
+            rows = np.column_stack(columns).tolist()
+            for time, row in zip(_nanoseconds(times), rows, strict=True):
+                # JSON has no NaN
+                values = {name: None if isnan(x) else x for name, x in zip(names, row, strict=True)}
+                text = json.dumps(values, allow_nan=False)
+                writer.add_message(channel, time, text.encode(), time)
         if contents.frames is not None:
             _write_frames(writer, contents.frames)
         writer.finish()
@@ -85,7 +87,7 @@ def _channel(writer: object, topic: str, name: str, schema: Mapping[str, object]
     return int(writer.register_channel(topic, "json", ident))  # type: ignore[attr-defined]
 
 
-def _write_frames(writer: object, frames: NDArray[np.void]) -> None:
+def _write_frames(writer: object, frames: Table) -> None:
     channels: dict[int, int] = {}
     for message in messages(frames):
         segment = int(str(message.channel))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError, MissingExtraError
 from hil.exchange import mcap_file
 from hil.runs.signal_units import unit
+from plant_sim.world.spool import Table, pieces
 
 EXTRAS = {
     ".mf4": ("asammdf", "asammdf"),
@@ -30,7 +31,7 @@ class About:
     """What goes with the signals: texts by name, frames of the bus, the network description."""
 
     texts: Mapping[str, str] = field(default_factory=dict)
-    frames: NDArray[np.void] | None = None
+    frames: Table | None = None
     dbc: Path | None = None
 
 
@@ -75,12 +76,17 @@ def write_signals(
                 contents = mcap_file.Contents(signals, units, about.texts, about.frames, about.dbc)
                 mcap_file.write(path, contents)
             case _:
-                columns = np.column_stack(list(signals.values()))
-                head = ",".join(signals)
-                np.savetxt(path, columns, fmt="%.9g", delimiter=",", header=head, comments="")
+                _write_csv(path, signals)
     except OSError as error:
         raise CanrollError(f"cannot write {path}: {error.strerror or error}") from error
     return path
+
+
+def _write_csv(path: Path, signals: Mapping[str, NDArray[np.float64]]) -> None:
+    with path.open("w", encoding="latin-1") as file:
+        file.write(",".join(signals) + "\n")
+        for columns in pieces(signals, *signals):
+            np.savetxt(file, np.column_stack(columns), fmt="%.9g", delimiter=",")
 
 
 def _write_mf4(path: Path, signals: Mapping[str, NDArray[np.float64]], about: About) -> None:

@@ -30,6 +30,7 @@ from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS, closed_loop
 from plant_sim.driving import MANEUVERS, maneuvers
 from plant_sim.faults import parse_all
+from plant_sim.world.recording import EVERYTHING, Kept
 from plant_sim.world.world import World
 
 AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
@@ -106,7 +107,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
     )
     # an option that the manoeuvre does not know is refused here, and a phase that cannot be
-    _maneuver(settings)
+    maneuver_of(settings)
     if settings.phase is not None:
         phase.checked_cycle_ns(round(settings.tick * 1e9), round(settings.phase * 1e9))
     return settings, controller
@@ -129,7 +130,7 @@ def simulate(
         return assess(settings, controller, passive, None)
     controlled = drive(settings, controller, enabled=True, duration=duration, progress=progress)
     replayed = None
-    if steering_replay.differs(_maneuver(settings), passive, controlled):
+    if steering_replay.differs(maneuver_of(settings), passive, controlled):
         steer = passive.signals["steer"]
         replayed = drive(
             settings, controller, enabled=True, duration=duration, progress=progress, steer=steer
@@ -145,18 +146,19 @@ def drive(
     duration: float | None = None,
     progress: Progress | None = None,
     steer: NDArray[np.float64] | None = None,
+    kept: Kept = EVERYTHING,
 ) -> Trace:
     """Drive the manoeuvre once; without control the actuators are disabled but frames exchanged.
 
     ``steer``: angle at the road wheels, rad, one value per millisecond, replayed instead of the
-    driver's steering.
+    driver's steering. ``kept``: what the trace has of signals and frames.
     """
-    maneuver = _maneuver(settings)
+    maneuver = maneuver_of(settings)
     stage = "controlled" if enabled else "passive"
     if steer is not None:
         maneuver, stage = maneuvers.replay(maneuver, steer), "replay"
     trace = closed_loop(
-        build_world(settings, enabled=enabled, maneuver=maneuver),
+        build_world(settings, enabled=enabled, maneuver=maneuver, kept=kept),
         open_backend(settings.backend, controller.record, settings.firmware),
         tick_ns=round(settings.tick * 1e9),
         offset_ns=tick_offset_ns(settings),
@@ -187,7 +189,11 @@ def tick_phase_ns(settings: Settings) -> int:
 
 
 def build_world(
-    settings: Settings, *, enabled: bool, maneuver: maneuvers.Maneuver | None = None
+    settings: Settings,
+    *,
+    enabled: bool,
+    maneuver: maneuvers.Maneuver | None = None,
+    kept: Kept = EVERYTHING,
 ) -> World:
     """Return the world for ``settings`` at time 0, with ``maneuver`` instead of theirs if given."""
     sensors, actuators = conditions_of.options(dict(settings.conditions))
@@ -195,7 +201,7 @@ def build_world(
         vehicle=settings.vehicle,
         body=settings.plant,
         actuator=settings.actuator,
-        maneuver=maneuver or _maneuver(settings),
+        maneuver=maneuver or maneuver_of(settings),
         profile=settings.profile,
         seed=settings.seed,
         enabled=enabled,
@@ -204,10 +210,12 @@ def build_world(
         sensors=sensors,
         actuators=actuators,
         faults=parse_all(settings.faults),
+        kept=kept,
     )
 
 
-def _maneuver(settings: Settings) -> maneuvers.Maneuver:
+def maneuver_of(settings: Settings) -> maneuvers.Maneuver:
+    """Return the manoeuvre of ``settings``."""
     return maneuvers.build(
         settings.scenario,
         settings.vehicle,
@@ -230,7 +238,7 @@ def assess(
     replayed: Trace | None = None,
 ) -> Result:
     """Return the figures of a pair of runs and of the replay, if any."""
-    maneuver = _maneuver(settings)
+    maneuver = maneuver_of(settings)
     seen = passive if controlled is None else controlled
     delay = delay_of(settings)
     names = names_of(settings.profile)

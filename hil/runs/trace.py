@@ -1,6 +1,6 @@
 """Record of a run, as arrays."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ from codegen.run.memory_image import dtype
 from firmware import calibration as formats
 from firmware.state import GYRO_BIAS, LATERAL, LATERAL_RATE, ROLL, ROLL_RATE, Ecu
 from hil.runs.signal_units import unit
+from plant_sim.world.spool import Table
 
 if TYPE_CHECKING:
     import pandas
@@ -43,17 +44,18 @@ class Trace:
 
     Attributes:
         signals: the vehicle every millisecond, one float64 array per signal, SI units; "time" in s.
-        frames: the bus log, one entry per frame and segment, times in ns.
+            Of a long run each is read from a temporary file when it is looked up.
+        frames: the bus log, one entry per frame and segment, times in ns; of a long run in blocks.
         ages: sample-to-force age of each newly applied command, ns.
         ticks: the ECU's state and outputs, one entry per tick (:data:`TICK`).
         duration: length of the run, s.
         complete: False if it was interrupted.
     """
 
-    signals: dict[str, NDArray[np.float64]]
-    frames: NDArray[np.void]
+    signals: Mapping[str, NDArray[np.float64]]
+    frames: Table
     ages: NDArray[np.int64]
-    ticks: NDArray[np.void]
+    ticks: Table
     duration: float
     complete: bool = True
 

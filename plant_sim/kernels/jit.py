@@ -160,4 +160,5 @@ def stack_vector(size: int) -> Any:  # noqa: ANN401
 
         return _VECTOR(), lower
 
+    make.elements = size  # for the translation to C
     return make

@@ -105,7 +105,7 @@ class Parts(NamedTuple):
 
 
 @njit
-def _row_of(tables: Codec, key: int) -> int:
+def row_of(tables: Codec, key: int) -> int:
     """Row of the first message in the frame ``key`` of the tables; -1 for a foreign frame."""
     for row in range(len(tables.message)):
         if tables.message[row, codec.KEY] == key:
@@ -125,7 +125,7 @@ def _post(world: Memory, network: bus.State) -> None:
     for k in range(clock[OUTBOX]):
         out = world.outbox[k]
         key = int(out.ident)
-        row = _row_of(world.tables, key)
+        row = row_of(world.tables, key)
         flags = EXTENDED if key & EXTENDED_KEY else 0
         if row >= 0:
             flags = world.tables.message[row, codec.FLAGS]
@@ -201,7 +201,7 @@ def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> 
     total = network.clock[bus.LOGGED]
     for number in range(clock[LOG_CURSOR], total):
         entry = network.log[number % network.clock[bus.LOG_SIZE]]
-        row = _row_of(world.tables, _key(entry.ident, entry.flags))
+        row = row_of(world.tables, _key(entry.ident, entry.flags))
         if row < 0 or entry.flags & ~SENDER_STATE != world.tables.message[row, codec.FLAGS]:
             continue
         if entry.length != world.tables.message[row, codec.LENGTH]:
@@ -212,6 +212,7 @@ def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> 
             row == its.place[envelope.FRAME]
             and entry.segment == clock[ACTUATOR_SEGMENT]
             and bus.took(entry.outcome, entry.missed, bus.ACTUATOR)
+            and bus.hears(network, bus.ACTUATOR, entry.t_received)
         ):
             supervision = world.actuators.supervision
             envelope.hear(its, world.tables, supervision, entry.payload, entry.t_received)
@@ -246,7 +247,7 @@ def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> 
 
 
 @njit
-def _sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
+def sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
     """Sample at every instant of the node's clock up to ``now_ns`` and queue the frames."""
     clock = world.clock
     node = world.sensors.node[number]
@@ -319,7 +320,7 @@ def advance(parts: Parts, until_ns: int) -> int:
         sensor_kernel.observe(world.sensors, inputs, outputs)
         for number in range(len(world.sensors.node)):
             if world.sensors.node[number, sensor_kernel.NEXT] <= t_ns:
-                _sense(world, network, number, t_ns)
+                sense(world, network, number, t_ns)
         recording.record(rows, clock[ROWS], outputs, inputs, world.actuators)
         clock[ROWS] += 1
     bus.run(network, until_ns)

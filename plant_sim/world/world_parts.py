@@ -26,6 +26,8 @@ from plant_sim.world.world_kernel import Memory, Parts
 from vehicles.model import Vehicle
 
 LOG_CAPACITY = 1 << 15
+RECORD_CAPACITY = 1000
+"""Steps of 1 ms that the kernel can record before what it has recorded is taken away."""
 _OUTBOX_CAPACITY = 256
 _INBOX_CAPACITY = 8192
 _FLIGHT_CAPACITY = 64
@@ -108,12 +110,6 @@ def _in_room(values: NDArray[np.float64], room: int) -> NDArray[np.float64]:
     return np.concatenate((values, np.zeros(room - len(values))))
 
 
-def record_room(steps: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Empty tables for the signals and the applied commands of ``steps`` milliseconds."""
-    rows = np.zeros((steps, recording.N_COLUMNS))
-    return rows, np.zeros((steps, recording.N_COMMAND), dtype=np.int64)
-
-
 def assemble(
     *,
     vehicle: Vehicle,
@@ -171,11 +167,10 @@ def assemble(
         actuators=node,
         tables=tables,
     )
-    rows, commands = record_room(maneuver.duration_ns // kernel.STEP_NS + 1)
     return Parts(
         memory=to_record(memory),
-        rows=rows,
-        commands=commands,
+        rows=np.zeros((RECORD_CAPACITY, recording.N_COLUMNS)),
+        commands=np.zeros((RECORD_CAPACITY + 1, recording.N_COMMAND), dtype=np.int64),
         drive=maneuver.drive,
         network=network,
     )

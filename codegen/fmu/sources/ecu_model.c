@@ -78,9 +78,9 @@ bool model_advance(model *m, fmu_buffer *tx, int64_t until_ns, fmu_reason *why)
     return true;
 }
 
-int64_t model_next(const model *m, size_t port, int64_t now_ns)
+int64_t model_next(model *m, fmu_buffer *tx, size_t port, int64_t now_ns)
 {
-    (void)m, (void)port, (void)now_ns;
+    (void)m, (void)tx, (void)port, (void)now_ns;
     return -1;
 }
 

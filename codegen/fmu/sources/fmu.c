@@ -487,7 +487,7 @@ static bool interval_of(fmu_instance *fmu, fmi3ValueReference reference, int64_t
     }
     *interval = model_period_ns(&fmu->state.m);
     if (*interval == 0) {
-        int64_t next = model_next(&fmu->state.m, v->offset, fmu->state.now_ns);
+        int64_t next = model_next(&fmu->state.m, fmu->state.tx, v->offset, fmu->state.now_ns);
         *interval = next < 0 ? -1 : next - fmu->state.now_ns;
     }
     return true;

@@ -48,8 +48,9 @@ bool model_advance(model *m, fmu_buffer *tx, int64_t until_ns, fmu_reason *why);
 /* Take one bus operation received at `now_ns`. */
 bool model_receive(model *m, fmu_buffer *tx, size_t port, const uint8_t *operation, uint32_t size,
                    int64_t now_ns, fmu_reason *why);
-/* The next instant after `now_ns` at which the terminal's Tx clock ticks; negative: none is known. */
-int64_t model_next(const model *m, size_t port, int64_t now_ns);
+/* The next instant after `now_ns` at which a Tx clock that counts down ticks; negative: none is
+ * known. All that is received at `now_ns` has been: what follows from it may be begun. */
+int64_t model_next(model *m, fmu_buffer *tx, size_t port, int64_t now_ns);
 /* The period of the Tx clock and its shift; 0: the clock counts down from event to event. */
 int64_t model_period_ns(const model *m);
 int64_t model_shift_ns(const model *m);

@@ -7,13 +7,26 @@ from pathlib import Path
 
 from canroll.errors import CanrollError, VerdictError
 from codegen.fmu import ecu
-from hil.cli.options import add_choices, choices_of, path_named
+from hil.cli.options import add_choices, choices_of, path_named, scenario
 from hil.cli.parsers import DEFAULT_SCENARIO, OF_A_DESIGN
 from hil.cli.terminal import show_warnings
-from hil.runs.choices import CHOICES
-from hil.runs.experiment import plan, tick_offset_ns
+from hil.exchange import bus_fmu, plant_fmu
+from hil.runs.choices import CHOICES, chosen
+from hil.runs.experiment import build_world, maneuver_of, plan, tick_offset_ns
+from hil.runs.frozen import profile_of
 from hil.runs.virtual_time import RUN_TIME_NS
+from plant_sim.bodies import body
+from plant_sim.can_bus import NODES, Node, make_network
+from plant_sim.can_bus.kernel.network import add_node
+from plant_sim.can_bus.recorded_profile import RecordedProfile
+from plant_sim.world.world_parts import command_of
 
+OF_A_PLANT = (
+    *("calibration", *OF_A_DESIGN, "dbc", "map", "seed", "plant", "plant_vehicle"),
+    *("speed_kmh", "options", "faults", "conditions"),
+)
+OF_A_BUS = ("bus", "dbc", "map", "seed", "actuator")
+MOST_FREE_NODES = 32
 OF_AN_ECU = ("calibration", *OF_A_DESIGN, "dbc", "map", "phase_ms", "seed")
 
 
@@ -23,7 +36,6 @@ class Kind:
 
     write: Callable[[argparse.Namespace], str]
     choices: tuple[str, ...]
-    others: tuple[str, ...] = ()
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -41,6 +53,19 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     names = dict.fromkeys(name for kind in KINDS.values() for name in kind.choices)
     add_choices(parser, [name for name in CHOICES if name in names])
+    parser.add_argument(
+        "--scenario",
+        type=scenario,
+        default=DEFAULT_SCENARIO,
+        help="plant: its manoeuvre (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--nodes",
+        type=int,
+        default=0,
+        metavar="N",
+        help="bus: further nodes, on the first segment (default: %(default)s)",
+    )
     parser.add_argument(
         "--unverified", action="store_true", help="export even if a check of the design fails"
     )
@@ -87,4 +112,46 @@ def write_ecu(args: argparse.Namespace) -> str:
     return f"{title}; a tick of {1e3 * controller.tick:g} ms, {args.ports}"
 
 
-KINDS = {"ecu": Kind(write_ecu, OF_AN_ECU)}
+def write_bus(args: argparse.Namespace) -> str:
+    """Write the network of a bus profile with its background traffic."""
+    if args.ports != ecu.CAN:
+        raise CanrollError("a bus has CAN terminals: omit --ports")
+    given = choices_of(args, OF_A_BUS)
+    name, profile = str(chosen(given, "bus")), profile_of(given)
+    if isinstance(profile, RecordedProfile):
+        raise CanrollError(f"{name}: a log is no network: choose a bus profile or network file")
+    command = command_of(str(chosen(given, "actuator")), None)
+    network = make_network(profile, seed=int(chosen(given, "seed")), command=command)
+    ports = {node: number for number, node in enumerate(NODES)}
+    if not 0 <= args.nodes <= MOST_FREE_NODES:
+        raise CanrollError(f"--nodes must be 0 to {MOST_FREE_NODES}, got {args.nodes}")
+    for number in range(1, args.nodes + 1):
+        ports[f"Node{number}"] = add_node(network, Node(f"Node{number}", policy="priority"))
+    title = f"CAN bus {name} with {len(ports)} nodes"
+    bus_fmu.write(args.out, network, ports, title=title)
+    return f"{title}: {', '.join(ports)}"
+
+
+def write_plant(args: argparse.Namespace) -> str:
+    """Write vehicle, driver, actuators and sensors in a manoeuvre."""
+    settings, _ = plan(args.scenario, **choices_of(args, OF_A_PLANT))
+    command = command_of(settings.actuator, settings.command)
+    title = f"{args.scenario} of {settings.vehicle.name} with {settings.actuator}"
+    plant_fmu.write(
+        args.out,
+        build_world(settings, enabled=True).parts,
+        body(settings.plant),
+        maneuver_of(settings),
+        actuator=settings.actuator,
+        command=command,
+        title=title,
+        ports=args.ports,
+    )
+    return f"{title}, {settings.plant}, {args.ports}"
+
+
+KINDS = {
+    "ecu": Kind(write_ecu, OF_AN_ECU),
+    "plant": Kind(write_plant, OF_A_PLANT),
+    "bus": Kind(write_bus, OF_A_BUS),
+}

@@ -132,29 +132,67 @@ def advance_to_entry(network: Network, until_ns: int) -> bool:
 @njit
 def run(bus: State, until_ns: int) -> None:
     """``advance`` for kernels, which pass the network's record."""
-    clock = bus.clock
     while True:
         best, kind, which = _next(bus)
         if best > until_ns:
             break
-        clock[NOW] = best
-        if kind == _END:
-            _end(bus, which, best)
-        elif kind == _ARBITRATION:
-            _arbitrate(bus, which, best)
-        else:
-            value = take(bus)
-            if value < 0:
-                which = bus.nodes[bus.sources[-1 - value].node].segment
-                count_idle(bus, which, best)
-                generate(bus, -1 - value, best)
-            else:
-                which = bus.nodes[bus.frames[value].node].segment
-                count_idle(bus, which, best)
-                release(bus, value, best)
+        _happen(bus, best, kind, which)
+    let_pass(bus, until_ns)
+
+
+@njit
+def step(bus: State, until_ns: int) -> bool:
+    """Process the next event if it lies before ``until_ns``; return whether there was one.
+
+    Ends of frames at that very instant count, releases and arbitrations do not: more frames may be
+    queued then.
+    """
+    best, kind, which = _next(bus)
+    if best > until_ns or (best == until_ns and kind != _END):
+        return False
+    _happen(bus, best, kind, which)
+    return True
+
+
+@njit
+def next_end_ns(bus: State) -> int:
+    """Return when the next frame ends, or an event before that has to be processed to know it."""
+    end: int = NEVER
+    for index in range(bus.clock[SEGMENT_COUNT]):
+        segment = bus.segments[index]
+        if segment.in_flight < 0:
+            return _next(bus)[0]
+        end = min(end, segment.done_ns)
+    return end
+
+
+@njit
+def let_pass(bus: State, until_ns: int) -> None:
+    """Let time pass up to ``until_ns``, with no event before."""
+    clock = bus.clock
     clock[NOW] = max(clock[NOW], until_ns)
     for index in range(clock[SEGMENT_COUNT]):
         count_idle(bus, index, clock[NOW])
+
+
+@njit
+def _happen(bus: State, best: int, kind: int, which: int) -> None:
+    """Process an event of ``_next``."""
+    bus.clock[NOW] = best
+    if kind == _END:
+        _end(bus, which, best)
+    elif kind == _ARBITRATION:
+        _arbitrate(bus, which, best)
+    else:
+        value = take(bus)
+        if value < 0:
+            which = bus.nodes[bus.sources[-1 - value].node].segment
+            count_idle(bus, which, best)
+            generate(bus, -1 - value, best)
+        else:
+            which = bus.nodes[bus.frames[value].node].segment
+            count_idle(bus, which, best)
+            release(bus, value, best)
 
 
 @njit

@@ -121,7 +121,7 @@ class Numbers(HTMLParser):
 
 def lookup(data, key):
     for part in key.split("."):
-        data = data[part]
+        data = data[int(part) if isinstance(data, list) else part]
     return data
 
 

@@ -25,6 +25,20 @@ def test_an_ecu_has_sources_and_a_library(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (["bus", "x.fmu", "--law", "lqr"], "--law does not apply to the bus"),
+        (["bus", "x.fmu", "--ports", "signals"], "omit --ports"),
+        (["bus", "x.fmu", "--nodes", "-1"], "--nodes must be 0 to"),
+        (["plant", "x.fmu", "--fault", "Imu=loss:0.5"], "not part of the plant"),
+    ],
+)
+def test_what_does_not_apply_is_refused(words, message):
+    with pytest.raises(CanrollError, match=message):
+        export_fmu.run(parse(["export-fmu", *words]))
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
         (["out.zip"], "ends in .fmu"),
         (["no/such/folder/x.fmu"], "cannot write no/such/folder/x.fmu"),
     ],

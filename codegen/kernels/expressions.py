@@ -1,0 +1,373 @@
+"""Expressions of kernels: their kind and their C."""
+
+import ast
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from codegen.kernels.kinds import (
+    BOOL,
+    FLOAT,
+    INT,
+    UNSIGNED,
+    Array,
+    KernelError,
+    Kind,
+    Number,
+    Record,
+    Several,
+    floating,
+    integer,
+    number_of,
+    unified,
+)
+
+OPERATORS: dict[type[ast.AST], str] = {
+    ast.Add: "+",
+    ast.Sub: "-",
+    ast.Mult: "*",
+    ast.BitAnd: "&",
+    ast.BitOr: "|",
+    ast.BitXor: "^",
+    ast.LShift: "<<",
+    ast.RShift: ">>",
+}
+COMPARISONS: dict[type[ast.AST], str] = {
+    ast.Lt: "<",
+    ast.LtE: "<=",
+    ast.Gt: ">",
+    ast.GtE: ">=",
+    ast.Eq: "==",
+    ast.NotEq: "!=",
+}
+OF_FLOATS: dict[Any, str] = {
+    math.sin: "sin",
+    math.cos: "cos",
+    math.atan: "atan",
+    math.atan2: "atan2",
+    math.tanh: "tanh",
+    math.exp: "exp",
+    math.log: "log",
+    math.sqrt: "sqrt",
+    math.hypot: "hypot",
+    math.copysign: "copysign",
+    np.expm1: "expm1",
+    np.log1p: "log1p",
+    np.rint: "rint",
+    np.exp: "exp",
+    np.sqrt: "sqrt",
+}
+CASTS: dict[Any, tuple[str, Number]] = {
+    int: ("(int64_t)", INT),
+    np.int64: ("(int64_t)", INT),
+    float: ("(double)", FLOAT),
+    np.float64: ("(double)", FLOAT),
+    np.uint64: ("(uint64_t)", UNSIGNED),
+    np.uint8: ("(int64_t)(uint8_t)", INT),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Value:
+    """An expression: its kind and C text."""
+
+    kind: Kind
+    c: str
+
+
+class Static:
+    """Wrapper of what an expression means where it is no value of the kernel."""
+
+    def __init__(self, value: Any) -> None:  # noqa: ANN401
+        self.value = value
+
+
+@dataclass
+class Scope:
+    """What names mean in one function: variables with their kinds, and everything around it.
+
+    ``call`` translates a call of another kernel, ``table`` names a constant array, ``make`` one
+    that np.empty makes.
+    """
+
+    variables: dict[str, Kind]
+    names: Mapping[str, Any]
+    where: Callable[[ast.AST], str]
+    call: Callable[[Any, list[Value], dict[str, Value]], Value]
+    table: Callable[[np.ndarray], Value]
+    make: Callable[[ast.Call], Value]
+
+    def refuse(self, node: ast.AST, why: str) -> KernelError:
+        """The error for a construct outside the subset."""
+        return KernelError(f"{self.where(node)}: {why}: {ast.unparse(node)}")
+
+    def static(self, node: ast.AST) -> Static | None:
+        """The constant, module or function that a node means; None for a value of the kernel."""
+        if isinstance(node, ast.Constant):
+            return Static(node.value)
+        if isinstance(node, ast.Name):
+            if node.id in self.variables or node.id not in self.names:
+                return None
+            return Static(self.names[node.id])
+        if isinstance(node, ast.Attribute):
+            inner = self.static(node.value)
+            if inner is not None and isinstance(inner.value, ModuleType | type):
+                return Static(getattr(inner.value, node.attr))
+            return None
+        if isinstance(node, ast.UnaryOp | ast.BinOp):
+            parts = [n for n in ast.iter_child_nodes(node) if isinstance(n, ast.expr)]
+            found = [self.static(part) for part in parts]
+            if all(its is not None and isinstance(its.value, int | float) for its in found):
+                values = {f"v{k}": its.value for k, its in enumerate(found) if its is not None}
+                return Static(_folded(node, values))
+        return None
+
+    def value(self, node: ast.AST) -> Value:
+        """Translate an expression."""
+        static = self.static(node)
+        if static is not None:
+            return self._constant(node, static.value)
+        method = getattr(self, f"_{type(node).__name__.lower()}", None)
+        if method is None:
+            raise self.refuse(node, "not in the kernels' subset")
+        found: Value = method(node)
+        return found
+
+    def number(self, node: ast.AST) -> Value:
+        """Translate an expression that is a number."""
+        found = self.value(node)
+        if not isinstance(found.kind, Number):
+            raise self.refuse(node, "a number is needed")
+        return found
+
+    def _constant(self, node: ast.AST, value: object) -> Value:
+        if isinstance(value, bool | np.bool_):
+            return Value(BOOL, str(int(value)))
+        if isinstance(value, np.uint64):
+            return Value(UNSIGNED, f"UINT64_C({int(value)})")
+        if isinstance(value, int | np.integer):
+            text = integer(int(value))
+            return Value(INT, f"({text})" if int(value) < 0 else text)
+        if isinstance(value, float):
+            text = floating(value)
+            return Value(FLOAT, f"({text})" if text.startswith("-") else text)
+        if isinstance(value, np.ndarray):
+            return self.table(value)
+        raise self.refuse(node, "no constant of the kernels' subset")
+
+    def _name(self, node: ast.Name) -> Value:
+        if node.id not in self.variables:
+            raise self.refuse(node, "unknown name")
+        return Value(self.variables[node.id], f"{node.id}_")
+
+    def _attribute(self, node: ast.Attribute) -> Value:
+        owner = self.value(node.value)
+        if isinstance(owner.kind, Array) and node.attr == "size":
+            count = owner.kind.inner
+            return Value(INT, str(self._length(node, owner.kind) * count))
+        if not isinstance(owner.kind, Record):
+            raise self.refuse(node, "an attribute of something else than a record")
+        fields: Mapping[str, Any] = owner.kind.dtype.fields or {}
+        if node.attr not in fields:
+            raise self.refuse(node, "no such field")
+        its = fields[node.attr][0]
+        place = f"{owner.c}->{node.attr}"
+        if its.shape:
+            return Value(Array(its.base, its.shape), place)
+        if its.names:
+            return Value(Record(its), f"(&{place})")
+        return Value(number_of(its), place)
+
+    def _length(self, node: ast.AST, kind: Array) -> int:
+        if kind.shape[0] is None:
+            raise self.refuse(node, "the length is not known")
+        return kind.shape[0]
+
+    def place(self, node: ast.Subscript) -> Value:
+        """Translate an indexed element, row or slice."""
+        owner = self.value(node.value)
+        if isinstance(owner.kind, Several):
+            static = self.static(node.slice)
+            assert static is not None and isinstance(static.value, int)
+            return Value(owner.kind.items[static.value], f"{owner.c}.v{static.value}")
+        if not isinstance(owner.kind, Array):
+            raise self.refuse(node, "an index into something else than an array")
+        kind, indices = owner.kind, [node.slice]
+        if isinstance(node.slice, ast.Tuple):
+            indices = list(node.slice.elts)
+        if isinstance(node.slice, ast.Slice):
+            return self._part(node.slice, owner, kind)
+        parts = []
+        for depth, index in enumerate(indices):
+            step = Array(kind.dtype, kind.shape[depth:]).inner
+            text = self.number(index).c
+            parts.append(text if step == 1 else f"({text}) * {step}")
+        at, rest = " + ".join(parts), kind.shape[len(indices) :]
+        if rest:
+            return Value(Array(kind.dtype, rest), f"({owner.c} + {at})")
+        if kind.dtype.names:
+            return Value(Record(kind.dtype), f"(&{owner.c}[{at}])")
+        return Value(number_of(kind.dtype), f"{owner.c}[{at}]")
+
+    def _part(self, node: ast.Slice, owner: Value, kind: Array) -> Value:
+        low = self.static(node.lower) if node.lower else Static(0)
+        high = self.static(node.upper) if node.upper else Static(kind.shape[0])
+        size = None
+        if low is not None and high is not None and high.value is not None:
+            assert isinstance(low.value, int) and isinstance(high.value, int)
+            size = high.value - low.value
+        elif isinstance(node.upper, ast.BinOp) and isinstance(node.upper.op, ast.Add):
+            more = self.static(node.upper.right)
+            if more is not None and node.lower is not None and _same(node.upper.left, node.lower):
+                size = int(more.value)
+        start = self.number(node.lower).c if node.lower else "0"
+        step = "" if kind.inner == 1 else f" * {kind.inner}"
+        text = owner.c if start == "0" else f"({owner.c} + ({start}){step})"
+        return Value(Array(kind.dtype, (size, *kind.shape[1:])), text)
+
+    def _subscript(self, node: ast.Subscript) -> Value:
+        if isinstance(node.value, ast.Attribute) and node.value.attr == "shape":
+            owner, index = self.value(node.value.value), self.static(node.slice)
+            assert isinstance(owner.kind, Array) and index is not None
+            size = owner.kind.shape[int(str(index.value))]
+            if size is None:
+                raise self.refuse(node, "the length is not known")
+            return Value(INT, str(size))
+        return self.place(node)
+
+    def _binop(self, node: ast.BinOp) -> Value:
+        left, right = self.number(node.left), self.number(node.right)
+        kind = unified(left.kind, right.kind)
+        assert isinstance(kind, Number)
+        if isinstance(node.op, ast.Div):
+            return Value(FLOAT, f"((double){left.c} / (double){right.c})")
+        if isinstance(node.op, ast.Pow):
+            power = self.static(node.right)
+            if power is not None and power.value == 2:
+                return Value(kind, f"({left.c} * {left.c})")
+            return Value(FLOAT, f"pow({left.c}, {right.c})")
+        if isinstance(node.op, ast.FloorDiv | ast.Mod):
+            if kind == FLOAT:
+                raise self.refuse(node, "a remainder of floats")
+            name = "floor_quotient" if isinstance(node.op, ast.FloorDiv) else "floor_remainder"
+            return Value(INT, f"{name}({left.c}, {right.c})")
+        if type(node.op) not in OPERATORS:
+            raise self.refuse(node, "no operator of the kernels' subset")
+        kind = INT if kind == BOOL else kind
+        return Value(kind, f"({left.c} {OPERATORS[type(node.op)]} {right.c})")
+
+    def _unaryop(self, node: ast.UnaryOp) -> Value:
+        inner = self.number(node.operand)
+        if isinstance(node.op, ast.Not):
+            return Value(BOOL, f"(!{inner.c})")
+        sign = {ast.USub: "-", ast.Invert: "~", ast.UAdd: "+"}[type(node.op)]
+        return Value(INT if inner.kind == BOOL else inner.kind, f"({sign}{inner.c})")
+
+    def _boolop(self, node: ast.BoolOp) -> Value:
+        word = " && " if isinstance(node.op, ast.And) else " || "
+        return Value(BOOL, f"({word.join(self.number(v).c for v in node.values)})")
+
+    def _compare(self, node: ast.Compare) -> Value:
+        parts, left = [], node.left
+        for operator, right in zip(node.ops, node.comparators, strict=True):
+            if isinstance(operator, ast.In | ast.NotIn):
+                assert isinstance(right, ast.Tuple)
+                found = " || ".join(
+                    f"{self.number(left).c} == {self.number(its).c}" for its in right.elts
+                )
+                parts.append(f"{'' if isinstance(operator, ast.In) else '!'}({found})")
+            else:
+                sign = COMPARISONS[type(operator)]
+                parts.append(f"{self.number(left).c} {sign} {self.number(right).c}")
+            left = right
+        return Value(BOOL, f"({' && '.join(parts)})")
+
+    def _ifexp(self, node: ast.IfExp) -> Value:
+        yes, no = self.value(node.body), self.value(node.orelse)
+        kind = unified(yes.kind, no.kind)
+        cast = "(double)" if kind == FLOAT else ""
+        return Value(kind, f"({self.number(node.test).c} ? {cast}{yes.c} : {cast}{no.c})")
+
+    def _call(self, node: ast.Call) -> Value:
+        if isinstance(node.func, ast.Name) and node.func.id in ("min", "max", "abs", "len", "bool"):
+            return self._built_in(node, node.func.id)
+        if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
+            return self._reshaped(node, node.func)
+        static = self.static(node.func)
+        if isinstance(node.func, ast.Name) and static is None:
+            static = Static({"int": int, "float": float}.get(node.func.id))
+        if static is None or static.value is None:
+            raise self.refuse(node, "a call of something that is no kernel")
+        its = static.value
+        if its is np.empty or hasattr(its, "elements"):
+            return self.make(node)
+        arguments = [self.value(argument) for argument in node.args]
+        if its in (math.floor, np.floor):
+            return Value(INT, f"((int64_t)floor({arguments[0].c}))")
+        if its in (math.isnan, np.isnan):
+            return Value(BOOL, f"(isnan({arguments[0].c}) != 0)")
+        if _hashable(its) and its in OF_FLOATS:
+            text = ", ".join(f"(double){argument.c}" for argument in arguments)
+            return Value(FLOAT, f"{OF_FLOATS[its]}({text})")
+        if _hashable(its) and its in CASTS:
+            cast, kind = CASTS[its]
+            return Value(kind, f"({cast}({arguments[0].c}))")
+        given = {word.arg: self.value(word.value) for word in node.keywords if word.arg}
+        return self.call(its, arguments, given)
+
+    def _reshaped(self, node: ast.Call, method: ast.Attribute) -> Value:
+        owner = self.value(method.value)
+        if not isinstance(owner.kind, Array) or not isinstance(node.args[0], ast.Tuple):
+            raise self.refuse(node, "no shape of an array")
+        sizes = [self.static(size) for size in node.args[0].elts]
+        shape = tuple(size.value for size in sizes if size is not None)
+        return Value(Array(owner.kind.dtype, shape), owner.c)
+
+    def _built_in(self, node: ast.Call, name: str) -> Value:
+        values = [self.value(argument) for argument in node.args]
+        if name == "len":
+            assert isinstance(values[0].kind, Array)
+            return Value(INT, str(self._length(node, values[0].kind)))
+        if name == "bool":
+            return Value(BOOL, f"({values[0].c} != 0)")
+        kind: Kind = values[0].kind
+        for value in values[1:]:
+            kind = unified(kind, value.kind)
+        kind = INT if kind == BOOL else kind
+        if name == "abs":
+            text = f"fabs({values[0].c})" if kind == FLOAT else f"llabs({values[0].c})"
+            return Value(kind, text)
+        text = values[0].c
+        for value in values[1:]:
+            word = {FLOAT: "float", INT: "int"}.get(kind) if isinstance(kind, Number) else None
+            if word is None:
+                raise self.refuse(node, "the extreme of unsigned numbers")
+            text = f"{name}_{word}({text}, {value.c})"
+        return Value(kind, text)
+
+
+def _same(one: ast.AST, other: ast.AST) -> bool:
+    return ast.dump(one) == ast.dump(other)
+
+
+def _hashable(its: object) -> bool:
+    try:
+        hash(its)
+    except TypeError:
+        return False
+    return True
+
+
+def _folded(node: ast.UnaryOp | ast.BinOp, values: Mapping[str, Any]) -> Any:  # noqa: ANN401
+    """The value of an operation on constants."""
+    names = [ast.Name(id=name, ctx=ast.Load()) for name in values]
+    if isinstance(node, ast.UnaryOp):
+        copy: ast.expr = ast.UnaryOp(op=node.op, operand=names[0])
+    else:
+        copy = ast.BinOp(left=names[0], op=node.op, right=names[1])
+    expression = ast.fix_missing_locations(ast.Expression(copy))
+    return eval(compile(expression, "constants", "eval"), {}, dict(values))

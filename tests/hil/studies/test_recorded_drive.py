@@ -1,0 +1,94 @@
+"""A recorded drive through the firmware: the run's own log, a foreign car's, and none of ours."""
+
+import json
+from pathlib import Path
+
+import can
+import numpy as np
+import pytest
+
+from canroll.errors import CanrollError
+from codegen.generated.bus_map import EXTENDED
+from firmware.state import RX_IMU
+from gain_gen.calibration import calibration_file
+from hil.cli import ecu
+from hil.cli.main import parse
+from hil.runs import experiment, logs
+from hil.runs.frozen import firmware_of, profile_of
+
+FOREIGN = Path(__file__).parents[3] / "examples" / "own_bus"
+SILENT = 2.0
+
+
+@pytest.fixture(
+    scope="module",
+    params=[{}, {"dbc": str(FOREIGN / "own.dbc"), "map": str(FOREIGN / "own.toml")}],
+    ids=["own frames", "foreign DBC"],
+)
+def recorded(request, tmp_path_factory):
+    """A run's trace, its log, and the command line that replays it; the IMU's identifier."""
+    bus = request.param
+    settings, controller = experiment.plan(
+        "double_lane_change", actuator="suspension", duration=4.0, **bus
+    )
+    trace = experiment.simulate(settings, controller).controlled
+    folder = tmp_path_factory.mktemp("drive")
+    log = logs.write_log(folder / "drive.mf4", trace.frames)
+    calibration = folder / "calibration.toml"
+    calibration_file.save(calibration, controller.record, controller.tables)
+    options = [word for name, file in bus.items() for word in (f"--{name}", file)]
+    imu = firmware_of(profile_of(bus), None).bus.received[RX_IMU].ident
+    return trace, log, ["ecu", "--calibration", str(calibration), *options, "--replay"], imu
+
+
+def replayed(line, log, folder, capsys):
+    assert ecu.run(parse([*line, str(log), "--out", str(folder), "--json"])) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_the_recorded_drive_is_seen_as_in_the_run(recorded, tmp_path, capsys):
+    trace, log, line, _ = recorded
+    found = replayed(line, log, tmp_path, capsys)
+    ticks = trace.ticks
+    most = np.degrees(np.abs(ticks["roll"]).max())
+    assert found["estimated_roll_max_deg"] == pytest.approx(most, rel=0.03)
+    assert found["moment_max_nm"] == pytest.approx(np.abs(ticks["moment"]).max(), rel=0.05)
+    assert found["ticks"] == pytest.approx(len(ticks), abs=3)
+    assert found["mode_shares"]["ACTIVE"] > 0.9
+    assert all(heard["frames"] > 0 for heard in found["receptions"])
+    page = (tmp_path / "drive.html").read_text(encoding="utf-8")
+    assert "have no effect on the drive" in page
+    assert "Commands that would have been sent" in page
+    assert json.loads((tmp_path / "drive.json").read_text())["commands"] == found["commands"] > 50
+
+
+def test_a_sensor_silent_in_the_recording_is_reported(recorded, tmp_path, capsys):
+    _, log, line, imu = recorded
+    cut = tmp_path / "cut.asc"
+    with can.LogReader(log) as reader, can.Logger(cut) as writer:
+        for message in reader:
+            ident = message.arbitration_id | (EXTENDED if message.is_extended_id else 0)
+            if message.timestamp < SILENT or ident != imu:
+                writer.on_message_received(message)
+    found = replayed(line, cut, tmp_path, capsys)
+    first = min(seen["first"] for seen in found["codes"])
+    assert SILENT < first < SILENT + 0.3
+    assert found["modes"][-1]["mode"] == "SAFE"
+    assert found["receptions"][0]["frames"] < 0.6 * found["receptions"][1]["frames"]
+
+
+def test_another_bus_and_options_of_a_bus_are_refused(recorded, tmp_path):
+    _, log, line, _ = recorded
+    other = tmp_path / "other.asc"
+    with can.Logger(other) as writer:
+        for k in range(100):
+            writer.on_message_received(
+                can.Message(timestamp=0.01 * k, arbitration_id=0x7A0, is_extended_id=False)
+            )
+    with pytest.raises(CanrollError, match="none of the frames that the ECU receives"):
+        ecu.run(parse([*line, str(other), "--out", str(tmp_path)]))
+    for option in (("--duration", "3"), ("-i", "virtual"), ("--trace", "t.npz"), ("--cpu", "0")):
+        with pytest.raises(CanrollError, match="a recorded drive has no bus; omit it"):
+            ecu.run(parse([*line, str(log), *option]))
+    with pytest.raises(CanrollError, match="belong to --replay of a bus log"):
+        ecu.run(parse([*line[:-1], "--json"]))
