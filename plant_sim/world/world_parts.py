@@ -22,6 +22,7 @@ from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import fault_parts, open_loop, recording
 from plant_sim.world import world_kernel as kernel
+from plant_sim.world.step_size import check_step
 from plant_sim.world.world_kernel import Memory, Parts
 from vehicles.model import Vehicle
 
@@ -37,8 +38,10 @@ def command_of(actuator: str, command: str | None) -> str:
     """Return the message that commands an actuator, by default its first.
 
     Raises:
-        UnknownNameError: it does not accept such a message.
+        UnknownNameError: no such actuator, or it does not accept such a message.
     """
+    if actuator not in actuator_setup.COMMANDS:
+        raise UnknownNameError("actuator", actuator, actuator_setup.COMMANDS)
     known = [name for name, _, _ in actuator_setup.COMMANDS[actuator]]
     if command is not None and command not in known:
         raise UnknownNameError(f"command of actuator '{actuator}'", command, known)
@@ -147,6 +150,7 @@ def assemble(
     )
     fault_parts.add_to_network(network, faults)
     state, inputs, parameters, outputs = open_loop.start(vehicle, plant, maneuver)
+    check_step(plant, state, inputs, parameters)
     nodes = _sensors(vehicle, sensors, seed, inputs, outputs, tables)
     clock = _clock(nodes, network, seed)
     clock[kernel.STEP] = plant.step.address
