@@ -140,8 +140,8 @@ def observe(trace: Trace, passive: Trace, faults: Sequence[Fault]) -> Reaction:
         no_verdict = f"it begins at {start:g} s, the run ends at {trace.duration:g} s"
     wrong, longest, _ = _wrong_side(trace, begin)
     return Reaction(
-        modes=mode_changes(trace.ticks),
-        codes=codes_seen(trace.ticks),
+        modes=mode_changes(np.asarray(trace.ticks)),
+        codes=codes_seen(np.asarray(trace.ticks)),
         wrong_side_max_nm=wrong,
         wrong_side_s=longest,
         start=start,
@@ -173,7 +173,7 @@ def codes_seen(ticks: Table) -> tuple[CodeSeen, ...]:
 
 def _detection(trace: Trace, start: float) -> tuple[float, str] | None:
     """Return when and by what the first fault was detected."""
-    ticks = trace.ticks
+    ticks = np.asarray(trace.ticks)
     before, after = ticks[ticks["t"] < start], ticks[ticks["t"] >= start]
     known = int(np.bitwise_or.reduce(before["fault_codes"][-1:], initial=0))
     found = []

@@ -183,6 +183,10 @@ class Columns(Mapping[str, NDArray[np.float64]]):
         yield from self._places
         yield from (name for name in self._others if name not in self._places)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the signals, wherever they are kept."""
+        return as_columns, (dict(self.items()),)
+
     def __len__(self) -> int:
         """Return the number of signals."""
         return len(self._places.keys() | self._others.keys())

@@ -22,6 +22,7 @@ from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import fault_parts, open_loop, recording
 from plant_sim.world import world_kernel as kernel
+from plant_sim.world.step_size import check_step
 from plant_sim.world.world_kernel import Memory, Parts
 from vehicles.model import Vehicle
 
@@ -149,6 +150,7 @@ def assemble(
     )
     fault_parts.add_to_network(network, faults)
     state, inputs, parameters, outputs = open_loop.start(vehicle, plant, maneuver)
+    check_step(plant, state, inputs, parameters)
     nodes = _sensors(vehicle, sensors, seed, inputs, outputs, tables)
     clock = _clock(nodes, network, seed)
     clock[kernel.STEP] = plant.step.address

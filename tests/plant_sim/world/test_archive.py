@@ -1,6 +1,8 @@
 """Archives in blocks: the bytes of NumPy's, read without trusting what a header says."""
 
+import io
 import struct
+import zipfile
 
 import numpy as np
 import pytest
@@ -54,10 +56,12 @@ def test_the_bytes_are_those_of_numpy(compressed, in_memory, tmp_path, monkeypat
 def test_a_header_that_claims_more_than_is_there_is_refused(read, tmp_path):
     """10¹² numbers in a few bytes: no memory is taken for them."""
     path = tmp_path / "few.npz"
-    np.savez(path, values=np.zeros(100))
-    claim = path.read_bytes().replace(b"(100,), }            ", b"(1000000000000,), }  ")
+    member = io.BytesIO()
+    np.save(member, np.zeros(100))
+    claim = member.getvalue().replace(b"(100,), }            ", b"(1000000000000,), }  ")
     assert b"1000000000000" in claim
-    path.write_bytes(claim)
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("values.npy", claim)
     with (
         pytest.raises(UNREADABLE, match="800 bytes for 1000000000000 entries"),
         archive.Archive(path) as stored,

@@ -62,6 +62,8 @@ def test_signals_are_those_appended():
         assert np.array_equal(table[name], row)
     joined = [np.concatenate(part) for part in zip(*pieces(table, "c", "a"), strict=True)]
     assert np.array_equal(joined, values[[2, 0]])
+    again = pickle.loads(pickle.dumps(table))
+    assert all(np.array_equal(again[name], table[name]) for name in table)
     with pytest.raises(KeyError):
         table["d"]
 
