@@ -11,6 +11,8 @@ EXTRAS = {
     "campaign": ("pyarrow",),
     "cluster": ("distributed",),
     "fmi": ("fmpy",),
+    "mcap": ("mcap",),
+    "notebook": ("pandas", "xarray"),
     "target": ("bincopy", "capstone", "unicorn", "ziglang"),
     "web": ("websockets",),
 }

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
 #   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract limit_cycles
-#                                  reproduce
+#                                  reproduce campaign rollover splitting
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
@@ -34,7 +34,7 @@ print(json.load(sys.stdin)[\"verdict\"])"
 done'
 
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce}"; do
+for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting}"; do
     for part in $name; do
         case $part in
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
@@ -52,6 +52,14 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
                 keep contract canroll design --compare --bus 500k --vehicle van_real --runs 200 ;;
             limit_cycles) keep limit_cycles bash -c "$LIMIT_CYCLES" ;;
             reproduce) keep reproduce canroll reproduce ;;
+            campaign) keep campaign scripts/campaign-evidence 10000 ;;
+            rollover)
+                fishhook=examples/campaigns/fishhook.toml
+                keep rollover canroll campaign $fishhook
+                keep rollover_splitting canroll campaign $fishhook --rare rollover
+                keep rollover_passive_splitting canroll campaign $fishhook \
+                    --rare rollover_passive ;;
+            splitting) keep splitting scripts/splitting-coverage ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac
     done

@@ -14,6 +14,7 @@ import pytest
 from scipy.io import savemat
 
 import vehicles
+from canroll import apart
 from canroll.errors import CanrollError
 from codegen.generated import bus_map
 from gain_gen.calibration import calibration_file
@@ -167,6 +168,29 @@ def test_a_file_that_ends_the_reader_ends_nothing_else(tmp_path):
     )
     with pytest.raises(CanrollError, match=r"gains\.mat: not a \.mat file"):
         read_matrices(path)
+
+
+def test_a_damaged_mf4_is_read_or_refused(tmp_path):
+    """Its reader is compiled too, and runs in a process of its own."""
+    pytest.importorskip("asammdf", reason="pip install 'canroll[asammdf]'")
+    good = tmp_path / "good.mf4"
+    with can.Logger(good) as log:
+        for n in range(50):
+            log(can.Message(1e-3 * n, 0x80 + n % 3, is_extended_id=False, data=bytes(n % 9)))
+    assert len(load_recording(good, bitrate=500_000).frames.t_ns) == 50
+    content = good.read_bytes()
+    source = random.Random("mf4")
+    for n in range(4):
+        path = tmp_path / f"{n}.mf4"
+        path.write_bytes(damaged(content, source))
+        refuses_in_one_line(lambda path: load_recording(path, bitrate=500_000), path)
+
+
+def test_a_reader_that_crashes_ends_nothing_else(tmp_path):
+    with pytest.raises(ValueError, match="the reader crashed"):
+        apart.arrays("import os; os.abort()", tmp_path)
+    with pytest.raises(ValueError, match="ValueError: of its own"):
+        apart.arrays("raise ValueError('of its own')", tmp_path)
 
 
 def test_a_time_that_is_no_number_is_refused(tmp_path):

@@ -13,7 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("canroll.build_cache", "canroll.errors"),
+    ("canroll.apart", "canroll.build_cache", "canroll.errors"),
     ("canroll.extension", "canroll.typing"),
     ("canroll.registry",),
     ("plant_sim.kernels", "dbc", "firmware", "vehicles"),
@@ -46,7 +46,8 @@ FLOORS: tuple[tuple[str, ...], ...] = (
 """Rooms, lowest floor first; the three lowest hold single files."""
 
 GROUND = tuple(
-    f"canroll.{name}" for name in ("build_cache", "errors", "extension", "registry", "typing")
+    f"canroll.{name}"
+    for name in ("apart", "build_cache", "errors", "extension", "registry", "typing")
 )
 """Files of ``canroll`` that all may import; the rest of it is on the highest floor."""
 LOOP = "firmware"

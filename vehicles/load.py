@@ -62,7 +62,7 @@ def load(name_or_path: str | Path) -> Vehicle:
     if not content.strip():
         raise CanrollError(f"{path}: empty file")
     try:
-        table = tomllib.loads(content.decode())
+        table = tomllib.loads(content.decode("utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise CanrollError(f"{path}: not a TOML file: {error}") from error
     return replace(from_table(table, name=path.stem, where=str(path)), file=file)

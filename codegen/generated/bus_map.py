@@ -164,7 +164,7 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
     """
     database, warnings = dbc.read(dbc_file)
     try:
-        document = tomllib.loads(map_file.read_text(encoding="utf-8"))
+        document = tomllib.loads(map_file.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise CanrollError(f"{map_file}: {reason(error)}") from error
     if document.get("schema") != 1:

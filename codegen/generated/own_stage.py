@@ -59,7 +59,7 @@ def read(path: Path) -> OwnStage:
         CanrollError: it cannot be read.
     """
     try:
-        source = path.read_text(encoding="utf-8")
+        source = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
         raise CanrollError(f"cannot read stage {path}: {reason}") from error
@@ -121,7 +121,7 @@ def _refuse_unknown_imports(path: Path, tree: ast.Module) -> None:
 
 
 def _names(path: Path) -> set[str]:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+    tree = ast.parse(path.read_text(encoding="utf-8-sig"))
     found = set()
     for node in tree.body:
         if isinstance(node, ast.FunctionDef | ast.ClassDef):

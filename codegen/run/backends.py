@@ -112,7 +112,6 @@ class NativeEcu:
         self._pending = view[first : first + slots]
         self._payloads = self.ecu["tx_payload"][0]
         self._none = bytes(slots)
-        self._copy = record()
         self._slots = self._firmware.slots
         self._room = memory_image.event_of(record)["payload"].shape[0]
 
@@ -137,8 +136,9 @@ class NativeEcu:
     @property
     def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
         """A copy of the state record."""
-        memory_image.fill(self._copy, self.image())
-        return self._copy
+        copy = self._firmware.record()
+        memory_image.fill(copy, self.image())
+        return copy
 
     def image(self) -> bytes:
         """The bytes of the state record, as C lays it out."""

@@ -33,6 +33,7 @@ def event(size: int) -> np.dtype[Any]:
     )
 
 
+@cache
 def event_of(record_class: type[Any]) -> np.dtype[Any]:
     """The event type whose payload is as large as the larger mailbox of a state record."""
     places = {field.name: field.shape for field in fields(record_class)}

@@ -164,7 +164,7 @@ def load(path: str | Path) -> LoadedCalibration:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
         raise CanrollError(f"cannot read calibration {path}: {reason}") from error

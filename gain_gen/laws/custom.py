@@ -1,14 +1,12 @@
 """A user's own gains from a file: state feedback, or a discrete compensator."""
 
-import io
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from canroll import apart
 from canroll.errors import UNREADABLE, CanrollError
 from gain_gen.laws.compensator import checked, scaled_states
 from gain_gen.laws.state_feedback import actuator_rate, feedforward_row, observer_of
@@ -41,7 +39,7 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
         elif path.suffix == ".mat":
             found = _read_mat(path)
         elif path.suffix == ".toml":
-            found = dict(tomllib.loads(path.read_text(encoding="utf-8")))
+            found = dict(tomllib.loads(path.read_text(encoding="utf-8-sig")))
         else:
             raise CanrollError(f"matrices {path}: give a .npz, .mat or .toml file")
         matrices = {name: np.atleast_2d(np.asarray(v, float)) for name, v in found.items()}
@@ -60,13 +58,12 @@ def _read_mat(path: Path) -> dict[str, np.ndarray[Any, Any]]:
 
     scipy's reader ends the process on some damaged files.
     """
-    done = subprocess.run(
-        [sys.executable, "-c", _MAT_TO_NPZ, str(path)], capture_output=True, check=False
-    )
-    if done.returncode:
-        raise CanrollError(f"cannot read matrices {path}: not a .mat file that scipy can read")
-    with np.load(io.BytesIO(done.stdout)) as stored:
-        return dict(stored)
+    try:
+        return apart.arrays(_MAT_TO_NPZ, path)
+    except ValueError as error:
+        raise CanrollError(
+            f"cannot read matrices {path}: not a .mat file that scipy can read: {error}"
+        ) from error
 
 
 def design_custom(task: Task) -> Solution:

@@ -1,7 +1,9 @@
 """The ``canroll`` command: finds the subcommand's module, runs it, reports errors in one line."""
 
 import argparse
+import codecs
 import errno
+import io
 import json
 import os
 import sys
@@ -29,6 +31,11 @@ REGISTRIES: dict[str, Registry[Any]] = {
 }
 """What can be listed beside the vehicles, and added to by others."""
 
+PLAIN = {
+    **{"°": " deg", "−": "-", "–": "-", "—": "-", "±": "+-", "·": ".", "×": "x", "…": "..."},
+    **{"²": "2", "³": "3", "µ": "u", "≥": ">=", "≤": "<=", "φ": "phi", "χ": "chi", "→": "->"},
+}
+"""What is printed where the terminal's encoding lacks a character."""
 INTERNAL_ERROR = 3
 OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.ENOMEM)
 """Errors of the system that neither the input nor canroll is to blame for."""
@@ -159,6 +166,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # Designs are many operations on small matrices: threads only wait for each other there, and
     # their number must not decide how a sum is rounded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    prepare_streams()
     try:
         return dispatch(sys.argv[1:] if arguments is None else arguments)
     except CanrollError as error:
@@ -189,6 +197,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     except Exception as error:
         return internal_error(error)
+
+
+def prepare_streams() -> None:
+    """Replace closed streams, and characters that the terminal's encoding lacks."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            # a file opened later must not get the number of a standard stream
+            stream = open(os.devnull, "w" if number else "r", encoding="utf-8")  # noqa: SIM115
+            setattr(sys, name, stream)
+    codecs.register_error("canroll-plain", plain)
+    for output in (sys.stdout, sys.stderr):
+        if isinstance(output, io.TextIOWrapper):
+            output.reconfigure(errors="canroll-plain")
+
+
+def plain(error: UnicodeError) -> tuple[str, int]:
+    """Return ASCII text for characters that cannot be encoded, and where to go on."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    return "".join(PLAIN.get(character, "?") for character in text), error.end
 
 
 def internal_error(error: Exception) -> int:

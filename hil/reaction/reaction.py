@@ -6,7 +6,7 @@ than 100 ms, or where the vehicle rolls over. A fault is detected where the ECU 
 code or leaves ACTIVE, or where the actuators release the command.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
@@ -17,6 +17,7 @@ from canroll.typing import Vector
 from firmware.state import ACTIVE
 from hil.reaction.fault_codes import FAULT_CODES, MODES
 from plant_sim.faults import Fault
+from plant_sim.world.spool import Table
 
 WORSE = 1.1
 """Factor on the passive vehicle's roll angle or path error above which a run is harmful."""
@@ -31,11 +32,11 @@ class Trace(Protocol):
     """What is needed of the record of a run, as in :class:`hil.runs.trace.Trace`."""
 
     @property
-    def signals(self) -> dict[str, NDArray[np.float64]]:
+    def signals(self) -> Mapping[str, NDArray[np.float64]]:
         """The vehicle every millisecond, one array per signal."""
 
     @property
-    def ticks(self) -> NDArray[np.void]:
+    def ticks(self) -> Table:
         """The ECU after every tick."""
 
     @property
@@ -139,8 +140,8 @@ def observe(trace: Trace, passive: Trace, faults: Sequence[Fault]) -> Reaction:
         no_verdict = f"it begins at {start:g} s, the run ends at {trace.duration:g} s"
     wrong, longest, _ = _wrong_side(trace, begin)
     return Reaction(
-        modes=mode_changes(trace.ticks),
-        codes=codes_seen(trace.ticks),
+        modes=mode_changes(np.asarray(trace.ticks)),
+        codes=codes_seen(np.asarray(trace.ticks)),
         wrong_side_max_nm=wrong,
         wrong_side_s=longest,
         start=start,
@@ -153,14 +154,14 @@ def observe(trace: Trace, passive: Trace, faults: Sequence[Fault]) -> Reaction:
     )
 
 
-def mode_changes(ticks: NDArray[np.void]) -> tuple[ModeChange, ...]:
+def mode_changes(ticks: Table) -> tuple[ModeChange, ...]:
     """Return every change of mode in rows of :data:`hil.runs.trace.TICK`, the first included."""
     mode = ticks["mode"].astype(int)
     places = np.flatnonzero(np.diff(mode, prepend=-1))
     return tuple(ModeChange(float(ticks["t"][i]), MODES[int(mode[i])]) for i in places)
 
 
-def codes_seen(ticks: NDArray[np.void]) -> tuple[CodeSeen, ...]:
+def codes_seen(ticks: Table) -> tuple[CodeSeen, ...]:
     """Return every fault code active in rows of :data:`hil.runs.trace.TICK`."""
     found = []
     for code, name in sorted(FAULT_CODES.items()):
@@ -172,7 +173,7 @@ def codes_seen(ticks: NDArray[np.void]) -> tuple[CodeSeen, ...]:
 
 def _detection(trace: Trace, start: float) -> tuple[float, str] | None:
     """Return when and by what the first fault was detected."""
-    ticks = trace.ticks
+    ticks = np.asarray(trace.ticks)
     before, after = ticks[ticks["t"] < start], ticks[ticks["t"] >= start]
     known = int(np.bitwise_or.reduce(before["fault_codes"][-1:], initial=0))
     found = []

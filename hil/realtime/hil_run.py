@@ -15,6 +15,7 @@ from hil.runs.choices import PASSIVE
 from hil.runs.experiment import with_files
 from hil.runs.result import Result
 from hil.runs.trace import Trace
+from plant_sim.world.spool import Rows, blocks
 
 __all__ = ["run", "with_files"]
 
@@ -105,7 +106,10 @@ def cut(trace: Trace, duration: float) -> Trace:
     return replace(
         trace,
         signals={name: np.asarray(values[kept]) for name, values in trace.signals.items()},
-        frames=trace.frames[trace.frames["t_end"] <= duration * 1e9],
+        frames=Rows(
+            trace.frames.dtype,
+            [block[block["t_end"] <= duration * 1e9] for block in blocks(trace.frames)],
+        ),
         ticks=trace.ticks[trace.ticks["t"] <= duration],
         duration=duration,
     )

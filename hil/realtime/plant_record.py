@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from canroll.errors import UNREADABLE, CanrollError
 from hil.realtime.hardware.bus_record import ENTRY
 from hil.realtime.plant_loop import Outcome
+from plant_sim.world import archive
+from plant_sim.world.spool import Table
 from plant_sim.world.world import World
 
 
@@ -23,8 +25,8 @@ class PlantRecord:
     everything on the real bus (:data:`hil.realtime.hardware.bus_record.ENTRY`).
     """
 
-    signals: dict[str, NDArray[np.float64]]
-    frames: NDArray[np.void]
+    signals: Mapping[str, NDArray[np.float64]]
+    frames: Table
     ages: NDArray[np.int64]
     commands: NDArray[np.void]
     loop: NDArray[np.int64]
@@ -46,18 +48,20 @@ def save(
     """
     signals = world.signals
     try:
-        with path.open("wb") as file:
-            np.savez(
-                file,
-                names=np.array(list(signals)),
-                signals=np.stack(list(signals.values())),
-                frames=world.frames,
-                ages=world.ages,
-                commands=world.commands,
-                loop=outcome.loop,
-                bus=bus,
-                about=np.array(json.dumps(dict(about))),
-            )
+        archive.write(
+            path,
+            {
+                "names": np.array(list(signals)),
+                "signals": signals,
+                "frames": world.frames,
+                "ages": world.ages,
+                "commands": world.commands,
+                "loop": outcome.loop,
+                "bus": bus,
+                "about": np.array(json.dumps(dict(about))),
+            },
+            compressed=False,
+        )
     except OSError as error:
         raise CanrollError(f"cannot write {path}: {error.strerror}") from error
 
@@ -69,16 +73,16 @@ def load(path: Path) -> PlantRecord:
         CanrollError: it cannot be read.
     """
     try:
-        with np.load(path) as archive:
-            names = [str(name) for name in archive["names"]]
+        with archive.Archive(path) as stored:
+            names = [str(name) for name in stored.array("names")]
             return PlantRecord(
-                signals=dict(zip(names, archive["signals"], strict=True)),
-                frames=archive["frames"],
-                ages=archive["ages"],
-                commands=archive["commands"],
-                loop=archive["loop"],
-                about=json.loads(str(archive["about"])),
-                bus=archive["bus"],
+                signals=stored.signals("signals", names),
+                frames=stored.rows("frames"),
+                ages=stored.array("ages"),
+                commands=stored.array("commands"),
+                loop=stored.array("loop"),
+                about=json.loads(str(stored.array("about"))),
+                bus=stored.array("bus"),
             )
     except UNREADABLE as error:
         raise CanrollError(f"cannot read {path}: {error}") from error

@@ -183,7 +183,7 @@ def assemble(
         ages = timing.latencies(
             ecu,
             plant.commands,
-            plant.frames,
+            np.asarray(plant.frames),
             start_ns=start,
             sensor_latency_ns=_sensor_latency_ns(settings),
             firmware=settings.firmware,

@@ -25,6 +25,7 @@ from gain_gen.calibration.record import fill
 from hil.realtime.bus_link import Frame
 from hil.realtime.hardware.bus_record import ENTRY
 from hil.runs.trace import TICK, record_tick
+from plant_sim.world import archive
 
 TICKS = np.dtype(
     [
@@ -127,15 +128,17 @@ def save(path: Path, trace: TickTrace) -> None:
     """
     integers = {field.name: getattr(trace.calibration, field.name) for field in fields(Calibration)}
     try:
-        with path.open("wb") as file:
-            np.savez_compressed(
-                file,
-                ticks=trace.ticks,
-                frames=trace.frames,
-                bus=trace.bus,
-                calibration=np.array(json.dumps(integers)),
-                about=np.array(json.dumps(dict(trace.about))),
-            )
+        archive.write(
+            path,
+            {
+                "ticks": trace.ticks,
+                "frames": trace.frames,
+                "bus": trace.bus,
+                "calibration": np.array(json.dumps(integers)),
+                "about": np.array(json.dumps(dict(trace.about))),
+            },
+            compressed=True,
+        )
     except OSError as error:
         raise CanrollError(f"cannot write {path}: {error.strerror}") from error
 
@@ -147,13 +150,13 @@ def load(path: Path) -> TickTrace:
         CanrollError: the file contains none.
     """
     try:
-        with np.load(path) as archive:
+        with archive.Archive(path) as stored:
             return TickTrace(
-                calibration=fill(json.loads(str(archive["calibration"]))),
-                ticks=archive["ticks"],
-                frames=archive["frames"],
-                about=json.loads(str(archive["about"])),
-                bus=archive["bus"] if "bus" in archive else np.zeros(0, ENTRY),
+                calibration=fill(json.loads(str(stored.array("calibration")))),
+                ticks=stored.array("ticks"),
+                frames=stored.array("frames"),
+                about=json.loads(str(stored.array("about"))),
+                bus=stored.array("bus") if "bus" in stored else np.zeros(0, ENTRY),
             )
     except OSError as error:
         raise CanrollError(f"cannot read {path}: {error.strerror or error}") from error

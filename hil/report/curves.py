@@ -20,6 +20,7 @@ from hil.runs.metrics import axle_load_transfer, moment, response_times
 from hil.runs.trace import Trace
 from plant_sim.bodies.ports import WHEELS
 from plant_sim.world.recording import AXLES
+from plant_sim.world.spool import blocks
 from vehicles import GRAVITY
 
 PASSIVE_COLOUR = 0
@@ -54,6 +55,11 @@ def signal(name: str, scale: float = 1.0) -> Signal:
     return lambda trace: trace.signals[name] * scale
 
 
+def transfer(axle: str) -> Signal:
+    """Return a function that selects the load transfer of an axle."""
+    return lambda trace: axle_load_transfer(trace, axle)
+
+
 def _over_time(runs: Sequence[Shown], id: str, title: str, ylabel: str, pick: Signal) -> Figure:
     curves = [
         Series(run.name, run.trace.signals["time"], pick(run.trace), run.colour, run.dash)
@@ -68,8 +74,18 @@ def motion(runs: Sequence[Shown]) -> list[Figure]:
     plots = [
         ("roll", "Roll angle", "deg", signal("roll", degrees)),
         ("roll-rate", "Roll rate", "deg/s", signal("roll_rate", degrees)),
-        ("nlt-front", "Load transfer, front axle", "−1 to 1", lambda t: axle_load_transfer(t)[0]),
-        ("nlt-rear", "Load transfer, rear axle", "−1 to 1", lambda t: axle_load_transfer(t)[1]),
+        (
+            "nlt-front",
+            "Load transfer, front axle",
+            "−1 to 1",
+            lambda t: axle_load_transfer(t, "front"),
+        ),
+        (
+            "nlt-rear",
+            "Load transfer, rear axle",
+            "−1 to 1",
+            lambda t: axle_load_transfer(t, "rear"),
+        ),
         ("ay", "Lateral acceleration", "m/s²", signal("ay")),
         ("path-error", "Distance from the driver's path", "m", signal("path_error")),
         ("steer", "Steering at the road wheels", "deg", signal("steer", degrees)),
@@ -278,12 +294,13 @@ def bus(runs: Sequence[Shown]) -> list[Figure]:
 
 
 def _load(run: Shown, segment: int) -> tuple[Vector, Vector]:
-    frames = run.trace.frames
-    on = frames[(frames["segment"] == segment) & (frames["t_start"] >= 0)]
     windows = max(int(run.trace.duration / LOAD_WINDOW), 1)
     edges: Vector = LOAD_WINDOW * np.arange(windows + 1, dtype=float)
-    busy = (on["t_end"] - on["t_start"]) * 1e-9
-    sums, _ = np.histogram(on["t_start"] * 1e-9, bins=edges, weights=busy)
+    sums = np.zeros(windows)
+    for block in blocks(run.trace.frames):
+        on = block[(block["segment"] == segment) & (block["t_start"] >= 0)]
+        busy = (on["t_end"] - on["t_start"]) * 1e-9
+        sums += np.histogram(on["t_start"] * 1e-9, bins=edges, weights=busy)[0]
     return edges[:-1], 100 * sums / LOAD_WINDOW
 
 

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 POINTS_MAX = 4000
+POINTS_OF = {"line": POINTS_MAX, "step": 10 * POINTS_MAX, "marks": 10 * POINTS_MAX}
+"""The most points of a curve, by kind: of a line those of one screen, of instants many."""
 SOLID, DASHED, DOTTED, DASH_DOTTED = range(4)
 
 
@@ -49,13 +51,19 @@ class Series:
     width: float = 0.0
     row: int = 0
 
+    def __post_init__(self) -> None:
+        """Keep no more points than the plot can show."""
+        if self.kind in POINTS_OF:
+            x, y = thin(self.x, self.y, POINTS_OF[self.kind])
+            object.__setattr__(self, "x", x)
+            object.__setattr__(self, "y", y)
+
     def data(self) -> dict[str, object]:
         """Return the data for the page."""
-        x, y = thin(self.x, self.y) if self.kind == "line" else (self.x, self.y)
         return {
             "name": self.name,
-            "x": pack(x),
-            "y": pack(y),
+            "x": pack(self.x),
+            "y": pack(self.y),
             "colour": self.colour,
             "dash": self.dash,
             "kind": self.kind,

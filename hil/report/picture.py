@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from canroll.errors import CanrollError
+from hil.report.figure import thin
 from hil.report.run_page import shown
 from hil.runs.metrics import axle_load_transfer, moment
 from hil.runs.result import Result
@@ -15,6 +16,8 @@ from hil.runs.trace import Trace
 
 COLOURS = ("#4d4d4d", "#0072b2")
 STYLES = ("--", "-")
+POINTS = 200_000
+"""The most points of a curve; many more than the picture has columns."""
 
 
 def draw_picture(result: Result, path: Path) -> Path:
@@ -26,15 +29,15 @@ def draw_picture(result: Result, path: Path) -> Path:
     panels: tuple[tuple[str, Callable[[Trace], np.ndarray]], ...] = (
         ("roll angle (deg)", lambda trace: np.degrees(trace.signals["roll"])),
         ("anti-roll moment (N·m)", moment),
-        ("load transfer, front axle", lambda trace: axle_load_transfer(trace)[0]),
+        ("load transfer, front axle", lambda trace: axle_load_transfer(trace, "front")),
     )
     with matplotlib.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         figure = Figure(figsize=(8, 6.5), layout="constrained")
         axes = figure.subplots(len(panels), 1, sharex=True)
         for axis, (label, pick) in zip(axes, panels, strict=True):
             for run, colour, style in zip(shown(result), COLOURS, STYLES, strict=False):
-                time = run.trace.signals["time"]
-                axis.plot(time, pick(run.trace), style, color=colour, label=run.name)
+                curve = thin(run.trace.signals["time"], pick(run.trace), POINTS)
+                axis.plot(*curve, style, color=colour, label=run.name)
             axis.set_ylabel(label)
         axes[0].set_title(result.verdict, fontsize=10, loc="left", wrap=True)
         axes[0].legend(loc="upper right")

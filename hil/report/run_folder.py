@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from codegen.export.header import gains_header
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
@@ -42,15 +42,23 @@ def page_folder(folder: Path | None) -> Path | None:
 
 
 def check_parent(path: Path, *, out: Path | None = None) -> Path:
-    """Return ``path`` if its folder exists, or is ``out``, which is created.
+    """Return ``path`` if it can be written, or its folder is ``out``, which is created.
 
     Raises:
-        CanrollError: there is no such folder, or ``path`` is a folder.
+        CanrollError: there is no such folder, ``path`` is a folder, or it cannot be written.
     """
     if path.parent != out and not path.parent.is_dir():
         raise CanrollError(f"cannot write {path}: no such folder {path.parent}")
     if path.is_dir():
         raise CanrollError(f"cannot write {path}: it is a folder")
+    if path.parent.is_dir():
+        known = path.exists()
+        try:
+            path.open("ab").close()
+            if not known:
+                path.unlink()
+        except OSError as error:
+            raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path
 
 

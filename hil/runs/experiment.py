@@ -30,6 +30,7 @@ from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS, closed_loop
 from plant_sim.driving import MANEUVERS, maneuvers
 from plant_sim.faults import parse_all
+from plant_sim.world.recording import EVERYTHING, Kept
 from plant_sim.world.world import World
 
 AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
@@ -145,18 +146,19 @@ def drive(
     duration: float | None = None,
     progress: Progress | None = None,
     steer: NDArray[np.float64] | None = None,
+    kept: Kept = EVERYTHING,
 ) -> Trace:
     """Drive the manoeuvre once; without control the actuators are disabled but frames exchanged.
 
     ``steer``: angle at the road wheels, rad, one value per millisecond, replayed instead of the
-    driver's steering.
+    driver's steering. ``kept``: what the trace has of signals and frames.
     """
     maneuver = maneuver_of(settings)
     stage = "controlled" if enabled else "passive"
     if steer is not None:
         maneuver, stage = maneuvers.replay(maneuver, steer), "replay"
     trace = closed_loop(
-        build_world(settings, enabled=enabled, maneuver=maneuver),
+        build_world(settings, enabled=enabled, maneuver=maneuver, kept=kept),
         open_backend(settings.backend, controller.record, settings.firmware),
         tick_ns=round(settings.tick * 1e9),
         offset_ns=tick_offset_ns(settings),
@@ -187,7 +189,11 @@ def tick_phase_ns(settings: Settings) -> int:
 
 
 def build_world(
-    settings: Settings, *, enabled: bool, maneuver: maneuvers.Maneuver | None = None
+    settings: Settings,
+    *,
+    enabled: bool,
+    maneuver: maneuvers.Maneuver | None = None,
+    kept: Kept = EVERYTHING,
 ) -> World:
     """Return the world for ``settings`` at time 0, with ``maneuver`` instead of theirs if given."""
     sensors, actuators = conditions_of.options(dict(settings.conditions))
@@ -204,6 +210,7 @@ def build_world(
         sensors=sensors,
         actuators=actuators,
         faults=parse_all(settings.faults),
+        kept=kept,
     )
 
 

@@ -82,11 +82,10 @@ def detect(
     threshold = max(SHARE_OF_PEAK * float(np.max(np.abs(command))), LEAST_MOMENT)
     found = []
     for window in AVERAGES:
-        left = _without_average(command, t, window)
-        roll = _without_average(roll_passive, t_passive, window)
-        found += [
-            cycle for cycle in _cycles(t, left, threshold) if not _excited(cycle, t_passive, roll)
-        ]
+        cycles = list(_cycles(t, _without_average(command, t, window), threshold))
+        if cycles:
+            roll = _without_average(roll_passive, t_passive, window)
+            found += [cycle for cycle in cycles if not _excited(cycle, t_passive, roll)]
     return max(found, key=lambda cycle: cycle.end - cycle.start, default=None)
 
 
@@ -106,9 +105,10 @@ def _without_average(values: Vector, t: Vector, window: float) -> Vector:
     if count < 2:
         return values
     ones = np.ones(count)
-    return values - np.convolve(values, ones, "same") / np.convolve(
-        np.ones(len(values)), ones, "same"
-    )
+    average = np.convolve(values, ones, "same")
+    # the values that the window covers: fewer than all of it only near the ends
+    average /= np.convolve(np.ones(len(values)), ones, "same")
+    return np.subtract(values, average, out=average)
 
 
 def _cycles(t: Vector, values: Vector, threshold: float) -> Iterator[LimitCycle]:

@@ -7,13 +7,15 @@ from typing import Any
 
 import can
 import numpy as np
-from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from plant_sim.can_bus import DELIVERED, ECU, REFUSED
 from plant_sim.can_bus.kernel.layout import ERROR
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
+from plant_sim.world.spool import Table, blocks
 
+UNDER_WAY_NS = 1_000_000_000
+"""Longer than any frame is under way on a segment between two entries of the log."""
 SUFFIXES = (".asc", ".blf", ".log", ".mf4", ".pcap", ".pcapng")
 
 
@@ -28,14 +30,27 @@ def check_suffix(path: Path) -> Path:
     return path
 
 
-def messages(frames: NDArray[Any]) -> Iterator[can.Message]:
+def _in_order(frames: Table) -> Iterator[np.void]:
+    """Yield what a logger sees, by time; the log has it in order but for what is under way."""
+    held = np.zeros(0, frames.dtype)
+    for block in blocks(frames):
+        seen = block[np.isin(block["outcome"], (DELIVERED, REFUSED, ERROR))]
+        pool = np.concatenate((held, seen))
+        pool = pool[np.argsort(pool["t_received"], kind="stable")]
+        until = int(pool["t_received"][-1]) - UNDER_WAY_NS if len(pool) else 0
+        done = int(np.searchsorted(pool["t_received"], until))
+        yield from pool[:done]
+        held = pool[done:]
+    yield from held
+
+
+def messages(frames: Table) -> Iterator[can.Message]:
     """Yield the messages seen by a logger on each segment, in order; time 0 is the run's start.
 
     Frames of the controller count as transmitted, all others as received; the channel is the
     segment. Error frames are included, frames that never reached the bus are not.
     """
-    seen = frames[np.isin(frames["outcome"], (DELIVERED, REFUSED, ERROR))]
-    for entry in seen[np.argsort(seen["t_received"], kind="stable")]:
+    for entry in _in_order(frames):
         error = bool(entry["outcome"] == ERROR)
         flags = 0 if error else int(entry["flags"])
         length = 0 if error else int(entry["length"])
@@ -68,7 +83,7 @@ def _start_at_zero(logger: Any) -> None:  # noqa: ANN401 - whichever writer the 
         logger._start_time = logger.last_timestamp = 0.0
 
 
-def write_log(path: Path, frames: NDArray[Any]) -> Path:
+def write_log(path: Path, frames: Table) -> Path:
     """Write a bus log in the format of ``path``'s suffix, and return ``path``.
 
     Raises:

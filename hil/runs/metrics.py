@@ -13,6 +13,7 @@ from hil.runs.trace import Trace
 from plant_sim.bodies.ports import WHEELS
 from plant_sim.can_bus.kernel.layout import DELIVERED
 from plant_sim.world.recording import AXLES
+from plant_sim.world.spool import blocks, pieces
 from vehicles import Vehicle
 
 
@@ -84,10 +85,21 @@ def load_transfer(left: Vector, right: Vector) -> Vector:
     return np.divide(right - left, total, out=np.zeros_like(total), where=total > 1.0)
 
 
-def axle_load_transfer(trace: Trace) -> tuple[Vector, Vector]:
-    """Normalised load transfer of the front and the rear axle over time."""
-    fl, fr, rl, rr = (trace.signals[f"wheel_load_{wheel}"] for wheel in WHEELS)
-    return load_transfer(fl, fr), load_transfer(rl, rr)
+def axle_load_transfer(trace: Trace, axle: str) -> Vector:
+    """Normalised load transfer of an axle ("front" or "rear") over time."""
+    left, right = _loads_of(axle)
+    return load_transfer(trace.signals[left], trace.signals[right])
+
+
+def _loads_of(axle: str) -> tuple[str, str]:
+    return f"wheel_load_{axle}_left", f"wheel_load_{axle}_right"
+
+
+def _peak_load_transfer(trace: Trace, axle: str) -> float:
+    return max(
+        (peak(load_transfer(*loads)) for loads in pieces(trace.signals, *_loads_of(axle))),
+        default=0.0,
+    )
 
 
 def moment(trace: Trace) -> Vector:
@@ -98,16 +110,16 @@ def moment(trace: Trace) -> Vector:
 def judge(trace: Trace) -> Metrics:
     """Return the figures of one run over its whole length."""
     signals = trace.signals
-    front, rear = axle_load_transfer(trace)
+    moments = moment(trace)
     return Metrics(
         roll_rms_deg=math.degrees(rms(signals["roll"])),
         roll_max_deg=math.degrees(peak(signals["roll"])),
         roll_rate_rms_deg_s=math.degrees(rms(signals["roll_rate"])),
         roll_rate_max_deg_s=math.degrees(peak(signals["roll_rate"])),
-        nlt_front_max=peak(front),
-        nlt_rear_max=peak(rear),
-        moment_rms_nm=rms(moment(trace)),
-        moment_max_nm=peak(moment(trace)),
+        nlt_front_max=_peak_load_transfer(trace, "front"),
+        nlt_rear_max=_peak_load_transfer(trace, "rear"),
+        moment_rms_nm=rms(moments),
+        moment_max_nm=peak(moments),
         path_error_rms_m=rms(signals["path_error"]),
         path_error_max_m=peak(signals["path_error"]),
         rollover=bool(np.any(signals["rollover"] > 0)),
@@ -134,7 +146,6 @@ def load_transfer_without_roll(
     lifted = any(np.any(signals[f"wheel_load_{wheel}"] <= 0) for wheel in WHEELS)
     if lifted or np.any(signals["bank"]):
         return {f"nlt_{axle}_max": None for axle in AXLES}
-    held = plant.roll_arm * signals["ay"]
     axles = (
         (front_share, suspension.roll_stiffness_front_share, suspension.roll_damping_front_share),
         (
@@ -146,14 +157,14 @@ def load_transfer_without_roll(
     tracks = (geometry.half_track_front, geometry.half_track_rear)
     figures: dict[str, float | None] = {}
     for axle, (share, stiffness, damping), track in zip(AXLES, axles, tracks, strict=True):
-        sprung = (
-            stiffness * plant.roll_stiffness * signals["roll"]
-            + damping * plant.roll_damping * signals["roll_rate"]
-        )
-        less = (sprung - share * held) / track
-        left = signals[f"wheel_load_{axle}_left"] + less / 2
-        right = signals[f"wheel_load_{axle}_right"] - less / 2
-        figures[f"nlt_{axle}_max"] = min(1.0, peak(load_transfer(left, right)))
+        figure = 0.0
+        for ay, roll, rate, left, right in pieces(
+            signals, "ay", "roll", "roll_rate", *_loads_of(axle)
+        ):
+            sprung = stiffness * plant.roll_stiffness * roll + damping * plant.roll_damping * rate
+            less = (sprung - share * (plant.roll_arm * ay)) / track
+            figure = max(figure, peak(load_transfer(left + less / 2, right - less / 2)))
+        figures[f"nlt_{axle}_max"] = min(1.0, figure)
     return figures
 
 
@@ -165,13 +176,14 @@ def response_times(trace: Trace, names: Mapping[int, str] | None = None) -> dict
     """
     if names is None:
         names = {message.frame_id: message.name for message in dbc.load().messages}
-    done = trace.frames[trace.frames["outcome"] == DELIVERED]
-    times = {}
-    for ident in np.unique(done["ident"]):
-        if int(ident) in names:
-            of = done[done["ident"] == ident]
-            times[names[int(ident)]] = (of["t_end"] - of["t_queued"]) * 1e-6
-    return times
+    found: dict[int, list[Vector]] = {}
+    for block in blocks(trace.frames):
+        done = block[block["outcome"] == DELIVERED]
+        for ident in map(int, np.unique(done["ident"])):
+            if ident in names:
+                of = done[done["ident"] == ident]
+                found.setdefault(ident, []).append((of["t_end"] - of["t_queued"]) * 1e-6)
+    return {names[ident]: np.concatenate(found[ident]) for ident in sorted(found)}
 
 
 def spread(values: Vector) -> Spread:
@@ -181,9 +193,11 @@ def spread(values: Vector) -> Spread:
 
 def bus_load(trace: Trace, segment: int = 0) -> float:
     """Share of the run in which ``segment`` was busy with frames and interframe spaces."""
-    frames = trace.frames
-    on = frames[(frames["segment"] == segment) & (frames["t_start"] >= 0)]
-    return float(np.sum(on["t_end"] - on["t_start"]) * 1e-9 / trace.duration)
+    busy_ns = 0
+    for block in blocks(trace.frames):
+        on = block[(block["segment"] == segment) & (block["t_start"] >= 0)]
+        busy_ns += int(np.sum(on["t_end"] - on["t_start"]))
+    return busy_ns * 1e-9 / trace.duration
 
 
 def can(trace: Trace, names: Mapping[int, str] | None = None) -> Can:

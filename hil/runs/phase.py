@@ -13,6 +13,7 @@ import dbc
 from canroll.errors import CanrollError
 from codegen.generated.bus_map import EXTENDED
 from plant_sim.can_bus import DELIVERED, ECU
+from plant_sim.world.spool import Table, blocks
 from plant_sim.world.world import World
 
 IMU = int(dbc.message("Imu").frame_id)
@@ -105,7 +106,7 @@ def earliest_arrival_ns(world: World) -> int:
     return (int(imu["t_origin"][0]) + int(np.min(responses))) % IMU_PERIOD_NS
 
 
-def measured(ticks: NDArray[np.float64], frames: NDArray[np.void], imu: int = IMU) -> Phase | None:
+def measured(ticks: NDArray[np.float64], frames: Table, imu: int = IMU) -> Phase | None:
     """Return the phase of a run's ticks; None if no tick had an Imu frame before it.
 
     Args:
@@ -124,15 +125,18 @@ def measured(ticks: NDArray[np.float64], frames: NDArray[np.void], imu: int = IM
     return Phase(float(since.min()), float(since.mean()), float(since.max()))
 
 
-def received_by_ecu(frames: NDArray[np.void], imu: int = IMU) -> NDArray[np.void]:
+def received_by_ecu(frames: Table, imu: int = IMU) -> NDArray[np.void]:
     """Return the Imu frames of a bus log that reached the ECU.
 
     The ECU's segment is the one it sends on, or the first if it has sent nothing.
     """
-    own = frames[frames["sender"] == ECU]
-    return _received(frames, int(own["segment"][0]) if len(own) else 0, imu)
+    own = np.flatnonzero(frames["sender"] == ECU)
+    return _received(frames, int(frames["segment"][own[0]]) if len(own) else 0, imu)
 
 
-def _received(frames: NDArray[np.void], segment: int, imu: int) -> NDArray[np.void]:
-    whole = (frames["ident"] == imu & ~EXTENDED) & (frames["outcome"] == DELIVERED)
-    return np.asarray(frames[whole & (frames["segment"] == segment)])
+def _received(frames: Table, segment: int, imu: int) -> NDArray[np.void]:
+    found = [np.zeros(0, frames.dtype)]
+    for block in blocks(frames):
+        whole = (block["ident"] == imu & ~EXTENDED) & (block["outcome"] == DELIVERED)
+        found.append(block[whole & (block["segment"] == segment)])
+    return np.concatenate(found)

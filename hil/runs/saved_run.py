@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 import vehicles
 from canroll.errors import UNREADABLE, CanrollError
@@ -22,6 +21,8 @@ from hil.runs.frozen import COMMANDS, Controller
 from hil.runs.result import SAVED, Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS
+from plant_sim.world import archive
+from plant_sim.world.spool import Rows, as_columns
 
 RESULT = "result.json"
 TRACE = "trace.npz"
@@ -31,8 +32,6 @@ HASHES = "sha256"
 VEHICLE = "vehicle_sha256"
 """Key of result.json: the fingerprint of the vehicle that was driven."""
 RUNS = ("passive", "controlled", "replay")
-
-Arrays = Mapping[str, NDArray[Any]]
 
 
 def save_traces(path: Path, result: Result) -> Path:
@@ -44,17 +43,18 @@ def save_traces(path: Path, result: Result) -> Path:
     Raises:
         CanrollError: it cannot be written.
     """
-    arrays: dict[str, Any] = {}
+    entries: dict[str, archive.Entry] = {}
     for run in RUNS:
         trace: Trace | None = getattr(result, run)
         if trace is None:
             continue
-        arrays[f"{run}/signal_names"] = np.array(list(trace.signals))
-        arrays[f"{run}/signals"] = np.array(list(trace.signals.values()))
+        entries[f"{run}/signal_names"] = np.array(list(trace.signals))
+        entries[f"{run}/signals"] = as_columns(trace.signals)
         for name in ("frames", "ages", "ticks", "duration", "complete"):
-            arrays[f"{run}/{name}"] = np.asarray(getattr(trace, name))
+            value = getattr(trace, name)
+            entries[f"{run}/{name}"] = value if isinstance(value, Rows) else np.asarray(value)
     try:
-        np.savez_compressed(path, **arrays)
+        archive.write(path, entries, compressed=True)
     except OSError as error:
         raise CanrollError(f"cannot write {path}: {error.strerror}") from error
     return path
@@ -82,11 +82,10 @@ def load(folder: Path) -> Result:
         changed = [name for name in hashes if digest(folder / name) != hashes[name]]
         if changed:
             raise CanrollError(f"{folder}: {', '.join(changed)} changed since the run was written")
-        with np.load(folder / TRACE) as archive:
-            arrays = dict(archive)
+        with archive.Archive(folder / TRACE) as stored:
+            traces = {run: _trace(stored, run) for run in RUNS}
         loaded = calibration_file.load(folder / CALIBRATION)
         settings = _settings(data, loaded)
-        traces = {run: _trace(arrays, run) for run in RUNS}
         told = {"warnings": tuple(data["warnings"]), "files": data["files"]}
         timing = data.get("timing", {})
         known = data["calibration_id"]
@@ -109,17 +108,17 @@ def digest(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def _trace(arrays: Arrays, run: str) -> Trace | None:
-    if f"{run}/signals" not in arrays:
+def _trace(stored: archive.Archive, run: str) -> Trace | None:
+    if f"{run}/signals" not in stored:
         return None
-    names = arrays[f"{run}/signal_names"]
+    names = stored.array(f"{run}/signal_names")
     return Trace(
-        signals=dict(zip(map(str, names), arrays[f"{run}/signals"], strict=True)),
-        frames=arrays[f"{run}/frames"],
-        ages=arrays[f"{run}/ages"],
-        ticks=arrays[f"{run}/ticks"],
-        duration=float(arrays[f"{run}/duration"]),
-        complete=bool(arrays[f"{run}/complete"]),
+        signals=stored.signals(f"{run}/signals", map(str, names)),
+        frames=stored.rows(f"{run}/frames"),
+        ages=stored.array(f"{run}/ages"),
+        ticks=stored.rows(f"{run}/ticks"),
+        duration=float(stored.array(f"{run}/duration")),
+        complete=bool(stored.array(f"{run}/complete")),
     )
 
 

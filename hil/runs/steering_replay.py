@@ -11,6 +11,7 @@ from canroll.typing import Vector
 from hil.runs.trace import Trace
 from plant_sim.driving.driver import D_PATH_STEP, FISHHOOK, FOLLOW_PATH, Drive
 from plant_sim.driving.maneuvers import Maneuver
+from plant_sim.world.spool import pieces, with_signal
 
 
 def differs(maneuver: Maneuver, passive: Trace, controlled: Trace) -> bool:
@@ -30,7 +31,9 @@ def with_path_error(trace: Trace, drive: Drive) -> Trace:
     """Return a replayed trace with its distance from the path, which no driver followed."""
     if drive.path_x.size <= 2:
         return trace
-    return replace(trace, signals={**trace.signals, "path_error": path_error(trace, drive)})
+    return replace(
+        trace, signals=with_signal(trace.signals, "path_error", path_error(trace, drive))
+    )
 
 
 def path_error(trace: Trace, drive: Drive) -> Vector:
@@ -45,13 +48,16 @@ def path_error(trace: Trace, drive: Drive) -> Vector:
     tangents = np.column_stack([along_x / length, along_y / length]).tolist()
     points = np.column_stack([drive.path_x, drive.path_y]).tolist()
     last, station = len(tangents) - 1, 0.0
-    errors = []
-    for x, y in zip(trace.signals["x"].tolist(), trace.signals["y"].tolist(), strict=True):
-        place = min(int(station / step), last)
-        tx, ty = tangents[place]
-        beyond = station - place * step
-        away_x = x - points[place][0] - beyond * tx
-        away_y = y - points[place][1] - beyond * ty
-        station += min(max(away_x * tx + away_y * ty, 0.0), 1.0)
-        errors.append(away_y * tx - away_x * ty)
-    return np.array(errors)
+    errors = np.zeros(len(trace.signals["x"]))
+    number = 0
+    for xs, ys in pieces(trace.signals, "x", "y"):
+        for x, y in zip(xs.tolist(), ys.tolist(), strict=True):
+            place = min(int(station / step), last)
+            tx, ty = tangents[place]
+            beyond = station - place * step
+            away_x = x - points[place][0] - beyond * tx
+            away_y = y - points[place][1] - beyond * ty
+            station += min(max(away_x * tx + away_y * ty, 0.0), 1.0)
+            errors[number] = away_y * tx - away_x * ty
+            number += 1
+    return errors

@@ -8,16 +8,19 @@ from numpy.typing import NDArray
 
 from codegen.run.backends import Backend, NativeEcu
 from hil.runs.frozen import RUN_TIME
-from hil.runs.trace import Trace, tick_rows
+from hil.runs.trace import TICK, Trace, tick_rows
 from plant_sim.kernels.records import to_record
 from plant_sim.nodes.codec import MAX_PAYLOAD
 from plant_sim.world.ecu_kernel import MAILBOXES, Connection, Firmware
+from plant_sim.world.spool import Rows
 from plant_sim.world.world import CHUNK_NS, World
 
 RUN_TIME_NS = round(RUN_TIME * 1e9)
 
 BLOCK = 50
 """Ticks run in one call of the compiled loop."""
+KEPT = 20 * BLOCK
+"""Ticks whose state records are kept until the rows are made of them."""
 
 Progress = Callable[[float], None]
 
@@ -109,8 +112,17 @@ def compiled_ticks(
     connection = connected(world, ecu)
     images = np.empty((BLOCK, len(connection.image)), np.uint8)
     world.advance(0)
-    t = offset_ns
+    t, powered = offset_ns, True
     while (left := (end_ns - t) // tick_ns) > 0 and not world.finished:
+        left = _before_outage(world, t, tick_ns, left)
+        if left == 0:
+            t += tick_ns
+            world.advance(t)
+            powered = False
+            continue
+        if not powered:
+            ecu.restart()
+            powered = True
         interrupted = None
         try:
             world.run_ticks(
@@ -125,6 +137,15 @@ def compiled_ticks(
             raise interrupted
     if not world.finished and t < end_ns:
         world.advance(end_ns)
+
+
+def _before_outage(world: World, t: int, tick_ns: int, left: int) -> int:
+    """Return how many of the ``left`` ticks after ``t`` come before the next in an outage."""
+    for start, end in world.outages:
+        first = max(-((t - start) // tick_ns), 1)
+        if t + first * tick_ns < end:
+            left = min(left, first - 1)
+    return left
 
 
 def connected(world: World, ecu: NativeEcu) -> Connection:
@@ -191,37 +212,58 @@ def closed_loop(
         Interrupted: Ctrl-C; it carries the recorded trace.
     """
     end = world.duration_ns if duration_ns is None else min(duration_ns, world.duration_ns)
-    times: list[float] = []
-    images: list[bytes] = []
+    # of a native ECU without a copy of its state
+    ticked = _Ticks(ecu.firmware.record if isinstance(ecu, NativeEcu) else type(ecu.state))
     loop = _loop(
         world, ecu, tick_ns=tick_ns, end_ns=end, offset_ns=offset_ns, run_time_ns=run_time_ns
     )
     try:
-        for t, image in loop:
-            times.append(t * 1e-9)
-            images.append(image)
-            if progress is not None and len(times) % 50 == 0:
+        for number, (t, image) in enumerate(loop, 1):
+            ticked.add(t * 1e-9, image)
+            if progress is not None and number % 50 == 0:
                 progress(t / end)
     except KeyboardInterrupt:
-        raise Interrupted(_trace(world, type(ecu.state), times, images, complete=False)) from None
-    return _trace(world, type(ecu.state), times, images, complete=True)
+        raise Interrupted(_trace(world, ticked, complete=False)) from None
+    return _trace(world, ticked, complete=True)
 
 
 def _loop(world: World, ecu: Backend, **times: int) -> Iterator[tuple[int, bytes]]:
-    if isinstance(ecu, NativeEcu) and times["tick_ns"] <= CHUNK_NS and not world.outages:
+    if isinstance(ecu, NativeEcu) and times["tick_ns"] <= CHUNK_NS:
         return compiled_ticks(world, ecu, **times)
     return observed_ticks(world, ecu, **times)
 
 
-def _trace(
-    world: World, record: type, times: list[float], images: list[bytes], *, complete: bool
-) -> Trace:
-    # a tick of which only the time was noted when it was interrupted does not count
+class _Ticks:
+    """The rows of all ticks, made from the ECU's memory a block at a time."""
+
+    def __init__(self, record: type) -> None:
+        self._record = record
+        self._rows = Rows(TICK)
+        self._times: list[float] = []
+        self._images: list[bytes] = []
+
+    def add(self, t: float, image: bytes) -> None:
+        """Add the ECU's memory after a tick at ``t`` seconds."""
+        self._times.append(t)
+        self._images.append(image)
+        if len(self._images) == KEPT:
+            self.rows()
+
+    def rows(self) -> Rows:
+        """Return the rows of all ticks so far (:data:`hil.runs.trace.TICK`)."""
+        # a tick of which only the time was noted when it was interrupted does not count
+        times = self._times[: len(self._images)]
+        self._rows.append(tick_rows(times, self._images, self._record))
+        self._times, self._images = [], []
+        return self._rows
+
+
+def _trace(world: World, ticked: _Ticks, *, complete: bool) -> Trace:
     return Trace(
         signals=world.signals,
         frames=world.frames,
         ages=np.asarray(world.ages, dtype=np.int64),
-        ticks=tick_rows(times[: len(images)], images, record),
+        ticks=ticked.rows(),
         duration=world.now_ns * 1e-9,
         complete=complete,
     )

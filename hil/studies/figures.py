@@ -12,6 +12,8 @@ from hil.runs.experiment import drive
 from hil.runs.frozen import Controller
 from hil.runs.metrics import Metrics
 from hil.runs.result import Settings
+from plant_sim.bodies.ports import WHEELS
+from plant_sim.world.recording import Kept
 
 METRICS = np.dtype([(field.name, "?" if field.type is bool else "f8") for field in fields(Metrics)])
 """The fields of :class:`hil.runs.metrics.Metrics`."""
@@ -29,6 +31,16 @@ FIGURES = np.dtype(
 frequency and amplitude of a limit cycle of the command (0 and 0: none)."""
 
 
+NEEDED = Kept(
+    (
+        *("time", "roll", "roll_rate", "path_error", "rollover", "moment_front", "moment_rear"),
+        *(f"wheel_load_{wheel}" for wheel in WHEELS),
+    ),
+    frames=False,
+)
+"""What the figures are made from."""
+
+
 def figures(controller: Controller, settings: Iterable[Settings]) -> NDArray[np.void]:
     """Drive each of ``settings`` without and with control; return one row of FIGURES for each.
 
@@ -43,8 +55,9 @@ def figures(controller: Controller, settings: Iterable[Settings]) -> NDArray[np.
 
 def _pair(controller: Controller, settings: Settings) -> tuple[object, ...]:
     # as in a run: what faults do is measured against a vehicle whose parts are all right
-    passive = drive(replace(settings, faults=()), controller, enabled=False)
-    controlled = drive(settings, controller, enabled=True)
+    whole = replace(settings, faults=())
+    passive = drive(whole, controller, enabled=False, kept=NEEDED)
+    controlled = drive(settings, controller, enabled=True, kept=NEEDED)
     cycle = limit_cycle.detect(
         controlled.ticks["t"],
         controlled.ticks["moment"],

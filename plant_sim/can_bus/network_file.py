@@ -93,7 +93,7 @@ def is_network(name: str) -> bool:
     if suffix != ".toml":
         return name in buses.BUSES and suffix not in DATABASES
     try:
-        return "schema" in tomllib.loads(path.read_text(encoding="utf-8"))
+        return "schema" in tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
         return False
 
@@ -106,7 +106,7 @@ def read_profile(name: str) -> BusProfile:
     """
     path = Path(name)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise CanrollError(f"{path}: not a readable network: {reason(error)}") from error
     if "message" in table:
@@ -275,7 +275,7 @@ def _spread(given: object, path: Path, where: str, *, at_least: float | None) ->
 def _samples(path: Path, where: str) -> tuple[int, ...]:
     """The measured times in a file, ns: the first column of it in ms, whatever its first line."""
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise CanrollError(f"{where}: cannot read {path}: {reason(error)}") from error
     found: list[int] = []

@@ -1,6 +1,7 @@
 """Road surfaces: bumps, and random roads after ISO 8608 with two correlated wheel tracks."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from canroll.errors import UnknownNameError
 from canroll.typing import Vector
@@ -45,11 +46,20 @@ def random_tracks(
     density[band] = CLASSES[road_class] * (frequency[band] / REFERENCE_FREQUENCY) ** -2
     amplitude = np.sqrt(density * frequency[1] / 2) * count
     phases = np.random.default_rng(seed).uniform(0.0, 2 * np.pi, (2, frequency.size))
-    first, second = amplitude * np.exp(1j * phases)
+    first, second = (_spectrum(amplitude, phase) for phase in phases)
     coherence = 1 / (1 + (frequency * track) ** 2)
-    mixed = coherence * first + np.sqrt(1 - coherence**2) * second
-    s = np.arange(count) * STEP
-    ease = np.clip(s / 10.0, 0.0, 1.0)
-    left, right = (np.fft.irfft(spectrum, count) * ease for spectrum in (first, mixed))
+    second *= np.sqrt(1 - coherence**2)
+    second += coherence * first
     points = round(length / STEP) + 1
-    return left[:points], right[:points]
+    left, right = (np.fft.irfft(spectrum, count)[:points] for spectrum in (first, second))
+    eased = np.arange(min(points, round(10.0 / STEP))) * STEP / 10.0
+    for profile in (left, right):
+        profile[: eased.size] *= eased
+    return left, right
+
+
+def _spectrum(amplitude: Vector, phase: Vector) -> NDArray[np.complex128]:
+    spectrum = np.asarray(1j * phase, np.complex128)
+    np.exp(spectrum, out=spectrum)
+    spectrum *= amplitude
+    return spectrum

@@ -97,7 +97,7 @@ def read_signal(path: Path) -> tuple[str, Vector, Vector]:
             do not increase.
     """
     try:
-        with path.open(newline="") as file:
+        with path.open(newline="", encoding="utf-8-sig") as file:
             rows = [row for row in csv.reader(file) if row]
     except (OSError, UnicodeDecodeError) as error:
         raise CanrollError(f"cannot read signal file {path}: {error}") from error

@@ -5,9 +5,11 @@ record's nested arrays avoid that.
 """
 
 from collections.abc import Iterator
+from functools import cache
 from typing import Any
 
 import numpy as np
+from numba import typeof
 from numpy.typing import NDArray
 
 
@@ -15,16 +17,21 @@ def _fields(parts: Any) -> Iterator[tuple[str, Any]]:  # noqa: ANN401
     return zip(parts._fields, parts, strict=True)
 
 
-def _dtype(parts: Any) -> np.dtype[np.void]:  # noqa: ANN401
+def _columns(parts: Any) -> tuple[Any, ...]:  # noqa: ANN401
     columns: list[Any] = []
     for name, value in _fields(parts):
         if isinstance(value, np.ndarray):
             columns.append((name, value.dtype, value.shape))
         elif isinstance(value, tuple):
-            columns.append((name, _dtype(value)))
+            columns.append((name, _dtype(_columns(value))))
         else:
             columns.append((name, np.int64))
-    return np.dtype(columns, align=True)
+    return tuple(columns)
+
+
+@cache
+def _dtype(columns: tuple[Any, ...]) -> np.dtype[np.void]:
+    return np.dtype(list(columns), align=True)
 
 
 def _fill(record: Any, parts: Any) -> None:  # noqa: ANN401
@@ -41,6 +48,37 @@ def to_record(parts: Any) -> NDArray[Any]:  # noqa: ANN401
     The record's attributes are the tuple's, so that kernels accept either; its type is fixed by the
     shapes of all arrays in it.
     """
-    result: NDArray[Any] = np.zeros(1, dtype=_dtype(parts))
+    result: NDArray[Any] = np.zeros(1, dtype=_dtype(_columns(parts)))
     _fill(result[0], parts)
     return result
+
+
+def entry(kernel: Any, arguments: tuple[Any, ...]) -> Any:  # noqa: ANN401
+    """Return the entry point of a kernel for these arguments and others of their layout.
+
+    Called by its name, a kernel types its arguments anew, which takes longer than a step.
+    """
+    return kernel.compile(tuple(map(type_of, arguments)))
+
+
+_types: dict[Any, Any] = {}
+
+
+def type_of(value: Any) -> Any:  # noqa: ANN401
+    """Return Numba's type of arrays, integers and tuples of them, found once for each layout.
+
+    Numba takes milliseconds for large records.
+    """
+    layout = _layout(value)
+    if layout not in _types:
+        _types[layout] = typeof(value)
+    return _types[layout]
+
+
+def _layout(value: Any) -> Any:  # noqa: ANN401
+    if isinstance(value, np.ndarray):
+        flags = value.flags
+        return value.dtype, value.ndim, flags.c_contiguous, flags.writeable, flags.aligned
+    if isinstance(value, tuple):
+        return type(value), *map(_layout, value)
+    return type(value)

@@ -123,10 +123,12 @@ def supervise(node: Actuators, t_ns: int) -> None:
         node.state[DEMAND : DEMAND + 4] = 0.0
     if not node.flag[ENABLED]:
         return
-    wanted = envelope.moment_of(node.envelope, node.state[DEMAND : DEMAND + 4])
+    demand = node.state[DEMAND : DEMAND + 4]
+    front = envelope.moment_of(node.envelope, 0, demand)
+    rear = envelope.moment_of(node.envelope, 1, demand)
     if node.flag[KIND] == VALVES and node.flag[SOURCE] == 0:
-        wanted = node.state[DELIVERED] + node.state[DELIVERED + 1]
-    if envelope.cuts(node.envelope, wanted, t_ns):
+        front, rear = node.state[DELIVERED], node.state[DELIVERED + 1]
+    if envelope.cuts(node.envelope, front, rear, t_ns):
         for corner in range(4):
             node.flag[LATCHED + corner] = max(node.flag[LATCHED + corner], STATUS_LIMITED)
 

@@ -216,18 +216,21 @@ def fault_tables(
     return table, value
 
 
-def _roll_moment(vehicle: Vehicle, kind: str) -> tuple[tuple[float, float, float, float], float]:
-    """Arms that turn commands by channel into a roll moment, and the largest moment, N·m.
+def _roll_moment(
+    vehicle: Vehicle, kind: str
+) -> tuple[tuple[tuple[float, ...], tuple[float, ...]], tuple[float, float]]:
+    """Arms that turn commands by channel into roll moments by axle, and the largest moments, N·m.
 
     Dampers push no body; valves are judged by the moments they deliver.
     """
     data, geometry = vehicle.actuators, vehicle.geometry
     if kind == "suspension":
         front, rear = geometry.half_track_front, geometry.half_track_rear
-        return (front, -front, rear, -rear), 2.0 * (front + rear) * data.suspension.force_limit
+        most = (2.0 * front * data.suspension.force_limit, 2.0 * rear * data.suspension.force_limit)
+        return ((front, -front, 0.0, 0.0), (0.0, 0.0, rear, -rear)), most
     if kind == "dampers":
-        return (0.0, 0.0, 0.0, 0.0), math.inf
-    return (1.0, 1.0, 0.0, 0.0), 2.0 * data.bars.torque_limit
+        return ((0.0,) * 4, (0.0,) * 4), (math.inf, math.inf)
+    return ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0)), (data.bars.torque_limit,) * 2
 
 
 def build(

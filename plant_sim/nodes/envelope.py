@@ -17,7 +17,7 @@ from plant_sim.nodes import codec, e2e
 from plant_sim.nodes.codec import Codec
 
 OUTWARD_SHARE = 0.2
-"""Share of the largest roll moment that may point outward for any time."""
+"""Share of an axle's largest roll moment that may point outward for any time."""
 JUDGED_ABOVE = 2.0
 """Lateral acceleration above which a direction is judged, m/s²."""
 FALLEN = 0.25
@@ -35,7 +35,7 @@ NEVER = -1.0
 
 
 class Envelope(NamedTuple):
-    """``arm`` (4) turns commands by channel into a roll moment, ``most`` is the largest (N·m).
+    """``arm`` (2, 4) makes moments by axle of commands by channel, ``most`` (2) limits them, N·m.
 
     ``place``: rows of frame, message and signal of the lateral acceleration in the codec's tables,
     -1 where it is not on the bus; ``memory``: state; ``receiver``: E2E state of the Imu's frames.
@@ -49,8 +49,8 @@ class Envelope(NamedTuple):
 
 
 def build(
-    arm: tuple[float, float, float, float],
-    most: float,
+    arm: tuple[tuple[float, ...], tuple[float, ...]],
+    most: tuple[float, float],
     tables: Codec,
     supervision: e2e.Supervision,
 ) -> Envelope:
@@ -67,7 +67,7 @@ def build(
     memory[HEARD_NS] = NEVER
     return Envelope(
         arm=np.array(arm),
-        most=np.array([most]),
+        most=np.array(most),
         place=np.array(place, dtype=np.int64),
         memory=memory,
         receiver=e2e.receiver_state(supervision),
@@ -101,14 +101,18 @@ def hear(
 
 
 @njit
-def cuts(envelope: Envelope, moment: float, t_ns: int) -> bool:
-    """Judge the roll ``moment`` (N·m) wanted for the next millisecond; whether to refuse it."""
+def cuts(envelope: Envelope, front: float, rear: float, t_ns: int) -> bool:
+    """Judge the roll moments (N·m) wanted for the next millisecond; whether to refuse them.
+
+    Axle by axle: one that pushes outward is not made good by the other.
+    """
     memory = envelope.memory
     if memory[HEARD_NS] == NEVER:
         return False
     acceleration = memory[ACCELERATION]
     side = 1.0 if acceleration > 0.0 else -1.0
-    outward = side * moment > OUTWARD_SHARE * envelope.most[0]
+    limit_front, limit_rear = OUTWARD_SHARE * envelope.most[0], OUTWARD_SHARE * envelope.most[1]
+    outward = side * front > limit_front or side * rear > limit_rear
     steady = side * (acceleration - memory[SLOW]) > -FALLEN
     memory[SLOW] += (acceleration - memory[SLOW]) * 1e-3 / LOW_PASS
     if outward and steady and side * acceleration > JUDGED_ABOVE:
@@ -125,9 +129,9 @@ def cuts(envelope: Envelope, moment: float, t_ns: int) -> bool:
 
 
 @njit
-def moment_of(envelope: Envelope, commands: Vector) -> float:
-    """Roll moment (N·m) of commands by channel."""
+def moment_of(envelope: Envelope, axle: int, commands: Vector) -> float:
+    """Roll moment (N·m) of commands by channel at an axle."""
     total = 0.0
     for channel in range(4):
-        total += envelope.arm[channel] * commands[channel]
+        total += envelope.arm[axle, channel] * commands[channel]
     return total

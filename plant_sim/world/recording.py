@@ -1,5 +1,8 @@
 """Recording of a run: one row of signals per millisecond, and every applied command."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -71,6 +74,9 @@ SIGNALS: dict[str, int] = {
 mA); ``moment``: delivered roll moment on the body by axle; ``status``: 0 OK, 1 limited, 2 stuck,
 3 floating; ``envelope``: 1 where the actuators' envelope refuses the command."""
 
+NAMES = ("time", *SIGNALS)
+"""The recorded signals in order; ``time`` in s."""
+
 # Columns of a row of applied commands.
 SAMPLED, SUBMITTED, RECEIVED, APPLIED, COUNTER, N_COMMAND = range(6)
 
@@ -108,8 +114,19 @@ def record(
     row[ACTUATOR + 13] = node.envelope.memory[envelope.ACTED]
 
 
-def signals(
-    rows: NDArray[np.float64], times: NDArray[np.float64]
-) -> dict[str, NDArray[np.float64]]:
-    """Recorded signals by name, ``time`` (s) first; views of ``rows``."""
-    return {"time": times, **{name: rows[:, column] for name, column in SIGNALS.items()}}
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """What is kept of a run: signals by name, and whether the bus log is."""
+
+    signals: tuple[str, ...] = NAMES
+    frames: bool = True
+
+
+EVERYTHING = Kept()
+
+
+def signal_block(
+    rows: NDArray[np.float64], times: NDArray[np.float64], names: Sequence[str]
+) -> NDArray[np.float64]:
+    """Rows of the kernel as a block of :class:`Columns` named ``names``; ``times`` in s."""
+    return np.vstack([times if name == "time" else rows[:, SIGNALS[name]] for name in names])

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numba import int64, typeof
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
@@ -17,11 +16,14 @@ from plant_sim.bodies import body as body_named
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.faults import Fault
 from plant_sim.faults.effects import with_faults
+from plant_sim.kernels.records import entry
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import fault_parts, recording, world_parts
 from plant_sim.world.ecu_kernel import Connection, Ticks, run
+from plant_sim.world.recording import EVERYTHING, Kept
+from plant_sim.world.spool import Columns, Rows
 from plant_sim.world.world_kernel import (
     APPLIED_COMMANDS,
     EXTENDED_KEY,
@@ -59,6 +61,7 @@ class World:
         sensors: operating conditions of the sensors.
         actuators: operating conditions of the actuators.
         faults: what fails (:mod:`plant_sim.faults`), on top of the faults in those conditions.
+        kept: what is kept of the run.
         bus: further options of ``can_bus.make_network``.
 
     Attributes:
@@ -83,6 +86,7 @@ class World:
         sensors: SensorOptions | None = None,
         actuators: ActuatorOptions | None = None,
         faults: Sequence[Fault] = (),
+        kept: Kept = EVERYTHING,
         **bus: Any,  # noqa: ANN401
     ) -> None:
         hydraulic = body == "linear_car" and actuator == "valves"
@@ -123,12 +127,13 @@ class World:
         self._fd = world_parts.fd_keys(memory["tables"]["message"])
         self._received: NDArray[Any] = memory["received"]
         self._outputs: NDArray[np.float64] = memory["outputs"]
-        self._recorded_until_ns = (len(self._parts.rows) - 1) * STEP_NS
-        # Called by its entry point: to type the arguments anew costs more than a step of the plant.
-        kernel: Any = advance
-        self._kernel = kernel.compile((typeof(self._parts), int64))
+        self._kernel = entry(advance, (self._parts, 0))
         self._drained = 0
-        self._log: list[NDArray[Any]] = []
+        self._kept = kept
+        self._log = Rows(can_bus.log_dtype())
+        self._signals = Columns(kept.signals)
+        self._commands = Rows(recording.COMMAND)
+        self._steps = 0
 
     @property
     def parts(self) -> Parts:
@@ -194,20 +199,16 @@ class World:
             # fed anew before every tick, as recorded frames are queued in order with all others
             images = images[:1]
             self._recorded.feed(before_ns + period_ns)
-        last_ns = before_ns + period_ns * len(images)
-        if last_ns > self._recorded_until_ns:
-            self._make_room(last_ns)
         stop = self._drained + world_parts.LOG_CAPACITY // 2
         ticks = Ticks(before_ns, period_ns, run_time_ns, stop)
-        run(self._parts, ecu, ticks, images)
+        arguments = (self._parts, ecu, ticks, images)
+        entry(run, arguments)(*arguments)
         self._keep()
 
     def advance(self, until_ns: int) -> NDArray[Any]:
         """Advance to ``until_ns``; return the frames (``FRAME``) the ECU received since."""
         if until_ns < self.now_ns:
             raise CanrollError(f"the world is at {self.now_ns} ns and cannot go back to {until_ns}")
-        if until_ns > self._recorded_until_ns:
-            self._make_room(until_ns)
         chunks = []
         while until_ns - self.now_ns > CHUNK_NS:
             chunks.append(self._advance_to(self.now_ns + CHUNK_NS))
@@ -230,33 +231,28 @@ class World:
         return bool(self._outputs[recording.SIGNALS["rollover"]])
 
     @property
-    def signals(self) -> dict[str, NDArray[np.float64]]:
-        """Signals by name (``recording.SIGNALS``), one value per millisecond, ``time`` in s."""
-        count = self._clock[ROWS]
-        times = np.arange(1, count + 1, dtype=np.float64) * (STEP_NS * 1e-9)
-        return recording.signals(self._parts.rows[:count], times)
+    def signals(self) -> Columns:
+        """The signals that are kept, one value per millisecond."""
+        self._take_record()
+        return self._signals
 
     @property
-    def frames(self) -> NDArray[Any]:
-        """The whole bus log so far (``can_bus.log_dtype``), in the order of reception."""
+    def frames(self) -> Rows:
+        """The whole bus log so far (``can_bus.log_dtype``), in the order of reception, if kept."""
         self._drain()
-        if len(self._log) > 1:
-            self._log = [np.concatenate(self._log)]
-        return self._log[0]
+        return self._log
 
     @property
-    def commands(self) -> NDArray[Any]:
+    def commands(self) -> Rows:
         """Applied commands (``recording.COMMAND``), repeated heartbeats included."""
-        count = self._clock[APPLIED_COMMANDS]
-        rows = np.ascontiguousarray(self._parts.commands[:count])
-        return rows.view(recording.COMMAND)[:, 0]
+        self._take_record()
+        return self._commands
 
     @property
     def ages(self) -> NDArray[np.int64]:
         """Age of the newest sample used for each applied command, when applied (ns)."""
-        commands = self.commands
-        known = commands[commands["t_sample"] >= 0]
-        return np.asarray(known["t_applied"] - known["t_sample"], dtype=np.int64)
+        sampled, applied = self.commands["t_sample"], self.commands["t_applied"]
+        return np.asarray((applied - sampled)[sampled >= 0], dtype=np.int64)
 
     @property
     def imu_ident(self) -> int:
@@ -281,19 +277,30 @@ class World:
         return self._received[:count].copy()
 
     def _keep(self) -> None:
-        """Take the log out of the ring before it is overwritten."""
+        """Take log and record out of the kernel's memory before they are full."""
         if self._bus_clock[can_bus.LOGGED] - self._drained > world_parts.LOG_CAPACITY // 2:
             self._drain()
+        if self._clock[ROWS] >= world_parts.RECORD_CAPACITY - CHUNK_NS // STEP_NS:
+            self._take_record()
 
-    def _make_room(self, until_ns: int) -> None:
-        old, steps = self._parts, 2 * until_ns // STEP_NS + 2
-        rows, commands = world_parts.record_room(steps)
-        rows[: len(old.rows)] = old.rows
-        commands[: len(old.commands)] = old.commands
-        self._parts = old._replace(rows=rows, commands=commands)
-        self._recorded_until_ns = (steps - 1) * STEP_NS
+    def _take_record(self) -> None:
+        """Move what the kernel has recorded to the tables of the run."""
+        steps, applied = self._clock[ROWS], self._clock[APPLIED_COMMANDS]
+        times = np.arange(self._steps + 1, self._steps + steps + 1) * (STEP_NS * 1e-9)
+        self._signals.append(
+            recording.signal_block(self._parts.rows[:steps], times, self._kept.signals)
+        )
+        commands = self._parts.commands
+        self._commands.append(commands[:applied].view(recording.COMMAND)[:, 0])
+        # the next one may be accepted already, and waits for the step that applies it
+        commands[0] = commands[applied]
+        self._steps += steps
+        self._clock[ROWS] = self._clock[APPLIED_COMMANDS] = 0
 
     def _drain(self) -> None:
+        if not self._kept.frames:
+            self._drained = self._bus_clock[can_bus.LOGGED]
+            return
         entries, self._drained, missed = can_bus.drain(self._parts.network, self._drained)
         assert missed == 0
         self._log.append(entries)

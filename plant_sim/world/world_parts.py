@@ -22,10 +22,13 @@ from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensors import SensorOptions
 from plant_sim.world import fault_parts, open_loop, recording
 from plant_sim.world import world_kernel as kernel
+from plant_sim.world.step_size import check_step
 from plant_sim.world.world_kernel import Memory, Parts
 from vehicles.model import Vehicle
 
 LOG_CAPACITY = 1 << 15
+RECORD_CAPACITY = 1000
+"""Steps of 1 ms that the kernel can record before what it has recorded is taken away."""
 _OUTBOX_CAPACITY = 256
 _INBOX_CAPACITY = 8192
 _FLIGHT_CAPACITY = 64
@@ -35,8 +38,10 @@ def command_of(actuator: str, command: str | None) -> str:
     """Return the message that commands an actuator, by default its first.
 
     Raises:
-        UnknownNameError: it does not accept such a message.
+        UnknownNameError: no such actuator, or it does not accept such a message.
     """
+    if actuator not in actuator_setup.COMMANDS:
+        raise UnknownNameError("actuator", actuator, actuator_setup.COMMANDS)
     known = [name for name, _, _ in actuator_setup.COMMANDS[actuator]]
     if command is not None and command not in known:
         raise UnknownNameError(f"command of actuator '{actuator}'", command, known)
@@ -108,12 +113,6 @@ def _in_room(values: NDArray[np.float64], room: int) -> NDArray[np.float64]:
     return np.concatenate((values, np.zeros(room - len(values))))
 
 
-def record_room(steps: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Empty tables for the signals and the applied commands of ``steps`` milliseconds."""
-    rows = np.zeros((steps, recording.N_COLUMNS))
-    return rows, np.zeros((steps, recording.N_COMMAND), dtype=np.int64)
-
-
 def assemble(
     *,
     vehicle: Vehicle,
@@ -151,6 +150,7 @@ def assemble(
     )
     fault_parts.add_to_network(network, faults)
     state, inputs, parameters, outputs = open_loop.start(vehicle, plant, maneuver)
+    check_step(plant, state, inputs, parameters)
     nodes = _sensors(vehicle, sensors, seed, inputs, outputs, tables)
     clock = _clock(nodes, network, seed)
     clock[kernel.STEP] = plant.step.address
@@ -171,11 +171,10 @@ def assemble(
         actuators=node,
         tables=tables,
     )
-    rows, commands = record_room(maneuver.duration_ns // kernel.STEP_NS + 1)
     return Parts(
         memory=to_record(memory),
-        rows=rows,
-        commands=commands,
+        rows=np.zeros((RECORD_CAPACITY, recording.N_COLUMNS)),
+        commands=np.zeros((RECORD_CAPACITY + 1, recording.N_COMMAND), dtype=np.int64),
         drive=maneuver.drive,
         network=network,
     )

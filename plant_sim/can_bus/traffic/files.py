@@ -165,7 +165,7 @@ def _message(message: Message, period_ms: int) -> BusMessage:
 
 def _from_toml(path: Path) -> Traffic:
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise CanrollError(f"{path}: {error}") from error
     for key in table:

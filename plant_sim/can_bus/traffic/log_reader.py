@@ -1,6 +1,6 @@
 """Frames of a bus log by channel, from every format that python-can reads by suffix."""
 
-import logging
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -8,11 +8,31 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll import apart
 from canroll.errors import CanrollError, UnknownNameError
 from plant_sim.can_bus.kernel.layout import MAX_PAYLOAD
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE, frame_bits
 
 SUFFIXES: Final = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db", ".pcap", ".pcapng")
+
+_FIELDS: Final = (
+    *("timestamp", "arbitration_id", "is_extended_id", "is_remote_frame", "is_error_frame"),
+    *("is_fd", "bitrate_switch", "error_state_indicator", "is_rx"),
+)
+_MF4_TO_NPZ: Final = f"""
+import logging, sys, can, numpy
+logging.disable()
+with can.LogReader(sys.argv[1]) as reader:
+    found = list(reader)
+data = numpy.zeros((len(found), {MAX_PAYLOAD}), numpy.uint8)
+for row, message in zip(data, found):
+    row[: len(message.data)] = list(message.data)
+columns = {{name: numpy.array([getattr(m, name) for m in found]) for name in {_FIELDS}}}
+channel = [-1 if m.channel is None else m.channel for m in found]
+dlc = numpy.array([m.dlc for m in found])
+numpy.savez(sys.stdout.buffer, data=data, dlc=dlc, channel=numpy.array(channel), **columns)
+"""
+"""asammdf is ended by some damaged files."""
 
 LATEST: Final = 4e9
 """Largest time stamp of a frame, s, since 1970 or the start: it fits 63 bits in ns."""
@@ -52,11 +72,12 @@ def read_log(path: Path) -> dict[str, Logged]:
         raise CanrollError(f"{path}: no such file")
     if not is_log(path):
         raise CanrollError(f"{path}: a bus log ends in {', '.join(SUFFIXES)}")
-    # asammdf's own words on a damaged file come with tracebacks; ours are one line
-    logging.getLogger("asammdf").setLevel(logging.CRITICAL)
     try:
-        with can.LogReader(path) as reader:
-            messages = list(reader)
+        if path.suffix.lower() == ".mf4" and find_spec("asammdf"):
+            messages = _read_mf4(path)
+        else:
+            with can.LogReader(path) as reader:
+                messages = list(reader)
     except CanrollError as error:
         raise CanrollError(f"{path}: {error}") from error
     except Exception as error:  # python-can's readers let through whatever their parsers raise
@@ -68,6 +89,20 @@ def read_log(path: Path) -> dict[str, Logged]:
         channels.setdefault(str(message.channel), []).append(message)
     start = messages[0].timestamp if messages else 0.0
     return {name: _logged(name, channels[name], start) for name in sorted(channels)}
+
+
+def _read_mf4(path: Path) -> list[can.Message]:
+    found = apart.arrays(_MF4_TO_NPZ, path)
+    columns = [found[name].tolist() for name in (*_FIELDS, "channel", "dlc")]
+    return [
+        can.Message(
+            **dict(zip(_FIELDS, row, strict=True)),
+            channel=None if channel < 0 else channel,
+            dlc=length,
+            data=None if row[_FIELDS.index("is_remote_frame")] else data[:length].tobytes(),
+        )
+        for *row, channel, length, data in zip(*columns, found["data"], strict=True)
+    ]
 
 
 def select_channel(path: Path, channels: dict[str, Logged], name: str | None) -> Logged:

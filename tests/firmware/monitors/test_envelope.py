@@ -104,6 +104,15 @@ def test_a_push_outward_is_cut_after_its_time_and_free_again_after_as_long(sign,
     assert (ecu.outward_ticks, ecu.outward_cut) == (0, 0)
 
 
+@pytest.mark.parametrize(("acceleration", "open_side"), [(0, 1), (1, -1), (-1, 1)])
+def test_a_cut_closes_the_side_that_the_acceleration_has_now(acceleration, open_side):
+    ecu, cal = bench(envelope_slew=fw.STATE_MAX)
+    for side in (-1, 1):
+        ecu.outward_ticks, ecu.outward_cut = 5, 1
+        given = pushed(ecu, cal, [side * MOST, 0], acceleration)[0]
+        assert given == (side * MOST if side == open_side else 0)
+
+
 @pytest.mark.parametrize("sign", [-1, 1])
 @pytest.mark.parametrize(("moment", "lateral"), [(OUTWARD, 2 * LATERAL), (MOST, LATERAL)])
 def test_at_the_thresholds_themselves_nothing_is_outward(sign, moment, lateral):

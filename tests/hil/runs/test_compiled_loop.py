@@ -15,6 +15,7 @@ from hil.runs import experiment, virtual_time
 from plant_sim.can_bus import build_network
 from plant_sim.can_bus.simulation import delivered, traffic_spec
 from plant_sim.can_bus.traffic.messages import BusMessage
+from plant_sim.kernels import records
 from plant_sim.world import world as world_module
 
 pytestmark = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler (cc)")
@@ -75,6 +76,9 @@ VARIED = {
     "sensor_faults": {"faults": ("Imu.RollRate=invalid@1:3", "Imu.YawRate=burst:0.2@1")},
     "silence": {"faults": ("Imu=dropout@2:3",)},
     "actuator_faults": {"faults": ("front_left=weak:0.3@1", "rear_right=stuck@2")},
+    "no_power": {"faults": ("node.RollControl=down@1.003:1.5", "node.RollControl=down@2:2.001")},
+    "reset": {"faults": ("node.RollControl=reset:0.2@1",)},
+    "attack": {"faults": ("Imu.RollRate=drift:0.1@1", "Imu=frozen@2")},
     "noise": {"conditions": (("noise", 5.0), ("drift", 1.0), ("temperature", 40.0))},
     "clocks": {"conditions": (("phases.Imu", 0.004), ("lsb.Imu.RollRate", 0.01))},
     "synchronous": {"conditions": (("synchronous", True), ("delayed", False))},
@@ -162,16 +166,18 @@ def test_progress_is_the_same(monkeypatch, planned):
 def test_an_interrupted_run_keeps_every_tick(monkeypatch, planned):
     """Ctrl-C during a call of the kernel arrives once it returns."""
     settings, controller = planned
-    kernel, calls = world_module.run, []
+    calls = []
 
-    def interrupted_run(*arguments):
-        calls.append(kernel(*arguments))
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return calls[-1]
+    def interrupted_run(kernel, types):
+        def run(*arguments):
+            calls.append(kernel(*arguments))
+            if len(calls) == 3:
+                raise KeyboardInterrupt
+
+        return run if kernel is world_module.run else records.entry(kernel, types)
 
     whole = experiment.drive(settings, controller, enabled=True)
-    monkeypatch.setattr(world_module, "run", interrupted_run)
+    monkeypatch.setattr(world_module, "entry", interrupted_run)
     with pytest.raises(virtual_time.Interrupted) as caught:
         experiment.drive(settings, controller, enabled=True)
     trace = caught.value.trace

@@ -29,8 +29,8 @@ def test_load_transfer_of_an_axle_in_the_air_is_zero():
 def test_left_turn_loads_the_right_wheels(make_trace):
     trace = make_trace()
     turn = trace.signals["ay"] > 1
-    front, rear = metrics.axle_load_transfer(trace)
-    assert np.all(front[turn] > 0) and np.all(rear[turn] > 0)
+    for axle in ("front", "rear"):
+        assert np.all(metrics.axle_load_transfer(trace, axle)[turn] > 0)
 
 
 def test_load_transfer_without_roll_meets_a_plant_held_upright(make_trace):

@@ -15,7 +15,7 @@ SPREAD = variation.DEFAULT_SPREAD
 def test_each_row_has_the_figures_of_its_pair():
     nominal, controller = experiment.plan("double_lane_change", law="lqr")
     faults = ("Imu.RollRate=invalid@1",)
-    settings = [variation.draw(nominal, i, spread=SPREAD, seed=0).settings for i in range(2)]
+    settings = [variation.draw(nominal, i, spread=SPREAD, seed=0) for i in range(2)]
     settings.append(replace(settings[1], faults=faults, bus="gateway_20ms"))
     rows = figures(controller, settings)
     assert rows.dtype == FIGURES

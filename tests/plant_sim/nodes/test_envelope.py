@@ -9,14 +9,15 @@ from plant_sim.nodes.envelope import ACCELERATION, ACTED, HEARD_NS, NEVER, SLOW
 from vehicles import load
 
 TABLES = codec.load()
-MOST = 4000.0
+MOST = 2000.0
 OUTWARD = envelope.OUTWARD_SHARE * MOST
+ARMS = ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0))
 MS = 1_000_000
 IMU = codec.message_index("Imu")
 
 
 def fresh(acceleration=None):
-    its = envelope.build((1.0, 1.0, 0.0, 0.0), MOST, TABLES, e2e.Supervision())
+    its = envelope.build(ARMS, (MOST, MOST), TABLES, e2e.Supervision())
     if acceleration is not None:
         its.memory[[ACCELERATION, SLOW, HEARD_NS]] = acceleration, acceleration, 0
     return its
@@ -30,8 +31,9 @@ def frame(count, acceleration):
     return payload
 
 
-def refusals(its, moment, milliseconds, start=0):
-    return [envelope.cuts(its, moment, (start + k) * MS) for k in range(milliseconds)]
+def refusals(its, moment, milliseconds, axle=0):
+    front, rear = (moment, 0.0) if axle == 0 else (0.0, moment)
+    return [envelope.cuts(its, front, rear, k * MS) for k in range(milliseconds)]
 
 
 def test_it_hears_the_imu_and_no_frame_that_is_damaged_or_repeated():
@@ -52,16 +54,17 @@ def test_it_hears_the_imu_and_no_frame_that_is_damaged_or_repeated():
     assert its.memory[ACCELERATION] == pytest.approx(-5.0, abs=0.01)
 
 
+@pytest.mark.parametrize("axle", [0, 1])
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_a_push_outward_is_refused_after_its_time_and_until_it_ends(sign):
+def test_a_push_outward_is_refused_after_its_time_and_until_it_ends(sign, axle):
     its = fresh(sign * 4.0)
     push = sign * (OUTWARD + 1)
-    found = refusals(its, push, 400)
+    found = refusals(its, push, 400, axle)
     assert found == [False] * (envelope.PATIENCE_MS - 1) + [True] * 201
-    assert refusals(its, -push, 100) == [False] * 100
-    assert refusals(its, push, 1) == [True]
-    assert refusals(its, -push, 200) == [False] * 200
-    assert refusals(its, push, 1) == [False]
+    assert refusals(its, -push, 100, axle) == [False] * 100
+    assert refusals(its, push, 1, axle) == [True]
+    assert refusals(its, -push, 200, axle) == [False] * 200
+    assert refusals(its, push, 1, axle) == [False]
 
 
 @pytest.mark.parametrize(
@@ -76,7 +79,7 @@ def test_a_moment_while_the_acceleration_falls_is_left_alone():
     its = fresh(9.0)
     for k in range(400):
         its.memory[ACCELERATION] = 9.0 - 0.01 * k
-        assert not envelope.cuts(its, MOST, k * MS)
+        assert not envelope.cuts(its, MOST, MOST, k * MS)
 
 
 def test_without_an_acceleration_nothing_is_followed_once_there_was_one():
@@ -85,19 +88,24 @@ def test_without_an_acceleration_nothing_is_followed_once_there_was_one():
     assert found == [False] * 501 + [True] * 199
 
 
+def test_one_axle_does_not_make_good_for_the_other():
+    its = fresh(4.0)
+    found = [envelope.cuts(its, MOST, -MOST, k * MS) for k in range(300)]
+    assert found == [False] * (envelope.PATIENCE_MS - 1) + [True] * 101
+
+
 @pytest.mark.parametrize("kind", ["suspension", "bars", "valves", "dampers"])
-def test_commands_become_a_moment_by_the_arms_of_the_vehicle(kind):
+def test_commands_become_moments_by_the_arms_of_the_vehicle(kind):
     vehicle = load("van_real")
     node = build(vehicle, kind, options=ActuatorOptions(), enabled=True, timeout_ms=100)
-    commands = np.array([100.0, -100.0, 50.0, -50.0])
+    commands = np.array([100.0, -100.0, 50.0, -60.0])
     tracks = vehicle.geometry.half_track_front, vehicle.geometry.half_track_rear
     expected = {
-        "suspension": 200.0 * tracks[0] + 100.0 * tracks[1],
-        "bars": 0.0,
-        "valves": 0.0,
-        "dampers": 0.0,
+        "suspension": (200.0 * tracks[0], 110.0 * tracks[1]),
+        "bars": (100.0, -100.0),
+        "valves": (100.0, -100.0),
+        "dampers": (0.0, 0.0),
     }
-    assert envelope.moment_of(node.envelope, commands) == pytest.approx(expected[kind])
-    if kind in ("bars", "valves"):
-        assert envelope.moment_of(node.envelope, np.abs(commands)) == pytest.approx(200.0)
+    found = [envelope.moment_of(node.envelope, axle, commands) for axle in range(2)]
+    assert found == pytest.approx(expected[kind])
     assert node.envelope.memory[ACTED] == 0.0

@@ -1,0 +1,234 @@
+"""Tables that grow with a run: the first of each in memory, the rest in a temporary file.
+
+The file has no name, so that nothing remains of a process that is killed. It lies where Python's
+``tempfile`` puts it: ``TMPDIR`` chooses another folder.
+"""
+
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from copy import copy
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError, reason
+
+IN_MEMORY = 4 << 20
+"""Bytes of a table that are kept in memory."""
+
+
+class Spool:
+    """Arrays of one type, numbered in the order in which they were appended."""
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self.dtype = dtype
+        self.sizes: list[int] = []
+        self._kept: list[NDArray[Any]] = []
+        self._places: list[int] = []
+        self._end = 0
+        self.bytes_in_memory = 0
+        self._file: IO[bytes] | None = None
+
+    def append(self, values: NDArray[Any]) -> None:
+        """Append a copy of ``values``.
+
+        Raises:
+            CanrollError: the temporary file cannot be written.
+        """
+        self.extend(values.size, [values.reshape(-1)])
+
+    def extend(self, count: int, parts: Iterable[NDArray[Any]]) -> None:
+        """Append one array of ``count`` entries that comes in parts.
+
+        Raises:
+            CanrollError: the temporary file cannot be written.
+        """
+        size = count * self.dtype.itemsize
+        if self._file is None and self.bytes_in_memory + size <= IN_MEMORY:
+            self._kept.append(np.concatenate([np.zeros(0, self.dtype), *parts]))
+            self.bytes_in_memory += size
+        else:
+            for part in parts:
+                self._write(np.ascontiguousarray(part, self.dtype))
+            self._places.append(self._end - size)
+        self.sizes.append(count)
+
+    def _write(self, part: NDArray[Any]) -> None:
+        try:
+            if self._file is None:
+                self._file = tempfile.TemporaryFile(  # noqa: SIM115 - as long as the spool
+                    prefix="canroll-", buffering=0
+                )
+            self._file.seek(self._end)
+            rest = part.view(np.uint8).data
+            while rest:
+                rest = rest[self._file.write(rest) :]
+        except OSError as error:
+            raise CanrollError(
+                f"cannot record the run in {tempfile.gettempdir()}: {reason(error)}: "
+                "set TMPDIR to a folder with more space"
+            ) from error
+        self._end += part.nbytes
+
+    def read(self, number: int, first: int = 0, count: int | None = None) -> NDArray[Any]:
+        """Return ``count`` entries of array ``number`` from ``first`` on, by default all."""
+        count = self.sizes[number] - first if count is None else count
+        if number < len(self._kept):
+            return self._kept[number][first : first + count]
+        assert self._file is not None
+        found = np.empty(count, self.dtype)
+        self._file.seek(self._places[number - len(self._kept)] + first * self.dtype.itemsize)
+        self._file.readinto(found.view(np.uint8))  # type: ignore[attr-defined]
+        return found
+
+
+class Rows:
+    """Rows of one NumPy type, read by block, by field, or as the array they make up."""
+
+    def __init__(self, dtype: np.dtype[Any], blocks: Sequence[NDArray[Any]] = ()) -> None:
+        self._spool = Spool(dtype)
+        for block in blocks:
+            self.append(block)
+
+    @classmethod
+    def of(cls, values: NDArray[Any]) -> "Rows":
+        """Return the rows of an array."""
+        return cls(values.dtype, [values])
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The type of a row."""
+        return self._spool.dtype
+
+    def append(self, rows: NDArray[Any]) -> None:
+        """Append rows."""
+        if len(rows):
+            self._spool.append(rows)
+
+    def blocks(self) -> Iterator[NDArray[Any]]:
+        """Yield the rows in order, a block at a time."""
+        for number in range(len(self._spool.sizes)):
+            yield self._spool.read(number)
+
+    def __len__(self) -> int:
+        """Return the number of rows."""
+        return sum(self._spool.sizes)
+
+    def __getitem__(self, key: Any) -> Any:  # noqa: ANN401 - as an array
+        """Return a field of all rows, or what indexing the array gives."""
+        if not isinstance(key, str):
+            return np.asarray(self)[key]
+        return np.concatenate(
+            [np.zeros(0, self.dtype)[key], *(np.array(block[key]) for block in self.blocks())]
+        )
+
+    def __array__(
+        self, dtype: np.dtype[Any] | None = None, copy: bool | None = None
+    ) -> NDArray[Any]:
+        """Return all rows as one array."""
+        whole = np.concatenate([np.zeros(0, self.dtype), *self.blocks()])
+        return whole if dtype is None else whole.astype(dtype)
+
+    def tobytes(self) -> bytes:
+        """Return the bytes of all rows."""
+        return np.asarray(self).tobytes()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the rows, wherever they are kept."""
+        return Rows, (self.dtype, list(self.blocks()))
+
+
+class Columns(Mapping[str, NDArray[np.float64]]):
+    """Signals by name, each an array with one value per row; they are read one at a time."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._places = {name: place for place, name in enumerate(names)}
+        self._spool = Spool(np.dtype("f8"))
+        self._others: dict[str, NDArray[np.float64]] = {}
+
+    def append(self, values: NDArray[np.float64]) -> None:
+        """Append a block: one row per signal."""
+        if values.shape[1]:
+            self._spool.append(values)
+
+    def extend(self, count: int, rows: Iterable[NDArray[np.float64]]) -> None:
+        """Append a block of ``count`` values of each signal, one signal after the other."""
+        if count:
+            self._spool.extend(count * len(self._places), rows)
+
+    def pieces(self, *names: str) -> Iterator[tuple[NDArray[np.float64], ...]]:
+        """Yield the signals ``names`` together, a block of rows at a time."""
+        first = 0
+        for number, size in enumerate(self._spool.sizes):
+            rows = size // len(self._places)
+            yield tuple(
+                self._others[name][first : first + rows]
+                if name in self._others
+                else self._spool.read(number, self._places[name] * rows, rows)
+                for name in names
+            )
+            first += rows
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        """Return all values of a signal."""
+        if name in self._others:
+            return self._others[name]
+        if name not in self._places:
+            raise KeyError(name)
+        return np.concatenate([np.zeros(0), *(piece for (piece,) in self.pieces(name))])
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names."""
+        yield from self._places
+        yield from (name for name in self._others if name not in self._places)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle the signals, wherever they are kept."""
+        return as_columns, (dict(self.items()),)
+
+    def __len__(self) -> int:
+        """Return the number of signals."""
+        return len(self._places.keys() | self._others.keys())
+
+
+def as_columns(signals: Mapping[str, NDArray[np.float64]]) -> Columns:
+    """Return the same signals as :class:`Columns`."""
+    if isinstance(signals, Columns):
+        return signals
+    columns = Columns(list(signals))
+    columns.append(np.vstack(list(signals.values())))
+    return columns
+
+
+Table = Rows | NDArray[Any]
+"""Rows of one type, in blocks or as one array."""
+
+
+def blocks(table: Table) -> Iterator[NDArray[Any]]:
+    """Yield the rows of a table in blocks that fit into memory."""
+    if isinstance(table, Rows):
+        yield from table.blocks()
+    else:
+        yield table
+
+
+def with_signal(
+    signals: Mapping[str, NDArray[np.float64]], name: str, values: NDArray[np.float64]
+) -> Mapping[str, NDArray[np.float64]]:
+    """Return the same signals with ``name`` replaced or added."""
+    if not isinstance(signals, Columns):
+        return {**signals, name: values}
+    found = copy(signals)
+    found._others = {**signals._others, name: values}
+    return found
+
+
+def pieces(
+    signals: Mapping[str, NDArray[np.float64]], *names: str
+) -> Iterator[tuple[NDArray[np.float64], ...]]:
+    """Yield the signals ``names`` together, in blocks of rows that fit into memory."""
+    if isinstance(signals, Columns):
+        yield from signals.pieces(*names)
+    else:
+        yield tuple(signals[name] for name in names)
