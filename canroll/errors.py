@@ -14,7 +14,9 @@ EXTRAS = {
     "mcap": ("mcap",),
     "notebook": ("pandas", "xarray"),
     "target": ("bincopy", "capstone", "unicorn", "ziglang"),
+    "uds": ("can-isotp", "udsoncan"),
     "web": ("websockets",),
+    "xcp": ("pya2ldb", "pyxcp"),
 }
 """Extras of this package, and the packages that come only with them."""
 

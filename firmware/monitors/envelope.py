@@ -91,10 +91,10 @@ def guard(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
 
 def bounded(ecu: Ecu, value: i32, low: i32, high: i32) -> i32:
     """Return ``value`` within [low, high], noting where it was not."""
-    if value < low or value > high:
+    kept: i32 = clamp(value, low, high)
+    if kept != value:
         ecu.envelope_acted = 1
-        return clamp(value, low, high)
-    return value
+    return kept
 
 
 def bound(ecu: Ecu, cal: Calibration) -> None:
