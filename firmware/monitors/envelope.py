@@ -91,10 +91,9 @@ def guard(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
 
 def bounded(ecu: Ecu, value: i32, low: i32, high: i32) -> i32:
     """Return ``value`` within [low, high], noting where it was not."""
-    kept: i32 = clamp(value, low, high)
-    if kept != value:
+    if value < low or value > high:
         ecu.envelope_acted = 1
-    return kept
+    return clamp(value, low, high)
 
 
 def bound(ecu: Ecu, cal: Calibration) -> None:

@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import time
+from multiprocessing import forkserver
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,12 @@ pytest.importorskip("pyarrow", reason="needs pyarrow: the extra campaign")
 
 DIGEST = "0" * 64
 CHUNKS = 12
+
+
+@pytest.fixture(autouse=True)
+def fresh_server():
+    """A server of processes that knows this module, not one that earlier tests have started."""
+    forkserver._forkserver._stop()
 
 
 def work(chunk, grave=None):
