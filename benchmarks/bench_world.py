@@ -1,59 +1,40 @@
-"""The closed world beside the plant alone: how much sensors, actuators and bus add to a step.
+"""The closed loop beside the plant alone: how much sensors, actuators, bus and ECU add to a step.
 
-Prints, for every body, the rate of the plant alone and of the whole world with a command frame
-every 10 ms, both as multiples of real time, and their ratio. CPU time, best of several runs.
+Prints, for every body, the rates of the plant alone, of the compiled closed loop and of the loop
+that calls every tick from Python, as multiples of real time, and their ratios. The time to build a
+world is left out. CPU time, best of several runs of each in turn.
 """
 
 import argparse
 import time
-
-import numpy as np
+from dataclasses import replace
 
 import vehicles
-from plant_sim import bodies, can_bus
+from codegen.run.backends import open_backend
+from hil.runs import experiment, virtual_time
+from plant_sim import bodies
 from plant_sim.driving import maneuvers
-from plant_sim.nodes import codec, e2e
 from plant_sim.world import open_loop
-from plant_sim.world.world import World
 
-TICK_NS = 10_000_000
-COMMAND = "SuspensionForceCommand"
-
-
-def commands():
-    """One period of protected command frames, their counters in order."""
-    index = codec.message_index(COMMAND)
-    tables = codec.load()
-    rows = (tables.protection[index], tables.identity[index], tables.crc[index])
-    frames = []
-    for k in range(int(rows[0][e2e.VALUES])):
-        payload = np.zeros(codec.MAX_PAYLOAD, np.uint8)
-        e2e.protect(*rows, k, payload)
-        frames.append(payload[:8].tobytes())
-    return int(tables.message[index, codec.IDENT]), frames
+SCENARIO = "double_lane_change"
 
 
 def plant_alone(vehicle, body):
-    maneuver = maneuvers.build("double_lane_change", vehicle)
+    maneuver = maneuvers.build(SCENARIO, vehicle)
     start = time.process_time()
-    open_loop.run_passive(vehicle, bodies.body(body), maneuver)
-    return maneuver.duration_ns * 1e-9 / (time.process_time() - start)
+    outputs, _ = open_loop.run_passive(vehicle, bodies.body(body), maneuver)
+    return len(outputs) * 1e-3 / (time.process_time() - start)
 
 
-def whole_world(vehicle, body, bus):
-    ident, frames = commands()
-    world = World(
-        vehicle=vehicle,
-        body=body,
-        actuator="suspension",
-        maneuver=maneuvers.build("double_lane_change", vehicle),
-        profile=can_bus.load_profile(bus),
-    )
+def closed_loop(settings, controller, loop):
+    """Rate of the loop; ``loop`` is that of ``virtual_time`` which yields its ticks."""
+    world = experiment.build_world(settings, enabled=True)
+    ecu = open_backend("native", controller.record, settings.firmware)
+    end_ns = world.duration_ns
     start = time.process_time()
-    for k, t_ns in enumerate(range(TICK_NS, world.duration_ns, TICK_NS)):
-        world.advance(t_ns)
-        world.submit(t_ns + 100_000, ident, frames[k % len(frames)])
-    return world.duration_ns * 1e-9 / (time.process_time() - start)
+    for _ in loop(world, ecu, tick_ns=round(settings.tick * 1e9), end_ns=end_ns):
+        pass
+    return world.now_ns * 1e-9 / (time.process_time() - start)
 
 
 def main():
@@ -63,15 +44,22 @@ def main():
     parser.add_argument("--runs", type=int, default=15)
     options = parser.parse_args()
     vehicle = vehicles.load(options.vehicle)
-    codec.load()
+    nominal, controller = experiment.plan(
+        SCENARIO, vehicle=options.vehicle, bus=options.bus, law="lqr", actuator="suspension"
+    )
     for body in bodies.BODIES:
-        alone, world = 0.0, 0.0
+        plant = "linear_car" if body == "linear_car_hydraulic" else body
+        settings = replace(nominal, plant=plant)
+        alone, compiled, interpreted = [], [], []
         for _ in range(options.runs):
-            alone = max(alone, plant_alone(vehicle, body))
-            world = max(world, whole_world(vehicle, body, options.bus))
+            alone.append(plant_alone(vehicle, body))
+            compiled.append(closed_loop(settings, controller, virtual_time.compiled_ticks))
+            interpreted.append(closed_loop(settings, controller, virtual_time.observed_ticks))
+        fast = max(compiled)
         print(
-            f"{body:10} alone {alone:7.0f} x real time, world {world:7.0f} x, "
-            f"ratio {world / alone:.2f}"
+            f"{body:20} alone {max(alone):6.0f} x real time, closed loop {fast:6.0f} x "
+            f"({fast / max(alone):.2f} of it, {fast / max(interpreted):.2f} times the "
+            "interpreted loop)"
         )
 
 

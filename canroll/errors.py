@@ -11,8 +11,12 @@ EXTRAS = {
     "campaign": ("pyarrow",),
     "cluster": ("distributed",),
     "fmi": ("fmpy",),
+    "mcap": ("mcap",),
+    "notebook": ("pandas", "xarray"),
     "target": ("bincopy", "capstone", "unicorn", "ziglang"),
+    "uds": ("can-isotp", "udsoncan"),
     "web": ("websockets",),
+    "xcp": ("pya2ldb", "pyxcp"),
 }
 """Extras of this package, and the packages that come only with them."""
 

@@ -20,11 +20,14 @@ from codegen.run.ecu_traffic import Traffic, random_calibration, random_traffic
 from codegen.run.native import Library
 from firmware.calibration import (
     BYPASS,
+    COEFFICIENT,
     COMPENSATOR,
     CONSTANT_GAIN,
     DAMPERS,
+    ONE,
     OUTPUT_FEEDBACK,
     STATE_FEEDBACK,
+    STATE_MAX,
     SUSPENSION,
     VALVES,
     Calibration,
@@ -48,6 +51,10 @@ FULL = 1 << 20
 
 LAST = "the last of all there are: no other is asked for"
 UNREACHED = {
+    (
+        "canroll_envelope.c",
+        "if ((value < low) || (value > high)) {",
+    ): "the allocation keeps within the same limits",
     ("canroll_event_trigger.c", "if (ecu->commands_sent < INT32_MAX) {"): "it takes 2^31 commands",
     (
         "canroll_mailbox.c",
@@ -148,11 +155,37 @@ def _rare(bus: BusMap) -> Iterator[Case]:
     yield Case("inputs that are not needed", _changed(1, **optional), quiet)
     optional |= {"observer": BYPASS, "timeout_ticks": [0, 5, 0, 0, 5]}
     yield Case("bypass", _changed(1, **optional), quiet)
+    outward = _follows_acceleration()
+    for seed in (1, 2, 3):
+        swaying = random_traffic(seed, 240, hostile=0.0, rough=1.0, bus=bus)
+        pushes = (
+            {"actuator": SUSPENSION, "slew_max": STATE_MAX, "envelope_ticks": 2},
+            {"actuator": SUSPENSION, "slew_max": 1 << 14, "envelope_ticks": 2},
+            {"actuator": VALVES, "law": COMPENSATOR, "compensator_outputs": 2, "envelope_ticks": 1},
+        )
+        for push in pushes:
+            yield Case("outward", _changed(1, **{**outward, **push}), swaying)
     none = Traffic(frames.frames[:0], np.full(2100, FULL, np.int32))
     yield Case("the clock wraps", _changed(3), none)
     alien = frames.frames[:4].copy()
     alien["message"] = (-1, 5, 99, -(2**31))
     yield Case("no such message", _changed(4), Traffic(alien, frames.elapsed[:8]))
+
+
+def _follows_acceleration() -> dict[str, object]:
+    """A law that pushes the body outward in every curve, which the envelope soon ends."""
+    return {
+        "law": OUTPUT_FEEDBACK,
+        "output_gain": [0, COEFFICIENT, 0],
+        "output_gain_shift": 24,
+        "observer": CONSTANT_GAIN,
+        "compensator_outputs": 1,
+        "init_ticks": 1,
+        "moment_max": STATE_MAX,
+        "schedule_gain": [ONE] * 8,
+        "envelope_outward": 0,
+        "envelope_lateral": 0,
+    }
 
 
 def _refused(bus: BusMap) -> Iterator[Case]:

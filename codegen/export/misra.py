@@ -11,8 +11,9 @@ DEVIATIONS = {
     "7.18.1.1), left shifts are of values shown not to be negative, and canroll_runtime.h refuses "
     "to compile where the right shift of a negative value loses its sign",
     "11.5": "the range check reads the calibration, words and bytes, as arrays of either, and "
-    "init clears the state as an array of words: three functions of canroll_runtime.h, whose word "
-    "may alias any field (GNU attribute may_alias)",
+    "init clears the state as an array of words: functions of canroll_runtime.h, whose word may "
+    "alias any field (GNU attribute may_alias); the services read and write records by bytes, "
+    "which may alias any object (C99 6.5)",
     "15.5": "refusals return early, which keeps the rest of a function free of nesting",
 }
 """Rules that the emitted C deviates from, and why that is safe; all others hold."""

@@ -48,13 +48,28 @@ def refused(rule: int) -> CanrollError:
     return CanrollError(f"the ECU refuses the calibration: rule {rule} of its check")
 
 
+LIMITS = ("envelope_", "steering_limit")
+"""Fields that limit what a law takes and gives, by the beginning of their names."""
+TIGHT = 3
+
+
 def random_calibration(seed: int) -> Calibration:
-    """A calibration that ``check`` accepts, its coefficients anywhere in their ranges."""
-    rng = np.random.default_rng(seed)
+    """A calibration that ``check`` accepts, its coefficients anywhere in their ranges.
+
+    Limits behind the law would hide what it does: they are wide open but for one seed in
+    :data:`TIGHT`.
+    """
+    rng, limits = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     while True:
         record = Calibration()
         for field in fields(Calibration):
-            setattr(record, field.name, _random_field(rng, field.f.lo, field.f.hi, field.shape))
+            lo, hi = field.f.lo, field.f.hi
+            if not field.name.startswith(LIMITS):
+                setattr(record, field.name, _random_field(rng, lo, hi, field.shape))
+            elif seed % TIGHT:
+                setattr(record, field.name, hi)
+            else:
+                setattr(record, field.name, _random_field(limits, lo, hi, field.shape))
         _plausible(record, rng)
         if check.check(record) == 0:
             return sealed(record)

@@ -93,8 +93,7 @@ def bounded(ecu: Ecu, value: i32, low: i32, high: i32) -> i32:
     """Return ``value`` within [low, high], noting where it was not."""
     if value < low or value > high:
         ecu.envelope_acted = 1
-        return clamp(value, low, high)
-    return value
+    return clamp(value, low, high)
 
 
 def bound(ecu: Ecu, cal: Calibration) -> None:

@@ -33,10 +33,10 @@ OUTWARD_LATERAL = 2.0
 OUTWARD_TIME = 0.1
 OUTWARD_FALL = 0.16
 """Safety envelope: share of the moment limit, m/s², s, and time constant of the low-pass, s."""
-LINEAR_SHARE = 0.5
-"""Lateral acceleration over friction × g up to which that of the linear car follows the steering.
+LINEAR_SHARE = 0.7
+"""Lateral acceleration over friction × g up to which the tyres follow the steering, about.
 
-Beyond, as in a fishhook, the angle would promise what the tyres cannot hold.
+Beyond, as in a fishhook, the angle would promise what they cannot hold.
 """
 
 Value = int | list[int] | list[list[int]]

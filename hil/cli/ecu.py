@@ -2,7 +2,6 @@
 
 import argparse
 import json
-from collections.abc import Mapping
 from pathlib import Path
 
 import dbc
@@ -276,12 +275,12 @@ def replay_drive(
     ]
     texts = {"report": (".html", lambda: drive_page(drive, args.replay.name, parameters))}
     about = {"log": str(args.replay), "channel": logged.channel, **drive.to_json()}
-    data: Mapping[str, object] = {"files": {}, **write_page(out, "drive", texts, about)}
+    data = {"files": {}, **write_page(out, "drive", texts, about)}
     if args.json:
         print(json.dumps(data))
     else:
         terminal.show_verdict(drive.verdict, good=None)
         terminal.show_warnings(drive.warnings)
         terminal.show_table(reception_table(drive))
-        terminal.show_files(data["files"])  # type: ignore[arg-type]
+        terminal.show_files(data["files"])
     return 0

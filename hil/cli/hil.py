@@ -21,13 +21,14 @@ from hil.cli.options import (
     folder_of,
 )
 from hil.cli.terminal import show_timing
+from hil.exchange import signal_files
 from hil.realtime import hil_run
 from hil.realtime.bus_link import has_bus, options_of
 from hil.realtime.check import measure, round_trip
 from hil.realtime.hardware.interfaces import INTERFACES, is_shared
 from hil.realtime.timing import QUANTILES
 from hil.report.run_folder import check_parent, usable_folder, write_files, write_text
-from hil.runs import experiment, signal_files
+from hil.runs import experiment
 from hil.runs.logs import check_suffix, write_log
 from hil.runs.virtual_time import Interrupted
 

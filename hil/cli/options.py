@@ -157,7 +157,9 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--log", type=path_named, metavar="FILE", help="bus log: .asc .blf .log .mf4 .pcap .pcapng"
     )
-    parser.add_argument("--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4")
+    parser.add_argument(
+        "--signals", type=path_named, metavar="FILE", help="signals: .csv .mf4 .parquet .mcap"
+    )
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:

@@ -6,13 +6,14 @@ import vehicles
 from canroll.errors import CanrollError
 from hil.cli.ecu import nanoseconds, peer_timeout
 from hil.cli.options import choices_of
+from hil.exchange import signal_files
 from hil.realtime import lockstep, own_bus, plant_loop, plant_record, process, side_channel, warm
 from hil.realtime.bus_link import Link, has_bus, open_link
 from hil.realtime.hardware import bus_record
 from hil.realtime.hardware.interfaces import is_loopback
 from hil.realtime.plant_loop import Outcome
 from hil.report.run_folder import check_parent
-from hil.runs import conditions, logs, phase, signal_files
+from hil.runs import conditions, logs, phase
 from hil.runs.choices import chosen
 from hil.runs.frozen import firmware_of, profile_of
 from plant_sim.driving import maneuvers

@@ -2,15 +2,19 @@
 
 import argparse
 import json
+from importlib.metadata import version
 from pathlib import Path
 
+import dbc
 from hil.cli import terminal
 from hil.cli.options import choices_of, folder_of
+from hil.exchange import signal_files
 from hil.report.run_folder import check_parent, usable_folder, write_files, write_text
 from hil.report.run_page import run_page
-from hil.runs import experiment, saved_run, signal_files
+from hil.runs import experiment, saved_run
 from hil.runs.logs import check_suffix, write_log
 from hil.runs.result import Result
+from hil.runs.trace import Trace
 from hil.runs.virtual_time import Interrupted
 
 
@@ -36,9 +40,29 @@ def run(args: argparse.Namespace) -> int:
     if args.log is not None:
         files["bus log"] = str(write_log(args.log, seen.frames))
     if args.signals is not None:
-        files["signals"] = str(signal_files.write_signals(args.signals, seen.signals))
+        files["signals"] = str(
+            signal_files.write_signals(args.signals, seen.signals, about(result, seen))
+        )
     result = experiment.with_files(result, files)
     return answer(result, out, as_json=args.json)
+
+
+def about(result: Result, seen: Trace) -> signal_files.About:
+    """Return what goes with the signals of a run: its settings, ids and frames."""
+    settings = result.settings
+    texts = {
+        "scenario": settings.scenario,
+        "law": settings.law_name,
+        "vehicle": settings.vehicle.name,
+        "speed": f"{settings.speed * 3.6:g} km/h",
+        "bus": settings.bus_name,
+        "seed": str(settings.seed),
+        "calibration id": f"0x{result.record.id:08X}",
+        "calibration CRC": f"0x{result.record.crc & 0xFFFFFFFF:08X}",
+        "canroll": version("canroll"),
+        "verdict": result.verdict,
+    }
+    return signal_files.About(texts, seen.frames, settings.profile.dbc or dbc.PATH)
 
 
 def answer(result: Result, out: Path | None, *, as_json: bool) -> int:

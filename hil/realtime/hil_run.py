@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
-from codegen.run.backends import open_backend
 from hil.realtime import session
 from hil.runs import experiment
 from hil.runs.choices import PASSIVE
@@ -94,8 +93,7 @@ def prepare(scenario: str, **keywords: Any) -> None:  # noqa: ANN401
         CanrollError: an invalid name or number; the message names the remedy.
     """
     settings, controller = experiment.plan(scenario, **keywords)
-    experiment.build_world(settings, enabled=True)
-    open_backend(settings.backend, controller.record, settings.firmware)
+    experiment.drive(settings, controller, enabled=True, duration=2.0 * settings.tick)
 
 
 def cut(trace: Trace, duration: float) -> Trace:

@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
+from html import escape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware
@@ -19,6 +20,10 @@ from hil.runs.standard import Standard
 from hil.runs.trace import Trace
 from plant_sim.can_bus import BusProfile, load_profile
 from vehicles import Vehicle
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
 FIGURES = (
     "roll_rms_deg",
@@ -179,6 +184,52 @@ class Result:
     timing: Mapping[str, Any] = field(default_factory=dict)
     phase: Phase | None = None
     reaction: Reaction | None = None
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Return the traces side by side, along "run": passive, and controlled if there is one.
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        passive = self.passive.to_xarray()
+        if self.controlled is None:
+            return passive.expand_dims(run=["passive"])
+        import xarray  # noqa: PLC0415 - an extra
+
+        both = [passive, self.controlled.to_xarray()]
+        runs = xarray.Variable("run", ["passive", "controlled"])
+        return xarray.concat(both, runs, join="outer", combine_attrs="drop_conflicts")
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Return the signals of both runs as columns (run, signal) over "time".
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        runs = {"passive": self.passive.to_pandas()}
+        if self.controlled is not None:
+            runs["controlled"] = self.controlled.to_pandas()
+        import pandas  # noqa: PLC0415 - an extra
+
+        return pandas.concat(runs, axis="columns", names=["run", "signal"])
+
+    def _repr_html_(self) -> str:
+        """The verdict and the figures, for a notebook."""
+        runs = {"passive": self.passive_metrics, "controlled": self.controlled_metrics}
+        shown = {name: metrics for name, metrics in runs.items() if metrics is not None}
+        head = "".join(f"<th>{name}</th>" for name in shown)
+        rows = "".join(
+            f"<tr><th>{name}</th>"
+            + "".join(f"<td>{getattr(metrics, name):.3g}</td>" for metrics in shown.values())
+            + "</tr>"
+            for name in FIGURES
+        )
+        settings = self.settings
+        title = f"{settings.scenario}, {settings.vehicle.name}, {settings.law_name}"
+        return (
+            f"<p><b>{escape(title)}</b><br>{escape(self.verdict)}</p>"
+            f"<table><tr><th></th>{head}</tr>{rows}</table>"
+        )
 
     @property
     def not_valid(self) -> tuple[str, ...]:

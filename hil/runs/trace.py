@@ -2,15 +2,22 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.errors import MissingExtraError
 from codegen.run.memory_image import dtype
 from firmware import calibration as formats
 from firmware.state import GYRO_BIAS, LATERAL, LATERAL_RATE, ROLL, ROLL_RATE, Ecu
+from hil.runs.signal_units import unit
 from plant_sim.world.spool import Table
+
+if TYPE_CHECKING:
+    import pandas
+    import xarray
 
 TICK = np.dtype(
     [
@@ -51,6 +58,47 @@ class Trace:
     ticks: Table
     duration: float
     complete: bool = True
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """Return the signals over "time" with their units, and the ECU's ticks over "tick".
+
+        Raises:
+            MissingExtraError: xarray is not installed.
+        """
+        if find_spec("xarray") is None:
+            raise MissingExtraError("to_xarray()", "notebook")
+        import xarray  # noqa: PLC0415 - an extra
+
+        data = {
+            name: ("time", values, {"units": unit(name)})
+            for name, values in self.signals.items()
+            if name != "time"
+        }
+        ticks = {
+            f"ecu_{name}": ("tick", self.ticks[name])
+            for name in self.ticks.dtype.names or ()
+            if name != "t" and self.ticks[name].ndim == 1
+        }
+        times = {"time": ("time", self.signals["time"], {"units": "s"})}
+        return xarray.Dataset(
+            {**data, **ticks}, coords={**times, "tick": ("tick", self.ticks["t"], {"units": "s"})}
+        )
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """Return the signals as columns over "time", SI units in ``attrs["units"]``.
+
+        Raises:
+            MissingExtraError: pandas is not installed.
+        """
+        if find_spec("pandas") is None:
+            raise MissingExtraError("to_pandas()", "notebook")
+        import pandas  # noqa: PLC0415 - an extra
+
+        names = [name for name in self.signals if name != "time"]
+        index = pandas.Index(self.signals["time"], name="time")
+        table = pandas.DataFrame({name: self.signals[name] for name in names}, index=index)
+        table.attrs["units"] = {name: unit(name) for name in names}
+        return table
 
 
 def record_tick(row: np.void, t: float, state: Ecu) -> None:

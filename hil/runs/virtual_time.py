@@ -213,7 +213,7 @@ def closed_loop(
     """
     end = world.duration_ns if duration_ns is None else min(duration_ns, world.duration_ns)
     # of a native ECU without a copy of its state
-    ticked = _Ticks(ecu.firmware.record if isinstance(ecu, NativeEcu) else type(ecu.state))
+    ticked = TickRows(ecu.firmware.record if isinstance(ecu, NativeEcu) else type(ecu.state))
     loop = _loop(
         world, ecu, tick_ns=tick_ns, end_ns=end, offset_ns=offset_ns, run_time_ns=run_time_ns
     )
@@ -233,7 +233,7 @@ def _loop(world: World, ecu: Backend, **times: int) -> Iterator[tuple[int, bytes
     return observed_ticks(world, ecu, **times)
 
 
-class _Ticks:
+class TickRows:
     """The rows of all ticks, made from the ECU's memory a block at a time."""
 
     def __init__(self, record: type) -> None:
@@ -258,7 +258,7 @@ class _Ticks:
         return self._rows
 
 
-def _trace(world: World, ticked: _Ticks, *, complete: bool) -> Trace:
+def _trace(world: World, ticked: TickRows, *, complete: bool) -> Trace:
     return Trace(
         signals=world.signals,
         frames=world.frames,

@@ -5,7 +5,7 @@ fault codes are those of this drive, the commands are what the ECU would have se
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -22,15 +22,16 @@ from firmware.event_trigger import command_slot
 from hil.reaction.fault_codes import MODES
 from hil.reaction.reaction import CodeSeen, ModeChange, codes_seen, mode_changes
 from hil.runs.metrics import peak, rms
-from hil.runs.trace import tick_rows
+from hil.runs.virtual_time import TickRows
 from plant_sim.can_bus.traffic.log_reader import Logged
 from plant_sim.can_bus.wire import frame as wire
+from plant_sim.world.spool import Rows
 
 NOTE = (
     "The recorded car did not get these commands: they have no effect on the drive, and whether "
     "they would have helped cannot be told from it."
 )
-IMAGES = 1000
+TOLD = 1000
 """Ticks between two reports of progress."""
 
 
@@ -66,7 +67,7 @@ class RecordedDrive:
     """
 
     frames: int
-    ticks: NDArray[np.void]
+    ticks: Rows
     receptions: tuple[Reception, ...]
     commanded: Mapping[str, Vector]
     units: Mapping[str, str]
@@ -110,14 +111,9 @@ class RecordedDrive:
             "moment_rms_nm": rms(self.ticks["moment"]),
             "estimated_roll_max_deg": float(np.degrees(peak(self.ticks["roll"]))),
             "mode_shares": {name: self.in_mode(name) for name in MODES},
-            "receptions": [
-                {name: getattr(heard, name) for name in Reception.__slots__}
-                for heard in self.receptions
-            ],
-            "modes": [{"t": change.t, "mode": change.mode} for change in self.modes],
-            "codes": [
-                {name: getattr(seen, name) for name in CodeSeen.__slots__} for seen in self.codes
-            ],
+            "receptions": [asdict(heard) for heard in self.receptions],
+            "modes": [asdict(change) for change in self.modes],
+            "codes": [asdict(seen) for seen in self.codes],
         }
 
 
@@ -150,7 +146,7 @@ def replay(
         raise CanrollError(f"the log is shorter than one tick of {tick_ns / 1e6:g} ms")
     ecu = open_backend(backend, calibration, firmware)
     ident = firmware.sent[command_slot(calibration)][0]
-    images, instants, sent = [], [], []
+    rows, sent = TickRows(firmware.record), []
     place = 0
     for number in range(1, count + 1):
         t = number * tick_ns
@@ -160,11 +156,10 @@ def replay(
                 ecu.receive(int(keys[place]), logged.payload[place, :length], length)
             place += 1
         sent += [(t * 1e-9, payload) for name, payload in ecu.tick(1) if name == ident]
-        instants.append(t * 1e-9)
-        images.append(ecu.image())
-        if progress is not None and number % IMAGES == 0:
+        rows.add(t * 1e-9, ecu.image())
+        if progress is not None and number % TOLD == 0:
             progress("recorded drive", number / count)
-    ticks = tick_rows(instants, images, firmware.record)
+    ticks = rows.rows()
     return RecordedDrive(
         frames=len(keys),
         ticks=ticks,

@@ -26,7 +26,11 @@ def test_importing_loads_nothing_heavy():
 def test_extras_are_those_of_the_project():
     text = (Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8")
     extras = tomllib.loads(text)["project"]["optional-dependencies"]
-    named = {extra: {re.split("[><=]", p)[0] for p in listed} for extra, listed in extras.items()}
+    # an extra that needs another one names that too
+    named = {
+        extra: {re.split("[><=]", p)[0] for p in listed if not p.startswith("canroll[")}
+        for extra, listed in extras.items()
+    }
     assert {extra: set(packages) for extra, packages in EXTRAS.items()} == {
         extra: packages for extra, packages in named.items() if extra != "dev"
     }

@@ -238,7 +238,8 @@ def test_worker_processes_find_extensions(folder, capsys):
         )
         found.append(json.loads(capsys.readouterr().out))
     assert found[0]["law"] == "law.py:good"
-    assert found[0]["outcomes"] == found[1]["outcomes"]
+    assert found[0]["quantiles"] == found[1]["quantiles"]
+    assert found[0]["worst"] == found[1]["worst"]
 
 
 def test_laws_of_files_are_compared_and_swept(folder, capsys):

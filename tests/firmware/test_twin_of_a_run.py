@@ -11,6 +11,7 @@ from firmware import signals
 from firmware.state import ACTIVE, RX_IMU, Ecu
 from hil.runs import experiment
 from hil.runs import frozen as hil_controller
+from hil.runs.trace import TICK
 from hil.runs.virtual_time import closed_loop
 
 
@@ -116,7 +117,10 @@ def watched_run(monkeypatch, scenario: str, **options) -> Watched:
     monkeypatch.setattr(hil_controller, "calibrate", noting)
     settings, controller = experiment.plan(scenario, backend="python", **options)
     watched = Watched(controller.record, designs[-1])
-    monkeypatch.setattr("hil.runs.virtual_time.tick_rows", lambda times, images, record: None)
+    monkeypatch.setattr(
+        "hil.runs.virtual_time.tick_rows",
+        lambda times, images, record: np.zeros(len(images), TICK),
+    )
     closed_loop(
         experiment.build_world(settings, enabled=True),
         watched,

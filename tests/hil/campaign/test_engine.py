@@ -1,14 +1,14 @@
 """Where chunks are driven changes nothing, and nothing that dies loses or spoils one."""
 
-import os
 import signal
 import subprocess
 import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
+from support import chunks
+from support.chunks import CHUNKS, fails, joined, opened, work
 
 from canroll.errors import CanrollError
 from hil.campaign import store
@@ -16,37 +16,11 @@ from hil.campaign.engine import Engine, engine, results
 
 pytest.importorskip("pyarrow", reason="needs pyarrow: the extra campaign")
 
-DIGEST = "0" * 64
-CHUNKS = 12
-
-
-def work(chunk, grave=None):
-    """A chunk of some numbers; with ``grave`` the first to come to chunk 5 dies."""
-    if grave is not None and chunk == 5 and not Path(grave).exists():
-        Path(grave).touch()
-        os.kill(os.getpid(), signal.SIGKILL)
-    random = np.random.default_rng(chunk)
-    return {"draw": np.arange(4) + 4 * chunk, "figure": random.random(4)}
-
-
-def fails(chunk):
-    raise CanrollError(f"chunk {chunk} cannot be")
+TESTS = str(Path(chunks.__file__).parents[1])
 
 
 def tasks(*arguments):
     return [(store.chunk_name(n), work, (n, *arguments)) for n in range(CHUNKS)]
-
-
-def opened(folder, *, resume=False):
-    return store.opened(folder / "campaign", DIGEST, {}, resume=resume)
-
-
-def joined(kept, where, *arguments):
-    names = [name for name, _, _ in results(where, kept, tasks(*arguments))]
-    assert names == [store.chunk_name(n) for n in range(CHUNKS)]
-    path = store.table_of(kept.folder)
-    kept.join(names, path)
-    return path.read_bytes()
 
 
 @pytest.fixture(scope="module")
@@ -83,12 +57,12 @@ def test_work_is_taken_up_as_results_are_taken():
 def test_a_process_that_dies_leaves_whole_chunks(whole, tmp_path):
     """The campaign's process kills itself at chunk 5; what is there is whole, and is used."""
     script = (
-        "import sys; sys.path.insert(0, sys.argv[1]); import test_engine as t\n"
-        "from pathlib import Path; kept = t.opened(Path(sys.argv[2]))\n"
-        "t.joined(kept, t.Engine(None, 1), sys.argv[2] + '/grave')\n"
+        "import sys; sys.path.insert(0, sys.argv[1]); from support import chunks\n"
+        "from pathlib import Path; kept = chunks.opened(Path(sys.argv[2]))\n"
+        "chunks.joined(kept, chunks.Engine(None, 1), sys.argv[2] + '/grave')\n"
     )
     ended = subprocess.run(
-        [sys.executable, "-c", script, str(Path(__file__).parent), str(tmp_path)],
+        [sys.executable, "-c", script, TESTS, str(tmp_path)],
         check=False,
         capture_output=True,
     )
@@ -103,7 +77,8 @@ def test_a_process_that_dies_leaves_whole_chunks(whole, tmp_path):
 
 def test_a_worker_of_the_pool_that_dies_is_one_line(tmp_path):
     with engine("local", 2) as pool, pytest.raises(CanrollError, match="continue with --resume"):
-        list(results(pool, opened(tmp_path), tasks(str(tmp_path / "grave"))))
+        joined(opened(tmp_path), pool, str(tmp_path / "grave"))
+    assert (tmp_path / "grave").exists()
 
 
 def test_a_file_being_written_is_no_chunk(tmp_path):
@@ -129,9 +104,7 @@ def test_chunks_of_another_campaign_are_refused(tmp_path):
 def test_a_cluster_changes_nothing_though_a_worker_dies(whole, tmp_path, monkeypatch):
     """A worker is killed at chunk 5: the scheduler gives the chunk to another."""
     distributed = pytest.importorskip("distributed", reason="needs distributed: the extra cluster")
-    monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parent))
-    monkeypatch.syspath_prepend(str(Path(__file__).parent))
-    import test_engine
+    monkeypatch.setenv("PYTHONPATH", TESTS)
 
     with (
         distributed.LocalCluster(
@@ -142,12 +115,8 @@ def test_a_cluster_changes_nothing_though_a_worker_dies(whole, tmp_path, monkeyp
         assert where.slots == 2
         grave = tmp_path / "grave"
         kept = opened(tmp_path)
-        mine = [(name, test_engine.work, (n, str(grave))) for n, (name, _, _) in enumerate(tasks())]
-        names = [name for name, _, _ in results(where, kept, mine)]
+        assert joined(kept, where, str(grave)) == whole
         assert grave.exists()
-        path = store.table_of(kept.folder)
-        kept.join(names, path)
-        assert path.read_bytes() == whole
 
 
 def test_no_scheduler_is_one_line(monkeypatch):

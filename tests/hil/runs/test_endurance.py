@@ -8,6 +8,8 @@ from hil.runs import experiment, saved_run
 from hil.runs.logs import write_log
 from plant_sim.world import spool
 
+pytestmark = pytest.mark.slow
+
 SHORT, LONG = 15.0, 30.0
 """Both longer than the blocks in which a run is recorded."""
 

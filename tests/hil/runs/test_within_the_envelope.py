@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from canroll.errors import CanrollError, VerdictError
+from canroll.errors import CanrollError
 from codegen.run import native
 from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import BusFirmware, built_in
@@ -26,6 +26,13 @@ LOOPS = [
     ("suv_2020", "dampers", "lqr"),
     ("car_2020", "valves", "lqr_full_car"),
 ]
+REFUSED = {
+    ("van_real", "bars", "hinf_delay", "gateway_50ms"),
+    ("van_real", "bars", "hinf_event", "gateway_50ms"),
+    ("van_real", "suspension", "hinf_delay", "gateway_50ms"),
+    ("car_2020", "valves", "lqr_full_car", "gateway_50ms"),
+}
+"""No gain helps at these delays."""
 
 
 @pytest.fixture(scope="module")
@@ -54,18 +61,19 @@ def driven(settings, controller, firmware, duration_ns=None):
 def test_no_law_is_touched_in_severe_manoeuvres(vehicle, actuator, law, bus, without):
     seen = 0
     for manoeuvre in MANOEUVRES:
-        try:
-            settings, controller = plan(
-                manoeuvre.scenario,
-                vehicle=vehicle,
-                actuator=actuator,
-                law=law,
-                bus=bus,
-                speed_kmh=manoeuvre.speed_kmh,
-                options=dict(manoeuvre.options),
-            )
-        except (CanrollError, VerdictError) as refusal:
-            pytest.skip(str(refusal))
+        choices = {
+            "vehicle": vehicle,
+            "actuator": actuator,
+            "law": law,
+            "bus": bus,
+            "speed_kmh": manoeuvre.speed_kmh,
+            "options": dict(manoeuvre.options),
+        }
+        if (vehicle, actuator, law, bus) in REFUSED:
+            with pytest.raises(CanrollError):
+                plan(manoeuvre.scenario, **choices)
+            return
+        settings, controller = plan(manoeuvre.scenario, **choices)
         kept = driven(settings, controller, built_in())
         assert not np.any(kept.ticks["fault_codes"] & KEPT), manoeuvre.title
         assert not np.any(kept.signals["envelope"]), manoeuvre.title
