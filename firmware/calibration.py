@@ -112,12 +112,6 @@ class Calibration:
     # offset learning
     offset_shift: Annotated[u8, F(1, 20, 0, "", "offset += error >> shift per tick")]
 
-    # monitors
-    turn_shift: Annotated[u8, F(1, 20, 0, "", "leak of gyro less strokes, 2**-shift a sample")]
-    response_shift: Annotated[u8, F(1, 20, 0, "", "leak of the roll dynamics")]
-    monitor_gap_max: Annotated[u8, F(1, 255, 0, "ticks", "without a sample before a new start")]
-    monitor_samples: Annotated[u8, F(1, 15, 0, "", "in a row beyond a threshold that count")]
-
     # identity
     id: Annotated[i32, F(0, LARGE, 0, "", "identifies the calibration")]
     tick_us: Annotated[i32, F(1000, 20000, 0, "us", "period of the loop")]
@@ -266,29 +260,11 @@ class Calibration:
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "largest lateral-acceleration offset")
     ]
 
-    # monitors: the body's m h a_y = K s + C s' + I p' - M, divided by m h
-    monitor_limit: Annotated[
-        i32,
-        F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "acceleration of no redundancy, 0: monitors off"),
-    ]
-    monitor_step: Annotated[i32, F(0, ONE, Q_UNIT, "s", "from sample to sample")]
-    monitor_stiffness: Annotated[i32, F(0, COEFFICIENT, 20, "m/s2/rad", "K / (m h)")]
-    monitor_damping: Annotated[i32, F(0, COEFFICIENT, 20, "m/s/rad", "C / (m h)")]
-    monitor_inertia: Annotated[
-        i32, F(0, COEFFICIENT, 20, "m/s/rad", "I / (m h) over the time constant of its rate")
-    ]
-    monitor_moment: Annotated[i32, F(0, COEFFICIENT, 36, "1/(kg m)", "1 / (m h)")]
-    monitor_tyre: Annotated[
-        i32, F(0, COEFFICIENT, 30, "rad s2/m", "roll by the tyres' deflection per a_y")
-    ]
-    response_min: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "threshold of the roll dynamics at rest")
-    ]
-    response_rough: Annotated[i32, F(0, COEFFICIENT, 20, "m/s/rad", "what roughness adds to it")]
-    turn_min: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad", "threshold of gyro against strokes")]
-    warp_min: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad", "threshold of front against rear")]
+    # delivery monitor
+    delivery_window: Annotated[i32, F(1, 255, 0, "", "samples of a window of commands")]
+    delivery_samples: Annotated[i32, F(1, 15, 0, "", "in a row outside the band that count")]
     delivery_min: Annotated[
-        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "width of the band's edges, 0: not watched")
+        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least width of the band's edges, 0: off")
     ]
 
     # event trigger: send when e**2 > epsilon**2 u**2 + floor**2

@@ -7,8 +7,8 @@ then it is sent again. Over a network the echo may lag several commands behind; 
 long as it advances.
 """
 
-from firmware import signals
 from firmware.calibration import BARS, DAMPERS, N_RING, SUSPENSION, Calibration
+from firmware.com import signals
 from firmware.monitors.delivery import note_command
 from firmware.state import (
     AGE_MAX,

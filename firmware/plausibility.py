@@ -14,7 +14,7 @@ from firmware.calibration import (
     VALVES,
     Calibration,
 )
-from firmware.mailbox import NO_SAMPLE
+from firmware.com.mailbox import NO_SAMPLE
 from firmware.state import (
     AGE_MAX,
     N_FAULT_CODES,
@@ -42,9 +42,6 @@ FAULT_COMMAND = 15
 FAULT_TICK_MISSED = 16
 FAULT_CALIBRATION = 17
 FAULT_CALIBRATION_CRC = 18
-FAULT_ROLL_RATE_CONTRADICTED = 19
-FAULT_LATERAL_CONTRADICTED = 20
-FAULT_STROKE_CONTRADICTED = 21
 FAULT_ACTUATOR_CONTRADICTED = 22
 FAULT_ENVELOPE = 23
 
@@ -61,7 +58,8 @@ GOOD = 0
 DEGRADING = 1
 UNSAFE = 2
 
-# corner states of ActuatorState; both of them, and no other, have bit 1
+# corner states of ActuatorState; the last two, and no other, have bit 1
+LIMITED = 1
 STUCK = 2
 FLOATING = 3
 
@@ -241,20 +239,25 @@ def watch_motion(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
 def watch_corners(ecu: Ecu, cal: Calibration) -> i32:
     """Judge the status of the four corners; return its effect on the mode.
 
-    One failed corner degrades, as does one failed bar, which spans both corners of its axle.
+    One failed corner degrades, as does one failed bar, which spans both corners of its axle. Where
+    the delivered moment contradicts the commands both corners of the axle have failed.
     """
     failures: i32 = 0
-    if (ecu.status[0] | ecu.status[1] | ecu.status[2] | ecu.status[3]) < STUCK:
+    contradicted: i32 = ecu.contradicted[0] | ecu.contradicted[1]
+    ecu.found = ecu.found | (contradicted << FAULT_ACTUATOR_CONTRADICTED)
+    status: i32 = ecu.status[0] | ecu.status[1] | ecu.status[2] | ecu.status[3]
+    if status < STUCK and contradicted == 0:
         for corner in range(4):
             ecu.failed[corner] = 0
         return GOOD
     for corner in range(4):
-        status: i32 = ecu.status[corner]
+        status = ecu.status[corner]
         failed: i32 = status >> 1
-        ecu.failed[corner] = byte(failed)
-        failures += failed
         ecu.found = ecu.found | ((failed & (status ^ FLOATING)) << FAULT_CORNER_STUCK)
         ecu.found = ecu.found | ((failed & (status ^ STUCK)) << FAULT_CORNER_FLOATING)
+        failed = failed | ecu.contradicted[corner >> 1]
+        ecu.failed[corner] = byte(failed)
+        failures += failed
     if cal.actuator == BARS or cal.actuator == VALVES:
         return (ecu.failed[0] | ecu.failed[1]) + (ecu.failed[2] | ecu.failed[3])
     return clamp(failures, GOOD, UNSAFE)

@@ -22,7 +22,7 @@ from firmware.calibration import (
     STATE_MAX,
     STATE_MIN,
 )
-from firmware.frames import RX_BYTES, TX_BYTES
+from firmware.com.frames import RX_BYTES, TX_BYTES
 from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 
 # modes
@@ -115,37 +115,17 @@ class Ecu:
     fault_latched: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i has occurred")]
     time: Annotated[i32, F(I32_MIN, I32_MAX, 0, "ticks", "since init, wraps")]
 
-    # monitors
-    accused: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: a monitor has found fault i")]
-    monitor_gap: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last comparison")]
-    stroke_roll: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad", "roll on the suspension, leaky integral")
-    ]
-    turn_roll: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad", "gyro less strokes")]
-    warp_roll: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad", "front strokes less rear")]
-    rate_smooth: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "gyro, low-passed")]
-    lateral_mean: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "slow mean of the accelerometer")
-    ]
-    force_mean: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "slow mean of a_y, damping, moment")
-    ]
-    response: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "residual but for the inertia")
-    ]
-    near_limit: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "second of three accelerations, envelope")
-    ]
-    size: Annotated[i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "of the terms, envelope")]
-    rough: Annotated[i32, F(0, STATE_MAX, Q_RATE, "m/s, rad/s", "of the road, envelope")]
+    # delivery monitor
     commanded: Annotated[
         list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "front, rear, as sent last")
     ]
     band_high: Annotated[
-        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "largest that may be delivered")
+        list[i32],
+        4,
+        F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "largest command: this window, the one before"),
     ]
     band_low: Annotated[
-        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "least that may be delivered")
+        list[i32], 4, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "least command, likewise")
     ]
 
     # observer
@@ -268,14 +248,15 @@ class Ecu:
     lateral_lost: Annotated[u8, F(0, 1, 0, "", "1: do without the lateral acceleration")]
     motion_lost: Annotated[u8, F(0, 1, 0, "", "1: do without speed and steering")]
     moment_unknown: Annotated[u8, F(0, 1, 0, "", "1: do without the delivered moment")]
-    failed: Annotated[list[u8], 4, F(0, 1, 0, "", "1: the corner is stuck or floating")]
+    failed: Annotated[list[u8], 4, F(0, 1, 0, "", "1: stuck, floating or contradicting commands")]
     fault_count: Annotated[list[u8], N_FAULT_CODES, F(0, 255, 0, "", "occurrences")]
     fault_number: Annotated[u8, F(0, 15, 0, "", "active codes, 15 for more")]
     law: Annotated[u8, F(0, 2, 0, "", "of the calibration, for the status frame")]
 
-    # monitors
-    strikes: Annotated[list[u8], 3, F(0, 15, 0, "", "samples beyond a threshold, by residual")]
+    # delivery monitor
+    window_samples: Annotated[u8, F(0, 255, 0, "", "samples of the present window")]
     astray: Annotated[list[u8], 2, F(0, 15, 0, "", "samples outside the band, by axle")]
+    contradicted: Annotated[list[u8], 2, F(0, 1, 0, "", "1: the axle does not do as commanded")]
 
     # observer
     ring_head: Annotated[u8, F(0, N_RING - 1, 0, "", "newest entry of the ring")]

@@ -7,9 +7,9 @@ command to zero and keeps the heartbeat. Both end when all inputs have been good
 time, except after a corrupt calibration, which is permanent.
 """
 
-from firmware import signals
 from firmware.calibration import ONE, Calibration
-from firmware.monitors.watch import watch
+from firmware.com import signals
+from firmware.monitors.delivery import watch_delivery
 from firmware.plausibility import (
     DEGRADING,
     FAULT_CALIBRATION_CRC,
@@ -62,10 +62,8 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     ecu.found = signals.contradicted(ecu) << FAULT_DISAGREEMENT
     ecu.found = ecu.found | (ecu.envelope_acted << FAULT_ENVELOPE)
     motion: i32 = watch_motion(ecu, cal, elapsed)
+    watch_delivery(ecu, cal)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
-    accused: i32 = watch(ecu, cal, elapsed)
-    if accused > actuators:
-        actuators = accused
     if elapsed > 1:
         ecu.found = ecu.found | (1 << FAULT_TICK_MISSED)
     if ecu.calibration_word == CORRUPT:

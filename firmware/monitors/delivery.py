@@ -1,20 +1,19 @@
 """Commanded against delivered moment, axle by axle.
 
 Between a command and its moment lie the bus, a lag, a slew limit and the way back: a delivered
-moment is right anywhere between the commands of the last tenth of a second, and short of them where
-the actuators report a limit. Stuck, dead, reversed, slow, weak and runaway actuators leave that
-band, whatever status they report.
+moment is right anywhere between the commands of the last one to two windows, and short of them
+where the actuators report a limit. Stuck, dead, reversed, slow and runaway actuators leave that
+band, whatever status they report, as do actuators that follow somebody else. An axle that does so
+counts as failed until the next ``init``: the evidence needs a command, which SAFE takes away.
 """
 
 from firmware.calibration import BARS, STATE_MAX, STATE_MIN, SUSPENSION, Calibration
 from firmware.fixed_point import product
-from firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED, STUCK
+from firmware.plausibility import NEEDED, STUCK
 from firmware.state import RX_ACTUATOR_STATE, Ecu
-from firmware.subset import byte, clamp, i32, rsh, sat31
+from firmware.subset import byte, clamp, i32, rsh
 
-LIMITED = 1
-# the band closes by an eighth a sample, its edges are a quarter of its size wide
-CLOSING = 3
+# the band's edges are a quarter of its size wide, besides their least width
 SHARE = 2
 
 
@@ -28,53 +27,61 @@ def note_command(ecu: Ecu, cal: Calibration) -> None:
         ecu.commanded[1] = ecu.bar[1]
 
 
+def widen(ecu: Ecu, axle: i32, moment: i32) -> None:
+    """Make ``moment`` a part of the present window's band."""
+    ecu.band_high[axle] = clamp(ecu.band_high[axle], moment, STATE_MAX)
+    ecu.band_low[axle] = clamp(ecu.band_low[axle], STATE_MIN, moment)
+
+
+def open_window(ecu: Ecu, axle: i32) -> None:
+    """Make the present window the one before, and open one with the present command alone."""
+    ecu.band_high[axle + 2] = ecu.band_high[axle]
+    ecu.band_low[axle + 2] = ecu.band_low[axle]
+    ecu.band_high[axle] = ecu.commanded[axle]
+    ecu.band_low[axle] = ecu.commanded[axle]
+
+
 def outside(ecu: Ecu, cal: Calibration, axle: i32) -> i32:
     """Return 1 where the moment delivered at an axle is outside the band of its commands."""
-    status: i32 = ecu.status[2 * axle] | ecu.status[2 * axle + 1]
-    high: i32 = ecu.band_high[axle]
-    low: i32 = ecu.band_low[axle]
-    if status == LIMITED:
-        high = clamp(high, 0, STATE_MAX)
-        low = clamp(low, STATE_MIN, 0)
-    size: i32 = high
-    if -low > high:
-        size = -low
-    edge: i32 = sat31(cal.delivery_min + rsh(clamp(size, 0, STATE_MAX), SHARE))
+    high: i32 = clamp(ecu.band_high[axle], ecu.band_high[axle + 2], STATE_MAX)
+    low: i32 = clamp(ecu.band_low[axle], STATE_MIN, ecu.band_low[axle + 2])
+    size: i32 = clamp(high, -low, STATE_MAX)
+    edge: i32 = cal.delivery_min + rsh(size, SHARE)
     if ecu.delivered[axle] > high + edge or ecu.delivered[axle] < low - edge:
         return 1
     return 0
 
 
-def watch_axle(ecu: Ecu, cal: Calibration, axle: i32) -> i32:
-    """Move the band of an axle's commands by a sample; return 1 where it has been left for long."""
-    command: i32 = ecu.commanded[axle]
-    high: i32 = ecu.band_high[axle]
-    low: i32 = ecu.band_low[axle]
-    high = sat31(high + rsh(command - high, CLOSING))
-    low = sat31(low + rsh(command - low, CLOSING))
-    ecu.band_high[axle] = clamp(high, command, STATE_MAX)
-    ecu.band_low[axle] = clamp(low, STATE_MIN, command)
-    if ecu.status[2 * axle] >= STUCK or ecu.status[2 * axle + 1] >= STUCK:
-        # it says so itself
-        return 0
+def watch_axle(ecu: Ecu, cal: Calibration, axle: i32) -> None:
+    """Judge a new sample of an axle's delivered moment."""
+    status: i32 = ecu.status[2 * axle] | ecu.status[2 * axle + 1]
+    if (ecu.enabled & ecu.command_held) == 0 or status >= STUCK:
+        # nothing follows the commands; afterwards what does starts from zero
+        ecu.astray[axle] = 0
+        widen(ecu, axle, 0)
+        return
+    widen(ecu, axle, ecu.commanded[axle])
+    if status != 0:
+        widen(ecu, axle, 0)
     if outside(ecu, cal, axle) == 0:
         ecu.astray[axle] = 0
-        return 0
-    ecu.astray[axle] = byte(clamp(ecu.astray[axle] + 1, 0, cal.monitor_samples))
-    if ecu.astray[axle] == cal.monitor_samples:
-        return 1
-    return 0
+        return
+    ecu.astray[axle] = byte(clamp(ecu.astray[axle] + 1, 0, cal.delivery_samples))
+    if ecu.astray[axle] == cal.delivery_samples:
+        ecu.contradicted[axle] = 1
 
 
 def watch_delivery(ecu: Ecu, cal: Calibration) -> None:
     """Judge a new sample of the delivered moments, where commands are moments."""
     if cal.delivery_min == 0 or ecu.fresh[RX_ACTUATOR_STATE] == 0:
         return
-    if ecu.enabled == 0 or ecu.command_held == 0:
-        # nothing follows the commands, or not yet
-        for axle in range(2):
-            ecu.astray[axle] = 0
+    if (ecu.valid[RX_ACTUATOR_STATE] & NEEDED[RX_ACTUATOR_STATE]) != NEEDED[RX_ACTUATOR_STATE]:
+        # the moments are those of an earlier sample
         return
+    ecu.window_samples = byte(clamp(ecu.window_samples + 1, 0, cal.delivery_window))
     for axle in range(2):
-        if watch_axle(ecu, cal, axle) == 1:
-            ecu.accused = ecu.accused | (1 << FAULT_ACTUATOR_CONTRADICTED)
+        if ecu.window_samples == cal.delivery_window:
+            open_window(ecu, axle)
+        watch_axle(ecu, cal, axle)
+    if ecu.window_samples == cal.delivery_window:
+        ecu.window_samples = 0

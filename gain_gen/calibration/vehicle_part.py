@@ -6,9 +6,9 @@ import numpy as np
 
 import dbc
 from firmware import calibration as fw
-from firmware.signals import RX_IDS
+from firmware.com.signals import RX_IDS
 from firmware.state import RX_IMU, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE
-from gain_gen.calibration.monitor_part import monitor_fields
+from gain_gen.calibration.delivery_part import delivery_fields
 from gain_gen.calibration.rows import quantise
 from gain_gen.models.controller import SPEEDS
 from gain_gen.models.front_share import front_share
@@ -56,8 +56,8 @@ def vehicle_fields(task: Task, schedule: tuple[float, ...]) -> dict[str, Value]:
         | _limits(task, share)
         | _schedule(task.vehicle, share, schedule)
         | _allocation(task)
-        | monitor_fields(task, _axle_moment(task))
         | _envelope(task, share)
+        | delivery_fields(task)
         | {
             "straight_steering": _q(0.03, 24),
             "straight_yaw_rate": _q(0.01, fw.Q_RATE),
@@ -99,17 +99,6 @@ def _bar_moment(task: Task, share: float) -> float:
     return torque / max(share, 1.0 - share)
 
 
-def _axle_moment(task: Task) -> float:
-    """Return the largest moment at an axle, N·m; 0 where the command is not a moment."""
-    actuators, geometry = task.vehicle.actuators, task.vehicle.geometry
-    if task.actuator == "suspension":
-        force = min(actuators.suspension.force_limit, DBC_FORCE_LIMIT)
-        return 2.0 * force * max(geometry.half_track_front, geometry.half_track_rear)
-    if task.actuator == "bars":
-        return min(actuators.bars.torque_limit, DBC_BAR_LIMIT)
-    return 0.0
-
-
 def _moment_rate(task: Task, share: float) -> float:
     """Return the largest rate of the command, N·m/s or mA/s."""
     actuators, geometry = task.vehicle.actuators, task.vehicle.geometry
@@ -132,11 +121,10 @@ def _q(value: float, q: int) -> int:
 
 def _supervision(task: Task) -> dict[str, Value]:
     """Timeouts of five samples for the inputs in use, E2E tolerance, ramps."""
-    needed = [True, True, True, True, False]
+    needed = [True, True, False, True, False]
+    needed[RX_SUSPENSION_RATE] = task.actuator == "dampers"
     if task.observer == "reference":
-        # no sensor that the monitors could check is used
         needed[RX_IMU], needed[RX_ROLL_REFERENCE] = False, True
-        needed[RX_SUSPENSION_RATE] = task.actuator == "dampers"
     samples = [max(period, task.tick) for period in SENSOR_PERIODS]
     timeouts = [
         ceil(MISSED_SAMPLES * sample / task.tick + task.delay.most / task.tick) if need else 0

@@ -42,11 +42,8 @@ RECENT: deque[tuple[str, Task, Design]] = deque(maxlen=32)
 """Designs of this process: a sweep uses the same one at every speed."""
 COMMAND_TIMEOUT = 0.160
 """Age at which actuators release a command, s."""
-DEGRADING = {
-    "vehicle_motion": "the loop runs degraded",
-    "suspension_rate": "the loop runs without its redundancy monitors",
-}
-"""Mailboxes that the loop can do without, and how it runs then; dampers need the stroke rates."""
+DEGRADING = ("vehicle_motion",)
+"""Mailboxes without which the loop runs degraded."""
 NAMED = 5
 """Messages that a warning lists."""
 LAW_OF_PASSIVE = "lqr"
@@ -338,11 +335,10 @@ def _lacking(profile: BusProfile, bus: BusMap, record: Calibration) -> Iterator[
             continue
         where = f"{profile.map_file} [receive.{box.slot}]"
         absent = _absent(box, needed)
-        damped = box.slot == "suspension_rate" and record.actuator == fw.DAMPERS
-        if absent and (box.slot not in DEGRADING or damped):
+        if absent and box.slot not in DEGRADING:
             raise CanrollError(f"{where}: no signal is mapped to {absent}, which the loop requires")
         if absent:
-            yield f"{where}: no signal is mapped to {absent}: {DEGRADING[box.slot]}"
+            yield f"{where}: no signal is mapped to {absent}: the loop runs degraded"
         wait = timeout * record.tick_us // 1000
         if box.name and 2 * box.cycle_ms > wait:
             raise CanrollError(
