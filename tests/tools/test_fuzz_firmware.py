@@ -45,22 +45,26 @@ def test_no_input_crashes_the_firmware(bus, services, calibrations, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("file", "guard", "symptom"),
+    ("taken_out", "symptom"),
     [
-        ("mailbox", ("if (length < size)", "if (0)"), "heap-buffer-overflow"),
-        ("mailbox", ("(message >= CANROLL_N_RX)", "(0)"), "runtime error"),
+        (("canroll_mailbox.c", "if (length < size)", "if (0)"), "heap-buffer-overflow"),
+        (("canroll_mailbox.c", "(message >= CANROLL_N_RX)", "(0)"), "runtime error"),
         (
-            "ecu",
-            ("canroll_clamp32(elapsed_ticks, 1, CANROLL_AGE_MAX)", "elapsed_ticks"),
+            (
+                "canroll_ecu.c",
+                "canroll_clamp32(elapsed_ticks, 1, CANROLL_AGE_MAX)",
+                "elapsed_ticks",
+            ),
             "outside",
         ),
     ],
 )
-def test_a_guard_taken_out_is_found(file, guard, symptom, calibrations, tmp_path, capfd):
+def test_a_guard_taken_out_is_found(taken_out, symptom, calibrations, tmp_path, capfd):
+    file, guard, instead = taken_out
     firmware = replace(fuzzing.firmware_of(None, None))
-    name = f"canroll_{file}.c"
-    assert guard[0] in firmware.files[name]
-    firmware.__dict__["files"] = {**firmware.files, name: firmware.files[name].replace(*guard)}
+    assert guard in firmware.files[file]
+    spoilt = firmware.files[file].replace(guard, instead)
+    firmware.__dict__["files"] = {**firmware.files, file: spoilt}
     program = fuzzing.build(firmware, calibrations, tmp_path)
     assert fuzzing.fuzz(program, 60_000, 1).returncode != 0
     assert symptom in capfd.readouterr().err
