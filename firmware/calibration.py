@@ -261,8 +261,8 @@ class Calibration:
     ]
 
     # delivery monitor
-    delivery_window: Annotated[i32, F(1, 255, 0, "", "samples of a window of commands")]
-    delivery_samples: Annotated[i32, F(1, 15, 0, "", "in a row outside the band that count")]
+    delivery_window: Annotated[i32, F(1, 1000, 0, "", "samples of a window of commands")]
+    delivery_samples: Annotated[i32, F(1, 1000, 0, "", "in a row outside the band that count")]
     delivery_min: Annotated[
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least width of the band's edges, 0: off")
     ]

@@ -127,6 +127,8 @@ class Ecu:
     band_low: Annotated[
         list[i32], 4, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "least command, likewise")
     ]
+    window_samples: Annotated[i32, F(0, 1000, 0, "", "samples of the present window")]
+    astray: Annotated[list[i32], 2, F(0, 1000, 0, "", "samples outside the band, by axle")]
 
     # observer
     x: Annotated[list[i32], N_STATES, F(STATE_MIN, STATE_MAX, 0, "", "corrected estimate")]
@@ -254,8 +256,6 @@ class Ecu:
     law: Annotated[u8, F(0, 2, 0, "", "of the calibration, for the status frame")]
 
     # delivery monitor
-    window_samples: Annotated[u8, F(0, 255, 0, "", "samples of the present window")]
-    astray: Annotated[list[u8], 2, F(0, 15, 0, "", "samples outside the band, by axle")]
     contradicted: Annotated[list[u8], 2, F(0, 1, 0, "", "1: the axle does not do as commanded")]
 
     # observer

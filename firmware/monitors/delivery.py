@@ -11,7 +11,7 @@ from firmware.calibration import BARS, STATE_MAX, STATE_MIN, SUSPENSION, Calibra
 from firmware.fixed_point import product
 from firmware.plausibility import NEEDED, STUCK
 from firmware.state import RX_ACTUATOR_STATE, Ecu
-from firmware.subset import byte, clamp, i32, rsh
+from firmware.subset import clamp, i32, rsh
 
 # the band's edges are a quarter of its size wide, besides their least width
 SHARE = 2
@@ -66,7 +66,7 @@ def watch_axle(ecu: Ecu, cal: Calibration, axle: i32) -> None:
     if outside(ecu, cal, axle) == 0:
         ecu.astray[axle] = 0
         return
-    ecu.astray[axle] = byte(clamp(ecu.astray[axle] + 1, 0, cal.delivery_samples))
+    ecu.astray[axle] = clamp(ecu.astray[axle] + 1, 0, cal.delivery_samples)
     if ecu.astray[axle] == cal.delivery_samples:
         ecu.contradicted[axle] = 1
 
@@ -78,7 +78,7 @@ def watch_delivery(ecu: Ecu, cal: Calibration) -> None:
     if (ecu.valid[RX_ACTUATOR_STATE] & NEEDED[RX_ACTUATOR_STATE]) != NEEDED[RX_ACTUATOR_STATE]:
         # the moments are those of an earlier sample
         return
-    ecu.window_samples = byte(clamp(ecu.window_samples + 1, 0, cal.delivery_window))
+    ecu.window_samples = clamp(ecu.window_samples + 1, 0, cal.delivery_window)
     for axle in range(2):
         if ecu.window_samples == cal.delivery_window:
             open_window(ecu, axle)

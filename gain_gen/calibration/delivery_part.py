@@ -22,7 +22,7 @@ def delivery_fields(task: Task) -> dict[str, int | list[int]]:
     moment = _axle_moment(task)
     edge = EDGE + EDGE_SHARE * moment if moment else 0.0
     return {
-        "delivery_window": min(ceil((task.delay.most + LAGS) / period), 255),
+        "delivery_window": min(ceil((task.delay.most + LAGS) / period), 1000),
         "delivery_samples": SAMPLES,
         "delivery_min": round(edge * 2.0**fw.Q_MOMENT),
     }

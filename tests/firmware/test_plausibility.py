@@ -309,5 +309,6 @@ def test_fault_codes_keep_the_numbers_that_diagnostics_know():
         "FAULT_TICK_MISSED": 16,
         "FAULT_CALIBRATION": 17,
         "FAULT_CALIBRATION_CRC": 18,
+        "FAULT_ACTUATOR_CONTRADICTED": 22,
         "FAULT_ENVELOPE": 23,
     }
