@@ -260,6 +260,20 @@ class Calibration:
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "largest lateral-acceleration offset")
     ]
 
+    # redundancy monitor
+    redundancy_min: Annotated[
+        i32, F(0, STATE_MAX // 2, Q_ACCELERATION, "m/s2", "least gap of a_y that counts, 0: off")
+    ]
+    redundancy_limit: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "end of the tyres' linear range")
+    ]
+    opposite_min: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "least a_y and yaw rate times speed")
+    ]
+    apart_samples: Annotated[i32, F(1, 1000, 0, "", "outside both in a row that count")]
+    opposite_samples: Annotated[i32, F(1, 1000, 0, "", "of opposite sign in a row that count")]
+    bound_samples: Annotated[i32, F(1, 1000, 0, "", "gyro bias at its bound in a row that count")]
+
     # delivery monitor
     delivery_window: Annotated[i32, F(1, 1000, 0, "", "samples of a window of commands")]
     delivery_samples: Annotated[i32, F(1, 1000, 0, "", "in a row outside the band that count")]

@@ -42,6 +42,8 @@ FAULT_COMMAND = 15
 FAULT_TICK_MISSED = 16
 FAULT_CALIBRATION = 17
 FAULT_CALIBRATION_CRC = 18
+FAULT_ROLL_RATE_CONTRADICTED = 19
+FAULT_LATERAL_CONTRADICTED = 20
 FAULT_ACTUATOR_CONTRADICTED = 22
 FAULT_ENVELOPE = 23
 
@@ -187,7 +189,10 @@ def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     bad: i32 = lacking(ecu, RX_IMU, 2) | beyond(ecu.lateral_acceleration, cal.acceleration_max)
     if bad == 0:
         ecu.acceleration_good = ecu.lateral_acceleration
-    bad = lasting(ecu, BAD_ACCELERATION, cal.timeout_ticks[RX_IMU], bad, elapsed)
+    contradicted: i32 = ecu.lateral_contradicted
+    ecu.found = ecu.found | (contradicted << FAULT_LATERAL_CONTRADICTED)
+    bad = bad | contradicted
+    bad = lasting(ecu, BAD_ACCELERATION, cal.timeout_ticks[RX_IMU], bad, elapsed) | contradicted
     ecu.found = ecu.found | (bad << FAULT_ACCELERATION)
     ecu.lateral_good = clamp(ecu.lateral_good + elapsed, 0, AGE_MAX)
     if ecu.bad_ticks[BAD_ACCELERATION] > 0:
@@ -216,6 +221,8 @@ def watch_imu(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
         ecu.rate_good = ecu.roll_rate
     bad = lasting(ecu, BAD_ROLL_RATE, cal.timeout_ticks[RX_IMU], bad, elapsed)
     ecu.found = ecu.found | (bad << FAULT_ROLL_RATE)
+    ecu.found = ecu.found | (ecu.rate_contradicted << FAULT_ROLL_RATE_CONTRADICTED)
+    bad = bad | ecu.rate_contradicted
     severity: i32 = watch_lateral(ecu, cal, elapsed)
     if cal.observer == BYPASS:
         return GOOD

@@ -115,6 +115,15 @@ class Ecu:
     fault_latched: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i has occurred")]
     time: Annotated[i32, F(I32_MIN, I32_MAX, 0, "ticks", "since init, wraps")]
 
+    # redundancy monitor
+    motion_peak: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "largest by yaw rate or steering, fading")
+    ]
+    motion_now: Annotated[i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "likewise, fading fast")]
+    apart_samples: Annotated[i32, F(0, 1000, 0, "", "lateral acceleration outside both, in a row")]
+    opposite_samples: Annotated[i32, F(0, 1000, 0, "", "yaw rate of opposite sign, in a row")]
+    bound_samples: Annotated[i32, F(0, 1000, 0, "", "gyro bias at its bound, in a row")]
+
     # delivery monitor
     commanded: Annotated[
         list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "front, rear, as sent last")
@@ -254,6 +263,10 @@ class Ecu:
     fault_count: Annotated[list[u8], N_FAULT_CODES, F(0, 255, 0, "", "occurrences")]
     fault_number: Annotated[u8, F(0, 15, 0, "", "active codes, 15 for more")]
     law: Annotated[u8, F(0, 2, 0, "", "of the calibration, for the status frame")]
+
+    # redundancy monitor
+    lateral_contradicted: Annotated[u8, F(0, 1, 0, "", "1: the lateral acceleration is wrong")]
+    rate_contradicted: Annotated[u8, F(0, 1, 0, "", "1: the roll rate is wrong")]
 
     # delivery monitor
     contradicted: Annotated[list[u8], 2, F(0, 1, 0, "", "1: the axle does not do as commanded")]

@@ -10,6 +10,7 @@ time, except after a corrupt calibration, which is permanent.
 from firmware.calibration import ONE, Calibration
 from firmware.com import signals
 from firmware.monitors.delivery import watch_delivery
+from firmware.monitors.redundancy import watch_redundancy
 from firmware.plausibility import (
     DEGRADING,
     FAULT_CALIBRATION_CRC,
@@ -61,6 +62,7 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Judge all inputs, set the mode and move the authority along its ramp."""
     ecu.found = signals.contradicted(ecu) << FAULT_DISAGREEMENT
     ecu.found = ecu.found | (ecu.envelope_acted << FAULT_ENVELOPE)
+    watch_redundancy(ecu, cal)
     motion: i32 = watch_motion(ecu, cal, elapsed)
     watch_delivery(ecu, cal)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)

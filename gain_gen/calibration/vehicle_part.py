@@ -8,7 +8,7 @@ import dbc
 from firmware import calibration as fw
 from firmware.com.signals import RX_IDS
 from firmware.state import RX_IMU, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE
-from gain_gen.calibration.delivery_part import delivery_fields
+from gain_gen.calibration.monitor_part import monitor_fields
 from gain_gen.calibration.rows import quantise
 from gain_gen.models.controller import SPEEDS
 from gain_gen.models.front_share import front_share
@@ -57,7 +57,7 @@ def vehicle_fields(task: Task, schedule: tuple[float, ...]) -> dict[str, Value]:
         | _schedule(task.vehicle, share, schedule)
         | _allocation(task)
         | _envelope(task, share)
-        | delivery_fields(task)
+        | monitor_fields(task)
         | {
             "straight_steering": _q(0.03, 24),
             "straight_yaw_rate": _q(0.01, fw.Q_RATE),

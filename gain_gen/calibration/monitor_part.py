@@ -1,0 +1,61 @@
+"""Calibration of the monitors of sensors and actuators.
+
+Thresholds come from fault-free runs of six vehicles and their populations up to the limit
+(``tools/validation/false_alarms.py``); docs/detection.md has the margins.
+"""
+
+from math import ceil
+
+import dbc
+from firmware import calibration as fw
+from gain_gen.models.task import Task
+
+GAP = 2.4
+"""Distance of the lateral acceleration from both of the others, besides half of the larger one,
+m/s²: a road banked by 10 degrees makes 1.7 m/s²."""
+LINEAR = 5.0
+"""End of the tyres' linear range, m/s² by yaw rate or steering."""
+OPPOSITE = 1.5
+"""Magnitude of lateral acceleration and of yaw rate times speed that may not oppose, m/s²."""
+GAP_TIME, OPPOSITE_TIME, BOUND_TIME = 0.08, 0.2, 0.1
+"""How long without a break, s: outside both others, of opposite sign, gyro bias at its bound."""
+EDGE_SHARE = 0.05
+EDGE = 150.0
+"""Least width of the edges of a band of commands: share of an axle's largest moment, and N·m."""
+LAGS = 0.05
+"""Time by which a window exceeds the largest delay from sample to force, s: lag and way back."""
+DELIVERY_SAMPLES = 4
+"""Samples in a row outside the band before an axle counts as failed."""
+
+
+def monitor_fields(task: Task) -> dict[str, int | list[int]]:
+    """Return the fields of the monitors.
+
+    The moments are watched where the commands are moments, the sensors where the observer uses
+    them.
+    """
+    imu = max(dbc.period("Imu"), task.tick)
+    state = max(dbc.period("ActuatorState"), task.tick)
+    moment = _axle_moment(task)
+    edge = EDGE + EDGE_SHARE * moment if moment else 0.0
+    gap = 0.0 if task.observer == "reference" else GAP
+    return {
+        "redundancy_min": round(gap * 2.0**fw.Q_ACCELERATION),
+        "redundancy_limit": round(LINEAR * 2.0**fw.Q_ACCELERATION),
+        "opposite_min": round(OPPOSITE * 2.0**fw.Q_ACCELERATION),
+        "apart_samples": max(2, round(GAP_TIME / imu)),
+        "opposite_samples": max(2, round(OPPOSITE_TIME / imu)),
+        "bound_samples": max(2, round(BOUND_TIME / imu)),
+        "delivery_window": min(ceil((task.delay.most + LAGS) / state), 1000),
+        "delivery_samples": DELIVERY_SAMPLES,
+        "delivery_min": round(edge * 2.0**fw.Q_MOMENT),
+    }
+
+
+def _axle_moment(task: Task) -> float:
+    """Return the largest moment of an axle, N·m; 0 where commands are not moments."""
+    actuators, geometry = task.vehicle.actuators, task.vehicle.geometry
+    if task.actuator == "suspension":
+        track = 2.0 * max(geometry.half_track_front, geometry.half_track_rear)
+        return track * actuators.suspension.force_limit
+    return actuators.bars.torque_limit if task.actuator == "bars" else 0.0

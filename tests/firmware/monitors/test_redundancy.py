@@ -1,0 +1,166 @@
+"""Redundancy monitor: lateral acceleration and roll rate against what the others say."""
+
+import pytest
+import rig
+
+from firmware import calibration as fw
+from firmware import plausibility as sv
+from firmware.monitors.redundancy import gap, lasting, magnitude, opposite, watch_redundancy
+from firmware.state import DEGRADED, GYRO_BIAS, RX_IMU, SAFE, Ecu
+
+ACCELERATION = 2**fw.Q_ACCELERATION
+SPEED = 20.0
+APART, OPPOSITE, BOUND = 8, 20, 10
+
+
+def watched(**changes: int) -> fw.Calibration:
+    """A calibration with the monitor on."""
+    cal = rig.calibration(**changes)
+    cal.redundancy_min = round(2.4 * ACCELERATION)
+    cal.redundancy_limit = round(5.0 * ACCELERATION)
+    cal.opposite_min = round(1.5 * ACCELERATION)
+    cal.apart_samples, cal.opposite_samples, cal.bound_samples = APART, OPPOSITE, BOUND
+    return cal
+
+
+def moving(cal: fw.Calibration) -> Ecu:
+    """An ECU of a moving car with every input."""
+    ecu = rig.started(cal)
+    ecu.gain_factor, ecu.motion_lost = 1 << 28, 0
+    ecu.fresh[RX_IMU], ecu.valid[RX_IMU] = 1, 7
+    return ecu
+
+
+def sample(
+    ecu: Ecu, cal: fw.Calibration, lateral: float, turning: float, steered: float, *, count: int = 1
+) -> None:
+    """Receive samples of the three lateral accelerations, m/s²."""
+    ecu.lateral_acceleration = round(lateral * ACCELERATION)
+    ecu.speed = round(SPEED * 2**fw.Q_SPEED)
+    ecu.yaw_rate = round(turning / SPEED * 2**fw.Q_RATE)
+    ecu.steering_acceleration = round(steered * ACCELERATION)
+    for _ in range(count):
+        watch_redundancy(ecu, cal)
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    ("lateral", "turning", "steered", "wrong"),
+    [
+        (2.5, 0.0, 0.0, 1),
+        (2.3, 0.0, 0.0, 0),
+        (-2.5, 0.0, 0.0, 1),
+        (0.5, 4.0, 4.5, 0),
+        (-0.5, 4.0, 4.5, 0),
+        (4.9, 1.0, 1.0, 1),
+        (4.9, 3.0, 0.0, 0),
+        (0.0, 4.0, 0.0, 0),
+        (0.0, 0.0, 4.0, 0),
+    ],
+)
+def test_an_acceleration_outside_both_others_is_wrong(sign, lateral, turning, steered, wrong):
+    cal = watched()
+    ecu = moving(cal)
+    sample(ecu, cal, sign * lateral, sign * turning, sign * steered, count=APART - 1)
+    assert ecu.lateral_contradicted == 0
+    sample(ecu, cal, sign * lateral, sign * turning, sign * steered)
+    assert ecu.lateral_contradicted == wrong
+
+
+@pytest.mark.parametrize(("turning", "steered"), [(5.5, 0.0), (-5.5, 0.0), (0.0, 5.5)])
+def test_beyond_the_linear_range_and_long_afterwards_no_distance_is_judged(turning, steered):
+    cal = watched()
+    ecu = moving(cal)
+    sample(ecu, cal, 0.0, turning, steered, count=2)
+    # the peak fades to 5/5.5 of itself in 195 samples
+    sample(ecu, cal, 4.0, 0.0, 0.0, count=190)
+    assert ecu.lateral_contradicted == 0
+    sample(ecu, cal, 4.0, 0.0, 0.0, count=10 + APART)
+    assert ecu.lateral_contradicted == 1
+
+
+def test_a_wrong_acceleration_alone_cannot_switch_its_check_off():
+    cal = watched()
+    ecu = moving(cal)
+    sample(ecu, cal, 30.0, 0.0, 0.0, count=APART)
+    assert ecu.lateral_contradicted == 1
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_opposite_sign_that_lasts_is_judged_at_the_limit_too(sign):
+    cal = watched()
+    ecu = moving(cal)
+    sample(ecu, cal, 9.0 * sign, -9.0 * sign, 0.0, count=OPPOSITE - 1)
+    sample(ecu, cal, 1.0 * sign, -9.0 * sign, 0.0)
+    sample(ecu, cal, 9.0 * sign, -9.0 * sign, 0.0, count=OPPOSITE - 1)
+    assert ecu.lateral_contradicted == 0
+    sample(ecu, cal, 9.0 * sign, -9.0 * sign, 0.0)
+    assert ecu.lateral_contradicted == 1
+
+
+@pytest.mark.parametrize("bias", [0.05, -0.05])
+def test_a_gyro_bias_at_its_bound_is_a_wrong_roll_rate(bias):
+    cal = watched()
+    cal.bias_max = round(0.05 * 2**27)
+    ecu = moving(cal)
+    ecu.x[GYRO_BIAS] = round(0.99 * bias * 2**27)
+    sample(ecu, cal, 0.0, 0.0, 0.0, count=2 * BOUND)
+    assert ecu.rate_contradicted == 0
+    ecu.x[GYRO_BIAS] = round(bias * 2**27)
+    sample(ecu, cal, 0.0, 0.0, 0.0, count=BOUND - 1)
+    assert ecu.rate_contradicted == 0
+    sample(ecu, cal, 0.0, 0.0, 0.0)
+    assert ecu.rate_contradicted == 1
+
+
+@pytest.mark.parametrize(
+    "state",
+    [{"gain_factor": 0}, {"fresh": [0] * 5}, {"motion_lost": 1}, {"valid": [3, 0, 0, 0, 0]}],
+)
+def test_what_is_not_known_is_not_judged(state):
+    cal = watched()
+    ecu = moving(cal)
+    for name, value in state.items():
+        setattr(ecu, name, value)
+    sample(ecu, cal, 9.0, -9.0, -9.0, count=3 * OPPOSITE)
+    assert ecu.lateral_contradicted == 0
+
+
+@pytest.mark.parametrize("change", [{"redundancy_min": 0}, {"observer": fw.BYPASS}])
+def test_a_calibration_without_it_judges_nothing(change):
+    cal = watched()
+    ecu = moving(cal)
+    for name, value in change.items():
+        setattr(cal, name, value)
+    sample(ecu, cal, 9.0, -9.0, -9.0, count=3 * OPPOSITE)
+    assert ecu.lateral_contradicted == 0
+
+
+@pytest.mark.parametrize(
+    ("found", "code", "mode"),
+    [
+        ("lateral_contradicted", sv.FAULT_LATERAL_CONTRADICTED, DEGRADED),
+        ("rate_contradicted", sv.FAULT_ROLL_RATE_CONTRADICTED, SAFE),
+    ],
+)
+def test_findings_last_and_decide_the_mode(found, code, mode):
+    bench = rig.Bench(rig.calibration()).active()
+    setattr(bench.ecu, found, 1)
+    for _ in range(2 * bench.cal.recovery_ticks):
+        bench.step()
+        assert bench.ecu.mode == mode
+    assert bench.ecu.fault_active >> code & 1 == 1
+    assert bench.ecu.lateral_lost == (found == "lateral_contradicted")
+
+
+def test_the_arithmetic():
+    assert [gap(value, 5, -3) for value in (7, 5, 0, -3, -4)] == [2, 0, 0, 0, 1]
+    assert [gap(value, -3, 5) for value in (7, 5, 0, -3, -4)] == [2, 0, 0, 0, 1]
+    assert [magnitude(value) for value in (-(2**31), -2, 0, 2)] == [fw.STATE_MAX, 2, 0, 2]
+    assert [lasting(2, 1, 5), lasting(5, 1, 5), lasting(5, 0, 5)] == [3, 5, 0]
+    assert [opposite(2, -2, 1), opposite(-2, 2, 1), opposite(2, 2, 1), opposite(2, -1, 1)] == [
+        1,
+        1,
+        0,
+        0,
+    ]
