@@ -260,27 +260,6 @@ class Calibration:
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "largest lateral-acceleration offset")
     ]
 
-    # redundancy monitor
-    redundancy_min: Annotated[
-        i32, F(0, STATE_MAX // 2, Q_ACCELERATION, "m/s2", "least gap of a_y that counts, 0: off")
-    ]
-    redundancy_limit: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "end of the tyres' linear range")
-    ]
-    opposite_min: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "least a_y and yaw rate times speed")
-    ]
-    apart_samples: Annotated[i32, F(1, 1000, 0, "", "outside both in a row that count")]
-    opposite_samples: Annotated[i32, F(1, 1000, 0, "", "of opposite sign in a row that count")]
-    bound_samples: Annotated[i32, F(1, 1000, 0, "", "gyro bias at its bound in a row that count")]
-
-    # delivery monitor
-    delivery_window: Annotated[i32, F(1, 1000, 0, "", "samples of a window of commands")]
-    delivery_samples: Annotated[i32, F(1, 1000, 0, "", "in a row outside the band that count")]
-    delivery_min: Annotated[
-        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least width of the band's edges, 0: off")
-    ]
-
     # event trigger: send when e**2 > epsilon**2 u**2 + floor**2
     trigger_epsilon_squared: Annotated[i32, F(0, 1 << 20, 20, "", "relative threshold, squared")]
     trigger_floor: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "absolute threshold")]
@@ -302,6 +281,27 @@ class Calibration:
     ]
     envelope_ticks: Annotated[i32, F(1, 1 << 20, 0, "ticks", "a moment outward is cut after")]
     envelope_pass: Annotated[i32, F(0, ONE, Q_UNIT, "", "low-pass of a_y: its weight per tick")]
+
+    # redundancy monitor
+    redundancy_min: Annotated[
+        i32, F(0, STATE_MAX // 2, Q_ACCELERATION, "m/s2", "least gap of a_y that counts, 0: off")
+    ]
+    redundancy_limit: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "end of the tyres' linear range")
+    ]
+    opposite_min: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "least a_y and yaw rate times speed")
+    ]
+    apart_samples: Annotated[i32, F(1, 1000, 0, "", "outside both in a row that count")]
+    opposite_samples: Annotated[i32, F(1, 1000, 0, "", "of opposite sign in a row that count")]
+    bound_samples: Annotated[i32, F(1, 1000, 0, "", "gyro bias at its bound in a row that count")]
+
+    # delivery monitor
+    delivery_window: Annotated[i32, F(1, 1000, 0, "", "samples of a window of commands")]
+    delivery_samples: Annotated[i32, F(1, 1000, 0, "", "in a row outside the band that count")]
+    delivery_min: Annotated[
+        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least width of the band's edges, 0: off")
+    ]
 
     # allocation
     arm_front: Annotated[i32, F(0, 4 << 28, 28, "1/m", "1 / (2 half track), front")]

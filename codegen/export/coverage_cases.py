@@ -19,6 +19,7 @@ from codegen.run import memory_image
 from codegen.run.ecu_traffic import Traffic, random_calibration, random_traffic
 from codegen.run.native import Library
 from firmware.calibration import (
+    BARS,
     BYPASS,
     COEFFICIENT,
     COMPENSATOR,
@@ -46,6 +47,8 @@ TICKS = 80
 NEVER = -1
 FLIPPED = 8
 """Byte of the calibration, from its end, in which a bit flips."""
+COUNTS = ("apart_samples", "opposite_samples", "bound_samples", "delivery_samples")
+"""Samples in a row before a monitor accuses."""
 FULL = 1 << 20
 """The most ticks that can pass between two."""
 
@@ -165,11 +168,39 @@ def _rare(bus: BusMap) -> Iterator[Case]:
         )
         for push in pushes:
             yield Case("outward", _changed(1, **{**outward, **push}), swaying)
+    yield from _accused(bus)
     none = Traffic(frames.frames[:0], np.full(2100, FULL, np.int32))
     yield Case("the clock wraps", _changed(3), none)
     alien = frames.frames[:4].copy()
     alien["message"] = (-1, 5, 99, -(2**31))
     yield Case("no such message", _changed(4), Traffic(alien, frames.elapsed[:8]))
+
+
+def _accused(bus: BusMap) -> Iterator[Case]:
+    """Monitors that are quick to accuse."""
+    quick: dict[str, object] = {
+        "law": STATE_FEEDBACK,
+        "compensator_outputs": 1,
+        "observer": CONSTANT_GAIN,
+        "init_ticks": 1,
+        "fade_low": 0,
+        "fade_high": 1,
+        "redundancy_min": 1,
+        "redundancy_limit": STATE_MAX,
+        "opposite_min": 0,
+        "delivery_window": 3,
+        "delivery_min": 1,
+    }
+    frames = random_traffic(1, TICKS, bus=bus)
+    yield Case("no monitors", _changed(1, redundancy_min=0, delivery_min=0), frames)
+    for seed in (1, 2):
+        swaying = random_traffic(seed, 240, hostile=0.0, rough=1.0, bus=bus)
+        for samples in (1, 3):
+            counts = dict.fromkeys(COUNTS, samples)
+            for actuator in (SUSPENSION, BARS):
+                for limits in ({"redundancy_limit": 1 << 20}, {"bias_max": 0}, {}):
+                    changes = {**quick, **counts, **limits, "actuator": actuator}
+                    yield Case("accused", _changed(1, **changes), swaying)
 
 
 def _follows_acceleration() -> dict[str, object]:

@@ -48,7 +48,8 @@ def refused(rule: int) -> CanrollError:
     return CanrollError(f"the ECU refuses the calibration: rule {rule} of its check")
 
 
-LIMITS = ("envelope_", "steering_limit")
+MONITORS = ("redundancy_", "opposite_", "apart_", "bound_", "delivery_")
+LIMITS = ("envelope_", "steering_limit", *MONITORS)
 """Fields that limit what a law takes and gives, by the beginning of their names."""
 TIGHT = 3
 
