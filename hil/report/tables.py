@@ -34,14 +34,16 @@ class Row:
     numbers: tuple[Cell, ...]
 
 
-def number(value: float, digits: int, key: str) -> Cell:
-    """Return a cell for the number at ``key`` of the JSON object."""
+def number(value: float | None, digits: int, key: str) -> Cell:
+    """Return a cell for the number at ``key`` of the JSON object, empty for None."""
+    if value is None:
+        return NOTHING
     return Cell(f"{value:.{digits}f}".replace("-", "−"), value, key)
 
 
-def change(after: float, before: float, digits: int) -> Cell:
+def change(after: float | None, before: float | None, digits: int) -> Cell:
     """Return the relative change in percent, or an empty cell if ``before`` is shown as 0."""
-    if round(before, digits) == 0:
+    if after is None or before is None or round(before, digits) == 0:
         return NOTHING
     percent = round(100 * (after / before - 1))
     return Cell(f"{percent:+d} %".replace("-", "−") if percent else "0 %")
@@ -67,7 +69,7 @@ def metric_rows(result: Result) -> list[Row]:
         if result.replay_metrics is not None:
             cells.append(number(getattr(result.replay_metrics, name), digits, f"replay.{name}"))
         least = result.without_roll.get(name)
-        cells.append(NOTHING if least is None else number(least, digits, f"without_roll.{name}"))
+        cells.append(number(least, digits, f"without_roll.{name}"))
         rows.append(Row(label, tuple(cells)))
     return rows
 
