@@ -26,7 +26,7 @@ from codegen.generated.bus_map import BusMap, frame_ident, load
 from codegen.generated.own_stage import OwnStage
 from codegen.proof.prove import prove
 from codegen.subset import parse, rules
-from codegen.subset.program import Program, copy_sources
+from codegen.subset.program import Program, copy_sources, file_of
 
 GENERATED = {
     "frames.py": frames.generate,
@@ -136,7 +136,7 @@ class BusFirmware:
             folder = Path(temporary)
             copy_sources(folder)
             for name, text in self.modules.items():
-                (folder / name).write_text(text, encoding="utf-8")
+                file_of(Path(name).stem, folder).write_text(text, encoding="utf-8")
             yield folder
 
 

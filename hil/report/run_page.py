@@ -11,12 +11,12 @@ from hil.realtime.timing import QUANTILES, ROWS, bus_lines
 from hil.report.curves import Shown, all_figures
 from hil.report.figure import Figure, Series, histogram, pack
 from hil.report.page import Cell, Page, Table, Verdict, render
-from hil.report.reaction_table import reaction_table
 from hil.report.tables import (
     can_rows,
     metric_head,
     metric_rows,
     number,
+    reaction_table,
     replay_note,
     standard_rows,
 )
