@@ -60,7 +60,16 @@ def write_map(path: Path, *, step: str = "", start: str = "", **changes: str) ->
 def write_fmu(path: Path, *, able: str = 'canHandleVariableCommunicationStepSize="true"') -> Path:
     """Compile the FMU; ``able`` are attributes of its co-simulation. Return ``path``."""
     library = path.with_suffix(".so")
-    command = [compiler() or "cc", "-O1", "-w", "-shared", "-fPIC", f"-I{HEADERS}", "-o", str(library)]
+    command = [
+        compiler() or "cc",
+        "-O1",
+        "-w",
+        "-shared",
+        "-fPIC",
+        f"-I{HEADERS}",
+        "-o",
+        str(library),
+    ]
     subprocess.run([*command, str(SOURCE), "-lm"], check=True)
     variables = "".join(
         f'<ScalarVariable name="{name}" valueReference="{number}" causality="{causality}"'
