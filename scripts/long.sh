@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
 #   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract limit_cycles
-#                                  reproduce campaign rollover splitting
+#                                  reproduce campaign rollover splitting fuzz_firmware
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
@@ -22,19 +22,8 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
     mv "docs/evidence/$name.txt.part" "docs/evidence/$name.txt"
 }
 
-# the plain feedforward beside the law: what the detector counts where there is least feedback
-# shellcheck disable=SC2016 # the inner shell expands them
-LIMIT_CYCLES='for bus in 500k gateway_20ms gateway_50ms; do
-    for law in plain_feedforward steering_lead; do
-        echo "$bus, $law"
-        canroll campaign --runs 200 --bus $bus --law $law --json | python -c "
-import json, sys
-print(json.load(sys.stdin)[\"verdict\"])"
-    done
-done'
-
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting}"; do
+for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware}"; do
     for part in $name; do
         case $part in
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
@@ -50,7 +39,13 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
                 done ;;
             contract)
                 keep contract canroll design --compare --bus 500k --vehicle van_real --runs 200 ;;
-            limit_cycles) keep limit_cycles bash -c "$LIMIT_CYCLES" ;;
+            limit_cycles)
+                for vehicle in van_real suv_2020; do
+                    for actuator in bars suspension; do
+                        keep "limit_cycles_${vehicle}_$actuator" \
+                            scripts/limit-cycles "$vehicle" "$actuator"
+                    done
+                done ;;
             reproduce) keep reproduce canroll reproduce ;;
             campaign) keep campaign scripts/campaign-evidence 10000 ;;
             rollover)
@@ -59,6 +54,10 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
                 keep rollover_splitting canroll campaign $fishhook --rare rollover
                 keep rollover_passive_splitting canroll campaign $fishhook \
                     --rare rollover_passive ;;
+            fuzz_firmware)
+                keep fuzz_firmware python -m tools.hostile.firmware --inputs 10000000
+                keep fuzz_firmware_own_bus python -m tools.hostile.firmware --inputs 1000000 \
+                    --dbc examples/own_bus/own.dbc --map examples/own_bus/own.toml ;;
             splitting) keep splitting scripts/splitting-coverage ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac

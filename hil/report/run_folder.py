@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from canroll.errors import CanrollError, reason
+from canroll.errors import CanrollError
 from codegen.export.header import gains_header
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
@@ -16,50 +16,6 @@ from hil.report.run_page import run_page
 from hil.runs import saved_run
 from hil.runs.logs import write_log
 from hil.runs.result import Result
-
-
-def usable_folder(folder: Path) -> Path:
-    """Return ``folder``, created if missing; called before a run, so that it is refused early.
-
-    Raises:
-        CanrollError: it cannot be made or written to.
-    """
-    probe = folder / ".canroll"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise CanrollError(
-            f"cannot write to {folder}: {error.strerror}: choose another --out"
-        ) from error
-    return folder
-
-
-def page_folder(folder: Path | None) -> Path | None:
-    """Return the folder of a page, created if missing; None if no files are written."""
-    return None if folder is None else usable_folder(folder)
-
-
-def check_parent(path: Path, *, out: Path | None = None) -> Path:
-    """Return ``path`` if it can be written, or its folder is ``out``, which is created.
-
-    Raises:
-        CanrollError: there is no such folder, ``path`` is a folder, or it cannot be written.
-    """
-    if path.parent != out and not path.parent.is_dir():
-        raise CanrollError(f"cannot write {path}: no such folder {path.parent}")
-    if path.is_dir():
-        raise CanrollError(f"cannot write {path}: it is a folder")
-    if path.parent.is_dir():
-        known = path.exists()
-        try:
-            path.open("ab").close()
-            if not known:
-                path.unlink()
-        except OSError as error:
-            raise CanrollError(f"cannot write {path}: {reason(error)}") from error
-    return path
 
 
 def write_text(path: Path, text: str) -> Path:
