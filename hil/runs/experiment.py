@@ -23,6 +23,7 @@ from hil.runs.frozen import (
     names_of,
     prepare,
     profile_of,
+    refuse_useless_key,
     sample_to_force,
 )
 from hil.runs.result import Result, Settings
@@ -68,6 +69,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
     options, conditions = choices.get("options") or {}, choices.get("conditions") or {}
     # what cannot be is refused before anything slow is done
     profile = profile_of(choices)
+    refuse_useless_key(choices, profile)
     faults = conditions_of.fault_texts(choices)
     conditions_of.options(conditions)
     controller = prepare(choices)
@@ -103,6 +105,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         dbc=choices.get("dbc"),
         map=choices.get("map"),
         plant_vehicle=choices.get("plant_vehicle"),
+        key=choices.get("key"),
         stage=controller.stage,
         phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
     )
@@ -159,7 +162,7 @@ def drive(
         maneuver, stage = maneuvers.replay(maneuver, steer), "replay"
     trace = closed_loop(
         build_world(settings, enabled=enabled, maneuver=maneuver, kept=kept),
-        open_backend(settings.backend, controller.record, settings.firmware),
+        open_backend(settings.backend, controller.record, settings.firmware, key=settings.secret),
         tick_ns=round(settings.tick * 1e9),
         offset_ns=tick_offset_ns(settings),
         duration_ns=None if duration is None else round(duration * 1e9),
@@ -211,6 +214,7 @@ def build_world(
         actuators=actuators,
         faults=parse_all(settings.faults),
         kept=kept,
+        key=settings.secret,
     )
 
 

@@ -45,6 +45,15 @@ def outages(faults: Iterable[Fault]) -> tuple[tuple[int, int], ...]:
     )
 
 
+def starts(faults: Iterable[Fault]) -> tuple[int, ...]:
+    """Return when the actuator node starts anew, ns."""
+    return tuple(
+        _ns(fault.end)
+        for fault in power_losses(faults)
+        if fault.where == kinds.NODE_PREFIX + kinds.ACTUATOR_NODE
+    )
+
+
 def add_to_network(network: can_bus.Network, faults: Iterable[Fault]) -> None:
     """Add the faults of nodes and of the bus itself to a network at time 0.
 
