@@ -1,89 +1,173 @@
-"""Draws of a campaign: rate, share of the kernel, and what a second process is worth.
+"""Draws of a campaign: rates, where the time goes, and what a second process is worth.
 
-A draw is a double lane change of the 14-DOF car without and with control. Rates are draws per
-second of CPU time in one process, by the compiled and by the interpreted loop in turn, and per
-second of wall time in one process and in two, which says something on an idle machine only.
+A draw is a double lane change of the 14-DOF car without and with control over a bus at 50 % load.
+CPU times are of one process, the ways of driving a draw in turn, best of the rounds:
+
+- whole runs, interpreted: two complete runs with their records, every tick called from Python
+- interpreted: the figures alone, every tick called from Python
+- compiled: the figures alone, as a campaign drives them
+
+Wall times are of one process, of two, and of two workers of a Dask cluster, on the same chunks in
+turn; they say something on an idle machine only.
 """
 
 import argparse
+import resource
 import time
+from contextlib import contextmanager, nullcontext
 
-from hil.campaign.engine import engine
+from hil.campaign import campaign_file
+from hil.campaign.engine import LOCAL, engine, results
+from hil.campaign.plan import drive_chunk
+from hil.campaign.summary import count_of
 from hil.runs import experiment, virtual_time
-from hil.studies import variation
-from hil.studies.figures import figures
-from plant_sim.world import world
+from hil.studies import figures, variation
+from plant_sim.world import open_loop, world
 
 SCENARIO = "double_lane_change"
-LOOPS = {"compiled": virtual_time.compiled_ticks, "interpreted": virtual_time.observed_ticks}
 
 
-def rate(controller, draws):
+def whole_runs(controller, draws):
+    for each in draws:
+        experiment.simulate(each, controller)
+
+
+WAYS = {
+    "whole runs, interpreted": (whole_runs, virtual_time.observed_ticks),
+    "interpreted": (figures.figures, virtual_time.observed_ticks),
+    "compiled": (figures.figures, virtual_time.compiled_ticks),
+}
+
+
+def milliseconds(way, loop, controller, draws):
+    """CPU time of a draw."""
+    usual, virtual_time.compiled_ticks = virtual_time.compiled_ticks, loop
     start = time.process_time()
-    figures(controller, draws)
-    return len(draws) / (time.process_time() - start)
+    way(controller, draws)
+    virtual_time.compiled_ticks = usual
+    return 1e3 * (time.process_time() - start) / len(draws)
 
 
-def kernel_share(controller, draws):
-    """Fraction of the CPU time of ``draws`` inside the kernel."""
-    entry, inside = world.entry, []
+@contextmanager
+def timed(times, name, module, function):
+    """Add the CPU time inside ``module.function`` to ``times``."""
+    original = getattr(module, function)
 
-    def timed_entry(kernel, arguments):
-        compiled = entry(kernel, arguments)
+    def run(*args, **options):
+        start = time.process_time()
+        try:
+            return original(*args, **options)
+        finally:
+            times[name] = times.get(name, 0.0) + time.process_time() - start
 
-        def run(*values):
-            start = time.process_time()
-            try:
-                return compiled(*values)
-            finally:
-                inside.append(time.process_time() - start)
+    setattr(module, function, run)
+    yield
+    setattr(module, function, original)
 
-        return run
 
-    world.entry = timed_entry
-    start = time.process_time()
-    figures(controller, draws)
-    total = time.process_time() - start
+@contextmanager
+def timed_kernels(times):
+    """Add the CPU time inside the kernels to ``times``."""
+    entry = world.entry
+
+    class Kernels:
+        @staticmethod
+        def of(kernel, arguments):
+            compiled = entry(kernel, arguments)
+
+            def run(*values):
+                start = time.process_time()
+                try:
+                    return compiled(*values)
+                finally:
+                    times["kernel"] = times.get("kernel", 0.0) + time.process_time() - start
+
+            return run
+
+    world.entry = Kernels.of
+    with timed(times, "kernel", open_loop, "_drive_through"):
+        yield
     world.entry = entry
-    return sum(inside) / total
 
 
-def wall_rate(controller, draws, jobs, chunk):
-    chunks = [draws[first : first + chunk] for first in range(0, len(draws), chunk)]
-    with engine("local", jobs) as where:
-        # the first chunk of each process loads the kernels
-        for ready in [where.submit(figures, controller, chunks[0]) for _ in range(jobs)]:
-            ready.result()
-        start = time.perf_counter()
-        for done in [where.submit(figures, controller, each) for each in chunks]:
-            done.result()
-        return len(draws) / (time.perf_counter() - start)
+def shares(controller, draws):
+    """Fractions of the CPU time of ``draws``: kernels, set-up, figures, and what is left."""
+    times = {}
+    start = time.process_time()
+    with (
+        timed_kernels(times),
+        timed(times, "set-up", experiment, "build_world"),
+        timed(times, "set-up", experiment, "open_backend"),
+        timed(times, "set-up", open_loop, "start"),
+        timed(times, "figures", figures.metrics, "judge"),
+        timed(times, "figures", figures.limit_cycle, "detect"),
+    ):
+        figures.figures(controller, draws)
+    total = time.process_time() - start
+    found = {name: part / total for name, part in times.items()}
+    return found | {"rest": 1.0 - sum(found.values())}
+
+
+def wall_rate(plan, scheduler, jobs, chunks):
+    """Draws per second of wall time; the first chunks load the kernels and are not counted."""
+    tasks = [(str(chunk), drive_chunk, (plan, chunk)) for chunk in range(chunks + jobs)]
+    with engine(scheduler, jobs) as where:
+        for _ in results(where, None, tasks[:jobs]):
+            pass
+        start, draws = time.perf_counter(), 0
+        for _, rows, _ in results(where, None, tasks[jobs:]):
+            draws += count_of(rows)
+        return draws / (time.perf_counter() - start)
+
+
+def cluster():
+    """A Dask cluster of two workers, or None without distributed."""
+    try:
+        from distributed import LocalCluster
+    except ModuleNotFoundError:
+        return nullcontext()
+    return LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--draws", type=int, default=64)
-    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--draws", type=int, default=2048, help="of each wall-clock rate")
+    parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--bus", default="500k")
     options = parser.parse_args()
-    nominal, controller = experiment.plan(SCENARIO, bus=options.bus)
-    spread = variation.DEFAULT_SPREAD
-    draws = [
-        variation.draw(nominal, index, spread=spread, seed=0) for index in range(options.draws)
-    ]
-    figures(controller, draws[:1])
-    best = dict.fromkeys(LOOPS, 0.0)
-    for _ in range(options.rounds):
-        for name, loop in LOOPS.items():
-            virtual_time.compiled_ticks = loop
-            best[name] = max(best[name], rate(controller, draws[:8]))
-    virtual_time.compiled_ticks = LOOPS["compiled"]
+    chunk = campaign_file.CHUNK
+    plan = campaign_file.of_options(
+        SCENARIO,
+        {"bus": options.bus},
+        runs=options.draws + 2 * chunk,
+        seed=0,
+        spread=variation.DEFAULT_SPREAD,
+        buses=[],
+        faults=[],
+    ).plan()
+    _, draws = plan.draws(0)
+    for way, loop in WAYS.values():
+        milliseconds(way, loop, plan.controller, draws[:1])
+    best = {
+        name: min(milliseconds(*way, plan.controller, draws[:16]) for _ in range(options.rounds))
+        for name, way in WAYS.items()
+    }
     for name, found in best.items():
-        print(f"{name:12} {found:6.1f} draws per second of CPU time")
-    print(f"compiled over interpreted {best['compiled'] / best['interpreted']:.2f}")
-    print(f"kernel share {kernel_share(controller, draws[:16]):.2f}")
-    one, two = (wall_rate(controller, draws, jobs, 8) for jobs in (1, 2))
+        over = found / best["compiled"]
+        print(f"{name:24} {found:6.1f} ms of CPU time a draw, {over:.2f} times the compiled loop's")
+    found = shares(plan.controller, draws[:16])
+    print("shares: " + ", ".join(f"{name} {share:.2f}" for name, share in found.items()))
+    chunks = options.draws // chunk
+    one, two = (wall_rate(plan, LOCAL, jobs, chunks) for jobs in (1, 2))
     print(f"one process {one:.1f}, two {two:.1f} draws per second: {two / one:.2f} times")
+    hours = 1e6 / two / 3600
+    print(f"a million draws: {hours:.1f} h on two cores")
+    with cluster() as dask:
+        if dask is not None:
+            rate = wall_rate(plan, dask.scheduler_address, 2, chunks)
+            print(f"two Dask workers {rate:.1f} draws per second: {rate / two:.2f} times the pool")
+    memory = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024
+    print(f"largest worker {memory:.0f} MB")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from codegen.specialise.firmware import specialised
 from codegen.worst_case.cycles import Timing
 from codegen.worst_case.firmware_bound import cycle_costs
 from firmware.calibration import Calibration
-from firmware.signals import RX_IDS
+from firmware.com.signals import RX_IDS
 from hil.cli.timing import recorded
 
 

@@ -9,11 +9,12 @@ from firmware import stage
 from firmware.allocation import allocate
 from firmware.calibration import Calibration
 from firmware.check import RULE_CRC, check, watch_calibration
+from firmware.com.mailbox import init_mailboxes, read_inputs, receive
+from firmware.com.transmit import init_transmit, transmit
 from firmware.control_law import control, init_control
 from firmware.event_trigger import init_trigger, trigger
 from firmware.identification import identify, init_identification
 from firmware.limits import LAST_WORD
-from firmware.mailbox import init_mailboxes, read_inputs, receive
 from firmware.monitors import envelope
 from firmware.observer import init_observer, learn_offsets, look_ahead, observe
 from firmware.plausibility import FAULT_CALIBRATION, FAULT_CALIBRATION_CRC, latch_faults
@@ -21,7 +22,6 @@ from firmware.schedule import schedule
 from firmware.state import AGE_MAX, CORRUPT, SAFE, Ecu
 from firmware.subset import I32_MAX, clamp, clear, i32, i64, narrow
 from firmware.supervisor import init_supervisor, supervise
-from firmware.transmit import init_transmit, transmit
 
 __all__ = ["init", "receive", "tick"]
 

@@ -7,8 +7,8 @@ then it is sent again. Over a network the echo may lag several commands behind; 
 long as it advances.
 """
 
-from firmware import signals
 from firmware.calibration import BARS, DAMPERS, N_RING, SUSPENSION, Calibration
+from firmware.com import signals
 from firmware.state import (
     AGE_MAX,
     RX_ACTUATOR_STATE,

@@ -14,7 +14,7 @@ from firmware.calibration import (
     VALVES,
     Calibration,
 )
-from firmware.mailbox import NO_SAMPLE
+from firmware.com.mailbox import NO_SAMPLE
 from firmware.state import (
     AGE_MAX,
     N_FAULT_CODES,

@@ -22,7 +22,7 @@ from firmware.calibration import (
     STATE_MAX,
     STATE_MIN,
 )
-from firmware.frames import RX_BYTES, TX_BYTES
+from firmware.com.frames import RX_BYTES, TX_BYTES
 from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 
 # modes

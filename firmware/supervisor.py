@@ -7,8 +7,8 @@ command to zero and keeps the heartbeat. Both end when all inputs have been good
 time, except after a corrupt calibration, which is permanent.
 """
 
-from firmware import signals
 from firmware.calibration import ONE, Calibration
+from firmware.com import signals
 from firmware.plausibility import (
     DEGRADING,
     FAULT_CALIBRATION_CRC,

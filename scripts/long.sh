@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
 #   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract limit_cycles
-#                                  reproduce campaign rollover splitting
+#                                  reproduce campaign rollover splitting fuzz_firmware
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
@@ -34,7 +34,7 @@ print(json.load(sys.stdin)[\"verdict\"])"
 done'
 
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting}"; do
+for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware}"; do
     for part in $name; do
         case $part in
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
@@ -59,6 +59,10 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
                 keep rollover_splitting canroll campaign $fishhook --rare rollover
                 keep rollover_passive_splitting canroll campaign $fishhook \
                     --rare rollover_passive ;;
+            fuzz_firmware)
+                keep fuzz_firmware python -m tools.hostile.firmware --inputs 10000000
+                keep fuzz_firmware_own_bus python -m tools.hostile.firmware --inputs 1000000 \
+                    --dbc examples/own_bus/own.dbc --map examples/own_bus/own.toml ;;
             splitting) keep splitting scripts/splitting-coverage ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac

@@ -42,6 +42,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("hil.cli.exchange", "hil.cli.studies"),
     ("canroll", "tools"),
     ("tools.mutation", "tools.differential", "tools.validation"),
+    ("tools.hostile",),
 )
 """Rooms, lowest floor first; the three lowest hold single files."""
 

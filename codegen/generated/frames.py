@@ -1,4 +1,4 @@
-"""firmware/frames.py from a DBC and its map: the longest frame in each direction.
+"""firmware/com/frames.py from a DBC and its map: the longest frame in each direction.
 
     python -m codegen.generated.frames [--check]
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from codegen.generated.bus_map import load
 from codegen.generated.signals import DBC, MAP, ROOT, room, write_or_check
 
-FRAMES = ROOT / "firmware" / "frames.py"
+FRAMES = ROOT / "firmware" / "com" / "frames.py"
 
 TEXT = '''\
 """Bytes of a mailbox each way; made by codegen.generated.frames, not to be edited."""

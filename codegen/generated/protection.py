@@ -1,4 +1,4 @@
-"""firmware/protection.py from a DBC and its map: checksums and counters as subset code.
+"""firmware/com/protection.py from a DBC and its map: checksums and counters as subset code.
 
     python -m codegen.generated.protection [--check]
 
@@ -15,7 +15,7 @@ from codegen.generated.bus_map import BusMap, Mailbox, load
 from codegen.generated.frame_protection import CCITT, Checksum, Protection, crc_table
 from codegen.generated.signals import DBC, MAP, ROOT, write_or_check
 
-PROTECTION = ROOT / "firmware" / "protection.py"
+PROTECTION = ROOT / "firmware" / "com" / "protection.py"
 
 HEADER = '''\
 """Checksums and counters of the frames; made by codegen.generated.protection, not to be edited.
@@ -26,8 +26,8 @@ Frames of {names}.
 
 from typing import Annotated
 
-from firmware import e2e
 from firmware.calibration import Calibration
+from firmware.com import e2e
 from firmware.state import Ecu
 from firmware.subset import {types}
 '''

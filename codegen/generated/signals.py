@@ -1,4 +1,4 @@
-"""firmware/signals.py from a DBC and its map: bits, scaling and limits as subset code.
+"""firmware/com/signals.py from a DBC and its map: bits, scaling and limits as subset code.
 
     python -m codegen.generated.signals [--check]
 
@@ -39,7 +39,7 @@ from firmware.state import DISAGREES
 ROOT = Path(__file__).resolve().parents[2]
 DBC = ROOT / "dbc" / "roll_control.dbc"
 MAP = ROOT / "dbc" / "roll_control.toml"
-SIGNALS = ROOT / "firmware" / "signals.py"
+SIGNALS = ROOT / "firmware" / "com" / "signals.py"
 
 LINE = 100
 WORD = 8

@@ -143,7 +143,7 @@ class BusFirmware:
             folder = Path(temporary)
             copy_sources(folder)
             for name, text in self.modules.items():
-                (folder / name).write_text(text, encoding="utf-8")
+                file_of(Path(name).stem, folder).write_text(text, encoding="utf-8")
             yield folder
 
 

@@ -144,7 +144,7 @@ def random_traffic(
             box = boxes[message]
             payload = _payload(message, int(words[message]), samples[message])
             payload += rng.integers(0, 256, max(box.length - 8, 0)).tolist()
-            payload = _finished(box, payload, int(counters[message]), room)
+            payload = finished(box, payload, int(counters[message]), room)
             length = box.length
             if rng.random() < hostile:
                 payload, length = _spoiled(rng, payload, box)
@@ -244,7 +244,7 @@ def _values(box: Mailbox) -> int:
     return counter.values if counter else 15
 
 
-def _finished(box: Mailbox, payload: list[int], counter: int, room: int) -> list[int]:
+def finished(box: Mailbox, payload: list[int], counter: int, room: int) -> list[int]:
     """The frame with its page and protection, padded to ``room`` bytes."""
     frame = bytearray(payload[: box.length])
     if box.selector is not None:
@@ -264,12 +264,12 @@ def _spoiled(rng: np.random.Generator, payload: list[int], box: Mailbox) -> tupl
     if kind == 0:
         payload[int(rng.integers(0, used))] ^= 1 << int(rng.integers(0, 8))
     elif kind == 1:
-        payload = _finished(box, payload, int(rng.integers(0, 16)), room)
+        payload = finished(box, payload, int(rng.integers(0, 16)), room)
     elif kind == 2:
         return payload, int(rng.integers(-3, 300))
     elif kind == 3:
         payload = rng.integers(0, 256, room).tolist()
-        payload = _finished(box, payload, int(rng.integers(0, 15)), room)
+        payload = finished(box, payload, int(rng.integers(0, 15)), room)
     else:
         payload = rng.integers(0, 256, room).tolist()
     return payload, box.length

@@ -36,7 +36,7 @@ Made by codegen.specialise, not to be edited.
 
 from typing import Annotated
 
-from firmware import signals
+from firmware.com import signals
 from firmware.calibration import Calibration
 from firmware.state import Ecu
 from firmware.subset import {names}

@@ -13,7 +13,7 @@ resynchronises, and after one of the receiver as well.
 from typing import Annotated
 
 from firmware.calibration import N_RX
-from firmware.protection import RX_DATA_IDS, TX_DATA_IDS
+from firmware.com.protection import RX_DATA_IDS, TX_DATA_IDS
 from firmware.security.aes import expand, packed
 from firmware.security.cmac import cmac, start_cmac
 from firmware.security.secoc_state import (

@@ -6,7 +6,7 @@ import numpy as np
 
 import dbc
 from firmware import calibration as fw
-from firmware.signals import RX_IDS
+from firmware.com.signals import RX_IDS
 from firmware.state import RX_IMU, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE
 from gain_gen.calibration.rows import quantise
 from gain_gen.models.controller import SPEEDS

@@ -2,7 +2,7 @@
 
 import dbc
 from firmware import plausibility
-from firmware.signals import RX_IDS
+from firmware.com.signals import RX_IDS
 
 FAULT_CODES = {
     **{

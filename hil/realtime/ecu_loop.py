@@ -209,7 +209,7 @@ def zero_command(
     slot = command_slot(calibration)
     ecu.mode = SAFE
     ecu.tx_counter[slot] = firmware.bus.transmitted[slot].count(last)
-    firmware.module("signals").pack(ecu, slot)
-    firmware.module("transmit").queue(ecu, calibration, slot)
+    firmware.module("com.signals").pack(ecu, slot)
+    firmware.module("com.transmit").queue(ecu, calibration, slot)
     ident, length = firmware.sent[slot]
     return ident, bytes(ecu.tx_payload[slot][:length])

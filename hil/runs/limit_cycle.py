@@ -39,6 +39,10 @@ class LimitCycle:
 
 def turning_points(values: Vector, hysteresis: float) -> NDArray[np.int64]:
     """Return the alternating extrema of ``values``, ignoring changes below ``hysteresis``."""
+    return np.array(_turns(values.tolist(), hysteresis), dtype=np.int64)
+
+
+def _turns(values: list[float], hysteresis: float) -> list[int]:
     turns: list[int] = []
     low = high = 0
     rising: bool | None = None
@@ -57,7 +61,7 @@ def turning_points(values: Vector, hysteresis: float) -> NDArray[np.int64]:
             low = i
         elif rising is False:
             high = i
-    return np.array(turns, dtype=np.int64)
+    return turns
 
 
 def detect(
@@ -129,8 +133,10 @@ def _cycles(t: Vector, values: Vector, threshold: float) -> Iterator[LimitCycle]
 
 def _goes_on(swings: Vector, spans: Vector) -> bool:
     """Whether the newest oscillation continues the previous ones."""
+    if swings[-1] < DECAY * np.max(swings):
+        return False
     usual = float(np.median(spans[:-1]))
-    return bool(swings[-1] >= DECAY * np.max(swings) and abs(spans[-1] - usual) <= EVENNESS * usual)
+    return bool(abs(spans[-1] - usual) <= EVENNESS * usual)
 
 
 def _excited(cycle: LimitCycle, t: Vector, roll: Vector) -> bool:

@@ -1,4 +1,8 @@
-"""Figures of many pairs of runs, without their traces."""
+"""Figures of many pairs of runs, without their traces.
+
+Without control nothing on the bus moves the vehicle: the plant alone gives the same bytes. Only
+hydraulics resist by themselves and need the whole world.
+"""
 
 from collections.abc import Iterable
 from dataclasses import astuple, fields, replace
@@ -8,12 +12,17 @@ from numpy.typing import NDArray
 
 from firmware.state import SAFE
 from hil.runs import limit_cycle, metrics
-from hil.runs.experiment import drive
+from hil.runs.experiment import drive, maneuver_of, tick_offset_ns
 from hil.runs.frozen import Controller
 from hil.runs.metrics import Metrics
 from hil.runs.result import Settings
+from hil.runs.trace import TICK, Trace
+from plant_sim import bodies, can_bus
 from plant_sim.bodies.ports import WHEELS
+from plant_sim.world import open_loop
 from plant_sim.world.recording import Kept
+from plant_sim.world.spool import Rows
+from plant_sim.world.world_kernel import STEP_NS
 
 METRICS = np.dtype([(field.name, "?" if field.type is bool else "f8") for field in fields(Metrics)])
 """The fields of :class:`hil.runs.metrics.Metrics`."""
@@ -30,6 +39,9 @@ FIGURES = np.dtype(
 """Figures of a pair of runs: metrics without and with control, fraction of the ticks in SAFE,
 frequency and amplitude of a limit cycle of the command (0 and 0: none)."""
 
+
+MOVING = ("valves",)
+"""Actuators that move the vehicle without control."""
 
 NEEDED = Kept(
     (
@@ -54,9 +66,7 @@ def figures(controller: Controller, settings: Iterable[Settings]) -> NDArray[np.
 
 
 def _pair(controller: Controller, settings: Settings) -> tuple[object, ...]:
-    # as in a run: what faults do is measured against a vehicle whose parts are all right
-    whole = replace(settings, faults=())
-    passive = drive(whole, controller, enabled=False, kept=NEEDED)
+    passive = without_control(settings, controller)
     controlled = drive(settings, controller, enabled=True, kept=NEEDED)
     cycle = limit_cycle.detect(
         controlled.ticks["t"],
@@ -70,3 +80,44 @@ def _pair(controller: Controller, settings: Settings) -> tuple[object, ...]:
         float(np.mean(controlled.ticks["mode"] == SAFE)),
         *((0.0, 0.0) if cycle is None else (cycle.frequency, cycle.amplitude)),
     )
+
+
+def without_control(settings: Settings, controller: Controller) -> Trace:
+    """Return the signals that figures need of the run without control, as far as it is driven.
+
+    As in a run, what faults do is measured against a vehicle whose parts are all right.
+    """
+    if settings.actuator in MOVING:
+        whole = replace(settings, faults=())
+        return drive(whole, controller, enabled=False, kept=NEEDED)
+    maneuver = maneuver_of(settings)
+    body = bodies.body(settings.plant)
+    outputs, steer = open_loop.run_passive(settings.vehicle, body, maneuver)
+    end_ns = _end_ns(settings, len(outputs) * STEP_NS, maneuver.duration_ns)
+    count = -(-end_ns // STEP_NS)
+    driven = open_loop.signals(outputs, steer) | {"time": 1e-9 * STEP_NS * np.arange(1, count + 1)}
+    # a vehicle that has rolled over rests until the run ends
+    signals = {
+        name: np.pad(driven[name], (0, count - len(driven[name])), "edge")
+        if name in driven
+        else np.zeros(count)
+        for name in NEEDED.signals
+    }
+    return Trace(
+        signals=signals,
+        frames=Rows(can_bus.log_dtype()),
+        ages=np.zeros(0, np.int64),
+        ticks=Rows(TICK),
+        duration=end_ns * 1e-9,
+    )
+
+
+def _end_ns(settings: Settings, driven_ns: int, duration_ns: int) -> int:
+    """Return when the run ends whose vehicle is driven for a time: with a tick, or in full."""
+    if driven_ns >= duration_ns:
+        return duration_ns
+    tick_ns, offset_ns = round(settings.tick * 1e9), tick_offset_ns(settings)
+    # the plant ends on the full millisecond after a tick
+    ticks = max(1, -(-(driven_ns - STEP_NS + 1 - offset_ns) // tick_ns))
+    end_ns = offset_ns + ticks * tick_ns
+    return end_ns if end_ns <= duration_ns else duration_ns

@@ -1,7 +1,7 @@
 """The frames that carry our signals on a bus: those of the contract, or of a user's DBC and map."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -119,6 +119,20 @@ def own_messages(
         raise UnknownNameError("command message", command, commands)
     jitter = {} if profile is None else profile.network.jitter
     contract = tuple(
+        replace(message, jitter_ns=jitter[message.sender].high_ns)
+        if message.sender in jitter
+        else message
+        for message in _contract()
+        if message.name not in commands - {command}
+    )
+    bus = None if profile is None else bus_map(profile)
+    return contract if bus is None else _placed(contract, command, bus)
+
+
+@cache
+def _contract() -> tuple[BusMessage, ...]:
+    """The contract's messages with all commands; its file is slow to ask."""
+    return tuple(
         BusMessage(
             message.name,
             message.frame_id,
@@ -126,13 +140,9 @@ def own_messages(
             (message.cycle_time or 100) * MS,
             message.senders[0],
             tuple(sorted(message.receivers)),
-            jitter_ns=jitter[message.senders[0]].high_ns if message.senders[0] in jitter else 0,
         )
         for message in dbc.load().messages
-        if message.name not in commands - {command}
     )
-    bus = None if profile is None else bus_map(profile)
-    return contract if bus is None else _placed(contract, command, bus)
 
 
 def measurement_messages(profile: BusProfile, taken: Collection[int]) -> list[BusMessage]:

@@ -5,14 +5,17 @@ of modulus μ of that map makes a deviation grow by the factor μ per step. No m
 however unstable, grows as fast as :data:`GROWTH_MAX`; a step too long for the fastest mode does.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from canroll.typing import Vector
 from plant_sim.bodies import ports
 from plant_sim.bodies.ports import Body
 from plant_sim.driving.drive import STEP_NS
-from plant_sim.world.open_loop import advance
+from plant_sim.kernels.jit import njit
 
 STEP = STEP_NS * 1e-9
 GROWTH_MAX = 1.05
@@ -37,16 +40,28 @@ def check_step(body: Body, state: Vector, inputs: Vector, parameters: Vector) ->
 
 def growth_per_step(body: Body, state: Vector, inputs: Vector, parameters: Vector) -> float:
     """Return the spectral radius of the map of one step; infinite if it is not finite."""
-    outputs = np.zeros(ports.N_OUTPUTS)
     slopes = np.empty((state.size, state.size))
+    _differences(body.step, state, inputs, parameters, slopes)
+    if not np.isfinite(slopes).all():
+        return float("inf")
+    return float(np.abs(np.linalg.eigvals(slopes)).max(initial=0.0))
+
+
+@njit
+def _differences(
+    step: Any,  # noqa: ANN401
+    state: Vector,
+    inputs: Vector,
+    parameters: Vector,
+    slopes: NDArray[np.float64],
+) -> None:
+    """Fill in the central differences of the state after a step by the state before it."""
+    outputs = np.zeros(ports.N_OUTPUTS)
     for i in range(state.size):
         width = DIFFERENCE * max(abs(state[i]), 1.0)
         above, below = state.copy(), state.copy()
         above[i] += width
         below[i] -= width
-        for varied in (above, below):
-            advance(body.step, varied, inputs, parameters, outputs, STEP)
+        step(above, inputs, parameters, outputs, STEP)
+        step(below, inputs, parameters, outputs, STEP)
         slopes[:, i] = (above - below) / (2 * width)
-    if not np.isfinite(slopes).all():
-        return float("inf")
-    return float(np.abs(np.linalg.eigvals(slopes)).max(initial=0.0))

@@ -14,8 +14,8 @@ from scipy.linalg import expm, solve_discrete_are
 import dbc
 from firmware import calibration as fw
 from firmware import ecu as loop
-from firmware import signals
 from firmware.calibration import Calibration
+from firmware.com import signals
 from firmware.state import Ecu
 from firmware.subset import fields
 

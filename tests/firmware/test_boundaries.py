@@ -7,11 +7,11 @@ from firmware import calibration as fw
 from firmware import ecu as loop
 from firmware import plausibility as sv
 from firmware.allocation import allocate
+from firmware.com.mailbox import read_inputs
 from firmware.control_law import control
 from firmware.covariance import bounded, propagate, update
 from firmware.event_trigger import NOTHING, moved, trigger
 from firmware.identification import identify
-from firmware.mailbox import read_inputs
 from firmware.observer import learn_offsets, look_ahead, observe, told_by_steering
 from firmware.schedule import schedule
 from firmware.state import (

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 import dbc
 from firmware import calibration as fw
 from firmware import ecu as loop
-from firmware import protection, signals
 from firmware.calibration import N_RX, Calibration
 from firmware.check import check
+from firmware.com import protection, signals
 from firmware.state import RX_ACTUATOR_STATE, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE, Ecu
 from firmware.subset import fields
 

@@ -7,7 +7,7 @@ from twin import Twin
 
 from firmware import calibration as fw
 from firmware import ecu as loop
-from firmware import signals
+from firmware.com import signals
 from firmware.state import ACTIVE, RX_IMU, Ecu
 from hil.runs import experiment
 from hil.runs import frozen as hil_controller

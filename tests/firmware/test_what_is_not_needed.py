@@ -5,8 +5,9 @@ from fractions import Fraction
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware import mailbox, schedule
+from firmware import schedule
 from firmware.calibration import Calibration
+from firmware.com import mailbox
 from firmware.state import RX_SUSPENSION_RATE, Ecu
 
 

@@ -28,7 +28,7 @@ from codegen.run.ecu_traffic import Traffic
 from codegen.run.native import Replay
 from codegen.specialise.firmware import specialised
 from firmware.calibration import Calibration
-from firmware.signals import RX_IDS
+from firmware.com.signals import RX_IDS
 from firmware.state import Ecu
 from tools.differential.recorded_traffic import Recording, recordings
 from tools.progress import progress

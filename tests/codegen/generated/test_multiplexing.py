@@ -14,8 +14,9 @@ from codegen.generated import protection as protection_source
 from codegen.generated import signals as signal_source
 from codegen.run import ecu_traffic, memory_image, native
 from firmware import ecu as loop
-from firmware import event_trigger, mailbox, transmit
+from firmware import event_trigger
 from firmware.calibration import Calibration
+from firmware.com import mailbox, transmit
 from firmware.state import Ecu
 
 DBC = """VERSION ""

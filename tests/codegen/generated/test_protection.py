@@ -16,8 +16,8 @@ from codegen.generated import bus_map
 from codegen.generated import protection as protection_source
 from codegen.generated.frame_protection import crc_step, protection
 from codegen.run import ecu_traffic, memory_image, native
-from firmware import e2e
 from firmware.calibration import N_RX, Calibration
+from firmware.com import e2e
 from firmware.state import N_TX, Ecu
 
 IDS = list(range(101, 117))

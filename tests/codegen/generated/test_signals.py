@@ -16,7 +16,7 @@ from codegen.generated import bus_map
 from codegen.generated import frames as frame_source
 from codegen.generated import protection as protection_source
 from codegen.generated import signals as signal_source
-from firmware import protection, signals
+from firmware.com import protection, signals
 from firmware.state import Ecu
 from firmware.subset import fields
 

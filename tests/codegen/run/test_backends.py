@@ -6,7 +6,7 @@ import pytest
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.run import backends, ecu_traffic, memory_image, native
 from firmware.calibration import Calibration
-from firmware.signals import RX_IDS, TX_IDS
+from firmware.com.signals import RX_IDS, TX_IDS
 from firmware.state import ACTIVE, DEGRADED, SAFE, Ecu
 
 needs_cc = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")

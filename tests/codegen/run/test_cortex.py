@@ -7,7 +7,7 @@ from codegen.run import backends, cortex, ecu_traffic, memory_image, native, qem
 from codegen.run.backends import Recorder
 from codegen.run.footprint import FLOAT, footprint
 from firmware.calibration import Calibration
-from firmware.signals import RX_IDS
+from firmware.com.signals import RX_IDS
 from firmware.state import ACTIVE, DEGRADED, Ecu
 from tools.differential import recorded_traffic
 

@@ -15,7 +15,7 @@ from codegen.specialise.firmware import specialised
 from firmware import ecu as loop
 from firmware.calibration import Calibration
 from firmware.check import RULE_CRC
-from firmware.signals import RX_IDS
+from firmware.com.signals import RX_IDS
 from firmware.state import ACTIVE, DEGRADED, INIT, SAFE, Ecu
 from tools.differential import recorded_traffic
 from tools.differential.recorded_traffic import Case

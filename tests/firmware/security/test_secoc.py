@@ -4,7 +4,7 @@ import pytest
 from cryptography.hazmat.primitives.ciphers import algorithms
 from cryptography.hazmat.primitives.cmac import CMAC
 
-from firmware.protection import RX_DATA_IDS, TX_DATA_IDS
+from firmware.com.protection import RX_DATA_IDS, TX_DATA_IDS
 from firmware.security import secoc
 from firmware.security.secoc_state import COUNTER_MAX, SECURED, Secoc
 from firmware.state import RX_IMU, TX_ANTI_ROLL_BAR

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import dbc
 from canroll.errors import CanrollError, VerdictError
 from codegen.run.backends import PythonEcu
-from firmware.signals import TX_IDS
+from firmware.com.signals import TX_IDS
 from hil.realtime import ecu_loop, lockstep, plant_loop, side_channel, tick_trace
 from hil.realtime.bus_link import EXTENDED
 from hil.realtime.lockstep import ACKNOWLEDGEMENT, END, GRANT, GrantedEcu, Grants, InBand, Note

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from support.slcan_adapter import SlcanAdapter, line_of
 
-from firmware.signals import TX_IDS
+from firmware.com.signals import TX_IDS
 from hil.cli.main import main
 from hil.realtime import bus_link, tick_trace
 from hil.realtime.bus_link import EXTENDED

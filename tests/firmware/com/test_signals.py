@@ -6,7 +6,7 @@ import rig
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from firmware import signals
+from firmware.com import signals
 from firmware.state import RX_ACTUATOR_STATE, Ecu
 
 DEG = np.pi / 180

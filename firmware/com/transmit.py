@@ -1,7 +1,7 @@
 """Frames of the ECU: the command where one is triggered, status and diagnostics in turn."""
 
-from firmware import protection, signals
 from firmware.calibration import Calibration
+from firmware.com import protection, signals
 from firmware.event_trigger import NOTHING, command_slot
 from firmware.state import (
     AGE_MAX,

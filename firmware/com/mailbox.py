@@ -6,9 +6,9 @@ the tick turns ``rx_side`` over by one byte store and then owns the other side. 
 
 from typing import Annotated
 
-from firmware import e2e, protection, signals
 from firmware.calibration import N_RX, Calibration
-from firmware.frames import RX_BYTES
+from firmware.com import e2e, protection, signals
+from firmware.com.frames import RX_BYTES
 from firmware.state import (
     AGE_MAX,
     RX_ACTUATOR_STATE,

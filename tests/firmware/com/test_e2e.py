@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import dbc
-from firmware import e2e, protection
 from firmware.calibration import N_RX, Calibration
+from firmware.com import e2e, protection
 from firmware.state import Ecu
 
 PROTECTED = [m for m in rig.DATABASE.messages if dbc.data_id(m)]

@@ -6,8 +6,8 @@ Frames of roll_control.dbc.
 
 from typing import Annotated
 
-from firmware import e2e
 from firmware.calibration import Calibration
+from firmware.com import e2e
 from firmware.state import Ecu
 from firmware.subset import byte, i32, u8
 
