@@ -43,7 +43,10 @@ class Inner(Protocol):
 
 
 class SecuredEcu:
-    """A running ECU on a bus with authenticated frames, behind the interface of all backends."""
+    """A running ECU on a bus with authenticated frames, behind the interface of all backends.
+
+    ``accepted`` counts the frames that it took.
+    """
 
     def __init__(
         self,
@@ -58,6 +61,7 @@ class SecuredEcu:
         self._slot_of = {ident: slot for slot, (ident, _) in enumerate(firmware.sent)}
         self._listening = listening_ticks(tick_us)
         self._starts = 0
+        self.accepted = 0
         self._refused_before = 0
         self._begin(())
 
@@ -94,6 +98,7 @@ class SecuredEcu:
         frame = bytes(payload)[:SECURED].ljust(SECURED, b"\0")
         for slot in self._firmware.slots.get(ident, ()):
             if self._secoc.verify(slot, frame, length):
+                self.accepted += 1
                 self._ecu.receive(ident, frame, length)
 
     def tick(self, elapsed_ticks: int = 1) -> list[Frame]:

@@ -1,7 +1,7 @@
 """One manoeuvre, without and with control, in virtual time."""
 
 from dataclasses import replace
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -199,8 +199,19 @@ def build_world(
     kept: Kept = EVERYTHING,
 ) -> World:
     """Return the world for ``settings`` at time 0, with ``maneuver`` instead of theirs if given."""
+    return World(**world_options(settings, enabled=enabled, maneuver=maneuver, kept=kept))
+
+
+def world_options(
+    settings: Settings,
+    *,
+    enabled: bool,
+    maneuver: maneuvers.Maneuver | None = None,
+    kept: Kept = EVERYTHING,
+) -> dict[str, Any]:
+    """Return the arguments of the world for ``settings``, with ``maneuver`` if one is given."""
     sensors, actuators = conditions_of.options(dict(settings.conditions))
-    return World(
+    return dict(
         vehicle=settings.vehicle,
         body=settings.plant,
         actuator=settings.actuator,

@@ -153,7 +153,7 @@ def frames(
             message, _, signal = fault.where.removeprefix(kinds.ATTACKER_PREFIX).partition(".")
             if signal:
                 values[number] *= PER_UNIT[codec.unit(message, signal)]
-            _add_attackers(clock, network)
+            add_attackers(clock, network)
     return Frames(rows, values, signals, clock)
 
 
@@ -180,7 +180,7 @@ def _target(fault: Fault, tables: Codec, nodes: Sensors) -> tuple[int, NDArray[n
     return row, found
 
 
-def _add_attackers(clock: NDArray[np.int64], network: can_bus.Network) -> None:
+def add_attackers(clock: NDArray[np.int64], network: can_bus.Network) -> None:
     """Put an attacker on the ECU's segment and one on the actuators', once."""
     if clock[frame_kernel.ATTACKER_AT_ECU] >= 0:
         return
