@@ -88,7 +88,7 @@ class Outcome:
     Attributes:
         attack: its name.
         sent: frames of the attacker.
-        accepted: those that the ECU or the actuators accepted.
+        accepted: how often the ECU or the actuators accepted one; both hear the Imu.
         refused: frames refused as not authentic, by ECU and actuators; None: no authentication.
         roll_max_deg: largest roll angle.
         wrong_side_max_nm: largest moment to the wrong side.
@@ -119,7 +119,7 @@ class Suite:
 
     @property
     def accepted(self) -> int:
-        """Frames of attackers that were accepted."""
+        """How often a frame of an attacker was accepted."""
         return sum(outcome.accepted for outcome in self.outcomes)
 
     @property
@@ -134,8 +134,8 @@ class Suite:
         harmful = sum(bool(outcome.harm) for outcome in self.outcomes)
         kind = "authenticated" if self.authenticated else "not authenticated"
         return (
-            f"{self.settings.bus_name}, {kind}: {self.accepted} of {sent} forged frames accepted, "
-            f"{harmful} of {len(self.outcomes) - 1} attacks harmful"
+            f"{self.settings.bus_name}, {kind}: {sent} forged frames, accepted {self.accepted} "
+            f"times; {harmful} of {len(self.outcomes) - 1} attacks harmful"
         )
 
     def to_json(self) -> dict[str, Any]:

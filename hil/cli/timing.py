@@ -182,7 +182,7 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
             "counter": run.counter,
             "ticks": len(counts),
             "instructions": {"min": least, "mean": mean, "max": most},
-            **_authentication_json(run),
+            "authentication_instructions": _authentication_json(run),
             "budget_instructions": limits.instructions,
             "bytes": {
                 "stack": run.stack,
@@ -219,11 +219,9 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
     return 0 if good else 1
 
 
-def _authentication_json(run: Run) -> dict[str, object]:
-    if run.authentication is None:
-        return {}
-    mean, most = round(float(run.authentication.mean())), int(run.authentication.max())
-    return {"authentication_instructions": {"mean": mean, "max": most}}
+def _authentication_json(run: Run) -> dict[str, int] | None:
+    its = run.authentication
+    return None if its is None else {"mean": round(float(its.mean())), "max": int(its.max())}
 
 
 def _authentication_row(run: Run) -> dict[str, str]:

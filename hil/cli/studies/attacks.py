@@ -3,6 +3,7 @@
 import argparse
 import json
 from collections.abc import Iterator
+from typing import Any
 
 from hil.attacks import suite
 from hil.attacks.suite import Outcome, Suite
@@ -20,17 +21,11 @@ HEAD = (
 
 def run(args: argparse.Namespace) -> int:
     """Drive all attacks and print their tables; 1 if one gets through authentication."""
-    choices = choices_of(args)
-    buses = (choices.pop("bus"),) if "bus" in choices else BUSES
-    if len(buses) > 1 and "key" in choices:
-        choices_of_key = {"key": choices.pop("key")}
-    else:
-        choices_of_key = {}
-    found = []
     with terminal.progress(quiet=args.json) as progress:
-        for bus in buses:
-            key = choices_of_key if bus == BUSES[1] else {}
-            found.append(suite.run(args.scenario, progress=progress, bus=bus, **choices, **key))
+        found = [
+            suite.run(args.scenario, progress=progress, **choices)
+            for choices in chosen(choices_of(args))
+        ]
     code = 1 if any(its.broken for its in found) else 0
     if args.json:
         print(json.dumps({"suites": [its.to_json() for its in found]}))
@@ -40,6 +35,15 @@ def run(args: argparse.Namespace) -> int:
         terminal.show_table(Table("", HEAD, list(rows(its))))
         print()
     return code
+
+
+def chosen(choices: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the choices of each suite: of the bus chosen, or of both by default."""
+    if "bus" in choices or "dbc" in choices:
+        return [choices]
+    plain, secured = BUSES
+    without_key = {name: value for name, value in choices.items() if name != "key"}
+    return [{**without_key, "bus": plain}, {**choices, "bus": secured}]
 
 
 def rows(its: Suite) -> Iterator[tuple[str, ...]]:
