@@ -31,7 +31,7 @@ def usable_folder(folder: Path) -> Path:
         probe.unlink()
     except OSError as error:
         raise CanrollError(
-            f"cannot write to {folder}: {error.strerror}: choose another --out"
+            f"cannot write to {folder}: {reason(error)}: choose another --out"
         ) from error
     return folder
 
@@ -71,7 +71,7 @@ def write_text(path: Path, text: str) -> Path:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path
 
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 
 PART = ".canroll-part-"
 
@@ -37,7 +37,7 @@ def replaced(folder: Path, key: str) -> Iterator[Path]:
             for name in (*sorted(names - {key}), key):
                 os.replace(Path(part) / name, folder / name)
     except OSError as error:
-        raise CanrollError(f"cannot write to {folder}: {error.strerror}") from error
+        raise CanrollError(f"cannot write to {folder}: {reason(error)}") from error
 
 
 @contextmanager
