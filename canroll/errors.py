@@ -4,6 +4,8 @@ import struct
 import zlib
 from collections.abc import Iterable
 from difflib import get_close_matches
+from importlib import import_module
+from typing import Any
 from zipfile import BadZipFile
 
 EXTRAS = {
@@ -78,3 +80,15 @@ class MissingExtraError(CanrollError):
         *others, last = EXTRAS[extra]
         packages = f"{', '.join(others)} and {last}" if others else last
         super().__init__(f"{what} needs {packages}: pip install 'canroll[{extra}]'")
+
+
+def optional(module: str, what: str, extra: str) -> Any:  # noqa: ANN401
+    """Import a module of a package that only ``extra`` brings; ``what`` needs it.
+
+    Raises:
+        MissingExtraError: the package is not installed.
+    """
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(what, extra) from error

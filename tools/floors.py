@@ -25,7 +25,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("plant_sim.can_bus.servers", "codegen.run"),
     ("plant_sim.bodies", "codegen.specialise", "codegen.worst_case", "gain_gen.models"),
     ("plant_sim.nodes", "plant_sim.driving", "codegen.export", "gain_gen.analysis"),
-    ("plant_sim.faults", "gain_gen.laws", "codegen.fmu"),
+    ("plant_sim.faults", "plant_sim.fmi", "gain_gen.laws", "codegen.fmu"),
     ("plant_sim.world",),
     ("gain_gen.output_feedback",),
     ("gain_gen.calibration",),

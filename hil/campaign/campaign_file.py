@@ -24,6 +24,7 @@ from hil.campaign.space import (
 from hil.runs.choices import CHOICES, PASSIVE
 from hil.runs.experiment import plan as plan_run
 from hil.studies.variation import CONDITIONS
+from plant_sim.bodies import own_body
 from plant_sim.driving import MANEUVERS
 
 SCHEMA = 1
@@ -79,6 +80,7 @@ class Request:
         if "speed" in names and "speed_kmh" in names:
             raise CanrollError(f"{self.places['speed']}: draw speed or speed_kmh, not both")
         settings, controller = plan_run(self.scenario, **self.choices)
+        own_body(settings.plant, "a campaign, which varies its vehicle,")
         for name in names:
             quantities.check(settings, name, self.draw[name], self.places[name])
         return Plan(settings, controller, space, self.sampling, self.runs)

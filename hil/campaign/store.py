@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from canroll import documents
-from canroll.errors import CanrollError, MissingExtraError, reason
+from canroll.errors import CanrollError, optional, reason
 from hil.campaign.plan import Columns
 
 if TYPE_CHECKING:
@@ -31,11 +31,8 @@ def arrow() -> Any:  # noqa: ANN401
     Raises:
         MissingExtraError: it is not installed.
     """
-    try:
-        import pyarrow.parquet  # noqa: PLC0415 - an extra, and slow to import
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("a campaign's table", "campaign") from error
-    return pyarrow
+    optional("pyarrow.parquet", "a campaign's table", "campaign")
+    return optional("pyarrow", "a campaign's table", "campaign")
 
 
 @dataclass(frozen=True, slots=True)

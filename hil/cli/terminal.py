@@ -15,8 +15,7 @@ from rich.text import Text
 
 from hil.realtime.timing import QUANTILES, ROWS, bus_lines
 from hil.report.page import Cell, Table
-from hil.report.reaction_table import reaction_table
-from hil.report.tables import can_rows, metric_head, metric_rows, replay_note
+from hil.report.tables import can_rows, metric_head, metric_rows, reaction_table, replay_note
 from hil.runs import standard
 from hil.runs.result import Result
 
