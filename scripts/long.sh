@@ -22,17 +22,6 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
     mv "docs/evidence/$name.txt.part" "docs/evidence/$name.txt"
 }
 
-# the plain feedforward beside the law: what the detector counts where there is least feedback
-# shellcheck disable=SC2016 # the inner shell expands them
-LIMIT_CYCLES='for bus in 500k gateway_20ms gateway_50ms; do
-    for law in plain_feedforward steering_lead; do
-        echo "$bus, $law"
-        canroll campaign --runs 200 --bus $bus --law $law --json | python -c "
-import json, sys
-print(json.load(sys.stdin)[\"verdict\"])"
-    done
-done'
-
 bound=(canroll timing --bound --ticks 100000)
 for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware}"; do
     for part in $name; do
@@ -50,7 +39,13 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
                 done ;;
             contract)
                 keep contract canroll design --compare --bus 500k --vehicle van_real --runs 200 ;;
-            limit_cycles) keep limit_cycles bash -c "$LIMIT_CYCLES" ;;
+            limit_cycles)
+                for vehicle in van_real suv_2020; do
+                    for actuator in bars suspension; do
+                        keep "limit_cycles_${vehicle}_$actuator" \
+                            scripts/limit-cycles "$vehicle" "$actuator"
+                    done
+                done ;;
             reproduce) keep reproduce canroll reproduce ;;
             campaign) keep campaign scripts/campaign-evidence 10000 ;;
             rollover)

@@ -6,7 +6,6 @@ are SI. :func:`load` resolves a DBC and its map into :class:`Mailbox` tables, or
 which key of which file is wrong.
 """
 
-import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 from cantools.database import Database, Message
 
 import dbc
+from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from codegen.generated.frame_protection import Protection, protection
 from codegen.generated.mapped_signal import MappedSignal, RawSignal, bits_of, map_signal
@@ -174,8 +174,8 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
     """
     database, warnings = dbc.read(dbc_file)
     try:
-        document = tomllib.loads(map_file.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        document = documents.toml(map_file)
+    except (OSError, ValueError) as error:
         raise CanrollError(f"{map_file}: {reason(error)}") from error
     if document.get("schema") != 1:
         raise CanrollError(f"{map_file}: schema must be 1, not {document.get('schema')!r}")

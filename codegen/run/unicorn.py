@@ -10,6 +10,7 @@ import numpy as np
 from elftools.elf.elffile import ELFFile
 from numpy.typing import NDArray
 
+from canroll.errors import optional
 from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.cortex import CPUS, Run, sent, zig_image
@@ -42,8 +43,7 @@ class CortexEcu:
 
         With ``count`` its instructions are counted, which is slower.
         """
-        import unicorn  # noqa: PLC0415
-
+        unicorn = optional("unicorn", "emulating a Cortex-M in this process", "target")
         self._firmware = firmware or built_in()
         image = zig_image(cpu, self._firmware)
         self._machine: Any = unicorn.Uc(

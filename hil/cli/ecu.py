@@ -21,7 +21,8 @@ from hil.realtime.bus_link import CanLink, open_link
 from hil.realtime.hardware import bus_record
 from hil.realtime.phase_lock import PhaseLock
 from hil.realtime.plant_loop import sent_by
-from hil.report.run_folder import page_folder, write_page
+from hil.report.run_folder import write_page
+from hil.report.staging import page_folder
 from hil.runs import phase
 from hil.runs.frozen import firmware_of, profile_of, refuse_authenticated, stage_of
 from hil.studies import recorded_drive

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from canroll.errors import CanrollError, VerdictError
+from canroll.errors import CanrollError, VerdictError, reason
 from codegen.export import a2l, bundle, flash
 from codegen.export.header import gains_header
 from codegen.generated import signals
@@ -127,7 +127,7 @@ def writing_to(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise CanrollError(
-            f"cannot write to {folder}: {error.strerror}: choose another folder"
+            f"cannot write to {folder}: {reason(error)}: choose another folder"
         ) from error
 
 

@@ -27,7 +27,8 @@ from hil.realtime.bus_link import has_bus, options_of
 from hil.realtime.check import measure, round_trip
 from hil.realtime.hardware.interfaces import INTERFACES, is_shared
 from hil.realtime.timing import QUANTILES
-from hil.report.run_folder import check_parent, usable_folder, write_files, write_text
+from hil.report.run_folder import write_files, write_text
+from hil.report.staging import check_parent, usable_folder
 from hil.runs import experiment
 from hil.runs.frozen import profile_of, refuse_authenticated
 from hil.runs.logs import check_suffix, write_log

@@ -12,7 +12,7 @@ from hil.realtime.bus_link import Link, has_bus, open_link
 from hil.realtime.hardware import bus_record
 from hil.realtime.hardware.interfaces import is_loopback
 from hil.realtime.plant_loop import Outcome
-from hil.report.run_folder import check_parent
+from hil.report.staging import check_parent
 from hil.runs import conditions, logs, phase
 from hil.runs.choices import chosen
 from hil.runs.frozen import firmware_of, profile_of, refuse_authenticated

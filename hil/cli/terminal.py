@@ -15,12 +15,12 @@ from rich.text import Text
 
 from hil.realtime.timing import QUANTILES, ROWS, bus_lines
 from hil.report.page import Cell, Table
-from hil.report.reaction_table import reaction_table
 from hil.report.tables import (
     authentication_note,
     can_rows,
     metric_head,
     metric_rows,
+    reaction_table,
     replay_note,
 )
 from hil.runs import standard

@@ -189,7 +189,8 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--plant",
-            help="simulated vehicle model",
+            help="simulated vehicle model, or MODEL.fmu with its map (MODEL.toml, or "
+            "MODEL.fmu#MAP.toml)",
             of=WORLD,
             default="nonlinear",
             values=lambda: BODIES,

@@ -29,6 +29,7 @@ from hil.runs.frozen import (
 from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS, closed_loop
+from plant_sim.bodies import body
 from plant_sim.driving import MANEUVERS, maneuvers
 from plant_sim.faults import parse_all
 from plant_sim.world.recording import EVERYTHING, Kept
@@ -84,6 +85,10 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         )
     controller = replace(controller, warnings=(*controller.warnings, *warnings))
     speed = maneuvers.default_speed(scenario, vehicle) if speed_kmh is None else speed_kmh / 3.6
+    plant = chosen(choices, "plant")
+    if lacks := body(plant).lacks:
+        lacking = f"{plant} has no {', '.join(lacks)}: pitch and heave are 0, figures left out"
+        controller = replace(controller, warnings=(*controller.warnings, lacking))
     settings = Settings(
         scenario=scenario,
         vehicle=vehicle,
@@ -91,7 +96,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         actuator=controller.actuator,
         command=controller.command,
         observer=controller.observer,
-        plant=chosen(choices, "plant"),
+        plant=plant,
         bus=chosen(choices, "bus"),
         backend=backend or default_backend(),
         trigger=controller.trigger,

@@ -6,6 +6,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from canroll.errors import optional
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware
 from dbc.keys import DEVELOPMENT_KEY, read_key
@@ -202,11 +203,11 @@ class Result:
         passive = self.passive.to_xarray()
         if self.controlled is None:
             return passive.expand_dims(run=["passive"])
-        import xarray  # noqa: PLC0415 - an extra
-
+        xr = optional("xarray", "to_xarray()", "notebook")
         both = [passive, self.controlled.to_xarray()]
-        runs = xarray.Variable("run", ["passive", "controlled"])
-        return xarray.concat(both, runs, join="outer", combine_attrs="drop_conflicts")
+        runs = xr.Variable("run", ["passive", "controlled"])
+        found: xarray.Dataset = xr.concat(both, runs, join="outer", combine_attrs="drop_conflicts")
+        return found
 
     def to_pandas(self) -> "pandas.DataFrame":
         """Return the signals of both runs as columns (run, signal) over "time".
@@ -217,8 +218,7 @@ class Result:
         runs = {"passive": self.passive.to_pandas()}
         if self.controlled is not None:
             runs["controlled"] = self.controlled.to_pandas()
-        import pandas  # noqa: PLC0415 - an extra
-
+        pandas = optional("pandas", "to_pandas()", "notebook")
         return pandas.concat(runs, axis="columns", names=["run", "signal"])
 
     def _repr_html_(self) -> str:

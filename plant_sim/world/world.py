@@ -4,6 +4,7 @@ The ECU sees only frames: it queues frames at an instant and gets the frames rec
 One compiled kernel advances everything in between; time is an argument, never a clock.
 """
 
+import weakref
 from collections.abc import Sequence
 from typing import Any
 
@@ -135,6 +136,10 @@ class World:
         self._outputs: NDArray[np.float64] = memory["outputs"]
         self._kernel = entry(advance, (self._parts, 0))
         self._run: Any = None
+        self._outside = plant.outside
+        self._parameters: NDArray[np.float64] = memory["parameters"]
+        if plant.outside is not None:
+            weakref.finalize(self, plant.outside.close, self._parameters.copy())
         self._drained = 0
         self._kept = kept
         self._log = Rows(can_bus.log_dtype())
@@ -212,6 +217,7 @@ class World:
         if self._run is None:
             self._run = entry(run, arguments)
         self._run(*arguments)
+        self._check()
         self._keep()
 
     def advance(self, until_ns: int) -> NDArray[Any]:
@@ -292,8 +298,14 @@ class World:
         if self._recorded is not None:
             self._recorded.feed(until_ns)
         count = self._kernel(self._parts, until_ns)
+        self._check()
         self._keep()
         return self._received[:count].copy()
+
+    def _check(self) -> None:
+        """Raise what went wrong in a body that runs in another process."""
+        if self._outside is not None:
+            self._outside.check(self._parameters)
 
     def _keep(self) -> None:
         """Take log and record out of the kernel's memory before they are full."""

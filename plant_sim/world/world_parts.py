@@ -132,6 +132,11 @@ def assemble(
 ) -> Parts:
     """All data of the kernel at time 0; the parameters are those of ``World``."""
     chosen = command_of(actuator, command)
+    if "travel" in plant.lacks and actuator != "bars":
+        raise CanrollError(
+            f"{plant.name}: {actuator} need the suspension's travel: map travel_front_left and the "
+            "others, or choose --actuator bars"
+        )
     tables = _tables(profile, chosen, actuator)
     node = actuator_setup.build(
         vehicle,
@@ -151,7 +156,8 @@ def assemble(
     )
     fault_parts.add_to_network(network, faults)
     state, inputs, parameters, outputs = open_loop.start(vehicle, plant, maneuver)
-    check_step(plant, state, inputs, parameters)
+    if plant.outside is None:
+        check_step(plant, state, inputs, parameters)
     nodes = _sensors(vehicle, sensors, seed, inputs, outputs, tables)
     clock = _clock(nodes, network, seed)
     clock[kernel.STEP] = plant.step.address
