@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from canroll import documents
 from canroll.errors import CanrollError, optional, reason
 from hil.campaign.plan import Columns
 
@@ -223,7 +224,7 @@ def plan_in(folder: Path) -> dict[str, Any]:
 def _kept(plan: Path) -> dict[str, Any] | None:
     """Return the plan in a folder; None if there is none."""
     try:
-        kept = json.loads(plan.read_text(encoding="utf-8"))
+        kept = documents.parse_json(documents.text(plan))
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:
