@@ -4,6 +4,8 @@ import struct
 import zlib
 from collections.abc import Iterable
 from difflib import get_close_matches
+from importlib import import_module
+from typing import Any
 from zipfile import BadZipFile
 
 EXTRAS = {
@@ -62,7 +64,7 @@ class UnknownNameError(CanrollError, KeyError):
     """A name that is not among the choices; the message suggests the nearest."""
 
     def __init__(self, what: str, name: str, choices: Iterable[str]) -> None:
-        known = sorted(choices)
+        name, known = str(name), sorted(choices)  # of a file, it may be no text
         near = [new for old, new in RENAMED.items() if old == name and new in known]
         near = near or get_close_matches(name, known, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"choose from {', '.join(known)}"
@@ -78,3 +80,15 @@ class MissingExtraError(CanrollError):
         *others, last = EXTRAS[extra]
         packages = f"{', '.join(others)} and {last}" if others else last
         super().__init__(f"{what} needs {packages}: pip install 'canroll[{extra}]'")
+
+
+def optional(module: str, what: str, extra: str) -> Any:  # noqa: ANN401
+    """Import a module of a package that only ``extra`` brings; ``what`` needs it.
+
+    Raises:
+        MissingExtraError: the package is not installed.
+    """
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(what, extra) from error

@@ -6,7 +6,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
 mkdir -p docs/evidence
-export PATH="$PWD/.venv/bin:$PATH"
+export PATH="$PWD/.venv/bin:$PATH" COLUMNS=110
 
 keep() {   # NAME COMMAND...: run, and keep what it prints
     local name=$1
@@ -21,17 +21,6 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
     } >"docs/evidence/$name.txt.part" || echo "exit code $?" >>"docs/evidence/$name.txt.part"
     mv "docs/evidence/$name.txt.part" "docs/evidence/$name.txt"
 }
-
-# the plain feedforward beside the law: what the detector counts where there is least feedback
-# shellcheck disable=SC2016 # the inner shell expands them
-LIMIT_CYCLES='for bus in 500k gateway_20ms gateway_50ms; do
-    for law in plain_feedforward steering_lead; do
-        echo "$bus, $law"
-        canroll campaign --runs 200 --bus $bus --law $law --json | python -c "
-import json, sys
-print(json.load(sys.stdin)[\"verdict\"])"
-    done
-done'
 
 bound=(canroll timing --bound --ticks 100000)
 for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware}"; do
@@ -50,12 +39,18 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
                 done ;;
             contract)
                 keep contract canroll design --compare --bus 500k --vehicle van_real --runs 200 ;;
-            limit_cycles) keep limit_cycles bash -c "$LIMIT_CYCLES" ;;
+            limit_cycles)
+                for vehicle in van_real suv_2020; do
+                    for actuator in bars suspension; do
+                        keep "limit_cycles_${vehicle}_$actuator" \
+                            scripts/limit-cycles "$vehicle" "$actuator"
+                    done
+                done ;;
             reproduce) keep reproduce canroll reproduce ;;
             campaign) keep campaign scripts/campaign-evidence 10000 ;;
             rollover)
                 fishhook=examples/campaigns/fishhook.toml
-                keep rollover canroll campaign $fishhook
+                keep rollover canroll campaign $fishhook --runs 4096
                 keep rollover_splitting canroll campaign $fishhook --rare rollover
                 keep rollover_passive_splitting canroll campaign $fishhook \
                     --rare rollover_passive ;;

@@ -1,5 +1,6 @@
 """The suspension's roll stiffness: that of the car without the compliance of its tyres."""
 
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -77,3 +78,26 @@ def suspension_roll_stiffness(vehicle: Vehicle) -> float:
     if excess(softest) < 0:
         return softest
     return float(brentq(excess, softest, hardest, xtol=1e-6, rtol=1e-13))
+
+
+def springs_within(vehicle: Vehicle) -> Vehicle:
+    """Return the vehicle with springs no stiffer than its roll stiffness permits.
+
+    A vehicle of a population may have less roll stiffness than the springs of the nominal one
+    alone provide; such a vehicle has softer springs and no bar on that axle.
+
+    Raises:
+        CanrollError: as for :func:`suspension_roll_stiffness`.
+    """
+    stiffness = suspension_roll_stiffness(vehicle)
+    suspension, geometry = vehicle.suspension, vehicle.geometry
+    tracks = geometry.half_track_front, geometry.half_track_rear
+    rates = suspension.spring_rate_front, suspension.spring_rate_rear
+    front, rear = (
+        min(rate, share * stiffness / (2 * track**2))
+        for rate, share, track in zip(rates, axle_roll_shares(vehicle), tracks, strict=True)
+    )
+    if (front, rear) == rates:
+        return vehicle
+    softer = replace(suspension, spring_rate_front=front, spring_rate_rear=rear)
+    return replace(vehicle, suspension=softer)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from canroll.errors import CanrollError, MissingExtraError
+from canroll.errors import CanrollError, optional
 from codegen.run import memory_image
 from firmware.calibration import Calibration
 
@@ -26,11 +26,7 @@ def write(folder: Path, record: Calibration, address: int) -> list[Path]:
         CanrollError: as for :func:`check`, or bincopy is missing.
     """
     check(address)
-    try:
-        from bincopy import BinFile  # noqa: PLC0415
-    except ImportError as error:
-        raise MissingExtraError("a calibration for a programmer", "target") from error
-    file = BinFile()
+    file = optional("bincopy", "a calibration for a programmer", "target").BinFile()
     file.add_binary(memory_image.image(record), address)
     written = []
     for name, text in (("calibration.hex", file.as_ihex()), ("calibration.s19", file.as_srec())):

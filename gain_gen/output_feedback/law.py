@@ -10,6 +10,7 @@ from dataclasses import replace
 from math import exp, log
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from canroll.errors import VerdictError
 from firmware.calibration import N_ORDER
@@ -18,6 +19,7 @@ from gain_gen.analysis.held_plant import resolvent_rows
 from gain_gen.analysis.steering_response import SteeringResponse, steering_response
 from gain_gen.laws.hinf_state import design_state_hinf
 from gain_gen.laws.state_feedback import actuator_rate, observer_of
+from gain_gen.laws.state_gains import riccati_gain
 from gain_gen.laws.steering_lead import GAIN_MARGIN_DB, MOMENT_SHARE, PEAK_SENSITIVITY
 from gain_gen.models.controller import (
     S_LATERAL,
@@ -28,11 +30,11 @@ from gain_gen.models.controller import (
     Compensator,
     Controller,
 )
+from gain_gen.models.roll import Matrix
 from gain_gen.models.task import Solution, Task, below
 from gain_gen.output_feedback.driven_car import DrivenCar, driven_car
 from gain_gen.output_feedback.dynamic import Dynamic, compensator, residualised
 from gain_gen.output_feedback.hinf import closed_level, hinf, weighted
-from gain_gen.output_feedback.lqg import lqg
 
 LIGHTEST, HEAVIEST = log(0.05), log(20.0)
 """Range of the weight of 1 kN·m over its steady roll."""
@@ -164,3 +166,27 @@ def _unit_weight(car: DrivenCar) -> float:
     """Return the steady roll from 1 kN·m without control, deg."""
     steady = np.linalg.solve(np.eye(len(car.a)) - car.a, car.command)
     return abs(float((car.rolled @ steady)[0, 0]))
+
+
+def lqg(car: DrivenCar, weight: float) -> Dynamic:
+    """Return the controller that minimises roll, roll rate and the command with ``weight``.
+
+    Args:
+        car: commands under way are states of it, so that the gain sees the whole delay.
+        weight: degrees that a kN·m counts for.
+    """
+    gain = riccati_gain(car.a, car.command, car.rolled.T @ car.rolled, np.array([[weight**2]]))
+    corrected = kalman_gain(car)
+    left = np.eye(len(car.a)) - corrected @ car.measured
+    following = car.a - car.command @ gain
+    return Dynamic(following @ left, following @ corrected, -gain @ left, -gain @ corrected)
+
+
+def kalman_gain(car: DrivenCar) -> Matrix:
+    """Return M of x̂ = x̄ + M (y − C₂ x̄), the current estimator's, (n, 3)."""
+    variance = np.diag(car.noise**2)
+    # nothing disturbs the commands under way: a whiff of noise keeps the equation regular
+    process = car.driven @ car.driven.T + 1e-12 * np.eye(len(car.a))
+    covariance = solve_discrete_are(car.a.T, car.measured.T, process, variance)
+    innovation = car.measured @ covariance @ car.measured.T + variance
+    return np.asarray(np.linalg.solve(innovation, car.measured @ covariance).T)

@@ -1,12 +1,12 @@
 """A campaign as a TOML file: the run, what is drawn, and how often."""
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from hil.campaign import quantities
 from hil.campaign.distributions import Discrete, Distribution, evenly, is_number, read
@@ -24,6 +24,7 @@ from hil.campaign.space import (
 from hil.runs.choices import CHOICES, PASSIVE
 from hil.runs.experiment import plan as plan_run
 from hil.studies.variation import CONDITIONS
+from plant_sim.bodies import own_body
 from plant_sim.driving import MANEUVERS
 
 SCHEMA = 1
@@ -79,6 +80,7 @@ class Request:
         if "speed" in names and "speed_kmh" in names:
             raise CanrollError(f"{self.places['speed']}: draw speed or speed_kmh, not both")
         settings, controller = plan_run(self.scenario, **self.choices)
+        own_body(settings.plant, "a campaign, which varies its vehicle,")
         for name in names:
             quantities.check(settings, name, self.draw[name], self.places[name])
         return Plan(settings, controller, space, self.sampling, self.runs)
@@ -155,7 +157,7 @@ def load(path: Path, choices: Mapping[str, Any], *, runs: int | None, seed: int 
         CanrollError: unreadable, or an invalid key or value; the message names both.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = documents.toml(path)
     except (OSError, ValueError) as error:
         raise CanrollError(f"{path}: not a campaign file ({reason(error)})") from error
     for key in table:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any
 
-from canroll.errors import CanrollError, MissingExtraError, reason
+from canroll.errors import CanrollError, optional, reason
 from hil.campaign.plan import Columns
 from hil.campaign.store import Store
 
@@ -74,10 +74,7 @@ def _undisturbed() -> None:
 
 @contextmanager
 def _cluster(address: str) -> Iterator[Engine]:
-    try:
-        import distributed  # noqa: PLC0415 - an extra, and slow to import
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("--scheduler", "cluster") from error
+    distributed = optional("distributed", "--scheduler", "cluster")
     try:
         client = distributed.Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError, TimeoutError) as error:

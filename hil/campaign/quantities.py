@@ -14,6 +14,7 @@ from plant_sim.driving import MANEUVERS, maneuvers
 from plant_sim.faults import parse_all
 from vehicles import Vehicle
 from vehicles.check import problems
+from vehicles.roll_stiffness import springs_within
 
 WORDS = ("bus", "scenario")
 NUMBERS = ("speed_kmh", "speed", "phase_ms")
@@ -119,6 +120,8 @@ def drawn(nominal: Settings, values: Mapping[str, Any], *, seed: int) -> Setting
             actual[member] = value
         else:
             vehicle = _scaled(vehicle, member, float(value))
+    if vehicle is not nominal.vehicle and is_vehicle(vehicle):
+        vehicle = springs_within(vehicle)
     return replace(
         nominal,
         vehicle=vehicle,

@@ -7,11 +7,13 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from canroll.errors import CanrollError, MissingExtraError, reason
+from canroll import documents
+from canroll.errors import CanrollError, optional, reason
 from hil.campaign.plan import Columns
 
 if TYPE_CHECKING:
@@ -30,11 +32,8 @@ def arrow() -> Any:  # noqa: ANN401
     Raises:
         MissingExtraError: it is not installed.
     """
-    try:
-        import pyarrow.parquet  # noqa: PLC0415 - an extra, and slow to import
-    except ModuleNotFoundError as error:
-        raise MissingExtraError("a campaign's table", "campaign") from error
-    return pyarrow
+    optional("pyarrow.parquet", "a campaign's table", "campaign")
+    return optional("pyarrow", "a campaign's table", "campaign")
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +136,8 @@ class _placed:  # noqa: N801 - reads as a verb
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        # machines that share a folder may have processes of the same number
+        self.part = path.with_name(f".{path.name}.{token_hex(8)}.part")
 
     def __enter__(self) -> Path:
         return self.part
@@ -224,7 +224,7 @@ def plan_in(folder: Path) -> dict[str, Any]:
 def _kept(plan: Path) -> dict[str, Any] | None:
     """Return the plan in a folder; None if there is none."""
     try:
-        kept = json.loads(plan.read_text(encoding="utf-8"))
+        kept = documents.parse_json(documents.text(plan))
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:

@@ -15,7 +15,8 @@ from hil.cli.main import parse
 from hil.cli.options import choices_of, folder_of, scenario
 from hil.cli.parsers import DEFAULT_DRAWS, DEFAULT_SCENARIO
 from hil.cli.run import answer
-from hil.report.run_folder import page_folder, usable_folder, write_page
+from hil.report.run_folder import write_page
+from hil.report.staging import page_folder, usable_folder
 from hil.runs import conditions, experiment
 from hil.runs.choices import CHOICES
 from hil.studies import variation

@@ -7,7 +7,8 @@ from typing import Any
 from canroll.errors import CanrollError
 from hil.cli import terminal
 from hil.cli.options import choices_of, folder_of
-from hil.report.run_folder import page_folder, write_page
+from hil.report.run_folder import write_page
+from hil.report.staging import page_folder
 from hil.runs.choices import CHOICES
 from hil.studies import comparison
 from hil.studies.comparison_page import (

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from canroll.errors import CanrollError, VerdictError
+from canroll.errors import CanrollError, VerdictError, reason
 from codegen.export import a2l, bundle, flash
 from codegen.export.header import gains_header
 from codegen.generated import signals
@@ -24,7 +24,12 @@ from hil.cli.options import add_choices, add_services, choices_of, chosen_servic
 from hil.cli.parsers import OF_A_DESIGN
 from hil.cli.terminal import show_warnings
 from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller, refuse_wide_steps
+from hil.runs.frozen import (
+    Controller,
+    profile_of,
+    refuse_authenticated,
+    refuse_wide_steps,
+)
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 
@@ -87,11 +92,14 @@ def run(args: argparse.Namespace) -> int:
         refuse_unwritable(args.folder)
     if (args.dbc is None) != (args.map is None):
         raise CanrollError("--dbc and --map require each other")
+    if args.dbc is not None and load_map(args.dbc, args.map).secured:
+        raise CanrollError(f"{args.map}: [secoc] cannot be exported: remove it")
     for name in services if args.dbc is not None else ():
         if getattr(load_map(args.dbc, args.map), name) is None:
             raise CanrollError(
                 f"--{name}: {args.map} has no table [{name}] with the identifiers: add it"
             )
+    refuse_authenticated(profile_of(choices_of(args, OF_AN_EXPORT)), "export-c")
     settings, controller = plan(
         "double_lane_change",
         **choices_of(args, OF_AN_EXPORT),
@@ -119,7 +127,7 @@ def writing_to(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise CanrollError(
-            f"cannot write to {folder}: {error.strerror}: choose another folder"
+            f"cannot write to {folder}: {reason(error)}: choose another folder"
         ) from error
 
 

@@ -9,7 +9,8 @@ from hil.papers import reproduce
 from hil.papers.effort_section import RUNS
 from hil.papers.reproduction_page import reproduction_page
 from hil.report.page import Table
-from hil.report.run_folder import page_folder, write_page
+from hil.report.run_folder import write_page
+from hil.report.staging import page_folder
 
 
 def run(args: argparse.Namespace) -> int:

@@ -9,8 +9,9 @@ import dbc
 from hil.cli import terminal
 from hil.cli.options import choices_of, folder_of
 from hil.exchange import signal_files
-from hil.report.run_folder import check_parent, usable_folder, write_files, write_text
+from hil.report.run_folder import write_files, write_text
 from hil.report.run_page import run_page
+from hil.report.staging import check_parent, usable_folder
 from hil.runs import experiment, saved_run
 from hil.runs.logs import check_suffix, write_log
 from hil.runs.result import Result

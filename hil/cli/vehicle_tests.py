@@ -35,8 +35,8 @@ LARGEST_ACCELERATION = 12.0
 
 def _vehicle_and_body(args: argparse.Namespace) -> tuple[Vehicle, Body]:
     """Return the requested vehicle and the body that simulates it."""
-    return vehicles.load(chosen(choices_of(args), "vehicle")), bodies.body(
-        chosen(choices_of(args), "plant")
+    return vehicles.load(chosen(choices_of(args), "vehicle")), bodies.own_body(
+        chosen(choices_of(args), "plant"), "a test of vehicles"
     )
 
 

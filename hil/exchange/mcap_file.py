@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.errors import optional
 from hil.runs.logs import messages
 from plant_sim.world.spool import Table, pieces
 
@@ -48,10 +49,9 @@ def write(path: Path, contents: Contents) -> None:
     Raises:
         OSError: it cannot be written.
     """
-    from mcap.writer import Writer  # noqa: PLC0415 - an extra
-
+    writing = optional("mcap.writer", "an MCAP file", "mcap")
     with path.open("wb") as file:
-        writer = Writer(file)
+        writer = writing.Writer(file)
         writer.start(profile="", library="canroll")
         writer.add_metadata("canroll", dict(contents.texts))
         if contents.dbc is not None:

@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import CanrollError, MissingExtraError
+from canroll.errors import CanrollError, MissingExtraError, optional, reason
 from hil.exchange import mcap_file
-from hil.runs.signal_units import unit
+from plant_sim.world.recording import unit
 from plant_sim.world.spool import Table, pieces
 
 EXTRAS = {
@@ -78,7 +78,7 @@ def write_signals(
             case _:
                 _write_csv(path, signals)
     except OSError as error:
-        raise CanrollError(f"cannot write {path}: {error.strerror or error}") from error
+        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path
 
 
@@ -91,14 +91,13 @@ def _write_csv(path: Path, signals: Mapping[str, NDArray[np.float64]]) -> None:
 
 def _write_mf4(path: Path, signals: Mapping[str, NDArray[np.float64]], about: About) -> None:
     """Write ``signals`` as ASAM MDF 4 with their units; "time" is the common axis, s."""
-    from asammdf import MDF, Signal  # noqa: PLC0415 - an extra
-
+    mdf = optional("asammdf", "an MF4 file", "asammdf")
     channels = [
-        Signal(np.ascontiguousarray(values), signals["time"], name=name, unit=unit(name))
+        mdf.Signal(np.ascontiguousarray(values), signals["time"], name=name, unit=unit(name))
         for name, values in signals.items()
         if name != "time"
     ]
-    with MDF(version="4.10") as file:
+    with mdf.MDF(version="4.10") as file:
         file.append(channels, comment="canroll")
         file.header.comment = "\n".join(f"{key}: {text}" for key, text in about.texts.items())
         file.header.project = "canroll"
@@ -111,9 +110,8 @@ def _write_mf4(path: Path, signals: Mapping[str, NDArray[np.float64]], about: Ab
 
 def _write_parquet(path: Path, signals: Mapping[str, NDArray[np.float64]], about: About) -> None:
     """Write ``signals`` as Parquet: units at the fields, ``about`` at the table."""
-    import pyarrow as pa  # noqa: PLC0415 - an extra
-    from pyarrow import parquet  # noqa: PLC0415 - an extra
-
+    pa = optional("pyarrow", "a Parquet file", "campaign")
+    parquet = optional("pyarrow.parquet", "a Parquet file", "campaign")
     schema = pa.schema(
         [pa.field(name, pa.float64(), metadata={"unit": unit(name)}) for name in signals],
         metadata={f"canroll.{key}": text for key, text in about.texts.items()},

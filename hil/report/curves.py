@@ -16,7 +16,7 @@ from hil.report.figure import (
     distribution,
     histogram,
 )
-from hil.runs.metrics import axle_load_transfer, moment, response_times
+from hil.runs.metrics import axle_load_transfer, has_wheel_loads, moment, response_times
 from hil.runs.trace import Trace
 from plant_sim.bodies.ports import WHEELS
 from plant_sim.world.recording import AXLES
@@ -71,6 +71,7 @@ def _over_time(runs: Sequence[Shown], id: str, title: str, ylabel: str, pick: Si
 def motion(runs: Sequence[Shown]) -> list[Figure]:
     """Return roll angle and rate, lateral acceleration, load transfer of each axle."""
     degrees = float(np.degrees(1))
+    loaded = all(has_wheel_loads(run.trace) for run in runs)
     plots = [
         ("roll", "Roll angle", "deg", signal("roll", degrees)),
         ("roll-rate", "Roll rate", "deg/s", signal("roll_rate", degrees)),
@@ -90,7 +91,11 @@ def motion(runs: Sequence[Shown]) -> list[Figure]:
         ("path-error", "Distance from the driver's path", "m", signal("path_error")),
         ("steer", "Steering at the road wheels", "deg", signal("steer", degrees)),
     ]
-    return [_over_time(runs, id, title, unit, pick) for id, title, unit, pick in plots]
+    return [
+        _over_time(runs, id, title, unit, pick)
+        for id, title, unit, pick in plots
+        if loaded or not id.startswith("nlt")
+    ]
 
 
 def control(runs: Sequence[Shown]) -> list[Figure]:
@@ -130,7 +135,9 @@ def control(runs: Sequence[Shown]) -> list[Figure]:
     for run in active:
         more = f", {run.name}" if len(active) > 1 else ""
         suffix = f"-{run.colour}" if len(active) > 1 else ""
-        plots += [_forces(run, more, suffix), _loads(run, more, suffix)]
+        plots.append(_forces(run, more, suffix))
+        if has_wheel_loads(run.trace):
+            plots.append(_loads(run, more, suffix))
         plots += _estimates(run, more, suffix)
     return plots
 

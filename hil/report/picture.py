@@ -7,10 +7,10 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from hil.report.figure import thin
 from hil.report.run_page import shown
-from hil.runs.metrics import axle_load_transfer, moment
+from hil.runs.metrics import axle_load_transfer, has_wheel_loads, moment
 from hil.runs.result import Result
 from hil.runs.trace import Trace
 
@@ -26,11 +26,14 @@ def draw_picture(result: Result, path: Path) -> Path:
     Raises:
         CanrollError: the file cannot be written.
     """
-    panels: tuple[tuple[str, Callable[[Trace], np.ndarray]], ...] = (
+    panels: list[tuple[str, Callable[[Trace], np.ndarray]]] = [
         ("roll angle (deg)", lambda trace: np.degrees(trace.signals["roll"])),
         ("anti-roll moment (N·m)", moment),
-        ("load transfer, front axle", lambda trace: axle_load_transfer(trace, "front")),
-    )
+    ]
+    if has_wheel_loads(result.passive):
+        panels.append(
+            ("load transfer, front axle", lambda trace: axle_load_transfer(trace, "front"))
+        )
     with matplotlib.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         figure = Figure(figsize=(8, 6.5), layout="constrained")
         axes = figure.subplots(len(panels), 1, sharex=True)
@@ -46,5 +49,5 @@ def draw_picture(result: Result, path: Path) -> Path:
             # without metadata the same run gives the same bytes
             figure.savefig(path, dpi=120, metadata={"Software": None})
         except OSError as error:
-            raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+            raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path

@@ -18,50 +18,6 @@ from hil.runs.logs import write_log
 from hil.runs.result import Result
 
 
-def usable_folder(folder: Path) -> Path:
-    """Return ``folder``, created if missing; called before a run, so that it is refused early.
-
-    Raises:
-        CanrollError: it cannot be made or written to.
-    """
-    probe = folder / ".canroll"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise CanrollError(
-            f"cannot write to {folder}: {error.strerror}: choose another --out"
-        ) from error
-    return folder
-
-
-def page_folder(folder: Path | None) -> Path | None:
-    """Return the folder of a page, created if missing; None if no files are written."""
-    return None if folder is None else usable_folder(folder)
-
-
-def check_parent(path: Path, *, out: Path | None = None) -> Path:
-    """Return ``path`` if it can be written, or its folder is ``out``, which is created.
-
-    Raises:
-        CanrollError: there is no such folder, ``path`` is a folder, or it cannot be written.
-    """
-    if path.parent != out and not path.parent.is_dir():
-        raise CanrollError(f"cannot write {path}: no such folder {path.parent}")
-    if path.is_dir():
-        raise CanrollError(f"cannot write {path}: it is a folder")
-    if path.parent.is_dir():
-        known = path.exists()
-        try:
-            path.open("ab").close()
-            if not known:
-                path.unlink()
-        except OSError as error:
-            raise CanrollError(f"cannot write {path}: {reason(error)}") from error
-    return path
-
-
 def write_text(path: Path, text: str) -> Path:
     """Write a text file and return its path.
 
@@ -71,7 +27,7 @@ def write_text(path: Path, text: str) -> Path:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path
 
 

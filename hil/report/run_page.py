@@ -11,12 +11,13 @@ from hil.realtime.timing import QUANTILES, ROWS, bus_lines
 from hil.report.curves import Shown, all_figures
 from hil.report.figure import Figure, Series, histogram, pack
 from hil.report.page import Cell, Page, Table, Verdict, render
-from hil.report.reaction_table import reaction_table
 from hil.report.tables import (
+    authentication_note,
     can_rows,
     metric_head,
     metric_rows,
     number,
+    reaction_table,
     replay_note,
     standard_rows,
 )
@@ -118,6 +119,8 @@ def run_page(result: Result) -> str:
         f"{100 * trigger.transmission_rate_triggered:.1f} % without heartbeats; heartbeats alone: "
         f"{100 * trigger.floor:.0f} %."
     )
+    if (note := authentication_note(result)) is not None:
+        rates += f" {note[:1].upper()}{note[1:]}."
     head = metric_head(result, "without control", "with control")
     rows: list[tuple[str | Cell, ...]] = [(row.name, *row.numbers) for row in metric_rows(result)]
     judged = [] if result.not_valid else standard_rows(result)
@@ -178,14 +181,18 @@ def playback(runs: Sequence[Shown], vehicle: Vehicle) -> dict[str, object]:
             / 2,
             "front": geometry.cg_to_front_axle,
             "rear": geometry.cg_to_rear_axle,
-            "static_load": float(np.mean([first[f"wheel_load_{wheel}"][0] for wheel in WHEELS])),
+            "static_load": float(
+                np.nan_to_num(np.mean([first[f"wheel_load_{wheel}"][0] for wheel in WHEELS]))
+            ),
         },
     }
 
 
 def _resampled(run: Shown, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
     time = run.trace.signals["time"]
-    return np.interp(np.arange(0.0, time[-1], PLAYBACK_STEP), time, run.trace.signals[name])
+    # a plant without wheel loads has NaN, which the page cannot hold
+    values = np.nan_to_num(run.trace.signals[name])
+    return np.interp(np.arange(0.0, time[-1], PLAYBACK_STEP), time, values)
 
 
 def timing_table(timing: Mapping[str, Any]) -> Table:

@@ -1,8 +1,8 @@
-"""Replacement of a folder's files as a whole: all or none.
+"""Output files: refused before the work where they cannot be written, replaced as a whole.
 
-They are written to a temporary folder beside it and moved at the end. The key file, without which
-the folder is not valid, is removed first and moved last, so that a process killed in between leaves
-either the older files or an invalid folder.
+The files of a folder are replaced all or none: they are written to a temporary folder beside it and
+moved at the end. The key file, without which the folder is not valid, is removed first and moved
+last, so that a process killed in between leaves either the older files or an invalid folder.
 """
 
 import fcntl
@@ -13,9 +13,53 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 
 PART = ".canroll-part-"
+
+
+def usable_folder(folder: Path) -> Path:
+    """Return ``folder``, created if missing; called before a run, so that it is refused early.
+
+    Raises:
+        CanrollError: it cannot be made or written to.
+    """
+    probe = folder / ".canroll"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        raise CanrollError(
+            f"cannot write to {folder}: {reason(error)}: choose another --out"
+        ) from error
+    return folder
+
+
+def page_folder(folder: Path | None) -> Path | None:
+    """Return the folder of a page, created if missing; None if no files are written."""
+    return None if folder is None else usable_folder(folder)
+
+
+def check_parent(path: Path, *, out: Path | None = None) -> Path:
+    """Return ``path`` if it can be written, or its folder is ``out``, which is created.
+
+    Raises:
+        CanrollError: there is no such folder, ``path`` is a folder, or it cannot be written.
+    """
+    if path.parent != out and not path.parent.is_dir():
+        raise CanrollError(f"cannot write {path}: no such folder {path.parent}")
+    if path.is_dir():
+        raise CanrollError(f"cannot write {path}: it is a folder")
+    if path.parent.is_dir():
+        known = path.exists()
+        try:
+            path.open("ab").close()
+            if not known:
+                path.unlink()
+        except OSError as error:
+            raise CanrollError(f"cannot write {path}: {reason(error)}") from error
+    return path
 
 
 @contextmanager
@@ -37,7 +81,7 @@ def replaced(folder: Path, key: str) -> Iterator[Path]:
             for name in (*sorted(names - {key}), key):
                 os.replace(Path(part) / name, folder / name)
     except OSError as error:
-        raise CanrollError(f"cannot write to {folder}: {error.strerror}") from error
+        raise CanrollError(f"cannot write to {folder}: {reason(error)}") from error
 
 
 @contextmanager

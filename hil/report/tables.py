@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.report.page import Cell
+from hil.reaction.reaction import WRONG_MOMENT, WRONG_TIME
+from hil.report.page import Cell, Table
 from hil.runs.result import FIGURES, Result
 from hil.runs.standard import limit, measured
 
@@ -25,6 +26,12 @@ LABELS = {
 ALL_FIGURES = (*FIGURES, "path_error_rms_m", "path_error_max_m")
 NOTHING = Cell("")
 
+HARMFUL = (
+    "Wrong side: moment of the actuators that pushes the body outwards in a curve. Harmful: more "
+    f"than {WRONG_MOMENT:.0f} N·m of it for more than {1e3 * WRONG_TIME:.0f} ms, or roll angle or "
+    "path error over 1.1 times those of the passive vehicle."
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Row:
@@ -34,14 +41,16 @@ class Row:
     numbers: tuple[Cell, ...]
 
 
-def number(value: float, digits: int, key: str) -> Cell:
-    """Return a cell for the number at ``key`` of the JSON object."""
+def number(value: float | None, digits: int, key: str) -> Cell:
+    """Return a cell for the number at ``key`` of the JSON object, empty for None."""
+    if value is None:
+        return NOTHING
     return Cell(f"{value:.{digits}f}".replace("-", "−"), value, key)
 
 
-def change(after: float, before: float, digits: int) -> Cell:
+def change(after: float | None, before: float | None, digits: int) -> Cell:
     """Return the relative change in percent, or an empty cell if ``before`` is shown as 0."""
-    if round(before, digits) == 0:
+    if after is None or before is None or round(before, digits) == 0:
         return NOTHING
     percent = round(100 * (after / before - 1))
     return Cell(f"{percent:+d} %".replace("-", "−") if percent else "0 %")
@@ -67,7 +76,7 @@ def metric_rows(result: Result) -> list[Row]:
         if result.replay_metrics is not None:
             cells.append(number(getattr(result.replay_metrics, name), digits, f"replay.{name}"))
         least = result.without_roll.get(name)
-        cells.append(NOTHING if least is None else number(least, digits, f"without_roll.{name}"))
+        cells.append(number(least, digits, f"without_roll.{name}"))
         rows.append(Row(label, tuple(cells)))
     return rows
 
@@ -76,6 +85,17 @@ def metric_head(result: Result, passive: str, controlled: str) -> tuple[str, ...
     """Return the table head of :func:`metric_rows`, with names of the first two columns."""
     replayed = () if result.replay is None else ("replay",)
     return ("", passive, controlled, "change", *replayed, "no roll at all")
+
+
+def authentication_note(result: Result) -> str | None:
+    """Return the key and the frames refused, if the frames of the bus are authenticated."""
+    if result.refused is None:
+        return None
+    ecu, actuators = result.refused
+    key = "the public development key" if result.settings.key is None else "the key of --key"
+    return (
+        f"frames authenticated with {key}; refused: {ecu} by the ECU, {actuators} by the actuators"
+    )
 
 
 def replay_note(result: Result) -> str:
@@ -128,3 +148,29 @@ def can_rows(result: Result) -> list[Row]:
         )
         for label, (key, spread) in spreads.items()
     ]
+
+
+def reaction_table(result: Result) -> Table | None:
+    """Return modes and fault codes with their times, and the moment on the wrong side."""
+    reaction = result.reaction
+    if reaction is None:
+        return None
+    rows: list[tuple[str | Cell, ...]] = [
+        (f"mode {change.mode}", number(change.t, 2, f"reaction.modes.{i}.t"), "")
+        for i, change in enumerate(reaction.modes)
+    ]
+    rows += [
+        (
+            f"fault code {seen.code}: {seen.name}",
+            number(seen.first, 2, f"reaction.codes.{i}.first"),
+            number(seen.last, 2, f"reaction.codes.{i}.last"),
+        )
+        for i, seen in enumerate(reaction.codes)
+    ]
+    wrong = number(reaction.wrong_side_max_nm, 0, "reaction.wrong_side_max_nm")
+    longest = number(reaction.wrong_side_s, 2, "reaction.wrong_side_s")
+    rows += [
+        ("wrong side, largest moment (N·m)", wrong, ""),
+        (f"wrong side, longest time over {WRONG_MOMENT:.0f} N·m (s)", longest, ""),
+    ]
+    return Table("Modes and fault codes", ("", "from (s)", "to (s)"), rows, HARMFUL)

@@ -189,7 +189,8 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--plant",
-            help="simulated vehicle model",
+            help="simulated vehicle model, or MODEL.fmu with its map (MODEL.toml, or "
+            "MODEL.fmu#MAP.toml)",
             of=WORLD,
             default="nonlinear",
             values=lambda: BODIES,
@@ -221,6 +222,15 @@ class Choices(TypedDict, total=False):
         Choice(
             option="--map",
             help="TOML file that says which signal of --dbc is which field of the ECU",
+            of=WORLD,
+        ),
+    ]
+    key: Annotated[
+        str | None,
+        Choice(
+            option="--key",
+            help="file with the key of a bus with authenticated frames; by default the public "
+            "development key",
             of=WORLD,
         ),
     ]

@@ -19,14 +19,17 @@ from vehicles import Vehicle
 
 @dataclass(frozen=True, slots=True)
 class Metrics:
-    """Figures of one run; the names carry the units. ``nlt``: normalised load transfer, 0 to 1."""
+    """Figures of one run; the names carry the units.
+
+    ``nlt``: normalised load transfer, 0 to 1; None if the plant has no wheel loads.
+    """
 
     roll_rms_deg: float
     roll_max_deg: float
     roll_rate_rms_deg_s: float
     roll_rate_max_deg_s: float
-    nlt_front_max: float
-    nlt_rear_max: float
+    nlt_front_max: float | None
+    nlt_rear_max: float | None
     moment_rms_nm: float
     moment_max_nm: float
     path_error_rms_m: float
@@ -95,7 +98,14 @@ def _loads_of(axle: str) -> tuple[str, str]:
     return f"wheel_load_{axle}_left", f"wheel_load_{axle}_right"
 
 
-def _peak_load_transfer(trace: Trace, axle: str) -> float:
+def has_wheel_loads(trace: Trace) -> bool:
+    """Whether the plant of a run has wheel loads; an FMU may have none."""
+    return not any(np.isnan(trace.signals[f"wheel_load_{wheel}"][:1]).any() for wheel in WHEELS)
+
+
+def _peak_load_transfer(trace: Trace, axle: str) -> float | None:
+    if not has_wheel_loads(trace):
+        return None
     return max(
         (peak(load_transfer(*loads)) for loads in pieces(trace.signals, *_loads_of(axle))),
         default=0.0,
@@ -143,6 +153,8 @@ def load_transfer_without_roll(
     """
     plant, geometry, suspension = vehicle.plant, vehicle.geometry, vehicle.suspension
     signals = trace.signals
+    if not has_wheel_loads(trace):
+        return {f"nlt_{axle}_max": None for axle in AXLES}
     lifted = any(np.any(signals[f"wheel_load_{wheel}"] <= 0) for wheel in WHEELS)
     if lifted or np.any(signals["bank"]):
         return {f"nlt_{axle}_max": None for axle in AXLES}

@@ -2,17 +2,16 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import MissingExtraError
+from canroll.errors import optional
 from codegen.run.memory_image import dtype
 from firmware import calibration as formats
 from firmware.state import GYRO_BIAS, LATERAL, LATERAL_RATE, ROLL, ROLL_RATE, Ecu
-from hil.runs.signal_units import unit
+from plant_sim.world.recording import unit
 from plant_sim.world.spool import Table
 
 if TYPE_CHECKING:
@@ -50,6 +49,8 @@ class Trace:
         ticks: the ECU's state and outputs, one entry per tick (:data:`TICK`).
         duration: length of the run, s.
         complete: False if it was interrupted.
+        refused: frames that the ECU and the actuators refused as not authentic; None: the frames of
+            the bus are not authenticated.
     """
 
     signals: Mapping[str, NDArray[np.float64]]
@@ -58,6 +59,7 @@ class Trace:
     ticks: Table
     duration: float
     complete: bool = True
+    refused: tuple[int, int] | None = None
 
     def to_xarray(self) -> "xarray.Dataset":
         """Return the signals over "time" with their units, and the ECU's ticks over "tick".
@@ -65,10 +67,7 @@ class Trace:
         Raises:
             MissingExtraError: xarray is not installed.
         """
-        if find_spec("xarray") is None:
-            raise MissingExtraError("to_xarray()", "notebook")
-        import xarray  # noqa: PLC0415 - an extra
-
+        xr = optional("xarray", "to_xarray()", "notebook")
         data = {
             name: ("time", values, {"units": unit(name)})
             for name, values in self.signals.items()
@@ -80,9 +79,9 @@ class Trace:
             if name != "t" and self.ticks[name].ndim == 1
         }
         times = {"time": ("time", self.signals["time"], {"units": "s"})}
-        return xarray.Dataset(
-            {**data, **ticks}, coords={**times, "tick": ("tick", self.ticks["t"], {"units": "s"})}
-        )
+        coordinates = {**times, "tick": ("tick", self.ticks["t"], {"units": "s"})}
+        found: xarray.Dataset = xr.Dataset({**data, **ticks}, coords=coordinates)
+        return found
 
     def to_pandas(self) -> "pandas.DataFrame":
         """Return the signals as columns over "time", SI units in ``attrs["units"]``.
@@ -90,10 +89,7 @@ class Trace:
         Raises:
             MissingExtraError: pandas is not installed.
         """
-        if find_spec("pandas") is None:
-            raise MissingExtraError("to_pandas()", "notebook")
-        import pandas  # noqa: PLC0415 - an extra
-
+        pandas = optional("pandas", "to_pandas()", "notebook")
         names = [name for name in self.signals if name != "time"]
         index = pandas.Index(self.signals["time"], name="time")
         table = pandas.DataFrame({name: self.signals[name] for name in names}, index=index)

@@ -91,7 +91,7 @@ def bound_of(settings: Settings, controller: Controller, time: Vector, roll: Vec
     ends = HELD * np.arange(1, count + 1)
     response = moment_response(
         settings.vehicle,
-        bodies.body(settings.plant),
+        bodies.own_body(settings.plant, "the bound of roll control"),
         settings.speed,
         front_share=controller.front_share(settings.speed),
         held=HELD,

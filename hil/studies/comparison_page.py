@@ -9,7 +9,8 @@ from hil.report.curves import Shown, all_figures, dash
 from hil.report.figure import DASHED, Figure, Series
 from hil.report.page import Cell, Page, Table, Verdict, render
 from hil.report.run_page import NLT, parameters, playback, provenance
-from hil.report.tables import ALL_FIGURES, LABELS, number
+from hil.report.tables import ALL_FIGURES, LABELS, NOTHING, number
+from hil.runs.metrics import Metrics
 from hil.studies.comparison import Named
 
 COLOURS = 7
@@ -73,7 +74,7 @@ def summary_table(named: Sequence[Named]) -> Table:
     rows: list[list[str | Cell]] = [
         [
             "without control",
-            *(Cell(f"{getattr(passive, n):.{LABELS[n][1]}f}") for n in figures),
+            *(_plain(passive, n) for n in figures),
             "",
             "",
         ]
@@ -82,10 +83,15 @@ def summary_table(named: Sequence[Named]) -> Table:
         metrics = run.result.controlled_metrics
         if metrics is not None:
             rate = f"{100 * run.result.trigger.transmission_rate:.1f}"
-            cells = [Cell(f"{getattr(metrics, n):.{LABELS[n][1]}f}") for n in figures]
+            cells = [_plain(metrics, n) for n in figures]
             age = run.result.can.age_ms
             rows.append([run.name, *cells, rate, "" if age is None else f"{age.mean:.1f}"])
     return Table("Runs", head, rows)
+
+
+def _plain(metrics: Metrics, figure: str) -> Cell:
+    value = getattr(metrics, figure)
+    return NOTHING if value is None else Cell(f"{value:.{LABELS[figure][1]}f}")
 
 
 def apart(named: Sequence[Named]) -> list[str]:
@@ -215,6 +221,7 @@ def sweep_page(named: Mapping[str, Sequence[Named]]) -> str:
             ("moment_rms_nm", "RMS moment (N·m)"),
             ("path_error_max_m", "Largest path error (m)"),
         )
+        if getattr(first[0].result.passive_metrics, figure) is not None
     ]
     speeds = [run.result.settings.speed * 3.6 for run in first]
     everything = [run for runs in named.values() for run in runs if run.result.helps is not None]

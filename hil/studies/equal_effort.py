@@ -35,6 +35,7 @@ from hil.studies.effort import (
     without_control,
 )
 from hil.studies.variation import NONE, population
+from plant_sim.bodies import own_body
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,6 +273,7 @@ def compare(
         entries = (*ENTRIES, *(PRINTED if vehicle == "van_2021" else ()))
     common: dict[str, Any] = {"vehicle": vehicle, "bus": bus, **(conditions or {})}
     settings, controller = plan(scenario, **common, law=PASSIVE)
+    own_body(settings.plant, "a population of vehicles")
     passive = without_control(population(settings, runs, spread), controller)
     driver = _Driver(scenario, common, runs, spread, passive)
     rows = []

@@ -26,6 +26,7 @@ from hil.studies import equal_effort
 from hil.studies.effort import scaled
 from hil.studies.equal_effort import Entry, paired, with_stiffer_bar
 from hil.studies.variation import population
+from plant_sim.bodies import own_body
 
 LANE_CHANGE = "double_lane_change"
 PLAIN, BAR = "plain_feedforward", "best passive bar"
@@ -159,6 +160,7 @@ def study(
         own = {"speed_kmh": manoeuvre.speed_kmh, "options": manoeuvre.options}
         rows += _Course(manoeuvre, {**common, **own}, runs, spread).rows(law, factors)
     settings = plan(LANE_CHANGE, **choices)[0]
+    own_body(settings.plant, "a population of vehicles")
     return Study(
         tuple(rows),
         law,

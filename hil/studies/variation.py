@@ -10,6 +10,7 @@ from hil.runs.result import Settings
 from vehicles import Vehicle
 from vehicles.check import problems
 from vehicles.model import RollModel
+from vehicles.roll_stiffness import springs_within
 
 ROLL_MODEL = tuple(field.name for field in fields(RollModel))
 TYRES = {
@@ -91,7 +92,7 @@ def draw(
     errors = {name: f"{factors[name] - 1.0:.6g}" for name in CONDITIONS if spread[name]}
     return replace(
         nominal,
-        vehicle=vehicle,
+        vehicle=springs_within(vehicle),
         seed=index,
         speed=nominal.speed * factors["speed"],
         conditions=tuple(sorted({**errors, **dict(nominal.conditions)}.items())),

@@ -2,6 +2,7 @@
 
 from typing import TYPE_CHECKING
 
+from canroll.errors import CanrollError
 from canroll.registry import Registry
 
 if TYPE_CHECKING:
@@ -17,9 +18,23 @@ BODIES: "Registry[Body]" = Registry(
         "nonlinear": "plant_sim.bodies.nonlinear_car:BODY",
     },
     accept="plant_sim.bodies.ports:accept",
+    files={".fmu": "plant_sim.fmi.plant:read"},
 )
 
 
 def body(name: str) -> "Body":
     """Return the body of that name; raise :class:`UnknownNameError` for an unknown one."""
     return BODIES[name]
+
+
+def own_body(name: str, purpose: str) -> "Body":
+    """Return the body of that name for a purpose for which an FMU will not do.
+
+    Raises:
+        UnknownNameError: there is none.
+        CanrollError: it is an FMU.
+    """
+    found = body(name)
+    if found.outside is not None:
+        raise CanrollError(f"--plant {name}: {purpose} needs a model of canroll: omit --plant")
+    return found

@@ -76,17 +76,32 @@ STATES_MAX, PARAMETERS_MAX = 64, 2048
 
 
 @dataclass(frozen=True, slots=True)
+class Outside:
+    """What a body has that runs in another process.
+
+    Both are called with the parameters that ``build`` has given: ``check`` after the steps, to
+    raise what went wrong in them, ``close`` at the end.
+    """
+
+    check: Callable[[Vector], None]
+    close: Callable[[Vector], None]
+
+
+@dataclass(frozen=True, slots=True)
 class Body:
     """One plant body.
 
     ``step(state, inputs, parameters, outputs, dt)`` is a numba C function: it advances ``state``
     in place and fills ``outputs``. ``build(vehicle, speed)`` gives the state on a straight road
-    at ``speed`` (m/s) and the parameter vector.
+    at ``speed`` (m/s) and the parameter vector. ``lacks`` are outputs that it does not have: pitch
+    and heave are 0 then, all others NaN.
     """
 
     name: str
     step: Any
     build: Callable[[Vehicle, float], tuple[Vector, Vector]]
+    outside: Outside | None = None
+    lacks: tuple[str, ...] = ()
 
 
 def initial_inputs() -> Vector:

@@ -95,8 +95,13 @@ def sine_with_dwell(vehicle: Vehicle, signals: Signals) -> list[Verdict]:
 
 
 def two_wheel_lift(signals: Signals) -> list[Verdict]:
-    """Both wheels of a side two inches off the road at once: NHTSA's criterion of tip-up."""
+    """Both wheels of a side two inches off the road at once: NHTSA's criterion of tip-up.
+
+    No verdict on a vehicle whose model does not say how high its wheels are.
+    """
     heights = [signals[f"wheel_height_{wheel}"] for wheel in WHEELS]
+    if any(np.isnan(height[:1]).any() for height in heights):
+        return []
     left = np.minimum(heights[0], heights[2]).max()
     right = np.minimum(heights[1], heights[3]).max()
     lift = inf if signals["rollover"].max() > 0 else float(max(left, right))

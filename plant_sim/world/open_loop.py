@@ -75,6 +75,8 @@ def start(
     state, parameters = body.build(vehicle, maneuver.speed)
     inputs, outputs = initial_inputs(), np.zeros(ports.N_OUTPUTS)
     advance(body.step, state, inputs, parameters, outputs, 0.0)
+    if body.outside is not None:
+        body.outside.check(parameters)
     return state, inputs, parameters, outputs
 
 

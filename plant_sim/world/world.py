@@ -4,6 +4,7 @@ The ECU sees only frames: it queues frames at an instant and gets the frames rec
 One compiled kernel advances everything in between; time is an argument, never a clock.
 """
 
+import weakref
 from collections.abc import Sequence
 from typing import Any
 
@@ -11,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from dbc.keys import DEVELOPMENT_KEY
 from plant_sim import can_bus
 from plant_sim.bodies import body as body_named
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.faults import Fault
 from plant_sim.faults.effects import with_faults
 from plant_sim.kernels.records import entry
+from plant_sim.nodes import authentication
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
 from plant_sim.nodes.sensors import SensorOptions
@@ -27,6 +30,7 @@ from plant_sim.world.spool import Columns, Rows
 from plant_sim.world.world_kernel import (
     APPLIED_COMMANDS,
     EXTENDED_KEY,
+    FORGED,
     FRAME,
     OUTBOX,
     ROWS,
@@ -62,6 +66,7 @@ class World:
         actuators: operating conditions of the actuators.
         faults: what fails (:mod:`plant_sim.faults`), on top of the faults in those conditions.
         kept: what is kept of the run.
+        key: of the authentication, on a bus whose frames are authenticated.
         bus: further options of ``can_bus.make_network``.
 
     Attributes:
@@ -87,6 +92,7 @@ class World:
         actuators: ActuatorOptions | None = None,
         faults: Sequence[Fault] = (),
         kept: Kept = EVERYTHING,
+        key: bytes = DEVELOPMENT_KEY,
         **bus: Any,  # noqa: ANN401
     ) -> None:
         hydraulic = body == "linear_car" and actuator == "valves"
@@ -110,6 +116,7 @@ class World:
             sensors=sensors,
             actuators=actuators,
             faults=faults,
+            key=key,
             bus=bus,
         )
         self._recorded = can_bus.recorded_traffic(
@@ -129,6 +136,10 @@ class World:
         self._outputs: NDArray[np.float64] = memory["outputs"]
         self._kernel = entry(advance, (self._parts, 0))
         self._run: Any = None
+        self._outside = plant.outside
+        self._parameters: NDArray[np.float64] = memory["parameters"]
+        if plant.outside is not None:
+            weakref.finalize(self, plant.outside.close, self._parameters.copy())
         self._drained = 0
         self._kept = kept
         self._log = Rows(can_bus.log_dtype())
@@ -206,6 +217,7 @@ class World:
         if self._run is None:
             self._run = entry(run, arguments)
         self._run(*arguments)
+        self._check()
         self._keep()
 
     def advance(self, until_ns: int) -> NDArray[Any]:
@@ -268,6 +280,16 @@ class World:
         return int(self._imu[CYCLE_MS]) * STEP_NS
 
     @property
+    def refused(self) -> int:
+        """Frames that the actuator node's authentication has refused."""
+        return int(self._parts.memory[0]["authentication"]["flag"][authentication.REFUSED])
+
+    @property
+    def forged(self) -> int:
+        """Frames of attackers that the actuator node has accepted."""
+        return int(self._clock[FORGED])
+
+    @property
     def network(self) -> can_bus.Network:
         """The bus, for its statistics (``can_bus.account``, ``can_bus.load``)."""
         return self._parts.network
@@ -276,8 +298,14 @@ class World:
         if self._recorded is not None:
             self._recorded.feed(until_ns)
         count = self._kernel(self._parts, until_ns)
+        self._check()
         self._keep()
         return self._received[:count].copy()
+
+    def _check(self) -> None:
+        """Raise what went wrong in a body that runs in another process."""
+        if self._outside is not None:
+            self._outside.check(self._parameters)
 
     def _keep(self) -> None:
         """Take log and record out of the kernel's memory before they are full."""

@@ -19,7 +19,7 @@ from gain_gen.output_feedback.central import Generalised, central_controller
 from gain_gen.output_feedback.driven_car import MOMENT_UNIT, driven_car
 from gain_gen.output_feedback.dynamic import residualised
 from gain_gen.output_feedback.hinf import hinf, to_continuous, weighted
-from gain_gen.output_feedback.lqg import lqg
+from gain_gen.output_feedback.law import lqg
 
 LAWS = ("lqg_delay", "hinf")
 TICK = 0.01

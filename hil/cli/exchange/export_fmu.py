@@ -1,30 +1,33 @@
-"""``canroll export-fmu ecu|plant|bus OUT.fmu``: parts of a run as FMUs (FMI 3.0, Co-Simulation)."""
+"""``canroll export-fmu ecu|plant|bus|vehicle OUT.fmu``: parts of a run as FMUs."""
 
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import vehicles
 from canroll.errors import CanrollError, VerdictError
 from codegen.fmu import ecu
 from hil.cli.options import add_choices, choices_of, path_named, scenario
 from hil.cli.parsers import DEFAULT_SCENARIO, OF_A_DESIGN
 from hil.cli.terminal import show_warnings
-from hil.exchange import bus_fmu, plant_fmu
+from hil.exchange import body_fmu, bus_fmu, plant_fmu
 from hil.runs.choices import CHOICES, chosen
 from hil.runs.experiment import build_world, maneuver_of, plan, tick_offset_ns
-from hil.runs.frozen import profile_of
+from hil.runs.frozen import profile_of, refuse_authenticated
 from hil.runs.virtual_time import RUN_TIME_NS
-from plant_sim.bodies import body
+from plant_sim.bodies import own_body
 from plant_sim.can_bus import NODES, Node, make_network
 from plant_sim.can_bus.kernel.network import add_node
 from plant_sim.can_bus.recorded_profile import RecordedProfile
+from plant_sim.driving import maneuvers
 from plant_sim.world.world_parts import command_of
 
 OF_A_PLANT = (
     *("calibration", *OF_A_DESIGN, "dbc", "map", "seed", "plant", "plant_vehicle"),
     *("speed_kmh", "options", "faults", "conditions"),
 )
+OF_A_VEHICLE = ("vehicle", "plant", "speed_kmh")
 OF_A_BUS = ("bus", "dbc", "map", "seed", "actuator")
 MOST_FREE_NODES = 32
 OF_AN_ECU = ("calibration", *OF_A_DESIGN, "dbc", "map", "phase_ms", "seed")
@@ -57,7 +60,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         "--scenario",
         type=scenario,
         default=DEFAULT_SCENARIO,
-        help="plant: its manoeuvre (default: %(default)s)",
+        help="plant and vehicle: the manoeuvre (default: %(default)s)",
     )
     parser.add_argument(
         "--nodes",
@@ -78,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
     for name in choices_of(args):
         if name not in kind.choices:
             raise CanrollError(f"{CHOICES[name].option} does not apply to the {args.kind}: omit it")
+    refuse_authenticated(profile_of(choices_of(args)), "export-fmu")
     out: Path = args.out
     if out.suffix != ".fmu":
         raise CanrollError(f"{out}: the name of an FMU ends in .fmu")
@@ -140,7 +144,7 @@ def write_plant(args: argparse.Namespace) -> str:
     plant_fmu.write(
         args.out,
         build_world(settings, enabled=True).parts,
-        body(settings.plant),
+        own_body(settings.plant, "an exported plant"),
         maneuver_of(settings),
         actuator=settings.actuator,
         command=command,
@@ -150,8 +154,29 @@ def write_plant(args: argparse.Namespace) -> str:
     return f"{title}, {settings.plant}, {args.ports}"
 
 
+def write_vehicle(args: argparse.Namespace) -> str:
+    """Write the vehicle alone, with the map that takes it as the plant again."""
+    if args.ports != ecu.CAN:
+        raise CanrollError("a vehicle has plain signals: omit --ports")
+    given = choices_of(args, OF_A_VEHICLE)
+    vehicle, model = vehicles.load(chosen(given, "vehicle")), chosen(given, "plant")
+    speed = given.get("speed_kmh")
+    maneuver = maneuvers.build(
+        args.scenario,
+        vehicle,
+        maneuvers.default_speed(args.scenario, vehicle) if speed is None else speed / 3.6,
+        0,
+    )
+    title = f"{vehicle.name} at {3.6 * maneuver.speed:.4g} km/h"
+    found = body_fmu.write(
+        args.out, vehicle, own_body(model, "an exported vehicle"), maneuver, title=title
+    )
+    return f"{title}, {model}; its map: {found}"
+
+
 KINDS = {
     "ecu": Kind(write_ecu, OF_AN_ECU),
     "plant": Kind(write_plant, OF_A_PLANT),
     "bus": Kind(write_bus, OF_A_BUS),
+    "vehicle": Kind(write_vehicle, OF_A_VEHICLE),
 }

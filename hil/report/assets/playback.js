@@ -118,6 +118,7 @@ class Playback {
       const x = centre + side * track * scale;
       context.fillStyle = this.ink("--soft");
       context.fillRect(x - 0.11 * scale, ground - 0.66 * scale, 0.22 * scale, 0.66 * scale);
+      if (!load) continue; // a plant without wheel loads
       const share = (this.value(car, `wheel_load_front_${name}`) + this.value(car, `wheel_load_rear_${name}`)) / (2 * load);
       context.fillStyle = colour;
       context.fillRect(x - 9, ground + 3, 18, Math.min(Math.max(share, 0), 2.2) * 13);
@@ -155,7 +156,7 @@ class Playback {
     context.fillText(`${car.name}  ${((roll * 180) / Math.PI).toFixed(2)}°`, centre, 14, cell - 8);
     context.fillStyle = this.ink("--soft");
     context.font = "11px system-ui, sans-serif";
-    if (cell > 150) context.fillText("wheel load", centre, ground + 14);
+    if (load && cell > 150) context.fillText("wheel load", centre, ground + 14);
   }
 
   drawTop(context) {

@@ -1,3 +1,4 @@
+# ruff: noqa: PLR0917
 """Calendar of releases: those due soon in a heap, later ones in time slots.
 
 The cost of a single heap would grow with the number of messages. The heap therefore holds only the
@@ -8,7 +9,9 @@ is scheduled at all. Releases at one instant keep the order in which they were s
 
 from typing import Final
 
-from plant_sim.can_bus.kernel.heap import pop, push
+import numpy as np
+from numpy.typing import NDArray
+
 from plant_sim.can_bus.kernel.layout import (
     DISTANT,
     MAX_SOURCES,
@@ -25,6 +28,55 @@ _SHIFT: Final = 17
 """A slot is 2¹⁷ ns, about one frame long."""
 _MASK: Final = RING_SLOTS - 1
 _WORD: Final = 32
+
+
+Column = NDArray[np.int64]
+"""Of a binary heap on plain arrays: (key, tie) ascending with a value beside each."""
+
+
+@njit
+def push(
+    keys: Column, ties: Column, values: Column, size: int, key: int, tie: int, value: int
+) -> None:
+    """Insert one entry into a heap of ``size`` entries; the caller updates the size."""
+    child = size
+    while child > 0:
+        parent = (child - 1) >> 1
+        if keys[parent] < key or (keys[parent] == key and ties[parent] <= tie):
+            break
+        keys[child] = keys[parent]
+        ties[child] = ties[parent]
+        values[child] = values[parent]
+        child = parent
+    keys[child] = key
+    ties[child] = tie
+    values[child] = value
+
+
+@njit
+def pop(keys: Column, ties: Column, values: Column, size: int) -> int:
+    """Remove the smallest entry from a heap of ``size`` entries and return its value.
+
+    The gap moves to the bottom along the smaller children, and the last entry is inserted from
+    there. The child is selected arithmetically, because a branch would be mispredicted half of the
+    time and make large heaps slow.
+    """
+    result: int = values[0]
+    last = size - 1
+    gap, child = 0, 1
+    while child < last:
+        other = min(child + 1, last - 1)
+        less = (keys[other] < keys[child]) | (
+            (keys[other] == keys[child]) & (ties[other] < ties[child])
+        )
+        child += int(less)
+        keys[gap] = keys[child]
+        ties[gap] = ties[child]
+        values[gap] = values[child]
+        gap = child
+        child = 2 * gap + 1
+    push(keys, ties, values, gap, keys[last], ties[last], values[last])
+    return result
 
 
 @njit

@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.can_bus.kernel.calendar import schedule
-from plant_sim.can_bus.kernel.heap import push
+from plant_sim.can_bus.kernel.calendar import push, schedule
 from plant_sim.can_bus.kernel.layout import (
     BUS_OFF,
     EXPONENTIAL,

@@ -6,7 +6,7 @@ transmission is never preempted. Identifiers decide bit by bit: the lowest of al
 queued when the bus is free wins.
 """
 
-from plant_sim.can_bus.kernel.calendar import take
+from plant_sim.can_bus.kernel.calendar import pop, take
 from plant_sim.can_bus.kernel.error_confinement import (
     acknowledged,
     count_error,
@@ -23,7 +23,6 @@ from plant_sim.can_bus.kernel.error_confinement import (
     refusing_receiver,
     scripted_error,
 )
-from plant_sim.can_bus.kernel.heap import pop
 from plant_sim.can_bus.kernel.layout import (
     ACKNOWLEDGE_ERROR,
     BIT_ERROR,

@@ -5,8 +5,7 @@ import pytest
 
 from hil.campaign import summary as summaries
 from hil.campaign.plan import METRICS, SIDES
-from hil.campaign.sketch import ACCURACY, Sketch
-from hil.campaign.summary import Summary
+from hil.campaign.summary import ACCURACY, Sketch, Summary
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])

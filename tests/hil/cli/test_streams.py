@@ -11,7 +11,7 @@ import vehicles
 from canroll.errors import CanrollError
 from gain_gen.laws.custom import read_matrices
 from hil.cli import main as cli
-from hil.report.run_folder import check_parent
+from hil.report.staging import check_parent
 from plant_sim.can_bus import load_profile
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.driving.steer_maneuvers import read_signal

@@ -1,0 +1,48 @@
+"""Vehicles of a population whose roll stiffness is below that of the nominal springs."""
+
+from dataclasses import replace
+
+import pytest
+
+from canroll.errors import CanrollError
+from hil.campaign import campaign_file
+from hil.campaign.quantities import drawn
+from plant_sim.bodies.parameters import build_parameters
+from vehicles import load
+from vehicles.roll_stiffness import springs_within
+
+
+@pytest.mark.parametrize("name", ["suv_2020", "van_real", "sedan_320i"])
+def test_a_softer_car_of_a_population_can_be_driven(name):
+    campaign = campaign_file.of_options(
+        "double_lane_change", {"vehicle": name}, runs=1, seed=0, spread={}, buses=[], faults=[]
+    )
+    nominal = campaign.plan().settings
+    softer = drawn(nominal, {"vehicle.roll_stiffness": 0.75}, seed=1).vehicle
+    build_parameters(softer)
+    assert softer.plant.roll_stiffness == 0.75 * load(name).plant.roll_stiffness
+
+
+def test_springs_are_softened_no_more_than_needed():
+    nominal = load("suv_2020")
+    softer = replace(
+        nominal, plant=replace(nominal.plant, roll_stiffness=0.8 * nominal.plant.roll_stiffness)
+    )
+    with pytest.raises(CanrollError, match="spring_rate_rear"):
+        build_parameters(softer)
+    possible = springs_within(softer)
+    assert possible.suspension.spring_rate_front == nominal.suspension.spring_rate_front
+    assert possible.suspension.spring_rate_rear < nominal.suspension.spring_rate_rear
+    stiffer = replace(
+        possible,
+        suspension=replace(
+            possible.suspension, spring_rate_rear=1.001 * possible.suspension.spring_rate_rear
+        ),
+    )
+    with pytest.raises(CanrollError, match="spring_rate_rear"):
+        build_parameters(stiffer)
+
+
+def test_springs_that_fit_stay_as_they_are():
+    nominal = load("suv_2020")
+    assert springs_within(nominal) is nominal
