@@ -17,7 +17,7 @@ LINEAR = 5.0
 """End of the tyres' linear range, m/s² by yaw rate or steering."""
 OPPOSITE = 1.5
 """Magnitude of lateral acceleration and of yaw rate times speed that may not oppose, m/s²."""
-GAP_TIME, OPPOSITE_TIME, BOUND_TIME = 0.08, 0.2, 0.1
+GAP_TIME, OPPOSITE_TIME, BOUND_TIME = 0.08, 0.6, 0.1
 """How long without a break, s: outside both others, of opposite sign, gyro bias at its bound."""
 EDGE_SHARE = 0.05
 EDGE = 150.0
