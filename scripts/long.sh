@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
 #   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract limit_cycles
-#                                  reproduce campaign rollover splitting fuzz_firmware
+#                                  reproduce campaign rollover splitting fuzz_firmware hostile_files kills
+#                                  endurance
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
@@ -23,7 +24,7 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
 }
 
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware}"; do
+for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware hostile_files kills endurance}"; do
     for part in $name; do
         case $part in
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
@@ -58,6 +59,9 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
                 keep fuzz_firmware python -m tools.hostile.firmware --inputs 10000000
                 keep fuzz_firmware_own_bus python -m tools.hostile.firmware --inputs 1000000 \
                     --dbc examples/own_bus/own.dbc --map examples/own_bus/own.toml ;;
+            hostile_files) keep hostile_files python -m tools.hostile.files --each 300 ;;
+            kills) keep kills python -m tools.hostile.kills ;;
+            endurance) keep endurance python -m tools.hostile.endurance ;;
             splitting) keep splitting scripts/splitting-coverage ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac
