@@ -15,7 +15,7 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
     echo "long: $*" >&2
     {
         echo "commit   $(git rev-parse --short HEAD)$(git diff --quiet || echo ' with changes')"
-        echo "machine  $(nproc) cores, $(uname -m)"
+        echo "machine  $(nproc --all) cores, $(uname -m)"
         echo "command  $*"
         echo
         "$@" 2>&1

@@ -27,7 +27,7 @@ from hil.cli.main import main as canroll
 from tools.progress import progress
 
 RUN = "run double_lane_change --plant roll1 --law lqr --actuator suspension --duration 0.5"
-CAMPAIGN = "campaign roundabout --plant roll1 --duration 0.3 --runs 12 --jobs 1"
+CAMPAIGN = "campaign roundabout --plant roll1 --runs 12 --jobs 1"
 SEEDS = (1, 2)
 SLACK = 1.2
 """Latest moment of a kill, in durations of an undisturbed command."""
@@ -118,7 +118,8 @@ def kill_campaigns(
     folder = work / "campaign"
     command = [*CAMPAIGN.split(), "--out", str(folder)]
     began = time.monotonic()
-    assert finished(command) in (0, 1)
+    if finished(command) not in (0, 1):
+        return ["the undisturbed campaign fails"]
     longest = time.monotonic() - began
     table = next(folder.rglob("*.parquet"), None) or next(work.glob("campaign*.parquet"))
     place = table.relative_to(work)
