@@ -249,7 +249,7 @@ def test_the_trace_replays_byte_for_byte(against_world, tmp_path, backend):
 def test_a_changed_trace_is_told(against_world):
     trace = against_world[-1]
     imu = np.flatnonzero((trace.frames["ident"] == 0xA0) & (trace.frames["sent"] == 0))
-    frames = trace.frames.copy()
+    frames = np.array(trace.frames)
     frames["payload"][imu[150], 3] ^= 0x40
     changed = tick_trace.TickTrace(trace.calibration, trace.ticks, frames, {})
     assert tick_trace.replay(changed, "python").difference is not None
