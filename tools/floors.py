@@ -36,7 +36,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("hil.realtime",),
     ("hil.exchange", "hil.realtime.check"),
     ("hil.report",),
-    ("hil.studies", "hil.watch"),
+    ("hil.studies", "hil.watch", "hil.attacks"),
     ("hil.papers", "hil.campaign"),
     ("hil.cli",),
     ("hil.cli.exchange", "hil.cli.studies"),

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -135,7 +136,8 @@ class _placed:  # noqa: N801 - reads as a verb
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        # machines that share a folder may have processes of the same number
+        self.part = path.with_name(f".{path.name}.{token_hex(8)}.part")
 
     def __enter__(self) -> Path:
         return self.part

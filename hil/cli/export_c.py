@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from errno import EACCES, ENOTDIR
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +25,12 @@ from hil.cli.options import add_choices, add_services, choices_of, chosen_servic
 from hil.cli.parsers import OF_A_DESIGN
 from hil.cli.terminal import show_warnings
 from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller, refuse_wide_steps
+from hil.runs.frozen import (
+    Controller,
+    profile_of,
+    refuse_authenticated,
+    refuse_wide_steps,
+)
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 
@@ -92,6 +98,8 @@ def run(args: argparse.Namespace) -> int:
             raise CanrollError(
                 f"--{name}: {args.map} has no table [{name}] with the identifiers: add it"
             )
+    if args.specialise:
+        refuse_authenticated(profile_of(bus_of(args)), "--specialise")
     settings, controller = plan(
         "double_lane_change",
         **choices_of(args, OF_AN_EXPORT),
@@ -110,6 +118,12 @@ def run(args: argparse.Namespace) -> int:
             written += flash.write(args.folder, export.record, args.address)
     print(f"{len(written)} files in {args.folder}; next: make -C {args.folder} test")
     return 0
+
+
+def bus_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the choices of the bus."""
+    bus = choices_of(args, OF_AN_EXPORT).get("bus")
+    return {"bus": bus, "dbc": args.dbc, "map": args.map}
 
 
 @contextmanager
@@ -141,8 +155,7 @@ def described(
         f"{controller.law} for {controller.vehicle.name}, {controller.actuator}, tick "
         f"{1e3 * controller.tick:g} ms; {'verified' if verified else 'NOT VERIFIED'}."
     )
-    own = args.dbc is not None
-    if own:
+    if args.dbc is not None:
         bus = load_map(args.dbc, args.map)
         show_warnings(bus.warnings)
         if record.e2e and not bus.protected:

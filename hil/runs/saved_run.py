@@ -54,6 +54,8 @@ def save_traces(path: Path, result: Result) -> Path:
         for name in ("frames", "ages", "ticks", "duration", "complete"):
             value = getattr(trace, name)
             entries[f"{run}/{name}"] = value if isinstance(value, Rows) else np.asarray(value)
+        if trace.refused is not None:
+            entries[f"{run}/refused"] = np.array(trace.refused)
     try:
         archive.write(path, entries, compressed=True)
     except OSError as error:
@@ -120,7 +122,15 @@ def _trace(stored: archive.Archive, run: str) -> Trace | None:
         ticks=stored.rows(f"{run}/ticks"),
         duration=float(stored.array(f"{run}/duration")),
         complete=bool(stored.array(f"{run}/complete")),
+        refused=_refused(stored, f"{run}/refused"),
     )
+
+
+def _refused(stored: archive.Archive, name: str) -> tuple[int, int] | None:
+    if name not in stored:
+        return None
+    ecu, actuators = stored.array(name).tolist()
+    return ecu, actuators
 
 
 def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:

@@ -26,15 +26,15 @@ class Machine:
         self.ecu = CortexEcu(record, cpu="cortex-m4", count=True, firmware=served)
         self.kind = memory_image.dtype(Xcp)
         where = (SLAVE, CALIBRATION, WORKING, STATE_ADDRESS, PAGE_ADDRESS)
-        self.ecu._call("canroll_xcp_init", *where)
+        self.ecu.call("canroll_xcp_init", *where)
 
     def put(self, *command):
         self.ecu._machine.mem_write(PAYLOAD, bytes(command).ljust(8, b"\0"))
-        self.ecu._call("canroll_xcp_receive", SLAVE, PAYLOAD, len(command))
+        self.ecu.call("canroll_xcp_receive", SLAVE, PAYLOAD, len(command))
 
     def tick(self):
         """Instructions of a tick, and the frames that it sent."""
-        self.ecu._call("canroll_xcp_tick", SLAVE, ECU, CALIBRATION, WORKING, 1)
+        self.ecu.call("canroll_xcp_tick", SLAVE, ECU, CALIBRATION, WORKING, 1)
         count = self.ecu.instructions
         data = bytes(self.ecu._machine.mem_read(SLAVE, self.kind.itemsize))
         its = np.frombuffer(data, self.kind, 1)[0]
