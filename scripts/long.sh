@@ -61,7 +61,7 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
                     --dbc examples/own_bus/own.dbc --map examples/own_bus/own.toml ;;
             hostile_files) keep hostile_files python -m tools.hostile.files --each 300 ;;
             kills) keep kills python -m tools.hostile.kills ;;
-            endurance) keep endurance python -m tools.hostile.endurance ;;
+            endurance) keep endurance python -m tools.hostile.long_run ;;
             splitting) keep splitting scripts/splitting-coverage ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac

@@ -1,6 +1,6 @@
 """The memory of a long run: peak of a process that drives a number of simulated seconds.
 
-    python -m tools.hostile.endurance [--seconds S ...] [--plant PLANT] [--files]
+    python -m tools.hostile.long_run [--seconds S ...] [--plant PLANT] [--files]
 
 Each run is a process of its own. The first has an empty cache, so that it compiles the kernels;
 the others use what it has left. The peak is the resident set that the system counts (ru_maxrss);
