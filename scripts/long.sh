@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
 #   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract limit_cycles
-#                                  reproduce campaign rollover splitting fuzz_firmware
+#                                  reproduce campaign rollover splitting fuzz_firmware exchange
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
@@ -23,7 +23,7 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
 }
 
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware}"; do
+for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware exchange}"; do
     for part in $name; do
         case $part in
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
@@ -59,6 +59,7 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
                 keep fuzz_firmware_own_bus python -m tools.hostile.firmware --inputs 1000000 \
                     --dbc examples/own_bus/own.dbc --map examples/own_bus/own.toml ;;
             splitting) keep splitting scripts/splitting-coverage ;;
+            exchange) keep exchange pytest -n 0 -v -m slow tests/codegen/fmu tests/hil/exchange ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac
     done
