@@ -59,7 +59,9 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
                 keep fuzz_firmware_own_bus python -m tools.hostile.firmware --inputs 1000000 \
                     --dbc examples/own_bus/own.dbc --map examples/own_bus/own.toml ;;
             splitting) keep splitting scripts/splitting-coverage ;;
-            exchange) keep exchange pytest -n 0 -v -m slow tests/codegen/fmu tests/hil/exchange ;;
+            exchange)
+                keep exchange scripts/exchange-evidence
+                keep exchange_equality pytest -n 0 -v -m slow tests/codegen/fmu tests/hil/exchange ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac
     done
