@@ -12,6 +12,9 @@ PATH = Path(__file__).with_name("roll_control.dbc")
 FD_PATH = PATH.with_name("roll_control_fd.dbc")
 """The same signals in CAN FD frames."""
 FD_MAP = FD_PATH.with_suffix(".toml")
+SECURED_PATH = PATH.with_name("roll_control_secured.dbc")
+"""The same signals in authenticated CAN FD frames."""
+SECURED_MAP = SECURED_PATH.with_suffix(".toml")
 FD_LENGTHS: tuple[int, ...] = (*range(9), 12, 16, 20, 24, 32, 48, 64)
 """Payload bytes by length code (DLC) of a CAN FD frame, ISO 11898-1:2015."""
 

@@ -6,7 +6,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
 mkdir -p docs/evidence
-export PATH="$PWD/.venv/bin:$PATH"
+export PATH="$PWD/.venv/bin:$PATH" COLUMNS=110
 
 keep() {   # NAME COMMAND...: run, and keep what it prints
     local name=$1
@@ -50,7 +50,7 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
             campaign) keep campaign scripts/campaign-evidence 10000 ;;
             rollover)
                 fishhook=examples/campaigns/fishhook.toml
-                keep rollover canroll campaign $fishhook
+                keep rollover canroll campaign $fishhook --runs 4096
                 keep rollover_splitting canroll campaign $fishhook --rare rollover
                 keep rollover_passive_splitting canroll campaign $fishhook \
                     --rare rollover_passive ;;

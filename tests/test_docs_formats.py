@@ -8,6 +8,7 @@ from typing import get_args, get_type_hints
 
 import pytest
 
+import dbc
 import vehicles
 from codegen.generated import bus_map
 from codegen.generated.frame_protection import ATTRIBUTES
@@ -222,6 +223,11 @@ def test_arrays_of_a_trace_are_told():
     for dtype in (tick_trace.TICKS, tick_trace.FRAMES):
         assert all(f"`{name}`" in told for name in dtype.names if name != "_")
     assert {"ticks", "frames", "calibration", "about"} == set(first_column(told))
+
+
+def test_the_table_of_authentication_is_that_of_the_shipped_map(example):
+    shipped = tomllib.loads(dbc.SECURED_MAP.read_text(encoding="utf-8"))
+    assert tomllib.loads(example("secoc.toml").read_text())["secoc"] == shipped["secoc"]
 
 
 def test_no_example_is_left_out():

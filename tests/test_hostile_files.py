@@ -2,161 +2,118 @@
 
 import json
 import random
-import re
 import shutil
-import subprocess
-import sys
-from pathlib import Path
+from importlib.util import find_spec
 
-import can
 import numpy as np
 import pytest
 from scipy.io import savemat
 
 import vehicles
-from canroll import apart
+from canroll import apart, documents
 from canroll.errors import CanrollError
 from codegen.generated import bus_map
 from gain_gen.calibration import calibration_file
 from gain_gen.laws.custom import read_matrices
-from hil.realtime import plant_record, tick_trace
+from hil.campaign import campaign_file
 from hil.runs import saved_run
 from plant_sim.can_bus import load_profile
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.log_playback import load_recording
+from plant_sim.faults.language import read_file as read_faults
+from tools.hostile import files as loop
+from tools.hostile import formats
 
-ROOT = Path(__file__).parents[1]
-OWN_BUS = ROOT / "examples" / "own_bus"
-HARSH = (
-    b"nan",
-    b"inf",
-    b"-1",
-    b"1e308",
-    b"0",
-    b"[]",
-    b'""',
-    b"9" * 20,
-    b"\xff",
-    b"\x00",
-    b"[",
-    b"=",
-)
-"""What stands in the place of a number, or between two bytes."""
 ROUNDS = 40
-NETWORK = "schema = 1\nbitrate = 500000\nload = 0.3\ngateway_ms = [2, 4]\n"
-TRAFFIC = '[[message]]\nname = "A"\nid = 16\nbytes = 8\nperiod_ms = 10\njitter_ms = 1\n'
-
-
-def damaged(content, source):
-    """Return ``content`` with one to four places changed, as ``source`` (random.Random) draws."""
-    found = bytearray(content)
-    for _ in range(source.randint(1, 4)):
-        place = source.randrange(len(found) or 1)
-        other = source.randrange(len(found) or 1)
-        kind = source.randrange(6)
-        if kind == 0:
-            found[place : place + 1] = bytes([source.randrange(256)])
-        elif kind == 1:
-            del found[place : place + source.randint(1, 40)]
-        elif kind == 2:
-            found[place:place] = source.choice(HARSH)
-        elif kind == 3:
-            del found[place:]
-        elif kind == 4:
-            found[place : place + 8] = found[other : other + 8]
-        else:
-            numbers = [m.span() for m in re.finditer(rb"-?\d+\.?\d*", bytes(found))]
-            if numbers:
-                begin, end = source.choice(numbers)
-                found[begin:end] = source.choice(HARSH)
-    return bytes(found)
+COSTLY = 4
 
 
 @pytest.fixture(scope="module")
-def files(tmp_path_factory):
+def good(tmp_path_factory):
     """A folder with one good file of every format, and a saved run of two programs."""
-    folder = tmp_path_factory.mktemp("good")
-    command = [sys.executable, "-m", "hil.cli.main", "hil", "double_lane_change"]
-    options = [
-        "--pace",
-        "lockstep",
-        "--law",
-        "lqr",
-        "--duration",
-        "0.1",
-        "--out",
-        str(folder / "run"),
-    ]
-    subprocess.run([*command, *options], check=True, capture_output=True, cwd=ROOT)
-    shutil.copy(Path(vehicles.__file__).with_name("van_real.toml"), folder / "vehicle.toml")
-    (folder / "network.toml").write_text(NETWORK)
-    (folder / "traffic.toml").write_text(TRAFFIC)
-    (folder / "gains.toml").write_text("K = [[14400.0, 6000.0]]\nKff = 120.0\n")
-    np.savez(folder / "gains.npz", K=np.ones((1, 2)), Kff=np.ones(1))
-    savemat(folder / "gains.mat", {"K": np.ones((1, 2))})
-    for suffix in ("asc", "blf", "log", "trc", "csv", "pcap"):
-        with can.Logger(folder / f"log.{suffix}") as log:
-            for n in range(50):
-                log(can.Message(1e-3 * n, 0x80 + n % 3, is_extended_id=False, data=bytes(n % 9)))
+    pytest.importorskip("pyarrow", reason="pip install 'canroll[campaign]'")
+    folder = tmp_path_factory.mktemp("hostile") / "good"
+    formats.make(folder)
     return folder
 
 
-def refuses_in_one_line(read, *arguments):
-    try:
-        read(*arguments)
-    except CanrollError as error:
-        assert "\n" not in str(error).strip()
+def name_of(form):
+    return f"{form.name}{'-mended' if form.mend else ''}"
 
 
-@pytest.mark.parametrize(
-    ("name", "read", "rounds"),
-    [
-        ("vehicle.toml", vehicles.load, ROUNDS),
-        ("run/calibration.toml", calibration_file.load, ROUNDS),
-        ("run/ticks.npz", tick_trace.load, ROUNDS),
-        ("run/plant.npz", plant_record.load, ROUNDS),
-        ("network.toml", lambda path: load_profile(str(path)), ROUNDS),
-        ("traffic.toml", load_traffic, ROUNDS),
-        ("gains.toml", read_matrices, ROUNDS),
-        ("gains.npz", read_matrices, ROUNDS),
-        ("gains.mat", read_matrices, 5),
-        *(
-            (f"log.{suffix}", lambda path: load_recording(path, bitrate=500_000), ROUNDS)
-            for suffix in ("asc", "blf", "log", "trc", "csv", "pcap")
-        ),
-    ],
+@pytest.mark.parametrize("form", formats.FORMATS, ids=name_of)
+def test_a_damaged_file_is_read_or_refused(form, good, tmp_path):
+    if form.folder == "mf4" and not find_spec("asammdf"):
+        pytest.skip("pip install 'canroll[asammdf]'")
+    assert formats.refusal(form, good / form.name) == ""
+    source = random.Random(name_of(form))
+    for n in range(COSTLY if form.costly else ROUNDS):
+        formats.refusal(form, formats.damage(form, good, tmp_path / str(n), source))
+
+
+def test_the_loop_finds_what_a_reader_lets_through(good, tmp_path):
+    def fails(path):
+        return {}[path]
+
+    form = formats.Format("faults", "faults.toml", fails)
+    found = loop.Counter()
+    assert loop.attempt(form, good / form.name, found) == "failed"
+    assert next(iter(found)).startswith("faults/faults.toml: KeyError at ")
+
+
+DEEP = "a = " + "[" * 20_000
+TOML_READERS = (
+    vehicles.load,
+    calibration_file.load,
+    read_faults,
+    read_matrices,
+    load_traffic,
+    lambda path: load_profile(str(path)),
+    lambda path: bus_map.load(formats.ROOT / "examples" / "own_bus" / "own.dbc", path),
+    lambda path: campaign_file.load(path, {}, runs=None, seed=None),
 )
-def test_a_damaged_file_is_read_or_refused(name, read, rounds, files, tmp_path):
-    good = files / name
-    content = good.read_bytes()
-    read(good)
-    source = random.Random(name)
-    for n in range(rounds):
-        path = tmp_path / f"{n}{good.suffix}"
-        path.write_bytes(damaged(content, source))
-        refuses_in_one_line(read, path)
 
 
-@pytest.mark.parametrize("name", ["own.dbc", "own.toml"])
-def test_a_damaged_dbc_or_map_is_read_or_refused(name, tmp_path):
-    source = random.Random(name)
-    for n in range(ROUNDS):
-        folder = Path(shutil.copytree(OWN_BUS, tmp_path / str(n)))
-        (folder / name).write_bytes(damaged((OWN_BUS / name).read_bytes(), source))
-        refuses_in_one_line(bus_map.load, folder / "own.dbc", folder / "own.toml")
+@pytest.mark.parametrize("read", TOML_READERS)
+@pytest.mark.parametrize("content", [DEEP, " " * (documents.MOST_BYTES + 1)], ids=["deep", "large"])
+def test_a_table_that_is_too_deep_or_too_large_is_refused(read, content, tmp_path):
+    path = tmp_path / "file.toml"
+    path.write_text(content)
+    with pytest.raises(CanrollError, match=r"nested too deeply|larger than 16 MB"):
+        read(path)
 
 
-@pytest.mark.parametrize("name", ["result.json", "trace.npz", "calibration.toml"])
-def test_a_damaged_run_with_fitting_hashes_is_read_or_refused(name, files, tmp_path):
-    source = random.Random(name)
-    for n in range(ROUNDS // 4):
-        folder = Path(shutil.copytree(files / "run", tmp_path / str(n)))
-        (folder / name).write_bytes(damaged((folder / name).read_bytes(), source))
-        if name != saved_run.RESULT:
-            data = json.loads((folder / saved_run.RESULT).read_text())
-            data[saved_run.HASHES][name] = saved_run.digest(folder / name)
-            (folder / saved_run.RESULT).write_text(json.dumps(data))
-        refuses_in_one_line(saved_run.load, folder)
+def test_a_byte_order_mark_before_a_campaign_is_ignored(good, tmp_path):
+    path = tmp_path / "campaign.toml"
+    text = (good / "campaign" / "fishhook.toml").read_text(encoding="utf-8")
+    path.write_text(text, encoding="utf-8-sig")
+    assert campaign_file.load(path, {}, runs=3, seed=None).runs == 3
+
+
+@pytest.mark.parametrize("entry", ["1.5", "[1]", "{ field = 1.5 }", "{ field = true }"])
+def test_an_entry_of_a_map_that_is_no_field_is_refused(entry, good, tmp_path):
+    folder = shutil.copytree(good / "bus", tmp_path / "bus")
+    lines = (folder / "own.toml").read_text().splitlines()
+    place = next(n for n, line in enumerate(lines) if line.startswith("[receive.") and n)
+    signal = next(n for n in range(place, len(lines)) if ' = "' in lines[n] and "Speed" in lines[n])
+    lines[signal] = f"{lines[signal].partition(' = ')[0]} = {entry}"
+    (folder / "own.toml").write_text("\n".join(lines))
+    with pytest.raises(CanrollError):
+        bus_map.load(folder / "own.dbc", folder / "own.toml")
+
+
+def test_a_saved_run_names_no_files_outside_its_folder(good, tmp_path):
+    """Its hashes are those of two files; a path among them is not followed."""
+    folder = shutil.copytree(good / "run", tmp_path / "run")
+    result = folder / saved_run.RESULT
+    data = json.loads(result.read_text())
+    data[saved_run.HASHES]["/dev/zero"] = ""
+    result.write_text(json.dumps(data))
+    saved_run.load(folder)
+    for name in saved_run.HASHED:
+        result.write_text(json.dumps({**data, saved_run.HASHES: {name: ""}}))
+        with pytest.raises(CanrollError):
+            saved_run.load(folder)
 
 
 def test_a_file_that_ends_the_reader_ends_nothing_else(tmp_path):
@@ -168,22 +125,6 @@ def test_a_file_that_ends_the_reader_ends_nothing_else(tmp_path):
     )
     with pytest.raises(CanrollError, match=r"gains\.mat: not a \.mat file"):
         read_matrices(path)
-
-
-def test_a_damaged_mf4_is_read_or_refused(tmp_path):
-    """Its reader is compiled too, and runs in a process of its own."""
-    pytest.importorskip("asammdf", reason="pip install 'canroll[asammdf]'")
-    good = tmp_path / "good.mf4"
-    with can.Logger(good) as log:
-        for n in range(50):
-            log(can.Message(1e-3 * n, 0x80 + n % 3, is_extended_id=False, data=bytes(n % 9)))
-    assert len(load_recording(good, bitrate=500_000).frames.t_ns) == 50
-    content = good.read_bytes()
-    source = random.Random("mf4")
-    for n in range(4):
-        path = tmp_path / f"{n}.mf4"
-        path.write_bytes(damaged(content, source))
-        refuses_in_one_line(lambda path: load_recording(path, bitrate=500_000), path)
 
 
 def test_a_reader_that_crashes_ends_nothing_else(tmp_path):

@@ -13,7 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("canroll.apart", "canroll.build_cache", "canroll.errors"),
+    ("canroll.apart", "canroll.build_cache", "canroll.documents", "canroll.errors"),
     ("canroll.extension", "canroll.typing"),
     ("canroll.registry",),
     ("plant_sim.kernels", "dbc", "firmware", "vehicles"),
@@ -36,7 +36,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("hil.realtime",),
     ("hil.exchange", "hil.realtime.check"),
     ("hil.report",),
-    ("hil.studies", "hil.watch"),
+    ("hil.studies", "hil.watch", "hil.attacks"),
     ("hil.papers", "hil.campaign"),
     ("hil.cli",),
     ("hil.cli.exchange", "hil.cli.studies"),
@@ -48,7 +48,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
 
 GROUND = tuple(
     f"canroll.{name}"
-    for name in ("apart", "build_cache", "errors", "extension", "registry", "typing")
+    for name in ("apart", "build_cache", "documents", "errors", "extension", "registry", "typing")
 )
 """Files of ``canroll`` that all may import; the rest of it is on the highest floor."""
 LOOP = "firmware"

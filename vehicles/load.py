@@ -1,13 +1,14 @@
 """Reader of vehicles from TOML: presets by name, users' files by path."""
 
-import tomllib
 from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_origin, get_type_hints
 
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.documents import parse_toml
+from canroll.documents import text as read_text
+from canroll.errors import CanrollError, UnknownNameError, reason
 from vehicles.check import problems
 from vehicles.model import Empty, Kinematics, Vehicle
 
@@ -56,14 +57,14 @@ def load(name_or_path: str | Path) -> Vehicle:
         if text not in names():
             raise UnknownNameError("vehicle", text, names())
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise CanrollError(f"cannot read vehicle file {path}: {error.strerror}") from error
+        content = read_text(path)
+    except (OSError, ValueError) as error:
+        raise CanrollError(f"cannot read vehicle file {path}: {reason(error)}") from error
     if not content.strip():
         raise CanrollError(f"{path}: empty file")
     try:
-        table = tomllib.loads(content.decode("utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        table = parse_toml(content)
+    except ValueError as error:
         raise CanrollError(f"{path}: not a TOML file: {error}") from error
     return replace(from_table(table, name=path.stem, where=str(path)), file=file)
 

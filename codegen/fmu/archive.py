@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from importlib.metadata import version
 from pathlib import Path
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from codegen.fmu import description
 from codegen.fmu.variables import Interface, table
 from codegen.run.native import compiler
@@ -64,7 +64,7 @@ def write(path: Path, interface: Interface, sources: Mapping[str, str]) -> None:
                 _add(archive, name, text.encode())
             _add(archive, place, binary)
     except OSError as error:
-        raise CanrollError(f"cannot write {path}: {error.strerror}: choose another file") from error
+        raise CanrollError(f"cannot write {path}: {reason(error)}: choose another file") from error
 
 
 def machine() -> str:

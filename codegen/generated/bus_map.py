@@ -6,7 +6,6 @@ are SI. :func:`load` resolves a DBC and its map into :class:`Mailbox` tables, or
 which key of which file is wrong.
 """
 
-import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 from cantools.database import Database, Message
 
 import dbc
+from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from codegen.generated.frame_protection import Protection, protection
 from codegen.generated.mapped_signal import MappedSignal, RawSignal, bits_of, map_signal
@@ -26,6 +26,7 @@ from codegen.generated.multiplexing import (
     selector,
 )
 from codegen.generated.signal_code import snake
+from firmware.security.secoc_state import MAC_AT, PAYLOAD, SECURED
 
 RECEIVED = (
     "imu",
@@ -52,9 +53,13 @@ VALID_BITS = {
 }
 COMMANDS = ("suspension_force", "anti_roll_bar", "damper", "valve")
 OF_A_MAILBOX = ("message", "signals", "protection", "cycle_ms")
-TABLES = ("receive", "transmit", "xcp", "uds")
+TABLES = ("receive", "transmit", "xcp", "uds", "secoc")
 IN_TURN = "diagnostics"
 """The one mailbox that sends the pages of its frame in turn."""
+FRESHNESS, AUTHENTICATOR = "Freshness", "Authenticator"
+"""Names of the signals behind an authenticated frame, unless the map has others."""
+OF_SECOC = {"freshness": (FRESHNESS, PAYLOAD), "authenticator": (AUTHENTICATOR, MAC_AT)}
+"""Keys of [secoc]: the signal's usual name, and the byte where its four begin, high byte first."""
 EXTENDED = 1 << 30
 STANDARD = (1 << 11) - 1
 """Largest identifier of 11 bits."""
@@ -67,7 +72,8 @@ class Mailbox:
     ``pages`` are the values of the multiplexer ``selector`` that the mailbox receives or sends;
     both are empty where no signal in use is multiplexed. ``cycle`` is the number of pages that the
     message has. ``fd``: a CAN FD frame, with ``bit_rate_switch`` its data phase is the faster one.
-    ``cycle_ms`` is the time between two frames, 0 where neither DBC nor map states it.
+    ``cycle_ms`` is the time between two frames, 0 where neither DBC nor map states it. ``secured``:
+    freshness value and MAC follow the ``length`` bytes on the wire.
     """
 
     slot: str
@@ -83,6 +89,7 @@ class Mailbox:
     fd: bool = False
     bit_rate_switch: bool = False
     cycle_ms: int = 0
+    secured: bool = False
 
     def count(self, payload: Sequence[int]) -> int:
         """The counter in a frame; 0 where it has none."""
@@ -94,6 +101,8 @@ class Mailbox:
     @property
     def sent_length(self) -> int:
         """Bytes of its frame on the wire; a CAN FD frame is padded to the next length code."""
+        if self.secured:
+            return SECURED
         return dbc.padded(self.length) if self.fd else self.length
 
 
@@ -123,7 +132,7 @@ class Uds:
 class BusMap:
     """All mailboxes, in the order of the firmware's slot numbers; XCP and UDS if the map has them.
 
-    ``warnings`` list defects of the database.
+    ``warnings`` list defects of the database. ``secured``: its frames are authenticated.
     """
 
     received: tuple[Mailbox, ...]
@@ -131,6 +140,7 @@ class BusMap:
     xcp: Xcp | None = None
     warnings: tuple[str, ...] = ()
     uds: Uds | None = None
+    secured: bool = False
 
     @property
     def protected(self) -> bool:
@@ -164,14 +174,15 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
     """
     database, warnings = dbc.read(dbc_file)
     try:
-        document = tomllib.loads(map_file.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        document = documents.toml(map_file)
+    except (OSError, ValueError) as error:
         raise CanrollError(f"{map_file}: {reason(error)}") from error
     if document.get("schema") != 1:
         raise CanrollError(f"{map_file}: schema must be 1, not {document.get('schema')!r}")
     for key in document:
         if key not in ("schema", *TABLES):
             raise UnknownNameError(f"table in {map_file}", key, TABLES)
+    secoc = _secoc(document["secoc"], map_file) if "secoc" in document else None
     boxes = {}
     for direction, slots in (("receive", RECEIVED), ("transmit", TRANSMITTED)):
         tables = document.get(direction, {})
@@ -179,7 +190,7 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
             if slot not in slots:
                 raise UnknownNameError(f"mailbox [{direction}.…] in {map_file}", slot, slots)
         boxes[direction] = tuple(
-            _mailbox(database, map_file, direction, slot, tables.get(slot)) for slot in slots
+            _mailbox(database, map_file, direction, slot, tables.get(slot), secoc) for slot in slots
         )
     xcp = uds = None
     if "xcp" in document:
@@ -188,8 +199,10 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
     if "uds" in document:
         pair = ("request", "response")
         uds = Uds(**_numbers("uds", pair, document["uds"], database, map_file))
-    bus = BusMap(boxes["receive"], boxes["transmit"], xcp, warnings, uds)
+    bus = BusMap(boxes["receive"], boxes["transmit"], xcp, warnings, uds, secoc is not None)
     _refuse_short_echo(bus, map_file)
+    if bus.secured:
+        _refuse_shared(bus, map_file)
     return bus
 
 
@@ -233,8 +246,63 @@ def _refuse_short_echo(bus: BusMap, map_file: Path) -> None:
                     )
 
 
-def _mailbox(
-    database: Database, map_file: Path, direction: str, slot: str, table: Mapping[str, Any] | None
+def _secoc(table: Mapping[str, Any], map_file: Path) -> dict[int, str]:
+    """Return the names of the two signals behind an authenticated frame, by their first byte."""
+    for key in table:
+        if key not in OF_SECOC:
+            raise UnknownNameError(f"key in {map_file} [secoc]", key, OF_SECOC)
+    found = {at: table.get(key, name) for key, (name, at) in OF_SECOC.items()}
+    for name in found.values():
+        if not isinstance(name, str):
+            raise CanrollError(f"{map_file} [secoc]: {name!r} must be the name of a signal")
+    return found
+
+
+def _refuse_unsecured(message: Message, secoc: Mapping[int, str], where: str) -> None:
+    """Refuse a frame that cannot be authenticated as the firmware does it."""
+    if not message.is_fd or message.length != SECURED:
+        raise CanrollError(
+            f"{where}: {message.name} must be a CAN FD frame of {SECURED} bytes to be "
+            "authenticated: change it in the DBC, or remove [secoc]"
+        )
+    known = {signal.name: signal for signal in message.signals}
+    for first, name in secoc.items():
+        if name not in known:
+            raise UnknownNameError(f"signal of {message.name} in {where} [secoc]", name, known)
+        if bits_of(known[name]) != [8 * (first + 3 - k // 8) + k % 8 for k in range(32)]:
+            raise CanrollError(
+                f"{where}: {name} must be bytes {first} to {first + 3}, the highest first"
+            )
+
+
+def _refuse_unnamed(its: Protection | None, name: str, where: str) -> None:
+    """Refuse an authenticated frame that nothing distinguishes from others of the same bytes."""
+    if its is None or its.profile != "1" or its.length != PAYLOAD:
+        raise CanrollError(
+            f"{where}: {name} needs a data id of E2E profile 1 over {8 * PAYLOAD} bits to be "
+            "authenticated: set E2EDataId and E2EDataLength in the DBC"
+        )
+
+
+def _refuse_shared(bus: BusMap, map_file: Path) -> None:
+    """Refuse an authenticated frame for several mailboxes: it is verified once."""
+    found: dict[int, str] = {}
+    for box in bus.frames:
+        other = found.setdefault(box.ident, box.slot)
+        if other != box.slot:
+            raise CanrollError(
+                f"{map_file} [secoc]: {box.name} is in the mailboxes {other} and {box.slot}: an "
+                "authenticated frame can be in one only"
+            )
+
+
+def _mailbox(  # noqa: PLR0917
+    database: Database,
+    map_file: Path,
+    direction: str,
+    slot: str,
+    table: Mapping[str, Any] | None,
+    secoc: Mapping[int, str] | None,
 ) -> Mailbox:
     where = f"{map_file} [{direction}.{slot}]"
     if table is None:
@@ -248,6 +316,8 @@ def _mailbox(
         raise UnknownNameError(f"message in {where}", name, messages)
     message = messages[name]
     _refuse_length(message, where)
+    if secoc is not None:
+        _refuse_unsecured(message, secoc, where)
     if message.frame_id > STANDARD and not message.is_extended_frame:
         raise CanrollError(
             f"{where}: {name} has the identifier 0x{message.frame_id:X} in 11 bits: mark it as "
@@ -274,14 +344,17 @@ def _mailbox(
         used.add(choice.name)
     _refuse_like_names(used, where)
     _refuse_stray_bits(message, used, direction, where)
+    its = protection(message, table.get("protection"), used, where)
+    if secoc is not None:
+        _refuse_unnamed(its, name, where)
     ident = message.frame_id | (EXTENDED if message.is_extended_frame else 0)
     return Mailbox(
         slot=slot,
         name=name,
         comment=message.comment or "",
         ident=ident,
-        length=message.length,
-        protection=protection(message, table.get("protection"), used, where),
+        length=message.length if secoc is None else PAYLOAD,
+        protection=its,
         signals=tuple(sorted(mapped, key=lambda signal: signal.page or 0)),
         selector=choice if chosen else None,
         pages=chosen,
@@ -289,6 +362,7 @@ def _mailbox(
         fd=bool(message.is_fd),
         bit_rate_switch=dbc.switches_bit_rate(message),
         cycle_ms=_cycle_ms(message, table, where),
+        secured=secoc is not None,
     )
 
 

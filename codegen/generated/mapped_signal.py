@@ -167,7 +167,9 @@ def map_signal(
         CanrollError: unit, field or width do not match, or a key is invalid.
     """
     signal = _integer(name, known, where)
-    table: Mapping[str, Any] = {"field": entry} if isinstance(entry, str) else entry
+    table = {"field": entry} if isinstance(entry, str) else entry
+    if not isinstance(table, Mapping):
+        raise CanrollError(f"{where}: give a field, or a table with one of {', '.join(KEYS)}")
     for key in table:
         if key not in KEYS:
             raise UnknownNameError(f"key in {where}", key, KEYS)

@@ -13,7 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from canroll.errors import CanrollError
+from canroll import documents
+from canroll.errors import CanrollError, reason
 from codegen.subset.parse import load
 from codegen.subset.program import FIRMWARE, Module, Record, SubsetError, copy_sources
 from codegen.subset.rules import C_WORDS
@@ -59,10 +60,9 @@ def read(path: Path) -> OwnStage:
         CanrollError: it cannot be read.
     """
     try:
-        source = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
-        raise CanrollError(f"cannot read stage {path}: {reason}") from error
+        source = documents.text(path)
+    except (OSError, ValueError) as error:
+        raise CanrollError(f"cannot read stage {path}: {reason(error)}") from error
     if len(source) > MOST_CHARACTERS:
         raise CanrollError(f"{path}: more than {MOST_CHARACTERS} characters: not a stage")
     return OwnStage(path.name, source, path.parent)

@@ -10,9 +10,17 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.run import BACKENDS, memory_image, native
+from codegen.run.authentication import (
+    Authentication,
+    CortexAuthentication,
+    NativeAuthentication,
+    PythonAuthentication,
+)
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.ecu_traffic import Frame, Payload, Traffic, refused
+from codegen.run.secured import SecuredEcu
 from codegen.run.unicorn import CortexEcu
+from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
 
 
@@ -180,22 +188,44 @@ def default_backend() -> str:
 
 
 def open_backend(
-    name: str, calibration: Calibration, firmware: BusFirmware | None = None
+    name: str,
+    calibration: Calibration,
+    firmware: BusFirmware | None = None,
+    *,
+    key: bytes = DEVELOPMENT_KEY,
 ) -> Backend:
     """Start an ECU with ``calibration`` on the backend ``name``.
 
-    ``firmware`` is the firmware for a bus, by default the built-in one.
+    ``firmware`` is the firmware for a bus, by default the built-in one; if the bus's frames are
+    authenticated, then with ``key``.
 
     Raises UnknownNameError for a name not in BACKENDS, CanrollError if the ECU refuses the
     calibration or the backend's tools are missing.
     """
+    if name not in BACKENDS:
+        raise UnknownNameError("backend", name, BACKENDS)
+    ecu: PythonEcu | NativeEcu | CortexEcu
     if name == "python":
-        return PythonEcu(calibration, firmware)
-    if name == "native":
-        return NativeEcu(calibration, firmware)
-    if name in BACKENDS:
-        return CortexEcu(calibration, cpu=name, firmware=firmware)
-    raise UnknownNameError("backend", name, BACKENDS)
+        ecu = PythonEcu(calibration, firmware)
+    elif name == "native":
+        ecu = NativeEcu(calibration, firmware)
+    else:
+        ecu = CortexEcu(calibration, cpu=name, firmware=firmware)
+    if firmware is None or not firmware.bus.secured:
+        return ecu
+    its = authentication_of(ecu, firmware)
+    return SecuredEcu(ecu, its, firmware, key=key, tick_us=calibration.tick_us)
+
+
+def authentication_of(
+    ecu: PythonEcu | NativeEcu | CortexEcu, firmware: BusFirmware
+) -> Authentication:
+    """Return the authentication beside an ECU, run as the ECU is."""
+    if isinstance(ecu, PythonEcu):
+        return PythonAuthentication(firmware)
+    if isinstance(ecu, NativeEcu):
+        return NativeAuthentication(firmware)
+    return CortexAuthentication(ecu, firmware)
 
 
 class Recorder:

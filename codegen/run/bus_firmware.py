@@ -34,6 +34,8 @@ GENERATED = {
     "signals.py": signals.generate,
 }
 """Modules of the firmware that a bus makes."""
+AUTHENTICATION = "secoc"
+"""The service of a bus with authenticated frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,8 @@ class BusFirmware:
         """The module with ``init``, ``receive`` and ``tick``, for CPython."""
         if not self.modules:
             return firmware.ecu
-        text = "".join(self.modules[name] for name in sorted(self.modules))
+        parts = [*(self.modules[name] for name in sorted(self.modules)), *self.services]
+        text = "".join(parts)
         name = f"canroll_firmware_{zlib.crc32(text.encode()):08x}"
         with self._folder() as folder:
             for path in folder.rglob("*.py"):
@@ -97,6 +100,10 @@ class BusFirmware:
             package = importlib.util.module_from_spec(spec)
             sys.modules[name] = package
             spec.loader.exec_module(package)
+            # the folder lasts no longer than this: a service is imported now or never
+            for service in self.services:
+                place = file_of(service, folder).relative_to(folder).with_suffix("")
+                importlib.import_module(".".join((name, *place.parts)))
             return importlib.import_module(f"{name}.ecu")
 
     @property
@@ -167,7 +174,8 @@ def with_stage(firmware: BusFirmware, stage: OwnStage | None) -> BusFirmware:
     """
     if stage is None:
         return firmware
-    its = BusFirmware(firmware.bus, {**firmware.modules, **own_stage.modules(stage)}, stage)
+    modules = {**firmware.modules, **own_stage.modules(stage)}
+    its = replace(firmware, modules=modules, stage=stage)
     program = its.program()
     rules.check(program)
     stage_rules.check(program, prove(program))
@@ -179,9 +187,9 @@ def with_stage(firmware: BusFirmware, stage: OwnStage | None) -> BusFirmware:
 @cache
 def with_services(firmware: BusFirmware, services: tuple[str, ...]) -> BusFirmware:
     """Return ``firmware`` with services beside the loop."""
-    return replace(firmware, services=services) if services else firmware
+    return replace(firmware, services=(*firmware.services, *services)) if services else firmware
 
 
 @cache
 def _of_sources(bus: BusMap, modules: tuple[tuple[str, str], ...]) -> BusFirmware:
-    return BusFirmware(bus, dict(modules))
+    return BusFirmware(bus, dict(modules), services=(AUTHENTICATION,) if bus.secured else ())

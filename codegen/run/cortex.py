@@ -10,6 +10,7 @@ condition failed), and neither counts cycles.
 import hashlib
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -59,7 +60,9 @@ class Run:
 
     ``frames`` are the frames sent, ``states`` the records after each tick, ``instructions`` those
     of each tick as counted by ``counter``, ``stack`` the deepest use seen in bytes, ``cycles``
-    those of each tick by a model of the processor, if one was given.
+    those of each tick by a model of the processor, if one was given, ``authentication`` the
+    instructions for the frames received before and sent by each tick, where they are authenticated,
+    which ``instructions`` contain.
     """
 
     cpu: str
@@ -69,6 +72,7 @@ class Run:
     instructions: NDArray[np.int64]
     stack: int
     cycles: NDArray[np.int64] | None = None
+    authentication: NDArray[np.int64] | None = None
 
 
 def cpu(name: str) -> Cpu:
@@ -103,7 +107,10 @@ def zig_image(name: str, firmware: BusFirmware | None = None) -> Path:
     flags += ["-ffreestanding", "-Wl,--image-base=0x10000", "-Wl,-e,canroll_idle"]
     if firmware.services:
         # entry.c calls none of them
-        flags.append("-Wl,--no-gc-sections")
+        for service in firmware.services:
+            header = files[f"canroll_{service}.h"]
+            called = sorted(set(re.findall(rf"\b(canroll_{service}_\w+)\(", header)))
+            flags += [f"-Wl,-u,{name}" for name in called]
     return built([sys.executable, "-m", "ziglang", "cc", *flags], files, f"zig_{name}.elf")
 
 

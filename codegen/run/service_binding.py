@@ -61,5 +61,40 @@ static void canroll_uds_step(void *uds, void *ecu, const void *cal, int32_t elap
 static size_t canroll_uds_size(void) { return sizeof(canroll_uds); }
 """,
 )
-BINDINGS = {"xcp": XCP, "uds": UDS}
+SECOC = Binding(
+    declarations="""
+void canroll_secoc_begin(void *secoc, const uint8_t *key, int32_t reset, int32_t listening);
+void canroll_secoc_continue(void *secoc, int32_t message, int32_t reset);
+void canroll_secoc_wait(void *secoc, int32_t elapsed_ticks);
+int32_t canroll_secoc_judge(void *secoc, int32_t message, const uint8_t *frame, int32_t length);
+void canroll_secoc_finish(void *secoc, int32_t slot, uint8_t *frame);
+size_t canroll_secoc_size(void);
+""",
+    source="""
+static void canroll_secoc_begin(
+    void *secoc, const uint8_t *key, int32_t reset, int32_t listening)
+{
+    canroll_secoc_start(secoc, key, reset, listening);
+}
+static void canroll_secoc_continue(void *secoc, int32_t message, int32_t reset)
+{
+    canroll_secoc_resume(secoc, message, reset);
+}
+static void canroll_secoc_wait(void *secoc, int32_t elapsed_ticks)
+{
+    canroll_secoc_elapse(secoc, elapsed_ticks);
+}
+static int32_t canroll_secoc_judge(
+    void *secoc, int32_t message, const uint8_t *frame, int32_t length)
+{
+    return canroll_secoc_verify(secoc, message, frame, length);
+}
+static void canroll_secoc_finish(void *secoc, int32_t slot, uint8_t *frame)
+{
+    canroll_secoc_protect(secoc, slot, frame);
+}
+static size_t canroll_secoc_size(void) { return sizeof(canroll_secoc); }
+""",
+)
+BINDINGS = {"xcp": XCP, "uds": UDS, "secoc": SECOC}
 """By the name of the service."""

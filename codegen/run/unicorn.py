@@ -77,14 +77,15 @@ class CortexEcu:
     def restart(self) -> None:
         """Start anew, as after a loss of power."""
         self._machine.mem_write(ECU, bytes(self._kind.itemsize))
-        rule = self._call("canroll_init", ECU, CALIBRATION)
+        rule = self.call("canroll_init", ECU, CALIBRATION)
         if rule:
             raise refused(rule)
 
     def _counted(self, machine: Any, address: int, size: int, data: Any) -> None:  # noqa: ANN401
         self.instructions += 1
 
-    def _call(self, function: str, *arguments: int) -> int:
+    def call(self, function: str, *arguments: int) -> int:
+        """Call a function of the firmware by its name in C."""
         names = self._registers
         # the fifth argument and those after it are on the stack, which stays aligned to eight
         rest = arguments[4:]
@@ -97,6 +98,14 @@ class CortexEcu:
         self.instructions = 0
         self._machine.emu_start(self._symbols[function] | 1, RETURN)
         return int(self._machine.reg_read(names.UC_ARM_REG_R0))
+
+    def write(self, address: int, data: bytes) -> None:
+        """Write to the memory."""
+        self._machine.mem_write(address, data)
+
+    def read(self, address: int, size: int) -> bytes:
+        """Read from the memory."""
+        return bytes(self._machine.mem_read(address, size))
 
     @property
     def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
@@ -122,11 +131,11 @@ class CortexEcu:
     def put(self, message: int, payload: bytes, length: int) -> None:
         """Store a frame in the mailbox of ``message``."""
         self._machine.mem_write(PAYLOAD, payload)
-        self._call("canroll_receive", ECU, message, PAYLOAD, length)
+        self.call("canroll_receive", ECU, message, PAYLOAD, length)
 
     def advance(self, elapsed_ticks: int = 1) -> None:
         """Run one tick; the frames to send stay marked in the record."""
-        self._call("canroll_tick", ECU, CALIBRATION, elapsed_ticks)
+        self.call("canroll_tick", ECU, CALIBRATION, elapsed_ticks)
 
     def tick(self, elapsed_ticks: int = 1) -> list[tuple[int, bytes]]:
         """Run one tick and return the frames to send, in order."""

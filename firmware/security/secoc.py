@@ -1,4 +1,6 @@
-"""Authenticated frames, after AUTOSAR SecOC: ``start``, ``protect``, ``verify``.
+"""Authenticated frames, after AUTOSAR SecOC.
+
+``start`` and ``resume`` at power-up, ``elapse`` once a tick, ``verify`` and ``protect`` for frames.
 
 A secured frame has 16 bytes: the 8 of the frame, the low 32 bits of its freshness value, the first
 32 bits of an AES-128-CMAC over data id, frame and the whole freshness value of 48 bits. This value
@@ -18,6 +20,7 @@ from firmware.security.secoc_state import (
     AUTHENTICATED,
     COUNTER_MAX,
     FRESHNESS_AT,
+    LISTENING_MAX,
     MAC_AT,
     NONE,
     PAYLOAD,
@@ -31,14 +34,30 @@ from firmware.subset import I32_MAX, byte, clamp, clear, i32, u8
 RESET_STEP_MAX = 127
 
 
-def start(secoc: Secoc, key: Annotated[list[u8], 16], reset: i32) -> None:
-    """Start with a key; ``reset`` is the number of this start, one more than that of the last."""
+def start(secoc: Secoc, key: Annotated[list[u8], 16], reset: i32, listening: i32) -> None:
+    """Start with a key; ``reset`` is the number of this start, one more than that of the last.
+
+    For ``listening`` ticks, at least two cycle times of the slowest frame, none is taken.
+    """
     clear(secoc)
     expand(secoc, key)
     start_cmac(secoc)
     secoc.tx_reset = clamp(reset, 0, RESET_MAX)
+    secoc.listening = clamp(listening, 0, LISTENING_MAX)
     for message in range(N_RX):
         secoc.rx_freshness[message] = NONE
+
+
+def resume(secoc: Secoc, message: i32, reset: i32) -> None:
+    """Continue with a sender: ``reset`` is its last known start, ``rx_reset`` before this one."""
+    if message >= 0 and message < N_RX:
+        secoc.rx_reset[message] = clamp(reset, 0, RESET_MAX)
+
+
+def elapse(secoc: Secoc, elapsed_ticks: i32) -> None:
+    """Count the ticks that passed; called once a tick."""
+    elapsed: i32 = clamp(elapsed_ticks, 0, LISTENING_MAX)
+    secoc.listening = clamp(secoc.listening - elapsed, 0, LISTENING_MAX)
 
 
 def authenticate(
@@ -82,7 +101,10 @@ def protect(secoc: Secoc, slot: i32, frame: Annotated[list[u8], SECURED]) -> Non
 
 
 def verify(secoc: Secoc, message: i32, frame: Annotated[list[u8], SECURED], length: i32) -> i32:
-    """Return 1 where a received frame is authentic and newer than the last such frame."""
+    """Return 1 where a received frame is authentic and newer than the last, and is to be taken.
+
+    A frame that is heard while listening only tells which ones are old, and is not ``refused``.
+    """
     if message < 0 or message >= N_RX:
         return 0
     if length == SECURED:
@@ -101,6 +123,8 @@ def verify(secoc: Secoc, message: i32, frame: Annotated[list[u8], SECURED], leng
             if authenticate(secoc, RX_DATA_IDS[message], frame, reset, count) == found:
                 secoc.rx_reset[message] = reset
                 secoc.rx_freshness[message] = count
+                if secoc.listening > 0:
+                    return 0
                 return 1
     if secoc.refused < I32_MAX:
         secoc.refused += 1

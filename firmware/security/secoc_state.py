@@ -19,6 +19,7 @@ AUTHENTICATED = 16
 MESSAGE_MAX = 64
 COUNTER_MAX = (1 << 24) - 1
 RESET_MAX = (1 << 24) - 1
+LISTENING_MAX = 1000
 NONE = -1
 
 
@@ -35,5 +36,6 @@ class Secoc:
     rx_freshness: Annotated[
         list[i32], N_RX, F(NONE, COUNTER_MAX, 0, "", "of the last authentic frame, -1: none")
     ]
+    listening: Annotated[i32, F(0, LISTENING_MAX, 0, "ticks", "until the first frame is taken")]
     refused: Annotated[i32, F(0, I32_MAX, 0, "", "frames refused, saturates")]
     message: Annotated[list[u8], MESSAGE_MAX, F(0, 255, 0, "", "what the CMAC is of")]

@@ -12,7 +12,8 @@ from typing import Any
 
 import tomli_w
 
-from canroll.errors import CanrollError
+from canroll import documents
+from canroll.errors import CanrollError, reason
 from codegen.generated import own_stage
 from codegen.generated.own_stage import OwnStage
 from codegen.run.memory_image import sealed
@@ -152,7 +153,7 @@ def save(path: Path, record: Calibration, tables: Mapping[str, Any]) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(dumps(record, tables), encoding="utf-8")
     except OSError as error:
-        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
 
 
 def load(path: str | Path) -> LoadedCalibration:
@@ -164,16 +165,15 @@ def load(path: str | Path) -> LoadedCalibration:
     """
     path = Path(path)
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
-        raise CanrollError(f"cannot read calibration {path}: {reason}") from error
+        text = documents.text(path)
+    except (OSError, ValueError) as error:
+        raise CanrollError(f"cannot read calibration {path}: {reason(error)}") from error
     if not text.strip():
         raise CanrollError(f"{path}: empty file: create it again with 'canroll design'")
     try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise CanrollError(f"{path}: not a TOML file: {error}") from error
+        content = documents.parse_toml(text)
+    except ValueError as error:
+        raise CanrollError(f"{path}: not a TOML file: {reason(error)}") from error
     schema = content.pop("schema", None)
     if schema != SCHEMA:
         raise CanrollError(

@@ -1,13 +1,12 @@
 """A user's own gains from a file: state feedback, or a discrete compensator."""
 
-import tomllib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from canroll import apart
-from canroll.errors import UNREADABLE, CanrollError
+from canroll import apart, documents
+from canroll.errors import UNREADABLE, CanrollError, reason
 from gain_gen.laws.compensator import checked, scaled_states
 from gain_gen.laws.state_feedback import actuator_rate, feedforward_row, observer_of
 from gain_gen.models.controller import Compensator, Controller
@@ -39,12 +38,12 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
         elif path.suffix == ".mat":
             found = _read_mat(path)
         elif path.suffix == ".toml":
-            found = dict(tomllib.loads(path.read_text(encoding="utf-8-sig")))
+            found = documents.toml(path)
         else:
             raise CanrollError(f"matrices {path}: give a .npz, .mat or .toml file")
         matrices = {name: np.atleast_2d(np.asarray(v, float)) for name, v in found.items()}
     except UNREADABLE as error:
-        raise CanrollError(f"cannot read matrices {path}: {error}") from error
+        raise CanrollError(f"cannot read matrices {path}: {reason(error)}") from error
     unknown = sorted(set(matrices) - set(NAMES))
     if unknown:
         raise CanrollError(
@@ -62,7 +61,7 @@ def _read_mat(path: Path) -> dict[str, np.ndarray[Any, Any]]:
         return apart.arrays(_MAT_TO_NPZ, path)
     except ValueError as error:
         raise CanrollError(
-            f"cannot read matrices {path}: not a .mat file that scipy can read: {error}"
+            f"cannot read matrices {path}: not a .mat file that scipy can read: {reason(error)}"
         ) from error
 
 

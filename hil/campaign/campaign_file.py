@@ -1,12 +1,12 @@
 """A campaign as a TOML file: the run, what is drawn, and how often."""
 
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from hil.campaign import quantities
 from hil.campaign.distributions import Discrete, Distribution, evenly, is_number, read
@@ -157,7 +157,7 @@ def load(path: Path, choices: Mapping[str, Any], *, runs: int | None, seed: int 
         CanrollError: unreadable, or an invalid key or value; the message names both.
     """
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        table = documents.toml(path)
     except (OSError, ValueError) as error:
         raise CanrollError(f"{path}: not a campaign file ({reason(error)})") from error
     for key in table:

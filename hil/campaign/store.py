@@ -7,10 +7,12 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from canroll import documents
 from canroll.errors import CanrollError, optional, reason
 from hil.campaign.plan import Columns
 
@@ -134,7 +136,8 @@ class _placed:  # noqa: N801 - reads as a verb
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        # machines that share a folder may have processes of the same number
+        self.part = path.with_name(f".{path.name}.{token_hex(8)}.part")
 
     def __enter__(self) -> Path:
         return self.part
@@ -221,7 +224,7 @@ def plan_in(folder: Path) -> dict[str, Any]:
 def _kept(plan: Path) -> dict[str, Any] | None:
     """Return the plan in a folder; None if there is none."""
     try:
-        kept = json.loads(plan.read_text(encoding="utf-8"))
+        kept = documents.parse_json(documents.text(plan))
     except FileNotFoundError:
         return None
     except (OSError, ValueError) as error:

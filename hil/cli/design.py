@@ -5,7 +5,7 @@ import json
 from dataclasses import replace
 from math import inf, isfinite
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from codegen.export.header import gains_header
 from codegen.generated import own_stage
 from gain_gen.calibration import calibration_file
@@ -89,7 +89,7 @@ def run(args: argparse.Namespace) -> int:
     try:
         files[1].write_text(header, encoding="utf-8")
     except OSError as error:
-        raise CanrollError(f"cannot write {files[1]}: {error.strerror}") from error
+        raise CanrollError(f"cannot write {files[1]}: {reason(error)}") from error
     if args.json:
         print(json.dumps(summary(answer) | {"files": [str(path) for path in files]}))
     else:

@@ -24,7 +24,7 @@ from hil.realtime.plant_loop import sent_by
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder
 from hil.runs import phase
-from hil.runs.frozen import firmware_of, profile_of, stage_of
+from hil.runs.frozen import firmware_of, profile_of, refuse_authenticated, stage_of
 from hil.studies import recorded_drive
 from hil.studies.recorded_drive_page import drive_page, reception_table
 from plant_sim.can_bus.traffic.log_reader import is_log, read_log, select_channel
@@ -73,6 +73,7 @@ def run(args: argparse.Namespace) -> int:
     """Run until stopped, or replay a trace or a recorded drive; 0 unless a trace differs."""
     backend = args.backend or default_backend()
     profile = profile_of(choices_of(args, OF_AN_ECU))
+    refuse_authenticated(profile, "ecu")
     loaded = None if args.calibration is None else load_calibration(args.calibration)
     stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
     services = chosen_services(args)

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from errno import EACCES, ENOTDIR
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from canroll.errors import CanrollError, VerdictError
+from canroll.errors import CanrollError, VerdictError, reason
 from codegen.export import a2l, bundle, flash
 from codegen.export.header import gains_header
 from codegen.generated import signals
@@ -24,7 +25,12 @@ from hil.cli.options import add_choices, add_services, choices_of, chosen_servic
 from hil.cli.parsers import OF_A_DESIGN
 from hil.cli.terminal import show_warnings
 from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller, refuse_wide_steps
+from hil.runs.frozen import (
+    Controller,
+    profile_of,
+    refuse_authenticated,
+    refuse_wide_steps,
+)
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 
@@ -92,6 +98,8 @@ def run(args: argparse.Namespace) -> int:
             raise CanrollError(
                 f"--{name}: {args.map} has no table [{name}] with the identifiers: add it"
             )
+    if args.specialise:
+        refuse_authenticated(profile_of(bus_of(args)), "--specialise")
     settings, controller = plan(
         "double_lane_change",
         **choices_of(args, OF_AN_EXPORT),
@@ -112,6 +120,12 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
+def bus_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the choices of the bus."""
+    bus = choices_of(args, OF_AN_EXPORT).get("bus")
+    return {"bus": bus, "dbc": args.dbc, "map": args.map}
+
+
 @contextmanager
 def writing_to(folder: Path) -> Iterator[None]:
     """Report file-system errors in one line."""
@@ -119,7 +133,7 @@ def writing_to(folder: Path) -> Iterator[None]:
         yield
     except OSError as error:
         raise CanrollError(
-            f"cannot write to {folder}: {error.strerror}: choose another folder"
+            f"cannot write to {folder}: {reason(error)}: choose another folder"
         ) from error
 
 
@@ -141,8 +155,7 @@ def described(
         f"{controller.law} for {controller.vehicle.name}, {controller.actuator}, tick "
         f"{1e3 * controller.tick:g} ms; {'verified' if verified else 'NOT VERIFIED'}."
     )
-    own = args.dbc is not None
-    if own:
+    if args.dbc is not None:
         bus = load_map(args.dbc, args.map)
         show_warnings(bus.warnings)
         if record.e2e and not bus.protected:

@@ -30,6 +30,7 @@ from hil.realtime.timing import QUANTILES
 from hil.report.run_folder import write_files, write_text
 from hil.report.staging import check_parent, usable_folder
 from hil.runs import experiment
+from hil.runs.frozen import profile_of, refuse_authenticated
 from hil.runs.logs import check_suffix, write_log
 from hil.runs.virtual_time import Interrupted
 
@@ -73,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
     """Drive, report and write; 1 if control does not help, or the run is not valid."""
     if args.scenario is None and not args.check:
         raise CanrollError("a manoeuvre is required, such as double_lane_change")
+    refuse_authenticated(profile_of(choices_of(args, OF_A_RUN)), "hil")
     if args.check and not args.prepare:
         return check_machine(args)
 

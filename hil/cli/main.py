@@ -15,7 +15,7 @@ from pkgutil import resolve_name
 from typing import Any, NoReturn
 
 import vehicles
-from canroll.errors import EXTRAS, CanrollError, MissingExtraError, UnknownNameError
+from canroll.errors import EXTRAS, CanrollError, MissingExtraError, UnknownNameError, reason
 from canroll.registry import BUILT_IN, Registry
 from gain_gen.laws import LAWS
 from hil.cli.parsers import COMMANDS, handler
@@ -187,7 +187,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.errno not in OF_THE_MACHINE:
             return internal_error(error)
         place = f": {error.filename}" if error.filename else ""
-        print(f"canroll: {error.strerror}{place}", file=sys.stderr)
+        print(f"canroll: {reason(error)}{place}", file=sys.stderr)
         return 2
     except MemoryError:
         print("canroll: out of memory", file=sys.stderr)

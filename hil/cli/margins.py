@@ -7,7 +7,7 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from gain_gen.analysis.family import FamilyMargins
 from gain_gen.analysis.margins import Margins
 from gain_gen.calibration import calibration_file
@@ -124,7 +124,7 @@ def draw(report: MarginReport, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=110)
     except OSError as error:
-        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
 
 
 def _curve(axes: "Axes", at: list[float], points: Sequence[Point]) -> None:

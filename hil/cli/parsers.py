@@ -456,6 +456,22 @@ def faults(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
+def attacks(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll attacks``."""
+    parser.description = (
+        "Drive a manoeuvre with an attacker on the bus: spoofed, replayed, damaged and foreign "
+        "frames, floods, and resets of nodes; on 500k and on secured_fd, or on --bus. Exit code 1 "
+        "if a forged frame is accepted on a bus with authenticated frames."
+    )
+    add_scenario(parser, DEFAULT_SCENARIO)
+    add_choices(
+        parser,
+        [name for name in OF_A_RUN if name not in ("faults", "fault_file", "duration")],
+        defaults={"bus": None},
+    )
+    add_json(parser)
+
+
 def severe(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll severe``."""
     parser.description = (
@@ -511,6 +527,11 @@ COMMANDS = {
     "campaign": Command("Monte Carlo over parameters, noise, delays and faults", campaign),
     "faults": Command(
         "drive and judge a catalogue of faults", faults, handler="studies.faults:run"
+    ),
+    "attacks": Command(
+        "attackers on the bus, without authentication and with it",
+        attacks,
+        handler="studies.attacks:run",
     ),
     "severe": Command(
         "severe manoeuvres over a population of vehicles", severe, "vehicle_tests:severe"

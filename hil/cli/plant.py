@@ -15,7 +15,7 @@ from hil.realtime.plant_loop import Outcome
 from hil.report.staging import check_parent
 from hil.runs import conditions, logs, phase
 from hil.runs.choices import chosen
-from hil.runs.frozen import firmware_of, profile_of
+from hil.runs.frozen import firmware_of, profile_of, refuse_authenticated
 from plant_sim.driving import maneuvers
 from plant_sim.faults import parse_all
 from plant_sim.world.fault_parts import outages
@@ -33,6 +33,7 @@ def run(args: argparse.Namespace) -> int:
         raise CanrollError(
             "--phase: in real time the ECU keeps the phase: give it to 'canroll ecu'"
         )
+    refuse_authenticated(profile_of(choices_of(args)), "plant")
     # compiled before the clock runs: this world is thrown away
     world_of(args).advance(plant_loop.STEP_NS)
     if args.prepare:

@@ -15,7 +15,14 @@ from rich.text import Text
 
 from hil.realtime.timing import QUANTILES, ROWS, bus_lines
 from hil.report.page import Cell, Table
-from hil.report.tables import can_rows, metric_head, metric_rows, reaction_table, replay_note
+from hil.report.tables import (
+    authentication_note,
+    can_rows,
+    metric_head,
+    metric_rows,
+    reaction_table,
+    replay_note,
+)
 from hil.runs import standard
 from hil.runs.result import Result
 
@@ -145,6 +152,8 @@ def show(result: Result) -> None:
         f"(heartbeats alone: {100 * trigger.floor:.0f} %)",
         soft_wrap=True,
     )
+    if (text := authentication_note(result)) is not None:
+        console.print(text, soft_wrap=True)
     if result.phase is not None:
         least, mean, most = (1e3 * value for value in astuple(result.phase))
         console.print(

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from canroll.errors import CanrollError, MissingExtraError
-from codegen.run import cortex, qemu, unicorn
+from codegen.run import cortex, qemu, secured, unicorn
 from codegen.run.backends import Recorder, open_backend
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.cortex import Run
@@ -23,7 +23,7 @@ from hil.realtime import session
 from hil.realtime.budget import Budget, budget_of, judge_host, judge_target
 from hil.runs import experiment
 from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller
+from hil.runs.frozen import Controller, refuse_authenticated
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 
@@ -38,6 +38,8 @@ def run(args: argparse.Namespace) -> int:
         return run_bound(args)
     settings, controller, traffic = recorded(args)
     record = controller.record
+    if settings.firmware.bus.secured:
+        return run_secured(args, settings, controller, traffic)
     counter = args.counter or ("qemu" if cortex.has_gcc_and_qemu() else "unicorn")
     if counter == "qemu" and not cortex.has_gcc_and_qemu():
         raise CanrollError("--counter qemu needs gcc-arm-none-eabi and qemu-system-arm installed")
@@ -50,6 +52,19 @@ def run(args: argparse.Namespace) -> int:
         image = cortex.zig_image(args.processor, firmware)
     limits = budget_of(controller.tables)
     return report(limits, replayed, footprint(image, firmware.record), as_json=args.json)
+
+
+def run_secured(
+    args: argparse.Namespace, settings: Settings, controller: Controller, traffic: Traffic
+) -> int:
+    """Count the ticks of a loop with authenticated frames, with all that these cost."""
+    if args.specialise or args.counter == "qemu":
+        option = "--specialise" if args.specialise else "--counter qemu"
+        raise CanrollError(f"{option}: not on a bus with authenticated frames: omit it")
+    record, firmware = controller.record, settings.firmware
+    replayed = secured.replay(record, traffic, args.processor, firmware, key=settings.secret)
+    size = footprint(cortex.zig_image(args.processor, firmware), firmware.record)
+    return report(budget_of(controller.tables), replayed, size, as_json=args.json)
 
 
 def chosen(firmware: BusFirmware, record: Calibration, *, specialise: bool) -> BusFirmware:
@@ -71,6 +86,8 @@ def run_bound(args: argparse.Namespace) -> int:
     if not cortex.has_gcc_and_qemu():
         raise CanrollError("--bound needs gcc-arm-none-eabi and qemu-system-arm installed")
     settings, controller, traffic = recorded(args)
+    if settings.firmware.bus.secured:
+        raise CanrollError("--bound: not on a bus with authenticated frames: omit it")
     firmware = chosen(settings.firmware, controller.record, specialise=args.specialise)
     bound = firmware_bound.firmware_bound(controller.record, timing, firmware)
     with progress(quiet=args.json) as report_share:
@@ -140,7 +157,8 @@ def recorded(args: argparse.Namespace) -> tuple[Settings, Controller, Traffic]:
     """Drive the manoeuvre in virtual time; return what was run and what the ECU received."""
     settings, controller = plan(args.scenario, **choices_of(args))
     firmware = settings.firmware
-    recorder = Recorder(open_backend(settings.backend, controller.record, firmware), firmware)
+    ecu = open_backend(settings.backend, controller.record, firmware, key=settings.secret)
+    recorder = Recorder(ecu, firmware)
     closed_loop(
         build_world(replace(settings), enabled=True),
         recorder,
@@ -164,6 +182,7 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
             "counter": run.counter,
             "ticks": len(counts),
             "instructions": {"min": least, "mean": mean, "max": most},
+            "authentication_instructions": _authentication_json(run),
             "budget_instructions": limits.instructions,
             "bytes": {
                 "stack": run.stack,
@@ -185,6 +204,7 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
         "instructions per tick, min": least,
         "instructions per tick, mean": mean,
         "instructions per tick, max": most,
+        **_authentication_row(run),
         "budget, instructions": "none" if limits.instructions is None else limits.instructions,
         "stack, bytes": run.stack,
         "code, bytes": size.text,
@@ -199,6 +219,18 @@ def report(limits: Budget, run: Run, size: Footprint, *, as_json: bool) -> int:
     return 0 if good else 1
 
 
+def _authentication_json(run: Run) -> dict[str, int] | None:
+    its = run.authentication
+    return None if its is None else {"mean": round(float(its.mean())), "max": int(its.max())}
+
+
+def _authentication_row(run: Run) -> dict[str, str]:
+    if run.authentication is None:
+        return {}
+    mean, most = run.authentication.mean(), run.authentication.max()
+    return {"of these for authentication": f"{mean:.0f} on average, at most {most}"}
+
+
 def run_on_host(args: argparse.Namespace) -> int:
     """Drive the manoeuvre in real time and print the verdicts; 1 if one fails or none holds.
 
@@ -208,6 +240,7 @@ def run_on_host(args: argparse.Namespace) -> int:
         args: calibration or law, scenario, duration and json of ``canroll timing``.
     """
     settings, controller = experiment.plan(args.scenario, **choices_of(args))
+    refuse_authenticated(settings.profile, "--hil")
     limits = budget_of(controller.tables)
     with tempfile.TemporaryDirectory(prefix="canroll-") as scratch:
         setup = session.Setup(

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from codegen.fmu import archive
 from codegen.fmu.variables import FLOAT64, INPUT, OUTPUT, Interface, Variable
 from codegen.kernels import image
@@ -118,7 +118,5 @@ def _write_map(path: Path) -> Path:
     try:
         found.write_text(tomli_w.dumps(table), encoding="utf-8")
     except OSError as error:
-        raise CanrollError(
-            f"cannot write {found}: {error.strerror}: choose another name"
-        ) from error
+        raise CanrollError(f"cannot write {found}: {reason(error)}: choose another name") from error
     return found

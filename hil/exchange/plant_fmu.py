@@ -25,7 +25,7 @@ IDENTIFIER = "canroll_plant"
 BUFFER = 8192
 PARTS = (
     *("clock", "state", "inputs", "parameters", "outputs", "payload", "roles"),
-    *("frames", "sensors", "actuators", "tables"),
+    *("frames", "sensors", "actuators", "authentication", "tables"),
 )
 """Parts of the world's memory that the plant has."""
 UNITS = {

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import CanrollError, MissingExtraError, optional
+from canroll.errors import CanrollError, MissingExtraError, optional, reason
 from hil.exchange import mcap_file
 from plant_sim.world.recording import unit
 from plant_sim.world.spool import Table, pieces
@@ -78,7 +78,7 @@ def write_signals(
             case _:
                 _write_csv(path, signals)
     except OSError as error:
-        raise CanrollError(f"cannot write {path}: {error.strerror or error}") from error
+        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path
 
 

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import can
 from can.cli import add_bus_arguments, create_bus_from_namespace
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from codegen.generated.bus_map import EXTENDED
 from hil.realtime.hardware import interfaces
 from hil.realtime.hardware.bus_record import BusRecord, source
@@ -311,7 +311,7 @@ def _reachable(host: str, port: int) -> None:
         socket.create_connection((host, port), timeout=2.0).close()
     except OSError as error:
         raise CanrollError(
-            f"no socketcand server at {host}:{port} ({error.strerror or error}): "
+            f"no socketcand server at {host}:{port} ({reason(error)}): "
             "start one with 'canroll plant'"
         ) from error
 

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import UNREADABLE, CanrollError
+from canroll import documents
+from canroll.errors import UNREADABLE, CanrollError, reason
 from hil.realtime.hardware.bus_record import ENTRY
 from hil.realtime.plant_loop import Outcome
 from plant_sim.world import archive
@@ -63,7 +64,7 @@ def save(
             compressed=False,
         )
     except OSError as error:
-        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
 
 
 def load(path: Path) -> PlantRecord:
@@ -81,8 +82,8 @@ def load(path: Path) -> PlantRecord:
                 ages=stored.array("ages"),
                 commands=stored.array("commands"),
                 loop=stored.array("loop"),
-                about=json.loads(str(stored.array("about"))),
+                about=documents.parse_json(str(stored.array("about"))),
                 bus=stored.array("bus"),
             )
     except UNREADABLE as error:
-        raise CanrollError(f"cannot read {path}: {error}") from error
+        raise CanrollError(f"cannot read {path}: {reason(error)}") from error

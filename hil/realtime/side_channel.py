@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 
-from canroll.errors import CanrollError, VerdictError
+from canroll.errors import CanrollError, VerdictError, reason
 from hil.realtime.bus_link import Frame, Link
 from hil.realtime.lockstep import Note
 
@@ -119,7 +119,7 @@ def listen(address: str, link: Link) -> SideChannel:
         return SideChannel(link, listener=socket.create_server(_place(address), backlog=1))
     except OSError as error:
         raise CanrollError(
-            f"--side-channel {address}: cannot listen ({error.strerror}): choose another port"
+            f"--side-channel {address}: cannot listen ({reason(error)}): choose another port"
         ) from error
 
 
@@ -139,7 +139,7 @@ def connect(address: str, link: Link) -> SideChannel:
                 time.sleep(0.1)
                 continue
             raise CanrollError(
-                f"--side-channel {address}: no plant is listening ({error.strerror or error}): "
+                f"--side-channel {address}: no plant is listening ({reason(error)}): "
                 "start 'canroll plant --pace lockstep --side-channel HOST:PORT'"
             ) from error
         connection.settimeout(None)

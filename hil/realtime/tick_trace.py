@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import UNREADABLE, CanrollError
+from canroll import documents
+from canroll.errors import UNREADABLE, CanrollError, reason
 from codegen.run.backends import Backend
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.served import open_ecu
@@ -140,7 +141,7 @@ def save(path: Path, trace: TickTrace) -> None:
             compressed=True,
         )
     except OSError as error:
-        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
 
 
 def load(path: Path) -> TickTrace:
@@ -152,14 +153,14 @@ def load(path: Path) -> TickTrace:
     try:
         with archive.Archive(path) as stored:
             return TickTrace(
-                calibration=fill(json.loads(str(stored.array("calibration")))),
+                calibration=fill(documents.parse_json(str(stored.array("calibration")))),
                 ticks=stored.array("ticks"),
                 frames=stored.array("frames"),
-                about=json.loads(str(stored.array("about"))),
+                about=documents.parse_json(str(stored.array("about"))),
                 bus=stored.array("bus") if "bus" in stored else np.zeros(0, ENTRY),
             )
     except OSError as error:
-        raise CanrollError(f"cannot read {path}: {error.strerror or error}") from error
+        raise CanrollError(f"cannot read {path}: {reason(error)}") from error
     except UNREADABLE as error:
         raise CanrollError(f"{path}: not a tick trace; 'canroll ecu --trace' writes one") from error
 

@@ -7,7 +7,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from hil.report.figure import thin
 from hil.report.run_page import shown
 from hil.runs.metrics import axle_load_transfer, has_wheel_loads, moment
@@ -49,5 +49,5 @@ def draw_picture(result: Result, path: Path) -> Path:
             # without metadata the same run gives the same bytes
             figure.savefig(path, dpi=120, metadata={"Software": None})
         except OSError as error:
-            raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+            raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path

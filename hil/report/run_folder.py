@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from codegen.export.header import gains_header
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
@@ -27,7 +27,7 @@ def write_text(path: Path, text: str) -> Path:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path
 
 

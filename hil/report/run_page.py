@@ -12,6 +12,7 @@ from hil.report.curves import Shown, all_figures
 from hil.report.figure import Figure, Series, histogram, pack
 from hil.report.page import Cell, Page, Table, Verdict, render
 from hil.report.tables import (
+    authentication_note,
     can_rows,
     metric_head,
     metric_rows,
@@ -118,6 +119,8 @@ def run_page(result: Result) -> str:
         f"{100 * trigger.transmission_rate_triggered:.1f} % without heartbeats; heartbeats alone: "
         f"{100 * trigger.floor:.0f} %."
     )
+    if (note := authentication_note(result)) is not None:
+        rates += f" {note[:1].upper()}{note[1:]}."
     head = metric_head(result, "without control", "with control")
     rows: list[tuple[str | Cell, ...]] = [(row.name, *row.numbers) for row in metric_rows(result)]
     judged = [] if result.not_valid else standard_rows(result)

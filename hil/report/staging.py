@@ -31,7 +31,7 @@ def usable_folder(folder: Path) -> Path:
         probe.unlink()
     except OSError as error:
         raise CanrollError(
-            f"cannot write to {folder}: {error.strerror}: choose another --out"
+            f"cannot write to {folder}: {reason(error)}: choose another --out"
         ) from error
     return folder
 
@@ -81,7 +81,7 @@ def replaced(folder: Path, key: str) -> Iterator[Path]:
             for name in (*sorted(names - {key}), key):
                 os.replace(Path(part) / name, folder / name)
     except OSError as error:
-        raise CanrollError(f"cannot write to {folder}: {error.strerror}") from error
+        raise CanrollError(f"cannot write to {folder}: {reason(error)}") from error
 
 
 @contextmanager

@@ -87,6 +87,17 @@ def metric_head(result: Result, passive: str, controlled: str) -> tuple[str, ...
     return ("", passive, controlled, "change", *replayed, "no roll at all")
 
 
+def authentication_note(result: Result) -> str | None:
+    """Return the key and the frames refused, if the frames of the bus are authenticated."""
+    if result.refused is None:
+        return None
+    ecu, actuators = result.refused
+    key = "the public development key" if result.settings.key is None else "the key of --key"
+    return (
+        f"frames authenticated with {key}; refused: {ecu} by the ECU, {actuators} by the actuators"
+    )
+
+
 def replay_note(result: Result) -> str:
     """Return a note on what the replay is, or why there is none."""
     if result.controlled is None:

@@ -225,6 +225,15 @@ class Choices(TypedDict, total=False):
             of=WORLD,
         ),
     ]
+    key: Annotated[
+        str | None,
+        Choice(
+            option="--key",
+            help="file with the key of a bus with authenticated frames; by default the public "
+            "development key",
+            of=WORLD,
+        ),
+    ]
     backend: Annotated[
         str | None,
         Choice(

@@ -1,7 +1,7 @@
 """One manoeuvre, without and with control, in virtual time."""
 
 from dataclasses import replace
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from hil.runs.frozen import (
     names_of,
     prepare,
     profile_of,
+    refuse_useless_key,
     sample_to_force,
 )
 from hil.runs.result import Result, Settings
@@ -70,6 +71,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
     options, conditions = choices.get("options") or {}, choices.get("conditions") or {}
     # what cannot be is refused before anything slow is done
     profile = profile_of(choices)
+    refuse_useless_key(choices, profile)
     faults = conditions_of.fault_texts(choices)
     conditions_of.options(conditions)
     plant = body(chosen(choices, "plant"))
@@ -111,6 +113,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         dbc=choices.get("dbc"),
         map=choices.get("map"),
         plant_vehicle=choices.get("plant_vehicle"),
+        key=choices.get("key"),
         stage=controller.stage,
         phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
     )
@@ -167,7 +170,7 @@ def drive(
         maneuver, stage = maneuvers.replay(maneuver, steer), "replay"
     trace = closed_loop(
         build_world(settings, enabled=enabled, maneuver=maneuver, kept=kept),
-        open_backend(settings.backend, controller.record, settings.firmware),
+        open_backend(settings.backend, controller.record, settings.firmware, key=settings.secret),
         tick_ns=round(settings.tick * 1e9),
         offset_ns=tick_offset_ns(settings),
         duration_ns=None if duration is None else round(duration * 1e9),
@@ -204,8 +207,19 @@ def build_world(
     kept: Kept = EVERYTHING,
 ) -> World:
     """Return the world for ``settings`` at time 0, with ``maneuver`` instead of theirs if given."""
+    return World(**world_options(settings, enabled=enabled, maneuver=maneuver, kept=kept))
+
+
+def world_options(
+    settings: Settings,
+    *,
+    enabled: bool,
+    maneuver: maneuvers.Maneuver | None = None,
+    kept: Kept = EVERYTHING,
+) -> dict[str, Any]:
+    """Return the arguments of the world for ``settings``, with ``maneuver`` if one is given."""
     sensors, actuators = conditions_of.options(dict(settings.conditions))
-    return World(
+    return dict(
         vehicle=settings.vehicle,
         body=settings.plant,
         actuator=settings.actuator,
@@ -219,6 +233,7 @@ def build_world(
         actuators=actuators,
         faults=parse_all(settings.faults),
         kept=kept,
+        key=settings.secret,
     )
 
 

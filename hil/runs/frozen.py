@@ -15,6 +15,7 @@ from codegen.generated.bus_map import VALID_BITS, BusMap, Mailbox
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
 from dbc import attribute, read
+from dbc.keys import read_key
 from firmware import calibration as fw
 from firmware.calibration import Calibration
 from firmware.plausibility import NEEDED
@@ -26,7 +27,7 @@ from gain_gen.models.task import Delay, Design, Task
 from hil.runs.choices import PASSIVE, check, chosen
 from plant_sim.can_bus import BusProfile, load_profile
 from plant_sim.can_bus.delay_bounds import delay_bounds
-from plant_sim.can_bus.own_frames import bus_map, messages_of
+from plant_sim.can_bus.own_frames import bus_map, messages_of, secured
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.nodes.sensors import SensorOptions, delay
 from vehicles import Vehicle
@@ -128,6 +129,27 @@ def profile_of(choices: Mapping[str, Any]) -> BusProfile:
         CanrollError: no such profile, or an unusable file.
     """
     return load_profile(chosen(choices, "bus"), choices.get("dbc"), choices.get("map"))
+
+
+def refuse_useless_key(choices: Mapping[str, Any], profile: BusProfile) -> None:
+    """Raise CanrollError for a key that cannot be read, or on a bus that uses none."""
+    key = choices.get("key")
+    if key is None:
+        return
+    if not secured(profile):
+        raise CanrollError(
+            f"--key: the frames of bus {profile.name} are not authenticated: omit it, or choose "
+            "--bus secured_fd"
+        )
+    read_key(Path(key))
+
+
+def refuse_authenticated(profile: BusProfile, command: str) -> None:
+    """Raise CanrollError where ``command`` cannot authenticate frames and a bus demands it."""
+    if secured(profile):
+        raise CanrollError(
+            f"{command} cannot authenticate the frames of bus {profile.name}: choose another --bus"
+        )
 
 
 def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:

@@ -8,7 +8,7 @@ from typing import Any
 import can
 import numpy as np
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from plant_sim.can_bus import DELIVERED, ECU, REFUSED
 from plant_sim.can_bus.kernel.layout import ERROR
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
@@ -97,5 +97,5 @@ def write_log(path: Path, frames: Table) -> Path:
             for message in messages(frames):
                 logger.on_message_received(message)
     except OSError as error:
-        raise CanrollError(f"cannot write {path}: {error.strerror or error}") from error
+        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from canroll.errors import optional
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware
+from dbc.keys import DEVELOPMENT_KEY, read_key
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
 from hil.reaction.reaction import Reaction
@@ -56,7 +57,8 @@ class Settings:
     start together); ``command``: the message that commands the actuators; ``options`` of the
     manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
     :func:`hil.runs.conditions.options` reads them; ``dbc`` and ``map``: the frames on the bus, None
-    for those of the contract or the network's own; ``stage``: an own stage of the loop.
+    for those of the contract or the network's own; ``key``: the file of the key, None for the
+    development key; ``stage``: an own stage of the loop.
     ``vehicle`` is driven; ``plant_vehicle`` is its name or file if it is not the one the
     controller was designed for, else None.
     """
@@ -82,6 +84,7 @@ class Settings:
     dbc: str | None = None
     map: str | None = None
     plant_vehicle: str | None = None
+    key: str | None = None
     stage: OwnStage | None = None
 
     @property
@@ -99,6 +102,11 @@ class Settings:
     def profile(self) -> BusProfile:
         """The bus with its frames."""
         return load_profile(self.bus, self.dbc, self.map)
+
+    @property
+    def secret(self) -> bytes:
+        """The key of authenticated frames."""
+        return DEVELOPMENT_KEY if self.key is None else read_key(Path(self.key))
 
     @property
     def firmware(self) -> BusFirmware:
@@ -345,6 +353,7 @@ class Result:
             "without_roll": dict(self.without_roll),
             "can": asdict(self.can),
             "trigger": asdict(self.trigger),
+            "authentication": self._authentication_json(),
             "phase_ms": self._phase_json(),
             "delay_ms": {name: 1e3 * value for name, value in asdict(self.delay).items()},
             "limit_cycle": asdict(self.limit_cycle) if self.limit_cycle else None,
@@ -356,6 +365,18 @@ class Result:
             "files": dict(self.files),
             **({"timing": dict(self.timing)} if self.timing else {}),
         }
+
+    @property
+    def refused(self) -> tuple[int, int] | None:
+        """Frames that the ECU and the actuators refused as not authentic, as in :class:`Trace`."""
+        return (self.passive if self.controlled is None else self.controlled).refused
+
+    def _authentication_json(self) -> dict[str, Any] | None:
+        if self.refused is None:
+            return None
+        ecu, actuators = self.refused
+        key = "development" if self.settings.key is None else "own"
+        return {"key": key, "refused": {"ecu": ecu, "actuators": actuators}}
 
     def _phase_json(self) -> dict[str, float | None]:
         chosen, found = self.settings.phase, self.phase

@@ -4,7 +4,6 @@ From these three files a run can be evaluated and shown again with the same numb
 """
 
 import hashlib
-import json
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +12,8 @@ from typing import Any
 import numpy as np
 
 import vehicles
-from canroll.errors import UNREADABLE, CanrollError
+from canroll import documents
+from canroll.errors import UNREADABLE, CanrollError, reason
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from hil.runs.experiment import assess
@@ -27,6 +27,7 @@ from plant_sim.world.spool import Rows, as_columns
 RESULT = "result.json"
 TRACE = "trace.npz"
 CALIBRATION = "calibration.toml"
+HASHED = (TRACE, CALIBRATION)
 HASHES = "sha256"
 """Key of result.json: the SHA-256 of the other two files."""
 VEHICLE = "vehicle_sha256"
@@ -53,10 +54,12 @@ def save_traces(path: Path, result: Result) -> Path:
         for name in ("frames", "ages", "ticks", "duration", "complete"):
             value = getattr(trace, name)
             entries[f"{run}/{name}"] = value if isinstance(value, Rows) else np.asarray(value)
+        if trace.refused is not None:
+            entries[f"{run}/refused"] = np.array(trace.refused)
     try:
         archive.write(path, entries, compressed=True)
     except OSError as error:
-        raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path
 
 
@@ -77,9 +80,9 @@ def load(folder: Path) -> Result:
             "'canroll run --out')"
         )
     try:
-        data = json.loads((folder / RESULT).read_text(encoding="utf-8"))
+        data = documents.parse_json(documents.text(folder / RESULT))
         hashes = data[HASHES]
-        changed = [name for name in hashes if digest(folder / name) != hashes[name]]
+        changed = [name for name in HASHED if digest(folder / name) != hashes[name]]
         if changed:
             raise CanrollError(f"{folder}: {', '.join(changed)} changed since the run was written")
         with archive.Archive(folder / TRACE) as stored:
@@ -90,7 +93,7 @@ def load(folder: Path) -> Result:
         timing = data.get("timing", {})
         known = data["calibration_id"]
     except UNREADABLE as error:
-        raise CanrollError(f"{folder}: cannot read the saved run: {error}") from error
+        raise CanrollError(f"{folder}: cannot read the saved run: {reason(error)}") from error
     passive = traces["passive"]
     if passive is None or known != loaded.record.id:
         raise CanrollError(
@@ -119,7 +122,15 @@ def _trace(stored: archive.Archive, run: str) -> Trace | None:
         ticks=stored.rows(f"{run}/ticks"),
         duration=float(stored.array(f"{run}/duration")),
         complete=bool(stored.array(f"{run}/complete")),
+        refused=_refused(stored, f"{run}/refused"),
     )
+
+
+def _refused(stored: archive.Archive, name: str) -> tuple[int, int] | None:
+    if name not in stored:
+        return None
+    ecu, actuators = stored.array(name).tolist()
+    return ecu, actuators
 
 
 def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:

@@ -49,6 +49,8 @@ class Trace:
         ticks: the ECU's state and outputs, one entry per tick (:data:`TICK`).
         duration: length of the run, s.
         complete: False if it was interrupted.
+        refused: frames that the ECU and the actuators refused as not authentic; None: the frames of
+            the bus are not authenticated.
     """
 
     signals: Mapping[str, NDArray[np.float64]]
@@ -57,6 +59,7 @@ class Trace:
     ticks: Table
     duration: float
     complete: bool = True
+    refused: tuple[int, int] | None = None
 
     def to_xarray(self) -> "xarray.Dataset":
         """Return the signals over "time" with their units, and the ECU's ticks over "tick".

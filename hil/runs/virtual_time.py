@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from codegen.run.backends import Backend, NativeEcu
+from codegen.run.secured import SecuredEcu
 from hil.runs.frozen import RUN_TIME
 from hil.runs.trace import TICK, Trace, tick_rows
 from plant_sim.kernels.records import to_record
@@ -223,8 +224,8 @@ def closed_loop(
             if progress is not None and number % 50 == 0:
                 progress(t / end)
     except KeyboardInterrupt:
-        raise Interrupted(_trace(world, ticked, complete=False)) from None
-    return _trace(world, ticked, complete=True)
+        raise Interrupted(_trace(world, ecu, ticked, complete=False)) from None
+    return _trace(world, ecu, ticked, complete=True)
 
 
 def _loop(world: World, ecu: Backend, **times: int) -> Iterator[tuple[int, bytes]]:
@@ -258,7 +259,7 @@ class TickRows:
         return self._rows
 
 
-def _trace(world: World, ticked: TickRows, *, complete: bool) -> Trace:
+def _trace(world: World, ecu: Backend, ticked: TickRows, *, complete: bool) -> Trace:
     return Trace(
         signals=world.signals,
         frames=world.frames,
@@ -266,4 +267,5 @@ def _trace(world: World, ticked: TickRows, *, complete: bool) -> Trace:
         ticks=ticked.rows(),
         duration=world.now_ns * 1e-9,
         complete=complete,
+        refused=(ecu.refused, world.refused) if isinstance(ecu, SecuredEcu) else None,
     )

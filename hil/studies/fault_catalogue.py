@@ -1,12 +1,12 @@
 """The shipped catalogue of faults: single and double, each with the reaction expected of it."""
 
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from canroll.errors import CanrollError, UnknownNameError
+from canroll import documents
+from canroll.errors import CanrollError, UnknownNameError, reason
 from hil.reaction.fault_codes import MODES
 from hil.runs.result import Settings
 from plant_sim.faults import kinds, parse
@@ -54,9 +54,9 @@ def entries(settings: Settings, path: Path = CATALOGUE) -> tuple[Entry, ...]:
         CanrollError: the file cannot be read, or an entry is wrong; it is named.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise CanrollError(f"{path}: {error}") from error
+        data = documents.toml(path)
+    except (OSError, ValueError) as error:
+        raise CanrollError(f"{path}: {reason(error)}") from error
     for key in data:
         if key not in (SINGLE, DOUBLE):
             raise UnknownNameError(f"{path}: key", key, (SINGLE, DOUBLE))

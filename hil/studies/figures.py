@@ -1,7 +1,7 @@
 """Figures of many pairs of runs, without their traces.
 
 Without control nothing on the bus moves the vehicle: the plant alone gives the same bytes. Only
-hydraulics resist by themselves and need the whole world.
+hydraulics, which resist by themselves, and a plant in another process need the whole world.
 """
 
 from collections.abc import Iterable
@@ -87,11 +87,11 @@ def without_control(settings: Settings, controller: Controller) -> Trace:
 
     As in a run, what faults do is measured against a vehicle whose parts are all right.
     """
-    if settings.actuator in MOVING:
+    body = bodies.body(settings.plant)
+    if settings.actuator in MOVING or body.outside is not None:
         whole = replace(settings, faults=())
         return drive(whole, controller, enabled=False, kept=NEEDED)
     maneuver = maneuver_of(settings)
-    body = bodies.body(settings.plant)
     outputs, steer = open_loop.run_passive(settings.vehicle, body, maneuver)
     end_ns = _end_ns(settings, len(outputs) * STEP_NS, maneuver.duration_ns)
     count = -(-end_ns // STEP_NS)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from hil.studies.linear_response import (
     EXCITATIONS,
     FREQUENCIES,
@@ -129,4 +129,4 @@ def draw(found: LinearResponse, where: str, path: Path) -> None:
             path.parent.mkdir(parents=True, exist_ok=True)
             figure.savefig(path, dpi=90, metadata={"Software": None})
         except OSError as error:
-            raise CanrollError(f"cannot write {path}: {error.strerror}") from error
+            raise CanrollError(f"cannot write {path}: {reason(error)}") from error

@@ -21,6 +21,7 @@ BUSES: "Registry[BusProfile]" = Registry(
         "gateway_20ms": "plant_sim.buses.profile:NEAR_GATEWAY",
         "gateway_50ms": "plant_sim.buses.profile:FAR_GATEWAY",
         "fd_2m": "plant_sim.buses.profile:FD",
+        "secured_fd": "plant_sim.buses.profile:SECURED",
     },
     accept="plant_sim.buses.profile:accept",
     files={

@@ -89,6 +89,16 @@ FD: Final = BusProfile(
 )
 """CAN FD, 500 kbit/s and 2 Mbit/s, half loaded: one sensor frame of 32 bytes instead of four."""
 
+SECURED: Final = BusProfile(
+    "secured_fd",
+    500_000,
+    0.50,
+    data_bitrate=2_000_000,
+    dbc=dbc.SECURED_PATH,
+    map_file=dbc.SECURED_MAP,
+)
+"""CAN FD, 500 kbit/s and 2 Mbit/s, half loaded: the contract's frames, authenticated."""
+
 
 def accept(what: str, profile: object) -> BusProfile:
     """Return an extension's profile.

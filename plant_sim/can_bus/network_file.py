@@ -4,12 +4,12 @@ See docs/file-formats.md, "A network". Paths in it are relative to it. A traffic
 is a network of one segment with its messages as background.
 """
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
+from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from plant_sim import buses
 from plant_sim.buses.profile import BusProfile, accept
@@ -93,8 +93,8 @@ def is_network(name: str) -> bool:
     if suffix != ".toml":
         return name in buses.BUSES and suffix not in DATABASES
     try:
-        return "schema" in tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError):
+        return "schema" in documents.toml(path)
+    except (OSError, ValueError):
         return False
 
 
@@ -106,8 +106,8 @@ def read_profile(name: str) -> BusProfile:
     """
     path = Path(name)
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        table = documents.toml(path)
+    except (OSError, ValueError) as error:
         raise CanrollError(f"{path}: not a readable network: {reason(error)}") from error
     if "message" in table:
         return read_traffic(name)

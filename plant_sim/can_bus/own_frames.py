@@ -57,6 +57,12 @@ def bus_map(profile: BusProfile) -> BusMap | None:
     return _checked(profile.dbc, profile.map_file, profile.map_file.stat().st_mtime_ns)
 
 
+def secured(profile: BusProfile) -> bool:
+    """Return whether a profile's frames are authenticated."""
+    bus = bus_map(profile)
+    return bus is not None and bus.secured
+
+
 def frame_signals(profile: BusProfile) -> dict[int, dict[str, Signal]]:
     """Return the always-present signals of a profile's own frames, by name, by identifier."""
     if profile.dbc is None:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from canroll.typing import Vector
 from plant_sim.driving.drive import Kind, Plan, steady_steer
 from plant_sim.driving.driver import ACCELERATION_TABLE, FISHHOOK, STEER_TABLE
@@ -100,7 +100,7 @@ def read_signal(path: Path) -> tuple[str, Vector, Vector]:
         with path.open(newline="", encoding="utf-8-sig") as file:
             rows = [row for row in csv.reader(file) if row]
     except (OSError, UnicodeDecodeError) as error:
-        raise CanrollError(f"cannot read signal file {path}: {error}") from error
+        raise CanrollError(f"cannot read signal file {path}: {reason(error)}") from error
     header = [name.strip() for name in rows[0]] if rows else []
     if len(header) != 2 or header[0] != "time" or header[1] not in CSV_COLUMNS:
         known = " or ".join(f"'time,{name}'" for name in CSV_COLUMNS)

@@ -5,13 +5,13 @@ with the keys ``where``, ``kind``, ``value``, ``start``, ``end``, ``ramp``, ``ev
 """
 
 import math
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from canroll.errors import CanrollError, UnknownNameError
+from canroll import documents
+from canroll.errors import CanrollError, UnknownNameError, reason
 from plant_sim.faults.kinds import PLACES, Kind, kinds_at
 
 FORM = "write WHERE=KIND, WHERE=KIND:VALUE@START:END or WHERE=KIND:VALUE@START:END:RAMP"
@@ -196,9 +196,9 @@ def read_file(path: Path) -> tuple[Fault, ...]:
         CanrollError: it cannot be read; the message names the file and the fault in it.
     """
     try:
-        data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, RecursionError) as error:
-        raise CanrollError(f"{path}: {error}") from error
+        data = documents.toml(path)
+    except (OSError, ValueError) as error:
+        raise CanrollError(f"{path}: {reason(error)}") from error
     for key in data:
         if key != "fault":
             raise UnknownNameError(f"{path}: key", key, ("fault",))

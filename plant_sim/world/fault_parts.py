@@ -45,6 +45,15 @@ def outages(faults: Iterable[Fault]) -> tuple[tuple[int, int], ...]:
     )
 
 
+def starts(faults: Iterable[Fault]) -> tuple[int, ...]:
+    """Return when the actuator node starts anew, ns."""
+    return tuple(
+        _ns(fault.end)
+        for fault in power_losses(faults)
+        if fault.where == kinds.NODE_PREFIX + kinds.ACTUATOR_NODE
+    )
+
+
 def add_to_network(network: can_bus.Network, faults: Iterable[Fault]) -> None:
     """Add the faults of nodes and of the bus itself to a network at time 0.
 
@@ -144,7 +153,7 @@ def frames(
             message, _, signal = fault.where.removeprefix(kinds.ATTACKER_PREFIX).partition(".")
             if signal:
                 values[number] *= PER_UNIT[codec.unit(message, signal)]
-            _add_attackers(clock, network)
+            add_attackers(clock, network)
     return Frames(rows, values, signals, clock)
 
 
@@ -171,7 +180,7 @@ def _target(fault: Fault, tables: Codec, nodes: Sensors) -> tuple[int, NDArray[n
     return row, found
 
 
-def _add_attackers(clock: NDArray[np.int64], network: can_bus.Network) -> None:
+def add_attackers(clock: NDArray[np.int64], network: can_bus.Network) -> None:
     """Put an attacker on the ECU's segment and one on the actuators', once."""
     if clock[frame_kernel.ATTACKER_AT_ECU] >= 0:
         return

@@ -2,7 +2,8 @@
 
 A sender's frame may be handed over late, twice or out of order; a receiver's may be lost or
 damaged. An attacker waits for a genuine frame and answers it with one of its own, with the right
-checksum and the next counter, so that the next genuine frame looks repeated.
+checksum and the next counters, so that the next genuine frame looks repeated. It has no key: the
+MAC is that of the genuine frame.
 """
 
 from typing import Any, NamedTuple
@@ -14,7 +15,8 @@ from plant_sim import can_bus as bus
 from plant_sim.kernels import schedule
 from plant_sim.kernels.jit import njit
 from plant_sim.kernels.random import uniform
-from plant_sim.nodes import codec, e2e
+from plant_sim.nodes import authentication, codec, e2e
+from plant_sim.nodes.authentication import Authentication
 from plant_sim.nodes.codec import Codec
 
 LOSS, CORRUPTION, DELAY, DUPLICATE, REORDER, SPOOF, REPLAY, WRONG_LENGTH = range(8)
@@ -118,6 +120,7 @@ def damage(  # noqa: PLR0917
 @njit
 def attack(  # noqa: PLR0917
     frames: Any,  # noqa: ANN401
+    auth: Authentication,
     tables: Codec,
     network: bus.State,
     attacker: int,
@@ -156,5 +159,6 @@ def attack(  # noqa: PLR0917
             e2e.protect(
                 tables.protection[row], tables.identity[row], tables.crc[row], counter, payload
             )
+            authentication.pretend(auth, payload)
         flags = message[codec.FLAGS]
         bus.submit(network, attacker, t_ns, message[codec.IDENT], length, payload, flags)

@@ -12,12 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
+from dbc.keys import DEVELOPMENT_KEY
 from plant_sim import can_bus
 from plant_sim.bodies import body as body_named
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.faults import Fault
 from plant_sim.faults.effects import with_faults
 from plant_sim.kernels.records import entry
+from plant_sim.nodes import authentication
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
 from plant_sim.nodes.sensors import SensorOptions
@@ -28,6 +30,7 @@ from plant_sim.world.spool import Columns, Rows
 from plant_sim.world.world_kernel import (
     APPLIED_COMMANDS,
     EXTENDED_KEY,
+    FORGED,
     FRAME,
     OUTBOX,
     ROWS,
@@ -63,6 +66,7 @@ class World:
         actuators: operating conditions of the actuators.
         faults: what fails (:mod:`plant_sim.faults`), on top of the faults in those conditions.
         kept: what is kept of the run.
+        key: of the authentication, on a bus whose frames are authenticated.
         bus: further options of ``can_bus.make_network``.
 
     Attributes:
@@ -88,6 +92,7 @@ class World:
         actuators: ActuatorOptions | None = None,
         faults: Sequence[Fault] = (),
         kept: Kept = EVERYTHING,
+        key: bytes = DEVELOPMENT_KEY,
         **bus: Any,  # noqa: ANN401
     ) -> None:
         hydraulic = body == "linear_car" and actuator == "valves"
@@ -111,6 +116,7 @@ class World:
             sensors=sensors,
             actuators=actuators,
             faults=faults,
+            key=key,
             bus=bus,
         )
         self._recorded = can_bus.recorded_traffic(
@@ -272,6 +278,16 @@ class World:
     def imu_period_ns(self) -> int:
         """Cycle time of these frames (ns)."""
         return int(self._imu[CYCLE_MS]) * STEP_NS
+
+    @property
+    def refused(self) -> int:
+        """Frames that the actuator node's authentication has refused."""
+        return int(self._parts.memory[0]["authentication"]["flag"][authentication.REFUSED])
+
+    @property
+    def forged(self) -> int:
+        """Frames of attackers that the actuator node has accepted."""
+        return int(self._clock[FORGED])
 
     @property
     def network(self) -> can_bus.Network:

@@ -15,9 +15,10 @@ from plant_sim.bodies import ports
 from plant_sim.can_bus.wire.frame import ERROR_STATE, EXTENDED, RECESSIVE_INDICATOR
 from plant_sim.driving.driver import Drive, drive, uncounted
 from plant_sim.kernels.jit import borrowed, njit, step_at
-from plant_sim.nodes import actuator_kernel, codec, envelope, sensor_kernel
+from plant_sim.nodes import actuator_kernel, authentication, codec, envelope, sensor_kernel
 from plant_sim.nodes.actuator_kernel import Actuators
 from plant_sim.nodes.actuator_models import act
+from plant_sim.nodes.authentication import Authentication
 from plant_sim.nodes.codec import Codec
 from plant_sim.nodes.sensor_kernel import Sensors
 from plant_sim.world import frame_kernel, recording
@@ -30,10 +31,12 @@ FRAME = np.dtype(
         ("t_ns", "i8"),
         ("ident", "u4"),
         ("length", "u1"),
+        ("forged", "u1"),
         ("payload", "u1", (codec.MAX_PAYLOAD,)),
     ]
 )
-"""A frame that the ECU receives or sends at ``t_ns``; bit 30 of ``ident``: one of 29 bits."""
+"""A frame that the ECU receives or sends at ``t_ns``; bit 30 of ``ident``: one of 29 bits;
+``forged``: an attacker sent it."""
 
 # Slots of Memory.clock.
 (
@@ -54,8 +57,9 @@ FRAME = np.dtype(
     STEP,
     STATES,
     PARAMETERS,
+    FORGED,
     N_CLOCK,
-) = range(18)
+) = range(19)
 NOTHING = -1
 SENDER_STATE = ERROR_STATE | RECESSIVE_INDICATOR
 """Flags that say nothing of what a frame is."""
@@ -88,6 +92,7 @@ class Memory(NamedTuple):
     frames: Frames
     sensors: Sensors
     actuators: Actuators
+    authentication: Authentication
     tables: Codec
 
 
@@ -167,6 +172,14 @@ def _accepted(world: Memory, row: NDArray[np.int64], t_origin: int, t_received: 
 
 
 @njit
+def _forged(world: Memory, entry: Any) -> bool:  # noqa: ANN401
+    """Whether an attacker has sent a frame."""
+    at_ecu = world.frames.clock[frame_kernel.ATTACKER_AT_ECU]
+    at_actuator = world.frames.clock[frame_kernel.ATTACKER_AT_ACTUATOR]
+    return bool(at_ecu >= 0 and entry.sender in (at_ecu, at_actuator))
+
+
+@njit
 def _take(
     world: Memory,
     row: int,
@@ -179,7 +192,13 @@ def _take(
     role = world.roles[row]
     if role == FOR_ACTUATOR:
         which = actuator_kernel.listens(world.actuators, row)
+        if not authentication.verify(
+            world.authentication, world.tables, row, payload, entry.t_received
+        ):
+            return
         if actuator_kernel.receive(world.actuators, world.tables, which, payload, entry.t_received):
+            if _forged(world, entry):
+                clock[FORGED] += 1
             applied = commands[clock[APPLIED_COMMANDS]]
             _accepted(world, applied, entry.t_origin, entry.t_received)
         return
@@ -187,6 +206,7 @@ def _take(
     frame.t_ns = entry.t_received
     frame.ident = world.tables.message[row, codec.KEY]
     frame.length = entry.length
+    frame.forged = 1 if _forged(world, entry) else 0
     for byte in range(codec.MAX_PAYLOAD):
         frame.payload[byte] = payload[byte]
     clock[RECEIVED] += 1
@@ -215,7 +235,12 @@ def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> 
             and bus.hears(network, bus.ACTUATOR, entry.t_received)
         ):
             supervision = world.actuators.supervision
-            envelope.hear(its, world.tables, supervision, entry.payload, entry.t_received)
+            if authentication.verify(
+                world.authentication, world.tables, row, entry.payload, entry.t_received
+            ):
+                envelope.hear(its, world.tables, supervision, entry.payload, entry.t_received)
+                if _forged(world, entry):
+                    clock[FORGED] += 1
         receiver = bus.ACTUATOR if role == FOR_ACTUATOR else bus.ECU
         if role == NOBODY or not bus.took(entry.outcome, entry.missed, receiver):
             continue
@@ -223,14 +248,20 @@ def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> 
         if entry.segment != segment:
             continue
         frames = world.frames
-        if frames.clock[frame_kernel.ATTACKER_AT_ECU] >= 0:
-            at_ecu = frames.clock[frame_kernel.ATTACKER_AT_ECU]
+        at_ecu = frames.clock[frame_kernel.ATTACKER_AT_ECU]
+        if at_ecu >= 0 and not _forged(world, entry):
             at_actuator = frames.clock[frame_kernel.ATTACKER_AT_ACTUATOR]
-            if entry.sender not in (at_ecu, at_actuator):
-                attacker = at_actuator if role == FOR_ACTUATOR else at_ecu
-                frame_kernel.attack(
-                    frames, world.tables, network, attacker, row, entry, world.payload
-                )
+            attacker = at_actuator if role == FOR_ACTUATOR else at_ecu
+            frame_kernel.attack(
+                frames,
+                world.authentication,
+                world.tables,
+                network,
+                attacker,
+                row,
+                entry,
+                world.payload,
+            )
         if not bus.hears(network, receiver, entry.t_received):
             continue
         if frame_kernel.lost(frames, row, entry.t_received, clock[SEED]):
@@ -268,6 +299,13 @@ def sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
             )
         sensor_kernel.finish(world.sensors, world.tables, number, payload)
         if not sensor_kernel.silent(world.sensors, number, t_ns):
+            authentication.protect(
+                world.authentication,
+                world.tables,
+                node[sensor_kernel.MESSAGE],
+                payload,
+                node[sensor_kernel.SAMPLES] == 1,
+            )
             t_queued = t_ns + node[sensor_kernel.LATENCY]
             frame_kernel.send(
                 world.frames,

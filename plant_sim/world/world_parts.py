@@ -15,7 +15,7 @@ from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.faults import Fault
 from plant_sim.kernels.records import to_record
 from plant_sim.nodes import actuators as actuator_setup
-from plant_sim.nodes import codec, sensor_kernel
+from plant_sim.nodes import authentication, codec, sensor_kernel
 from plant_sim.nodes import sensors as sensor_setup
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import Codec
@@ -140,6 +140,7 @@ def assemble(
     sensors: SensorOptions,
     actuators: ActuatorOptions,
     faults: Sequence[Fault],
+    key: bytes,
     bus: dict[str, Any],
 ) -> Parts:
     """All data of the kernel at time 0; the parameters are those of ``World``."""
@@ -184,6 +185,11 @@ def assemble(
         frames=fault_parts.frames(faults, tables, nodes, network),
         sensors=nodes,
         actuators=node,
+        authentication=authentication.build(
+            len(tables.message),
+            key=key if own_frames.secured(profile) else None,
+            start_ns=fault_parts.starts(faults),
+        ),
         tables=tables,
     )
     return Parts(

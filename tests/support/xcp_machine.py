@@ -16,25 +16,27 @@ VALUES = 20
 class Machine:
     """The slave on an emulated Cortex-M4."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         served = with_services(built_in(), ("xcp",))
         record = ecu_traffic.random_calibration(3)
         self.ecu = CortexEcu(record, cpu="cortex-m4", count=True, firmware=served)
         self.kind = memory_image.dtype(Xcp)
         where = (SLAVE, CALIBRATION, WORKING, STATE_ADDRESS, PAGE_ADDRESS)
-        self.ecu._call("canroll_xcp_init", *where)
+        self.ecu.call("canroll_xcp_init", *where)
 
-    def put(self, *command):
+    def put(self, *command: int) -> None:
         self.ecu._machine.mem_write(PAYLOAD, bytes(command).ljust(8, b"\0"))
-        self.ecu._call("canroll_xcp_receive", SLAVE, PAYLOAD, len(command))
+        self.ecu.call("canroll_xcp_receive", SLAVE, PAYLOAD, len(command))
 
-    def tick(self):
+    def tick(self) -> tuple[int, list[bytes]]:
         """Instructions of a tick, and the frames that it sent."""
-        self.ecu._call("canroll_xcp_tick", SLAVE, ECU, CALIBRATION, WORKING, 1)
+        self.ecu.call("canroll_xcp_tick", SLAVE, ECU, CALIBRATION, WORKING, 1)
         count = self.ecu.instructions
         data = bytes(self.ecu._machine.mem_read(SLAVE, self.kind.itemsize))
         its = np.frombuffer(data, self.kind, 1)[0]
-        offset = self.kind.fields["tx_pending"][1]
+        places = self.kind.fields
+        assert places is not None
+        offset = places["tx_pending"][1]
         self.ecu._machine.mem_write(SLAVE + offset, bytes(len(its["tx_pending"])))
         frames = [
             its["tx_payload"][slot, : its["tx_length"][slot]].tobytes()
@@ -42,12 +44,12 @@ class Machine:
         ]
         return count, frames
 
-    def ask(self, *command):
+    def ask(self, *command: int) -> None:
         self.put(*command)
         (answer,) = [frame for frame in self.tick()[1] if frame[0] >= 0xFE]
         assert answer[0] == 0xFF, command
 
-    def measure(self):
+    def measure(self) -> None:
         """Connect and start a list of VALUES fields of the state, every tick."""
         self.ask(xcp.CONNECT, 0)
         self.ask(xcp.FREE_DAQ)

@@ -14,7 +14,7 @@ from hil.cli.terminal import show_warnings
 from hil.exchange import body_fmu, bus_fmu, plant_fmu
 from hil.runs.choices import CHOICES, chosen
 from hil.runs.experiment import build_world, maneuver_of, plan, tick_offset_ns
-from hil.runs.frozen import profile_of
+from hil.runs.frozen import profile_of, refuse_authenticated
 from hil.runs.virtual_time import RUN_TIME_NS
 from plant_sim.bodies import own_body
 from plant_sim.can_bus import NODES, Node, make_network
@@ -81,6 +81,7 @@ def run(args: argparse.Namespace) -> int:
     for name in choices_of(args):
         if name not in kind.choices:
             raise CanrollError(f"{CHOICES[name].option} does not apply to the {args.kind}: omit it")
+    refuse_authenticated(profile_of(choices_of(args)), "export-fmu")
     out: Path = args.out
     if out.suffix != ".fmu":
         raise CanrollError(f"{out}: the name of an FMU ends in .fmu")

@@ -17,7 +17,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from plant_sim.can_bus.wire.frame import EXTENDED, FD, REMOTE
 
 CLASSIC_LENGTH: Final = 8
@@ -113,7 +113,7 @@ class SocketcandServer:
             self._listener = socket.create_server((host, port), backlog=MAX_CLIENTS)
         except OSError as error:
             raise CanrollError(
-                f"cannot listen on {host}:{port}: {error.strerror}: choose another port"
+                f"cannot listen on {host}:{port}: {reason(error)}: choose another port"
             ) from error
         self._listener.setblocking(False)
         self.address: tuple[str, int] = self._listener.getsockname()[:2]

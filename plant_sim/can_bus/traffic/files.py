@@ -9,7 +9,6 @@ A TOML file has ``bitrate`` and tables ``[[message]]`` with ``name``, ``id``, ``
 (default: the period); beside ``bitrate`` optionally ``data_bitrate``.
 """
 
-import tomllib
 from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,7 +17,8 @@ from typing import Any, Final
 from cantools.database import Database, Message
 from cantools.database.can import Bus
 
-from canroll.errors import CanrollError, UnknownNameError
+from canroll import documents
+from canroll.errors import CanrollError, UnknownNameError, reason
 from dbc import attribute, padded, read, switches_bit_rate
 from plant_sim.can_bus.kernel.network import check_frame, check_rates
 from plant_sim.can_bus.traffic.messages import BusMessage
@@ -157,7 +157,7 @@ def _message(message: Message, period_ms: int) -> BusMessage:
         length=padded(message.length) if message.is_fd else message.length,
         period_ns=period_ms * MS,
         sender=message.senders[0] if message.senders else "Node",
-        receivers=tuple(sorted(message.receivers)),
+        receivers=tuple(sorted(name for name in message.receivers if name)),
         offset_ns=attribute(message, "GenMsgStartDelayTime") * MS,
         flags=flags,
     )
@@ -165,9 +165,9 @@ def _message(message: Message, period_ms: int) -> BusMessage:
 
 def _from_toml(path: Path) -> Traffic:
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise CanrollError(f"{path}: {error}") from error
+        table = documents.toml(path)
+    except (OSError, ValueError) as error:
+        raise CanrollError(f"{path}: {reason(error)}") from error
     for key in table:
         if key not in _TABLE:
             raise UnknownNameError(f"key in {path}", key, _TABLE)

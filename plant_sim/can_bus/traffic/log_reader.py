@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll import apart
-from canroll.errors import CanrollError, UnknownNameError
+from canroll.errors import CanrollError, UnknownNameError, reason
 from plant_sim.can_bus.kernel.layout import MAX_PAYLOAD
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE, frame_bits
 
@@ -81,7 +81,7 @@ def read_log(path: Path) -> dict[str, Logged]:
     except CanrollError as error:
         raise CanrollError(f"{path}: {error}") from error
     except Exception as error:  # python-can's readers let through whatever their parsers raise
-        raise CanrollError(f"{path}: not a readable bus log: {error}") from error
+        raise CanrollError(f"{path}: not a readable bus log: {reason(error)}") from error
     if not all(abs(message.timestamp) < LATEST for message in messages):
         raise CanrollError(f"{path}: not a readable bus log: a time is beyond {LATEST:g} s")
     channels: dict[str, list[can.Message]] = {}

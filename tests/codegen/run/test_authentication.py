@@ -31,20 +31,20 @@ def test_it_gives_the_same_frames_within_its_budget(cpu):
     firmware = replace(built_in(), services=("secoc",))
     ecu = CortexEcu(ecu_traffic.random_calibration(1), cpu=cpu, count=True, firmware=firmware)
     its = Secoc()
-    secoc.start(its, list(KEY), 7)
+    secoc.start(its, list(KEY), 7, 0)
     ecu._machine.mem_write(PAYLOAD, KEY)
-    ecu._call("canroll_secoc_start", RECORD, PAYLOAD, 7)
+    ecu.call("canroll_secoc_start", RECORD, PAYLOAD, 7, 0)
     for k in range(24):
         frame = [(37 * k + 11 * j) & 255 for j in range(8)] + [0] * 8
         ecu._machine.mem_write(PAYLOAD, bytes(frame))
         secoc.protect(its, k % N_TX, frame)
-        ecu._call("canroll_secoc_protect", RECORD, k % N_TX, PAYLOAD)
+        ecu.call("canroll_secoc_protect", RECORD, k % N_TX, PAYLOAD)
         assert 0 < ecu.instructions <= BUDGET[cpu]
         assert bytes(ecu._machine.mem_read(PAYLOAD, SECURED)) == bytes(frame)
         # half of them are another message's, which authenticates nothing
         message = k % N_RX
         expected = secoc.verify(its, message, frame, SECURED)
-        assert ecu._call("canroll_secoc_verify", RECORD, message, PAYLOAD, SECURED) == expected
+        assert ecu.call("canroll_secoc_verify", RECORD, message, PAYLOAD, SECURED) == expected
         assert ecu.instructions <= BUDGET[cpu]
     size = memory_image.dtype(Secoc).itemsize
     assert bytes(ecu._machine.mem_read(RECORD, size)) == memory_image.image(its)

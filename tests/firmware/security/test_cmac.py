@@ -25,7 +25,7 @@ RFC_4493 = {
 
 def started(key):
     its = Secoc()
-    secoc.start(its, list(key), 1)
+    secoc.start(its, list(key), 1, 0)
     return its
 
 

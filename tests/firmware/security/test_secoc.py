@@ -13,9 +13,9 @@ KEY = bytes(range(100, 116))
 PAYLOAD = bytes.fromhex("1122334455667788")
 
 
-def started(reset=1, key=KEY):
+def started(reset=1, key=KEY, listening=0):
     its = Secoc()
-    secoc.start(its, list(key), reset)
+    secoc.start(its, list(key), reset, listening)
     return its
 
 
@@ -151,3 +151,39 @@ def test_refusals_are_counted_without_end():
     its.refused = 2**31 - 1
     assert verified(its, secured(1), length=8) == 0
     assert its.refused == 2**31 - 1
+
+
+def test_a_receiver_continues_from_the_last_known_start():
+    late = secured(0, reset=300)
+    assert verified(started(), late) == 0
+    its = started()
+    secoc.resume(its, RX_IMU, 299)
+    assert verified(its, late) == 1
+
+
+@pytest.mark.parametrize("message", [-1, 5])
+def test_there_is_no_other_sender_to_continue_with(message):
+    its = started()
+    secoc.resume(its, message, 7)
+    assert its.rx_reset == [0] * 5
+
+
+def test_a_receiver_that_has_just_started_takes_no_recorded_frame():
+    its = started(listening=10)
+    assert verified(its, secured(400)) == 0
+    assert verified(its, secured(500)) == 0
+    secoc.elapse(its, 9)
+    assert verified(its, secured(501)) == 0
+    secoc.elapse(its, 1)
+    assert its.refused == 0
+    assert verified(its, secured(401)) == 0
+    assert verified(its, secured(502)) == 1
+    assert its.refused == 1
+
+
+def test_time_counts_forwards_only():
+    its = started(listening=5)
+    secoc.elapse(its, -3)
+    assert its.listening == 5
+    secoc.elapse(its, 2**31 - 1)
+    assert its.listening == 0

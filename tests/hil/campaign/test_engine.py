@@ -92,6 +92,17 @@ def test_a_file_being_written_is_no_chunk(tmp_path):
     assert list(kept.folder.glob("*.parquet")) == []
 
 
+def test_two_machines_write_the_same_file_at_once(tmp_path):
+    """Both have a process of the same number; each moves its own part."""
+    path = tmp_path / "plan.json"
+    with store._placed(path) as first, store._placed(path) as second:
+        assert first != second
+        first.write_bytes(b"plan")
+        second.write_bytes(b"plan")
+    assert path.read_bytes() == b"plan"
+    assert list(tmp_path.iterdir()) == [path]
+
+
 def test_chunks_of_another_campaign_are_refused(tmp_path):
     kept = opened(tmp_path)
     kept.write("0000000", work(0))

@@ -25,6 +25,7 @@ ASKED = {
     "dbc": "own.dbc",
     "map": "own.toml",
     "stage": Path("own.py"),
+    "key": "bus.key",
     "backend": "python",
     "seed": 7,
     "speed_kmh": 71.00000000000001,

@@ -306,7 +306,7 @@ def test_interrupted_runs_leave_a_complete_log(tmp_path, monkeypatch, capsys):
             return super().tick(elapsed_ticks)
 
     monkeypatch.setattr(
-        experiment, "open_backend", lambda name, record, firmware: Interrupting(record)
+        experiment, "open_backend", lambda name, record, firmware, key: Interrupting(record)
     )
     log = tmp_path / "bus.blf"
     assert main(["run", "double_lane_change", "--json", "--log", str(log)]) == 130

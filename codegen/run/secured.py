@@ -1,0 +1,154 @@
+"""A running ECU behind the authentication of its frames, as its integrator builds it.
+
+Received frames are verified before the loop gets them, and its frames protected before they are
+sent; lasting memory counts the starts and remembers those of the senders.
+"""
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from codegen.run import memory_image
+from codegen.run.authentication import Authentication, CortexAuthentication
+from codegen.run.bus_firmware import BusFirmware
+from codegen.run.cortex import Run, sent
+from codegen.run.ecu_traffic import Frame, Payload, Traffic
+from codegen.run.unicorn import CortexEcu
+from firmware.calibration import Calibration
+from firmware.security.secoc_state import RESET_MAX, SECURED
+
+LISTENING_US = 100_000
+"""Time after a start for which no frame is taken, µs: twice the slowest cycle time in use."""
+
+
+class Inner(Protocol):
+    """The loop that is behind the authentication."""
+
+    def restart(self) -> None:
+        """Start anew."""
+
+    def receive(self, ident: int, payload: Payload, length: int) -> None:
+        """Take a frame."""
+
+    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
+        """Run one tick."""
+
+    @property
+    def state(self) -> Any:  # noqa: ANN401
+        """The state record."""
+
+    def image(self) -> bytes:
+        """The bytes of the state record."""
+
+
+class SecuredEcu:
+    """A running ECU on a bus with authenticated frames, behind the interface of all backends.
+
+    ``accepted`` counts the frames that it took.
+    """
+
+    def __init__(
+        self,
+        ecu: Inner,
+        authentication: Authentication,
+        firmware: BusFirmware,
+        *,
+        key: bytes,
+        tick_us: int,
+    ) -> None:
+        self._ecu, self._secoc, self._firmware, self._key = ecu, authentication, firmware, key
+        self._slot_of = {ident: slot for slot, (ident, _) in enumerate(firmware.sent)}
+        self._listening = listening_ticks(tick_us)
+        self._starts = 0
+        self.accepted = 0
+        self._refused_before = 0
+        self._begin(())
+
+    def _begin(self, senders: Sequence[int]) -> None:
+        """Start as after a loss of power, with what the lasting memory holds."""
+        self._starts = min(self._starts + 1, RESET_MAX)
+        self._secoc.start(self._key, self._starts, self._listening)
+        for message, reset in enumerate(senders):
+            self._secoc.resume(message, reset)
+
+    def restart(self) -> None:
+        """Start anew, as after a loss of power."""
+        self._refused_before = self.refused
+        senders = self._secoc.senders
+        self._ecu.restart()
+        self._begin(senders)
+
+    @property
+    def refused(self) -> int:
+        """Frames refused by the authentication, of all starts."""
+        return self._refused_before + self._secoc.refused
+
+    @property
+    def state(self) -> Any:  # noqa: ANN401 - the record of the bus's firmware
+        """The state record, to be read only."""
+        return self._ecu.state
+
+    def image(self) -> bytes:
+        """The bytes of the state record, as C lays it out."""
+        return self._ecu.image()
+
+    def receive(self, ident: int, payload: Payload, length: int) -> None:
+        """Verify a received frame and put it in its mailbox; an unmapped identifier is ignored."""
+        frame = bytes(payload)[:SECURED].ljust(SECURED, b"\0")
+        for slot in self._firmware.slots.get(ident, ()):
+            if self._secoc.verify(slot, frame, length):
+                self.accepted += 1
+                self._ecu.receive(ident, frame, length)
+
+    def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
+        """Run one tick and return the frames to send, protected, in order."""
+        self._secoc.elapse(elapsed_ticks)
+        return [self.protected(frame) for frame in self._ecu.tick(elapsed_ticks)]
+
+    def protected(self, frame: Frame) -> Frame:
+        """Return a frame of the loop as it is sent."""
+        ident, payload = frame
+        return ident, self._secoc.protect(self._slot_of[ident], payload)
+
+
+def listening_ticks(tick_us: int) -> int:
+    """Return the ticks of :data:`LISTENING_US`."""
+    return -(-LISTENING_US // tick_us)
+
+
+def replay(
+    calibration: Calibration, traffic: Traffic, name: str, firmware: BusFirmware, *, key: bytes
+) -> Run:
+    """Replay authenticated ``traffic`` on an emulated processor, counting instructions and stack.
+
+    A tick's instructions are those of the loop, and of the authentication of all frames received
+    before it and sent by it.
+    """
+    kind = memory_image.dtype(firmware.record)
+    ecu = CortexEcu(calibration, cpu=name, count=True, firmware=firmware)
+    secoc = CortexAuthentication(ecu, firmware)
+    secoc.start(key, 1, listening_ticks(calibration.tick_us))
+    slot_of = {ident: slot for slot, (ident, _) in enumerate(firmware.sent)}
+    states = np.zeros(traffic.ticks, kind)
+    counts = np.zeros(traffic.ticks, np.int64)
+    added = np.zeros(traffic.ticks, np.int64)
+    bounds = np.searchsorted(traffic.frames["tick"], np.arange(traffic.ticks + 1))
+    for t in range(traffic.ticks):
+        secoc.elapse(int(traffic.elapsed[t]))
+        added[t] += secoc.instructions
+        for event in traffic.frames[bounds[t] : bounds[t + 1]]:
+            message, length = int(event["message"]), int(event["length"])
+            frame = event["payload"].tobytes()
+            taken = secoc.verify(message, frame, length)
+            added[t] += secoc.instructions
+            if taken:
+                ecu.put(message, frame, length)
+        ecu.advance(int(traffic.elapsed[t]))
+        counts[t] = ecu.instructions
+        states[t] = np.frombuffer(ecu.image(), kind, 1)[0]
+        for ident, payload in ecu.send():
+            secoc.protect(slot_of[ident], payload)
+            added[t] += secoc.instructions
+    frames = sent(states, firmware)
+    return Run(name, "unicorn", frames, states, counts + added, ecu.stack, authentication=added)

@@ -1,0 +1,1 @@
+"""Attackers on the bus: what they send, and what became of it."""

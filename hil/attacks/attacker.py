@@ -1,0 +1,207 @@
+"""An attacker on the bus: it hears every frame, knows every format and rule, and has no key.
+
+Every millisecond it may send frames of any kind on the segments of the ECU and of the actuators.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+import dbc
+from plant_sim import can_bus
+from plant_sim.can_bus.wire.frame import EXTENDED
+from plant_sim.nodes import authentication, codec, e2e
+from plant_sim.nodes.codec import MAX_PAYLOAD, Codec
+from plant_sim.nodes.sensors import PER_UNIT
+from plant_sim.world import fault_parts, frame_kernel
+from plant_sim.world.world import FRAME, World
+from plant_sim.world.world_kernel import EXTENDED_KEY, SENDER_STATE, STEP_NS, row_of
+
+NAMES = tuple(message.name for message in dbc.load().messages)
+"""Messages of the contract, in the order of the codec's tables."""
+SAMPLES = 16
+"""Values of a sample counter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A genuine frame of ours on the bus: when, which row of the codec's tables, and its bytes."""
+
+    t_ns: int
+    row: int
+    length: int
+    flags: int
+    payload: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True)
+class Forged:
+    """A frame of the attacker, after ``delay_ns``; it is meant for the receiver of ``row``."""
+
+    row: int
+    length: int
+    flags: int
+    payload: NDArray[np.uint8]
+    delay_ns: int = 0
+
+
+@dataclass(slots=True)
+class Ear:
+    """What the attacker knows: the tables of all frames, and what it has heard.
+
+    ``new`` are the frames of the last millisecond, ``all`` those since it listens. ``secured``: the
+    frames have a freshness value, which it can read and write as everybody can.
+    """
+
+    tables: Codec
+    secured: bool
+    random: np.random.Generator
+    now_ns: int = 0
+    new: list[Heard] = field(default_factory=list)
+    all: list[Heard] = field(default_factory=list)
+
+    def leader(self, message: str) -> int:
+        """Row of the frame that carries a message; -1: none does."""
+        row = codec.message_index(message)
+        on_bus = self.tables.message[row, codec.LENGTH] > 0
+        return int(self.tables.message[row, codec.LEADER]) if on_bus else -1
+
+    def heard(self, message: str) -> list[Heard]:
+        """The new frames of a message."""
+        row = self.leader(message)
+        return [heard for heard in self.new if heard.row == row]
+
+    def insert(
+        self, payload: NDArray[np.uint8], message: str, signal: str, value: float
+    ) -> NDArray[np.uint8]:
+        """Put a value (SI units) of a signal in a payload, if the bus has it."""
+        row = codec.signal_index(message, signal)
+        if self.tables.field[row, codec.PIECES]:
+            scaled = value * PER_UNIT.get(codec.unit(message, signal), 1.0)
+            codec.insert(self.tables, row, payload, codec.raw_value(self.tables, row, scaled))
+        return payload
+
+    def following(self, heard: Heard) -> NDArray[np.uint8]:
+        """A payload like the one heard, with the next sample counter and freshness value."""
+        payload = heard.payload.copy()
+        for row in range(len(self.tables.message)):
+            names = codec.signal_names(NAMES[row])
+            if self.tables.message[row, codec.LEADER] != heard.row or "SampleCounter" not in names:
+                continue
+            at = codec.signal_index(NAMES[row], "SampleCounter")
+            if self.tables.field[at, codec.PIECES]:
+                count = codec.extract(self.tables, at, payload) + 1
+                codec.insert(self.tables, at, payload, count % SAMPLES)
+        if self.secured:
+            self.jump(payload, 0, 1)
+        return payload
+
+    @staticmethod
+    def jump(payload: NDArray[np.uint8], starts: int, count: int) -> None:
+        """Advance the freshness value in a payload; its MAC stays what it is."""
+        at = slice(authentication.COUNT_AT, authentication.MAC_AT)
+        number = int.from_bytes(payload[at].tobytes(), "big") + count
+        payload[at] = list((number % authentication.COUNTS).to_bytes(3, "big"))
+        sender = authentication.STARTS_AT
+        payload[sender] = (int(payload[sender]) + starts) % 256
+
+    def finished(self, row: int, payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Give a payload the next counter and the right checksum of the end-to-end protection."""
+        its = self.tables
+        count = e2e.counter_of(its.protection[row], payload) + 1
+        e2e.protect(its.protection[row], its.identity[row], its.crc[row], count, payload)
+        return payload
+
+    def forged(self, row: int, payload: NDArray[np.uint8], delay_ns: int = 0) -> Forged:
+        """A frame of the right length and format."""
+        message = self.tables.message[row]
+        length, flags = int(message[codec.LENGTH]), int(message[codec.FLAGS])
+        return Forged(row, length, flags, payload, delay_ns)
+
+
+Forge = Callable[[Ear], Iterator[Forged]]
+"""What an attacker sends in a millisecond, from what it knows."""
+
+
+class AttackedWorld(World):
+    """A world with an attacker on its bus once :meth:`attack` was called.
+
+    ``sent`` counts the attacker's frames; ``arrivals`` says of each frame that the last
+    :meth:`advance` has returned whether it is the attacker's.
+    """
+
+    def attack(self, forge: Forge, start_ns: int, *, seed: int) -> None:
+        """Let ``forge`` send from ``start_ns`` on; it listens from now on."""
+        memory = self.parts.memory[0]
+        clock = memory["frames"]["clock"]
+        fault_parts.add_attackers(clock, self.network)
+        at_ecu, at_actuator = (
+            int(clock[slot])
+            for slot in (frame_kernel.ATTACKER_AT_ECU, frame_kernel.ATTACKER_AT_ACTUATOR)
+        )
+        self._nodes = at_ecu, at_actuator
+        segments = self.network.nodes["segment"]
+        one_for_all = segments[at_ecu] == segments[at_actuator]
+        self._senders = (at_ecu,) if one_for_all else self._nodes
+        self._places = memory["clock"]
+        self._forge, self._start_ns = forge, start_ns
+        self._cursor = 0
+        self.sent = 0
+        self.arrivals: list[bool] = []
+        secured = bool(memory["authentication"]["flag"][authentication.ENABLED])
+        tables = Codec(*(memory["tables"][name] for name in Codec._fields))
+        self.ear = Ear(tables, secured, np.random.default_rng([seed, 77]))
+
+    def advance(self, until_ns: int) -> NDArray[np.void]:
+        """Advance by milliseconds, with the attacker's turn after each."""
+        received = [np.zeros(0, FRAME)]
+        while self.now_ns < until_ns:
+            received.append(super().advance(min(self.now_ns + STEP_NS, until_ns)))
+            self._turn()
+        found = np.concatenate(received)
+        self.arrivals = [bool(forged) for forged in found["forged"]]
+        return found
+
+    def _turn(self) -> None:
+        ear = self.ear
+        entries, self._cursor, _ = can_bus.drain(self.network, self._cursor)
+        ear.now_ns = self.now_ns
+        ear.new = [heard for heard in map(self._heard, entries) if heard is not None]
+        ear.all += ear.new
+        if self.now_ns < self._start_ns:
+            return
+        for frame in self._forge(ear):
+            self._send(frame)
+
+    def _heard(self, entry: np.void) -> Heard | None:
+        """The genuine frame of ours that an entry of the bus's log is, if it is one."""
+        flags = int(entry["flags"]) & ~SENDER_STATE
+        key = int(entry["ident"]) | (EXTENDED_KEY if flags & EXTENDED else 0)
+        row = row_of(self.ear.tables, key)
+        if (
+            row < 0
+            or flags != self.ear.tables.message[row, codec.FLAGS]
+            or entry["outcome"] != can_bus.DELIVERED
+            or int(entry["sender"]) in self._nodes
+        ):
+            return None
+        payload = np.zeros(MAX_PAYLOAD, np.uint8)
+        length = int(entry["length"])
+        payload[:length] = entry["payload"][:length]
+        return Heard(int(entry["t_received"]), row, length, flags, payload)
+
+    def _send(self, frame: Forged) -> None:
+        ident = int(self.ear.tables.message[frame.row, codec.IDENT])
+        for node in self._senders:
+            can_bus.enqueue(
+                self.network,
+                node,
+                self.now_ns + frame.delay_ns,
+                ident,
+                frame.length,
+                frame.payload,
+                frame.flags,
+            )
+        self.sent += 1

@@ -1,0 +1,238 @@
+"""Authentication of the plant's frames: what AUTOSAR SecOC prescribes, written from the standards.
+
+AES-128 by bytes (FIPS 197) and its CMAC (RFC 4493) over one block: data id, the frame's eight bytes
+and the freshness value of 48 bits, which is the sender's number of starts and of the frame since. A
+frame carries the low 32 bits of the freshness value and the first 32 bits of the MAC.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from plant_sim.kernels.jit import njit
+from plant_sim.nodes import e2e
+from plant_sim.nodes.codec import Codec
+
+PAYLOAD, SECURED = 8, 16
+STARTS_AT, COUNT_AT, MAC_AT = 8, 9, 12
+COUNTS = 1 << 24
+WINDOW = 127
+"""A frame of a later start is taken if that is at most so many starts ahead."""
+LISTENING_NS = 160_000_000
+"""Time after a start for which no frame is taken: the longest between two commands."""
+NEVER = 1 << 62
+STARTS_MAX = 16
+
+# Slots of Authentication.flag.
+ENABLED, REFUSED, STARTED_NS, N_FLAGS = range(4)
+# Columns of Authentication.sent and heard.
+STARTS, COUNT = range(2)
+
+
+class Authentication(NamedTuple):
+    """Keys and freshness values of the plant's nodes.
+
+    ``sent`` and ``heard`` (messages, 2): starts of the sender, and number of the next or last
+    frame. ``start_ns``: when the actuator node, the receiver here, starts anew.
+    """
+
+    flag: NDArray[np.int64]
+    sbox: NDArray[np.int64]
+    round_key: NDArray[np.int64]
+    subkey: NDArray[np.int64]
+    sent: NDArray[np.int64]
+    heard: NDArray[np.int64]
+    start_ns: NDArray[np.int64]
+    block: NDArray[np.int64]
+    mixed: NDArray[np.int64]
+
+
+def _doubled(value: int) -> int:
+    """Product with x in GF(2^8)."""
+    return (value << 1) ^ (0x11B if value & 0x80 else 0)
+
+
+def _sbox() -> list[int]:
+    """The S-box by powers of the generator 3: the inverse of 3^k is 3^(255 - k)."""
+    powers = [1]
+    for _ in range(254):
+        powers.append(powers[-1] ^ _doubled(powers[-1]))
+    inverse = {power: powers[-k % 255] for k, power in enumerate(powers)}
+    found = []
+    for x in range(256):
+        turned = inverse.get(x, 0)
+        value = 0x63
+        for _ in range(5):
+            value ^= turned
+            turned = (turned << 1 | turned >> 7) & 255
+        found.append(value)
+    return found
+
+
+def _round_keys(key: bytes, sbox: Sequence[int]) -> list[int]:
+    """The bytes of all round keys."""
+    found, constant = list(key), 1
+    for word in range(4, 44):
+        last = found[-4:]
+        if word % 4 == 0:
+            last = [sbox[byte] for byte in (*last[1:], last[0])]
+            last[0] ^= constant
+            constant = _doubled(constant)
+        found += [old ^ new for old, new in zip(found[-16:-12], last, strict=True)]
+    return found
+
+
+def build(
+    rows: int, *, key: bytes | None, start_ns: Sequence[int] = (), starts: int = 1
+) -> Authentication:
+    """Return the nodes of a bus with ``rows`` messages at time 0, as their start ``starts``.
+
+    Args:
+        rows: messages of the codec's tables.
+        key: 16 bytes; None: the frames are not authenticated.
+        start_ns: when the actuator node starts anew.
+        starts: number of this start of the senders.
+    """
+    sbox = _sbox()
+    flag = np.zeros(N_FLAGS, np.int64)
+    flag[ENABLED] = key is not None
+    later = np.full(STARTS_MAX, NEVER, np.int64)
+    later[: len(start_ns)] = sorted(start_ns)[:STARTS_MAX]
+    heard = np.zeros((rows, 2), np.int64)
+    heard[:, COUNT] = -1
+    sent = np.zeros((rows, 2), np.int64)
+    sent[:, STARTS] = starts - 1
+    its = Authentication(
+        flag=flag,
+        sbox=np.array(sbox, np.int64),
+        round_key=np.array(_round_keys(key or bytes(16), sbox), np.int64),
+        subkey=np.zeros(16, np.int64),
+        sent=sent,
+        heard=heard,
+        start_ns=later,
+        block=np.zeros(16, np.int64),
+        mixed=np.zeros(16, np.int64),
+    )
+    encrypt(its)
+    its.subkey[:] = its.block
+    carry = 0x87 if its.subkey[0] & 0x80 else 0
+    its.subkey[:-1] = its.subkey[:-1] << 1 & 255 | its.subkey[1:] >> 7
+    its.subkey[-1] = its.subkey[-1] << 1 & 255 ^ carry
+    return its
+
+
+@njit
+def encrypt(auth: Authentication) -> None:
+    """Encrypt the block in place."""
+    block, mixed = auth.block, auth.mixed
+    for k in range(16):
+        block[k] = block[k] ^ auth.round_key[k]
+    for turn in range(1, 11):
+        for k in range(16):
+            # byte r of column c comes from column c + r
+            mixed[k] = auth.sbox[block[(k + 4 * (k % 4)) % 16]]
+        for k in range(16):
+            value = mixed[k]
+            if turn < 10:
+                column = 4 * (k // 4)
+                after = mixed[column + (k + 1) % 4]
+                total = mixed[column] ^ mixed[column + 1] ^ mixed[column + 2] ^ mixed[column + 3]
+                twice = (value ^ after) << 1
+                if twice > 255:
+                    twice = twice ^ 0x11B
+                value = value ^ total ^ twice
+            block[k] = value ^ auth.round_key[16 * turn + k]
+
+
+@njit
+def _authenticate(
+    auth: Authentication, identity: int, payload: NDArray[np.uint8], starts: int, count: int
+) -> None:
+    """Leave the MAC of a frame with its whole freshness value in the block."""
+    block = auth.block
+    block[0] = (identity >> 8) & 255
+    block[1] = identity & 255
+    for k in range(PAYLOAD):
+        block[2 + k] = int(payload[k])
+    for k in range(3):
+        block[10 + k] = (starts >> (16 - 8 * k)) & 255
+        block[13 + k] = (count >> (16 - 8 * k)) & 255
+    for k in range(16):
+        block[k] = block[k] ^ auth.subkey[k]
+    encrypt(auth)
+
+
+@njit
+def protect(
+    auth: Authentication, tables: Codec, row: int, payload: NDArray[np.uint8], first: bool
+) -> None:
+    """Finish a frame of message ``row``; ``first``: the first one since its node has started."""
+    if auth.flag[ENABLED] == 0:
+        return
+    state = auth.sent[row]
+    if first:
+        state[STARTS] += 1
+        state[COUNT] = 0
+    starts, count = state[STARTS], state[COUNT]
+    state[COUNT] += 1
+    _authenticate(auth, tables.protection[row, e2e.DATA_ID], payload, starts, count)
+    payload[STARTS_AT] = starts & 255
+    for k in range(3):
+        payload[COUNT_AT + k] = (count >> (16 - 8 * k)) & 255
+    for k in range(4):
+        payload[MAC_AT + k] = auth.block[k]
+
+
+@njit
+def pretend(auth: Authentication, payload: NDArray[np.uint8]) -> None:
+    """Give a frame the next number, as whoever has no key can: its MAC stays that of another."""
+    if auth.flag[ENABLED] == 0:
+        return
+    for k in (2, 1, 0):
+        value = (int(payload[COUNT_AT + k]) + 1) & 255
+        payload[COUNT_AT + k] = value
+        if value != 0:
+            return
+
+
+@njit
+def _start_anew(auth: Authentication, t_ns: int) -> None:
+    """Forget what was heard before the newest start of the node; the senders' starts last."""
+    for number in range(STARTS_MAX):
+        start = auth.start_ns[number]
+        if auth.flag[STARTED_NS] < start <= t_ns:
+            auth.flag[STARTED_NS] = start
+            for row in range(len(auth.heard)):
+                auth.heard[row, COUNT] = -1
+
+
+@njit
+def verify(
+    auth: Authentication, tables: Codec, row: int, payload: NDArray[np.uint8], t_ns: int
+) -> bool:
+    """Whether a frame received at ``t_ns`` is authentic, new, and to be taken."""
+    if auth.flag[ENABLED] == 0:
+        return True
+    _start_anew(auth, t_ns)
+    state = auth.heard[row]
+    ahead = (int(payload[STARTS_AT]) - state[STARTS]) % 256
+    count = 0
+    for k in range(3):
+        count = count * 256 + int(payload[COUNT_AT + k])
+    good = (ahead == 0 and count > state[COUNT]) or 1 <= ahead <= WINDOW
+    if count >= COUNTS - 1:
+        good = False
+    starts = state[STARTS] + ahead
+    if good:
+        _authenticate(auth, tables.protection[row, e2e.DATA_ID], payload, starts, count)
+        for k in range(4):
+            if auth.block[k] != int(payload[MAC_AT + k]):
+                good = False
+    if not good:
+        auth.flag[REFUSED] += 1
+        return False
+    state[STARTS] = starts
+    state[COUNT] = count
+    return bool(t_ns - auth.flag[STARTED_NS] >= LISTENING_NS)

@@ -1,0 +1,139 @@
+"""The plant's authentication against the cryptography package, which it shares nothing with."""
+
+import numpy as np
+import pytest
+from cryptography.hazmat.primitives.ciphers import Cipher, algorithms, modes
+from cryptography.hazmat.primitives.cmac import CMAC
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import dbc
+from codegen.generated.bus_map import load
+from plant_sim.nodes import authentication, codec
+
+KEY = bytes(range(200, 216))
+TABLES = codec.of_map(load(dbc.SECURED_PATH, dbc.SECURED_MAP))
+IMU = codec.message_index("Imu")
+COMMAND = codec.message_index("AntiRollBarCommand")
+LATER = 10**9
+"""A time at which the nodes take frames."""
+
+
+def nodes(**options):
+    return authentication.build(len(TABLES.message), **{"key": KEY, **options})
+
+
+def secured(count, starts=1, *, row=IMU, key=KEY, payload=b"12345678"):
+    """A frame by the standards' text."""
+    identity = dbc.data_id(dbc.load().messages[row])
+    judge = CMAC(algorithms.AES(key))
+    judge.update(
+        identity.to_bytes(2, "big") + payload + starts.to_bytes(3, "big") + count.to_bytes(3, "big")
+    )
+    low = bytes([starts & 255]) + count.to_bytes(3, "big")
+    return np.frombuffer(payload + low + judge.finalize()[:4] + bytes(48), np.uint8).copy()
+
+
+def verified(auth, frame, t_ns=LATER, row=IMU):
+    return authentication.verify(auth, TABLES, row, frame, t_ns)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.binary(min_size=16, max_size=16), st.binary(min_size=16, max_size=16))
+def test_a_block_is_that_of_another_aes(key, block):
+    auth = nodes(key=key)
+    auth.block[:] = list(block)
+    authentication.encrypt(auth)
+    judge = Cipher(algorithms.AES(key), modes.ECB()).encryptor()
+    assert bytes(auth.block.tolist()) == judge.update(block)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.binary(min_size=16, max_size=16),
+    st.binary(min_size=8, max_size=8),
+    st.integers(1, 2**24 - 1),
+    st.integers(0, 2**24 - 2),
+    st.sampled_from([IMU, COMMAND]),
+)
+def test_a_frame_is_that_of_another_cmac(key, payload, starts, count, row):
+    auth = nodes(key=key, starts=starts)
+    auth.sent[row] = starts, count
+    frame = np.frombuffer(payload + bytes(56), np.uint8).copy()
+    authentication.protect(auth, TABLES, row, frame, False)
+    expected = secured(count, starts, row=row, key=key, payload=payload)
+    assert frame.tobytes() == expected.tobytes()
+
+
+def test_the_first_frame_of_a_node_begins_a_start():
+    auth = nodes()
+    frame = secured(0)
+    for first, starts, count in ((True, 1, 0), (False, 1, 1), (True, 2, 0), (False, 2, 1)):
+        authentication.protect(auth, TABLES, IMU, frame, first)
+        assert frame.tobytes() == secured(count, starts).tobytes()
+
+
+def test_every_frame_passes_once_and_older_ones_never():
+    auth = nodes()
+    for count in (0, 1, 5, 4000):
+        assert verified(auth, secured(count))
+        assert not verified(auth, secured(count))
+    assert not verified(auth, secured(3))
+    assert auth.flag[authentication.REFUSED] == 5
+
+
+@pytest.mark.parametrize("bit", range(8 * authentication.SECURED))
+def test_any_bit_changed_is_refused(bit):
+    auth = nodes()
+    assert verified(auth, secured(8))
+    frame = secured(9)
+    frame[bit // 8] ^= 1 << bit % 8
+    assert not verified(auth, frame)
+    assert verified(auth, secured(9))
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [secured(3, key=bytes(16)), secured(3, row=COMMAND), secured(2**24 - 1), secured(0, 128)],
+    ids=["another key", "another message", "last number", "a start far ahead"],
+)
+def test_what_is_not_for_now_is_refused(frame):
+    assert not verified(nodes(), frame)
+
+
+def test_after_a_reset_of_the_sender_its_old_frames_are_old_for_ever():
+    auth = nodes()
+    assert verified(auth, secured(9000))
+    assert verified(auth, secured(0, starts=2))
+    assert not verified(auth, secured(9001))
+
+
+def test_a_node_that_has_just_started_takes_no_recorded_frame():
+    auth = nodes(start_ns=(3 * LATER, 2 * LATER))
+    assert verified(auth, secured(500))
+    soon = 2 * LATER + authentication.LISTENING_NS - 1
+    assert not verified(auth, secured(400), 2 * LATER)
+    assert not verified(auth, secured(501), soon)
+    assert auth.flag[authentication.REFUSED] == 0
+    assert not verified(auth, secured(450), soon + 1)
+    assert verified(auth, secured(502), soon + 1)
+    assert not verified(auth, secured(503), 3 * LATER)
+
+
+def test_a_bus_without_keys_has_plain_frames():
+    auth = nodes(key=None)
+    frame = np.full(64, 7, np.uint8)
+    authentication.protect(auth, TABLES, IMU, frame, True)
+    authentication.pretend(auth, frame)
+    assert (frame == 7).all()
+    assert verified(auth, frame)
+    assert verified(auth, frame)
+
+
+def test_an_attacker_counts_on_but_has_no_mac():
+    auth = nodes()
+    frame = secured(0x00FFFF)
+    assert verified(auth, frame)
+    authentication.pretend(auth, frame)
+    assert frame[9:12].tolist() == [1, 0, 0]
+    assert not verified(auth, frame)
