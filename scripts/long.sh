@@ -59,7 +59,7 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
                 keep fuzz_firmware python -m tools.hostile.firmware --inputs 10000000
                 keep fuzz_firmware_own_bus python -m tools.hostile.firmware --inputs 1000000 \
                     --dbc examples/own_bus/own.dbc --map examples/own_bus/own.toml ;;
-            hostile_files) keep hostile_files python -m tools.hostile.files --each 300 ;;
+            hostile_files) keep hostile_files python -m tools.hostile.files --each 100 ;;
             kills) keep kills python -m tools.hostile.kills ;;
             endurance) keep endurance python -m tools.hostile.long_run ;;
             splitting) keep splitting scripts/splitting-coverage ;;
