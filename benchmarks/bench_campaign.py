@@ -12,6 +12,7 @@ turn, the best of each; on a busy machine they say little.
 """
 
 import argparse
+import os
 import time
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import replace
@@ -180,6 +181,7 @@ def main():
     print(f"two processes over one: {two / one:.2f}")
     for rate in others:
         print(f"Dask over the pool: {rate / two:.2f}")
+    print(f"load of the machine {os.getloadavg()[0]:.1f}, this benchmark included")
     print(f"a million draws on two cores: {1e6 / two / 3600:.1f} h")
 
 

@@ -1,7 +1,8 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
 #   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract limit_cycles
-#                                  reproduce campaign rollover splitting fuzz_firmware
+#                                  reproduce campaign rollover splitting fuzz_firmware exchange
+#                                  hostile_files kills endurance
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
@@ -14,7 +15,7 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
     echo "long: $*" >&2
     {
         echo "commit   $(git rev-parse --short HEAD)$(git diff --quiet || echo ' with changes')"
-        echo "machine  $(nproc) cores, $(uname -m)"
+        echo "machine  $(nproc --all) cores, $(uname -m)"
         echo "command  $*"
         echo
         "$@" 2>&1
@@ -23,7 +24,7 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
 }
 
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware}"; do
+for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware exchange hostile_files kills endurance}"; do
     for part in $name; do
         case $part in
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
@@ -58,7 +59,13 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
                 keep fuzz_firmware python -m tools.hostile.firmware --inputs 10000000
                 keep fuzz_firmware_own_bus python -m tools.hostile.firmware --inputs 1000000 \
                     --dbc examples/own_bus/own.dbc --map examples/own_bus/own.toml ;;
+            hostile_files) keep hostile_files python -m tools.hostile.files --each 100 ;;
+            kills) keep kills python -m tools.hostile.kills ;;
+            endurance) keep endurance python -m tools.hostile.long_run ;;
             splitting) keep splitting scripts/splitting-coverage ;;
+            exchange)
+                keep exchange scripts/exchange-evidence
+                keep exchange_equality pytest -n 0 -v -m slow tests/codegen/fmu tests/hil/exchange ;;
             *) echo "long: unknown part '$part'" >&2; exit 2 ;;
         esac
     done

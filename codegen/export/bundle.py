@@ -24,6 +24,7 @@ from codegen.export import (
     coverage_cases,
     interrupts,
     misra,
+    secoc_session,
     traceability,
     uds_session,
     xcp_session,
@@ -201,6 +202,7 @@ def write(folder: Path, export: Export) -> list[Path]:
         text = (TEMPLATES / name).read_text(encoding="utf-8")
         text = text.replace("{version}", version("canroll"))
         text = text.replace("{bytes}", str(export.traffic.frames.dtype["payload"].shape[0]))
+        text = secoc_session.example(text, firmware, export.record)
         texts[place + name.removesuffix(".in")] = text.replace(
             "{optimisation}", " ".join(OPTIMISATION)
         )
@@ -221,6 +223,8 @@ def write(folder: Path, export: Export) -> list[Path]:
         texts.update(xcp_session.sources(served, export.record))
     if "uds" in export.services:
         texts.update(uds_session.sources(served, export.record))
+    if bus.secured:
+        texts.update(secoc_session.sources(firmware))
     if export.specialised:
         crc = export.record.crc & 0xFFFFFFFF
         texts[f"include/{TIE}.h"] = TIE_HEADER.format(crc=f"0x{crc:08X}")
@@ -372,7 +376,7 @@ def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
         "interrupts": interrupts.table(program),
         "stage": _stage(export),
         "services": _services(export, firmware),
-        "tested": _tested(export),
+        "tested": _tested(export) + (secoc_session.FILES if bus.secured else ""),
         "traced": "" if export.specialised else traceability.NOTE,
     }
     for name, value in values.items():
@@ -411,6 +415,8 @@ def _services(export: Export, firmware: BusFirmware) -> str:
                 data=uds_session.DATA,
             )
         )
+    if firmware.bus.secured:
+        notes.append(secoc_session.NOTE)
     return "".join(notes)
 
 

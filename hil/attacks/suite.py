@@ -110,7 +110,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Suite:
-    """All attacks on one loop; ``authenticated``: the frames of its bus are."""
+    """All attacks on one loop, the first one none; ``authenticated``: the frames of its bus are."""
 
     settings: Settings
     authenticated: bool
@@ -131,7 +131,7 @@ class Suite:
     def verdict(self) -> str:
         """The verdict in one line."""
         sent = sum(outcome.sent for outcome in self.outcomes)
-        harmful = sum(bool(outcome.harm) for outcome in self.outcomes)
+        harmful = sum(bool(outcome.harm) for outcome in self.outcomes[1:])
         kind = "authenticated" if self.authenticated else "not authenticated"
         return (
             f"{self.settings.bus_name}, {kind}: {sent} forged frames, accepted {self.accepted} "
@@ -154,12 +154,17 @@ def run(scenario: str, *, progress: Progress | None = None, **choices: Any) -> S
     """Drive every attack on the loop of ``choices`` (:class:`hil.runs.choices.Choices`).
 
     Raises:
-        CanrollError: an invalid name or number.
+        CanrollError: an invalid name or number, or a bus of several segments.
         VerdictError: the design fails its own checks.
     """
     if choices.get("law") == PASSIVE:
         raise CanrollError("--law passive has no control to attack: choose another law")
     settings, controller = plan(scenario, **choices)
+    if settings.profile.segments > 1:
+        # what a gateway forwards could not be told from a genuine frame
+        raise CanrollError(
+            f"bus {settings.bus} has several segments: attacks need a bus of one, such as 500k"
+        )
     passive = drive(replace(settings, faults=()), controller, enabled=False)
     chosen = (NONE, *attacks(settings.command))
     outcomes = []

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from hil.runs.frozen import Controller
 from hil.runs.metrics import Metrics
 from hil.runs.result import LEAST_ROLL_DEG, Settings
 from hil.studies.figures import figures
+from plant_sim.can_bus import load_profile
 
 HARMLESS = 1.02
 """Largest roll angle over that without control, up to which a faulted run has done no harm."""
@@ -69,8 +71,9 @@ class Plan:
             **settings.choices(),
             "phase_ms": None if settings.phase is None else 1e3 * settings.phase,
             "vehicle_fingerprint": settings.vehicle.fingerprint,
-            "calibration": hashlib.sha256(image(controller.record)).hexdigest(),
-            "stage": None if settings.stage is None else settings.stage.name,
+            "calibration": _hash(image(controller.record)),
+            "stage": None if settings.stage is None else _hash(settings.stage.source.encode()),
+            "files": _files(settings, self.space),
             "runs": self.runs,
             **asdict(self.sampling),
             "draw": {
@@ -85,8 +88,7 @@ class Plan:
     @cached_property
     def digest(self) -> str:
         """Fingerprint of the description."""
-        text = json.dumps(self.description, sort_keys=True, default=str)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return _hash(json.dumps(self.description, sort_keys=True, default=str).encode())
 
     def numbers(self, chunk: int) -> range:
         """Return the numbers of the draws in a chunk."""
@@ -140,6 +142,25 @@ class Plan:
     def columns(self, draws: Sequence[Mapping[str, Any]]) -> Columns:
         """Return the drawn values as columns of a table: numbers, or text."""
         return {name: _column(name, [draw[name] for draw in draws]) for name in self.space.names}
+
+
+def _hash(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def _files(settings: Settings, space: Space) -> list[list[str]]:
+    """Return name and hash of each file that a draw may read, wherever it is on this machine."""
+    drawn = [value for each in space.distributions for value in each.extremes()]
+    known = dict(zip(space.names, space.distributions, strict=True))
+    buses = known["bus"].extremes() if "bus" in known else (settings.bus,)
+    texts = [settings.key, settings.plant, settings.bus, *dict(settings.options).values(), *drawn]
+    paths = {Path(part) for text in texts if isinstance(text, str) for part in text.split("#")}
+    paths |= {path.with_suffix(".toml") for path in paths if path.suffix == ".fmu"}
+    for bus in buses:
+        profile = load_profile(bus, settings.dbc, settings.map)
+        traffic = (segment.traffic for segment in profile.network.segments)
+        paths |= {path for path in (profile.dbc, profile.map_file, *traffic) if path is not None}
+    return sorted([path.name, _hash(path.read_bytes())] for path in paths if path.is_file())
 
 
 def _column(name: str, values: list[Any]) -> NDArray[Any]:

@@ -35,9 +35,6 @@ ONLY_ON_A_BUS = (
     *("side_channel", "peer_timeout", "cpu", "xcp", "uds"),
 )
 """Options of the ECU in real time that a recorded drive has no use for."""
-TRACE_SECONDS = 600
-FRAMES_PER_SECOND = 700
-"""Upper bound of the frame rate of the bus contract, with reserve."""
 
 
 def check_side_channel(args: argparse.Namespace) -> None:
@@ -97,12 +94,7 @@ def run(args: argparse.Namespace) -> int:
     lock = phase_lock(args, calibration.tick_us, firmware)
     ecu = open_ecu(backend, calibration, firmware)
     link = open_link(args, firmware.fd)
-    seconds = args.duration + 1 if args.duration else TRACE_SECONDS
-    recorder = tick_trace.Recorder(
-        ticks=round(seconds * 1e6 / calibration.tick_us),
-        frames=round(seconds * (FRAMES_PER_SECOND + 1e6 / calibration.tick_us)),
-        room=firmware.room,
-    )
+    recorder = tick_trace.Recorder(room=firmware.room)
     with process.stop_on_signals() as stop:
         notes = []
         if args.pace == "realtime":

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from errno import EACCES, ENOTDIR
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -92,14 +93,13 @@ def run(args: argparse.Namespace) -> int:
         refuse_unwritable(args.folder)
     if (args.dbc is None) != (args.map is None):
         raise CanrollError("--dbc and --map require each other")
-    if args.dbc is not None and load_map(args.dbc, args.map).secured:
-        raise CanrollError(f"{args.map}: [secoc] cannot be exported: remove it")
     for name in services if args.dbc is not None else ():
         if getattr(load_map(args.dbc, args.map), name) is None:
             raise CanrollError(
                 f"--{name}: {args.map} has no table [{name}] with the identifiers: add it"
             )
-    refuse_authenticated(profile_of(choices_of(args, OF_AN_EXPORT)), "export-c")
+    if args.specialise:
+        refuse_authenticated(profile_of(bus_of(args)), "--specialise")
     settings, controller = plan(
         "double_lane_change",
         **choices_of(args, OF_AN_EXPORT),
@@ -118,6 +118,12 @@ def run(args: argparse.Namespace) -> int:
             written += flash.write(args.folder, export.record, args.address)
     print(f"{len(written)} files in {args.folder}; next: make -C {args.folder} test")
     return 0
+
+
+def bus_of(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the choices of the bus."""
+    bus = choices_of(args, OF_AN_EXPORT).get("bus")
+    return {"bus": bus, "dbc": args.dbc, "map": args.map}
 
 
 @contextmanager
@@ -149,8 +155,7 @@ def described(
         f"{controller.law} for {controller.vehicle.name}, {controller.actuator}, tick "
         f"{1e3 * controller.tick:g} ms; {'verified' if verified else 'NOT VERIFIED'}."
     )
-    own = args.dbc is not None
-    if own:
+    if args.dbc is not None:
         bus = load_map(args.dbc, args.map)
         show_warnings(bus.warnings)
         if record.e2e and not bus.protected:

@@ -263,7 +263,7 @@ def timing_object(
     if setup.cores is None and setup.pace == "realtime":
         notes.append("one core for both programs: not pinned, the budget is not judged")
     if ecu.about["full"]:
-        notes.append("the tick trace was full before the end")
+        notes.append("the tick trace ends early: its temporary file could not be written")
     return {
         "deadline_misses": timing.misses(ran),
         "ticks": len(ran.ticks),

@@ -2,7 +2,8 @@
 
 Tick number, elapsed ticks and consumed frames determine the loop completely, so a real-time run
 can be replayed offline through any backend, with the same frames byte for byte. The tick writes
-into memory allocated beforehand; the file is written after the run.
+into memory allocated beforehand, which is moved to a spool when it is full; the file is written
+after the run.
 """
 
 import json
@@ -27,6 +28,7 @@ from hil.realtime.bus_link import Frame
 from hil.realtime.hardware.bus_record import ENTRY
 from hil.runs.trace import TICK, record_tick
 from plant_sim.world import archive
+from plant_sim.world.spool import Rows, Table
 
 TICKS = np.dtype(
     [
@@ -58,17 +60,20 @@ FRAMES = frames_of(8)
 
 
 class Recorder:
-    """Memory for ``ticks`` ticks and ``frames`` frames; recording ends when it is full.
+    """Memory for ``ticks`` ticks and ``frames`` frames, moved to a spool whenever it is full.
 
+    A tick that fills it moves it after its end, so that what this takes shows as the lateness of
+    the next one. Where the spool cannot be written recording ends, and the loop goes on.
     ``room``: bytes of the longest frame.
     """
 
-    def __init__(self, *, ticks: int, frames: int, room: int = 8) -> None:
-        self._kind = frames_of(room)
+    def __init__(self, *, ticks: int = 500, frames: int = 10_000, room: int = 8) -> None:
         self._frame_struct = struct.Struct(f"<IBBxx{room}s")
         self._ticks = bytearray(_TICK.size * ticks)
         self._frames = bytearray(self._frame_struct.size * frames)
-        self._tick_end = self._frame_end = self._frame_done = 0
+        self._tick_rows, self._frame_rows = Rows(TICKS), Rows(frames_of(room))
+        self._tick_end = self._frame_end = 0
+        self._in_tick = 0
         self.full = False
 
     def consumed(self, ident: int, payload: bytes) -> None:
@@ -81,30 +86,52 @@ class Recorder:
 
     def tick(self, number: int, elapsed: int, deadline: int, start: int, end: int) -> None:
         """Close a tick: the frames recorded since the last one belong to it."""
-        if self._tick_end == len(self._ticks):
-            self.full = True
         if self.full:
             return
-        count = (self._frame_end - self._frame_done) // self._frame_struct.size
+        count = self._in_tick
         _TICK.pack_into(self._ticks, self._tick_end, number, elapsed, count, deadline, start, end)
         self._tick_end += _TICK.size
-        self._frame_done = self._frame_end
+        self._in_tick = 0
+        if self._tick_end == len(self._ticks):
+            self._move()
 
     def _frame(self, ident: int, sent: int, payload: bytes) -> None:
-        if self.full or self._frame_end == len(self._frames):
-            self.full = True
+        if self._frame_end == len(self._frames):
+            self._move()
+        if self.full:
             return
         frame = self._frame_struct
         frame.pack_into(self._frames, self._frame_end, ident, sent, len(payload), payload)
         self._frame_end += frame.size
+        self._in_tick += 1
 
-    def ticks(self) -> NDArray[np.void]:
+    def _move(self) -> None:
+        if self.full:
+            return
+        try:
+            self._frame_rows.append(_rows(self._frames, self._frame_end, self._frame_rows.dtype))
+            self._tick_rows.append(_rows(self._ticks, self._tick_end, TICKS))
+        except CanrollError:
+            self.full = True
+            return
+        self._tick_end = self._frame_end = 0
+
+    def ticks(self) -> Rows:
         """Return the closed ticks."""
-        return np.frombuffer(bytes(self._ticks[: self._tick_end]), TICKS)
+        self._move()
+        return self._tick_rows
 
-    def frames(self) -> NDArray[np.void]:
+    def frames(self) -> Rows:
         """Return the frames of the closed ticks."""
-        return np.frombuffer(bytes(self._frames[: self._frame_done]), self._kind)
+        self._move()
+        closed = int(self._tick_rows["frames"].sum())
+        if len(self._frame_rows) == closed:
+            return self._frame_rows
+        return Rows.of(self._frame_rows[:closed])
+
+
+def _rows(memory: bytearray, end: int, kind: np.dtype[Any]) -> NDArray[np.void]:
+    return np.frombuffer(bytes(memory[:end]), kind)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,8 +142,8 @@ class TickTrace:
     """
 
     calibration: Calibration
-    ticks: NDArray[np.void]
-    frames: NDArray[np.void]
+    ticks: Table
+    frames: Table
     about: Mapping[str, Any]
     bus: NDArray[np.void] = field(default_factory=lambda: np.zeros(0, ENTRY))
 
@@ -185,11 +212,12 @@ def replay(
         firmware: firmware for the bus, by default the built-in one.
     """
     ecu = open_ecu(backend, trace.calibration, firmware)
-    rows = np.zeros(len(trace.ticks), TICK)
+    ticks, recorded_frames = np.asarray(trace.ticks), np.asarray(trace.frames)
+    rows = np.zeros(len(ticks), TICK)
     difference = None
     first = 0
-    for row, tick in zip(rows, trace.ticks, strict=True):
-        frames = trace.frames[first : first + int(tick["frames"])]
+    for row, tick in zip(rows, ticks, strict=True):
+        frames = recorded_frames[first : first + int(tick["frames"])]
         first += len(frames)
         answer = _replay_tick(ecu, frames, int(tick["elapsed"]))
         recorded = [_frame(frame) for frame in frames[frames["sent"] == 1]]

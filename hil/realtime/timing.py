@@ -181,8 +181,9 @@ def _commands_and_samples(
     command = firmware.bus.transmitted[command_slot(trace.calibration)]
     imu = firmware.bus.received[RX_IMU]
     rows, read, newest, first = [], [], b"", 0
-    for tick in trace.ticks:
-        for frame in trace.frames[first : first + int(tick["frames"])]:
+    frames = np.asarray(trace.frames)
+    for tick in np.asarray(trace.ticks):
+        for frame in frames[first : first + int(tick["frames"])]:
             if frame["ident"] == imu.ident and not frame["sent"]:
                 newest = frame["payload"][: imu.length].tobytes()
             elif frame["ident"] == command.ident and frame["sent"]:

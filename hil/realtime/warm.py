@@ -66,7 +66,7 @@ def rehearse_ecu(
     firmware = firmware or built_in()
     link = _Rehearsal([(ident, bytes(firmware.room)) for ident in firmware.slots])
     period = 1000 * calibration.tick_us
-    recorder = Recorder(ticks=2 * TICKS, frames=40 * TICKS, room=firmware.room)
+    recorder = Recorder(room=firmware.room)
     ecu_loop.run(
         ecu,
         link,

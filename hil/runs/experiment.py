@@ -34,6 +34,7 @@ from plant_sim.driving import MANEUVERS, maneuvers
 from plant_sim.faults import parse_all
 from plant_sim.world.recording import EVERYTHING, Kept
 from plant_sim.world.world import World
+from plant_sim.world.world_parts import check_body
 
 AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
 """Manoeuvres made to find the limit of tyres and wheel loads."""
@@ -73,6 +74,8 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
     refuse_useless_key(choices, profile)
     faults = conditions_of.fault_texts(choices)
     conditions_of.options(conditions)
+    plant = body(chosen(choices, "plant"))
+    check_body(plant, chosen(choices, "actuator"))
     controller = prepare(choices)
     vehicle, warnings = controller.vehicle, check_frames(profile, controller.record)
     other = choices.get("plant_vehicle")
@@ -85,9 +88,9 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         )
     controller = replace(controller, warnings=(*controller.warnings, *warnings))
     speed = maneuvers.default_speed(scenario, vehicle) if speed_kmh is None else speed_kmh / 3.6
-    plant = chosen(choices, "plant")
-    if lacks := body(plant).lacks:
-        lacking = f"{plant} has no {', '.join(lacks)}: pitch and heave are 0, figures left out"
+    if plant.lacks:
+        lacking = f"{plant.name} has no {', '.join(plant.lacks)}: "
+        lacking += "pitch and heave are 0 then, figures of the others left out"
         controller = replace(controller, warnings=(*controller.warnings, lacking))
     settings = Settings(
         scenario=scenario,
@@ -96,7 +99,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         actuator=controller.actuator,
         command=controller.command,
         observer=controller.observer,
-        plant=plant,
+        plant=chosen(choices, "plant"),
         bus=chosen(choices, "bus"),
         backend=backend or default_backend(),
         trigger=controller.trigger,

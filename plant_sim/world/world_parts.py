@@ -48,6 +48,19 @@ def command_of(actuator: str, command: str | None) -> str:
     return command or known[0]
 
 
+def check_body(plant: Body, actuator: str) -> None:
+    """Refuse a body that does not have what ``actuator`` needs of it.
+
+    Raises:
+        CanrollError: it does not.
+    """
+    if "travel" in plant.lacks and actuator != "bars":
+        raise CanrollError(
+            f"{plant.name}: {actuator} need the suspension's travel: map travel_front_left and the "
+            "others, or choose --actuator bars"
+        )
+
+
 def _roles(actuator: str) -> NDArray[np.uint8]:
     """Receivers of each message of the tables."""
     roles = np.full(len(codec.load().message), kernel.NOBODY, dtype=np.uint8)
@@ -132,11 +145,7 @@ def assemble(
 ) -> Parts:
     """All data of the kernel at time 0; the parameters are those of ``World``."""
     chosen = command_of(actuator, command)
-    if "travel" in plant.lacks and actuator != "bars":
-        raise CanrollError(
-            f"{plant.name}: {actuator} need the suspension's travel: map travel_front_left and the "
-            "others, or choose --actuator bars"
-        )
+    check_body(plant, actuator)
     tables = _tables(profile, chosen, actuator)
     node = actuator_setup.build(
         vehicle,

@@ -11,11 +11,11 @@ from codegen.export import traceability
 from codegen.export.traceability import Requirement, requirements
 from codegen.generated import own_stage
 from codegen.run import SERVICES
-from codegen.run.bus_firmware import built_in, with_services, with_stage
+from codegen.run.bus_firmware import AUTHENTICATION, built_in, with_services, with_stage
 from codegen.subset.program import file_of
 
 ROOT = Path(__file__).parents[3]
-SERVED = with_services(built_in(), SERVICES)
+SERVED = with_services(built_in(), (*SERVICES, AUTHENTICATION))
 
 
 @pytest.fixture(scope="module")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from canroll.errors import CanrollError
 from hil.attacks import kinds, suite
 from hil.attacks.attacker import AttackedWorld, Ear, Forged
 from hil.attacks.kinds import Attack
@@ -61,6 +62,11 @@ def test_an_attacker_with_the_key_gets_through(loop):
     its = suite.Suite(settings, True, 2.0, (found,))
     assert its.broken
     assert its.accepted == found.accepted
+
+
+def test_a_bus_of_several_segments_is_refused():
+    with pytest.raises(CanrollError, match="gateway_20ms has several segments"):
+        suite.run(LANE_CHANGE, bus="gateway_20ms")
 
 
 @pytest.mark.parametrize("node", ["RollControl", "Imu"])

@@ -1,6 +1,7 @@
 """Campaigns from the command line and from a file: what is drawn, kept and reported."""
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -143,6 +144,28 @@ def test_an_unfinished_campaign_is_resumed_and_never_overwritten(alone, tmp_path
     assert main([*options, "--resume"]) == 0
     name = "campaign.parquet"
     assert (tmp_path / name).read_bytes() == (alone / name).read_bytes()
+
+
+@pytest.mark.parametrize("changed", ["own.dbc", "own.toml", "progressive.py"])
+def test_another_file_of_the_same_name_is_another_campaign(tmp_path, changed):
+    """What a draw reads besides its choices: resumed with it changed, the table would be mixed."""
+    examples = Path(__file__).parents[3] / "examples"
+    for name in ("own_bus/own.dbc", "own_bus/own.toml", "own_stage/progressive.py"):
+        shutil.copy(examples / name, tmp_path)
+    choices = {
+        "law": "lqr",
+        "dbc": str(tmp_path / "own.dbc"),
+        "map": str(tmp_path / "own.toml"),
+        "stage": str(tmp_path / "progressive.py"),
+    }
+    request = campaign_file.of_options(
+        "roundabout", choices, runs=6, seed=0, spread={}, buses=[], faults=[]
+    )
+    digest = request.plan().digest
+    assert request.plan().digest == digest
+    path = tmp_path / changed
+    path.write_text(path.read_text() + "\n")
+    assert request.plan().digest != digest
 
 
 def test_a_damaged_chunk_is_named(alone, tmp_path, capsys):

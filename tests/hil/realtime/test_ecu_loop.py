@@ -5,12 +5,14 @@ import pytest
 from e2e import p01
 
 import dbc
+from canroll.errors import CanrollError
 from codegen.run.backends import PythonEcu
 from firmware import calibration as fw
 from hil.realtime import ecu_loop, tick_trace
 from hil.realtime.process import Stop
 from hil.runs import virtual_time
 from hil.runs.experiment import build_world, plan
+from plant_sim.world import spool
 
 PERIOD = 10_000_000
 
@@ -138,6 +140,39 @@ def test_stops_on_request_with_the_zero_command_last(clock, list_bus, calibratio
     assert [ident for _, ident, _ in list_bus.out] == [0x80]
 
 
+def test_the_trace_of_a_long_run_does_not_stay_in_memory(monkeypatch):
+    """Ten blocks and a bit, with a tick of more frames than a block holds."""
+    monkeypatch.setattr(spool, "IN_MEMORY", 0)
+    recorder = tick_trace.Recorder(ticks=7, frames=20)
+    reserved = len(recorder._ticks), len(recorder._frames)
+    for number in range(75):
+        for k in range(50 if number == 40 else 3):
+            recorder.consumed(0x100 + k, bytes([number, k]))
+        recorder.sent(0x80, bytes([number]))
+        recorder.tick(number, 1, 10 * number, 10 * number + 1, 10 * number + 2)
+    recorder.consumed(0x100, b"of no tick")
+    ticks, frames = recorder.ticks(), recorder.frames()
+    assert (len(recorder._ticks), len(recorder._frames)) == reserved
+    assert ticks["number"].tolist() == list(range(75))
+    assert ticks["frames"].sum() == len(frames)
+    assert ticks["frames"][40] == 51
+    assert frames["payload"][:, 0].tolist() == np.repeat(range(75), ticks["frames"]).tolist()
+    assert ticks._spool.bytes_in_memory == 0
+
+
+def test_a_trace_that_cannot_be_written_ends_and_the_loop_goes_on(monkeypatch):
+    def no_space(*_):
+        raise CanrollError("cannot record the run")
+
+    recorder = tick_trace.Recorder(ticks=2, frames=5)
+    recorder.tick(0, 1, 0, 0, 0)
+    monkeypatch.setattr(spool.Rows, "append", no_space)
+    for number in range(1, 20):
+        recorder.sent(0x80, b"")
+        recorder.tick(number, 1, 0, 0, 0)
+    assert recorder.full
+
+
 class WorldBus:
     """The world behind the link: it is advanced to the clock, and hears a run time later."""
 
@@ -214,7 +249,7 @@ def test_the_trace_replays_byte_for_byte(against_world, tmp_path, backend):
 def test_a_changed_trace_is_told(against_world):
     trace = against_world[-1]
     imu = np.flatnonzero((trace.frames["ident"] == 0xA0) & (trace.frames["sent"] == 0))
-    frames = trace.frames.copy()
+    frames = np.array(trace.frames)
     frames["payload"][imu[150], 3] ^= 0x40
     changed = tick_trace.TickTrace(trace.calibration, trace.ticks, frames, {})
     assert tick_trace.replay(changed, "python").difference is not None

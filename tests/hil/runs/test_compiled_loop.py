@@ -108,6 +108,7 @@ DESIGNS = {
     "printed": {"law": "hinf_delay", "gains": "theorem", "actuator": "suspension"},
     "own_bus": {"law": "lqr", **OWN_BUS},
     "own_fd": {"law": "lqr", **OWN_FD},
+    "secured_fd": {"law": "lqr", "bus": "secured_fd"},
     "stage": {"law": "lqr", "stage": str(ROOT / "examples" / "own_stage" / "progressive.py")},
     "1_ms": {"law": "lqr", "tick_ms": 1.0},
 }

@@ -18,7 +18,7 @@ def outcome(accepted, refused, harm=("roll",)):
 def made(bus, accepted):
     secured = bus == "secured_fd"
     settings = SimpleNamespace(bus=bus, bus_name=bus)
-    outcomes = (outcome(0, None, ()), outcome(accepted, (30, 10) if secured else None))
+    outcomes = (outcome(0, None), outcome(accepted, (30, 10) if secured else None))
     return Suite(settings, secured, 2.38, outcomes)
 
 
