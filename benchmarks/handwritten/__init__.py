@@ -1,9 +1,9 @@
 """The tick of constant-gain state feedback, written by hand in C on the generated records.
 
 It does what the generated firmware does for the calibration of ``canroll run`` (lqr,
-ay_feedforward: suspension forces, both sensors, event trigger, E2E), bit for bit, and nothing for
-options that such a calibration leaves off. Held against the generated C it shows what being general
-costs.
+ay_feedforward: suspension forces, both sensors, event trigger, E2E, monitors), bit for bit, and
+nothing for options that such a calibration leaves off. Held against the generated C it shows what
+being general costs.
 """
 
 from pathlib import Path
@@ -15,7 +15,7 @@ from firmware.calibration import CONSTANT_GAIN, STATE_FEEDBACK, SUSPENSION
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_VEHICLE_MOTION
 
 # what only options that are off would read
-LEFT_OUT = ("work", "found", "rate_good", "acceleration_good", "steering_acceleration")
+LEFT_OUT = ("work", "found", "rate_good", "acceleration_good")
 OPTIONS = {
     "law": STATE_FEEDBACK,
     "actuator": SUSPENSION,
@@ -66,6 +66,8 @@ def does(record):
         and list(output[1, 1:]) == [0, one[2], 0, 0]
         and not any(record.feedback[2:] + record.feedforward[:2] + record.feedforward[4:])
         and record.moment_max < MOMENT_LIMIT
+        and record.redundancy_min > 0
+        and record.delivery_min > 0
     )
 
 

@@ -22,12 +22,15 @@ typedef struct {
 
 uint32_t hand_crc(uint32_t start, hand_frame frame);
 void hand_read_inputs(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed);
+void hand_watch_sensors(canroll_ecu *ecu, const canroll_calibration *cal);
+void hand_watch_moments(canroll_ecu *ecu, const canroll_calibration *cal);
 void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed);
 void hand_observe(canroll_ecu *ecu, const canroll_calibration *cal, int32_t steps);
 void hand_control(canroll_ecu *ecu, const canroll_calibration *cal, int32_t steps);
 void hand_allocate(canroll_ecu *ecu, const canroll_calibration *cal);
 void hand_guard(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed);
 void hand_bound(canroll_ecu *ecu, const canroll_calibration *cal);
+void hand_note_command(canroll_ecu *ecu, const canroll_calibration *cal);
 void hand_trigger(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed);
 void hand_transmit(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed);
 

@@ -56,6 +56,7 @@ void hand_trigger(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elap
     under_way = ecu->ring[ecu->ring_head];
     if (ecu->triggered != NOTHING) {
         ecu->since_sent = 0;
+        hand_note_command(ecu, cal);
         ecu->waiting = 1;
         ecu->commands_sent += (ecu->commands_sent < INT32_MAX);
         ecu->sent[0] = ecu->outputs[0];

@@ -5,7 +5,9 @@
 enum { ROLL_RATE_BIT = 1 << 6, LATERAL_BIT = 1 << 7, STUCK_BIT = 1 << 8, SPEED_BIT = 1 << 10,
        MOMENT_BIT = 1 << 12, CORNER_STUCK_BIT = 1 << 13, CORNER_FLOATING_BIT = 1 << 14,
        COMMAND_BIT = 1 << 15, TICK_MISSED_BIT = 1 << 16,
-       CALIBRATION_CRC_BIT = 1 << 18, ENVELOPE_CODE = 23 };
+       CALIBRATION_CRC_BIT = 1 << 18, ROLL_RATE_CONTRADICTED_BIT = 1 << 19,
+       LATERAL_CONTRADICTED_BIT = 1 << 20, ACTUATOR_CONTRADICTED_BIT = 1 << 22,
+       ENVELOPE_CODE = 23 };
 enum { BAD_ROLL_RATE = 0, BAD_LATERAL = 1, BAD_SPEED = 2, BAD_MOMENT = 4 };
 enum { GOOD, DEGRADING, UNSAFE };
 enum { CORNER_STUCK = 2, CORNER_FLOATING = 3, OVERDUE = 8 };
@@ -23,7 +25,7 @@ static void note_faults(canroll_ecu *ecu, uint32_t found)
             ecu->fault_count[code]++;
         }
     }
-    ecu->fault_number = (uint8_t)number;
+    ecu->fault_number = (uint8_t)((number < 15) ? number : 15);
 }
 
 /* Whether message m is late or repeats one sample; a fresh one is neither. */
@@ -79,10 +81,18 @@ static uint32_t judge_imu(canroll_ecu *ecu, const canroll_calibration *cal, int3
         *found |= ROLL_RATE_BIT;
         unsafe = true;
     }
-    bad = lacking(ecu, CANROLL_RX_IMU, 2)
+    if (ecu->rate_contradicted) {
+        *found |= ROLL_RATE_CONTRADICTED_BIT;
+        unsafe = true;
+    }
+    bad = ecu->lateral_contradicted || lacking(ecu, CANROLL_RX_IMU, 2)
         || beyond(ecu->lateral_acceleration, cal->acceleration_max);
     ecu->lateral_good = aged(ecu->lateral_good, elapsed);
     bad = lasting(&ecu->bad_ticks[BAD_LATERAL], bad, timeout, elapsed);
+    if (ecu->lateral_contradicted) {
+        *found |= LATERAL_CONTRADICTED_BIT;
+        bad = true;
+    }
     if (bad) {
         *found |= LATERAL_BIT;
     }
@@ -114,18 +124,21 @@ static uint32_t judge_motion(canroll_ecu *ecu, const canroll_calibration *cal, i
 
 static uint32_t judge_corners(canroll_ecu *ecu, uint32_t *found)
 {
+    const uint32_t contradicted = ecu->contradicted[0] | ecu->contradicted[1];
     uint32_t failed = 0;
-    if (((ecu->status[0] | ecu->status[1] | ecu->status[2] | ecu->status[3]) & 2) == 0) {
+    if (((ecu->status[0] | ecu->status[1] | ecu->status[2] | ecu->status[3]) & 2) == 0
+        && contradicted == 0) {
         ecu->failed[0] = ecu->failed[1] = ecu->failed[2] = ecu->failed[3] = 0;
         return GOOD;
     }
     for (uint32_t corner = 0; corner < 4; corner++) {
         const uint32_t status = ecu->status[corner];
-        ecu->failed[corner] = (status & 2) >> 1;
+        ecu->failed[corner] = (uint8_t)(status >> 1 | ecu->contradicted[corner >> 1]);
         failed += ecu->failed[corner];
         *found |= (status == CORNER_STUCK) ? CORNER_STUCK_BIT : 0;
         *found |= (status == CORNER_FLOATING) ? CORNER_FLOATING_BIT : 0;
     }
+    *found |= contradicted ? ACTUATOR_CONTRADICTED_BIT : 0;
     return (failed > 1) ? UNSAFE : DEGRADING;
 }
 
@@ -180,23 +193,25 @@ static void change_mode(canroll_ecu *ecu, const canroll_calibration *cal, uint32
     }
 }
 
-/* Scheduled gain, share and fade change with the speed only, that is when a frame brought one. */
+/* Scheduled gains, share and fade change with the speed only, that is when a frame brought one. */
 static void schedule(canroll_ecu *ecu, const canroll_calibration *cal)
 {
     const int32_t speed = ecu->speed;
     uint32_t k = 0;
-    int32_t gain, front;
+    int32_t gain, front, steering;
     while (k + 1u < cal->schedule_points && speed >= cal->schedule_speed[k + 1]) {
         k++;
     }
     gain = cal->schedule_gain[k];
     front = cal->schedule_front_share[k];
+    steering = cal->schedule_steering[k];
     if (k + 1u < cal->schedule_points && speed > cal->schedule_speed[k]) {
         const int32_t gone = speed - cal->schedule_speed[k];
         const int32_t width = cal->schedule_speed[k + 1] - cal->schedule_speed[k];
         const int32_t share = (int32_t)(((int64_t)gone << 28) / width);
         gain += product(cal->schedule_gain[k + 1] - gain, share, 28);
         front += product(cal->schedule_front_share[k + 1] - front, share, 28);
+        steering += product(cal->schedule_steering[k + 1] - steering, share, 28);
     }
     if (speed < cal->fade_high) {
         const int32_t above = (speed > cal->fade_low) ? speed - cal->fade_low : 0;
@@ -205,16 +220,20 @@ static void schedule(canroll_ecu *ecu, const canroll_calibration *cal)
     }
     ecu->gain_factor = gain;
     ecu->front_share = front;
+    ecu->steering_acceleration = state_of((int64_t)steering * ecu->steering, 20);
 }
 
 void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
     uint32_t found = ((elapsed > 1) ? TICK_MISSED_BIT : 0)
         | ((uint32_t)ecu->envelope_acted << ENVELOPE_CODE);
-    uint32_t severity = judge_imu(ecu, cal, elapsed, &found);
-    const uint32_t motion = judge_motion(ecu, cal, elapsed, &found);
-    const uint32_t actuators = judge_actuators(ecu, cal, elapsed, &found);
+    uint32_t severity, motion, actuators;
     bool running;
+    hand_watch_sensors(ecu, cal);
+    severity = judge_imu(ecu, cal, elapsed, &found);
+    motion = judge_motion(ecu, cal, elapsed, &found);
+    hand_watch_moments(ecu, cal);
+    actuators = judge_actuators(ecu, cal, elapsed, &found);
     severity = (motion > severity) ? motion : severity;
     severity = (actuators > severity) ? actuators : severity;
     if (ecu->calibration_word == CANROLL_CORRUPT) {

@@ -1,0 +1,123 @@
+/* Monitors: sensors against one another, delivered against commanded moments. */
+#include <stdbool.h>
+#include "hand.h"
+
+enum { LATERAL_AND_YAW = 6, BOTH_MOMENTS = 3, CORNER_STUCK = 2 };
+enum { FRONT, REAR, AXLES };
+
+static inline int32_t larger(int32_t a, int32_t b)
+{
+    return (a > b) ? a : b;
+}
+
+static inline int32_t smaller(int32_t a, int32_t b)
+{
+    return (a < b) ? a : b;
+}
+
+static inline int32_t size_of(int32_t v)
+{
+    return (v < 0) ? -v : v;
+}
+
+/* Count a bad sample, up to as many in a row as make a finding; whether they do. */
+static inline bool in_a_row(int32_t *count, bool bad, int32_t samples)
+{
+    *count = bad ? smaller(*count + 1, samples) : 0;
+    return *count == samples;
+}
+
+/* Lateral acceleration by yaw rate and speed, and by steering angle and speed. */
+static void compare_lateral(canroll_ecu *ecu, const canroll_calibration *cal)
+{
+    const int32_t told = ecu->lateral_acceleration, steered = ecu->steering_acceleration;
+    const int32_t turning = state_of((int64_t)ecu->speed * ecu->yaw_rate, 23);
+    const int32_t motion = smaller(larger(size_of(turning), size_of(steered)), STATE_MAX);
+    const int32_t least = cal->opposite_min;
+    const int32_t peak = larger(motion, ecu->motion_peak - ((ecu->motion_peak + 1024) >> 11));
+    const int32_t now = larger(motion, ecu->motion_now - ((ecu->motion_now + 64) >> 7));
+    bool apart = false, opposite;
+    ecu->motion_peak = peak;
+    ecu->motion_now = now;
+    if (peak < cal->redundancy_limit) {
+        /* in the tyres' linear range, where no sum comes near 32 bits */
+        const int32_t far = cal->redundancy_min + ((now + 1) >> 1);
+        apart = told > larger(turning, steered) + far || told < smaller(turning, steered) - far;
+    }
+    opposite = (told > least && turning < -least) || (told < -least && turning > least);
+    apart = in_a_row(&ecu->apart_samples, apart, cal->apart_samples);
+    if (in_a_row(&ecu->opposite_samples, opposite, cal->opposite_samples) || apart) {
+        ecu->lateral_contradicted = 1;
+    }
+}
+
+void hand_watch_sensors(canroll_ecu *ecu, const canroll_calibration *cal)
+{
+    if (ecu->fresh[CANROLL_RX_IMU] == 0 || ecu->gain_factor == 0) {
+        return;
+    }
+    if (in_a_row(&ecu->bound_samples, size_of(ecu->x[CANROLL_GYRO_BIAS]) >= cal->bias_max,
+            cal->bound_samples)) {
+        ecu->rate_contradicted = 1;
+    }
+    if (ecu->motion_lost == 0
+        && (ecu->valid[CANROLL_RX_IMU] & LATERAL_AND_YAW) == LATERAL_AND_YAW) {
+        compare_lateral(ecu, cal);
+    }
+}
+
+/* Remember the axles' moments of the command that goes out. */
+void hand_note_command(canroll_ecu *ecu, const canroll_calibration *cal)
+{
+    ecu->commanded[FRONT] = product(ecu->force[0] - ecu->force[1], cal->track_front, 29);
+    ecu->commanded[REAR] = product(ecu->force[2] - ecu->force[3], cal->track_rear, 29);
+}
+
+/* A new sample of an axle: its band is that of the commands of this window and the last. */
+static void compare_moment(canroll_ecu *ecu, const canroll_calibration *cal, uint32_t axle,
+    bool follows, bool next)
+{
+    const uint32_t status = ecu->status[2 * axle] | ecu->status[2 * axle + 1];
+    const int32_t command = ecu->commanded[axle], moment = ecu->delivered[axle];
+    int32_t high = ecu->band_high[axle], low = ecu->band_low[axle], edge;
+    if (next) {
+        ecu->band_high[axle + AXLES] = high;
+        ecu->band_low[axle + AXLES] = low;
+        high = low = command;
+    }
+    follows = follows && status < CORNER_STUCK;
+    if (follows) {
+        high = larger(high, command);
+        low = smaller(low, command);
+    }
+    if (!follows || status != 0) {
+        /* it may stand at zero, or anywhere short of the command */
+        high = larger(high, 0);
+        low = smaller(low, 0);
+    }
+    ecu->band_high[axle] = high;
+    ecu->band_low[axle] = low;
+    high = larger(high, ecu->band_high[axle + AXLES]);
+    low = smaller(low, ecu->band_low[axle + AXLES]);
+    edge = cal->delivery_min + ((larger(high, -low) + 2) >> 2);
+    if (in_a_row(&ecu->astray[axle], follows && (moment > high + edge || moment < low - edge),
+            cal->delivery_samples)) {
+        ecu->contradicted[axle] = 1;
+    }
+}
+
+void hand_watch_moments(canroll_ecu *ecu, const canroll_calibration *cal)
+{
+    const bool follows = (ecu->enabled & ecu->command_held) != 0;
+    bool next;
+    if (ecu->fresh[CANROLL_RX_ACTUATOR_STATE] == 0
+        || (ecu->valid[CANROLL_RX_ACTUATOR_STATE] & BOTH_MOMENTS) != BOTH_MOMENTS) {
+        return;
+    }
+    next = ++ecu->window_samples == cal->delivery_window;
+    compare_moment(ecu, cal, FRONT, follows, next);
+    compare_moment(ecu, cal, REAR, follows, next);
+    if (next) {
+        ecu->window_samples = 0;
+    }
+}
