@@ -9,7 +9,7 @@ import numpy as np
 
 from canroll.typing import Vector
 from hil.runs.trace import Trace
-from plant_sim.driving.driver import D_PATH_STEP, FISHHOOK, FOLLOW_PATH, Drive
+from plant_sim.driving.driver import FISHHOOK, FOLLOW_PATH, Drive, off_path
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.world.spool import pieces, with_signal
 
@@ -37,27 +37,10 @@ def with_path_error(trace: Trace, drive: Drive) -> Trace:
 
 
 def path_error(trace: Trace, drive: Drive) -> Vector:
-    """Return the distance left of the path of ``drive``, m, one value per millisecond.
-
-    The station advances along the path like the driver's, at most 1 m per step, so that a path that
-    crosses itself is followed in order.
-    """
-    step = float(drive.parameters[D_PATH_STEP])
-    along_x, along_y = np.diff(drive.path_x), np.diff(drive.path_y)
-    length = np.hypot(along_x, along_y)
-    tangents = np.column_stack([along_x / length, along_y / length]).tolist()
-    points = np.column_stack([drive.path_x, drive.path_y]).tolist()
-    last, station = len(tangents) - 1, 0.0
-    errors = np.zeros(len(trace.signals["x"]))
-    number = 0
-    for xs, ys in pieces(trace.signals, "x", "y"):
-        for x, y in zip(xs.tolist(), ys.tolist(), strict=True):
-            place = min(int(station / step), last)
-            tx, ty = tangents[place]
-            beyond = station - place * step
-            away_x = x - points[place][0] - beyond * tx
-            away_y = y - points[place][1] - beyond * ty
-            station += min(max(away_x * tx + away_y * ty, 0.0), 1.0)
-            errors[number] = away_y * tx - away_x * ty
-            number += 1
+    """Return the distance left of the path of ``drive``, m, one value per millisecond."""
+    errors, number, station = np.zeros(len(trace.signals["x"])), 0, 0.0
+    for x, y in pieces(trace.signals, "x", "y"):
+        part = errors[number : number + len(x)]
+        station = off_path(drive, station, np.ascontiguousarray(x), np.ascontiguousarray(y), part)
+        number += len(x)
     return errors

@@ -132,6 +132,21 @@ def _path_point(drive: Drive, station: float) -> tuple[float, float, float, floa
 
 
 @njit
+def off_path(drive: Drive, station: float, x: Vector, y: Vector, left: Vector) -> float:
+    """Fill ``left`` with the distance left of the path (m) at each of the points ``x``, ``y`` (m).
+
+    The station (m) advances from point to point like the driver's, at most 1 m per point, so that
+    a path that crosses itself is followed in order. Returns that after the last point.
+    """
+    for i in range(x.size):
+        path_x, path_y, tx, ty = _path_point(drive, station)
+        away_x, away_y = x[i] - path_x, y[i] - path_y
+        station += min(max(away_x * tx + away_y * ty, 0.0), 1.0)
+        left[i] = away_y * tx - away_x * ty
+    return station
+
+
+@njit
 def _follow(outputs: Vector, drive: Drive) -> float:
     """Road-wheel angle demanded by the driver (rad); updates station and path error."""
     parameters, memory = drive.parameters, drive.memory

@@ -6,7 +6,6 @@ The file has no name, so that nothing remains of a process that is killed. It li
 
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from copy import copy
 from typing import IO, Any
 
 import numpy as np
@@ -219,7 +218,9 @@ def with_signal(
     """Return the same signals with ``name`` replaced or added."""
     if not isinstance(signals, Columns):
         return {**signals, name: values}
-    found = copy(signals)
+    # not copy(), which would read all of them
+    found = Columns(())
+    found._places, found._spool = signals._places, signals._spool
     found._others = {**signals._others, name: values}
     return found
 

@@ -187,7 +187,7 @@ for module, function, before, after in changes:
     place = text.index(before, text.index(f"def {function}") if function else 0)
     row = text.count("\\n", 0, place) + 1
     chosen.append(mutants.Mutant(module, function, row, row, place, before, after, ""))
-tests = [hunt.TESTS / "test_e2e.py"]
+tests = [hunt.TESTS / "com" / "test_e2e.py"]
 outcomes = hunt.run(chosen, texts, 2, tests=tests)
 print(json.dumps([*(o.verdict for o in outcomes), hunt.fails_afresh(texts, tests)]))
 """

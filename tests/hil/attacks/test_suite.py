@@ -13,6 +13,7 @@ from hil.runs.experiment import drive, plan, world_options
 from plant_sim.nodes import authentication, codec
 
 LANE_CHANGE = "double_lane_change"
+SECURED = pytest.mark.parametrize("loop", ["secured_fd"], indirect=True)
 
 
 @pytest.fixture(scope="module", params=["500k", "secured_fd"])
@@ -39,11 +40,10 @@ def test_a_spoofed_command_and_sensor(loop):
             assert found.roll_max_deg > 1.8
 
 
+@SECURED
 def test_an_attacker_with_the_key_gets_through(loop):
     """The suite tells an accepted frame: of one who has the key."""
     settings = loop[0]
-    if not settings.firmware.bus.secured:
-        pytest.skip("of authenticated frames")
     row = codec.message_index("Imu")
     keys = []
 
@@ -69,11 +69,10 @@ def test_a_bus_of_several_segments_is_refused():
         suite.run(LANE_CHANGE, bus="gateway_20ms")
 
 
+@SECURED
 @pytest.mark.parametrize("node", ["RollControl", "Imu"])
 def test_recorded_frames_after_a_reset(loop, node):
     settings, controller, passive = loop
-    if not settings.firmware.bus.secured:
-        pytest.skip("of authenticated frames")
     attack = next(a for a in kinds.attacks(settings.command) if a.name.endswith(f"reset of {node}"))
     found = suite.outcome(replace(settings, faults=attack.faults), controller, passive, attack)
     assert found.sent > 200

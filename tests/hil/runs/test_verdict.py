@@ -128,7 +128,7 @@ def test_what_limit_accepts_is_what_has_criteria():
 def test_limit_help_tells_its_own_default_plant(capsys):
     with pytest.raises(SystemExit):
         main(["limit", "--help"])
-    out = capsys.readouterr().out
+    out = " ".join(capsys.readouterr().out.split())
     assert "(default: nonlinear)" in out and "--speed" not in out
 
 

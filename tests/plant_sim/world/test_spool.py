@@ -100,3 +100,11 @@ def test_a_full_disk_is_named(monkeypatch):
             os._exit(0 if "set TMPDIR" in str(error) else 1)
         os._exit(2)
     assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+
+
+def test_a_signal_is_replaced_without_reading_the_others(monkeypatch):
+    monkeypatch.setattr(spool, "IN_MEMORY", 0)
+    table = Columns(["a", "b"])
+    table.append(np.arange(6.0).reshape(2, 3))
+    monkeypatch.setattr(spool.Spool, "read", lambda *_: pytest.fail("read"))
+    assert np.array_equal(with_signal(table, "a", np.ones(3))["a"], np.ones(3))
