@@ -3,7 +3,8 @@
     python examples/xcp/session.py FOLDER [CHANNEL]
 
 Needs ``canroll[xcp,asammdf]``. The ECU and the tool are two nodes of simbus, or of SocketCAN where
-a ``CHANNEL`` such as vcan0 is given; addresses are those of our A2L, as pya2ldb reads it. Writes FOLDER/canroll.a2l and FOLDER/measured.mf4.
+a ``CHANNEL`` such as vcan0 is given; addresses are those of our A2L, as pya2ldb reads it. Writes
+FOLDER/canroll.a2l and FOLDER/measured.mf4.
 """
 
 import logging
