@@ -1,9 +1,10 @@
 """pyxcp measures and calibrates the ECU on a bus that behaves like CAN, and records an MF4 file.
 
-    python examples/xcp/session.py FOLDER
+    python examples/xcp/session.py FOLDER [CHANNEL]
 
-Needs ``canroll[xcp,asammdf]``. The ECU and the tool are two nodes of simbus; addresses are those of
-our A2L, as pya2ldb reads it. Writes FOLDER/canroll.a2l and FOLDER/measured.mf4.
+Needs ``canroll[xcp,asammdf]``. The ECU and the tool are two nodes of simbus, or of SocketCAN where
+a ``CHANNEL`` such as vcan0 is given; addresses are those of our A2L, as pya2ldb reads it. Writes
+FOLDER/canroll.a2l and FOLDER/measured.mf4.
 """
 
 import logging
@@ -127,12 +128,16 @@ def record(rows: Sequence[dict[str, int]], path: Path) -> None:
         file.save(path, overwrite=True)
 
 
-def main(folder: Path) -> None:
-    """Measure, calibrate, record."""
+def main(folder: Path, channel: str | None = None) -> None:
+    """Measure, calibrate, record; on simbus, or on a channel of SocketCAN."""
+    interface = "simbus" if channel is None else "socketcan"
     folder.mkdir(parents=True, exist_ok=True)
     where = located(folder)
     policy = Samples([list_of(where, SIGNALS)])
-    with ecu_on_bus("xcp example", RECORD, ["xcp"]) as bus, master_on(bus, policy) as tool:
+    with (
+        ecu_on_bus(channel or "xcp example", RECORD, ["xcp"], interface=interface) as bus,
+        master_on(bus, policy) as tool,
+    ):
         properties = tool.slaveProperties
         print(f"connected: MAX_CTO {properties.maxCto}, pages {properties.supportsCalpag}")
         policy.setup()
@@ -147,4 +152,4 @@ def main(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]))
+    main(Path(sys.argv[1]), *sys.argv[2:3])

@@ -55,11 +55,21 @@ def message_of(frame: Frame) -> can.Message:
 
 @contextmanager
 def ecu_on_bus(
-    channel: str, calibration: Calibration, services: Sequence[str]
+    channel: str, calibration: Calibration, services: Sequence[str], *, interface: str = "simbus"
 ) -> Iterator[can.BusABC]:
-    """A node for a tool on a simbus at 500 kbit/s, on which an ECU with ``services`` runs."""
-    ours = can.Bus(channel, interface="simbus", bitrate=500_000, queue="priority")
-    theirs = can.Bus(channel, interface="simbus", bitrate=500_000)
+    """A node for a tool on a bus of python-can at 500 kbit/s, with an ECU with ``services``.
+
+    Args:
+        channel: channel of the interface.
+        calibration: what the ECU runs on.
+        services: of the ECU.
+        interface: one in which two nodes of a process hear each other, as simbus and socketcan.
+
+    Raises:
+        can.CanError, OSError: no such bus.
+    """
+    ours = can.Bus(channel, interface=interface, bitrate=500_000, queue="priority")
+    theirs = can.Bus(channel, interface=interface, bitrate=500_000)
     thread = EcuOnBus(ours, calibration, services)
     thread.start()
     try:
