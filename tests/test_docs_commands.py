@@ -58,7 +58,7 @@ ARGUMENTS = {
     "bus": [str(ROOT / "dbc" / "roll_control.dbc"), "--simulate", "1"],
     "prove": [],
     "timing": ["--duration", "0.1"],
-    "hil": ["double_lane_change", "--duration", "1"],
+    "hil": ["double_lane_change", "--duration", "1", "--pace", "lockstep"],
 }
 SLOW = ("campaign", "severe", "limit", "timing", "hil")
 

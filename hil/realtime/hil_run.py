@@ -9,7 +9,7 @@ import numpy as np
 
 from canroll.errors import CanrollError
 from hil.realtime import session
-from hil.runs import experiment
+from hil.runs import experiment, steering_replay
 from hil.runs.choices import PASSIVE
 from hil.runs.experiment import with_files
 from hil.runs.result import Result
@@ -93,7 +93,8 @@ def prepare(scenario: str, **keywords: Any) -> None:  # noqa: ANN401
         CanrollError: an invalid name or number; the message names the remedy.
     """
     settings, controller = experiment.plan(scenario, **keywords)
-    experiment.drive(settings, controller, enabled=True, duration=2.0 * settings.tick)
+    short = experiment.drive(settings, controller, enabled=True, duration=2.0 * settings.tick)
+    steering_replay.with_path_error(short, experiment.maneuver_of(settings).drive)
 
 
 def cut(trace: Trace, duration: float) -> Trace:

@@ -313,7 +313,7 @@ def test_only_the_frames_that_have_a_data_id_are_protected(tmp_path):
     assert module.check(ecu, Calibration(), 1, 2) == 1
     assert module.check(ecu, Calibration(), 0, 0) == 0
     library = native.build(bundle.sources(*paths))
-    record = ecu_traffic.random_calibration(3)
+    record = ecu_traffic.random_calibration(1)
     record.timeout_ticks, record.observer, record.actuator = [5, 5, 0, 0, 0], 1, 0
     record.law, record.compensator_outputs = 0, 1
     record.e2e, record.init_ticks = 1, 3
