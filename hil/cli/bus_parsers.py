@@ -4,8 +4,11 @@ import argparse
 from pathlib import Path
 
 from hil.cli.options import (
+    DEFAULT_SCENARIO,
+    OF_A_RUN,
     add_answer,
     add_choices,
+    add_json,
     add_recording,
     add_scenario,
     add_services,
@@ -286,6 +289,28 @@ def plant(parser: argparse.ArgumentParser) -> None:
     add_recording(parser)
     parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
     add_memory(parser)
+
+
+def attacks(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll attacks``."""
+    parser.description = (
+        "Drive a manoeuvre with an attacker on the bus: spoofed, replayed, damaged and foreign "
+        "frames, floods, and resets of nodes; on 500k and on secured_fd, or on --bus; with -i over "
+        "that interface, in lock step. Exit code 1 if a forged frame is accepted on a bus "
+        "with authenticated frames."
+    )
+    add_scenario(parser, DEFAULT_SCENARIO)
+    add_choices(
+        parser,
+        [name for name in OF_A_RUN if name not in ("faults", "fault_file", "duration")],
+        defaults={"bus": None},
+    )
+    parser.add_argument(
+        "--attack", metavar="TEXT", default="", help="only attacks whose name contains TEXT"
+    )
+    add_bus_arguments(parser)
+    parser.set_defaults(serve=None)
+    add_json(parser)
 
 
 def add_memory(parser: argparse.ArgumentParser) -> None:

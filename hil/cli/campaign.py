@@ -12,8 +12,8 @@ from hil.campaign.plan import Plan
 from hil.campaign.splitting import Splitting
 from hil.cli import terminal
 from hil.cli.main import parse
-from hil.cli.options import choices_of, folder_of, scenario
-from hil.cli.parsers import DEFAULT_DRAWS, DEFAULT_SCENARIO
+from hil.cli.options import DEFAULT_SCENARIO, choices_of, folder_of, scenario
+from hil.cli.parsers import DEFAULT_DRAWS
 from hil.cli.run import answer
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder, usable_folder

@@ -7,7 +7,7 @@ from pathlib import Path
 import dbc
 from canroll.errors import CanrollError, VerdictError
 from codegen.run.backends import Backend, default_backend, open_backend
-from codegen.run.bus_firmware import BusFirmware, built_in, with_services
+from codegen.run.bus_firmware import BusFirmware, with_services
 from codegen.run.secured import SecuredEcu
 from codegen.run.served import open_ecu
 from firmware.event_trigger import command_slot
@@ -21,7 +21,7 @@ from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, 
 from hil.realtime.bus_link import CanLink, open_link
 from hil.realtime.hardware import bus_record, lasting
 from hil.realtime.phase_lock import PhaseLock
-from hil.realtime.plant_loop import sent_by
+from hil.realtime.plant_loop import sent_by, sent_to
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder
 from hil.runs import phase
@@ -229,10 +229,7 @@ def grants_of(
     firmware: BusFirmware,
 ) -> lockstep.Grants:
     """Return the plant's grants, on the bus or on the side channel."""
-    plants = set(firmware.slots)
-    if firmware.bus is built_in().bus:
-        # the plant sends what the ECU does not hear too
-        plants = {message.frame_id for message in dbc.load().messages} - sent_by(firmware)
+    plants = sent_to(firmware)
     channel: lockstep.Channel
     if args.side_channel is None:
         channel = lockstep.InBand(

@@ -13,6 +13,7 @@ from hil.runs.choices import CHOICES, Choice
 from plant_sim.driving import MANEUVERS
 
 DEFAULT_OUT = Path("out")
+DEFAULT_SCENARIO = "double_lane_change"
 METAVARS = {"km/h": "KMH", "ms": "MS", "s": "S"}
 PATTERNS = {"faults": "WHERE=KIND[:VALUE][@START[:END[:RAMP]]]"}
 NODES = ("faults", "fault_file", "conditions")

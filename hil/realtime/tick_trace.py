@@ -8,7 +8,7 @@ after the run.
 
 import json
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -242,6 +242,7 @@ def replay(
     start_ns: int = 0,
     firmware: BusFirmware | None = None,
     key: bytes = DEVELOPMENT_KEY,
+    through: Callable[[Backend], Backend] = lambda ecu: ecu,
 ) -> Replay:
     """Replay a trace with ``backend`` and compare every frame sent with the recorded one.
 
@@ -251,8 +252,9 @@ def replay(
         start_ns: monotonic instant that is time 0 of the rows.
         firmware: firmware for the bus, by default the built-in one.
         key: of the authentication, on a bus whose frames are authenticated.
+        through: wraps the ECU, to watch it.
     """
-    ecu = ecu_of(trace, backend, firmware=firmware, key=key)
+    ecu = through(ecu_of(trace, backend, firmware=firmware, key=key))
     ticks, recorded_frames = np.asarray(trace.ticks), np.asarray(trace.frames)
     rows = np.zeros(len(ticks), TICK)
     difference = None
