@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from canroll import apart, documents
+from canroll import documents
 from canroll.errors import UNREADABLE, CanrollError, reason
 from gain_gen.laws.compensator import checked, scaled_states
 from gain_gen.laws.state_feedback import actuator_rate, feedforward_row, observer_of
@@ -58,7 +58,7 @@ def _read_mat(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     scipy's reader ends the process on some damaged files.
     """
     try:
-        return apart.arrays(_MAT_TO_NPZ, path)
+        return documents.arrays(_MAT_TO_NPZ, path)
     except ValueError as error:
         raise CanrollError(
             f"cannot read matrices {path}: not a .mat file that scipy can read: {reason(error)}"

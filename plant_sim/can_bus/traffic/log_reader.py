@@ -8,7 +8,7 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll import apart
+from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from plant_sim.can_bus.kernel.layout import MAX_PAYLOAD
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE, frame_bits
@@ -92,7 +92,7 @@ def read_log(path: Path) -> dict[str, Logged]:
 
 
 def _read_mf4(path: Path) -> list[can.Message]:
-    found = apart.arrays(_MF4_TO_NPZ, path)
+    found = documents.arrays(_MF4_TO_NPZ, path)
     columns = [found[name].tolist() for name in (*_FIELDS, "channel", "dlc")]
     return [
         can.Message(
