@@ -9,6 +9,7 @@ from hil.cli.options import (
     add_recording,
     add_scenario,
     add_services,
+    path_named,
     scenario,
 )
 from hil.realtime.bus_link import add_bus_arguments
@@ -16,7 +17,7 @@ from hil.runs.choices import CHOICES
 from plant_sim.can_bus.servers.shared_server import DEFAULT_PORT as SHARED_PORT
 from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT
 
-OF_AN_ECU = ("calibration", "stage", "backend", "bus", "dbc", "map")
+OF_AN_ECU = ("calibration", "stage", "backend", "bus", "dbc", "map", "key")
 """Choices of an ECU: what it runs, and the frames of its bus."""
 PACES = ("realtime", "lockstep")
 PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
@@ -249,6 +250,7 @@ def ecu(parser: argparse.ArgumentParser) -> None:
     )
     add_answer(parser, "the page of a bus log")
     add_services(parser)
+    add_memory(parser)
 
 
 def plant(parser: argparse.ArgumentParser) -> None:
@@ -283,6 +285,18 @@ def plant(parser: argparse.ArgumentParser) -> None:
     add_prepare_option(parser)
     add_recording(parser)
     parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
+    add_memory(parser)
+
+
+def add_memory(parser: argparse.ArgumentParser) -> None:
+    """Add the memory that lasts from one start to the next."""
+    parser.add_argument(
+        "--memory",
+        type=path_named,
+        metavar="FILE",
+        help="authenticated frames: file that counts the starts of this program and of the senders "
+        "it hears, made where there is none (default: each start is the first)",
+    )
 
 
 def add_loop_options(parser: argparse.ArgumentParser) -> None:

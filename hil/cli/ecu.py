@@ -6,8 +6,9 @@ from pathlib import Path
 
 import dbc
 from canroll.errors import CanrollError, VerdictError
-from codegen.run.backends import default_backend, open_backend
+from codegen.run.backends import Backend, default_backend, open_backend
 from codegen.run.bus_firmware import BusFirmware, built_in, with_services
+from codegen.run.secured import SecuredEcu
 from codegen.run.served import open_ecu
 from firmware.event_trigger import command_slot
 from firmware.state import RX_IMU
@@ -18,21 +19,23 @@ from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, OF_AN_ECU, PEER_TIMEOUT
 from hil.cli.options import choices_of, chosen_services, folder_of
 from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
 from hil.realtime.bus_link import CanLink, open_link
-from hil.realtime.hardware import bus_record
+from hil.realtime.hardware import bus_record, lasting
 from hil.realtime.phase_lock import PhaseLock
 from hil.realtime.plant_loop import sent_by
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder
 from hil.runs import phase
-from hil.runs.frozen import firmware_of, profile_of, refuse_authenticated, stage_of
+from hil.runs.frozen import firmware_of, profile_of, refuse_useless_key, secret_of, stage_of
 from hil.studies import recorded_drive
 from hil.studies.recorded_drive_page import drive_page, reception_table
+from plant_sim.can_bus import BusProfile
+from plant_sim.can_bus.own_frames import secured
 from plant_sim.can_bus.traffic.log_reader import is_log, read_log, select_channel
 
 MODES = dbc.names("RollControlStatus", "Mode")
 ONLY_ON_A_BUS = (
     *("interface", "bitrate", "fd", "data_bitrate", "duration", "phase_ms", "trace", "pace"),
-    *("side_channel", "peer_timeout", "cpu", "xcp", "uds"),
+    *("side_channel", "peer_timeout", "cpu", "xcp", "uds", "memory"),
 )
 """Options of the ECU in real time that a recorded drive has no use for."""
 
@@ -70,7 +73,8 @@ def run(args: argparse.Namespace) -> int:
     """Run until stopped, or replay a trace or a recorded drive; 0 unless a trace differs."""
     backend = args.backend or default_backend()
     profile = profile_of(choices_of(args, OF_AN_ECU))
-    refuse_authenticated(profile, "ecu")
+    check_memory(args, profile)
+    key = secret_of(choices_of(args, OF_AN_ECU))
     loaded = None if args.calibration is None else load_calibration(args.calibration)
     stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
     services = chosen_services(args)
@@ -83,16 +87,17 @@ def run(args: argparse.Namespace) -> int:
     if not drive and (args.out is not None or args.json):
         raise CanrollError("--out and --json belong to --replay of a bus log")
     if args.replay is not None and not drive:
-        return replay(args.replay, backend, firmware)
+        return replay(args.replay, backend, firmware, key)
     if loaded is None:
         raise CanrollError("--calibration FILE is required; create one with 'canroll design'")
     if drive:
-        return replay_drive(args, loaded, firmware, backend)
+        return replay_drive(args, loaded, firmware, backend, key)
     duration = nanoseconds(args.duration, "--duration")
     timeout = peer_timeout(args)
     calibration = loaded.record
     lock = phase_lock(args, calibration.tick_us, firmware)
-    ecu = open_ecu(backend, calibration, firmware)
+    remembered = lasting.of_ecu(lasting.read(args.memory), firmware)
+    ecu = open_ecu(backend, calibration, firmware, key=key, lasting=remembered)
     link = open_link(args, firmware.fd)
     recorder = tick_trace.Recorder(room=firmware.room)
     with process.stop_on_signals() as stop:
@@ -102,6 +107,7 @@ def run(args: argparse.Namespace) -> int:
             warm.rehearse_ecu(open_backend(backend, calibration, firmware), calibration, firmware)
         for note in notes:
             print(f"note: {note}", flush=True)
+        _remember(args.memory, ecu, firmware)
         try:
             with warm.counted_compilations() as compiled:
                 print(f"ECU runs every {calibration.tick_us / 1000:g} ms", flush=True)
@@ -131,6 +137,7 @@ def run(args: argparse.Namespace) -> int:
                     )
         finally:
             link.close()
+            _remember(args.memory, ecu, firmware)
         if lock is not None and not lock.locked:
             notes.append("ticks not locked to the Imu frames: none received, or too irregular")
         if args.trace is not None:
@@ -147,6 +154,11 @@ def run(args: argparse.Namespace) -> int:
                 "pace": args.pace,
                 "bus": bus_record.about_of(link.record),
             }
+            if isinstance(ecu, SecuredEcu):
+                about |= {
+                    "lasting": [remembered.starts, remembered.senders],
+                    "not_authentic": ecu.refused,
+                }
             trace = tick_trace.TickTrace(
                 calibration,
                 recorder.ticks(),
@@ -161,6 +173,20 @@ def run(args: argparse.Namespace) -> int:
         flush=True,
     )
     return 0
+
+
+def check_memory(args: argparse.Namespace, profile: BusProfile) -> None:
+    """Raise CanrollError for a key or a memory that the bus has no use for."""
+    refuse_useless_key(choices_of(args, ("key",)), profile)
+    if args.memory is not None and not secured(profile):
+        raise CanrollError(
+            f"--memory: the frames of bus {profile.name} are not authenticated: omit it"
+        )
+
+
+def _remember(path: Path | None, ecu: Backend, firmware: BusFirmware) -> None:
+    if isinstance(ecu, SecuredEcu):
+        lasting.write(path, lasting.by_name(ecu.lasting, firmware))
 
 
 def phase_lock(args: argparse.Namespace, tick_us: int, firmware: BusFirmware) -> PhaseLock | None:
@@ -220,14 +246,14 @@ def grants_of(
     return lockstep.Grants(link, channel, idents=plants, tick_us=tick_us, stop=stop)
 
 
-def replay(path: Path, backend: str, firmware: BusFirmware) -> int:
+def replay(path: Path, backend: str, firmware: BusFirmware, key: bytes) -> int:
     """Run a trace through a backend and compare every frame it sends.
 
     Raises:
         VerdictError: a frame differs.
     """
     trace = tick_trace.load(path)
-    again = tick_trace.replay(trace, backend, firmware=firmware)
+    again = tick_trace.replay(trace, backend, firmware=firmware, key=key)
     if again.difference is not None:
         raise VerdictError(f"{path}: backend '{backend}' differs: {again.difference}")
     sent = int(trace.frames["sent"].sum())
@@ -236,7 +262,11 @@ def replay(path: Path, backend: str, firmware: BusFirmware) -> int:
 
 
 def replay_drive(
-    args: argparse.Namespace, loaded: LoadedCalibration, firmware: BusFirmware, backend: str
+    args: argparse.Namespace,
+    loaded: LoadedCalibration,
+    firmware: BusFirmware,
+    backend: str,
+    key: bytes,
 ) -> int:
     """Drive the firmware with a bus log and show what it made of it.
 
@@ -259,6 +289,7 @@ def replay_drive(
             firmware,
             database.get_message_by_name(name),
             backend=backend,
+            key=key,
             progress=progress,
         )
     parameters = [

@@ -15,7 +15,7 @@ from codegen.generated.bus_map import VALID_BITS, BusMap, Mailbox
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
 from dbc import attribute, read
-from dbc.keys import read_key
+from dbc.keys import DEVELOPMENT_KEY, read_key
 from firmware import calibration as fw
 from firmware.calibration import Calibration
 from firmware.plausibility import NEEDED
@@ -142,6 +142,16 @@ def refuse_useless_key(choices: Mapping[str, Any], profile: BusProfile) -> None:
             "--bus secured_fd"
         )
     read_key(Path(key))
+
+
+def secret_of(choices: Mapping[str, Any]) -> bytes:
+    """Return the key of authenticated frames for ``choices``.
+
+    Raises:
+        CanrollError: the file cannot be read, or holds no key.
+    """
+    key = choices.get("key")
+    return DEVELOPMENT_KEY if key is None else read_key(Path(key))
 
 
 def refuse_authenticated(profile: BusProfile, command: str) -> None:
