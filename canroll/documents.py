@@ -1,15 +1,11 @@
-"""Files of users: text bounded in size and depth, and arrays read in a process of their own."""
+"""Files of users: text bounded in size and depth, or read by a process of its own."""
 
-import io
 import json
 import subprocess
 import sys
 import tomllib
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 MOST_BYTES = 16 << 20
 """Size of a text file; a larger one is not what it is taken for."""
@@ -66,13 +62,13 @@ def parse_json(content: str) -> Any:  # noqa: ANN401 - whatever stands there
         raise ValueError("nested too deeply") from error
 
 
-def arrays(program: str, path: Path) -> dict[str, NDArray[Any]]:
-    """Return the arrays that a Python program makes of the file ``path``.
+def read_apart(program: str, path: Path) -> bytes:
+    """Return what a Python program makes of the file ``path``.
 
     It runs in a process of its own, which a reader in compiled code may end at a damaged file.
 
     Args:
-        program: it finds the path in ``sys.argv[1]`` and writes an .npz to ``sys.stdout.buffer``.
+        program: it finds the path in ``sys.argv[1]`` and writes to ``sys.stdout.buffer``.
         path: the file.
 
     Raises:
@@ -84,5 +80,4 @@ def arrays(program: str, path: Path) -> dict[str, NDArray[Any]]:
     if done.returncode:
         said = done.stderr.decode("utf-8", "replace").strip().splitlines()
         raise ValueError(said[-1] if said and done.returncode > 0 else "the reader crashed")
-    with np.load(io.BytesIO(done.stdout)) as stored:
-        return dict(stored)
+    return done.stdout

@@ -129,9 +129,9 @@ def test_a_file_that_ends_the_reader_ends_nothing_else(tmp_path):
 
 def test_a_reader_that_crashes_ends_nothing_else(tmp_path):
     with pytest.raises(ValueError, match="the reader crashed"):
-        documents.arrays("import os; os.abort()", tmp_path)
+        documents.read_apart("import os; os.abort()", tmp_path)
     with pytest.raises(ValueError, match="ValueError: of its own"):
-        documents.arrays("raise ValueError('of its own')", tmp_path)
+        documents.read_apart("raise ValueError('of its own')", tmp_path)
 
 
 def test_a_time_that_is_no_number_is_refused(tmp_path):

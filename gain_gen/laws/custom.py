@@ -1,5 +1,6 @@
 """A user's own gains from a file: state feedback, or a discrete compensator."""
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +59,8 @@ def _read_mat(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     scipy's reader ends the process on some damaged files.
     """
     try:
-        return documents.arrays(_MAT_TO_NPZ, path)
+        with np.load(io.BytesIO(documents.read_apart(_MAT_TO_NPZ, path))) as stored:
+            return dict(stored)
     except ValueError as error:
         raise CanrollError(
             f"cannot read matrices {path}: not a .mat file that scipy can read: {reason(error)}"

@@ -1,5 +1,6 @@
 """Frames of a bus log by channel, from every format that python-can reads by suffix."""
 
+import io
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -92,8 +93,8 @@ def read_log(path: Path) -> dict[str, Logged]:
 
 
 def _read_mf4(path: Path) -> list[can.Message]:
-    found = documents.arrays(_MF4_TO_NPZ, path)
-    columns = [found[name].tolist() for name in (*_FIELDS, "channel", "dlc")]
+    with np.load(io.BytesIO(documents.read_apart(_MF4_TO_NPZ, path))) as found:
+        columns = [found[name].tolist() for name in (*_FIELDS, "channel", "dlc")]
     return [
         can.Message(
             **dict(zip(_FIELDS, row, strict=True)),
