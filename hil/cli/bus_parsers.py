@@ -33,6 +33,8 @@ COMMANDS = ("AntiRollBarCommand", "SuspensionForceCommand", "DamperCommand", "Va
 """Commands to which it shows the delay: the first one that is there, that of the default actuators
 before the others."""
 FREE = "free"
+DEFAULT_SERVE = "127.0.0.1:29536"
+"""Address of the plant's own bus."""
 WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
 """Choices of a run that concern the plant."""
 
@@ -264,7 +266,7 @@ def plant(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--serve",
         metavar="HOST:PORT",
-        default="127.0.0.1:29536",
+        default=DEFAULT_SERVE,
         help="without -i: address of the plant's bus, for -i socketcand (default: %(default)s)",
     )
     add_choices(parser, (*WORLD, "phase_ms", "duration"))

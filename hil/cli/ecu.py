@@ -16,7 +16,7 @@ from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.calibration.calibration_file import load as load_calibration
 from hil.cli import terminal
 from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, OF_AN_ECU, PEER_TIMEOUT
-from hil.cli.options import choices_of, chosen_services, folder_of
+from hil.cli.options import choices_of, chosen_services, folder_of, refuse_useless
 from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
 from hil.realtime.bus_link import CanLink, open_link
 from hil.realtime.hardware import bus_record, lasting
@@ -38,6 +38,13 @@ ONLY_ON_A_BUS = (
     *("side_channel", "peer_timeout", "cpu", "xcp", "uds", "memory"),
 )
 """Options of the ECU in real time that a recorded drive has no use for."""
+OF_A_LOOP = {"calibration": None, "pace": "realtime"} | dict.fromkeys(
+    (
+        *("interface", "channel", "bitrate", "data_bitrate", "bus_kwargs", "duration", "phase_ms"),
+        *("trace", "side_channel", "peer_timeout", "cpu", "memory"),
+    )
+)
+"""Options, with their defaults, of the ECU on a bus that the replay of a trace has no use for."""
 
 
 def check_side_channel(args: argparse.Namespace) -> None:
@@ -75,15 +82,19 @@ def run(args: argparse.Namespace) -> int:
     profile = profile_of(choices_of(args, OF_AN_ECU))
     check_memory(args, profile)
     key = secret_of(choices_of(args, OF_AN_ECU))
+    drive = args.replay is not None and is_log(args.replay)
+    if args.replay is not None and not drive:
+        refuse_useless(args, OF_A_LOOP, "a trace is replayed as it was recorded")
     loaded = None if args.calibration is None else load_calibration(args.calibration)
     stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
+    if args.pace == "lockstep":
+        refuse_useless(args, {"cpu": None}, "in lock step no core is chosen")
     services = chosen_services(args)
     if services and args.pace == "lockstep":
         raise CanrollError(
             f"--{services[0]} requires --pace realtime: a tool does not wait for grants"
         )
     firmware = with_services(firmware_of(profile, stage), services)
-    drive = args.replay is not None and is_log(args.replay)
     if not drive and (args.out is not None or args.json):
         raise CanrollError("--out and --json belong to --replay of a bus log")
     if args.replay is not None and not drive:

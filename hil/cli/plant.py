@@ -4,8 +4,9 @@ import argparse
 
 import vehicles
 from canroll.errors import CanrollError
+from hil.cli.bus_parsers import DEFAULT_SERVE
 from hil.cli.ecu import check_memory, nanoseconds, peer_timeout
-from hil.cli.options import choices_of
+from hil.cli.options import choices_of, refuse_useless
 from hil.exchange import signal_files
 from hil.realtime import lockstep, own_bus, plant_loop, plant_record, process, side_channel, warm
 from hil.realtime.bus_link import Link, has_bus, open_link
@@ -38,6 +39,10 @@ def run(args: argparse.Namespace) -> int:
         )
     check_memory(args, profile_of(choices_of(args)))
     memory = lasting.read(args.memory)
+    if args.pace == "lockstep":
+        refuse_useless(args, {"cpu": None}, "in lock step no core is chosen")
+    if has_bus(args):
+        refuse_useless(args, {"serve": DEFAULT_SERVE}, "it is of the plant's own bus, not of -i")
     # compiled before the clock runs: this world is thrown away
     world_of(args).advance(plant_loop.STEP_NS)
     if args.prepare:

@@ -251,13 +251,23 @@ def _ended(stream: socket.socket | None) -> bool:
 
 
 def has_bus(args: argparse.Namespace) -> bool:
-    """Return whether the options or python-can's configuration name an interface."""
+    """Return whether the options or python-can's configuration name an interface.
+
+    Raises:
+        CanrollError: none is named, and options of one are given.
+    """
     if "interface" in args:
         return True
     try:
-        return bool(can.util.load_config().get("interface"))
+        if can.util.load_config().get("interface"):
+            return True
     except can.CanInterfaceNotImplementedError:
-        return False
+        pass
+    for name in ("channel", "bitrate", "data_bitrate", "fd", "bus_kwargs", "timing"):
+        if name in args:
+            option = name.replace("_", "-")
+            raise CanrollError(f"--{option} is of an interface: add -i, or omit it")
+    return False
 
 
 def open_link(args: argparse.Namespace, fd: Mapping[int, bool] | None = None) -> CanLink:

@@ -192,7 +192,7 @@ def options_of(choices: Mapping[str, Any]) -> Options:
     """Return the calibration options in ``choices`` that do not depend on the law.
 
     Raises:
-        CanrollError: an invalid heartbeat.
+        CanrollError: an invalid heartbeat, or one without events.
     """
     tick, heartbeat = (1e-3 * chosen(choices, name) for name in ("tick_ms", "heartbeat_ms"))
     if not tick <= heartbeat < COMMAND_TIMEOUT:
@@ -200,8 +200,14 @@ def options_of(choices: Mapping[str, Any]) -> Options:
             f"--heartbeat {1e3 * heartbeat:g}: it must be at least the tick and below the "
             f"{1e3 * COMMAND_TIMEOUT:g} ms after which actuators release"
         )
+    event = chosen(choices, "trigger") == "event"
+    if choices.get("heartbeat_ms") is not None:
+        always = "to dampers" if chosen(choices, "actuator") == "dampers" else ""
+        always = always if event else "with --trigger every"
+        if always:
+            raise CanrollError(f"--heartbeat: {always} a command is sent every tick: omit it")
     return Options(
-        event_trigger=chosen(choices, "trigger") == "event",
+        event_trigger=event,
         identification=chosen(choices, "identification"),
         offset_learning=chosen(choices, "offset_learning"),
         heartbeat=heartbeat,
