@@ -3,12 +3,15 @@
 A draw is a double lane change of the 14-DOF car without and with control over a bus at 50 % load.
 CPU times are of one process, the ways of driving a draw in turn, best of the rounds:
 
-- whole runs, interpreted: two complete runs with their records, every tick called from Python
-- interpreted: the figures alone, every tick called from Python
-- compiled: the figures alone, as a campaign drives them
+- whole runs, Python loop: two complete runs with their records, every tick called from Python
+- Python loop: the figures alone, every tick called from Python
+- compiled loop: the figures alone, as a campaign drives them
 
-Wall times are of one process, of two, and of two workers of a Dask cluster, in short rounds in
-turn, the best of each; on a busy machine they say little.
+All have the native firmware, and compiled kernels of vehicle, bus and nodes.
+
+Wall times are of one process, of two, and of two workers of a Dask cluster, each driving for
+``--seconds`` after a round that loads the kernels. Beside other work on the machine they say
+little: the load before is printed.
 """
 
 import argparse
@@ -27,8 +30,10 @@ from hil.studies import figures, variation
 from plant_sim.world import open_loop, world
 
 SCENARIO = "double_lane_change"
-CHUNK, CHUNKS = 16, 2
-"""Draws of a chunk, and chunks of a round for each process: a second."""
+CHUNK = 16
+"""Draws of a chunk: half a second."""
+WARM_UP_S = 3.0
+"""Time in which every process has loaded the kernels."""
 BEST_OF = 5
 """CPU times of each way of driving a draw."""
 
@@ -39,9 +44,9 @@ def whole_runs(controller, draws):
 
 
 WAYS = {
-    "whole runs, interpreted": (whole_runs, virtual_time.observed_ticks),
-    "interpreted": (figures.figures, virtual_time.observed_ticks),
-    "compiled": (figures.figures, virtual_time.compiled_ticks),
+    "whole runs, Python loop": (whole_runs, virtual_time.observed_ticks),
+    "Python loop": (figures.figures, virtual_time.observed_ticks),
+    "compiled loop": (figures.figures, virtual_time.compiled_ticks),
 }
 
 
@@ -114,20 +119,18 @@ def shares(controller, draws):
     return found | {"rest": 1.0 - sum(found.values())}
 
 
-def wall_rates(plan, engines, rounds):
-    """Draws per second of wall time of each engine: of short rounds in turn the best."""
-    best = dict.fromkeys(engines, 0.0)
-    chunks = count()
-    # in the first round, which is not counted, every process loads the kernels
-    for number in range(rounds + 1):
-        for name, where in engines.items():
-            of = [next(chunks) % plan.chunks for _ in range(CHUNKS * where.slots)]
-            tasks = [(str(chunk), drive_chunk, (plan, chunk)) for chunk in of]
-            start = time.perf_counter()
-            draws = sum(count_of(rows) for _, rows, _ in results(where, None, tasks))
-            rate = draws / (time.perf_counter() - start)
-            best[name] = max(best[name], rate if number else 0.0)
-    return best
+def wall_rate(plan, where, seconds):
+    """Draws per second of wall time of an engine that drives for ``seconds``."""
+    start = time.perf_counter()
+
+    def tasks():
+        for number in count():
+            if time.perf_counter() - start > seconds:
+                return
+            yield str(number), drive_chunk, (plan, number % plan.chunks)
+
+    draws = sum(count_of(rows) for _, rows, _ in results(where, None, tasks()))
+    return draws / (time.perf_counter() - start)
 
 
 def cluster():
@@ -141,9 +144,10 @@ def cluster():
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rounds", type=int, default=20)
+    parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--bus", default="500k")
     options = parser.parse_args()
+    print(f"load of the machine before {os.getloadavg()[0]:.2f}, {os.cpu_count()} cores")
     plan = campaign_file.of_options(
         SCENARIO,
         {"bus": options.bus},
@@ -162,7 +166,7 @@ def main():
         for name, way in WAYS.items()
     }
     for name, found in best.items():
-        over = found / best["compiled"]
+        over = found / best["compiled loop"]
         print(f"{name:24} {found:6.1f} ms of CPU time a draw, {over:.2f} times the compiled loop's")
     found = shares(plan.controller, draws[:16])
     print("shares: " + ", ".join(f"{name} {share:.2f}" for name, share in found.items()))
@@ -174,14 +178,15 @@ def main():
         dask = opened.enter_context(cluster())
         if dask is not None:
             engines["two Dask workers"] = opened.enter_context(engine(dask.scheduler_address, 2))
-        rates = wall_rates(plan, engines, options.rounds)
+        for where in engines.values():
+            wall_rate(plan, where, WARM_UP_S)
+        rates = {name: wall_rate(plan, each, options.seconds) for name, each in engines.items()}
     one, two, *others = rates.values()
     for name, rate in rates.items():
-        print(f"{name:24} {rate:6.1f} draws per second")
+        print(f"{name:24} {rate:6.1f} draws per second over {options.seconds:g} s")
     print(f"two processes over one: {two / one:.2f}")
     for rate in others:
         print(f"Dask over the pool: {rate / two:.2f}")
-    print(f"load of the machine {os.getloadavg()[0]:.1f}, this benchmark included")
     print(f"a million draws on two cores: {1e6 / two / 3600:.1f} h")
 
 

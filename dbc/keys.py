@@ -5,9 +5,9 @@ The file has 32 hexadecimal digits, or is TOML with ``key = "…"``. Nobody but 
 
 import stat
 import string
-import tomllib
 from pathlib import Path
 
+from canroll import documents
 from canroll.errors import CanrollError, reason
 
 KEY_BYTES = 16
@@ -23,8 +23,8 @@ def read_key(path: Path) -> bytes:
     """
     try:
         mode = path.stat().st_mode
-        text = path.read_text(encoding="utf-8-sig").strip()
-    except (OSError, UnicodeDecodeError) as error:
+        text = documents.text(path).strip()
+    except (OSError, ValueError) as error:
         raise CanrollError(f"{path}: no readable key: {reason(error)}") from error
     if mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise CanrollError(f"{path}: others than its owner may use this key: chmod 600 {path}")
@@ -41,8 +41,8 @@ def read_key(path: Path) -> bytes:
 
 def _of_toml(path: Path, text: str) -> str:
     try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError:
+        table = documents.parse_toml(text)
+    except ValueError:
         raise CanrollError(f"{path}: neither a key nor TOML") from None
     if set(table) != {"key"} or not isinstance(table["key"], str):
         raise CanrollError(f'{path}: must have one entry, key = "32 hexadecimal digits"')

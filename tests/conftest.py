@@ -1,6 +1,7 @@
 """What all tests share: where nothing may be skipped, a skip fails the run."""
 
 import os
+import signal
 
 import pytest
 from hypothesis import settings
@@ -8,6 +9,10 @@ from hypothesis import settings
 # the same examples on every machine, however slow it is
 settings.register_profile("reproducible", derandomize=True, deadline=None)
 settings.load_profile("reproducible")
+
+# a shell starts what it puts into the background with SIGINT ignored, and so would be every
+# program that a test ends by it
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -10,7 +10,7 @@ import pytest
 from scipy.io import savemat
 
 import vehicles
-from canroll import apart, documents
+from canroll import documents
 from canroll.errors import CanrollError
 from codegen.generated import bus_map
 from gain_gen.calibration import calibration_file
@@ -129,9 +129,9 @@ def test_a_file_that_ends_the_reader_ends_nothing_else(tmp_path):
 
 def test_a_reader_that_crashes_ends_nothing_else(tmp_path):
     with pytest.raises(ValueError, match="the reader crashed"):
-        apart.arrays("import os; os.abort()", tmp_path)
+        documents.read_apart("import os; os.abort()", tmp_path)
     with pytest.raises(ValueError, match="ValueError: of its own"):
-        apart.arrays("raise ValueError('of its own')", tmp_path)
+        documents.read_apart("raise ValueError('of its own')", tmp_path)
 
 
 def test_a_time_that_is_no_number_is_refused(tmp_path):

@@ -13,7 +13,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("canroll.apart", "canroll.build_cache", "canroll.documents", "canroll.errors"),
+    ("canroll.build_cache", "canroll.documents", "canroll.errors"),
     ("canroll.extension", "canroll.typing"),
     ("canroll.registry",),
     ("plant_sim.kernels", "dbc", "firmware", "vehicles"),

@@ -18,7 +18,7 @@ from codegen.run.authentication import (
 )
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.ecu_traffic import Frame, Payload, Traffic, refused
-from codegen.run.secured import SecuredEcu
+from codegen.run.secured import NEW, Lasting, SecuredEcu
 from codegen.run.unicorn import CortexEcu
 from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
@@ -193,11 +193,12 @@ def open_backend(
     firmware: BusFirmware | None = None,
     *,
     key: bytes = DEVELOPMENT_KEY,
+    lasting: Lasting = NEW,
 ) -> Backend:
     """Start an ECU with ``calibration`` on the backend ``name``.
 
     ``firmware`` is the firmware for a bus, by default the built-in one; if the bus's frames are
-    authenticated, then with ``key``.
+    authenticated, then with ``key``, and with the memory ``lasting`` of its earlier starts.
 
     Raises UnknownNameError for a name not in BACKENDS, CanrollError if the ECU refuses the
     calibration or the backend's tools are missing.
@@ -214,7 +215,7 @@ def open_backend(
     if firmware is None or not firmware.bus.secured:
         return ecu
     its = authentication_of(ecu, firmware)
-    return SecuredEcu(ecu, its, firmware, key=key, tick_us=calibration.tick_us)
+    return SecuredEcu(ecu, its, firmware, key=key, tick_us=calibration.tick_us, lasting=lasting)
 
 
 def authentication_of(

@@ -8,14 +8,18 @@ four), so states can be compared byte for byte.
 import zlib
 from collections.abc import Mapping
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from canroll.errors import CanrollError, optional
 from firmware.calibration import Calibration
 from firmware.subset import fields
 
 NUMPY = {"i32": "<i4", "u8": "u1"}
+HIGHEST_ADDRESS = 1 << 32
+WORD = 4
 
 
 @cache
@@ -77,3 +81,32 @@ def elements(record: Any) -> dict[tuple[str, tuple[int, ...]], int]:  # noqa: AN
         for name in packed.dtype.names or ()
         for indices, value in np.ndenumerate(packed[name])
     }
+
+
+def check_address(address: int) -> None:
+    """Raise CanrollError for an unaligned address, or one too high for a whole calibration."""
+    size = dtype(Calibration).itemsize
+    if address % WORD or not 0 <= address <= HIGHEST_ADDRESS - size:
+        raise CanrollError(
+            f"--address {address:#x} must be a multiple of {WORD} with room for {size} bytes"
+        )
+
+
+def write_flash(folder: Path, record: Calibration, address: int) -> list[Path]:
+    """Write a calibration for a flash programmer: ``calibration.hex`` (Intel) and ``.s19``.
+
+    Returns:
+        Both paths.
+
+    Raises:
+        CanrollError: as for :func:`check_address`, or bincopy is missing.
+    """
+    check_address(address)
+    file = optional("bincopy", "a calibration for a programmer", "target").BinFile()
+    file.add_binary(image(record), address)
+    written = []
+    for name, text in (("calibration.hex", file.as_ihex()), ("calibration.s19", file.as_srec())):
+        path = folder / name
+        path.write_text(text, encoding="ascii")
+        written.append(path)
+    return written

@@ -4,7 +4,7 @@ Received frames are verified before the loop gets them, and its frames protected
 sent; lasting memory counts the starts and remembers those of the senders.
 """
 
-from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,6 +20,21 @@ from firmware.security.secoc_state import RESET_MAX, SECURED
 
 LISTENING_US = 100_000
 """Time after a start for which no frame is taken, µs: twice the slowest cycle time in use."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lasting:
+    """What an ECU remembers without power: its starts so far, and those of each mailbox's sender.
+
+    ``senders`` may be empty: none was heard.
+    """
+
+    starts: int = 0
+    senders: tuple[int, ...] = ()
+
+
+NEW = Lasting()
+"""The memory of an ECU that was never started."""
 
 
 class Inner(Protocol):
@@ -56,6 +71,7 @@ class SecuredEcu:
         *,
         key: bytes,
         tick_us: int,
+        lasting: Lasting = NEW,
     ) -> None:
         self._ecu, self._secoc, self._firmware, self._key = ecu, authentication, firmware, key
         self._slot_of = {ident: slot for slot, (ident, _) in enumerate(firmware.sent)}
@@ -63,21 +79,26 @@ class SecuredEcu:
         self._starts = 0
         self.accepted = 0
         self._refused_before = 0
-        self._begin(())
+        self._begin(lasting)
 
-    def _begin(self, senders: Sequence[int]) -> None:
+    def _begin(self, lasting: Lasting) -> None:
         """Start as after a loss of power, with what the lasting memory holds."""
-        self._starts = min(self._starts + 1, RESET_MAX)
+        self._starts = min(lasting.starts + 1, RESET_MAX)
         self._secoc.start(self._key, self._starts, self._listening)
-        for message, reset in enumerate(senders):
+        for message, reset in enumerate(lasting.senders):
             self._secoc.resume(message, reset)
+
+    @property
+    def lasting(self) -> Lasting:
+        """What it remembers without power."""
+        return Lasting(self._starts, tuple(self._secoc.senders))
 
     def restart(self) -> None:
         """Start anew, as after a loss of power."""
         self._refused_before = self.refused
-        senders = self._secoc.senders
+        lasting = self.lasting
         self._ecu.restart()
-        self._begin(senders)
+        self._begin(lasting)
 
     @property
     def refused(self) -> int:

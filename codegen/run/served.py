@@ -5,10 +5,12 @@ from typing import Any, Protocol
 
 from canroll.errors import CanrollError
 from codegen.run.backends import Backend, NativeEcu, PythonEcu, open_backend
-from codegen.run.bus_firmware import BusFirmware, built_in
+from codegen.run.bus_firmware import AUTHENTICATION, BusFirmware, built_in
 from codegen.run.ecu_traffic import Frame, Payload
+from codegen.run.secured import NEW, Lasting
 from codegen.run.uds_server import server_of
 from codegen.run.xcp_slave import slave_of
+from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
 
 
@@ -87,17 +89,30 @@ class ServedEcu:
         return frames
 
 
-def open_ecu(name: str, calibration: Calibration, firmware: BusFirmware | None = None) -> Backend:
+def open_ecu(
+    name: str,
+    calibration: Calibration,
+    firmware: BusFirmware | None = None,
+    *,
+    key: bytes = DEVELOPMENT_KEY,
+    lasting: Lasting = NEW,
+) -> Backend:
     """Start an ECU with ``calibration`` and the services of ``firmware`` on the backend ``name``.
 
+    ``key`` and ``lasting`` are for a bus with authenticated frames, as in
+    :func:`codegen.run.backends.open_backend`.
+
     Raises:
-        CanrollError: as :func:`codegen.run.backends.open_backend`, or the backend runs no services.
+        CanrollError: as there, or the backend or the bus has no services.
     """
     firmware = firmware or built_in()
-    ecu = open_backend(name, calibration, firmware)
-    if not firmware.services:
+    services = [name for name in firmware.services if name != AUTHENTICATION]
+    asked = " and ".join(f"--{service}" for service in services)
+    if services and firmware.bus.secured:
+        raise CanrollError(f"{asked}: not on a bus with authenticated frames: omit it")
+    ecu = open_backend(name, calibration, firmware, key=key, lasting=lasting)
+    if not services:
         return ecu
     if not isinstance(ecu, PythonEcu | NativeEcu):
-        asked = " and ".join(f"--{service}" for service in firmware.services)
         raise CanrollError(f"{asked} requires --backend native or python, not {name}")
     return ServedEcu(ecu, calibration, firmware)

@@ -1,11 +1,12 @@
 """A user's own gains from a file: state feedback, or a discrete compensator."""
 
+import io
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from canroll import apart, documents
+from canroll import documents
 from canroll.errors import UNREADABLE, CanrollError, reason
 from gain_gen.laws.compensator import checked, scaled_states
 from gain_gen.laws.state_feedback import actuator_rate, feedforward_row, observer_of
@@ -58,7 +59,8 @@ def _read_mat(path: Path) -> dict[str, np.ndarray[Any, Any]]:
     scipy's reader ends the process on some damaged files.
     """
     try:
-        return apart.arrays(_MAT_TO_NPZ, path)
+        with np.load(io.BytesIO(documents.read_apart(_MAT_TO_NPZ, path))) as stored:
+            return dict(stored)
     except ValueError as error:
         raise CanrollError(
             f"cannot read matrices {path}: not a .mat file that scipy can read: {reason(error)}"

@@ -173,7 +173,7 @@ class AttackedWorld(World):
         if self.now_ns < self._start_ns:
             return
         for frame in self._forge(ear):
-            self._send(frame)
+            self.inject(frame)
 
     def _heard(self, entry: np.void) -> Heard | None:
         """The genuine frame of ours that an entry of the bus's log is, if it is one."""
@@ -192,7 +192,8 @@ class AttackedWorld(World):
         payload[:length] = entry["payload"][:length]
         return Heard(int(entry["t_received"]), row, length, flags, payload)
 
-    def _send(self, frame: Forged) -> None:
+    def inject(self, frame: Forged) -> None:
+        """Queue a frame at the attacker's nodes."""
         ident = int(self.ear.tables.message[frame.row, codec.IDENT])
         for node in self._senders:
             can_bus.enqueue(

@@ -4,7 +4,7 @@ A frame of the attacker gets through where its receiver accepts it: the actuator
 the ECU by its authentication, or on a plain bus by an end-to-end check of the plant's own code.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -26,17 +26,26 @@ from hil.runs.result import Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import closed_loop
 from plant_sim.nodes import codec, e2e
+from plant_sim.nodes.codec import Codec
 from plant_sim.world.world_kernel import row_of
 
 
 class Gate:
-    """An ECU whose acceptance of the attacker's frames is counted, as ``accepted``."""
+    """An ECU whose acceptance of the attacker's frames is counted, as ``accepted``.
 
-    def __init__(self, ecu: Backend, world: AttackedWorld) -> None:
-        self._ecu, self._world = ecu, world
+    ``arrivals`` says of each frame to come whether it is the attacker's.
+    """
+
+    def __init__(self, ecu: Backend, tables: Codec, arrivals: Callable[[], bool]) -> None:
+        self._ecu, self._tables, self._arrivals = ecu, tables, arrivals
         self.accepted = 0
-        rows = len(world.ear.tables.message)
+        rows = len(tables.message)
         self._receivers = [e2e.receiver_state(e2e.Supervision()) for _ in range(rows)]
+
+    @property
+    def refused(self) -> int:
+        """Frames that its authentication has refused; 0 without one."""
+        return self._ecu.refused if isinstance(self._ecu, SecuredEcu) else 0
 
     @property
     def state(self) -> Any:  # noqa: ANN401
@@ -57,7 +66,7 @@ class Gate:
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Take a frame, and count it where it is the attacker's and accepted."""
-        forged = self._world.arrivals.pop(0)
+        forged = self._arrivals()
         if isinstance(self._ecu, SecuredEcu):
             before = self._ecu.accepted
             self._ecu.receive(ident, payload, length)
@@ -68,8 +77,10 @@ class Gate:
         self.accepted += forged and taken
 
     def _in_sequence(self, ident: int, payload: Payload) -> bool:
-        tables = self._world.ear.tables
+        tables = self._tables
         row = row_of(tables, ident)
+        if len(payload) != tables.message[row, codec.LENGTH]:
+            return False
         status = e2e.check(
             self._receivers[row],
             e2e.Supervision(),
@@ -79,6 +90,19 @@ class Gate:
             np.resize(np.frombuffer(bytes(payload), np.uint8), codec.MAX_PAYLOAD),
         )
         return bool(status <= e2e.INITIAL)
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """A run under attack: its trace, and the frames of the attacker as in :class:`Outcome`."""
+
+    trace: Trace
+    sent: int
+    accepted: int
+
+
+Drive = Callable[[Settings, Controller, Attack], Driven]
+"""Drives one attack on a loop: in virtual time, or on an interface."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,11 +174,20 @@ class Suite:
         }
 
 
-def run(scenario: str, *, progress: Progress | None = None, **choices: Any) -> Suite:  # noqa: ANN401
+def run(
+    scenario: str,
+    *,
+    only: str = "",
+    under: Drive | None = None,
+    progress: Progress | None = None,
+    **choices: Any,  # noqa: ANN401
+) -> Suite:
     """Drive every attack on the loop of ``choices`` (:class:`hil.runs.choices.Choices`).
 
+    ``only``: attacks whose name contains this. ``under`` drives them, by default in virtual time.
+
     Raises:
-        CanrollError: an invalid name or number, or a bus of several segments.
+        CanrollError: an invalid name or number, no such attack, or a bus of several segments.
         VerdictError: the design fails its own checks.
     """
     if choices.get("law") == PASSIVE:
@@ -166,44 +199,56 @@ def run(scenario: str, *, progress: Progress | None = None, **choices: Any) -> S
             f"bus {settings.bus} has several segments: attacks need a bus of one, such as 500k"
         )
     passive = drive(replace(settings, faults=()), controller, enabled=False)
-    chosen = (NONE, *attacks(settings.command))
+    asked = tuple(attack for attack in attacks(settings.command) if only in attack.name)
+    if not asked:
+        raise CanrollError(f"no attack has '{only}' in its name")
+    chosen = (NONE, *asked)
     outcomes = []
-    for outcome in _outcomes(settings, controller, passive, chosen):
-        outcomes.append(outcome)
+    for attack in chosen:
+        faults = (*settings.faults, *attack.faults)
+        its = replace(settings, faults=faults)
+        outcomes.append(outcome(its, controller, passive, attack, under=under))
         if progress is not None:
             progress(f"attacks on {settings.bus}", len(outcomes) / len(chosen))
     roll = float(np.degrees(peak(passive.signals["roll"])))
     return Suite(settings, settings.firmware.bus.secured, roll, tuple(outcomes))
 
 
-def _outcomes(
-    settings: Settings, controller: Controller, passive: Trace, chosen: tuple[Attack, ...]
-) -> Iterator[Outcome]:
-    for attack in chosen:
-        faults = (*settings.faults, *attack.faults)
-        yield outcome(replace(settings, faults=faults), controller, passive, attack)
-
-
-def outcome(settings: Settings, controller: Controller, passive: Trace, attack: Attack) -> Outcome:
-    """Drive one attack."""
+def in_virtual_time(settings: Settings, controller: Controller, attack: Attack) -> Driven:
+    """Drive one attack in this process."""
     world = AttackedWorld(**world_options(settings, enabled=True))
     world.attack(attack.forge, START_NS, seed=settings.seed)
     inner = open_backend(
         settings.backend, controller.record, settings.firmware, key=settings.secret
     )
-    gate = Gate(inner, world)
+    gate = Gate(inner, world.ear.tables, lambda: world.arrivals.pop(0))
     trace = closed_loop(
         world,
         gate,
         tick_ns=round(settings.tick * 1e9),
         offset_ns=tick_offset_ns(settings),
     )
+    refused = (inner.refused, world.refused) if isinstance(inner, SecuredEcu) else None
+    return Driven(replace(trace, refused=refused), world.sent, gate.accepted + world.forged)
+
+
+def outcome(
+    settings: Settings,
+    controller: Controller,
+    passive: Trace,
+    attack: Attack,
+    *,
+    under: Drive | None = None,
+) -> Outcome:
+    """Drive one attack and judge it."""
+    driven = (under or in_virtual_time)(settings, controller, attack)
+    trace = driven.trace
     seen = reaction.observe(trace, passive, ())
     return Outcome(
         attack=attack.name,
-        sent=world.sent,
-        accepted=gate.accepted + world.forged,
-        refused=(inner.refused, world.refused) if isinstance(inner, SecuredEcu) else None,
+        sent=driven.sent,
+        accepted=driven.accepted,
+        refused=trace.refused,
         roll_max_deg=float(np.degrees(peak(trace.signals["roll"]))),
         wrong_side_max_nm=seen.wrong_side_max_nm,
         wrong_side_s=seen.wrong_side_s,

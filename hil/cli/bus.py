@@ -12,6 +12,7 @@ from rich.console import Console
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from firmware.services.xcp_state import N_ODT
 from hil.cli.bus_parsers import COMMANDS, SENSOR
+from hil.cli.options import refuse_useless
 from hil.realtime.hardware.interfaces import is_loopback
 from hil.report import network_bus, recorded_bus
 from hil.report.bus_answer import Answer, Delay, as_json, check_simulation, is_late, show
@@ -59,6 +60,11 @@ OURS = "canroll"
 """What the messages of the bus contract are called that come onto a recorded bus."""
 BESIDE_RECORDING = "no bound: the periods of a recording are unknown"
 """Why there is no bound."""
+
+OF_AN_ANALYSIS = {"offsets": False, "sensitivity": False, "json": False} | dict.fromkeys(
+    ("error_interval", "errors_per_second", "propose")
+)
+"""Options of the bounds, with their defaults."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -320,6 +326,12 @@ def _check(args: argparse.Namespace) -> None:
         raise CanrollError(
             "--serve and --replay exclude each other: the served bus carries only the set"
         )
+    if args.share is None:
+        refuse_useless(args, {"pace": "lockstep"}, "it belongs to --share")
+    if args.serve is None and args.share is None:
+        refuse_useless(args, {"host": "127.0.0.1"}, "it belongs to --serve and --share")
+    else:
+        refuse_useless(args, OF_AN_ANALYSIS, "a served bus is not analysed")
     if args.replay is not None and args.simulate <= 0.0:
         raise CanrollError("--replay needs --simulate above 0")
     recorded = is_log(args.file)

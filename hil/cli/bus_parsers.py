@@ -4,11 +4,15 @@ import argparse
 from pathlib import Path
 
 from hil.cli.options import (
+    DEFAULT_SCENARIO,
+    OF_A_RUN,
     add_answer,
     add_choices,
+    add_json,
     add_recording,
     add_scenario,
     add_services,
+    path_named,
     scenario,
 )
 from hil.realtime.bus_link import add_bus_arguments
@@ -16,7 +20,7 @@ from hil.runs.choices import CHOICES
 from plant_sim.can_bus.servers.shared_server import DEFAULT_PORT as SHARED_PORT
 from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT
 
-OF_AN_ECU = ("calibration", "stage", "backend", "bus", "dbc", "map")
+OF_AN_ECU = ("calibration", "stage", "backend", "bus", "dbc", "map", "key")
 """Choices of an ECU: what it runs, and the frames of its bus."""
 PACES = ("realtime", "lockstep")
 PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
@@ -29,6 +33,8 @@ COMMANDS = ("AntiRollBarCommand", "SuspensionForceCommand", "DamperCommand", "Va
 """Commands to which it shows the delay: the first one that is there, that of the default actuators
 before the others."""
 FREE = "free"
+DEFAULT_SERVE = "127.0.0.1:29536"
+"""Address of the plant's own bus."""
 WORLD = tuple(name for name, choice in CHOICES.items() if choice.of == "world")
 """Choices of a run that concern the plant."""
 
@@ -249,6 +255,7 @@ def ecu(parser: argparse.ArgumentParser) -> None:
     )
     add_answer(parser, "the page of a bus log")
     add_services(parser)
+    add_memory(parser)
 
 
 def plant(parser: argparse.ArgumentParser) -> None:
@@ -259,7 +266,7 @@ def plant(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--serve",
         metavar="HOST:PORT",
-        default="127.0.0.1:29536",
+        default=DEFAULT_SERVE,
         help="without -i: address of the plant's bus, for -i socketcand (default: %(default)s)",
     )
     add_choices(parser, (*WORLD, "phase_ms", "duration"))
@@ -283,6 +290,40 @@ def plant(parser: argparse.ArgumentParser) -> None:
     add_prepare_option(parser)
     add_recording(parser)
     parser.add_argument("--record", type=Path, metavar="FILE", help=argparse.SUPPRESS)
+    add_memory(parser)
+
+
+def attacks(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll attacks``."""
+    parser.description = (
+        "Drive a manoeuvre with an attacker on the bus: spoofed, replayed, damaged and foreign "
+        "frames, floods, and resets of nodes; on 500k and on secured_fd, or on --bus; with -i over "
+        "that interface, in lock step. Exit code 1 if a forged frame is accepted on a bus "
+        "with authenticated frames."
+    )
+    add_scenario(parser, DEFAULT_SCENARIO)
+    add_choices(
+        parser,
+        [name for name in OF_A_RUN if name not in ("faults", "fault_file", "duration")],
+        defaults={"bus": None},
+    )
+    parser.add_argument(
+        "--attack", metavar="TEXT", default="", help="only attacks whose name contains TEXT"
+    )
+    add_bus_arguments(parser)
+    parser.set_defaults(serve=None)
+    add_json(parser)
+
+
+def add_memory(parser: argparse.ArgumentParser) -> None:
+    """Add the memory that lasts from one start to the next."""
+    parser.add_argument(
+        "--memory",
+        type=path_named,
+        metavar="FILE",
+        help="authenticated frames: file that counts the starts of this program and of the senders "
+        "it hears, made where there is none (default: each start is the first)",
+    )
 
 
 def add_loop_options(parser: argparse.ArgumentParser) -> None:

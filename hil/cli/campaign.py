@@ -12,8 +12,8 @@ from hil.campaign.plan import Plan
 from hil.campaign.splitting import Splitting
 from hil.cli import terminal
 from hil.cli.main import parse
-from hil.cli.options import choices_of, folder_of, scenario
-from hil.cli.parsers import DEFAULT_DRAWS, DEFAULT_SCENARIO
+from hil.cli.options import DEFAULT_SCENARIO, choices_of, folder_of, refuse_useless, scenario
+from hil.cli.parsers import DEFAULT_DRAWS, EVENT_NAMES
 from hil.cli.run import answer
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder, usable_folder
@@ -66,6 +66,13 @@ def _check(args: argparse.Namespace) -> None:
         raise CanrollError("--until needs all draws in their order: omit --shard")
     if args.rare is not None and (args.until is not None or args.shard is not None):
         raise CanrollError("--rare draws level by level: omit --until and --shard")
+    if args.until is None:
+        refuse_useless(args, {"event": EVENT_NAMES[0]}, "it belongs to --until")
+    if args.rare is None:
+        refuse_useless(args, {"samples": 1000}, "it belongs to --rare")
+    if args.only is not None:
+        unused = {"resume": False, **dict.fromkeys(("until", "shard")), "scheduler": "local"}
+        refuse_useless(args, unused, "--only drives one draw")
     if args.shard is not None and folder_of(args) is None:
         raise CanrollError("--shard needs the folder for its chunks: add --out")
 

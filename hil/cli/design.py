@@ -14,8 +14,8 @@ from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.task import Check, Delay, Design, Task
 from hil.cli import terminal
-from hil.cli.options import choices_of
-from hil.cli.parsers import DEFAULT_DELAY_MS, DEFAULT_SCENARIO, OF_A_DRIVE
+from hil.cli.options import DEFAULT_SCENARIO, choices_of
+from hil.cli.parsers import DEFAULT_DELAY_MS, OF_A_DRIVE
 from hil.runs.choices import CHOICES, chosen
 from hil.runs.choices import check as check_choices
 from hil.runs.frozen import options_of, stage_of, task_of

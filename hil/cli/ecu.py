@@ -6,8 +6,9 @@ from pathlib import Path
 
 import dbc
 from canroll.errors import CanrollError, VerdictError
-from codegen.run.backends import default_backend, open_backend
-from codegen.run.bus_firmware import BusFirmware, built_in, with_services
+from codegen.run.backends import Backend, default_backend, open_backend
+from codegen.run.bus_firmware import BusFirmware, with_services
+from codegen.run.secured import SecuredEcu
 from codegen.run.served import open_ecu
 from firmware.event_trigger import command_slot
 from firmware.state import RX_IMU
@@ -15,26 +16,35 @@ from gain_gen.calibration.calibration_file import LoadedCalibration
 from gain_gen.calibration.calibration_file import load as load_calibration
 from hil.cli import terminal
 from hil.cli.bus_parsers import DEFAULT_PHASE_MS, FREE, OF_AN_ECU, PEER_TIMEOUT
-from hil.cli.options import choices_of, chosen_services, folder_of
+from hil.cli.options import choices_of, chosen_services, folder_of, refuse_useless
 from hil.realtime import ecu_loop, lockstep, process, side_channel, tick_trace, warm
 from hil.realtime.bus_link import CanLink, open_link
-from hil.realtime.hardware import bus_record
+from hil.realtime.hardware import bus_record, lasting
 from hil.realtime.phase_lock import PhaseLock
-from hil.realtime.plant_loop import sent_by
+from hil.realtime.plant_loop import sent_by, sent_to
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder
 from hil.runs import phase
-from hil.runs.frozen import firmware_of, profile_of, refuse_authenticated, stage_of
+from hil.runs.frozen import firmware_of, profile_of, refuse_useless_key, secret_of, stage_of
 from hil.studies import recorded_drive
 from hil.studies.recorded_drive_page import drive_page, reception_table
+from plant_sim.can_bus import BusProfile
+from plant_sim.can_bus.own_frames import secured
 from plant_sim.can_bus.traffic.log_reader import is_log, read_log, select_channel
 
 MODES = dbc.names("RollControlStatus", "Mode")
 ONLY_ON_A_BUS = (
     *("interface", "bitrate", "fd", "data_bitrate", "duration", "phase_ms", "trace", "pace"),
-    *("side_channel", "peer_timeout", "cpu", "xcp", "uds"),
+    *("side_channel", "peer_timeout", "cpu", "xcp", "uds", "memory"),
 )
 """Options of the ECU in real time that a recorded drive has no use for."""
+OF_A_LOOP = {"calibration": None, "pace": "realtime"} | dict.fromkeys(
+    (
+        *("interface", "channel", "bitrate", "data_bitrate", "bus_kwargs", "duration", "phase_ms"),
+        *("trace", "side_channel", "peer_timeout", "cpu", "memory"),
+    )
+)
+"""Options, with their defaults, of the ECU on a bus that the replay of a trace has no use for."""
 
 
 def check_side_channel(args: argparse.Namespace) -> None:
@@ -70,29 +80,35 @@ def run(args: argparse.Namespace) -> int:
     """Run until stopped, or replay a trace or a recorded drive; 0 unless a trace differs."""
     backend = args.backend or default_backend()
     profile = profile_of(choices_of(args, OF_AN_ECU))
-    refuse_authenticated(profile, "ecu")
+    check_memory(args, profile)
+    key = secret_of(choices_of(args, OF_AN_ECU))
+    drive = args.replay is not None and is_log(args.replay)
+    if args.replay is not None and not drive:
+        refuse_useless(args, OF_A_LOOP, "a trace is replayed as it was recorded")
     loaded = None if args.calibration is None else load_calibration(args.calibration)
     stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, OF_AN_ECU))
+    if args.pace == "lockstep":
+        refuse_useless(args, {"cpu": None}, "in lock step no core is chosen")
     services = chosen_services(args)
     if services and args.pace == "lockstep":
         raise CanrollError(
             f"--{services[0]} requires --pace realtime: a tool does not wait for grants"
         )
     firmware = with_services(firmware_of(profile, stage), services)
-    drive = args.replay is not None and is_log(args.replay)
     if not drive and (args.out is not None or args.json):
         raise CanrollError("--out and --json belong to --replay of a bus log")
     if args.replay is not None and not drive:
-        return replay(args.replay, backend, firmware)
+        return replay(args.replay, backend, firmware, key)
     if loaded is None:
         raise CanrollError("--calibration FILE is required; create one with 'canroll design'")
     if drive:
-        return replay_drive(args, loaded, firmware, backend)
+        return replay_drive(args, loaded, firmware, backend, key)
     duration = nanoseconds(args.duration, "--duration")
     timeout = peer_timeout(args)
     calibration = loaded.record
     lock = phase_lock(args, calibration.tick_us, firmware)
-    ecu = open_ecu(backend, calibration, firmware)
+    remembered = lasting.of_ecu(lasting.read(args.memory), firmware)
+    ecu = open_ecu(backend, calibration, firmware, key=key, lasting=remembered)
     link = open_link(args, firmware.fd)
     recorder = tick_trace.Recorder(room=firmware.room)
     with process.stop_on_signals() as stop:
@@ -102,6 +118,7 @@ def run(args: argparse.Namespace) -> int:
             warm.rehearse_ecu(open_backend(backend, calibration, firmware), calibration, firmware)
         for note in notes:
             print(f"note: {note}", flush=True)
+        _remember(args.memory, ecu, firmware)
         try:
             with warm.counted_compilations() as compiled:
                 print(f"ECU runs every {calibration.tick_us / 1000:g} ms", flush=True)
@@ -131,6 +148,7 @@ def run(args: argparse.Namespace) -> int:
                     )
         finally:
             link.close()
+            _remember(args.memory, ecu, firmware)
         if lock is not None and not lock.locked:
             notes.append("ticks not locked to the Imu frames: none received, or too irregular")
         if args.trace is not None:
@@ -147,6 +165,11 @@ def run(args: argparse.Namespace) -> int:
                 "pace": args.pace,
                 "bus": bus_record.about_of(link.record),
             }
+            if isinstance(ecu, SecuredEcu):
+                about |= {
+                    "lasting": [remembered.starts, remembered.senders],
+                    "not_authentic": ecu.refused,
+                }
             trace = tick_trace.TickTrace(
                 calibration,
                 recorder.ticks(),
@@ -161,6 +184,20 @@ def run(args: argparse.Namespace) -> int:
         flush=True,
     )
     return 0
+
+
+def check_memory(args: argparse.Namespace, profile: BusProfile) -> None:
+    """Raise CanrollError for a key or a memory that the bus has no use for."""
+    refuse_useless_key(choices_of(args, ("key",)), profile)
+    if args.memory is not None and not secured(profile):
+        raise CanrollError(
+            f"--memory: the frames of bus {profile.name} are not authenticated: omit it"
+        )
+
+
+def _remember(path: Path | None, ecu: Backend, firmware: BusFirmware) -> None:
+    if isinstance(ecu, SecuredEcu):
+        lasting.write(path, lasting.by_name(ecu.lasting, firmware))
 
 
 def phase_lock(args: argparse.Namespace, tick_us: int, firmware: BusFirmware) -> PhaseLock | None:
@@ -203,10 +240,7 @@ def grants_of(
     firmware: BusFirmware,
 ) -> lockstep.Grants:
     """Return the plant's grants, on the bus or on the side channel."""
-    plants = set(firmware.slots)
-    if firmware.bus is built_in().bus:
-        # the plant sends what the ECU does not hear too
-        plants = {message.frame_id for message in dbc.load().messages} - sent_by(firmware)
+    plants = sent_to(firmware)
     channel: lockstep.Channel
     if args.side_channel is None:
         channel = lockstep.InBand(
@@ -220,14 +254,14 @@ def grants_of(
     return lockstep.Grants(link, channel, idents=plants, tick_us=tick_us, stop=stop)
 
 
-def replay(path: Path, backend: str, firmware: BusFirmware) -> int:
+def replay(path: Path, backend: str, firmware: BusFirmware, key: bytes) -> int:
     """Run a trace through a backend and compare every frame it sends.
 
     Raises:
         VerdictError: a frame differs.
     """
     trace = tick_trace.load(path)
-    again = tick_trace.replay(trace, backend, firmware=firmware)
+    again = tick_trace.replay(trace, backend, firmware=firmware, key=key)
     if again.difference is not None:
         raise VerdictError(f"{path}: backend '{backend}' differs: {again.difference}")
     sent = int(trace.frames["sent"].sum())
@@ -236,7 +270,11 @@ def replay(path: Path, backend: str, firmware: BusFirmware) -> int:
 
 
 def replay_drive(
-    args: argparse.Namespace, loaded: LoadedCalibration, firmware: BusFirmware, backend: str
+    args: argparse.Namespace,
+    loaded: LoadedCalibration,
+    firmware: BusFirmware,
+    backend: str,
+    key: bytes,
 ) -> int:
     """Drive the firmware with a bus log and show what it made of it.
 
@@ -259,6 +297,7 @@ def replay_drive(
             firmware,
             database.get_message_by_name(name),
             backend=backend,
+            key=key,
             progress=progress,
         )
     parameters = [

@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError, VerdictError, reason
-from codegen.export import a2l, bundle, flash
+from codegen.export import a2l, bundle
 from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.generated.bus_map import load as load_map
-from codegen.run import ecu_traffic
+from codegen.run import ecu_traffic, memory_image
 from codegen.run.backends import Recorder, open_backend
 from codegen.run.ecu_traffic import Traffic
 from gain_gen.calibration import calibration_file
@@ -86,7 +86,7 @@ def run(args: argparse.Namespace) -> int:
     if args.specialise and services:
         raise CanrollError(f"--specialise has the calibration compiled in: omit --{services[0]}")
     if args.address is not None:
-        flash.check(args.address)
+        memory_image.check_address(args.address)
     if args.elf is not None:
         return address(args.folder, args.elf, args.calibration)
     with writing_to(args.folder):
@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> int:
     with writing_to(args.folder):
         written = bundle.write(args.folder, export)
         if args.address is not None:
-            written += flash.write(args.folder, export.record, args.address)
+            written += memory_image.write_flash(args.folder, export.record, args.address)
     print(f"{len(written)} files in {args.folder}; next: make -C {args.folder} test")
     return 0
 
@@ -235,7 +235,7 @@ def address(folder: Path, elf: Path, calibration: str | None) -> int:
         path.write_text(a2l.located(path.read_text(encoding="utf-8"), base), encoding="utf-8")
         if calibration is not None:
             record = calibration_file.load(Path(calibration)).record
-            for written in flash.write(folder, record, base["calibration"]):
+            for written in memory_image.write_flash(folder, record, base["calibration"]):
                 print(written)
     print(f"{folder / 'canroll.a2l'}: {', '.join(f'{n} at {a:#x}' for n, a in base.items())}")
     return 0

@@ -19,6 +19,8 @@ from hil.cli.options import (
     OF_A_RUN,
     choices_of,
     folder_of,
+    refuse_of_control,
+    refuse_useless,
 )
 from hil.cli.terminal import show_timing
 from hil.exchange import signal_files
@@ -74,8 +76,10 @@ def run(args: argparse.Namespace) -> int:
     """Drive, report and write; 1 if control does not help, or the run is not valid."""
     if args.scenario is None and not args.check:
         raise CanrollError("a manoeuvre is required, such as double_lane_change")
-    refuse_authenticated(profile_of(choices_of(args, OF_A_RUN)), "hil")
     if args.check and not args.prepare:
+        unused = {"serve": None, "side_channel": None, "pace": "realtime", "passive": "virtual"}
+        refuse_useless(args, unused, "--check drives no manoeuvre")
+        refuse_authenticated(profile_of(choices_of(args, OF_A_RUN)), "hil --check")
         return check_machine(args)
 
     if args.prepare:
@@ -84,6 +88,7 @@ def run(args: argparse.Namespace) -> int:
         )
         return 0
     check_side_channel(args)
+    refuse_of_control(args)
     refuse_one_adapter(args)
     out = folder_of(args)
     for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):

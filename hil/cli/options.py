@@ -9,10 +9,11 @@ from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.run import SERVICES
-from hil.runs.choices import CHOICES, Choice
+from hil.runs.choices import CHOICES, PASSIVE, Choice
 from plant_sim.driving import MANEUVERS
 
 DEFAULT_OUT = Path("out")
+DEFAULT_SCENARIO = "double_lane_change"
 METAVARS = {"km/h": "KMH", "ms": "MS", "s": "S"}
 PATTERNS = {"faults": "WHERE=KIND[:VALUE][@START[:END[:RAMP]]]"}
 NODES = ("faults", "fault_file", "conditions")
@@ -119,6 +120,31 @@ def _help(choice: Choice) -> str:
 
 def _shown(default: Any) -> str:  # noqa: ANN401
     return f"{default:g}" if isinstance(default, float) else str(default)
+
+
+def refuse_useless(args: argparse.Namespace, unused: Mapping[str, Any], why: str) -> None:
+    """Refuse options that a command would ignore.
+
+    Args:
+        args: of the command.
+        unused: their names, with the values they have where they are not given.
+        why: why they have no effect.
+
+    Raises:
+        CanrollError: one of them is given.
+    """
+    for name, default in unused.items():
+        if getattr(args, name, default) not in (default, None):
+            option = CHOICES[name].option if name in CHOICES else f"--{name.replace('_', '-')}"
+            raise CanrollError(f"{option}: {why}: omit it")
+
+
+def refuse_of_control(args: argparse.Namespace) -> None:
+    """Refuse options of the controller beside ``--law passive``."""
+    names = ("observer", "gains", "moment_share", "feedforward", "identification")
+    if args.law == PASSIVE:
+        unused = dict.fromkeys((*names, "offset_learning"))
+        refuse_useless(args, unused, "--law passive has no control")
 
 
 def add_services(parser: argparse.ArgumentParser) -> None:

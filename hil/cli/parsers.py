@@ -12,6 +12,7 @@ from pathlib import Path
 from canroll.errors import CanrollError
 from codegen.run import BACKENDS
 from hil.cli.options import (
+    DEFAULT_SCENARIO,
     OF_A_RUN,
     add_answer,
     add_choices,
@@ -24,7 +25,6 @@ from hil.cli.options import (
 )
 from hil.runs.choices import CHOICES
 
-DEFAULT_SCENARIO = "double_lane_change"
 DEFAULT_SPEEDS = "60:120:20"
 DEFAULT_DELAY_MS = 20.0
 DEFAULT_DRAWS = 100
@@ -456,22 +456,6 @@ def faults(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
 
 
-def attacks(parser: argparse.ArgumentParser) -> None:
-    """Options of ``canroll attacks``."""
-    parser.description = (
-        "Drive a manoeuvre with an attacker on the bus: spoofed, replayed, damaged and foreign "
-        "frames, floods, and resets of nodes; on 500k and on secured_fd, or on --bus. Exit code 1 "
-        "if a forged frame is accepted on a bus with authenticated frames."
-    )
-    add_scenario(parser, DEFAULT_SCENARIO)
-    add_choices(
-        parser,
-        [name for name in OF_A_RUN if name not in ("faults", "fault_file", "duration")],
-        defaults={"bus": None},
-    )
-    add_json(parser)
-
-
 def severe(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll severe``."""
     parser.description = (
@@ -530,7 +514,7 @@ COMMANDS = {
     ),
     "attacks": Command(
         "attackers on the bus, without authentication and with it",
-        attacks,
+        "bus_parsers:attacks",
         handler="studies.attacks:run",
     ),
     "severe": Command(

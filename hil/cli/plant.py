@@ -4,22 +4,26 @@ import argparse
 
 import vehicles
 from canroll.errors import CanrollError
-from hil.cli.ecu import nanoseconds, peer_timeout
-from hil.cli.options import choices_of
+from hil.cli.bus_parsers import DEFAULT_SERVE
+from hil.cli.ecu import check_memory, nanoseconds, peer_timeout
+from hil.cli.options import choices_of, refuse_useless
 from hil.exchange import signal_files
 from hil.realtime import lockstep, own_bus, plant_loop, plant_record, process, side_channel, warm
 from hil.realtime.bus_link import Link, has_bus, open_link
-from hil.realtime.hardware import bus_record
+from hil.realtime.hardware import bus_record, lasting
 from hil.realtime.hardware.interfaces import is_loopback
 from hil.realtime.plant_loop import Outcome
 from hil.report.staging import check_parent
 from hil.runs import conditions, logs, phase
 from hil.runs.choices import chosen
-from hil.runs.frozen import firmware_of, profile_of, refuse_authenticated
+from hil.runs.frozen import firmware_of, profile_of, secret_of
 from plant_sim.driving import maneuvers
 from plant_sim.faults import parse_all
 from plant_sim.world.fault_parts import outages
 from plant_sim.world.world import World
+
+ECU = "RollControl"
+"""Name of the ECU among the senders that the vehicle's nodes remember."""
 
 
 def run(args: argparse.Namespace) -> int:
@@ -33,12 +37,17 @@ def run(args: argparse.Namespace) -> int:
         raise CanrollError(
             "--phase: in real time the ECU keeps the phase: give it to 'canroll ecu'"
         )
-    refuse_authenticated(profile_of(choices_of(args)), "plant")
+    check_memory(args, profile_of(choices_of(args)))
+    memory = lasting.read(args.memory)
+    if args.pace == "lockstep":
+        refuse_useless(args, {"cpu": None}, "in lock step no core is chosen")
+    if has_bus(args):
+        refuse_useless(args, {"serve": DEFAULT_SERVE}, "it is of the plant's own bus, not of -i")
     # compiled before the clock runs: this world is thrown away
     world_of(args).advance(plant_loop.STEP_NS)
     if args.prepare:
         return 0
-    world = world_of(args)
+    world = world_of(args, memory)
     with process.stop_on_signals() as stop:
         notes = []
         if args.pace == "realtime":
@@ -49,10 +58,12 @@ def run(args: argparse.Namespace) -> int:
         link = _link(args)
         try:
             with warm.counted_compilations() as compiled:
+                lasting.write(args.memory, _memory_of(world))
                 drive = _drive_granting if args.pace == "lockstep" else _drive
                 outcome = drive(args, world, link, stop)
         finally:
             link.close()
+        lasting.write(args.memory, _memory_of(world))
         if outcome is None:
             return 0
         late = outcome.loop[:, 0].max(initial=0) / 1e6
@@ -81,6 +92,7 @@ def run(args: argparse.Namespace) -> int:
                 "compilations": compiled.count,
                 "pace": args.pace,
                 "bus": bus_record.about_of(link.record),
+                "not_authentic": world.refused,
             }
             plant_record.save(
                 args.record, world, outcome, about, bus_record.entries_of(link.record)
@@ -154,8 +166,13 @@ def _check_stopped(args: argparse.Namespace, stop: process.Stop) -> None:
         raise CanrollError(f"no ECU found within {args.wait:g} s: start 'canroll ecu'")
 
 
-def world_of(args: argparse.Namespace) -> World:
-    """Return the world that the options describe, at time 0.
+def _memory_of(world: World) -> lasting.Memory:
+    """Return what the vehicle's nodes remember: the start that runs, and that of the ECU."""
+    return lasting.Memory(max(world.starts, 1), {ECU: world.ecu_starts})
+
+
+def world_of(args: argparse.Namespace, memory: lasting.Memory = lasting.FIRST) -> World:
+    """Return the world that the options describe, at time 0, after the starts in ``memory``.
 
     Raises:
         CanrollError: an invalid name or number.
@@ -183,6 +200,9 @@ def world_of(args: argparse.Namespace) -> World:
         sensors=sensors,
         actuators=actuators,
         faults=faults,
+        key=secret_of(choices),
+        starts=memory.starts + 1,
+        ecu_starts=memory.senders.get(ECU, 0),
     )
 
 

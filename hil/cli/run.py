@@ -7,7 +7,7 @@ from pathlib import Path
 
 import dbc
 from hil.cli import terminal
-from hil.cli.options import choices_of, folder_of
+from hil.cli.options import choices_of, folder_of, refuse_of_control
 from hil.exchange import signal_files
 from hil.report.run_folder import write_files, write_text
 from hil.report.run_page import run_page
@@ -21,6 +21,7 @@ from hil.runs.virtual_time import Interrupted
 
 def run(args: argparse.Namespace) -> int:
     """Run, report and write; 1 if the verdict is that control does not help."""
+    refuse_of_control(args)
     out = folder_of(args)
     for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:

@@ -85,7 +85,8 @@ class CanLink:
         reopen: function that reopens it; raises CanrollError while that fails. None: never.
         record: filled with all traffic on the bus.
         echoes: the interface echoes sent frames, which are dropped.
-        fd: identifiers sent as CAN FD frames, and whether with bit-rate switch.
+        fd: identifiers of the CAN FD frames, and whether they are sent with bit-rate switch; a
+            frame of the other format is not received. None: frames of either are.
     """
 
     def __init__(
@@ -98,7 +99,7 @@ class CanLink:
         fd: Mapping[int, bool] | None = None,
     ) -> None:
         self.bus = bus
-        self._fd = fd or {}
+        self._fd = fd
         self.record = record
         self._echoes = echoes
         self.sent = self.received = self._failed = 0
@@ -114,15 +115,22 @@ class CanLink:
 
     def receive(self) -> list[Frame]:
         """Return the waiting data frames; none if the interface is down."""
-        frames = [data_frame(message) for message in self.messages()]
+        frames = [self._taken(message) for message in self.messages()]
         return [frame for frame in frames if frame is not None and frame[0] not in NOTES]
 
     def next(self, timeout: float) -> Frame | None:
         """Return the next data frame, or None after ``timeout`` seconds."""
         until = time.monotonic() + timeout
         while (message := self._recv(max(0.0, until - time.monotonic()))) is not None:
-            if (frame := data_frame(message)) is not None:
+            if (frame := self._taken(message)) is not None:
                 return frame
+        return None
+
+    def _taken(self, message: can.Message) -> Frame | None:
+        """Return the data frame in a message, or None for one of another format."""
+        frame = data_frame(message)
+        if frame is None or self._fd is None or message.is_fd == (frame[0] in self._fd):
+            return frame
         return None
 
     def messages(self) -> list[can.Message]:
@@ -149,7 +157,7 @@ class CanLink:
             return None
         if self.record is not None:
             self.record.heard(message)
-        frame = data_frame(message)
+        frame = self._taken(message)
         self.received += frame is not None and frame[0] not in NOTES
         return message
 
@@ -174,12 +182,13 @@ class CanLink:
     def send(self, ident: int, payload: bytes) -> None:
         """Send a frame."""
         extended = bool(ident & EXTENDED)
+        fd = self._fd or {}
         message = can.Message(
             arbitration_id=ident & ~EXTENDED,
             data=payload,
             is_extended_id=extended,
-            is_fd=ident in self._fd,
-            bitrate_switch=self._fd.get(ident, False),
+            is_fd=ident in fd,
+            bitrate_switch=fd.get(ident, False),
         )
         try:
             self.bus.send(message)
@@ -242,13 +251,23 @@ def _ended(stream: socket.socket | None) -> bool:
 
 
 def has_bus(args: argparse.Namespace) -> bool:
-    """Return whether the options or python-can's configuration name an interface."""
+    """Return whether the options or python-can's configuration name an interface.
+
+    Raises:
+        CanrollError: none is named, and options of one are given.
+    """
     if "interface" in args:
         return True
     try:
-        return bool(can.util.load_config().get("interface"))
+        if can.util.load_config().get("interface"):
+            return True
     except can.CanInterfaceNotImplementedError:
-        return False
+        pass
+    for name in ("channel", "bitrate", "data_bitrate", "fd", "bus_kwargs", "timing"):
+        if name in args:
+            option = name.replace("_", "-")
+            raise CanrollError(f"--{option} is of an interface: add -i, or omit it")
+    return False
 
 
 def open_link(args: argparse.Namespace, fd: Mapping[int, bool] | None = None) -> CanLink:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from codegen.run.backends import Backend
 from codegen.run.bus_firmware import BusFirmware, built_in
+from codegen.run.secured import SecuredEcu
 from firmware.calibration import Calibration
 from firmware.event_trigger import command_slot
 from firmware.state import RX_IMU, SAFE
@@ -110,7 +111,7 @@ def run(
             skipped = max(0, -(-(end - due) // period))
             elapsed = 1 + skipped
             deadline = due + skipped * period
-        link.send(*zero_command(calibration, command, firmware))
+        link.send(*last_command(ecu, calibration, command, firmware))
     return Outcome(reason, ticks, number - ticks, ecu.state.mode)
 
 
@@ -189,9 +190,17 @@ def run_granted(
             due = number * period
             recorder.tick(number, elapsed, due, due, due + time.monotonic_ns() - began)
             ticks += 1
-        link.send(*zero_command(calibration, command, firmware))
+        link.send(*last_command(ecu, calibration, command, firmware))
         grants.end(1)
     return Outcome(reason, ticks, 0, ecu.state.mode)
+
+
+def last_command(
+    ecu: Backend, calibration: Calibration, last: bytes, firmware: BusFirmware
+) -> Frame:
+    """Return :func:`zero_command` as ``ecu`` sends it on its bus."""
+    frame = zero_command(calibration, last, firmware)
+    return ecu.protected(frame) if isinstance(ecu, SecuredEcu) else frame
 
 
 def zero_command(

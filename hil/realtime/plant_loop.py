@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+import dbc
 from codegen.run.bus_firmware import BusFirmware, built_in
 from hil.realtime.bus_link import Link
 from hil.realtime.lockstep import GrantedEcu, PeerLostError
@@ -49,6 +50,14 @@ class Outcome:
 def sent_by(firmware: BusFirmware) -> frozenset[int]:
     """Return the identifiers of the frames that an ECU sends."""
     return frozenset(ident for ident, length in firmware.sent if length)
+
+
+def sent_to(firmware: BusFirmware) -> frozenset[int]:
+    """Return the identifiers of the frames that a plant sends, in lock step, to an ECU."""
+    if firmware.bus is not built_in().bus:
+        return frozenset(firmware.slots)
+    # it sends what the ECU does not hear too
+    return frozenset(message.frame_id for message in dbc.load().messages) - sent_by(firmware)
 
 
 def wait_for_ecu(

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
+from canroll.errors import reason
+
 ECU_PRIORITY = 60
 PLANT_PRIORITY = 50
 """SCHED_FIFO priorities: where both share a core, the ECU goes first."""
@@ -39,19 +41,19 @@ def prepare(*, cpu: int | None, priority: int) -> list[str]:
         try:
             os.sched_setaffinity(0, {cpu})
         except OSError as error:
-            notes.append(f"not pinned to core {cpu}: {error.strerror}")
+            notes.append(f"not pinned to core {cpu}: {reason(error)}")
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
     except OSError as error:
-        notes.append(f"no real-time priority ({error.strerror}): run as root or 'ulimit -r 99'")
+        notes.append(f"no real-time priority ({reason(error)}): run as root or 'ulimit -r 99'")
         # timers of ordinary processes are late by 50 us unless they ask for better
         slack = Path("/proc/self/timerslack_ns")
         if slack.exists():
             slack.write_text("1", encoding="ascii")
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE):
-        reason = os.strerror(ctypes.get_errno())
-        notes.append(f"memory not locked ({reason}): run as root or 'ulimit -l unlimited'")
+        refusal = os.strerror(ctypes.get_errno())
+        notes.append(f"memory not locked ({refusal}): run as root or 'ulimit -l unlimited'")
     return notes
 
 

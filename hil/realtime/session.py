@@ -84,7 +84,7 @@ def drive(
         programs.wait_for(plant, "plant waits")
         arguments = ["ecu", "--calibration", str(gains), "--backend", settings.backend]
         arguments += ["--trace", str(ticks), *_core(setup, 1), *bus, *_pace(setup), *grants]
-        frames = ("bus", "dbc", "map")
+        frames = ("bus", "dbc", "map", "key")
         arguments += choices.arguments({name: getattr(settings, name) for name in frames})
         if setup.pace == "realtime":
             arguments += _phase(settings)
@@ -174,7 +174,9 @@ def assemble(
     if granted:
         # the ECU counts periods, and the first of them begins at tick 0
         start = -experiment.tick_offset_ns(settings)
-    again = tick_trace.replay(ecu, settings.backend, start_ns=start, firmware=settings.firmware)
+    again = tick_trace.replay(
+        ecu, settings.backend, start_ns=start, firmware=settings.firmware, key=settings.secret
+    )
     if again.difference is not None:
         raise CanrollError(f"the tick trace does not replay: {again.difference}")
     length = float(plant.signals["time"][-1])
@@ -196,12 +198,17 @@ def assemble(
         ticks=again.rows[during],
         duration=length,
         complete=complete,
+        refused=_refused(plant, ecu) if settings.firmware.bus.secured else None,
     )
     told = timing_object(plant, ecu, ages, during, setup)
     if complete:
         told["not_valid"] = validity.reasons(_judged(settings, setup, plant, trace, told))
         told["valid"] = not told["not_valid"]
     return trace, told
+
+
+def _refused(plant: PlantRecord, ecu: TickTrace) -> tuple[int, int]:
+    return int(ecu.about["not_authentic"]), int(plant.about["not_authentic"])
 
 
 def _judged(

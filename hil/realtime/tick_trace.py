@@ -8,7 +8,7 @@ after the run.
 
 import json
 import struct
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -19,9 +19,12 @@ from numpy.typing import NDArray
 from canroll import documents
 from canroll.errors import UNREADABLE, CanrollError, reason
 from codegen.run.backends import Backend
-from codegen.run.bus_firmware import BusFirmware
+from codegen.run.bus_firmware import BusFirmware, built_in
+from codegen.run.secured import NEW, Lasting
 from codegen.run.served import open_ecu
+from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
+from firmware.security.secoc_state import RESET_MAX
 from firmware.subset import fields
 from gain_gen.calibration.record import fill
 from hil.realtime.bus_link import Frame
@@ -200,8 +203,46 @@ class Replay:
     difference: str | None
 
 
+def ecu_of(
+    trace: TickTrace,
+    backend: str,
+    *,
+    firmware: BusFirmware | None = None,
+    key: bytes = DEVELOPMENT_KEY,
+) -> Backend:
+    """Start an ECU as that of a trace was: with what it remembered of earlier starts.
+
+    Raises:
+        CanrollError: as :func:`codegen.run.served.open_ecu`; the trace is of another kind of bus.
+    """
+    firmware = firmware or built_in()
+    memory = trace.about.get("lasting")
+    if (memory is not None) != firmware.bus.secured:
+        kind = "without" if memory is None else "with"
+        raise CanrollError(f"the trace is of a bus {kind} authenticated frames: choose its --bus")
+    lasting = NEW if memory is None else _lasting(memory)
+    return open_ecu(backend, trace.calibration, firmware, key=key, lasting=lasting)
+
+
+def _lasting(memory: Any) -> Lasting:  # noqa: ANN401 - whatever the file has
+    try:
+        starts, senders = memory
+        numbers = [int(starts), *map(int, senders)]
+    except UNREADABLE as error:
+        raise CanrollError(f"not a tick trace: 'lasting' is {memory!r:.40}") from error
+    if not all(0 <= number <= RESET_MAX for number in numbers):
+        raise CanrollError(f"not a tick trace: 'lasting' is {memory!r:.40}")
+    return Lasting(numbers[0], tuple(numbers[1:]))
+
+
 def replay(
-    trace: TickTrace, backend: str, *, start_ns: int = 0, firmware: BusFirmware | None = None
+    trace: TickTrace,
+    backend: str,
+    *,
+    start_ns: int = 0,
+    firmware: BusFirmware | None = None,
+    key: bytes = DEVELOPMENT_KEY,
+    through: Callable[[Backend], Backend] = lambda ecu: ecu,
 ) -> Replay:
     """Replay a trace with ``backend`` and compare every frame sent with the recorded one.
 
@@ -210,8 +251,10 @@ def replay(
         backend: backend that runs the firmware.
         start_ns: monotonic instant that is time 0 of the rows.
         firmware: firmware for the bus, by default the built-in one.
+        key: of the authentication, on a bus whose frames are authenticated.
+        through: wraps the ECU, to watch it.
     """
-    ecu = open_ecu(backend, trace.calibration, firmware)
+    ecu = through(ecu_of(trace, backend, firmware=firmware, key=key))
     ticks, recorded_frames = np.asarray(trace.ticks), np.asarray(trace.frames)
     rows = np.zeros(len(ticks), TICK)
     difference = None

@@ -125,7 +125,8 @@ def latencies(
         last = int(candidates[np.argmin(np.abs(sent["t_ns"][candidates] - t_submitted))])
         if not read[last]:
             continue
-        before = int(sent["t_ns"][last]) - start_ns
+        # a plant that stood still has read commands whose ticks are later than its own time
+        before = min(int(sent["t_ns"][last]) - start_ns, int(command["t_submitted"]))
         known = [sample for received, sample in sampled.get(read[last], []) if received <= before]
         if known:
             ages.append(int(command["t_applied"]) - known[-1])

@@ -15,7 +15,7 @@ from codegen.generated.bus_map import VALID_BITS, BusMap, Mailbox
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
 from dbc import attribute, read
-from dbc.keys import read_key
+from dbc.keys import DEVELOPMENT_KEY, read_key
 from firmware import calibration as fw
 from firmware.calibration import Calibration
 from firmware.plausibility import NEEDED
@@ -144,6 +144,16 @@ def refuse_useless_key(choices: Mapping[str, Any], profile: BusProfile) -> None:
     read_key(Path(key))
 
 
+def secret_of(choices: Mapping[str, Any]) -> bytes:
+    """Return the key of authenticated frames for ``choices``.
+
+    Raises:
+        CanrollError: the file cannot be read, or holds no key.
+    """
+    key = choices.get("key")
+    return DEVELOPMENT_KEY if key is None else read_key(Path(key))
+
+
 def refuse_authenticated(profile: BusProfile, command: str) -> None:
     """Raise CanrollError where ``command`` cannot authenticate frames and a bus demands it."""
     if secured(profile):
@@ -182,7 +192,7 @@ def options_of(choices: Mapping[str, Any]) -> Options:
     """Return the calibration options in ``choices`` that do not depend on the law.
 
     Raises:
-        CanrollError: an invalid heartbeat.
+        CanrollError: an invalid heartbeat, or one without events.
     """
     tick, heartbeat = (1e-3 * chosen(choices, name) for name in ("tick_ms", "heartbeat_ms"))
     if not tick <= heartbeat < COMMAND_TIMEOUT:
@@ -190,8 +200,14 @@ def options_of(choices: Mapping[str, Any]) -> Options:
             f"--heartbeat {1e3 * heartbeat:g}: it must be at least the tick and below the "
             f"{1e3 * COMMAND_TIMEOUT:g} ms after which actuators release"
         )
+    event = chosen(choices, "trigger") == "event"
+    if choices.get("heartbeat_ms") is not None:
+        always = "to dampers" if chosen(choices, "actuator") == "dampers" else ""
+        always = always if event else "with --trigger every"
+        if always:
+            raise CanrollError(f"--heartbeat: {always} a command is sent every tick: omit it")
     return Options(
-        event_trigger=chosen(choices, "trigger") == "event",
+        event_trigger=event,
         identification=chosen(choices, "identification"),
         offset_learning=chosen(choices, "offset_learning"),
         heartbeat=heartbeat,

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any
 from canroll.errors import optional
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware
-from dbc.keys import DEVELOPMENT_KEY, read_key
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
 from hil.reaction.reaction import Reaction
 from hil.runs.choices import CHOICES
-from hil.runs.frozen import firmware_of
+from hil.runs.frozen import firmware_of, secret_of
 from hil.runs.limit_cycle import LimitCycle
 from hil.runs.metrics import Can, Metrics, Trigger
 from hil.runs.phase import Phase
@@ -106,7 +105,7 @@ class Settings:
     @property
     def secret(self) -> bytes:
         """The key of authenticated frames."""
-        return DEVELOPMENT_KEY if self.key is None else read_key(Path(self.key))
+        return secret_of({"key": self.key})
 
     @property
     def firmware(self) -> BusFirmware:

@@ -17,6 +17,7 @@ from canroll.typing import Vector
 from codegen.generated.bus_map import EXTENDED
 from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import BusFirmware
+from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
 from firmware.event_trigger import command_slot
 from hil.reaction.fault_codes import MODES
@@ -124,6 +125,7 @@ def replay(
     command: Message,
     *,
     backend: str,
+    key: bytes = DEVELOPMENT_KEY,
     progress: Callable[[str, float], None] | None = None,
 ) -> RecordedDrive:
     """Pass the frames of a log to the firmware at their times, and tick it from the first one on.
@@ -134,6 +136,7 @@ def replay(
         firmware: firmware for the bus of the log.
         command: command message of the calibrated actuator in the DBC.
         backend: backend that runs the firmware.
+        key: of the authentication, on a bus whose frames are authenticated.
         progress: called with the activity and the fraction done.
 
     Raises:
@@ -144,7 +147,7 @@ def replay(
     count = int(logged.received_ns[-1]) // tick_ns
     if count < 1:
         raise CanrollError(f"the log is shorter than one tick of {tick_ns / 1e6:g} ms")
-    ecu = open_backend(backend, calibration, firmware)
+    ecu = open_backend(backend, calibration, firmware, key=key)
     ident = firmware.sent[command_slot(calibration)][0]
     rows, sent = TickRows(firmware.record), []
     place = 0

@@ -19,7 +19,7 @@ from websockets.asyncio.connection import broadcast
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from hil.realtime.process import Stop
 from hil.watch.onlooker import Onlooker
 from hil.watch.stream import LiveStream
@@ -168,5 +168,4 @@ def _refusal(error: OSError, address: Address) -> str:
         return f"--port {address.port} is taken: choose another, or 0 for a free one"
     if error.errno in (errno.EACCES, errno.EPERM):
         return f"--port {address.port} is not for this user: choose one above 1023"
-    reason = error.strerror or str(error)
-    return f"cannot listen on --host {address.host} --port {address.port}: {reason}"
+    return f"cannot listen on --host {address.host} --port {address.port}: {reason(error)}"

@@ -58,8 +58,6 @@ def read(path: Path, plant_map: PlantMap) -> Fmu:
         raise MissingExtraError("--plant with an FMU", "fmi")
     import fmpy  # noqa: PLC0415 - an extra
 
-    if not path.is_file():
-        raise CanrollError(f"{path}: no such file")
     try:
         described = fmpy.read_model_description(str(path))
     except Exception as error:  # FMPy raises what its parsers raise

@@ -181,6 +181,8 @@ def read(name: str) -> Body:
     """
     model, _, other = name.partition("#")
     path = Path(model)
+    if not path.is_file():
+        raise CanrollError(f"{path}: no such file")
     plant_map = map_file.read(Path(other) if other else path.with_suffix(".toml"))
     fmu = description.read(path, plant_map)
 

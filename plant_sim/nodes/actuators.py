@@ -181,6 +181,8 @@ def _settings(
 def _check(kind: str, options: ActuatorOptions, timeout_ms: float) -> None:
     if kind not in KINDS:
         raise UnknownNameError("actuator", kind, KINDS)
+    if kind == "dampers" and options.oil_temperature != NOMINAL_TEMPERATURE:
+        raise CanrollError("actuators: oil_temperature does not act on dampers: omit it")
     if abs(options.estimate_error) > 0.2:
         raise CanrollError("actuators: estimate_error must be from -0.2 to 0.2")
     if not timeout_ms > 0:

@@ -85,7 +85,12 @@ def _round_keys(key: bytes, sbox: Sequence[int]) -> list[int]:
 
 
 def build(
-    rows: int, *, key: bytes | None, start_ns: Sequence[int] = (), starts: int = 1
+    rows: int,
+    *,
+    key: bytes | None,
+    start_ns: Sequence[int] = (),
+    starts: int = 1,
+    heard_starts: Sequence[int] = (),
 ) -> Authentication:
     """Return the nodes of a bus with ``rows`` messages at time 0, as their start ``starts``.
 
@@ -94,6 +99,7 @@ def build(
         key: 16 bytes; None: the frames are not authenticated.
         start_ns: when the actuator node starts anew.
         starts: number of this start of the senders.
+        heard_starts: last known start of each message's sender, by default none.
     """
     sbox = _sbox()
     flag = np.zeros(N_FLAGS, np.int64)
@@ -102,6 +108,7 @@ def build(
     later[: len(start_ns)] = sorted(start_ns)[:STARTS_MAX]
     heard = np.zeros((rows, 2), np.int64)
     heard[:, COUNT] = -1
+    heard[: len(heard_starts), STARTS] = heard_starts
     sent = np.zeros((rows, 2), np.int64)
     sent[:, STARTS] = starts - 1
     its = Authentication(

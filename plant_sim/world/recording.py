@@ -156,11 +156,26 @@ class Kept:
 EVERYTHING = Kept()
 
 
+@njit
+def _fill_block(
+    rows: NDArray[np.float64], columns: NDArray[np.int64], block: NDArray[np.float64]
+) -> None:
+    # row by row: a column of all rows would be read from as many cache lines as there are rows
+    for number in range(len(rows)):
+        for signal in range(len(columns)):
+            block[signal, number] = rows[number, columns[signal]]
+
+
 def signal_block(
     rows: NDArray[np.float64], times: NDArray[np.float64], names: Sequence[str]
 ) -> NDArray[np.float64]:
     """Rows of the kernel as a block of :class:`Columns` named ``names``; ``times`` in s."""
-    return np.vstack([times if name == "time" else rows[:, SIGNALS[name]] for name in names])
+    block = np.empty((len(names), len(rows)))
+    columns = [0 if name == "time" else SIGNALS[name] for name in names]
+    _fill_block(rows, np.array(columns, dtype=np.int64), block)
+    if "time" in names:
+        block[names.index("time")] = times
+    return block
 
 
 def unit(name: str) -> str:

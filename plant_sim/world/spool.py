@@ -37,6 +37,22 @@ class Spool:
         """
         self.extend(values.size, [values.reshape(-1)])
 
+    def keep(self, values: NDArray[Any]) -> None:
+        """Append ``values`` themselves, which nobody changes any more.
+
+        Raises:
+            CanrollError: the temporary file cannot be written.
+        """
+        if self._fits(values.nbytes):
+            self._kept.append(values.reshape(-1))
+            self.bytes_in_memory += values.nbytes
+            self.sizes.append(values.size)
+        else:
+            self.append(values)
+
+    def _fits(self, size: int) -> bool:
+        return self._file is None and self.bytes_in_memory + size <= IN_MEMORY
+
     def extend(self, count: int, parts: Iterable[NDArray[Any]]) -> None:
         """Append one array of ``count`` entries that comes in parts.
 
@@ -44,7 +60,7 @@ class Spool:
             CanrollError: the temporary file cannot be written.
         """
         size = count * self.dtype.itemsize
-        if self._file is None and self.bytes_in_memory + size <= IN_MEMORY:
+        if self._fits(size):
             self._kept.append(np.concatenate([np.zeros(0, self.dtype), *parts]))
             self.bytes_in_memory += size
         else:
@@ -147,9 +163,9 @@ class Columns(Mapping[str, NDArray[np.float64]]):
         self._others: dict[str, NDArray[np.float64]] = {}
 
     def append(self, values: NDArray[np.float64]) -> None:
-        """Append a block: one row per signal."""
+        """Append a block that nobody changes any more: one row per signal."""
         if values.shape[1]:
-            self._spool.append(values)
+            self._spool.keep(values)
 
     def extend(self, count: int, rows: Iterable[NDArray[np.float64]]) -> None:
         """Append a block of ``count`` values of each signal, one signal after the other."""

@@ -30,6 +30,7 @@ from plant_sim.world.spool import Columns, Rows
 from plant_sim.world.world_kernel import (
     APPLIED_COMMANDS,
     EXTENDED_KEY,
+    FOR_ACTUATOR,
     FORGED,
     FRAME,
     OUTBOX,
@@ -67,6 +68,8 @@ class World:
         faults: what fails (:mod:`plant_sim.faults`), on top of the faults in those conditions.
         kept: what is kept of the run.
         key: of the authentication, on a bus whose frames are authenticated.
+        starts: number of this start of the vehicle's nodes there.
+        ecu_starts: last start of the ECU that they know of there.
         bus: further options of ``can_bus.make_network``.
 
     Attributes:
@@ -93,6 +96,8 @@ class World:
         faults: Sequence[Fault] = (),
         kept: Kept = EVERYTHING,
         key: bytes = DEVELOPMENT_KEY,
+        starts: int = 1,
+        ecu_starts: int = 0,
         **bus: Any,  # noqa: ANN401
     ) -> None:
         hydraulic = body == "linear_car" and actuator == "valves"
@@ -117,6 +122,8 @@ class World:
             actuators=actuators,
             faults=faults,
             key=key,
+            starts=starts,
+            ecu_starts=ecu_starts,
             bus=bus,
         )
         self._recorded = can_bus.recorded_traffic(
@@ -283,6 +290,18 @@ class World:
     def refused(self) -> int:
         """Frames that the actuator node's authentication has refused."""
         return int(self._parts.memory[0]["authentication"]["flag"][authentication.REFUSED])
+
+    @property
+    def starts(self) -> int:
+        """Starts of the vehicle's nodes so far, by their authenticated frames."""
+        return int(self._parts.memory[0]["authentication"]["sent"][:, authentication.STARTS].max())
+
+    @property
+    def ecu_starts(self) -> int:
+        """Last start of the ECU that the actuator node knows of, by its authenticated frames."""
+        memory = self._parts.memory[0]
+        heard = memory["authentication"]["heard"][:, authentication.STARTS]
+        return int(heard[memory["roles"] == FOR_ACTUATOR].max(initial=0))
 
     @property
     def forged(self) -> int:

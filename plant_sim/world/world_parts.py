@@ -141,6 +141,8 @@ def assemble(
     actuators: ActuatorOptions,
     faults: Sequence[Fault],
     key: bytes,
+    starts: int,
+    ecu_starts: int,
     bus: dict[str, Any],
 ) -> Parts:
     """All data of the kernel at time 0; the parameters are those of ``World``."""
@@ -171,6 +173,7 @@ def assemble(
     clock = _clock(nodes, network, seed)
     clock[kernel.STEP] = plant.step.address
     clock[kernel.STATES], clock[kernel.PARAMETERS] = len(state), len(parameters)
+    roles = _roles(actuator)
     memory = Memory(
         clock=clock,
         state=_in_room(state, STATES_MAX),
@@ -181,7 +184,7 @@ def assemble(
         payload=np.zeros(codec.MAX_PAYLOAD, dtype=np.uint8),
         outbox=np.zeros(_OUTBOX_CAPACITY, dtype=kernel.FRAME),
         flight=np.full((_FLIGHT_CAPACITY, kernel.N_FLIGHT), kernel.NOTHING, dtype=np.int64),
-        roles=_roles(actuator),
+        roles=roles,
         frames=fault_parts.frames(faults, tables, nodes, network),
         sensors=nodes,
         actuators=node,
@@ -189,6 +192,8 @@ def assemble(
             len(tables.message),
             key=key if own_frames.secured(profile) else None,
             start_ns=fault_parts.starts(faults),
+            starts=starts,
+            heard_starts=np.where(roles == kernel.FOR_ACTUATOR, ecu_starts, starts - 1).tolist(),
         ),
         tables=tables,
     )

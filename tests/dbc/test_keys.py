@@ -2,6 +2,7 @@
 
 import pytest
 
+from canroll import documents
 from canroll.errors import CanrollError
 from dbc.keys import DEVELOPMENT_KEY, KEY_BYTES, read_key
 
@@ -55,3 +56,16 @@ def test_a_key_that_is_not_there_is_refused(tmp_path):
 
 def test_the_development_key_has_the_length_of_a_key():
     assert len(DEVELOPMENT_KEY) == KEY_BYTES
+
+
+def test_a_file_too_large_for_a_key_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(documents, "MOST_BYTES", 1 << 20)
+    with pytest.raises(CanrollError, match="larger than 1 MB"):
+        read_key(file_of(tmp_path, "0" * ((1 << 20) + 1)))
+
+
+def test_bytes_that_are_no_text_are_refused(tmp_path):
+    path = file_of(tmp_path, "")
+    path.write_bytes(b"\xff" * 32)
+    with pytest.raises(CanrollError, match="not UTF-8"):
+        read_key(path)

@@ -8,8 +8,8 @@ from pathlib import Path
 import vehicles
 from canroll.errors import CanrollError, VerdictError
 from codegen.fmu import ecu
-from hil.cli.options import add_choices, choices_of, path_named, scenario
-from hil.cli.parsers import DEFAULT_SCENARIO, OF_A_DESIGN
+from hil.cli.options import DEFAULT_SCENARIO, add_choices, choices_of, path_named, scenario
+from hil.cli.parsers import OF_A_DESIGN
 from hil.cli.terminal import show_warnings
 from hil.exchange import body_fmu, bus_fmu, plant_fmu
 from hil.runs.choices import CHOICES, chosen

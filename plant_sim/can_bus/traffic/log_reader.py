@@ -1,5 +1,6 @@
 """Frames of a bus log by channel, from every format that python-can reads by suffix."""
 
+import io
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -8,7 +9,7 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll import apart
+from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from plant_sim.can_bus.kernel.layout import MAX_PAYLOAD
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE, frame_bits
@@ -92,8 +93,8 @@ def read_log(path: Path) -> dict[str, Logged]:
 
 
 def _read_mf4(path: Path) -> list[can.Message]:
-    found = apart.arrays(_MF4_TO_NPZ, path)
-    columns = [found[name].tolist() for name in (*_FIELDS, "channel", "dlc")]
+    with np.load(io.BytesIO(documents.read_apart(_MF4_TO_NPZ, path))) as found:
+        columns = [found[name].tolist() for name in (*_FIELDS, "channel", "dlc")]
     return [
         can.Message(
             **dict(zip(_FIELDS, row, strict=True)),

@@ -11,7 +11,7 @@ import pytest
 from support.bundles import make
 
 from canroll.errors import CanrollError
-from codegen.export import a2l, bundle, flash, interrupts
+from codegen.export import a2l, bundle, interrupts
 from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.run import cortex, ecu_traffic, memory_image, native
@@ -241,13 +241,13 @@ def test_its_headers_suit_cxx(folder, tmp_path):
 def test_a_calibration_goes_to_a_programmer(tmp_path):
     bincopy = pytest.importorskip("bincopy", reason="needs canroll[target]")
     record = ecu_traffic.random_calibration(4)
-    for path in flash.write(tmp_path, record, 0x0803_F000):
+    for path in memory_image.write_flash(tmp_path, record, 0x0803_F000):
         file = bincopy.BinFile(str(path))
         assert file.minimum_address == 0x0803_F000
         assert bytes(file.as_binary()) == memory_image.image(record)
     for address in (2, -4, 2**32 - 4):
         with pytest.raises(CanrollError, match="multiple of 4"):
-            flash.write(tmp_path, record, address)
+            memory_image.write_flash(tmp_path, record, address)
 
 
 @pytest.mark.skipif(not cortex.has_gcc_and_qemu(), reason="needs arm-none-eabi-gcc and QEMU")

@@ -7,10 +7,12 @@ from cryptography.hazmat.primitives.cmac import CMAC
 
 import dbc
 from codegen.run import cortex, ecu_traffic, secured
+from codegen.run.authentication import CortexAuthentication
 from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import built_in, of_bus
 from codegen.run.native import compiler
 from codegen.run.secured import SecuredEcu, listening_ticks
+from codegen.run.unicorn import CortexEcu
 from firmware.state import RX_IMU, TX_ANTI_ROLL_BAR
 
 KEY = bytes(range(50, 66))
@@ -108,3 +110,18 @@ def test_a_replay_counts_what_authentication_costs():
 
 def test_a_plain_bus_has_no_authentication():
     assert not isinstance(open_backend("python", CALIBRATION, built_in()), SecuredEcu)
+
+
+@pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]")
+@pytest.mark.parametrize(
+    ("frame", "length", "most"),
+    [(imu(5)[:12] + bytes(4), 16, 1100), (imu(0, starts=200), 16, 100), (imu(5), 8, 30)],
+    ids=["forged MAC", "old", "another length"],
+)
+def test_what_a_refused_frame_costs(frame, length, most):
+    """Of a flood only frames with a plausible freshness value cost a MAC."""
+    ecu = CortexEcu(CALIBRATION, cpu="cortex-m4", count=True, firmware=FIRMWARE)
+    secoc = CortexAuthentication(ecu, FIRMWARE)
+    secoc.start(KEY, 1, 0)
+    assert not secoc.verify(RX_IMU, frame, length)
+    assert most / 2 < secoc.instructions < most

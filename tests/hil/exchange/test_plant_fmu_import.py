@@ -207,7 +207,10 @@ def test_not_an_fmu(tmp_path, capsys):
     path.write_bytes(b"PK")
     assert "not a valid FMU" in refusal(f"{path}#{tmp_path / 'van.toml'}")
     assert main(["run", "moose", "--plant", str(tmp_path / "other.fmu")]) == 2
-    assert "an FMU needs a map" in capsys.readouterr().err
+    # the file that was named, not the map beside it
+    assert f"{tmp_path / 'other.fmu'}: no such file" in capsys.readouterr().err
+    path.with_name("alone.fmu").write_bytes(b"PK")
+    assert "an FMU needs a map" in refusal(str(path.with_name("alone.fmu")))
 
 
 def test_process_ends_with_the_world(mapped):

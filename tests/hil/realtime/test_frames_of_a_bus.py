@@ -1,6 +1,6 @@
 """The loop on a bus's own frames as two programs: in lock step, and in real time over python-can.
 
-One bus has CAN FD frames, the other identifiers of 29 bits.
+One bus has CAN FD frames, one identifiers of 29 bits, one authenticated frames.
 """
 
 import threading
@@ -25,7 +25,10 @@ FD = {"bus": "fd_2m"}
 WIDE = {"dbc": str(OWN / "own.dbc"), "map": str(OWN / "own.toml")}
 
 
-@pytest.fixture(scope="module", params=[FD, WIDE], ids=["fd", "wide"])
+SECURED = {"bus": "secured_fd"}
+
+
+@pytest.fixture(scope="module", params=[FD, WIDE, SECURED], ids=["fd", "wide", "secured"])
 def planned(request):
     named = {"law": "lqr", "actuator": "suspension", "plant": "roll1", "backend": "python"}
     return plan("double_lane_change", seed=2, **request.param, **named)
@@ -70,7 +73,8 @@ class Ecu(threading.Thread):
     def trace(self):
         """What was recorded."""
         recorder = self.recorder
-        return tick_trace.TickTrace(self.record, recorder.ticks(), recorder.frames(), {})
+        about = {"lasting": [0, []]} if self.firmware.bus.secured else {}
+        return tick_trace.TickTrace(self.record, recorder.ticks(), recorder.frames(), about)
 
 
 class GrantedThread(Ecu):

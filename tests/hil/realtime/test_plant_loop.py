@@ -56,6 +56,25 @@ def test_what_no_ecu_would_send_does_not_end_the_plant(world, list_bus, clock, f
     assert outcome.refused == longer + beyond > 0
 
 
+@pytest.mark.parametrize("bus", ["500k", "secured_fd"])
+def test_hostile_frames_make_no_nonsense(list_bus, clock, bus):
+    """Every length and 300 commands in a millisecond: the vehicle's motion stays its own."""
+    settings, _ = plan("double_lane_change", law="lqr", bus=bus)
+    alone, attacked = (build_world(settings, enabled=True) for _ in range(2))
+    plant_loop.run(alone, list_bus, stop=Stop(), duration_ns=200 * MS, firmware=settings.firmware)
+    idents = [ident for ident, length in settings.firmware.sent if length]
+    lengths = [(ident, b"\xff" * n) for ident in idents for n in (*range(17), 20, 48, 64)]
+    list_bus.waiting = [*lengths, *[(idents[0], b"\xff" * 8)] * 300]
+    outcome = plant_loop.run(
+        attacked, list_bus, stop=Stop(), duration_ns=200 * MS, firmware=settings.firmware
+    )
+    assert outcome.reason == plant_loop.FINISHED
+    assert outcome.refused > 0
+    assert len(attacked.commands) == 0
+    for name, values in attacked.signals.items():
+        assert values.tobytes() == alone.signals[name].tobytes(), name
+
+
 def test_a_silent_ecu_ends_the_run(world, list_bus, clock):
     list_bus.waiting = [(0x300, bytes(8))]
     outcome = plant_loop.run(

@@ -123,6 +123,18 @@ def test_a_command_is_told_from_the_one_a_round_of_the_counter_before(calibratio
     assert ages.tolist() == [7 * MS]
 
 
+def test_a_plant_that_stood_still_makes_no_sample_younger_than_its_command(calibration):
+    """It reads the clock, stands still for 300 ms, and only then reads what came meanwhile."""
+    same = bytes([1] * 8)
+    ticks = [(k * 50 * MS, [(0xA0, 0, same), (0x80, 1, command(k % 15))]) for k in range(1, 15)]
+    # the vehicle drives straight: its samples have the same bytes before the standstill and after
+    log = frames_log([(0xA0, 1, t * MS, (t + 1) * MS, same) for t in range(40, 700, 10)])
+    commands = np.array([(-1, 100 * MS, 101 * MS, 102 * MS, 8)], dtype=COMMAND)
+    trace = tick_trace(calibration, ticks)
+    ages = timing.latencies(trace, commands, log, start_ns=0, sensor_latency_ns=0)
+    assert ages.tolist() == [12 * MS]
+
+
 def test_a_command_of_another_sender_has_no_latency(calibration):
     trace = tick_trace(calibration, [(10 * MS, [(0xA0, 0, bytes(8)), (0x80, 1, command(1))])])
     log = frames_log([(0xA0, 1, MS, 2 * MS, bytes(8))])

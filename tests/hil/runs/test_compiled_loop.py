@@ -100,7 +100,7 @@ def test_a_rollover_ends_both(planned):
 
 DESIGNS = {
     "default": {},
-    "bars_every": {"law": "lqr", "actuator": "bars", "trigger": "every", "heartbeat_ms": 20.0},
+    "bars_every": {"law": "lqr", "actuator": "bars", "trigger": "every"},
     "dampers": {"law": "lqr", "actuator": "dampers", "observer": "one_sensor"},
     "valves": {"law": "lqr_full_car", "actuator": "valves", "plant": "linear_car"},
     "5_ms": {"law": "ay_feedforward", "tick_ms": 5.0},

@@ -1,0 +1,78 @@
+"""A program's memory that lasts from start to start, on a bus with authenticated frames.
+
+A node counts its starts and remembers the starts of the senders that it hears; both are part of the
+freshness values of frames. The file is a JSON object: {"starts": 3, "senders": {"Imu": 2}}.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from canroll import documents
+from canroll.errors import CanrollError, reason
+from codegen.run.bus_firmware import BusFirmware
+from codegen.run.secured import Lasting
+from firmware.security.secoc_state import RESET_MAX
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """Starts of a program so far, and of each sender that it knows."""
+
+    starts: int = 0
+    senders: Mapping[str, int] = field(default_factory=dict)
+
+
+FIRST = Memory()
+"""That of a program that was never started."""
+
+
+def read(path: Path | None) -> Memory:
+    """Return the memory in a file; that of the first start without one.
+
+    Raises:
+        CanrollError: it cannot be read, or holds no such memory.
+    """
+    if path is None or not path.exists():
+        return FIRST
+    try:
+        data = documents.parse_json(documents.text(path))
+    except (OSError, ValueError) as error:
+        raise CanrollError(f"cannot read {path}: {reason(error)}") from error
+    named = isinstance(data, dict) and set(data) == {"starts", "senders"}
+    if not named or not isinstance(data["senders"], dict):
+        raise CanrollError(f'{path}: expected {{"starts": N, "senders": {{NAME: N}}}}: delete it')
+    for name, value in {"starts": data["starts"], **data["senders"]}.items():
+        if type(value) is not int or not 0 <= value <= RESET_MAX:
+            raise CanrollError(f"{path}: {name} must be a whole number from 0 to {RESET_MAX}")
+    return Memory(data["starts"], data["senders"])
+
+
+def write(path: Path | None, memory: Memory) -> None:
+    """Write the memory to a file, if there is one.
+
+    Raises:
+        CanrollError: it cannot be written.
+    """
+    if path is None:
+        return
+    text = json.dumps({"starts": memory.starts, "senders": dict(memory.senders)}) + "\n"
+    part = path.with_name(f"{path.name}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
+
+
+def of_ecu(memory: Memory, firmware: BusFirmware) -> Lasting:
+    """Return the memory as the ECU's mailboxes have it."""
+    boxes = firmware.bus.received
+    return Lasting(memory.starts, tuple(memory.senders.get(box.name, 0) for box in boxes))
+
+
+def by_name(lasting: Lasting, firmware: BusFirmware) -> Memory:
+    """Return the memory of an ECU with the messages' names."""
+    named = zip(firmware.bus.received, lasting.senders, strict=False)
+    return Memory(lasting.starts, {box.name: starts for box, starts in named if box.name})

@@ -1,0 +1,78 @@
+"""An option that would have no effect is refused in one line, before anything slow is done."""
+
+import pytest
+
+from hil.cli.main import main
+from hil.cli.options import refuse_useless
+
+USELESS = [
+    ("timing --ticks 9", "--ticks: it belongs to --bound"),
+    ("timing --clock 80", "--clock: it belongs to --bound"),
+    ("timing --wait-states 2", "--wait-states: it belongs to --bound"),
+    ("timing --multiplier 32", "--multiplier: it belongs to --bound"),
+    ("timing --division 3", "--division: it belongs to --bound"),
+    ("timing --bound --counter qemu", "--counter: --bound reads the code"),
+    ("timing --hil --counter unicorn", "--counter: --hil runs on this machine"),
+    ("timing --hil --processor cortex-m0", "--processor: --hil runs on this machine"),
+    ("timing --hil --specialise", "--specialise: --hil runs on this machine"),
+    ("timing --hil --bound", "--bound: --hil runs on this machine"),
+    ("timing --hil --clock 80", "--clock: --hil runs on this machine"),
+    ("ecu --pace lockstep --cpu 0", "--cpu: in lock step no core is chosen"),
+    ("ecu --replay t.npz --calibration c.toml", "--calibration: a trace is replayed as it was"),
+    ("ecu --replay t.npz --duration 3", "--duration: a trace is replayed as it was"),
+    ("ecu --replay t.npz --pace lockstep", "--pace: a trace is replayed as it was"),
+    ("ecu --replay t.npz --trace u.npz", "--trace: a trace is replayed as it was"),
+    ("ecu --replay t.npz --peer-timeout 3", "--peer-timeout: a trace is replayed as it was"),
+    ("ecu --replay t.npz --phase 2", "--phase: a trace is replayed as it was"),
+    ("ecu --replay t.npz -i virtual", "--interface: a trace is replayed as it was"),
+    ("ecu --replay t.npz -c x", "--channel: a trace is replayed as it was"),
+    ("plant moose --pace lockstep --cpu 0", "--cpu: in lock step no core is chosen"),
+    ("plant moose --serve 127.0.0.1:1 -i virtual -c x", "--serve: it is of the plant's own bus"),
+    ("plant moose -c vcan0", "--channel is of an interface: add -i"),
+    ("plant moose -b 500000", "--bitrate is of an interface: add -i"),
+    ("hil moose -c vcan0", "--channel is of an interface: add -i"),
+    ("hil moose --fd", "--fd is of an interface: add -i"),
+    ("hil --check --pace lockstep", "--pace: --check drives no manoeuvre"),
+    ("hil --check --passive hil", "--passive: --check drives no manoeuvre"),
+    ("hil --check --side-channel", "--side-channel: --check drives no manoeuvre"),
+    ("hil --check --serve 127.0.0.1:0", "--serve: --check drives no manoeuvre"),
+    ("run moose --law passive --observer one_sensor", "--observer: --law passive has no control"),
+    ("run moose --law passive --no-feedforward", "--no-feedforward: --law passive has no control"),
+    ("run moose --law passive --identification", "--identification: --law passive has no"),
+    ("hil moose --law passive --gains as_printed", "--gains: --law passive has no control"),
+    ("run moose --trigger every --heartbeat 30", "--heartbeat: with --trigger every a command is"),
+    ("run moose --actuator dampers --heartbeat 30", "--heartbeat: to dampers a command is sent"),
+    (
+        "run moose --actuator dampers --condition oil_temperature=0",
+        "actuators: oil_temperature does not act on dampers",
+    ),
+    ("run moose --law hinf_delay --no-feedforward", "--no-feedforward: hinf_delay has none"),
+    ("design --law lqr_full_car --no-feedforward", "--no-feedforward: lqr_full_car has none"),
+    ("attacks -c vcan0", "--channel is of an interface: add -i"),
+    ("campaign --event rollover", "--event: it belongs to --until"),
+    ("campaign --samples 10", "--samples: it belongs to --rare"),
+    ("campaign --only 3 --resume", "--resume: --only drives one draw"),
+    ("campaign --only 3 --shard 1/2", "--shard: --only drives one draw"),
+    ("campaign --only 3 --scheduler tcp://x:1", "--scheduler: --only drives one draw"),
+    ("bus examples/bus.toml --pace realtime", "--pace: it belongs to --share"),
+    ("bus examples/bus.toml --host 0.0.0.0", "--host: it belongs to --serve and --share"),
+    ("bus examples/bus.toml --serve --sensitivity", "--sensitivity: a served bus is not analysed"),
+    ("bus examples/bus.toml --serve --json", "--json: a served bus is not analysed"),
+    ("bus examples/bus.toml --serve --propose offsets", "--propose: a served bus is not analysed"),
+]
+
+
+@pytest.mark.parametrize(("line", "says"), USELESS, ids=[line for line, _ in USELESS])
+def test_an_option_without_effect_is_refused(line, says, capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert main(line.split()) == 2
+    told = capsys.readouterr().err
+    assert says in told
+    assert len(told.splitlines()) == 1
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+
+
+def test_what_is_not_given_or_at_its_default_is_no_fault():
+    from argparse import Namespace
+
+    refuse_useless(Namespace(ticks=4000, clock=None), {"ticks": 4000, "clock": None, "x": 1}, "")

@@ -1,0 +1,181 @@
+"""Authenticated frames between two programs: resets, keys, formats, and what is refused."""
+
+import json
+import os
+
+import can
+import pytest
+
+from canroll.errors import CanrollError
+from codegen.run.backends import open_backend
+from codegen.run.secured import SecuredEcu
+from hil.cli.main import main
+from hil.realtime import ecu_loop, tick_trace
+from hil.realtime.bus_link import CanLink
+from hil.realtime.hardware import lasting
+from hil.runs.experiment import build_world, plan, world_options
+from plant_sim.world.world import World
+
+MS = 1_000_000
+
+
+@pytest.fixture(scope="module")
+def planned():
+    return plan("double_lane_change", bus="secured_fd", law="lqr", plant="roll1", backend="python")
+
+
+def started(planned, path):
+    """An ECU as the program starts it with its memory in a file."""
+    settings, controller = planned
+    memory = lasting.of_ecu(lasting.read(path), settings.firmware)
+    ecu = open_backend("python", controller.record, settings.firmware, lasting=memory)
+    lasting.write(path, lasting.by_name(ecu.lasting, settings.firmware))
+    return ecu
+
+
+def drive(world, ecu, ticks):
+    """Drive on for a number of ticks; commands applied meanwhile."""
+    before = len(world.commands)
+    for _ in range(ticks):
+        for frame in world.advance(world.now_ns + 10 * MS):
+            length = int(frame["length"])
+            ecu.receive(int(frame["ident"]), frame["payload"][:length], length)
+        for ident, payload in ecu.tick(1):
+            world.submit(world.now_ns, ident, payload)
+    return len(world.commands) - before
+
+
+def test_an_ecu_that_starts_again_is_heard_by_its_memory_only(planned, tmp_path):
+    settings, _ = planned
+    memory = tmp_path / "ecu.json"
+    world = build_world(settings, enabled=True)
+    first = started(planned, memory)
+    assert drive(world, first, 60) > 5
+    lasting.write(memory, lasting.by_name(first.lasting, settings.firmware))
+    assert json.loads(memory.read_text())["senders"]["Imu"] == 1
+    # one that has forgotten counts from its first start again, old until it is beyond the last
+    refused = world.refused
+    assert drive(world, started(planned, None), 20) == 0
+    assert world.refused > refused + 2
+    assert drive(world, started(planned, memory), 60) > 5
+    assert json.loads(memory.read_text())["starts"] == 2
+    assert world.ecu_starts == 2
+
+
+def test_a_vehicle_that_starts_again_is_heard_by_its_memory_only(planned):
+    settings, controller = planned
+    ecu = open_backend("python", controller.record, settings.firmware)
+    world = build_world(settings, enabled=True)
+    drive(world, ecu, 60)
+    options = world_options(settings, enabled=True)
+    before = ecu.refused
+    forgotten = World(**options)
+    drive(forgotten, ecu, 30)
+    assert ecu.refused > before + 50
+    before = ecu.refused
+    again = World(**options, starts=world.starts + 1, ecu_starts=world.ecu_starts)
+    assert drive(again, ecu, 90) > 5
+    assert ecu.refused == before
+    assert (again.starts, again.ecu_starts) == (2, 1)
+
+
+def test_the_trace_of_a_later_start_replays(planned, tmp_path):
+    settings, controller = planned
+    memory = tmp_path / "ecu.json"
+    started(planned, memory)
+    world, ecu = build_world(settings, enabled=True), started(planned, memory)
+    recorder = tick_trace.Recorder(room=settings.firmware.room)
+    for number in range(1, 60):
+        for frame in world.advance(10 * MS * number):
+            payload = frame["payload"][: frame["length"]].tobytes()
+            ecu.receive(int(frame["ident"]), payload, len(payload))
+            recorder.consumed(int(frame["ident"]), payload)
+        for ident, payload in ecu.tick(1):
+            world.submit(world.now_ns, ident, payload)
+            recorder.sent(ident, payload)
+        recorder.tick(number, 1, 0, 0, 0)
+    about = {"lasting": [1, []]}
+    path = tmp_path / "ticks.npz"
+    tick_trace.save(
+        path,
+        tick_trace.TickTrace(controller.record, recorder.ticks(), recorder.frames(), about),
+    )
+    trace = tick_trace.load(path)
+    firmware = settings.firmware
+    assert tick_trace.replay(trace, "native", firmware=firmware).difference is None
+    assert tick_trace.replay(trace, "native", firmware=firmware, key=bytes(16)).difference
+    for wrong in ([], 3, [1, ["x"]], [1 << 24, []], [-1, []], {"a": 1, "b": 2}):
+        spoilt = tick_trace.TickTrace(
+            trace.calibration, trace.ticks, trace.frames, {"lasting": wrong}
+        )
+        with pytest.raises(CanrollError, match="not a tick trace: 'lasting' is"):
+            tick_trace.replay(spoilt, "python", firmware=firmware)
+    with pytest.raises(CanrollError, match="of a bus with authenticated frames: choose its --bus"):
+        tick_trace.replay(trace, "python")
+
+
+def test_the_last_command_is_authentic(planned):
+    settings, controller = planned
+    world = build_world(settings, enabled=True)
+    ecu = open_backend("python", controller.record, settings.firmware)
+    assert isinstance(ecu, SecuredEcu)
+    drive(world, ecu, 60)
+    _, length = settings.firmware.sent[0]
+    last = ecu_loop.last_command(ecu, controller.record, bytes(length), settings.firmware)
+    assert (len(last[1]), last[1][8]) == (16, 1)
+    refused = world.refused
+    world.submit(world.now_ns, *last)
+    world.advance(world.now_ns + 10 * MS)
+    assert world.refused == refused
+
+
+@pytest.mark.parametrize(("fd", "taken"), [({0x80: True}, [16]), ({}, [8]), (None, [8, 16])])
+def test_a_frame_of_the_other_format_is_not_received(request, fd, taken):
+    name = request.node.name
+    sender = can.Bus(name, interface="virtual", protocol="CAN_FD")
+    link = CanLink(can.Bus(name, interface="virtual", protocol="CAN_FD"), fd=fd)
+    sender.send(can.Message(arbitration_id=0x80, data=bytes(8), is_extended_id=False))
+    sender.send(can.Message(arbitration_id=0x80, data=bytes(16), is_fd=True, is_extended_id=False))
+    assert [len(payload) for _, payload in link.receive()] == taken
+    assert link.received == len(taken)
+    link.close()
+    sender.shutdown()
+
+
+SERVED = ["-i", "udp_multicast", "-c", "239.74.163.2"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["ecu", *SERVED, "--key", "k"], "--key: the frames of bus 500k are not authenticated"),
+        (["ecu", *SERVED, "--memory", "m"], "--memory: the frames of bus 500k are not authentic"),
+        (["plant", "moose", *SERVED, "--memory", "m"], "--memory: the frames of bus 500k are not"),
+        (["plant", "moose", "--bus", "secured_fd"], "own bus has no CAN FD frames"),
+        (["hil", "moose", "--bus", "secured_fd"], "own bus has no CAN FD frames"),
+        (["hil", "--check", "--bus", "secured_fd"], "hil --check cannot authenticate the frames"),
+        (["timing", "--bus", "secured_fd", "--hil"], "--hil cannot authenticate the"),
+    ],
+)
+def test_what_cannot_be_is_one_line(arguments, says, capsys):
+    assert main(arguments) == 2
+    told = capsys.readouterr().err
+    assert says in told
+    assert len(told.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "content", ["", "{", "[]", '{"starts": 1}', '{"starts": -1, "senders": {}}']
+)
+def test_a_memory_that_is_none_is_one_line(content, tmp_path):
+    path = tmp_path / "memory.json"
+    path.write_text(content)
+    with pytest.raises(CanrollError, match=r"memory\.json"):
+        lasting.read(path)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root writes everywhere")
+def test_a_memory_that_cannot_be_written_is_one_line(tmp_path):
+    tmp_path.chmod(0o500)
+    with pytest.raises(CanrollError, match="cannot write"):
+        lasting.write(tmp_path / "memory.json", lasting.FIRST)
