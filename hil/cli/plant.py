@@ -44,7 +44,9 @@ def run(args: argparse.Namespace) -> int:
     if has_bus(args):
         refuse_useless(args, {"serve": DEFAULT_SERVE}, "it is of the plant's own bus, not of -i")
     # compiled before the clock runs: this world is thrown away
-    world_of(args).advance(plant_loop.STEP_NS)
+    rehearsed = world_of(args)
+    rehearsed.advance(plant_loop.STEP_NS)
+    _ = rehearsed.signals
     if args.prepare:
         return 0
     world = world_of(args, memory)

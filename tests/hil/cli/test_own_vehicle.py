@@ -81,3 +81,15 @@ def test_a_file_that_is_gone_is_named(camper):
 def test_a_preset_is_known_by_its_name(tmp_path):
     assert main(["design", "--law", "lqr", "--out", str(tmp_path)]) == 0
     assert calibration_file.load(tmp_path / "calibration.toml").vehicle == "van_real"
+
+
+def test_margins_say_where_the_vehicle_has_changed(camper, capsys):
+    capsys.readouterr()
+    main(["margins", str(camper), "--json"])
+    assert capsys.readouterr().err == ""
+    text = Path("camper.toml").read_text()
+    Path("camper.toml").write_text(text.replace("sprung_mass = 2500.0", "sprung_mass = 2510.0"))
+    main(["margins", str(camper), "--json"])
+    told = capsys.readouterr()
+    assert "camper.toml has changed since the design" in told.err
+    json.loads(told.out)
