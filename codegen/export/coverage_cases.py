@@ -163,6 +163,12 @@ def _rare(bus: BusMap) -> Iterator[Case]:
         swaying = random_traffic(seed, 240, hostile=0.0, rough=1.0, bus=bus)
         pushes = (
             {"actuator": SUSPENSION, "slew_max": STATE_MAX, "envelope_ticks": 2},
+            {
+                "law": STATE_FEEDBACK,
+                "actuator": BARS,
+                "envelope_reach": 1,
+                "envelope_needless_ticks": 1,
+            },
             {"actuator": SUSPENSION, "slew_max": 1 << 14, "envelope_ticks": 2},
             {"actuator": VALVES, "law": COMPENSATOR, "compensator_outputs": 2, "envelope_ticks": 1},
         )
@@ -188,6 +194,7 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "redundancy_min": 1,
         "redundancy_limit": STATE_MAX,
         "opposite_min": 0,
+        "mirror_limit": STATE_MAX,
         "delivery_window": 3,
         "delivery_min": 1,
     }

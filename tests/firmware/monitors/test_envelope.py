@@ -253,3 +253,66 @@ def test_whatever_comes_in_the_limits_hold(wanted, last, most, slew, elapsed):
     assert abs(out - before) <= elapsed * slew
     if abs(wanted) <= most and abs(wanted - before) <= elapsed * slew:
         assert out == wanted
+
+
+IDLE, REACH, NEEDLESS = 400 * NM, 1000, 3
+
+
+def needing(**overrides):
+    """A bench where a moment needs a motion, at 20 m/s."""
+    limits = {
+        "envelope_slew": fw.STATE_MAX,
+        "envelope_moment": fw.STATE_MAX,
+        "envelope_idle": IDLE,
+        "envelope_reach": REACH << 10,
+        "envelope_fade": fw.ONE >> 2,
+        "envelope_needless_ticks": NEEDLESS,
+    }
+    ecu, cal = bench(**{**limits, **overrides})
+    ecu.speed, ecu.motion_lost, ecu.valid[RX_IMU] = 20 << fw.Q_SPEED, 0, 7
+    return ecu, cal
+
+
+def moved(ecu, turning=0.0, steered=0.0):
+    """Let the car turn and steer, m/s²."""
+    ecu.yaw_rate = round(turning / 20.0 * (1 << fw.Q_RATE))
+    ecu.steering_acceleration = round(steered * ACCELERATION)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+@pytest.mark.parametrize(
+    ("turning", "steered", "most"),
+    [(0.0, 0.0, 400), (2.0, 0.0, 2400), (0.0, 2.0, 2400), (1.0, 2.0, 2400), (-2.0, -1.0, 400)],
+)
+def test_a_moment_that_no_motion_needs_is_cut_once_it_lasts(sign, turning, steered, most):
+    ecu, cal = needing()
+    # the accelerometer tells of any motion
+    for tick in range(NEEDLESS + 3):
+        moved(ecu, sign * turning, sign * steered)
+        given = pushed(ecu, cal, [-sign * 5000 * NM, 0], sign * 9 * ACCELERATION)[0]
+        if tick < NEEDLESS - 1:
+            assert given == -sign * 5000 * NM
+        else:
+            assert given == pytest.approx(-sign * most * NM, abs=NM)
+        # what is cut so is no fault
+        assert ecu.envelope_acted == 0
+
+
+def test_a_motion_that_has_been_is_needed_for_a_while():
+    ecu, cal = needing(envelope_needless_ticks=1)
+    moved(ecu, 4.0)
+    assert pushed(ecu, cal, [-5000 * NM, 0])[0] == pytest.approx(-4400 * NM, abs=NM)
+    moved(ecu)
+    for most in (3400, 2650, 2087.5):
+        assert pushed(ecu, cal, [-5000 * NM, 0])[0] == pytest.approx(-most * NM, abs=NM)
+
+
+@pytest.mark.parametrize("what", ["speed", "yaw rate", "calibration", "late"])
+def test_without_the_motion_no_need_is_judged(what):
+    ecu, cal = needing(**({"envelope_reach": 0} if what == "calibration" else {}))
+    ecu.motion_lost = int(what == "speed")
+    ecu.valid[RX_IMU] = 3 if what == "yaw rate" else 7
+    ecu.needless_ticks = NEEDLESS - 1
+    ecu.age[RX_IMU] = 41 if what == "late" else 0
+    pushed(ecu, cal, [-5000 * NM, 0])
+    assert ecu.needless_ticks == 0
