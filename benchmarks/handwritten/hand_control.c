@@ -195,6 +195,16 @@ static int32_t need_of(const canroll_ecu *ecu, const canroll_calibration *cal, u
     return bits_31(cal->envelope_idle + state_of((int64_t)ecu->turned[side] * cal->envelope_reach, 20));
 }
 
+/* Whether the moment brakes a roll of the body, by 0.02 rad/s or more, while the car goes straight. */
+static bool brakes(const canroll_ecu *ecu, const canroll_calibration *cal)
+{
+    const int32_t moment = ecu->outputs[0], rate = ecu->roll_rate;
+    if (ecu->turned[0] + ecu->turned[1] > cal->envelope_lateral) {
+        return false;
+    }
+    return (moment > 0 && rate < -2684355) || (moment < 0 && rate > 2684355);
+}
+
 /* Follow the motion to either side, and count how long the moment has been needless. */
 static bool needless(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
@@ -216,7 +226,7 @@ static bool needless(canroll_ecu *ecu, const canroll_calibration *cal, int32_t e
         turning = -turning;
         steered = -steered;
     }
-    more = moment > need_of(ecu, cal, 1) || moment < -need_of(ecu, cal, 0);
+    more = (moment > need_of(ecu, cal, 1) || moment < -need_of(ecu, cal, 0)) && !brakes(ecu, cal);
     ecu->needless_ticks = limit(
         ecu->needless_ticks + (more ? elapsed : -elapsed), 0, cal->envelope_needless_ticks);
     return ecu->needless_ticks == cal->envelope_needless_ticks;

@@ -7,9 +7,9 @@ than ``envelope_ticks``: a moment with the sign of the lateral acceleration lift
 A law that damps or leads the motion does so while the acceleration falls, so that only what pushes
 outward while it does not fall counts; then the outward side is closed until the law has stopped
 wanting it for as long. Whatever the accelerometer reads, a moment needs a motion: by yaw rate and
-speed, or by steering, the car turns, or has just turned, to the side that it works against. What
-exceeds that need is cut once it lasts. Behind the allocation, every channel is kept within its
-actuator.
+speed, or by steering, the car turns, or has just turned, to the side that it works against, or goes
+straight and rolls, over bumps. What exceeds that need is cut once it lasts. Behind the allocation,
+every channel is kept within its actuator.
 """
 
 from firmware.calibration import (
@@ -29,6 +29,8 @@ YAW_RATE = 4
 # sides to which the car turns
 LEFT = 0
 RIGHT = 1
+# roll rate above which a moment against it brakes, 0.02 rad/s
+ROLLING = 2684355
 
 
 def outward(cal: Calibration, moment: i32, acceleration: i32, slow: i32) -> i32:
@@ -86,6 +88,17 @@ def needed(ecu: Ecu, cal: Calibration, side: i32) -> i32:
     return sat31(cal.envelope_idle + scaled(ecu.turned[side] * cal.envelope_reach, 20))
 
 
+def brakes(ecu: Ecu, cal: Calibration) -> i32:
+    """Return 1 where the moment brakes a roll of the body while the car goes straight."""
+    if sat31(ecu.turned[LEFT] + ecu.turned[RIGHT]) > cal.envelope_lateral:
+        return 0
+    if ecu.outputs[0] > 0 and ecu.roll_rate < -ROLLING:
+        return 1
+    if ecu.outputs[0] < 0 and ecu.roll_rate > ROLLING:
+        return 1
+    return 0
+
+
 def watch_need(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Count how long the moment has been more than the motion needs."""
     if (
@@ -99,7 +112,8 @@ def watch_need(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     follow_motion(ecu, cal)
     change: i32 = -elapsed
     if ecu.outputs[0] > needed(ecu, cal, RIGHT) or ecu.outputs[0] < -needed(ecu, cal, LEFT):
-        change = elapsed
+        if brakes(ecu, cal) == 0:
+            change = elapsed
     ecu.needless_ticks = clamp(ecu.needless_ticks + change, 0, cal.envelope_needless_ticks)
 
 

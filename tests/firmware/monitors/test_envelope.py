@@ -307,6 +307,20 @@ def test_a_motion_that_has_been_is_needed_for_a_while():
         assert pushed(ecu, cal, [-5000 * NM, 0])[0] == pytest.approx(-most * NM, abs=NM)
 
 
+@pytest.mark.parametrize("sign", [-1, 1])
+@pytest.mark.parametrize(
+    ("rate", "turning", "free"),
+    [(0.03, 0.0, True), (0.01, 0.0, False), (-0.03, 0.0, False), (0.03, 0.5, False)],
+)
+def test_braking_a_roll_on_a_straight_needs_no_motion(sign, rate, turning, free):
+    ecu, cal = needing(envelope_needless_ticks=1, envelope_lateral=round(0.4 * ACCELERATION))
+    moved(ecu, sign * turning)
+    ecu.roll_rate = sign * round(rate * (1 << fw.Q_RATE))
+    given = pushed(ecu, cal, [-sign * 5000 * NM, 0])[0]
+    most = 5000 if free else 400 + REACH * turning
+    assert given == pytest.approx(-sign * most * NM, abs=NM)
+
+
 @pytest.mark.parametrize("what", ["speed", "yaw rate", "calibration", "late"])
 def test_without_the_motion_no_need_is_judged(what):
     ecu, cal = needing(**({"envelope_reach": 0} if what == "calibration" else {}))
