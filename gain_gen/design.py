@@ -18,6 +18,7 @@ STEPS = 40
 """Number of steps after which a law is refused."""
 
 WITHOUT_FEEDFORWARD = ("hinf_delay", "hinf_nodelay", "hinf_event", "lqr_full_car")
+FEEDFORWARD_ALONE = ("ay_feedforward", "plain_feedforward")
 WITH_SHARE = ("steering_lead", "lqg_delay", "hinf")
 """Laws that are designed for a share of the roll moment."""
 
@@ -52,6 +53,8 @@ def design(law: str, task: Task) -> Design:
         raise CanrollError("--gamma applies to --law hinf_delay --gains theorem only: omit it")
     if not task.feedforward and law in WITHOUT_FEEDFORWARD:
         raise CanrollError(f"--no-feedforward: {law} has none; omit it")
+    if not task.feedforward and law in FEEDFORWARD_ALONE:
+        raise CanrollError(f"--no-feedforward: {law} is nothing else; omit it")
     if task.moment_share is not None and law not in WITH_SHARE:
         raise CanrollError(
             f"--moment-share applies to {', '.join(WITH_SHARE)} only: omit it for {law}"

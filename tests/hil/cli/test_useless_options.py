@@ -47,6 +47,8 @@ USELESS = [
         "actuators: oil_temperature does not act on dampers",
     ),
     ("run moose --law hinf_delay --no-feedforward", "--no-feedforward: hinf_delay has none"),
+    ("run moose --law plain_feedforward --no-feedforward", "plain_feedforward is nothing else"),
+    ("design --law ay_feedforward --no-feedforward", "ay_feedforward is nothing else"),
     ("design --law lqr_full_car --no-feedforward", "--no-feedforward: lqr_full_car has none"),
     ("attacks -c vcan0", "--channel is of an interface: add -i"),
     ("campaign --event rollover", "--event: it belongs to --until"),
