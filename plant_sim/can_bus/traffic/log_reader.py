@@ -93,8 +93,9 @@ def read_log(path: Path) -> dict[str, Logged]:
 
 
 def _read_mf4(path: Path) -> list[can.Message]:
-    with np.load(io.BytesIO(documents.read_apart(_MF4_TO_NPZ, path))) as found:
-        columns = [found[name].tolist() for name in (*_FIELDS, "channel", "dlc")]
+    with np.load(io.BytesIO(documents.read_apart(_MF4_TO_NPZ, path))) as stored:
+        found = dict(stored)
+    columns = [found[name].tolist() for name in (*_FIELDS, "channel", "dlc")]
     return [
         can.Message(
             **dict(zip(_FIELDS, row, strict=True)),
