@@ -281,16 +281,6 @@ class Calibration:
     ]
     envelope_ticks: Annotated[i32, F(1, 1 << 20, 0, "ticks", "a moment outward is cut after")]
     envelope_pass: Annotated[i32, F(0, ONE, Q_UNIT, "", "low-pass of a_y: its weight per tick")]
-    envelope_idle: Annotated[
-        i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "moment of which no motion needs to tell")
-    ]
-    envelope_reach: Annotated[
-        i32, F(0, COEFFICIENT, 10, "N·s2", "and for each m/s2 of the motion, 0: any moment")
-    ]
-    envelope_fade: Annotated[i32, F(0, ONE, Q_UNIT, "", "of that motion: what a tick takes away")]
-    envelope_needless_ticks: Annotated[
-        i32, F(1, 1 << 20, 0, "ticks", "more than that is cut after")
-    ]
 
     # redundancy monitor
     redundancy_min: Annotated[
@@ -305,12 +295,6 @@ class Calibration:
     apart_samples: Annotated[i32, F(1, 1000, 0, "", "outside both in a row that count")]
     opposite_samples: Annotated[i32, F(1, 1000, 0, "", "of opposite sign in a row that count")]
     bound_samples: Annotated[i32, F(1, 1000, 0, "", "gyro bias at its bound in a row that count")]
-    mirror_limit: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "no mirror image is judged above")
-    ]
-    mirror_min: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "so much nearer to it is a mirror image")
-    ]
 
     # delivery monitor
     delivery_window: Annotated[i32, F(1, 1000, 0, "", "samples of a window of commands")]

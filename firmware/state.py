@@ -123,19 +123,6 @@ class Ecu:
     apart_samples: Annotated[i32, F(0, 1000, 0, "", "lateral acceleration outside both, in a row")]
     opposite_samples: Annotated[i32, F(0, 1000, 0, "", "yaw rate of opposite sign, in a row")]
     bound_samples: Annotated[i32, F(0, 1000, 0, "", "gyro bias at its bound, in a row")]
-    steered_slow: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "a_y from steering, low-passed")
-    ]
-    mirrored: Annotated[
-        i32,
-        F(
-            STATE_MIN,
-            STATE_MAX,
-            Q_ACCELERATION,
-            "m/s2",
-            "nearer to minus the steering's",
-        ),
-    ]
 
     # delivery monitor
     commanded: Annotated[
@@ -218,12 +205,6 @@ class Ecu:
         i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "lateral acceleration, low-passed")
     ]
     outward_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "the body has been pushed outward")]
-    turned: Annotated[
-        list[i32],
-        2,
-        F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "largest to left, right by the motion, fading"),
-    ]
-    needless_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "more moment than the motion needs")]
 
     # allocation
     given: Annotated[
@@ -286,9 +267,6 @@ class Ecu:
     # redundancy monitor
     lateral_contradicted: Annotated[u8, F(0, 1, 0, "", "1: the lateral acceleration is wrong")]
     rate_contradicted: Annotated[u8, F(0, 1, 0, "", "1: the roll rate is wrong")]
-    motion_contradicted: Annotated[
-        u8, F(0, 1, 0, "", "1: inertial unit and steering contradict each other")
-    ]
 
     # delivery monitor
     contradicted: Annotated[list[u8], 2, F(0, 1, 0, "", "1: the axle does not do as commanded")]

@@ -67,7 +67,6 @@ def does(record):
         and not any(record.feedback[2:] + record.feedforward[:2] + record.feedforward[4:])
         and record.moment_max < MOMENT_LIMIT
         and record.redundancy_min > 0
-        and record.envelope_reach > 0
         and record.delivery_min > 0
     )
 

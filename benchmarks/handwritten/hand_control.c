@@ -189,49 +189,6 @@ static bool pushes(const canroll_calibration *cal, int32_t moment, int32_t a, in
         && a < bits_31(slow + margin);
 }
 
-/* What turning to a side needs at most. */
-static int32_t need_of(const canroll_ecu *ecu, const canroll_calibration *cal, uint32_t side)
-{
-    return bits_31(cal->envelope_idle + state_of((int64_t)ecu->turned[side] * cal->envelope_reach, 20));
-}
-
-/* Whether the moment brakes a roll of the body, by 0.02 rad/s or more, while the car goes straight. */
-static bool brakes(const canroll_ecu *ecu, const canroll_calibration *cal)
-{
-    const int32_t moment = ecu->outputs[0], rate = ecu->roll_rate;
-    if (ecu->turned[0] + ecu->turned[1] > cal->envelope_lateral) {
-        return false;
-    }
-    return (moment > 0 && rate < -2684355) || (moment < 0 && rate > 2684355);
-}
-
-/* Follow the motion to either side, and count how long the moment has been needless. */
-static bool needless(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
-{
-    int32_t turning, steered = ecu->steering_acceleration;
-    const int32_t moment = ecu->outputs[0];
-    bool more;
-    if (ecu->motion_lost || (ecu->valid[CANROLL_RX_IMU] & 4) == 0
-        || ecu->age[CANROLL_RX_IMU] > cal->envelope_age) {
-        ecu->needless_ticks = 0;
-        return false;
-    }
-    turning = state_of((int64_t)ecu->speed * ecu->yaw_rate, 23);
-    for (uint32_t side = 0; side < 2; side++) {
-        const int32_t last = ecu->turned[side];
-        int32_t most = last - product(last, cal->envelope_fade, 30);
-        most = (steered > most) ? steered : most;
-        most = (turning > most) ? turning : most;
-        ecu->turned[side] = (most > STATE_MAX) ? STATE_MAX : most;
-        turning = -turning;
-        steered = -steered;
-    }
-    more = (moment > need_of(ecu, cal, 1) || moment < -need_of(ecu, cal, 0)) && !brakes(ecu, cal);
-    ecu->needless_ticks = limit(
-        ecu->needless_ticks + (more ? elapsed : -elapsed), 0, cal->envelope_needless_ticks);
-    return ecu->needless_ticks == cal->envelope_needless_ticks;
-}
-
 /* The safety envelope before the allocation: one output, judged by the Imu. */
 void hand_guard(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
@@ -265,11 +222,6 @@ void hand_guard(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapse
     given = limit(bits_31(last + limit(given - last, -step, step)), -cal->envelope_moment,
         cal->envelope_moment);
     ecu->envelope_acted = given != ecu->outputs[0];
-    if (needless(ecu, cal, elapsed)) {
-        given = limit(given, -need_of(ecu, cal, 0), need_of(ecu, cal, 1));
-        given = limit(bits_31(last + limit(given - last, -step, step)), -cal->envelope_moment,
-            cal->envelope_moment);
-    }
     ecu->guarded[0] = ecu->moment = ecu->outputs[0] = given;
 }
 

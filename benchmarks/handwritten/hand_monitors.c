@@ -51,27 +51,6 @@ static void compare_lateral(canroll_ecu *ecu, const canroll_calibration *cal)
     }
 }
 
-/* Whether unit and steering agree, or are mirror images: both filters by shifts. */
-static void compare_mirror(canroll_ecu *ecu, const canroll_calibration *cal)
-{
-    const int32_t told = ecu->lateral_acceleration;
-    const int32_t turning = state_of((int64_t)ecu->speed * ecu->yaw_rate, 23);
-    const int32_t slow = bits_31(ecu->steered_slow
-        + (int32_t)(((int64_t)ecu->steering_acceleration - ecu->steered_slow + 4) >> 3));
-    const int32_t near = smaller(
-        smaller(size_of(turning - slow), STATE_MAX), smaller(size_of(told - slow), STATE_MAX));
-    const int32_t far = smaller(larger(size_of(turning + slow), size_of(told + slow)), STATE_MAX);
-    const int64_t nearer = (int64_t)near - far - ((far + 1) >> 1);
-    const int64_t change = ((nearer < STATE_MIN) ? STATE_MIN : nearer) - ecu->mirrored;
-    const int32_t average = ecu->mirrored + (int32_t)((change + 8) >> 4);
-    ecu->steered_slow = slow;
-    /* so that what agreed for long is found as fast */
-    ecu->mirrored = limit(average, -cal->mirror_min, STATE_MAX);
-    if (ecu->mirrored > cal->mirror_min && ecu->motion_peak < cal->mirror_limit) {
-        ecu->motion_contradicted = 1;
-    }
-}
-
 void hand_watch_sensors(canroll_ecu *ecu, const canroll_calibration *cal)
 {
     if (ecu->fresh[CANROLL_RX_IMU] == 0 || ecu->gain_factor == 0) {
@@ -84,7 +63,6 @@ void hand_watch_sensors(canroll_ecu *ecu, const canroll_calibration *cal)
     if (ecu->motion_lost == 0
         && (ecu->valid[CANROLL_RX_IMU] & LATERAL_AND_YAW) == LATERAL_AND_YAW) {
         compare_lateral(ecu, cal);
-        compare_mirror(ecu, cal);
     }
 }
 

@@ -41,7 +41,7 @@ from firmware.state import (
     RX_VEHICLE_MOTION,
 )
 
-SEEDS = (3, 5, 7, 10, 13, 22, 23, 40, 42, 101, 163, 169, 195, 281, 303, 400, 542, 789)
+SEEDS = (3, 5, 7, 10, 13, 22, 23, 40, 42, 101, 163, 169, 195, 281)
 """Of the random cases; chosen by what each adds."""
 TICKS = 80
 NEVER = -1
@@ -188,25 +188,11 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "redundancy_min": 1,
         "redundancy_limit": STATE_MAX,
         "opposite_min": 0,
-        "mirror_limit": STATE_MAX,
         "delivery_window": 3,
         "delivery_min": 1,
     }
-    needless = _follows_acceleration() | {
-        "redundancy_min": 0,
-        "actuator": SUSPENSION,
-        "slew_max": STATE_MAX,
-        "envelope_idle": 0,
-        "envelope_reach": 1,
-        "envelope_needless_ticks": 1,
-        "envelope_moment": STATE_MAX,
-    }
-    anything = ("straight_steering", "straight_yaw_rate", "acceleration_max", "roll_rate_max")
-    ahead = {**quick, "actuator": SUSPENSION, "offset_learning": 1, "redundancy_min": 0}
-    ahead |= dict.fromkeys(anything, STATE_MAX)
     frames = random_traffic(1, TICKS, bus=bus)
-    off = dict.fromkeys(("redundancy_min", "delivery_min", "envelope_reach"), 0)
-    yield Case("no monitors", _changed(1, **off), frames)
+    yield Case("no monitors", _changed(1, redundancy_min=0, delivery_min=0), frames)
     for seed in (1, 2):
         swaying = random_traffic(seed, 240, hostile=0.0, rough=1.0, bus=bus)
         for samples in (1, 3):
@@ -215,14 +201,6 @@ def _accused(bus: BusMap) -> Iterator[Case]:
                 for limits in ({"redundancy_limit": 1 << 20}, {"bias_max": 0}, {}):
                     changes = {**quick, **counts, **limits, "actuator": actuator}
                     yield Case("accused", _changed(1, **changes), swaying)
-        for slow in (1, 1 << 27):
-            yield Case("straight ahead", _changed(1, **{**ahead, "fade_high": slow}), swaying)
-        longer = np.concatenate([swaying.elapsed, np.ones(5, np.int32)])
-        for straight in (0, STATE_MAX):
-            for age in (0, 1 << 19):
-                limits = {"envelope_lateral": straight, "envelope_age": age}
-                record = _changed(1, **{**quick, **needless, **limits})
-                yield Case("needless", record, Traffic(swaying.frames, longer))
 
 
 def _follows_acceleration() -> dict[str, object]:

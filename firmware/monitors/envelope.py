@@ -6,31 +6,12 @@ lateral acceleration is older than ``envelope_age``. It must not push the body o
 than ``envelope_ticks``: a moment with the sign of the lateral acceleration lifts the inner side.
 A law that damps or leads the motion does so while the acceleration falls, so that only what pushes
 outward while it does not fall counts; then the outward side is closed until the law has stopped
-wanting it for as long. Whatever the accelerometer reads, a moment needs a motion: by yaw rate and
-speed, or by steering, the car turns, or has just turned, to the side that it works against, or goes
-straight and rolls, over bumps. What exceeds that need is cut once it lasts. Behind the allocation,
-every channel is kept within its actuator.
+wanting it for as long. Behind the allocation, every channel is kept within its actuator.
 """
 
-from firmware.calibration import (
-    BARS,
-    BYPASS,
-    DAMPERS,
-    STATE_MAX,
-    SUSPENSION,
-    VALVES,
-    Calibration,
-)
+from firmware.calibration import BARS, BYPASS, DAMPERS, SUSPENSION, VALVES, Calibration
 from firmware.state import RX_IMU, RX_ROLL_REFERENCE, Ecu
 from firmware.subset import clamp, i32, rsh, sat31, scaled
-
-# bit of ecu.valid of an Imu frame
-YAW_RATE = 4
-# sides to which the car turns
-LEFT = 0
-RIGHT = 1
-# roll rate above which a moment against it brakes, 0.02 rad/s
-ROLLING = 2684355
 
 
 def outward(cal: Calibration, moment: i32, acceleration: i32, slow: i32) -> i32:
@@ -71,52 +52,6 @@ def watch_direction(ecu: Ecu, cal: Calibration, acceleration: i32, elapsed: i32)
     ecu.lateral_slow = sat31(ecu.lateral_slow + change)
 
 
-def follow_motion(ecu: Ecu, cal: Calibration) -> None:
-    """Note the largest lateral acceleration to either side by the motion; what has been fades."""
-    turning: i32 = scaled(ecu.speed * ecu.yaw_rate, 23)
-    steered: i32 = ecu.steering_acceleration
-    for side in range(2):
-        left: i32 = ecu.turned[side] - scaled(ecu.turned[side] * cal.envelope_fade, 30)
-        most: i32 = clamp(turning, clamp(steered, clamp(left, 0, STATE_MAX), STATE_MAX), STATE_MAX)
-        ecu.turned[side] = most
-        turning = -turning
-        steered = -steered
-
-
-def needed(ecu: Ecu, cal: Calibration, side: i32) -> i32:
-    """Return the largest moment that turning to ``side`` needs."""
-    return sat31(cal.envelope_idle + scaled(ecu.turned[side] * cal.envelope_reach, 20))
-
-
-def brakes(ecu: Ecu, cal: Calibration) -> i32:
-    """Return 1 where the moment brakes a roll of the body while the car goes straight."""
-    if sat31(ecu.turned[LEFT] + ecu.turned[RIGHT]) > cal.envelope_lateral:
-        return 0
-    if ecu.outputs[0] > 0 and ecu.roll_rate < -ROLLING:
-        return 1
-    if ecu.outputs[0] < 0 and ecu.roll_rate > ROLLING:
-        return 1
-    return 0
-
-
-def watch_need(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
-    """Count how long the moment has been more than the motion needs."""
-    if (
-        cal.envelope_reach == 0
-        or ecu.motion_lost == 1
-        or (ecu.valid[RX_IMU] & YAW_RATE) == 0
-        or ecu.age[RX_IMU] > cal.envelope_age
-    ):
-        ecu.needless_ticks = 0
-        return
-    follow_motion(ecu, cal)
-    change: i32 = -elapsed
-    if ecu.outputs[0] > needed(ecu, cal, RIGHT) or ecu.outputs[0] < -needed(ecu, cal, LEFT):
-        if brakes(ecu, cal) == 0:
-            change = elapsed
-    ecu.needless_ticks = clamp(ecu.needless_ticks + change, 0, cal.envelope_needless_ticks)
-
-
 def enveloped(cal: Calibration, given: i32, last: i32, elapsed: i32) -> i32:
     """Return ``given`` within slew and moment limit; ``last`` left the envelope before."""
     step: i32 = sat31(elapsed * cal.envelope_slew)
@@ -144,15 +79,11 @@ def guard(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
             high = 0
         if acceleration <= 0 or cal.actuator == VALVES:
             low = 0
-    watch_need(ecu, cal, elapsed)
     ecu.envelope_acted = 0
     for k in range(2):
         given: i32 = enveloped(cal, clamp(ecu.outputs[k], low, high), ecu.guarded[k], elapsed)
         if given != ecu.outputs[k]:
             ecu.envelope_acted = 1
-        if ecu.needless_ticks == cal.envelope_needless_ticks:
-            given = clamp(given, -needed(ecu, cal, LEFT), needed(ecu, cal, RIGHT))
-            given = enveloped(cal, given, ecu.guarded[k], elapsed)
         ecu.outputs[k] = given
         ecu.guarded[k] = given
     ecu.moment = sat31(ecu.outputs[0] + ecu.outputs[1])

@@ -3,16 +3,15 @@
 The lateral acceleration is also yaw rate times speed, and what steering angle and speed give. In
 the tyres' linear range it is wrong where it lies far outside both; beyond, and long afterwards, as
 their own motion tells and never the accelerometer's, only an opposite sign of lateral acceleration
-and yaw rate that lasts is judged, which no slide shows for long. Where both agree and are the
-mirror image of what steering gives, the unit is reversed or replayed, or the angle is reversed. A
-wrong roll rate drives the observer's gyro bias to its bound, which no real bias comes near. A
-finding lasts until the next ``init``.
+and yaw rate that lasts is judged, which no slide shows for long. A wrong roll rate drives the
+observer's gyro bias to its bound, which no real bias comes near. A finding lasts until the next
+``init``.
 """
 
 from firmware.calibration import BYPASS, STATE_MAX, Calibration
 from firmware.fixed_point import product
 from firmware.state import GYRO_BIAS, RX_IMU, Ecu
-from firmware.subset import clamp, i32, rsh, sat31
+from firmware.subset import clamp, i32, rsh
 
 # bits of ecu.valid of an Imu frame: lateral acceleration and yaw rate
 LATERAL_AND_YAW = 6
@@ -20,9 +19,6 @@ LATERAL_AND_YAW = 6
 # the tyres can be trusted, in 1.3 s for the distance that is expected
 FADING = 11
 EASING = 7
-# low-passes of the mirror image: the motion follows steering in 0.08 s, and 0.16 s are averaged
-FOLLOWING = 3
-AVERAGING = 4
 
 
 def magnitude(value: i32) -> i32:
@@ -73,26 +69,6 @@ def watch_lateral_acceleration(ecu: Ecu, cal: Calibration) -> None:
         ecu.lateral_contradicted = 1
 
 
-def watch_mirror_image(ecu: Ecu, cal: Calibration) -> None:
-    """Judge whether lateral acceleration and yaw rate are what steering gives, or its negative.
-
-    A slide with countersteer does have opposite signs, but not the same magnitudes.
-    """
-    lateral: i32 = ecu.lateral_acceleration
-    turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
-    slow: i32 = ecu.steered_slow
-    slow = sat31(slow + rsh(ecu.steering_acceleration - slow, FOLLOWING))
-    ecu.steered_slow = slow
-    to_it: i32 = clamp(magnitude(turning - slow), 0, magnitude(lateral - slow))
-    to_mirror: i32 = clamp(magnitude(turning + slow), magnitude(lateral + slow), STATE_MAX)
-    nearer: i32 = sat31(to_it - to_mirror - rsh(to_mirror, 1))
-    average: i32 = sat31(ecu.mirrored + rsh(nearer - ecu.mirrored, AVERAGING))
-    # bounded below, so that what agreed for long is found as fast
-    ecu.mirrored = clamp(average, -cal.mirror_min, STATE_MAX)
-    if ecu.mirrored > cal.mirror_min and ecu.motion_peak < cal.mirror_limit:
-        ecu.motion_contradicted = 1
-
-
 def watch_redundancy(ecu: Ecu, cal: Calibration) -> None:
     """Judge each new sample of the inertial measurement while the car moves."""
     if cal.redundancy_min == 0 or cal.observer == BYPASS:
@@ -107,4 +83,3 @@ def watch_redundancy(ecu: Ecu, cal: Calibration) -> None:
         ecu.rate_contradicted = 1
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & LATERAL_AND_YAW) == LATERAL_AND_YAW:
         watch_lateral_acceleration(ecu, cal)
-        watch_mirror_image(ecu, cal)

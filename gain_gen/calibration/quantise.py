@@ -99,9 +99,6 @@ def quantise_design(design: Design, options: Options) -> Quantised:
     fields |= _law(design, rows)
     fields |= _trigger(design, options)
     fields |= vehicle_fields(task, controller.schedule)
-    if fields["compensator_outputs"] == 2:
-        # the moment that a motion needs is that of both axles together
-        fields["envelope_reach"] = 0
     return Quantised(
         fields,
         {name: row.formats for name, row in rows.items()},

@@ -33,12 +33,6 @@ OUTWARD_LATERAL = 2.0
 OUTWARD_TIME = 0.1
 OUTWARD_FALL = 0.16
 """Safety envelope: share of the moment limit, m/s², s, and time constant of the low-pass, s."""
-NEED_IDLE = 350.0
-NEED_FULL = 2.0
-NEED_FADE = 0.12
-NEED_TIME = 0.05
-"""Moment that needs no motion, N·m; lateral acceleration that needs all there is, m/s²; time
-constant of what has been, s; how long there may be more, s."""
 LINEAR_SHARE = 0.7
 """Lateral acceleration over friction × g up to which the tyres follow the steering, about.
 
@@ -225,21 +219,7 @@ def _envelope(task: Task, share: float) -> dict[str, Value]:
         "envelope_lateral": _q(OUTWARD_LATERAL, fw.Q_ACCELERATION),
         "envelope_ticks": ceil(OUTWARD_TIME / task.tick),
         "envelope_pass": _q(1.0 - exp(-task.tick / OUTWARD_FALL), fw.Q_UNIT),
-        "envelope_idle": _q(NEED_IDLE, fw.Q_MOMENT),
-        "envelope_reach": round(_reach(task, most) * 2**10),
-        "envelope_fade": _q(1.0 - exp(-task.tick / NEED_FADE), fw.Q_UNIT),
-        "envelope_needless_ticks": ceil(NEED_TIME / task.tick),
     }
-
-
-def _reach(task: Task, most: int) -> float:
-    """Return the moment that 1 m/s² of the motion needs at most, N·m; 0 where it is not judged.
-
-    That is without sensors of the motion, and where commands are not moments.
-    """
-    if task.observer == "reference" or task.actuator not in ("suspension", "bars"):
-        return 0.0
-    return most * 2.0**-fw.Q_MOMENT / NEED_FULL
 
 
 def _schedule(vehicle: Vehicle, share: float, factors: tuple[float, ...]) -> dict[str, Value]:

@@ -269,7 +269,6 @@ def calibration(
     # as wide as it gets: tests of the law are not those of the envelope
     cal.envelope_moment = cal.envelope_slew = cal.envelope_outward = fw.STATE_MAX
     cal.envelope_age, cal.envelope_ticks = 1 << 20, 1 << 20
-    cal.envelope_needless_ticks = 1 << 20
     cal.arm_front = cal.arm_rear = round(2**28 / (2 * vehicle.half_track))
     cal.track_front = cal.track_rear = round(2**28 * 2 * vehicle.half_track)
     cal.force_max = [4000 << 14] * 4

@@ -1,8 +1,6 @@
 """The safety envelope leaves every shipped law alone, and stops what a law must not do."""
 
 import re
-from copy import copy
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,12 +9,10 @@ from canroll.errors import CanrollError
 from codegen.run import native
 from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.memory_image import sealed
 from codegen.subset.program import file_of
 from firmware.plausibility import FAULT_ENVELOPE
 from gain_gen.laws import LAWS
 from hil.runs.experiment import build_world, plan
-from hil.runs.metrics import peak
 from hil.runs.virtual_time import closed_loop
 from hil.studies.severe import MANOEUVRES
 
@@ -37,8 +33,6 @@ REFUSED = {
     ("car_2020", "valves", "lqr_full_car", "gateway_50ms"),
 }
 """No gain helps at these delays."""
-LITTLE = 1.02
-"""Factor on the largest roll angle where a moment that no motion needs is cut."""
 
 
 @pytest.fixture(scope="module")
@@ -50,13 +44,6 @@ def without():
     return BusFirmware(
         built_in().bus, {"ecu.py": bare.replace("from firmware.monitors import envelope\n", "")}
     )
-
-
-def copied(record, **changes):
-    found = copy(record)
-    for name, value in changes.items():
-        setattr(found, name, value)
-    return found
 
 
 def driven(settings, controller, firmware, duration_ns=None):
@@ -91,11 +78,6 @@ def test_no_law_is_touched_in_severe_manoeuvres(vehicle, actuator, law, bus, wit
         assert not np.any(kept.ticks["fault_codes"] & KEPT), manoeuvre.title
         assert not np.any(kept.signals["envelope"]), manoeuvre.title
         free = driven(settings, controller, without)
-        assert peak(kept.signals["roll"]) <= LITTLE * peak(free.signals["roll"]), manoeuvre.title
-        if kept.frames.tobytes() != free.frames.tobytes():
-            # a moment that the motion does not need; nothing else may differ
-            record = sealed(copied(controller.record, envelope_reach=0))
-            kept = driven(settings, replace(controller, record=record), built_in())
-            assert kept.frames.tobytes() == free.frames.tobytes(), manoeuvre.title
+        assert kept.frames.tobytes() == free.frames.tobytes(), manoeuvre.title
         seen += np.abs(kept.ticks["moment"]).max() > 100
     assert seen > 6
