@@ -201,11 +201,10 @@ def options_of(choices: Mapping[str, Any]) -> Options:
             f"{1e3 * COMMAND_TIMEOUT:g} ms after which actuators release"
         )
     event = chosen(choices, "trigger") == "event"
-    if choices.get("heartbeat_ms") is not None:
-        always = "to dampers" if chosen(choices, "actuator") == "dampers" else ""
-        always = always if event else "with --trigger every"
-        if always:
-            raise CanrollError(f"--heartbeat: {always} a command is sent every tick: omit it")
+    every_tick = not event or chosen(choices, "actuator") == "dampers"
+    if every_tick and choices.get("heartbeat_ms") is not None:
+        where = "to dampers" if event else "with --trigger every"
+        raise CanrollError(f"--heartbeat: {where} a command is sent every tick: omit it")
     return Options(
         event_trigger=event,
         identification=chosen(choices, "identification"),
