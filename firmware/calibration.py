@@ -295,6 +295,12 @@ class Calibration:
     apart_samples: Annotated[i32, F(1, 1000, 0, "", "outside both in a row that count")]
     opposite_samples: Annotated[i32, F(1, 1000, 0, "", "of opposite sign in a row that count")]
     bound_samples: Annotated[i32, F(1, 1000, 0, "", "gyro bias at its bound in a row that count")]
+    mirror_limit: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "no mirror image is judged above")
+    ]
+    mirror_min: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "so much nearer to it is a mirror image")
+    ]
 
     # delivery monitor
     delivery_window: Annotated[i32, F(1, 1000, 0, "", "samples of a window of commands")]

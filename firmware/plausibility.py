@@ -44,6 +44,7 @@ FAULT_CALIBRATION = 17
 FAULT_CALIBRATION_CRC = 18
 FAULT_ROLL_RATE_CONTRADICTED = 19
 FAULT_LATERAL_CONTRADICTED = 20
+FAULT_MOTION_CONTRADICTED = 21
 FAULT_ACTUATOR_CONTRADICTED = 22
 FAULT_ENVELOPE = 23
 
@@ -222,7 +223,8 @@ def watch_imu(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     bad = lasting(ecu, BAD_ROLL_RATE, cal.timeout_ticks[RX_IMU], bad, elapsed)
     ecu.found = ecu.found | (bad << FAULT_ROLL_RATE)
     ecu.found = ecu.found | (ecu.rate_contradicted << FAULT_ROLL_RATE_CONTRADICTED)
-    bad = bad | ecu.rate_contradicted
+    ecu.found = ecu.found | (ecu.motion_contradicted << FAULT_MOTION_CONTRADICTED)
+    bad = bad | ecu.rate_contradicted | ecu.motion_contradicted
     severity: i32 = watch_lateral(ecu, cal, elapsed)
     if cal.observer == BYPASS:
         return GOOD

@@ -123,6 +123,14 @@ class Ecu:
     apart_samples: Annotated[i32, F(0, 1000, 0, "", "lateral acceleration outside both, in a row")]
     opposite_samples: Annotated[i32, F(0, 1000, 0, "", "yaw rate of opposite sign, in a row")]
     bound_samples: Annotated[i32, F(0, 1000, 0, "", "gyro bias at its bound, in a row")]
+    steered_slow: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "a_y from steering, low-passed")
+    ]
+    mirrored: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "nearer to minus the steering's")
+    ]
+    unit_side: Annotated[i32, F(-1, 1, 0, "", "side that the inertial unit turned to, 1: left")]
+    unit_away: Annotated[i32, F(0, 1, 0, "", "1: it turned away from where the car was steered")]
 
     # delivery monitor
     commanded: Annotated[
@@ -267,6 +275,9 @@ class Ecu:
     # redundancy monitor
     lateral_contradicted: Annotated[u8, F(0, 1, 0, "", "1: the lateral acceleration is wrong")]
     rate_contradicted: Annotated[u8, F(0, 1, 0, "", "1: the roll rate is wrong")]
+    motion_contradicted: Annotated[
+        u8, F(0, 1, 0, "", "1: inertial unit and steering contradict each other")
+    ]
 
     # delivery monitor
     contradicted: Annotated[list[u8], 2, F(0, 1, 0, "", "1: the axle does not do as commanded")]

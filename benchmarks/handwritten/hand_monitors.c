@@ -51,6 +51,45 @@ static void compare_lateral(canroll_ecu *ecu, const canroll_calibration *cal)
     }
 }
 
+/* Whether lateral acceleration and yaw rate last turned away from where the car was steered. */
+static bool turned_away(canroll_ecu *ecu, int32_t told, int32_t turning, int32_t least)
+{
+    const bool left = told > least && turning > least, right = told < -least && turning < -least;
+    const int32_t side = left - right;
+    if (side != 0 && side != ecu->unit_side) {
+        ecu->unit_away = left ? ecu->steered_slow < 0 : ecu->steered_slow > 0;
+        ecu->unit_side = side;
+    } else if (size_of(told) <= least && size_of(turning) <= least) {
+        ecu->unit_side = 0;
+    }
+    return ecu->unit_away;
+}
+
+/* Whether unit and steering agree, or are mirror images: both filters by shifts. */
+static void compare_mirror(canroll_ecu *ecu, const canroll_calibration *cal)
+{
+    const int32_t told = ecu->lateral_acceleration;
+    const int32_t turning = state_of((int64_t)ecu->speed * ecu->yaw_rate, 23);
+    const int32_t slow = bits_31(ecu->steered_slow
+        + (int32_t)(((int64_t)ecu->steering_acceleration - ecu->steered_slow + 4) >> 3));
+    int32_t near, far;
+    int64_t nearer;
+    ecu->steered_slow = slow;
+    if (!turned_away(ecu, told, turning, cal->mirror_min)) {
+        ecu->mirrored = 0;
+        return;
+    }
+    near = smaller(
+        smaller(size_of(turning - slow), STATE_MAX), smaller(size_of(told - slow), STATE_MAX));
+    far = smaller(larger(size_of(turning + slow), size_of(told + slow)), STATE_MAX);
+    nearer = (int64_t)near - far - ((far + 1) >> 1);
+    nearer = ((nearer < STATE_MIN) ? STATE_MIN : nearer) - ecu->mirrored;
+    ecu->mirrored += (int32_t)((nearer + 8) >> 4);
+    if (ecu->mirrored > cal->mirror_min && ecu->motion_peak < cal->mirror_limit) {
+        ecu->motion_contradicted = 1;
+    }
+}
+
 void hand_watch_sensors(canroll_ecu *ecu, const canroll_calibration *cal)
 {
     if (ecu->fresh[CANROLL_RX_IMU] == 0 || ecu->gain_factor == 0) {
@@ -63,6 +102,7 @@ void hand_watch_sensors(canroll_ecu *ecu, const canroll_calibration *cal)
     if (ecu->motion_lost == 0
         && (ecu->valid[CANROLL_RX_IMU] & LATERAL_AND_YAW) == LATERAL_AND_YAW) {
         compare_lateral(ecu, cal);
+        compare_mirror(ecu, cal);
     }
 }
 

@@ -6,7 +6,8 @@ enum { ROLL_RATE_BIT = 1 << 6, LATERAL_BIT = 1 << 7, STUCK_BIT = 1 << 8, SPEED_B
        MOMENT_BIT = 1 << 12, CORNER_STUCK_BIT = 1 << 13, CORNER_FLOATING_BIT = 1 << 14,
        COMMAND_BIT = 1 << 15, TICK_MISSED_BIT = 1 << 16,
        CALIBRATION_CRC_BIT = 1 << 18, ROLL_RATE_CONTRADICTED_BIT = 1 << 19,
-       LATERAL_CONTRADICTED_BIT = 1 << 20, ACTUATOR_CONTRADICTED_BIT = 1 << 22,
+       LATERAL_CONTRADICTED_BIT = 1 << 20, MOTION_CONTRADICTED_BIT = 1 << 21,
+       ACTUATOR_CONTRADICTED_BIT = 1 << 22,
        ENVELOPE_CODE = 23 };
 enum { BAD_ROLL_RATE = 0, BAD_LATERAL = 1, BAD_SPEED = 2, BAD_MOMENT = 4 };
 enum { GOOD, DEGRADING, UNSAFE };
@@ -83,6 +84,10 @@ static uint32_t judge_imu(canroll_ecu *ecu, const canroll_calibration *cal, int3
     }
     if (ecu->rate_contradicted) {
         *found |= ROLL_RATE_CONTRADICTED_BIT;
+        unsafe = true;
+    }
+    if (ecu->motion_contradicted) {
+        *found |= MOTION_CONTRADICTED_BIT;
         unsafe = true;
     }
     bad = ecu->lateral_contradicted || lacking(ecu, CANROLL_RX_IMU, 2)

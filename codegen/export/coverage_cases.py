@@ -191,6 +191,11 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "delivery_window": 3,
         "delivery_min": 1,
     }
+    mirrored: dict[str, object] = {
+        "actuator": SUSPENSION,
+        "schedule_steering": [1 << 21] * 8,
+        "mirror_min": 9 << 24,
+    }
     frames = random_traffic(1, TICKS, bus=bus)
     yield Case("no monitors", _changed(1, redundancy_min=0, delivery_min=0), frames)
     for seed in (1, 2):
@@ -201,6 +206,9 @@ def _accused(bus: BusMap) -> Iterator[Case]:
                 for limits in ({"redundancy_limit": 1 << 20}, {"bias_max": 0}, {}):
                     changes = {**quick, **counts, **limits, "actuator": actuator}
                     yield Case("accused", _changed(1, **changes), swaying)
+        for limit in (0, STATE_MAX):
+            changes = {**quick, **mirrored, "mirror_limit": limit}
+            yield Case("mirrored", _changed(1, **changes), swaying)
 
 
 def _follows_acceleration() -> dict[str, object]:

@@ -48,7 +48,7 @@ def refused(rule: int) -> CanrollError:
     return CanrollError(f"the ECU refuses the calibration: rule {rule} of its check")
 
 
-MONITORS = ("redundancy_", "opposite_", "apart_", "bound_", "delivery_")
+MONITORS = ("redundancy_", "opposite_", "apart_", "bound_", "mirror_", "delivery_")
 LIMITS = ("envelope_", "steering_limit", *MONITORS)
 """Fields that limit what a law takes and gives, by the beginning of their names."""
 TIGHT = 3

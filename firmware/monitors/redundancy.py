@@ -3,15 +3,16 @@
 The lateral acceleration is also yaw rate times speed, and what steering angle and speed give. In
 the tyres' linear range it is wrong where it lies far outside both; beyond, and long afterwards, as
 their own motion tells and never the accelerometer's, only an opposite sign of lateral acceleration
-and yaw rate that lasts is judged, which no slide shows for long. A wrong roll rate drives the
-observer's gyro bias to its bound, which no real bias comes near. A finding lasts until the next
-``init``.
+and yaw rate that lasts is judged, which no slide shows for long. Where both agree, turned away from
+where the car was steered to, and are the mirror image of what steering gives, the unit is reversed
+or replayed, or the angle is reversed. A wrong roll rate drives the observer's gyro bias to its
+bound, which no real bias comes near. A finding lasts until the next ``init``.
 """
 
 from firmware.calibration import BYPASS, STATE_MAX, Calibration
 from firmware.fixed_point import product
 from firmware.state import GYRO_BIAS, RX_IMU, Ecu
-from firmware.subset import clamp, i32, rsh
+from firmware.subset import clamp, i32, rsh, sat31
 
 # bits of ecu.valid of an Imu frame: lateral acceleration and yaw rate
 LATERAL_AND_YAW = 6
@@ -19,6 +20,9 @@ LATERAL_AND_YAW = 6
 # the tyres can be trusted, in 1.3 s for the distance that is expected
 FADING = 11
 EASING = 7
+# low-passes of the mirror image: the motion follows steering in 0.08 s, and 0.16 s are averaged
+FOLLOWING = 3
+AVERAGING = 4
 
 
 def magnitude(value: i32) -> i32:
@@ -69,6 +73,47 @@ def watch_lateral_acceleration(ecu: Ecu, cal: Calibration) -> None:
         ecu.lateral_contradicted = 1
 
 
+def side_of(one: i32, other: i32, least: i32) -> i32:
+    """Return 1 where both exceed ``least``, -1 where both are below its negative, else 0."""
+    if one > least and other > least:
+        return 1
+    if one < -least and other < -least:
+        return -1
+    return 0
+
+
+def watch_side(ecu: Ecu, cal: Calibration, lateral: i32, turning: i32) -> None:
+    """Note whether the unit last turned to a side away from where the car was steered to.
+
+    In a slide with countersteer it is the steering that changes its side.
+    """
+    side: i32 = side_of(lateral, turning, cal.mirror_min)
+    if side != 0 and side != ecu.unit_side:
+        ecu.unit_away = opposite(lateral, ecu.steered_slow, 0)
+        ecu.unit_side = side
+    if magnitude(lateral) <= cal.mirror_min and magnitude(turning) <= cal.mirror_min:
+        ecu.unit_side = 0
+
+
+def watch_mirror_image(ecu: Ecu, cal: Calibration) -> None:
+    """Judge whether lateral acceleration and yaw rate are what steering gives, or its negative."""
+    lateral: i32 = ecu.lateral_acceleration
+    turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
+    slow: i32 = ecu.steered_slow
+    slow = sat31(slow + rsh(ecu.steering_acceleration - slow, FOLLOWING))
+    ecu.steered_slow = slow
+    watch_side(ecu, cal, lateral, turning)
+    if ecu.unit_away == 0:
+        ecu.mirrored = 0
+        return
+    to_it: i32 = clamp(magnitude(turning - slow), 0, magnitude(lateral - slow))
+    to_mirror: i32 = clamp(magnitude(turning + slow), magnitude(lateral + slow), STATE_MAX)
+    nearer: i32 = sat31(to_it - to_mirror - rsh(to_mirror, 1))
+    ecu.mirrored = sat31(ecu.mirrored + rsh(nearer - ecu.mirrored, AVERAGING))
+    if ecu.mirrored > cal.mirror_min and ecu.motion_peak < cal.mirror_limit:
+        ecu.motion_contradicted = 1
+
+
 def watch_redundancy(ecu: Ecu, cal: Calibration) -> None:
     """Judge each new sample of the inertial measurement while the car moves."""
     if cal.redundancy_min == 0 or cal.observer == BYPASS:
@@ -83,3 +128,4 @@ def watch_redundancy(ecu: Ecu, cal: Calibration) -> None:
         ecu.rate_contradicted = 1
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & LATERAL_AND_YAW) == LATERAL_AND_YAW:
         watch_lateral_acceleration(ecu, cal)
+        watch_mirror_image(ecu, cal)

@@ -19,6 +19,10 @@ OPPOSITE = 1.5
 """Magnitude of lateral acceleration and of yaw rate times speed that may not oppose, m/s²."""
 GAP_TIME, OPPOSITE_TIME, BOUND_TIME = 0.08, 0.6, 0.1
 """How long without a break, s: outside both others, of opposite sign, gyro bias at its bound."""
+MIRROR_LINEAR = 10.0
+"""Lateral acceleration by yaw rate or steering, m/s², up to which a mirror image is judged."""
+MIRROR = 0.5
+"""By how much nearer to the negative of the steering's lateral acceleration than to it, m/s²."""
 EDGE_SHARE = 0.05
 EDGE = 150.0
 """Least width of the edges of a band of commands: share of an axle's largest moment, and N·m."""
@@ -46,6 +50,8 @@ def monitor_fields(task: Task) -> dict[str, int | list[int]]:
         "apart_samples": max(2, round(GAP_TIME / imu)),
         "opposite_samples": max(2, round(OPPOSITE_TIME / imu)),
         "bound_samples": max(2, round(BOUND_TIME / imu)),
+        "mirror_limit": round(MIRROR_LINEAR * 2.0**fw.Q_ACCELERATION),
+        "mirror_min": round(MIRROR * 2.0**fw.Q_ACCELERATION),
         "delivery_window": min(ceil((task.delay.most + LAGS) / state), 1000),
         "delivery_samples": DELIVERY_SAMPLES,
         "delivery_min": round(edge * 2.0**fw.Q_MOMENT),

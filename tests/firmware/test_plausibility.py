@@ -311,6 +311,7 @@ def test_fault_codes_keep_the_numbers_that_diagnostics_know():
         "FAULT_CALIBRATION_CRC": 18,
         "FAULT_ROLL_RATE_CONTRADICTED": 19,
         "FAULT_LATERAL_CONTRADICTED": 20,
+        "FAULT_MOTION_CONTRADICTED": 21,
         "FAULT_ACTUATOR_CONTRADICTED": 22,
         "FAULT_ENVELOPE": 23,
     }

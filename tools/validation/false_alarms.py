@@ -18,6 +18,7 @@ from canroll.errors import CanrollError
 from firmware.plausibility import (
     FAULT_ACTUATOR_CONTRADICTED,
     FAULT_LATERAL_CONTRADICTED,
+    FAULT_MOTION_CONTRADICTED,
     FAULT_ROLL_RATE_CONTRADICTED,
 )
 from hil.reaction.fault_codes import in_words
@@ -35,6 +36,7 @@ LAWS = ("lqr", "steering_lead")
 MONITORS = (
     1 << FAULT_ROLL_RATE_CONTRADICTED
     | 1 << FAULT_LATERAL_CONTRADICTED
+    | 1 << FAULT_MOTION_CONTRADICTED
     | 1 << FAULT_ACTUATOR_CONTRADICTED
 )
 UNSEEN = 100_000

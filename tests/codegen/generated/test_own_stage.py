@@ -75,6 +75,26 @@ def calibration(seed, **changes):
     return memory_image.sealed(record)
 
 
+def working(firmware, traffic, **changes):
+    """The first calibration with which the stage works while the loop does, and the states."""
+    for seed in range(30):
+        record = calibration(seed, init_ticks=1, **changes)
+        states = reference(firmware, record, traffic).states[0]
+        if np.isin(states["mode"][states["swing"] != 0], [ACTIVE, DEGRADED]).any():
+            return record, states
+    pytest.fail("no calibration lets the stage work")
+
+
+def active(firmware, traffic, **changes):
+    """The first calibration with which the loop works in ten ticks or more."""
+    for seed in range(30):
+        record = calibration(seed, init_ticks=1, **changes)
+        modes = [ecu.mode for ecu in python_states(firmware, record, traffic)]
+        if modes.count(ACTIVE) + modes.count(DEGRADED) >= 10:
+            return record
+    pytest.fail("no calibration lets the loop work")
+
+
 def test_without_a_stage_the_c_has_nothing_of_it(tmp_path):
     copy_sources(tmp_path)
     for path in source_files(tmp_path):
@@ -137,16 +157,11 @@ def test_the_example_is_quiet_for_small_angles_and_whole_for_large_ones(firmware
 @needs_cc
 @pytest.mark.parametrize("law", [STATE_FEEDBACK, OUTPUT_FEEDBACK, COMPENSATOR])
 def test_native_is_python(firmware, law):
-    record = calibration(law, law=law, actuator=0, compensator_outputs=1, init_ticks=1)
     traffic = ecu_traffic.random_traffic(law, 60)
-    got = reference(firmware, record, traffic)
-    modes, worked = set(), 0
+    record, states = working(firmware, traffic, law=law, actuator=0, compensator_outputs=1)
     for t, ecu in enumerate(python_states(firmware, record, traffic)):
-        expected, found = memory_image.image(ecu), got.states[0, t].tobytes()
+        expected, found = memory_image.image(ecu), states[t].tobytes()
         assert found == expected, memory_image.differences(firmware.record, expected, found)
-        modes.add(ecu.mode)
-        worked += ecu.swing != 0
-    assert modes & {ACTIVE, DEGRADED} and worked
 
 
 @needs_cc
@@ -172,10 +187,8 @@ def test_qemu_is_native(firmware):
 def test_what_a_stage_gives_is_limited_as_what_a_law_gives():
     most = staged(HEAD + MOMENT + '    """Most."""\n    return 2147483647\n')
     limits = {"moment_max": 500 << 14, "slew_max": 300 << 14}
-    record = calibration(
-        5, law=STATE_FEEDBACK, actuator=0, init_ticks=1, compensator_outputs=1, **limits
-    )
     traffic = ecu_traffic.random_traffic(5, 60)
+    record = active(most, traffic, law=STATE_FEEDBACK, actuator=0, compensator_outputs=1, **limits)
     moments = [ecu.moment for ecu in python_states(most, record, traffic)]
     assert max(moments) == limits["moment_max"]
     rises = np.diff([0, *moments]) / np.clip(traffic.elapsed, 1, 16)
@@ -188,21 +201,19 @@ def test_a_law_with_two_outputs_has_two_calls():
     text += "    k: i32 = clamp(output, 0, 1)\n"
     text += "    ecu.calls[k] = clamp(ecu.calls[k] + 1, 0, 100)\n    return wanted\n"
     its = staged(HEAD + text)
-    record = calibration(
-        1, law=COMPENSATOR, actuator=1, compensator_outputs=2, observer=1, init_ticks=1
-    )
-    states = [
-        list(ecu.calls) for ecu in python_states(its, record, ecu_traffic.random_traffic(1, 60))
-    ]
+    traffic = ecu_traffic.random_traffic(1, 60)
+    record = active(its, traffic, law=COMPENSATOR, actuator=1, compensator_outputs=2, observer=1)
+    states = [list(ecu.calls) for ecu in python_states(its, record, traffic)]
     assert states[-1][0] == states[-1][1] > 0
 
 
 def test_an_estimator_corrects_what_the_law_reads():
     text = ESTIMATE + '    """No roll."""\n    ecu.x[0] = 0\n'
     its = staged(HEAD + text)
-    record = calibration(0, observer=0, law=STATE_FEEDBACK, init_ticks=1)
+    traffic = ecu_traffic.random_traffic(0, 60)
+    record = active(its, traffic, observer=0, law=STATE_FEEDBACK, actuator=0, compensator_outputs=1)
     seen = set()
-    for ecu in python_states(its, record, ecu_traffic.random_traffic(0, 60)):
+    for ecu in python_states(its, record, traffic):
         assert ecu.x[0] == 0
         seen.add(ecu.reference_roll)
     assert len(seen) > 1

@@ -102,15 +102,15 @@ def test_no_heap_no_float_no_memory_of_its_own(cpu):
 
 # QEMU's counts for a double lane change, with a little room: mean instructions a tick
 TICKS = {
-    "constant gain": (recorded_traffic.Case("double_lane_change", "lqr"), 3020),
+    "constant gain": (recorded_traffic.Case("double_lane_change", "lqr"), 3110),
     "covariance and identification": (
         recorded_traffic.Case(
             "double_lane_change", "lqr", observer="propagated", identification=True
         ),
-        8220,
+        8300,
     ),
 }
-CODE, TABLES, STATE, STACK = 13_850, 1010, 1180, 256
+CODE, TABLES, STATE, STACK = 14_200, 1010, 1180, 256
 
 
 @needs_qemu
@@ -120,7 +120,7 @@ def test_one_build_keeps_to_the_budgets_of_time_and_of_memory(name):
     recording = recorded_traffic.record(case, 5.0)
     run = qemu.replay(recording.calibration, recording.traffic, "cortex-m4")
     assert run.instructions.mean() <= instructions
-    assert run.instructions.max() <= 9360
+    assert run.instructions.max() <= 9400
     assert run.stack <= STACK
     size = footprint(cortex.gcc_image("cortex-m4"))
     assert size.text <= CODE

@@ -164,3 +164,73 @@ def test_the_arithmetic():
         0,
         0,
     ]
+
+
+def mirror(**changes: int) -> fw.Calibration:
+    """A calibration that judges mirror images alone."""
+    cal = watched(**changes)
+    cal.redundancy_min = fw.STATE_MAX // 2
+    cal.opposite_min = fw.STATE_MAX
+    cal.mirror_limit, cal.mirror_min = round(10.0 * ACCELERATION), round(0.5 * ACCELERATION)
+    return cal
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(
+    ("lateral", "turning", "steered", "wrong"),
+    [
+        (-3.0, -3.0, 3.0, 1),
+        (-2.0, -2.2, 3.0, 1),
+        # both as steered, one of them alone, of other magnitude
+        (3.0, 3.0, 3.0, 0),
+        (-3.0, 3.0, 3.0, 0),
+        (3.0, -3.0, 3.0, 0),
+        (-3.5, -6.0, 0.5, 0),
+        (-3.0, -1.0, 8.0, 0),
+        (-0.2, -0.2, 0.2, 0),
+        # and the limit of the tyres
+        (-9.0, -11.0, 9.0, 0),
+    ],
+)
+def test_a_unit_that_mirrors_the_steering_is_wrong(sign, lateral, turning, steered, wrong):
+    cal = mirror()
+    ecu = moving(cal)
+    sample(ecu, cal, sign * lateral, sign * turning, sign * steered, count=40)
+    assert ecu.motion_contradicted == wrong
+
+
+def test_a_mirror_image_is_found_within_a_tenth_of_a_second():
+    cal = mirror()
+    ecu = moving(cal)
+    sample(ecu, cal, 2.0, 2.0, 2.0, count=100)
+    sample(ecu, cal, -2.0, -2.0, 2.0, count=10)
+    assert ecu.motion_contradicted == 1
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("slide", "countersteer"), [(6.0, -3.0), (6.0, -6.0), (2.0, -2.0)])
+def test_countersteer_in_a_slide_is_no_mirror_image(sign, slide, countersteer):
+    cal = mirror()
+    ecu = moving(cal)
+    sample(ecu, cal, sign * slide, sign * slide, sign * slide, count=20)
+    sample(ecu, cal, sign * slide, sign * slide, sign * countersteer, count=200)
+    assert ecu.motion_contradicted == 0
+
+
+def test_each_excursion_from_straight_is_judged_anew():
+    cal = mirror()
+    ecu = moving(cal)
+    sample(ecu, cal, 2.0, 2.0, 2.0, count=50)
+    sample(ecu, cal, 0.1, 0.1, 0.0, count=50)
+    sample(ecu, cal, 0.1, 0.1, -2.0, count=5)
+    sample(ecu, cal, 2.0, 2.0, -2.0, count=20)
+    assert ecu.motion_contradicted == 1
+
+
+def test_a_mirrored_motion_is_safe_and_a_fault_code():
+    cal = mirror()
+    ecu = moving(cal)
+    ecu.motion_contradicted = 1
+    ecu.found = 0
+    assert sv.watch_imu(ecu, cal, 1) == sv.UNSAFE
+    assert ecu.found >> sv.FAULT_MOTION_CONTRADICTED & 1 == 1
