@@ -47,7 +47,10 @@ TICKS = 80
 NEVER = -1
 FLIPPED = 8
 """Byte of the calibration, from its end, in which a bit flips."""
-COUNTS = ("apart_samples", "opposite_samples", "bound_samples", "delivery_samples")
+COUNTS = (
+    *("apart_samples", "opposite_samples", "bound_samples", "delivery_samples"),
+    "response_samples",
+)
 """Samples in a row before a monitor accuses."""
 FULL = 1 << 20
 """The most ticks that can pass between two."""
@@ -154,7 +157,7 @@ def _rare(bus: BusMap) -> Iterator[Case]:
         "actuator": SUSPENSION,
         "compensator_outputs": 1,
     }
-    optional["timeout_ticks"] = [5, 5, 0, 0, 0]
+    optional |= {"timeout_ticks": [5, 5, 0, 0, 0], "response_min": 0}
     yield Case("inputs that are not needed", _changed(1, **optional), quiet)
     optional |= {"observer": BYPASS, "timeout_ticks": [0, 5, 0, 0, 5]}
     yield Case("bypass", _changed(1, **optional), quiet)
@@ -190,9 +193,10 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "opposite_min": 0,
         "delivery_window": 3,
         "delivery_min": 1,
+        "response_min": 1,
     }
     frames = random_traffic(1, TICKS, bus=bus)
-    yield Case("no monitors", _changed(1, redundancy_min=0, delivery_min=0), frames)
+    yield Case("no monitors", _changed(1, redundancy_min=0, delivery_min=0, response_min=0), frames)
     for seed in (1, 2):
         swaying = random_traffic(seed, 240, hostile=0.0, rough=1.0, bus=bus)
         for samples in (1, 3):
@@ -227,7 +231,7 @@ def _refused(bus: BusMap) -> Iterator[Case]:
         "actuator": SUSPENSION,
         "observer": CONSTANT_GAIN,
     }
-    plain |= {"compensator_outputs": 1}
+    plain |= {"compensator_outputs": 1, "response_min": 0}
     wanting: dict[str, dict[str, object]] = {
         "a byte out of its range": {"law": 7},
         "a word out of its range": {"tick_us": 0},
@@ -253,6 +257,10 @@ def _refused(bus: BusMap) -> Iterator[Case]:
         "dampers without their moment": {
             "actuator": DAMPERS,
             "timeout_ticks": _without(RX_ACTUATOR_STATE),
+        },
+        "no suspension to watch the response": {
+            "response_min": 1,
+            "timeout_ticks": _without(RX_SUSPENSION_RATE),
         },
         "no speed": {"timeout_ticks": _without(RX_VEHICLE_MOTION)},
     }
