@@ -149,7 +149,7 @@ class Ecu:
     response_size: Annotated[
         i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "a quarter of all that acts, fading")
     ]
-    response_samples: Annotated[i32, F(0, 1000, 0, "", "too much is left over, in a row")]
+    response_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too much is left over since")]
 
     # observer
     x: Annotated[list[i32], N_STATES, F(STATE_MIN, STATE_MAX, 0, "", "corrected estimate")]
@@ -284,7 +284,7 @@ class Ecu:
     contradicted: Annotated[list[u8], 2, F(0, 1, 0, "", "1: the axle does not do as commanded")]
 
     # response monitor
-    response_known: Annotated[u8, F(0, 1, 0, "", "1: all that acts was known in the last sample")]
+    response_known: Annotated[u8, F(0, 1, 0, "", "1: all that acts was known in the last tick")]
 
     # observer
     ring_head: Annotated[u8, F(0, N_RING - 1, 0, "", "newest entry of the ring")]

@@ -66,7 +66,7 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     watch_redundancy(ecu, cal)
     motion: i32 = watch_motion(ecu, cal, elapsed)
     watch_delivery(ecu, cal)
-    watch_response(ecu, cal)
+    watch_response(ecu, cal, elapsed)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
     if elapsed > 1:
         ecu.found = ecu.found | (1 << FAULT_TICK_MISSED)

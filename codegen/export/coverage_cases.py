@@ -49,7 +49,7 @@ FLIPPED = 8
 """Byte of the calibration, from its end, in which a bit flips."""
 COUNTS = (
     *("apart_samples", "opposite_samples", "bound_samples", "delivery_samples"),
-    "response_samples",
+    "response_ticks",
 )
 """Samples in a row before a monitor accuses."""
 FULL = 1 << 20

@@ -35,16 +35,21 @@ def known(ecu: Ecu, cal: Calibration) -> i32:
     # a frame that repeats its sample is no news
     if ecu.unchanged[RX_SUSPENSION_RATE] > cal.timeout_ticks[RX_SUSPENSION_RATE]:
         return 0
+    if ecu.unchanged[RX_IMU] > cal.timeout_ticks[RX_IMU]:
+        return 0
     if ecu.gain_factor == 0:
         return 0
     return ecu.enabled & ecu.command_held
 
 
-def watch_response(ecu: Ecu, cal: Calibration) -> None:
-    """Judge a new sample of the inertial measurement by what acts on the body."""
-    if cal.response_min == 0 or ecu.fresh[RX_IMU] == 0:
+def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
+    """Judge by the newest samples what acts on the body; a missed tick breaks its integral.
+
+    Frames come early and late, so that there are ticks with two of them and ticks with none.
+    """
+    if cal.response_min == 0:
         return
-    if known(ecu, cal) == 0:
+    if elapsed > 1 or known(ecu, cal) == 0:
         ecu.response_known = 0
         return
     front: i32 = product(ecu.stroke_rate[0] - ecu.stroke_rate[1], cal.response_stroke[0], 23)
@@ -73,7 +78,7 @@ def watch_response(ecu: Ecu, cal: Calibration) -> None:
     bad: i32 = 0
     if left > ecu.response_size + cal.response_min:
         bad = 1
-    ecu.response_samples = lasting(ecu.response_samples, bad, cal.response_samples)
-    if ecu.response_samples == cal.response_samples:
+    ecu.response_ticks = lasting(ecu.response_ticks, bad, cal.response_ticks)
+    if ecu.response_ticks == cal.response_ticks:
         ecu.contradicted[0] = 1
         ecu.contradicted[1] = 1

@@ -5,7 +5,6 @@ Numbers come from fault-free runs, as those of :mod:`gain_gen.calibration.monito
 
 from math import pi
 
-import dbc
 from firmware import calibration as fw
 from gain_gen.calibration.rows import quantise
 from gain_gen.models.task import Task
@@ -30,7 +29,6 @@ def response_fields(task: Task) -> dict[str, int | list[int]]:
         CanrollError: a coefficient is outside its field's range; the message names it.
     """
     vehicle, roll = task.vehicle, task.vehicle.design
-    period = max(dbc.period("Imu"), task.tick)
     stiffness = suspension_roll_stiffness(vehicle)
     tracks = 2.0 * vehicle.geometry.half_track_front, 2.0 * vehicle.geometry.half_track_rear
 
@@ -39,16 +37,16 @@ def response_fields(task: Task) -> dict[str, int | list[int]]:
 
     return {
         "response_min": round(LEAST * roll.roll_arm * 2.0**fw.Q_MOMENT),
-        "response_samples": max(2, round(LASTING / period)),
+        "response_ticks": max(2, round(LASTING / task.tick)),
         "response_stroke": [
             coefficient(share * roll.roll_damping / track, "response_stroke")
             for share, track in zip(axle_roll_shares(vehicle), tracks, strict=True)
         ],
         "response_stretch": quantise(
-            period * stiffness / roll.roll_damping, 30, 0, fw.ONE, name="response_stretch"
+            task.tick * stiffness / roll.roll_damping, 30, 0, fw.ONE, name="response_stretch"
         ),
         "response_lateral": coefficient(roll.roll_arm, "response_lateral"),
         "response_inertia": coefficient(roll.roll_inertia / LOW_PASS, "response_inertia"),
-        "response_pass": round(period / LOW_PASS * fw.ONE),
-        "response_wash": round(2.0 * pi * WASHOUT * period * fw.ONE),
+        "response_pass": round(task.tick / LOW_PASS * fw.ONE),
+        "response_wash": round(2.0 * pi * WASHOUT * task.tick * fw.ONE),
     }

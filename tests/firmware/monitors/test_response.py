@@ -37,7 +37,6 @@ def known(cal: fw.Calibration) -> Ecu:
     ecu = rig.started(cal)
     ecu.gain_factor, ecu.motion_lost, ecu.moment_unknown = 1 << 28, 0, 0
     ecu.enabled = ecu.command_held = 1
-    ecu.fresh[RX_IMU] = 1
     ecu.valid[RX_IMU], ecu.valid[RX_SUSPENSION_RATE], ecu.valid[RX_ACTUATOR_STATE] = 7, 15, 3
     return ecu
 
@@ -79,7 +78,7 @@ def replay(ecu: Ecu, cal: fw.Calibration, samples: np.ndarray) -> None:
         ecu.stroke_rate = [left, -left, left, -left]
         ecu.lateral_acceleration = round(lateral * 2**fw.Q_ACCELERATION)
         ecu.delivered = [round(0.5 * moment * 2**fw.Q_MOMENT)] * 2
-        watch_response(ecu, cal)
+        watch_response(ecu, cal, 1)
 
 
 @pytest.mark.parametrize(
@@ -134,13 +133,13 @@ def test_no_lasting_offset_counts():
 def test_it_takes_so_many_samples_in_a_row():
     cal = watched()
     ecu = known(cal)
-    jump = np.zeros((cal.response_samples + 40, 4))
+    jump = np.zeros((cal.response_ticks + 40, 4))
     jump[20:, 3] = 3000.0
     for sample in jump:
-        before = ecu.response_samples
+        before = ecu.response_ticks
         replay(ecu, cal, sample[None])
-        assert ecu.response_samples in (0, before + 1)
-        assert ecu.contradicted == [int(ecu.response_samples == cal.response_samples)] * 2
+        assert ecu.response_ticks in (0, before + 1)
+        assert ecu.contradicted == [int(ecu.response_ticks == cal.response_ticks)] * 2
         if ecu.contradicted == [1, 1]:
             break
     assert ecu.contradicted == [1, 1]
@@ -158,6 +157,7 @@ def test_it_takes_so_many_samples_in_a_row():
         {"valid": [7, 3, 14, 3, 7]},
         {"valid": [7, 3, 15, 1, 7]},
         {"unchanged": [0, 0, 6, 0, 0]},
+        {"unchanged": [6, 0, 0, 0, 0]},
     ],
     ids=str,
 )
@@ -174,6 +174,15 @@ def test_nothing_is_judged_unless_all_that_acts_is_known(state):
         setattr(ecu, name, getattr(restored, name))
     replay(ecu, cal, drive(lambda moment: moment)[57:])
     assert ecu.contradicted == [0, 0]
+
+
+def test_a_missed_tick_breaks_the_integral():
+    cal = watched()
+    ecu = known(cal)
+    replay(ecu, cal, drive(lambda moment: moment)[:100])
+    assert ecu.response_known == 1
+    watch_response(ecu, cal, 2)
+    assert ecu.response_known == 0
 
 
 def test_off_it_does_nothing():
