@@ -123,6 +123,18 @@ def test_a_road_acts_through_the_springs_alone_and_accuses_nobody():
     assert ecu.contradicted == [0, 0]
 
 
+def test_frames_that_come_early_and_late_accuse_nobody():
+    cal = watched()
+    ecu = known(cal)
+    samples = drive(lambda moment: moment)
+    # the inertial unit's come two in a tick and none in the next
+    samples[1::2, [0, 2]] = samples[0:-1:2, [0, 2]]
+    for number, sample in enumerate(samples):
+        ecu.fresh[RX_IMU] = 1 - number % 2
+        replay(ecu, cal, sample[None])
+    assert ecu.contradicted == [0, 0]
+
+
 def test_no_lasting_offset_counts():
     cal = watched()
     ecu = known(cal)
