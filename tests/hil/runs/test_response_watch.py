@@ -10,7 +10,6 @@ from firmware.state import SAFE
 from hil.runs import experiment
 from hil.studies.variation import DEFAULT_SPREAD, draw
 
-
 pytestmark = pytest.mark.slow
 
 
