@@ -131,9 +131,8 @@ def check(cal: Calibration) -> i32:
     501 schedule speeds do not ascend; 502 the fade's ends are not in order; 503 the bounds of an
     identified ratio exclude one another; 504 valves need a compensator with two outputs; 505 two
     outputs need a compensator that drives bars or valves; 506 the Imu has no timeout; 507 bypass
-    needs RollReference; 508 dampers and the response monitor need SuspensionRate; 509 dampers and
-    valves need ActuatorState; 510 the speed, which fades the command, needs VehicleMotion. ``init``
-    adds 511: a wrong CRC.
+    needs RollReference; 508 dampers need SuspensionRate; 509 dampers and valves need ActuatorState;
+    510 the speed, which fades the command, needs VehicleMotion. ``init`` adds 511: a wrong CRC.
     """
     field: i32 = check_ranges(cal)
     if field != 0:
@@ -162,9 +161,8 @@ def check_rules(cal: Calibration) -> i32:
             return RULE_REFERENCE
     elif cal.timeout_ticks[RX_IMU] == 0:
         return RULE_IMU
-    if cal.actuator == DAMPERS or cal.response_min > 0:
-        if cal.timeout_ticks[RX_SUSPENSION_RATE] == 0:
-            return RULE_STROKE
+    if cal.actuator == DAMPERS and cal.timeout_ticks[RX_SUSPENSION_RATE] == 0:
+        return RULE_STROKE
     if cal.actuator >= DAMPERS and cal.timeout_ticks[RX_ACTUATOR_STATE] == 0:
         return RULE_DELIVERED
     if cal.timeout_ticks[RX_VEHICLE_MOTION] == 0:

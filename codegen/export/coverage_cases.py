@@ -157,7 +157,7 @@ def _rare(bus: BusMap) -> Iterator[Case]:
         "actuator": SUSPENSION,
         "compensator_outputs": 1,
     }
-    optional |= {"timeout_ticks": [5, 5, 0, 0, 0], "response_min": 0}
+    optional["timeout_ticks"] = [5, 5, 0, 0, 0]
     yield Case("inputs that are not needed", _changed(1, **optional), quiet)
     optional |= {"observer": BYPASS, "timeout_ticks": [0, 5, 0, 0, 5]}
     yield Case("bypass", _changed(1, **optional), quiet)
@@ -231,7 +231,7 @@ def _refused(bus: BusMap) -> Iterator[Case]:
         "actuator": SUSPENSION,
         "observer": CONSTANT_GAIN,
     }
-    plain |= {"compensator_outputs": 1, "response_min": 0}
+    plain |= {"compensator_outputs": 1}
     wanting: dict[str, dict[str, object]] = {
         "a byte out of its range": {"law": 7},
         "a word out of its range": {"tick_us": 0},
@@ -257,10 +257,6 @@ def _refused(bus: BusMap) -> Iterator[Case]:
         "dampers without their moment": {
             "actuator": DAMPERS,
             "timeout_ticks": _without(RX_ACTUATOR_STATE),
-        },
-        "no suspension to watch the response": {
-            "response_min": 1,
-            "timeout_ticks": _without(RX_SUSPENSION_RATE),
         },
         "no speed": {"timeout_ticks": _without(RX_VEHICLE_MOTION)},
     }

@@ -6,7 +6,6 @@ import rig
 from scipy.integrate import solve_ivp
 
 from firmware import calibration as fw
-from firmware import check
 from firmware import plausibility as sv
 from firmware.monitors.response import watch_response
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
@@ -215,10 +214,3 @@ def test_no_axle_is_believed_afterwards():
     assert ecu.mode == SAFE
     assert ecu.fault_active >> sv.FAULT_ACTUATOR_CONTRADICTED & 1
     assert ecu.failed == [1] * 4
-
-
-def test_it_is_refused_without_the_suspension():
-    cal = watched()
-    assert check.check_rules(cal) == 0
-    cal.timeout_ticks[RX_SUSPENSION_RATE] = 0
-    assert check.check_rules(cal) == check.RULE_STROKE
