@@ -13,11 +13,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll.typing import Vector
 from firmware.state import ACTIVE
 from hil.reaction.fault_codes import FAULT_CODES, MODES
 from plant_sim.faults import Fault
-from plant_sim.world.spool import Table
+from plant_sim.world.spool import Table, pieces
 
 WORSE = 1.1
 """Factor on the passive vehicle's roll angle or path error above which a run is harmful."""
@@ -133,15 +132,15 @@ def observe(trace: Trace, passive: Trace, faults: Sequence[Fault]) -> Reaction:
     begin = 0.0 if start is None else start
     harms = sorted(_harms(trace, passive, begin), key=lambda harm: harm.t)
     found = None if start is None else _detection(trace, start)
-    ticks = trace.ticks[trace.ticks["t"] >= (begin if found is None else found[0])]
-    modes = np.bincount(ticks["mode"]) if len(ticks) else np.zeros(1)
+    later = trace.ticks["mode"][trace.ticks["t"] >= (begin if found is None else found[0])]
+    modes = np.bincount(later) if len(later) else np.zeros(1)
     no_verdict = ""
     if start is not None and start >= trace.duration:
         no_verdict = f"it begins at {start:g} s, the run ends at {trace.duration:g} s"
     wrong, longest, _ = _wrong_side(trace, begin)
     return Reaction(
-        modes=mode_changes(np.asarray(trace.ticks)),
-        codes=codes_seen(np.asarray(trace.ticks)),
+        modes=mode_changes(trace.ticks),
+        codes=codes_seen(trace.ticks),
         wrong_side_max_nm=wrong,
         wrong_side_s=longest,
         start=start,
@@ -156,16 +155,16 @@ def observe(trace: Trace, passive: Trace, faults: Sequence[Fault]) -> Reaction:
 
 def mode_changes(ticks: Table) -> tuple[ModeChange, ...]:
     """Return every change of mode in rows of :data:`hil.runs.trace.TICK`, the first included."""
-    mode = ticks["mode"].astype(int)
+    time, mode = ticks["t"], ticks["mode"].astype(int)
     places = np.flatnonzero(np.diff(mode, prepend=-1))
-    return tuple(ModeChange(float(ticks["t"][i]), MODES[int(mode[i])]) for i in places)
+    return tuple(ModeChange(float(time[i]), MODES[int(mode[i])]) for i in places)
 
 
 def codes_seen(ticks: Table) -> tuple[CodeSeen, ...]:
     """Return every fault code active in rows of :data:`hil.runs.trace.TICK`."""
-    found = []
+    time, codes, found = ticks["t"], ticks["fault_codes"], []
     for code, name in sorted(FAULT_CODES.items()):
-        active = ticks["t"][(ticks["fault_codes"] >> code) & 1 == 1]
+        active = time[(codes >> code) & 1 == 1]
         if len(active):
             found.append(CodeSeen(code, name, float(active[0]), float(active[-1]), len(active)))
     return tuple(found)
@@ -194,44 +193,58 @@ def _detection(trace: Trace, start: float) -> tuple[float, str] | None:
 
 def _wrong_side(trace: Trace, begin: float) -> tuple[float, float, float | None]:
     """Return the largest wrong moment, its longest time beyond the limit, and when it harms."""
-    signals = trace.signals
-    moment = signals["moment_front"] + signals["moment_rear"]
-    outwards = moment * np.sign(signals["ay"])
-    outwards = np.where(signals["time"] >= begin, outwards, 0.0)
-    longest, run, harmful = 0, 0, None
-    for place in np.flatnonzero(outwards > WRONG_MOMENT):
-        run = run + 1 if place and outwards[place - 1] > WRONG_MOMENT else 1
-        longest = max(longest, run)
-        if harmful is None and run > 1e3 * WRONG_TIME:
-            harmful = float(signals["time"][place])
-    return float(max(outwards.max(initial=0.0), 0.0)), longest * 1e-3, harmful
+    most, harmful = 0.0, None
+    longest, run, last, number = 0, 0, -2, 0
+    for time, front, rear, ay in pieces(trace.signals, "time", "moment_front", "moment_rear", "ay"):
+        outwards = np.where(time >= begin, (front + rear) * np.sign(ay), 0.0)
+        most = max(most, float(outwards.max()))
+        for place in map(int, np.flatnonzero(outwards > WRONG_MOMENT)):
+            run = run + 1 if number + place == last + 1 else 1
+            last = number + place
+            longest = max(longest, run)
+            if harmful is None and run > 1e3 * WRONG_TIME:
+                harmful = float(time[place])
+        number += len(time)
+    return most, longest * 1e-3, harmful
 
 
-def _peak(values: Vector) -> float:
-    return float(np.abs(values).max(initial=0.0))
+def _peak(trace: Trace, name: str, begin: float = -np.inf) -> float:
+    """Return the largest absolute value of a signal from ``begin`` (s) on."""
+    return max(
+        (
+            float(np.abs(values[time >= begin]).max(initial=0.0))
+            for time, values in pieces(trace.signals, "time", name)
+        ),
+        default=0.0,
+    )
+
+
+def _first(trace: Trace, name: str, limit: float, begin: float = -np.inf) -> float | None:
+    """Return when a signal's absolute value first exceeds ``limit`` from ``begin`` (s) on."""
+    for time, values in pieces(trace.signals, "time", name):
+        over = np.flatnonzero((np.abs(values) > limit) & (time >= begin))
+        if len(over):
+            return float(time[over[0]])
+    return None
 
 
 def _harms(trace: Trace, passive: Trace, begin: float) -> list[Harm]:
-    signals = trace.signals
-    time: Vector = signals["time"]
-    late = time >= begin
     found = []
     for name, what, unit, scale, least in (
         ("roll", "roll angle", "°", 180 / np.pi, 0.0),
         ("path_error", "path error", " m", 1.0, LEAST_PATH_ERROR),
     ):
-        limit = WORSE * max(_peak(passive.signals[name]), least)
-        over = np.flatnonzero((np.abs(signals[name]) > limit) & late)
-        if len(over) and _peak(passive.signals[name]) > 0:
-            most = _peak(signals[name][late])
-            before = _peak(passive.signals[name])
+        before = _peak(passive, name)
+        over = _first(trace, name, WORSE * max(before, least), begin)
+        if over is not None and before > 0:
+            most = _peak(trace, name, begin)
             text = f"{what} {scale * most:.2f}{unit} instead of {scale * before:.2f}{unit}"
-            found.append(Harm(float(time[over[0]]), text))
+            found.append(Harm(over, text))
     most, longest, harmful = _wrong_side(trace, begin)
     if harmful is not None:
         text = f"up to {most:.0f} N·m on the wrong side for {longest:.2f} s"
         found.append(Harm(harmful, text))
-    over = np.flatnonzero(signals["rollover"] > 0)
-    if len(over) and not np.any(passive.signals["rollover"] > 0):
-        found.append(Harm(float(time[over[0]]), "the vehicle rolls over"))
+    rolls = _first(trace, "rollover", 0.0)
+    if rolls is not None and _first(passive, "rollover", 0.0) is None:
+        found.append(Harm(rolls, "the vehicle rolls over"))
     return found

@@ -1,6 +1,6 @@
 """The plots of runs, the same for every run, so that several can be overlaid."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,13 +15,14 @@ from hil.report.figure import (
     Series,
     distribution,
     histogram,
+    thin_pieces,
 )
-from hil.runs.metrics import axle_load_transfer, has_wheel_loads, moment, response_times
+from hil.report.quantity import EFFECTIVE, MOMENT, Quantity, signal, transfer
+from hil.runs.metrics import has_wheel_loads, response_times
 from hil.runs.trace import Trace
 from plant_sim.bodies.ports import WHEELS
 from plant_sim.world.recording import AXLES
-from plant_sim.world.spool import blocks
-from vehicles import GRAVITY
+from plant_sim.world.spool import blocks, pieces, row_count
 
 PASSIVE_COLOUR = 0
 LOAD_WINDOW = 0.1
@@ -47,24 +48,10 @@ def dash(place: int) -> int:
     return (SOLID, DASH_DOTTED, DOTTED)[(place - 1) % 3]
 
 
-Signal = Callable[[Trace], Vector]
-
-
-def signal(name: str, scale: float = 1.0) -> Signal:
-    """Return a function that selects a recorded signal, times ``scale``."""
-    return lambda trace: trace.signals[name] * scale
-
-
-def transfer(axle: str) -> Signal:
-    """Return a function that selects the load transfer of an axle."""
-    return lambda trace: axle_load_transfer(trace, axle)
-
-
-def _over_time(runs: Sequence[Shown], id: str, title: str, ylabel: str, pick: Signal) -> Figure:
-    curves = [
-        Series(run.name, run.trace.signals["time"], pick(run.trace), run.colour, run.dash)
-        for run in runs
-    ]
+def _over_time(
+    runs: Sequence[Shown], id: str, title: str, ylabel: str, quantity: Quantity
+) -> Figure:
+    curves = [Series(run.name, *quantity.curve(run.trace), run.colour, run.dash) for run in runs]
     return Figure(id, title, "time (s)", ylabel, curves, unit="s")
 
 
@@ -92,8 +79,8 @@ def motion(runs: Sequence[Shown]) -> list[Figure]:
         ("steer", "Steering at the road wheels", "deg", signal("steer", degrees)),
     ]
     return [
-        _over_time(runs, id, title, unit, pick)
-        for id, title, unit, pick in plots
+        _over_time(runs, id, title, unit, quantity)
+        for id, title, unit, quantity in plots
         if loaded or not id.startswith("nlt")
     ]
 
@@ -111,8 +98,7 @@ def control(runs: Sequence[Shown]) -> list[Figure]:
             Series(f"commanded{more}", ticks["t"], ticks["moment"], run.colour, DOTTED, "step"),
             Series(
                 f"delivered{more}",
-                run.trace.signals["time"],
-                moment(run.trace),
+                *MOMENT.curve(run.trace),
                 run.colour if len(active) > 1 else 2,
             ),
         ]
@@ -148,9 +134,13 @@ def _marks(name: str, instants: Vector, colour: int, row: int) -> Series:
 
 def _wheels(run: Shown, prefix: str) -> list[Series]:
     dashes = (SOLID, DASHED, DOTTED, DASH_DOTTED)
-    time = run.trace.signals["time"]
     return [
-        Series(wheel.replace("_", " "), time, run.trace.signals[f"{prefix}_{wheel}"], colour, dash)
+        Series(
+            wheel.replace("_", " "),
+            *signal(f"{prefix}_{wheel}").curve(run.trace),
+            colour,
+            dash,
+        )
         for wheel, colour, dash in zip(WHEELS, (1, 2, 6, 4), dashes, strict=True)
     ]
 
@@ -159,9 +149,8 @@ def _forces(run: Shown, more: str, suffix: str) -> Figure:
     """Forces of the actuators on the body per corner, or moments of bars per axle."""
     curves, title, unit = _wheels(run, "corner_force"), f"Actuator forces{more}", "N"
     if not any(np.any(curve.y) for curve in curves):
-        signals = run.trace.signals
         curves = [
-            Series(f"{axle} axle", signals["time"], signals[f"moment_{axle}"], colour, dash)
+            Series(f"{axle} axle", *signal(f"moment_{axle}").curve(run.trace), colour, dash)
             for axle, colour, dash in zip(AXLES, (1, 2), (SOLID, DASHED), strict=True)
         ]
         title, unit = f"Moments of the bars{more}", "N·m"
@@ -184,20 +173,20 @@ def _loads(run: Shown, more: str, suffix: str) -> Figure:
 
 def _estimates(run: Shown, more: str, suffix: str) -> list[Figure]:
     """Estimates of roll and of a_y + g·bank, which a car cannot distinguish."""
-    ticks, signals = run.trace.ticks, run.trace.signals
+    ticks = run.trace.ticks
     degrees = float(np.degrees(1))
-    effective = signals["ay"] + GRAVITY * np.sin(signals["bank"])
+    roll, rate = signal("roll", degrees), signal("roll_rate", degrees)
     lateral = "lateral_acceleration"
     plots = (
-        ("estimate", "Roll angle", "deg", "roll", signals["roll"], degrees),
-        ("estimate-rate", "Roll rate", "deg/s", "roll_rate", signals["roll_rate"], degrees),
-        ("estimate-ay", "Effective lateral acceleration", "m/s²", lateral, effective, 1.0),
+        ("estimate", "Roll angle", "deg", "roll", roll, degrees),
+        ("estimate-rate", "Roll rate", "deg/s", "roll_rate", rate, degrees),
+        ("estimate-ay", "Effective lateral acceleration", "m/s²", lateral, EFFECTIVE, 1.0),
     )
     return [
         Figure(
             f"{id}{suffix}", f"{title}, true and estimated{more}", "time (s)", unit,
             [
-                Series("true", signals["time"], true * scale, PASSIVE_COLOUR),
+                Series("true", *true.curve(run.trace), PASSIVE_COLOUR),
                 Series("estimated", ticks["t"], ticks[field] * scale, run.colour, DASHED, "step"),
             ],
             unit="s", group="control",
@@ -208,16 +197,11 @@ def _estimates(run: Shown, more: str, suffix: str) -> list[Figure]:
 
 def path(runs: Sequence[Shown]) -> list[Figure]:
     """Return the paths seen from above."""
-    curves = [
-        Series(
-            run.name,
-            run.trace.signals["x"],
-            run.trace.signals["y"],
-            run.colour,
-            run.dash,
-        )
-        for run in runs
-    ]
+    curves = []
+    for run in runs:
+        signals = run.trace.signals
+        places = thin_pieces(((x, y) for x, y in pieces(signals, "x", "y")), row_count(signals))
+        curves.append(Series(run.name, *places, run.colour, run.dash))
     return [
         Figure(
             "path", "Path", "forward (m)", "left (m)", curves, unit="m", linked=False, equal=True

@@ -1,7 +1,7 @@
 """A plot as data for ``plot.js``, packed compactly for embedding in the page."""
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,15 +20,36 @@ def pack(values: ArrayLike) -> str:
 
 
 def thin(x: NDArray[Any], y: NDArray[Any], points: int = POINTS_MAX) -> tuple[Any, Any]:
-    """Return at most ``points`` of a curve: the smallest and largest value of each stretch."""
-    stride = -(-2 * len(x) // points)
-    if stride <= 2:
-        return x, y
-    whole = len(x) // stride * stride
-    blocks = np.reshape(y[:whole], (-1, stride))
-    ends = np.stack([np.argmin(blocks, axis=1), np.argmax(blocks, axis=1)], axis=1)
-    picks = (np.sort(ends, axis=1) + np.arange(len(blocks))[:, None] * stride).ravel()
-    picks = np.unique(np.append(picks, [0, len(x) - 1]))
+    """Return both ends of a curve and the smallest and largest value of each stretch.
+
+    They are at most ``points`` beside the ends.
+    """
+    return thin_pieces([(x, y)], len(x), points)
+
+
+def thin_pieces(
+    pieces: Iterable[tuple[NDArray[Any], NDArray[Any]]], count: int, points: int = POINTS_MAX
+) -> tuple[Any, Any]:
+    """Return :func:`thin` of a curve of ``count`` points that comes in ``pieces`` of x and y."""
+    if count <= points + 2:
+        x, y = zip(*pieces, strict=True)
+        return np.concatenate(x), np.concatenate(y)
+    stride = -(-2 * count // points)
+    found, first, x, y = [], 0, np.zeros(0), np.zeros(0)
+    for piece in pieces:
+        x, y = np.append(x, piece[0]), np.append(y, piece[1])
+        last = first + len(x) == count
+        whole = len(x) // stride * stride
+        blocks = np.reshape(y[:whole], (-1, stride))
+        ends = np.stack([np.argmin(blocks, axis=1), np.argmax(blocks, axis=1)], axis=1)
+        picks = (ends + np.arange(len(blocks))[:, None] * stride).ravel()
+        # both ends of the curve remain, whatever their values
+        picks = np.append(picks, ([0] if first == 0 else []) + ([len(x) - 1] if last else []))
+        picks = picks.astype(int)
+        found.append((first + picks, x[picks], y[picks]))
+        x, y, first = x[whole:], y[whole:], first + whole
+    places, x, y = (np.concatenate(part) for part in zip(*found, strict=True))
+    _, picks = np.unique(places, return_index=True)
     return x[picks], y[picks]
 
 

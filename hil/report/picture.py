@@ -1,6 +1,5 @@
 """A picture of a run for a README or a mail: roll, moment and load transfer over time."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib
@@ -8,16 +7,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from canroll.errors import CanrollError, reason
-from hil.report.figure import thin
+from hil.report.quantity import MOMENT, signal, transfer
 from hil.report.run_page import shown
-from hil.runs.metrics import axle_load_transfer, has_wheel_loads, moment
+from hil.runs.metrics import has_wheel_loads
 from hil.runs.result import Result
-from hil.runs.trace import Trace
 
 COLOURS = ("#4d4d4d", "#0072b2")
 STYLES = ("--", "-")
-POINTS = 200_000
-"""The most points of a curve; many more than the picture has columns."""
+POINTS = 60_000
+"""The most points of a curve, 60 for each of the picture's columns: all of a minute."""
 
 
 def draw_picture(result: Result, path: Path) -> Path:
@@ -26,20 +24,18 @@ def draw_picture(result: Result, path: Path) -> Path:
     Raises:
         CanrollError: the file cannot be written.
     """
-    panels: list[tuple[str, Callable[[Trace], np.ndarray]]] = [
-        ("roll angle (deg)", lambda trace: np.degrees(trace.signals["roll"])),
-        ("anti-roll moment (N·m)", moment),
+    panels = [
+        ("roll angle (deg)", signal("roll", float(np.degrees(1)))),
+        ("anti-roll moment (N·m)", MOMENT),
     ]
     if has_wheel_loads(result.passive):
-        panels.append(
-            ("load transfer, front axle", lambda trace: axle_load_transfer(trace, "front"))
-        )
+        panels.append(("load transfer, front axle", transfer("front")))
     with matplotlib.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         figure = Figure(figsize=(8, 6.5), layout="constrained")
         axes = figure.subplots(len(panels), 1, sharex=True)
-        for axis, (label, pick) in zip(axes, panels, strict=True):
+        for axis, (label, quantity) in zip(axes, panels, strict=True):
             for run, colour, style in zip(shown(result), COLOURS, STYLES, strict=False):
-                curve = thin(run.trace.signals["time"], pick(run.trace), POINTS)
+                curve = quantity.curve(run.trace, POINTS)
                 axis.plot(*curve, style, color=colour, label=run.name)
             axis.set_ylabel(label)
         axes[0].set_title(result.verdict, fontsize=10, loc="left", wrap=True)

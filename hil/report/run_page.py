@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from canroll.typing import Vector
 from hil.realtime.timing import QUANTILES, ROWS, bus_lines
 from hil.report.curves import Shown, all_figures
 from hil.report.figure import Figure, Series, histogram, pack
@@ -22,7 +23,9 @@ from hil.report.tables import (
     standard_rows,
 )
 from hil.runs.result import Result
+from hil.runs.trace import Trace
 from plant_sim.bodies.ports import WHEELS
+from plant_sim.world.spool import pieces
 from vehicles import Vehicle
 
 STANDARD_HEAD = ("", "criterion", "clause", "measured", "limit", "")
@@ -36,7 +39,9 @@ NO_ROLL = (
     "on banked or uneven roads and with a wheel in the air, where it is undefined."
 )
 PLAYBACK_STEP = 0.02
-"""Time between two pictures of the playback, s."""
+"""Time between two pictures of the playback, s, and of a longer run so much longer…"""
+PICTURES = 30_000
+"""…that there are no more than these."""
 TIMING_PLOTS = (
     ("jitter", "Start after the deadline", (("tick", "start_jitter"), ("plant", "plant_jitter"))),
     ("tick", "Duration of a tick, including its frames", (("tick", "tick"),)),
@@ -159,19 +164,20 @@ def run_page(result: Result) -> str:
 
 def playback(runs: Sequence[Shown], vehicle: Vehicle) -> dict[str, object]:
     """Return the data of the playback; at most four cars, the first being the reference."""
+    step = max(PLAYBACK_STEP, *(run.trace.duration / PICTURES for run in runs))
+    first = next(pieces(runs[0].trace.signals, *(f"wheel_load_{wheel}" for wheel in WHEELS)))
     cars = [
         {
             "name": run.name,
             "colour": run.colour,
-            "signals": {name: pack(_resampled(run, name)) for name in PLAYED},
+            "signals": dict(zip(PLAYED, map(pack, _resampled(run.trace, step)), strict=True)),
         }
         for run in runs[:4]
     ]
     geometry = vehicle.geometry
-    first = runs[0].trace.signals
     return {
-        "step": PLAYBACK_STEP,
-        "start": float(first["time"][int(np.argmax(np.abs(first["roll"])))]),
+        "step": step,
+        "start": _leans_most(runs[0].trace),
         "cars": cars,
         "vehicle": {
             "half_track": (geometry.half_track_front + geometry.half_track_rear) / 2,
@@ -181,18 +187,36 @@ def playback(runs: Sequence[Shown], vehicle: Vehicle) -> dict[str, object]:
             / 2,
             "front": geometry.cg_to_front_axle,
             "rear": geometry.cg_to_rear_axle,
-            "static_load": float(
-                np.nan_to_num(np.mean([first[f"wheel_load_{wheel}"][0] for wheel in WHEELS]))
-            ),
+            "static_load": float(np.nan_to_num(np.mean([loads[0] for loads in first]))),
         },
     }
 
 
-def _resampled(run: Shown, name: str) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    time = run.trace.signals["time"]
-    # a plant without wheel loads has NaN, which the page cannot hold
-    values = np.nan_to_num(run.trace.signals[name])
-    return np.interp(np.arange(0.0, time[-1], PLAYBACK_STEP), time, values)
+def _leans_most(trace: Trace) -> float:
+    """Return when the roll angle is largest, s."""
+    moments = []
+    for time, roll in pieces(trace.signals, "time", "roll"):
+        place = int(np.argmax(np.abs(roll)))
+        moments.append((abs(float(roll[place])), float(time[place])))
+    return max(moments, key=lambda moment: moment[0])[1]
+
+
+def _resampled(trace: Trace, step: float) -> list[Vector]:
+    """Return each of ``PLAYED`` every ``step`` seconds from 0 to the end of the run."""
+    end = max(float(time[-1]) for (time,) in pieces(trace.signals, "time"))
+    wanted = np.arange(0.0, end, step)
+    found = [np.empty(len(wanted)) for _ in PLAYED]
+    first, before = 0, None
+    for piece in pieces(trace.signals, "time", *PLAYED):
+        # a plant without wheel loads has NaN, which the page cannot hold
+        columns = np.nan_to_num(piece)
+        if before is not None:
+            columns = np.hstack([before, columns])
+        last = int(np.searchsorted(wanted, columns[0, -1]))
+        for values, column in zip(found, columns[1:], strict=True):
+            values[first:last] = np.interp(wanted[first:last], columns[0], column)
+        first, before = last, columns[:, -1:]
+    return found
 
 
 def timing_table(timing: Mapping[str, Any]) -> Table:

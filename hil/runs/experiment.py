@@ -33,6 +33,7 @@ from plant_sim.bodies import body
 from plant_sim.driving import MANEUVERS, maneuvers
 from plant_sim.faults import parse_all
 from plant_sim.world.recording import EVERYTHING, Kept
+from plant_sim.world.spool import pieces
 from plant_sim.world.world import World
 from plant_sim.world.world_parts import check_body
 
@@ -142,9 +143,13 @@ def simulate(
     controlled = drive(settings, controller, enabled=True, duration=duration, progress=progress)
     replayed = None
     if steering_replay.differs(maneuver_of(settings), passive, controlled):
-        steer = passive.signals["steer"]
         replayed = drive(
-            settings, controller, enabled=True, duration=duration, progress=progress, steer=steer
+            settings,
+            controller,
+            enabled=True,
+            duration=duration,
+            progress=progress,
+            steer=passive.signals["steer"],
         )
     return assess(settings, controller, passive, controlled, replayed)
 
@@ -268,11 +273,9 @@ def assess(
     imu = next(ident for ident, name in names.items() if name == "Imu")
     cycle = None
     if controlled is not None:
-        cycle = limit_cycle.detect(
-            controlled.ticks["t"],
-            controlled.ticks["moment"],
-            passive.signals["time"],
-            passive.signals["roll"],
+        found = limit_cycle.oscillations(controlled.ticks["t"], controlled.ticks["moment"])
+        cycle = limit_cycle.unexcited(
+            found, lambda: ((t, roll) for t, roll in pieces(passive.signals, "time", "roll"))
         )
     warnings = list(controller.warnings)
     if settings.plant == "roll1" and settings.scenario in AT_THE_LIMIT:

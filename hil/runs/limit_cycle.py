@@ -1,6 +1,6 @@
 """Detection of limit cycles: the command oscillates although the manoeuvre does not."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,17 +80,45 @@ def detect(
         t_passive: times of the same manoeuvre without control, s.
         roll_passive: roll angle at these times, rad.
     """
+    return unexcited(oscillations(t, command), lambda: [(t_passive, roll_passive)])
+
+
+def oscillations(t: Vector, command: Vector) -> list[tuple[float, LimitCycle]]:
+    """Return the oscillations of a command, each with the length of the subtracted average."""
     if len(t) < 3 or t[-1] - t[0] < SECONDS_MIN:
-        return None
+        return []
     t, command = _evenly(t, command)
     threshold = max(SHARE_OF_PEAK * float(np.max(np.abs(command))), LEAST_MOMENT)
-    found = []
-    for window in AVERAGES:
-        cycles = list(_cycles(t, _without_average(command, t, window), threshold))
-        if cycles:
-            roll = _without_average(roll_passive, t_passive, window)
-            found += [cycle for cycle in cycles if not _excited(cycle, t_passive, roll)]
-    return max(found, key=lambda cycle: cycle.end - cycle.start, default=None)
+    return [
+        (window, cycle)
+        for window in AVERAGES
+        for cycle in _cycles(t, _without_average(command, t, window), threshold)
+    ]
+
+
+def unexcited(
+    found: Sequence[tuple[float, LimitCycle]],
+    passive: Callable[[], Iterable[tuple[Vector, Vector]]],
+) -> LimitCycle | None:
+    """Return the longest of the :func:`oscillations` that the manoeuvre does not cause, or None.
+
+    ``passive`` returns times (s) and roll angle (rad) of the manoeuvre without control, in pieces.
+    """
+    own: list[LimitCycle] = []
+    for window in dict.fromkeys(window for window, _ in found):
+        cycles = [cycle for length, cycle in found if length == window]
+        inside: list[list[Vector]] = [[] for _ in cycles]
+        peak = 0.0
+        for t, roll in _pieces_without_average(passive(), window):
+            peak = max(peak, float(np.max(np.abs(roll), initial=0.0)))
+            for cycle, parts in zip(cycles, inside, strict=True):
+                parts.append(roll[(t >= cycle.start) & (t <= cycle.end)])
+        own += [
+            cycle
+            for cycle, parts in zip(cycles, inside, strict=True)
+            if not _excited(cycle, np.concatenate(parts), peak)
+        ]
+    return max(own, key=lambda cycle: cycle.end - cycle.start, default=None)
 
 
 def _evenly(t: Vector, values: Vector) -> tuple[Vector, Vector]:
@@ -113,6 +141,25 @@ def _without_average(values: Vector, t: Vector, window: float) -> Vector:
     # the values that the window covers: fewer than all of it only near the ends
     average /= np.convolve(np.ones(len(values)), ones, "same")
     return np.subtract(values, average, out=average)
+
+
+def _pieces_without_average(
+    pieces: Iterable[tuple[Vector, Vector]], window: float
+) -> Iterator[tuple[Vector, Vector]]:
+    """Yield times and :func:`_without_average` of values that come in pieces."""
+    t, values, done, reach = np.zeros(0), np.zeros(0), 0, 0
+    for piece in pieces:
+        t, values = np.append(t, piece[0]), np.append(values, piece[1])
+        if len(t) < 2:
+            continue
+        reach = round(window / float(t[1] - t[0])) + 1
+        # the next piece belongs to the averages of the last values
+        until = max(len(t) - reach, done)
+        yield t[done:until], _without_average(values, t, window)[done:until]
+        first = max(until - reach, 0)
+        t, values, done = t[first:], values[first:], until - first
+    if len(t) > done:
+        yield t[done:], _without_average(values, t, window)[done:] if reach else values
 
 
 def _cycles(t: Vector, values: Vector, threshold: float) -> Iterator[LimitCycle]:
@@ -139,10 +186,9 @@ def _goes_on(swings: Vector, spans: Vector) -> bool:
     return bool(abs(spans[-1] - usual) <= EVENNESS * usual)
 
 
-def _excited(cycle: LimitCycle, t: Vector, roll: Vector) -> bool:
-    """Whether the manoeuvre itself oscillates as often at that time."""
-    inside = roll[(t >= cycle.start) & (t <= cycle.end)]
-    if not len(inside):
+def _excited(cycle: LimitCycle, roll: Vector, peak: float) -> bool:
+    """Whether ``roll`` of the manoeuvre itself oscillates as often at that time."""
+    if not len(roll):
         return False
-    turns = turning_points(inside, SHARE_OF_PEAK * float(np.max(np.abs(roll))))
+    turns = turning_points(roll, SHARE_OF_PEAK * peak)
     return len(turns) >= EXCITED * 2 * cycle.frequency * (cycle.end - cycle.start)

@@ -16,6 +16,9 @@ from plant_sim.world.recording import AXLES
 from plant_sim.world.spool import blocks, pieces
 from vehicles import Vehicle
 
+MOMENTS = tuple(f"moment_{axle}" for axle in AXLES)
+"""Anti-roll moments on the body from the actuators, by axle."""
+
 
 @dataclass(frozen=True, slots=True)
 class Metrics:
@@ -90,49 +93,63 @@ def load_transfer(left: Vector, right: Vector) -> Vector:
 
 def axle_load_transfer(trace: Trace, axle: str) -> Vector:
     """Normalised load transfer of an axle ("front" or "rear") over time."""
-    left, right = _loads_of(axle)
+    left, right = loads_of(axle)
     return load_transfer(trace.signals[left], trace.signals[right])
 
 
-def _loads_of(axle: str) -> tuple[str, str]:
+def loads_of(axle: str) -> tuple[str, str]:
+    """Return the signals of the left and the right wheel load of an axle."""
     return f"wheel_load_{axle}_left", f"wheel_load_{axle}_right"
 
 
 def has_wheel_loads(trace: Trace) -> bool:
     """Whether the plant of a run has wheel loads; an FMU may have none."""
-    return not any(np.isnan(trace.signals[f"wheel_load_{wheel}"][:1]).any() for wheel in WHEELS)
+    first = next(pieces(trace.signals, *(f"wheel_load_{wheel}" for wheel in WHEELS)), ())
+    return not any(np.isnan(loads[0]) for loads in first)
 
 
 def _peak_load_transfer(trace: Trace, axle: str) -> float | None:
     if not has_wheel_loads(trace):
         return None
     return max(
-        (peak(load_transfer(*loads)) for loads in pieces(trace.signals, *_loads_of(axle))),
+        (peak(load_transfer(*loads)) for loads in pieces(trace.signals, *loads_of(axle))),
         default=0.0,
     )
 
 
 def moment(trace: Trace) -> Vector:
     """Anti-roll moment on the body from the actuators, N·m, every millisecond."""
-    return trace.signals["moment_front"] + trace.signals["moment_rear"]
+    front, rear = MOMENTS
+    return trace.signals[front] + trace.signals[rear]
+
+
+def _size(trace: Trace, *names: str) -> tuple[float, float]:
+    """Root of the mean square and largest absolute value of the sum of signals."""
+    squares, largest, count = 0.0, 0.0, 0
+    for parts in pieces(trace.signals, *names):
+        values = parts[0] if len(parts) == 1 else np.sum(parts, axis=0)
+        squares += float(np.sum(np.square(values)))
+        largest, count = max(largest, peak(values)), count + len(values)
+    return math.sqrt(squares / count) if count else 0.0, largest
 
 
 def judge(trace: Trace) -> Metrics:
     """Return the figures of one run over its whole length."""
-    signals = trace.signals
-    moments = moment(trace)
+    (roll_rms, roll_max), (rate_rms, rate_max) = _size(trace, "roll"), _size(trace, "roll_rate")
+    moment_rms, moment_max = _size(trace, *MOMENTS)
+    error_rms, error_max = _size(trace, "path_error")
     return Metrics(
-        roll_rms_deg=math.degrees(rms(signals["roll"])),
-        roll_max_deg=math.degrees(peak(signals["roll"])),
-        roll_rate_rms_deg_s=math.degrees(rms(signals["roll_rate"])),
-        roll_rate_max_deg_s=math.degrees(peak(signals["roll_rate"])),
+        roll_rms_deg=math.degrees(roll_rms),
+        roll_max_deg=math.degrees(roll_max),
+        roll_rate_rms_deg_s=math.degrees(rate_rms),
+        roll_rate_max_deg_s=math.degrees(rate_max),
         nlt_front_max=_peak_load_transfer(trace, "front"),
         nlt_rear_max=_peak_load_transfer(trace, "rear"),
-        moment_rms_nm=rms(moments),
-        moment_max_nm=peak(moments),
-        path_error_rms_m=rms(signals["path_error"]),
-        path_error_max_m=peak(signals["path_error"]),
-        rollover=bool(np.any(signals["rollover"] > 0)),
+        moment_rms_nm=moment_rms,
+        moment_max_nm=moment_max,
+        path_error_rms_m=error_rms,
+        path_error_max_m=error_max,
+        rollover=any(np.any(piece > 0) for (piece,) in pieces(trace.signals, "rollover")),
     )
 
 
@@ -155,8 +172,9 @@ def load_transfer_without_roll(
     signals = trace.signals
     if not has_wheel_loads(trace):
         return {f"nlt_{axle}_max": None for axle in AXLES}
-    lifted = any(np.any(signals[f"wheel_load_{wheel}"] <= 0) for wheel in WHEELS)
-    if lifted or np.any(signals["bank"]):
+    wheels = pieces(signals, *(f"wheel_load_{wheel}" for wheel in WHEELS))
+    lifted = any(np.any(load <= 0) for loads in wheels for load in loads)
+    if lifted or any(np.any(bank) for (bank,) in pieces(signals, "bank")):
         return {f"nlt_{axle}_max": None for axle in AXLES}
     axles = (
         (front_share, suspension.roll_stiffness_front_share, suspension.roll_damping_front_share),
@@ -171,7 +189,7 @@ def load_transfer_without_roll(
     for axle, (share, stiffness, damping), track in zip(AXLES, axles, tracks, strict=True):
         figure = 0.0
         for ay, roll, rate, left, right in pieces(
-            signals, "ay", "roll", "roll_rate", *_loads_of(axle)
+            signals, "ay", "roll", "roll_rate", *loads_of(axle)
         ):
             sprung = stiffness * plant.roll_stiffness * roll + damping * plant.roll_damping * rate
             less = (sprung - share * (plant.roll_arm * ay)) / track

@@ -4,6 +4,7 @@ An ECU with a free-running clock can have any phase; one locked to the sensor ke
 set to. The phase decides the age of a sample when used, between zero and one cycle of the sensor.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,9 +115,10 @@ def measured(ticks: NDArray[np.float64], frames: Table, imu: int = IMU) -> Phase
         frames: the bus log.
         imu: identifier of the frames that carry the inertial measurement.
     """
-    if not np.any(frames["sender"] == ECU):
+    if not any(np.any(block["sender"] == ECU) for block in blocks(frames)):
         return None
-    received = np.sort(received_by_ecu(frames, imu)["t_received"]) * 1e-9
+    arrivals = [part["t_received"] for part in _parts(frames, _segment_of_ecu(frames), imu)]
+    received = np.sort(np.concatenate(arrivals)) * 1e-9
     newest = np.searchsorted(received, ticks + 1e-12, side="right") - 1
     heard = newest >= 0
     if not np.any(heard):
@@ -130,13 +132,22 @@ def received_by_ecu(frames: Table, imu: int = IMU) -> NDArray[np.void]:
 
     The ECU's segment is the one it sends on, or the first if it has sent nothing.
     """
-    own = np.flatnonzero(frames["sender"] == ECU)
-    return _received(frames, int(frames["segment"][own[0]]) if len(own) else 0, imu)
+    return _received(frames, _segment_of_ecu(frames), imu)
+
+
+def _segment_of_ecu(frames: Table) -> int:
+    for block in blocks(frames):
+        own = block["segment"][block["sender"] == ECU]
+        if len(own):
+            return int(own[0])
+    return 0
 
 
 def _received(frames: Table, segment: int, imu: int) -> NDArray[np.void]:
-    found = [np.zeros(0, frames.dtype)]
+    return np.concatenate([np.zeros(0, frames.dtype), *_parts(frames, segment, imu)])
+
+
+def _parts(frames: Table, segment: int, imu: int) -> Iterator[NDArray[np.void]]:
     for block in blocks(frames):
         whole = (block["ident"] == imu & ~EXTENDED) & (block["outcome"] == DELIVERED)
-        found.append(block[whole & (block["segment"] == segment)])
-    return np.concatenate(found)
+        yield block[whole & (block["segment"] == segment)]

@@ -5,10 +5,13 @@ from dataclasses import asdict, dataclass
 from math import isfinite
 from typing import Any
 
+import numpy as np
+
 from hil.runs.trace import Trace
 from plant_sim.driving import standards
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.driving.standards import Verdict
+from plant_sim.world.spool import pieces
 from vehicles import Vehicle
 
 
@@ -72,7 +75,8 @@ def assess(
 
 def _judged(maneuver: Maneuver, vehicle: Vehicle, trace: Trace) -> Judged:
     verdicts: list[Verdict] = []
-    if trace.signals["rollover"].max() > 0 and maneuver.standard != "none":
+    over = any(np.any(piece > 0) for (piece,) in pieces(trace.signals, "rollover"))
+    if over and maneuver.standard != "none":
         # the run ended there: whatever else is asked for was not driven
         verdicts = standards.two_wheel_lift(trace.signals)
     elif trace.duration >= maneuver.duration_ns * 1e-9 - 1e-6:

@@ -3,6 +3,7 @@
 A driver reacts to the effect of a law; with replayed steering only the car's response differs.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -22,9 +23,12 @@ def differs(maneuver: Maneuver, passive: Trace, controlled: Trace) -> bool:
     """
     if maneuver.drive.kind not in (FOLLOW_PATH, FISHHOOK):
         return False
-    first, second = passive.signals["steer"], controlled.signals["steer"]
-    common = min(len(first), len(second))
-    return not np.array_equal(first[:common], second[:common])
+    both = zip(pieces(passive.signals, "steer"), pieces(controlled.signals, "steer"), strict=False)
+    for (first,), (second,) in both:
+        common = min(len(first), len(second))
+        if not np.array_equal(first[:common], second[:common]):
+            return True
+    return False
 
 
 def with_path_error(trace: Trace, drive: Drive) -> Trace:
@@ -36,11 +40,10 @@ def with_path_error(trace: Trace, drive: Drive) -> Trace:
     )
 
 
-def path_error(trace: Trace, drive: Drive) -> Vector:
-    """Return the distance left of the path of ``drive``, m, one value per millisecond."""
-    errors, number, station = np.zeros(len(trace.signals["x"])), 0, 0.0
+def path_error(trace: Trace, drive: Drive) -> Iterator[Vector]:
+    """Yield the distance left of the path of ``drive``, m, one value per millisecond, in parts."""
+    station = 0.0
     for x, y in pieces(trace.signals, "x", "y"):
-        part = errors[number : number + len(x)]
-        station = off_path(drive, station, np.ascontiguousarray(x), np.ascontiguousarray(y), part)
-        number += len(x)
-    return errors
+        part = np.zeros(len(x))
+        station = off_path(drive, station, x, y, part)
+        yield part

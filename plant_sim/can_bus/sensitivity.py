@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
-from scipy import stats
+from scipy.special import pdtrc
 
 from plant_sim.can_bus.analysis import ErrorModel, ResponseBound, worst_case_utilisation
 from plant_sim.can_bus.traffic.messages import BusMessage
@@ -101,6 +101,6 @@ def error_tolerance(
         if not left:
             break
     return [
-        ErrorTolerance(m, k, 1.0 if k < 0 else float(stats.poisson.sf(k, errors_per_s * w * 1e-9)))
+        ErrorTolerance(m, k, 1.0 if k < 0 else float(pdtrc(k, errors_per_s * w * 1e-9)))
         for m, k, w in zip(messages, survived, window, strict=True)
     ]

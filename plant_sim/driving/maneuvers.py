@@ -184,6 +184,9 @@ def replay(maneuver: Maneuver, steer: Vector) -> Maneuver:
     parameters[D_TABLE_STEP] = STEP_NS * 1e-9
     parameters[D_STEER_RATE] = np.inf
     drive = maneuver.drive._replace(
-        kind=STEER_TABLE, parameters=parameters, table=steer.copy(), memory=np.zeros(N_MEMORY)
+        kind=STEER_TABLE,
+        parameters=parameters,
+        table=np.ascontiguousarray(steer),
+        memory=np.zeros(N_MEMORY),
     )
     return replace(maneuver, title=f"{maneuver.title}, steering replayed", drive=drive)

@@ -1,5 +1,7 @@
 """Road surfaces: bumps, and random roads after ISO 8608 with two correlated wheel tracks."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,6 +30,7 @@ def bumps(*, height: float, length: float, spacing: float, count: int, start: fl
     return profile
 
 
+@lru_cache(maxsize=1)
 def random_tracks(
     road_class: str, *, length: float, track: float, seed: int
 ) -> tuple[Vector, Vector]:
@@ -35,23 +38,31 @@ def random_tracks(
 
     ``length`` and ``track`` (distance between the wheel tracks) in m. Long waves are common to both
     tracks, short ones are not: their coherence at n cycles/m is 1/(1 + (n·track)²). Wavelengths of
-    0.35 to 90 m. Starts level. The same ``seed`` gives the same road.
+    0.35 to 90 m. Starts level. The same ``seed`` gives the same road; the last one made is kept,
+    for the runs of a comparison.
     """
     if road_class not in CLASSES:
         raise UnknownNameError("road class", road_class, CLASSES)
     count = 2 ** int(np.ceil(np.log2(max(length, 2 / LOWEST_FREQUENCY) / STEP)))
-    frequency = np.fft.rfftfreq(count, STEP)
+    frequencies = np.fft.rfftfreq(count, STEP)
+    size = frequencies.size
+    # there is nothing above the band, three quarters of the spectrum of a road
+    frequency = frequencies[: np.searchsorted(frequencies, HIGHEST_FREQUENCY, "right")].copy()
+    del frequencies
     density = np.zeros_like(frequency)
-    band = (frequency >= LOWEST_FREQUENCY) & (frequency <= HIGHEST_FREQUENCY)
+    band = frequency >= LOWEST_FREQUENCY
     density[band] = CLASSES[road_class] * (frequency[band] / REFERENCE_FREQUENCY) ** -2
     amplitude = np.sqrt(density * frequency[1] / 2) * count
-    phases = np.random.default_rng(seed).uniform(0.0, 2 * np.pi, (2, frequency.size))
-    first, second = (_spectrum(amplitude, phase) for phase in phases)
+    draw = np.random.default_rng(seed)
+    first, second = (
+        _spectrum(amplitude, draw.uniform(0.0, 2 * np.pi, size)[: frequency.size].copy())
+        for _ in range(2)
+    )
     coherence = 1 / (1 + (frequency * track) ** 2)
     second *= np.sqrt(1 - coherence**2)
     second += coherence * first
     points = round(length / STEP) + 1
-    left, right = (np.fft.irfft(spectrum, count)[:points] for spectrum in (first, second))
+    left, right = (np.fft.irfft(spectrum, count)[:points].copy() for spectrum in (first, second))
     eased = np.arange(min(points, round(10.0 / STEP))) * STEP / 10.0
     for profile in (left, right):
         profile[: eased.size] *= eased

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from plant_sim.world.spool import Columns, Rows, blocks
+from plant_sim.world.spool import Columns, Rows, blocks, row_count
 
 READ_BYTES = 1 << 20
 """Bytes of an array that are read at a time."""
@@ -39,8 +39,9 @@ def _write_entry(file: IO[bytes], entry: Entry) -> None:
     elif isinstance(entry, Rows):
         _write_blocks(file, entry.dtype, (len(entry),), blocks(entry))
     else:
-        shape = (len(entry), len(next(iter(entry.values()))))
-        _write_blocks(file, np.dtype("f8"), shape, entry.values())
+        shape = (len(entry), row_count(entry))
+        parts = (part for name in entry for part in entry.parts(name))
+        _write_blocks(file, np.dtype("f8"), shape, parts)
 
 
 def _write_blocks(

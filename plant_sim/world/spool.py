@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, reason
 
-IN_MEMORY = 4 << 20
+IN_MEMORY = 1 << 20
 """Bytes of a table that are kept in memory."""
+PIECE = 1 << 16
+"""Rows of a piece of signals: one, in whichever blocks they were recorded, for a minute."""
 
 
 class Spool:
@@ -160,7 +162,7 @@ class Columns(Mapping[str, NDArray[np.float64]]):
     def __init__(self, names: Sequence[str]) -> None:
         self._places = {name: place for place, name in enumerate(names)}
         self._spool = Spool(np.dtype("f8"))
-        self._others: dict[str, NDArray[np.float64]] = {}
+        self._others: dict[str, Columns] = {}
 
     def append(self, values: NDArray[np.float64]) -> None:
         """Append a block that nobody changes any more: one row per signal."""
@@ -172,26 +174,31 @@ class Columns(Mapping[str, NDArray[np.float64]]):
         if count:
             self._spool.extend(count * len(self._places), rows)
 
-    def pieces(self, *names: str) -> Iterator[tuple[NDArray[np.float64], ...]]:
-        """Yield the signals ``names`` together, a block of rows at a time."""
-        first = 0
+    def parts(self, name: str) -> Iterator[NDArray[np.float64]]:
+        """Yield the values of a signal in the parts in which they are kept.
+
+        Raises:
+            KeyError: there is no such signal.
+        """
+        if name in self._others:
+            yield from self._others[name].parts(name)
+            return
+        place = self._places[name]
         for number, size in enumerate(self._spool.sizes):
             rows = size // len(self._places)
-            yield tuple(
-                self._others[name][first : first + rows]
-                if name in self._others
-                else self._spool.read(number, self._places[name] * rows, rows)
-                for name in names
-            )
-            first += rows
+            for first in range(0, rows, PIECE):
+                yield self._spool.read(number, place * rows + first, min(PIECE, rows - first))
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """Return all values of a signal."""
-        if name in self._others:
-            return self._others[name]
-        if name not in self._places:
+        holder, first = self._others.get(name, self), 0
+        if name not in holder._places:
             raise KeyError(name)
-        return np.concatenate([np.zeros(0), *(piece for (piece,) in self.pieces(name))])
+        values = np.empty(sum(holder._spool.sizes) // len(holder._places))
+        for part in self.parts(name):
+            values[first : first + len(part)] = part
+            first += len(part)
+        return values
 
     def __iter__(self) -> Iterator[str]:
         """Iterate over the names."""
@@ -229,23 +236,47 @@ def blocks(table: Table) -> Iterator[NDArray[Any]]:
 
 
 def with_signal(
-    signals: Mapping[str, NDArray[np.float64]], name: str, values: NDArray[np.float64]
+    signals: Mapping[str, NDArray[np.float64]], name: str, parts: Iterable[NDArray[np.float64]]
 ) -> Mapping[str, NDArray[np.float64]]:
-    """Return the same signals with ``name`` replaced or added."""
+    """Return the same signals with ``name`` replaced or added; its values come in ``parts``."""
     if not isinstance(signals, Columns):
-        return {**signals, name: values}
+        return {**signals, name: np.concatenate([np.zeros(0), *parts])}
+    other = Columns([name])
+    for part in parts:
+        other.append(part[np.newaxis])
     # not copy(), which would read all of them
     found = Columns(())
     found._places, found._spool = signals._places, signals._spool
-    found._others = {**signals._others, name: values}
+    found._others = {**signals._others, name: other}
     return found
 
 
 def pieces(
     signals: Mapping[str, NDArray[np.float64]], *names: str
 ) -> Iterator[tuple[NDArray[np.float64], ...]]:
-    """Yield the signals ``names`` together, in blocks of rows that fit into memory."""
-    if isinstance(signals, Columns):
-        yield from signals.pieces(*names)
-    else:
-        yield tuple(signals[name] for name in names)
+    """Yield the signals ``names`` together, :data:`PIECE` rows at a time; the last has the rest.
+
+    What is summed piece by piece does so not depend on the blocks in which it was recorded.
+    """
+    yield from zip(*(_even(signals, name) for name in names), strict=True)
+
+
+def row_count(signals: Mapping[str, NDArray[np.float64]]) -> int:
+    """Return how many values each of the signals has."""
+    return sum(len(piece) for (piece,) in pieces(signals, next(iter(signals))))
+
+
+def _even(signals: Mapping[str, NDArray[np.float64]], name: str) -> Iterator[NDArray[np.float64]]:
+    """Yield the values of a signal, :data:`PIECE` at a time."""
+    parts = signals.parts(name) if isinstance(signals, Columns) else iter([signals[name]])
+    held: list[NDArray[np.float64]] = []
+    room = PIECE
+    for part in parts:
+        rest = part
+        while len(rest) >= room:
+            yield np.concatenate([*held, rest[:room]])
+            held, rest, room = [], rest[room:], PIECE
+        held.append(rest)
+        room -= len(rest)
+    if room < PIECE:
+        yield np.concatenate(held)

@@ -10,7 +10,7 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy.special import betaincinv
 
 from plant_sim.can_bus.traffic.periodicity import Grid, find_grid
 
@@ -106,7 +106,7 @@ def _periodic(
     places = grid.places * period
     low, high = earliest - shift - places, latest - shift - places
     # of n uniform draws the range is a Beta(n − 1, 2) share of the whole
-    share = float(stats.beta.ppf(1.0 - _CONFIDENCE, known - 1, 2))
+    share = float(betaincinv(known - 1, 2, 1.0 - _CONFIDENCE))
     floor = min(float(low[chosen].min()), float(high.min()))
     seen = max(float(high[chosen].max()), float(low.max())) - floor
     jitter = uncertainty + (seen - uncertainty) / share if seen > uncertainty else seen

@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hil.runs import limit_cycle
 from hil.runs.limit_cycle import detect, turning_points
 
 T = np.arange(0, 8, 0.01)
@@ -90,3 +91,15 @@ def test_a_run_that_missed_ticks_is_judged_all_the_same(kept):
 def test_a_burst_of_ticks_after_a_gap_is_judged_all_the_same():
     t = np.array([0.01, 0.02, 0.03, 1.5, 1.51])
     assert detect(t, np.array([0.0, 500.0, -500.0, 400.0, 0.0]), T, 0.05 * LANE_CHANGE) is None
+
+
+@pytest.mark.parametrize("window", limit_cycle.AVERAGES)
+@pytest.mark.parametrize("size", [1, 37, 600, 2000, 10**6])
+def test_pieces_of_a_signal_lose_the_same_average_as_the_whole(window, size):
+    parts = ((T[i : i + size], LANE_CHANGE[i : i + size]) for i in range(0, len(T), size))
+    t, values = map(
+        np.concatenate, zip(*limit_cycle._pieces_without_average(parts, window), strict=True)
+    )
+    assert np.array_equal(t, T)
+    whole = limit_cycle._without_average(LANE_CHANGE, T, window)
+    np.testing.assert_allclose(values, whole, rtol=0, atol=1e-12)

@@ -78,7 +78,7 @@ def test_the_path_error_of_a_replay_is_measured_as_the_driver_does(nonlinear):
     """On the passive run, where the driver kept his own account: one step later."""
     settings = nonlinear.settings
     maneuver = maneuvers.build("double_lane_change", settings.vehicle, settings.speed)
-    again = steering_replay.path_error(nonlinear.passive, maneuver.drive)
+    again = np.concatenate([*steering_replay.path_error(nonlinear.passive, maneuver.drive)])
     recorded = nonlinear.passive.signals["path_error"]
     np.testing.assert_allclose(again[:-1], recorded[1:], rtol=0, atol=1e-9)
     assert 0.05 < nonlinear.replay_metrics.path_error_max_m < 2.0

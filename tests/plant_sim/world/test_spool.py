@@ -72,7 +72,7 @@ def test_signals_are_those_appended():
 def test_a_signal_is_replaced_in_place():
     signals = {"a": np.arange(9.0), "b": np.ones(9)}
     for table in (signals, as_columns(signals)):
-        found = with_signal(table, "a", np.full(9, 7.0))
+        found = with_signal(table, "a", [np.full(4, 7.0), np.full(5, 7.0)])
         assert list(found) == ["a", "b"]
         assert np.all(found["a"] == 7.0)
         assert np.array_equal(table["a"], np.arange(9.0))
@@ -106,5 +106,23 @@ def test_a_signal_is_replaced_without_reading_the_others(monkeypatch):
     monkeypatch.setattr(spool, "IN_MEMORY", 0)
     table = Columns(["a", "b"])
     table.append(np.arange(6.0).reshape(2, 3))
-    monkeypatch.setattr(spool.Spool, "read", lambda *_: pytest.fail("read"))
-    assert np.array_equal(with_signal(table, "a", np.ones(3))["a"], np.ones(3))
+    monkeypatch.setattr(table._spool, "read", lambda *_: pytest.fail("read"))
+    assert np.array_equal(with_signal(table, "a", [np.ones(3)])["a"], np.ones(3))
+
+
+@pytest.mark.usefixtures("place")
+def test_pieces_do_not_depend_on_the_blocks_that_were_recorded(monkeypatch):
+    monkeypatch.setattr(spool, "PIECE", 4)
+    values = np.arange(22.0).reshape(2, 11)
+    whole, parts = Columns(["a", "b"]), Columns(["a", "b"])
+    whole.append(values)
+    for first, last in ((0, 3), (3, 4), (4, 9), (9, 11)):
+        parts.append(values[:, first:last].copy())
+    replaced = with_signal(parts, "b", iter([values[1, :10], values[1, 10:]]))
+    for table in (dict(zip("ab", values, strict=True)), whole, parts, replaced):
+        assert [a.tolist() for a, _ in pieces(table, "a", "b")] == [
+            [0, 1, 2, 3], [4, 5, 6, 7], [8, 9, 10]
+        ]  # fmt: skip
+        assert np.array_equal(np.concatenate([b for _, b in pieces(table, "a", "b")]), values[1])
+        assert spool.row_count(table) == 11
+    assert list(pieces(Columns(["a"]), "a")) == []
