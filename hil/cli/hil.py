@@ -32,9 +32,10 @@ from hil.realtime.timing import QUANTILES
 from hil.report.run_folder import write_files, write_text
 from hil.report.staging import check_parent, usable_folder
 from hil.runs import experiment
-from hil.runs.frozen import profile_of, refuse_authenticated
+from hil.runs.frozen import profile_of
 from hil.runs.logs import check_suffix, write_log
 from hil.runs.virtual_time import Interrupted
+from plant_sim.can_bus.own_frames import secured
 
 CHECKED = "double_lane_change"
 """The manoeuvre on whose frames ``--check`` times the firmware where none is named."""
@@ -79,7 +80,11 @@ def run(args: argparse.Namespace) -> int:
     if args.check and not args.prepare:
         unused = {"serve": None, "side_channel": None, "pace": "realtime", "passive": "virtual"}
         refuse_useless(args, unused, "--check drives no manoeuvre")
-        refuse_authenticated(profile_of(choices_of(args, OF_A_RUN)), "hil --check")
+        if secured(profile_of(choices_of(args, OF_A_RUN))):
+            raise CanrollError(
+                "--check repeats the frames of a manoeuvre, and authenticated ones are old the "
+                "second time: choose another --bus"
+            )
         return check_machine(args)
 
     if args.prepare:

@@ -23,7 +23,7 @@ from hil.realtime import session
 from hil.realtime.budget import Budget, budget_of, judge_host, judge_target
 from hil.runs import experiment
 from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import Controller, refuse_authenticated
+from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 
@@ -248,7 +248,12 @@ def run_on_host(args: argparse.Namespace) -> int:
         args: calibration or law, scenario, duration and json of ``canroll timing``.
     """
     settings, controller = experiment.plan(args.scenario, **choices_of(args))
-    refuse_authenticated(settings.profile, "--hil")
+    if settings.firmware.fd:
+        raise CanrollError(
+            f"--hil: the plant's own bus has no CAN FD frames, which bus {settings.profile.name} "
+            "has: 'canroll hil' prints the same timing over an interface that has, such as "
+            "-i socketcan -c vcan0 --fd"
+        )
     limits = budget_of(controller.tables)
     with tempfile.TemporaryDirectory(prefix="canroll-") as scratch:
         setup = session.Setup(

@@ -115,15 +115,15 @@ class CanLink:
 
     def receive(self) -> list[Frame]:
         """Return the waiting data frames; none if the interface is down."""
-        frames = [self._taken(message) for message in self.messages()]
+        frames = [frame for _, frame in self._waiting()]
         return [frame for frame in frames if frame is not None and frame[0] not in NOTES]
 
     def next(self, timeout: float) -> Frame | None:
         """Return the next data frame, or None after ``timeout`` seconds."""
         until = time.monotonic() + timeout
-        while (message := self._recv(max(0.0, until - time.monotonic()))) is not None:
-            if (frame := self._taken(message)) is not None:
-                return frame
+        while (found := self._recv(max(0.0, until - time.monotonic()))) is not None:
+            if found[1] is not None:
+                return found[1]
         return None
 
     def _taken(self, message: can.Message) -> Frame | None:
@@ -135,12 +135,16 @@ class CanLink:
 
     def messages(self) -> list[can.Message]:
         """Return all waiting messages of any kind, with the interface's time stamps."""
-        found = []
-        while (message := self._recv(0.0)) is not None:
-            found.append(message)
-        return found
+        return [message for message, _ in self._waiting()]
 
-    def _recv(self, timeout: float) -> can.Message | None:
+    def _waiting(self) -> list[tuple[can.Message, Frame | None]]:
+        waiting = []
+        while (found := self._recv(0.0)) is not None:
+            waiting.append(found)
+        return waiting
+
+    def _recv(self, timeout: float) -> tuple[can.Message, Frame | None] | None:
+        """Return the next message and its data frame, if it has one; count that."""
         if time.monotonic() > self._retry_at:
             self._try_again()
         message, down = None, False
@@ -159,7 +163,7 @@ class CanLink:
             self.record.heard(message)
         frame = self._taken(message)
         self.received += frame is not None and frame[0] not in NOTES
-        return message
+        return message, frame
 
     def _read(self, timeout: float) -> can.Message | None:
         """Read the next message, or None after ``timeout`` seconds.

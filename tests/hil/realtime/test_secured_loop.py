@@ -152,8 +152,9 @@ SERVED = ["-i", "udp_multicast", "-c", "239.74.163.2"]
         (["plant", "moose", *SERVED, "--memory", "m"], "--memory: the frames of bus 500k are not"),
         (["plant", "moose", "--bus", "secured_fd"], "own bus has no CAN FD frames"),
         (["hil", "moose", "--bus", "secured_fd"], "own bus has no CAN FD frames"),
-        (["hil", "--check", "--bus", "secured_fd"], "hil --check cannot authenticate the frames"),
-        (["timing", "--bus", "secured_fd", "--hil"], "--hil cannot authenticate the"),
+        (["hil", "--check", "--bus", "secured_fd"], "--check repeats the frames of a manoeuvre"),
+        (["timing", "--bus", "secured_fd", "--hil"], "own bus has no CAN FD frames, which bus sec"),
+        (["timing", "--bus", "fd_2m", "--hil"], "own bus has no CAN FD frames, which bus fd_2m"),
     ],
 )
 def test_what_cannot_be_is_one_line(arguments, says, capsys):
