@@ -303,6 +303,24 @@ class Calibration:
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least width of the band's edges, 0: off")
     ]
 
+    # response monitor: I_x phi'' = delivered moments + m h a_y - springs and dampers
+    response_min: Annotated[
+        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least moment left over that counts, 0: off")
+    ]
+    response_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "left over without a break that count")]
+    response_stroke: Annotated[
+        list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "damping moment over difference of strokes")
+    ]
+    response_stretch: Annotated[
+        i32, F(0, ONE, Q_UNIT, "", "change of the springs' moment a tick over damping moment")
+    ]
+    response_lateral: Annotated[i32, F(0, COEFFICIENT, 10, "kg·m", "m h")]
+    response_inertia: Annotated[
+        i32, F(0, COEFFICIENT, 10, "N·m·s", "I_x over the time constant of the low-pass")
+    ]
+    response_pass: Annotated[i32, F(0, ONE, Q_UNIT, "", "low-pass: its weight per tick")]
+    response_wash: Annotated[i32, F(0, ONE, Q_UNIT, "", "washout: share that goes per tick")]
+
     # allocation
     arm_front: Annotated[i32, F(0, 4 << 28, 28, "1/m", "1 / (2 half track), front")]
     arm_rear: Annotated[i32, F(0, 4 << 28, 28, "1/m", "1 / (2 half track), rear")]

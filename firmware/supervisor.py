@@ -11,6 +11,7 @@ from firmware.calibration import ONE, Calibration
 from firmware.com import signals
 from firmware.monitors.delivery import watch_delivery
 from firmware.monitors.redundancy import watch_redundancy
+from firmware.monitors.response import watch_response
 from firmware.plausibility import (
     DEGRADING,
     FAULT_CALIBRATION_CRC,
@@ -65,6 +66,7 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     watch_redundancy(ecu, cal)
     motion: i32 = watch_motion(ecu, cal, elapsed)
     watch_delivery(ecu, cal)
+    watch_response(ecu, cal, elapsed)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
     if elapsed > 1:
         ecu.found = ecu.found | (1 << FAULT_TICK_MISSED)

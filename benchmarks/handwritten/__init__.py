@@ -25,6 +25,7 @@ OPTIONS = {
     "offset_learning": 0,
     "event_trigger": 1,
     "e2e": 1,
+    "response_min": 0,
 }
 MODEL = np.array(
     [[1, 1, 1, 1, 0], [1, 1, 1, 1, 0], [0, 0, 1, 1, 0], [0, 0, 1, 1, 0], [0, 0, 0, 0, 1]], bool

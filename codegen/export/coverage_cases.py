@@ -47,7 +47,10 @@ TICKS = 80
 NEVER = -1
 FLIPPED = 8
 """Byte of the calibration, from its end, in which a bit flips."""
-COUNTS = ("apart_samples", "opposite_samples", "bound_samples", "delivery_samples")
+COUNTS = (
+    *("apart_samples", "opposite_samples", "bound_samples", "delivery_samples"),
+    "response_ticks",
+)
 """Samples in a row before a monitor accuses."""
 FULL = 1 << 20
 """The most ticks that can pass between two."""
@@ -190,9 +193,10 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "opposite_min": 0,
         "delivery_window": 3,
         "delivery_min": 1,
+        "response_min": 1,
     }
     frames = random_traffic(1, TICKS, bus=bus)
-    yield Case("no monitors", _changed(1, redundancy_min=0, delivery_min=0), frames)
+    yield Case("no monitors", _changed(1, redundancy_min=0, delivery_min=0, response_min=0), frames)
     for seed in (1, 2):
         swaying = random_traffic(seed, 240, hostile=0.0, rough=1.0, bus=bus)
         for samples in (1, 3):

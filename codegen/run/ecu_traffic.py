@@ -19,7 +19,7 @@ from codegen.run.memory_image import event, event_of, sealed
 from firmware import check
 from firmware.calibration import N_RX, STATE_MAX, Calibration
 from firmware.state import RX_ACTUATOR_STATE, Ecu
-from firmware.subset import fields
+from firmware.subset import fields, filled
 
 EVENT = event_of(Ecu)
 """One frame on the built-in bus in the tick before which it arrives, or in which it is sent."""
@@ -48,7 +48,7 @@ def refused(rule: int) -> CanrollError:
     return CanrollError(f"the ECU refuses the calibration: rule {rule} of its check")
 
 
-MONITORS = ("redundancy_", "opposite_", "apart_", "bound_", "delivery_")
+MONITORS = ("redundancy_", "opposite_", "apart_", "bound_", "delivery_", "response_")
 LIMITS = ("envelope_", "steering_limit", *MONITORS)
 """Fields that limit what a law takes and gives, by the beginning of their names."""
 TIGHT = 3
@@ -68,7 +68,7 @@ def random_calibration(seed: int) -> Calibration:
             if not field.name.startswith(LIMITS):
                 setattr(record, field.name, _random_field(rng, lo, hi, field.shape))
             elif seed % TIGHT:
-                setattr(record, field.name, hi)
+                setattr(record, field.name, filled(field.shape, hi))
             else:
                 setattr(record, field.name, _random_field(limits, lo, hi, field.shape))
         _plausible(record, rng)

@@ -7,9 +7,11 @@ import numpy as np
 
 import dbc
 from firmware import calibration as fw
+from firmware.state import RX_SUSPENSION_RATE
 from gain_gen.calibration.observer_part import covariance_fields, observer_fields
+from gain_gen.calibration.response_part import response_fields
 from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, Row, quantise_row
-from gain_gen.calibration.vehicle_part import vehicle_fields
+from gain_gen.calibration.vehicle_part import timeouts, vehicle_fields
 from gain_gen.models.controller import Compensator, matrices
 from gain_gen.models.roll import stationary_covariance
 from gain_gen.models.task import EPSILON_SQUARED, Design
@@ -48,12 +50,14 @@ class Options:
         heartbeat: maximum time between commands, s.
         identification: identify roll stiffness and damping at run time.
         offset_learning: learn sensor offsets in straight running.
+        response_watch: judge reported moments by the body's roll, which needs SuspensionRate.
     """
 
     event_trigger: bool = True
     heartbeat: float = 0.05
     identification: bool = False
     offset_learning: bool = False
+    response_watch: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +103,9 @@ def quantise_design(design: Design, options: Options) -> Quantised:
     fields |= _law(design, rows)
     fields |= _trigger(design, options)
     fields |= vehicle_fields(task, controller.schedule)
+    if options.response_watch:
+        fields |= response_fields(task)
+        fields["timeout_ticks"] = timeouts(task, RX_SUSPENSION_RATE)
     return Quantised(
         fields,
         {name: row.formats for name, row in rows.items()},

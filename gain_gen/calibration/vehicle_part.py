@@ -7,7 +7,13 @@ import numpy as np
 import dbc
 from firmware import calibration as fw
 from firmware.com.signals import RX_IDS
-from firmware.state import RX_IMU, RX_ROLL_REFERENCE, RX_SUSPENSION_RATE
+from firmware.state import (
+    RX_ACTUATOR_STATE,
+    RX_IMU,
+    RX_ROLL_REFERENCE,
+    RX_SUSPENSION_RATE,
+    RX_VEHICLE_MOTION,
+)
 from gain_gen.calibration.monitor_part import monitor_fields
 from gain_gen.calibration.rows import quantise
 from gain_gen.models.controller import SPEEDS
@@ -119,19 +125,26 @@ def _q(value: float, q: int) -> int:
     return round(value * 2.0**q)
 
 
-def _supervision(task: Task) -> dict[str, Value]:
-    """Timeouts of five samples for the inputs in use, E2E tolerance, ramps."""
-    needed = [True, True, False, True, False]
-    needed[RX_SUSPENSION_RATE] = task.actuator == "dampers"
+def timeouts(task: Task, *others: int) -> list[int]:
+    """Return timeouts of five samples for the messages that the loop and ``others`` need, ticks."""
+    needed = {RX_IMU, RX_VEHICLE_MOTION, RX_ACTUATOR_STATE, *others}
+    if task.actuator == "dampers":
+        needed.add(RX_SUSPENSION_RATE)
     if task.observer == "reference":
-        needed[RX_IMU], needed[RX_ROLL_REFERENCE] = False, True
+        needed = needed - {RX_IMU} | {RX_ROLL_REFERENCE}
     samples = [max(period, task.tick) for period in SENSOR_PERIODS]
-    timeouts = [
-        ceil(MISSED_SAMPLES * sample / task.tick + task.delay.most / task.tick) if need else 0
-        for sample, need in zip(samples, needed, strict=True)
+    return [
+        ceil(MISSED_SAMPLES * sample / task.tick + task.delay.most / task.tick)
+        if message in needed
+        else 0
+        for message, sample in enumerate(samples)
     ]
+
+
+def _supervision(task: Task) -> dict[str, Value]:
+    """Timeouts, E2E tolerance, ramps."""
     return {
-        "timeout_ticks": timeouts,
+        "timeout_ticks": timeouts(task),
         "e2e_max_delta": [3] * fw.N_RX,
         "e2e_max_repeated": [14] * fw.N_RX,
         "e2e_sync": [1] * fw.N_RX,

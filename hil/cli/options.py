@@ -143,7 +143,7 @@ def refuse_of_control(args: argparse.Namespace) -> None:
     """Refuse options of the controller beside ``--law passive``."""
     names = ("observer", "gains", "moment_share", "feedforward", "identification")
     if args.law == PASSIVE:
-        unused = dict.fromkeys((*names, "offset_learning"))
+        unused = dict.fromkeys((*names, "offset_learning", "response_watch"))
         refuse_useless(args, unused, "--law passive has no control")
 
 

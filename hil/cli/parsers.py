@@ -38,7 +38,8 @@ RARE_EVENTS = tuple(name for name in EVENT_NAMES if name not in ("fails", "limit
 KINDS = ("laws", "vehicles", "scenarios", "buses", "bodies")
 OF_A_DESIGN = (
     *("vehicle", "law", "stage", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
-    *("gains", "moment_share", "feedforward", "identification", "offset_learning", "bus"),
+    *("gains", "moment_share", "feedforward", "identification", "offset_learning"),
+    *("response_watch", "bus"),
 )
 OF_A_DRIVE = ("plant", "speed_kmh", "options")
 """Choices of the runs in which laws are compared."""

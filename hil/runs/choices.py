@@ -371,6 +371,17 @@ class Choices(TypedDict, total=False):
             saved=False,
         ),
     ]
+    response_watch: Annotated[
+        bool | None,
+        Choice(
+            option="--watch-response",
+            help="judge the moments that actuators report by the body's roll and its suspension",
+            of=CONTROLLER,
+            default=False,
+            frozen_in_calibration=True,
+            saved=False,
+        ),
+    ]
     options: Annotated[
         Mapping[str, Any] | None,
         Choice(

@@ -209,8 +209,22 @@ def options_of(choices: Mapping[str, Any]) -> Options:
         event_trigger=event,
         identification=chosen(choices, "identification"),
         offset_learning=chosen(choices, "offset_learning"),
+        response_watch=_response_watch(choices),
         heartbeat=heartbeat,
     )
+
+
+def _response_watch(choices: Mapping[str, Any]) -> bool:
+    watched = bool(chosen(choices, "response_watch"))
+    if watched and chosen(choices, "actuator") not in ("bars", "suspension"):
+        raise CanrollError(
+            "--watch-response: the commands of dampers and valves are no moments: omit it"
+        )
+    if watched and chosen(choices, "observer") == "reference":
+        raise CanrollError(
+            "--watch-response: observer reference reads no inertial unit: choose another observer"
+        )
+    return watched
 
 
 def _designed(choices: Mapping[str, Any]) -> Controller:

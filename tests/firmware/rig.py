@@ -264,7 +264,7 @@ def calibration(
     cal.offset_shift = 8
     cal.offset_rate_max, cal.offset_acceleration_max = round(0.035 * 2**27), round(0.5 * 2**24)
     cal.heartbeat_ticks, cal.acknowledge_ticks, cal.status_ticks = per(0.05), 3, per(0.1)
-    cal.delivery_window, cal.delivery_samples = 8, 4
+    cal.delivery_window, cal.delivery_samples, cal.response_ticks = 8, 4, 20
     cal.apart_samples, cal.opposite_samples, cal.bound_samples = 8, 20, 10
     # as wide as it gets: tests of the law are not those of the envelope
     cal.envelope_moment = cal.envelope_slew = cal.envelope_outward = fw.STATE_MAX

@@ -110,7 +110,7 @@ TICKS = {
         8220,
     ),
 }
-CODE, TABLES, STATE, STACK = 13_850, 1010, 1180, 256
+CODE, TABLES, STATE, STACK = 14_450, 1030, 1180, 256
 
 
 @needs_qemu

@@ -1,0 +1,216 @@
+"""Response monitor: reported moments against the roll of a body on measured suspension."""
+
+import numpy as np
+import pytest
+import rig
+from scipy.integrate import solve_ivp
+
+from firmware import calibration as fw
+from firmware import plausibility as sv
+from firmware.monitors.response import watch_response
+from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
+from firmware.supervisor import supervise
+
+VAN, TRACK, STEP = rig.VAN, 2.0 * rig.VAN.half_track, 0.01
+LOW_PASS, WASHOUT = 0.05, 1.26
+LEAST = 300.0
+SECONDS = 4.0
+
+
+def watched(**changes: object) -> fw.Calibration:
+    """A calibration with the monitor on, the front axle with 60 % of springs and dampers."""
+    cal = rig.calibration(actuator=fw.BARS, **changes)
+    cal.timeout_ticks[RX_SUSPENSION_RATE] = 5
+    cal.response_min = round(LEAST * 2**fw.Q_MOMENT)
+    cal.response_stroke = [round(share * VAN.damping / TRACK * 2**10) for share in (0.6, 0.4)]
+    cal.response_stretch = round(STEP * VAN.roll_stiffness / VAN.damping * 2**30)
+    cal.response_lateral = round(VAN.moment_per_acceleration * 2**10)
+    cal.response_inertia = round(VAN.inertia / LOW_PASS * 2**10)
+    cal.response_pass = round(STEP / LOW_PASS * 2**30)
+    cal.response_wash = round(STEP * WASHOUT * 2**30)
+    return cal
+
+
+def known(cal: fw.Calibration) -> Ecu:
+    """An ECU of a moving car with every input, whose actuators follow commands."""
+    ecu = rig.started(cal)
+    ecu.gain_factor, ecu.motion_lost, ecu.moment_unknown = 1 << 28, 0, 0
+    ecu.enabled = ecu.command_held = 1
+    ecu.valid[RX_IMU], ecu.valid[RX_SUSPENSION_RATE], ecu.valid[RX_ACTUATOR_STATE] = 7, 15, 3
+    return ecu
+
+
+def drive(true, *, of_model: float = 1.0, road=lambda t: 0.0, offset: float = 0.0) -> np.ndarray:
+    """Samples (gyro, rate across a suspension, a_y, reported moment) of a slalom of 4 m/s².
+
+    ``true`` gives the moment that acts from the reported one, N·m. The plant's mass, stiffness and
+    damping are ``of_model`` times the monitor's. ``road`` is the rate at which the road tilts the
+    wheels, rad/s; ``offset`` that of the accelerometer, m/s².
+    """
+    arm = of_model * VAN.moment_per_acceleration
+
+    def lateral(t):
+        return 4.0 * np.sin(2.0 * np.pi * 0.5 * t)
+
+    def reported(t):
+        return -0.8 * VAN.moment_per_acceleration * lateral(t - 0.05)
+
+    def rates(t, state):
+        _, stretch, rate = state
+        stroke = rate - road(t)
+        springs = of_model * (VAN.roll_stiffness * stretch + VAN.damping * stroke)
+        acting = true(reported(t)) + arm * lateral(t) - springs
+        return [rate, stroke, acting / (of_model * VAN.inertia)]
+
+    times = np.arange(0.0, SECONDS, STEP)
+    state = solve_ivp(rates, (0.0, SECONDS), [0.0] * 3, t_eval=times, max_step=STEP).y
+    strokes = state[2] - [road(t) for t in times]
+    measured = lateral(times) + offset
+    return np.stack([state[2], strokes, measured, reported(times)], axis=1)
+
+
+def replay(ecu: Ecu, cal: fw.Calibration, samples: np.ndarray) -> None:
+    """Let the monitor judge the samples."""
+    for gyro, stroke, lateral, moment in samples:
+        ecu.roll_rate = round(gyro * 2**fw.Q_RATE)
+        left = round(0.5 * TRACK * stroke * 2**fw.Q_RATE)
+        ecu.stroke_rate = [left, -left, left, -left]
+        ecu.lateral_acceleration = round(lateral * 2**fw.Q_ACCELERATION)
+        ecu.delivered = [round(0.5 * moment * 2**fw.Q_MOMENT)] * 2
+        watch_response(ecu, cal, 1)
+
+
+@pytest.mark.parametrize(
+    ("true", "lie"),
+    [
+        (lambda moment: moment, 0),
+        (lambda moment: 0.8 * moment, 0),
+        (lambda moment: 1.2 * moment, 0),
+        (lambda moment: 0.0, 1),
+        (lambda moment: -moment, 1),
+    ],
+    ids=["true", "80 %", "120 %", "dead", "reversed"],
+)
+@pytest.mark.parametrize("of_model", [0.85, 1.0, 1.15])
+def test_moments_that_the_body_does_not_answer_are_lies(true, lie, of_model):
+    cal = watched()
+    ecu = known(cal)
+    replay(ecu, cal, drive(true, of_model=of_model))
+    assert ecu.contradicted == [lie, lie]
+
+
+def test_a_moment_that_is_not_reported_is_found_on_a_straight_road():
+    cal = watched()
+    ecu = known(cal)
+    samples = drive(lambda moment: moment + 2500.0)
+    samples[:, 2:] = 0.0
+    ecu_of_fair, rest = known(cal), samples.copy()
+    rest[:, :] = 0.0
+    replay(ecu_of_fair, cal, rest)
+    assert ecu_of_fair.contradicted == [0, 0]
+    replay(ecu, cal, samples)
+    assert ecu.contradicted == [1, 1]
+
+
+def test_a_road_acts_through_the_springs_alone_and_accuses_nobody():
+    cal = watched()
+    ecu = known(cal)
+    # bumps under one side that would take half of the springs' travel of a slalom
+    samples = drive(lambda moment: moment, road=lambda t: 0.6 * np.sin(2.0 * np.pi * 3.0 * t))
+    assert np.abs(samples[:, 1]).max() > 0.5
+    replay(ecu, cal, samples)
+    assert ecu.contradicted == [0, 0]
+
+
+def test_frames_that_come_early_and_late_accuse_nobody():
+    cal = watched()
+    ecu = known(cal)
+    samples = drive(lambda moment: moment)
+    # the inertial unit's come two in a tick and none in the next
+    samples[1::2, [0, 2]] = samples[0:-1:2, [0, 2]]
+    for number, sample in enumerate(samples):
+        ecu.fresh[RX_IMU] = 1 - number % 2
+        replay(ecu, cal, sample[None])
+    assert ecu.contradicted == [0, 0]
+
+
+def test_no_lasting_offset_counts():
+    cal = watched()
+    ecu = known(cal)
+    replay(ecu, cal, drive(lambda moment: moment, offset=3.0))
+    assert ecu.contradicted == [0, 0]
+
+
+def test_it_takes_so_many_samples_in_a_row():
+    cal = watched()
+    ecu = known(cal)
+    jump = np.zeros((cal.response_ticks + 40, 4))
+    jump[20:, 3] = 3000.0
+    for sample in jump:
+        before = ecu.response_ticks
+        replay(ecu, cal, sample[None])
+        assert ecu.response_ticks in (0, before + 1)
+        assert ecu.contradicted == [int(ecu.response_ticks == cal.response_ticks)] * 2
+        if ecu.contradicted == [1, 1]:
+            break
+    assert ecu.contradicted == [1, 1]
+
+
+@pytest.mark.parametrize(
+    "state",
+    [
+        {"enabled": 0},
+        {"command_held": 0},
+        {"gain_factor": 0},
+        {"lateral_lost": 1},
+        {"moment_unknown": 1},
+        {"valid": [5, 3, 15, 3, 7]},
+        {"valid": [7, 3, 14, 3, 7]},
+        {"valid": [7, 3, 15, 1, 7]},
+        {"unchanged": [0, 0, 6, 0, 0]},
+        {"unchanged": [6, 0, 0, 0, 0]},
+    ],
+    ids=str,
+)
+def test_nothing_is_judged_unless_all_that_acts_is_known(state):
+    cal = watched()
+    ecu = known(cal)
+    for name, value in state.items():
+        setattr(ecu, name, value)
+    replay(ecu, cal, drive(lambda moment: -moment))
+    assert ecu.contradicted == [0, 0]
+    # afterwards it starts anew, from what is now
+    restored = known(cal)
+    for name in state:
+        setattr(ecu, name, getattr(restored, name))
+    replay(ecu, cal, drive(lambda moment: moment)[57:])
+    assert ecu.contradicted == [0, 0]
+
+
+def test_a_missed_tick_breaks_the_integral():
+    cal = watched()
+    ecu = known(cal)
+    replay(ecu, cal, drive(lambda moment: moment)[:100])
+    assert ecu.response_known == 1
+    watch_response(ecu, cal, 2)
+    assert ecu.response_known == 0
+
+
+def test_off_it_does_nothing():
+    cal = watched()
+    cal.response_min = 0
+    ecu = known(cal)
+    replay(ecu, cal, drive(lambda moment: -moment))
+    assert ecu.contradicted == [0, 0]
+    assert ecu.response_known == 0
+
+
+def test_no_axle_is_believed_afterwards():
+    cal = watched()
+    ecu = known(cal)
+    replay(ecu, cal, drive(lambda moment: -moment))
+    ecu.mode = 1
+    supervise(ecu, cal, 1)
+    assert ecu.mode == SAFE
+    assert ecu.fault_active >> sv.FAULT_ACTUATOR_CONTRADICTED & 1
+    assert ecu.failed == [1] * 4

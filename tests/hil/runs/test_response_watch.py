@@ -1,0 +1,72 @@
+"""Actuators that report what was commanded, in whole runs with the response monitor."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
+from firmware.state import SAFE
+from hil.runs import experiment
+from hil.studies.variation import DEFAULT_SPREAD, draw
+
+pytestmark = pytest.mark.slow
+
+
+def driven(scenario: str, *, number: int | None = None, **choices) -> tuple[int, bool]:
+    """Fault codes and whether it ended in SAFE; ``number`` draws another vehicle to drive."""
+    settings, controller = experiment.plan(scenario, law="lqr", **choices)
+    if number is not None:
+        settings = draw(settings, number, spread=DEFAULT_SPREAD, seed=14)
+    ticks = experiment.drive(settings, controller, enabled=True).ticks
+    codes = int(np.bitwise_or.reduce(ticks["fault_codes"], initial=0))
+    return codes, bool(ticks["mode"][-1] == SAFE)
+
+
+@pytest.mark.parametrize("watched", [True, False])
+@pytest.mark.parametrize("lie", ["front=reversed", "actuators=reversed", "actuators=stuck"])
+@pytest.mark.parametrize("actuator", ["bars", "suspension"])
+def test_lies_are_found_by_it_alone(actuator, lie, watched):
+    where = lie.partition("=")[0]
+    codes, safe = driven(
+        "double_lane_change",
+        actuator=actuator,
+        faults=[f"{lie}@1.6 + {where}=lying@1.6"],
+        response_watch=watched,
+    )
+    assert safe == watched
+    assert codes >> FAULT_ACTUATOR_CONTRADICTED & 1 == watched
+
+
+@pytest.mark.parametrize("number", range(2))
+@pytest.mark.parametrize(
+    ("scenario", "options"),
+    [
+        ("bumps", {"height": 0.06}),
+        ("random_road", {"road_class": "C"}),
+        ("banked_curve", {"bank_deg": 10.0}),
+        ("fishhook", {"friction": 0.6}),
+    ],
+)
+def test_no_road_and_no_other_vehicle_is_taken_for_a_lie(scenario, options, number):
+    codes, _ = driven(
+        scenario,
+        number=number,
+        actuator="bars",
+        options=options,
+        response_watch=True,
+    )
+    assert codes >> FAULT_ACTUATOR_CONTRADICTED & 1 == 0
+
+
+def test_it_is_frozen_in_a_calibration_and_changes_no_command():
+    frames = []
+    for watched in (True, False):
+        settings, controller = experiment.plan(
+            "double_lane_change", law="lqr", actuator="bars", response_watch=watched
+        )
+        assert (controller.record.response_min > 0) == watched
+        assert (controller.record.timeout_ticks[2] > 0) == watched
+        trace = experiment.drive(replace(settings, seed=3), controller, enabled=True)
+        frames.append(trace.frames[:].tobytes())
+    assert frames[0] == frames[1]
