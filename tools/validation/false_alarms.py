@@ -3,12 +3,18 @@
 ``python -m tools.validation.false_alarms --first 100000 --runs 1000``: run k is drawn from its
 number alone: vehicle, population, actuator, law, manoeuvre up to the limit, grip 0.35 to 1, bank,
 road, bus, speed, noise, bias, temperature, with and without control, on the nonlinear plant. Runs
-below 100 000 served to choose the thresholds; those from there on check them.
+below 100 000 served to choose the thresholds; those from there on check them. Runs of one design
+are driven together, by ``--jobs`` processes; what is found does not depend on how many.
 """
 
 import argparse
 import sys
+from collections import Counter, defaultdict
+from collections.abc import Iterable
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
+from functools import lru_cache
+from multiprocessing import get_context
 from typing import Any
 
 import numpy as np
@@ -23,7 +29,11 @@ from firmware.plausibility import (
 )
 from hil.reaction.fault_codes import in_words
 from hil.runs import experiment
+from hil.runs.frozen import Controller
+from hil.runs.result import Settings
 from hil.studies.variation import DEFAULT_SPREAD, draw
+from plant_sim.driving import maneuvers
+from plant_sim.world.recording import Kept
 from tools.progress import progress
 
 VEHICLES = ("van_real", "suv_2020", "van_2021", "van_2022", "car_2020", "sedan_320i")
@@ -39,7 +49,11 @@ MONITORS = (
     | 1 << FAULT_MOTION_CONTRADICTED
     | 1 << FAULT_ACTUATOR_CONTRADICTED
 )
+DESIGN = ("vehicle", "actuator", "law", "bus")
+"""The choices that a design depends on."""
 UNSEEN = 100_000
+TOGETHER = 50
+"""Runs of one design that a process is given at once."""
 CONFIDENCE = 0.95
 
 
@@ -75,15 +89,58 @@ def drawn(number: int) -> tuple[str, dict[str, Any], bool, bool]:
     return maneuver, choices, bool(random.random() < 0.8), bool(random.random() < 0.7)
 
 
-def accused(number: int) -> int:
-    """Return the fault codes that the monitors report in run ``number``, as bits."""
+@lru_cache(maxsize=1)
+def designed(design: tuple[str, ...]) -> tuple[Settings, Controller]:
+    """Return settings and controller of a design, values of ``DESIGN``."""
+    return experiment.plan(MANEUVERS[0], **dict(zip(DESIGN, design, strict=True)))  # type: ignore[misc]
+
+
+def reported(number: int) -> int | None:
+    """Return the fault codes of run ``number`` as bits; None if it cannot be driven.
+
+    A speed that the manoeuvre cannot be driven at, or a vehicle that cannot be.
+    """
     maneuver, choices, enabled, varied = drawn(number)
-    settings, controller = experiment.plan(maneuver, **choices)
-    if varied:
-        vehicle = draw(settings, number, spread=DEFAULT_SPREAD, seed=14)
-        settings = replace(vehicle, seed=settings.seed)
-    trace = experiment.drive(settings, controller, enabled=enabled)
-    return int(np.bitwise_or.reduce(trace.ticks["fault_codes"], initial=0)) & MONITORS
+    settings, controller = designed(tuple(choices[name] for name in DESIGN))
+    speed_kmh = choices.get("speed_kmh")
+    settings = replace(
+        settings,
+        scenario=maneuver,
+        seed=choices["seed"],
+        speed=maneuvers.default_speed(maneuver, settings.vehicle)
+        if speed_kmh is None
+        else speed_kmh / 3.6,
+        options=tuple(sorted(choices["options"].items())),
+        conditions=tuple(sorted(choices["conditions"].items())),
+    )
+    try:
+        if varied:
+            vehicle = draw(settings, number, spread=DEFAULT_SPREAD, seed=14)
+            settings = replace(vehicle, seed=settings.seed)
+        trace = experiment.drive(
+            settings, controller, enabled=enabled, kept=Kept(signals=("time",), frames=False)
+        )
+    except CanrollError:
+        return None
+    return int(np.bitwise_or.reduce(trace.ticks["fault_codes"], initial=0))
+
+
+def all_reported(numbers: tuple[int, ...]) -> list[tuple[int, int | None]]:
+    """Return numbers and fault codes of some runs."""
+    return [(number, reported(number)) for number in numbers]
+
+
+def by_design(numbers: Iterable[int]) -> list[tuple[int, ...]]:
+    """Return the runs in groups of one design each."""
+    of = defaultdict(list)
+    for number in numbers:
+        _, choices, _, _ = drawn(number)
+        of[tuple(choices[name] for name in DESIGN)].append(number)
+    return [
+        tuple(runs[first : first + TOGETHER])
+        for _, runs in sorted(of.items())
+        for first in range(0, len(runs), TOGETHER)
+    ]
 
 
 def bound(alarms: int, runs: int) -> float:
@@ -96,26 +153,29 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
     parser.add_argument("--runs", type=int, default=1000)
     parser.add_argument("--first", type=int, default=UNSEEN, help="number of the first run")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
     arguments = parser.parse_args()
-    driven = alarms = skipped = 0
-    with progress("fault-free runs", arguments.runs) as done:
-        for number in range(arguments.first, arguments.first + arguments.runs):
-            try:
-                codes = accused(number)
-            except CanrollError:
-                # a speed that the manoeuvre cannot be driven at, or a vehicle that cannot be
-                skipped += 1
-                continue
-            finally:
-                done(1)
-            driven += 1
-            if codes:
-                alarms += 1
-                print(f"run {number}: {', '.join(in_words(codes))}: {drawn(number)}", flush=True)
+    codes: dict[int, int | None] = {}
+    groups = by_design(range(arguments.first, arguments.first + arguments.runs))
+    with (
+        progress("fault-free runs", arguments.runs) as done,
+        ProcessPoolExecutor(arguments.jobs, mp_context=get_context("forkserver")) as pool,
+    ):
+        for task in as_completed([pool.submit(all_reported, group) for group in groups]):
+            codes |= task.result()
+            done(len(task.result()))
+    found = {number: bits for number, bits in sorted(codes.items()) if bits is not None}
+    for number, bits in found.items():
+        if bits:
+            print(f"run {number}: {', '.join(in_words(bits))}: {drawn(number)}")
+    alarms = sum(bool(bits & MONITORS) for bits in found.values())
     print(
-        f"{alarms} false alarms in {driven} fault-free runs ({skipped} draws cannot be driven): "
-        f"rate below {bound(alarms, driven):.2%} at {CONFIDENCE:.0%} confidence"
+        f"{alarms} false alarms in {len(found)} fault-free runs "
+        f"({len(codes) - len(found)} draws cannot be driven): "
+        f"rate below {bound(alarms, len(found)):.3%} at {CONFIDENCE:.0%} confidence"
     )
+    for word, count in Counter(w for bits in found.values() for w in in_words(bits)).items():
+        print(f"{word}: in {count}, rate below {bound(count, len(found)):.3%}")
     return int(alarms > 0)
 
 
