@@ -2,6 +2,7 @@
 
 import os
 import signal
+from collections.abc import Iterator
 
 import pytest
 from hypothesis import settings
@@ -13,6 +14,17 @@ settings.load_profile("reproducible")
 # a shell starts what it puts into the background with SIGINT ignored, and so would be every
 # program that a test ends by it
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(autouse=True)
+def scheduled_as_before() -> Iterator[None]:
+    """A test that leaves a real-time priority behind would starve all later ones."""
+    if not hasattr(os, "sched_getscheduler"):
+        yield
+        return
+    before = os.sched_getscheduler(0)
+    yield
+    assert os.sched_getscheduler(0) == before, "the test has changed the scheduling of its process"
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import dbc
@@ -111,10 +112,12 @@ def run(args: argparse.Namespace) -> int:
     ecu = open_ecu(backend, calibration, firmware, key=key, lasting=remembered)
     link = open_link(args, firmware.fd)
     recorder = tick_trace.Recorder(room=firmware.room)
-    with process.stop_on_signals() as stop:
-        notes = []
-        if args.pace == "realtime":
-            notes = process.prepare(cpu=args.cpu, priority=process.ECU_PRIORITY)
+    realtime = args.pace == "realtime"
+    settings: AbstractContextManager[list[str]] = nullcontext([])
+    if realtime:
+        settings = process.prepared(cpu=args.cpu, priority=process.ECU_PRIORITY)
+    with process.stop_on_signals() as stop, settings as notes:
+        if realtime:
             warm.rehearse_ecu(open_backend(backend, calibration, firmware), calibration, firmware)
         for note in notes:
             print(f"note: {note}", flush=True)
@@ -122,7 +125,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             with warm.counted_compilations() as compiled:
                 print(f"ECU runs every {calibration.tick_us / 1000:g} ms", flush=True)
-                if args.pace == "realtime":
+                if realtime:
                     outcome = ecu_loop.run(
                         ecu,
                         link,

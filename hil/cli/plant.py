@@ -1,6 +1,7 @@
 """``canroll plant``: the vehicle alone, in real time, on any python-can bus or its own."""
 
 import argparse
+from contextlib import AbstractContextManager, nullcontext
 
 import vehicles
 from canroll.errors import CanrollError
@@ -50,10 +51,12 @@ def run(args: argparse.Namespace) -> int:
     if args.prepare:
         return 0
     world = world_of(args, memory)
-    with process.stop_on_signals() as stop:
-        notes = []
-        if args.pace == "realtime":
-            notes = process.prepare(cpu=args.cpu, priority=process.PLANT_PRIORITY)
+    realtime = args.pace == "realtime"
+    settings: AbstractContextManager[list[str]] = nullcontext([])
+    if realtime:
+        settings = process.prepared(cpu=args.cpu, priority=process.PLANT_PRIORITY)
+    with process.stop_on_signals() as stop, settings as notes:
+        if realtime:
             warm.rehearse_plant(lambda: world_of(args), firmware_of(profile_of(choices_of(args))))
         for note in notes:
             print(f"note: {note}", flush=True)

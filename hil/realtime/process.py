@@ -18,6 +18,8 @@ PLANT_PRIORITY = 50
 """SCHED_FIFO priorities: where both share a core, the ECU goes first."""
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
+_SLACK = Path("/proc/self/timerslack_ns")
+"""Lateness of this thread's timers; writing 0 sets the default."""
 
 
 def cores() -> list[int]:
@@ -47,14 +49,34 @@ def prepare(*, cpu: int | None, priority: int) -> list[str]:
     except OSError as error:
         notes.append(f"no real-time priority ({reason(error)}): run as root or 'ulimit -r 99'")
         # timers of ordinary processes are late by 50 us unless they ask for better
-        slack = Path("/proc/self/timerslack_ns")
-        if slack.exists():
-            slack.write_text("1", encoding="ascii")
+        if _SLACK.exists():
+            _SLACK.write_text("1", encoding="ascii")
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE):
         refusal = os.strerror(ctypes.get_errno())
         notes.append(f"memory not locked ({refusal}): run as root or 'ulimit -l unlimited'")
     return notes
+
+
+@contextmanager
+def prepared(*, cpu: int | None, priority: int) -> Iterator[list[str]]:
+    """:func:`prepare` inside; afterwards the process is scheduled as before, and is not locked.
+
+    For a loop in a process that lives on: it and all that it starts would keep the priority.
+    """
+    if sys.platform != "linux":
+        yield prepare(cpu=cpu, priority=priority)
+        return
+    cores_before = os.sched_getaffinity(0)
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        yield prepare(cpu=cpu, priority=priority)
+    finally:
+        os.sched_setscheduler(0, *before)
+        os.sched_setaffinity(0, cores_before)
+        if _SLACK.exists():
+            _SLACK.write_text("0", encoding="ascii")
+        ctypes.CDLL(None).munlockall()
 
 
 @contextmanager
