@@ -2,7 +2,6 @@
 
 import argparse
 import json
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 import dbc
@@ -112,12 +111,9 @@ def run(args: argparse.Namespace) -> int:
     ecu = open_ecu(backend, calibration, firmware, key=key, lasting=remembered)
     link = open_link(args, firmware.fd)
     recorder = tick_trace.Recorder(room=firmware.room)
-    realtime = args.pace == "realtime"
-    settings: AbstractContextManager[list[str]] = nullcontext([])
-    if realtime:
-        settings = process.prepared(cpu=args.cpu, priority=process.ECU_PRIORITY)
+    settings = process.paced(args.pace, cpu=args.cpu, priority=process.ECU_PRIORITY)
     with process.stop_on_signals() as stop, settings as notes:
-        if realtime:
+        if args.pace == "realtime":
             warm.rehearse_ecu(open_backend(backend, calibration, firmware), calibration, firmware)
         for note in notes:
             print(f"note: {note}", flush=True)
@@ -125,7 +121,7 @@ def run(args: argparse.Namespace) -> int:
         try:
             with warm.counted_compilations() as compiled:
                 print(f"ECU runs every {calibration.tick_us / 1000:g} ms", flush=True)
-                if realtime:
+                if args.pace == "realtime":
                     outcome = ecu_loop.run(
                         ecu,
                         link,

@@ -1,7 +1,6 @@
 """``canroll plant``: the vehicle alone, in real time, on any python-can bus or its own."""
 
 import argparse
-from contextlib import AbstractContextManager, nullcontext
 
 import vehicles
 from canroll.errors import CanrollError
@@ -51,12 +50,9 @@ def run(args: argparse.Namespace) -> int:
     if args.prepare:
         return 0
     world = world_of(args, memory)
-    realtime = args.pace == "realtime"
-    settings: AbstractContextManager[list[str]] = nullcontext([])
-    if realtime:
-        settings = process.prepared(cpu=args.cpu, priority=process.PLANT_PRIORITY)
+    settings = process.paced(args.pace, cpu=args.cpu, priority=process.PLANT_PRIORITY)
     with process.stop_on_signals() as stop, settings as notes:
-        if realtime:
+        if args.pace == "realtime":
             warm.rehearse_plant(lambda: world_of(args), firmware_of(profile_of(choices_of(args))))
         for note in notes:
             print(f"note: {note}", flush=True)

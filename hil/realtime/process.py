@@ -6,7 +6,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
@@ -77,6 +77,13 @@ def prepared(*, cpu: int | None, priority: int) -> Iterator[list[str]]:
         if _SLACK.exists():
             _SLACK.write_text("0", encoding="ascii")
         ctypes.CDLL(None).munlockall()
+
+
+def paced(pace: str, *, cpu: int | None, priority: int) -> AbstractContextManager[list[str]]:
+    """Return :func:`prepared` for pace ``realtime``; in lock step nothing is asked for."""
+    if pace == "realtime":
+        return prepared(cpu=cpu, priority=priority)
+    return nullcontext([])
 
 
 @contextmanager
