@@ -4,11 +4,13 @@ Thresholds come from fault-free runs of six vehicles and their populations up to
 (``tools/validation/false_alarms.py``); docs/detection.md has the margins.
 """
 
-from math import ceil
+from math import ceil, pi
 
 import dbc
 from firmware import calibration as fw
+from gain_gen.calibration.rows import quantise
 from gain_gen.models.task import Task
+from vehicles.roll_stiffness import axle_roll_shares, suspension_roll_stiffness
 
 GAP = 2.4
 """Distance of the lateral acceleration from both of the others, besides half of the larger one,
@@ -30,6 +32,14 @@ LAGS = 0.05
 """Time by which a window exceeds the largest delay from sample to force, s: lag and way back."""
 DELIVERY_SAMPLES = 4
 """Samples in a row outside the band before an axle counts as failed."""
+RESPONSE_LEAST = 0.8
+"""What may always be left over: the roll moment m h a_y of this lateral acceleration, m/s²."""
+RESPONSE_TIME = 0.2
+"""How long too much is left over without a break, s."""
+RESPONSE_LOW_PASS = 0.05
+"""Time constant of the low-pass, s."""
+RESPONSE_WASHOUT = 0.2
+"""Corner of the washout, Hz."""
 
 
 def monitor_fields(task: Task) -> dict[str, int | list[int]]:
@@ -65,3 +75,35 @@ def _axle_moment(task: Task) -> float:
         track = 2.0 * max(geometry.half_track_front, geometry.half_track_rear)
         return track * actuators.suspension.force_limit
     return actuators.bars.torque_limit if task.actuator == "bars" else 0.0
+
+
+def response_fields(task: Task) -> dict[str, int | list[int]]:
+    """Return the fields of the response monitor, of bars or of corner forces.
+
+    Springs and dampers of both axles count by the springs' shares, with one time constant.
+
+    Raises:
+        CanrollError: a coefficient is outside its field's range; the message names it.
+    """
+    vehicle, roll = task.vehicle, task.vehicle.design
+    stiffness = suspension_roll_stiffness(vehicle)
+    tracks = 2.0 * vehicle.geometry.half_track_front, 2.0 * vehicle.geometry.half_track_rear
+
+    def coefficient(value: float, name: str) -> int:
+        return quantise(value, 10, 0, fw.COEFFICIENT, name=name)
+
+    return {
+        "response_min": round(RESPONSE_LEAST * roll.roll_arm * 2.0**fw.Q_MOMENT),
+        "response_ticks": max(2, round(RESPONSE_TIME / task.tick)),
+        "response_stroke": [
+            coefficient(share * roll.roll_damping / track, "response_stroke")
+            for share, track in zip(axle_roll_shares(vehicle), tracks, strict=True)
+        ],
+        "response_stretch": quantise(
+            task.tick * stiffness / roll.roll_damping, 30, 0, fw.ONE, name="response_stretch"
+        ),
+        "response_lateral": coefficient(roll.roll_arm, "response_lateral"),
+        "response_inertia": coefficient(roll.roll_inertia / RESPONSE_LOW_PASS, "response_inertia"),
+        "response_pass": round(task.tick / RESPONSE_LOW_PASS * fw.ONE),
+        "response_wash": round(2.0 * pi * RESPONSE_WASHOUT * task.tick * fw.ONE),
+    }

@@ -8,8 +8,8 @@ import numpy as np
 import dbc
 from firmware import calibration as fw
 from firmware.state import RX_SUSPENSION_RATE
+from gain_gen.calibration.monitor_part import response_fields
 from gain_gen.calibration.observer_part import covariance_fields, observer_fields
-from gain_gen.calibration.response_part import response_fields
 from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, Row, quantise_row
 from gain_gen.calibration.vehicle_part import timeouts, vehicle_fields
 from gain_gen.models.controller import Compensator, matrices

@@ -1,6 +1,6 @@
 """The plots of runs, the same for every run, so that several can be overlaid."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ from hil.report.figure import (
     DASH_DOTTED,
     DASHED,
     DOTTED,
+    POINTS_MAX,
     SOLID,
     Figure,
     Series,
@@ -17,12 +18,18 @@ from hil.report.figure import (
     histogram,
     thin_pieces,
 )
-from hil.report.quantity import EFFECTIVE, MOMENT, Quantity, signal, transfer
-from hil.runs.metrics import has_wheel_loads, response_times
+from hil.runs.metrics import (
+    MOMENTS,
+    has_wheel_loads,
+    load_transfer,
+    loads_of,
+    response_times,
+)
 from hil.runs.trace import Trace
 from plant_sim.bodies.ports import WHEELS
 from plant_sim.world.recording import AXLES
 from plant_sim.world.spool import blocks, pieces, row_count
+from vehicles import GRAVITY
 
 PASSIVE_COLOUR = 0
 LOAD_WINDOW = 0.1
@@ -46,6 +53,36 @@ class Shown:
 def dash(place: int) -> int:
     """Return the dashes of curve number ``place``, from 1."""
     return (SOLID, DASH_DOTTED, DOTTED)[(place - 1) % 3]
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """What is plotted: a function of recorded ``signals`` that takes each instant by itself."""
+
+    signals: tuple[str, ...]
+    of: Callable[..., Vector]
+
+    def curve(self, trace: Trace, points: int = POINTS_MAX) -> tuple[Vector, Vector]:
+        """Return times (s) and values of a run as :func:`hil.report.figure.thin` reduces them."""
+        recorded = pieces(trace.signals, "time", *self.signals)
+        values = ((time, self.of(*columns)) for time, *columns in recorded)
+        return thin_pieces(values, row_count(trace.signals), points)
+
+
+def signal(name: str, scale: float = 1.0) -> Quantity:
+    """Return a recorded signal, times ``scale``."""
+    return Quantity((name,), lambda values: values * scale)
+
+
+def transfer(axle: str) -> Quantity:
+    """Return the load transfer of an axle."""
+    return Quantity(loads_of(axle), load_transfer)
+
+
+MOMENT = Quantity(MOMENTS, np.add)
+"""Anti-roll moment on the body from the actuators, N·m."""
+EFFECTIVE = Quantity(("ay", "bank"), lambda ay, bank: ay + GRAVITY * np.sin(bank))
+"""Lateral acceleration as an accelerometer in the upright body measures it, m/s²."""
 
 
 def _over_time(

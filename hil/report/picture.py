@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from canroll.errors import CanrollError, reason
-from hil.report.quantity import MOMENT, signal, transfer
+from hil.report.curves import MOMENT, signal, transfer
 from hil.report.run_page import shown
 from hil.runs.metrics import has_wheel_loads
 from hil.runs.result import Result
