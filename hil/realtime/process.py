@@ -18,7 +18,7 @@ PLANT_PRIORITY = 50
 """SCHED_FIFO priorities: where both share a core, the ECU goes first."""
 
 _MCL_CURRENT, _MCL_FUTURE = 1, 2
-_SLACK = Path("/proc/self/timerslack_ns")
+TIMER_SLACK = Path("/proc/self/timerslack_ns")
 """Lateness of this thread's timers; writing 0 sets the default."""
 
 
@@ -49,8 +49,8 @@ def prepare(*, cpu: int | None, priority: int) -> list[str]:
     except OSError as error:
         notes.append(f"no real-time priority ({reason(error)}): run as root or 'ulimit -r 99'")
         # timers of ordinary processes are late by 50 us unless they ask for better
-        if _SLACK.exists():
-            _SLACK.write_text("1", encoding="ascii")
+        if TIMER_SLACK.exists():
+            TIMER_SLACK.write_text("1", encoding="ascii")
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE):
         refusal = os.strerror(ctypes.get_errno())
@@ -74,8 +74,8 @@ def prepared(*, cpu: int | None, priority: int) -> Iterator[list[str]]:
     finally:
         os.sched_setscheduler(0, *before)
         os.sched_setaffinity(0, cores_before)
-        if _SLACK.exists():
-            _SLACK.write_text("0", encoding="ascii")
+        if TIMER_SLACK.exists():
+            TIMER_SLACK.write_text("0", encoding="ascii")
         ctypes.CDLL(None).munlockall()
 
 

@@ -7,7 +7,6 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from multiprocessing.synchronize import Barrier
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +17,7 @@ from firmware.calibration import Calibration
 from hil.realtime.bus_link import Frame
 from hil.realtime.check.machine import Counters, counters
 from hil.realtime.check.workers import CONTEXT, Child, Send, ended
-from hil.realtime.process import collector_off, prepare
+from hil.realtime.process import TIMER_SLACK, collector_off, prepare
 from hil.runs.frozen import firmware_of
 from plant_sim.buses.profile import BusProfile
 
@@ -93,7 +92,6 @@ def measure(places: Sequence[Place], seconds: float, ticks: Ticks) -> list[Loop]
 
 def _loop(send: Send, together: Barrier, place: Place, seconds: float, ticks: Ticks | None) -> None:
     notes = prepare(cpu=place.core, priority=place.priority)
-    slack = Path("/proc/self/timerslack_ns")
     ecu = None
     if ticks is not None:
         firmware = firmware_of(ticks.profile, ticks.stage)
@@ -126,7 +124,7 @@ def _loop(send: Send, together: Barrier, place: Place, seconds: float, ticks: Ti
             deadline += PERIOD_NS * max(1, -(-(clock() - deadline) // PERIOD_NS))
     used = time.process_time() - used
     counted = None if ecu is None else counters().since(before)
-    found = int(slack.read_text(encoding="ascii")) if slack.exists() else None
+    found = int(TIMER_SLACK.read_text(encoding="ascii")) if TIMER_SLACK.exists() else None
     naps = _naps()
     send(Loop(place, late[:count], took[:done], naps, found, used, counted, tuple(notes)))
 

@@ -1,15 +1,10 @@
 """Real-time settings of a process last as long as its loop."""
 
 import os
-import sys
 from pathlib import Path
-
-import pytest
 
 from hil.cli.main import main
 from hil.realtime import process
-
-linux = pytest.mark.xfail(sys.platform != "linux", reason="Linux only", run=False)
 
 
 def scheduled():
@@ -19,7 +14,6 @@ def scheduled():
     return os.sched_getscheduler(0), os.sched_getaffinity(0), locked
 
 
-@linux
 def test_the_settings_of_a_loop_end_with_it():
     before = scheduled()
     with process.prepared(cpu=min(before[1]), priority=process.ECU_PRIORITY) as notes:
@@ -30,7 +24,6 @@ def test_the_settings_of_a_loop_end_with_it():
     assert scheduled() == before
 
 
-@linux
 def test_a_program_in_this_process_leaves_it_as_it_was(capsys):
     before = scheduled()
     options = ["--duration", "0.05", "--wait", "0.05", "--serve", "127.0.0.1:0"]
