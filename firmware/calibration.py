@@ -327,6 +327,26 @@ class Calibration:
     response_pass: Annotated[i32, F(0, ONE, Q_UNIT, "", "low-pass: its weight per tick")]
     response_wash: Annotated[i32, F(0, ONE, Q_UNIT, "", "washout: share that goes per tick")]
 
+    # axles monitor, with the response monitor: the tyres of both axles carry what acts on them
+    axles_min: Annotated[
+        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least moment left over that counts")
+    ]
+    axles_limit: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "no axle is compared above")
+    ]
+    axles_stretch: Annotated[
+        list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "moment of springs and tyres a tick")
+    ]
+    axles_damping: Annotated[i32, F(0, COEFFICIENT, 10, "", "damping moment over that")]
+    axles_rear: Annotated[i32, F(0, 4 << 28, 28, "", "tyres' roll stiffness, front over rear")]
+    axles_lateral: Annotated[
+        i32, F(-COEFFICIENT, COEFFICIENT, 10, "kg·m", "by a_y at the roll centres, less the rear's")
+    ]
+    axles_yaw: Annotated[
+        i32,
+        F(-COEFFICIENT, COEFFICIENT, 10, "N·m·s", "by yaw acceleration, over the low-pass's constant"),
+    ]
+
     # allocation
     arm_front: Annotated[i32, F(0, 4 << 28, 28, "1/m", "1 / (2 half track), front")]
     arm_rear: Annotated[i32, F(0, 4 << 28, 28, "1/m", "1 / (2 half track), rear")]

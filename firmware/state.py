@@ -159,6 +159,16 @@ class Ecu:
     ]
     response_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too much is left over since")]
 
+    # axles monitor
+    axles_spring: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "of springs and tyres, washed out")
+    ]
+    axles_slow: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, less yaw momentum")
+    ]
+    axles_size: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "share of the moments, fading")]
+    axles_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too much is left over since")]
+
     # observer
     x: Annotated[list[i32], N_STATES, F(STATE_MIN, STATE_MAX, 0, "", "corrected estimate")]
     work: Annotated[list[i32], N_ORDER, F(STATE_MIN, STATE_MAX, 0, "", "scratch")]
@@ -296,6 +306,7 @@ class Ecu:
 
     # response monitor
     response_known: Annotated[u8, F(0, 1, 0, "", "1: all that acts was known in the last tick")]
+    axles_known: Annotated[u8, F(0, 1, 0, "", "1: the axles were compared in the last tick")]
 
     # observer
     ring_head: Annotated[u8, F(0, N_RING - 1, 0, "", "newest entry of the ring")]

@@ -9,6 +9,7 @@ time, except after a corrupt calibration, which is permanent.
 
 from firmware.calibration import ONE, Calibration
 from firmware.com import signals
+from firmware.monitors.axles import watch_axles
 from firmware.monitors.delivery import watch_delivery
 from firmware.monitors.redundancy import watch_redundancy
 from firmware.monitors.response import watch_response
@@ -67,6 +68,7 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     motion: i32 = watch_motion(ecu, cal, elapsed)
     watch_delivery(ecu, cal)
     watch_response(ecu, cal, elapsed)
+    watch_axles(ecu, cal)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
     if elapsed > 1:
         ecu.found = ecu.found | (1 << FAULT_TICK_MISSED)

@@ -40,6 +40,10 @@ RESPONSE_LOW_PASS = 0.05
 """Time constant of the low-pass, s."""
 RESPONSE_WASHOUT = 0.2
 """Corner of the washout, Hz."""
+AXLES_LEAST = 0.5
+"""What may always be left over between the axles: likewise."""
+AXLES_LINEAR = 10.0
+"""Lateral acceleration by yaw rate or steering, m/s², up to which the axles are compared."""
 
 
 def monitor_fields(task: Task) -> dict[str, int | list[int]]:
@@ -106,4 +110,46 @@ def response_fields(task: Task) -> dict[str, int | list[int]]:
         "response_inertia": coefficient(roll.roll_inertia / RESPONSE_LOW_PASS, "response_inertia"),
         "response_pass": round(task.tick / RESPONSE_LOW_PASS * fw.ONE),
         "response_wash": round(2.0 * pi * RESPONSE_WASHOUT * task.tick * fw.ONE),
+        **_axles_fields(task),
+    }
+
+
+def _axles_fields(task: Task) -> dict[str, int | list[int]]:
+    """Return the fields of the axles monitor: moments of the rear as of the front axle's tyres."""
+    vehicle = task.vehicle
+    geometry, mass = vehicle.geometry, vehicle.mass
+    halves = geometry.half_track_front, geometry.half_track_rear
+    heights = geometry.roll_centre_height_front, geometry.roll_centre_height_rear
+    tyres = [2.0 * vehicle.tyre.vertical_stiffness * half**2 for half in halves]
+    scale = 1.0, tyres[0] / tyres[1]
+    spring = suspension_roll_stiffness(vehicle)
+    springs = [
+        factor * (share * spring + tyre)
+        for factor, share, tyre in zip(scale, axle_roll_shares(vehicle), tyres, strict=True)
+    ]
+    front_share = vehicle.suspension.roll_damping_front_share
+    damping = vehicle.design.roll_damping * (front_share + scale[1] * (1.0 - front_share))
+    distances = geometry.cg_to_rear_axle, geometry.cg_to_front_axle
+    lateral = []
+    for other, height, unsprung in zip(
+        distances, heights, (mass.unsprung_front, mass.unsprung_rear), strict=True
+    ):
+        sprung = vehicle.total_mass * other / geometry.wheelbase - unsprung
+        lateral.append(sprung * height + unsprung * vehicle.tyre.radius)
+    arm = (heights[0] + scale[1] * heights[1]) / geometry.wheelbase
+
+    def coefficient(value: float, name: str) -> int:
+        return quantise(value, 10, -fw.COEFFICIENT, fw.COEFFICIENT, name=name)
+
+    return {
+        "axles_min": round(AXLES_LEAST * vehicle.design.roll_arm * 2.0**fw.Q_MOMENT),
+        "axles_limit": round(AXLES_LINEAR * 2.0**fw.Q_ACCELERATION),
+        "axles_stretch": [
+            coefficient(task.tick * stiffness / (2.0 * half), "axles_stretch")
+            for stiffness, half in zip(springs, halves, strict=True)
+        ],
+        "axles_damping": coefficient(damping / sum(springs) / task.tick, "axles_damping"),
+        "axles_rear": quantise(scale[1], 28, 0, 4 << 28, name="axles_rear"),
+        "axles_lateral": coefficient(lateral[0] - scale[1] * lateral[1], "axles_lateral"),
+        "axles_yaw": coefficient(arm * mass.yaw_inertia / RESPONSE_LOW_PASS, "axles_yaw"),
     }

@@ -1,0 +1,65 @@
+"""One axle's suspension against the other's, for an axle that reports what it does not do.
+
+The body is rigid in roll, so that its suspensions roll by different angles only as far as their
+tyres do. Those carry what springs, dampers and actuator of their axle pass on, and the lateral
+force at its roll centre: of the lateral acceleration and, with opposite signs, of the yaw
+acceleration. Mass and height of the body are not in this balance, by far the largest terms of that
+of :mod:`firmware.monitors.response`, nor is a road that tilts both axles. What is left of it is the
+difference between true and reported moments of one axle less that of the other, in N·m at the
+front axle. It is washed out and low-passed as there, and rests with it, and once the tyres have
+left their linear range: a wheel off the road bears no more load. Which axle lies it does not tell.
+A finding lasts until the next ``init``.
+"""
+
+from firmware.calibration import STATE_MAX, Calibration
+from firmware.fixed_point import product
+from firmware.monitors.redundancy import lasting, magnitude
+from firmware.state import RX_IMU, Ecu
+from firmware.subset import clamp, i32, rsh, sat31
+
+# bit of ecu.valid of an Imu frame
+YAW_RATE = 4
+# an eighth of the moments
+SHARE = 3
+
+
+def comparable(ecu: Ecu, cal: Calibration) -> i32:
+    """Return 1 where all that acts on the tyres is known, and they answer linearly."""
+    if ecu.motion_peak > cal.axles_limit or (ecu.valid[RX_IMU] & YAW_RATE) == 0:
+        return 0
+    return ecu.response_known
+
+
+def watch_axles(ecu: Ecu, cal: Calibration) -> None:
+    """Judge by the newest samples what acts on the tyres, after the body's balance."""
+    if comparable(ecu, cal) == 0:
+        ecu.axles_known = 0
+        return
+    front: i32 = product(ecu.stroke_rate[0] - ecu.stroke_rate[1], cal.axles_stretch[0], 23)
+    rear: i32 = product(ecu.stroke_rate[2] - ecu.stroke_rate[3], cal.axles_stretch[1], 23)
+    stretched: i32 = sat31(front - rear)
+    damping: i32 = product(stretched, cal.axles_damping, 10)
+    of_rear: i32 = product(ecu.delivered[1], cal.axles_rear, 28)
+    lateral: i32 = product(ecu.lateral_acceleration, cal.axles_lateral, 20)
+    momentum: i32 = product(ecu.yaw_rate, cal.axles_yaw, 23)
+    acting: i32 = sat31(damping + lateral + of_rear - ecu.delivered[0])
+    if ecu.axles_known == 0:
+        ecu.axles_known = 1
+        ecu.axles_spring = sat31(-acting)
+        ecu.axles_slow = sat31(-momentum)
+        ecu.axles_size = 0
+    washed: i32 = sat31(ecu.axles_spring + acting)
+    ecu.axles_spring = sat31(ecu.axles_spring + stretched - product(washed, cal.response_wash, 30))
+    behind: i32 = sat31(washed - momentum - ecu.axles_slow)
+    ecu.axles_slow = sat31(ecu.axles_slow + product(behind, cal.response_pass, 30))
+    left: i32 = magnitude(sat31(ecu.axles_slow + momentum))
+    size: i32 = rsh(magnitude(ecu.delivered[0]) + magnitude(of_rear), SHARE)
+    faded: i32 = ecu.axles_size - product(ecu.axles_size, cal.response_wash, 31)
+    ecu.axles_size = clamp(size, faded, STATE_MAX)
+    bad: i32 = 0
+    if left > ecu.axles_size + cal.axles_min:
+        bad = 1
+    ecu.axles_ticks = lasting(ecu.axles_ticks, bad, cal.response_ticks)
+    if ecu.axles_ticks == cal.response_ticks:
+        ecu.contradicted[0] = 1
+        ecu.contradicted[1] = 1
