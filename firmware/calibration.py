@@ -338,13 +338,22 @@ class Calibration:
         list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "moment of springs and tyres a tick")
     ]
     axles_damping: Annotated[i32, F(0, COEFFICIENT, 10, "", "damping moment over that")]
+    axles_rough: Annotated[
+        i32, F(0, COEFFICIENT, 10, "", "moment that a rough road may make over that")
+    ]
     axles_rear: Annotated[i32, F(0, 4 << 28, 28, "", "tyres' roll stiffness, front over rear")]
     axles_lateral: Annotated[
         i32, F(-COEFFICIENT, COEFFICIENT, 10, "kg·m", "by a_y at the roll centres, less the rear's")
     ]
     axles_yaw: Annotated[
         i32,
-        F(-COEFFICIENT, COEFFICIENT, 10, "N·m·s", "by yaw acceleration, over the low-pass's constant"),
+        F(
+            -COEFFICIENT,
+            COEFFICIENT,
+            10,
+            "N·m·s",
+            "by yaw acceleration, over the low-pass's constant",
+        ),
     ]
 
     # allocation

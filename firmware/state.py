@@ -166,7 +166,7 @@ class Ecu:
     axles_slow: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, less yaw momentum")
     ]
-    axles_size: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "share of the moments, fading")]
+    axles_size: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "what may be left over, fading")]
     axles_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too much is left over since")]
 
     # observer

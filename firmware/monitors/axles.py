@@ -7,8 +7,10 @@ acceleration. Mass and height of the body are not in this balance, by far the la
 of :mod:`firmware.monitors.response`, nor is a road that tilts both axles. What is left of it is the
 difference between true and reported moments of one axle less that of the other, in N·m at the
 front axle. It is washed out and low-passed as there, and rests with it, and once the tyres have
-left their linear range: a wheel off the road bears no more load. Which axle lies it does not tell.
-A finding lasts until the next ``init``.
+left their linear range: a wheel off the road bears no more load. What the model may be wrong by is
+an eighth of the moments, and what a rough road makes, which tilts one axle after the other: by as
+much as the suspensions have lately moved apart in a short time. Which axle lies it does not tell. A
+finding lasts until the next ``init``.
 """
 
 from firmware.calibration import STATE_MAX, Calibration
@@ -25,9 +27,11 @@ SHARE = 3
 
 def comparable(ecu: Ecu, cal: Calibration) -> i32:
     """Return 1 where all that acts on the tyres is known, and they answer linearly."""
-    if ecu.motion_peak > cal.axles_limit or (ecu.valid[RX_IMU] & YAW_RATE) == 0:
+    if ecu.response_known == 0 or (ecu.valid[RX_IMU] & YAW_RATE) == 0:
         return 0
-    return ecu.response_known
+    if ecu.motion_peak > cal.axles_limit:
+        return 0
+    return 1
 
 
 def watch_axles(ecu: Ecu, cal: Calibration) -> None:
@@ -53,7 +57,9 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
     behind: i32 = sat31(washed - momentum - ecu.axles_slow)
     ecu.axles_slow = sat31(ecu.axles_slow + product(behind, cal.response_pass, 30))
     left: i32 = magnitude(sat31(ecu.axles_slow + momentum))
-    size: i32 = rsh(magnitude(ecu.delivered[0]) + magnitude(of_rear), SHARE)
+    rough: i32 = product(magnitude(stretched), cal.axles_rough, 10)
+    moments: i32 = magnitude(ecu.delivered[0]) + magnitude(of_rear)
+    size: i32 = sat31(rough + rsh(moments, SHARE))
     faded: i32 = ecu.axles_size - product(ecu.axles_size, cal.response_wash, 31)
     ecu.axles_size = clamp(size, faded, STATE_MAX)
     bad: i32 = 0

@@ -40,9 +40,12 @@ RESPONSE_LOW_PASS = 0.05
 """Time constant of the low-pass, s."""
 RESPONSE_WASHOUT = 0.2
 """Corner of the washout, Hz."""
-AXLES_LEAST = 0.5
-"""What may always be left over between the axles: likewise."""
-AXLES_LINEAR = 10.0
+AXLES_LEAST = 0.001
+"""What may always be left over between the axles: roll of the front tyres by so much, rad."""
+AXLES_ROUGH = 0.02
+"""What a rough road may leave over: roll in this time at the rate at which the axles' suspensions
+move apart, s."""
+AXLES_LINEAR = 8.0
 """Lateral acceleration by yaw rate or steering, m/s², up to which the axles are compared."""
 
 
@@ -142,13 +145,14 @@ def _axles_fields(task: Task) -> dict[str, int | list[int]]:
         return quantise(value, 10, -fw.COEFFICIENT, fw.COEFFICIENT, name=name)
 
     return {
-        "axles_min": round(AXLES_LEAST * vehicle.design.roll_arm * 2.0**fw.Q_MOMENT),
+        "axles_min": round(AXLES_LEAST * tyres[0] * 2.0**fw.Q_MOMENT),
         "axles_limit": round(AXLES_LINEAR * 2.0**fw.Q_ACCELERATION),
         "axles_stretch": [
             coefficient(task.tick * stiffness / (2.0 * half), "axles_stretch")
             for stiffness, half in zip(springs, halves, strict=True)
         ],
         "axles_damping": coefficient(damping / sum(springs) / task.tick, "axles_damping"),
+        "axles_rough": coefficient(AXLES_ROUGH / task.tick, "axles_rough"),
         "axles_rear": quantise(scale[1], 28, 0, 4 << 28, name="axles_rear"),
         "axles_lateral": coefficient(lateral[0] - scale[1] * lateral[1], "axles_lateral"),
         "axles_yaw": coefficient(arm * mass.yaw_inertia / RESPONSE_LOW_PASS, "axles_yaw"),

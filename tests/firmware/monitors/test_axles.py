@@ -37,6 +37,7 @@ def watched() -> fw.Calibration:
     cal.axles_limit = round(10.0 * 2**fw.Q_ACCELERATION)
     cal.axles_stretch = [round(STEP * value / TRACK * 2**10) for value in stretch]
     cal.axles_damping = round(scale @ DAMPERS / stretch.sum() / STEP * 2**10)
+    cal.axles_rough = round(0.02 / STEP * 2**10)
     cal.axles_rear = round(SHARE * 2**28)
     cal.axles_lateral = round((AT_CENTRES[0] - SHARE * AT_CENTRES[1]) * 2**10)
     cal.axles_yaw = round(BY_YAW * (1.0 + SHARE) / LOW_PASS * 2**10)
