@@ -331,6 +331,9 @@ class Calibration:
     axles_min: Annotated[
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least moment left over that counts")
     ]
+    axles_rest: Annotated[
+        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "no axle is judged where so much may be")
+    ]
     axles_limit: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "no axle is compared above")
     ]
@@ -352,7 +355,7 @@ class Calibration:
             COEFFICIENT,
             10,
             "N·m·s",
-            "by yaw acceleration, over the low-pass's constant",
+            "by yaw acceleration, over that of the low-pass",
         ),
     ]
 

@@ -194,6 +194,7 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "delivery_window": 3,
         "delivery_min": 1,
         "response_min": 1,
+        "axles_min": 1,
     }
     mirrored: dict[str, object] = {
         "actuator": SUSPENSION,

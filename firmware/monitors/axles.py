@@ -9,8 +9,9 @@ difference between true and reported moments of one axle less that of the other,
 front axle. It is washed out and low-passed as there, and rests with it, and once the tyres have
 left their linear range: a wheel off the road bears no more load. What the model may be wrong by is
 an eighth of the moments, and what a rough road makes, which tilts one axle after the other: by as
-much as the suspensions have lately moved apart in a short time. Which axle lies it does not tell. A
-finding lasts until the next ``init``.
+much as the suspensions have lately moved apart in a short time. Where that is much nothing is
+judged, for wheels leave the ground. Which axle lies it does not tell. A finding lasts until the
+next ``init``.
 """
 
 from firmware.calibration import STATE_MAX, Calibration
@@ -27,7 +28,7 @@ SHARE = 3
 
 def comparable(ecu: Ecu, cal: Calibration) -> i32:
     """Return 1 where all that acts on the tyres is known, and they answer linearly."""
-    if ecu.response_known == 0 or (ecu.valid[RX_IMU] & YAW_RATE) == 0:
+    if (ecu.valid[RX_IMU] & YAW_RATE) == 0 or ecu.response_known == 0:
         return 0
     if ecu.motion_peak > cal.axles_limit:
         return 0
@@ -65,6 +66,8 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
     bad: i32 = 0
     if left > ecu.axles_size + cal.axles_min:
         bad = 1
+    if ecu.axles_size > cal.axles_rest:
+        bad = 0
     ecu.axles_ticks = lasting(ecu.axles_ticks, bad, cal.response_ticks)
     if ecu.axles_ticks == cal.response_ticks:
         ecu.contradicted[0] = 1

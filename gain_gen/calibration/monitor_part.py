@@ -45,6 +45,8 @@ AXLES_LEAST = 0.001
 AXLES_ROUGH = 0.02
 """What a rough road may leave over: roll in this time at the rate at which the axles' suspensions
 move apart, s."""
+AXLES_REST = 0.006
+"""The axles are not judged where a rough road and wrong moments may leave over more, rad."""
 AXLES_LINEAR = 8.0
 """Lateral acceleration by yaw rate or steering, m/s², up to which the axles are compared."""
 
@@ -146,6 +148,7 @@ def _axles_fields(task: Task) -> dict[str, int | list[int]]:
 
     return {
         "axles_min": round(AXLES_LEAST * tyres[0] * 2.0**fw.Q_MOMENT),
+        "axles_rest": round(AXLES_REST * tyres[0] * 2.0**fw.Q_MOMENT),
         "axles_limit": round(AXLES_LINEAR * 2.0**fw.Q_ACCELERATION),
         "axles_stretch": [
             coefficient(task.tick * stiffness / (2.0 * half), "axles_stretch")

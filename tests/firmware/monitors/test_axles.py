@@ -13,7 +13,7 @@ from firmware.supervisor import supervise
 
 VAN, TRACK, STEP = rig.VAN, 2.0 * rig.VAN.half_track, 0.01
 LOW_PASS, WASHOUT = 0.05, 1.26
-LEAST = 400.0
+LEAST, REST = 400.0, 2000.0
 SECONDS = 4.0
 SPRINGS = np.array([0.6, 0.4]) * VAN.roll_stiffness
 DAMPERS = np.array([0.6, 0.4]) * VAN.damping
@@ -34,6 +34,7 @@ def watched() -> fw.Calibration:
     scale = np.array([1.0, SHARE])
     stretch = scale * (SPRINGS + TYRES)
     cal.axles_min = round(LEAST * 2**fw.Q_MOMENT)
+    cal.axles_rest = round(REST * 2**fw.Q_MOMENT)
     cal.axles_limit = round(10.0 * 2**fw.Q_ACCELERATION)
     cal.axles_stretch = [round(STEP * value / TRACK * 2**10) for value in stretch]
     cal.axles_damping = round(scale @ DAMPERS / stretch.sum() / STEP * 2**10)
@@ -72,7 +73,7 @@ def drive(true, *, of_springs: float = 1.0, of_body: float = 1.0, road=lambda t:
 
     def strokes(t, state):
         # tyres that carry what springs, dampers and actuators of their axle pass on
-        body, rate, tilt = state[0], state[1], state[2:]
+        body, tilt = state[0], state[2:]
         moment = true(reported(t))
         yawing = (yaw(t + 1e-3) - yaw(t - 1e-3)) / 2e-3
         outside = AT_CENTRES * lateral(t) + BY_YAW * np.array([1.0, -1.0]) * yawing
@@ -152,6 +153,15 @@ def test_a_bump_is_too_short_to_accuse():
     cal = watched()
     ecu = known(cal)
     replay(ecu, cal, drive(lambda moment: moment, road=bump))
+    assert ecu.contradicted == [0, 0]
+
+
+def test_on_a_road_that_is_too_rough_nothing_is_judged():
+    cal = watched()
+    ecu = known(cal)
+    lies = drive(lambda moment: np.array([-1.0, 1.0]) * moment)
+    lies[::50, 0] += 2.0 * REST / (0.02 * TYRES[0])
+    replay(ecu, cal, lies)
     assert ecu.contradicted == [0, 0]
 
 
