@@ -40,12 +40,12 @@ RESPONSE_LOW_PASS = 0.05
 """Time constant of the low-pass, s."""
 RESPONSE_WASHOUT = 0.2
 """Corner of the washout, Hz."""
-AXLES_LEAST = 0.001
+AXLES_LEAST = 0.0012
 """What may always be left over between the axles: roll of the front tyres by so much, rad."""
-AXLES_ROUGH = 0.02
+AXLES_ROUGH = 0.03
 """What a rough road may leave over: roll in this time at the rate at which the axles' suspensions
 move apart, s."""
-AXLES_REST = 0.006
+AXLES_REST = 0.003
 """The axles are not judged where a rough road and wrong moments may leave over more, rad."""
 AXLES_LINEAR = 8.0
 """Lateral acceleration by yaw rate or steering, m/s², up to which the axles are compared."""
