@@ -168,6 +168,7 @@ class Ecu:
     response_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too much is left over since")]
 
     # axles monitor
+    axles_known: Annotated[i32, F(0, 1, 0, "", "1: the axles were compared in the last tick")]
     axles_spring: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "of springs and tyres, washed out")
     ]
@@ -314,7 +315,6 @@ class Ecu:
 
     # response monitor
     response_known: Annotated[u8, F(0, 1, 0, "", "1: all that acts was known in the last tick")]
-    axles_known: Annotated[u8, F(0, 1, 0, "", "1: the axles were compared in the last tick")]
 
     # observer
     ring_head: Annotated[u8, F(0, N_RING - 1, 0, "", "newest entry of the ring")]
