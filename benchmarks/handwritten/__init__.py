@@ -2,8 +2,8 @@
 
 It does what the generated firmware does for a calibration of ``canroll run --no-watch-response``
 (lqr, ay_feedforward: suspension forces, both sensors, event trigger, E2E, the other monitors), bit
-for bit, and nothing for options that such a calibration leaves off. Held against the generated C it shows what
-being general costs.
+for bit, and nothing for options that such a calibration leaves off. Held against the generated C it
+shows what being general costs.
 """
 
 from pathlib import Path
