@@ -292,7 +292,7 @@ class Calibration:
     opposite_min: Annotated[
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "least a_y and yaw rate times speed")
     ]
-    apart_samples: Annotated[i32, F(1, 1000, 0, "", "outside both in a row that count")]
+    apart_samples: Annotated[i32, F(1, 1000, 0, "", "outside both or frozen in a row that count")]
     opposite_samples: Annotated[i32, F(1, 1000, 0, "", "of opposite sign in a row that count")]
     bound_samples: Annotated[i32, F(1, 1000, 0, "", "gyro bias at its bound in a row that count")]
     mirror_limit: Annotated[

@@ -120,8 +120,16 @@ class Ecu:
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "largest by yaw rate or steering, fading")
     ]
     motion_now: Annotated[i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "likewise, fading fast")]
-    apart_samples: Annotated[i32, F(0, 1000, 0, "", "lateral acceleration outside both, in a row")]
+    apart_samples: Annotated[
+        i32, F(0, 1000, 0, "", "lateral acceleration outside both or frozen, in a row")
+    ]
     opposite_samples: Annotated[i32, F(0, 1000, 0, "", "yaw rate of opposite sign, in a row")]
+    frozen_lateral: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "last change of lateral acceleration")
+    ]
+    frozen_turning: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "yaw rate times speed then")
+    ]
     bound_samples: Annotated[i32, F(0, 1000, 0, "", "gyro bias at its bound, in a row")]
     steered_slow: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "a_y from steering, low-passed")

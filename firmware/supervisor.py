@@ -7,7 +7,7 @@ command to zero and keeps the heartbeat. Both end when all inputs have been good
 time, except after a corrupt calibration, which is permanent.
 """
 
-from firmware.calibration import ONE, Calibration
+from firmware.calibration import ONE, STATE_MAX, Calibration
 from firmware.com import signals
 from firmware.monitors.delivery import watch_delivery
 from firmware.monitors.redundancy import watch_redundancy
@@ -94,4 +94,6 @@ def init_supervisor(ecu: Ecu) -> None:
     ecu.mode = INIT
     ecu.motion_lost = 1
     ecu.moment_unknown = 1
+    # as no sample is
+    ecu.frozen_lateral = STATE_MAX
     ecu.feedforward = ONE

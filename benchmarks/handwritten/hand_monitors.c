@@ -36,13 +36,19 @@ static void compare_lateral(canroll_ecu *ecu, const canroll_calibration *cal)
     const int32_t least = cal->opposite_min;
     const int32_t peak = larger(motion, ecu->motion_peak - ((ecu->motion_peak + 1024) >> 11));
     const int32_t now = larger(motion, ecu->motion_now - ((ecu->motion_now + 64) >> 7));
-    bool apart = false, opposite;
+    bool apart, opposite;
     ecu->motion_peak = peak;
     ecu->motion_now = now;
+    /* the same to the last bit, at another yaw rate times speed */
+    apart = told == ecu->frozen_lateral && size_of(turning - ecu->frozen_turning) > least;
+    if (told != ecu->frozen_lateral) {
+        ecu->frozen_lateral = told;
+        ecu->frozen_turning = turning;
+    }
     if (peak < cal->redundancy_limit) {
         /* in the tyres' linear range, where no sum comes near 32 bits */
         const int32_t far = cal->redundancy_min + ((now + 1) >> 1);
-        apart = told > larger(turning, steered) + far || told < smaller(turning, steered) - far;
+        apart |= told > larger(turning, steered) + far || told < smaller(turning, steered) - far;
     }
     opposite = (told > least && turning < -least) || (told < -least && turning > least);
     apart = in_a_row(&ecu->apart_samples, apart, cal->apart_samples);

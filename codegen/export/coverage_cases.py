@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from codegen.c99.text import filled
 from codegen.generated.bus_map import BusMap
 from codegen.run import memory_image
-from codegen.run.ecu_traffic import Traffic, random_calibration, random_traffic
+from codegen.run.ecu_traffic import Traffic, finished, random_calibration, random_traffic
 from codegen.run.native import Library
 from firmware.calibration import (
     BARS,
@@ -213,6 +213,23 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         for limit in (0, STATE_MAX):
             changes = {**quick, **mirrored, "mirror_limit": limit}
             yield Case("mirrored", _changed(1, **changes), swaying)
+    still = _standing(random_traffic(1, 240, hostile=0.0, rough=1.0, bus=bus), bus)
+    for samples in (1, 3):
+        counts = dict.fromkeys(COUNTS, samples)
+        yield Case("frozen", _changed(1, **quick, **counts, actuator=BARS), still)
+
+
+def _standing(traffic: Traffic, bus: BusMap) -> Traffic:
+    """Traffic whose lateral acceleration stays the same."""
+    box, frames = bus.received[RX_IMU], traffic.frames.copy()
+    for number in np.flatnonzero(frames["message"] == RX_IMU):
+        payload = frames["payload"][number].tolist()
+        for signal in box.signals:
+            if signal.place.text == "lateral_acceleration":
+                for piece in signal.pieces:
+                    payload[piece.byte] &= ~((1 << piece.width) - 1 << piece.bit)
+        frames["payload"][number] = finished(box, payload, box.count(payload), len(payload))
+    return Traffic(frames, traffic.elapsed)
 
 
 def _follows_acceleration() -> dict[str, object]:

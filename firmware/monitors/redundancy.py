@@ -3,7 +3,8 @@
 The lateral acceleration is also yaw rate times speed, and what steering angle and speed give. In
 the tyres' linear range it is wrong where it lies far outside both; beyond, and long afterwards, as
 their own motion tells and never the accelerometer's, only an opposite sign of lateral acceleration
-and yaw rate that lasts is judged, which no slide shows for long. Where both agree, turned away from
+and yaw rate that lasts is judged, which no slide shows for long, and a sample that stays the same
+to the last bit while yaw rate times speed moves. Where both agree, turned away from
 where the car was steered to, and are the mirror image of what steering gives, the unit is reversed
 or replayed, or the angle is reversed. A wrong roll rate drives the observer's gyro bias to its
 bound, which no real bias comes near. A finding lasts until the next ``init``.
@@ -53,6 +54,17 @@ def opposite(one: i32, other: i32, least: i32) -> i32:
     return 0
 
 
+def frozen(ecu: Ecu, cal: Calibration, lateral: i32, turning: i32) -> i32:
+    """Return 1 where the lateral acceleration is what it was at another yaw rate times speed."""
+    if lateral != ecu.frozen_lateral:
+        ecu.frozen_lateral = lateral
+        ecu.frozen_turning = turning
+        return 0
+    if magnitude(turning - ecu.frozen_turning) > cal.opposite_min:
+        return 1
+    return 0
+
+
 def watch_lateral_acceleration(ecu: Ecu, cal: Calibration) -> None:
     """Judge a sample of the lateral acceleration by yaw rate, speed and steering angle."""
     lateral: i32 = ecu.lateral_acceleration
@@ -61,7 +73,7 @@ def watch_lateral_acceleration(ecu: Ecu, cal: Calibration) -> None:
     motion: i32 = clamp(magnitude(turning), magnitude(steered), STATE_MAX)
     ecu.motion_peak = clamp(motion, ecu.motion_peak - rsh(ecu.motion_peak, FADING), STATE_MAX)
     ecu.motion_now = clamp(motion, ecu.motion_now - rsh(ecu.motion_now, EASING), STATE_MAX)
-    apart: i32 = 0
+    apart: i32 = frozen(ecu, cal, lateral, turning)
     if ecu.motion_peak < cal.redundancy_limit:
         limit: i32 = cal.redundancy_min + rsh(ecu.motion_now, 1)
         if gap(lateral, turning, steered) > limit:

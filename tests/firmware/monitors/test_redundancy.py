@@ -98,6 +98,34 @@ def test_an_opposite_sign_that_lasts_is_judged_at_the_limit_too(sign):
     assert ecu.lateral_contradicted == 1
 
 
+@pytest.mark.parametrize("limit", [5.0, 0.0], ids=["linear", "at the limit"])
+@pytest.mark.parametrize(
+    ("held", "turning", "wrong"),
+    [(0.0, 1.6, 1), (0.0, -1.6, 1), (1.0, 2.6, 1), (-1.0, 0.6, 1), (0.0, 1.4, 0), (1.0, 2.4, 0)],
+)
+def test_an_acceleration_that_stays_the_same_while_the_yaw_rate_moves_is_wrong(
+    held, turning, wrong, limit
+):
+    cal = watched(redundancy_limit=round(limit * ACCELERATION))
+    ecu = moving(cal)
+    sample(ecu, cal, held, held, 0.0, count=30)
+    sample(ecu, cal, held, turning, turning, count=APART - 1)
+    assert ecu.lateral_contradicted == 0
+    sample(ecu, cal, held, turning, turning)
+    assert ecu.lateral_contradicted == wrong
+
+
+def test_an_acceleration_that_changes_by_a_bit_is_not_frozen():
+    cal = watched()
+    ecu = moving(cal)
+    sample(ecu, cal, 0.0, 0.0, 0.0, count=30)
+    for number in range(5 * APART):
+        sample(ecu, cal, 0.0, 1.6, 1.6)
+        if number % APART == APART - 2:
+            sample(ecu, cal, 2.0**-24, 1.6, 1.6)
+    assert ecu.lateral_contradicted == 0
+
+
 @pytest.mark.parametrize("bias", [0.05, -0.05])
 def test_a_gyro_bias_at_its_bound_is_a_wrong_roll_rate(bias):
     cal = watched()
