@@ -138,7 +138,6 @@ class Ecu:
         i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "nearer to minus the steering's")
     ]
     unit_side: Annotated[i32, F(-1, 1, 0, "", "side that the inertial unit turned to, 1: left")]
-    unit_away: Annotated[i32, F(0, 1, 0, "", "1: it turned away from where the car was steered")]
 
     # delivery monitor
     commanded: Annotated[
@@ -168,7 +167,6 @@ class Ecu:
     response_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too much is left over since")]
 
     # axles monitor
-    axles_known: Annotated[i32, F(0, 1, 0, "", "1: the axles were compared in the last tick")]
     axles_spring: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "of springs and tyres, washed out")
     ]
@@ -306,6 +304,7 @@ class Ecu:
     # redundancy monitor
     lateral_contradicted: Annotated[u8, F(0, 1, 0, "", "1: the lateral acceleration is wrong")]
     rate_contradicted: Annotated[u8, F(0, 1, 0, "", "1: the roll rate is wrong")]
+    unit_away: Annotated[u8, F(0, 1, 0, "", "1: it turned away from where the car was steered")]
     motion_contradicted: Annotated[
         u8, F(0, 1, 0, "", "1: inertial unit and steering contradict each other")
     ]
@@ -315,6 +314,7 @@ class Ecu:
 
     # response monitor
     response_known: Annotated[u8, F(0, 1, 0, "", "1: all that acts was known in the last tick")]
+    axles_known: Annotated[u8, F(0, 1, 0, "", "1: the axles were compared in the last tick")]
 
     # observer
     ring_head: Annotated[u8, F(0, N_RING - 1, 0, "", "newest entry of the ring")]
