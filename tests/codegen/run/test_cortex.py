@@ -110,7 +110,7 @@ TICKS = {
         8300,
     ),
 }
-CODE, TABLES, STATE, STACK = 14_800, 1030, 1180, 256
+CODE, TABLES, STATE, STACK = 15_300, 1030, 1180, 256
 
 
 @needs_qemu
