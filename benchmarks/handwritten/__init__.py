@@ -1,9 +1,9 @@
 """The tick of constant-gain state feedback, written by hand in C on the generated records.
 
-It does what the generated firmware does for the calibration of ``canroll run`` (lqr,
-ay_feedforward: suspension forces, both sensors, event trigger, E2E, monitors), bit for bit, and
-nothing for options that such a calibration leaves off. Held against the generated C it shows what
-being general costs.
+It does what the generated firmware does for a calibration of ``canroll run --no-watch-response``
+(lqr, ay_feedforward: suspension forces, both sensors, event trigger, E2E, the other monitors), bit
+for bit, and nothing for options that such a calibration leaves off. Held against the generated C it
+shows what being general costs.
 """
 
 from pathlib import Path

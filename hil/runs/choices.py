@@ -374,10 +374,10 @@ class Choices(TypedDict, total=False):
     response_watch: Annotated[
         bool | None,
         Choice(
-            option="--watch-response",
-            help="judge the moments that actuators report by the body's roll and its suspension",
+            option="--no-watch-response",
+            help="without judging reported moments by the body's roll and its suspension",
             of=CONTROLLER,
-            default=False,
+            default=True,
             frozen_in_calibration=True,
             saved=False,
         ),

@@ -19,12 +19,13 @@ from dbc.keys import DEVELOPMENT_KEY, read_key
 from firmware import calibration as fw
 from firmware.calibration import Calibration
 from firmware.plausibility import NEEDED
+from firmware.state import RX_SUSPENSION_RATE
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options
 from gain_gen.design import design
 from gain_gen.models.task import Delay, Design, Task
-from hil.runs.choices import PASSIVE, check, chosen
+from hil.runs.choices import CHOICES, PASSIVE, check, chosen
 from plant_sim.can_bus import BusProfile, load_profile
 from plant_sim.can_bus.delay_bounds import delay_bounds
 from plant_sim.can_bus.own_frames import bus_map, messages_of, secured
@@ -45,6 +46,8 @@ COMMAND_TIMEOUT = 0.160
 """Age at which actuators release a command, s."""
 DEGRADING = ("vehicle_motion",)
 """Mailboxes without which the loop runs degraded."""
+WATCHED = "suspension_rate"
+"""Mailbox that the monitor of the body's response needs."""
 NAMED = 5
 """Messages that a warning lists."""
 LAW_OF_PASSIVE = "lqr"
@@ -215,16 +218,26 @@ def options_of(choices: Mapping[str, Any]) -> Options:
 
 
 def _response_watch(choices: Mapping[str, Any]) -> bool:
-    watched = bool(chosen(choices, "response_watch"))
-    if watched and chosen(choices, "actuator") not in ("bars", "suspension"):
-        raise CanrollError(
-            "--watch-response: the commands of dampers and valves are no moments: omit it"
-        )
-    if watched and chosen(choices, "observer") == "reference":
-        raise CanrollError(
-            "--watch-response: observer reference reads no inertial unit: choose another observer"
-        )
-    return watched
+    """Return whether the body's response is judged: by default wherever it can be."""
+    given = choices.get("response_watch")
+    impossible = _unwatchable(choices)
+    if impossible and given is not None:
+        option = CHOICES["response_watch"].option
+        raise CanrollError(f"{option if not given else 'watch-response=on'}: {impossible}: omit it")
+    return not impossible and given is not False
+
+
+def _unwatchable(choices: Mapping[str, Any]) -> str:
+    """Return why reported moments cannot be judged by the body's response; "" if they can."""
+    if chosen(choices, "actuator") not in ("bars", "suspension"):
+        return "the commands of dampers and valves are no moments"
+    if chosen(choices, "observer") == "reference":
+        return "observer reference reads no inertial unit"
+    profile = profile_of(choices)
+    bus = bus_map(profile)
+    if bus is not None and _absent(bus.received[RX_SUSPENSION_RATE], NEEDED[RX_SUSPENSION_RATE]):
+        return f"{profile.map_file} maps no stroke rates of the suspension"
+    return ""
 
 
 def _designed(choices: Mapping[str, Any]) -> Controller:
@@ -382,19 +395,25 @@ def _other_rates(profile: BusProfile) -> Iterator[str]:
 
 def _lacking(profile: BusProfile, bus: BusMap, record: Calibration) -> Iterator[str]:
     for box, timeout, needed in zip(bus.received, record.timeout_ticks, NEEDED, strict=True):
-        if not timeout:
-            continue
         where = f"{profile.map_file} [receive.{box.slot}]"
         absent = _absent(box, needed)
+        watching = box.slot == WATCHED and record.actuator in (fw.SUSPENSION, fw.BARS)
+        hint = ": map another, or design with --no-watch-response" if watching else ""
+        if absent and watching and not timeout:
+            yield f"{where}: no signal is mapped to {absent}: actuators that lie go unnoticed"
+        if not timeout:
+            continue
         if absent and box.slot not in DEGRADING:
-            raise CanrollError(f"{where}: no signal is mapped to {absent}, which the loop requires")
+            raise CanrollError(
+                f"{where}: no signal is mapped to {absent}, which the loop requires{hint}"
+            )
         if absent:
             yield f"{where}: no signal is mapped to {absent}: the loop runs degraded"
         wait = timeout * record.tick_us // 1000
         if box.name and 2 * box.cycle_ms > wait:
             raise CanrollError(
                 f"{where}: {box.name} is sent every {box.cycle_ms} ms, but the loop's timeout "
-                f"is {wait} ms: it must be at least two cycle times"
+                f"is {wait} ms: it must be at least two cycle times{hint}"
             )
 
 

@@ -25,6 +25,7 @@ class Case:
     observer: str | None = None
     trigger: str | None = None
     identification: bool = False
+    response_watch: bool | None = None
 
 
 CASES = (
@@ -65,6 +66,7 @@ def record(case: Case, duration: float = DURATION) -> Recording:
         observer=case.observer,
         trigger=case.trigger,
         identification=case.identification or None,
+        response_watch=case.response_watch,
     )
     recorder = Recorder(open_backend(settings.backend, controller.record))
     closed_loop(

@@ -81,6 +81,7 @@ class _Client:
     connection: socket.socket
     received: bytearray = field(default_factory=bytearray)
     outgoing: bytearray = field(default_factory=bytearray)
+    held: bytearray = field(default_factory=bytearray)
     opened: bool = False
     raw: bool = False
     quiet_until: float = 0.0
@@ -148,11 +149,12 @@ class SocketcandServer:
             for client in self._clients.values():
                 if client.place == sender or client.closing:
                     continue
-                wanted = client.raw or ident in client.subscribed
-                if not wanted or now < client.quiet_until:
+                if not client.raw and ident not in client.subscribed:
                     continue
-                if len(client.outgoing) + len(text) > _BACKLOG_BYTES:
+                if len(client.outgoing) + len(client.held) + len(text) > _BACKLOG_BYTES:
                     self.lost += 1
+                elif client.held or now < client.quiet_until:
+                    client.held += text
                 else:
                     client.outgoing += text
         self._wake()
@@ -192,7 +194,8 @@ class SocketcandServer:
 
     def _serve(self) -> None:
         while self._running:
-            for key, events in self._selector.select(timeout=0.5):
+            holding = any(client.held for client in self._clients.values())
+            for key, events in self._selector.select(timeout=_QUIET_S if holding else 0.5):
                 if key.fileobj is self._listener:
                     self._accept()
                 elif key.fileobj is self._wake_read:
@@ -300,11 +303,15 @@ class SocketcandServer:
             client.outgoing += reply
             if command in {"rawmode", "bcmmode"}:
                 client.raw = command == "rawmode"
-                # clients take the reply alone: frames in the same segment would confuse them
+                # clients take the reply alone: frames in the same segment would confuse them, so
+                # they wait until then
                 client.quiet_until = time.monotonic() + _QUIET_S
 
     def _flush(self, client: _Client) -> None:
         with self._lock:
+            if client.held and time.monotonic() >= client.quiet_until:
+                client.outgoing += client.held
+                client.held.clear()
             try:
                 if client.outgoing:
                     sent = client.connection.send(client.outgoing)

@@ -41,7 +41,7 @@ def handwritten():
 
 @pytest.fixture(scope="module", params=LAWS)
 def recording(request):
-    case = recorded_traffic.Case("double_lane_change", request.param)
+    case = recorded_traffic.Case("double_lane_change", request.param, response_watch=False)
     return recorded_traffic.record(case, 4.0)
 
 

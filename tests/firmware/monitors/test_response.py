@@ -177,7 +177,7 @@ def on_the_straight(offset: float, *, moment: float = 0.0) -> np.ndarray:
 def test_an_offset_that_roll_and_yaw_rate_deny_is_of_the_accelerometer(times, wrong, sign):
     cal = watched()
     ecu = known(cal)
-    least = 3.0 / 8.0 * LEAST / VAN.moment_per_acceleration
+    least = 3.0 / 16.0 * LEAST / VAN.moment_per_acceleration
     replay(ecu, cal, on_the_straight(sign * times * least), np.zeros(200))
     assert ecu.lateral_contradicted == wrong
     assert ecu.contradicted == [0, 0]

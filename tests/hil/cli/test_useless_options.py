@@ -39,9 +39,15 @@ USELESS = [
     ("run moose --law passive --observer one_sensor", "--observer: --law passive has no control"),
     ("run moose --law passive --no-feedforward", "--no-feedforward: --law passive has no control"),
     ("run moose --law passive --identification", "--identification: --law passive has no"),
-    ("run moose --law passive --watch-response", "--watch-response: --law passive has no"),
-    ("run moose --actuator dampers --watch-response", "--watch-response: the commands of dampers"),
-    ("run moose --observer reference --law lqr --watch-response", "--watch-response: observer ref"),
+    ("run moose --law passive --no-watch-response", "--no-watch-response: --law passive has"),
+    (
+        "run moose --actuator dampers --no-watch-response",
+        "--no-watch-response: the commands of dampers",
+    ),
+    (
+        "run moose --observer reference --law lqr --no-watch-response",
+        "--no-watch-response: observer reference",
+    ),
     ("hil moose --law passive --gains as_printed", "--gains: --law passive has no control"),
     ("run moose --trigger every --heartbeat 30", "--heartbeat: with --trigger every a command is"),
     ("run moose --actuator dampers --heartbeat 30", "--heartbeat: to dampers a command is sent"),

@@ -38,7 +38,7 @@ ASKED = {
     "feedforward": False,
     "identification": True,
     "offset_learning": True,
-    "response_watch": True,
+    "response_watch": False,
     "options": {"friction": "0.6"},
     "faults": ["Imu.RollRate=stuck@3:5", "front_left=weak:0.3@2"],
     "fault_file": Path("faults.toml"),

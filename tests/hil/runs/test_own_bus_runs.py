@@ -13,7 +13,7 @@ from canroll.errors import CanrollError
 from codegen.generated.bus_map import load
 from hil.report.run_folder import write_files
 from hil.runs import experiment, logs, saved_run
-from hil.runs.frozen import firmware_of
+from hil.runs.frozen import check_frames, firmware_of
 from hil.runs.result import FIGURES
 from plant_sim.can_bus import ECU, load_profile
 
@@ -184,6 +184,27 @@ def test_what_the_loop_cannot_do_without_is_named(tmp_path, old, new, word):
     with pytest.raises(CanrollError, match=re.escape(word)) as caught:
         experiment.run("double_lane_change", **SHORT, dbc=str(CLASSIC[0]), map=str(path))
     assert "\n" not in str(caught.value)
+
+
+STROKES = re.compile(r"\[receive\.suspension_rate\].*?(?=\n\[)", re.DOTALL)
+
+
+def test_a_map_without_stroke_rates_runs_without_the_response_monitor(tmp_path):
+    path = tmp_path / "map.toml"
+    path.write_text(STROKES.sub("", CLASSIC[1].read_text(encoding="utf-8"), count=1))
+    files = {"dbc": str(CLASSIC[0]), "map": str(path)}
+    settings, controller = experiment.plan("double_lane_change", **SHORT, **files)
+    assert controller.record.response_min == 0
+    (warning,) = check_frames(settings.profile, controller.record)
+    assert warning == (
+        f"{path} [receive.suspension_rate]: no signal is mapped to stroke_rate[0]: "
+        "actuators that lie go unnoticed"
+    )
+    with pytest.raises(CanrollError, match="no stroke rates of the suspension: omit it"):
+        experiment.plan("double_lane_change", **SHORT, **files, response_watch=False)
+    _, watching = experiment.plan("double_lane_change", **SHORT)
+    with pytest.raises(CanrollError, match="or design with --no-watch-response"):
+        check_frames(settings.profile, watching.record)
 
 
 def test_a_fault_that_no_signal_can_say_is_refused():

@@ -54,17 +54,17 @@ def test_no_road_and_no_other_vehicle_is_taken_for_a_lie(scenario, options, numb
         number=number,
         actuator="bars",
         options=options,
-        response_watch=True,
     )
     assert codes >> FAULT_ACTUATOR_CONTRADICTED & 1 == 0
 
 
 def test_it_is_frozen_in_a_calibration_and_changes_no_command():
     frames = []
-    for watched in (True, False):
+    for chosen in (None, False):
         settings, controller = experiment.plan(
-            "double_lane_change", law="lqr", actuator="bars", response_watch=watched
+            "double_lane_change", law="lqr", actuator="bars", response_watch=chosen
         )
+        watched = chosen is None
         assert (controller.record.response_min > 0) == watched
         assert (controller.record.timeout_ticks[2] > 0) == watched
         trace = experiment.drive(replace(settings, seed=3), controller, enabled=True)

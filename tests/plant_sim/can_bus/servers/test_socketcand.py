@@ -14,6 +14,7 @@ from canroll.errors import CanrollError
 from hil.cli import bus
 from hil.cli.main import main
 from plant_sim.can_bus.kernel.network import build_network
+from plant_sim.can_bus.servers import socketcand
 from plant_sim.can_bus.servers.socketcand import (
     MAX_CLIENTS,
     ProtocolError,
@@ -65,6 +66,26 @@ def everything(connection):
         if not piece:
             return data
         data += piece
+
+
+def test_what_is_published_right_after_a_client_has_opened_the_bus_reaches_it(server, monkeypatch):
+    monkeypatch.setattr(socketcand, "_QUIET_S", 1e6)
+    connection = raw(server, b"< open simbus >")
+    assert connection.recv(64) == b"< ok >"
+    connection.sendall(b"< rawmode >")
+    assert eventually(lambda: [one for one in server._clients.values() if one.raw])
+    server.publish(0x123, 0, b"\x01", length=1, time_s=2.0)
+    server.publish(0x124, 0, b"\x02", length=1, time_s=2.0)
+    # the reply comes alone: python-can takes nothing else for it
+    assert connection.recv(256) == b"< ok >"
+    server._clients[0].quiet_until = 0.0
+    server.publish(0x125, 0, b"\x03", length=1, time_s=2.0)
+    data = b""
+    while data.count(b">") < 3:
+        data += connection.recv(256)
+    assert [piece.split()[2] for piece in data.split(b">")[:3]] == [b"123", b"124", b"125"]
+    connection.close()
+    assert server.lost == 0
 
 
 def test_python_can_sends_and_receives(server):
