@@ -154,17 +154,18 @@ class Ecu:
     window_samples: Annotated[i32, F(0, 1000, 0, "", "samples of the present window")]
     astray: Annotated[list[i32], 2, F(0, 1000, 0, "", "samples outside the band, by axle")]
 
-    # response monitor
+    # response monitor: balance of the moments and that of the lateral acceleration
     response_spring: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "of the springs, washed out, less offsets")
+        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "springs, washed out, less offsets")
     ]
     response_slow: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, less momentum")
+        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, less momentum")
     ]
     response_size: Annotated[
-        i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "a quarter of all that acts, fading")
+        list[i32], 2, F(0, STATE_MAX, Q_MOMENT, "N·m", "what the model may be wrong by, fading")
     ]
     response_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too much is left over since")]
+    lateral_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "and yaw rate says so, since")]
 
     # axles monitor
     axles_spring: Annotated[
@@ -313,8 +314,10 @@ class Ecu:
     contradicted: Annotated[list[u8], 2, F(0, 1, 0, "", "1: the axle does not do as commanded")]
 
     # response monitor
-    response_known: Annotated[u8, F(0, 1, 0, "", "1: all that acts was known in the last tick")]
     axles_known: Annotated[u8, F(0, 1, 0, "", "1: the axles were compared in the last tick")]
+    response_known: Annotated[
+        u8, F(0, 2, 0, "", "all that acts was known in the last tick; 2: and since calm running")
+    ]
 
     # observer
     ring_head: Annotated[u8, F(0, N_RING - 1, 0, "", "newest entry of the ring")]

@@ -214,6 +214,24 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         for limit in (0, STATE_MAX):
             changes = {**quick, **mirrored, "mirror_limit": limit}
             yield Case("mirrored", _changed(1, **changes), swaying)
+    rigid: dict[str, object] = {
+        "response_min": STATE_MAX // 2,
+        "response_stroke": [0, 0],
+        "response_inertia": 0,
+        "response_lateral": 1 << 21,
+        "response_wash": 0,
+        "redundancy_min": 0,
+    }
+    calm = {**quick, **dict.fromkeys(COUNTS, 1), **rigid, "actuator": BARS}
+    for seed in (18, 37):
+        swaying = random_traffic(seed, 240, hostile=0.0, rough=1.0, bus=bus)
+        moves = (swaying.frames["message"] != RX_VEHICLE_MOTION) | (swaying.frames["tick"] < 20)
+        yield Case("calm", _changed(1, **calm), swaying)
+        yield Case(
+            "calm, then no motion",
+            _changed(1, **calm),
+            Traffic(swaying.frames[moves], swaying.elapsed),
+        )
     still = _standing(random_traffic(1, 240, hostile=0.0, rough=1.0, bus=bus), bus)
     for samples in (1, 3):
         counts = dict.fromkeys(COUNTS, samples)

@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from firmware import calibration as fw
 from firmware import plausibility as sv
-from firmware.monitors.response import watch_response
+from firmware.monitors.response import BOTH, ONE_BALANCE, watch_response
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
 from firmware.supervisor import supervise
 
@@ -15,6 +15,7 @@ VAN, TRACK, STEP = rig.VAN, 2.0 * rig.VAN.half_track, 0.01
 LOW_PASS, WASHOUT = 0.05, 1.26
 LEAST = 300.0
 SECONDS = 4.0
+SPEED = 20.0
 
 
 def watched(**changes: object) -> fw.Calibration:
@@ -69,9 +70,14 @@ def drive(true, *, of_model: float = 1.0, road=lambda t: 0.0, offset: float = 0.
     return np.stack([state[2], strokes, measured, reported(times)], axis=1)
 
 
-def replay(ecu: Ecu, cal: fw.Calibration, samples: np.ndarray) -> None:
-    """Let the monitor judge the samples."""
-    for gyro, stroke, lateral, moment in samples:
+def replay(
+    ecu: Ecu, cal: fw.Calibration, samples: np.ndarray, turning: np.ndarray | None = None
+) -> None:
+    """Let the monitor judge the samples; ``turning`` is yaw rate times speed, by default a_y."""
+    turning = samples[:, 2] if turning is None else turning
+    for (gyro, stroke, lateral, moment), by_yaw in zip(samples, turning, strict=True):
+        ecu.speed = round(SPEED * 2**fw.Q_SPEED)
+        ecu.yaw_rate = round(by_yaw / SPEED * 2**fw.Q_RATE)
         ecu.roll_rate = round(gyro * 2**fw.Q_RATE)
         left = round(0.5 * TRACK * stroke * 2**fw.Q_RATE)
         ecu.stroke_rate = [left, -left, left, -left]
@@ -156,6 +162,79 @@ def test_it_takes_so_many_samples_in_a_row():
     assert ecu.contradicted == [1, 1]
 
 
+def on_the_straight(offset: float, *, moment: float = 0.0) -> np.ndarray:
+    """A second of straight running, then as long with an accelerometer that is off by ``offset``.
+
+    ``moment`` is what actuators do then, N·m.
+    """
+    samples = np.zeros((200, 4))
+    samples[100:, 2:] = offset, moment
+    return samples
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("times", "wrong"), [(1.3, 1), (0.9, 0)])
+def test_an_offset_that_roll_and_yaw_rate_deny_is_of_the_accelerometer(times, wrong, sign):
+    cal = watched()
+    ecu = known(cal)
+    least = 3.0 / 16.0 * LEAST / VAN.moment_per_acceleration
+    replay(ecu, cal, on_the_straight(sign * times * least), np.zeros(200))
+    assert ecu.lateral_contradicted == wrong
+    assert ecu.contradicted == [0, 0]
+
+
+def test_a_bank_differs_from_the_yaw_rate_alone():
+    cal = watched()
+    ecu = known(cal)
+    # actuators that hold the body against it, so that it does not roll
+    bank = on_the_straight(1.5, moment=-1.5 * VAN.moment_per_acceleration)
+    replay(ecu, cal, bank, np.zeros(200))
+    assert ecu.lateral_contradicted == 0
+
+
+def test_moments_that_are_lies_leave_the_accelerometer_alone():
+    cal = watched()
+    ecu = known(cal)
+    lies = on_the_straight(0.0, moment=1.5 * VAN.moment_per_acceleration)
+    replay(ecu, cal, lies, np.zeros(200))
+    assert ecu.lateral_contradicted == 0
+    assert ecu.contradicted == [1, 1]
+
+
+@pytest.mark.parametrize(("late", "wrong"), [(30, 1), (5, 0)])
+@pytest.mark.parametrize("of_model", [0.85, 1.0, 1.15])
+def test_a_late_accelerometer_is_found_in_the_slalom(late, wrong, of_model):
+    cal = watched()
+    ecu = known(cal)
+    samples = drive(lambda moment: moment, of_model=of_model)
+    turning = samples[:, 2].copy()
+    samples[:, 2] = np.concatenate([np.zeros(late), turning[:-late]])
+    replay(ecu, cal, samples, turning)
+    assert ecu.lateral_contradicted == wrong
+
+
+@pytest.mark.parametrize("state", [{"motion_lost": 1}, {"valid": [3, 3, 15, 3, 7]}], ids=str)
+def test_without_yaw_rate_no_accelerometer_is_judged(state):
+    cal = watched()
+    ecu = known(cal)
+    for name, value in state.items():
+        setattr(ecu, name, value)
+    replay(ecu, cal, on_the_straight(0.5), np.zeros(200))
+    assert ecu.lateral_contradicted == 0
+
+
+def test_the_accelerometer_is_judged_from_calm_running_on():
+    cal = watched()
+    ecu = known(cal)
+    restless = on_the_straight(1.0)
+    restless[:100, 2:] = 1.0, -VAN.moment_per_acceleration
+    replay(ecu, cal, restless, np.ones(200))
+    assert ecu.response_known == ONE_BALANCE
+    replay(ecu, cal, on_the_straight(0.5), np.zeros(200))
+    assert ecu.response_known == BOTH
+    assert ecu.lateral_contradicted == 1
+
+
 @pytest.mark.parametrize(
     "state",
     [
@@ -191,7 +270,7 @@ def test_a_missed_tick_breaks_the_integral():
     cal = watched()
     ecu = known(cal)
     replay(ecu, cal, drive(lambda moment: moment)[:100])
-    assert ecu.response_known == 1
+    assert ecu.response_known != 0
     watch_response(ecu, cal, 2)
     assert ecu.response_known == 0
 
