@@ -32,8 +32,10 @@ LATERAL = 1
 SLOWER = 4
 # what springs and dampers say fades in 8 time constants of the low-pass
 FADING = 3
-# the least moment left over that counts, in sixteenths of that of the moments
-SIXTEENTHS = 3
+# the least left over that counts: an eighth of that of the moments
+LEAST = 3
+# all that acts in calm running: a quarter of it
+CALM = 2
 # values of ecu.response_known: neither balance, that of the moments, both
 NOTHING = 0
 ONE_BALANCE = 1
@@ -89,7 +91,7 @@ def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, shown: i32) -> 
     faded: i32 = ecu.response_size[LATERAL]
     faded = faded - product(faded, cal.response_pass, 30 + FADING)
     ecu.response_size[LATERAL] = clamp(rsh(shown, 1) + rsh(shown, 3), faded, STATE_MAX)
-    limit: i32 = ecu.response_size[LATERAL] + rsh(SIXTEENTHS * cal.response_min, 4)
+    limit: i32 = ecu.response_size[LATERAL] + rsh(cal.response_min, LEAST)
     turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
     beside: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
     side: i32 = 0
@@ -121,7 +123,7 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if ecu.response_known == NOTHING:
         ecu.response_known = ONE_BALANCE
         start_balance(ecu, MOMENTS, acting, momentum)
-    if ecu.response_known == ONE_BALANCE and size < rsh(cal.response_min, 1):
+    if ecu.response_known == ONE_BALANCE and size < rsh(cal.response_min, CALM):
         ecu.response_known = BOTH
         ecu.lateral_ticks = 0
         start_balance(ecu, LATERAL, acting, momentum)

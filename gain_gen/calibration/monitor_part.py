@@ -32,7 +32,7 @@ LAGS = 0.05
 """Time by which a window exceeds the largest delay from sample to force, s: lag and way back."""
 DELIVERY_SAMPLES = 4
 """Samples in a row outside the band before an axle counts as failed."""
-RESPONSE_LEAST = 1.4
+RESPONSE_LEAST = 2.4
 """What may always be left over: the roll moment m h a_y of this lateral acceleration, m/s²."""
 RESPONSE_TIME = 0.2
 """How long too much is left over without a break, s."""
