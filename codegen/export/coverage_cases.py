@@ -232,6 +232,9 @@ def _accused(bus: BusMap) -> Iterator[Case]:
             _changed(1, **calm),
             Traffic(swaying.frames[moves], swaying.elapsed),
         )
+    swaying = random_traffic(430, 240, hostile=0.0, rough=1.0, bus=bus)
+    gentle = _changed(1, **calm | {"response_lateral": 1 << 20})
+    yield Case("calm, then no yaw rate", gentle, swaying)
     still = _standing(random_traffic(1, 240, hostile=0.0, rough=1.0, bus=bus), bus)
     for samples in (1, 3):
         counts = dict.fromkeys(COUNTS, samples)

@@ -177,7 +177,7 @@ def on_the_straight(offset: float, *, moment: float = 0.0) -> np.ndarray:
 def test_an_offset_that_roll_and_yaw_rate_deny_is_of_the_accelerometer(times, wrong, sign):
     cal = watched()
     ecu = known(cal)
-    least = 3.0 / 16.0 * LEAST / VAN.moment_per_acceleration
+    least = LEAST / 8.0 / VAN.moment_per_acceleration
     replay(ecu, cal, on_the_straight(sign * times * least), np.zeros(200))
     assert ecu.lateral_contradicted == wrong
     assert ecu.contradicted == [0, 0]
@@ -205,6 +205,7 @@ def test_moments_that_are_lies_leave_the_accelerometer_alone():
 @pytest.mark.parametrize("of_model", [0.85, 1.0, 1.15])
 def test_a_late_accelerometer_is_found_in_the_slalom(late, wrong, of_model):
     cal = watched()
+    cal.response_min *= 2
     ecu = known(cal)
     samples = drive(lambda moment: moment, of_model=of_model)
     turning = samples[:, 2].copy()

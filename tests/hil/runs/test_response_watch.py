@@ -24,7 +24,7 @@ def driven(scenario: str, *, number: int | None = None, **choices) -> tuple[int,
 
 
 @pytest.mark.parametrize("watched", [True, False])
-@pytest.mark.parametrize("lie", ["front=reversed", "actuators=reversed", "actuators=stuck"])
+@pytest.mark.parametrize("lie", ["front=reversed", "actuators=reversed", "front=stuck"])
 @pytest.mark.parametrize("actuator", ["bars", "suspension"])
 def test_lies_are_found_by_it_alone(actuator, lie, watched):
     where = lie.partition("=")[0]
