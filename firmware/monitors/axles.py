@@ -30,7 +30,8 @@ def comparable(ecu: Ecu, cal: Calibration) -> i32:
     """Return 1 where all that acts on the tyres is known, and they answer linearly."""
     if (ecu.valid[RX_IMU] & YAW_RATE) == 0 or ecu.response_known == 0:
         return 0
-    if ecu.motion_peak > cal.axles_limit:
+    # without motion nothing tells of the tyres' range
+    if ecu.motion_lost == 1 or ecu.motion_peak > cal.axles_limit:
         return 0
     return 1
 

@@ -375,7 +375,7 @@ class Choices(TypedDict, total=False):
         bool | None,
         Choice(
             option="--no-watch-response",
-            help="without judging reported moments by the body's roll and its suspension",
+            help="without the monitors that need the suspension's stroke rates",
             of=CONTROLLER,
             default=True,
             frozen_in_calibration=True,

@@ -220,11 +220,13 @@ def options_of(choices: Mapping[str, Any]) -> Options:
 def _response_watch(choices: Mapping[str, Any]) -> bool:
     """Return whether the body's response is judged: by default wherever it can be."""
     given = choices.get("response_watch")
-    impossible = _unwatchable(choices)
-    if impossible and given is not None:
-        option = CHOICES["response_watch"].option
-        raise CanrollError(f"{option if not given else 'watch-response=on'}: {impossible}: omit it")
-    return not impossible and given is not False
+    never, lacking = _unwatchable(choices), _without_strokes(choices)
+    option = "watch-response=on" if given else CHOICES["response_watch"].option
+    if never and given is not None:
+        raise CanrollError(f"{option}: {never}: omit it")
+    if lacking and given:
+        raise CanrollError(f"{option}: {lacking}: map them, or omit it")
+    return not never and not lacking and given is not False
 
 
 def _unwatchable(choices: Mapping[str, Any]) -> str:
@@ -233,6 +235,11 @@ def _unwatchable(choices: Mapping[str, Any]) -> str:
         return "the commands of dampers and valves are no moments"
     if chosen(choices, "observer") == "reference":
         return "observer reference reads no inertial unit"
+    return ""
+
+
+def _without_strokes(choices: Mapping[str, Any]) -> str:
+    """Return which map of the network lacks the suspension's stroke rates; "" if none does."""
     profile = profile_of(choices)
     bus = bus_map(profile)
     if bus is not None and _absent(bus.received[RX_SUSPENSION_RATE], NEEDED[RX_SUSPENSION_RATE]):
@@ -400,7 +407,10 @@ def _lacking(profile: BusProfile, bus: BusMap, record: Calibration) -> Iterator[
         watching = box.slot == WATCHED and record.actuator in (fw.SUSPENSION, fw.BARS)
         hint = ": map another, or design with --no-watch-response" if watching else ""
         if absent and watching and not timeout:
-            yield f"{where}: no signal is mapped to {absent}: actuators that lie go unnoticed"
+            yield (
+                f"{where}: no signal is mapped to {absent}: lying actuators and small errors of "
+                "the lateral acceleration go unnoticed"
+            )
         if not timeout:
             continue
         if absent and box.slot not in DEGRADING:

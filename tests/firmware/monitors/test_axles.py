@@ -48,6 +48,7 @@ def watched() -> fw.Calibration:
 def known(cal: fw.Calibration) -> Ecu:
     """An ECU whose response monitor knows all that acts."""
     ecu = rig.started(cal)
+    ecu.motion_lost = 0
     ecu.response_known = 1
     ecu.valid[RX_IMU] = 7
     return ecu
@@ -185,6 +186,7 @@ def test_it_takes_so_many_samples_in_a_row():
     [
         {"response_known": 0},
         {"motion_peak": 11 << fw.Q_ACCELERATION},
+        {"motion_lost": 1},
         {"valid": [3, 3, 15, 3, 7]},
     ],
     ids=str,
