@@ -220,12 +220,12 @@ def options_of(choices: Mapping[str, Any]) -> Options:
 def _response_watch(choices: Mapping[str, Any]) -> bool:
     """Return whether the body's response is judged: by default wherever it can be."""
     given = choices.get("response_watch")
-    never, lacking = _unwatchable(choices), _without_strokes(choices)
+    never, lacking = _unwatchable(choices), _not_measured(choices)
     option = "watch-response=on" if given else CHOICES["response_watch"].option
     if never and given is not None:
         raise CanrollError(f"{option}: {never}: omit it")
     if lacking and given:
-        raise CanrollError(f"{option}: {lacking}: map them, or omit it")
+        raise CanrollError(f"{option}: {lacking}: omit it")
     return not never and not lacking and given is not False
 
 
@@ -238,8 +238,10 @@ def _unwatchable(choices: Mapping[str, Any]) -> str:
     return ""
 
 
-def _without_strokes(choices: Mapping[str, Any]) -> str:
-    """Return which map of the network lacks the suspension's stroke rates; "" if none does."""
+def _not_measured(choices: Mapping[str, Any]) -> str:
+    """Return why strokes of suspensions on tyres are not measured here; "" if they are."""
+    if chosen(choices, "plant") == "roll1":
+        return "plant roll1 has no tyres"
     profile = profile_of(choices)
     bus = bus_map(profile)
     if bus is not None and _absent(bus.received[RX_SUSPENSION_RATE], NEEDED[RX_SUSPENSION_RATE]):

@@ -201,7 +201,7 @@ def test_a_map_without_stroke_rates_runs_without_the_response_monitor(tmp_path):
         "lying actuators and small errors of the lateral acceleration go unnoticed"
     )
     experiment.plan("double_lane_change", **SHORT, **files, response_watch=False)
-    with pytest.raises(CanrollError, match=r"watch-response=on: .* no stroke rates .*: map them"):
+    with pytest.raises(CanrollError, match=r"watch-response=on: .* no stroke rates .*: omit it"):
         experiment.plan("double_lane_change", **SHORT, **files, response_watch=True)
     _, watching = experiment.plan("double_lane_change", **SHORT)
     with pytest.raises(CanrollError, match="or design with --no-watch-response"):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from canroll.errors import CanrollError
 from firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
 from firmware.state import SAFE
 from hil.runs import experiment
@@ -56,6 +57,13 @@ def test_no_road_and_no_other_vehicle_is_taken_for_a_lie(scenario, options, numb
         options=options,
     )
     assert codes >> FAULT_ACTUATOR_CONTRADICTED & 1 == 0
+
+
+def test_a_plant_without_tyres_is_driven_without_it():
+    _, controller = experiment.plan("double_lane_change", plant="roll1")
+    assert controller.record.response_min == 0
+    with pytest.raises(CanrollError, match="plant roll1 has no tyres: omit it"):
+        experiment.plan("double_lane_change", plant="roll1", response_watch=True)
 
 
 def test_it_is_frozen_in_a_calibration_and_changes_no_command():
