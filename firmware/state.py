@@ -154,28 +154,17 @@ class Ecu:
     window_samples: Annotated[i32, F(0, 1000, 0, "", "samples of the present window")]
     astray: Annotated[list[i32], 2, F(0, 1000, 0, "", "samples outside the band, by axle")]
 
-    # response monitor: balance of the moments and that of the lateral acceleration
-    response_spring: Annotated[
-        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "springs, washed out, less offsets")
+    # balances of the response monitor, of the lateral acceleration and of the axles monitor
+    balance_spring: Annotated[
+        list[i32], 3, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "springs, washed out, less offsets")
     ]
-    response_slow: Annotated[
-        list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, less momentum")
+    balance_slow: Annotated[
+        list[i32], 3, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, less momentum")
     ]
-    response_size: Annotated[
-        list[i32], 2, F(0, STATE_MAX, Q_MOMENT, "N·m", "what the model may be wrong by, fading")
+    balance_room: Annotated[
+        list[i32], 3, F(0, STATE_MAX, Q_MOMENT, "N·m", "what the model may be wrong by, fading")
     ]
-    response_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too much is left over since")]
-    lateral_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "and yaw rate says so, since")]
-
-    # axles monitor
-    axles_spring: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "of springs and tyres, washed out")
-    ]
-    axles_slow: Annotated[
-        i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, less yaw momentum")
-    ]
-    axles_size: Annotated[i32, F(0, STATE_MAX, Q_MOMENT, "N·m", "what may be left over, fading")]
-    axles_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too much is left over since")]
+    balance_ticks: Annotated[list[i32], 3, F(0, 1000, 0, "ticks", "too much is left over since")]
 
     # observer
     x: Annotated[list[i32], N_STATES, F(STATE_MIN, STATE_MAX, 0, "", "corrected estimate")]
@@ -313,11 +302,11 @@ class Ecu:
     # delivery monitor
     contradicted: Annotated[list[u8], 2, F(0, 1, 0, "", "1: the axle does not do as commanded")]
 
-    # response monitor
-    axles_known: Annotated[u8, F(0, 1, 0, "", "1: the axles were compared in the last tick")]
+    # response and axles monitors
     response_known: Annotated[
         u8, F(0, 2, 0, "", "all that acts was known in the last tick; 2: and since calm running")
     ]
+    axles_known: Annotated[u8, F(0, 1, 0, "", "1: the axles were compared in the last tick")]
 
     # observer
     ring_head: Annotated[u8, F(0, N_RING - 1, 0, "", "newest entry of the ring")]

@@ -96,6 +96,6 @@ def init_supervisor(ecu: Ecu) -> None:
     ecu.mode = INIT
     ecu.motion_lost = 1
     ecu.moment_unknown = 1
-    # as no sample is
+    # no sample has this value
     ecu.frozen_lateral = STATE_MAX
     ecu.feedforward = ONE

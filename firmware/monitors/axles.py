@@ -14,21 +14,28 @@ judged, for wheels leave the ground. Which axle lies it does not tell. A finding
 next ``init``.
 """
 
-from firmware.calibration import STATE_MAX, Calibration
+from firmware.calibration import Calibration
 from firmware.fixed_point import product
-from firmware.monitors.redundancy import lasting, magnitude
+from firmware.monitors.balance import (
+    AXLES,
+    accuse_axles,
+    leave_room,
+    left_over,
+    start_balance,
+    stretch,
+)
+from firmware.monitors.redundancy import magnitude
+from firmware.monitors.response import YAW
 from firmware.state import RX_IMU, Ecu
-from firmware.subset import clamp, i32, rsh, sat31
+from firmware.subset import i32, rsh, sat31
 
-# bit of ecu.valid of an Imu frame
-YAW_RATE = 4
 # an eighth of the moments
 SHARE = 3
 
 
 def comparable(ecu: Ecu, cal: Calibration) -> i32:
     """Return 1 where all that acts on the tyres is known, and they answer linearly."""
-    if (ecu.valid[RX_IMU] & YAW_RATE) == 0 or ecu.response_known == 0:
+    if (ecu.valid[RX_IMU] & YAW) == 0 or ecu.response_known == 0:
         return 0
     # without motion nothing tells of the tyres' range
     if ecu.motion_lost == 1 or ecu.motion_peak > cal.axles_limit:
@@ -51,25 +58,15 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
     acting: i32 = sat31(damping + lateral + of_rear - ecu.delivered[0])
     if ecu.axles_known == 0:
         ecu.axles_known = 1
-        ecu.axles_spring = sat31(-acting)
-        ecu.axles_slow = sat31(-momentum)
-        ecu.axles_size = 0
-    washed: i32 = sat31(ecu.axles_spring + acting)
-    ecu.axles_spring = sat31(ecu.axles_spring + stretched - product(washed, cal.response_wash, 30))
-    behind: i32 = sat31(washed - momentum - ecu.axles_slow)
-    ecu.axles_slow = sat31(ecu.axles_slow + product(behind, cal.response_pass, 30))
-    left: i32 = magnitude(sat31(ecu.axles_slow + momentum))
+        start_balance(ecu, AXLES, acting, momentum)
+    left: i32 = magnitude(left_over(ecu, cal, AXLES, acting, momentum))
+    stretch(ecu, AXLES, stretched)
     rough: i32 = product(magnitude(stretched), cal.axles_rough, 10)
     moments: i32 = magnitude(ecu.delivered[0]) + magnitude(of_rear)
-    size: i32 = sat31(rough + rsh(moments, SHARE))
-    faded: i32 = ecu.axles_size - product(ecu.axles_size, cal.response_wash, 31)
-    ecu.axles_size = clamp(size, faded, STATE_MAX)
+    leave_room(ecu, AXLES, sat31(rough + rsh(moments, SHARE)), rsh(cal.response_wash, 1))
     bad: i32 = 0
-    if left > ecu.axles_size + cal.axles_min:
+    if left > ecu.balance_room[AXLES] + cal.axles_min:
         bad = 1
-    if ecu.axles_size > cal.axles_rest:
+    if ecu.balance_room[AXLES] > cal.axles_rest:
         bad = 0
-    ecu.axles_ticks = lasting(ecu.axles_ticks, bad, cal.response_ticks)
-    if ecu.axles_ticks == cal.response_ticks:
-        ecu.contradicted[0] = 1
-        ecu.contradicted[1] = 1
+    accuse_axles(ecu, cal, AXLES, bad)

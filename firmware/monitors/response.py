@@ -14,22 +14,27 @@ washout slow; but it starts in calm running alone. What the model may be wrong b
 what springs, dampers and moments say of the lateral acceleration. Its finding lasts as well.
 """
 
-from firmware.calibration import STATE_MAX, Calibration
+from firmware.calibration import Calibration
 from firmware.fixed_point import product
+from firmware.monitors.balance import (
+    BODY,
+    LATERAL,
+    accuse_axles,
+    leave_room,
+    left_over,
+    start_balance,
+    stretch,
+)
 from firmware.monitors.redundancy import lasting, magnitude, side_of
 from firmware.plausibility import NEEDED
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, Ecu
-from firmware.subset import clamp, i32, rsh, sat31
+from firmware.subset import i32, rsh, sat31
 
 # bits of ecu.valid of an Imu frame: roll rate and lateral acceleration
 ROLL_AND_LATERAL = 3
 YAW = 4
 # a quarter of all that acts
 SHARE = 2
-# the balances of the moments and, with a 16th of the washout, of the lateral acceleration
-MOMENTS = 0
-LATERAL = 1
-SLOWER = 4
 # what springs and dampers say fades in 8 time constants of the low-pass
 FADING = 3
 # the least left over that counts: an eighth of that of the moments
@@ -62,43 +67,20 @@ def known(ecu: Ecu, cal: Calibration) -> i32:
     return ecu.enabled & ecu.command_held
 
 
-def start_balance(ecu: Ecu, which: i32, acting: i32, momentum: i32) -> None:
-    """Start a balance from what acts: nothing is left over now."""
-    ecu.response_spring[which] = sat31(-acting)
-    ecu.response_slow[which] = sat31(-momentum)
-    ecu.response_size[which] = 0
-
-
-def left_over(ecu: Ecu, cal: Calibration, which: i32, acting: i32, momentum: i32) -> i32:
-    """Return what is left of a balance, washed out and low-passed."""
-    wash: i32 = cal.response_wash
-    if which == LATERAL:
-        wash = rsh(wash, SLOWER)
-    washed: i32 = sat31(ecu.response_spring[which] + acting)
-    ecu.response_spring[which] = sat31(ecu.response_spring[which] - product(washed, wash, 30))
-    behind: i32 = sat31(washed - momentum - ecu.response_slow[which])
-    ecu.response_slow[which] = sat31(
-        ecu.response_slow[which] + product(behind, cal.response_pass, 30)
-    )
-    return sat31(ecu.response_slow[which] + momentum)
-
-
 def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, shown: i32) -> None:
     """Judge the lateral acceleration by what is ``left`` and by yaw rate times speed.
 
     ``shown`` is what suspension and moments say of it.
     """
-    faded: i32 = ecu.response_size[LATERAL]
-    faded = faded - product(faded, cal.response_pass, 30 + FADING)
-    ecu.response_size[LATERAL] = clamp(rsh(shown, 1) + rsh(shown, 3), faded, STATE_MAX)
-    limit: i32 = ecu.response_size[LATERAL] + rsh(cal.response_min, LEAST)
+    leave_room(ecu, LATERAL, rsh(shown, 1) + rsh(shown, 3), rsh(cal.response_pass, FADING))
+    limit: i32 = ecu.balance_room[LATERAL] + rsh(cal.response_min, LEAST)
     turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
     beside: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
     side: i32 = 0
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & YAW) != 0:
         side = side_of(left, beside, limit)
-    ecu.lateral_ticks = lasting(ecu.lateral_ticks, side, cal.response_ticks)
-    if ecu.lateral_ticks == cal.response_ticks:
+    ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], side, cal.response_ticks)
+    if ecu.balance_ticks[LATERAL] == cal.response_ticks:
         ecu.lateral_contradicted = 1
 
 
@@ -122,26 +104,21 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     size: i32 = sat31(magnitude(damping) + magnitude(moment) + magnitude(lateral))
     if ecu.response_known == NOTHING:
         ecu.response_known = ONE_BALANCE
-        start_balance(ecu, MOMENTS, acting, momentum)
+        start_balance(ecu, BODY, acting, momentum)
     if ecu.response_known == ONE_BALANCE and size < rsh(cal.response_min, CALM):
         ecu.response_known = BOTH
-        ecu.lateral_ticks = 0
+        ecu.balance_ticks[LATERAL] = 0
         start_balance(ecu, LATERAL, acting, momentum)
-    if ecu.response_known == BOTH:
-        shown: i32 = magnitude(sat31(ecu.response_spring[LATERAL] + damping - moment))
-        wrong: i32 = left_over(ecu, cal, LATERAL, acting, momentum)
-        watch_lateral_balance(ecu, cal, wrong, sat31(shown + magnitude(damping)))
-    left: i32 = magnitude(left_over(ecu, cal, MOMENTS, acting, momentum))
     stretched: i32 = product(damping, cal.response_stretch, 30)
-    for which in range(2):
-        ecu.response_spring[which] = sat31(ecu.response_spring[which] + stretched)
-    faded: i32 = ecu.response_size[MOMENTS]
-    faded = faded - product(faded, cal.response_wash, 31)
-    ecu.response_size[MOMENTS] = clamp(rsh(size, SHARE), faded, STATE_MAX)
+    if ecu.response_known == BOTH:
+        shown: i32 = magnitude(sat31(ecu.balance_spring[LATERAL] + damping - moment))
+        wrong: i32 = left_over(ecu, cal, LATERAL, acting, momentum)
+        stretch(ecu, LATERAL, stretched)
+        watch_lateral_balance(ecu, cal, wrong, sat31(shown + magnitude(damping)))
+    left: i32 = magnitude(left_over(ecu, cal, BODY, acting, momentum))
+    stretch(ecu, BODY, stretched)
+    leave_room(ecu, BODY, rsh(size, SHARE), rsh(cal.response_wash, 1))
     bad: i32 = 0
-    if left > ecu.response_size[MOMENTS] + cal.response_min:
+    if left > ecu.balance_room[BODY] + cal.response_min:
         bad = 1
-    ecu.response_ticks = lasting(ecu.response_ticks, bad, cal.response_ticks)
-    if ecu.response_ticks == cal.response_ticks:
-        ecu.contradicted[0] = 1
-        ecu.contradicted[1] = 1
+    accuse_axles(ecu, cal, BODY, bad)

@@ -1,0 +1,61 @@
+"""Balances of the moments on the body or an axle: what is left over is not what was reported.
+
+What springs take up is integrated from stroke rates. All of a balance is washed out, so that no
+offset counts, and low-passed, so that the momentum enters without a derivative.
+"""
+
+from firmware.calibration import STATE_MAX, Calibration
+from firmware.fixed_point import product
+from firmware.monitors.redundancy import lasting
+from firmware.state import Ecu
+from firmware.subset import clamp, i32, rsh, sat31
+
+# the balances: of the body, of the body by the lateral acceleration, of one axle less the other
+BODY = 0
+LATERAL = 1
+AXLES = 2
+# the washout of the lateral acceleration's is slower by this power of two
+SLOWER = 4
+
+
+def start_balance(ecu: Ecu, which: i32, acting: i32, momentum: i32) -> None:
+    """Start a balance from what acts: nothing is left over now."""
+    ecu.balance_spring[which] = sat31(-acting)
+    ecu.balance_slow[which] = sat31(-momentum)
+    ecu.balance_room[which] = 0
+
+
+def left_over(ecu: Ecu, cal: Calibration, which: i32, acting: i32, momentum: i32) -> i32:
+    """Return what is left of a balance, washed out and low-passed.
+
+    ``acting`` is all but the springs' share, ``momentum`` by the low-pass's time constant.
+    """
+    wash: i32 = cal.response_wash
+    if which == LATERAL:
+        wash = rsh(wash, SLOWER)
+    spring: i32 = ecu.balance_spring[which]
+    slow: i32 = ecu.balance_slow[which]
+    washed: i32 = sat31(spring + acting)
+    ecu.balance_spring[which] = sat31(spring - product(washed, wash, 30))
+    slow = sat31(slow + product(sat31(washed - momentum - slow), cal.response_pass, 30))
+    ecu.balance_slow[which] = slow
+    return sat31(slow + momentum)
+
+
+def stretch(ecu: Ecu, which: i32, stretched: i32) -> None:
+    """Let the springs of a balance take up ``stretched`` until the next tick."""
+    ecu.balance_spring[which] = sat31(ecu.balance_spring[which] + stretched)
+
+
+def leave_room(ecu: Ecu, which: i32, size: i32, fading: i32) -> None:
+    """Let what may be left over follow ``size`` up at once and fade by ``fading``, of 2^30."""
+    room: i32 = ecu.balance_room[which]
+    ecu.balance_room[which] = clamp(size, room - product(room, fading, 30), STATE_MAX)
+
+
+def accuse_axles(ecu: Ecu, cal: Calibration, which: i32, bad: i32) -> None:
+    """Believe no axle once a balance has been ``bad`` for long enough: it does not tell which."""
+    ecu.balance_ticks[which] = lasting(ecu.balance_ticks[which], bad, cal.response_ticks)
+    if ecu.balance_ticks[which] == cal.response_ticks:
+        ecu.contradicted[0] = 1
+        ecu.contradicted[1] = 1
