@@ -309,6 +309,13 @@ class Calibration:
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least width of the band's edges, 0: off")
     ]
 
+    # rolling monitor: the roll rate by the suspensions
+    rolling_min: Annotated[
+        i32, F(0, STATE_MAX, Q_RATE, "rad/s", "least distance from both axles, 0: off")
+    ]
+    rolling_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "so far without a break that count")]
+    rolling_track: Annotated[list[i32], 2, F(0, 4 << 28, 28, "1/m", "roll over difference")]
+
     # response monitor: I_x phi'' = delivered moments + m h a_y - springs and dampers
     response_min: Annotated[
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least moment left over that counts, 0: off")
@@ -335,7 +342,7 @@ class Calibration:
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "no axle is judged where so much may be")
     ]
     axles_limit: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "no axle is compared above")
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "wheels may leave the road above")
     ]
     axles_stretch: Annotated[
         list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "moment of springs and tyres a tick")

@@ -154,6 +154,15 @@ class Ecu:
     window_samples: Annotated[i32, F(0, 1000, 0, "", "samples of the present window")]
     astray: Annotated[list[i32], 2, F(0, 1000, 0, "", "samples outside the band, by axle")]
 
+    # rolling monitor
+    rolling_rate: Annotated[
+        list[i32],
+        3,
+        F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "low-passed: gyro, front and rear suspension"),
+    ]
+    rolling_size: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "the suspensions', fading")]
+    rolling_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too far apart since")]
+
     # balances of the response monitor, of the lateral acceleration and of the axles monitor
     balance_spring: Annotated[
         list[i32], 3, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "springs, washed out, less offsets")
@@ -302,7 +311,8 @@ class Ecu:
     # delivery monitor
     contradicted: Annotated[list[u8], 2, F(0, 1, 0, "", "1: the axle does not do as commanded")]
 
-    # response and axles monitors
+    # rolling, response and axles monitors
+    rolling_known: Annotated[u8, F(0, 1, 0, "", "1: the rates were measured in the last tick")]
     response_known: Annotated[
         u8, F(0, 2, 0, "", "all that acts was known in the last tick; 2: and since calm running")
     ]

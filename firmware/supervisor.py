@@ -13,6 +13,7 @@ from firmware.monitors.axles import watch_axles
 from firmware.monitors.delivery import watch_delivery
 from firmware.monitors.redundancy import watch_redundancy
 from firmware.monitors.response import watch_response
+from firmware.monitors.rolling import watch_rolling
 from firmware.plausibility import (
     DEGRADING,
     FAULT_CALIBRATION_CRC,
@@ -65,6 +66,7 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     ecu.found = signals.contradicted(ecu) << FAULT_DISAGREEMENT
     ecu.found = ecu.found | (ecu.envelope_acted << FAULT_ENVELOPE)
     watch_redundancy(ecu, cal)
+    watch_rolling(ecu, cal)
     motion: i32 = watch_motion(ecu, cal, elapsed)
     watch_delivery(ecu, cal)
     watch_response(ecu, cal, elapsed)

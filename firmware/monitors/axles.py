@@ -26,6 +26,7 @@ from firmware.monitors.balance import (
 )
 from firmware.monitors.redundancy import magnitude
 from firmware.monitors.response import YAW
+from firmware.monitors.rolling import on_the_road
 from firmware.state import RX_IMU, Ecu
 from firmware.subset import i32, rsh, sat31
 
@@ -37,10 +38,7 @@ def comparable(ecu: Ecu, cal: Calibration) -> i32:
     """Return 1 where all that acts on the tyres is known, and they answer linearly."""
     if (ecu.valid[RX_IMU] & YAW) == 0 or ecu.response_known == 0:
         return 0
-    # without motion nothing tells of the tyres' range
-    if ecu.motion_lost == 1 or ecu.motion_peak > cal.axles_limit:
-        return 0
-    return 1
+    return on_the_road(ecu, cal)
 
 
 def watch_axles(ecu: Ecu, cal: Calibration) -> None:

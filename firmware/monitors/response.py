@@ -26,12 +26,13 @@ from firmware.monitors.balance import (
     stretch,
 )
 from firmware.monitors.redundancy import lasting, magnitude, side_of
+from firmware.monitors.rolling import measured
 from firmware.plausibility import NEEDED
-from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, Ecu
+from firmware.state import RX_ACTUATOR_STATE, RX_IMU, Ecu
 from firmware.subset import i32, rsh, sat31
 
-# bits of ecu.valid of an Imu frame: roll rate and lateral acceleration
-ROLL_AND_LATERAL = 3
+# bits of ecu.valid of an Imu frame
+LATERAL_SIGNAL = 2
 YAW = 4
 # a quarter of all that acts
 SHARE = 2
@@ -50,19 +51,11 @@ BOTH = 2
 def known(ecu: Ecu, cal: Calibration) -> i32:
     """Return 1 where all that acts on the body is known, and the actuators follow commands."""
     moment: i32 = NEEDED[RX_ACTUATOR_STATE]
-    stroke: i32 = NEEDED[RX_SUSPENSION_RATE]
-    if (ecu.valid[RX_IMU] & ROLL_AND_LATERAL) != ROLL_AND_LATERAL or ecu.lateral_lost == 1:
+    if measured(ecu, cal) == 0:
+        return 0
+    if (ecu.valid[RX_IMU] & LATERAL_SIGNAL) == 0 or ecu.lateral_lost == 1:
         return 0
     if (ecu.valid[RX_ACTUATOR_STATE] & moment) != moment or ecu.moment_unknown == 1:
-        return 0
-    if (ecu.valid[RX_SUSPENSION_RATE] & stroke) != stroke:
-        return 0
-    # a frame that repeats its sample is no news
-    if ecu.unchanged[RX_SUSPENSION_RATE] > cal.timeout_ticks[RX_SUSPENSION_RATE]:
-        return 0
-    if ecu.unchanged[RX_IMU] > cal.timeout_ticks[RX_IMU]:
-        return 0
-    if ecu.gain_factor == 0:
         return 0
     return ecu.enabled & ecu.command_held
 

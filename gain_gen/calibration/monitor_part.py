@@ -32,6 +32,11 @@ LAGS = 0.05
 """Time by which a window exceeds the largest delay from sample to force, s: lag and way back."""
 DELIVERY_SAMPLES = 4
 """Samples in a row outside the band before an axle counts as failed."""
+ROLLING = 0.08
+"""Distance of the roll rate from those of both suspensions, besides a quarter of the larger one,
+rad/s."""
+ROLLING_TIME = 0.08
+"""How long without a break, s."""
 RESPONSE_LEAST = 2.4
 """What may always be left over: the roll moment m h a_y of this lateral acceleration, m/s²."""
 RESPONSE_TIME = 0.2
@@ -48,7 +53,8 @@ move apart, s."""
 AXLES_REST = 0.003
 """The axles are not judged where a rough road and wrong moments may leave over more, rad."""
 AXLES_LINEAR = 8.0
-"""Lateral acceleration by yaw rate or steering, m/s², up to which the axles are compared."""
+"""Lateral acceleration by yaw rate or steering, m/s², above which wheels may leave the road:
+neither axles nor roll rates are compared there."""
 
 
 def monitor_fields(task: Task) -> dict[str, int | list[int]]:
@@ -87,7 +93,7 @@ def _axle_moment(task: Task) -> float:
 
 
 def response_fields(task: Task) -> dict[str, int | list[int]]:
-    """Return the fields of the response monitor, of bars or of corner forces.
+    """Return the fields of the monitors by the suspension, of bars or of corner forces.
 
     Springs and dampers of both axles count by the springs' shares, with one time constant.
 
@@ -102,6 +108,11 @@ def response_fields(task: Task) -> dict[str, int | list[int]]:
         return quantise(value, 10, 0, fw.COEFFICIENT, name=name)
 
     return {
+        "rolling_min": round(ROLLING * 2.0**fw.Q_RATE),
+        "rolling_ticks": max(2, round(ROLLING_TIME / task.tick)),
+        "rolling_track": [
+            quantise(1.0 / track, 28, 0, 4 << 28, name="rolling_track") for track in tracks
+        ],
         "response_min": round(RESPONSE_LEAST * roll.roll_arm * 2.0**fw.Q_MOMENT),
         "response_ticks": max(2, round(RESPONSE_TIME / task.tick)),
         "response_stroke": [

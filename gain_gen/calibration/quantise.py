@@ -6,6 +6,7 @@ from math import ceil
 import numpy as np
 
 import dbc
+from canroll.errors import CanrollError
 from firmware import calibration as fw
 from firmware.state import RX_SUSPENSION_RATE
 from gain_gen.calibration.monitor_part import response_fields
@@ -104,7 +105,10 @@ def quantise_design(design: Design, options: Options) -> Quantised:
     fields |= _trigger(design, options)
     fields |= vehicle_fields(task, controller.schedule)
     if options.response_watch:
-        fields |= response_fields(task)
+        try:
+            fields |= response_fields(task)
+        except CanrollError as error:
+            raise CanrollError(f"{error}: design with --no-watch-response") from error
         fields["timeout_ticks"] = timeouts(task, RX_SUSPENSION_RATE)
     return Quantised(
         fields,

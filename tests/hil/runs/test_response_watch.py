@@ -8,8 +8,13 @@ import pytest
 from canroll.errors import CanrollError
 from firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
 from firmware.state import SAFE
+from gain_gen.calibration.freeze import calibrate
+from gain_gen.calibration.quantise import Options
+from gain_gen.design import design
+from gain_gen.models.task import Delay, Task
 from hil.runs import experiment
 from hil.studies.variation import DEFAULT_SPREAD, draw
+from vehicles import load
 
 pytestmark = pytest.mark.slow
 
@@ -78,3 +83,12 @@ def test_it_is_frozen_in_a_calibration_and_changes_no_command():
         trace = experiment.drive(replace(settings, seed=3), controller, enabled=True)
         frames.append(trace.frames[:].tobytes())
     assert frames[0] == frames[1]
+
+
+def test_a_vehicle_beyond_the_fields_is_refused_with_the_option_that_helps():
+    vehicle = load("van_real")
+    lorry = replace(vehicle, mass=replace(vehicle.mass, yaw_inertia=1e6))
+    made = design("lqr", Task(lorry, Delay.constant(0.02), actuator="bars"))
+    calibrate(made)
+    with pytest.raises(CanrollError, match=r"^axles_yaw: .* design with --no-watch-response$"):
+        calibrate(made, Options(response_watch=True))

@@ -1,0 +1,87 @@
+"""The roll rate against those of the suspensions, for a gyro that is off, drifts or is reversed.
+
+The body rolls as its suspensions do, and as the wheels do: on their tyres by a small part of it, on
+a bank slowly, and over bumps one axle after the other. So the roll rate is wrong where it is far
+outside of the interval between the rates of both axles, low-passed, for a while. A single wrong
+stroke rate widens the interval and accuses nobody. Once wheels may have left the road it rests. A
+finding lasts until the next ``init``.
+"""
+
+from firmware.calibration import STATE_MAX, Calibration
+from firmware.fixed_point import product
+from firmware.monitors.redundancy import gap, lasting, magnitude
+from firmware.plausibility import NEEDED
+from firmware.state import RX_IMU, RX_SUSPENSION_RATE, Ecu
+from firmware.subset import clamp, i32, rsh, sat31
+
+# bit of ecu.valid of an Imu frame
+ROLL = 1
+# the three rates
+GYRO = 0
+FRONT = 1
+REAR = 2
+# the largest rate fades in 8 time constants of the low-pass, and a quarter of it is left over
+FADING = 3
+SHARE = 2
+
+
+def measured(ecu: Ecu, cal: Calibration) -> i32:
+    """Return 1 where roll rate and stroke rates are known and new, and the car moves."""
+    stroke: i32 = NEEDED[RX_SUSPENSION_RATE]
+    if (ecu.valid[RX_IMU] & ROLL) == 0:
+        return 0
+    if (ecu.valid[RX_SUSPENSION_RATE] & stroke) != stroke:
+        return 0
+    # a frame that repeats its sample is no news
+    if ecu.unchanged[RX_SUSPENSION_RATE] > cal.timeout_ticks[RX_SUSPENSION_RATE]:
+        return 0
+    if ecu.unchanged[RX_IMU] > cal.timeout_ticks[RX_IMU] or ecu.gain_factor == 0:
+        return 0
+    return 1
+
+
+def on_the_road(ecu: Ecu, cal: Calibration) -> i32:
+    """Return 1 where the motion tells that no wheel has left the road."""
+    if ecu.motion_lost == 1 or ecu.motion_peak > cal.axles_limit:
+        return 0
+    return 1
+
+
+def smooth(ecu: Ecu, cal: Calibration, which: i32, rate: i32) -> None:
+    """Low-pass one of the rates; it starts from what is now."""
+    if ecu.rolling_known == 0:
+        ecu.rolling_rate[which] = rate
+    behind: i32 = sat31(rate - ecu.rolling_rate[which])
+    ecu.rolling_rate[which] = sat31(
+        ecu.rolling_rate[which] + product(behind, cal.response_pass, 30)
+    )
+
+
+def watch_rolling(ecu: Ecu, cal: Calibration) -> None:
+    """Judge the roll rate by the newest samples."""
+    if cal.rolling_min == 0:
+        return
+    if measured(ecu, cal) == 0 or on_the_road(ecu, cal) == 0:
+        ecu.rolling_known = 0
+        return
+    front: i32 = product(ecu.stroke_rate[0] - ecu.stroke_rate[1], cal.rolling_track[0], 28)
+    rear: i32 = product(ecu.stroke_rate[2] - ecu.stroke_rate[3], cal.rolling_track[1], 28)
+    smooth(ecu, cal, GYRO, ecu.roll_rate)
+    smooth(ecu, cal, FRONT, front)
+    smooth(ecu, cal, REAR, rear)
+    if ecu.rolling_known == 0:
+        ecu.rolling_known = 1
+        ecu.rolling_ticks = 0
+        ecu.rolling_size = 0
+    front = ecu.rolling_rate[FRONT]
+    rear = ecu.rolling_rate[REAR]
+    size: i32 = ecu.rolling_size
+    size = size - product(size, cal.response_pass, 30 + FADING)
+    size = clamp(magnitude(rear), size, STATE_MAX)
+    ecu.rolling_size = clamp(magnitude(front), size, STATE_MAX)
+    bad: i32 = 0
+    if gap(ecu.rolling_rate[GYRO], front, rear) > cal.rolling_min + rsh(ecu.rolling_size, SHARE):
+        bad = 1
+    ecu.rolling_ticks = lasting(ecu.rolling_ticks, bad, cal.rolling_ticks)
+    if ecu.rolling_ticks == cal.rolling_ticks:
+        ecu.rate_contradicted = 1
