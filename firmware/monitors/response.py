@@ -157,7 +157,7 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32) -> None:
     if magnitude(left) > ecu.balance_room[BODY] + least:
         bad = 1
     accuse_axles(ecu, BODY, bad, cal.response_ticks)
-    accuse_axles(ecu, JUMP, jumped, rsh(cal.response_ticks + 1, 1))
+    accuse_axles(ecu, JUMP, jumped, rsh(cal.response_ticks, 1))
 
 
 def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:

@@ -51,7 +51,7 @@ AXLES_ROUGH = 0.03
 move apart, s."""
 AXLES_REST = 0.003
 """The axles are not judged where a rough road and wrong moments may leave over more, rad."""
-AXLES_LINEAR = 8.0
+AXLES_LINEAR = 7.0
 """Lateral acceleration by yaw rate or steering, m/s², up to which the axles are compared."""
 
 HEAVE_LEAST = 1.2
