@@ -25,9 +25,8 @@ from firmware.monitors.balance import (
     stretch,
 )
 from firmware.monitors.redundancy import magnitude
-from firmware.monitors.response import YAW
-from firmware.monitors.rolling import on_the_road
-from firmware.state import RX_IMU, Ecu
+from firmware.monitors.rolling import within
+from firmware.state import Ecu
 from firmware.subset import i32, rsh, sat31
 
 # an eighth of the moments
@@ -36,9 +35,9 @@ SHARE = 3
 
 def comparable(ecu: Ecu, cal: Calibration) -> i32:
     """Return 1 where all that acts on the tyres is known, and they answer linearly."""
-    if (ecu.valid[RX_IMU] & YAW) == 0 or ecu.response_known == 0:
+    if ecu.response_known == 0:
         return 0
-    return on_the_road(ecu, cal)
+    return within(ecu, cal.axles_limit)
 
 
 def watch_axles(ecu: Ecu, cal: Calibration) -> None:
@@ -67,4 +66,4 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
         bad = 1
     if ecu.balance_room[AXLES] > cal.axles_rest:
         bad = 0
-    accuse_axles(ecu, cal, AXLES, bad)
+    accuse_axles(ecu, AXLES, bad, cal.response_ticks)

@@ -14,8 +14,9 @@ from firmware.plausibility import NEEDED
 from firmware.state import RX_IMU, RX_SUSPENSION_RATE, Ecu
 from firmware.subset import clamp, i32, rsh, sat31
 
-# bit of ecu.valid of an Imu frame
-ROLL = 1
+# bits of ecu.valid of an Imu frame
+ROLL_SIGNAL = 1
+YAW = 4
 # the three rates
 GYRO = 0
 FRONT = 1
@@ -28,7 +29,7 @@ SHARE = 2
 def measured(ecu: Ecu, cal: Calibration) -> i32:
     """Return 1 where roll rate and stroke rates are known and new, and the car moves."""
     stroke: i32 = NEEDED[RX_SUSPENSION_RATE]
-    if (ecu.valid[RX_IMU] & ROLL) == 0:
+    if (ecu.valid[RX_IMU] & ROLL_SIGNAL) == 0:
         return 0
     if (ecu.valid[RX_SUSPENSION_RATE] & stroke) != stroke:
         return 0
@@ -40,9 +41,11 @@ def measured(ecu: Ecu, cal: Calibration) -> i32:
     return 1
 
 
-def on_the_road(ecu: Ecu, cal: Calibration) -> i32:
-    """Return 1 where the motion tells that no wheel has left the road."""
-    if ecu.motion_lost == 1 or ecu.motion_peak > cal.axles_limit:
+def within(ecu: Ecu, limit: i32) -> i32:
+    """Return 1 where yaw rate and steering tell that the car has stayed below ``limit``."""
+    if (ecu.valid[RX_IMU] & YAW) == 0 or ecu.motion_lost == 1:
+        return 0
+    if ecu.motion_peak > limit:
         return 0
     return 1
 
@@ -61,7 +64,7 @@ def watch_rolling(ecu: Ecu, cal: Calibration) -> None:
     """Judge the roll rate by the newest samples."""
     if cal.rolling_min == 0:
         return
-    if measured(ecu, cal) == 0 or on_the_road(ecu, cal) == 0:
+    if measured(ecu, cal) == 0 or within(ecu, cal.axles_limit) == 0:
         ecu.rolling_known = 0
         return
     front: i32 = product(ecu.stroke_rate[0] - ecu.stroke_rate[1], cal.rolling_track[0], 28)
