@@ -11,6 +11,7 @@ from firmware.state import (
     ACTIVE,
     DEGRADED,
     INIT,
+    N_TX,
     RX_ACTUATOR_STATE,
     RX_IMU,
     RX_ROLL_REFERENCE,
@@ -592,7 +593,7 @@ def test_without_control_frames_flow_and_no_fault_is_raised():
 
 def test_foreign_short_and_misplaced_frames_are_harmless():
     bench = busy(rig.Bench(rig.calibration()))
-    for message in (-1, fw.N_RX, 1000):
+    for message in (-1, fw.N_RX + N_TX, 1000):
         loop.receive(bench.ecu, message, [255] * 8, 8)
     before = bench.ecu.roll_rate
     loop.receive(bench.ecu, RX_IMU, [255] * 8, 3)

@@ -105,7 +105,7 @@ TICKS = {
     "constant gain": (recorded_traffic.Case("double_lane_change", "lqr"), 4450),
     "without the response monitor": (
         recorded_traffic.Case("double_lane_change", "lqr", response_watch=False),
-        3110,
+        3130,
     ),
     "covariance and identification": (
         recorded_traffic.Case(
