@@ -311,7 +311,10 @@ class Calibration:
 
     # response monitor: I_x phi'' = delivered moments + m h a_y - springs and dampers
     response_min: Annotated[
-        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "least moment left over that counts, 0: off")
+        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "may be left over at the tyres' limit, 0: off")
+    ]
+    response_limit: Annotated[
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "the tyres' limit: below, an eighth may be")
     ]
     response_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "left over without a break that count")]
     response_stroke: Annotated[
@@ -357,6 +360,15 @@ class Calibration:
             "N·m·s",
             "by yaw acceleration, over that of the low-pass",
         ),
+    ]
+
+    # heave monitor, with the response monitor: the springs carry the body's weight
+    heave_min: Annotated[
+        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N", "least force more or less that counts, 0: off")
+    ]
+    heave_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "more or less without a break that count")]
+    heave_stretch: Annotated[
+        list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "force of an axle's springs a tick")
     ]
 
     # allocation

@@ -157,17 +157,20 @@ class Ecu:
     window_samples: Annotated[i32, F(0, 1000, 0, "", "samples of the present window")]
     astray: Annotated[list[i32], 2, F(0, 1000, 0, "", "samples outside the band, by axle")]
 
-    # balances of the response monitor, of the lateral acceleration and of the axles monitor
+    # balances of the response monitor, of the lateral acceleration, of the axles monitor, of parts
     balance_spring: Annotated[
-        list[i32], 3, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "springs, washed out, less offsets")
+        list[i32], 9, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "springs, washed out, less offsets")
     ]
     balance_slow: Annotated[
-        list[i32], 3, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, less momentum")
+        list[i32], 9, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, less momentum")
+    ]
+    balance_past: Annotated[
+        list[i32], 9, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "what is left over, but for jumps")
     ]
     balance_room: Annotated[
-        list[i32], 3, F(0, STATE_MAX, Q_MOMENT, "N·m", "what the model may be wrong by, fading")
+        list[i32], 9, F(0, STATE_MAX, Q_MOMENT, "N·m", "what the model may be wrong by, fading")
     ]
-    balance_ticks: Annotated[list[i32], 3, F(0, 1000, 0, "ticks", "too much is left over since")]
+    balance_ticks: Annotated[list[i32], 5, F(0, 1000, 0, "ticks", "too much is left over since")]
 
     # observer
     x: Annotated[list[i32], N_STATES, F(STATE_MIN, STATE_MAX, 0, "", "corrected estimate")]

@@ -11,6 +11,7 @@ from firmware.calibration import ONE, STATE_MAX, Calibration
 from firmware.com import signals
 from firmware.monitors.axles import watch_axles
 from firmware.monitors.delivery import watch_delivery
+from firmware.monitors.heave import watch_heave
 from firmware.monitors.own_identifier import watch_own_identifiers
 from firmware.monitors.redundancy import watch_redundancy
 from firmware.monitors.response import watch_response
@@ -71,6 +72,7 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     watch_delivery(ecu, cal)
     watch_response(ecu, cal, elapsed)
     watch_axles(ecu, cal)
+    watch_heave(ecu, cal)
     actuators: i32 = watch_actuators(ecu, cal, elapsed)
     if elapsed > 1:
         ecu.found = ecu.found | (1 << FAULT_TICK_MISSED)

@@ -51,9 +51,11 @@ FLIPPED = 8
 """Byte of the calibration, from its end, in which a bit flips."""
 COUNTS = (
     *("apart_samples", "opposite_samples", "bound_samples", "delivery_samples"),
-    "response_ticks",
+    *("response_ticks", "heave_ticks"),
 )
 """Samples in a row before a monitor accuses."""
+LEAST = ("redundancy_min", "delivery_min", "response_min", "heave_min")
+"""What a monitor may find and not accuse; none of it switches the monitor off."""
 FULL = 1 << 20
 """The most ticks that can pass between two."""
 
@@ -200,6 +202,7 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "delivery_min": 1,
         "response_min": 1,
         "axles_min": 1,
+        "heave_min": 1,
     }
     mirrored: dict[str, object] = {
         "actuator": SUSPENSION,
@@ -207,7 +210,7 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "mirror_min": 9 << 24,
     }
     frames = random_traffic(1, TICKS, bus=bus)
-    yield Case("no monitors", _changed(1, redundancy_min=0, delivery_min=0, response_min=0), frames)
+    yield Case("no monitors", _changed(1, **dict.fromkeys(LEAST, 0)), frames)
     for seed in (1, 2):
         swaying = random_traffic(seed, 240, hostile=0.0, rough=1.0, bus=bus)
         for samples in (1, 3):

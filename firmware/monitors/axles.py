@@ -25,8 +25,8 @@ from firmware.monitors.balance import (
     stretch,
 )
 from firmware.monitors.redundancy import magnitude
-from firmware.monitors.response import YAW
-from firmware.state import RX_IMU, Ecu
+from firmware.monitors.response import within
+from firmware.state import Ecu
 from firmware.subset import i32, rsh, sat31
 
 # an eighth of the moments
@@ -35,12 +35,9 @@ SHARE = 3
 
 def comparable(ecu: Ecu, cal: Calibration) -> i32:
     """Return 1 where all that acts on the tyres is known, and they answer linearly."""
-    if (ecu.valid[RX_IMU] & YAW) == 0 or ecu.response_known == 0:
+    if ecu.response_known == 0:
         return 0
-    # without motion nothing tells of the tyres' range
-    if ecu.motion_lost == 1 or ecu.motion_peak > cal.axles_limit:
-        return 0
-    return 1
+    return within(ecu, cal.axles_limit)
 
 
 def watch_axles(ecu: Ecu, cal: Calibration) -> None:
@@ -69,4 +66,4 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
         bad = 1
     if ecu.balance_room[AXLES] > cal.axles_rest:
         bad = 0
-    accuse_axles(ecu, cal, AXLES, bad)
+    accuse_axles(ecu, AXLES, bad, cal.response_ticks)

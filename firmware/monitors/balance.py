@@ -1,7 +1,8 @@
 """Balances of the moments on the body or an axle: what is left over is not what was reported.
 
 What springs take up is integrated from stroke rates. All of a balance is washed out, so that no
-offset counts, and low-passed, so that the momentum enters without a derivative.
+offset counts, and low-passed, so that the momentum enters without a derivative. A balance of one
+part alone is that part, passed alike: what it may be wrong by is a share of it.
 """
 
 from firmware.calibration import STATE_MAX, Calibration
@@ -14,7 +15,16 @@ from firmware.subset import clamp, i32, rsh, sat31
 BODY = 0
 LATERAL = 1
 AXLES = 2
-# the washout of the lateral acceleration's is slower by this power of two
+# what the body's has left over at once
+JUMP = 3
+# of what the springs carry, upright
+HEAVE = 4
+# what acts on the body, part by part
+SIDE_FORCE = 5
+SPRINGS = 6
+DAMPERS = 7
+ACTUATORS = 8
+# the washout of the lateral acceleration's and of heave is slower by this power of two
 SLOWER = 4
 
 
@@ -22,6 +32,7 @@ def start_balance(ecu: Ecu, which: i32, acting: i32, momentum: i32) -> None:
     """Start a balance from what acts: nothing is left over now."""
     ecu.balance_spring[which] = sat31(-acting)
     ecu.balance_slow[which] = sat31(-momentum)
+    ecu.balance_past[which] = 0
     ecu.balance_room[which] = 0
 
 
@@ -31,7 +42,7 @@ def left_over(ecu: Ecu, cal: Calibration, which: i32, acting: i32, momentum: i32
     ``acting`` is all but the springs' share, ``momentum`` by the low-pass's time constant.
     """
     wash: i32 = cal.response_wash
-    if which == LATERAL:
+    if which == LATERAL or which == HEAVE:
         wash = rsh(wash, SLOWER)
     spring: i32 = ecu.balance_spring[which]
     slow: i32 = ecu.balance_slow[which]
@@ -47,15 +58,22 @@ def stretch(ecu: Ecu, which: i32, stretched: i32) -> None:
     ecu.balance_spring[which] = sat31(ecu.balance_spring[which] + stretched)
 
 
+def at_once(ecu: Ecu, which: i32, value: i32, fading: i32) -> i32:
+    """Return what is new in ``value``: washed out once more, by ``fading``, of 2^30."""
+    new: i32 = sat31(value - ecu.balance_past[which])
+    ecu.balance_past[which] = sat31(ecu.balance_past[which] + product(new, fading, 30))
+    return new
+
+
 def leave_room(ecu: Ecu, which: i32, size: i32, fading: i32) -> None:
     """Let what may be left over follow ``size`` up at once and fade by ``fading``, of 2^30."""
     room: i32 = ecu.balance_room[which]
     ecu.balance_room[which] = clamp(size, room - product(room, fading, 30), STATE_MAX)
 
 
-def accuse_axles(ecu: Ecu, cal: Calibration, which: i32, bad: i32) -> None:
-    """Believe no axle once a balance has been ``bad`` for long enough: it does not tell which."""
-    ecu.balance_ticks[which] = lasting(ecu.balance_ticks[which], bad, cal.response_ticks)
-    if ecu.balance_ticks[which] == cal.response_ticks:
+def accuse_axles(ecu: Ecu, which: i32, bad: i32, ticks: i32) -> None:
+    """Believe no axle once a balance has been ``bad`` for so long: it does not tell which."""
+    ecu.balance_ticks[which] = lasting(ecu.balance_ticks[which], bad, ticks)
+    if ecu.balance_ticks[which] == ticks:
         ecu.contradicted[0] = 1
         ecu.contradicted[1] = 1

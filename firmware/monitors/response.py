@@ -5,8 +5,12 @@ measured, the lateral acceleration and the delivered moments. What is left of th
 difference between true and reported moments, whatever the road does, for it acts through the
 springs. All of it is washed out, so that no offset counts, and low-passed, so that the roll
 acceleration is got from the roll rate without a derivative. What the model may be wrong by is a
-quarter of all that acts. Where more is left for a while, no axle is believed: the sum does not tell
-which.
+share of each part of the balance, washed out and low-passed as what is left over: a mass that is
+unknown excuses no more than its lateral force makes then. Where more is left for a while, no axle
+is believed: the sum does not tell which. A moment that runs away is a step, and stays within what
+a slow change of the parts may make. So what is left over is washed out once more, and judged by the
+parts washed out likewise, in half the time. At the tyres' limit, where wheels lift and stops are
+reached, no step is judged, and eight times as much may be left over.
 
 A wrong lateral acceleration is left over likewise, and differs from yaw rate times speed to the
 same side, which no lie about moments does. As no bank enters the balance, both may be small and the
@@ -17,9 +21,15 @@ what springs, dampers and moments say of the lateral acceleration. Its finding l
 from firmware.calibration import Calibration
 from firmware.fixed_point import product
 from firmware.monitors.balance import (
+    ACTUATORS,
     BODY,
+    DAMPERS,
+    JUMP,
     LATERAL,
+    SIDE_FORCE,
+    SPRINGS,
     accuse_axles,
+    at_once,
     leave_room,
     left_over,
     start_balance,
@@ -33,12 +43,12 @@ from firmware.subset import i32, rsh, sat31
 # bits of ecu.valid of an Imu frame: roll rate and lateral acceleration
 ROLL_AND_LATERAL = 3
 YAW = 4
-# a quarter of all that acts
-SHARE = 2
-# what springs and dampers say fades in 8 time constants of the low-pass
+# what the model may be wrong by fades in 8 time constants of the low-pass
 FADING = 3
-# the least left over that counts: an eighth of that of the moments
+# the least left over that counts within the tyres' range: an eighth of that at their limit
 LEAST = 3
+# what dampers may make of strokes that do not roll the body: a 16th of what they would of roll
+ROUGH = 4
 # all that acts in calm running: a quarter of it
 CALM = 2
 # values of ecu.response_known: neither balance, that of the moments, both
@@ -67,6 +77,15 @@ def known(ecu: Ecu, cal: Calibration) -> i32:
     return ecu.enabled & ecu.command_held
 
 
+def within(ecu: Ecu, limit: i32) -> i32:
+    """Return 1 where yaw rate and steering tell that the car has stayed below ``limit``."""
+    if (ecu.valid[RX_IMU] & YAW) == 0 or ecu.motion_lost == 1:
+        return 0
+    if ecu.motion_peak > limit:
+        return 0
+    return 1
+
+
 def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, shown: i32) -> None:
     """Judge the lateral acceleration by what is ``left`` and by yaw rate times speed.
 
@@ -82,6 +101,63 @@ def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, shown: i32) -> 
     ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], side, cal.response_ticks)
     if ecu.balance_ticks[LATERAL] == cal.response_ticks:
         ecu.lateral_contradicted = 1
+
+
+def start_parts(ecu: Ecu, damping: i32, moment: i32, lateral: i32, momentum: i32) -> None:
+    """Start the balance of the moments from what acts, part by part."""
+    start_balance(ecu, SIDE_FORCE, lateral, 0)
+    start_balance(ecu, SPRINGS, 0, 0)
+    start_balance(ecu, DAMPERS, damping, 0)
+    start_balance(ecu, ACTUATORS, moment, 0)
+    start_balance(ecu, BODY, 0, momentum)
+    start_balance(ecu, JUMP, 0, 0)
+
+
+def may_be_wrong(side_force: i32, springs: i32, dampers: i32, actuators: i32) -> i32:
+    """Return what the model may be wrong by where the body is acted on by so much."""
+    sprung: i32 = magnitude(springs)
+    by_roll: i32 = rsh(sprung, 2) + rsh(sprung, 4) + rsh(magnitude(dampers), 2)
+    return sat31(rsh(magnitude(side_force), 2) + by_roll + rsh(magnitude(actuators), 3))
+
+
+def rough(ecu: Ecu, cal: Calibration) -> i32:
+    """Return what dampers may make of strokes of both sides, which rebound and bump differ by."""
+    front: i32 = magnitude(ecu.stroke_rate[0]) + magnitude(ecu.stroke_rate[1])
+    rear: i32 = magnitude(ecu.stroke_rate[2]) + magnitude(ecu.stroke_rate[3])
+    of_front: i32 = product(front, cal.response_stroke[0], 23 + ROUGH)
+    of_rear: i32 = product(rear, cal.response_stroke[1], 23 + ROUGH)
+    return sat31(of_front + of_rear)
+
+
+def watch_left_over(ecu: Ecu, cal: Calibration, left: i32) -> None:
+    """Judge the reported moments by what is ``left`` over, and by what is new in it."""
+    of_road: i32 = rough(ecu, cal)
+    # a part has no momentum: it is what its low-pass holds
+    side_force: i32 = ecu.balance_slow[SIDE_FORCE]
+    springs: i32 = ecu.balance_slow[SPRINGS]
+    dampers: i32 = ecu.balance_slow[DAMPERS]
+    actuators: i32 = ecu.balance_slow[ACTUATORS]
+    fading: i32 = rsh(cal.response_pass, FADING)
+    size: i32 = may_be_wrong(side_force, springs, dampers, actuators)
+    leave_room(ecu, BODY, sat31(size + of_road), fading)
+    side_force = at_once(ecu, SIDE_FORCE, side_force, fading)
+    springs = at_once(ecu, SPRINGS, springs, fading)
+    dampers = at_once(ecu, DAMPERS, dampers, fading)
+    actuators = at_once(ecu, ACTUATORS, actuators, fading)
+    size = may_be_wrong(side_force, springs, dampers, actuators)
+    leave_room(ecu, JUMP, sat31(size + of_road), fading)
+    new: i32 = at_once(ecu, BODY, left, fading)
+    least: i32 = cal.response_min
+    jumped: i32 = 0
+    if within(ecu, cal.response_limit) == 1:
+        least = rsh(cal.response_min, LEAST)
+        if magnitude(new) > ecu.balance_room[JUMP] + least + rsh(least, 1):
+            jumped = 1
+    bad: i32 = 0
+    if magnitude(left) > ecu.balance_room[BODY] + least:
+        bad = 1
+    accuse_axles(ecu, BODY, bad, cal.response_ticks)
+    accuse_axles(ecu, JUMP, jumped, rsh(cal.response_ticks, 1))
 
 
 def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
@@ -104,7 +180,7 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     size: i32 = sat31(magnitude(damping) + magnitude(moment) + magnitude(lateral))
     if ecu.response_known == NOTHING:
         ecu.response_known = ONE_BALANCE
-        start_balance(ecu, BODY, acting, momentum)
+        start_parts(ecu, damping, moment, lateral, momentum)
     if ecu.response_known == ONE_BALANCE and size < rsh(cal.response_min, CALM):
         ecu.response_known = BOTH
         ecu.balance_ticks[LATERAL] = 0
@@ -115,10 +191,10 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         wrong: i32 = left_over(ecu, cal, LATERAL, acting, momentum)
         stretch(ecu, LATERAL, stretched)
         watch_lateral_balance(ecu, cal, wrong, sat31(shown + magnitude(damping)))
-    left: i32 = magnitude(left_over(ecu, cal, BODY, acting, momentum))
-    stretch(ecu, BODY, stretched)
-    leave_room(ecu, BODY, rsh(size, SHARE), rsh(cal.response_wash, 1))
-    bad: i32 = 0
-    if left > ecu.balance_room[BODY] + cal.response_min:
-        bad = 1
-    accuse_axles(ecu, cal, BODY, bad)
+    side_force: i32 = left_over(ecu, cal, SIDE_FORCE, lateral, 0)
+    springs: i32 = left_over(ecu, cal, SPRINGS, 0, 0)
+    dampers: i32 = left_over(ecu, cal, DAMPERS, damping, 0)
+    actuators: i32 = left_over(ecu, cal, ACTUATORS, moment, 0)
+    inertia: i32 = left_over(ecu, cal, BODY, 0, momentum)
+    stretch(ecu, SPRINGS, stretched)
+    watch_left_over(ecu, cal, sat31(inertia + springs + dampers - side_force - actuators))

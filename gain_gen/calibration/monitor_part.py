@@ -33,7 +33,11 @@ LAGS = 0.05
 DELIVERY_SAMPLES = 4
 """Samples in a row outside the band before an axle counts as failed."""
 RESPONSE_LEAST = 2.4
-"""What may always be left over: the roll moment m h a_y of this lateral acceleration, m/s²."""
+"""What may be left over at the tyres' limit, and an eighth of it below: the roll moment m h a_y of
+this lateral acceleration, m/s²."""
+RESPONSE_LINEAR = 10.0
+"""Lateral acceleration by yaw rate or steering, m/s², up to which springs and dampers answer as
+designed: beyond, wheels lift and stops are reached."""
 RESPONSE_TIME = 0.2
 """How long too much is left over without a break, s."""
 RESPONSE_LOW_PASS = 0.05
@@ -47,8 +51,14 @@ AXLES_ROUGH = 0.03
 move apart, s."""
 AXLES_REST = 0.003
 """The axles are not judged where a rough road and wrong moments may leave over more, rad."""
-AXLES_LINEAR = 8.0
+AXLES_LINEAR = 7.0
 """Lateral acceleration by yaw rate or steering, m/s², up to which the axles are compared."""
+
+HEAVE_LEAST = 1.2
+"""What the springs may carry more or less, by mass of the body, m/s²: so much is a crest of 260 m
+radius at 64 km/h."""
+HEAVE_TIME = 2.0
+"""How long without a break, s."""
 
 
 def monitor_fields(task: Task) -> dict[str, int | list[int]]:
@@ -103,6 +113,7 @@ def response_fields(task: Task) -> dict[str, int | list[int]]:
 
     return {
         "response_min": round(RESPONSE_LEAST * roll.roll_arm * 2.0**fw.Q_MOMENT),
+        "response_limit": round(RESPONSE_LINEAR * 2.0**fw.Q_ACCELERATION),
         "response_ticks": max(2, round(RESPONSE_TIME / task.tick)),
         "response_stroke": [
             coefficient(share * roll.roll_damping / track, "response_stroke")
@@ -116,6 +127,7 @@ def response_fields(task: Task) -> dict[str, int | list[int]]:
         "response_pass": round(task.tick / RESPONSE_LOW_PASS * fw.ONE),
         "response_wash": round(2.0 * pi * RESPONSE_WASHOUT * task.tick * fw.ONE),
         **_axles_fields(task),
+        **_heave_fields(task),
     }
 
 
@@ -159,4 +171,18 @@ def _axles_fields(task: Task) -> dict[str, int | list[int]]:
         "axles_rear": quantise(scale[1], 28, 0, 4 << 28, name="axles_rear"),
         "axles_lateral": coefficient(lateral[0] - scale[1] * lateral[1], "axles_lateral"),
         "axles_yaw": coefficient(arm * mass.yaw_inertia / RESPONSE_LOW_PASS, "axles_yaw"),
+    }
+
+
+def _heave_fields(task: Task) -> dict[str, int | list[int]]:
+    """Return the fields of the heave monitor, of corner forces alone: a bar lifts nothing."""
+    suspension = task.vehicle.suspension
+    least = HEAVE_LEAST * task.vehicle.design.sprung_mass if task.actuator == "suspension" else 0.0
+    return {
+        "heave_min": round(least * 2.0**fw.Q_MOMENT),
+        "heave_ticks": max(2, round(HEAVE_TIME / task.tick)),
+        "heave_stretch": [
+            quantise(task.tick * rate, 10, 0, fw.COEFFICIENT, name="heave_stretch")
+            for rate in (suspension.spring_rate_front, suspension.spring_rate_rear)
+        ],
     }

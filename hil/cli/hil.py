@@ -24,18 +24,16 @@ from hil.cli.options import (
 )
 from hil.cli.terminal import show_timing
 from hil.exchange import signal_files
-from hil.realtime import hil_run
-from hil.realtime.bus_link import has_bus, options_of
-from hil.realtime.check import measure, round_trip
+from hil.realtime import hil_run, own_bus
+from hil.realtime.bus_link import has_bus, options_of, parsed_options
+from hil.realtime.check import measure
 from hil.realtime.hardware.interfaces import INTERFACES, is_shared
 from hil.realtime.timing import QUANTILES
 from hil.report.run_folder import write_files, write_text
 from hil.report.staging import check_parent, usable_folder
 from hil.runs import experiment
-from hil.runs.frozen import profile_of
 from hil.runs.logs import check_suffix, write_log
 from hil.runs.virtual_time import Interrupted
-from plant_sim.can_bus.own_frames import secured
 
 CHECKED = "double_lane_change"
 """The manoeuvre on whose frames ``--check`` times the firmware where none is named."""
@@ -80,11 +78,6 @@ def run(args: argparse.Namespace) -> int:
     if args.check and not args.prepare:
         unused = {"serve": None, "side_channel": None, "pace": "realtime", "passive": "virtual"}
         refuse_useless(args, unused, "--check drives no manoeuvre")
-        if secured(profile_of(choices_of(args, OF_A_RUN))):
-            raise CanrollError(
-                "--check repeats the frames of a manoeuvre, and authenticated ones are old the "
-                "second time: choose another --bus"
-            )
         return check_machine(args)
 
     if args.prepare:
@@ -152,7 +145,8 @@ def check_machine(args: argparse.Namespace) -> int:
             raise CanrollError(f"--check writes no files: omit --{option}")
     scenario = args.scenario or CHECKED
     settings, controller = experiment.plan(scenario, **choices_of(args, OF_A_RUN))
-    bus = round_trip.parse_bus(options) if (options := bus_options(args)) else None
+    options = bus_options(args) or (own_bus.fd_options() if settings.firmware.fd else [])
+    bus = parsed_options(options) if options else None
     seen = measure.measure(
         settings,
         controller,

@@ -9,7 +9,7 @@ from hil.cli.ecu import check_memory, nanoseconds, peer_timeout
 from hil.cli.options import choices_of, refuse_useless
 from hil.exchange import signal_files
 from hil.realtime import lockstep, own_bus, plant_loop, plant_record, process, side_channel, warm
-from hil.realtime.bus_link import Link, has_bus, open_link
+from hil.realtime.bus_link import Link, has_bus, open_link, parsed_options
 from hil.realtime.hardware import bus_record, lasting
 from hil.realtime.hardware.interfaces import is_loopback
 from hil.realtime.plant_loop import Outcome
@@ -212,10 +212,11 @@ def _link(args: argparse.Namespace) -> Link:
     if has_bus(args):
         return open_link(args, fd)
     if fd:
-        raise CanrollError(
-            "the plant's own bus has no CAN FD frames: give an interface that has, such as "
-            "-i socketcan -c vcan0 --fd"
-        )
+        refuse_useless(args, {"serve": DEFAULT_SERVE}, own_bus.NOT_SERVED)
+        options = own_bus.fd_options()
+        link = open_link(parsed_options(options), fd)
+        print(f"serving {' '.join(options)}", flush=True)
+        return link
     server = own_bus.serve(args.serve)
     if not is_loopback(args.serve.rpartition(":")[0]):
         print(f"note: anyone who can reach {args.serve} can drive this plant", flush=True)

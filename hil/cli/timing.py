@@ -248,12 +248,6 @@ def run_on_host(args: argparse.Namespace) -> int:
         args: calibration or law, scenario, duration and json of ``canroll timing``.
     """
     settings, controller = experiment.plan(args.scenario, **choices_of(args))
-    if settings.firmware.fd:
-        raise CanrollError(
-            f"--hil: the plant's own bus has no CAN FD frames, which bus {settings.profile.name} "
-            "has: 'canroll hil' prints the same timing over an interface that has, such as "
-            "-i socketcan -c vcan0 --fd"
-        )
     limits = budget_of(controller.tables)
     with tempfile.TemporaryDirectory(prefix="canroll-") as scratch:
         setup = session.Setup(

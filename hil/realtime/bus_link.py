@@ -10,7 +10,7 @@ import logging
 import select
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 import can
@@ -295,6 +295,13 @@ def open_link(args: argparse.Namespace, fd: Mapping[int, bool] | None = None) ->
         echoes=interfaces.echoes(name),
         fd=fd,
     )
+
+
+def parsed_options(options: Sequence[str]) -> argparse.Namespace:
+    """Return python-can's options, parsed."""
+    parser = argparse.ArgumentParser()
+    add_bus_arguments(parser)
+    return parser.parse_args(options)
 
 
 def options_of(args: argparse.Namespace) -> tuple[str, str, int | None, dict[str, Any]]:

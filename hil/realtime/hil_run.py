@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
-from hil.realtime import session
+from hil.realtime import own_bus, session
 from hil.runs import experiment, steering_replay
 from hil.runs.choices import PASSIVE
 from hil.runs.experiment import with_files
@@ -51,11 +51,8 @@ def run(
         Interrupted: Ctrl-C; both programs have ended.
     """
     settings, controller = experiment.plan(scenario, duration=duration, **keywords)
-    if settings.firmware.fd and not bus_options:
-        raise CanrollError(
-            "the plant's own bus has no CAN FD frames: give an interface that has, such as "
-            "-i socketcan -c vcan0 --fd"
-        )
+    if settings.firmware.fd and serve is not None:
+        raise CanrollError(f"--serve: {own_bus.NOT_SERVED}: omit it")
     whole = experiment.build_world(settings, enabled=False).duration_ns
     judged = whole * 1e-9 if duration is None else min(duration, whole * 1e-9)
     setup = session.Setup(

@@ -1,18 +1,25 @@
-"""The plant's own bus: a socketcand server that connects python-can programs with the world.
+"""The plant's own bus, which connects python-can programs with the world on this machine.
 
-Clients connect with ``-i socketcand``: the ECU, ``canroll watch``, can_logger and can_viewer,
-several at a time. Every client gets every frame but its own, as on vcan.
+It is a socketcand server: clients connect with ``-i socketcand``, the ECU, ``canroll watch``,
+can_logger and can_viewer, several at a time. Every client gets every frame but its own, as on vcan.
+socketcand has no CAN FD frames (linux-can/socketcand, issue 12), so a bus that has them is a
+multicast group that no frame leaves this machine by.
 """
 
+import socket
 import time
 from collections import deque
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, reason
 from hil.realtime.bus_link import EXTENDED, NOTES, Frame
 from plant_sim.can_bus.servers.socketcand import DEFAULT_PORT, SocketcandServer
 from plant_sim.can_bus.wire import frame as wire
 
 CHANNEL = "plant"
+GROUP = "239.74.163.21"
+"""Multicast address of own buses with CAN FD frames, each with a port of its own."""
+NOT_SERVED = "socketcand has no CAN FD frames, which this bus has"
+"""Why there is no server for such a bus."""
 
 
 class OwnBus:
@@ -91,3 +98,24 @@ def serve(address: str) -> OwnBus:
     if not host or not port.isdigit() or int(port) > 65535:
         raise CanrollError(f"--serve {address}: give HOST:PORT, such as 127.0.0.1:{DEFAULT_PORT}")
     return OwnBus(SocketcandServer(channel=CHANNEL, host=host, port=int(port)))
+
+
+def fd_options() -> list[str]:
+    """Return python-can's options of an own bus with CAN FD frames, on a port that is free.
+
+    Raises:
+        CanrollError: this machine has no route for multicast.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as trial:
+        trial.bind(("", 0))
+        trial.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+        port = trial.getsockname()[1]
+        try:
+            trial.sendto(b"", (GROUP, port))
+        except OSError as error:
+            raise CanrollError(
+                f"no multicast on this machine ({reason(error)}), by which CAN FD frames go: give "
+                "an interface, such as -i socketcan -c vcan0 --fd"
+            ) from error
+    options = f"-i udp_multicast -c {GROUP} --fd --bus-kwargs port={port} hop_limit=0"
+    return options.split()

@@ -117,7 +117,7 @@ def plant_arguments(
     arguments = ["plant", settings.scenario, *setup.bus_options, *_pace(setup)]
     # its ECU is watched: it comes, or its end is noticed
     arguments += ["--wait", str(programs.START)]
-    if not setup.bus_options:
+    if not setup.bus_options and not settings.firmware.fd:
         arguments += ["--serve", setup.serve or "127.0.0.1:0"]
     arguments += ["--command", settings.command, "--record", str(setup.folder / "plant.npz")]
     vehicle = {"vehicle": settings.plant_vehicle or controller.tables["design"]["vehicle"]}

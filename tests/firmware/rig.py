@@ -517,13 +517,13 @@ def lane_change(t: float, amplitude: float = 4.0, period: float = 2.5) -> float:
     return amplitude * np.sin(2 * np.pi * phase / period) if phase < period else 0.0
 
 
-def accuses_once_it_lasts(ecu, cal, balance, judge, samples) -> None:
-    """Assert that ``judge`` believes no axle after so many bad samples in a row, and not before."""
+def accuses_once_it_lasts(ecu, balance, ticks, judge, samples) -> None:
+    """Assert that ``judge`` believes no axle after ``ticks`` bad samples in a row, not before."""
     for sample in samples:
         before = ecu.balance_ticks[balance]
         judge(sample)
         assert ecu.balance_ticks[balance] in (0, before + 1)
-        assert ecu.contradicted == [int(ecu.balance_ticks[balance] == cal.response_ticks)] * 2
+        assert ecu.contradicted == [int(ecu.balance_ticks[balance] == ticks)] * 2
         if ecu.contradicted == [1, 1]:
             break
     assert ecu.contradicted == [1, 1]

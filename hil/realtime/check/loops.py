@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from codegen.generated.own_stage import OwnStage
 from codegen.run.backends import open_backend
+from codegen.run.secured import SecuredEcu
 from firmware.calibration import Calibration
 from hil.realtime.bus_link import Frame
 from hil.realtime.check.machine import Counters, counters
@@ -33,13 +34,17 @@ Times = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Ticks:
-    """Input of the firmware: one list of received frames per tick, and what makes that firmware."""
+    """Input of the firmware: one list of received frames per tick, and what makes that firmware.
+
+    ``key`` is that of authenticated frames, on a bus that has them.
+    """
 
     backend: str
     calibration: Calibration
     received: Sequence[Sequence[Frame]]
     profile: BusProfile
     stage: OwnStage | None
+    key: bytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +100,7 @@ def _loop(send: Send, together: Barrier, place: Place, seconds: float, ticks: Ti
     ecu = None
     if ticks is not None:
         firmware = firmware_of(ticks.profile, ticks.stage)
-        ecu = open_backend(ticks.backend, ticks.calibration, firmware)
+        ecu = open_backend(ticks.backend, ticks.calibration, firmware, key=ticks.key)
     late = np.zeros(round(seconds * 1e9) // PERIOD_NS + 1, np.int64)
     received = [] if ticks is None else ticks.received
     took = np.zeros(len(late), np.int64)
@@ -119,6 +124,9 @@ def _loop(send: Send, together: Barrier, place: Place, seconds: float, ticks: Ti
                 ecu.tick(1)
                 took[done] = clock() - start
                 done += 1
+                if done % len(received) == 0 and isinstance(ecu, SecuredEcu):
+                    # the frames of the drive are old to it until it starts again
+                    ecu.restart()
             count += 1
             # a loop that was held up goes on at the next deadline, as those of a run do
             deadline += PERIOD_NS * max(1, -(-(clock() - deadline) // PERIOD_NS))

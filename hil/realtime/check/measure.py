@@ -88,7 +88,8 @@ def _places() -> list[Place]:
 def _driven(settings: Settings, controller: Controller) -> Ticks:
     """Return the frames received by the ECU in the manoeuvre, tick by tick."""
     firmware = settings.firmware
-    recorder = Recorder(open_backend(settings.backend, controller.record, firmware), firmware)
+    ecu = open_backend(settings.backend, controller.record, firmware, key=settings.secret)
+    recorder = Recorder(ecu, firmware)
     closed_loop(
         experiment.build_world(settings, enabled=True),
         recorder,
@@ -103,7 +104,14 @@ def _driven(settings: Settings, controller: Controller) -> Ticks:
         if first and event["tick"] < len(received):
             payload = bytes(event["payload"][: event["length"]])
             received[event["tick"]].append((box.ident, payload))
-    return Ticks(settings.backend, controller.record, received, settings.profile, firmware.stage)
+    return Ticks(
+        settings.backend,
+        controller.record,
+        received,
+        settings.profile,
+        firmware.stage,
+        settings.secret,
+    )
 
 
 def report(seen: Measurements, tick_ms: float) -> dict[str, Any]:

@@ -6,7 +6,6 @@ one program can open (an adapter), only reading an empty bus is timed, as no ech
 
 import argparse
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NoReturn
 
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.realtime import own_bus
-from hil.realtime.bus_link import CanLink, Link, add_bus_arguments, open_link, options_of
+from hil.realtime.bus_link import CanLink, Link, open_link, options_of, parsed_options
 from hil.realtime.check.loops import Place
 from hil.realtime.check.workers import Child, Send, ended
 from hil.realtime.hardware.interfaces import is_shared
@@ -87,7 +86,7 @@ def _echo(send: Send, bus: argparse.Namespace | None, place: Place) -> None:
     if bus is None:
         server = own_bus.serve("127.0.0.1:0")
         prepare(cpu=place.core, priority=place.priority)
-        send(parse_bus(server.options.split()))
+        send(parsed_options(server.options.split()))
         _answer(server)
     link = open_link(bus)
     prepare(cpu=place.core, priority=place.priority)
@@ -157,10 +156,3 @@ def _time_polls(link: CanLink) -> Times:
         link.receive()
         found[k] = time.monotonic_ns() - start
     return found
-
-
-def parse_bus(options: Sequence[str]) -> argparse.Namespace:
-    """Return python-can's options, parsed."""
-    parser = argparse.ArgumentParser()
-    add_bus_arguments(parser)
-    return parser.parse_args(options)

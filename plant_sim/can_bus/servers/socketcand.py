@@ -303,6 +303,8 @@ class SocketcandServer:
             client.outgoing += reply
             if command in {"rawmode", "bcmmode"}:
                 client.raw = command == "rawmode"
+                # what was kept is of the mode before, by other rules of what the client hears
+                client.held.clear()
                 # clients take the reply alone: frames in the same segment would confuse them, so
                 # they wait until then
                 client.quiet_until = time.monotonic() + _QUIET_S

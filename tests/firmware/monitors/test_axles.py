@@ -172,7 +172,9 @@ def test_it_takes_so_many_samples_in_a_row():
     ecu = known(cal)
     jump = np.zeros((cal.response_ticks + 40, 6))
     jump[20:, 2] = 2000.0
-    rig.accuses_once_it_lasts(ecu, cal, AXLES, lambda sample: replay(ecu, cal, sample[None]), jump)
+    rig.accuses_once_it_lasts(
+        ecu, AXLES, cal.response_ticks, lambda sample: replay(ecu, cal, sample[None]), jump
+    )
 
 
 @pytest.mark.parametrize(

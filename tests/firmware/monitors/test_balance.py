@@ -6,7 +6,16 @@ import rig
 from scipy.signal import lfilter
 
 from firmware import calibration as fw
-from firmware.monitors.balance import AXLES, BODY, LATERAL, leave_room, left_over, start_balance
+from firmware.monitors.balance import (
+    AXLES,
+    BODY,
+    LATERAL,
+    SPRINGS,
+    at_once,
+    leave_room,
+    left_over,
+    start_balance,
+)
 
 PASS, WASH = 0.2, 0.0126
 ONE = 2.0**fw.Q_MOMENT
@@ -43,6 +52,15 @@ def test_momentum_enters_by_its_change():
     left = [left_over(ecu, cal, BODY, 0, round(value * ONE)) / ONE for value in momentum]
     slow = lfilter([1.0 - PASS, -(1.0 - PASS)], [1.0, -(1.0 - PASS)], momentum - momentum[0])
     np.testing.assert_allclose(left, slow, atol=0.5)
+
+
+def test_what_is_new_is_washed_out_faster():
+    ecu = rig.started(watched())
+    values = np.cumsum(np.random.default_rng(7).standard_normal(300)) * 500.0
+    start_balance(ecu, SPRINGS, 0, 0)
+    new = [at_once(ecu, SPRINGS, round(value * ONE), round(PASS * 2**30)) for value in values]
+    washed = lfilter([1.0, -1.0], [1.0, -(1.0 - PASS)], values)
+    np.testing.assert_allclose(np.divide(new, ONE), washed, atol=0.5)
 
 
 def test_a_balance_starts_with_nothing_left_over():

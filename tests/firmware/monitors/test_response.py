@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from firmware import calibration as fw
 from firmware import plausibility as sv
-from firmware.monitors.balance import BODY
+from firmware.monitors.balance import BODY, JUMP
 from firmware.monitors.response import BOTH, ONE_BALANCE, watch_response
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
 from firmware.supervisor import supervise
@@ -24,6 +24,7 @@ def watched(**changes: object) -> fw.Calibration:
     cal = rig.calibration(actuator=fw.BARS, **changes)
     cal.timeout_ticks[RX_SUSPENSION_RATE] = 5
     cal.response_min = round(LEAST * 2**fw.Q_MOMENT)
+    cal.response_limit = 10 << fw.Q_ACCELERATION
     cal.response_stroke = [round(share * VAN.damping / TRACK * 2**10) for share in (0.6, 0.4)]
     cal.response_stretch = round(STEP * VAN.roll_stiffness / VAN.damping * 2**30)
     cal.response_lateral = round(VAN.moment_per_acceleration * 2**10)
@@ -42,12 +43,19 @@ def known(cal: fw.Calibration) -> Ecu:
     return ecu
 
 
-def drive(true, *, of_model: float = 1.0, road=lambda t: 0.0, offset: float = 0.0) -> np.ndarray:
+def drive(
+    true,
+    *,
+    of_model: float = 1.0,
+    road=lambda t: 0.0,
+    offset: float = 0.0,
+    unreported=lambda t: 0.0,
+) -> np.ndarray:
     """Samples (gyro, rate across a suspension, a_y, reported moment) of a slalom of 4 m/s².
 
     ``true`` gives the moment that acts from the reported one, N·m. The plant's mass, stiffness and
     damping are ``of_model`` times the monitor's. ``road`` is the rate at which the road tilts the
-    wheels, rad/s; ``offset`` that of the accelerometer, m/s².
+    wheels, rad/s; ``offset`` that of the accelerometer, m/s²; ``unreported`` what acts besides.
     """
     arm = of_model * VAN.moment_per_acceleration
 
@@ -61,7 +69,7 @@ def drive(true, *, of_model: float = 1.0, road=lambda t: 0.0, offset: float = 0.
         _, stretch, rate = state
         stroke = rate - road(t)
         springs = of_model * (VAN.roll_stiffness * stretch + VAN.damping * stroke)
-        acting = true(reported(t)) + arm * lateral(t) - springs
+        acting = true(reported(t)) + unreported(t) + arm * lateral(t) - springs
         return [rate, stroke, acting / (of_model * VAN.inertia)]
 
     times = np.arange(0.0, SECONDS, STEP)
@@ -148,12 +156,46 @@ def test_no_lasting_offset_counts():
     assert ecu.contradicted == [0, 0]
 
 
-def test_it_takes_so_many_samples_in_a_row():
+@pytest.mark.parametrize(("balance", "peak", "share"), [(BODY, 11, 1.0), (JUMP, 9, 0.5)], ids=str)
+def test_it_takes_so_many_samples_in_a_row(balance, peak, share):
     cal = watched()
     ecu = known(cal)
+    ecu.motion_peak = peak << fw.Q_ACCELERATION
     jump = np.zeros((cal.response_ticks + 40, 4))
     jump[20:, 3] = 3000.0
-    rig.accuses_once_it_lasts(ecu, cal, BODY, lambda sample: replay(ecu, cal, sample[None]), jump)
+    ticks = round(share * cal.response_ticks)
+    rig.accuses_once_it_lasts(
+        ecu, balance, ticks, lambda sample: replay(ecu, cal, sample[None]), jump
+    )
+
+
+def test_a_moment_that_jumps_away_in_the_slalom_is_found_at_once():
+    cal = watched()
+    ecu = known(cal)
+    since = 130
+    away = drive(lambda moment: moment, unreported=lambda t: 2000.0 * (t > since * STEP))
+    replay(ecu, cal, away[:since])
+    assert ecu.contradicted == [0, 0]
+    replay(ecu, cal, away[since : since + 25])
+    assert ecu.contradicted == [1, 1]
+    assert ecu.balance_ticks[JUMP] == cal.response_ticks // 2
+
+
+@pytest.mark.parametrize(
+    "state",
+    [{"motion_peak": 11 << fw.Q_ACCELERATION}, {"motion_lost": 1}, {"valid": [3, 3, 15, 3, 7]}],
+    ids=str,
+)
+def test_at_the_tyres_limit_more_may_be_left_over_and_steps_go_unnoticed(state):
+    cal = watched()
+    quiet = np.zeros((100, 4))
+    quiet[40:, 3] = 1.5 * LEAST
+    for changes, wrong in (({}, 1), (state, 0)):
+        ecu = known(cal)
+        for name, value in changes.items():
+            setattr(ecu, name, value)
+        replay(ecu, cal, quiet)
+        assert ecu.contradicted == [wrong, wrong]
 
 
 def on_the_straight(offset: float, *, moment: float = 0.0) -> np.ndarray:

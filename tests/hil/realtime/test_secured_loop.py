@@ -6,11 +6,12 @@ import can
 import pytest
 
 from canroll.errors import CanrollError
-from codegen.run.backends import open_backend
+from codegen.run.backends import Recorder, open_backend
 from codegen.run.secured import SecuredEcu
 from hil.cli.main import main
 from hil.realtime import ecu_loop, tick_trace
 from hil.realtime.bus_link import CanLink
+from hil.realtime.check import measure
 from hil.realtime.hardware import lasting
 from hil.runs.experiment import build_world, plan, world_options
 from plant_sim.world.world import World
@@ -128,6 +129,43 @@ def test_the_last_command_is_authentic(planned):
     assert world.refused == refused
 
 
+def test_a_drive_heard_again_is_new_to_an_ecu_that_starts_again(planned):
+    settings, controller = planned
+    ecu = open_backend("python", controller.record, settings.firmware)
+    recorder = Recorder(ecu, settings.firmware)
+    drive(build_world(settings, enabled=True), recorder, 40)
+    sent, taken = recorder.traffic.frames, ecu.accepted
+    assert taken > 50
+    for starts_again, more in ((False, 0), (True, taken)):
+        if starts_again:
+            ecu.restart()
+        before = ecu.accepted
+        for tick in range(40):
+            for event in sent[sent["tick"] == tick]:
+                box = settings.firmware.bus.received[event["message"]]
+                if settings.firmware.slots[box.ident][0] == event["message"]:
+                    payload = event["payload"][: event["length"]].tobytes()
+                    ecu.receive(box.ident, payload, len(payload))
+            ecu.tick(1)
+        assert ecu.accepted == before + more
+
+
+def test_the_check_times_the_authentication(planned):
+    settings, controller = planned
+    ticks = measure._driven(settings, controller)
+    assert ticks.key == settings.secret
+    assert {len(payload) for received in ticks.received for _, payload in received} == {16}
+
+
+def test_the_own_bus_of_a_run_carries_its_frames(capsys):
+    command = ["hil", "moose", *SECURED, "--law", "lqr", "--plant", "roll1", "--pace", "lockstep"]
+    assert main([*command, "--duration", "0.6", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["timing"]["bus"]["ecu"]["interface"].startswith("udp_multicast")
+    assert told["timing"]["frames"] > 100
+    assert told["timing"]["valid"]
+
+
 @pytest.mark.parametrize(("fd", "taken"), [({0x80: True}, [16]), ({}, [8]), (None, [8, 16])])
 def test_a_frame_of_the_other_format_is_not_received(request, fd, taken):
     name = request.node.name
@@ -141,6 +179,7 @@ def test_a_frame_of_the_other_format_is_not_received(request, fd, taken):
     sender.shutdown()
 
 
+SECURED = ["--bus", "secured_fd"]
 SERVED = ["-i", "udp_multicast", "-c", "239.74.163.2"]
 
 
@@ -150,11 +189,8 @@ SERVED = ["-i", "udp_multicast", "-c", "239.74.163.2"]
         (["ecu", *SERVED, "--key", "k"], "--key: the frames of bus 500k are not authenticated"),
         (["ecu", *SERVED, "--memory", "m"], "--memory: the frames of bus 500k are not authentic"),
         (["plant", "moose", *SERVED, "--memory", "m"], "--memory: the frames of bus 500k are not"),
-        (["plant", "moose", "--bus", "secured_fd"], "own bus has no CAN FD frames"),
-        (["hil", "moose", "--bus", "secured_fd"], "own bus has no CAN FD frames"),
-        (["hil", "--check", "--bus", "secured_fd"], "--check repeats the frames of a manoeuvre"),
-        (["timing", "--bus", "secured_fd", "--hil"], "own bus has no CAN FD frames, which bus sec"),
-        (["timing", "--bus", "fd_2m", "--hil"], "own bus has no CAN FD frames, which bus fd_2m"),
+        (["plant", "moose", *SECURED, "--serve", "127.0.0.1:1"], "--serve: socketcand has no CAN"),
+        (["hil", "moose", *SECURED, "--serve", "127.0.0.1:1"], "--serve: socketcand has no CAN FD"),
     ],
 )
 def test_what_cannot_be_is_one_line(arguments, says, capsys):

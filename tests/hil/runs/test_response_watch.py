@@ -9,14 +9,15 @@ from canroll.errors import CanrollError
 from firmware.plausibility import FAULT_ACTUATOR_CONTRADICTED
 from firmware.state import SAFE
 from hil.runs import experiment
-from hil.studies.variation import DEFAULT_SPREAD, draw
+from hil.studies.variation import DEFAULT_SPREAD, draw, varied
+from vehicles.roll_stiffness import springs_within
 
 pytestmark = pytest.mark.slow
 
 
 def driven(scenario: str, *, number: int | None = None, **choices) -> tuple[int, bool]:
     """Fault codes and whether it ended in SAFE; ``number`` draws another vehicle to drive."""
-    settings, controller = experiment.plan(scenario, law="lqr", **choices)
+    settings, controller = experiment.plan(scenario, **{"law": "lqr", **choices})
     if number is not None:
         settings = draw(settings, number, spread=DEFAULT_SPREAD, seed=14)
     ticks = experiment.drive(settings, controller, enabled=True).ticks
@@ -37,6 +38,42 @@ def test_lies_are_found_by_it_alone(actuator, lie, watched):
     )
     assert safe == watched
     assert codes >> FAULT_ACTUATOR_CONTRADICTED & 1 == watched
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "actuator", "faults"),
+    [
+        ("van_real", "bars", "actuators=stuck@1.6 + actuators=lying@1.6"),
+        ("van_real", "bars", "actuators=runaway:0.8@1.6 + actuators=lying@1.6"),
+        ("suv_2020", "bars", "front=runaway:0.8@1.6 + front=lying@1.6"),
+        ("car_2020", "suspension", "front=stuck@1.6 + front=lying@1.6"),
+        # both sides of an axle alike make no moment
+        ("car_2020", "suspension", "rear=runaway:-0.8@1.6"),
+        ("van_2022", "suspension", "actuators=runaway:-0.8@1.6"),
+    ],
+)
+def test_what_does_harm_is_found_whatever_is_reported(vehicle, actuator, faults):
+    codes, safe = driven(
+        "double_lane_change",
+        law="steering_lead",
+        vehicle=vehicle,
+        actuator=actuator,
+        faults=[faults],
+    )
+    assert safe
+    assert codes >> FAULT_ACTUATOR_CONTRADICTED & 1
+
+
+@pytest.mark.parametrize("actuator", ["bars", "suspension"])
+@pytest.mark.parametrize("vehicle", ["van_real", "car_2020"])
+@pytest.mark.parametrize("scenario", ["double_lane_change", "fishhook"])
+def test_a_car_with_every_number_off_is_taken_for_none(scenario, vehicle, actuator):
+    settings, controller = experiment.plan(scenario, vehicle=vehicle, actuator=actuator)
+    off = dict.fromkeys(DEFAULT_SPREAD, 1.0)
+    off |= {"sprung_mass": 1.2, "cg_height_above_roll_axis": 1.2, "roll_stiffness": 0.8}
+    settings = replace(settings, vehicle=springs_within(varied(settings.vehicle, off)))
+    ticks = experiment.drive(settings, controller, enabled=True).ticks
+    assert not ticks["fault_codes"].any()
 
 
 @pytest.mark.parametrize("number", range(2))

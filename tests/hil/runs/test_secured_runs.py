@@ -134,7 +134,7 @@ def test_a_tick_pays_at_most_9000_instructions(actuator, capsys):
     assert its["instructions"]["max"] > its["authentication_instructions"]["max"]
 
 
-@pytest.mark.parametrize("option", ["--specialise", "--bound", "--hil"])
+@pytest.mark.parametrize("option", ["--specialise", "--bound"])
 def test_what_timing_cannot_count_is_refused(option, capsys):
     assert main(["timing", "--bus", "secured_fd", "--duration", "0.1", option]) == 2
     assert option in capsys.readouterr().err

@@ -88,6 +88,21 @@ def test_what_is_published_right_after_a_client_has_opened_the_bus_reaches_it(se
     assert server.lost == 0
 
 
+def test_frames_kept_for_a_raw_client_are_not_for_one_that_subscribes(server, monkeypatch):
+    monkeypatch.setattr(socketcand, "_QUIET_S", 1e6)
+    connection = raw(server, b"< open simbus >< rawmode >")
+    assert eventually(lambda: [one for one in server._clients.values() if one.raw])
+    server.publish(0x123, 0, b"\x01", length=1, time_s=2.0)
+    connection.sendall(b"< subscribe 0 0 124 >< bcmmode >")
+    assert eventually(lambda: not server._clients[0].raw)
+    server.publish(0x124, 0, b"\x02", length=1, time_s=2.0)
+    assert [piece.split()[1] for piece in bytes(server._clients[0].held).split(b">")[:-1]] == [
+        b"frame"
+    ]
+    assert b" 124 " in server._clients[0].held
+    connection.close()
+
+
 def test_python_can_sends_and_receives(server):
     with client(server) as bus:
         bus.send(can.Message(arbitration_id=0x123, data=[1, 0xAB], is_extended_id=False))
