@@ -107,6 +107,24 @@ def test_a_block_is_refreshed_and_then_up_to_date(page):
     assert build("--check", path)[0] == 0
 
 
+@pytest.mark.parametrize(
+    ("printed", "code"),
+    [
+        ("a = [0.1234567890123, 4.77e-12]", 0),
+        ("a = [0.1234567, 4.7e-12]", 1),
+        ("a = [0.12345678901, 4.7e-3]", 1),
+        ("b = [0.12345678901, 4.7e-12]", 1),
+        ("a = [0.12345678901, 4.7e-12, 1.0]", 1),
+    ],
+)
+def test_the_last_digits_of_another_processor_are_not_compared(page, printed, code):
+    path = page(f"```console\n$ echo '{printed}'\na = [0.12345678901, 4.7e-12]\n```\n")
+    assert build("--check", path)[0] == code
+    before = path.read_text()
+    assert build(path)[0] == 0
+    assert (path.read_text() == before) == (code == 0)
+
+
 def test_a_part_of_the_page_is_made_by_a_command(page):
     path = page("<!-- made by: printf '| a |\\n' -->\n<!-- end -->\n")
     assert build(path)[0] == 0

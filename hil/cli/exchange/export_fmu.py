@@ -35,10 +35,11 @@ OF_AN_ECU = ("calibration", *OF_A_DESIGN, "dbc", "map", "phase_ms", "seed")
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """What can be exported: its writer, and the options that apply to it."""
+    """What can be exported: its writer, the options that apply to it, who has to have the key."""
 
     write: Callable[[argparse.Namespace], str]
     choices: tuple[str, ...]
+    authenticates: bool = False
 
 
 def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]") -> None:
@@ -81,7 +82,8 @@ def run(args: argparse.Namespace) -> int:
     for name in choices_of(args):
         if name not in kind.choices:
             raise CanrollError(f"{CHOICES[name].option} does not apply to the {args.kind}: omit it")
-    refuse_authenticated(profile_of(choices_of(args)), "export-fmu")
+    if kind.authenticates:
+        refuse_authenticated(profile_of(choices_of(args)), f"export-fmu {args.kind}")
     out: Path = args.out
     if out.suffix != ".fmu":
         raise CanrollError(f"{out}: the name of an FMU ends in .fmu")
@@ -175,8 +177,8 @@ def write_vehicle(args: argparse.Namespace) -> str:
 
 
 KINDS = {
-    "ecu": Kind(write_ecu, OF_AN_ECU),
-    "plant": Kind(write_plant, OF_A_PLANT),
+    "ecu": Kind(write_ecu, OF_AN_ECU, authenticates=True),
+    "plant": Kind(write_plant, OF_A_PLANT, authenticates=True),
     "bus": Kind(write_bus, OF_A_BUS),
     "vehicle": Kind(write_vehicle, OF_A_VEHICLE),
 }

@@ -22,6 +22,12 @@ def test_an_ecu_has_sources_and_a_library(tmp_path, capsys):
     assert any(name.startswith("binaries/") for name in names)
 
 
+def test_a_bus_carries_authenticated_frames_as_any_other(tmp_path, capsys):
+    out = tmp_path / "bus.fmu"
+    assert export_fmu.run(parse(["export-fmu", "bus", str(out), "--bus", "secured_fd"])) == 0
+    assert "CAN bus secured_fd with 6 nodes" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -29,6 +35,8 @@ def test_an_ecu_has_sources_and_a_library(tmp_path, capsys):
         (["bus", "x.fmu", "--ports", "signals"], "omit --ports"),
         (["bus", "x.fmu", "--nodes", "-1"], "--nodes must be 0 to"),
         (["plant", "x.fmu", "--fault", "Imu=loss:0.5"], "not part of the plant"),
+        (["plant", "x.fmu", "--bus", "secured_fd"], "export-fmu plant cannot authenticate"),
+        (["ecu", "x.fmu", "--bus", "secured_fd"], "export-fmu ecu cannot authenticate"),
     ],
 )
 def test_what_does_not_apply_is_refused(words, message):
