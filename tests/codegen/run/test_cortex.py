@@ -114,7 +114,7 @@ TICKS = {
         10_900,
     ),
 }
-CODE, TABLES, STATE, STACK = 16_500, 1060, 1320, 256
+CODE, TABLES, STATE, STACK = 16_700, 1060, 1320, 256
 
 
 @needs_qemu
