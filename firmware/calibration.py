@@ -335,7 +335,7 @@ class Calibration:
         i32, F(0, COEFFICIENT, 10, "N·m·s", "I_x over the time constant of the low-pass")
     ]
     response_pass: Annotated[i32, F(0, ONE, Q_UNIT, "", "low-pass: its weight per tick")]
-    response_wash: Annotated[i32, F(0, ONE, Q_UNIT, "", "washout: share that goes per tick")]
+    response_wash: Annotated[i32, F(0, ONE // 2, Q_UNIT, "", "washout: share that goes per tick")]
 
     # axles monitor, with the response monitor: the tyres of both axles carry what acts on them
     axles_min: Annotated[

@@ -47,6 +47,7 @@ FAULT_LATERAL_CONTRADICTED = 20
 FAULT_MOTION_CONTRADICTED = 21
 FAULT_ACTUATOR_CONTRADICTED = 22
 FAULT_ENVELOPE = 23
+FAULT_OWN_IDENTIFIER_HEARD = 24
 
 ALL_FAULT_CODES = (1 << N_FAULT_CODES) - 1
 
@@ -90,14 +91,14 @@ def latch_faults(ecu: Ecu) -> None:
         number += left & 1
         left = left >> 1
     ecu.fault_number = byte(clamp(number, 0, 15))
-    # eight at a time, as hardly ever one of them is new
-    for first in range(0, N_FAULT_CODES, 8):
-        if (appeared & 255) != 0:
-            for k in range(first, first + 8):
+    # seven at a time, as hardly ever one of them is new
+    for first in range(0, N_FAULT_CODES, 7):
+        if (appeared & 127) != 0:
+            for k in range(first, first + 7):
                 ecu.fault_count[k] = byte(clamp(ecu.fault_count[k] + (appeared & 1), 0, 255))
                 appeared = appeared >> 1
         else:
-            appeared = appeared >> 8
+            appeared = appeared >> 7
 
 
 def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:

@@ -54,7 +54,7 @@ LATERAL = 2
 LATERAL_RATE = 3
 GYRO_BIAS = 4
 
-N_FAULT_CODES = 24
+N_FAULT_CODES = 28
 AGE_MAX = 1 << 20
 STROKE_MAX = 1 << 29
 WINDOW_MAX = 1 << 26
@@ -110,9 +110,12 @@ class Ecu:
     good_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "all needed inputs good since")]
     authority: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the command, 0 in SAFE")]
     feedforward: Annotated[i32, F(0, ONE, Q_UNIT, "", "ramp of the feedforward, 0 without a_y")]
-    found: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: this tick has found fault i")]
-    fault_active: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i is active")]
-    fault_latched: Annotated[i32, F(0, (1 << 24) - 1, 0, "", "bit i: code i has occurred")]
+    found: Annotated[i32, F(0, (1 << 28) - 1, 0, "", "bit i: this tick has found fault i")]
+    foreign_ticks: Annotated[
+        i32, F(0, AGE_MAX, 0, "ticks", "left of the report that an own identifier was heard")
+    ]
+    fault_active: Annotated[i32, F(0, (1 << 28) - 1, 0, "", "bit i: code i is active")]
+    fault_latched: Annotated[i32, F(0, (1 << 28) - 1, 0, "", "bit i: code i has occurred")]
     time: Annotated[i32, F(I32_MIN, I32_MAX, 0, "ticks", "since init, wraps")]
 
     # redundancy monitor
@@ -265,6 +268,7 @@ class Ecu:
     ]
     rx_fresh: Annotated[list[u8], 2 * N_RX, F(0, 1, 0, "", "1: not read yet", True)]
     rx_side: Annotated[list[u8], N_RX, F(0, 1, 0, "", "side that receive() writes", True)]
+    rx_own: Annotated[u8, F(0, N_TX, 0, "", "1 + slot of ours that somebody else has sent", True)]
     tx_payload: Annotated[list[list[u8]], N_TX, TX_BYTES, F(0, 255, 0, "", "bytes to send")]
     tx_pending: Annotated[list[u8], N_TX, F(0, 1, 0, "", "1: to be sent; the sender clears it")]
     tx_counter: Annotated[list[u8], N_TX, F(0, 255, 0, "", "E2E counter of the last frame")]

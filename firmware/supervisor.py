@@ -12,6 +12,7 @@ from firmware.com import signals
 from firmware.monitors.axles import watch_axles
 from firmware.monitors.delivery import watch_delivery
 from firmware.monitors.heave import watch_heave
+from firmware.monitors.own_identifier import watch_own_identifiers
 from firmware.monitors.redundancy import watch_redundancy
 from firmware.monitors.response import watch_response
 from firmware.monitors.rolling import watch_rolling
@@ -66,6 +67,7 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Judge all inputs, set the mode and move the authority along its ramp."""
     ecu.found = signals.contradicted(ecu) << FAULT_DISAGREEMENT
     ecu.found = ecu.found | (ecu.envelope_acted << FAULT_ENVELOPE)
+    watch_own_identifiers(ecu, cal, elapsed)
     watch_redundancy(ecu, cal)
     watch_rolling(ecu, cal)
     motion: i32 = watch_motion(ecu, cal, elapsed)

@@ -4,7 +4,7 @@
 #include "canroll_check.h"
 
 enum { NOTHING, TRIGGERED, HEARTBEAT };
-enum { STEPS_MAX = 16, LAST_PAGE = 4 };
+enum { STEPS_MAX = 16, FIRST_COUNTS = 2, LAST_PAGE = 6 };
 /* the checksum after both bytes of the data id */
 enum { CRC_FORCES = 85, CRC_STATUS = 187, CRC_DIAGNOSTICS = 247 };
 
@@ -119,15 +119,17 @@ static void send_diagnostics(canroll_ecu *ecu)
 {
     const uint32_t page = ecu->diagnostics_page;
     hand_frame f;
-    if (page == 0) {
-        const uint32_t active = (uint32_t)ecu->fault_active;
-        f.lo = active << 16;
-        f.hi = ((active >> 16) & 0xff) | (uint32_t)ecu->fault_latched << 8;
+    if (page < FIRST_COUNTS) {
+        const uint32_t codes = (uint32_t)((page == 0) ? ecu->fault_active : ecu->fault_latched);
+        f.lo = codes << 16;
+        f.hi = codes >> 16;
     } else {
-        const uint8_t *count = &ecu->fault_count[6 * (page - 1)];
+        const uint8_t *count = &ecu->fault_count[6 * (page - FIRST_COUNTS)];
         f.lo = (uint32_t)count[0] << 16 | (uint32_t)count[1] << 24;
-        f.hi = (uint32_t)count[2] | (uint32_t)count[3] << 8 | (uint32_t)count[4] << 16
-            | (uint32_t)count[5] << 24;
+        f.hi = (uint32_t)count[2] | (uint32_t)count[3] << 8;
+        if (page < LAST_PAGE) {
+            f.hi |= (uint32_t)count[4] << 16 | (uint32_t)count[5] << 24;
+        }
     }
     f.lo |= page << 12;
     send(ecu, CANROLL_TX_DIAGNOSTICS, CRC_DIAGNOSTICS, f);

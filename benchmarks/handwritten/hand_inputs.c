@@ -50,7 +50,13 @@ void canroll_receive(canroll_ecu *ecu, int32_t message, const uint8_t p[8], int3
 {
     uint32_t slot;
     volatile uint32_t *to;
-    if ((uint32_t)message >= CANROLL_N_RX || length < 8) {
+    if ((uint32_t)message >= CANROLL_N_RX) {
+        if ((uint32_t)message < CANROLL_N_RX + CANROLL_N_TX) {
+            ecu->rx_own = (uint8_t)(message - CANROLL_N_RX + 1);
+        }
+        return;
+    }
+    if (length < 8) {
         return;
     }
     slot = 2u * (uint32_t)message + ecu->rx_side[message];

@@ -8,7 +8,7 @@ enum { ROLL_RATE_BIT = 1 << 6, LATERAL_BIT = 1 << 7, STUCK_BIT = 1 << 8, SPEED_B
        CALIBRATION_CRC_BIT = 1 << 18, ROLL_RATE_CONTRADICTED_BIT = 1 << 19,
        LATERAL_CONTRADICTED_BIT = 1 << 20, MOTION_CONTRADICTED_BIT = 1 << 21,
        ACTUATOR_CONTRADICTED_BIT = 1 << 22,
-       ENVELOPE_CODE = 23 };
+       ENVELOPE_CODE = 23, OWN_IDENTIFIER_HEARD_BIT = 1 << 24 };
 enum { BAD_ROLL_RATE = 0, BAD_LATERAL = 1, BAD_SPEED = 2, BAD_MOMENT = 4 };
 enum { GOOD, DEGRADING, UNSAFE };
 enum { CORNER_STUCK = 2, CORNER_FLOATING = 3, OVERDUE = 8 };
@@ -228,12 +228,28 @@ static void schedule(canroll_ecu *ecu, const canroll_calibration *cal)
     ecu->steering_acceleration = state_of((int64_t)steering * ecu->steering, 20);
 }
 
+/* Frames of ours that somebody else has sent. */
+static uint32_t watch_own_identifiers(canroll_ecu *ecu, const canroll_calibration *cal,
+    int32_t elapsed)
+{
+    ecu->foreign_ticks = (ecu->foreign_ticks > elapsed) ? ecu->foreign_ticks - elapsed : 0;
+    if (ecu->rx_own != 0) {
+        const uint32_t slot = ecu->rx_own - 1u;
+        ecu->rx_own = 0;
+        if (slot >= CANROLL_TX_STATUS || slot == CANROLL_TX_SUSPENSION_FORCE) {
+            ecu->foreign_ticks = cal->recovery_ticks;
+        }
+    }
+    return (ecu->foreign_ticks > 0) ? OWN_IDENTIFIER_HEARD_BIT : 0;
+}
+
 void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
     uint32_t found = ((elapsed > 1) ? TICK_MISSED_BIT : 0)
         | ((uint32_t)ecu->envelope_acted << ENVELOPE_CODE);
     uint32_t severity, motion, actuators;
     bool running;
+    found |= watch_own_identifiers(ecu, cal, elapsed);
     hand_watch_sensors(ecu, cal);
     severity = judge_imu(ecu, cal, elapsed, &found);
     motion = judge_motion(ecu, cal, elapsed, &found);

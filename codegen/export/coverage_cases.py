@@ -25,6 +25,7 @@ from firmware.calibration import (
     COMPENSATOR,
     CONSTANT_GAIN,
     DAMPERS,
+    N_RX,
     ONE,
     OUTPUT_FEEDBACK,
     STATE_FEEDBACK,
@@ -34,6 +35,7 @@ from firmware.calibration import (
     Calibration,
 )
 from firmware.state import (
+    N_TX,
     RX_ACTUATOR_STATE,
     RX_IMU,
     RX_ROLL_REFERENCE,
@@ -72,7 +74,7 @@ UNREACHED = {
         "canroll_plausibility.c",
         "if ((bad == 0) || (timeout == 0)) {",
     ): "a message that is not needed is not read, so it is never bad",
-    ("canroll_signals.c", "} else if ((int32_t)ecu->diagnostics_page == 4) {"): LAST,
+    ("canroll_signals.c", "} else if ((int32_t)ecu->diagnostics_page == 6) {"): LAST,
     ("canroll_signals.c", "} else if (message == CANROLL_RX_ROLL_REFERENCE) {"): LAST,
     ("canroll_signals.c", "} else if (message == CANROLL_TX_DIAGNOSTICS) {"): LAST,
 }
@@ -177,8 +179,11 @@ def _rare(bus: BusMap) -> Iterator[Case]:
     none = Traffic(frames.frames[:0], np.full(2100, FULL, np.int32))
     yield Case("the clock wraps", _changed(3), none)
     alien = frames.frames[:4].copy()
-    alien["message"] = (-1, 5, 99, -(2**31))
+    alien["message"] = (-1, N_RX + N_TX, 99, -(2**31))
     yield Case("no such message", _changed(4), Traffic(alien, frames.elapsed[:8]))
+    foreign = frames.frames[:N_TX].copy()
+    foreign["message"], foreign["tick"] = N_RX + np.arange(N_TX), np.arange(N_TX)
+    yield Case("own identifiers", _changed(4), Traffic(foreign, frames.elapsed[:8]))
 
 
 def _accused(bus: BusMap) -> Iterator[Case]:

@@ -1,7 +1,7 @@
 """Fields of the ECU's record read and written by each entry point, for interrupt safety.
 
 ``receive`` may interrupt ``tick`` anywhere: it may only access volatile fields, and must not write
-any field that the tick writes too, except the flag that hands over a frame.
+any field that the tick writes too, except the flags that hand over a frame.
 """
 
 import ast
@@ -16,7 +16,7 @@ from codegen.subset.program import Function, Program, calls
 
 STATE = "Ecu"
 CONST = "Calibration"
-HANDED_OVER = frozenset({"rx_fresh"})
+HANDED_OVER = frozenset({"rx_fresh", "rx_own"})
 """Set by ``receive``, cleared by ``tick``: each a single byte."""
 
 

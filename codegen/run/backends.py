@@ -82,7 +82,7 @@ class PythonEcu:
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Put a received frame in its mailbox; an unmapped identifier is ignored."""
-        for slot in self._firmware.slots.get(ident, ()):
+        for slot in self._firmware.messages.get(ident, ()):
             data = list(bytes(payload).ljust(self._room, b"\0"))
             self._loop.receive(self._ecu, slot, data, length)
 
@@ -120,7 +120,7 @@ class NativeEcu:
         self._pending = view[first : first + slots]
         self._payloads = self.ecu["tx_payload"][0]
         self._none = bytes(slots)
-        self._slots = self._firmware.slots
+        self._slots = self._firmware.messages
         self._room = memory_image.event_of(record)["payload"].shape[0]
 
     def restart(self) -> None:
@@ -263,7 +263,7 @@ class Recorder:
 
     def receive(self, ident: int, payload: Payload, length: int) -> None:
         """Put a received frame in its mailbox."""
-        for slot in self._firmware.slots.get(ident, ()):
+        for slot in self._firmware.messages.get(ident, ()):
             data = list(bytes(payload).ljust(self._kind["payload"].shape[0], b"\0"))
             self._rows.append((len(self._elapsed), slot, length, data))
         self._backend.receive(ident, payload, length)

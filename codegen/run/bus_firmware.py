@@ -48,6 +48,8 @@ class BusFirmware:
         stage: the engineer's own stage in it, or None.
         services: modules beside the loop that are part of it.
         slots: mailboxes that receive a frame, by its identifier.
+        messages: numbers by which ``receive`` takes a frame, by its identifier: its mailboxes, or
+            beyond them the slots in which the ECU itself sends it.
         sent: identifier and length on the wire of the frame in each mailbox that sends.
     """
 
@@ -56,6 +58,7 @@ class BusFirmware:
     stage: OwnStage | None = None
     services: tuple[str, ...] = ()
     slots: Mapping[int, tuple[int, ...]] = field(init=False)
+    messages: Mapping[int, tuple[int, ...]] = field(init=False)
     sent: tuple[tuple[int, int], ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -64,7 +67,12 @@ class BusFirmware:
             if box.name:
                 slots[box.ident] = (*slots.get(box.ident, ()), slot)
         sent = tuple((box.ident, box.sent_length) for box in self.bus.transmitted)
+        messages = dict(slots)
+        for slot, (ident, length) in enumerate(sent):
+            if length:
+                messages[ident] = (*messages.get(ident, ()), len(self.bus.received) + slot)
         object.__setattr__(self, "slots", slots)
+        object.__setattr__(self, "messages", messages)
         object.__setattr__(self, "sent", sent)
 
     @cached_property
@@ -109,7 +117,7 @@ class BusFirmware:
     @property
     def heard(self) -> frozenset[int]:
         """Identifiers of all frames that it takes, the commands of services among them."""
-        found = set(self.slots)
+        found = set(self.messages)
         if "xcp" in self.services and self.bus.xcp is not None:
             found.add(frame_ident(self.bus.xcp.master))
         if "uds" in self.services and self.bus.uds is not None:

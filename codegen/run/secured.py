@@ -15,7 +15,7 @@ from codegen.run.bus_firmware import BusFirmware
 from codegen.run.cortex import Run, sent
 from codegen.run.ecu_traffic import Frame, Payload, Traffic
 from codegen.run.unicorn import CortexEcu
-from firmware.calibration import Calibration
+from firmware.calibration import N_RX, Calibration
 from firmware.security.secoc_state import RESET_MAX, SECURED
 
 LISTENING_US = 100_000
@@ -121,6 +121,9 @@ class SecuredEcu:
             if self._secoc.verify(slot, frame, length):
                 self.accepted += 1
                 self._ecu.receive(ident, frame, length)
+        if ident in self._slot_of:
+            # nobody else may send it, authentic or not
+            self._ecu.receive(ident, frame, length)
 
     def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
         """Run one tick and return the frames to send, protected, in order."""
@@ -163,7 +166,7 @@ def replay(
             frame = event["payload"].tobytes()
             taken = secoc.verify(message, frame, length)
             added[t] += secoc.instructions
-            if taken:
+            if taken or message >= N_RX:
                 ecu.put(message, frame, length)
         ecu.advance(int(traffic.elapsed[t]))
         counts[t] = ecu.instructions

@@ -125,7 +125,7 @@ class CortexEcu:
 
     def receive(self, ident: int, payload: NDArray[np.uint8] | bytes, length: int) -> None:
         """Put a received frame in its mailbox; an unmapped identifier is ignored."""
-        for slot in self._firmware.slots.get(ident, ()):
+        for slot in self._firmware.messages.get(ident, ()):
             self.put(slot, bytes(payload).ljust(self._room, b"\0"), length)
 
     def put(self, message: int, payload: bytes, length: int) -> None:

@@ -11,6 +11,7 @@ from firmware.com import e2e, protection, signals
 from firmware.com.frames import RX_BYTES
 from firmware.state import (
     AGE_MAX,
+    N_TX,
     RX_ACTUATOR_STATE,
     RX_IMU,
     RX_SUSPENSION_RATE,
@@ -25,9 +26,13 @@ NO_SAMPLE = 16
 def receive(ecu: Ecu, message: i32, payload: Annotated[list[u8], RX_BYTES], length: i32) -> None:
     """Store a frame of ``message`` (RX_…); the only writer of the slots.
 
-    ``payload`` has ``length`` bytes; a frame that is too short or of another page is ignored.
+    ``payload`` has ``length`` bytes; a frame that is too short or of another page is ignored. From
+    N_RX on, ``message`` is a frame of transmit slot ``message`` - N_RX that somebody else has sent.
     """
-    if message < 0 or message >= N_RX:
+    if message < 0 or message >= N_RX + N_TX:
+        return
+    if message >= N_RX:
+        ecu.rx_own = byte(message - N_RX + 1)
         return
     size: i32 = signals.RX_LENGTHS[message]
     if length < size:

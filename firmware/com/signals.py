@@ -33,7 +33,7 @@ TX_LENGTHS: tuple[u8, ...] = (8, 8, 8, 8, 8, 8)
 # of each frame sent: 1 where the actuators echo its counter
 TX_ECHOED: tuple[u8, ...] = (1, 1, 1, 1, 1, 1)
 # pages of the diagnostics, which are sent in turn
-PAGES = 5
+PAGES = 7
 
 
 def wanted(message: i32, payload: Annotated[list[u8], 8]) -> i32:
@@ -247,10 +247,11 @@ def pack_diagnostics(ecu: Ecu) -> i64:
     frame |= (raw_page & 15) << 12
     if ecu.diagnostics_page == 0:
         raw_active_fault_codes: i32 = ecu.fault_active
-        frame |= (raw_active_fault_codes & 16777215) << 16
-        raw_latched_fault_codes: i32 = ecu.fault_latched
-        frame |= (((raw_latched_fault_codes & 16777215) ^ 8388608) - 8388608) << 40
+        frame |= (raw_active_fault_codes & 268435455) << 16
     elif ecu.diagnostics_page == 1:
+        raw_latched_fault_codes: i32 = ecu.fault_latched
+        frame |= (raw_latched_fault_codes & 268435455) << 16
+    elif ecu.diagnostics_page == 2:
         raw_occurrences00: i32 = ecu.fault_count[0]
         frame |= (raw_occurrences00 & 255) << 16
         raw_occurrences01: i32 = ecu.fault_count[1]
@@ -263,7 +264,7 @@ def pack_diagnostics(ecu: Ecu) -> i64:
         frame |= (raw_occurrences04 & 255) << 48
         raw_occurrences05: i32 = ecu.fault_count[5]
         frame |= (((raw_occurrences05 & 255) ^ 128) - 128) << 56
-    elif ecu.diagnostics_page == 2:
+    elif ecu.diagnostics_page == 3:
         raw_occurrences06: i32 = ecu.fault_count[6]
         frame |= (raw_occurrences06 & 255) << 16
         raw_occurrences07: i32 = ecu.fault_count[7]
@@ -276,7 +277,7 @@ def pack_diagnostics(ecu: Ecu) -> i64:
         frame |= (raw_occurrences10 & 255) << 48
         raw_occurrences11: i32 = ecu.fault_count[11]
         frame |= (((raw_occurrences11 & 255) ^ 128) - 128) << 56
-    elif ecu.diagnostics_page == 3:
+    elif ecu.diagnostics_page == 4:
         raw_occurrences12: i32 = ecu.fault_count[12]
         frame |= (raw_occurrences12 & 255) << 16
         raw_occurrences13: i32 = ecu.fault_count[13]
@@ -289,7 +290,7 @@ def pack_diagnostics(ecu: Ecu) -> i64:
         frame |= (raw_occurrences16 & 255) << 48
         raw_occurrences17: i32 = ecu.fault_count[17]
         frame |= (((raw_occurrences17 & 255) ^ 128) - 128) << 56
-    elif ecu.diagnostics_page == 4:
+    elif ecu.diagnostics_page == 5:
         raw_occurrences18: i32 = ecu.fault_count[18]
         frame |= (raw_occurrences18 & 255) << 16
         raw_occurrences19: i32 = ecu.fault_count[19]
@@ -302,6 +303,15 @@ def pack_diagnostics(ecu: Ecu) -> i64:
         frame |= (raw_occurrences22 & 255) << 48
         raw_occurrences23: i32 = ecu.fault_count[23]
         frame |= (((raw_occurrences23 & 255) ^ 128) - 128) << 56
+    elif ecu.diagnostics_page == 6:
+        raw_occurrences24: i32 = ecu.fault_count[24]
+        frame |= (raw_occurrences24 & 255) << 16
+        raw_occurrences25: i32 = ecu.fault_count[25]
+        frame |= (raw_occurrences25 & 255) << 24
+        raw_occurrences26: i32 = ecu.fault_count[26]
+        frame |= (raw_occurrences26 & 255) << 32
+        raw_occurrences27: i32 = ecu.fault_count[27]
+        frame |= (raw_occurrences27 & 255) << 40
     return frame
 
 

@@ -234,9 +234,9 @@ class _AttackedEcu(GrantedEcu):
         # the actuators hear the sensors as well, but an interface may not give those back
         for frame in (*self._heard.all(commands, "of the attacker", self._stop), *to_ecu):
             self._world.inject(self._injected(*frame))
-        self._sent += len(to_ecu)
+        self._sent += len(frames)
         answer = super().tick(elapsed_ticks)
-        self.forged[self._number] = Counter(to_ecu)
+        self.forged[self._number] = Counter(frames)
         self._answered = len(answer)
         return answer
 
@@ -319,7 +319,7 @@ def _judged(
         gates: list[Gate] = []
 
         def through(ecu: Backend, marks: deque[bool] = marks, gates: list[Gate] = gates) -> Gate:
-            gates.append(Gate(ecu, world.ear.tables, marks.popleft))
+            gates.append(Gate(ecu, world.ear.tables, marks.popleft, settings.firmware))
             return gates[-1]
 
         again = tick_trace.replay(

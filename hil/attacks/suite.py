@@ -13,6 +13,7 @@ import numpy as np
 from canroll.errors import CanrollError
 from canroll.typing import Progress
 from codegen.run.backends import Backend, open_backend
+from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu_traffic import Frame, Payload
 from codegen.run.secured import SecuredEcu
 from hil.attacks.attacker import AttackedWorld
@@ -36,8 +37,15 @@ class Gate:
     ``arrivals`` says of each frame to come whether it is the attacker's.
     """
 
-    def __init__(self, ecu: Backend, tables: Codec, arrivals: Callable[[], bool]) -> None:
+    def __init__(
+        self,
+        ecu: Backend,
+        tables: Codec,
+        arrivals: Callable[[], bool],
+        firmware: BusFirmware,
+    ) -> None:
         self._ecu, self._tables, self._arrivals = ecu, tables, arrivals
+        self._mailboxes = firmware.slots
         self.accepted = 0
         rows = len(tables.message)
         self._receivers = [e2e.receiver_state(e2e.Supervision()) for _ in range(rows)]
@@ -73,7 +81,7 @@ class Gate:
             taken = self._ecu.accepted > before
         else:
             self._ecu.receive(ident, payload, length)
-            taken = self._in_sequence(ident, payload)
+            taken = ident in self._mailboxes and self._in_sequence(ident, payload)
         self.accepted += forged and taken
 
     def _in_sequence(self, ident: int, payload: Payload) -> bool:
@@ -221,7 +229,7 @@ def in_virtual_time(settings: Settings, controller: Controller, attack: Attack) 
     inner = open_backend(
         settings.backend, controller.record, settings.firmware, key=settings.secret
     )
-    gate = Gate(inner, world.ear.tables, lambda: world.arrivals.pop(0))
+    gate = Gate(inner, world.ear.tables, lambda: world.arrivals.pop(0), settings.firmware)
     trace = closed_loop(
         world,
         gate,

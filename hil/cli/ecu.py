@@ -239,18 +239,19 @@ def grants_of(
     firmware: BusFirmware,
 ) -> lockstep.Grants:
     """Return the plant's grants, on the bus or on the side channel."""
-    plants = sent_to(firmware)
+    # a plant's attacker sends frames of the ECU too
+    idents = sent_to(firmware) | sent_by(firmware)
     channel: lockstep.Channel
     if args.side_channel is None:
         channel = lockstep.InBand(
             link,
             sends=lockstep.ACKNOWLEDGEMENT,
             hears=lockstep.GRANT,
-            idents=plants | sent_by(firmware),
+            idents=idents,
         )
     else:
         channel = side_channel.connect(args.side_channel, link)
-    return lockstep.Grants(link, channel, idents=plants, tick_us=tick_us, stop=stop)
+    return lockstep.Grants(link, channel, idents=idents, tick_us=tick_us, stop=stop)
 
 
 def replay(path: Path, backend: str, firmware: BusFirmware, key: bytes) -> int:

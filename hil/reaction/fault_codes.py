@@ -3,6 +3,7 @@
 import dbc
 from firmware import plausibility
 from firmware.com.signals import RX_IDS
+from firmware.state import N_FAULT_CODES
 
 FAULT_CODES = {
     **{
@@ -24,4 +25,4 @@ def in_words(bits: int | None) -> list[str]:
     """Return the fault codes of a bit field; none of None."""
     if bits is None:
         return []
-    return [FAULT_CODES.get(i, f"code {i}") for i in range(24) if int(bits) >> i & 1]
+    return [FAULT_CODES.get(i, f"code {i}") for i in range(N_FAULT_CODES) if int(bits) >> i & 1]

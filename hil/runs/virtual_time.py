@@ -151,11 +151,11 @@ def _before_outage(world: World, t: int, tick_ns: int, left: int) -> int:
 
 def connected(world: World, ecu: NativeEcu) -> Connection:
     """Return the connection of a native ECU to the compiled loop of ``world``."""
-    sent, slots = ecu.firmware.sent, ecu.firmware.slots
+    sent, messages = ecu.firmware.sent, ecu.firmware.messages
     for ident, length in sent:
         if length:
             world.check_frame(ident, length)
-    received = [(ident, slot) for ident, its in slots.items() for slot in its]
+    received = [(ident, number) for ident, its in messages.items() for number in its]
     places = ecu.ecu.dtype.fields
     assert places is not None
     payloads, payloads_at = places["tx_payload"][:2]
@@ -169,7 +169,7 @@ def connected(world: World, ecu: NativeEcu) -> Connection:
         payload=buffer.ctypes.data,
         received=len(received),
         received_key=_in_room([ident for ident, _ in received]),
-        received_mailbox=_in_room([slot for _, slot in received]),
+        received_mailbox=_in_room([number for _, number in received]),
         sent=len(sent),
         sent_key=_in_room([ident for ident, _ in sent]),
         sent_length=_in_room([length for _, length in sent]),

@@ -59,6 +59,7 @@ class LiveStream:
         self._fresh_events: list[tuple[float, str]] = []
         self._mode: str | None = None
         self._active = self._latched = 0
+        self._told: int | None = None
         self._diagnosed = False
         self._silent: set[str] = set()
         self._heard: dict[str, float] = {}
@@ -144,14 +145,14 @@ class LiveStream:
             if self._mode != mode:
                 self._note(frame.t, mode if self._mode is None else f"{self._mode} → {mode}")
             self._mode = mode
+        # a code of the latched page may still be active: the next active page tells
+        if "LatchedFaultCodes" in frame.values:
+            self._told = int(frame.values["LatchedFaultCodes"])
         if "ActiveFaultCodes" in frame.values:
-            self._fault_changes(
-                frame.t,
-                int(frame.values["ActiveFaultCodes"]),
-                int(frame.values["LatchedFaultCodes"]),
-            )
+            self._fault_changes(frame.t, int(frame.values["ActiveFaultCodes"]))
 
-    def _fault_changes(self, t: float, active: int, latched: int) -> None:
+    def _fault_changes(self, t: float, active: int) -> None:
+        latched = self._told or 0
         for bit, name in FAULT_CODES.items():
             before, now = self._active >> bit & 1, active >> bit & 1
             if now > before:
@@ -163,7 +164,8 @@ class LiveStream:
             else:
                 continue
             self._note(t, f"fault code {bit} ({name}) {what}")
-        self._active, self._latched, self._diagnosed = active, latched, True
+        self._active, self._latched = active, latched | active
+        self._diagnosed = self._told is not None
 
     def _hear(self, frame: Seen) -> None:
         """Record sides heard for the first time, or again."""

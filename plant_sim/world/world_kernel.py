@@ -202,6 +202,20 @@ def _take(
             applied = commands[clock[APPLIED_COMMANDS]]
             _accepted(world, applied, entry.t_origin, entry.t_received)
         return
+    _hand_over(world, row, entry, payload)
+    if role == FOR_ECU_IMU:
+        clock[IMU_SAMPLE] = entry.t_origin - clock[IMU_LATENCY]
+
+
+@njit
+def _hand_over(
+    world: Memory,
+    row: int,
+    entry: Any,  # noqa: ANN401
+    payload: NDArray[np.uint8],
+) -> None:
+    """Pass a frame of message ``row`` with ``payload`` to the ECU."""
+    clock = world.clock
     frame = world.received[clock[RECEIVED]]
     frame.t_ns = entry.t_received
     frame.ident = world.tables.message[row, codec.KEY]
@@ -210,8 +224,6 @@ def _take(
     for byte in range(codec.MAX_PAYLOAD):
         frame.payload[byte] = payload[byte]
     clock[RECEIVED] += 1
-    if role == FOR_ECU_IMU:
-        clock[IMU_SAMPLE] = entry.t_origin - clock[IMU_LATENCY]
 
 
 @njit
@@ -227,6 +239,15 @@ def _deliver(world: Memory, network: bus.State, commands: NDArray[np.int64]) -> 
         if entry.length != world.tables.message[row, codec.LENGTH]:
             continue
         role = world.roles[row]
+        if (
+            role == FOR_ACTUATOR
+            and entry.sender != bus.ECU
+            and entry.segment == clock[ECU_SEGMENT]
+            and bus.took(entry.outcome, entry.missed, bus.ECU)
+            and bus.hears(network, bus.ECU, entry.t_received)
+        ):
+            # a command of the ECU that somebody else has sent
+            _hand_over(world, row, entry, entry.payload)
         its = world.actuators.envelope
         if (
             row == its.place[envelope.FRAME]

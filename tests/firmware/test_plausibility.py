@@ -314,4 +314,5 @@ def test_fault_codes_keep_the_numbers_that_diagnostics_know():
         "FAULT_MOTION_CONTRADICTED": 21,
         "FAULT_ACTUATOR_CONTRADICTED": 22,
         "FAULT_ENVELOPE": 23,
+        "FAULT_OWN_IDENTIFIER_HEARD": 24,
     }

@@ -11,6 +11,7 @@ from firmware.state import (
     ACTIVE,
     DEGRADED,
     INIT,
+    N_TX,
     RX_ACTUATOR_STATE,
     RX_IMU,
     RX_ROLL_REFERENCE,
@@ -445,14 +446,14 @@ def test_fault_codes_are_latched_counted_and_shown_on_the_bus():
     bench.run(0.2, lambda t: 3.0)
     assert bench.ecu.fault_count[sv.FAULT_ACCELERATION] == 4
     pages, status = {}, {}
-    for _ in range(5):
+    for _ in range(7):
         bench.step(3.0)
         pages[bench.frames[5]["Page"]] = bench.frames[5]
         status = bench.frames[4]
-    assert sorted(pages) == [0, 1, 2, 3, 4]
+    assert sorted(pages) == [0, 1, 2, 3, 4, 5, 6]
     assert pages[0]["ActiveFaultCodes"] == 1 << sv.FAULT_ACCELERATION
-    assert pages[0]["LatchedFaultCodes"] == 1 << sv.FAULT_ACCELERATION
-    assert pages[2]["Occurrences07"] == 4
+    assert pages[1]["LatchedFaultCodes"] == 1 << sv.FAULT_ACCELERATION
+    assert pages[3]["Occurrences07"] == 4
     assert status["Mode"] == DEGRADED
     assert status["FaultCodeCount"] == 1
     assert status["MomentCommand"] == pytest.approx(bench.ecu.moment / 2**14, abs=0.26)
@@ -592,7 +593,7 @@ def test_without_control_frames_flow_and_no_fault_is_raised():
 
 def test_foreign_short_and_misplaced_frames_are_harmless():
     bench = busy(rig.Bench(rig.calibration()))
-    for message in (-1, fw.N_RX, 1000):
+    for message in (-1, fw.N_RX + N_TX, 1000):
         loop.receive(bench.ecu, message, [255] * 8, 8)
     before = bench.ecu.roll_rate
     loop.receive(bench.ecu, RX_IMU, [255] * 8, 3)

@@ -42,6 +42,13 @@ static void receive_all(void)
                 canroll_receive(&ecu, message, payload, length);
             }
         }
+        /* a driver that gives back the ECU's own frames must leave them out here */
+        for (int32_t slot = 0; slot < CANROLL_N_TX; slot++) {
+            if ((uint32_t)canroll_signals_tx_ids[slot] == identifier
+                && canroll_signals_tx_lengths[slot] != 0u) {
+                canroll_receive(&ecu, CANROLL_N_RX + slot, payload, length);
+            }
+        }
     }
 }
 

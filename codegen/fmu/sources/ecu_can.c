@@ -53,5 +53,12 @@ bool model_receive(model *m, fmu_buffer *tx, size_t port, const uint8_t *operati
             canroll_receive(&m->ecu, wanted->slot, frame.data, frame.length);
         }
     }
+    for (int32_t slot = 0; slot < CANROLL_N_TX; slot++) {
+        const ecu_frame *own = &ecu_sent[slot];
+        if (!frame.remote && own->length != 0 && frame.ident == own->ident
+            && frame.extended == own->extended && frame.fd == own->fd) {
+            canroll_receive(&m->ecu, CANROLL_N_RX + slot, frame.data, frame.length);
+        }
+    }
     return true;
 }

@@ -32,7 +32,7 @@ def program(sample, receive, tick):
 def test_the_firmware_keeps_to_its_contract():
     found = interrupts.check()
     assert set(found) == {"init", "receive", "tick"}
-    assert found["receive"].writes == {"rx_payload", "rx_fresh"}
+    assert found["receive"].writes == {"rx_payload", "rx_fresh", "rx_own"}
     assert found["receive"].reads == {"rx_side"}
     assert found["tick"].calibrated and not found["receive"].calibrated
     assert {"x", "mode", "tx_payload", "tx_pending"} <= found["tick"].writes

@@ -177,6 +177,16 @@ def test_it_takes_so_many_samples_in_a_row():
     )
 
 
+@pytest.mark.parametrize("compared", [0, 1])
+def test_what_comes_back_from_the_limit_is_not_compared_at_once(compared):
+    cal = watched()
+    ecu = known(cal)
+    ecu.motion_peak = 8 << fw.Q_ACCELERATION
+    ecu.axles_known = compared
+    replay(ecu, cal, np.zeros((10, 6)))
+    assert ecu.axles_known == compared
+
+
 @pytest.mark.parametrize(
     "state",
     [

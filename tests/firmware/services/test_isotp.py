@@ -8,6 +8,7 @@ from codegen.run.backends import NativeEcu, PythonEcu
 from codegen.run.bus_firmware import built_in, with_services
 from codegen.run.served import ServedEcu
 from firmware.services import uds
+from firmware.state import N_FAULT_CODES
 
 SERVED = with_services(built_in(), ("uds",))
 needs_cc = pytest.mark.skipif(native.compiler() is None, reason="needs cc (package gcc)")
@@ -43,7 +44,7 @@ def test_requests_and_responses_of_any_length(ecu, number):
 def test_a_tester_may_slow_the_response_down(ecu):
     tester = UdsTester(ecu, stmin=25, blocksize=2)
     answer = tester.ask(bytes([uds.READ_FAULTS, uds.SUPPORTED]))
-    assert len(answer) == 3 + 4 * 24
+    assert len(answer) == 3 + 4 * N_FAULT_CODES
     assert tester.errors == []
     # frames at least 25 ms apart are three ticks of 10 ms apart
     gaps, last = [], None

@@ -62,11 +62,12 @@ def test_a_silent_bus_has_no_rates(seen):
 def test_fault_codes_in_words():
     observation = Observation(500_000)
     message = dbc.load().get_message_by_name("RollControlDiagnostics")
-    payload = message.encode(
-        {"Checksum": 0, "Counter": 0, "Page": 0, "ActiveFaultCodes": 1 << 16,
-         "LatchedFaultCodes": 1 << 16 | 1 << 6},
-    )  # fmt: skip
-    observation.see(0.0, (message.frame_id, payload))
+    for page in (
+        {"Page": 0, "ActiveFaultCodes": 1 << 16},
+        {"Page": 1, "LatchedFaultCodes": 1 << 16 | 1 << 6},
+    ):
+        payload = message.encode({"Checksum": 0, "Counter": 0, **page})
+        observation.see(0.0, (message.frame_id, payload))
     assert observation.fault_codes == ["tick missed"]
     assert observation.latched_fault_codes == ["roll rate", "tick missed"]
 

@@ -32,8 +32,12 @@ class Fed:
         return json.loads(self.stream.everything())
 
 
-def diagnostics(active, latched):
-    return {"Page": 0, "ActiveFaultCodes": active, "LatchedFaultCodes": latched}
+def active(codes):
+    return {"Page": 0, "ActiveFaultCodes": codes}
+
+
+def latched(codes):
+    return {"Page": 1, "LatchedFaultCodes": codes}
 
 
 def test_rows_hold_the_values_of_every_frame():
@@ -133,10 +137,12 @@ def test_changes_of_mode_and_fault_codes_are_events():
     events = Fed().feed(
         (0.0, "RollControlStatus", {"Mode": 0}),
         (0.1, "RollControlStatus", {"Mode": 1}),
-        (0.2, "RollControlDiagnostics", diagnostics(0, 1 << 16)),
-        (0.3, "RollControlDiagnostics", diagnostics(1, 1 << 16 | 1)),
+        (0.15, "RollControlDiagnostics", latched(1 << 16)),
+        (0.2, "RollControlDiagnostics", active(0)),
+        (0.3, "RollControlDiagnostics", active(1)),
+        (0.35, "RollControlDiagnostics", latched(1 << 16 | 1 << 9 | 1 << 8 | 1)),
         (0.4, "RollControlStatus", {"Mode": 3}),
-        (0.5, "RollControlDiagnostics", diagnostics(0, 1 << 16 | 1 << 8 | 1)),
+        (0.5, "RollControlDiagnostics", active(1 << 9)),
     ).news()["events"]  # fmt: skip
     assert events == [
         [0.0, "controller heard"],
@@ -147,6 +153,7 @@ def test_changes_of_mode_and_fault_codes_are_events():
         [0.4, "ACTIVE → SAFE"],
         [0.5, "fault code 0 (Imu late) no longer active"],
         [0.5, "fault code 8 (stuck) came and went"],
+        [0.5, "fault code 9 (reference) active"],
     ]
 
 
