@@ -315,6 +315,9 @@ class Calibration:
     ]
     rolling_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "so far without a break that count")]
     rolling_track: Annotated[list[i32], 2, F(0, 4 << 28, 28, "1/m", "roll over difference")]
+    rolling_tyres: Annotated[
+        i32, F(0, ONE, Q_UNIT, "1/(N·m·s)", "roll on the tyres over change of moment, times 4")
+    ]
 
     # response monitor: I_x phi'' = delivered moments + m h a_y - springs and dampers
     response_min: Annotated[
@@ -373,7 +376,7 @@ class Calibration:
     heave_min: Annotated[
         i32, F(0, STATE_MAX // 2, Q_MOMENT, "N", "least force more or less that counts, 0: off")
     ]
-    heave_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "more or less without a break that count")]
+    heave_ticks: Annotated[i32, F(1, 10000, 0, "ticks", "more or less without a break that count")]
     heave_stretch: Annotated[
         list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "force of an axle's springs a tick")
     ]

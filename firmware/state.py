@@ -163,7 +163,12 @@ class Ecu:
         3,
         F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "low-passed: gyro, front and rear suspension"),
     ]
-    rolling_size: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "the suspensions', fading")]
+    rolling_moment: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "delivered moments, low-passed")
+    ]
+    rolling_size: Annotated[
+        i32, F(0, STATE_MAX, Q_RATE, "rad/s", "the suspensions' and the tyres', fading")
+    ]
     rolling_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too far apart since")]
 
     # balances of the response monitor, of the lateral acceleration, of the axles monitor, of parts
@@ -179,7 +184,7 @@ class Ecu:
     balance_room: Annotated[
         list[i32], 9, F(0, STATE_MAX, Q_MOMENT, "N·m", "what the model may be wrong by, fading")
     ]
-    balance_ticks: Annotated[list[i32], 5, F(0, 1000, 0, "ticks", "too much is left over since")]
+    balance_ticks: Annotated[list[i32], 5, F(0, 10000, 0, "ticks", "too much is left over since")]
 
     # observer
     x: Annotated[list[i32], N_STATES, F(STATE_MIN, STATE_MAX, 0, "", "corrected estimate")]

@@ -1,8 +1,9 @@
 """The roll rate against those of the suspensions, for a gyro that is off, drifts or is reversed.
 
-The body rolls as its suspensions do, and as the wheels do: on their tyres by a small part of it, on
-a bank slowly, and over bumps one axle after the other. So the roll rate is wrong where it is far
-outside of the interval between the rates of both axles, low-passed, for a while. A single wrong
+The body rolls as its suspensions do, and as the wheels do: on their tyres by a small part of it,
+but at once by what the delivered moments change, on a bank slowly, and over bumps one axle after
+the other. So the roll rate is wrong where it is far outside of the interval between the rates of
+both axles, low-passed, for a while. A single wrong
 stroke rate widens the interval and accuses nobody. Once wheels may have left the road it rests. A
 finding lasts until the next ``init``.
 """
@@ -69,6 +70,7 @@ def watch_rolling(ecu: Ecu, cal: Calibration) -> None:
         return
     front: i32 = product(ecu.stroke_rate[0] - ecu.stroke_rate[1], cal.rolling_track[0], 28)
     rear: i32 = product(ecu.stroke_rate[2] - ecu.stroke_rate[3], cal.rolling_track[1], 28)
+    moment: i32 = sat31(ecu.delivered[0] + ecu.delivered[1])
     smooth(ecu, cal, GYRO, ecu.roll_rate)
     smooth(ecu, cal, FRONT, front)
     smooth(ecu, cal, REAR, rear)
@@ -76,14 +78,21 @@ def watch_rolling(ecu: Ecu, cal: Calibration) -> None:
         ecu.rolling_known = 1
         ecu.rolling_ticks = 0
         ecu.rolling_size = 0
+        ecu.rolling_moment = moment
+    # so much it has changed within about the low-pass's time constant
+    changed: i32 = sat31(moment - ecu.rolling_moment)
+    ecu.rolling_moment = sat31(ecu.rolling_moment + product(changed, cal.response_pass, 30))
     front = ecu.rolling_rate[FRONT]
     rear = ecu.rolling_rate[REAR]
     size: i32 = ecu.rolling_size
     size = size - product(size, cal.response_pass, 30 + FADING)
+    on_tyres: i32 = magnitude(product(changed, cal.rolling_tyres, 17))
+    size = clamp(on_tyres, size, STATE_MAX)
     size = clamp(magnitude(rear), size, STATE_MAX)
     ecu.rolling_size = clamp(magnitude(front), size, STATE_MAX)
+    apart: i32 = gap(ecu.rolling_rate[GYRO], front, rear)
     bad: i32 = 0
-    if gap(ecu.rolling_rate[GYRO], front, rear) > cal.rolling_min + rsh(ecu.rolling_size, SHARE):
+    if apart > cal.rolling_min + rsh(ecu.rolling_size, SHARE):
         bad = 1
     ecu.rolling_ticks = lasting(ecu.rolling_ticks, bad, cal.rolling_ticks)
     if ecu.rolling_ticks == cal.rolling_ticks:

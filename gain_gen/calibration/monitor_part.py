@@ -10,6 +10,7 @@ import dbc
 from firmware import calibration as fw
 from gain_gen.calibration.rows import quantise
 from gain_gen.models.task import Task
+from vehicles import Vehicle
 from vehicles.roll_stiffness import axle_roll_shares, suspension_roll_stiffness
 
 GAP = 2.4
@@ -123,6 +124,13 @@ def response_fields(task: Task) -> dict[str, int | list[int]]:
         "rolling_track": [
             quantise(1.0 / track, 28, 0, 4 << 28, name="rolling_track") for track in tracks
         ],
+        "rolling_tyres": quantise(
+            4.0 / (RESPONSE_LOW_PASS * sum(_tyre_roll_stiffness(vehicle))),
+            30,
+            0,
+            fw.ONE,
+            name="rolling_tyres",
+        ),
         "response_min": round(RESPONSE_LEAST * roll.roll_arm * 2.0**fw.Q_MOMENT),
         "response_limit": round(RESPONSE_LINEAR * 2.0**fw.Q_ACCELERATION),
         "response_ticks": max(2, round(RESPONSE_TIME / task.tick)),
@@ -142,13 +150,19 @@ def response_fields(task: Task) -> dict[str, int | list[int]]:
     }
 
 
+def _tyre_roll_stiffness(vehicle: Vehicle) -> list[float]:
+    """Return the roll stiffness of both axles' tyres, N·m/rad."""
+    halves = vehicle.geometry.half_track_front, vehicle.geometry.half_track_rear
+    return [2.0 * vehicle.tyre.vertical_stiffness * half**2 for half in halves]
+
+
 def _axles_fields(task: Task) -> dict[str, int | list[int]]:
     """Return the fields of the axles monitor: moments of the rear as of the front axle's tyres."""
     vehicle = task.vehicle
     geometry, mass = vehicle.geometry, vehicle.mass
     halves = geometry.half_track_front, geometry.half_track_rear
     heights = geometry.roll_centre_height_front, geometry.roll_centre_height_rear
-    tyres = [2.0 * vehicle.tyre.vertical_stiffness * half**2 for half in halves]
+    tyres = _tyre_roll_stiffness(vehicle)
     scale = 1.0, tyres[0] / tyres[1]
     spring = suspension_roll_stiffness(vehicle)
     springs = [

@@ -234,7 +234,7 @@ class _AttackedEcu(GrantedEcu):
         # the actuators hear the sensors as well, but an interface may not give those back
         for frame in (*self._heard.all(commands, "of the attacker", self._stop), *to_ecu):
             self._world.inject(self._injected(*frame))
-        self._sent += len(frames)
+        self._sent += len(to_ecu)
         answer = super().tick(elapsed_ticks)
         self.forged[self._number] = Counter(frames)
         self._answered = len(answer)

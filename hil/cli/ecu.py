@@ -239,19 +239,18 @@ def grants_of(
     firmware: BusFirmware,
 ) -> lockstep.Grants:
     """Return the plant's grants, on the bus or on the side channel."""
-    # a plant's attacker sends frames of the ECU too
-    idents = sent_to(firmware) | sent_by(firmware)
+    plants, own = sent_to(firmware), sent_by(firmware)
     channel: lockstep.Channel
     if args.side_channel is None:
         channel = lockstep.InBand(
             link,
             sends=lockstep.ACKNOWLEDGEMENT,
             hears=lockstep.GRANT,
-            idents=idents,
+            idents=plants | own,
         )
     else:
         channel = side_channel.connect(args.side_channel, link)
-    return lockstep.Grants(link, channel, idents=idents, tick_us=tick_us, stop=stop)
+    return lockstep.Grants(link, channel, idents=plants, foreign=own, tick_us=tick_us, stop=stop)
 
 
 def replay(path: Path, backend: str, firmware: BusFirmware, key: bytes) -> int:

@@ -10,6 +10,7 @@ import logging
 import select
 import socket
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
@@ -85,6 +86,7 @@ class CanLink:
         reopen: function that reopens it; raises CanrollError while that fails. None: never.
         record: filled with all traffic on the bus.
         echoes: the interface echoes sent frames, which are dropped.
+        unmarked: it gives them back like those of others; as many as were sent are dropped.
         fd: identifiers of the CAN FD frames, and whether they are sent with bit-rate switch; a
             frame of the other format is not received. None: frames of either are.
     """
@@ -96,12 +98,14 @@ class CanLink:
         *,
         record: BusRecord | None = None,
         echoes: bool = False,
+        unmarked: bool = False,
         fd: Mapping[int, bool] | None = None,
     ) -> None:
         self.bus = bus
         self._fd = fd
         self.record = record
         self._echoes = echoes
+        self._given_back: Counter[tuple[int, bytes]] | None = Counter() if unmarked else None
         self.sent = self.received = self._failed = 0
         self.lost = False
         self._reopen = reopen
@@ -180,8 +184,18 @@ class CanLink:
             if message is None:
                 if serial is None or not serial.in_waiting:
                     return None
-            elif message.is_rx or not self._echoes:
+            elif not self._is_own(message):
                 return message
+
+    def _is_own(self, message: can.Message) -> bool:
+        """Return whether the interface gives back what was sent."""
+        if self._given_back is None:
+            return self._echoes and not message.is_rx
+        frame = message.arbitration_id, bytes(message.data)
+        if self._given_back[frame] == 0:
+            return False
+        self._given_back[frame] -= 1
+        return True
 
     def send(self, ident: int, payload: bytes) -> None:
         """Send a frame."""
@@ -203,6 +217,8 @@ class CanLink:
             self._failed += 1
         else:
             self.sent += ident not in NOTES
+            if self._given_back is not None:
+                self._given_back[message.arbitration_id, payload] += 1
             if self.record is not None:
                 self.record.sent(message.arbitration_id, payload, extended=extended)
 
@@ -293,6 +309,7 @@ def open_link(args: argparse.Namespace, fd: Mapping[int, bool] | None = None) ->
         lambda: _open(args),
         record=BusRecord(source(name, channel, clock, bitrate)),
         echoes=interfaces.echoes(name),
+        unmarked=name == "udp_multicast",
         fd=fd,
     )
 

@@ -127,15 +127,23 @@ class InBand:
 
 
 class _Heard:
-    """Received frames with the counted identifiers, in order, without those of other nodes."""
+    """Received frames with the counted identifiers, in order, without those of other nodes.
 
-    def __init__(self, link: Link, idents: Iterable[int]) -> None:
-        self._link, self._idents = link, frozenset(idents)
+    Those of ``foreign`` identifiers are taken too, and not counted: any node may have sent them.
+    """
+
+    def __init__(self, link: Link, idents: Iterable[int], foreign: Iterable[int] = ()) -> None:
+        self._link, self.idents = link, frozenset(idents)
+        self._taken = self.idents.union(foreign)
         self.frames: list[Frame] = []
 
     def take(self, frame: Frame) -> None:
-        if frame[0] in self._idents:
+        if frame[0] in self._taken:
             self.frames.append(frame)
+
+    @property
+    def _counted(self) -> int:
+        return sum(ident in self.idents for ident, _ in self.frames)
 
     def all(self, count: int, what: str, stop: Stop) -> list[Frame]:
         """Return the ``count`` frames that were sent, waiting for those still under way.
@@ -144,18 +152,18 @@ class _Heard:
             VerdictError: a frame is lost, or there are more than were sent.
         """
         until = time.monotonic() + LOST
-        while len(self.frames) < count and not stop.requested:
+        while self._counted < count and not stop.requested:
             frame = self._link.next(SLICE)
             if frame is not None:
                 self.take(frame)
             elif time.monotonic() > until:
                 raise VerdictError(
-                    f"lock step: {count - len(self.frames)} of the {count} frames {what} were lost"
+                    f"lock step: {count - self._counted} of the {count} frames {what} were lost"
                 )
-        if len(self.frames) > count:
+        if self._counted > count:
             idents = ", ".join(f"0x{ident:03X}" for ident, _ in self.frames)
             raise VerdictError(
-                f"lock step: {len(self.frames)} frames {what} instead of {count} ({idents}): "
+                f"lock step: {self._counted} frames {what} instead of {count} ({idents}): "
                 "another node sends frames with these identifiers"
             )
         frames, self.frames = self.frames, []
@@ -219,7 +227,8 @@ class GrantedEcu:
     def receive(self, ident: int, payload: NDArray[uint8], length: int) -> None:
         """Pass a frame to the ECU."""
         self._link.send(ident, payload[:length].tobytes())
-        self._sent += 1
+        # of the ECU's own identifiers any node may send
+        self._sent += ident not in self._heard.idents
 
     def tick(self, elapsed_ticks: int = 1) -> list[Frame]:
         """Grant a tick and return the frames the ECU sent in it; none on a stop request.
@@ -282,15 +291,23 @@ class Grants:
         link: the bus.
         channel: channel of the grants.
         idents: identifiers that the plant sends.
+        foreign: identifiers of the ECU, which nobody else should send.
         tick_us: period of the ECU, µs.
         stop: checked while waiting.
     """
 
     def __init__(
-        self, link: Link, channel: Channel, *, idents: Iterable[int], tick_us: int, stop: Stop
+        self,
+        link: Link,
+        channel: Channel,
+        *,
+        idents: Iterable[int],
+        tick_us: int,
+        stop: Stop,
+        foreign: Iterable[int] = (),
     ) -> None:
         self._channel, self._stop, self._tick_us = channel, stop, tick_us
-        self._heard = _Heard(link, idents)
+        self._heard = _Heard(link, idents, foreign)
         self._number: int | None = None
         self._sent = 0
 

@@ -30,7 +30,8 @@ def on_the_bus(name, value):
 
 
 def test_outputs_are_those_of_frames(tmp_path):
-    _, controller = plan("double_lane_change")
+    # the values are random, so that no suspension bears the others out
+    _, controller = plan("double_lane_change", response_watch=False)
     calibration = sealed(_without_protection(controller.record))
     path = tmp_path / "ecu.fmu"
     ecu.write(path, built_in(), calibration, title="ECU of a test", ports=ecu.SIGNALS)

@@ -14,6 +14,9 @@ TRACKS = np.array([1.6, 1.5])
 STEP, LEAST, TICKS = 0.01, 0.1, 8
 TIMES = np.arange(0.0, 4.0, STEP)
 RATE = 0.35 * np.sin(2.0 * np.pi * 0.5 * TIMES)
+NO_MOMENT = np.zeros(len(TIMES))
+TYRES = 5e5
+"""Roll stiffness of the tyres, N·m/rad."""
 ON_TYRES = 0.85
 """Share of the suspensions in the roll rate."""
 
@@ -26,6 +29,7 @@ def watched() -> fw.Calibration:
     cal.rolling_min = round(LEAST * 2**fw.Q_RATE)
     cal.rolling_ticks = TICKS
     cal.axles_limit = 10 << fw.Q_ACCELERATION
+    cal.rolling_tyres = round(4.0 / (0.05 * TYRES) * 2**30)
     cal.rolling_track = [round(1.0 / track * 2**28) for track in TRACKS]
     return cal
 
@@ -38,9 +42,16 @@ def moving(cal: fw.Calibration) -> Ecu:
     return ecu
 
 
-def replay(ecu: Ecu, cal: fw.Calibration, gyro: np.ndarray, axles: np.ndarray) -> int:
+def replay(
+    ecu: Ecu,
+    cal: fw.Calibration,
+    gyro: np.ndarray,
+    axles: np.ndarray,
+    moment: np.ndarray = NO_MOMENT,
+) -> int:
     """Let the monitor judge samples of the gyro and of both suspensions; return when it accused."""
     for number, (rate, of_axles) in enumerate(zip(gyro, axles, strict=True)):
+        ecu.delivered = [round(0.5 * moment[number] * 2**fw.Q_MOMENT)] * 2
         ecu.roll_rate = round(rate * 2**fw.Q_RATE)
         front, rear = (round(0.5 * rolls * 2**fw.Q_RATE) for rolls in of_axles * TRACKS)
         ecu.stroke_rate = [front, -front, rear, -rear]
@@ -95,6 +106,17 @@ def test_bumps_that_one_axle_meets_after_the_other_accuse_nobody():
         axles[:, axle] += np.where((phase > 0) & (phase < 0.1), -0.6 * np.sign(phase - 0.05), 0.0)
     replay(ecu, cal, RATE, axles)
     assert ecu.rate_contradicted == 0
+
+
+@pytest.mark.parametrize(("told", "wrong"), [(1, 0), (0, 1)], ids=["delivered", "from elsewhere"])
+def test_wheels_may_roll_on_their_tyres_at_once_by_what_is_delivered(told, wrong):
+    cal = watched()
+    ecu = moving(cal)
+    moment = 11000.0 * np.sin(2.0 * np.pi * 3.0 * np.maximum(0.0, TIMES - 1.0))
+    rolls = np.gradient(moment, STEP) / TYRES
+    axles = suspensions() - rolls[:, None]
+    replay(ecu, cal, RATE, axles, told * moment)
+    assert ecu.rate_contradicted == wrong
 
 
 @pytest.mark.parametrize("axle", [0, 1])

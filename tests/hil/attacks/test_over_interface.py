@@ -39,11 +39,11 @@ class Interface:
         self.recorder = tick_trace.Recorder(room=self.firmware.room)
         self.halt = Stop()
         link = CanLink(self.bus(), fd=self.firmware.fd)
-        idents = plant_loop.sent_to(self.firmware)
         grants = Grants(
             link,
             InBand(link, sends=ACKNOWLEDGEMENT, hears=GRANT),
-            idents=idents,
+            idents=plant_loop.sent_to(self.firmware),
+            foreign=plant_loop.sent_by(self.firmware),
             tick_us=self.record.tick_us,
             stop=self.halt,
         )

@@ -1,6 +1,5 @@
-"""Every command that takes a bus × every kind of network: accepted, or refused for a reason."""
+"""Every command that takes a bus × every kind of network: accepted."""
 
-import re
 from pathlib import Path
 
 import can
@@ -116,10 +115,6 @@ TWO_PROGRAMS = {
 """Commands that start processes: with the kinds that matter to them."""
 CELLS = [(command, kind) for command in COMMANDS for kind in NETWORKS]
 CELLS += [("hil", "own frames"), ("hil", "fd profile"), ("hil --check", "own frames")]
-REFUSED = {
-    ("hil", "fd profile"): "the plant's own bus has no CAN FD frames: give an interface that has",
-}
-"""The cells of the table that are refused, with the reason that is given."""
 
 
 @pytest.fixture(scope="module")
@@ -170,18 +165,13 @@ def calibrated(folder):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("command", "kind"), CELLS)
-def test_each_is_accepted_or_refused_for_a_reason(calibrated, monkeypatch, capsys, command, kind):
+def test_each_is_accepted(calibrated, monkeypatch, capsys, command, kind):
     if command == "timing" and not has_pip_tools():
         pytest.skip("the packages ziglang and unicorn are not installed")
     monkeypatch.chdir(calibrated)
     given = {**COMMANDS, **TWO_PROGRAMS}[command].split()
     code = main([*given, *NETWORKS[kind]])
     out, error = capsys.readouterr()
-    reason = REFUSED.get((command, kind))
-    if reason is None:
-        # a verdict on what was found is no refusal
-        assert code in (0, 1), error
-        assert out or command in ("plant", "ecu")
-    else:
-        assert code == 2
-        assert re.fullmatch(rf"canroll: .*{reason}.*\n", error)
+    # a verdict on what was found is no refusal
+    assert code in (0, 1), error
+    assert out or command in ("plant", "ecu")

@@ -130,6 +130,19 @@ def test_only_data_frames_count_and_no_notes_of_lock_step():
         near.close()
 
 
+def test_what_an_interface_gives_back_like_frames_of_others_is_dropped_as_often_as_sent():
+    with can.Bus("given-back", interface="virtual") as far:
+        bus = can.Bus("given-back", interface="virtual", receive_own_messages=True)
+        near = bus_link.CanLink(bus, unmarked=True)
+        near.send(0xA0, b"\x01")
+        near.send(0xA0, b"\x01")
+        near.send(0xA0 | EXTENDED, b"\x02")
+        for payload in (b"\x01", b"\x03"):
+            far.send(can.Message(arbitration_id=0xA0, is_extended_id=False, data=payload))
+        assert near.receive() == [(0xA0, b"\x01"), (0xA0, b"\x03")]
+        near.close()
+
+
 @pytest.mark.parametrize(
     ("error", "mends"),
     [

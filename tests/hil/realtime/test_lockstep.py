@@ -11,6 +11,7 @@ import dbc
 from canroll.errors import CanrollError, VerdictError
 from codegen.run.backends import PythonEcu
 from firmware.com.signals import TX_IDS
+from firmware.plausibility import FAULT_OWN_IDENTIFIER_HEARD
 from hil.realtime import ecu_loop, lockstep, plant_loop, side_channel, tick_trace
 from hil.realtime.bus_link import EXTENDED
 from hil.realtime.lockstep import ACKNOWLEDGEMENT, END, GRANT, GrantedEcu, Grants, InBand, Note
@@ -68,15 +69,23 @@ class Ecu(threading.Thread):
         super().__init__(daemon=True)
         self.record, self.link, self.stop = record, link, Stop()
         channel = channel or InBand(link, sends=ACKNOWLEDGEMENT, hears=GRANT)
-        self.grants = Grants(link, channel, idents=PLANTS, tick_us=record.tick_us, stop=self.stop)
+        self.grants = Grants(
+            link,
+            channel,
+            idents=PLANTS,
+            foreign=TX_IDS,
+            tick_us=record.tick_us,
+            stop=self.stop,
+        )
         self.recorder = tick_trace.Recorder(ticks=1000, frames=10_000)
         self.outcome = self.error = None
         self.timeout = timeout
 
     def run(self):
+        self.backend = PythonEcu(self.record)
         try:
             self.outcome = ecu_loop.run_granted(
-                PythonEcu(self.record),
+                self.backend,
                 self.link,
                 self.grants,
                 self.recorder,
@@ -209,6 +218,22 @@ def test_frames_of_others_do_not_count(bus, planned, virtual):
     ecu.start()
     world, _ = drive(planned, plant)
     assert world.frames.tobytes() == virtual.frames.tobytes()
+
+
+def test_frames_of_the_ecus_own_identifiers_reach_it_and_do_not_count(bus, planned):
+    plant, link = bus
+    count = iter(range(10**6))
+
+    def spoofed(frame):
+        return [(TX_IDS[0], bytes(8)), frame] if next(count) == 500 else [frame]
+
+    plant.spoil = spoofed
+    ecu = Ecu(planned[1].record, link)
+    ecu.start()
+    drive(planned, plant)
+    heard = [frame for frame in ecu.recorder.frames() if frame["ident"] == TX_IDS[0]]
+    assert sum(frame["sent"] == 0 for frame in heard) == 1
+    assert ecu.backend.state.fault_count[FAULT_OWN_IDENTIFIER_HEARD] == 1
 
 
 def test_an_ecu_may_join_late_and_take_over(bus, planned, monkeypatch):

@@ -192,6 +192,6 @@ def test_an_interrupted_run_keeps_every_tick(monkeypatch, planned):
 def test_a_frame_that_the_bus_cannot_carry_is_refused(planned):
     settings, _ = planned
     world = experiment.build_world(settings, enabled=True)
-    ecu = SimpleNamespace(firmware=SimpleNamespace(sent=((0x80, 8), (0x123, 64)), slots={}))
+    ecu = SimpleNamespace(firmware=SimpleNamespace(sent=((0x80, 8), (0x123, 64)), messages={}))
     with pytest.raises(CanrollError, match="frame 0x123 of 64 bytes: the ECU sends classic"):
         virtual_time.connected(world, ecu)
