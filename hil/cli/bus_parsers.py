@@ -267,7 +267,8 @@ def plant(parser: argparse.ArgumentParser) -> None:
         "--serve",
         metavar="HOST:PORT",
         default=DEFAULT_SERVE,
-        help="without -i: address of the plant's bus, for -i socketcand (default: %(default)s)",
+        help="without -i: address of the plant's bus, for -i socketcand (default: %(default)s);"
+        " a bus with CAN FD frames has none",
     )
     add_choices(parser, (*WORLD, "phase_ms", "duration"))
     parser.add_argument(

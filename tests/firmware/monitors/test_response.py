@@ -228,6 +228,15 @@ def test_a_bank_differs_from_the_yaw_rate_alone():
     assert ecu.lateral_contradicted == 0
 
 
+@pytest.mark.parametrize("sign", [1, -1])
+def test_what_the_yaw_rate_bears_out_is_no_fault_of_the_accelerometer(sign):
+    cal = watched()
+    ecu = known(cal)
+    # a curve in which nothing rolls
+    replay(ecu, cal, on_the_straight(sign * 1.0))
+    assert ecu.lateral_contradicted == 0
+
+
 def test_moments_that_are_lies_leave_the_accelerometer_alone():
     cal = watched()
     ecu = known(cal)
