@@ -76,17 +76,19 @@ class Conditions(Expressions):
             for i, each in enumerate((op, NEGATED[op])):
                 if narrow(each, value, limit) is not None:
                     earlier = results[i]
-                    results[i] = after if earlier is None else self._join(earlier, after)
+                    # both ways may be open: each goes on with a state of its own
+                    results[i] = after.copy() if earlier is None else self._join(earlier, after)
         return results[0], results[1]
 
     def _learn_arguments(
         self, call: ast.Call, function: Function, end: State, after: State
     ) -> None:
         """Narrow the arguments of ``call`` to the parameter intervals of one path."""
+        stale = self._writes(call)
         for argument, name in zip(call.args, function.parameters, strict=True):
             learnt = end.names.get(name)
             if isinstance(learnt, Value) and name not in self.assigned[function.key]:
-                self._learn(argument, learnt, after)
+                self._learn(argument, learnt, after, stale=stale)
 
     def _narrowed(
         self, test: ast.Compare, op: type[ast.cmpop], a: Value, b: Value, state: State
@@ -96,15 +98,23 @@ class Conditions(Expressions):
         if one is None or two is None:
             return None
         narrowed = state.copy()
-        self._learn(test.left, one, narrowed)
-        self._learn(test.comparators[0], two, narrowed)
+        stale = self._writes(test)
+        self._learn(test.left, one, narrowed, stale=stale)
+        self._learn(test.comparators[0], two, narrowed, stale=stale)
         return narrowed
 
-    def _learn(self, node: ast.expr, value: Value, state: State) -> None:
+    def _writes(self, node: ast.expr) -> bool:
+        """Whether a call in ``node`` may write, so that what was read before it may be stale."""
+        calls = [inner for inner in ast.walk(node) if isinstance(inner, ast.Call)]
+        called = [self.program.function(self.module, call.func) for call in calls]
+        return any(each is not None and each.key in self.writers for each in called)
+
+    def _learn(self, node: ast.expr, value: Value, state: State, *, stale: bool) -> None:
+        """Narrow what ``node`` reads; of places only where it is not ``stale``."""
         if isinstance(node, ast.Name):
             if isinstance(state.names.get(node.id), Value):
                 state.names[node.id] = value
-        elif isinstance(node, ast.Attribute | ast.Subscript):
+        elif isinstance(node, ast.Attribute | ast.Subscript) and not stale:
             if self.program.constant(self.module, node) is not None:
                 return
             if self.program.limit(self.module, node) is not None:

@@ -78,6 +78,60 @@ def run(ecu: Ecu, cal: Calibration, k: i32) -> None:
 """
 
 
+AFTER_CALLS = {
+    "the other branch": """
+def half(v: i32) -> i32:
+    return rsh(v, 1)
+
+def run(ecu: Ecu) -> None:
+    step: i32 = 200
+    if half(ecu.count) > ecu.small:
+        step = 100
+    ecu.count = step  # here
+""",
+    "the argument is written by the call": """
+def fill(ecu: Ecu, v: i32) -> i32:
+    if v < 5:
+        ecu.count = 100
+        return 1
+    return 0
+
+def run(ecu: Ecu) -> None:
+    if fill(ecu, ecu.count) == 1:
+        ecu.count = ecu.count + 1  # here
+""",
+    "the argument is written by the call of a declaration": """
+def fill(ecu: Ecu, v: i32) -> i32:
+    if v < 5:
+        ecu.count = 100
+        return 1
+    return 0
+
+def run(ecu: Ecu) -> None:
+    full: i32 = fill(ecu, ecu.count)
+    if full == 1:
+        ecu.count = ecu.count + 1  # here
+""",
+    "what is compared is written by the call": """
+def fill(ecu: Ecu) -> i32:
+    ecu.count = 100
+    return 100
+
+def run(ecu: Ecu) -> None:
+    if ecu.count < fill(ecu):
+        ecu.count = ecu.count + 1  # here
+""",
+}
+
+
+@pytest.mark.parametrize("name", AFTER_CALLS)
+def test_what_a_call_in_a_condition_leaves_is_not_taken_for_less(sample, name):
+    path = sample.write(AFTER_CALLS[name])
+    (finding,) = prove(load("sample", path)).findings
+    assert finding.line == sample.line_of("# here")
+    assert "count is declared" in finding.what and finding.hi > 100
+
+
 @pytest.mark.parametrize("name", WRONG)
 def test_what_is_wrong_is_named_with_line_and_range(sample, name):
     body, what = WRONG[name]

@@ -234,3 +234,34 @@ def test_what_the_proof_never_reaches_is_cut(sample):
         "    ecu.bytes[0] = ecu.bytes[0]",
         "    return 0",
     ]
+
+
+def test_what_follows_a_call_in_a_condition_is_not_taken_for_certain(sample):
+    program = load(
+        "sample",
+        sample.write(
+            """
+            def half(value: i32) -> i32:
+                return rsh(value, 1)
+
+            def run(ecu: Ecu) -> i32:
+                bad: i32 = 0
+                if half(ecu.count) > ecu.small:
+                    bad = 1
+                    ecu.x[0] = 1
+                else:
+                    ecu.x[0] = 2
+                return bad + ecu.x[0]
+            """
+        ),
+    )
+    node = cut(program, "sample")[-1]
+    assert ast.unparse(ast.fix_missing_locations(node)).splitlines()[1:] == [
+        "    bad: i32 = 0",
+        "    if half(ecu.count) > ecu.small:",
+        "        bad = 1",
+        "        ecu.x[0] = 1",
+        "    else:",
+        "        ecu.x[0] = 2",
+        "    return bad + ecu.x[0]",
+    ]
