@@ -5,7 +5,7 @@
 
 enum { NOTHING, TRIGGERED, HEARTBEAT };
 enum { STEPS_MAX = 16, FIRST_COUNTS = 2, LAST_PAGE = 6 };
-enum { COUNTERS = 15, SENT = 16, LATE_ECHOES = 3 };
+enum { COUNTERS = 15, SENT = 16, LATE_ECHOES = 3, SPARE = 1 };
 /* the checksum after both bytes of the data id */
 enum { CRC_FORCES = 85, CRC_STATUS = 187, CRC_DIAGNOSTICS = 247 };
 
@@ -17,7 +17,7 @@ static void note_echo(canroll_ecu *ecu, const canroll_calibration *cal)
     if (behind < ecu->commands_sent) {
         const uint32_t newer = (behind < 0) ? 0u : (behind < SENT) ? (uint32_t)behind : SENT - 1u;
         const uint8_t sent = ecu->sent_time[(ecu->sent_last - newer) & (SENT - 1u)];
-        if ((uint8_t)((uint32_t)ecu->time - sent) < cal->acknowledge_ticks) {
+        if ((uint8_t)((uint32_t)ecu->time - sent) < cal->acknowledge_ticks - SPARE) {
             ecu->late_echoes = 0;
         } else if (ecu->late_echoes < LATE_ECHOES) {
             ecu->late_echoes++;

@@ -11,12 +11,13 @@ from firmware.subset import I32_MAX, I32_MIN
 
 BIT = 1 << FAULT_COMMAND_LATE
 DUE = 5
+"""Age of a late command; it is sent again one tick later."""
 RULE = {"event_trigger": 1, "trigger_epsilon_squared": 1 << 16, "trigger_floor": 50 << 14}
 
 
 def driven(delay: int, **changes) -> rig.Bench:
     """An ECU behind which commands lie ``delay`` ticks: they come back one later."""
-    cal = rig.calibration(acknowledge_ticks=DUE, **changes)
+    cal = rig.calibration(acknowledge_ticks=DUE + 1, **changes)
     return rig.Bench(cal, delay=delay).active().run(1.0, rig.lane_change)
 
 
@@ -24,7 +25,7 @@ class Sent:
     """The state of an ECU that has sent so many commands, one in each of the last ticks."""
 
     def __init__(self, commands: int, *, now: int = 1000, every: int = 1, due: int = DUE) -> None:
-        self.cal = rig.calibration(acknowledge_ticks=due)
+        self.cal = rig.calibration(acknowledge_ticks=due + 1)
         self.ecu = rig.started(self.cal)
         self.ecu.commands_sent = commands
         self.ecu.tx_counter[TX_SUSPENSION_FORCE] = (commands - 1) % 15
@@ -152,7 +153,7 @@ def test_actuators_that_start_anew_are_not_late():
 
 @pytest.mark.parametrize("counter", range(15))
 def test_an_ecu_that_starts_anew_takes_no_echo_for_late(counter):
-    cal = rig.calibration(acknowledge_ticks=DUE)
+    cal = rig.calibration(acknowledge_ticks=DUE + 1)
     bench = rig.Bench(cal, delay=DUE - 2)
     bench.accepted, bench.held = counter, 1
     bench.run(1.0, rig.lane_change)
