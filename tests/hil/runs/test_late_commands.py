@@ -21,7 +21,7 @@ FAULTS = (
 
 
 def reported(*, bus="500k", driven_over="", **choices):
-    """When the code is active, s, in a run of 2 s over a bus that may be another than designed for."""
+    """When the code is active, s, in a run of 2 s; over ``bus`` if no other is driven over."""
     settings, controller = experiment.plan("double_lane_change", bus=bus, duration=2.0, **choices)
     settings = replace(settings, bus=driven_over or bus)
     ticks = experiment.drive(settings, controller, enabled=True).ticks
