@@ -10,6 +10,7 @@ long as it advances.
 from firmware.calibration import BARS, DAMPERS, N_RING, SUSPENSION, Calibration
 from firmware.com import signals
 from firmware.monitors.delivery import note_command
+from firmware.monitors.echo import note_echo, note_sent
 from firmware.state import (
     AGE_MAX,
     RX_ACTUATOR_STATE,
@@ -49,6 +50,7 @@ def acknowledge(ecu: Ecu, cal: Calibration) -> None:
         return
     ecu.echo = ecu.accepted_counter
     ecu.unacknowledged = 0
+    note_echo(ecu, cal, command_slot(cal))
     if ecu.accepted_counter == ecu.tx_counter[command_slot(cal)]:
         ecu.waiting = 0
 
@@ -87,6 +89,7 @@ def trigger(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if ecu.triggered != NOTHING:
         ecu.since_sent = 0
         note_command(ecu, cal)
+        note_sent(ecu)
         # without a counter that comes back there is no echo to wait for
         ecu.waiting = cal.e2e & signals.TX_ECHOED[command_slot(cal)]
         if ecu.commands_sent < I32_MAX:

@@ -55,6 +55,8 @@ LATERAL_RATE = 3
 GYRO_BIAS = 4
 
 N_FAULT_CODES = 28
+# commands whose time of sending is kept; a power of two
+N_SENT = 16
 AGE_MAX = 1 << 20
 STROKE_MAX = 1 << 29
 WINDOW_MAX = 1 << 26
@@ -343,6 +345,9 @@ class Ecu:
     envelope_acted: Annotated[u8, F(0, 1, 0, "", "1: the command was changed in the last tick")]
 
     # trigger
+    sent_time: Annotated[list[u8], N_SENT, F(0, 255, 0, "ticks", "when the last commands went out")]
+    sent_last: Annotated[u8, F(0, N_SENT - 1, 0, "", "the newest of them")]
+    late_echoes: Annotated[u8, F(0, 3, 0, "", "in a row that came late")]
     waiting: Annotated[u8, F(0, 1, 0, "", "1: the last command is not acknowledged yet")]
     echo: Annotated[u8, F(0, 255, 0, "", "counter acknowledged last, 255: none")]
     triggered: Annotated[u8, F(0, 2, 0, "", "this tick: 0 nothing, 1 trigger, 2 heartbeat")]

@@ -11,6 +11,7 @@ from firmware.calibration import ONE, STATE_MAX, Calibration
 from firmware.com import signals
 from firmware.monitors.axles import watch_axles
 from firmware.monitors.delivery import watch_delivery
+from firmware.monitors.echo import watch_echo
 from firmware.monitors.heave import watch_heave
 from firmware.monitors.own_identifier import watch_own_identifiers
 from firmware.monitors.redundancy import watch_redundancy
@@ -68,6 +69,7 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     ecu.found = signals.contradicted(ecu) << FAULT_DISAGREEMENT
     ecu.found = ecu.found | (ecu.envelope_acted << FAULT_ENVELOPE)
     watch_own_identifiers(ecu, cal, elapsed)
+    watch_echo(ecu)
     watch_redundancy(ecu, cal)
     watch_rolling(ecu, cal)
     motion: i32 = watch_motion(ecu, cal, elapsed)

@@ -5,17 +5,35 @@
 
 enum { NOTHING, TRIGGERED, HEARTBEAT };
 enum { STEPS_MAX = 16, FIRST_COUNTS = 2, LAST_PAGE = 6 };
+enum { COUNTERS = 15, SENT = 16, LATE_ECHOES = 3, SPARE = 1 };
 /* the checksum after both bytes of the data id */
 enum { CRC_FORCES = 85, CRC_STATUS = 187, CRC_DIAGNOSTICS = 247 };
 
+/* A new echo is late where its command was sent longer ago than it is due. */
+static void note_echo(canroll_ecu *ecu, const canroll_calibration *cal)
+{
+    int32_t behind = ecu->tx_counter[CANROLL_TX_SUSPENSION_FORCE] - ecu->accepted_counter;
+    behind += (behind < 0) ? COUNTERS : 0;
+    if (behind < ecu->commands_sent) {
+        const uint32_t newer = (behind < 0) ? 0u : (behind < SENT) ? (uint32_t)behind : SENT - 1u;
+        const uint8_t sent = ecu->sent_time[(ecu->sent_last - newer) & (SENT - 1u)];
+        if ((uint8_t)((uint32_t)ecu->time - sent) < cal->acknowledge_ticks - SPARE) {
+            ecu->late_echoes = 0;
+        } else if (ecu->late_echoes < LATE_ECHOES) {
+            ecu->late_echoes++;
+        }
+    }
+}
+
 /* Take note of a new echo: one that stands still is of long ago. */
-static void acknowledge(canroll_ecu *ecu)
+static void acknowledge(canroll_ecu *ecu, const canroll_calibration *cal)
 {
     const uint8_t echo = ecu->accepted_counter;
     if (ecu->waiting && ecu->fresh[CANROLL_RX_ACTUATOR_STATE] && ecu->command_held
         && echo != ecu->echo) {
         ecu->echo = echo;
         ecu->unacknowledged = 0;
+        note_echo(ecu, cal);
         ecu->waiting = echo != ecu->tx_counter[CANROLL_TX_SUSPENSION_FORCE];
     }
 }
@@ -42,7 +60,7 @@ void hand_trigger(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elap
 {
     const int32_t read = (cal->predict_steps > 1) ? cal->predict_steps : 1;
     int32_t under_way;
-    acknowledge(ecu);
+    acknowledge(ecu, cal);
     ecu->since_sent = aged(ecu->since_sent, elapsed);
     if (ecu->waiting) {
         ecu->unacknowledged = aged(ecu->unacknowledged, elapsed);
@@ -57,6 +75,8 @@ void hand_trigger(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elap
     if (ecu->triggered != NOTHING) {
         ecu->since_sent = 0;
         hand_note_command(ecu, cal);
+        ecu->sent_last = (ecu->sent_last + 1) & (SENT - 1);
+        ecu->sent_time[ecu->sent_last] = (uint8_t)ecu->time;
         ecu->waiting = 1;
         ecu->commands_sent += (ecu->commands_sent < INT32_MAX);
         ecu->sent[0] = ecu->outputs[0];

@@ -8,10 +8,11 @@ enum { ROLL_RATE_BIT = 1 << 6, LATERAL_BIT = 1 << 7, STUCK_BIT = 1 << 8, SPEED_B
        CALIBRATION_CRC_BIT = 1 << 18, ROLL_RATE_CONTRADICTED_BIT = 1 << 19,
        LATERAL_CONTRADICTED_BIT = 1 << 20, MOTION_CONTRADICTED_BIT = 1 << 21,
        ACTUATOR_CONTRADICTED_BIT = 1 << 22,
-       ENVELOPE_CODE = 23, OWN_IDENTIFIER_HEARD_BIT = 1 << 24 };
+       ENVELOPE_CODE = 23, OWN_IDENTIFIER_HEARD_BIT = 1 << 24,
+       COMMAND_LATE_BIT = 1 << 25 };
 enum { BAD_ROLL_RATE = 0, BAD_LATERAL = 1, BAD_SPEED = 2, BAD_MOMENT = 4 };
 enum { GOOD, DEGRADING, UNSAFE };
-enum { CORNER_STUCK = 2, CORNER_FLOATING = 3, OVERDUE = 8 };
+enum { CORNER_STUCK = 2, CORNER_FLOATING = 3, OVERDUE = 8, LATE_ECHOES = 3 };
 
 /* Faults came or went: latch and count the new ones. */
 static void note_faults(canroll_ecu *ecu, uint32_t found)
@@ -246,7 +247,8 @@ static uint32_t watch_own_identifiers(canroll_ecu *ecu, const canroll_calibratio
 void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
     uint32_t found = ((elapsed > 1) ? TICK_MISSED_BIT : 0)
-        | ((uint32_t)ecu->envelope_acted << ENVELOPE_CODE);
+        | ((uint32_t)ecu->envelope_acted << ENVELOPE_CODE)
+        | ((ecu->late_echoes == LATE_ECHOES) ? COMMAND_LATE_BIT : 0);
     uint32_t severity, motion, actuators;
     bool running;
     found |= watch_own_identifiers(ecu, cal, elapsed);

@@ -263,7 +263,9 @@ def calibration(
     cal.straight_steering, cal.straight_yaw_rate = round(0.03 * 2**24), round(0.01 * 2**27)
     cal.offset_shift = 8
     cal.offset_rate_max, cal.offset_acceleration_max = round(0.035 * 2**27), round(0.5 * 2**24)
-    cal.heartbeat_ticks, cal.acknowledge_ticks, cal.status_ticks = per(0.05), 3, per(0.1)
+    cal.heartbeat_ticks, cal.status_ticks = per(0.05), per(0.1)
+    # there and back, as a design has it
+    cal.acknowledge_ticks = max(3, 2 * predict_steps + 2)
     cal.delivery_window, cal.delivery_samples, cal.response_ticks = 8, 4, 20
     cal.apart_samples, cal.opposite_samples, cal.bound_samples = 8, 20, 10
     # as wide as it gets: tests of the law are not those of the envelope

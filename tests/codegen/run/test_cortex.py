@@ -114,7 +114,7 @@ TICKS = {
         11_300,
     ),
 }
-CODE, TABLES, STATE, STACK = 17_150, 1060, 1340, 256
+CODE, TABLES, STATE, STACK = 17_300, 1060, 1360, 256
 
 
 @needs_qemu
