@@ -315,4 +315,5 @@ def test_fault_codes_keep_the_numbers_that_diagnostics_know():
         "FAULT_ACTUATOR_CONTRADICTED": 22,
         "FAULT_ENVELOPE": 23,
         "FAULT_OWN_IDENTIFIER_HEARD": 24,
+        "FAULT_SAMPLE_RATE_OFF": 26,
     }
