@@ -302,6 +302,15 @@ class Calibration:
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "so much nearer to it is a mirror image")
     ]
 
+    # clock monitor
+    clock_period: Annotated[
+        i32, F(0, 100000, 0, "us", "between two counts of the inertial unit, 0: off")
+    ]
+    clock_limit: Annotated[
+        i32, F(0, 1000000, 0, "us", "by which counts and ticks of a window may differ")
+    ]
+    clock_window: Annotated[i32, F(1, 10000, 0, "ticks", "length of a window")]
+
     # delivery monitor
     delivery_window: Annotated[i32, F(1, 1000, 0, "", "samples of a window of commands")]
     delivery_samples: Annotated[i32, F(1, 1000, 0, "", "in a row outside the band that count")]

@@ -144,6 +144,13 @@ class Ecu:
     ]
     unit_side: Annotated[i32, F(-1, 1, 0, "", "side that the inertial unit turned to, 1: left")]
 
+    # clock monitor
+    clock_gap: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "since the last sample")]
+    clock_ticks: Annotated[i32, F(0, AGE_MAX, 0, "ticks", "of the present window")]
+    clock_error: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, 0, "us", "the inertial unit has counted more in it")
+    ]
+
     # delivery monitor
     commanded: Annotated[
         list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "front, rear, as sent last")
@@ -321,6 +328,10 @@ class Ecu:
     motion_contradicted: Annotated[
         u8, F(0, 1, 0, "", "1: inertial unit and steering contradict each other")
     ]
+
+    # clock monitor
+    clock_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the last sample")]
+    clock_off: Annotated[u8, F(0, 1, 0, "", "1: the inertial unit's rate is off")]
 
     # delivery monitor
     contradicted: Annotated[list[u8], 2, F(0, 1, 0, "", "1: the axle does not do as commanded")]

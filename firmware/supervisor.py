@@ -10,6 +10,7 @@ time, except after a corrupt calibration, which is permanent.
 from firmware.calibration import ONE, STATE_MAX, Calibration
 from firmware.com import signals
 from firmware.monitors.axles import watch_axles
+from firmware.monitors.clock import init_clock, watch_clock
 from firmware.monitors.delivery import watch_delivery
 from firmware.monitors.echo import watch_echo
 from firmware.monitors.heave import watch_heave
@@ -70,6 +71,7 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     ecu.found = ecu.found | (ecu.envelope_acted << FAULT_ENVELOPE)
     watch_own_identifiers(ecu, cal, elapsed)
     watch_echo(ecu)
+    watch_clock(ecu, cal, elapsed)
     watch_redundancy(ecu, cal)
     watch_rolling(ecu, cal)
     motion: i32 = watch_motion(ecu, cal, elapsed)
@@ -107,3 +109,4 @@ def init_supervisor(ecu: Ecu) -> None:
     # no sample has this value
     ecu.frozen_lateral = STATE_MAX
     ecu.feedforward = ONE
+    init_clock(ecu)

@@ -9,7 +9,7 @@ enum { ROLL_RATE_BIT = 1 << 6, LATERAL_BIT = 1 << 7, STUCK_BIT = 1 << 8, SPEED_B
        LATERAL_CONTRADICTED_BIT = 1 << 20, MOTION_CONTRADICTED_BIT = 1 << 21,
        ACTUATOR_CONTRADICTED_BIT = 1 << 22,
        ENVELOPE_CODE = 23, OWN_IDENTIFIER_HEARD_BIT = 1 << 24,
-       COMMAND_LATE_BIT = 1 << 25 };
+       COMMAND_LATE_BIT = 1 << 25, SAMPLE_RATE_OFF_CODE = 26 };
 enum { BAD_ROLL_RATE = 0, BAD_LATERAL = 1, BAD_SPEED = 2, BAD_MOMENT = 4 };
 enum { GOOD, DEGRADING, UNSAFE };
 enum { CORNER_STUCK = 2, CORNER_FLOATING = 3, OVERDUE = 8, LATE_ECHOES = 3 };
@@ -244,6 +244,42 @@ static uint32_t watch_own_identifiers(canroll_ecu *ecu, const canroll_calibratio
     return (ecu->foreign_ticks > 0) ? OWN_IDENTIFIER_HEARD_BIT : 0;
 }
 
+/* Count the newest sample of the inertial unit against the ticks since the one before. */
+static void count_sample(canroll_ecu *ecu, const canroll_calibration *cal)
+{
+    const int32_t gap = ecu->clock_gap;
+    const int32_t step = (ecu->imu_sample - ecu->clock_sample) & 15;
+    int32_t ahead;
+    ecu->clock_gap = 0;
+    ecu->clock_sample = ecu->imu_sample;
+    if (gap <= cal->timeout_ticks[CANROLL_RX_IMU]) {
+        ahead = step * cal->clock_period - gap * cal->tick_us;
+        if (ahead <= cal->clock_limit && ahead >= -cal->clock_limit) {
+            ahead += ecu->clock_error;
+            ecu->clock_ticks += gap;
+            if (ahead > cal->clock_limit || ahead < -cal->clock_limit) {
+                ecu->clock_off = 1;
+            } else if (ecu->clock_ticks < cal->clock_window) {
+                ecu->clock_error = ahead;
+                return;
+            } else {
+                ecu->clock_off = 0;
+            }
+        }
+    }
+    ecu->clock_error = 0;
+    ecu->clock_ticks = 0;
+}
+
+static uint32_t watch_clock(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
+{
+    ecu->clock_gap = aged(ecu->clock_gap, elapsed);
+    if (ecu->fresh[CANROLL_RX_IMU] == 1) {
+        count_sample(ecu, cal);
+    }
+    return (uint32_t)ecu->clock_off << SAMPLE_RATE_OFF_CODE;
+}
+
 void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
     uint32_t found = ((elapsed > 1) ? TICK_MISSED_BIT : 0)
@@ -252,6 +288,7 @@ void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t el
     uint32_t severity, motion, actuators;
     bool running;
     found |= watch_own_identifiers(ecu, cal, elapsed);
+    found |= watch_clock(ecu, cal, elapsed);
     hand_watch_sensors(ecu, cal);
     severity = judge_imu(ecu, cal, elapsed, &found);
     motion = judge_motion(ecu, cal, elapsed, &found);

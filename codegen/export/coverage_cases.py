@@ -183,6 +183,10 @@ def _rare(bus: BusMap) -> Iterator[Case]:
     yield Case("no such message", _changed(4), Traffic(alien, frames.elapsed[:8]))
     foreign = frames.frames[:N_TX].copy()
     foreign["message"], foreign["tick"] = N_RX + np.arange(N_TX), np.arange(N_TX)
+    slow: dict[str, object] = {"clock_period": 20_000, "clock_limit": 25_000, "tick_us": 10_000}
+    for window in (2, 10_000):
+        clocked = {**slow, "clock_window": window, "timeout_ticks": [5, 5, 0, 5, 0]}
+        yield Case("another clock", _changed(4, **clocked), quiet)
     yield Case("own identifiers", _changed(4), Traffic(foreign, frames.elapsed[:8]))
 
 
@@ -211,7 +215,8 @@ def _accused(bus: BusMap) -> Iterator[Case]:
         "mirror_min": 9 << 24,
     }
     frames = random_traffic(1, TICKS, bus=bus)
-    yield Case("no monitors", _changed(1, **dict.fromkeys(LEAST, 0)), frames)
+    none: dict[str, object] = {**dict.fromkeys(LEAST, 0), "clock_period": 0}
+    yield Case("no monitors", _changed(1, **none), frames)
     for seed in (1, 2):
         swaying = random_traffic(seed, 240, hostile=0.0, rough=1.0, bus=bus)
         for samples in (1, 3):

@@ -33,6 +33,11 @@ LAGS = 0.05
 """Time by which a window exceeds the largest delay from sample to force, s: lag and way back."""
 DELIVERY_SAMPLES = 4
 """Samples in a row outside the band before an axle counts as failed."""
+CLOCK_WINDOW = 2.0
+"""Time over which the inertial unit's samples are counted, s."""
+CLOCK = 0.04
+"""By which they may differ from the ECU's ticks, s: 2 % of the window, and all that the time of a
+frame on the bus may vary by."""
 ROLLING = 0.06
 """Distance of the roll rate from those of both suspensions, besides a quarter of the larger one,
 rad/s."""
@@ -91,6 +96,15 @@ def monitor_fields(task: Task) -> dict[str, int | list[int]]:
         "delivery_window": min(ceil((task.delay.most + LAGS) / state), 1000),
         "delivery_samples": DELIVERY_SAMPLES,
         "delivery_min": round(edge * 2.0**fw.Q_MOMENT),
+    }
+
+
+def clock_fields(task: Task, period: float) -> dict[str, int | list[int]]:
+    """Return the fields of the clock monitor, for samples that count ``period`` s; 0: it is off."""
+    return {
+        "clock_period": round(1e6 * period),
+        "clock_limit": round(1e6 * CLOCK),
+        "clock_window": max(2, round(CLOCK_WINDOW / task.tick)),
     }
 
 

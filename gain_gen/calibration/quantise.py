@@ -9,7 +9,7 @@ import dbc
 from canroll.errors import CanrollError
 from firmware import calibration as fw
 from firmware.state import RX_SUSPENSION_RATE
-from gain_gen.calibration.monitor_part import response_fields
+from gain_gen.calibration.monitor_part import clock_fields, response_fields
 from gain_gen.calibration.observer_part import covariance_fields, observer_fields
 from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, Row, quantise_row
 from gain_gen.calibration.vehicle_part import timeouts, vehicle_fields
@@ -52,6 +52,7 @@ class Options:
         identification: identify roll stiffness and damping at run time.
         offset_learning: learn sensor offsets in straight running.
         response_watch: judge reported moments by the body's roll, which needs SuspensionRate.
+        sample_period: time in which the inertial unit counts one sample, 0: it is not judged, s.
     """
 
     event_trigger: bool = True
@@ -59,6 +60,7 @@ class Options:
     identification: bool = False
     offset_learning: bool = False
     response_watch: bool = False
+    sample_period: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +106,7 @@ def quantise_design(design: Design, options: Options) -> Quantised:
     fields |= _law(design, rows)
     fields |= _trigger(design, options)
     fields |= vehicle_fields(task, controller.schedule)
+    fields |= clock_fields(task, options.sample_period)
     if options.response_watch:
         try:
             fields |= response_fields(task)

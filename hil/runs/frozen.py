@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+import dbc
 import vehicles
 from canroll.errors import CanrollError
 from codegen.generated import own_stage
-from codegen.generated.bus_map import VALID_BITS, BusMap, Mailbox
+from codegen.generated.bus_map import SAMPLE_COUNTERS, VALID_BITS, BusMap, Mailbox
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
 from dbc import attribute, read
@@ -19,7 +20,7 @@ from dbc.keys import DEVELOPMENT_KEY, read_key
 from firmware import calibration as fw
 from firmware.calibration import Calibration
 from firmware.plausibility import NEEDED
-from firmware.state import RX_SUSPENSION_RATE
+from firmware.state import RX_IMU, RX_SUSPENSION_RATE
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options
@@ -48,6 +49,8 @@ DEGRADING = ("vehicle_motion",)
 """Mailboxes without which the loop runs degraded."""
 WATCHED = "suspension_rate"
 """Mailbox that the monitor of the body's response needs."""
+COUNTS = 15
+"""Largest value of the sample counters that the firmware can follow over lost frames."""
 NAMED = 5
 """Messages that a warning lists."""
 LAW_OF_PASSIVE = "lqr"
@@ -213,6 +216,7 @@ def options_of(choices: Mapping[str, Any]) -> Options:
         identification=chosen(choices, "identification"),
         offset_learning=chosen(choices, "offset_learning"),
         response_watch=_response_watch(choices),
+        sample_period=_sample_period(choices),
         heartbeat=heartbeat,
     )
 
@@ -247,6 +251,20 @@ def _not_measured(choices: Mapping[str, Any]) -> str:
     if bus is not None and _absent(bus.received[RX_SUSPENSION_RATE], NEEDED[RX_SUSPENSION_RATE]):
         return f"{profile.map_file} maps no stroke rates of the suspension"
     return ""
+
+
+def _sample_period(choices: Mapping[str, Any]) -> float:
+    """Return the time between two counts of the inertial unit, s; 0 where it cannot be judged."""
+    if chosen(choices, "observer") == "reference":
+        return 0.0
+    bus = bus_map(profile_of(choices))
+    if bus is None:
+        return dbc.period("Imu")
+    box = bus.received[RX_IMU]
+    for signal in box.signals:
+        if signal.place.text == SAMPLE_COUNTERS[box.slot] and signal.raw_hi == COUNTS:
+            return 1e-3 * box.cycle_ms
+    return 0.0
 
 
 def _designed(choices: Mapping[str, Any]) -> Controller:

@@ -26,6 +26,7 @@ from firmware.plausibility import (
     FAULT_LATERAL_CONTRADICTED,
     FAULT_MOTION_CONTRADICTED,
     FAULT_ROLL_RATE_CONTRADICTED,
+    FAULT_SAMPLE_RATE_OFF,
 )
 from hil.reaction.fault_codes import in_words
 from hil.runs import experiment
@@ -48,6 +49,7 @@ MONITORS = (
     | 1 << FAULT_LATERAL_CONTRADICTED
     | 1 << FAULT_MOTION_CONTRADICTED
     | 1 << FAULT_ACTUATOR_CONTRADICTED
+    | 1 << FAULT_SAMPLE_RATE_OFF
 )
 DESIGN = ("vehicle", "actuator", "law", "bus")
 """The choices that a design depends on."""
