@@ -100,7 +100,9 @@ def may_be_wrong(side_force: i32, springs: i32, dampers: i32, actuators: i32) ->
     """Return what the model may be wrong by where the body is acted on by so much."""
     sprung: i32 = magnitude(springs)
     by_roll: i32 = rsh(sprung, 2) + rsh(sprung, 4) + rsh(magnitude(dampers), 2)
-    return sat31(rsh(magnitude(side_force), 2) + by_roll + rsh(magnitude(actuators), 3))
+    delivered: i32 = magnitude(actuators)
+    told: i32 = rsh(delivered, 3) + rsh(delivered, 5)
+    return sat31(rsh(magnitude(side_force), 2) + by_roll + told)
 
 
 def rough(ecu: Ecu, cal: Calibration) -> i32:
@@ -122,7 +124,8 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32) -> None:
     actuators: i32 = ecu.balance_slow[ACTUATORS]
     fading: i32 = rsh(cal.response_pass, FADING)
     size: i32 = may_be_wrong(side_force, springs, dampers, actuators)
-    leave_room(ecu, BODY, sat31(size + of_road), fading)
+    # an error is washed out as slowly
+    leave_room(ecu, BODY, sat31(size + of_road), cal.response_wash)
     side_force = at_once(ecu, SIDE_FORCE, side_force, fading)
     springs = at_once(ecu, SPRINGS, springs, fading)
     dampers = at_once(ecu, DAMPERS, dampers, fading)

@@ -109,7 +109,7 @@ class Balance:
 def wrong_by(side_force: float, springs: float, dampers: float, actuators: float) -> float:
     """What the model may be wrong by."""
     by_roll = 5.0 / 16.0 * abs(springs) + abs(dampers) / 4.0
-    return abs(side_force) / 4.0 + by_roll + abs(actuators) / 8.0
+    return abs(side_force) / 4.0 + by_roll + 5.0 / 32.0 * abs(actuators)
 
 
 @dataclass(slots=True)
@@ -158,7 +158,7 @@ class Floats:
             abs(strokes[2 * n]) * STROKE[n] + abs(strokes[2 * n + 1]) * STROKE[n] for n in range(2)
         )
         road /= 16.0
-        b[balance.BODY].leave_room(wrong_by(*acts) + road, FADING)
+        b[balance.BODY].leave_room(wrong_by(*acts) + road, WASH)
         at_once = [b[part].new(value) for part, value in zip(parts, acts, strict=True)]
         b[balance.JUMP].leave_room(wrong_by(*at_once) + road, FADING)
         b[balance.BODY].new(left)
