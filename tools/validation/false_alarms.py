@@ -23,6 +23,7 @@ from scipy.stats import beta
 from canroll.errors import CanrollError
 from firmware.plausibility import (
     FAULT_ACTUATOR_CONTRADICTED,
+    FAULT_COMMAND_LATE,
     FAULT_LATERAL_CONTRADICTED,
     FAULT_MOTION_CONTRADICTED,
     FAULT_ROLL_RATE_CONTRADICTED,
@@ -49,6 +50,7 @@ MONITORS = (
     | 1 << FAULT_LATERAL_CONTRADICTED
     | 1 << FAULT_MOTION_CONTRADICTED
     | 1 << FAULT_ACTUATOR_CONTRADICTED
+    | 1 << FAULT_COMMAND_LATE
     | 1 << FAULT_SAMPLE_RATE_OFF
 )
 DESIGN = ("vehicle", "actuator", "law", "bus")
