@@ -78,6 +78,13 @@ def run(ecu: Ecu, cal: Calibration, k: i32) -> None:
 """
 
 
+FILL = """
+def fill(ecu: Ecu, v: i32) -> i32:
+    if v < 5:
+        ecu.count = 100
+        return 1
+    return 0
+"""
 AFTER_CALLS = {
     "the other branch": """
 def half(v: i32) -> i32:
@@ -89,24 +96,14 @@ def run(ecu: Ecu) -> None:
         step = 100
     ecu.count = step  # here
 """,
-    "the argument is written by the call": """
-def fill(ecu: Ecu, v: i32) -> i32:
-    if v < 5:
-        ecu.count = 100
-        return 1
-    return 0
-
+    "the argument is written by the call": FILL
+    + """
 def run(ecu: Ecu) -> None:
     if fill(ecu, ecu.count) == 1:
         ecu.count = ecu.count + 1  # here
 """,
-    "the argument is written by the call of a declaration": """
-def fill(ecu: Ecu, v: i32) -> i32:
-    if v < 5:
-        ecu.count = 100
-        return 1
-    return 0
-
+    "the argument is written by the call of a declaration": FILL
+    + """
 def run(ecu: Ecu) -> None:
     full: i32 = fill(ecu, ecu.count)
     if full == 1:
