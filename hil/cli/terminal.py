@@ -1,5 +1,6 @@
 """Terminal output of a run: table, verdict and progress."""
 
+import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -8,6 +9,7 @@ from dataclasses import astuple
 from typing import TYPE_CHECKING, Any
 
 import rich.table
+from rich.cells import cell_len
 from rich.console import Console as RichConsole
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -30,8 +32,17 @@ if TYPE_CHECKING:
     from hil.campaign.summary import Summary
 
 
+WIDEST = 500
+"""Columns of what is not a terminal: a pipe or a file has no edge at which a table must break."""
+
+
 class Console(RichConsole):
-    """A console that leaves a closed pipe to the command instead of exiting with 1."""
+    """A console that breaks lines at a terminal's edge alone and leaves a closed pipe to the command."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        if not self.is_terminal and "COLUMNS" not in os.environ:
+            self.width = WIDEST
 
     def on_broken_pipe(self) -> None:
         """Let the error through."""
@@ -86,13 +97,33 @@ def note(text: str) -> None:
     print(text, file=sys.stderr)
 
 
-def _table(head: Sequence[str], rows: Iterable[Sequence[str | Cell]]) -> rich.table.Table:
+def _widths(columns: Sequence[Sequence[str]], room: int) -> list[int]:
+    """Return the columns' widths in ``room``; what is too wide breaks, between words if it can."""
+    widths = [max(map(cell_len, column)) for column in columns]
+    words = [max(map(cell_len, " ".join(column).split()), default=0) for column in columns]
+    while sum(widths) > max(room, len(widths)):
+        widest = max(range(len(widths)), key=lambda it: (widths[it] > words[it], widths[it]))
+        widths[widest] -= 1
+    return widths
+
+
+def _table(
+    console: Console, head: Sequence[str], rows: Iterable[Sequence[str | Cell]]
+) -> rich.table.Table:
+    texts = [[cell if isinstance(cell, str) else cell.text for cell in row] for row in rows]
+    columns = [
+        (name, *(text[number] for text in texts if number < len(text)))
+        for number, name in enumerate(head)
+    ]
     table = rich.table.Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column(head[0], no_wrap=True)
-    for name in head[1:]:
-        table.add_column(name, justify="right", overflow="fold")
-    for row in rows:
-        table.add_row(*(cell if isinstance(cell, str) else cell.text for cell in row))
+    widths = _widths(columns, console.width - 2 * (len(columns) - 1))
+    for number, (column, width) in enumerate(zip(columns, widths, strict=True)):
+        figures = number > 0 and any(letter.isdigit() for text in column[1:] for letter in text)
+        table.add_column(
+            column[0], justify="right" if figures else "left", width=width, overflow="fold"
+        )
+    for text in texts:
+        table.add_row(*text)
     return table
 
 
@@ -104,7 +135,8 @@ def show_verdict(text: str, *, good: bool | None) -> None:
 
 def show_table(table: Table) -> None:
     """Print a table of a report page."""
-    Console(highlight=False).print(_table(table.head, table.rows))
+    console = Console(highlight=False)
+    console.print(_table(console, table.head, table.rows))
 
 
 def show_warnings(warnings: Iterable[str]) -> None:
@@ -133,17 +165,17 @@ def show(result: Result) -> None:
     show_warnings(text for text in result.warnings if text not in result.verdict)
     console.print()
     head = metric_head(result, "passive", "controlled")
-    console.print(_table(head, [(row.name, *row.numbers) for row in metric_rows(result)]))
+    console.print(_table(console, head, [(row.name, *row.numbers) for row in metric_rows(result)]))
     judged = () if result.not_valid else standard.lines(result.standard)
     told = [text for text in (replay_note(result), *judged) if text]
     if told:
         console.print("\n" + "\n".join(told), soft_wrap=True, markup=False)
     if result.settings.faults and (table := reaction_table(result)) is not None:
         console.print()
-        console.print(_table(table.head, table.rows))
+        console.print(_table(console, table.head, table.rows))
     console.print()
     head = ("", "least", "mean", "most")
-    console.print(_table(head, [(row.name, *row.numbers) for row in can_rows(result)]))
+    console.print(_table(console, head, [(row.name, *row.numbers) for row in can_rows(result)]))
     trigger = result.trigger
     console.print(
         f"bus load {100 * result.can.load:.1f} %; {trigger.sent} commands in {trigger.samples} "

@@ -1,0 +1,40 @@
+"""Tables on a terminal and in a pipe."""
+
+import pytest
+
+from hil.cli import terminal
+from hil.report.page import Table
+
+ATTACKS = Table(
+    "",
+    ("", "sent", "accepted", "roll max (deg)", "fault codes"),
+    [
+        ("spoofed AntiRollBarCommand: TorqueFront, TorqueRear", "101", "101", "2.97", "heard, late"),
+        ("none", "0", "0", "1.54", ""),
+    ],
+)
+
+
+def test_a_pipe_has_no_edge(capsys, monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    terminal.show_table(ATTACKS)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 3
+    assert "TorqueFront, TorqueRear   101       101            2.97  heard, late" in lines[1]
+
+
+@pytest.mark.parametrize("columns", (40, 60, 80))
+def test_a_narrow_terminal_shows_every_letter_and_breaks_between_words(
+    capsys, monkeypatch, columns
+):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    terminal.show_table(ATTACKS)
+    out = capsys.readouterr().out
+    assert max(map(len, out.splitlines())) <= columns
+    everything = "".join(letter for text in (*ATTACKS.head, *ATTACKS.rows[0]) for letter in text)
+    assert sorted("".join(out.split())) == sorted(
+        "".join((everything + "".join(ATTACKS.rows[1])).split())
+    )
+    if columns > 40:
+        assert "AntiRollBarCommand:" in out
+        assert "accepted" in out
