@@ -37,9 +37,9 @@ WIDEST = 500
 
 
 class Console(RichConsole):
-    """A console that breaks lines at a terminal's edge alone and leaves a closed pipe to the command."""
+    """A console that breaks lines at a terminal alone and leaves a closed pipe to the caller."""
 
-    def __init__(self, **options: Any) -> None:
+    def __init__(self, **options: Any) -> None:  # noqa: ANN401
         super().__init__(**options)
         if not self.is_terminal and "COLUMNS" not in os.environ:
             self.width = WIDEST

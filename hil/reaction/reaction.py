@@ -2,8 +2,9 @@
 
 A run is harmful where roll angle or path error exceed 1.1 times those of the passive vehicle, where
 the actuators push the body to the wrong side, outwards in a curve, with more than 500 N·m for more
-than 100 ms, or where the vehicle rolls over. A fault is detected where the ECU sets a new fault
-code or leaves ACTIVE, or where the actuators release the command.
+than 100 ms, or where the vehicle rolls over; where the run without faults is known, by more than
+that does. A fault is detected where the ECU sets a new fault code or leaves ACTIVE, or where the
+actuators release the command.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,6 +26,8 @@ WRONG_MOMENT = 500.0
 WRONG_TIME = 0.1
 LEAST_PATH_ERROR = 0.05
 """Path error of the passive vehicle (m) below which it is no measure."""
+LEAST_ROLL = np.radians(1.0)
+"""Roll angle of the passive vehicle (rad) below which it is none: there a road rolls the body."""
 
 
 class Trace(Protocol):
@@ -123,21 +126,25 @@ class Reaction:
         return {**asdict(self), **lists}
 
 
-def observe(trace: Trace, passive: Trace, faults: Sequence[Fault]) -> Reaction:
+def observe(
+    trace: Trace, passive: Trace, faults: Sequence[Fault], healthy: Trace | None = None
+) -> Reaction:
     """Return the reaction of the ECU in ``trace`` to ``faults``.
 
-    ``passive`` is the same manoeuvre with the passive vehicle and without faults.
+    ``passive`` is the same manoeuvre with the passive vehicle and without faults. ``healthy`` is
+    it with control and without faults: what harm that does is not the faults'.
     """
     start = min((fault.start for fault in faults), default=None)
     begin = 0.0 if start is None else start
-    harms = sorted(_harms(trace, passive, begin), key=lambda harm: harm.t)
+    usual = None if healthy is None else _outwards(healthy)
+    harms = sorted(_harms(trace, passive, healthy, usual, begin), key=lambda harm: harm.t)
     found = None if start is None else _detection(trace, start)
     later = trace.ticks["mode"][trace.ticks["t"] >= (begin if found is None else found[0])]
     modes = np.bincount(later) if len(later) else np.zeros(1)
     no_verdict = ""
     if start is not None and start >= trace.duration:
         no_verdict = f"it begins at {start:g} s, the run ends at {trace.duration:g} s"
-    wrong, longest, _ = _wrong_side(trace, begin)
+    wrong, longest, _ = _wrong_side(trace, begin, usual)
     return Reaction(
         modes=mode_changes(trace.ticks),
         codes=codes_seen(trace.ticks),
@@ -191,14 +198,33 @@ def _detection(trace: Trace, start: float) -> tuple[float, str] | None:
     return min(found, key=lambda entry: entry[0], default=None)
 
 
-def _wrong_side(trace: Trace, begin: float) -> tuple[float, float, float | None]:
-    """Return the largest wrong moment, its longest time beyond the limit, and when it harms."""
+def _outwards(trace: Trace) -> NDArray[np.float64]:
+    """Return the moment to the wrong side (N·m) of a whole run."""
+    return np.concatenate(
+        [
+            (front + rear) * np.sign(ay)
+            for front, rear, ay in pieces(trace.signals, "moment_front", "moment_rear", "ay")
+        ]
+    )
+
+
+def _wrong_side(
+    trace: Trace, begin: float, usual: NDArray[np.float64] | None
+) -> tuple[float, float, float | None]:
+    """Return the largest wrong moment, its longest time beyond the limit, and when it harms.
+
+    ``usual`` is that of the run without faults; where it is beyond the limit, it is added to it.
+    """
     most, harmful = 0.0, None
     longest, run, last, number = 0, 0, -2, 0
     for time, front, rear, ay in pieces(trace.signals, "time", "moment_front", "moment_rear", "ay"):
         outwards = np.where(time >= begin, (front + rear) * np.sign(ay), 0.0)
         most = max(most, float(outwards.max()))
-        for place in map(int, np.flatnonzero(outwards > WRONG_MOMENT)):
+        limit = np.full(len(outwards), WRONG_MOMENT)
+        if usual is not None:
+            own = usual[number : number + len(outwards)]
+            limit[: len(own)] += np.where(own > WRONG_MOMENT, own, 0.0)
+        for place in map(int, np.flatnonzero(outwards > limit)):
             run = run + 1 if number + place == last + 1 else 1
             last = number + place
             longest = max(longest, run)
@@ -228,23 +254,30 @@ def _first(trace: Trace, name: str, limit: float, begin: float = -np.inf) -> flo
     return None
 
 
-def _harms(trace: Trace, passive: Trace, begin: float) -> list[Harm]:
+def _harms(
+    trace: Trace,
+    passive: Trace,
+    healthy: Trace | None,
+    usual: NDArray[np.float64] | None,
+    begin: float,
+) -> list[Harm]:
     found = []
+    others = [passive] if healthy is None else [passive, healthy]
     for name, what, unit, scale, least in (
-        ("roll", "roll angle", "°", 180 / np.pi, 0.0),
+        ("roll", "roll angle", "°", 180 / np.pi, LEAST_ROLL),
         ("path_error", "path error", " m", 1.0, LEAST_PATH_ERROR),
     ):
-        before = _peak(passive, name)
+        before = max(_peak(other, name) for other in others)
         over = _first(trace, name, WORSE * max(before, least), begin)
         if over is not None and before > 0:
             most = _peak(trace, name, begin)
             text = f"{what} {scale * most:.2f}{unit} instead of {scale * before:.2f}{unit}"
             found.append(Harm(over, text))
-    most, longest, harmful = _wrong_side(trace, begin)
+    most, longest, harmful = _wrong_side(trace, begin, usual)
     if harmful is not None:
         text = f"up to {most:.0f} N·m on the wrong side for {longest:.2f} s"
         found.append(Harm(harmful, text))
     rolls = _first(trace, "rollover", 0.0)
-    if rolls is not None and _first(passive, "rollover", 0.0) is None:
+    if rolls is not None and all(_first(other, "rollover", 0.0) is None for other in others):
         found.append(Harm(rolls, "the vehicle rolls over"))
     return found

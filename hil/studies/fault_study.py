@@ -166,6 +166,8 @@ class Study:
         )
         rest = every.faults - every.judged
         text += f"; {rest} without verdict" if rest else ""
+        if self.reference.harm:
+            text += f"; without faults {' and '.join(self.reference.harm)}, judged beyond that"
         if self.false_alarm:
             names = ", ".join(code.name for code in self.reference.codes)
             return f"False alarm in the run without faults ({names}); {text}"
@@ -232,7 +234,7 @@ class _Task:
             trace = drive(settings, self.controller, enabled=True)
         except CanrollError as error:
             return Judged(entry, None, None, str(error))
-        found = reaction.observe(trace, self.passive, parse(entry.faults))
+        found = reaction.observe(trace, self.passive, parse(entry.faults), self.healthy)
         return Judged(
             entry,
             found,

@@ -9,7 +9,13 @@ ATTACKS = Table(
     "",
     ("", "sent", "accepted", "roll max (deg)", "fault codes"),
     [
-        ("spoofed AntiRollBarCommand: TorqueFront, TorqueRear", "101", "101", "2.97", "heard, late"),
+        (
+            "spoofed AntiRollBarCommand: TorqueFront, TorqueRear",
+            "101",
+            "101",
+            "2.97",
+            "heard, late",
+        ),
         ("none", "0", "0", "1.54", ""),
     ],
 )

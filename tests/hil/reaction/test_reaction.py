@@ -99,6 +99,28 @@ def test_roll_angle_and_path_error_are_compared_with_the_passive_vehicle():
     assert found.harm_after == pytest.approx(0.5)
 
 
+def test_below_a_degree_of_the_passive_vehicle_the_road_alone_rolls_it():
+    flat = make(roll=(0.0, 4.1, 0.002))
+    assert not observe(make(roll=(0.0, 4.1, np.radians(1.09))), flat, STUCK).harm
+    found = observe(make(roll=(0.0, 4.1, np.radians(1.11))), flat, STUCK)
+    assert found.harm == ("roll angle 1.11° instead of 0.11°",)
+
+
+@pytest.mark.parametrize(("rear", "harmful"), [(2050.0, False), (2150.0, True)])
+def test_harm_that_is_done_without_faults_is_not_theirs(rear, harmful):
+    healthy = make(moment_rear=(2.5, 3.0, 1600.0), roll=(2.0, 3.0, 0.05), rollover=(3.0, 4.0, 1.0))
+    trace = make(moment_rear=(2.5, 3.0, rear), roll=(2.0, 3.0, 0.05), rollover=(3.1, 4.0, 1.0))
+    assert observe(healthy, make(), ()).harm == (
+        "roll angle 2.86° instead of 1.72°",
+        "up to 1000 N·m on the wrong side for 0.50 s",
+        "the vehicle rolls over",
+    )
+    found = observe(trace, make(), STUCK, healthy).harm
+    assert found == (("up to 1550 N·m on the wrong side for 0.50 s",) if harmful else ())
+    earlier = make(moment_rear=(2.2, 2.4, 1600.0))
+    assert observe(earlier, make(), STUCK, healthy).harm
+
+
 def test_harm_before_the_fault_is_not_its_harm():
     assert not observe(make(roll=(1.0, 1.5, 0.1)), make(), STUCK).harm
 
