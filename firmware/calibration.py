@@ -311,6 +311,17 @@ class Calibration:
     ]
     clock_window: Annotated[i32, F(1, 10000, 0, "ticks", "length of a window")]
 
+    # erratic monitor
+    erratic_scale: Annotated[
+        list[i32], 5, F(0, STATE_MAX, 0, "", "by signal: 2**42 over the largest bend, 0: off")
+    ]
+    erratic_samples: Annotated[
+        list[i32], 2, F(0, 1000, 0, "", "of one tick or frame: inertial unit, motion")
+    ]
+    erratic_gap: Annotated[
+        list[i32], 2, F(0, 1000, 0, "ticks", "between samples in a row: inertial unit, motion")
+    ]
+
     # delivery monitor
     delivery_window: Annotated[i32, F(1, 1000, 0, "", "samples of a window of commands")]
     delivery_samples: Annotated[i32, F(1, 1000, 0, "", "in a row outside the band that count")]

@@ -151,6 +151,13 @@ class Ecu:
         i32, F(STATE_MIN, STATE_MAX, 0, "us", "the inertial unit has counted more in it")
     ]
 
+    # erratic monitor: roll rate, lateral acceleration, yaw rate, speed, steering angle
+    erratic_last: Annotated[list[i32], 5, F(STATE_MIN, STATE_MAX, 0, "", "last sample")]
+    erratic_step: Annotated[list[i32], 5, F(STATE_MIN, STATE_MAX, 0, "", "to it from the one before")]
+    erratic_sum: Annotated[
+        list[i32], 5, F(-1 << 20, 1 << 20, 12, "", "squares of second differences, fading")
+    ]
+
     # delivery monitor
     commanded: Annotated[
         list[i32], 2, F(STATE_MIN, STATE_MAX, Q_MOMENT, "N·m", "front, rear, as sent last")
@@ -332,6 +339,11 @@ class Ecu:
     # clock monitor
     clock_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of the last sample")]
     clock_off: Annotated[u8, F(0, 1, 0, "", "1: the inertial unit's rate is off")]
+
+    # erratic monitor
+    erratic_known: Annotated[list[u8], 5, F(0, 3, 0, "", "samples in a row")]
+    erratic_sample: Annotated[list[u8], 2, F(0, 15, 0, "", "sample counter of the last sample")]
+    erratic_gap: Annotated[list[u8], 2, F(0, 255, 0, "ticks", "since the last sample of a message")]
 
     # delivery monitor
     contradicted: Annotated[list[u8], 2, F(0, 1, 0, "", "1: the axle does not do as commanded")]

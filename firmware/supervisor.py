@@ -13,6 +13,7 @@ from firmware.monitors.axles import watch_axles
 from firmware.monitors.clock import init_clock, watch_clock
 from firmware.monitors.delivery import watch_delivery
 from firmware.monitors.echo import watch_echo
+from firmware.monitors.erratic import watch_erratic
 from firmware.monitors.heave import watch_heave
 from firmware.monitors.own_identifier import watch_own_identifiers
 from firmware.monitors.redundancy import watch_redundancy
@@ -72,6 +73,7 @@ def supervise(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     watch_own_identifiers(ecu, cal, elapsed)
     watch_echo(ecu)
     watch_clock(ecu, cal, elapsed)
+    watch_erratic(ecu, cal, elapsed)
     watch_redundancy(ecu, cal)
     watch_rolling(ecu, cal)
     motion: i32 = watch_motion(ecu, cal, elapsed)

@@ -9,7 +9,7 @@ enum { ROLL_RATE_BIT = 1 << 6, LATERAL_BIT = 1 << 7, STUCK_BIT = 1 << 8, SPEED_B
        LATERAL_CONTRADICTED_BIT = 1 << 20, MOTION_CONTRADICTED_BIT = 1 << 21,
        ACTUATOR_CONTRADICTED_BIT = 1 << 22,
        ENVELOPE_CODE = 23, OWN_IDENTIFIER_HEARD_BIT = 1 << 24,
-       COMMAND_LATE_BIT = 1 << 25, SAMPLE_RATE_OFF_CODE = 26 };
+       COMMAND_LATE_BIT = 1 << 25, SAMPLE_RATE_OFF_CODE = 26, SENSOR_ERRATIC_CODE = 27 };
 enum { BAD_ROLL_RATE = 0, BAD_LATERAL = 1, BAD_SPEED = 2, BAD_MOMENT = 4 };
 enum { GOOD, DEGRADING, UNSAFE };
 enum { CORNER_STUCK = 2, CORNER_FLOATING = 3, OVERDUE = 8, LATE_ECHOES = 3 };
@@ -280,6 +280,61 @@ static uint32_t watch_clock(canroll_ecu *ecu, const canroll_calibration *cal, in
     return (uint32_t)ecu->clock_off << SAMPLE_RATE_OFF_CODE;
 }
 
+/* Add the second difference of one signal's newest sample; return whether the signal is erratic. */
+static uint32_t judge_bend(canroll_ecu *ecu, const canroll_calibration *cal, int k, int32_t value,
+                           uint32_t valid, bool joined)
+{
+    int32_t step, bend, known;
+    step = bits_31(value - ecu->erratic_last[k]);
+    bend = bits_31(step - ecu->erratic_step[k]);
+    ecu->erratic_last[k] = value;
+    ecu->erratic_step[k] = step;
+    known = (valid == 0) ? 0 : (joined ? ecu->erratic_known[k] + 1 : 1);
+    known = (known > 3) ? 3 : known;
+    ecu->erratic_known[k] = (uint8_t)known;
+    ecu->erratic_sum[k] = (7 * ecu->erratic_sum[k] + 4) >> 3;
+    if (known == 3) {
+        bend = limit(product(bend, cal->erratic_scale[k], 30), -(1 << 14), 1 << 14);
+        ecu->erratic_sum[k] += (bend * bend + (1 << 11)) >> 12;
+    }
+    return ecu->erratic_sum[k] > 1 << 12;
+}
+
+/* Whether the newest sample of a message follows the one before. */
+static bool joins(canroll_ecu *ecu, const canroll_calibration *cal, int group, int32_t sample)
+{
+    const bool next = ecu->erratic_gap[group] <= cal->erratic_gap[group]
+                      && ((sample - ecu->erratic_sample[group]) & 15) == cal->erratic_samples[group];
+    ecu->erratic_gap[group] = 0;
+    ecu->erratic_sample[group] = (uint8_t)sample;
+    return next;
+}
+
+static uint32_t watch_bends(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
+{
+    uint32_t erratic = 0, valid;
+    bool joined;
+    int group;
+    for (group = 0; group < 2; group++) {
+        const int32_t gap = ecu->erratic_gap[group] + elapsed;
+        ecu->erratic_gap[group] = (uint8_t)((gap > 255) ? 255 : gap);
+    }
+    if (ecu->fresh[CANROLL_RX_IMU] == 1) {
+        valid = ecu->valid[CANROLL_RX_IMU];
+        joined = joins(ecu, cal, 0, ecu->imu_sample);
+        erratic |= judge_bend(ecu, cal, 0, ecu->roll_rate, valid & 1, joined);
+        erratic |= judge_bend(ecu, cal, 1, ecu->lateral_acceleration, valid & 2, joined);
+        erratic |= judge_bend(ecu, cal, 2, ecu->yaw_rate, valid & 4, joined);
+    }
+    if (ecu->fresh[CANROLL_RX_VEHICLE_MOTION] == 1) {
+        valid = ecu->valid[CANROLL_RX_VEHICLE_MOTION];
+        joined = joins(ecu, cal, 1, ecu->motion_sample);
+        erratic |= judge_bend(ecu, cal, 3, ecu->speed, valid & 1, joined);
+        erratic |= judge_bend(ecu, cal, 4, ecu->steering, valid & 2, joined);
+    }
+    return erratic << SENSOR_ERRATIC_CODE;
+}
+
 void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
     uint32_t found = ((elapsed > 1) ? TICK_MISSED_BIT : 0)
@@ -289,6 +344,7 @@ void hand_supervise(canroll_ecu *ecu, const canroll_calibration *cal, int32_t el
     bool running;
     found |= watch_own_identifiers(ecu, cal, elapsed);
     found |= watch_clock(ecu, cal, elapsed);
+    found |= watch_bends(ecu, cal, elapsed);
     hand_watch_sensors(ecu, cal);
     severity = judge_imu(ecu, cal, elapsed, &found);
     motion = judge_motion(ecu, cal, elapsed, &found);

@@ -50,7 +50,7 @@ def refused(rule: int) -> CanrollError:
 
 MONITORS = (
     *("redundancy_", "opposite_", "apart_", "bound_"),
-    *("mirror_", "clock_", "delivery_", "rolling_", "response_", "axles_", "heave_"),
+    *("mirror_", "clock_", "erratic_", "delivery_", "rolling_", "response_", "axles_", "heave_"),
 )
 LIMITS = ("envelope_", "steering_limit", *MONITORS)
 """Fields that limit what a law takes and gives, by the beginning of their names."""

@@ -38,6 +38,9 @@ CLOCK_WINDOW = 2.0
 CLOCK = 0.04
 """By which they may differ from the ECU's ticks, s: 2 % of the window, and all that the time of a
 frame on the bus may vary by."""
+ERRATIC = 0.25, 4.0, 0.09, 1.0, 0.7
+"""Largest second difference of samples 10 ms (inertial unit) and 20 ms (speed, steering) apart: roll
+rate, rad/s; lateral acceleration, m/s²; yaw rate, rad/s; speed, m/s; steering-wheel angle, rad."""
 ROLLING = 0.06
 """Distance of the roll rate from those of both suspensions, besides a quarter of the larger one,
 rad/s."""
@@ -105,6 +108,22 @@ def clock_fields(task: Task, period: float) -> dict[str, int | list[int]]:
         "clock_period": round(1e6 * period),
         "clock_limit": round(1e6 * CLOCK),
         "clock_window": max(2, round(CLOCK_WINDOW / task.tick)),
+    }
+
+
+def erratic_fields(task: Task) -> dict[str, int | list[int]]:
+    """Return the fields of the erratic monitor; a slower loop sees more bend between its samples."""
+    periods = [dbc.period(message) for message in ("Imu", "VehicleMotion")]
+    stretched = [(max(1.0, task.tick / period)) ** 2 for period in periods]
+    formats = fw.Q_RATE, fw.Q_ACCELERATION, fw.Q_RATE, fw.Q_SPEED, 24
+    scales = [
+        round(2.0 ** (42 - q) / (most * stretched[k > 2]))
+        for k, (most, q) in enumerate(zip(ERRATIC, formats, strict=True))
+    ]
+    return {
+        "erratic_scale": [0] * len(scales) if task.observer == "reference" else scales,
+        "erratic_samples": [max(1, round(task.tick / period)) for period in periods],
+        "erratic_gap": [max(1, round(period / task.tick)) for period in periods],
     }
 
 

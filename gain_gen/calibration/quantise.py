@@ -9,7 +9,7 @@ import dbc
 from canroll.errors import CanrollError
 from firmware import calibration as fw
 from firmware.state import RX_SUSPENSION_RATE
-from gain_gen.calibration.monitor_part import clock_fields, response_fields
+from gain_gen.calibration.monitor_part import clock_fields, erratic_fields, response_fields
 from gain_gen.calibration.observer_part import covariance_fields, observer_fields
 from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, Row, quantise_row
 from gain_gen.calibration.vehicle_part import timeouts, vehicle_fields
@@ -106,7 +106,7 @@ def quantise_design(design: Design, options: Options) -> Quantised:
     fields |= _law(design, rows)
     fields |= _trigger(design, options)
     fields |= vehicle_fields(task, controller.schedule)
-    fields |= clock_fields(task, options.sample_period)
+    fields |= clock_fields(task, options.sample_period) | erratic_fields(task)
     if options.response_watch:
         try:
             fields |= response_fields(task)

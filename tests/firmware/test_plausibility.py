@@ -317,4 +317,5 @@ def test_fault_codes_keep_the_numbers_that_diagnostics_know():
         "FAULT_OWN_IDENTIFIER_HEARD": 24,
         "FAULT_COMMAND_LATE": 25,
         "FAULT_SAMPLE_RATE_OFF": 26,
+        "FAULT_SENSOR_ERRATIC": 27,
     }

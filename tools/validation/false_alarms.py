@@ -28,6 +28,7 @@ from firmware.plausibility import (
     FAULT_MOTION_CONTRADICTED,
     FAULT_ROLL_RATE_CONTRADICTED,
     FAULT_SAMPLE_RATE_OFF,
+    FAULT_SENSOR_ERRATIC,
 )
 from hil.reaction.fault_codes import in_words
 from hil.runs import experiment
@@ -52,6 +53,7 @@ MONITORS = (
     | 1 << FAULT_ACTUATOR_CONTRADICTED
     | 1 << FAULT_COMMAND_LATE
     | 1 << FAULT_SAMPLE_RATE_OFF
+    | 1 << FAULT_SENSOR_ERRATIC
 )
 DESIGN = ("vehicle", "actuator", "law", "bus")
 """The choices that a design depends on."""

@@ -27,7 +27,7 @@ LIMIT = 1.55
 costs another step of the model, by arm-none-eabi-gcc 12.2. The target of 1.1 is not met."""
 SPECIALISED_LIMIT = 1.0
 """Specialised to hand-written, instructions and cycles: 0.86 and 0.73 for lqr."""
-CODE_LIMIT = 10_200
+CODE_LIMIT = 11_400
 
 
 @pytest.fixture(scope="module")
