@@ -64,10 +64,13 @@ def _width(a: Value) -> int:
 
 
 def clamp(v: Value, lo: Value, hi: Value) -> Value:
-    """clamp(v, lo, hi) for lo <= hi; where the bounds may cross, either can result."""
-    if lo.hi <= hi.lo:
-        return Value(min(max(v.lo, lo.lo), hi.hi), max(min(v.hi, hi.hi), lo.lo))
-    return Value(min(max(v.lo, lo.lo), hi.lo), max(min(v.hi, hi.hi), lo.hi))
+    """clamp(v, lo, hi); where the bounds may cross, either can result."""
+    low, high = max(v.lo, lo.lo), min(v.hi, hi.hi)
+    if v.hi > hi.lo:
+        low = min(low, hi.lo)
+    if v.lo < lo.hi:
+        high = max(high, lo.hi)
+    return Value(low, high)
 
 
 def shift_rounded(v: Value, n: Value) -> Value:

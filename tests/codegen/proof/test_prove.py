@@ -1,6 +1,7 @@
 """The prover: finds what is wrong, accepts what is right, and never misses what really happens."""
 
 import random
+from itertools import product
 
 import pytest
 from hypothesis import given
@@ -224,6 +225,20 @@ def test_intervals_hold_what_the_integers_give(a, b, c, n, m):
         holds(iv.shift_rounded(va, Value(lo, hi)), subset.rsh(x, count))
     if y:
         holds(iv.divide(va, vb), subset.tdiv(x, y))
+
+
+SMALL = [Value(low, high) for low in range(4) for high in range(low, 4)]
+
+
+@pytest.mark.parametrize("value", SMALL, ids=str)
+def test_the_interval_of_a_clamp_is_that_of_all_its_results(value):
+    for low, high in product(SMALL, SMALL):
+        its = (range(each.lo, each.hi + 1) for each in (value, low, high))
+        results = {subset.clamp(*numbers) for numbers in product(*its)}
+        found = iv.clamp(value, low, high)
+        assert found.lo <= min(results) and max(results) <= found.hi, (low, high)
+        if low.hi <= high.lo:
+            assert (found.lo, found.hi) == (min(results), max(results)), (low, high)
 
 
 @pytest.mark.parametrize("seed", range(20))
