@@ -27,6 +27,13 @@ def scheduled_as_before() -> Iterator[None]:
     assert os.sched_getscheduler(0) == before, "the test has changed the scheduling of its process"
 
 
+@pytest.fixture(autouse=True)
+def no_terminal_around(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a test prints is as wide as in a pipe, whatever terminal the suite is started from."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+    monkeypatch.delenv("LINES", raising=False)
+
+
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     skipped = terminalreporter.stats.get("skipped", [])
     if os.environ.get("CANROLL_NO_SKIP") and skipped:
