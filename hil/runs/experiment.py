@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import vehicles
-from canroll.errors import UnknownNameError
+from canroll.errors import CanrollError, UnknownNameError
 from canroll.typing import Progress
 from codegen.run.backends import default_backend, open_backend
 from firmware.calibration import ONE
@@ -39,6 +39,8 @@ from plant_sim.world.world_parts import check_body
 
 AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
 """Manoeuvres made to find the limit of tyres and wheel loads."""
+NO_FRICTION = ("roll1", "linear_car", "linear_car_hydraulic")
+"""Plants without tyres, or with tyres that no friction limits."""
 
 
 def run(scenario: str, *, progress: Progress | None = None, **choices: Unpack[Choices]) -> Result:
@@ -77,6 +79,11 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
     conditions_of.options(conditions)
     plant = body(chosen(choices, "plant"))
     check_body(plant, chosen(choices, "actuator"))
+    if "friction" in options and plant.name in NO_FRICTION:
+        raise CanrollError(
+            f"option friction: {plant.name} has no tyres that friction limits: "
+            "omit it, or choose --plant nonlinear"
+        )
     controller = prepare(choices)
     vehicle, warnings = controller.vehicle, check_frames(profile, controller.record)
     other = choices.get("plant_vehicle")

@@ -6,6 +6,7 @@ from hil.cli.main import main
 from hil.cli.options import refuse_useless
 
 USELESS = [
+    ("run moose --plant linear_car --set friction=0.8", "friction: linear_car has no tyres"),
     ("timing --ticks 9", "--ticks: it belongs to --bound"),
     ("timing --clock 80", "--clock: it belongs to --bound"),
     ("timing --wait-states 2", "--wait-states: it belongs to --bound"),
