@@ -153,7 +153,7 @@ class Ecu:
 
     # erratic monitor: roll rate, lateral acceleration, yaw rate, speed, steering angle
     erratic_last: Annotated[list[i32], 5, F(STATE_MIN, STATE_MAX, 0, "", "last sample")]
-    erratic_step: Annotated[list[i32], 5, F(STATE_MIN, STATE_MAX, 0, "", "to it from the one before")]
+    erratic_step: Annotated[list[i32], 5, F(STATE_MIN, STATE_MAX, 0, "", "step to it")]
     erratic_sum: Annotated[
         list[i32], 5, F(-1 << 20, 1 << 20, 12, "", "squares of second differences, fading")
     ]
@@ -186,6 +186,14 @@ class Ecu:
         i32, F(0, STATE_MAX, Q_RATE, "rad/s", "the suspensions' and the tyres', fading")
     ]
     rolling_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "too far apart since")]
+    standing_rate: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "last change of gyro")]
+    standing_front: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "the front suspension's rate then")
+    ]
+    standing_rear: Annotated[
+        i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "the rear suspension's rate then")
+    ]
+    standing_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "the gyro stands still since")]
 
     # balances of the response monitor, of the lateral acceleration, of the axles monitor, of parts
     balance_spring: Annotated[

@@ -24,7 +24,7 @@ from firmware.monitors.balance import (
     start_balance,
     stretch,
 )
-from firmware.monitors.redundancy import magnitude
+from firmware.monitors.redundancy import beyond, magnitude
 from firmware.monitors.rolling import within
 from firmware.state import Ecu
 from firmware.subset import i32, rsh, sat31
@@ -63,9 +63,7 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
     rough: i32 = product(magnitude(stretched), cal.axles_rough, 10)
     moments: i32 = magnitude(ecu.delivered[0]) + magnitude(of_rear)
     leave_room(ecu, AXLES, sat31(rough + rsh(moments, SHARE)), rsh(cal.response_wash, 1))
-    bad: i32 = 0
-    if left > ecu.balance_room[AXLES] + cal.axles_min:
-        bad = 1
+    bad: i32 = beyond(left, ecu.balance_room[AXLES] + cal.axles_min)
     if ecu.balance_room[AXLES] > cal.axles_rest:
         bad = 0
     accuse_axles(ecu, AXLES, bad, cal.response_ticks)

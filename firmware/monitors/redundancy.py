@@ -32,10 +32,19 @@ def magnitude(value: i32) -> i32:
 
 
 def lasting(count: i32, bad: i32, samples: i32) -> i32:
-    """Return the number of ``bad`` samples in a row, at most ``samples``."""
+    """Return the number of ``bad`` samples in a row, at most ``samples``; a bad one may be two."""
     if bad == 0:
         return 0
-    return clamp(count + 1, 0, samples)
+    return clamp(count + bad, 0, samples)
+
+
+def beyond(value: i32, limit: i32) -> i32:
+    """Return 1 for a value beyond ``limit``, 2 beyond its double, which needs half the time."""
+    if value > limit + limit:
+        return 2
+    if value > limit:
+        return 1
+    return 0
 
 
 def gap(value: i32, one: i32, other: i32) -> i32:

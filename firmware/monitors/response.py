@@ -35,7 +35,7 @@ from firmware.monitors.balance import (
     start_balance,
     stretch,
 )
-from firmware.monitors.redundancy import lasting, magnitude, side_of
+from firmware.monitors.redundancy import beyond, lasting, magnitude, side_of
 from firmware.monitors.rolling import YAW, measured, within
 from firmware.plausibility import NEEDED
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, Ecu
@@ -81,7 +81,7 @@ def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, shown: i32) -> 
     side: i32 = 0
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & YAW) != 0:
         side = side_of(left, beside, limit)
-    ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], side, cal.response_ticks)
+    ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], side & 1, cal.response_ticks)
     if ecu.balance_ticks[LATERAL] == cal.response_ticks:
         ecu.lateral_contradicted = 1
 
@@ -137,11 +137,8 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32) -> None:
     jumped: i32 = 0
     if within(ecu, cal.response_limit) == 1:
         least = rsh(cal.response_min, LEAST)
-        if magnitude(new) > ecu.balance_room[JUMP] + least + rsh(least, 1):
-            jumped = 1
-    bad: i32 = 0
-    if magnitude(left) > ecu.balance_room[BODY] + least:
-        bad = 1
+        jumped = beyond(magnitude(new), ecu.balance_room[JUMP] + least + rsh(least, 1))
+    bad: i32 = beyond(magnitude(left), ecu.balance_room[BODY] + least)
     accuse_axles(ecu, BODY, bad, cal.response_ticks)
     accuse_axles(ecu, JUMP, jumped, rsh(cal.response_ticks, 1))
 

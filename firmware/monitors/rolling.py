@@ -4,13 +4,16 @@ The body rolls as its suspensions do, and as the wheels do: on their tyres by a 
 but at once by what the delivered moments change, on a bank slowly, and over bumps one axle after
 the other. So the roll rate is wrong where it is far outside of the interval between the rates of
 both axles, low-passed, for a while. A single wrong
-stroke rate widens the interval and accuses nobody. Once wheels may have left the road it rests. A
-finding lasts until the next ``init``.
+stroke rate widens the interval and accuses nobody. Once wheels may have left the road it rests.
+
+A gyro that stands still to the last bit while both suspensions change their rates to one side is
+stuck: no motion and no noise does that, at the tyres' limit neither. A finding lasts until the next
+``init``.
 """
 
 from firmware.calibration import STATE_MAX, Calibration
 from firmware.fixed_point import product
-from firmware.monitors.redundancy import gap, lasting, magnitude
+from firmware.monitors.redundancy import beyond, gap, lasting, magnitude, side_of
 from firmware.plausibility import NEEDED
 from firmware.state import RX_IMU, RX_SUSPENSION_RATE, Ecu
 from firmware.subset import clamp, i32, rsh, sat31
@@ -61,15 +64,34 @@ def smooth(ecu: Ecu, cal: Calibration, which: i32, rate: i32) -> None:
     )
 
 
+def watch_standing(ecu: Ecu, cal: Calibration, front: i32, rear: i32) -> None:
+    """Judge whether the roll rate stands still while the suspensions roll at other rates."""
+    stands: i32 = 0
+    if ecu.roll_rate != ecu.standing_rate:
+        ecu.standing_rate = ecu.roll_rate
+        ecu.standing_front = front
+        ecu.standing_rear = rear
+    elif side_of(front - ecu.standing_front, rear - ecu.standing_rear, cal.rolling_min) != 0:
+        stands = 1
+    ecu.standing_ticks = lasting(ecu.standing_ticks, stands, cal.rolling_ticks)
+    if ecu.standing_ticks == cal.rolling_ticks:
+        ecu.rate_contradicted = 1
+
+
 def watch_rolling(ecu: Ecu, cal: Calibration) -> None:
     """Judge the roll rate by the newest samples."""
     if cal.rolling_min == 0:
         return
-    if measured(ecu, cal) == 0 or within(ecu, cal.axles_limit) == 0:
+    if measured(ecu, cal) == 0:
         ecu.rolling_known = 0
+        ecu.standing_ticks = 0
         return
     front: i32 = product(ecu.stroke_rate[0] - ecu.stroke_rate[1], cal.rolling_track[0], 28)
     rear: i32 = product(ecu.stroke_rate[2] - ecu.stroke_rate[3], cal.rolling_track[1], 28)
+    watch_standing(ecu, cal, front, rear)
+    if within(ecu, cal.axles_limit) == 0:
+        ecu.rolling_known = 0
+        return
     moment: i32 = sat31(ecu.delivered[0] + ecu.delivered[1])
     smooth(ecu, cal, GYRO, ecu.roll_rate)
     smooth(ecu, cal, FRONT, front)
@@ -91,9 +113,7 @@ def watch_rolling(ecu: Ecu, cal: Calibration) -> None:
     size = clamp(magnitude(rear), size, STATE_MAX)
     ecu.rolling_size = clamp(magnitude(front), size, STATE_MAX)
     apart: i32 = gap(ecu.rolling_rate[GYRO], front, rear)
-    bad: i32 = 0
-    if apart > cal.rolling_min + rsh(ecu.rolling_size, SHARE):
-        bad = 1
+    bad: i32 = beyond(apart, cal.rolling_min + rsh(ecu.rolling_size, SHARE))
     ecu.rolling_ticks = lasting(ecu.rolling_ticks, bad, cal.rolling_ticks)
     if ecu.rolling_ticks == cal.rolling_ticks:
         ecu.rate_contradicted = 1

@@ -167,14 +167,16 @@ def test_on_a_road_that_is_too_rough_nothing_is_judged():
     assert ecu.contradicted == [0, 0]
 
 
-def test_it_takes_so_many_samples_in_a_row():
+@pytest.mark.parametrize(("size", "samples"), [(1000.0, 20), (4000.0, 11)])
+def test_it_takes_so_many_samples_in_a_row_and_half_as_many_large_ones(size, samples):
     cal = watched()
     ecu = known(cal)
     jump = np.zeros((cal.response_ticks + 40, 6))
-    jump[20:, 2] = 2000.0
-    rig.accuses_once_it_lasts(
+    jump[20:, 2] = size
+    bad = rig.bad_samples(
         ecu, AXLES, cal.response_ticks, lambda sample: replay(ecu, cal, sample[None]), jump
     )
+    assert bad == samples
 
 
 @pytest.mark.parametrize("compared", [0, 1])

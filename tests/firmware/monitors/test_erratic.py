@@ -124,7 +124,7 @@ def test_the_sum_is_that_of_the_squared_second_differences(sensor):
         sensor.send(float(value))
         expected *= 7 / 8
         if place >= 2:
-            expected += min(abs(values[place] - 2 * values[place - 1] + values[place - 2]), 4) ** 2
+            expected += min(abs(value - 2 * values[place - 1] + values[place - 2]), 4) ** 2
         assert sensor.ecu.erratic_sum[sensor.k] / 4096 == pytest.approx(expected, abs=5e-3)
 
 

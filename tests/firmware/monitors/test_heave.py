@@ -76,7 +76,7 @@ def test_it_takes_so_many_samples_in_a_row():
         ecu.stroke_rate = [round(rate * 2**fw.Q_RATE) for rate in sample]
         watch_heave(ecu, cal)
 
-    rig.accuses_once_it_lasts(ecu, HEAVE, TICKS, judge, rates)
+    assert rig.bad_samples(ecu, HEAVE, TICKS, judge, rates) == TICKS
 
 
 def test_load_that_only_moves_accuses_nobody():

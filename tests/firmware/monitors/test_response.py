@@ -156,17 +156,26 @@ def test_no_lasting_offset_counts():
     assert ecu.contradicted == [0, 0]
 
 
-@pytest.mark.parametrize(("balance", "peak", "share"), [(BODY, 11, 1.0), (JUMP, 9, 0.5)], ids=str)
-def test_it_takes_so_many_samples_in_a_row(balance, peak, share):
+@pytest.mark.parametrize(
+    ("balance", "peak", "share", "size", "samples"),
+    [
+        (BODY, 11, 1.0, 800.0, 20),
+        (BODY, 11, 1.0, 3000.0, 11),
+        (JUMP, 9, 0.5, 170.0, 10),
+        (JUMP, 9, 0.5, 3000.0, 5),
+    ],
+)
+def test_it_takes_so_many_samples_in_a_row_and_half_as_many_large_ones(
+    balance, peak, share, size, samples
+):
     cal = watched()
     ecu = known(cal)
     ecu.motion_peak = peak << fw.Q_ACCELERATION
     jump = np.zeros((cal.response_ticks + 40, 4))
-    jump[20:, 3] = 3000.0
+    jump[20:, 3] = size
     ticks = round(share * cal.response_ticks)
-    rig.accuses_once_it_lasts(
-        ecu, balance, ticks, lambda sample: replay(ecu, cal, sample[None]), jump
-    )
+    bad = rig.bad_samples(ecu, balance, ticks, lambda sample: replay(ecu, cal, sample[None]), jump)
+    assert bad == samples
 
 
 def test_a_moment_that_jumps_away_in_the_slalom_is_found_at_once():
