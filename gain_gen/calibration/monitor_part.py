@@ -38,7 +38,7 @@ CLOCK_WINDOW = 2.0
 CLOCK = 0.04
 """By which they may differ from the ECU's ticks, s: 2 % of the window, and all that the time of a
 frame on the bus may vary by."""
-ERRATIC = 0.3, 6.0, 0.09, 1.0, 0.7
+ERRATIC = 0.3, 8.0, 0.09, 1.0, 0.7
 """Largest second difference of samples 10 ms (inertial unit) and 20 ms (speed, steering) apart:
 roll rate, rad/s; lateral acceleration, m/s², which reaches 4.1 on a rough road (class C); yaw rate,
 rad/s; speed, m/s; steering-wheel angle, rad."""
@@ -53,7 +53,7 @@ this lateral acceleration, m/s²."""
 RESPONSE_LINEAR = 10.0
 """Lateral acceleration by yaw rate or steering, m/s², up to which springs and dampers answer as
 designed: beyond, wheels lift and stops are reached."""
-RESPONSE_TIME = 0.18
+RESPONSE_TIME = 0.2
 """How long too much is left over without a break, s."""
 RESPONSE_LOW_PASS = 0.05
 """Time constant of the low-pass, s."""
