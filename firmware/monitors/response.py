@@ -47,8 +47,8 @@ LATERAL_SIGNAL = 2
 FADING = 3
 # the least left over that counts within the tyres' range: an eighth of that at their limit
 LEAST = 3
-# what dampers may make of strokes that do not roll the body: a 16th of what they would of roll
-ROUGH = 4
+# rebound and bump differ from a damper's coefficient by half of it
+ROUGH = 1
 # all that acts in calm running: a quarter of it
 CALM = 2
 # values of ecu.response_known: neither balance, that of the moments, both
@@ -106,9 +106,12 @@ def may_be_wrong(side_force: i32, springs: i32, dampers: i32, actuators: i32) ->
 
 
 def rough(ecu: Ecu, cal: Calibration) -> i32:
-    """Return what dampers may make of strokes of both sides, which rebound and bump differ by."""
-    front: i32 = magnitude(ecu.stroke_rate[0]) + magnitude(ecu.stroke_rate[1])
-    rear: i32 = magnitude(ecu.stroke_rate[2]) + magnitude(ecu.stroke_rate[3])
+    """Return what dampers may make of unequal strokes, by what rebound and bump differ.
+
+    Where the body only rolls or heaves both sides move alike, and rebound makes up for bump.
+    """
+    front: i32 = magnitude(magnitude(ecu.stroke_rate[0]) - magnitude(ecu.stroke_rate[1]))
+    rear: i32 = magnitude(magnitude(ecu.stroke_rate[2]) - magnitude(ecu.stroke_rate[3]))
     of_front: i32 = product(front, cal.response_stroke[0], 23 + ROUGH)
     of_rear: i32 = product(rear, cal.response_stroke[1], 23 + ROUGH)
     return sat31(of_front + of_rear)

@@ -53,7 +53,7 @@ this lateral acceleration, m/s²."""
 RESPONSE_LINEAR = 10.0
 """Lateral acceleration by yaw rate or steering, m/s², up to which springs and dampers answer as
 designed: beyond, wheels lift and stops are reached."""
-RESPONSE_TIME = 0.2
+RESPONSE_TIME = 0.18
 """How long too much is left over without a break, s."""
 RESPONSE_LOW_PASS = 0.05
 """Time constant of the low-pass, s."""

@@ -105,9 +105,7 @@ def designed(design: tuple[str, ...]) -> tuple[Settings, Controller]:
 def reported(number: int) -> tuple[int, bool] | None:
     """Return the fault codes of run ``number`` as bits, and whether the vehicle rolls over.
 
-    None if it cannot be driven.
-
-    A speed that the manoeuvre cannot be driven at, or a vehicle that cannot be.
+    None if it cannot be driven: at such a speed, or with such a vehicle.
     """
     maneuver, choices, enabled, varied = drawn(number)
     settings, controller = designed(tuple(choices[name] for name in DESIGN))

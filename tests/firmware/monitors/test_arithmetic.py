@@ -154,10 +154,8 @@ class Floats:
         inertia = b[balance.BODY].left_over(0.0, momentum)
         b[balance.SPRINGS].spring += stretched
         left = inertia + acts[1] + acts[2] - acts[0] - acts[3]
-        road = sum(
-            abs(strokes[2 * n]) * STROKE[n] + abs(strokes[2 * n + 1]) * STROKE[n] for n in range(2)
-        )
-        road /= 16.0
+        road = sum(abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * STROKE[n] for n in range(2))
+        road /= 2.0
         b[balance.BODY].leave_room(wrong_by(*acts) + road, WASH)
         at_once = [b[part].new(value) for part, value in zip(parts, acts, strict=True)]
         b[balance.JUMP].leave_room(wrong_by(*at_once) + road, FADING)

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from firmware import calibration as fw
 from firmware import plausibility as sv
 from firmware.monitors.balance import BODY, JUMP
-from firmware.monitors.response import BOTH, ONE_BALANCE, watch_response
+from firmware.monitors.response import BOTH, ONE_BALANCE, rough, watch_response
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
 from firmware.supervisor import supervise
 
@@ -147,6 +147,19 @@ def test_frames_that_come_early_and_late_accuse_nobody():
         ecu.fresh[RX_IMU] = 1 - number % 2
         replay(ecu, cal, sample[None])
     assert ecu.contradicted == [0, 0]
+
+
+@pytest.mark.parametrize(
+    ("strokes", "share"),
+    [([0.4, -0.4, 0.3, -0.3], 0.0), ([0.2, 0.2, -0.1, -0.1], 0.0), ([0.5, 0.0, 0.0, 0.0], 0.3)],
+    ids=["roll", "heave", "a wheel on a bump"],
+)
+def test_dampers_of_unequal_strokes_may_be_wrong_by_half(strokes, share):
+    cal = watched()
+    ecu = known(cal)
+    ecu.stroke_rate = [round(stroke * 2**fw.Q_RATE) for stroke in strokes]
+    expected = share * VAN.damping / TRACK * 0.5
+    assert rough(ecu, cal) / 2**fw.Q_MOMENT == pytest.approx(expected, rel=1e-3, abs=1.0)
 
 
 def test_no_lasting_offset_counts():
