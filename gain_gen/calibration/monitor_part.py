@@ -38,7 +38,7 @@ CLOCK_WINDOW = 2.0
 CLOCK = 0.04
 """By which they may differ from the ECU's ticks, s: 2 % of the window, and all that the time of a
 frame on the bus may vary by."""
-ERRATIC = 0.3, 8.0, 0.09, 1.0, 0.7
+ERRATIC = 0.4, 8.0, 0.09, 1.0, 0.7
 """Largest second difference of samples 10 ms (inertial unit) and 20 ms (speed, steering) apart:
 roll rate, rad/s; lateral acceleration, m/s², which reaches 4.1 on a rough road (class C); yaw rate,
 rad/s; speed, m/s; steering-wheel angle, rad."""

@@ -21,7 +21,7 @@ def reported(scenario, **choices):
     [
         ("Imu.RollRate=offset:0.3@1", 0.03),
         ("Imu.RollRate=burst:0.3@1:3", 0.08),
-        ("Imu.LateralAcceleration=offset:-4@1", 0.04),
+        ("Imu.LateralAcceleration=offset:-9@1", 0.04),
         ("Imu.LateralAcceleration=burst:3@1:3", 0.08),
         ("Imu.YawRate=spike:0.2@1:3", 0.13),
         ("VehicleMotion.VehicleSpeed=offset:8@1", 0.07),
