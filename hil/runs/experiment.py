@@ -39,8 +39,6 @@ from plant_sim.world.world_parts import check_body
 
 AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
 """Manoeuvres made to find the limit of tyres and wheel loads."""
-NO_FRICTION = ("roll1", "linear_car", "linear_car_hydraulic")
-"""Plants without tyres, or with tyres that no friction limits."""
 
 
 def run(scenario: str, *, progress: Progress | None = None, **choices: Unpack[Choices]) -> Result:
@@ -79,7 +77,7 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
     conditions_of.options(conditions)
     plant = body(chosen(choices, "plant"))
     check_body(plant, chosen(choices, "actuator"))
-    if "friction" in options and plant.name in NO_FRICTION:
+    if "friction" in options and not plant.friction:
         raise CanrollError(
             f"option friction: {plant.name} has no tyres that friction limits: "
             "omit it, or choose --plant nonlinear"

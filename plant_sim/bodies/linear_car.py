@@ -185,7 +185,7 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
     _observe(state, inputs, parameters, outputs)
 
 
-BODY = Body("linear_car", step, build)
+BODY = Body("linear_car", step, build, friction=False)
 """Linear full car."""
-HYDRAULIC_BODY = Body("linear_car_hydraulic", step, build_hydraulic)
+HYDRAULIC_BODY = Body("linear_car_hydraulic", step, build_hydraulic, friction=False)
 """Linear full car with electro-hydraulic bars."""

@@ -94,7 +94,7 @@ class Body:
     ``step(state, inputs, parameters, outputs, dt)`` is a numba C function: it advances ``state``
     in place and fills ``outputs``. ``build(vehicle, speed)`` gives the state on a straight road
     at ``speed`` (m/s) and the parameter vector. ``lacks`` are outputs that it does not have: pitch
-    and heave are 0 then, all others NaN.
+    and heave are 0 then, all others NaN. ``friction`` tells whether the road's friction limits it.
     """
 
     name: str
@@ -102,6 +102,7 @@ class Body:
     build: Callable[[Vehicle, float], tuple[Vector, Vector]]
     outside: Outside | None = None
     lacks: tuple[str, ...] = ()
+    friction: bool = True
 
 
 def initial_inputs() -> Vector:

@@ -213,5 +213,5 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
     observe(state, inputs, parameters, outputs)
 
 
-BODY = Body("roll1", step, build)
+BODY = Body("roll1", step, build, friction=False)
 """1-DOF roll model with a linear bicycle."""
