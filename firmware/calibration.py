@@ -341,12 +341,14 @@ class Calibration:
 
     # response monitor: I_x phi'' = delivered moments + m h a_y - springs and dampers
     response_min: Annotated[
-        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "may be left over at the tyres' limit, 0: off")
+        i32, F(0, STATE_MAX // 2, Q_MOMENT, "N·m", "may always be left over, 0: off")
     ]
     response_limit: Annotated[
-        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "the tyres' limit: below, an eighth may be")
+        i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "wheels lift and stops are reached above")
     ]
-    response_ticks: Annotated[i32, F(1, 1000, 0, "ticks", "left over without a break that count")]
+    response_ticks: Annotated[
+        i32, F(1, 1000, 0, "ticks", "without a break, of the body half of it")
+    ]
     response_stroke: Annotated[
         list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "damping moment over difference of strokes")
     ]

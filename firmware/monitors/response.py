@@ -9,8 +9,8 @@ share of each part of the balance, washed out and low-passed as what is left ove
 unknown excuses no more than its lateral force makes then. Where more is left for a while, no axle
 is believed: the sum does not tell which. A moment that runs away is a step, and stays within what
 a slow change of the parts may make. So what is left over is washed out once more, and judged by the
-parts washed out likewise, in half the time. At the tyres' limit, where wheels lift and stops are
-reached, no step is judged, and eight times as much may be left over.
+parts washed out likewise. At the tyres' limit, where wheels lift and stops are reached, half of
+what the body's inertia takes may be left over besides.
 
 A wrong lateral acceleration is left over likewise, and differs from yaw rate times speed to the
 same side, which no lie about moments does. As no bank enters the balance, both may be small and the
@@ -45,12 +45,8 @@ from firmware.subset import i32, rsh, sat31
 LATERAL_SIGNAL = 2
 # what the model may be wrong by fades in 8 time constants of the low-pass
 FADING = 3
-# the least left over that counts within the tyres' range: an eighth of that at their limit
-LEAST = 3
 # rebound and bump differ from a damper's coefficient by half of it
 ROUGH = 1
-# all that acts in calm running: a quarter of it
-CALM = 2
 # values of ecu.response_known: neither balance, that of the moments, both
 NOTHING = 0
 ONE_BALANCE = 1
@@ -75,7 +71,8 @@ def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, shown: i32) -> 
     ``shown`` is what suspension and moments say of it.
     """
     leave_room(ecu, LATERAL, rsh(shown, 1) + rsh(shown, 3), rsh(cal.response_pass, FADING))
-    limit: i32 = ecu.balance_room[LATERAL] + rsh(cal.response_min, LEAST)
+    least: i32 = rsh(cal.response_min, 1) + rsh(cal.response_min, 2)
+    limit: i32 = ecu.balance_room[LATERAL] + least
     turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
     beside: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
     side: i32 = 0
@@ -96,13 +93,11 @@ def start_parts(ecu: Ecu, damping: i32, moment: i32, lateral: i32, momentum: i32
     start_balance(ecu, JUMP, 0, 0)
 
 
-def may_be_wrong(side_force: i32, springs: i32, dampers: i32, actuators: i32) -> i32:
+def may_be_wrong(side_force: i32, springs: i32, actuators: i32) -> i32:
     """Return what the model may be wrong by where the body is acted on by so much."""
-    sprung: i32 = magnitude(springs)
-    by_roll: i32 = rsh(sprung, 2) + rsh(sprung, 4) + rsh(magnitude(dampers), 2)
-    delivered: i32 = magnitude(actuators)
-    told: i32 = rsh(delivered, 3) + rsh(delivered, 5)
-    return sat31(rsh(magnitude(side_force), 2) + by_roll + told)
+    lateral: i32 = magnitude(side_force)
+    by_force: i32 = rsh(lateral, 2) + rsh(lateral, 3)
+    return sat31(by_force + rsh(magnitude(springs), 2) + rsh(magnitude(actuators), 3))
 
 
 def rough(ecu: Ecu, cal: Calibration) -> i32:
@@ -117,32 +112,30 @@ def rough(ecu: Ecu, cal: Calibration) -> i32:
     return sat31(of_front + of_rear)
 
 
-def watch_left_over(ecu: Ecu, cal: Calibration, left: i32) -> None:
-    """Judge the reported moments by what is ``left`` over, and by what is new in it."""
-    of_road: i32 = rough(ecu, cal)
+def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32) -> None:
+    """Judge the reported moments by what is ``left`` over, and by what is new in it.
+
+    ``inertia`` is what the body's takes.
+    """
+    besides: i32 = rough(ecu, cal)
+    if within(ecu, cal.response_limit) == 0:
+        besides = sat31(besides + rsh(magnitude(inertia), 1))
     # a part has no momentum: it is what its low-pass holds
     side_force: i32 = ecu.balance_slow[SIDE_FORCE]
     springs: i32 = ecu.balance_slow[SPRINGS]
-    dampers: i32 = ecu.balance_slow[DAMPERS]
     actuators: i32 = ecu.balance_slow[ACTUATORS]
     fading: i32 = rsh(cal.response_pass, FADING)
-    size: i32 = may_be_wrong(side_force, springs, dampers, actuators)
-    # an error is washed out as slowly
-    leave_room(ecu, BODY, sat31(size + of_road), cal.response_wash)
+    size: i32 = may_be_wrong(side_force, springs, actuators)
+    leave_room(ecu, BODY, sat31(size + besides), fading)
     side_force = at_once(ecu, SIDE_FORCE, side_force, fading)
     springs = at_once(ecu, SPRINGS, springs, fading)
-    dampers = at_once(ecu, DAMPERS, dampers, fading)
     actuators = at_once(ecu, ACTUATORS, actuators, fading)
-    size = may_be_wrong(side_force, springs, dampers, actuators)
-    leave_room(ecu, JUMP, sat31(size + of_road), fading)
+    size = may_be_wrong(side_force, springs, actuators)
+    leave_room(ecu, JUMP, sat31(size + besides), fading)
     new: i32 = at_once(ecu, BODY, left, fading)
-    least: i32 = cal.response_min
-    jumped: i32 = 0
-    if within(ecu, cal.response_limit) == 1:
-        least = rsh(cal.response_min, LEAST)
-        jumped = beyond(magnitude(new), ecu.balance_room[JUMP] + least + rsh(least, 1))
-    bad: i32 = beyond(magnitude(left), ecu.balance_room[BODY] + least)
-    accuse_axles(ecu, BODY, bad, cal.response_ticks)
+    bad: i32 = beyond(magnitude(left), ecu.balance_room[BODY] + cal.response_min)
+    jumped: i32 = beyond(magnitude(new), ecu.balance_room[JUMP] + cal.response_min)
+    accuse_axles(ecu, BODY, bad, rsh(cal.response_ticks, 1))
     accuse_axles(ecu, JUMP, jumped, rsh(cal.response_ticks, 1))
 
 
@@ -167,7 +160,8 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if ecu.response_known == NOTHING:
         ecu.response_known = ONE_BALANCE
         start_parts(ecu, damping, moment, lateral, momentum)
-    if ecu.response_known == ONE_BALANCE and size < rsh(cal.response_min, CALM):
+    calm: i32 = cal.response_min + rsh(cal.response_min, 1)
+    if ecu.response_known == ONE_BALANCE and size < calm:
         ecu.response_known = BOTH
         ecu.balance_ticks[LATERAL] = 0
         start_balance(ecu, LATERAL, acting, momentum)
@@ -183,4 +177,5 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     actuators: i32 = left_over(ecu, cal, ACTUATORS, moment, 0)
     inertia: i32 = left_over(ecu, cal, BODY, 0, momentum)
     stretch(ecu, SPRINGS, stretched)
-    watch_left_over(ecu, cal, sat31(inertia + springs + dampers - side_force - actuators))
+    left: i32 = sat31(inertia + springs + dampers - side_force - actuators)
+    watch_left_over(ecu, cal, left, inertia)

@@ -47,14 +47,14 @@ ROLLING = 0.06
 rad/s."""
 ROLLING_TIME = 0.05
 """How long without a break, s."""
-RESPONSE_LEAST = 2.4
-"""What may be left over at the tyres' limit, and an eighth of it below: the roll moment m h a_y of
-this lateral acceleration, m/s²."""
+RESPONSE_LEAST = 0.4
+"""What may always be left over: the roll moment m h a_y of this lateral acceleration, m/s²."""
 RESPONSE_LINEAR = 10.0
-"""Lateral acceleration by yaw rate or steering, m/s², up to which springs and dampers answer as
-designed: beyond, wheels lift and stops are reached."""
+"""Lateral acceleration by yaw rate or steering, m/s², beyond which wheels lift and stops are
+reached."""
 RESPONSE_TIME = 0.18
-"""How long too much is left over without a break, s."""
+"""How long too much is left over without a break of the lateral acceleration and of the axles, s;
+of the body half as long."""
 RESPONSE_LOW_PASS = 0.05
 """Time constant of the low-pass, s."""
 RESPONSE_WASHOUT = 0.2

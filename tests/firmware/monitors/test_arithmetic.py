@@ -27,7 +27,7 @@ def watched() -> fw.Calibration:
     """A calibration with all balances on, which finds nothing in time."""
     cal = rig.calibration(actuator=fw.BARS)
     cal.timeout_ticks[RX_SUSPENSION_RATE] = 5
-    cal.response_min, cal.response_limit = 1 << fw.Q_MOMENT, 10 << fw.Q_ACCELERATION
+    cal.response_min, cal.response_limit = 1 << fw.Q_MOMENT, 3 << fw.Q_ACCELERATION
     cal.response_ticks = cal.rolling_ticks = cal.heave_ticks = NEVER
     cal.response_stroke = [round(value * 2**10) for value in STROKE]
     cal.response_stretch = round(STRETCH * 2**30)
@@ -56,6 +56,7 @@ class Sample:
     lateral: float
     roll_rate: float
     yaw_rate: float
+    at_the_limit: bool
 
     def put(self, ecu: Ecu) -> None:
         """Give it to the ECU."""
@@ -64,17 +65,18 @@ class Sample:
         ecu.lateral_acceleration = round(self.lateral * 2**fw.Q_ACCELERATION)
         ecu.roll_rate = round(self.roll_rate * 2**fw.Q_RATE)
         ecu.yaw_rate = round(self.yaw_rate * 2**fw.Q_RATE)
+        ecu.motion_peak = (4 if self.at_the_limit else 2) << fw.Q_ACCELERATION
 
 
 def samples() -> list[Sample]:
-    """Slow and fast parts of all signals, from rest."""
+    """Slow and fast parts of all signals, from rest; the second half is at the tyres' limit."""
     rng = np.random.default_rng(11)
     slow = np.cumsum(rng.standard_normal((TICKS, 9)), axis=0) / np.sqrt(TICKS)
     values = slow + 0.3 * rng.standard_normal((TICKS, 9))
     values[0] = 0.0
     return [
-        Sample(0.3 * row[:4], 1500.0 * row[4:6], 3.0 * row[6], 0.3 * row[7], 0.3 * row[8])
-        for row in values
+        Sample(0.3 * row[:4], 1500.0 * row[4:6], 3.0 * row[6], *(0.3 * row[7:9]), 2 * tick > TICKS)
+        for tick, row in enumerate(values)
     ]
 
 
@@ -106,10 +108,9 @@ class Balance:
         self.room = max(size, self.room * (1.0 - fading))
 
 
-def wrong_by(side_force: float, springs: float, dampers: float, actuators: float) -> float:
+def wrong_by(side_force: float, springs: float, actuators: float) -> float:
     """What the model may be wrong by."""
-    by_roll = 5.0 / 16.0 * abs(springs) + abs(dampers) / 4.0
-    return abs(side_force) / 4.0 + by_roll + 5.0 / 32.0 * abs(actuators)
+    return 3.0 / 8.0 * abs(side_force) + abs(springs) / 4.0 + abs(actuators) / 8.0
 
 
 @dataclass(slots=True)
@@ -146,19 +147,19 @@ class Floats:
         b[balance.LATERAL].left_over(acting, momentum)
         b[balance.LATERAL].spring += stretched
         b[balance.LATERAL].leave_room(0.625 * shown, FADING)
-        parts = [balance.SIDE_FORCE, balance.SPRINGS, balance.DAMPERS, balance.ACTUATORS]
+        parts = [balance.SIDE_FORCE, balance.SPRINGS, balance.ACTUATORS]
         acts = [
-            b[part].left_over(by, 0.0)
-            for part, by in zip(parts, [side, 0.0, damping, moment], strict=True)
+            b[part].left_over(by, 0.0) for part, by in zip(parts, [side, 0.0, moment], strict=True)
         ]
+        damped = b[balance.DAMPERS].left_over(damping, 0.0)
         inertia = b[balance.BODY].left_over(0.0, momentum)
         b[balance.SPRINGS].spring += stretched
-        left = inertia + acts[1] + acts[2] - acts[0] - acts[3]
+        left = inertia + acts[1] + damped - acts[0] - acts[2]
         road = sum(abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * STROKE[n] for n in range(2))
-        road /= 2.0
-        b[balance.BODY].leave_room(wrong_by(*acts) + road, WASH)
+        besides = road / 2.0 + (abs(inertia) / 2.0 if it.at_the_limit else 0.0)
+        b[balance.BODY].leave_room(wrong_by(*acts) + besides, FADING)
         at_once = [b[part].new(value) for part, value in zip(parts, acts, strict=True)]
-        b[balance.JUMP].leave_room(wrong_by(*at_once) + road, FADING)
+        b[balance.JUMP].leave_room(wrong_by(*at_once) + besides, FADING)
         b[balance.BODY].new(left)
 
     def axles(self, it: Sample) -> None:
