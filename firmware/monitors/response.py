@@ -9,8 +9,8 @@ share of each part of the balance, washed out and low-passed as what is left ove
 unknown excuses no more than its lateral force makes then. Where more is left for a while, no axle
 is believed: the sum does not tell which. A moment that runs away is a step, and stays within what
 a slow change of the parts may make. So what is left over is washed out once more, and judged by the
-parts washed out likewise. At the tyres' limit, where wheels lift and stops are reached, half of
-what the body's inertia takes may be left over besides.
+parts washed out likewise. At the tyres' limit, where wheels lift and stops are reached, three
+quarters of what the body's inertia takes may be left over besides.
 
 A wrong lateral acceleration is left over likewise, and differs from yaw rate times speed to the
 same side, which no lie about moments does. As no bank enters the balance, both may be small and the
@@ -119,19 +119,20 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32) -> None
     """
     besides: i32 = rough(ecu, cal)
     if within(ecu, cal.response_limit) == 0:
-        besides = sat31(besides + rsh(magnitude(inertia), 1))
+        size: i32 = magnitude(inertia)
+        besides = sat31(besides + rsh(size, 1) + rsh(size, 2))
     # a part has no momentum: it is what its low-pass holds
     side_force: i32 = ecu.balance_slow[SIDE_FORCE]
     springs: i32 = ecu.balance_slow[SPRINGS]
     actuators: i32 = ecu.balance_slow[ACTUATORS]
     fading: i32 = rsh(cal.response_pass, FADING)
-    size: i32 = may_be_wrong(side_force, springs, actuators)
-    leave_room(ecu, BODY, sat31(size + besides), fading)
+    wrong: i32 = may_be_wrong(side_force, springs, actuators)
+    leave_room(ecu, BODY, sat31(wrong + besides), fading)
     side_force = at_once(ecu, SIDE_FORCE, side_force, fading)
     springs = at_once(ecu, SPRINGS, springs, fading)
     actuators = at_once(ecu, ACTUATORS, actuators, fading)
-    size = may_be_wrong(side_force, springs, actuators)
-    leave_room(ecu, JUMP, sat31(size + besides), fading)
+    wrong = may_be_wrong(side_force, springs, actuators)
+    leave_room(ecu, JUMP, sat31(wrong + besides), fading)
     new: i32 = at_once(ecu, BODY, left, fading)
     bad: i32 = beyond(magnitude(left), ecu.balance_room[BODY] + cal.response_min)
     jumped: i32 = beyond(magnitude(new), ecu.balance_room[JUMP] + cal.response_min)

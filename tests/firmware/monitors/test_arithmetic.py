@@ -156,7 +156,7 @@ class Floats:
         b[balance.SPRINGS].spring += stretched
         left = inertia + acts[1] + damped - acts[0] - acts[2]
         road = sum(abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * STROKE[n] for n in range(2))
-        besides = road / 2.0 + (abs(inertia) / 2.0 if it.at_the_limit else 0.0)
+        besides = road / 2.0 + (0.75 * abs(inertia) if it.at_the_limit else 0.0)
         b[balance.BODY].leave_room(wrong_by(*acts) + besides, FADING)
         at_once = [b[part].new(value) for part, value in zip(parts, acts, strict=True)]
         b[balance.JUMP].leave_room(wrong_by(*at_once) + besides, FADING)
