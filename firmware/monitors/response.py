@@ -161,6 +161,9 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if ecu.response_known == NOTHING:
         ecu.response_known = ONE_BALANCE
         start_parts(ecu, damping, moment, lateral, momentum)
+        # the body may be speeding up by all of it
+        leave_room(ecu, BODY, size, 0)
+        leave_room(ecu, JUMP, size, 0)
     calm: i32 = cal.response_min + rsh(cal.response_min, 1)
     if ecu.response_known == ONE_BALANCE and size < calm:
         ecu.response_known = BOTH

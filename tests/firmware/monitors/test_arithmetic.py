@@ -141,6 +141,7 @@ class Floats:
             b[balance.ACTUATORS].start(moment, 0.0)
             b[balance.BODY].start(0.0, momentum)
             b[balance.JUMP].start(0.0, 0.0)
+            b[balance.BODY].room = b[balance.JUMP].room = abs(damping) + abs(moment) + abs(side)
             b[balance.LATERAL].start(acting, momentum)
         stretched = STRETCH * damping
         shown = abs(b[balance.LATERAL].spring + damping - moment) + abs(damping)

@@ -327,6 +327,19 @@ def test_nothing_is_judged_unless_all_that_acts_is_known(state):
     assert ecu.contradicted == [0, 0]
 
 
+@pytest.mark.parametrize("since", [51, 55, 60])
+def test_a_body_that_is_being_pushed_at_the_start_accuses_nobody(since):
+    def pushed(t):
+        return 3000.0 * np.clip((t - 0.5) / 0.1, 0.0, 1.0)
+
+    cal = watched()
+    ecu = known(cal)
+    samples = drive(lambda moment: moment, unreported=pushed)
+    samples[:, 3] += [pushed(STEP * tick) for tick in range(len(samples))]
+    replay(ecu, cal, samples[since:])
+    assert ecu.contradicted == [0, 0]
+
+
 def test_a_missed_tick_breaks_the_integral():
     cal = watched()
     ecu = known(cal)
