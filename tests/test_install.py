@@ -148,6 +148,7 @@ def test_timing_needs_no_extra_where_qemu_is(canroll):
             "target",
         ),
         (("run", "double_lane_change", "--signals", "x.mf4"), "asammdf", "asammdf"),
+        (("run", "double_lane_change", "--log", "x.mf4"), "asammdf", "asammdf"),
         (("watch", "--web"), "websockets", "web"),
     ],
 )

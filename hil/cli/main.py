@@ -19,6 +19,7 @@ from canroll.errors import EXTRAS, CanrollError, MissingExtraError, UnknownNameE
 from canroll.registry import BUILT_IN, Registry
 from gain_gen.laws import LAWS
 from hil.cli.parsers import COMMANDS, handler
+from hil.runs import mdf
 from plant_sim.bodies import BODIES
 from plant_sim.buses import BUSES
 from plant_sim.driving import MANEUVERS
@@ -121,6 +122,7 @@ def dispatch(arguments: Sequence[str]) -> int:
     if arguments[0] == "--version":
         print(f"canroll {version('canroll')}")
         return 0
+    mdf.put_off()
     namespace = parse(arguments)
     code: int = resolve_name(handler(arguments[0]))(namespace)
     sys.stdout.flush()

@@ -2,13 +2,16 @@
 
 from collections.abc import Iterator
 from datetime import UTC, datetime
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import can
 import numpy as np
+from can.io import mf4
 
-from canroll.errors import CanrollError, reason
+from canroll.errors import CanrollError, MissingExtraError, reason
+from hil.runs import mdf
 from plant_sim.can_bus import DELIVERED, ECU, REFUSED
 from plant_sim.can_bus.kernel.layout import ERROR
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
@@ -23,10 +26,13 @@ def check_suffix(path: Path) -> Path:
     """Return ``path`` if its suffix is that of a log format.
 
     Raises:
-        CanrollError: it is not.
+        CanrollError: it is not, or the package for it is missing.
     """
-    if path.suffix.lower() not in SUFFIXES:
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
         raise CanrollError(f"{path}: the suffix of a log must be one of {', '.join(SUFFIXES)}")
+    if suffix == ".mf4" and find_spec("asammdf") is None:
+        raise MissingExtraError("--log FILE.mf4", "asammdf")
     return path
 
 
@@ -78,9 +84,16 @@ def _start_at_zero(logger: Any) -> None:  # noqa: ANN401 - whichever writer the 
     """
     if isinstance(logger, can.ASCWriter | can.BLFWriter):
         logger.log_event("Start of run", 0.0)
-    elif isinstance(logger, can.MF4Writer):
+    elif isinstance(logger, mf4.MF4Writer):
         logger._mdf.header.start_time = datetime.fromtimestamp(0.0, UTC)
         logger._start_time = logger.last_timestamp = 0.0
+
+
+def _logger(path: Path) -> Any:  # noqa: ANN401 - whichever writer the suffix has
+    if path.suffix.lower() != ".mf4":
+        return can.Logger(str(path))
+    mdf.load()
+    return mf4.MF4Writer(path)
 
 
 def write_log(path: Path, frames: Table) -> Path:
@@ -92,7 +105,7 @@ def write_log(path: Path, frames: Table) -> Path:
     """
     check_suffix(path)
     try:
-        with can.Logger(str(path)) as logger:
+        with _logger(path) as logger:
             _start_at_zero(logger)
             for message in messages(frames):
                 logger.on_message_received(message)

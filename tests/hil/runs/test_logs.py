@@ -1,11 +1,15 @@
 """Bus logs: every format has the same frames at the same times, from the start of the run."""
 
+import subprocess
+import sys
+from pathlib import Path
+
 import can
 import numpy as np
 import pytest
 
-from canroll.errors import CanrollError
-from hil.runs.logs import SUFFIXES, write_log
+from canroll.errors import CanrollError, MissingExtraError
+from hil.runs.logs import SUFFIXES, check_suffix, write_log
 from plant_sim.can_bus.kernel.layout import DELIVERED, ERROR, LOST_OVERFLOW, log_dtype
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, ERROR_STATE, EXTENDED, FD, REMOTE
 
@@ -64,3 +68,31 @@ def test_what_is_written_is_read_back(tmp_path, suffix):
 def test_a_pcap_has_one_channel(tmp_path):
     with pytest.raises(CanrollError, match=r"frames of 0 and 1: write a \.pcapng"):
         write_log(tmp_path / "bus.pcap", frames())
+
+
+def test_a_missing_asammdf_is_found_before_the_run(monkeypatch):
+    monkeypatch.setitem(sys.modules, "asammdf", None)
+    with pytest.raises(MissingExtraError, match=r"--log FILE.mf4 needs asammdf: pip install"):
+        check_suffix(Path("bus.mf4"))
+
+
+@pytest.mark.parametrize(("suffix", "imported"), [("blf", False), ("mf4", True)])
+def test_asammdf_is_imported_for_an_mf4_alone(tmp_path, suffix, imported):
+    pytest.importorskip("asammdf", reason="needs asammdf")
+    log = tmp_path / f"bus.{suffix}"
+    program = (
+        "import sys; from hil.cli.main import main;"
+        "main(['run', 'random_road', '--set', 'duration=0.5', '--out', *sys.argv[1:2],"
+        "'--log', *sys.argv[2:]]);"
+        "print('asammdf' in sys.modules, 'pandas' in sys.modules)"
+    )
+    process = subprocess.run(
+        [sys.executable, "-c", program, tmp_path / "out", log],
+        capture_output=True,
+        text=True,
+        timeout=1800,
+        check=True,
+    )
+    assert process.stdout.splitlines()[-1] == f"{imported} {imported}"
+    with can.LogReader(log) as reader:
+        assert len(list(reader)) > 100
