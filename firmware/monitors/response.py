@@ -10,7 +10,7 @@ unknown excuses no more than its lateral force makes then. Where more is left fo
 is believed: the sum does not tell which. A moment that runs away is a step, and stays within what
 a slow change of the parts may make. So what is left over is washed out once more, and judged by the
 parts washed out likewise. At the tyres' limit, where wheels lift and stops are reached, three
-quarters of what the body's inertia takes may be left over besides.
+quarters of what the body's inertia takes may be left over besides, and a quarter of the moments.
 
 A wrong lateral acceleration is left over likewise, and differs from yaw rate times speed to the
 same side, which no lie about moments does. As no bank enters the balance, both may be small and the
@@ -93,11 +93,16 @@ def start_parts(ecu: Ecu, damping: i32, moment: i32, lateral: i32, momentum: i32
     start_balance(ecu, JUMP, 0, 0)
 
 
-def may_be_wrong(side_force: i32, springs: i32, actuators: i32) -> i32:
-    """Return what the model may be wrong by where the body is acted on by so much."""
+def may_be_wrong(side_force: i32, springs: i32, actuators: i32, at_limit: i32) -> i32:
+    """Return what the model may be wrong by where the body is acted on by so much.
+
+    ``at_limit``, 1 or 0: stops take up what the actuators leave, and no spring shows it.
+    """
     lateral: i32 = magnitude(side_force)
+    moment: i32 = magnitude(actuators)
     by_force: i32 = rsh(lateral, 2) + rsh(lateral, 3)
-    return sat31(by_force + rsh(magnitude(springs), 2) + rsh(magnitude(actuators), 3))
+    by_moment: i32 = rsh(moment, 3) + at_limit * rsh(moment, 2)
+    return sat31(by_force + rsh(magnitude(springs), 2) + by_moment)
 
 
 def rough(ecu: Ecu, cal: Calibration) -> i32:
@@ -118,7 +123,8 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32) -> None
     ``inertia`` is what the body's takes.
     """
     besides: i32 = rough(ecu, cal)
-    if within(ecu, cal.response_limit) == 0:
+    at_limit: i32 = 1 - within(ecu, cal.response_limit)
+    if at_limit == 1:
         size: i32 = magnitude(inertia)
         besides = sat31(besides + rsh(size, 1) + rsh(size, 2))
     # a part has no momentum: it is what its low-pass holds
@@ -126,12 +132,12 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32) -> None
     springs: i32 = ecu.balance_slow[SPRINGS]
     actuators: i32 = ecu.balance_slow[ACTUATORS]
     fading: i32 = rsh(cal.response_pass, FADING)
-    wrong: i32 = may_be_wrong(side_force, springs, actuators)
+    wrong: i32 = may_be_wrong(side_force, springs, actuators, at_limit)
     leave_room(ecu, BODY, sat31(wrong + besides), fading)
     side_force = at_once(ecu, SIDE_FORCE, side_force, fading)
     springs = at_once(ecu, SPRINGS, springs, fading)
     actuators = at_once(ecu, ACTUATORS, actuators, fading)
-    wrong = may_be_wrong(side_force, springs, actuators)
+    wrong = may_be_wrong(side_force, springs, actuators, at_limit)
     leave_room(ecu, JUMP, sat31(wrong + besides), fading)
     new: i32 = at_once(ecu, BODY, left, fading)
     bad: i32 = beyond(magnitude(left), ecu.balance_room[BODY] + cal.response_min)

@@ -61,7 +61,7 @@ RESPONSE_WASHOUT = 0.2
 """Corner of the washout, Hz."""
 AXLES_LEAST = 0.0012
 """What may always be left over between the axles: roll of the front tyres by so much, rad."""
-AXLES_ROUGH = 0.03
+AXLES_ROUGH = 0.035
 """What a rough road may leave over: roll in this time at the rate at which the axles' suspensions
 move apart, s."""
 AXLES_REST = 0.003

@@ -17,6 +17,11 @@ LOW_PASS, WASHOUT = 0.05, 1.26
 LEAST = 240.0
 SECONDS = 4.0
 SPEED = 20.0
+AT_THE_LIMIT = (
+    *({"motion_peak": 11 << fw.Q_ACCELERATION}, {"motion_lost": 1}),
+    {"valid": [3, 3, 15, 3, 7]},
+)
+"""States in which the tyres are at their limit, or may be."""
 
 
 def watched(**changes: object) -> fw.Calibration:
@@ -192,11 +197,7 @@ def test_a_moment_that_jumps_away_in_the_slalom_is_found_at_once():
     assert ecu.balance_ticks[JUMP] == cal.response_ticks // 2
 
 
-@pytest.mark.parametrize(
-    "state",
-    [{"motion_peak": 11 << fw.Q_ACCELERATION}, {"motion_lost": 1}, {"valid": [3, 3, 15, 3, 7]}],
-    ids=str,
-)
+@pytest.mark.parametrize("state", AT_THE_LIMIT, ids=str)
 @pytest.mark.parametrize("unexplained", [0.75, 1.5])
 def test_at_the_tyres_limit_part_of_the_inertia_may_be_left_over(state, unexplained):
     cal = watched()
@@ -211,6 +212,23 @@ def test_at_the_tyres_limit_part_of_the_inertia_may_be_left_over(state, unexplai
             setattr(ecu, name, value)
         replay(ecu, cal, swaying)
         assert ecu.contradicted == [wrong, wrong]
+
+
+@pytest.mark.parametrize("state", AT_THE_LIMIT, ids=str)
+@pytest.mark.parametrize(("times", "wrong"), [(1.35, 0), (2.0, 1)])
+def test_stops_may_take_up_a_part_of_the_moments_at_the_tyres_limit(state, times, wrong):
+    cal = watched()
+    carried = np.zeros((400, 4))
+    frequency = 2.0 * np.pi * 0.5
+    # by washout and low-pass
+    passed = abs(1j * frequency / ((1j * frequency + WASHOUT) * (1j * frequency * LOW_PASS + 1.0)))
+    carried[:, 3] = times * LEAST / passed * np.sin(frequency * STEP * np.arange(400))
+    for changes, expected in (({}, 1), (state, wrong)):
+        ecu = known(cal)
+        for name, value in changes.items():
+            setattr(ecu, name, value)
+        replay(ecu, cal, carried)
+        assert ecu.contradicted == [expected, expected]
 
 
 def on_the_straight(offset: float, *, moment: float = 0.0) -> np.ndarray:
