@@ -13,7 +13,6 @@ import shutil
 import signal
 import struct
 import sys
-import tempfile
 from dataclasses import dataclass
 from typing import Any, BinaryIO
 
@@ -26,6 +25,8 @@ class Task:
     """What the process does: an FMU, the variables to set and get, and the step (s)."""
 
     path: str
+    folder: str
+    """Where it is unpacked. The caller removes it, and this process where the caller is no more."""
     version: int
     identifier: str
     token: str
@@ -50,19 +51,19 @@ class Said(io.TextIOBase):
 class Instance:
     """One FMU between its steps."""
 
-    def __init__(self, task: Task, folder: str) -> None:
+    def __init__(self, task: Task) -> None:
         from fmpy import extract  # noqa: PLC0415 - the messages of its import are kept away too
         from fmpy.fmi2 import FMU2Slave  # noqa: PLC0415
         from fmpy.fmi3 import FMU3Slave  # noqa: PLC0415
 
-        extract(task.path, folder)
+        extract(task.path, task.folder)
         self._task = task
         self._count = 0
         slave = FMU2Slave if task.version == 2 else FMU3Slave
         self._fmu: Any = slave(
             guid=task.token,
             modelIdentifier=task.identifier,
-            unzipDirectory=folder,
+            unzipDirectory=task.folder,
             instanceName="plant",
         )
         self._set = self._fmu.setReal if task.version == 2 else self._fmu.setFloat64
@@ -116,22 +117,21 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     requests = sys.stdin.buffer
     task = Task(**json.loads(requests.readline()))
-    folder = tempfile.mkdtemp(prefix="canroll-fmu-")
     try:
-        _serve(task, folder, requests, answers)
+        _serve(task, requests, answers)
     except Exception as error:
         told = str(error) if not said.last else f"{error} {said.last}"
         message = " ".join(told.split()).encode()
         answers.write(BAD + LENGTH.pack(len(message)) + message)
         answers.flush()
     finally:
-        shutil.rmtree(folder, ignore_errors=True)
+        shutil.rmtree(task.folder, ignore_errors=True)
 
 
-def _serve(task: Task, folder: str, requests: BinaryIO, answers: BinaryIO) -> None:
+def _serve(task: Task, requests: BinaryIO, answers: BinaryIO) -> None:
     given = struct.Struct(f"<{len(task.inputs)}d")
     found = struct.Struct(f"<{len(task.outputs)}d")
-    instance = Instance(task, folder)
+    instance = Instance(task)
     work = instance.start
     while len(request := requests.read(1 + given.size)) == 1 + given.size:
         answers.write(GOOD + found.pack(*work(given.unpack(request[1:]))))

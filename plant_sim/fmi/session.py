@@ -5,6 +5,7 @@ import signal
 import struct
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict
 from math import isfinite
@@ -37,8 +38,10 @@ class Session:
         self._calls = 0
         self._values: tuple[float, ...] = ()
         self._coming: tuple[float, ...] = ()
+        self._folder = tempfile.TemporaryDirectory(prefix="canroll-fmu-")
         task = Task(
             path=str(path.resolve()),
+            folder=self._folder.name,
             version=fmu.version,
             identifier=fmu.identifier,
             token=fmu.token,
@@ -77,9 +80,10 @@ class Session:
         return self._outputs()
 
     def close(self) -> None:
-        """End the process."""
+        """End the process, and remove what it has unpacked."""
         self._process.kill()
         self._process.wait()
+        self._folder.cleanup()
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
                 pipe.close()

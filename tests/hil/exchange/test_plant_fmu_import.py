@@ -3,6 +3,7 @@
 import gc
 import json
 import os
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -222,6 +223,22 @@ def test_process_ends_with_the_world(mapped):
     del world
     gc.collect()
     assert process not in children()
+
+
+@pytest.mark.parametrize("changes", [{}, {"start": "crash = 1.0"}], ids=["ends", "crashes"])
+def test_nothing_of_the_fmu_is_left_behind(mapped, tmp_path, monkeypatch, changes):
+    room = tmp_path / "temporary"
+    room.mkdir()
+    monkeypatch.setenv("TMPDIR", str(room))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    settings, controller = plan("double_lane_change", plant=mapped(**changes))
+    if changes:
+        with pytest.raises(CanrollError, match="crashed at 1000 ms"):
+            drive(settings, controller, enabled=False, duration=1.2)
+    else:
+        drive(settings, controller, enabled=False, duration=0.1)
+    gc.collect()
+    assert list(room.glob("canroll-fmu-*")) == []
 
 
 def test_what_needs_our_equations_refuses_an_fmu(mapped):
