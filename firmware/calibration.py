@@ -347,7 +347,7 @@ class Calibration:
         i32, F(0, STATE_MAX, Q_ACCELERATION, "m/s2", "wheels lift and stops are reached above")
     ]
     response_ticks: Annotated[
-        i32, F(1, 1000, 0, "ticks", "without a break, of the body half of it")
+        i32, F(1, 1000, 0, "ticks", "without a break, of the body five eighths")
     ]
     response_stroke: Annotated[
         list[i32], 2, F(0, COEFFICIENT, 10, "N·s/m", "damping moment over difference of strokes")

@@ -208,7 +208,9 @@ class Ecu:
     balance_room: Annotated[
         list[i32], 9, F(0, STATE_MAX, Q_MOMENT, "N·m", "what the model may be wrong by, fading")
     ]
-    balance_ticks: Annotated[list[i32], 5, F(0, 10000, 0, "ticks", "too much is left over since")]
+    balance_ticks: Annotated[
+        list[i32], 5, F(-10000, 10000, 0, "ticks", "too much is left over since, to which side")
+    ]
 
     # observer
     x: Annotated[list[i32], N_STATES, F(STATE_MIN, STATE_MAX, 0, "", "corrected estimate")]

@@ -7,7 +7,7 @@ part alone is that part, passed alike: what it may be wrong by is a share of it.
 
 from firmware.calibration import STATE_MAX, Calibration
 from firmware.fixed_point import product
-from firmware.monitors.redundancy import lasting
+from firmware.monitors.redundancy import beyond, lasting, magnitude
 from firmware.state import Ecu
 from firmware.subset import clamp, i32, rsh, sat31
 
@@ -75,5 +75,21 @@ def accuse_axles(ecu: Ecu, which: i32, bad: i32, ticks: i32) -> None:
     """Believe no axle once a balance has been ``bad`` for so long: it does not tell which."""
     ecu.balance_ticks[which] = lasting(ecu.balance_ticks[which], bad, ticks)
     if ecu.balance_ticks[which] == ticks:
+        ecu.contradicted[0] = 1
+        ecu.contradicted[1] = 1
+
+
+def accuse_axles_to_a_side(ecu: Ecu, which: i32, left: i32, limit: i32, ticks: i32) -> None:
+    """Believe no axle once ``left`` has been beyond ``limit`` to one side for so long.
+
+    What bounces changes its side before. Ticks count as negative to the negative side.
+    """
+    side: i32 = 1
+    if left < 0:
+        side = -1
+    so_far: i32 = clamp(side * ecu.balance_ticks[which], 0, ticks)
+    count: i32 = lasting(so_far, beyond(magnitude(left), limit), ticks)
+    ecu.balance_ticks[which] = side * count
+    if count == ticks:
         ecu.contradicted[0] = 1
         ecu.contradicted[1] = 1

@@ -6,11 +6,12 @@ difference between true and reported moments, whatever the road does, for it act
 springs. All of it is washed out, so that no offset counts, and low-passed, so that the roll
 acceleration is got from the roll rate without a derivative. What the model may be wrong by is a
 share of each part of the balance, washed out and low-passed as what is left over: a mass that is
-unknown excuses no more than its lateral force makes then. Where more is left for a while, no axle
-is believed: the sum does not tell which. A moment that runs away is a step, and stays within what
-a slow change of the parts may make. So what is left over is washed out once more, and judged by the
-parts washed out likewise. At the tyres' limit, where wheels lift and stops are reached, three
-quarters of what the body's inertia takes may be left over besides, and a quarter of the moments.
+unknown excuses no more than its lateral force makes then. Where more is left to one side for a
+while, no axle is believed: the sum does not tell which. A moment that runs away is a step, and
+stays within what a slow change of the parts may make. So what is left over is washed out once more,
+and judged by the parts washed out likewise. At the tyres' limit, where wheels lift and stops are
+reached, three quarters of what the body's inertia takes may be left over besides, and a quarter of
+the moments.
 
 A wrong lateral acceleration is left over likewise, and differs from yaw rate times speed to the
 same side, which no lie about moments does. As no bank enters the balance, both may be small and the
@@ -28,14 +29,14 @@ from firmware.monitors.balance import (
     LATERAL,
     SIDE_FORCE,
     SPRINGS,
-    accuse_axles,
+    accuse_axles_to_a_side,
     at_once,
     leave_room,
     left_over,
     start_balance,
     stretch,
 )
-from firmware.monitors.redundancy import beyond, lasting, magnitude, side_of
+from firmware.monitors.redundancy import lasting, magnitude, side_of
 from firmware.monitors.rolling import YAW, measured, within
 from firmware.plausibility import NEEDED
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, Ecu
@@ -140,10 +141,9 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32) -> None
     wrong = may_be_wrong(side_force, springs, actuators, at_limit)
     leave_room(ecu, JUMP, sat31(wrong + besides), fading)
     new: i32 = at_once(ecu, BODY, left, fading)
-    bad: i32 = beyond(magnitude(left), ecu.balance_room[BODY] + cal.response_min)
-    jumped: i32 = beyond(magnitude(new), ecu.balance_room[JUMP] + cal.response_min)
-    accuse_axles(ecu, BODY, bad, rsh(cal.response_ticks, 1))
-    accuse_axles(ecu, JUMP, jumped, rsh(cal.response_ticks, 1))
+    ticks: i32 = rsh(cal.response_ticks, 1) + rsh(cal.response_ticks, 3)
+    accuse_axles_to_a_side(ecu, BODY, left, ecu.balance_room[BODY] + cal.response_min, ticks)
+    accuse_axles_to_a_side(ecu, JUMP, new, ecu.balance_room[JUMP] + cal.response_min, ticks)
 
 
 def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:

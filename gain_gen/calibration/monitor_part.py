@@ -54,7 +54,7 @@ RESPONSE_LINEAR = 10.0
 reached."""
 RESPONSE_TIME = 0.18
 """How long too much is left over without a break of the lateral acceleration and of the axles, s;
-of the body half as long."""
+of the body to one side five eighths as long."""
 RESPONSE_LOW_PASS = 0.05
 """Time constant of the low-pass, s."""
 RESPONSE_WASHOUT = 0.2
