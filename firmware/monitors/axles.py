@@ -14,7 +14,7 @@ judged, for wheels leave the ground. Which axle lies it does not tell. A finding
 next ``init``.
 """
 
-from firmware.calibration import Calibration
+from firmware.calibration import STATE_MAX, Calibration
 from firmware.fixed_point import product
 from firmware.monitors.balance import (
     AXLES,
@@ -24,7 +24,7 @@ from firmware.monitors.balance import (
     start_balance,
     stretch,
 )
-from firmware.monitors.redundancy import beyond, magnitude
+from firmware.monitors.redundancy import magnitude
 from firmware.monitors.rolling import within
 from firmware.state import Ecu
 from firmware.subset import i32, rsh, sat31
@@ -58,12 +58,12 @@ def watch_axles(ecu: Ecu, cal: Calibration) -> None:
     if ecu.axles_known == 0:
         ecu.axles_known = 1
         start_balance(ecu, AXLES, acting, momentum)
-    left: i32 = magnitude(left_over(ecu, cal, AXLES, acting, momentum))
+    left: i32 = left_over(ecu, cal, AXLES, acting, momentum)
     stretch(ecu, AXLES, stretched)
     rough: i32 = product(magnitude(stretched), cal.axles_rough, 10)
     moments: i32 = magnitude(ecu.delivered[0]) + magnitude(of_rear)
     leave_room(ecu, AXLES, sat31(rough + rsh(moments, SHARE)), rsh(cal.response_wash, 1))
-    bad: i32 = beyond(left, ecu.balance_room[AXLES] + cal.axles_min)
+    limit: i32 = ecu.balance_room[AXLES] + cal.axles_min
     if ecu.balance_room[AXLES] > cal.axles_rest:
-        bad = 0
-    accuse_axles(ecu, AXLES, bad, cal.response_ticks)
+        limit = STATE_MAX
+    accuse_axles(ecu, AXLES, left, limit, cal.response_ticks)

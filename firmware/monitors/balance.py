@@ -71,18 +71,11 @@ def leave_room(ecu: Ecu, which: i32, size: i32, fading: i32) -> None:
     ecu.balance_room[which] = clamp(size, room - product(room, fading, 30), STATE_MAX)
 
 
-def accuse_axles(ecu: Ecu, which: i32, bad: i32, ticks: i32) -> None:
-    """Believe no axle once a balance has been ``bad`` for so long: it does not tell which."""
-    ecu.balance_ticks[which] = lasting(ecu.balance_ticks[which], bad, ticks)
-    if ecu.balance_ticks[which] == ticks:
-        ecu.contradicted[0] = 1
-        ecu.contradicted[1] = 1
-
-
-def accuse_axles_to_a_side(ecu: Ecu, which: i32, left: i32, limit: i32, ticks: i32) -> None:
+def accuse_axles(ecu: Ecu, which: i32, left: i32, limit: i32, ticks: i32) -> None:
     """Believe no axle once ``left`` has been beyond ``limit`` to one side for so long.
 
-    What bounces changes its side before. Ticks count as negative to the negative side.
+    The balance does not tell which lies. What bounces changes its side before. Ticks to the
+    negative side count as negative.
     """
     side: i32 = 1
     if left < 0:

@@ -11,7 +11,6 @@ does not count. Which axle pushes it does not tell. A finding lasts until the ne
 from firmware.calibration import Calibration
 from firmware.fixed_point import product
 from firmware.monitors.balance import HEAVE, accuse_axles, left_over, start_balance, stretch
-from firmware.monitors.redundancy import magnitude
 from firmware.state import Ecu
 from firmware.subset import i32, sat31
 
@@ -27,8 +26,5 @@ def watch_heave(ecu: Ecu, cal: Calibration) -> None:
     front: i32 = product(ecu.stroke_rate[0] + ecu.stroke_rate[1], cal.heave_stretch[0], 23)
     rear: i32 = product(ecu.stroke_rate[2] + ecu.stroke_rate[3], cal.heave_stretch[1], 23)
     more: i32 = left_over(ecu, cal, HEAVE, 0, 0)
-    bad: i32 = 0
-    if magnitude(more) > cal.heave_min:
-        bad = 1
     stretch(ecu, HEAVE, sat31(front + rear))
-    accuse_axles(ecu, HEAVE, bad, cal.heave_ticks)
+    accuse_axles(ecu, HEAVE, more, cal.heave_min, cal.heave_ticks)

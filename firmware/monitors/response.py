@@ -29,7 +29,7 @@ from firmware.monitors.balance import (
     LATERAL,
     SIDE_FORCE,
     SPRINGS,
-    accuse_axles_to_a_side,
+    accuse_axles,
     at_once,
     leave_room,
     left_over,
@@ -94,16 +94,11 @@ def start_parts(ecu: Ecu, damping: i32, moment: i32, lateral: i32, momentum: i32
     start_balance(ecu, JUMP, 0, 0)
 
 
-def may_be_wrong(side_force: i32, springs: i32, actuators: i32, at_limit: i32) -> i32:
-    """Return what the model may be wrong by where the body is acted on by so much.
-
-    ``at_limit``, 1 or 0: stops take up what the actuators leave, and no spring shows it.
-    """
+def may_be_wrong(side_force: i32, springs: i32, actuators: i32) -> i32:
+    """Return what the model may be wrong by where the body is acted on by so much."""
     lateral: i32 = magnitude(side_force)
-    moment: i32 = magnitude(actuators)
     by_force: i32 = rsh(lateral, 2) + rsh(lateral, 3)
-    by_moment: i32 = rsh(moment, 3) + at_limit * rsh(moment, 2)
-    return sat31(by_force + rsh(magnitude(springs), 2) + by_moment)
+    return sat31(by_force + rsh(magnitude(springs), 2) + rsh(magnitude(actuators), 3))
 
 
 def rough(ecu: Ecu, cal: Calibration) -> i32:
@@ -123,27 +118,28 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32) -> None
 
     ``inertia`` is what the body's takes.
     """
-    besides: i32 = rough(ecu, cal)
-    at_limit: i32 = 1 - within(ecu, cal.response_limit)
-    if at_limit == 1:
-        size: i32 = magnitude(inertia)
-        besides = sat31(besides + rsh(size, 1) + rsh(size, 2))
     # a part has no momentum: it is what its low-pass holds
     side_force: i32 = ecu.balance_slow[SIDE_FORCE]
     springs: i32 = ecu.balance_slow[SPRINGS]
     actuators: i32 = ecu.balance_slow[ACTUATORS]
+    besides: i32 = rough(ecu, cal)
+    if within(ecu, cal.response_limit) == 0:
+        size: i32 = magnitude(inertia)
+        # stops take up what actuators give up, and no spring shows it
+        by_stops: i32 = size + magnitude(actuators)
+        besides = sat31(besides + rsh(size, 1) + rsh(by_stops, 2))
     fading: i32 = rsh(cal.response_pass, FADING)
-    wrong: i32 = may_be_wrong(side_force, springs, actuators, at_limit)
+    wrong: i32 = may_be_wrong(side_force, springs, actuators)
     leave_room(ecu, BODY, sat31(wrong + besides), fading)
     side_force = at_once(ecu, SIDE_FORCE, side_force, fading)
     springs = at_once(ecu, SPRINGS, springs, fading)
     actuators = at_once(ecu, ACTUATORS, actuators, fading)
-    wrong = may_be_wrong(side_force, springs, actuators, at_limit)
+    wrong = may_be_wrong(side_force, springs, actuators)
     leave_room(ecu, JUMP, sat31(wrong + besides), fading)
     new: i32 = at_once(ecu, BODY, left, fading)
     ticks: i32 = rsh(cal.response_ticks, 1) + rsh(cal.response_ticks, 3)
-    accuse_axles_to_a_side(ecu, BODY, left, ecu.balance_room[BODY] + cal.response_min, ticks)
-    accuse_axles_to_a_side(ecu, JUMP, new, ecu.balance_room[JUMP] + cal.response_min, ticks)
+    accuse_axles(ecu, BODY, left, ecu.balance_room[BODY] + cal.response_min, ticks)
+    accuse_axles(ecu, JUMP, new, ecu.balance_room[JUMP] + cal.response_min, ticks)
 
 
 def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:

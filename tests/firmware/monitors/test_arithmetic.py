@@ -108,11 +108,9 @@ class Balance:
         self.room = max(size, self.room * (1.0 - fading))
 
 
-def wrong_by(acts: list[float], at_the_limit: bool) -> float:
-    """What the model may be wrong by, of the side force, the springs and the actuators."""
-    side_force, springs, actuators = np.abs(acts)
-    share = 3.0 / 8.0 if at_the_limit else 1.0 / 8.0
-    return 3.0 / 8.0 * side_force + springs / 4.0 + share * actuators
+def wrong_by(side_force: float, springs: float, actuators: float) -> float:
+    """What the model may be wrong by."""
+    return 3.0 / 8.0 * abs(side_force) + abs(springs) / 4.0 + abs(actuators) / 8.0
 
 
 @dataclass(slots=True)
@@ -159,10 +157,11 @@ class Floats:
         b[balance.SPRINGS].spring += stretched
         left = inertia + acts[1] + damped - acts[0] - acts[2]
         road = sum(abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * STROKE[n] for n in range(2))
-        besides = road / 2.0 + (0.75 * abs(inertia) if it.at_the_limit else 0.0)
-        b[balance.BODY].leave_room(wrong_by(acts, it.at_the_limit) + besides, FADING)
+        of_limit = 0.75 * abs(inertia) + abs(acts[2]) / 4.0
+        besides = road / 2.0 + (of_limit if it.at_the_limit else 0.0)
+        b[balance.BODY].leave_room(wrong_by(*acts) + besides, FADING)
         at_once = [b[part].new(value) for part, value in zip(parts, acts, strict=True)]
-        b[balance.JUMP].leave_room(wrong_by(at_once, it.at_the_limit) + besides, FADING)
+        b[balance.JUMP].leave_room(wrong_by(*at_once) + besides, FADING)
         b[balance.BODY].new(left)
 
     def axles(self, it: Sample) -> None:
