@@ -1,6 +1,9 @@
 """Frames of a bus log by channel, from every format that python-can reads by suffix."""
 
 import io
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -77,7 +80,7 @@ def read_log(path: Path) -> dict[str, Logged]:
         if path.suffix.lower() == ".mf4" and find_spec("asammdf"):
             messages = _read_mf4(path)
         else:
-            with can.LogReader(path) as reader:
+            with _nothing_dropped(), can.LogReader(path) as reader:
                 messages = list(reader)
     except CanrollError as error:
         raise CanrollError(f"{path}: {error}") from error
@@ -90,6 +93,23 @@ def read_log(path: Path) -> dict[str, Logged]:
         channels.setdefault(str(message.channel), []).append(message)
     start = messages[0].timestamp if messages else 0.0
     return {name: _logged(name, channels[name], start) for name in sorted(channels)}
+
+
+@contextmanager
+def _nothing_dropped() -> Iterator[None]:
+    """Raise what python-can only warns of: it passes over a line of .trc that it cannot parse."""
+    said: list[str] = []
+    log, listener = logging.getLogger("can.io"), logging.Handler(logging.WARNING)
+    listener.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
+    passed_on, log.propagate = log.propagate, False
+    log.addHandler(listener)
+    try:
+        yield
+    finally:
+        log.removeHandler(listener)
+        log.propagate = passed_on
+    if said:
+        raise ValueError(said[0])
 
 
 def _read_mf4(path: Path) -> list[can.Message]:

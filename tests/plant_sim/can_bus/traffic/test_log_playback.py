@@ -107,3 +107,14 @@ def test_unreadable_logs_are_refused(tmp_path):
     (tmp_path / "d.txt").write_text("x")
     with pytest.raises(CanrollError, match="a bus log ends in"):
         load_recording(tmp_path / "d.txt", bitrate=500_000)
+
+
+def test_a_log_of_which_frames_would_be_passed_over_is_refused(tmp_path, capfd):
+    path = tmp_path / "drive.trc"
+    recorded(path)
+    load_recording(path, bitrate=500_000)
+    path.write_text(path.read_text() + "999        13.000 DT  1\n")
+    said = "drive.trc: not a readable bus log: TRCReader: Failed to parse message '999"
+    with pytest.raises(CanrollError, match=said):
+        load_recording(path, bitrate=500_000)
+    assert capfd.readouterr().err == ""
