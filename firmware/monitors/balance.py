@@ -80,9 +80,9 @@ def accuse_axles(ecu: Ecu, which: i32, left: i32, limit: i32, ticks: i32) -> Non
     side: i32 = 1
     if left < 0:
         side = -1
-    so_far: i32 = clamp(side * ecu.balance_ticks[which], 0, ticks)
+    so_far: i32 = clamp(sat31(side * ecu.balance_ticks[which]), 0, ticks)
     count: i32 = lasting(so_far, beyond(magnitude(left), limit), ticks)
-    ecu.balance_ticks[which] = side * count
+    ecu.balance_ticks[which] = sat31(side * count)
     if count == ticks:
         ecu.contradicted[0] = 1
         ecu.contradicted[1] = 1

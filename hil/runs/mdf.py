@@ -6,22 +6,30 @@ and 100 MB of every run.
 
 import sys
 from importlib import import_module, reload
-from importlib.util import find_spec
+
+READER = "can.io.mf4"
+
+
+class PutOff:
+    """A finder of modules that has no asammdf while python-can's reader of .mf4 is imported."""
+
+    @staticmethod
+    def find_spec(name: str, path: object = None, target: object = None) -> None:
+        """Raise for asammdf then; leave all else to the other finders."""
+        if name == "asammdf":
+            importing = sys.modules.get(READER)
+            if importing is not None and not hasattr(importing, "MF4Reader"):
+                raise ModuleNotFoundError("asammdf is put off", name=name)
 
 
 def put_off() -> None:
-    """Import python-can without asammdf; nothing where either is imported or it is missing."""
-    if "can" in sys.modules or "asammdf" in sys.modules or find_spec("asammdf") is None:
-        return
-    sys.modules["asammdf"] = None  # type: ignore[assignment]
-    try:
-        import_module("can")
-    finally:
-        del sys.modules["asammdf"]
+    """Let python-can be imported without asammdf."""
+    if PutOff not in sys.meta_path:
+        sys.meta_path.insert(0, PutOff)
 
 
 def load() -> None:
     """Give python-can's reader and writer of .mf4 the asammdf that was put off, if it is there."""
-    mf4 = import_module("can.io.mf4")
+    mf4 = import_module(READER)
     if mf4.asammdf is None:
         reload(mf4)
