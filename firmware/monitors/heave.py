@@ -4,15 +4,22 @@ Such forces make no moment, so that neither a report of moments nor a balance of
 But no command asks for them, and the springs of both axles together carry the body's weight,
 whatever its load transfer to the front, rear or side: what they carry more or less for long is what
 other corners bear. A road over hill and dale does that too, as little as its vertical curvature
-makes of the body's weight. What they carried at the start, and all that changes slowly,
-does not count. Which axle pushes it does not tell. A finding lasts until the next ``init``.
+makes of the body's weight; on a rough one samples of stroke rates that come late, twice or not at
+all add up. What they carried at the start, and all that changes slowly, does not count. Which axle
+pushes it does not tell. A finding lasts until the next ``init``.
 """
 
-from firmware.calibration import Calibration
+from firmware.calibration import STATE_MAX, Calibration
 from firmware.fixed_point import product
 from firmware.monitors.balance import HEAVE, accuse_axles, left_over, start_balance, stretch
+from firmware.monitors.redundancy import magnitude
 from firmware.state import Ecu
-from firmware.subset import i32, sat31
+from firmware.subset import clamp, i32, rsh, sat31
+
+# of what the springs' forces change in a tick, so many times the mean may be left over: 2 to the
+# difference of these powers, the first by which the mean forgets in a tick
+FADING = 10
+MEAN = 5
 
 
 def watch_heave(ecu: Ecu, cal: Calibration) -> None:
@@ -25,6 +32,10 @@ def watch_heave(ecu: Ecu, cal: Calibration) -> None:
         return
     front: i32 = product(ecu.stroke_rate[0] + ecu.stroke_rate[1], cal.heave_stretch[0], 23)
     rear: i32 = product(ecu.stroke_rate[2] + ecu.stroke_rate[3], cal.heave_stretch[1], 23)
+    moved: i32 = sat31(front + rear)
     more: i32 = left_over(ecu, cal, HEAVE, 0, 0)
-    stretch(ecu, HEAVE, sat31(front + rear))
-    accuse_axles(ecu, HEAVE, more, cal.heave_min, cal.heave_ticks)
+    stretch(ecu, HEAVE, moved)
+    room: i32 = ecu.balance_room[HEAVE]
+    room = clamp(room - rsh(room, FADING) + rsh(magnitude(moved), MEAN), 0, STATE_MAX)
+    ecu.balance_room[HEAVE] = room
+    accuse_axles(ecu, HEAVE, more, sat31(cal.heave_min + room), cal.heave_ticks)

@@ -181,8 +181,10 @@ class Floats:
     def heave(self, it: Sample) -> None:
         its, strokes = self.balances[balance.HEAVE], it.strokes
         its.left_over(0.0, 0.0)
-        its.spring += HEAVE_STRETCH[0] * (strokes[0] + strokes[1])
-        its.spring += HEAVE_STRETCH[1] * (strokes[2] + strokes[3])
+        moved = HEAVE_STRETCH[0] * (strokes[0] + strokes[1])
+        moved += HEAVE_STRETCH[1] * (strokes[2] + strokes[3])
+        its.spring += moved
+        its.room += (32.0 * abs(moved) - its.room) / 1024.0
 
     def rolling(self, it: Sample) -> None:
         front = TRACK[0] * (it.strokes[0] - it.strokes[1])

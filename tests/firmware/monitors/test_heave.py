@@ -103,6 +103,22 @@ def test_hills_accuse_nobody(radius, wrong):
     assert ecu.contradicted == [wrong, wrong]
 
 
+def test_samples_late_by_a_tick_on_a_rough_road_accuse_nobody():
+    cal = watched()
+    ecu = known(cal)
+    random = np.random.default_rng(14)
+    times = np.arange(0.0, 40.0, STEP)
+    # wheels that hop, by 2 mm: at 10 Hz, of which the phase wanders
+    phase = 2.0 * np.pi * 10.0 * times + np.cumsum(random.normal(0.0, 0.3, len(times)))
+    travel = np.outer(0.002 * np.sin(phase), np.ones(4))
+    rates = np.diff(travel, axis=0, prepend=travel[:1]) / STEP
+    late = np.maximum(np.arange(len(times)) - random.integers(0, 2, len(times)), 0)
+    drifted = STEP * np.cumsum(rates[late], axis=0) @ np.repeat(RATES, 2)
+    assert np.abs(drifted).max() > 3.0 * LEAST
+    replay(ecu, cal, STEP * np.cumsum(rates[late], axis=0))
+    assert ecu.contradicted == [0, 0]
+
+
 def test_offsets_of_the_rates_accuse_nobody():
     cal = watched()
     ecu = known(cal)
