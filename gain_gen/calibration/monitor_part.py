@@ -70,10 +70,10 @@ AXLES_LINEAR = 7.0
 """Lateral acceleration by yaw rate or steering, m/s², up to which wheels stay on the road: neither
 axles nor roll rates are compared above."""
 
-HEAVE_LEAST = 1.2
-"""What the springs may carry more or less, by mass of the body, m/s²: so much is a crest of 260 m
+HEAVE_LEAST = 0.9
+"""What the springs may carry more or less, by mass of the body, m/s²: so much is a crest of 350 m
 radius at 64 km/h."""
-HEAVE_TIME = 2.0
+HEAVE_TIME = 1.0
 """How long without a break, s."""
 
 
