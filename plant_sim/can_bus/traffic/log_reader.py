@@ -102,11 +102,14 @@ def _nothing_dropped() -> Iterator[None]:
     log, listener = logging.getLogger("can.io"), logging.Handler(logging.WARNING)
     listener.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
     passed_on, log.propagate = log.propagate, False
+    level = log.level
+    log.setLevel(logging.WARNING)
     log.addHandler(listener)
     try:
         yield
     finally:
         log.removeHandler(listener)
+        log.setLevel(level)
         log.propagate = passed_on
     if said:
         raise ValueError(said[0])

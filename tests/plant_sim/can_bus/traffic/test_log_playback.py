@@ -1,5 +1,7 @@
 """Replay of recorded traffic, from every common log format."""
 
+import logging
+
 import can
 import numpy as np
 import pytest
@@ -109,7 +111,10 @@ def test_unreadable_logs_are_refused(tmp_path):
         load_recording(tmp_path / "d.txt", bitrate=500_000)
 
 
-def test_a_log_of_which_frames_would_be_passed_over_is_refused(tmp_path, capfd):
+@pytest.mark.parametrize("level", [logging.NOTSET, logging.CRITICAL])
+def test_a_log_of_which_frames_would_be_passed_over_is_refused(tmp_path, capfd, caplog, level):
+    # who opens a bus lets python-can log no more than what is critical
+    caplog.set_level(level, "can")
     path = tmp_path / "drive.trc"
     recorded(path)
     load_recording(path, bitrate=500_000)
