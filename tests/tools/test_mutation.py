@@ -211,8 +211,15 @@ def test_a_sample_of_mutants_is_killed():
 
 
 @pytest.mark.slow
-def test_a_wrong_sample_is_a_usage_error():
-    command = [sys.executable, "-m", "tools.mutation", "--sample", "0"]
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--sample", "0"], "--sample and --jobs must be at least 1"),
+        (["envelop"], "unknown module 'envelop': did you mean 'envelope'?"),
+    ],
+)
+def test_a_wrong_choice_is_a_usage_error(arguments, message):
+    command = [sys.executable, "-m", "tools.mutation", *arguments]
     done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=FIRMWARE.parent)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr == "mutate: --sample and --jobs must be at least 1\n"
+    assert done.stderr == f"mutate: {message}\n"

@@ -1,6 +1,6 @@
 """Mutation test of the firmware: change one operator or constant, and the tests must fail.
 
-    python -m tools.mutation [--sample N] [--seed S] [--jobs J]
+    python -m tools.mutation [MODULE ...] [--sample N] [--seed S] [--jobs J]
 
 Every mutant is tested by the quick tests of tests/firmware that run the changed line, and by the
 proof of no overflow; a killed one failed at least one of them. Mutants that translate to the same
@@ -17,7 +17,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, UnknownNameError
 from tools.mutation.hunt import EQUIVALENT, KILLED, REFUSED, SURVIVED, Outcome, run
 from tools.mutation.mutants import Mutant, all_mutants, sources
 from tools.progress import progress
@@ -82,14 +82,20 @@ def report(outcomes: Sequence[Outcome], exist: int) -> str:
 def main() -> int:
     """Run a sample or all mutants; 1 if fewer than 95 % are killed."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("modules", nargs="*", metavar="MODULE", help="default: all")
     parser.add_argument("--sample", type=int, help="how many mutants (default: all)")
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     arguments = parser.parse_args()
     texts = sources()
     every = all_mutants(texts)
-    size = arguments.sample if arguments.sample is not None else len(every)
+    modules = sorted({mutant.module for mutant in every})
     try:
+        for name in arguments.modules:
+            if name not in modules:
+                raise UnknownNameError("module", name, modules)
+        every = [m for m in every if m.module in (arguments.modules or modules)]
+        size = arguments.sample if arguments.sample is not None else len(every)
         if size < 1 or arguments.jobs < 1:
             raise CanrollError("--sample and --jobs must be at least 1")
         chosen = sample(every, size, arguments.seed)
