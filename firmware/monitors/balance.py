@@ -19,13 +19,17 @@ AXLES = 2
 JUMP = 3
 # of what the springs carry, upright
 HEAVE = 4
+# what the lateral acceleration's has left over for the moments
+STEADY = 5
 # what acts on the body, part by part
-SIDE_FORCE = 5
-SPRINGS = 6
-DAMPERS = 7
-ACTUATORS = 8
+SIDE_FORCE = 6
+SPRINGS = 7
+DAMPERS = 8
+ACTUATORS = 9
 # the washout of the lateral acceleration's and of heave is slower by this power of two
 SLOWER = 4
+# the mean of what a rough road makes forgets by this power of two in a tick
+MEAN = 10
 
 
 def start_balance(ecu: Ecu, which: i32, acting: i32, momentum: i32) -> None:
@@ -69,6 +73,17 @@ def leave_room(ecu: Ecu, which: i32, size: i32, fading: i32) -> None:
     """Let what may be left over follow ``size`` up at once and fade by ``fading``, of 2^30."""
     room: i32 = ecu.balance_room[which]
     ecu.balance_room[which] = clamp(size, room - product(room, fading, 30), STATE_MAX)
+
+
+def leave_mean(ecu: Ecu, which: i32, change: i32, times: i32) -> i32:
+    """Let so many ``times`` (a power of two) the mean magnitude of ``change`` be left over.
+
+    A rough road makes it, of samples that come early, late, twice or not at all.
+    """
+    room: i32 = ecu.balance_room[which]
+    room = clamp(room - rsh(room, MEAN) + rsh(magnitude(change), MEAN - times), 0, STATE_MAX)
+    ecu.balance_room[which] = room
+    return room
 
 
 def accuse_axles(ecu: Ecu, which: i32, left: i32, limit: i32, ticks: i32) -> None:

@@ -9,17 +9,21 @@ all add up. What they carried at the start, and all that changes slowly, does no
 pushes it does not tell. A finding lasts until the next ``init``.
 """
 
-from firmware.calibration import STATE_MAX, Calibration
+from firmware.calibration import Calibration
 from firmware.fixed_point import product
-from firmware.monitors.balance import HEAVE, accuse_axles, left_over, start_balance, stretch
-from firmware.monitors.redundancy import magnitude
+from firmware.monitors.balance import (
+    HEAVE,
+    accuse_axles,
+    leave_mean,
+    left_over,
+    start_balance,
+    stretch,
+)
 from firmware.state import Ecu
-from firmware.subset import clamp, i32, rsh, sat31
+from firmware.subset import i32, sat31
 
-# of what the springs' forces change in a tick, so many times the mean may be left over: 2 to the
-# difference of these powers, the first by which the mean forgets in a tick
-FADING = 10
-MEAN = 5
+# of what the springs' forces change in a tick, 2 to this power times the mean may be left over
+ROUGH = 5
 
 
 def watch_heave(ecu: Ecu, cal: Calibration) -> None:
@@ -35,7 +39,5 @@ def watch_heave(ecu: Ecu, cal: Calibration) -> None:
     moved: i32 = sat31(front + rear)
     more: i32 = left_over(ecu, cal, HEAVE, 0, 0)
     stretch(ecu, HEAVE, moved)
-    room: i32 = ecu.balance_room[HEAVE]
-    room = clamp(room - rsh(room, FADING) + rsh(magnitude(moved), MEAN), 0, STATE_MAX)
-    ecu.balance_room[HEAVE] = room
+    room: i32 = leave_mean(ecu, HEAVE, moved, ROUGH)
     accuse_axles(ecu, HEAVE, more, sat31(cal.heave_min + room), cal.heave_ticks)

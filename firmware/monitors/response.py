@@ -17,9 +17,15 @@ A wrong lateral acceleration is left over likewise, and differs from yaw rate ti
 same side, which no lie about moments does. As no bank enters the balance, both may be small and the
 washout slow; but it starts in calm running alone. What the model may be wrong by is five eighths of
 what springs, dampers and moments say of the lateral acceleration. Its finding lasts as well.
+
+Where yaw rate times speed does not differ from it, what is left of the slow balance is what was
+reported wrongly of the moments: one that ran away stays in it, which the quicker washout forgets
+once the car goes straighter. Springs take up what a moment does that is not reported, and excuse
+nothing here: what the model may be wrong by is half of the lateral force, washed out as slowly, and
+a quarter of the moments. A rough road adds up in what is integrated.
 """
 
-from firmware.calibration import Calibration
+from firmware.calibration import ONE, STATE_MAX, Calibration
 from firmware.fixed_point import product
 from firmware.monitors.balance import (
     ACTUATORS,
@@ -28,9 +34,12 @@ from firmware.monitors.balance import (
     JUMP,
     LATERAL,
     SIDE_FORCE,
+    SLOWER,
     SPRINGS,
+    STEADY,
     accuse_axles,
     at_once,
+    leave_mean,
     leave_room,
     left_over,
     start_balance,
@@ -48,6 +57,8 @@ LATERAL_SIGNAL = 2
 FADING = 3
 # rebound and bump differ from a damper's coefficient by half of it
 ROUGH = 1
+# of what the dampers' moment changes in a tick, 2 to this power times the mean may be left over
+RATTLING = 3
 # values of ecu.response_known: neither balance, that of the moments, both
 NOTHING = 0
 ONE_BALANCE = 1
@@ -66,22 +77,43 @@ def known(ecu: Ecu, cal: Calibration) -> i32:
     return ecu.enabled & ecu.command_held
 
 
-def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, shown: i32) -> None:
+def moment_ticks(cal: Calibration) -> i32:
+    """Return how long too much has to be left over for moments that were reported wrongly."""
+    return rsh(cal.response_ticks, 1) + rsh(cal.response_ticks, 3)
+
+
+def slow_min(cal: Calibration) -> i32:
+    """Return what the slow balance may always have left over."""
+    return rsh(cal.response_min, 1) + rsh(cal.response_min, 2)
+
+
+def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, beside: i32, shown: i32) -> None:
     """Judge the lateral acceleration by what is ``left`` and by yaw rate times speed.
 
-    ``shown`` is what suspension and moments say of it.
+    ``beside`` is by how much that differs from it, ``shown`` what suspension and moments say of it.
     """
     leave_room(ecu, LATERAL, rsh(shown, 1) + rsh(shown, 3), rsh(cal.response_pass, FADING))
-    least: i32 = rsh(cal.response_min, 1) + rsh(cal.response_min, 2)
-    limit: i32 = ecu.balance_room[LATERAL] + least
-    turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
-    beside: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
+    limit: i32 = ecu.balance_room[LATERAL] + slow_min(cal)
     side: i32 = 0
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & YAW) != 0:
         side = side_of(left, beside, limit)
     ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], side & 1, cal.response_ticks)
     if ecu.balance_ticks[LATERAL] == cal.response_ticks:
         ecu.lateral_contradicted = 1
+
+
+def watch_steady(ecu: Ecu, cal: Calibration, left: i32, beside: i32, wrong: i32) -> None:
+    """Judge the reported moments by what is ``left`` of the slow balance.
+
+    ``beside`` as above: to the same side, it is the acceleration that may be wrong. ``wrong`` is
+    what the model may be wrong by.
+    """
+    leave_room(ecu, STEADY, wrong, rsh(cal.response_pass, FADING))
+    rattled: i32 = ecu.balance_room[DAMPERS]
+    limit: i32 = sat31(ecu.balance_room[STEADY] + rattled + cal.response_min)
+    if within(ecu, cal.response_limit) == 0 or side_of(left, beside, slow_min(cal)) != 0:
+        limit = STATE_MAX
+    accuse_axles(ecu, STEADY, left, limit, moment_ticks(cal))
 
 
 def start_parts(ecu: Ecu, damping: i32, moment: i32, lateral: i32, momentum: i32) -> None:
@@ -113,16 +145,16 @@ def rough(ecu: Ecu, cal: Calibration) -> i32:
     return sat31(of_front + of_rear)
 
 
-def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32) -> None:
+def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: i32) -> None:
     """Judge the reported moments by what is ``left`` over, and by what is new in it.
 
-    ``inertia`` is what the body's takes.
+    ``inertia`` is what the body's takes, ``bumpy`` what dampers may make of a rough road.
     """
     # a part has no momentum: it is what its low-pass holds
     side_force: i32 = ecu.balance_slow[SIDE_FORCE]
     springs: i32 = ecu.balance_slow[SPRINGS]
     actuators: i32 = ecu.balance_slow[ACTUATORS]
-    besides: i32 = rough(ecu, cal)
+    besides: i32 = bumpy
     if within(ecu, cal.response_limit) == 0:
         size: i32 = magnitude(inertia)
         # stops take up what actuators give up, and no spring shows it
@@ -137,7 +169,7 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32) -> None
     wrong = may_be_wrong(side_force, springs, actuators)
     leave_room(ecu, JUMP, sat31(wrong + besides), fading)
     new: i32 = at_once(ecu, BODY, left, fading)
-    ticks: i32 = rsh(cal.response_ticks, 1) + rsh(cal.response_ticks, 3)
+    ticks: i32 = moment_ticks(cal)
     accuse_axles(ecu, BODY, left, ecu.balance_room[BODY] + cal.response_min, ticks)
     accuse_axles(ecu, JUMP, new, ecu.balance_room[JUMP] + cal.response_min, ticks)
 
@@ -170,13 +202,23 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if ecu.response_known == ONE_BALANCE and size < calm:
         ecu.response_known = BOTH
         ecu.balance_ticks[LATERAL] = 0
+        ecu.balance_ticks[STEADY] = 0
         start_balance(ecu, LATERAL, acting, momentum)
+        start_balance(ecu, STEADY, 0, 0)
     stretched: i32 = product(damping, cal.response_stretch, 30)
+    bumpy: i32 = rough(ecu, cal)
+    changed: i32 = at_once(ecu, DAMPERS, damping, ONE)
+    leave_mean(ecu, DAMPERS, changed, RATTLING)
     if ecu.response_known == BOTH:
         shown: i32 = magnitude(sat31(ecu.balance_spring[LATERAL] + damping - moment))
         wrong: i32 = left_over(ecu, cal, LATERAL, acting, momentum)
         stretch(ecu, LATERAL, stretched)
-        watch_lateral_balance(ecu, cal, wrong, sat31(shown + magnitude(damping)))
+        turning: i32 = product(ecu.speed, ecu.yaw_rate, 23)
+        beside: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
+        watch_lateral_balance(ecu, cal, wrong, beside, sat31(shown + magnitude(damping)))
+        by_force: i32 = at_once(ecu, STEADY, lateral, rsh(cal.response_wash, SLOWER))
+        may_be: i32 = rsh(magnitude(by_force), 1) + rsh(magnitude(moment), 2)
+        watch_steady(ecu, cal, wrong, beside, sat31(may_be + bumpy))
     side_force: i32 = left_over(ecu, cal, SIDE_FORCE, lateral, 0)
     springs: i32 = left_over(ecu, cal, SPRINGS, 0, 0)
     dampers: i32 = left_over(ecu, cal, DAMPERS, damping, 0)
@@ -184,4 +226,4 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     inertia: i32 = left_over(ecu, cal, BODY, 0, momentum)
     stretch(ecu, SPRINGS, stretched)
     left: i32 = sat31(inertia + springs + dampers - side_force - actuators)
-    watch_left_over(ecu, cal, left, inertia)
+    watch_left_over(ecu, cal, left, inertia, bumpy)

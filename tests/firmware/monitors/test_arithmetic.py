@@ -99,9 +99,9 @@ class Balance:
         self.slow += (washed - momentum - self.slow) * PASS
         return self.slow + momentum
 
-    def new(self, value: float) -> float:
+    def new(self, value: float, fading: float = FADING) -> float:
         fresh = value - self.past
-        self.past += fresh * FADING
+        self.past += fresh * fading
         return fresh
 
     def leave_room(self, size: float, fading: float) -> None:
@@ -120,7 +120,7 @@ class Floats:
     balances: list[Balance] = field(
         default_factory=lambda: [
             Balance(WASH / 16.0 if which in (balance.LATERAL, balance.HEAVE) else WASH)
-            for which in range(9)
+            for which in range(10)
         ]
     )
     known: bool = False
@@ -143,11 +143,18 @@ class Floats:
             b[balance.JUMP].start(0.0, 0.0)
             b[balance.BODY].room = b[balance.JUMP].room = abs(damping) + abs(moment) + abs(side)
             b[balance.LATERAL].start(acting, momentum)
+            b[balance.STEADY].start(0.0, 0.0)
         stretched = STRETCH * damping
         shown = abs(b[balance.LATERAL].spring + damping - moment) + abs(damping)
         b[balance.LATERAL].left_over(acting, momentum)
         b[balance.LATERAL].spring += stretched
         b[balance.LATERAL].leave_room(0.625 * shown, FADING)
+        road = sum(abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * STROKE[n] for n in range(2))
+        changed = b[balance.DAMPERS].new(damping, 1.0)
+        b[balance.DAMPERS].room += (8.0 * abs(changed) - b[balance.DAMPERS].room) / 1024.0
+        by_force = b[balance.STEADY].new(side, WASH / 16.0)
+        wrong = abs(by_force) / 2.0 + abs(moment) / 4.0 + road / 2.0
+        b[balance.STEADY].leave_room(wrong, FADING)
         parts = [balance.SIDE_FORCE, balance.SPRINGS, balance.ACTUATORS]
         acts = [
             b[part].left_over(by, 0.0) for part, by in zip(parts, [side, 0.0, moment], strict=True)
@@ -156,7 +163,6 @@ class Floats:
         inertia = b[balance.BODY].left_over(0.0, momentum)
         b[balance.SPRINGS].spring += stretched
         left = inertia + acts[1] + damped - acts[0] - acts[2]
-        road = sum(abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * STROKE[n] for n in range(2))
         of_limit = 0.75 * abs(inertia) + abs(acts[2]) / 4.0
         besides = road / 2.0 + (of_limit if it.at_the_limit else 0.0)
         b[balance.BODY].leave_room(wrong_by(*acts) + besides, FADING)

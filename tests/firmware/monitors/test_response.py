@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from firmware import calibration as fw
 from firmware import plausibility as sv
-from firmware.monitors.balance import BODY, JUMP
+from firmware.monitors.balance import BODY, JUMP, STEADY
 from firmware.monitors.response import BOTH, ONE_BALANCE, rough, watch_response
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
 from firmware.supervisor import supervise
@@ -279,6 +279,52 @@ def test_what_the_yaw_rate_bears_out_is_no_fault_of_the_accelerometer(sign):
     # a curve in which nothing rolls
     replay(ecu, cal, on_the_straight(sign * 1.0))
     assert ecu.lateral_contradicted == 0
+
+
+def slowly(moment: float) -> np.ndarray:
+    """Actuators that report a moment, N·m, reached in 3 s, to which the body does not answer."""
+    samples = np.zeros((400, 4))
+    samples[50:, 3] = np.minimum(np.arange(350) * STEP / 3.0, 1.0) * moment
+    return samples
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize(("times", "wrong"), [(1.1, 0), (1.8, 1)])
+def test_a_moment_that_goes_wrong_slowly_is_found_beyond_a_quarter_of_it(times, wrong, sign):
+    cal = watched()
+    ecu = known(cal)
+    replay(ecu, cal, slowly(sign * times * LEAST))
+    assert ecu.contradicted == [wrong, wrong]
+    assert abs(ecu.balance_ticks[STEADY]) == wrong * TICKS
+    assert ecu.balance_ticks[BODY] == ecu.balance_ticks[JUMP] == 0
+    assert ecu.lateral_contradicted == 0
+
+
+def test_a_moment_that_goes_wrong_slowly_takes_so_many_samples_in_a_row():
+    cal = watched()
+    ecu = known(cal)
+    bad = rig.bad_samples(
+        ecu, STEADY, TICKS, lambda sample: replay(ecu, cal, sample[None]), slowly(1.8 * LEAST)
+    )
+    assert bad == TICKS
+
+
+@pytest.mark.parametrize("state", AT_THE_LIMIT, ids=str)
+def test_what_stays_is_not_judged_at_the_tyres_limit(state):
+    cal = watched()
+    ecu = known(cal)
+    for name, value in state.items():
+        setattr(ecu, name, value)
+    replay(ecu, cal, slowly(1.8 * LEAST))
+    assert ecu.contradicted == [0, 0]
+
+
+@pytest.mark.parametrize(("turning", "wrong"), [(-1.0, 0), (1.0, 1)])
+def test_what_the_yaw_rate_denies_to_the_same_side_may_be_of_the_accelerometer(turning, wrong):
+    cal = watched()
+    ecu = known(cal)
+    replay(ecu, cal, slowly(1.8 * LEAST), np.full(400, turning))
+    assert ecu.contradicted == [wrong, wrong]
 
 
 def test_moments_that_are_lies_leave_the_accelerometer_alone():
