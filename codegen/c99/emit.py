@@ -135,7 +135,8 @@ class Emitter:
                 public_table and where == "source"
             ):
                 continue
-            if (module.name, constant.name) in self.linkage.homes:
+            key = (module.name, constant.name)
+            if key in self.linkage.homes or key in self.linkage.idle:
                 continue
             if constant.line > last + 1 or constant.line - 1 in module.comments:
                 yield ""

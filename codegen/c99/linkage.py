@@ -26,6 +26,7 @@ class Linkage:
         open: array parameters passed in by callers of entry points, which may be shorter than
             declared.
         homes: the only function that uses a table, in which the table is then declared.
+        idle: tables that no function uses, which are left out.
     """
 
     public: dict[Key, str]
@@ -34,6 +35,7 @@ class Linkage:
     volatile: frozenset[tuple[Key, str]]
     open: frozenset[tuple[Key, str]]
     homes: dict[Key, Key]
+    idle: frozenset[Key]
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +70,21 @@ def linkage(program: Program) -> Linkage:
         if its.shape
     }
     volatile = _passed_on(program, set(), _is_volatile)
-    homes = _homes(program, reachable, shared)
-    return Linkage(public, reachable, shared, volatile, _passed_on(program, given, _never), homes)
+    used = _users(program, reachable)
+    hidden = {
+        (module.name, name)
+        for module in program.modules.values()
+        for name, constant in module.constants.items()
+        if constant.type.shape and module.name != PUBLIC_TABLES
+    } - shared
+    homes = {
+        table: next(iter(functions))
+        for table, functions in used.items()
+        if len(functions) == 1 and table in hidden
+    }
+    idle = frozenset(hidden - used.keys())
+    opened = _passed_on(program, given, _never)
+    return Linkage(public, reachable, shared, volatile, opened, homes, idle)
 
 
 def _public_name(program: Program, function: Function) -> str:
@@ -78,8 +93,8 @@ def _public_name(program: Program, function: Function) -> str:
     return f"canroll_{service}{function.name}"
 
 
-def _homes(program: Program, reachable: frozenset[Key], shared: frozenset[Key]) -> dict[Key, Key]:
-    """The only user of each table that just one function uses, by table."""
+def _users(program: Program, reachable: frozenset[Key]) -> dict[Key, set[Key]]:
+    """The functions that use each table, by table."""
     users: dict[Key, set[Key]] = {}
     for function in program.functions():
         if function.key not in reachable:
@@ -90,11 +105,7 @@ def _homes(program: Program, reachable: frozenset[Key], shared: frozenset[Key]) 
                 constant = program.constant(module, node)
                 if constant is not None and constant.type.shape:
                     users.setdefault((constant.module, constant.name), set()).add(function.key)
-    return {
-        table: next(iter(functions))
-        for table, functions in users.items()
-        if len(functions) == 1 and table not in shared and table[0] != PUBLIC_TABLES
-    }
+    return users
 
 
 def _reachable(program: Program, public: dict[Key, str]) -> frozenset[Key]:

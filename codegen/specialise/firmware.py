@@ -46,7 +46,7 @@ __all__ = ["Ecu", "init", "receive", "signals", "tick"]
 
 
 def specialised(firmware: BusFirmware, record: Calibration) -> BusFirmware:
-    """Return ``firmware`` specialised for a calibration.
+    """Return ``firmware`` specialised for a calibration; services beside the loop stay as they are.
 
     Raises:
         CanrollError: ``init`` refuses the calibration, or the result is not proved to be safe.
@@ -62,15 +62,16 @@ def _specialised(firmware: BusFirmware, data: bytes) -> BusFirmware:
     rule = firmware.loop.init(started, record)
     if rule:
         raise refused(rule)
-    functions, tables = _loop(firmware.program(), record, dict(_elements(started)))
+    # what is beside the loop has records of its own, of which the calibration says nothing
+    loop = replace(firmware, services=())
+    functions, tables = _loop(loop.program(), record, dict(_elements(started)))
     state = firmware.modules.get("state.py") or (FIRMWARE / "state.py").read_text("utf-8")
     modules = {**firmware.modules, "ecu.py": _source(record, functions, tables)}
-    result = replace(firmware, modules=modules)
     for _ in range(RUNS):
-        program = result.program()
+        program = replace(loop, modules=modules).program()
         modules["state.py"] = state_ranges.declared(state, state_ranges.stored(program))
         modules["ecu.py"] = _source(record, reach.cut(program, "ecu"), tables)
-        result = replace(firmware, modules=dict(modules))
+    result = replace(firmware, modules=modules)
     findings = prove(result.program()).findings
     if findings:
         raise CanrollError(f"the specialised firmware is not proved to be safe: {findings[0]}")

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from errno import EACCES, ENOTDIR
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -25,12 +24,7 @@ from hil.cli.options import add_choices, add_services, choices_of, chosen_servic
 from hil.cli.parsers import OF_A_DESIGN
 from hil.cli.terminal import show_warnings
 from hil.runs.experiment import build_world, plan
-from hil.runs.frozen import (
-    Controller,
-    profile_of,
-    refuse_authenticated,
-    refuse_wide_steps,
-)
+from hil.runs.frozen import Controller, refuse_wide_steps
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
 
@@ -98,8 +92,6 @@ def run(args: argparse.Namespace) -> int:
             raise CanrollError(
                 f"--{name}: {args.map} has no table [{name}] with the identifiers: add it"
             )
-    if args.specialise:
-        refuse_authenticated(profile_of(bus_of(args)), "--specialise")
     settings, controller = plan(
         "double_lane_change",
         **choices_of(args, OF_AN_EXPORT),
@@ -118,12 +110,6 @@ def run(args: argparse.Namespace) -> int:
             written += memory_image.write_flash(args.folder, export.record, args.address)
     print(f"{len(written)} files in {args.folder}; next: make -C {args.folder} test")
     return 0
-
-
-def bus_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the choices of the bus."""
-    bus = choices_of(args, OF_AN_EXPORT).get("bus")
-    return {"bus": bus, "dbc": args.dbc, "map": args.map}
 
 
 @contextmanager

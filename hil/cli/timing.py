@@ -46,12 +46,12 @@ def run(args: argparse.Namespace) -> int:
     refuse_useless(args, OF_A_BOUND, "it belongs to --bound")
     settings, controller, traffic = recorded(args)
     record = controller.record
-    if settings.firmware.bus.secured:
-        return run_secured(args, settings, controller, traffic)
+    firmware = chosen(settings.firmware, record, specialise=args.specialise)
+    if firmware.bus.secured:
+        return run_secured(args, settings, controller, traffic, firmware)
     counter = args.counter or ("qemu" if cortex.has_gcc_and_qemu() else "unicorn")
     if counter == "qemu" and not cortex.has_gcc_and_qemu():
         raise CanrollError("--counter qemu needs gcc-arm-none-eabi and qemu-system-arm installed")
-    firmware = chosen(settings.firmware, record, specialise=args.specialise)
     if counter == "qemu":
         replayed = qemu.replay(record, traffic, args.processor, firmware=firmware)
         image = cortex.gcc_image(args.processor, firmware.files)
@@ -63,14 +63,18 @@ def run(args: argparse.Namespace) -> int:
 
 
 def run_secured(
-    args: argparse.Namespace, settings: Settings, controller: Controller, traffic: Traffic
+    args: argparse.Namespace,
+    settings: Settings,
+    controller: Controller,
+    traffic: Traffic,
+    firmware: BusFirmware,
 ) -> int:
     """Count the ticks of a loop with authenticated frames, with all that these cost."""
-    if args.specialise or args.counter == "qemu":
-        option = "--specialise" if args.specialise else "--counter qemu"
-        raise CanrollError(f"{option}: not on a bus with authenticated frames: omit it")
-    record, firmware = controller.record, settings.firmware
-    replayed = secured.replay(record, traffic, args.processor, firmware, key=settings.secret)
+    if args.counter == "qemu":
+        raise CanrollError("--counter qemu: not on a bus with authenticated frames: omit it")
+    replayed = secured.replay(
+        controller.record, traffic, args.processor, firmware, key=settings.secret
+    )
     size = footprint(cortex.zig_image(args.processor, firmware), firmware.record)
     return report(budget_of(controller.tables), replayed, size, as_json=args.json)
 

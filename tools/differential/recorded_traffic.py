@@ -26,6 +26,7 @@ class Case:
     trigger: str | None = None
     identification: bool = False
     response_watch: bool | None = None
+    bus: str | None = None
 
 
 CASES = (
@@ -67,8 +68,10 @@ def record(case: Case, duration: float = DURATION) -> Recording:
         trigger=case.trigger,
         identification=case.identification or None,
         response_watch=case.response_watch,
+        bus=case.bus,
     )
-    recorder = Recorder(open_backend(settings.backend, controller.record))
+    firmware = settings.firmware
+    recorder = Recorder(open_backend(settings.backend, controller.record, firmware), firmware)
     closed_loop(
         build_world(settings, enabled=True),
         recorder,

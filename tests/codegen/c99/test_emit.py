@@ -247,6 +247,14 @@ def test_a_table_stands_in_the_one_function_that_uses_it(sample):
     assert c.count("canroll_sample_sign[2]") == 1
 
 
+def test_a_table_that_no_function_uses_is_left_out(sample):
+    text = "USED: tuple[i32, ...] = (4, 5)\nIDLE: tuple[i32, ...] = (6, 7)\n\n\n"
+    text += "def run(ecu: Ecu) -> i32:\n    return USED[clamp(ecu.x[0], 0, 1)]\n"
+    c = emit.emit("sample", sample.write(text))["canroll_sample.c"]
+    assert "canroll_sample_used[2]" in c
+    assert "idle" not in c
+
+
 def test_a_chain_of_conditions_ends_in_an_else(sample):
     text = "def run(ecu: Ecu) -> i32:\n    k: i32 = 0\n    if ecu.x[0] == 1:\n        k = 1\n"
     text += "    elif ecu.x[0] == 2:\n        k = 2\n    return k\n"

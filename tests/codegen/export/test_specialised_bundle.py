@@ -5,11 +5,13 @@ import shutil
 import pytest
 from support.bundles import make
 
+import dbc as contract
 from canroll.errors import CanrollError
 from codegen.export import a2l, bundle, misra
 from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.run import cortex, ecu_traffic, memory_image, native
+from codegen.run.bus_firmware import of_bus
 from firmware.calibration import Calibration
 from hil.cli import main
 
@@ -46,7 +48,7 @@ def export(record, *, specialised=True, dbc=signals.DBC, map_file=signals.MAP):
         title="A sample.",
         dbc=dbc,
         map_file=map_file,
-        traffic=ecu_traffic.random_traffic(3, 150, hostile=0.3),
+        traffic=ecu_traffic.random_traffic(3, 150, hostile=0.3, bus=of_bus(dbc, map_file).bus),
         origin="Random vectors.",
         specialised=specialised,
     )
@@ -165,6 +167,38 @@ def test_a_users_own_bus(tmp_path, record):
     bundle.write(out, export(own, dbc=tmp_path / "own.dbc", map_file=tmp_path / "own.toml"))
     result = make(out, "test")
     assert result.returncode == 0, result.stderr + result.stdout
+
+
+@pytest.fixture(scope="module")
+def secured(tmp_path_factory, record):
+    path = tmp_path_factory.mktemp("secured")
+    bundle.write(path, export(record, dbc=contract.SECURED_PATH, map_file=contract.SECURED_MAP))
+    return path
+
+
+@pytest.mark.parametrize("flags", [STRICT, SANITIZED], ids=["strict", "sanitized"])
+def test_a_bus_with_authenticated_frames(secured, flags, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(secured, copy)
+    result = make(copy, "test", f"CFLAGS={flags}")
+    assert result.returncode == 0, result.stderr
+    assert "PASS: 150 ticks" in result.stdout
+    assert "PASS: SecOC, 24 frames sent and 18 judged, byte for byte" in result.stdout
+    assert "canroll_secoc_verify(&secoc" in (secured / "board" / "example.c").read_text()
+
+
+@pytest.mark.skipif(not cortex.has_gcc_and_qemu(), reason="needs arm-none-eabi-gcc and QEMU")
+def test_a_bare_cortex_m_with_authenticated_frames(secured):
+    result = make(secured, "run", "example.elf")
+    assert result.returncode == 0, result.stderr
+    assert "warning" not in result.stderr
+    assert "PASS" in result.stdout
+
+
+@pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck")
+def test_cppcheck_and_misra_with_authenticated_frames(secured):
+    found = misra.cppcheck(secured / "src", secured / "include")
+    assert {rule: where for rule, where in found.items() if rule not in misra.DEVIATIONS} == {}
 
 
 def test_addresses_of_an_image_go_into_its_a2l(folder):

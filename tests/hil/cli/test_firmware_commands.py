@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from support.bundles import make
 
 from canroll.errors import CanrollError, VerdictError
 from codegen.run import cortex, native
@@ -104,6 +105,32 @@ def test_timing_of_specialised_firmware_takes_fewer_instructions(capsys):
         assert timing.run(args) == 0
         means.append(json.loads(capsys.readouterr().out)["instructions"]["mean"])
     assert means[1] < 0.7 * means[0]
+
+
+@pytest.mark.slow
+def test_timing_of_specialised_firmware_counts_the_same_authentication(capsys):
+    answers = []
+    for options in ([], ["--specialise"]):
+        words = ("timing", "--bus", "secured_fd", "--law", "lqr", "--duration", "0.3", "--json")
+        args = parse([*words, "--counter", "unicorn", *options])
+        assert timing.run(args) == 0
+        answers.append(json.loads(capsys.readouterr().out))
+    general, special = answers
+    assert special["authentication_instructions"] == general["authentication_instructions"]
+    assert special["instructions"]["mean"] < 0.8 * general["instructions"]["mean"]
+    assert special["bytes"]["state"] == general["bytes"]["state"]
+
+
+@pytest.mark.slow
+def test_the_specialised_loop_is_exported_with_its_authentication(tmp_path, capsys):
+    out = tmp_path / "out"
+    words = ("export-c", str(out), "--bus", "secured_fd", "--law", "lqr", "--specialise")
+    assert export_c.run(parse(words)) == 0
+    assert "specialised for the one calibration" in (out / "README.md").read_text()
+    result = make(out, "test")
+    assert result.returncode == 0, result.stderr
+    assert "warning" not in result.stderr
+    assert result.stdout.count("PASS") == 3
 
 
 def test_the_host_runs_no_specialised_firmware():
