@@ -18,6 +18,7 @@ from codegen.run.bus_firmware import built_in
 from codegen.run.memory_image import event, event_of, sealed
 from firmware import check
 from firmware.calibration import N_RX, STATE_MAX, Calibration
+from firmware.security.secoc_state import COUNTER_MAX, FRESHNESS_AT, MAC_AT
 from firmware.state import RX_ACTUATOR_STATE, Ecu
 from firmware.subset import fields, filled
 
@@ -204,6 +205,25 @@ def storm(traffic: Traffic, seed: int, *, calm: float = 15.0, silence: float = 2
     elapsed[missed] = rng.integers(2, 40, int(missed.sum()))
     frames = traffic.frames[~lost[traffic.frames["tick"]]]
     return Traffic(frames, elapsed)
+
+
+def flooded(traffic: Traffic, most: int) -> Traffic:
+    """Authenticated traffic to which forged frames are added, so that a tick has ``most``.
+
+    They are those of ``traffic`` with the highest number that a receiver takes: only the MAC shows
+    what they are.
+    """
+    genuine = traffic.frames[traffic.frames["message"] < N_RX]
+    if not len(genuine):
+        return traffic
+    missing = most - np.bincount(traffic.frames["tick"], minlength=traffic.ticks)
+    ticks = np.repeat(np.arange(traffic.ticks), np.maximum(missing, 0))
+    forged = genuine[np.arange(len(ticks)) % len(genuine)]
+    forged["tick"] = ticks
+    newest = (COUNTER_MAX - 1).to_bytes(3, "big")
+    forged["payload"][:, FRESHNESS_AT + 1 : MAC_AT] = np.frombuffer(newest, np.uint8)
+    frames = np.concatenate([traffic.frames, forged])
+    return Traffic(frames[np.argsort(frames["tick"], kind="stable")], traffic.elapsed)
 
 
 def _episodes(

@@ -9,12 +9,15 @@ from pathlib import Path
 
 import numpy as np
 from elftools.elf.elffile import ELFFile
+from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware, built_in
 from codegen.run.cortex import BOARD, Run, built, cpu, gcc_image, sent
 from codegen.run.ecu_traffic import Traffic
+from codegen.run.secured import listening_ticks
+from dbc.keys import DEVELOPMENT_KEY
 from firmware.calibration import Calibration
 
 
@@ -43,11 +46,14 @@ def replay(
     *,
     firmware: BusFirmware | None = None,
     costs: CycleCosts | None = None,
+    key: bytes = DEVELOPMENT_KEY,
 ) -> Run:
     """Replay ``traffic`` in QEMU, counting instructions with a plugin, and cycles by ``costs``.
 
     ``firmware`` is the firmware for a bus, by default the built-in one; ``files`` are the sources
-    of another ECU with the same records, by default those of ``firmware``.
+    of another ECU with the same records, by default those of ``firmware``. ``key`` is for a bus
+    with authenticated frames, where a tick's counts are those of the loop and of the authentication
+    of all frames received before it and sent by it.
     """
     firmware = firmware or built_in()
     image = gcc_image(name, files or firmware.files)
@@ -64,7 +70,8 @@ def replay(
         )
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        (folder / "replay.in").write_bytes(replay_file(calibration, traffic))
+        secret = _secret(key, calibration) if firmware.bus.secured else b""
+        (folder / "replay.in").write_bytes(replay_file(calibration, traffic, secret))
         command = ["qemu-system-arm", "-M", cpu(name).machine, "-display", "none", "-monitor"]
         command += ["none", "-serial", "none", "-kernel", str(image), "-semihosting-config"]
         command += ["enable=on,target=native", "-d", "plugin", "-plugin"]
@@ -85,13 +92,45 @@ def replay(
         )
         counts = np.loadtxt(folder / "counts.txt", np.int64, ndmin=2)
         depth = struct.unpack("<I", (folder / "replay.stack").read_bytes())[0]
+    authentication = None
+    if firmware.bus.secured:
+        counts, added = _of_ticks(counts, traffic, states, firmware)
+        authentication = added[:, 0]
     cycles = counts[:, 1] if costs is not None else None
-    return Run(name, "qemu", sent(states, firmware), states, counts[:, 0], depth, cycles)
+    frames = sent(states, firmware)
+    return Run(name, "qemu", frames, states, counts[:, 0], depth, cycles, authentication)
 
 
-def replay_file(calibration: Calibration, traffic: Traffic) -> bytes:
-    """Input of the replay program: ticks, calibration, each tick's elapsed ticks and frames."""
-    parts = [struct.pack("<i", traffic.ticks), memory_image.image(calibration)]
+def _secret(key: bytes, calibration: Calibration) -> bytes:
+    """What the replay program starts the authentication with."""
+    return key + struct.pack("<i", listening_ticks(calibration.tick_us))
+
+
+def _of_ticks(
+    visits: NDArray[np.int64],
+    traffic: Traffic,
+    states: NDArray[np.void],
+    firmware: BusFirmware,
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Each tick's counts, and the authentication's among them, from those of its parts in order.
+
+    The parts are what is done once, each frame received, the loop, and each frame sent.
+    """
+    received = np.bincount(traffic.frames["tick"], minlength=traffic.ticks)
+    lengths = np.array([length for _, length in firmware.sent])
+    protected = ((states["tx_pending"] == 1) & (lengths > 0)).sum(axis=1)
+    parts = 2 + received + protected
+    first = np.cumsum(parts) - parts
+    whole = np.add.reduceat(visits, first)
+    return whole, whole - visits[first + 1 + received]
+
+
+def replay_file(calibration: Calibration, traffic: Traffic, secret: bytes) -> bytes:
+    """Input of the replay program: ticks, calibration, ``secret``, each tick's elapsed and frames.
+
+    ``secret`` is what the authentication starts with, empty where there is none.
+    """
+    parts = [struct.pack("<i", traffic.ticks), memory_image.image(calibration), secret]
     bounds = np.searchsorted(traffic.frames["tick"], np.arange(traffic.ticks + 1))
     for t in range(traffic.ticks):
         frames = traffic.frames[bounds[t] : bounds[t + 1]]

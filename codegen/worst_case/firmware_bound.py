@@ -1,4 +1,7 @@
-"""Bounds of one tick and one received frame of the firmware, and the maximum observed."""
+"""Bounds of one tick and one received frame of the firmware, and the maximum observed.
+
+Where frames are authenticated, a tick verifies those it received and protects those it sends.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -8,8 +11,9 @@ from pathlib import Path
 from codegen.proof.intervals import Value
 from codegen.run import cortex, memory_image, qemu
 from codegen.run.bus_firmware import BusFirmware, built_in
-from codegen.run.ecu_traffic import Traffic, disturbed, storm
+from codegen.run.ecu_traffic import Traffic, disturbed, flooded, storm
 from codegen.run.qemu import CycleCosts
+from codegen.worst_case.authentication import Authentication, authentication_bound
 from codegen.worst_case.cycles import Timing
 from codegen.worst_case.longest_path import Bound, LongestPath
 from codegen.worst_case.machine_code import Image, Section
@@ -23,11 +27,15 @@ SIZES = {"i32": 4, "u8": 1}
 
 @dataclass(frozen=True, slots=True)
 class FirmwareBound:
-    """Upper bounds of the two functions called periodically and on reception, on ``timing``."""
+    """Upper bounds of the two functions called periodically and on reception, on ``timing``.
+
+    ``tick`` contains the ``authentication`` where frames are authenticated; it is None elsewhere.
+    """
 
     timing: Timing
     tick: Bound
     receive: Bound
+    authentication: Authentication | None = None
 
 
 def state_areas(record: type, address: int) -> list[Area]:
@@ -46,7 +54,11 @@ def state_areas(record: type, address: int) -> list[Area]:
 
 
 def firmware_bound(
-    calibration: Calibration, timing: Timing, firmware: BusFirmware | None = None
+    calibration: Calibration,
+    timing: Timing,
+    firmware: BusFirmware | None = None,
+    *,
+    received: int = 0,
 ) -> FirmwareBound:
     """Bound ``canroll_tick`` and ``canroll_receive`` of a linked image.
 
@@ -57,6 +69,7 @@ def firmware_bound(
         calibration: the ECU's calibration.
         timing: processor, flash and multiplier.
         firmware: the firmware for a bus, by default the built-in one.
+        received: frames that a tick verifies at most, on a bus with authenticated frames.
 
     Raises:
         CanrollError: the code cannot be bounded.
@@ -65,18 +78,36 @@ def firmware_bound(
     image = Image(cortex.gcc_image(timing.cpu, firmware.files))
     ecu, constants = image.address("ecu"), image.address("calibration")
     image.constant.append(Section(constants, memory_image.image(calibration)))
-    areas = state_areas(firmware.record, ecu)
-    transfer = Transfer(
-        image, Promises(areas), (ecu, ecu + memory_image.dtype(firmware.record).itemsize)
-    )
+    records = {ecu: firmware.record}
+    if firmware.bus.secured:
+        records[image.address("secoc")] = firmware.module("security.secoc_state").Secoc
+    areas = [area for at, record in records.items() for area in state_areas(record, at)]
+    ends = [at + memory_image.dtype(record).itemsize for at, record in records.items()]
+    transfer = Transfer(image, Promises(areas), (min(records), max(ends)))
     analysis = LongestPath(image, transfer, timing)
     start = State.start(STACK)
     start.set(0, Value(ecu, ecu))
     start.set(1, Value(constants, constants))
+    marks = _marks(firmware, ecu)
+    for mark in marks:
+        # what the last tick marked has been sent
+        start.store(mark, SIZES["u8"], Value(0, 0))
     tick = analysis.bound("canroll_tick", start)
     start.set(1, Value(-(1 << 31), (1 << 31) - 1))
     receive = analysis.bound("canroll_receive", start)
-    return FirmwareBound(timing, tick, receive)
+    if not firmware.bus.secured:
+        return FirmwareBound(timing, tick, receive)
+    sent = sum(transfer.cell(tick.after, mark, SIZES["u8"]).hi for mark in marks)
+    its = authentication_bound(
+        analysis, image.address("secoc"), STACK, received=received, sent=sent
+    )
+    return FirmwareBound(timing, its.around(tick), receive, its)
+
+
+def _marks(firmware: BusFirmware, ecu: int) -> list[int]:
+    """Addresses of the marks of frames to be sent, where the ECU's record is at ``ecu``."""
+    offset = memory_image.dtype(firmware.record).fields["tx_pending"][1]  # type: ignore[index]
+    return [ecu + offset + slot for slot, (_, length) in enumerate(firmware.sent) if length]
 
 
 STACK = 0x2000_4000
@@ -100,12 +131,14 @@ def observe(
     ticks: int,
     *,
     firmware: BusFirmware | None = None,
+    received: int = 0,
     progress: Callable[[int], None] = lambda done: None,
 ) -> Observed:
     """Replay ``traffic``, then hostile variants of it, until ``ticks`` have run in QEMU.
 
-    Frames are lost or corrupted, ticks missed; every second variant is a storm of both. A figure
-    above the bound would refute the bound.
+    Frames are lost or corrupted, ticks missed; every second variant is a storm of both. Where
+    frames are authenticated, forged ones make them ``received`` a tick. A figure above the bound
+    would refute the bound.
     """
     firmware = firmware or built_in()
     costs = cycle_costs(cortex.gcc_image(timing.cpu, firmware.files), timing)
@@ -118,6 +151,8 @@ def observe(
             played = storm(traffic, seed)
             if seed % 2 == 0:
                 played = disturbed(traffic, seed, bus=firmware.bus)
+            if firmware.bus.secured:
+                played = flooded(played, received)
         run = qemu.replay(calibration, played, timing.cpu, firmware=firmware, costs=costs)
         assert run.cycles is not None
         cycles, stack = max(cycles, int(run.cycles.max())), max(stack, run.stack)
@@ -128,10 +163,15 @@ def observe(
 
 
 def cycle_costs(path: Path, timing: Timing) -> CycleCosts:
-    """The model's cycles for every instruction of an image, for a run on the emulator."""
+    """The model's cycles for every instruction of an image, for a run on the emulator.
+
+    The replay program's own instructions cost nothing: the figures are those of what it calls.
+    """
     image = Image(path)
     cycles, branches = {}, set()
-    for address in list(image.functions):
+    for address, name in list(image.functions.items()):
+        if name == "main" or name.startswith("replay_"):
+            continue
         for block in image.function(address).blocks.values():
             for insn in block.instructions:
                 cycles[insn.address] = timing.cost(insn)

@@ -55,11 +55,13 @@ class Bound:
         cycles: cycles of the longest path.
         stack: bytes below the stack pointer at the call.
         shares: cycles of the longest path by function.
+        after: what is known when it returns, by whichever path.
     """
 
     cycles: int
     stack: int
     shares: dict[str, int]
+    after: State
 
 
 @dataclass(slots=True)
@@ -110,7 +112,7 @@ class LongestPath:
         for function, cycles in end.way.steps():
             shares[function] += cycles
         del shares[""]
-        return Bound(end.way.cycles, top - self._lowest, dict(shares.most_common()))
+        return Bound(end.way.cycles, top - self._lowest, dict(shares.most_common()), end.state)
 
     def _call(self, address: int, arrival: Arrival, depth: int) -> Arrival:
         if depth > DEPTH_MAX:

@@ -162,6 +162,10 @@ class Transfer:
                 value = _any(size, signed)
         state.set(target, value)
 
+    def cell(self, state: State, address: int, size: int) -> Value:
+        """The value of the cell of ``size`` bytes at ``address``, unsigned below a word."""
+        return self._cell(state, address, size, signed=False)[0]
+
     def _cell(self, state: State, address: int, size: int, signed: bool) -> tuple[Value, bool]:
         """A cell's value, and whether it is a writable cell read with the size it was written."""
         data = self.image.bytes_at(address, size)

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from canroll.errors import CanrollError, MissingExtraError
 from codegen.run import cortex, qemu, secured, unicorn
@@ -26,6 +27,10 @@ from hil.runs.experiment import build_world, plan
 from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.runs.virtual_time import closed_loop
+from plant_sim.can_bus.own_frames import most_received
+
+if TYPE_CHECKING:
+    from codegen.worst_case.authentication import Authentication
 
 OF_A_BOUND = {"ticks": 4000, "clock": None, "wait_states": 0, "multiplier": 1, "division": 12}
 """Options of ``--bound``, with their defaults."""
@@ -47,36 +52,28 @@ def run(args: argparse.Namespace) -> int:
     settings, controller, traffic = recorded(args)
     record = controller.record
     firmware = chosen(settings.firmware, record, specialise=args.specialise)
-    if firmware.bus.secured:
-        return run_secured(args, settings, controller, traffic, firmware)
     counter = args.counter or ("qemu" if cortex.has_gcc_and_qemu() else "unicorn")
     if counter == "qemu" and not cortex.has_gcc_and_qemu():
         raise CanrollError("--counter qemu needs gcc-arm-none-eabi and qemu-system-arm installed")
     if counter == "qemu":
-        replayed = qemu.replay(record, traffic, args.processor, firmware=firmware)
         image = cortex.gcc_image(args.processor, firmware.files)
+        replayed = qemu.replay(
+            record, traffic, args.processor, firmware=firmware, key=settings.secret
+        )
     else:
-        replayed = unicorn.replay(record, traffic, args.processor, firmware)
         image = cortex.zig_image(args.processor, firmware)
+        replayed = replay_here(args.processor, record, traffic, firmware, settings.secret)
     limits = budget_of(controller.tables)
     return report(limits, replayed, footprint(image, firmware.record), as_json=args.json)
 
 
-def run_secured(
-    args: argparse.Namespace,
-    settings: Settings,
-    controller: Controller,
-    traffic: Traffic,
-    firmware: BusFirmware,
-) -> int:
-    """Count the ticks of a loop with authenticated frames, with all that these cost."""
-    if args.counter == "qemu":
-        raise CanrollError("--counter qemu: not on a bus with authenticated frames: omit it")
-    replayed = secured.replay(
-        controller.record, traffic, args.processor, firmware, key=settings.secret
-    )
-    size = footprint(cortex.zig_image(args.processor, firmware), firmware.record)
-    return report(budget_of(controller.tables), replayed, size, as_json=args.json)
+def replay_here(
+    processor: str, record: Calibration, traffic: Traffic, firmware: BusFirmware, key: bytes
+) -> Run:
+    """Replay in this process, with the authentication of a bus that has it."""
+    if firmware.bus.secured:
+        return secured.replay(record, traffic, processor, firmware, key=key)
+    return unicorn.replay(record, traffic, processor, firmware)
 
 
 def chosen(firmware: BusFirmware, record: Calibration, *, specialise: bool) -> BusFirmware:
@@ -98,10 +95,9 @@ def run_bound(args: argparse.Namespace) -> int:
     if not cortex.has_gcc_and_qemu():
         raise CanrollError("--bound needs gcc-arm-none-eabi and qemu-system-arm installed")
     settings, controller, traffic = recorded(args)
-    if settings.firmware.bus.secured:
-        raise CanrollError("--bound: not on a bus with authenticated frames: omit it")
     firmware = chosen(settings.firmware, controller.record, specialise=args.specialise)
-    bound = firmware_bound.firmware_bound(controller.record, timing, firmware)
+    received = most_received(settings.profile, firmware.bus, round(controller.tick * 1e9))
+    bound = firmware_bound.firmware_bound(controller.record, timing, firmware, received=received)
     with progress(quiet=args.json) as report_share:
         seen = firmware_bound.observe(
             controller.record,
@@ -109,6 +105,7 @@ def run_bound(args: argparse.Namespace) -> int:
             timing,
             args.ticks,
             firmware=firmware,
+            received=received,
             progress=lambda done: report_share("replay", min(done / args.ticks, 1.0)),
         )
     limits = budget_of(controller.tables)
@@ -126,6 +123,7 @@ def run_bound(args: argparse.Namespace) -> int:
         "cycles": {"bound": bound.tick.cycles, "seen": seen.cycles},
         "stack": {"bound": bound.tick.stack, "seen": seen.stack},
         "receive": {"cycles": bound.receive.cycles, "stack": bound.receive.stack},
+        "authentication": _bound_of_authentication(bound.authentication),
         "ticks": seen.ticks,
         "late_ticks": seen.late,
         "clock_mhz": args.clock,
@@ -142,6 +140,7 @@ def run_bound(args: argparse.Namespace) -> int:
         {
             "processor": f"{timing.cpu}, {memory}",
             "cycles per tick, bound": bound.tick.cycles,
+            **_rows_of_authentication(bound.authentication),
             f"cycles per tick, maximum of {seen.ticks}": seen.cycles,
             "bound over maximum seen": f"{bound.tick.cycles / seen.cycles:.2f}",
             "of these after missed ticks": seen.late,
@@ -156,6 +155,30 @@ def run_bound(args: argparse.Namespace) -> int:
     print("\nlongest path by function, cycles")
     show_rows(dict(list(bound.tick.shares.items())[:8]))
     return 0 if good else 1
+
+
+def _bound_of_authentication(its: "Authentication | None") -> dict[str, int] | None:
+    if its is None:
+        return None
+    return {
+        "cycles": its.cycles,
+        "received": its.received,
+        "sent": its.sent,
+        "verify": its.verify.cycles,
+        "protect": its.protect.cycles,
+    }
+
+
+def _rows_of_authentication(its: "Authentication | None") -> dict[str, object]:
+    if its is None:
+        return {}
+    return {
+        "of these for authentication": its.cycles,
+        "frames received, bus full": its.received,
+        "frames sent": its.sent,
+        "cycles per verified frame, bound": its.verify.cycles,
+        "cycles per protected frame, bound": its.protect.cycles,
+    }
 
 
 def show_rows(rows: Mapping[str, object]) -> None:

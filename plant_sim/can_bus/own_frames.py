@@ -14,7 +14,13 @@ from codegen.generated.bus_map import EXTENDED as EXTENDED_IDENT
 from codegen.generated.bus_map import BusMap, Mailbox, frame_ident, load
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.traffic.messages import BusMessage
-from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
+from plant_sim.can_bus.wire.frame import (
+    BIT_RATE_SWITCH,
+    EXTENDED,
+    FD,
+    best_case_bits,
+    transmission_ns,
+)
 
 MS: Final = 1_000_000
 DEFAULT_COMMAND: Final = "SuspensionForceCommand"
@@ -28,6 +34,23 @@ def flags_of(box: Mailbox) -> int:
     switched = BIT_RATE_SWITCH if box.bit_rate_switch else 0
     extended = EXTENDED if box.ident & EXTENDED_IDENT else 0
     return extended | (FD if box.fd else 0) | switched
+
+
+def most_received(profile: BusProfile, bus: BusMap, span_ns: int) -> int:
+    """Return how many frames that the ECU takes end in a span of time at most, by whoever sent.
+
+    The ECU's segment is full of the shortest of them, without a stuff bit.
+    """
+    shortest = min(
+        transmission_ns(
+            best_case_bits(box.sent_length, flags_of(box)),
+            bitrate=profile.bitrate,
+            data_bitrate=profile.data_bitrate or None,
+        )
+        for box in bus.received
+        if box.name
+    )
+    return -(-span_ns // shortest)
 
 
 @dataclass(frozen=True, slots=True)

@@ -82,6 +82,36 @@ def test_the_bound_of_a_tick_is_printed_beside_the_most_seen(capsys):
     assert sum(answer["functions"].values()) == answer["cycles"]["bound"]
 
 
+@pytest.mark.slow
+def test_the_bound_on_a_bus_with_authenticated_frames_says_how_many_a_tick_sees(capsys):
+    if not cortex.has_gcc_and_qemu():
+        pytest.skip("needs gcc-arm-none-eabi and qemu-system-arm")
+    words = ["timing", "--bound", "--bus", "secured_fd", "--law", "lqr", "--specialise"]
+    words += ["--duration", "1", "--ticks", "300"]
+    assert timing.run(parse([*words, "--json"])) == 0
+    answer = json.loads(capsys.readouterr().out)
+    its = answer["authentication"]
+    assert (its["received"], its["sent"]) == (72, 3)
+    assert its["cycles"] > 72 * its["verify"] + 3 * its["protect"]
+    assert its["cycles"] < answer["cycles"]["bound"] == sum(answer["functions"].values())
+    assert answer["cycles"]["seen"] <= answer["cycles"]["bound"] <= 1.1 * answer["cycles"]["seen"]
+    assert timing.run(parse(words)) == 0
+    out = capsys.readouterr().out
+    assert "frames received, bus full" in out
+    assert f"of these for authentication        {its['cycles']}\n" in out
+
+
+@pytest.mark.slow
+def test_qemu_counts_authentication_too(capsys):
+    if not cortex.has_gcc_and_qemu():
+        pytest.skip("needs gcc-arm-none-eabi and qemu-system-arm")
+    words = ("timing", "--bus", "secured_fd", "--law", "lqr", "--duration", "0.3", "--json")
+    assert timing.run(parse([*words, "--counter", "qemu"])) == 0
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["counter"] == "qemu"
+    assert 1000 < answer["authentication_instructions"]["mean"] < answer["instructions"]["mean"]
+
+
 @pytest.mark.parametrize(
     ("option", "message"),
     [

@@ -1,0 +1,124 @@
+"""Bounds of a tick with authenticated frames: its parts, and no flood of forged frames beats it."""
+
+import numpy as np
+import pytest
+
+from codegen.run import cortex, ecu_traffic, qemu, secured
+from codegen.run.backends import open_backend
+from codegen.run.bus_firmware import of_bus
+from codegen.run.native import compiler
+from codegen.specialise.firmware import specialised
+from codegen.worst_case import firmware_bound as worst
+from codegen.worst_case.cycles import Timing
+from dbc import SECURED_MAP, SECURED_PATH
+from dbc.keys import DEVELOPMENT_KEY
+from tools.differential import recorded_traffic
+from tools.differential.recorded_traffic import Case
+
+FIRMWARE = of_bus(SECURED_PATH, SECURED_MAP)
+FULL = 72
+"""Frames that the bus carries in a tick."""
+needs_gcc = pytest.mark.skipif(not cortex.has_gcc_and_qemu(), reason="needs gcc and QEMU for Arm")
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return recorded_traffic.record(Case("double_lane_change", "lqr", bus="secured_fd"), 2.0)
+
+
+def test_a_tick_is_its_loop_and_what_authentication_does_as_often_as_stated(recording, cpu):
+    none, full = (
+        worst.firmware_bound(recording.calibration, Timing(cpu), FIRMWARE, received=received)
+        for received in (0, FULL)
+    )
+    its = full.authentication
+    assert (its.received, its.sent) == (FULL, 3)
+    assert its.cycles == its.elapse.cycles + FULL * its.verify.cycles + 3 * its.protect.cycles
+    assert full.tick.cycles - none.tick.cycles == FULL * its.verify.cycles
+    assert full.tick.cycles == sum(full.tick.shares.values())
+    assert full.tick.stack == max(none.tick.stack, its.verify.stack, its.protect.stack)
+    assert full.receive.cycles == none.receive.cycles
+
+
+def close_to_the_bound(recording, cpu, firmware):
+    calibration = recording.calibration
+    bound = worst.firmware_bound(calibration, Timing(cpu), firmware, received=FULL)
+    seen = worst.observe(
+        calibration, recording.traffic, Timing(cpu), 600, firmware=firmware, received=FULL
+    )
+    assert seen.late > 20
+    assert 0.9 * bound.tick.cycles < seen.cycles <= bound.tick.cycles
+    assert 0.9 * bound.tick.stack < seen.stack <= bound.tick.stack
+    return bound.tick.cycles - bound.authentication.cycles
+
+
+def test_a_flood_comes_close_to_the_bound_and_stays_below(recording, cpu):
+    close_to_the_bound(recording, cpu, FIRMWARE)
+
+
+@needs_gcc
+@pytest.mark.slow
+def test_a_specialised_loop_is_bounded_with_its_authentication(recording):
+    special = specialised(FIRMWARE, recording.calibration)
+    loops = [close_to_the_bound(recording, "cortex-m4", each) for each in (special, FIRMWARE)]
+    assert loops[0] < 0.7 * loops[1]
+
+
+def test_each_part_of_a_replayed_tick_is_within_its_bound(recording, cpu):
+    """Without a flood the frames are those of the vehicle, most of which are taken."""
+    calibration, traffic = recording.calibration, recording.traffic
+    bound = worst.firmware_bound(calibration, Timing(cpu), FIRMWARE, received=FULL)
+    costs = worst.cycle_costs(cortex.gcc_image(cpu, FIRMWARE.files), Timing(cpu))
+    ran = qemu.replay(calibration, traffic, cpu, firmware=FIRMWARE, costs=costs)
+    received = np.bincount(traffic.frames["tick"], minlength=traffic.ticks)
+    sent = np.bincount(ran.frames["tick"], minlength=traffic.ticks)
+    its = bound.authentication
+    loop = bound.tick.cycles - its.cycles
+    most = loop + its.elapse.cycles + received * its.verify.cycles + sent * its.protect.cycles
+    assert sent.max() <= its.sent
+    assert (ran.cycles <= most).all()
+    assert ran.stack <= bound.tick.stack
+
+
+@needs_gcc
+def test_a_plain_bus_has_no_authentication_to_bound():
+    bound = worst.firmware_bound(ecu_traffic.random_calibration(3), Timing("cortex-m4"))
+    assert bound.authentication is None
+
+
+@pytest.mark.skipif(not cortex.has_pip_tools(), reason="needs canroll[target]")
+def test_both_emulators_run_the_same_authenticated_session(recording, cpu):
+    calibration, frames = recording.calibration, recording.traffic.frames
+    traffic = ecu_traffic.Traffic(frames[frames["tick"] < 60], recording.traffic.elapsed[:60])
+    here = secured.replay(calibration, traffic, cpu, FIRMWARE, key=DEVELOPMENT_KEY)
+    ran = qemu.replay(calibration, traffic, cpu, firmware=FIRMWARE, key=DEVELOPMENT_KEY)
+    assert ran.states.tobytes() == here.states.tobytes()
+    assert ran.frames.tobytes() == here.frames.tobytes()
+    assert (ran.authentication > 0).all()
+    assert (ran.instructions > ran.authentication).all()
+    wrong = qemu.replay(calibration, traffic, cpu, firmware=FIRMWARE, key=bytes(16))
+    assert wrong.states.tobytes() != here.states.tobytes()
+
+
+@pytest.mark.skipif(compiler() is None, reason="needs cc")
+def test_a_flood_fills_every_tick_with_frames_that_are_refused(recording):
+    plain = recording.traffic
+    full = ecu_traffic.flooded(plain, FULL)
+    assert (np.bincount(full.frames["tick"], minlength=plain.ticks) == FULL).all()
+    assert ecu_traffic.flooded(full, FULL).frames.tobytes() == full.frames.tobytes()
+    counts = []
+    for traffic in (plain, full):
+        ecu = open_backend("native", recording.calibration, FIRMWARE)
+        at = 0
+        for t in range(traffic.ticks):
+            while at < len(traffic.frames) and traffic.frames["tick"][at] == t:
+                event = traffic.frames[at]
+                ident = FIRMWARE.bus.received[event["message"]].ident
+                ecu.receive(ident, event["payload"].tobytes(), int(event["length"]))
+                at += 1
+            ecu.tick()
+        counts.append((ecu.accepted, ecu.refused))
+    added = len(full.frames) - len(plain.frames)
+    assert counts[1] == (counts[0][0], counts[0][1] + added)
+    silent = ecu_traffic.Traffic(plain.frames[:0], plain.elapsed)
+    assert ecu_traffic.flooded(silent, FULL) is silent

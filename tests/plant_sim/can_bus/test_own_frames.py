@@ -1,0 +1,27 @@
+"""How many frames that the ECU takes a bus can carry."""
+
+import pytest
+
+import dbc
+from codegen.generated.bus_map import load
+from codegen.generated.signals import DBC, MAP
+from plant_sim.buses.profile import BUSY, QUICK, SECURED
+from plant_sim.can_bus.own_frames import most_received
+
+SHORTEST = {"secured_fd": 140_000, "500k": 222_000, "125k_busy": 888_000}
+"""A frame without a stuff bit, ns: 30 bits at 500 kbit/s and 160 at 2 Mbit/s; 111 if classic."""
+
+
+@pytest.mark.parametrize("profile", [SECURED, QUICK, BUSY], ids=lambda its: its.name)
+def test_a_full_bus_carries_its_shortest_frame_over_and_over(profile):
+    secured = profile is SECURED
+    bus = load(dbc.SECURED_PATH, dbc.SECURED_MAP) if secured else load(DBC, MAP)
+    shortest = SHORTEST[profile.name]
+    assert most_received(profile, bus, 1) == 1
+    assert most_received(profile, bus, shortest) == 1
+    assert most_received(profile, bus, shortest + 1) == 2
+    assert most_received(profile, bus, 50 * shortest) == 50
+
+
+def test_a_tick_of_10_ms_sees_72_authenticated_frames_at_most():
+    assert most_received(SECURED, load(dbc.SECURED_PATH, dbc.SECURED_MAP), 10_000_000) == 72
