@@ -58,7 +58,7 @@ FADING = 3
 # rebound and bump differ from a damper's coefficient by half of it
 ROUGH = 1
 # of what the dampers' moment changes in a tick, 2 to this power times the mean may be left over
-RATTLING = 3
+RATTLING = 4
 # values of ecu.response_known: neither balance, that of the moments, both
 NOTHING = 0
 ONE_BALANCE = 1

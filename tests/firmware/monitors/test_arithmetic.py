@@ -151,7 +151,7 @@ class Floats:
         b[balance.LATERAL].leave_room(0.625 * shown, FADING)
         road = sum(abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * STROKE[n] for n in range(2))
         changed = b[balance.DAMPERS].new(damping, 1.0)
-        b[balance.DAMPERS].room += (8.0 * abs(changed) - b[balance.DAMPERS].room) / 1024.0
+        b[balance.DAMPERS].room += (16.0 * abs(changed) - b[balance.DAMPERS].room) / 1024.0
         by_force = b[balance.STEADY].new(side, WASH / 16.0)
         wrong = abs(by_force) / 2.0 + abs(moment) / 4.0 + road / 2.0
         b[balance.STEADY].leave_room(wrong, FADING)
