@@ -21,6 +21,7 @@ from plant_sim.can_bus import load_profile
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.log_playback import load_recording
 from plant_sim.faults.language import read_file as read_faults
+from plant_sim.fmi import map_file
 from tools.hostile import files as loop
 from tools.hostile import formats
 
@@ -63,6 +64,7 @@ def test_the_loop_finds_what_a_reader_lets_through(good, tmp_path):
 
 DEEP = "a = " + "[" * 20_000
 TOML_READERS = (
+    map_file.read,
     vehicles.load,
     calibration_file.load,
     read_faults,

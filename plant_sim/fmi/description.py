@@ -1,6 +1,7 @@
 """The description of an FMU, and the check that a map fits it."""
 
 import math
+import zipfile
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib.util import find_spec
@@ -23,6 +24,9 @@ SETTERS = {
 """How FMPy sets a variable of each type."""
 WHOLE = ("Integer", "Int32", "Int64", "UInt8")
 SETTABLE = ("exact", "approx")
+MOST_BYTES = 64 << 20
+"""Size of an unpacked description: some 300 000 variables of 200 bytes."""
+DESCRIPTIONS = ("modelDescription.xml", "sources/buildDescription.xml")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +55,8 @@ def read(path: Path, plant_map: PlantMap) -> Fmu:
 
     Raises:
         MissingExtraError: FMPy is not installed.
-        CanrollError: not an FMU for co-simulation, a variable that it does not have, another unit,
+        CanrollError: not an FMU for co-simulation, a description of more than
+            :data:`MOST_BYTES`, a variable that it does not have, another unit,
             or a communication step that it cannot do; the message names the remedy.
     """
     if find_spec("fmpy") is None:
@@ -59,6 +64,7 @@ def read(path: Path, plant_map: PlantMap) -> Fmu:
     import fmpy  # noqa: PLC0415 - an extra
 
     try:
+        _check_sizes(path)
         described = fmpy.read_model_description(str(path))
     except Exception as error:  # FMPy raises what its parsers raise
         raise CanrollError(f"{path}: not a valid FMU: {reason(error)}") from error
@@ -98,6 +104,14 @@ def read(path: Path, plant_map: PlantMap) -> Fmu:
     )
 
 
+def _check_sizes(path: Path) -> None:
+    """Raise ValueError where a few bytes of the archive unpack to more than the memory takes."""
+    with zipfile.ZipFile(path) as archive:
+        for each in archive.infolist():
+            if each.filename in DESCRIPTIONS and each.file_size > MOST_BYTES:
+                raise ValueError(f"{each.filename} is larger than {MOST_BYTES >> 20} MB")
+
+
 def _check_step(path: Path, described: Any, plant_map: PlantMap) -> None:  # noqa: ANN401
     """Refuse a communication step that the FMU cannot do."""
     able = described.coSimulation
@@ -108,7 +122,10 @@ def _check_step(path: Path, described: Any, plant_map: PlantMap) -> None:  # noq
         why = "the step that it names and cannot vary"
     if fixed is None:
         return
-    theirs = round(float(fixed) * NANOSECONDS)
+    exact = float(fixed) * NANOSECONDS
+    if not math.isfinite(exact):
+        raise CanrollError(f"{path}: {why} is {fixed} s: export it with another step")
+    theirs = round(exact)
     if theirs > 0 and plant_map.step_ms * MILLISECOND % theirs == 0:
         return
     suits = math.lcm(MILLISECOND, theirs) // MILLISECOND

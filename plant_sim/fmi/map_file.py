@@ -1,12 +1,12 @@
 """The map of an FMU: which of its variables are which quantities of the plant (TOML)."""
 
 import math
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from plant_sim.fmi.quantities import DERIVED, INPUTS, OUTPUTS, REQUIRED, UNITS, spelt
 
@@ -63,8 +63,7 @@ def read(path: Path) -> PlantMap:
         CanrollError: unreadable, or an entry that cannot be; the message names it.
     """
     try:
-        with path.open("rb") as file:
-            table = tomllib.load(file)
+        table = documents.toml(path)
     except FileNotFoundError as error:
         raise CanrollError(
             f"{path}: no such file: an FMU needs a map of its variables, as docs/exchange.md has it"
