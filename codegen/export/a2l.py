@@ -13,6 +13,7 @@ from typing import Any
 
 from elftools.elf.elffile import ELFFile
 
+from canroll.errors import CanrollError, reason
 from codegen.c99.text import plain
 from codegen.export import a2l_xcp
 from codegen.generated.bus_map import Xcp
@@ -58,14 +59,21 @@ class Software:
 
 
 def addresses(elf: Path) -> dict[str, int]:
-    """Addresses of those :data:`SYMBOLS` that a linked image has."""
-    with elf.open("rb") as file:
-        table = ELFFile(file).get_section_by_name(".symtab")
-        found = {}
-        for name in SYMBOLS:
-            symbols = table.get_symbol_by_name(name) if table else None
-            if symbols:
-                found[name] = int(symbols[0]["st_value"])
+    """Addresses of those :data:`SYMBOLS` that a linked image has.
+
+    Raises:
+        CanrollError: it cannot be read, or is no ELF file.
+    """
+    found = {}
+    try:
+        with elf.open("rb") as file:
+            table = ELFFile(file).get_section_by_name(".symtab")
+            for name in SYMBOLS:
+                symbols = table.get_symbol_by_name(name) if table else None
+                if symbols:
+                    found[name] = int(symbols[0]["st_value"])
+    except Exception as error:  # pyelftools lets through whatever its parsers raise
+        raise CanrollError(f"{elf}: not a readable ELF file: {reason(error)}") from error
     return found
 
 

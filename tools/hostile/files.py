@@ -18,7 +18,7 @@ import warnings
 from collections import Counter
 from pathlib import Path
 
-from tools.hostile.formats import FORMATS, Format, damage, make, refusal
+from tools.hostile.formats import FORMATS, Format, damage, lacking, make, refusal
 from tools.progress import progress
 
 MEMORY = 8 << 30
@@ -69,6 +69,9 @@ def main() -> int:
         make(good)
         print(f"{'format':34}{'files':>7}{'read':>7}{'refused':>9}{'failed':>8}")
         for form in formats:
+            if remedy := lacking(form):
+                print(f"{form.name:34}  left out: {remedy}")
+                continue
             source = random.Random(f"{options.seed} {form.name} {form.mend is not None}")
             outcomes: Counter[str] = Counter()
             for n in range(max(1, options.each // COSTLY) if form.costly else options.each):

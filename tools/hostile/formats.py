@@ -7,8 +7,10 @@ import shutil
 import subprocess
 import sys
 import tomllib
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -20,17 +22,26 @@ from scipy.io import savemat
 
 import vehicles
 from canroll.errors import CanrollError
+from codegen.export import a2l
 from codegen.generated import bus_map, own_stage
+from codegen.run import native
+from dbc.keys import read_key
 from gain_gen.calibration import calibration_file
 from gain_gen.laws.custom import read_matrices
 from hil.campaign import campaign_file, store
 from hil.realtime import plant_record, tick_trace
+from hil.realtime.hardware import lasting
 from hil.runs import saved_run
+from hil.runs.experiment import plan
+from hil.runs.result import Settings
+from hil.studies import fault_catalogue
 from plant_sim.can_bus import load_profile
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.log_playback import load_recording
 from plant_sim.driving.steer_maneuvers import read_signal
 from plant_sim.faults.language import read_file as read_faults
+from plant_sim.fmi import plant as fmu
+from tools.hostile import samples
 
 ROOT = Path(__file__).parents[2]
 HARSH = (
@@ -38,33 +49,11 @@ HARSH = (
     *(b"\xff", b"\x00", b"\xef\xbb\xbf", b"[", b"=", b"\n", b"[[" * 2000),
 )
 """What is put in the place of a number, or between two bytes."""
-NETWORK = "schema = 1\nbitrate = 500000\nload = 0.3\ngateway_ms = [2, 4]\n"
-SEGMENTS = """schema = 1
+LOGS = ("asc", "blf", "log", "trc", "csv", "pcap", "pcapng", "db")
 
-[segment.chassis]
-bitrate = 500000
-load = 0.4
 
-[segment.body]
-bitrate = 500000
-traffic = "traffic.toml"
-
-[[gateway]]
-segments = ["chassis", "body"]
-latency_ms = [1, 2]
-
-[node.RollControl]
-segment = "body"
-jitter_ms = 0.1
-"""
-TRAFFIC = '[[message]]\nname = "A"\nid = 16\nbytes = 8\nperiod_ms = 10\njitter_ms = 1\n'
-FAULTS = """[[fault]]
-where = "Imu.RollRate"
-kind = "offset"
-value = 0.2
-start = 2.0
-"""
-LOGS = ("asc", "blf", "log", "trc", "csv", "pcap", "pcapng")
+EXTRAS = {"chunk": ("pyarrow", "campaign"), "fmu": ("fmpy", "fmi"), "mf4": ("asammdf", "asammdf")}
+"""Module and extra that the formats of a folder need."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +66,7 @@ class Format:
         read: reads it.
         mend: makes checksums over the damaged file fit again, so that more than they are tried.
         costly: reading takes about a second.
+        apart: it is read in a process of its own, by compiled code that a damaged file can end.
     """
 
     folder: str
@@ -84,6 +74,7 @@ class Format:
     read: Callable[[Path], object]
     mend: Callable[[Path], None] | None = None
     costly: bool = False
+    apart: bool = False
 
     @property
     def name(self) -> str:
@@ -116,6 +107,14 @@ def _sealed_run(path: Path) -> None:
     _rehashed(path)
 
 
+def lacking(form: Format) -> str:
+    """Return how to install what a format's good file or its reader needs, "" if it is there."""
+    if form.folder == "elf":
+        return "" if native.compiler() else "apt-get install gcc"
+    module, extra = EXTRAS.get(form.folder, ("canroll", ""))
+    return "" if find_spec(module) else f"pip install 'canroll[{extra}]'"
+
+
 def _log(path: Path) -> object:
     return load_recording(path, bitrate=500_000)
 
@@ -136,6 +135,31 @@ def _chunk(path: Path) -> object:
     return store.Store(path.parent, "digest").read(path.stem)
 
 
+def _latency(path: Path) -> object:
+    return load_profile(str(path.with_name("segments.toml")))
+
+
+def _stage(path: Path) -> object:
+    return own_stage.modules(own_stage.read(path))
+
+
+def _catalogue(path: Path) -> object:
+    return fault_catalogue.entries(_settings(), path)
+
+
+@cache
+def _settings() -> Settings:
+    return plan("double_lane_change")[0]
+
+
+def _plan(path: Path) -> object:
+    return store.plan_in(path.parent)
+
+
+def _fmu(path: Path) -> object:
+    return fmu.read(str(path.with_name("van.fmu")))
+
+
 def _run(path: Path) -> object:
     return saved_run.load(path.parent)
 
@@ -147,6 +171,8 @@ FORMATS = (
     Format("faults", "faults.toml", read_faults),
     Format("campaign", "fishhook.toml", _campaign),
     Format("chunk", "0000000.parquet", _chunk),
+    Format("chunk", store.PLAN, _plan),
+    Format("catalogue", "catalogue.toml", _catalogue),
     Format("bus", "own.dbc", _bus),
     Format("bus", "own.toml", _bus),
     Format("network", "network.toml", _profile),
@@ -154,14 +180,21 @@ FORMATS = (
     Format("network", "others.dbc", _profile),
     Format("network", "others.kcd", _profile),
     Format("network", "others.sym", _profile),
+    Format("network", "others.arxml", _profile),
     Format("network", "traffic.toml", load_traffic),
+    Format("network", "gateway.csv", _latency),
+    Format("secured", "bus.key", read_key),
+    Format("secured", "memory.json", lasting.read),
     Format("gains", "gains.toml", read_matrices),
     Format("gains", "gains.npz", read_matrices),
-    Format("gains", "gains.mat", read_matrices, costly=True),
+    Format("gains", "gains.mat", read_matrices, costly=True, apart=True),
     Format("signal", "signal.csv", read_signal),
-    Format("stage", "stage.py", own_stage.read),
+    Format("stage", "stage.py", _stage, costly=True),
+    Format("fmu", "van.fmu", _fmu),
+    Format("fmu", "van.toml", _fmu),
+    Format("elf", "firmware.elf", a2l.addresses),
     *(Format("log", f"log.{suffix}", _log) for suffix in LOGS),
-    Format("mf4", "log.mf4", _log, costly=True),
+    Format("mf4", "log.mf4", _log, costly=True, apart=True),
     Format("run", "ticks.npz", tick_trace.load),
     Format("run", "plant.npz", plant_record.load),
     Format("run", saved_run.RESULT, _run),
@@ -179,19 +212,18 @@ def make(folder: Path) -> None:
     shutil.copy(folder / "run" / saved_run.CALIBRATION, folder / "calibration")
     shutil.copy(ROOT / "vehicles" / "van_real.toml", folder / "vehicle" / "vehicle.toml")
     shutil.copy(ROOT / "examples" / "campaigns" / "fishhook.toml", folder / "campaign")
+    shutil.copy(ROOT / "examples" / "own_stage" / "progressive.py", folder / "stage" / "stage.py")
     for file in (ROOT / "examples" / "own_bus").iterdir():
         shutil.copy(file, folder / "bus")
-    texts = {
-        "network/network.toml": NETWORK,
-        "network/segments.toml": SEGMENTS,
-        "network/traffic.toml": TRAFFIC,
-        "gains/gains.toml": "K = [[14400.0, 6000.0]]\nKff = 120.0\n",
-        "faults/faults.toml": FAULTS,
-        "signal/signal.csv": "time,steering_wheel_deg\n0,0\n1,10\n2.5,-10\n",
-        "stage/stage.py": "STATE = {}\n\n\ndef estimate(ecu, cal, steps):\n    return\n",
-    }
-    for name, text in texts.items():
+    for name, text in samples.TEXTS.items():
         (folder / name).write_text(text, encoding="utf-8")
+    (folder / "secured" / "bus.key").chmod(0o600)
+    with zipfile.ZipFile(folder / "fmu" / "van.fmu", "w") as archive:
+        archive.writestr("modelDescription.xml", samples.DESCRIPTION)
+    if compiler := native.compiler():
+        image = ["-xc", "-", "-c", "-o", str(folder / "elf" / "firmware.elf")]
+        symbols = b"int calibration, ecu; const char canroll_epk[4];"
+        subprocess.run([compiler, *image], input=symbols, check=True)
     database = cantools.database.load_file(ROOT / "dbc" / "roll_control.dbc")
     for suffix in ("dbc", "kcd", "sym"):
         cantools.database.dump_file(database, folder / "network" / f"others.{suffix}")
@@ -211,9 +243,14 @@ def make(folder: Path) -> None:
 
 
 def _drive(folder: Path) -> None:
+    """Save a run of two programs, without what is for people."""
     command = [sys.executable, "-m", "hil.cli.main", "hil", "double_lane_change"]
     options = ["--pace", "lockstep", "--law", "lqr", "--duration", "0.1", "--out", str(folder)]
     subprocess.run([*command, *options], check=True, capture_output=True, cwd=ROOT)
+    read = {form.file for form in FORMATS if form.folder == "run"}
+    for path in folder.iterdir():
+        if path.name not in read:
+            path.unlink()
 
 
 def damaged(content: bytes, source: random.Random) -> bytes:
@@ -244,9 +281,14 @@ def damaged(content: bytes, source: random.Random) -> bytes:
 
 def damage(form: Format, good: Path, work: Path, source: random.Random) -> Path:
     """Copy the folder of a format to ``work`` with its file damaged; return the file's path."""
+    return placed(form, good, work, damaged((good / form.name).read_bytes(), source))
+
+
+def placed(form: Format, good: Path, work: Path, content: bytes) -> Path:
+    """Copy the folder of a format to ``work`` with other content of its file; return its path."""
     shutil.copytree(good / form.folder, work)
     path = work / form.file
-    path.write_bytes(damaged(path.read_bytes(), source))
+    path.write_bytes(content)
     if form.mend is not None:
         form.mend(path)
     return path

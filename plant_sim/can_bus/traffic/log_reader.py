@@ -77,17 +77,24 @@ def read_log(path: Path) -> dict[str, Logged]:
     if not is_log(path):
         raise CanrollError(f"{path}: a bus log ends in {', '.join(SUFFIXES)}")
     try:
-        if path.suffix.lower() == ".mf4" and find_spec("asammdf"):
-            messages = _read_mf4(path)
-        else:
-            with _nothing_dropped(), can.LogReader(path) as reader:
-                messages = list(reader)
+        return _channels(_messages(path))
     except CanrollError as error:
         raise CanrollError(f"{path}: {error}") from error
     except Exception as error:  # python-can's readers let through whatever their parsers raise
         raise CanrollError(f"{path}: not a readable bus log: {reason(error)}") from error
+
+
+def _messages(path: Path) -> list[can.Message]:
+    if path.suffix.lower() == ".mf4" and find_spec("asammdf"):
+        return _read_mf4(path)
+    with _nothing_dropped(), can.LogReader(path) as reader:
+        return list(reader)
+
+
+def _channels(messages: list[can.Message]) -> dict[str, Logged]:
+    """Sort messages by channel; a field of one, as those of a .db, may be of any type."""
     if not all(abs(message.timestamp) < LATEST for message in messages):
-        raise CanrollError(f"{path}: not a readable bus log: a time is beyond {LATEST:g} s")
+        raise ValueError(f"a time is beyond {LATEST:g} s")
     channels: dict[str, list[can.Message]] = {}
     for message in messages:
         channels.setdefault(str(message.channel), []).append(message)
