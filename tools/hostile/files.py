@@ -28,7 +28,8 @@ COSTLY = 10
 """A costly format has one file for every so many of the others."""
 
 
-def _late(*_: object) -> None:
+def late(*_: object) -> None:
+    """End what takes too long; a handler of SIGALRM."""
     raise TimeoutError(f"more than {SECONDS} s")
 
 
@@ -59,7 +60,7 @@ def main() -> int:
     parser.add_argument("--only", default="", help="formats whose name contains this")
     options = parser.parse_args()
     warnings.simplefilter("ignore")
-    signal.signal(signal.SIGALRM, _late)
+    signal.signal(signal.SIGALRM, late)
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     found: Counter[str] = Counter()
     totals: Counter[str] = Counter()
