@@ -5,6 +5,7 @@ import zlib
 from collections.abc import Iterable
 from difflib import get_close_matches
 from importlib import import_module
+from tokenize import TokenError
 from typing import Any
 from zipfile import BadZipFile
 
@@ -33,7 +34,7 @@ RENAMED = {
 
 UNREADABLE = (
     *(OSError, ValueError, KeyError, IndexError, TypeError, AttributeError, EOFError),
-    *(RuntimeError, BadZipFile, zlib.error, struct.error),
+    *(RuntimeError, BadZipFile, zlib.error, struct.error, SyntaxError, TokenError),
 )
 """Exceptions raised by parsers of truncated, damaged or foreign files."""
 

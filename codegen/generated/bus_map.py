@@ -312,7 +312,7 @@ def _mailbox(  # noqa: PLR0917
             raise UnknownNameError(f"key in {where}", key, OF_A_MAILBOX)
     messages = {message.name: message for message in database.messages}
     name = table.get("message", "")
-    if name not in messages:
+    if not isinstance(name, str) or name not in messages:
         raise UnknownNameError(f"message in {where}", name, messages)
     message = messages[name]
     _refuse_length(message, where)

@@ -412,9 +412,10 @@ def _place(
         start = _number(table, key, 0, where) * (8 if key == "byte" else 1)
         return list(range(start, start + width))
     known = {signal.name: signal for signal in message.signals}
-    if table["signal"] not in known:
-        raise UnknownNameError(f"signal of {message.name} in {where}", table["signal"], known)
-    return sorted(bits_of(known[table["signal"]]))
+    name = table["signal"]
+    if not isinstance(name, str) or name not in known:
+        raise UnknownNameError(f"signal of {message.name} in {where}", name, known)
+    return sorted(bits_of(known[name]))
 
 
 def _refuse_overlap(

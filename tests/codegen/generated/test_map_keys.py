@@ -156,6 +156,12 @@ def test_what_is_read_leniently_is_said(tmp_path):
         ('"roll_rate"', '"roll_rate", q = 20', "q of roll_rate is fixed"),
         ('inverted = "RightInverted"', 'sign = "RightInverted"', "a sign must have one"),
         ("signals.Right", 'signals.Clash = "mode"\nsignals.Right', "share bit 30"),
+        ('"Motion"', '["Motion"]', "unknown message in"),
+        (
+            "[transmit.",
+            '[receive.imu.protection]\nprofile = "own"\ncounter = { signal = {} }\n[transmit.',
+            "unknown signal of Motion",
+        ),
         (
             "[transmit.",
             '[receive.vehicle_motion]\nmessage = "Short"\n'

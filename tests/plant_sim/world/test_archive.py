@@ -6,6 +6,7 @@ import zipfile
 
 import numpy as np
 import pytest
+from numpy.lib import format as npy
 
 from canroll.errors import UNREADABLE
 from plant_sim.world import archive, spool
@@ -82,3 +83,13 @@ def test_a_truncated_archive_is_refused(tmp_path):
     path.write_bytes(path.read_bytes()[:400] + struct.pack("<I", 7))
     with pytest.raises(UNREADABLE):
         archive.Archive(path)
+
+
+@pytest.mark.parametrize("header", ["{'descr': '<f8\0", "{'descr': ('<f8", "  {\n {\n}", "(" * 300])
+def test_a_header_that_cannot_be_parsed_is_refused(header, tmp_path):
+    path = tmp_path / "damaged.npz"
+    content = npy.magic(1, 0) + len(header).to_bytes(2, "little") + header.encode()
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("values.npy", content)
+    with archive.Archive(path) as stored, pytest.raises(UNREADABLE):
+        stored.array("values")
