@@ -41,6 +41,15 @@ TABLES = frozenset(
 )
 OPTIONAL = frozenset({"budget", "stage"})
 """Tables that a user may add: the budget of a tick, an own stage of the loop."""
+NEEDED: Mapping[str, Mapping[str, tuple[type, ...]]] = {
+    "design": {
+        **dict.fromkeys(("law", "vehicle", "actuator"), (str,)),
+        **{"verified": (bool,), "tick_s": (int, float), "warnings": (list,)},
+    },
+    "margins": {"max_delay_s": (int, float)},
+    "provenance": {"vehicle_sha256": (str,)},
+}
+"""What else than the integers is read from a file, by table: keys and types."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,6 +192,9 @@ def load(path: str | Path) -> LoadedCalibration:
     given = OPTIONAL & set(content)
     _known(content, TABLES - {"schema"} | given, path, text)
     written = content.pop(DIGEST)
+    for name, value in content.items():
+        if not isinstance(value, dict):
+            raise CanrollError(f"{_at(path, text, name)}: {name} must be a table, [{name}]")
     found = digest(content)
     integers = content.pop("calibration")
     table = fields(Calibration)
@@ -196,13 +208,7 @@ def load(path: str | Path) -> LoadedCalibration:
             f"{_at(path, text, RESERVED)}: {RESERVED} does not match the fields: the file was "
             f"edited; create it again with 'canroll design'"
         )
-    for name in ("law", "vehicle", "actuator", "verified", "tick_s", "warnings"):
-        if name not in content["design"]:
-            raise CanrollError(f"{path}: [design] missing key '{name}'")
-    if "max_delay_s" not in content["margins"]:
-        raise CanrollError(f"{path}: [margins] missing key 'max_delay_s'")
-    if "vehicle_sha256" not in content["provenance"]:
-        raise CanrollError(f"{path}: [provenance] missing key 'vehicle_sha256'")
+    _check_needed(content, path)
     if found != written:
         raise CanrollError(
             f"{path}: the digest does not match the content: the file was edited; create it again "
@@ -211,6 +217,16 @@ def load(path: str | Path) -> LoadedCalibration:
     if own_stage.NAME in content:
         content[own_stage.NAME] = _stage(content[own_stage.NAME], path, text)
     return LoadedCalibration(record, content, path)
+
+
+def _check_needed(content: Mapping[str, Any], path: Path) -> None:
+    for table, kinds in NEEDED.items():
+        for key, kind in kinds.items():
+            if key not in content[table]:
+                raise CanrollError(f"{path}: [{table}] missing key '{key}'")
+            if not isinstance(content[table][key], kind):
+                wanted = " or ".join(each.__name__ for each in kind)
+                raise CanrollError(f"{path}: [{table}] '{key}' must be of type {wanted}")
 
 
 def _stage(table: Any, path: Path, text: str) -> dict[str, str]:  # noqa: ANN401

@@ -66,8 +66,9 @@ def functions(module: ModuleType) -> Iterator[FunctionType]:
 def instrument(read: Callable[[Path], object], first: Path, second: Path) -> int:
     """Instrument in this process what reading a good file enters; return how many functions.
 
-    ``read`` itself is among them, wherever it comes from. ``first`` and ``second`` are copies: what
-    is compiled or imported on first use is no part of reading, and readers keep what they have read.
+    ``read`` itself is among them, wherever it comes from. ``first`` and ``second`` are copies:
+    what is compiled or imported on first use is no part of reading, and readers keep what they have
+    read.
     """
     read(first)
     names = sorted(entered(lambda: read(second)))

@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -197,6 +198,10 @@ def test_file_comes_back_as_it_was(tmp_path, calibrated):
         ("vehicle_sha256 = ", "vehicle = ", r"missing key 'vehicle_sha256'|not a TOML"),
         ("digest = ", "digset = ", r"unknown key 'digset': did you mean 'digest'"),
         ('law = "lqr"\n', "", r"\[design\] missing key 'law'"),
+        ('law = "lqr"\n', "law = 5\n", r"\[design\] 'law' must be of type str"),
+        ("tick_s = ", 'tick_s = "x" # ', r"\[design\] 'tick_s' must be of type int or float"),
+        ("warnings = [", "warnings = 5\nothers = [", r"\[design\] 'warnings' must be of type list"),
+        ("max_delay_s = ", "max_delay_s = [] # ", r"\[margins\] 'max_delay_s' must be of type int"),
     ],
 )
 def test_a_spoiled_file_is_refused_in_one_line(tmp_path, calibrated, old, new, message):
@@ -207,6 +212,16 @@ def test_a_spoiled_file_is_refused_in_one_line(tmp_path, calibrated, old, new, m
     with pytest.raises(CanrollError, match=message) as caught:
         calibration_file.load(path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["calibration", "design", "margins", "provenance", "plant"])
+@pytest.mark.parametrize("value", [True, "law vehicle actuator verified tick_s warnings", [1]])
+def test_a_table_that_is_none_is_refused(tmp_path, calibrated, name, value):
+    content = tomllib.loads(calibration_file.dumps(*calibrated)) | {name: value}
+    path = tmp_path / "calibration.toml"
+    path.write_text(tomli_w.dumps(content))
+    with pytest.raises(CanrollError, match=rf"{name} must be a table"):
+        calibration_file.load(path)
 
 
 def test_the_digest_leaves_out_the_time_of_the_solver(calibrated):
