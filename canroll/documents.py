@@ -7,6 +7,8 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+from canroll.errors import CanrollError
+
 MOST_BYTES = 16 << 20
 """Size of a text file; a larger one is not what it is taken for."""
 
@@ -60,6 +62,17 @@ def parse_json(content: str) -> Any:  # noqa: ANN401 - whatever stands there
         return json.loads(content)
     except RecursionError as error:
         raise ValueError("nested too deeply") from error
+
+
+def table(value: object, where: str) -> dict[str, Any]:
+    """Return a value of a document, which must be a table.
+
+    Raises:
+        CanrollError: it is none; the message begins with ``where``.
+    """
+    if not isinstance(value, dict):
+        raise CanrollError(f"{where} must be a table")
+    return value
 
 
 def read_apart(program: str, path: Path) -> bytes:

@@ -2,7 +2,7 @@
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
 #   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract limit_cycles
 #                                  reproduce campaign rollover splitting fuzz_firmware exchange
-#                                  hostile_files kills endurance
+#                                  hostile_files guided_files kills endurance
 set -euo pipefail
 cd "$(dirname "$0")/.."
 scripts/setup-venv dev
@@ -24,7 +24,7 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
 }
 
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware exchange hostile_files kills endurance}"; do
+for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware exchange hostile_files guided_files kills endurance}"; do
     for part in $name; do
         case $part in
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
@@ -60,6 +60,7 @@ for name in "${@:-differential mutation worst_case benchmarks contract limit_cyc
                 keep fuzz_firmware_own_bus python -m tools.hostile.firmware --inputs 1000000 \
                     --dbc examples/own_bus/own.dbc --map examples/own_bus/own.toml ;;
             hostile_files) keep hostile_files python -m tools.hostile.files --each 100 ;;
+            guided_files) keep guided_files python -m tools.hostile.guided --inputs 800 ;;
             kills) keep kills python -m tools.hostile.kills ;;
             endurance) keep endurance python -m tools.hostile.long_run ;;
             splitting) keep splitting scripts/splitting-coverage ;;

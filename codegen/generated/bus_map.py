@@ -179,9 +179,11 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
         raise CanrollError(f"{map_file}: {reason(error)}") from error
     if document.get("schema") != 1:
         raise CanrollError(f"{map_file}: schema must be 1, not {document.get('schema')!r}")
-    for key in document:
+    for key, value in document.items():
         if key not in ("schema", *TABLES):
             raise UnknownNameError(f"table in {map_file}", key, TABLES)
+        if key in TABLES:
+            documents.table(value, f"{map_file}: {key}")
     secoc = _secoc(document["secoc"], map_file) if "secoc" in document else None
     boxes = {}
     for direction, slots in (("receive", RECEIVED), ("transmit", TRANSMITTED)):
@@ -307,7 +309,7 @@ def _mailbox(  # noqa: PLR0917
     where = f"{map_file} [{direction}.{slot}]"
     if table is None:
         return Mailbox(slot)
-    for key in table:
+    for key in documents.table(table, where):
         if key not in OF_A_MAILBOX:
             raise UnknownNameError(f"key in {where}", key, OF_A_MAILBOX)
     messages = {message.name: message for message in database.messages}
@@ -325,7 +327,8 @@ def _mailbox(  # noqa: PLR0917
         )
     known = {signal.name: signal for signal in message.signals}
     mapped = []
-    for signal_name, entry in table.get("signals", {}).items():
+    signals = documents.table(table.get("signals", {}), f"{where} signals")
+    for signal_name, entry in signals.items():
         mapped.append(map_signal(signal_name, entry, known, f"{where} {signal_name}"))
     choice = selector(message, where)
     chosen = pages(mapped)

@@ -14,6 +14,7 @@ from typing import Any
 
 from cantools.database.can import Message
 
+from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.generated.mapped_signal import bits_of
 
@@ -192,7 +193,9 @@ def protection(
     Raises:
         CanrollError: a wrong entry, a position outside the frame, or one that a signal uses too.
     """
-    given = dict(_attributes(message, where) if table is None else table)
+    if table is None:
+        table = _attributes(message, where)
+    given = dict(documents.table(table, f"{where} protection"))
     profile = _profile(given.pop("profile", None), where)
     if profile == "none":
         return None

@@ -206,10 +206,16 @@ FORMATS = (
 
 def make(folder: Path) -> None:
     """Write one good file of every format, with what belongs to it, into folders of ``folder``."""
-    for name in {each.folder for each in FORMATS} - {"run"}:
-        (folder / name).mkdir(parents=True)
+    make_undriven(folder)
     _drive(folder / "run")
+    (folder / "calibration").mkdir()
     shutil.copy(folder / "run" / saved_run.CALIBRATION, folder / "calibration")
+
+
+def make_undriven(folder: Path) -> None:
+    """Write those good files that are not of a run of two programs, which takes a while."""
+    for name in {each.folder for each in FORMATS} - {"run", "calibration"}:
+        (folder / name).mkdir(parents=True)
     shutil.copy(ROOT / "vehicles" / "van_real.toml", folder / "vehicle" / "vehicle.toml")
     shutil.copy(ROOT / "examples" / "campaigns" / "fishhook.toml", folder / "campaign")
     shutil.copy(ROOT / "examples" / "own_stage" / "progressive.py", folder / "stage" / "stage.py")

@@ -195,6 +195,7 @@ def _run(task: Task, folder: Path, shared: NDArray[np.int64]) -> None:
         "seed": task.seed,
         "max_len": 2 * len(content) + ROOM,
         "len_control": 0,
+        "reload": 0,  # by the clock
         "rss_limit_mb": RESIDENT_MB,
         "timeout": 0,  # its timer is that of the alarm
     }
