@@ -13,8 +13,9 @@ import argparse
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -88,7 +89,7 @@ def material(
     firmware: BusFirmware, calibrations: Sequence[Calibration], recordings: Sequence[Recording]
 ) -> str:
     """Return what the driver needs as a C header."""
-    places = memory_image.dtype(firmware.record).fields or {}
+    places: Mapping[str, Any] = memory_image.dtype(firmware.record).fields or {}
     ranges = [
         f'    {{ "{f.name}", {places[f.name][1]}, {1 if f.kind == "u8" else 4}, '
         f"{int(np.prod(f.shape, dtype=int))}, {f.f.lo if f.f.lo > -(2**31) else 'INT32_MIN'}, "

@@ -160,7 +160,11 @@ def test_what_is_read_leniently_is_said(tmp_path):
         ("[receive.imu]", "receive = 5\n[transmit.imu]", "receive must be a table"),
         ("[receive.imu]", "[receive]\nimu = []\n[transmit.imu]", "[receive.imu] must be a table"),
         ("[receive.imu]", "secoc = true\n[x]", "secoc must be a table"),
-        ('"Motion"\n', '"Motion"\nsignals = 5\n[receive.vehicle_motion]\n', "signals must be a table"),
+        (
+            '"Motion"\n',
+            '"Motion"\nsignals = 5\n[receive.vehicle_motion]\n',
+            "signals must be a table",
+        ),
         ('"Motion"\n', '"Motion"\nprotection = "1"\n', "protection must be a table"),
         (
             "[transmit.",
