@@ -21,8 +21,9 @@ what springs, dampers and moments say of the lateral acceleration. Its finding l
 Where yaw rate times speed does not differ from it, what is left of the slow balance is what was
 reported wrongly of the moments: one that ran away stays in it, which the quicker washout forgets
 once the car goes straighter. Springs take up what a moment does that is not reported, and excuse
-nothing here: what the model may be wrong by is half of the lateral force, washed out as slowly, and
-a quarter of the moments. A rough road adds up in what is integrated.
+nothing here: what the model may be wrong by is half of the lateral force, washed out as slowly,
+seven eighths of it to its own side, and a quarter of the moments. A rough road adds up in what is
+integrated.
 """
 
 from firmware.calibration import ONE, STATE_MAX, Calibration
@@ -100,6 +101,18 @@ def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, beside: i32, sh
     ecu.balance_ticks[LATERAL] = lasting(ecu.balance_ticks[LATERAL], side & 1, cal.response_ticks)
     if ecu.balance_ticks[LATERAL] == cal.response_ticks:
         ecu.lateral_contradicted = 1
+
+
+def of_force(by_force: i32, left: i32) -> i32:
+    """Return what the model may be wrong by for so much lateral force, to the side of ``left``.
+
+    Mass and height that are larger than designed for and softer springs leave over more to its own
+    side than the reverse does to the other: 1.2 * 1.2 / 0.8 - 1 against 1 - 0.8 * 0.8 / 1.2.
+    """
+    force: i32 = magnitude(by_force)
+    if side_of(left, by_force, 0) != 0:
+        return force - rsh(force, 3)
+    return rsh(force, 1)
 
 
 def watch_steady(ecu: Ecu, cal: Calibration, left: i32, beside: i32, wrong: i32) -> None:
@@ -217,7 +230,7 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         beside: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
         watch_lateral_balance(ecu, cal, wrong, beside, sat31(shown + magnitude(damping)))
         by_force: i32 = at_once(ecu, STEADY, lateral, rsh(cal.response_wash, SLOWER))
-        may_be: i32 = rsh(magnitude(by_force), 1) + rsh(magnitude(moment), 2)
+        may_be: i32 = of_force(by_force, wrong) + rsh(magnitude(moment), 2)
         watch_steady(ecu, cal, wrong, beside, sat31(may_be + bumpy))
     side_force: i32 = left_over(ecu, cal, SIDE_FORCE, lateral, 0)
     springs: i32 = left_over(ecu, cal, SPRINGS, 0, 0)

@@ -146,14 +146,15 @@ class Floats:
             b[balance.STEADY].start(0.0, 0.0)
         stretched = STRETCH * damping
         shown = abs(b[balance.LATERAL].spring + damping - moment) + abs(damping)
-        b[balance.LATERAL].left_over(acting, momentum)
+        slowly = b[balance.LATERAL].left_over(acting, momentum)
         b[balance.LATERAL].spring += stretched
         b[balance.LATERAL].leave_room(0.625 * shown, FADING)
         road = sum(abs(abs(strokes[2 * n]) - abs(strokes[2 * n + 1])) * STROKE[n] for n in range(2))
         changed = b[balance.DAMPERS].new(damping, 1.0)
         b[balance.DAMPERS].room += (16.0 * abs(changed) - b[balance.DAMPERS].room) / 1024.0
         by_force = b[balance.STEADY].new(side, WASH / 16.0)
-        wrong = abs(by_force) / 2.0 + abs(moment) / 4.0 + road / 2.0
+        share = 7.0 / 8.0 if slowly * by_force > 0.0 else 1.0 / 2.0
+        wrong = share * abs(by_force) + abs(moment) / 4.0 + road / 2.0
         b[balance.STEADY].leave_room(wrong, FADING)
         parts = [balance.SIDE_FORCE, balance.SPRINGS, balance.ACTUATORS]
         acts = [

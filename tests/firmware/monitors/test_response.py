@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 from firmware import calibration as fw
 from firmware import plausibility as sv
 from firmware.monitors.balance import BODY, JUMP, STEADY
-from firmware.monitors.response import BOTH, ONE_BALANCE, rough, watch_response
+from firmware.monitors.response import BOTH, ONE_BALANCE, of_force, rough, watch_response
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
 from firmware.supervisor import supervise
 
@@ -307,6 +307,14 @@ def test_a_moment_that_goes_wrong_slowly_takes_so_many_samples_in_a_row():
         ecu, STEADY, TICKS, lambda sample: replay(ecu, cal, sample[None]), slowly(1.8 * LEAST)
     )
     assert bad == TICKS
+
+
+@pytest.mark.parametrize(
+    ("force", "left", "room"),
+    [(800, 1, 700), (-800, -1, 700), (800, -1, 400), (-800, 1, 400), (800, 0, 400), (0, 5, 0)],
+)
+def test_a_lateral_force_excuses_more_to_its_own_side(force, left, room):
+    assert of_force(force, left) == room
 
 
 @pytest.mark.parametrize("state", AT_THE_LIMIT, ids=str)
