@@ -13,8 +13,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("canroll.build_cache", "canroll.documents", "canroll.errors"),
-    ("canroll.extension", "canroll.typing"),
+    ("canroll.build_cache", "canroll.errors"),
+    ("canroll.documents", "canroll.extension", "canroll.typing"),
     ("canroll.registry",),
     ("plant_sim.kernels", "dbc", "firmware", "vehicles"),
     ("plant_sim.can_bus.wire", "plant_sim.buses", "codegen.subset"),

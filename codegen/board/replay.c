@@ -53,9 +53,9 @@ static int transfer(int operation, int file, const void *data, uint32_t size)
 #if __has_include("canroll_secoc.h")
 #include "canroll_secoc.h"
 
-static canroll_secoc secoc;
+static canroll_secoc replay_secoc;
 
-static int authentication_start(int in)
+static int replay_start(int in)
 {
     struct {
         uint8_t key[16];
@@ -64,42 +64,42 @@ static int authentication_start(int in)
     if (transfer(6, in, &secret, sizeof secret)) {
         return 1;
     }
-    canroll_secoc_start(&secoc, secret.key, 1, secret.listening);
+    canroll_secoc_start(&replay_secoc, secret.key, 1, secret.listening);
     return 0;
 }
 
-INLINE void authentication_elapse(int32_t elapsed)
+INLINE void replay_elapse(int32_t elapsed)
 {
     replay_begin();
-    canroll_secoc_elapse(&secoc, elapsed);
+    canroll_secoc_elapse(&replay_secoc, elapsed);
     replay_end();
 }
 
-INLINE int authentication_verify(const replay_event *event)
+INLINE int replay_verify(const replay_event *event)
 {
     int32_t taken;
     replay_begin();
-    taken = canroll_secoc_verify(&secoc, event->message, event->payload, event->length);
+    taken = canroll_secoc_verify(&replay_secoc, event->message, event->payload, event->length);
     replay_end();
     return taken == 1 || event->message >= CANROLL_N_RX;
 }
 
 /* A copy is protected, so that the record stays what the loop made it. */
-INLINE void authentication_protect(int32_t slot, replay_event *copy)
+INLINE void replay_protect(int32_t slot, replay_event *copy)
 {
     if (canroll_signals_tx_lengths[slot] == 0u) {
         return;
     }
     memcpy(copy->payload, ecu.tx_payload[slot], sizeof ecu.tx_payload[slot]);
     replay_begin();
-    canroll_secoc_protect(&secoc, slot, copy->payload);
+    canroll_secoc_protect(&replay_secoc, slot, copy->payload);
     replay_end();
 }
 #else
-INLINE int authentication_start(int in) { (void)in; return 0; }
-INLINE void authentication_elapse(int32_t elapsed) { (void)elapsed; }
-INLINE int authentication_verify(const replay_event *event) { (void)event; return 1; }
-INLINE void authentication_protect(int32_t slot, replay_event *copy) { (void)slot; (void)copy; }
+INLINE int replay_start(int in) { (void)in; return 0; }
+INLINE void replay_elapse(int32_t elapsed) { (void)elapsed; }
+INLINE int replay_verify(const replay_event *event) { (void)event; return 1; }
+INLINE void replay_protect(int32_t slot, replay_event *copy) { (void)slot; (void)copy; }
 #endif
 
 int main(void)
@@ -115,7 +115,7 @@ int main(void)
     if (transfer(6, in, &ticks, sizeof ticks) || transfer(6, in, &calibration, sizeof calibration)) {
         return 3;
     }
-    if (canroll_init(&ecu, &calibration) != 0 || authentication_start(in)) {
+    if (canroll_init(&ecu, &calibration) != 0 || replay_start(in)) {
         return 4;
     }
     for (int32_t t = 0; t < ticks; t++) {
@@ -127,12 +127,12 @@ int main(void)
         for (low = &board_stack_low; low < stack_pointer(); low++) {
             *low = PAINT;
         }
-        authentication_elapse(elapsed);
+        replay_elapse(elapsed);
         for (; frames > 0; frames--) {
             if (transfer(6, in, &event, sizeof event)) {
                 return 6;
             }
-            if (authentication_verify(&event)) {
+            if (replay_verify(&event)) {
                 canroll_receive(&ecu, event.message, event.payload, event.length);
             }
         }
@@ -144,7 +144,7 @@ int main(void)
         }
         for (int32_t slot = 0; slot < CANROLL_N_TX; slot++) {
             if (ecu.tx_pending[slot] == 1) {
-                authentication_protect(slot, &event);
+                replay_protect(slot, &event);
             }
             ecu.tx_pending[slot] = 0;
         }

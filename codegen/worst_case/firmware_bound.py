@@ -80,7 +80,7 @@ def firmware_bound(
     image.constant.append(Section(constants, memory_image.image(calibration)))
     records = {ecu: firmware.record}
     if firmware.bus.secured:
-        records[image.address("secoc")] = firmware.module("security.secoc_state").Secoc
+        records[image.address("replay_secoc")] = firmware.module("security.secoc_state").Secoc
     areas = [area for at, record in records.items() for area in state_areas(record, at)]
     ends = [at + memory_image.dtype(record).itemsize for at, record in records.items()]
     transfer = Transfer(image, Promises(areas), (min(records), max(ends)))
@@ -99,7 +99,7 @@ def firmware_bound(
         return FirmwareBound(timing, tick, receive)
     sent = sum(transfer.cell(tick.after, mark, SIZES["u8"]).hi for mark in marks)
     its = authentication_bound(
-        analysis, image.address("secoc"), STACK, received=received, sent=sent
+        analysis, image.address("replay_secoc"), STACK, received=received, sent=sent
     )
     return FirmwareBound(timing, its.around(tick), receive, its)
 

@@ -111,7 +111,7 @@ def of_force(by_force: i32, left: i32) -> i32:
     """
     force: i32 = magnitude(by_force)
     if side_of(left, by_force, 0) != 0:
-        return force - rsh(force, 3)
+        return rsh(force, 1) + rsh(force, 2) + rsh(force, 3)
     return rsh(force, 1)
 
 

@@ -102,7 +102,7 @@ def test_no_heap_no_float_no_memory_of_its_own(cpu):
 
 # QEMU's counts for a double lane change, with a little room: mean instructions a tick
 TICKS = {
-    "constant gain": (recorded_traffic.Case("double_lane_change", "lqr"), 6700),
+    "constant gain": (recorded_traffic.Case("double_lane_change", "lqr"), 7100),
     "without the response monitor": (
         recorded_traffic.Case("double_lane_change", "lqr", response_watch=False),
         3600,
@@ -111,10 +111,10 @@ TICKS = {
         recorded_traffic.Case(
             "double_lane_change", "lqr", observer="propagated", identification=True
         ),
-        11_900,
+        12_300,
     ),
 }
-CODE, TABLES, STATE, STACK = 18_300, 1100, 1480, 256
+CODE, TABLES, STATE, STACK = 18_600, 1100, 1480, 256
 
 
 @needs_qemu
@@ -124,7 +124,7 @@ def test_one_build_keeps_to_the_budgets_of_time_and_of_memory(name):
     recording = recorded_traffic.record(case, 5.0)
     run = qemu.replay(recording.calibration, recording.traffic, "cortex-m4")
     assert run.instructions.mean() <= instructions
-    assert run.instructions.max() <= 12_900
+    assert run.instructions.max() <= 13_400
     assert run.stack <= STACK
     size = footprint(cortex.gcc_image("cortex-m4"))
     assert size.text <= CODE

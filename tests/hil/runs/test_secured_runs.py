@@ -134,12 +134,6 @@ def test_a_tick_pays_at_most_9000_instructions(actuator, capsys):
     assert its["instructions"]["max"] > its["authentication_instructions"]["max"]
 
 
-@pytest.mark.parametrize("option", ["--specialise", "--bound"])
-def test_what_timing_cannot_count_is_refused(option, capsys):
-    assert main(["timing", "--bus", "secured_fd", "--duration", "0.1", option]) == 2
-    assert option in capsys.readouterr().err
-
-
 def test_an_own_key_is_used_and_never_shown(tmp_path, capsys):
     path = tmp_path / "bus.key"
     path.write_text("000102030405060708090a0b0c0d0e0f", encoding="utf-8")
