@@ -11,12 +11,14 @@ while, no axle is believed: the sum does not tell which. A moment that runs away
 stays within what a slow change of the parts may make. So what is left over is washed out once more,
 and judged by the parts washed out likewise. At the tyres' limit, where wheels lift and stops are
 reached, three quarters of what the body's inertia takes may be left over besides, and a quarter of
-the moments.
+the moments. The first samples' noise stays in the integral for a while, what a rough road makes of
+samples that come late does so longer.
 
 A wrong lateral acceleration is left over likewise, and differs from yaw rate times speed to the
 same side, which no lie about moments does. As no bank enters the balance, both may be small and the
 washout slow; but it starts in calm running alone. What the model may be wrong by is five eighths of
-what springs, dampers and moments say of the lateral acceleration. Its finding lasts as well.
+what springs, dampers and moments say of the lateral acceleration, at the tyres' limit half as much
+again. Its finding lasts as well.
 
 Where yaw rate times speed does not differ from it, what is left of the slow balance is what was
 reported wrongly of the moments: one that ran away stays in it, which the quicker washout forgets
@@ -50,7 +52,7 @@ from firmware.monitors.redundancy import lasting, magnitude, side_of
 from firmware.monitors.rolling import YAW, measured, within
 from firmware.plausibility import NEEDED
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, Ecu
-from firmware.subset import i32, rsh, sat31
+from firmware.subset import clamp, i32, rsh, sat31
 
 # bit of ecu.valid of an Imu frame
 LATERAL_SIGNAL = 2
@@ -60,6 +62,8 @@ FADING = 3
 ROUGH = 1
 # of what the dampers' moment changes in a tick, 2 to this power times the mean may be left over
 RATTLING = 4
+# at the start 2 to this power times the least may be left over, and it fades by as much faster
+STARTING = 2
 # values of ecu.response_known: neither balance, that of the moments, both
 NOTHING = 0
 ONE_BALANCE = 1
@@ -95,6 +99,8 @@ def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, beside: i32, sh
     """
     leave_room(ecu, LATERAL, rsh(shown, 1) + rsh(shown, 3), rsh(cal.response_pass, FADING))
     limit: i32 = ecu.balance_room[LATERAL] + slow_min(cal)
+    if within(ecu, cal.response_limit) == 0:
+        limit = sat31(limit + rsh(limit, 1))
     side: i32 = 0
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & YAW) != 0:
         side = side_of(left, beside, limit)
@@ -158,6 +164,12 @@ def rough(ecu: Ecu, cal: Calibration) -> i32:
     return sat31(of_front + of_rear)
 
 
+def since_start(ecu: Ecu, cal: Calibration) -> i32:
+    """Return what the noise of the first samples may leave over, and let it fade."""
+    leave_room(ecu, SIDE_FORCE, 0, sat31(cal.response_wash << STARTING))
+    return ecu.balance_room[SIDE_FORCE]
+
+
 def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: i32) -> None:
     """Judge the reported moments by what is ``left`` over, and by what is new in it.
 
@@ -183,8 +195,11 @@ def watch_left_over(ecu: Ecu, cal: Calibration, left: i32, inertia: i32, bumpy: 
     leave_room(ecu, JUMP, sat31(wrong + besides), fading)
     new: i32 = at_once(ecu, BODY, left, fading)
     ticks: i32 = moment_ticks(cal)
-    accuse_axles(ecu, BODY, left, ecu.balance_room[BODY] + cal.response_min, ticks)
-    accuse_axles(ecu, JUMP, new, ecu.balance_room[JUMP] + cal.response_min, ticks)
+    begun: i32 = since_start(ecu, cal)
+    # late samples of a rough road are forgotten as slowly as all that is integrated
+    least: i32 = clamp(rsh(ecu.balance_room[DAMPERS], 2), cal.response_min, STATE_MAX)
+    accuse_axles(ecu, BODY, left, sat31(ecu.balance_room[BODY] + begun + least), ticks)
+    accuse_axles(ecu, JUMP, new, sat31(ecu.balance_room[JUMP] + begun + cal.response_min), ticks)
 
 
 def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
@@ -211,6 +226,7 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         # the body may be speeding up by all of it
         leave_room(ecu, BODY, size, 0)
         leave_room(ecu, JUMP, size, 0)
+        leave_room(ecu, SIDE_FORCE, sat31(cal.response_min << STARTING), 0)
     calm: i32 = cal.response_min + rsh(cal.response_min, 1)
     if ecu.response_known == ONE_BALANCE and size < calm:
         ecu.response_known = BOTH

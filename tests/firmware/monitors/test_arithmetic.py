@@ -19,6 +19,8 @@ HEAVE_STRETCH = (300.0, 250.0)
 TRACK, TYRES = (0.6, 0.65), 1.6e-4
 PARTS = ("spring", "slow", "past", "room")
 TICKS = 300
+LEAST = 1.0
+"""What a balance may always have left over, N·m."""
 NEVER = 1000
 """Ticks after which a monitor accuses: more than there are samples."""
 
@@ -27,7 +29,7 @@ def watched() -> fw.Calibration:
     """A calibration with all balances on, which finds nothing in time."""
     cal = rig.calibration(actuator=fw.BARS)
     cal.timeout_ticks[RX_SUSPENSION_RATE] = 5
-    cal.response_min, cal.response_limit = 1 << fw.Q_MOMENT, 3 << fw.Q_ACCELERATION
+    cal.response_min, cal.response_limit = round(LEAST * 2**fw.Q_MOMENT), 3 << fw.Q_ACCELERATION
     cal.response_ticks = cal.rolling_ticks = cal.heave_ticks = NEVER
     cal.response_stroke = [round(value * 2**10) for value in STROKE]
     cal.response_stretch = round(STRETCH * 2**30)
@@ -136,6 +138,7 @@ class Floats:
         acting = damping - moment - side
         if not self.known:
             b[balance.SIDE_FORCE].start(side, 0.0)
+            b[balance.SIDE_FORCE].room = 4.0 * LEAST
             b[balance.SPRINGS].start(0.0, 0.0)
             b[balance.DAMPERS].start(damping, 0.0)
             b[balance.ACTUATORS].start(moment, 0.0)
@@ -170,6 +173,7 @@ class Floats:
         at_once = [b[part].new(value) for part, value in zip(parts, acts, strict=True)]
         b[balance.JUMP].leave_room(wrong_by(*at_once) + besides, FADING)
         b[balance.BODY].new(left)
+        b[balance.SIDE_FORCE].leave_room(0.0, 4.0 * WASH)
 
     def axles(self, it: Sample) -> None:
         its, strokes = self.balances[balance.AXLES], it.strokes

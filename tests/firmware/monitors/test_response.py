@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from firmware import calibration as fw
 from firmware import plausibility as sv
-from firmware.monitors.balance import BODY, JUMP, STEADY
+from firmware.monitors.balance import BODY, DAMPERS, JUMP, STEADY
 from firmware.monitors.response import BOTH, ONE_BALANCE, of_force, rough, watch_response
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
 from firmware.supervisor import supervise
@@ -19,6 +19,8 @@ SECONDS = 4.0
 SPEED = 20.0
 TICKS = 13
 """Five eighths of 20."""
+SETTLED = 150
+"""Samples after which the start is forgotten."""
 AT_THE_LIMIT = (
     *({"motion_peak": 11 << fw.Q_ACCELERATION}, {"motion_lost": 1}),
     {"valid": [3, 3, 15, 3, 7]},
@@ -180,10 +182,36 @@ def test_no_lasting_offset_counts():
 def test_it_takes_so_many_samples_in_a_row_and_half_as_many_large_ones(size, samples):
     cal = watched()
     ecu = known(cal)
-    jump = np.zeros((cal.response_ticks + 40, 4))
-    jump[20:, 3] = size
+    jump = np.zeros((SETTLED + 40, 4))
+    jump[SETTLED:, 3] = size
     bad = rig.bad_samples(ecu, BODY, TICKS, lambda sample: replay(ecu, cal, sample[None]), jump)
     assert bad == samples
+
+
+@pytest.mark.parametrize(("begins", "wrong"), [(0, 0), (SETTLED, 1)])
+def test_the_noise_of_the_first_samples_accuses_nobody(begins, wrong):
+    cal = watched()
+    ecu = known(cal)
+    noisy = np.zeros((SETTLED + 40, 4))
+    noisy[begins + 1 :, 3] = 1.4 * LEAST
+    most = 0
+    for sample in noisy:
+        replay(ecu, cal, sample[None])
+        most = max(most, abs(ecu.balance_ticks[BODY]))
+    assert most == wrong * TICKS
+
+
+@pytest.mark.parametrize(("rattled", "wrong"), [(0.0, 1), (4.0, 1), (10.0, 0)])
+def test_a_quarter_of_what_a_rough_road_adds_up_may_stay(rattled, wrong):
+    cal = watched()
+    ecu = known(cal)
+    replay(ecu, cal, np.zeros((SETTLED, 4)))
+    ecu.balance_room[DAMPERS] = round(rattled * LEAST * 2**fw.Q_MOMENT)
+    jump = np.zeros((40, 4))
+    jump[:, 3] = 2.0 * LEAST
+    ecu.balance_past[BODY] = round(-2.0 * LEAST * 2**fw.Q_MOMENT)
+    replay(ecu, cal, jump)
+    assert ecu.contradicted == [wrong, wrong]
 
 
 @pytest.mark.parametrize(("frequency", "wrong"), [(2.0, 1), (6.0, 0)])
@@ -212,11 +240,11 @@ def test_a_moment_that_jumps_away_in_the_slalom_is_found_at_once():
 @pytest.mark.parametrize("unexplained", [0.75, 1.5])
 def test_at_the_tyres_limit_part_of_the_inertia_may_be_left_over(state, unexplained):
     cal = watched()
-    swaying = np.zeros((200, 4))
+    swaying = np.zeros((SETTLED + 200, 4))
     phase = 2.0 * np.pi * 3.0 * STEP * np.arange(200)
-    swaying[:, 0] = 0.3 * np.cos(phase)
+    swaying[SETTLED:, 0] = 0.3 * (np.cos(phase) - 1.0)
     inertia = -VAN.inertia * 0.3 * 2.0 * np.pi * 3.0 * np.sin(phase)
-    swaying[:, 3] = (1.0 - unexplained) * inertia
+    swaying[SETTLED:, 3] = (1.0 - unexplained) * inertia
     for changes, wrong in (({}, 1), (state, int(unexplained > 0.75))):
         ecu = known(cal)
         for name, value in changes.items():
@@ -261,6 +289,18 @@ def test_an_offset_that_roll_and_yaw_rate_deny_is_of_the_accelerometer(times, wr
     replay(ecu, cal, on_the_straight(sign * times * least), np.zeros(200))
     assert ecu.lateral_contradicted == wrong
     assert ecu.contradicted == [0, 0]
+
+
+@pytest.mark.parametrize("state", AT_THE_LIMIT[:1], ids=str)
+@pytest.mark.parametrize(("times", "wrong"), [(1.8, 1), (1.3, 0)])
+def test_half_as_much_again_may_be_wrong_of_it_at_the_tyres_limit(state, times, wrong):
+    cal = watched()
+    ecu = known(cal)
+    for name, value in state.items():
+        setattr(ecu, name, value)
+    least = 0.75 * LEAST / VAN.moment_per_acceleration
+    replay(ecu, cal, on_the_straight(times * least), np.zeros(200))
+    assert ecu.lateral_contradicted == wrong
 
 
 def test_a_bank_differs_from_the_yaw_rate_alone():
