@@ -211,6 +211,7 @@ class Ecu:
     balance_ticks: Annotated[
         list[i32], 6, F(-10000, 10000, 0, "ticks", "too much is left over since, to which side")
     ]
+    model_ticks: Annotated[i32, F(0, 1000, 0, "ticks", "a lateral force leaves over little since")]
 
     # observer
     x: Annotated[list[i32], N_STATES, F(STATE_MIN, STATE_MAX, 0, "", "corrected estimate")]

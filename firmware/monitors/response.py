@@ -23,9 +23,9 @@ again. Its finding lasts as well.
 Where yaw rate times speed does not differ from it, what is left of the slow balance is what was
 reported wrongly of the moments: one that ran away stays in it, which the quicker washout forgets
 once the car goes straighter. Springs take up what a moment does that is not reported, and excuse
-nothing here: what the model may be wrong by is half of the lateral force, washed out as slowly,
-seven eighths of it to its own side, and a quarter of the moments. A rough road adds up in what is
-integrated.
+nothing here: what the model may be wrong by is half of the lateral force, washed out as slowly, and
+a quarter of the moments; until the model was seen to be about right, seven eighths of the force to
+its own side. A rough road adds up in what is integrated.
 """
 
 from firmware.calibration import ONE, STATE_MAX, Calibration
@@ -109,14 +109,26 @@ def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, beside: i32, sh
         ecu.lateral_contradicted = 1
 
 
-def of_force(by_force: i32, left: i32) -> i32:
+def watch_model(ecu: Ecu, cal: Calibration, by_force: i32, left: i32) -> None:
+    """Note for good that the model is about right: a lateral force leaves over little for long."""
+    if ecu.model_ticks == cal.response_ticks:
+        return
+    force: i32 = magnitude(by_force)
+    right: i32 = 0
+    if force > 3 * cal.response_min and magnitude(left) < rsh(force, 2):
+        right = 1
+    ecu.model_ticks = lasting(ecu.model_ticks, right, cal.response_ticks)
+
+
+def of_force(ecu: Ecu, cal: Calibration, by_force: i32, left: i32) -> i32:
     """Return what the model may be wrong by for so much lateral force, to the side of ``left``.
 
     Mass and height that are larger than designed for and softer springs leave over more to its own
-    side than the reverse does to the other: 1.2 * 1.2 / 0.8 - 1 against 1 - 0.8 * 0.8 / 1.2.
+    side than the reverse does to the other: 1.2 * 1.2 / 0.8 - 1 against 1 - 0.8 * 0.8 / 1.2. That
+    much is excused until less was seen to be left over.
     """
     force: i32 = magnitude(by_force)
-    if side_of(left, by_force, 0) != 0:
+    if side_of(left, by_force, 0) != 0 and ecu.model_ticks < cal.response_ticks:
         return rsh(force, 1) + rsh(force, 2) + rsh(force, 3)
     return rsh(force, 1)
 
@@ -246,7 +258,8 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         beside: i32 = product(turning - ecu.lateral_acceleration, cal.response_lateral, 20)
         watch_lateral_balance(ecu, cal, wrong, beside, sat31(shown + magnitude(damping)))
         by_force: i32 = at_once(ecu, STEADY, lateral, rsh(cal.response_wash, SLOWER))
-        may_be: i32 = of_force(by_force, wrong) + rsh(magnitude(moment), 2)
+        watch_model(ecu, cal, by_force, wrong)
+        may_be: i32 = of_force(ecu, cal, by_force, wrong) + rsh(magnitude(moment), 2)
         watch_steady(ecu, cal, wrong, beside, sat31(may_be + bumpy))
     side_force: i32 = left_over(ecu, cal, SIDE_FORCE, lateral, 0)
     springs: i32 = left_over(ecu, cal, SPRINGS, 0, 0)

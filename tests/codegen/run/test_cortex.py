@@ -114,7 +114,7 @@ TICKS = {
         12_300,
     ),
 }
-CODE, TABLES, STATE, STACK = 18_800, 1100, 1480, 256
+CODE, TABLES, STATE, STACK = 18_900, 1100, 1490, 256
 
 
 @needs_qemu

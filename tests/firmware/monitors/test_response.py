@@ -8,7 +8,14 @@ from scipy.integrate import solve_ivp
 from firmware import calibration as fw
 from firmware import plausibility as sv
 from firmware.monitors.balance import BODY, DAMPERS, JUMP, STEADY
-from firmware.monitors.response import BOTH, ONE_BALANCE, of_force, rough, watch_response
+from firmware.monitors.response import (
+    BOTH,
+    ONE_BALANCE,
+    of_force,
+    rough,
+    watch_model,
+    watch_response,
+)
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, SAFE, Ecu
 from firmware.supervisor import supervise
 
@@ -193,7 +200,7 @@ def test_the_noise_of_the_first_samples_accuses_nobody(begins, wrong):
     cal = watched()
     ecu = known(cal)
     noisy = np.zeros((SETTLED + 40, 4))
-    noisy[begins + 1 :, 3] = 1.4 * LEAST
+    noisy[begins + 1 :, 3] = 1.8 * LEAST
     most = 0
     for sample in noisy:
         replay(ecu, cal, sample[None])
@@ -354,7 +361,32 @@ def test_a_moment_that_goes_wrong_slowly_takes_so_many_samples_in_a_row():
     [(800, 1, 700), (-800, -1, 700), (800, -1, 400), (-800, 1, 400), (800, 0, 400), (0, 5, 0)],
 )
 def test_a_lateral_force_excuses_more_to_its_own_side(force, left, room):
-    assert of_force(force, left) == room
+    cal = watched()
+    assert of_force(known(cal), cal, force, left) == room
+
+
+@pytest.mark.parametrize(
+    ("force", "left", "samples", "seen"),
+    [
+        (3.1, 0.77, 20, 1),
+        (-3.1, 0.77, 20, 1),
+        (3.1, -0.77, 20, 1),
+        (3.1, 0.77, 19, 0),
+        (3.1, 0.79, 100, 0),
+        (2.9, 0.0, 100, 0),
+    ],
+)
+def test_once_little_was_left_over_for_long_no_side_excuses_more(force, left, samples, seen):
+    cal = watched()
+    ecu = known(cal)
+    lateral, over = (round(value * LEAST * 2**fw.Q_MOMENT) for value in (force, left))
+    for _ in range(samples):
+        watch_model(ecu, cal, lateral, over)
+    assert of_force(ecu, cal, 800, 1) == (400 if seen else 700)
+    # for good, where it was for long, and anew where it was not
+    watch_model(ecu, cal, lateral, lateral)
+    watch_model(ecu, cal, lateral, over)
+    assert of_force(ecu, cal, 800, 1) == (400 if seen else 700)
 
 
 @pytest.mark.parametrize("state", AT_THE_LIMIT, ids=str)
