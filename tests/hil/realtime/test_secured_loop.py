@@ -131,8 +131,9 @@ def test_the_last_command_is_authentic(planned):
 
 def test_a_drive_heard_again_is_new_to_an_ecu_that_starts_again(planned):
     settings, controller = planned
-    ecu = open_backend("python", controller.record, settings.firmware)
-    recorder = Recorder(ecu, settings.firmware)
+    firmware = settings.firmware
+    ecu = open_backend("python", controller.record, firmware)
+    recorder = Recorder(ecu, firmware)
     drive(build_world(settings, enabled=True), recorder, 40)
     sent, taken = recorder.traffic.frames, ecu.accepted
     assert taken > 50
@@ -142,8 +143,8 @@ def test_a_drive_heard_again_is_new_to_an_ecu_that_starts_again(planned):
         before = ecu.accepted
         for tick in range(40):
             for event in sent[sent["tick"] == tick]:
-                box = settings.firmware.bus.received[event["message"]]
-                if settings.firmware.slots[box.ident][0] == event["message"]:
+                box = firmware.bus.received[event["message"]]
+                if firmware.slots[box.ident][0] == event["message"]:
                     payload = event["payload"][: event["length"]].tobytes()
                     ecu.receive(box.ident, payload, len(payload))
             ecu.tick(1)
