@@ -17,8 +17,8 @@ samples that come late does so longer.
 A wrong lateral acceleration is left over likewise, and differs from yaw rate times speed to the
 same side, which no lie about moments does. As no bank enters the balance, both may be small and the
 washout slow; but it starts in calm running alone. What the model may be wrong by is five eighths of
-what springs, dampers and moments say of the lateral acceleration, at the tyres' limit half as much
-again. Its finding lasts as well.
+what springs, dampers and moments say of the lateral acceleration, at the tyres' limit a quarter
+more than that. Its finding lasts as well.
 
 Where yaw rate times speed does not differ from it, what is left of the slow balance is what was
 reported wrongly of the moments: one that ran away stays in it, which the quicker washout forgets
@@ -100,7 +100,7 @@ def watch_lateral_balance(ecu: Ecu, cal: Calibration, left: i32, beside: i32, sh
     leave_room(ecu, LATERAL, rsh(shown, 1) + rsh(shown, 3), rsh(cal.response_pass, FADING))
     limit: i32 = ecu.balance_room[LATERAL] + slow_min(cal)
     if within(ecu, cal.response_limit) == 0:
-        limit = sat31(limit + rsh(limit, 1))
+        limit = sat31(limit + rsh(limit, 2))
     side: i32 = 0
     if ecu.motion_lost == 0 and (ecu.valid[RX_IMU] & YAW) != 0:
         side = side_of(left, beside, limit)
