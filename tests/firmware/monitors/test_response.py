@@ -7,7 +7,7 @@ from scipy.integrate import solve_ivp
 
 from firmware import calibration as fw
 from firmware import plausibility as sv
-from firmware.monitors.balance import BODY, DAMPERS, JUMP, STEADY
+from firmware.monitors.balance import BODY, DAMPERS, JUMP, LATERAL, STEADY
 from firmware.monitors.response import (
     BOTH,
     ONE_BALANCE,
@@ -299,7 +299,7 @@ def test_an_offset_that_roll_and_yaw_rate_deny_is_of_the_accelerometer(times, wr
 
 
 @pytest.mark.parametrize("state", AT_THE_LIMIT[:1], ids=str)
-@pytest.mark.parametrize(("times", "wrong"), [(1.4, 1), (1.15, 0)])
+@pytest.mark.parametrize(("times", "wrong"), [(1.4, 1), (1.22, 0)])
 def test_a_quarter_more_of_it_may_be_wrong_at_the_tyres_limit(state, times, wrong):
     cal = watched()
     ecu = known(cal)
@@ -449,6 +449,18 @@ def test_the_accelerometer_is_judged_from_calm_running_on():
     replay(ecu, cal, on_the_straight(0.5), np.zeros(200))
     assert ecu.response_known == BOTH
     assert ecu.lateral_contradicted == 1
+
+
+@pytest.mark.parametrize(("times", "judged"), [(1.45, BOTH), (1.55, ONE_BALANCE)])
+def test_calm_is_what_acts_by_half_more_than_may_be_left_over(times, judged):
+    cal = watched()
+    ecu = known(cal)
+    ecu.balance_ticks[LATERAL] = ecu.balance_ticks[STEADY] = 3
+    sample = np.array([[0.0, 0.0, 0.0, times * LEAST]])
+    replay(ecu, cal, sample)
+    assert ecu.response_known == judged
+    if judged == BOTH:
+        assert ecu.balance_ticks[LATERAL] == ecu.balance_ticks[STEADY] == 0
 
 
 @pytest.mark.parametrize(
