@@ -250,9 +250,9 @@ def _accused(bus: BusMap) -> Iterator[Case]:
     gentle = _changed(1, **calm | {"response_lateral": 1 << 20})
     yield Case("calm, then no yaw rate", gentle, swaying)
     # the first leaves much of the lateral force over at once, the second little for long
+    swaying = random_traffic(18, 300, hostile=0.0, rough=1.0, bus=bus)
     for response_pass in (ONE, 1 << 24):
         heavy = {**calm, "response_min": 1 << 27, "response_pass": response_pass}
-        swaying = random_traffic(18, 300, hostile=0.0, rough=1.0, bus=bus)
         yield Case("the model is right, or not", _changed(1, **heavy), swaying)
     still = _standing(random_traffic(1, 240, hostile=0.0, rough=1.0, bus=bus), bus)
     for samples in (1, 3):

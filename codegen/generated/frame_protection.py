@@ -397,12 +397,11 @@ def _own_counter(entry: object, message: Message, where: str) -> Counter | None:
 
 
 def _table(entry: object, name: str, keys: tuple[str, ...], where: str) -> Mapping[str, Any]:
-    if not isinstance(entry, Mapping):
-        raise CanrollError(f"{where}: {name} must be a table")
-    for key in entry:
+    table = documents.table(entry, f"{where}: {name}")
+    for key in table:
         if key not in keys:
             raise UnknownNameError(f"key of {name} in {where}", key, keys)
-    return entry
+    return table
 
 
 def _place(

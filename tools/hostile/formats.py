@@ -50,8 +50,6 @@ HARSH = (
 )
 """What is put in the place of a number, or between two bytes."""
 LOGS = ("asc", "blf", "log", "trc", "csv", "pcap", "pcapng", "db")
-
-
 EXTRAS = {"chunk": ("pyarrow", "campaign"), "fmu": ("fmpy", "fmi"), "mf4": ("asammdf", "asammdf")}
 """Module and extra that the formats of a folder need."""
 

@@ -6,12 +6,13 @@ import json
 import random
 import tomllib
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator
 from math import inf, nan
 from typing import Any
 
 import tomli_w
+
+from canroll.errors import UNREADABLE
 
 VALUES: tuple[Any, ...] = (
     *(nan, inf, -inf, 0, -1, 1.5, 1e308, 2**31, 2**63, 10**20, True, "", "x", "\n", "\0"),
@@ -37,13 +38,9 @@ def damaged_inside(suffix: str, content: bytes, source: random.Random, plainly: 
             return json.dumps(_changed(json.loads(content), source)).encode()
         if zipfile.is_zipfile(io.BytesIO(content)):
             return _repacked(content, source, plainly)
-    # what cannot be read, or not be written in this format
-    except (ValueError, TypeError, KeyError, RecursionError, *UNZIPPABLE):
+    except UNREADABLE:  # or what cannot be written in this format
         pass
     return plainly(content)
-
-
-UNZIPPABLE = (OSError, EOFError, RuntimeError, NotImplementedError, zipfile.BadZipFile, zlib.error)
 
 
 def _places(tree: Any) -> Iterator[tuple[Any, Any]]:  # noqa: ANN401

@@ -298,13 +298,11 @@ def test_an_offset_that_roll_and_yaw_rate_deny_is_of_the_accelerometer(times, wr
     assert ecu.contradicted == [0, 0]
 
 
-@pytest.mark.parametrize("state", AT_THE_LIMIT[:1], ids=str)
 @pytest.mark.parametrize(("times", "wrong"), [(1.4, 1), (1.22, 0)])
-def test_a_quarter_more_of_it_may_be_wrong_at_the_tyres_limit(state, times, wrong):
+def test_a_quarter_more_of_it_may_be_wrong_at_the_tyres_limit(times, wrong):
     cal = watched()
     ecu = known(cal)
-    for name, value in state.items():
-        setattr(ecu, name, value)
+    ecu.motion_peak = 11 << fw.Q_ACCELERATION
     least = 0.75 * LEAST / VAN.moment_per_acceleration
     replay(ecu, cal, on_the_straight(times * least), np.zeros(200))
     assert ecu.lateral_contradicted == wrong

@@ -102,6 +102,7 @@ def test_a_process_that_ends_is_a_failure_with_its_place(good, tmp_path):
 def test_what_takes_too_long_is_a_failure(good, tmp_path, monkeypatch):
     monkeypatch.setattr(files, "SECONDS", 1)
     found = fuzzed(formats.Format("signal", "signal.csv", waiting), good, tmp_path, 8)
+    assert found.failures
     assert all(": TimeoutError at " in place for place in found.failures)
 
 
