@@ -86,6 +86,7 @@ def _gain(record: Calibration, m: int, i: int) -> float:
 def dequantise(record: Calibration) -> Controller:
     """Return the controller of a record in SI units."""
     rows = physical_rows(record)
+    tick = 1e-6 * record.tick_us
     model = ObserverModel(
         phi=np.array(rows["phi"]),
         gamma=np.array(rows["gamma"]),
@@ -93,6 +94,7 @@ def dequantise(record: Calibration) -> Controller:
         output=np.array(rows["output"][:2]),
         process_noise=np.zeros((5, 5)),
         measurement_noise=np.zeros(2),
+        tick=tick,
     )
     measurements = tuple(m for m in (0, 1) if record.measurements >> m & 1)
     observer = Observer(
@@ -113,7 +115,7 @@ def dequantise(record: Calibration) -> Controller:
             d=np.array(rows["compensator_d"]).reshape(outputs, 4),
         )
     return Controller(
-        tick=1e-6 * record.tick_us,
+        tick=tick,
         observer=observer,
         feedback=rows["feedback"][0],
         feedforward=rows["feedforward"][0],

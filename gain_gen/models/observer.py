@@ -64,6 +64,7 @@ class ObserverModel:
         output: rows y = [roll rate, a_y] from the state, (2, 5).
         process_noise: covariance added a tick, (5, 5).
         measurement_noise: variances, (2,).
+        tick: s.
     """
 
     phi: Matrix
@@ -72,6 +73,7 @@ class ObserverModel:
     output: Matrix
     process_noise: Matrix
     measurement_noise: Matrix
+    tick: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,6 +147,7 @@ def observer_model(
         output=np.array([[0.0, 1.0, 0.0, 0.0, 1.0], [GRAVITY, 0.0, 1.0, 0.0, 0.0]]),
         process_noise=sampled_noise(a, density, tick),
         measurement_noise=np.array([noise.roll_rate**2, noise.lateral**2]),
+        tick=tick,
     )
 
 
@@ -241,26 +244,19 @@ def bias_response(model: ObserverModel, gain: Matrix, *, bias: float, seconds: f
         model: the observer's model; its own bias state is held at zero.
         gain: correction from the roll rate, (5,).
         bias: rad/s.
-        seconds: time since the bias appeared, s; the tick is taken from the model.
+        seconds: time since the bias appeared, s.
     """
     h = np.array([0.0, 1.0, 0.0, 0.0, 0.0])
     phi = model.phi.copy()
     phi[BIAS] = 0.0
     step = (np.eye(5) - np.outer(gain, h)) @ phi
-    tick = _tick_of(model)
     # affine recursion e⁺ = S e + gain·bias as one matrix power
     affine = np.zeros((6, 6))
     affine[:5, :5] = step
     affine[:5, 5] = gain * bias
     affine[5, 5] = 1.0
-    power = np.linalg.matrix_power(affine, max(1, round(seconds / tick)))
+    power = np.linalg.matrix_power(affine, max(1, round(seconds / model.tick)))
     return float(power[ROLL, 5])
-
-
-def _tick_of(model: ObserverModel) -> float:
-    """Tick of the model: Γ's roll rate and roll entries differ by about half of it."""
-    ratio = model.gamma[ROLL, 0] / model.gamma[RATE, 0]
-    return float(2.0 * ratio)
 
 
 def one_sensor_warning(model: ObserverModel, gain: Matrix) -> str:

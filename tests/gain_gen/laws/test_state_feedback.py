@@ -164,3 +164,18 @@ def test_one_sensor_filter_drifts_by_the_gyro_bias_and_says_so(suv):
     assert "not observable" in observer.warnings[0]
     assert "after 10 min" in observer.warnings[0]
     assert kalman(model).warnings == ()
+
+
+@pytest.mark.parametrize("tick", [0.01, 0.02])
+def test_the_drift_of_a_filter_is_taken_after_the_seconds_asked_for(suv, tick):
+    """Roll rate from a bias: the filter's own recursion over exactly ten minutes of ticks."""
+    model = observer_model(suv, tick, lateral=LateralModel(frequency=0.0), noise=SensorNoise())
+    gain = kalman(model, measurements=(0,)).correction_single
+    phi = model.phi.copy()
+    phi[4] = 0.0
+    x = np.zeros(5)
+    for _ in range(round(600.0 / tick)):
+        x = phi @ x
+        x = x + gain * (np.radians(0.1) - x[1])
+    found = bias_response(model, gain, bias=np.radians(0.1), seconds=600.0)
+    assert found == pytest.approx(x[0], rel=1e-6)
