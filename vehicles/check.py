@@ -83,18 +83,13 @@ def _empty(vehicle: Vehicle) -> Iterator[str]:
 
 def _inertia(vehicle: Vehicle) -> Iterator[str]:
     """Each principal moment of a rigid body is at most the sum of the other two."""
-    mass, geometry = vehicle.mass, vehicle.geometry
-    axles = (
-        mass.unsprung_front * (geometry.cg_to_front_axle**2 + geometry.half_track_front**2)
-        + mass.unsprung_rear * (geometry.cg_to_rear_axle**2 + geometry.half_track_rear**2)
-        + vehicle.plant.sprung_mass * vehicle.sprung_cg_offset**2
-    )
+    mass = vehicle.mass
     roll, pitch = vehicle.plant.inertia_about_cg, mass.pitch_inertia
-    yaw = mass.yaw_inertia - axles
+    yaw = vehicle.sprung_yaw_inertia
     if yaw <= 0:
         yield (
             f"mass.yaw_inertia = {mass.yaw_inertia:g}: less than the wheels alone bring about "
-            f"the centre of gravity, {axles:.0f} kg·m²"
+            f"the centre of gravity, {mass.yaw_inertia - yaw:.0f} kg·m²"
         )
         return
     names = (("roll", roll), ("pitch", pitch), ("yaw", yaw))
@@ -105,11 +100,6 @@ def _inertia(vehicle: Vehicle) -> Iterator[str]:
                 f"mass: impossible inertia, no rigid body has a {name} moment of {moment:.0f} "
                 f"above the sum of the other two, {others:.0f} kg·m² (sprung body about its CG)"
             )
-
-
-def _kinematics(vehicle: Vehicle) -> Iterator[str]:
-    if vehicle.kinematics is not None and vehicle.kinematics.scrub > 1:
-        yield f"kinematics.scrub = {vehicle.kinematics.scrub:g}: must be at most 1"
 
 
 def _consistency(vehicle: Vehicle) -> Iterator[str]:
@@ -151,5 +141,4 @@ def problems(vehicle: Vehicle) -> Iterator[str]:
     if not plant:
         yield from _inertia(vehicle)
     yield from _empty(vehicle)
-    yield from _kinematics(vehicle)
     yield from _consistency(vehicle)

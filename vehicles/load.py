@@ -10,7 +10,7 @@ from canroll.documents import parse_toml
 from canroll.documents import text as read_text
 from canroll.errors import CanrollError, UnknownNameError, reason
 from vehicles.check import problems
-from vehicles.model import Empty, Kinematics, Vehicle
+from vehicles.model import Empty, Vehicle
 
 SCHEMA = 1
 """Version of the file format that this loader reads."""
@@ -28,7 +28,7 @@ _SECTIONS = (
     "actuators",
     "sensors",
 )
-_OPTIONAL = {"empty": Empty, "kinematics": Kinematics}
+_OPTIONAL = {"empty": Empty}
 
 
 def names() -> list[str]:

@@ -24,7 +24,6 @@ __all__ = [
     "ElectroHydraulicBars",
     "Empty",
     "Geometry",
-    "Kinematics",
     "Mass",
     "RollModel",
     "SemiActiveDampers",
@@ -129,17 +128,6 @@ class Empty:
 
 
 @dataclass(frozen=True, slots=True)
-class Kinematics:
-    """Wheel kinematics beyond vertical motion.
-
-    ``scrub`` is the fraction, up to 1, of the sideways motion of the contact patches implied by the
-    roll centres: 1 with rigid links, 0 if the file has no kinematics.
-    """
-
-    scrub: float
-
-
-@dataclass(frozen=True, slots=True)
 class Suspension:
     """Wheel rates and dampers; anti-roll bars provide the roll stiffness not provided by springs.
 
@@ -217,7 +205,6 @@ class Vehicle:
     ``lane_offset`` the lateral offset (m) of the double lane change. ``sources`` maps a section or
     ``section.key`` to where its numbers come from. ``file`` is the path of a user's file.
     ``empty`` is the body without load, if the file has it; see :mod:`vehicles.unladen`.
-    ``kinematics`` likewise.
     """
 
     name: str
@@ -238,7 +225,6 @@ class Vehicle:
     sources: dict[str, str] = field(hash=False)
     file: str = ""
     empty: Empty | None = None
-    kinematics: Kinematics | None = None
 
     @property
     def reference(self) -> str:
@@ -267,30 +253,21 @@ class Vehicle:
         return moment / self.plant.sprung_mass
 
     @property
+    def sprung_yaw_inertia(self) -> float:
+        """Yaw inertia of the sprung body about its own CG (kg·m²): the car's less the axles'."""
+        geometry, mass = self.geometry, self.mass
+        front = geometry.cg_to_front_axle**2 + geometry.half_track_front**2
+        rear = geometry.cg_to_rear_axle**2 + geometry.half_track_rear**2
+        axles = mass.unsprung_front * front + mass.unsprung_rear * rear
+        return mass.yaw_inertia - axles - self.plant.sprung_mass * self.sprung_cg_offset**2
+
+    @property
     def roll_axis_height(self) -> float:
         """Height of the roll axis above the road under the sprung CG (m)."""
         geometry = self.geometry
         ahead = geometry.cg_to_rear_axle + self.sprung_cg_offset
         slope = geometry.roll_centre_height_front - geometry.roll_centre_height_rear
         return geometry.roll_centre_height_rear + slope * ahead / geometry.wheelbase
-
-    @property
-    def scrub_arms(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Sideways motion of the contact patches of front and rear axle (m, to the left).
-
-        Per roll of the body and per roll of the axle (rad), relative to the roll axis under the
-        sprung CG: that lies h above the road, the axle's roll centre h_i, so h − h_i and h_i.
-        """
-        share = 0.0 if self.kinematics is None else self.kinematics.scrub
-        front, rear = (
-            self.geometry.roll_centre_height_front,
-            self.geometry.roll_centre_height_rear,
-        )
-        height = self.roll_axis_height
-        return (
-            (share * (height - front), share * front),
-            (share * (height - rear), share * rear),
-        )
 
     @property
     def sprung_cg_height(self) -> float:

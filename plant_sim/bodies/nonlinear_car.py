@@ -1,29 +1,30 @@
-"""The 14-DOF nonlinear car: planar motion, heave, roll, pitch, four wheel hops, four wheel spins.
+"""The 14-DOF nonlinear car: planar motion, heave, roll, pitch, four suspension travels and spins.
 
-[m, −m_s h; −m_s h, I_x + m_s h²] [a; φ''] =
-    [ΣF_y − m g sin η; Σ y F + m_s g h (sin φ cos η + sin η)],  a = v_y' + v_x r,
-with h the sprung CG above the roll axis and η the road bank. Each axle transmits the rest of its
-lateral force at its roll centre. With ``kinematics.scrub`` in the vehicle's file, the contact
-patches move sideways with body and axle according to that roll centre, and the forces turn the body
-by the same arms. Tyres: :mod:`plant_sim.bodies.tyre`, with a relaxation length for the lateral
-slip, which is taken at the contact patch. Wheels can lift off; two wheels off the ground for a
-while, or a large roll angle, end the run as a rollover.
+Sprung body, two axles and four spinning wheels under the forces of suspension and tyres; no angle
+is taken as small and every force has its reaction. :mod:`plant_sim.bodies.rigid_car` has the bodies
+and their equations of motion, :mod:`plant_sim.bodies.tyre` the tyres' forces.
+
+- Suspension: a corner force acts along the travel, the axle's slide and turn relative to the body.
+- A wheel touches the road at its lowest line. The lateral slip is taken there, with a relaxation
+  length; so are the forces on the axle. Spin and slip refer to one effective rolling radius.
+- A spinning wheel is a gyrostat on its axle, with drive and brake torque between the two.
+- Wheels can lift off; two wheels off the road for a while, or a large roll angle, end the run as a
+  rollover.
 """
 
-from math import cos, sin
+from math import cos, sin, sqrt
 
 import numpy as np
 
 from canroll.typing import Vector
-from plant_sim.bodies import ports, tyre
+from plant_sim.bodies import ports, rigid_car, tyre
 from plant_sim.bodies.integrate import rk4
 from plant_sim.bodies.parameters import (
     P_ARM,
+    P_AXIS_HEIGHT,
     P_BAR,
-    P_BODY_DISTANCE,
     P_BUMP,
     P_BUMP_CLEARANCE,
-    P_CG_HEIGHT,
     P_CORNERING,
     P_CORNERING_SLOPE,
     P_CURVATURE,
@@ -33,38 +34,61 @@ from plant_sim.bodies.parameters import (
     P_HIGH_SPEED,
     P_KNEE,
     P_MASS,
-    P_PITCH_INERTIA,
+    P_OFFSET,
+    P_PRELOAD,
     P_RADIUS,
     P_REBOUND,
     P_REBOUND_CLEARANCE,
     P_RELAXATION,
-    P_ROLL_CENTRE,
-    P_ROLL_INERTIA,
     P_ROLLING,
-    P_SCRUB_ROLL,
-    P_SCRUB_TILT,
     P_SHAPE,
     P_SLIP_STIFFNESS,
     P_SPIN_INERTIA,
     P_SPRING,
-    P_SPRUNG,
-    P_SPRUNG_LOAD,
     P_STATIC,
     P_STOP_RATE,
     P_TRACK,
     P_TYRE_DAMPING,
     P_TYRE_STIFFNESS,
-    P_UNSPRUNG,
-    P_YAW_INERTIA,
+    P_UNLOADED,
     build_parameters,
 )
-from plant_sim.bodies.ports import Body
+from plant_sim.bodies.ports import ROLLOVER_ANGLE, Body
+from plant_sim.bodies.rigid_car import (
+    AXLE,
+    BODY_ACC,
+    COS,
+    COS_PITCH,
+    FORCE,
+    HUB_VELOCITY,
+    HUB_Y,
+    HUB_Z,
+    MOMENT,
+    N_ACCELERATIONS,
+    N_AXLE,
+    N_FORCES,
+    N_MOTION,
+    PITCH_Q,
+    POINT_ACC,
+    RATE,
+    ROLL_Q,
+    SIN,
+    SIN_PITCH,
+    SLIDE,
+    SLIDE_Q,
+    TILT,
+    TILT_Q,
+    TILT_RATE,
+    UP,
+    YAW_Q,
+    Q,
+)
 from plant_sim.kernels.jit import cfunc, njit, stack_vector
 from vehicles import GRAVITY, Vehicle
 
-X, Y, YAW, VX, VY, YAW_RATE = range(6)
-HEAVE, ROLL, PITCH, HEAVE_RATE, ROLL_RATE, PITCH_RATE = range(6, 12)
-HOP, HOP_RATE, SPIN, SLIP = 12, 16, 20, 24
+X, Y, YAW, VX, VY, HEAVE_RATE = range(6)  # of P; its velocity in the heading frame
+ROLL_RATE, PITCH_RATE, YAW_RATE, HEAVE, ROLL, PITCH = range(6, 12)
+TRAVEL, TRAVEL_RATE, SPIN, SLIP = 12, 16, 20, 24
 LIFTED_TIME, ROLLED_OVER = 28, 29
 N_STATES = 30
 
@@ -74,25 +98,27 @@ SLOWEST = 4.0
 SLOWEST_ROLLING = 8.0
 """Speed (m/s) below which slip builds up no more slowly: a car that stops must not rock on."""
 
-ROLLOVER_ANGLE = 0.6
-"""Roll angle (rad) beyond which no car comes back."""
-
 ROLLOVER_TIME = 1.0
 """Time (s) with both wheels of a side off the road after which the run ends as a rollover."""
 
-# Slots of the algebraic results that one evaluation leaves for the outputs.
-_LOAD, _LATERAL, _AY, _AX = 0, 4, 8, 9
-_N_RESULTS = 10
+# Slots of the algebraic results of one evaluation. Of each wheel: normal force, tyre force along its
+# own longitudinal and lateral axis in the road plane, the road's couple about the wheel axis, the
+# force along the car's left and the gap to the road. Accelerations of the whole car's CG and of the
+# sprung one, in the heading frame.
+R_LOAD, R_LONGITUDINAL, R_LATERAL, R_COUPLE, R_SIDE, R_GAP = 0, 4, 8, 12, 16, 20
+R_ACC, R_BODY_ACC, N_RESULTS = 24, 26, 29
 
-_results, _rates = stack_vector(_N_RESULTS), stack_vector(N_STATES)
+_results, _rates, _slides = stack_vector(N_RESULTS), stack_vector(N_STATES), stack_vector(8)
+_motion, _forces = stack_vector(N_MOTION), stack_vector(2 * N_FORCES)
+_found = stack_vector(N_ACCELERATIONS)
 
 
 def build(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
     """State on a flat straight road at ``speed`` (m/s), wheels rolling, and the parameters."""
-    state = np.zeros(N_STATES)
-    state[VX] = speed
+    state, parameters = np.zeros(N_STATES), build_parameters(vehicle)
+    state[X], state[VX] = parameters[P_OFFSET], speed
     state[SPIN : SPIN + 4] = speed / vehicle.tyre.radius
-    return state, build_parameters(vehicle)
+    return state, parameters
 
 
 @njit
@@ -115,132 +141,217 @@ def stop(travel: float, bump: float, rebound: float, rate: float) -> float:
 
 
 @njit
-def evaluate(state: Vector, inputs: Vector, p: Vector, rate: Vector, results: Vector) -> None:
-    """Fill ``rate`` with the time derivative of ``state``, and the algebraic ``results``."""
-    bank, grade = inputs[ports.BANK], inputs[ports.GRADE]
-    steer = inputs[ports.STEER]
-    vx, vy, yaw_rate = state[VX], state[VY], state[YAW_RATE]
-    radius, sprung, arm = p[P_RADIUS], p[P_SPRUNG], p[P_ARM]
+def corner_force(state: Vector, inputs: Vector, p: Vector, wheel: int) -> float:
+    """Force (N) between body and wheel, along the travel, > 0 pushes them apart."""
+    axle, first = wheel // 2, wheel // 2 * 2
+    width = 2.0 * p[P_TRACK + axle]
+    travel, stroke = state[TRAVEL + wheel], state[TRAVEL_RATE + wheel]
+    bar = (
+        -p[P_BAR + axle] * (state[TRAVEL + first] - state[TRAVEL + first + 1]) / width
+        + inputs[ports.BAR_MOMENT_FRONT + axle]
+    ) / width
+    force = p[P_PRELOAD + axle] - p[P_SPRING + axle] * travel
+    force -= damper(stroke, p[P_BUMP + axle], p[P_REBOUND + axle], p[P_KNEE], p[P_HIGH_SPEED])
+    force += stop(travel, p[P_BUMP_CLEARANCE], p[P_REBOUND_CLEARANCE], p[P_STOP_RATE])
+    return force + (bar if wheel == first else -bar) + inputs[ports.CORNER_FORCE + wheel]
 
-    c_front, s_front = cos(steer), sin(steer)
-    c_bank, s_bank = cos(bank), sin(bank)
-    c_yaw, s_yaw = cos(state[YAW]), sin(state[YAW])
-    force_x, force_y, yaw_moment = 0.0, 0.0, 0.0
-    for wheel in range(4):
-        axle = wheel // 2
-        y = p[P_TRACK + axle] if wheel % 2 == 0 else -p[P_TRACK + axle]
-        static = p[P_STATIC + axle]
-        gap = inputs[ports.ROAD_HEIGHT + wheel] - state[HOP + wheel]
-        load = static + p[P_TYRE_STIFFNESS] * gap - p[P_TYRE_DAMPING] * state[HOP_RATE + wheel]
-        load = load if static + p[P_TYRE_STIFFNESS] * gap > 0.0 and load > 0.0 else 0.0
-        results[_LOAD + wheel] = load
 
-        c, s = (c_front, s_front) if axle == 0 else (1.0, 0.0)
-        tilt_rate = (state[HOP_RATE + 2 * axle] - state[HOP_RATE + 2 * axle + 1]) / (
-            2.0 * p[P_TRACK + axle]
-        )
-        ahead = vx - y * yaw_rate
-        aside = vy + p[P_DISTANCE + axle] * yaw_rate
-        aside += p[P_SCRUB_ROLL + axle] * state[ROLL_RATE] + p[P_SCRUB_TILT + axle] * tilt_rate
-        along, across = c * ahead + s * aside, c * aside - s * ahead
-        reference = max(abs(along), SLOWEST)
-        spin = state[SPIN + wheel]
-        ratio = load / static
-        linear_x = p[P_SLIP_STIFFNESS] * ratio * (spin * radius - along) / reference
-        stiffness = p[P_CORNERING + axle] * ratio * tyre.falling(ratio, p[P_CORNERING_SLOPE])
-        grip = p[P_FRICTION] * inputs[ports.FRICTION] * tyre.falling(ratio, p[P_FRICTION_SLOPE])
-        tyre_x, tyre_y = tyre.forces(
-            linear_x, stiffness * state[SLIP + wheel], grip * load, p[P_SHAPE], p[P_CURVATURE]
-        )
-        steady = -across / reference
-        rolling = max(abs(along), SLOWEST_ROLLING)
-        rate[SLIP + wheel] = rolling / p[P_RELAXATION] * (steady - state[SLIP + wheel])
+@njit
+def wheel_load(
+    state: Vector, inputs: Vector, p: Vector, wheel: int, radius: float, lift: float
+) -> float:
+    """Normal force (N) at a tyre's loaded ``radius`` (m), which grows by ``lift`` (m/s)."""
+    deflection = p[P_UNLOADED + wheel // 2] - radius
+    if deflection <= 0.0:
+        return 0.0
+    return max(p[P_TYRE_STIFFNESS] * deflection - p[P_TYRE_DAMPING] * lift, 0.0)
 
-        towards = spin / max(abs(spin), 1.0)
-        brake = inputs[ports.BRAKE_FORCE + wheel] * towards
-        drive = inputs[ports.DRIVE_FORCE] * static / (p[P_MASS] * GRAVITY)
-        resistance = p[P_ROLLING] * load * towards
-        rate[SPIN + wheel] = (drive - brake - resistance - tyre_x) * radius / p[P_SPIN_INERTIA]
 
-        car_x, car_y = c * tyre_x - s * tyre_y, s * tyre_x + c * tyre_y
-        results[_LATERAL + wheel] = car_y
-        force_x += car_x
-        force_y += car_y
-        yaw_moment += p[P_DISTANCE + axle] * car_y - y * car_x
+@njit
+def tyre_forces(  # noqa: PLR0917
+    state: Vector,
+    inputs: Vector,
+    p: Vector,
+    wheel: int,
+    load: float,
+    along: float,
+    across: float,
+    rate: Vector,
+) -> tuple[float, float]:
+    """Longitudinal and lateral force (N) of a wheel whose contact moves at that velocity (m/s).
 
-    pushed_y = force_y / p[P_MASS]
-    pushed_x = force_x / p[P_MASS]
-    lateral = force_y - p[P_MASS] * GRAVITY * s_bank
-    results[_AY] = lateral / p[P_MASS]
-    results[_AX] = pushed_x - GRAVITY * sin(grade)
+    Fills the rates of its slip and spin.
+    """
+    axle = wheel // 2
+    static, radius, spin = p[P_STATIC + axle], p[P_RADIUS], state[SPIN + wheel]
+    reference = max(abs(along), SLOWEST)
+    ratio = load / static
+    linear_x = p[P_SLIP_STIFFNESS] * ratio * (spin * radius - along) / reference
+    stiffness = p[P_CORNERING + axle] * ratio * tyre.falling(ratio, p[P_CORNERING_SLOPE])
+    grip = p[P_FRICTION] * inputs[ports.FRICTION] * tyre.falling(ratio, p[P_FRICTION_SLOPE])
+    ahead, aside = tyre.forces(
+        linear_x, stiffness * state[SLIP + wheel], grip * load, p[P_SHAPE], p[P_CURVATURE]
+    )
+    rolling = max(abs(along), SLOWEST_ROLLING)
+    rate[SLIP + wheel] = rolling / p[P_RELAXATION] * (-across / reference - state[SLIP + wheel])
+    torque = shaft_torque(state, inputs, p, wheel)
+    rate[SPIN + wheel] = (torque - (ahead + rolling_resistance(state, p, wheel, load)) * radius) / (
+        p[P_SPIN_INERTIA]
+    )
+    return ahead, aside
 
-    body_force, body_roll, body_pitch = 0.0, 0.0, 0.0
+
+@njit
+def _towards(spin: float) -> float:
+    """Sign of a wheel's spin, without a step at standstill."""
+    return spin / max(abs(spin), 1.0)
+
+
+@njit
+def rolling_resistance(state: Vector, p: Vector, wheel: int, load: float) -> float:
+    """Rolling resistance (N) of a wheel."""
+    return p[P_ROLLING] * load * _towards(state[SPIN + wheel])
+
+
+@njit
+def shaft_torque(state: Vector, inputs: Vector, p: Vector, wheel: int) -> float:
+    """Drive less brake torque (N·m) between axle and wheel; drive is shared by static load."""
+    drive = inputs[ports.DRIVE_FORCE] * p[P_STATIC + wheel // 2] / (p[P_MASS] * GRAVITY)
+    brake = inputs[ports.BRAKE_FORCE + wheel] * _towards(state[SPIN + wheel])
+    return (drive - brake) * p[P_RADIUS]
+
+
+@njit
+def _road_forces(  # noqa: PLR0917
+    state: Vector,
+    inputs: Vector,
+    p: Vector,
+    motion: Vector,
+    rate: Vector,
+    results: Vector,
+    forces: Vector,
+) -> None:
+    """Fill the road's forces on both axles and the rates of spins and slips."""
+    c, s = motion[COS_PITCH], motion[SIN_PITCH]
+    steered_c, steered_s = cos(inputs[ports.STEER]), sin(inputs[ports.STEER])
+    ox, oy, oz = motion[RATE], motion[RATE + 1], motion[RATE + 2]
+    height = p[P_AXIS_HEIGHT] + state[HEAVE]
     for axle in range(2):
-        track = p[P_TRACK + axle]
-        left, right = 2 * axle, 2 * axle + 1
-        x = p[P_BODY_DISTANCE + axle]
-        height = state[HEAVE] - x * state[PITCH]
-        speed = state[HEAVE_RATE] - x * state[PITCH_RATE]
-        travel_left = height + track * state[ROLL] - state[HOP + left]
-        travel_right = height - track * state[ROLL] - state[HOP + right]
-        bar = (
-            -p[P_BAR + axle] * (travel_left - travel_right) / (2.0 * track)
-            + inputs[ports.BAR_MOMENT_FRONT + axle]
-        ) / (2.0 * track)
-
-        unsprung = p[P_UNSPRUNG + axle]
-        axle_force = results[_LATERAL + left] + results[_LATERAL + right]
-        tilt = (state[HOP + left] - state[HOP + right]) / (2.0 * track)
-        geometric = (
-            (axle_force - 2.0 * unsprung * pushed_y + p[P_SPRUNG_LOAD + axle] * tilt)
-            * p[P_ROLL_CENTRE + axle]
-            + 2.0 * unsprung * (pushed_y + GRAVITY * tilt) * radius
-        ) / (2.0 * track)
-        body_roll += p[P_SCRUB_ROLL + axle] * (axle_force - 2.0 * unsprung * pushed_y)
-        shift = 2.0 * unsprung * pushed_x * radius / (p[P_DISTANCE] - p[P_DISTANCE + 1])
-        shift = -0.5 * shift if axle == 0 else 0.5 * shift
+        k, f, track = AXLE + N_AXLE * axle, N_FORCES * axle, p[P_TRACK + axle]
+        c_tilt, s_tilt = motion[k + COS], motion[k + SIN]
+        c_steer, s_steer = (steered_c, steered_s) if axle == 0 else (1.0, 0.0)
+        # from the pitched to the heading frame
+        x, y, z = p[P_DISTANCE + axle], motion[k + HUB_Y], motion[k + HUB_Z]
+        x, z = c * x + s * z, c * z - s * x
+        vx, vy, vz = motion[k + HUB_VELOCITY], motion[k + HUB_VELOCITY + 1], 0.0
+        vx, vz = (
+            c * vx + s * motion[k + HUB_VELOCITY + 2],
+            c * motion[k + HUB_VELOCITY + 2] - s * vx,
+        )
+        wx, wy, wz = ox + motion[k + TILT_RATE], oy, oz
+        wx, wz = c * wx + s * wz, c * wz - s * wx
+        across_x, across_y, across_z = s * s_tilt, c_tilt, c * s_tilt
+        spin_x, spin_y, spin_z = -s_steer, c_steer * c_tilt, c_steer * s_tilt
+        spin_x, spin_z = c * spin_x + s * spin_z, c * spin_z - s * spin_x
+        # without the carrier's turn about the wheel axis, which the spin contains
+        turned = wx * spin_x + wy * spin_y + wz * spin_z
+        rx, ry, rz = wx - turned * spin_x, wy - turned * spin_y, wz - turned * spin_z
+        upright = 1.0 - spin_z * spin_z
+        longer = 1.0 / sqrt(upright)
+        fx, fy, fz, nx, ny, nz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for side in range(2):
             wheel = 2 * axle + side
-            sign = 1.0 if side == 0 else -1.0
-            travel = travel_left if side == 0 else travel_right
-            stroke = speed + sign * track * state[ROLL_RATE] - state[HOP_RATE + wheel]
-            force = (
-                -p[P_SPRING + axle] * travel
-                - damper(
-                    stroke,
-                    p[P_BUMP + axle],
-                    p[P_REBOUND + axle],
-                    p[P_KNEE],
-                    p[P_HIGH_SPEED],
-                )
-                + stop(travel, p[P_BUMP_CLEARANCE], p[P_REBOUND_CLEARANCE], p[P_STOP_RATE])
-                + sign * bar
-                + inputs[ports.CORNER_FORCE + wheel]
+            t = track if side == 0 else -track
+            hub_x, hub_y, hub_z = x + t * across_x, y + t * across_y, z + t * across_z
+            above = height + hub_z - inputs[ports.ROAD_HEIGHT + wheel]
+            lean = above * spin_z / upright
+            dx, dy, dz = lean * spin_x, lean * spin_y, -above
+            contact_x = vx + t * (wy * across_z - wz * across_y) + ry * dz - rz * dy
+            contact_y = vy + t * (wz * across_x - wx * across_z) + rz * dx - rx * dz
+            contact_z = vz + t * (wx * across_y - wy * across_x) + rx * dy - ry * dx
+            load = longer * wheel_load(
+                state, inputs, p, wheel, above * longer, contact_z * longer
             )
-            body_force += force
-            body_roll += sign * track * force
-            body_pitch -= x * force
-            rate[HOP + wheel] = state[HOP_RATE + wheel]
-            rate[HOP_RATE + wheel] = (
-                results[_LOAD + wheel] - p[P_STATIC + axle] - force + sign * geometric - shift
-            ) / unsprung
+            along = (contact_x * spin_y - contact_y * spin_x) * longer
+            across = (contact_x * spin_x + contact_y * spin_y) * longer
+            ahead, aside = tyre_forces(state, inputs, p, wheel, load, along, across, rate)
+            force_x = (ahead * spin_y + aside * spin_x) * longer
+            force_y = (aside * spin_y - ahead * spin_x) * longer
+            moment_x = (hub_y + dy) * load - (hub_z + dz) * force_y
+            moment_y = (hub_z + dz) * force_x - (hub_x + dx) * load
+            moment_z = (hub_x + dx) * force_y - (hub_y + dy) * force_x
+            about = (
+                spin_x * (dy * load - dz * force_y)
+                + spin_y * (dz * force_x - dx * load)
+                + spin_z * (dx * force_y - dy * force_x)
+            )
+            # the wheel turns freely on the axle but for the shaft's torque; as a gyrostat it resists
+            held = about + shaft_torque(state, inputs, p, wheel)
+            spun = p[P_SPIN_INERTIA] * state[SPIN + wheel]
+            fx, fy, fz = fx + force_x, fy + force_y, fz + load
+            nx += moment_x - held * spin_x - spun * (wy * spin_z - wz * spin_y)
+            ny += moment_y - held * spin_y - spun * (wz * spin_x - wx * spin_z)
+            nz += moment_z - held * spin_z - spun * (wx * spin_y - wy * spin_x)
+            results[R_LOAD + wheel] = load
+            results[R_LONGITUDINAL + wheel], results[R_LATERAL + wheel] = ahead, aside
+            results[R_SIDE + wheel] = force_y
+            results[R_GAP + wheel] = max(above * longer - p[P_UNLOADED + axle], 0.0)
+            resistance = rolling_resistance(state, p, wheel, load)
+            results[R_COUPLE + wheel] = -(ahead + resistance) * p[P_RADIUS] - about
+        results[R_ACC] += fx
+        results[R_ACC + 1] += fy
+        forces[f + FORCE], forces[f + FORCE + 1] = c * fx - s * fz, fy
+        forces[f + FORCE + 2] = s * fx + c * fz
+        forces[f + MOMENT], forces[f + MOMENT + 1] = c * nx - s * nz, ny
+        forces[f + MOMENT + 2] = s * nx + c * nz
 
-    body_roll += sprung * GRAVITY * arm * (sin(state[ROLL]) * c_bank + s_bank)
-    coupling = sprung * arm
-    determinant = p[P_MASS] * p[P_ROLL_INERTIA] - coupling * coupling
-    acceleration = (p[P_ROLL_INERTIA] * lateral + coupling * body_roll) / determinant
-    rate[ROLL_RATE] = (p[P_MASS] * body_roll + coupling * lateral) / determinant
-    rate[PITCH_RATE] = (body_pitch - sprung * pushed_x * p[P_CG_HEIGHT]) / p[P_PITCH_INERTIA]
-    rate[HEAVE_RATE] = body_force / sprung + GRAVITY * (1.0 - c_bank * cos(grade))
-    rate[HEAVE], rate[ROLL], rate[PITCH] = state[HEAVE_RATE], state[ROLL_RATE], state[PITCH_RATE]
-    rate[VX] = results[_AX] + yaw_rate * (vy - coupling / p[P_MASS] * state[ROLL_RATE])
-    rate[VY] = acceleration - vx * yaw_rate
-    rate[YAW_RATE] = yaw_moment / p[P_YAW_INERTIA]
-    rate[X] = vx * c_yaw - vy * s_yaw
-    rate[Y] = vx * s_yaw + vy * c_yaw
+
+@njit
+def evaluate(state: Vector, inputs: Vector, p: Vector, rate: Vector, results: Vector) -> None:
+    """Fill ``rate`` with the time derivative of ``state``, and the algebraic ``results``."""
+    motion, forces, found, slides = _motion(), _forces(), _found(), _slides()
+    for axle in range(2):
+        left, right, track = TRAVEL + 2 * axle, TRAVEL + 2 * axle + 1, p[P_TRACK + axle]
+        for n in range(2):
+            a, b = state[left + 4 * n], state[right + 4 * n]
+            slides[4 * axle + 2 * n] = -0.5 * (a + b)
+            slides[4 * axle + 2 * n + 1] = -0.5 * (a - b) / track
+        a, b = corner_force(state, inputs, p, 2 * axle), corner_force(state, inputs, p, 2 * axle + 1)
+        forces[N_FORCES * axle + SLIDE] = -(a + b)
+        forces[N_FORCES * axle + TILT] = -track * (a - b)
+    rigid_car.place(state[PITCH], state[ROLL], state[VX:HEAVE], slides, inputs, p, motion)
+    results[R_ACC], results[R_ACC + 1] = 0.0, 0.0
+    _road_forces(state, inputs, p, motion, rate, results, forces)
+    rigid_car.accelerate(motion, forces, p, found)
+
+    # the heading frame turns, on a sloping road about its plane's axes as well
+    yaw_rate, vx, vy, vz = state[YAW_RATE], state[VX], state[VY], state[HEAVE_RATE]
+    turn_x = yaw_rate * motion[UP] / motion[UP + 2]
+    turn_y = yaw_rate * motion[UP + 1] / motion[UP + 2]
+    height = p[P_AXIS_HEIGHT] + state[HEAVE]
+    c_yaw, s_yaw = cos(state[YAW]), sin(state[YAW])
+    foot_x, foot_y = vx - turn_y * height, vy + turn_x * height
+    rate[X] = foot_x * c_yaw - foot_y * s_yaw
+    rate[Y] = foot_x * s_yaw + foot_y * c_yaw
     rate[YAW] = yaw_rate
+    rate[VX] = found[POINT_ACC] + yaw_rate * vy - turn_y * vz
+    rate[VY] = found[POINT_ACC + 1] - yaw_rate * vx + turn_x * vz
+    rate[HEAVE_RATE] = found[POINT_ACC + 2] + turn_y * vx - turn_x * vy
+    rate[ROLL_RATE], rate[PITCH_RATE] = found[Q + ROLL_Q], found[Q + PITCH_Q]
+    rate[YAW_RATE] = found[Q + YAW_Q]
+    rate[HEAVE], rate[ROLL], rate[PITCH] = vz, state[ROLL_RATE], state[PITCH_RATE]
+    for wheel in range(4):
+        axle = wheel // 2
+        track = p[P_TRACK + axle] if wheel % 2 == 0 else -p[P_TRACK + axle]
+        slide, tilt = found[Q + SLIDE_Q + 2 * axle], found[Q + TILT_Q + 2 * axle]
+        rate[TRAVEL + wheel] = state[TRAVEL_RATE + wheel]
+        rate[TRAVEL_RATE + wheel] = -(slide + track * tilt)
     rate[LIFTED_TIME] = 0.0
     rate[ROLLED_OVER] = 0.0
+    for n in range(2):
+        results[R_ACC + n] = results[R_ACC + n] / p[P_MASS] - GRAVITY * motion[UP + n]
+    for n in range(3):
+        results[R_BODY_ACC + n] = found[BODY_ACC + n]
 
 
 @njit
@@ -253,34 +364,39 @@ def derivative(state: Vector, inputs: Vector, parameters: Vector, rate: Vector) 
 def _observe(state: Vector, inputs: Vector, p: Vector, outputs: Vector, dt: float) -> None:
     rate, results = _rates(), _results()
     evaluate(state, inputs, p, rate, results)
-    outputs[ports.X : ports.YAW + 1] = state[X : YAW + 1]
-    outputs[ports.VX], outputs[ports.VY] = state[VX], state[VY]
-    outputs[ports.AX], outputs[ports.AY] = results[_AX], results[_AY]
-    outputs[ports.YAW_RATE], outputs[ports.YAW_ACC] = state[YAW_RATE], rate[YAW_RATE]
+    c_yaw, s_yaw = cos(state[YAW]), sin(state[YAW])
+    yaw_rate, offset, arm = state[YAW_RATE], p[P_OFFSET], p[P_ARM]
+    outputs[ports.X] = state[X] - offset * c_yaw
+    outputs[ports.Y] = state[Y] - offset * s_yaw
+    outputs[ports.YAW] = state[YAW]
+    outputs[ports.VX] = rate[X] * c_yaw + rate[Y] * s_yaw
+    outputs[ports.VY] = rate[Y] * c_yaw - rate[X] * s_yaw - offset * yaw_rate
+    outputs[ports.AX], outputs[ports.AY] = results[R_ACC], results[R_ACC + 1]
+    outputs[ports.BODY_ACC : ports.BODY_ACC + 3] = results[R_BODY_ACC : R_BODY_ACC + 3]
+    outputs[ports.YAW_RATE], outputs[ports.YAW_ACC] = yaw_rate, rate[YAW_RATE]
     outputs[ports.ROLL], outputs[ports.PITCH] = state[ROLL], state[PITCH]
-    outputs[ports.HEAVE] = state[HEAVE]
     outputs[ports.ROLL_RATE], outputs[ports.ROLL_ACC] = state[ROLL_RATE], rate[ROLL_RATE]
     outputs[ports.PITCH_RATE], outputs[ports.PITCH_ACC] = state[PITCH_RATE], rate[PITCH_RATE]
-    outputs[ports.HEAVE_RATE], outputs[ports.HEAVE_ACC] = state[HEAVE_RATE], rate[HEAVE_RATE]
-    for wheel in range(4):
-        axle = wheel // 2
-        y = p[P_TRACK + axle] if wheel % 2 == 0 else -p[P_TRACK + axle]
-        x = p[P_BODY_DISTANCE + axle]
-        height = state[HEAVE] - x * state[PITCH] + y * state[ROLL]
-        speed = state[HEAVE_RATE] - x * state[PITCH_RATE] + y * state[ROLL_RATE]
-        outputs[ports.WHEEL_LOAD + wheel] = results[_LOAD + wheel]
-        outputs[ports.LATERAL_FORCE + wheel] = results[_LATERAL + wheel]
-        outputs[ports.TRAVEL + wheel] = height - state[HOP + wheel]
-        outputs[ports.TRAVEL_RATE + wheel] = speed - state[HOP_RATE + wheel]
-        outputs[ports.WHEEL_SPEED + wheel] = state[SPIN + wheel]
-        outputs[ports.WHEEL_HEIGHT + wheel] = max(
-            state[HOP + wheel]
-            - inputs[ports.ROAD_HEIGHT + wheel]
-            - p[P_STATIC + axle] / p[P_TYRE_STIFFNESS],
-            0.0,
-        )
-    left_off = results[_LOAD] == 0.0 and results[_LOAD + 2] == 0.0
-    right_off = results[_LOAD + 1] == 0.0 and results[_LOAD + 3] == 0.0
+    c, s_pitch, c_roll, s_roll = cos(state[PITCH]), sin(state[PITCH]), cos(state[ROLL]), sin(state[ROLL])
+    pitch_rate, roll_rate = state[PITCH_RATE], state[ROLL_RATE]
+    outputs[ports.HEAVE] = state[HEAVE] + arm * (c * c_roll - 1.0)
+    outputs[ports.HEAVE_RATE] = state[HEAVE_RATE] - arm * (
+        s_pitch * c_roll * pitch_rate + c * s_roll * roll_rate
+    )
+    outputs[ports.HEAVE_ACC] = rate[HEAVE_RATE] - arm * (
+        s_pitch * c_roll * rate[PITCH_RATE]
+        + c * s_roll * rate[ROLL_RATE]
+        + c * c_roll * (pitch_rate * pitch_rate + roll_rate * roll_rate)
+        - 2.0 * s_pitch * s_roll * pitch_rate * roll_rate
+    )
+    outputs[ports.TRAVEL : ports.TRAVEL + 4] = state[TRAVEL : TRAVEL + 4]
+    outputs[ports.TRAVEL_RATE : ports.TRAVEL_RATE + 4] = state[TRAVEL_RATE : TRAVEL_RATE + 4]
+    outputs[ports.WHEEL_SPEED : ports.WHEEL_SPEED + 4] = state[SPIN : SPIN + 4]
+    outputs[ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4] = results[R_LOAD : R_LOAD + 4]
+    outputs[ports.LATERAL_FORCE : ports.LATERAL_FORCE + 4] = results[R_SIDE : R_SIDE + 4]
+    outputs[ports.WHEEL_HEIGHT : ports.WHEEL_HEIGHT + 4] = results[R_GAP : R_GAP + 4]
+    left_off = results[R_LOAD] == 0.0 and results[R_LOAD + 2] == 0.0
+    right_off = results[R_LOAD + 1] == 0.0 and results[R_LOAD + 3] == 0.0
     outputs[ports.TWO_WHEEL_LIFT] = 1.0 if left_off or right_off else 0.0
     state[LIFTED_TIME] = state[LIFTED_TIME] + dt if left_off or right_off else 0.0
     if abs(state[ROLL]) > ROLLOVER_ANGLE or state[LIFTED_TIME] > ROLLOVER_TIME:

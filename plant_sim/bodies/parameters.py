@@ -11,8 +11,9 @@ from vehicles.roll_stiffness import axle_roll_shares, suspension_roll_stiffness
 (
     P_MASS,
     P_SPRUNG,
+    P_OFFSET,
     P_ARM,
-    P_CG_HEIGHT,
+    P_AXIS_HEIGHT,
     P_ROLL_INERTIA,
     P_PITCH_INERTIA,
     P_YAW_INERTIA,
@@ -33,38 +34,43 @@ from vehicles.roll_stiffness import axle_roll_shares, suspension_roll_stiffness
     P_BUMP_CLEARANCE,
     P_REBOUND_CLEARANCE,
     P_STOP_RATE,
-) = range(24)
+) = range(25)
 (
     P_DISTANCE,
-    P_BODY_DISTANCE,
     P_TRACK,
     P_UNSPRUNG,
     P_STATIC,
-    P_SPRUNG_LOAD,
+    P_UNLOADED,
+    P_PRELOAD,
     P_ROLL_CENTRE,
     P_SPRING,
     P_BAR,
     P_BUMP,
     P_REBOUND,
     P_CORNERING,
-    P_SCRUB_ROLL,
-    P_SCRUB_TILT,
-) = range(24, 52, 2)
-N_PARAMETERS = 52
+) = range(25, 49, 2)
+N_PARAMETERS = 49
 
 
 def build_parameters(vehicle: Vehicle) -> Vector:
-    """Fill the parameter vector of the 14-DOF car."""
+    """Fill the parameter vector of the 14-DOF car.
+
+    Inertias are the sprung body's about its own CG; ``P_OFFSET`` is its CG ahead of the whole
+    car's; ``P_DISTANCE`` that of an axle ahead of the sprung CG. ``P_UNSPRUNG`` is an axle's mass,
+    ``P_STATIC`` the load of a wheel, ``P_PRELOAD`` of its suspension, ``P_UNLOADED`` the radius of
+    its tyre without load.
+    """
     geometry, plant, mass = vehicle.geometry, vehicle.plant, vehicle.mass
     suspension, tyre = vehicle.suspension, vehicle.tyre
     p = np.zeros(N_PARAMETERS)
     p[P_MASS] = vehicle.total_mass
     p[P_SPRUNG] = plant.sprung_mass
+    p[P_OFFSET] = vehicle.sprung_cg_offset
     p[P_ARM] = plant.cg_height_above_roll_axis
-    p[P_CG_HEIGHT] = vehicle.sprung_cg_height
-    p[P_ROLL_INERTIA] = plant.roll_inertia
+    p[P_AXIS_HEIGHT] = vehicle.roll_axis_height
+    p[P_ROLL_INERTIA] = plant.inertia_about_cg
     p[P_PITCH_INERTIA] = mass.pitch_inertia
-    p[P_YAW_INERTIA] = mass.yaw_inertia
+    p[P_YAW_INERTIA] = vehicle.sprung_yaw_inertia
     p[P_TYRE_STIFFNESS] = tyre.vertical_stiffness
     p[P_TYRE_DAMPING] = tyre.vertical_damping
     p[P_RADIUS] = tyre.radius
@@ -86,19 +92,15 @@ def build_parameters(vehicle: Vehicle) -> Vector:
     stiffness = suspension_roll_stiffness(vehicle)
     damping_share = suspension.roll_damping_front_share
     front, rear = geometry.cg_to_front_axle, geometry.cg_to_rear_axle
-    p[P_DISTANCE : P_DISTANCE + 2] = front, -rear
-    offset = vehicle.sprung_cg_offset
-    p[P_BODY_DISTANCE : P_BODY_DISTANCE + 2] = front - offset, -rear - offset
+    p[P_DISTANCE : P_DISTANCE + 2] = front - p[P_OFFSET], -rear - p[P_OFFSET]
     p[P_TRACK : P_TRACK + 2] = geometry.half_track_front, geometry.half_track_rear
-    p[P_UNSPRUNG : P_UNSPRUNG + 2] = mass.unsprung_front / 2, mass.unsprung_rear / 2
+    p[P_UNSPRUNG : P_UNSPRUNG + 2] = mass.unsprung_front, mass.unsprung_rear
     weight = vehicle.total_mass * GRAVITY / (2 * geometry.wheelbase)
     p[P_STATIC : P_STATIC + 2] = weight * rear, weight * front
     p[P_ROLL_CENTRE : P_ROLL_CENTRE + 2] = (
         geometry.roll_centre_height_front,
         geometry.roll_centre_height_rear,
     )
-    for axle, (roll, tilt) in enumerate(vehicle.scrub_arms):
-        p[P_SCRUB_ROLL + axle], p[P_SCRUB_TILT + axle] = roll, tilt
     p[P_SPRING : P_SPRING + 2] = suspension.spring_rate_front, suspension.spring_rate_rear
     p[P_CORNERING : P_CORNERING + 2] = (
         tyre.cornering_stiffness_front / 2,
@@ -106,7 +108,8 @@ def build_parameters(vehicle: Vehicle) -> Vector:
     )
     for axle, name in enumerate(("front", "rear")):
         track = p[P_TRACK + axle]
-        p[P_SPRUNG_LOAD + axle] = 2 * (p[P_STATIC + axle] - p[P_UNSPRUNG + axle] * GRAVITY)
+        p[P_PRELOAD + axle] = p[P_STATIC + axle] - 0.5 * p[P_UNSPRUNG + axle] * GRAVITY
+        p[P_UNLOADED + axle] = tyre.radius + p[P_STATIC + axle] / tyre.vertical_stiffness
         bar = axle_roll_shares(vehicle)[axle] * stiffness - 2 * p[P_SPRING + axle] * track**2
         if bar < 0:
             raise CanrollError(

@@ -35,13 +35,13 @@ FRICTION = 20  # road friction, scales the tyre's peak
 LATERAL_ACCELERATION = 21  # prescribed a_y (m/s²) for the roll-only plant; NaN: from the tyres
 N_INPUTS = 22
 
-# What a body tells.
-X = 0  # position of the CG on the road plane (m)
+# What a body tells. The heading frame lies in the road plane, x along the heading, z its normal.
+X = 0  # position on the road plane of the point under the static CG of the whole car (m)
 Y = 1
 YAW = 2  # heading (rad)
-VX = 3  # velocity of the CG in the car's heading frame (m/s)
+VX = 3  # velocity of that point in the heading frame (m/s)
 VY = 4
-AX = 5  # acceleration of the CG along the road plane, heading frame (m/s²)
+AX = 5  # inertial acceleration of the whole car's CG in the heading frame (m/s²)
 AY = 6
 YAW_RATE = 7
 YAW_ACC = 8
@@ -68,8 +68,11 @@ BAR_MOMENT = (
 )
 BAR_ANGLE = 47  # shaft angle of their hydromotors (rad), 2
 BAR_PRESSURE = 49  # their load pressure (Pa), 2
-N_OUTPUTS = 51
+BODY_ACC = 51  # inertial acceleration of the sprung CG in the heading frame (m/s²), 3
+N_OUTPUTS = 54
 
+ROLLOVER_ANGLE = 0.6
+"""Roll angle (rad) beyond which no car comes back: an end state of every body."""
 
 STATES_MAX, PARAMETERS_MAX = 64, 2048
 """Room for a body's state and parameters."""

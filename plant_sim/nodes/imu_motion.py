@@ -1,7 +1,7 @@
 """Motion at an inertial measurement unit: rigid-body motion of the point where it is mounted.
 
 Body attitude by heading, pitch and roll (z, y, x; ISO 8855 axes) over a road plane tilted by bank
-and grade. Exact in the angles, without small-angle approximations.
+and grade, which turns with the car about the vertical. Exact in the angles.
 """
 
 import math
@@ -28,7 +28,7 @@ def specific_motion(
     """Angular rate and specific force at ``arm`` (3, m from the sprung CG, body axes).
 
     ``inputs`` and ``outputs`` are a body's vectors (``plant_sim.bodies.ports``); ``motion`` (6) is
-    filled. Angular rates follow from the Euler rates, the pitch × yaw part of roll included.
+    filled.
     """
     sr, cr = math.sin(outputs[ports.ROLL]), math.cos(outputs[ports.ROLL])
     sp, cp = math.sin(outputs[ports.PITCH]), math.cos(outputs[ports.PITCH])
@@ -36,28 +36,28 @@ def specific_motion(
     pitch1, pitch2 = outputs[ports.PITCH_RATE], outputs[ports.PITCH_ACC]
     yaw1, yaw2 = outputs[ports.YAW_RATE], outputs[ports.YAW_ACC]
 
-    p = roll1 - yaw1 * sp
-    q = pitch1 * cr + yaw1 * cp * sr
-    r = -pitch1 * sr + yaw1 * cp * cr
-    p1 = roll2 - yaw2 * sp - yaw1 * pitch1 * cp
-    q1 = pitch2 * cr - pitch1 * roll1 * sr + yaw2 * cp * sr
-    q1 += yaw1 * (roll1 * cp * cr - pitch1 * sp * sr)
-    r1 = -pitch2 * sr - pitch1 * roll1 * cr + yaw2 * cp * cr
-    r1 -= yaw1 * (pitch1 * sp * cr + roll1 * cp * sr)
-
-    # The road's normal leans left with the right side up and back on a climb.
+    # along the heading axes: the vertical, and the angular rate of the heading frame per yaw rate
     bank, grade = inputs[ports.BANK], inputs[ports.GRADE]
-    x = outputs[ports.AX] + GRAVITY * math.sin(grade)
-    y = outputs[ports.AY] + GRAVITY * math.sin(bank) * math.cos(grade)
-    z = outputs[ports.HEAVE_ACC] + GRAVITY * math.cos(bank) * math.cos(grade)
-    along = cp * x - sp * z
-    up = sp * x + cp * z
+    up_x, up_y = math.sin(grade), math.sin(bank) * math.cos(grade)
+    up_z = math.cos(bank) * math.cos(grade)
+    turn_x, turn_y = up_x / up_z, up_y / up_z
 
-    ax, ay, az = arm[0], arm[1], arm[2]
-    cross_x, cross_y, cross_z = q * az - r * ay, r * ax - p * az, p * ay - q * ax
-    motion[RATE] = p
-    motion[RATE + 1] = q
-    motion[RATE + 2] = r
-    motion[FORCE] = along + q1 * az - r1 * ay + q * cross_z - r * cross_y
-    motion[FORCE + 1] = cr * y + sr * up + r1 * ax - p1 * az + r * cross_x - p * cross_z
-    motion[FORCE + 2] = -sr * y + cr * up + p1 * ay - q1 * ax + p * cross_y - q * cross_x
+    # angular rate and acceleration: heading frame, pitch about y, roll about the pitched x
+    tx, ty = yaw1 * turn_x, yaw1 * turn_y + pitch1
+    wx, wy, wz = tx + roll1 * cp, ty, yaw1 - roll1 * sp
+    ax = yaw2 * turn_x - pitch1 * yaw1 + roll2 * cp - roll1 * sp * ty
+    ay = yaw2 * turn_y + pitch2 + roll1 * (cp * yaw1 + sp * tx)
+    az = yaw2 + pitch1 * yaw1 * turn_x - roll2 * sp - roll1 * cp * ty
+
+    x, y = arm[0], cr * arm[1] - sr * arm[2]
+    z = sr * arm[1] + cr * arm[2]
+    x, z = cp * x + sp * z, cp * z - sp * x
+    dx, dy, dz = wy * z - wz * y, wz * x - wx * z, wx * y - wy * x
+    fx = outputs[ports.BODY_ACC] + GRAVITY * up_x + ay * z - az * y + wy * dz - wz * dy
+    fy = outputs[ports.BODY_ACC + 1] + GRAVITY * up_y + az * x - ax * z + wz * dx - wx * dz
+    fz = outputs[ports.BODY_ACC + 2] + GRAVITY * up_z + ax * y - ay * x + wx * dy - wy * dx
+
+    motion[RATE], motion[FORCE] = cp * wx - sp * wz, cp * fx - sp * fz
+    wz, fz = sp * wx + cp * wz, sp * fx + cp * fz
+    motion[RATE + 1], motion[FORCE + 1] = cr * wy + sr * wz, cr * fy + sr * fz
+    motion[RATE + 2], motion[FORCE + 2] = cr * wz - sr * wy, cr * fz - sr * fy

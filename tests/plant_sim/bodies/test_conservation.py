@@ -1,0 +1,372 @@
+"""Momentum, moment of momentum and energy of the 14-DOF car change by what acts on it from outside.
+
+Positions and velocities of all bodies are built here from the vehicle's data by rotation matrices;
+their rates of change are complex-step derivatives along the kernel's rates.
+"""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import vehicles
+from plant_sim.bodies import nonlinear_car as car
+from plant_sim.bodies import ports
+
+STEP = 1e-30
+RELATIVE = 1e-9
+G = vehicles.GRAVITY
+
+
+def pitched(a):
+    c, s = np.cos(a), np.sin(a)
+    zero = 0 * a
+    return np.array([[c, zero, s], [zero, 1 + zero, zero], [-s, zero, c]])
+
+
+def rolled(a):
+    c, s = np.cos(a), np.sin(a)
+    zero = 0 * a
+    return np.array([[1 + zero, zero, zero], [zero, c, -s], [zero, s, c]])
+
+
+def vector(*values):
+    return np.array(values)
+
+
+class Bodies:
+    """Masses, places, velocities of all bodies in the heading frame, from the foot of P."""
+
+    def __init__(self, vehicle, state, inputs):
+        geometry, mass = vehicle.geometry, vehicle.mass
+        bank, grade = inputs[ports.BANK], inputs[ports.GRADE]
+        self.up = vector(np.sin(grade), np.sin(bank) * np.cos(grade), np.cos(bank) * np.cos(grade))
+        self.turn = state[car.YAW_RATE] * self.up / self.up[2]
+        point = vector(0, 0, vehicle.roll_axis_height + state[car.HEAVE])
+        velocity = state[[car.VX, car.VY, car.HEAVE_RATE]]
+        self.foot = velocity - np.cross(self.turn, point) - vector(0, 0, state[car.HEAVE_RATE])
+
+        pitch, roll = pitched(state[car.PITCH]), rolled(state[car.ROLL])
+        body = pitch @ roll
+        forward = pitch @ vector(1, 0, 0)
+        pitching = self.turn + state[car.PITCH_RATE] * vector(0, 1, 0)
+        turning = pitching + state[car.ROLL_RATE] * forward
+        arm = body @ vector(0, 0, vehicle.plant.cg_height_above_roll_axis)
+        inertia = np.diag(
+            [vehicle.plant.inertia_about_cg, mass.pitch_inertia, vehicle.sprung_yaw_inertia]
+        )
+        self.parts = [
+            (
+                vehicle.plant.sprung_mass,
+                point + arm,
+                velocity + np.cross(turning, arm),
+                body @ inertia @ body.T @ turning,
+                turning,
+            )
+        ]
+        self.rotors, self.hinges, self.hubs = [], [], []
+        ahead = geometry.cg_to_front_axle, -geometry.cg_to_rear_axle
+        tracks = geometry.half_track_front, geometry.half_track_rear
+        heights = geometry.roll_centre_height_front, geometry.roll_centre_height_rear
+        masses = mass.unsprung_front, mass.unsprung_rear
+        for axle in range(2):
+            first = car.TRAVEL + 2 * axle
+            left, right = state[first], state[first + 1]
+            left_rate, right_rate = state[first + 4], state[first + 5]
+            track, height = tracks[axle], heights[axle]
+            slide, tilt = -(left + right) / 2, -(left - right) / (2 * track)
+            slide_rate, tilt_rate = -(left_rate + right_rate) / 2, -(left_rate - right_rate) / (
+                2 * track
+            )
+            to_centre = body @ vector(
+                ahead[axle] - vehicle.sprung_cg_offset,
+                0,
+                height - vehicle.roll_axis_height + slide,
+            )
+            along = body @ vector(0, 0, 1)
+            attitude = pitch @ rolled(state[car.ROLL] + tilt)
+            to_hubs = attitude @ vector(0, 0, vehicle.tyre.radius - height)
+            axle_turning = turning + tilt_rate * forward
+            centre_velocity = velocity + np.cross(turning, to_centre) + slide_rate * along
+            hub_velocity = centre_velocity + np.cross(axle_turning, to_hubs)
+            axle_inertia = masses[axle] * track**2 * np.diag([1.0, 0.0, 1.0])
+            self.parts.append(
+                (
+                    masses[axle],
+                    point + to_centre + to_hubs,
+                    hub_velocity,
+                    attitude @ axle_inertia @ attitude.T @ axle_turning,
+                    axle_turning,
+                )
+            )
+            self.hinges.append((point + to_centre, along, forward))
+            steer = inputs[ports.STEER] if axle == 0 else 0.0
+            axis = attitude @ vector(-np.sin(steer), np.cos(steer), 0)
+            for side in range(2):
+                out = attitude @ vector(0, track if side == 0 else -track, 0)
+                wheel = 2 * axle + side
+                self.hubs.append((point + to_centre + to_hubs + out, axis, axle_turning))
+                self.rotors.append(
+                    (vehicle.tyre.wheel_inertia * state[car.SPIN + wheel], axis, wheel)
+                )
+                self.hubs[-1] += (hub_velocity + np.cross(axle_turning, out),)
+
+    def momentum(self, parts):
+        return sum(m * v for m, _, v, _, _ in parts)
+
+    def moment_of_momentum(self, parts, rotors):
+        return sum(np.cross(r, m * v) + h for m, r, v, h, _ in parts) + sum(
+            (h * axis for h, axis, _ in rotors), start=np.zeros(3)
+        )
+
+    def kinetic_energy(self, state, spin_inertia):
+        spins = state[car.SPIN : car.SPIN + 4]
+        return (
+            sum(0.5 * m * v @ v + 0.5 * h @ w for m, _, v, h, w in self.parts)
+            + 0.5 * spin_inertia * spins @ spins
+        )
+
+
+class Balance:
+    """A car in one state: what acts on it, and how its momenta and its energy change."""
+
+    def __init__(self, name, state, inputs):
+        self.vehicle, self.state, self.inputs = vehicles.load(name), state, inputs
+        self.parameters = car.build_parameters(self.vehicle)
+        self.rate, self.results = np.zeros(car.N_STATES), np.zeros(car.N_RESULTS)
+        car.evaluate(state, inputs, self.parameters, self.rate, self.results)
+        self.bodies = Bodies(self.vehicle, state, inputs)
+        self.weight = -G * self.bodies.up
+        self.road = [self._road(wheel) for wheel in range(4)]
+
+    def change(self, of):
+        """Derivative in time of a function of the bodies, its axes being the heading frame's."""
+        shifted = Bodies(self.vehicle, self.state + 1j * STEP * self.rate, self.inputs)
+        return np.imag(of(shifted)) / STEP
+
+    def inertial(self, of):
+        """The same of a vector, in inertial axes."""
+        return self.change(of) + np.cross(self.bodies.turn, of(self.bodies))
+
+    def about_foot(self, parts, rotors):
+        """Moment needed about the foot of P, which moves."""
+        return self.inertial(lambda b: b.moment_of_momentum(parts(b), rotors(b))) + np.cross(
+            self.bodies.foot, self.bodies.momentum(parts(self.bodies))
+        )
+
+    def _road(self, wheel):
+        """Place, force and couple of the road on a wheel, velocities there."""
+        hub, axis, turning, velocity = self.bodies.hubs[wheel]
+        lean = axis[2]
+        above = hub[2] - self.inputs[ports.ROAD_HEIGHT + wheel]
+        down = -above / (1 - lean**2) * (vector(0, 0, 1) - lean * axis)
+        ahead = np.cross(axis, [0, 0, 1])
+        ahead /= np.linalg.norm(ahead)
+        load, longitudinal, lateral, couple = (
+            self.results[slot + wheel]
+            for slot in (car.R_LOAD, car.R_LONGITUDINAL, car.R_LATERAL, car.R_COUPLE)
+        )
+        force = longitudinal * ahead + lateral * np.cross([0, 0, 1], ahead) + load * vector(0, 0, 1)
+        without_spin = turning - (turning @ axis) * axis
+        return {
+            "at": hub + down,
+            "force": force,
+            "couple": couple * axis,
+            "slip": velocity + np.cross(without_spin, down),
+            "about": axis @ np.cross(down, force) + couple,
+            "relative": self.state[car.SPIN + wheel] - turning @ axis,
+        }
+
+    def force(self):
+        return sum(road["force"] for road in self.road) + self.vehicle.total_mass * self.weight
+
+    def moment(self):
+        on_wheels = sum(np.cross(road["at"], road["force"]) + road["couple"] for road in self.road)
+        return on_wheels + sum(np.cross(r, m * self.weight) for m, r, *_ in self.bodies.parts)
+
+    def power(self):
+        spins = self.state[car.SPIN : car.SPIN + 4]
+        total = sum(m * self.weight @ v for m, _, v, _, _ in self.bodies.parts)
+        for wheel, road in enumerate(self.road):
+            total += road["force"] @ road["slip"] + road["about"] * spins[wheel]
+            total += (
+                car.shaft_torque(self.state, self.inputs, self.parameters, wheel)
+                * road["relative"]
+            )
+            total += (
+                car.corner_force(self.state, self.inputs, self.parameters, wheel)
+                * self.state[car.TRAVEL_RATE + wheel]
+            )
+        return total
+
+
+def close(found, wanted, scale):
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=RELATIVE * scale)
+
+
+def some(low, high):
+    return st.floats(low, high, allow_subnormal=False)
+
+
+def four(low, high):
+    return st.tuples(*[some(low, high)] * 4)
+
+
+STATES = st.fixed_dictionaries(
+    {
+        car.YAW: some(-3, 3),
+        car.VX: some(5, 40),
+        car.VY: some(-4, 4),
+        car.YAW_RATE: some(-1, 1),
+        car.HEAVE: some(-0.05, 0.05),
+        car.HEAVE_RATE: some(-0.5, 0.5),
+        car.ROLL: some(-0.5, 0.5),
+        car.ROLL_RATE: some(-1.5, 1.5),
+        car.PITCH: some(-0.1, 0.1),
+        car.PITCH_RATE: some(-0.5, 0.5),
+        car.TRAVEL: four(-0.12, 0.12),
+        car.TRAVEL_RATE: four(-1, 1),
+        car.SPIN: four(5, 130),
+        car.SLIP: four(-0.2, 0.2),
+    }
+)
+FLAT = {
+    ports.STEER: some(-0.4, 0.4),
+    ports.DRIVE_FORCE: some(-2000, 4000),
+    ports.BRAKE_FORCE: four(0, 5000),
+    ports.CORNER_FORCE: four(-3000, 3000),
+    ports.BAR_MOMENT_FRONT: some(-2000, 2000),
+    ports.BAR_MOMENT_REAR: some(-2000, 2000),
+    ports.FRICTION: some(0.2, 1.0),
+}
+BUMPY = FLAT | {ports.ROAD_HEIGHT: four(-0.03, 0.03)}
+SLOPING = BUMPY | {ports.BANK: some(-0.5, 0.5), ports.GRADE: some(-0.2, 0.2)}
+NAMES = st.sampled_from(vehicles.names())
+
+
+def filled(size, values):
+    vector = np.zeros(size) if size == car.N_STATES else ports.initial_inputs()
+    for slot, value in values.items():
+        vector[slot : slot + np.size(value)] = value
+    return vector
+
+
+def balances(inputs):
+    """Hypothesis' cars in any state on such a road."""
+    return st.builds(
+        lambda name, state, given: Balance(
+            name, filled(car.N_STATES, state), filled(ports.N_INPUTS, given)
+        ),
+        NAMES,
+        STATES,
+        st.fixed_dictionaries(inputs),
+    )
+
+
+def on_every_road(test):
+    """Run a property on flat, bumpy and banked, graded roads."""
+    cases = pytest.mark.parametrize(
+        "inputs", [FLAT, BUMPY, SLOPING], ids=["flat", "bumpy", "banked and graded"]
+    )
+
+    @settings(max_examples=60, deadline=None)
+    @given(st.data())
+    def driven(inputs, data):
+        test(data.draw(balances(inputs)))
+
+    driven.__name__, driven.__doc__ = test.__name__, test.__doc__
+    return cases(driven)
+
+
+def all_parts(bodies):
+    return bodies.parts
+
+
+def all_rotors(bodies):
+    return bodies.rotors
+
+
+@on_every_road
+def test_momentum_changes_by_the_forces_from_outside(balance):
+    scale = balance.vehicle.total_mass * G
+    close(balance.inertial(lambda b: b.momentum(b.parts)), balance.force(), scale)
+
+
+@on_every_road
+def test_moment_of_momentum_changes_by_the_moments_from_outside(balance):
+    """In roll, pitch and yaw about the road, the spinning wheels included."""
+    scale = balance.vehicle.total_mass * G * balance.vehicle.geometry.wheelbase
+    close(balance.about_foot(all_parts, all_rotors), balance.moment(), scale)
+
+
+@on_every_road
+def test_kinetic_energy_changes_by_the_power_of_all_forces(balance):
+    inertia = balance.vehicle.tyre.wheel_inertia
+    shifted = balance.state + 1j * STEP * balance.rate
+    bodies = Bodies(balance.vehicle, shifted, balance.inputs)
+    change = np.imag(bodies.kinetic_energy(shifted, inertia)) / STEP
+    scale = balance.vehicle.total_mass * G * 40.0
+    close(change, balance.power(), scale)
+
+
+@on_every_road
+def test_wheel_loads_carry_weight_and_normal_acceleration(balance):
+    total = balance.vehicle.total_mass
+    normal = balance.inertial(lambda b: b.momentum(b.parts))[2] / total
+    loads = balance.results[car.R_LOAD : car.R_LOAD + 4].sum()
+    close(loads, total * (G * balance.bodies.up[2] + normal), total * G)
+
+
+@on_every_road
+def test_what_an_axle_exerts_on_the_body_is_the_suspension_force(balance):
+    """Along the slide and about the roll centre, where the joint is free, nothing else acts."""
+    for axle in range(2):
+        wheels = (2 * axle, 2 * axle + 1)
+        mass, place, *_ = balance.bodies.parts[1 + axle]
+        centre, slide, hinge = balance.bodies.hinges[axle]
+
+        def part(b, axle=axle):
+            return [b.parts[1 + axle]]
+
+        def rotors(b, wheels=wheels):
+            return [b.rotors[wheel] for wheel in wheels]
+
+        needed = balance.inertial(lambda b, part=part: b.momentum(part(b)))
+        needed_moment = balance.about_foot(part, rotors)
+        road = [balance.road[wheel] for wheel in wheels]
+        given = sum(r["force"] for r in road) + mass * balance.weight
+        given_moment = sum(np.cross(r["at"], r["force"]) + r["couple"] for r in road)
+        given_moment = given_moment + np.cross(place, mass * balance.weight)
+        from_body = needed - given
+        about_centre = needed_moment - given_moment - np.cross(centre, from_body)
+        left, right = (
+            car.corner_force(balance.state, balance.inputs, balance.parameters, wheel)
+            for wheel in wheels
+        )
+        track = balance.parameters[car.P_TRACK + axle]
+        scale = balance.vehicle.total_mass * G
+        close(from_body @ slide, -(left + right), scale)
+        close(about_centre @ hinge, -track * (left - right), scale)
+
+
+@on_every_road
+def test_outputs_are_the_accelerations_of_the_bodies(balance):
+    state, outputs = balance.state.copy(), np.zeros(ports.N_OUTPUTS)
+    ports_step(state, balance, outputs)
+    sprung = balance.inertial(lambda b: b.parts[0][2])
+    close(outputs[ports.BODY_ACC : ports.BODY_ACC + 3], sprung, G)
+    whole = balance.inertial(lambda b: b.momentum(b.parts)) / balance.vehicle.total_mass
+    close(outputs[ports.AX : ports.AY + 1], whole[:2], G)
+    height = balance.change(lambda b: b.parts[0][1][2])
+    close(outputs[ports.HEAVE_RATE], height, 1.0)
+    reference = balance.bodies.foot + np.cross(
+        balance.bodies.turn, [-balance.vehicle.sprung_cg_offset, 0, 0]
+    )
+    close(outputs[ports.VX : ports.VY + 1], reference[:2], 1.0)
+
+
+def ports_step(state, balance, outputs):
+    """A step of no time: the outputs of that state."""
+    from plant_sim.world.open_loop import advance
+
+    advance(car.step, state, balance.inputs, balance.parameters, outputs, 0.0)
