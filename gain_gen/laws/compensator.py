@@ -11,6 +11,10 @@ from gain_gen.models.roll import Matrix, stationary_covariance
 
 TYPICAL_INPUTS = np.array([0.05, 0.3, 3.0, 3.0])
 """Standard deviations of roll, roll rate, a_y and a_y by steering: rad, rad/s, m/s²."""
+TYPICAL_TIME = 0.5
+"""Time constant of the low-pass that makes typical inputs of white noise, s."""
+GROWTH_TIME = 5.0
+"""Time over which the states of a marginal or unstable compensator grow, s."""
 COMPENSATOR_SIGMA = 4.0
 """Standard deviation that every state is scaled to; the ECU's states saturate at 64."""
 
@@ -38,17 +42,21 @@ def checked(compensator: Compensator) -> Compensator:
     return compensator
 
 
-def scaled_states(compensator: Compensator) -> Compensator:
+def scaled_states(compensator: Compensator, tick: float) -> Compensator:
     """Return the same compensator with states of equal size under typical inputs.
 
-    Inputs are taken as noise low-pass filtered at half a second, so that slow states count too; a
-    state that no input reaches keeps its scale. States of marginal or unstable compensators are
-    sized by their response over 500 ticks.
+    Inputs are taken as noise low-pass filtered with :data:`TYPICAL_TIME`, so that slow states count
+    too; a state that no input reaches keeps its scale. States of marginal or unstable compensators
+    are sized by their response after :data:`GROWTH_TIME`.
+
+    Args:
+        compensator: at the tick.
+        tick: s, a small part of both times.
     """
     n = len(compensator.a)
     closed = compensator.a + compensator.e @ compensator.c
     drive = compensator.b + compensator.e @ compensator.d
-    decay = 0.98
+    decay = 1.0 - tick / TYPICAL_TIME
     joint = np.zeros((n + 4, n + 4))
     joint[:n, :n] = closed
     joint[:n, n:] = drive
@@ -59,7 +67,7 @@ def scaled_states(compensator: Compensator) -> Compensator:
     if np.abs(np.linalg.eigvals(closed)).max() < 1.0:
         covariance = stationary_covariance(joint, noise)
     else:
-        for _ in range(500):
+        for _ in range(round(GROWTH_TIME / tick)):
             covariance = joint @ covariance @ joint.T + noise
     size = np.sqrt(np.diag(covariance)[:n])
     scale = np.where(size > 0.0, size / COMPENSATOR_SIGMA, 1.0)

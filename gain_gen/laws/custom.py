@@ -97,7 +97,7 @@ def design_custom(task: Task) -> Solution:
     a, b, c, d = (matrices[name] for name in "ABCD")
     e = matrices.get("E", np.zeros((len(a), len(c))))
     try:
-        compensator = scaled_states(checked(Compensator(a=a, b=b, e=e, c=c, d=d)))
+        compensator = scaled_states(checked(Compensator(a=a, b=b, e=e, c=c, d=d)), task.tick)
     except CanrollError as error:
         raise CanrollError(f"{path}: {error}") from error
     controller = Controller(

@@ -166,7 +166,7 @@ def design_lqr_full_car(task: Task) -> Solution:
     kept = 0.0
     for order in ORDERS:
         candidate = _in_milliampere(reduced(full, order))
-        controller = replace(base, compensator=scaled_states(candidate))
+        controller = replace(base, compensator=scaled_states(candidate, task.tick))
         active = rolling(*closed_loop(car, controller, task.delay.most), roll)
         share = (passive - active) / (passive - ideal) if np.isfinite(active) else float("-inf")
         tried[f"benefit_order_{order}"] = share

@@ -150,7 +150,7 @@ def compensator(model: SteeringModel, tuning: Tuning, tick: float) -> Compensato
     c[:, :n], c[:, n] = -carried * lead, -carried * pole
     d[0, S_RATE] = tuning.rate
     d[0, S_LATERAL], d[0, S_STEERING] = -carried * (1.0 - pole), -carried * direct[0, 0]
-    return scaled_states(Compensator(a=a, b=b, e=np.zeros((n + 1, 1)), c=c, d=d))
+    return scaled_states(Compensator(a=a, b=b, e=np.zeros((n + 1, 1)), c=c, d=d), tick)
 
 
 @dataclass(frozen=True, slots=True)

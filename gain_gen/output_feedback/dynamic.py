@@ -59,12 +59,13 @@ def residualised(full: Dynamic, order: int) -> Dynamic:
     )
 
 
-def compensator(full: Dynamic) -> Compensator:
+def compensator(full: Dynamic, tick: float) -> Compensator:
     """Return a stable controller in the ECU's form and of its order."""
     found = residualised(full, N_ORDER)
     n = len(found.a)
     b, d = np.zeros((n, 4)), np.zeros((1, 4))
     b[:, INPUTS], d[:, INPUTS] = found.b, MOMENT_UNIT * found.d
     return scaled_states(
-        Compensator(a=found.a, b=b, e=np.zeros((n, 1)), c=MOMENT_UNIT * found.c, d=d)
+        Compensator(a=found.a, b=b, e=np.zeros((n, 1)), c=MOMENT_UNIT * found.c, d=d),
+        tick,
     )

@@ -8,7 +8,7 @@ from canroll.errors import CanrollError
 from firmware.calibration import Q_MOMENT
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.design import design
-from gain_gen.laws.compensator import checked, scaled_states
+from gain_gen.laws.compensator import COMPENSATOR_SIGMA, checked, scaled_states
 from gain_gen.laws.lqr_full_car import closed_loop, rolling, sampled_car
 from gain_gen.models.controller import Compensator
 from gain_gen.models.full_car import (
@@ -23,7 +23,7 @@ from gain_gen.models.full_car import (
     truncated,
     weights,
 )
-from gain_gen.models.roll import stationary_covariance
+from gain_gen.models.roll import stationary_covariance, zero_order_hold
 from gain_gen.models.task import Delay, Task
 from vehicles import load
 from vehicles.full_car import AS_PRINTED, REPAIRED
@@ -169,7 +169,7 @@ def test_scaling_of_an_unstable_compensator_keeps_it_the_same():
         c=np.array([[1e6]]),
         d=np.zeros((1, 4)),
     )
-    scaled = scaled_states(plain)
+    scaled = scaled_states(plain, 0.01)
     np.testing.assert_allclose(scaled.c @ scaled.b, plain.c @ plain.b)
     assert scaled.b[0, 1] != plain.b[0, 1]
     np.testing.assert_array_equal(scaled.a, plain.a)
@@ -180,6 +180,25 @@ def test_scaling_of_an_unstable_compensator_keeps_it_the_same():
                 d=np.zeros((1, 4)),
             )
         )  # fmt: skip
+
+
+def lag(corner, tick):
+    """Return a low-pass of the roll rate, rad/s, or an integrator at zero, held over the tick."""
+    phi, gamma = zero_order_hold(np.array([[-corner]]), np.ones((1, 1)), tick)
+    return Compensator(
+        a=phi, b=gamma * [0.0, 1.0, 0.0, 0.0], e=np.zeros((1, 1)), c=np.ones((1, 1)),
+        d=np.zeros((1, 4)),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("tick", [0.001, 0.01, 0.02])
+def test_states_are_sized_by_noise_of_half_a_second_at_every_tick(tick):
+    """A low-pass behind a low-pass of half a second: σ √(T₁ / (T₁ + T₂))."""
+    size = COMPENSATOR_SIGMA * scaled_states(lag(1.0, tick), tick).c[0, 0]
+    assert size == pytest.approx(0.3 * np.sqrt(0.5 / (0.5 + 1.0)), rel=0.02)
+    # the same noise integrated for t = 5 s from rest: σ² T (2 t − 3 T), but for e^{−t/T}
+    size = COMPENSATOR_SIGMA * scaled_states(lag(0.0, tick), tick).c[0, 0]
+    assert size == pytest.approx(0.3 * np.sqrt(0.5 * (2.0 * 5.0 - 3.0 * 0.5)), rel=0.02)
 
 
 def test_steering_reaches_the_accelerometer_at_once():
