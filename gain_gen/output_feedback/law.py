@@ -103,7 +103,7 @@ def _designed(law: str, task: Task, synthesise: Synthesise) -> Solution:
 
     def at(relative: float) -> Compensator | None:
         found = synthesise(car, relative * unit)
-        return compensator(found) if found is not None and found.stable else None
+        return compensator(found, car.tick) if found is not None and found.stable else None
 
     relative, own = _of_effort(wanted * arm, response, at, task.tick)
     for _ in range(HEAVIER_STEPS):
