@@ -128,6 +128,7 @@ def _uncertified(first: Solution, controller: Controller) -> Solution:
         controller=controller,
         gamma=None,
         gamma_bound=None,
+        gamma_channel="",
         checks={},
         rightmost_root=None,
         max_delay=None,

@@ -149,6 +149,7 @@ def summary(design: Design) -> Tables:
         "gain": gain,
         "gamma": solution.gamma,
         "gamma_bound": solution.gamma_bound,
+        "gamma_channel": solution.gamma_channel or None,
         "max_delay_s": _finite(design.max_delay),
         "rightmost_root": solution.rightmost_root,
         "margins": {name: _finite(value) for name, value in design.margins.items()}

@@ -62,6 +62,7 @@ def design_state_hinf(task: Task) -> Solution:
         state_feedback(task, gain),
         gamma=level,
         gamma_bound=found.chi * (1.0 + 1e-4),
+        gamma_channel="a_y in m/s² to [roll, roll rate, moment] over their weights, roll model",
         checks={
             "hinf_level": below(level, found.chi * (1.0 + 1e-4)),
             "lmi_p": below(-float(np.linalg.eigvalsh(found.p)[0]), 0.0),

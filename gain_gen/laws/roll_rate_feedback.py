@@ -35,6 +35,8 @@ LEVEL_MARGIN = 1e-5
 """Share by which a certified level is raised, so that the certificate holds strictly."""
 USELESS = 0.99
 """Level, relative to the open loop's, above which a gain counts as useless."""
+CHANNEL = "[a_y, bank, disturbance] to roll + roll rate, SI units, roll model"
+"""Channel of :func:`exact_gamma`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,6 +106,7 @@ def static_solution(
         static_controller(task, gain),
         gamma=gamma if np.isfinite(gamma) else None,
         gamma_bound=gamma_bound,
+        gamma_channel=CHANNEL,
         checks=checks,
         rightmost_root=root.real,
         max_delay=largest_delay(state_matrix(model), moment_input(model), gain * ROLL_RATE),
@@ -200,4 +203,4 @@ def design_rate_feedforward(task: Task) -> Solution:
         feedforward=feedforward_row(task, FEEDFORWARD_SHARE * model.roll_arm),
         actuator_rate=actuator_rate(task),
     )
-    return Solution(controller, gamma=optimum.gamma, delay_aware=True)
+    return Solution(controller, gamma=optimum.gamma, gamma_channel=CHANNEL, delay_aware=True)

@@ -99,6 +99,7 @@ class Solution:
         controller: gains in SI units.
         gamma: H∞ level by exact analysis, or None if the law has no such objective.
         gamma_bound: level certified by the solver's point, or None.
+        gamma_channel: from what to what these levels are, with units; they compare only within it.
         checks: checks specific to this law.
         rightmost_root: largest real part of the continuous delay loop's roots, or None.
         max_delay: largest constant delay of the continuous loop, s, or None: from the sampled loop.
@@ -112,6 +113,7 @@ class Solution:
     controller: Controller
     gamma: float | None = None
     gamma_bound: float | None = None
+    gamma_channel: str = ""
     checks: Mapping[str, Check] = field(default_factory=dict)
     rightmost_root: float | None = None
     max_delay: float | None = None

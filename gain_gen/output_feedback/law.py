@@ -82,6 +82,8 @@ def design_hinf(task: Task) -> Solution:
         solution,
         gamma=closed_level(weighted(car, weight), reduced, car.tick),
         gamma_bound=found.bound,
+        gamma_channel="[steering, unknown angle, roll moment, noise] in their sizes to [roll, roll "
+        "rate, moment] in weighted degrees, linear car",
         checks={"hinf_level": below(found.level, found.bound)},
     )
 

@@ -164,12 +164,12 @@ def compare(args: argparse.Namespace) -> int:
         f"{task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, delay "
         f"{1e3 * task.delay.least:.4g} to {1e3 * task.delay.most:.4g} ms from sample to force"
     )
-    columns = ("roll rms", "box", "gamma", "delay ms", "gain dB", "Ms")
-    widths = (9, 7, 8, 10, 9, 7)
-    print(f"{'law':<16}" + "".join(f"{c:>{w}}" for c, w in zip(columns, widths, strict=True)))
+    columns = ("roll rms", "box", "delay ms", "gain dB", "Ms")
+    widths = (9, 7, 10, 9, 7)
+    print(f"{'law':<18}" + "".join(f"{c:>{w}}" for c, w in zip(columns, widths, strict=True)))
     for law, answer in answers.items():
         if isinstance(answer, CanrollError):
-            print(f"{law:<16} refused: {answer}")
+            print(f"{law:<18} refused: {answer}")
             continue
         print(_line(answer))
     return 0
@@ -188,11 +188,10 @@ def _line(answer: Design) -> str:
             return ""
         return f"{check.value:.{digits}f}" if isfinite(check.value) else "any"
 
-    gamma = "" if answer.solution.gamma is None else f"{answer.solution.gamma:.3f}"
     delay = f"{1e3 * answer.max_delay:.0f}" if isfinite(answer.max_delay) else "any"
     return (
-        f"{answer.law:<16}{number('roll_rms_ratio_nominal_delay', 3):>9}"
-        f"{number('box_roll_rms_ratio', 3):>7}{gamma:>8}{delay:>10}"
+        f"{answer.law:<18}{number('roll_rms_ratio_nominal_delay', 3):>9}"
+        f"{number('box_roll_rms_ratio', 3):>7}{delay:>10}"
         f"{worst('gain_margin_db', 1):>9}{worst('peak_sensitivity', 2):>7}"
     )
 

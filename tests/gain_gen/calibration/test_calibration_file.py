@@ -401,6 +401,24 @@ def test_summary_is_plain_json(lqr):
     }  # fmt: skip
 
 
+def test_a_level_names_its_channel_and_no_column_compares_levels(monkeypatch, capsys):
+    """The level of the one is in weighted degrees, that of the other in rad per SI disturbance."""
+    laws = ("hinf", "rate_feedforward", "plain_feedforward")
+    monkeypatch.setattr("hil.cli.design.LAWS", laws)
+    arguments = ["design", "--compare", "--vehicle", "van_2021", "--delay", "100"]
+    assert main([*arguments, "--json"]) == 0
+    hinf, rate, plain = json.loads(capsys.readouterr().out)
+    assert "weighted degrees" in hinf["gamma_channel"]
+    assert "roll + roll rate" in rate["gamma_channel"]
+    assert plain["gamma"] is None
+    assert plain["gamma_channel"] is None
+    assert main(arguments) == 0
+    heading, *rows = capsys.readouterr().out.splitlines()[1:]
+    assert "gamma" not in heading
+    assert [row.split()[0] for row in rows] == list(laws)
+    assert {len(row) for row in rows} == {len(heading)}
+
+
 def test_command_line_writes_and_reads(tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["design", "--law", "hinf_delay", "--vehicle", "van_2021", "--delay", "100"]
