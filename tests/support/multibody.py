@@ -198,18 +198,18 @@ class Car:
 
     def _velocity(self, body: int) -> tuple[Vector, Vector]:
         """Angular velocity, and velocity of the body's origin."""
-        found = np.zeros(6)
-        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, body, found, 0)
-        return found[:3], found[3:]
+        spatial = np.zeros(6)
+        mujoco.mj_objectVelocity(self.model, self.data, mujoco.mjtObj.mjOBJ_XBODY, body, spatial, 0)
+        return spatial[:3], spatial[3:]
 
     def _acceleration(self, body: int) -> tuple[Vector, Vector]:
         """Angular acceleration, and inertial acceleration of the body's CG."""
-        found = np.zeros(6)
+        spatial = np.zeros(6)
         mujoco.mj_objectAcceleration(
-            self.model, self.data, mujoco.mjtObj.mjOBJ_BODY, body, found, 0
+            self.model, self.data, mujoco.mjtObj.mjOBJ_BODY, body, spatial, 0
         )
         # MuJoCo lets the world accelerate upwards instead of gravity
-        return found[:3], found[3:] + self.model.opt.gravity
+        return spatial[:3], spatial[3:] + self.model.opt.gravity
 
     def _spin_axis(self, wheel: int) -> Vector:
         axis: Vector = self.data.xmat[wheel].reshape(3, 3)[:, 1].copy()
