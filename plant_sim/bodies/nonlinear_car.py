@@ -102,11 +102,11 @@ ROLLOVER_TIME = 1.0
 """Time (s) with both wheels of a side off the road after which the run ends as a rollover."""
 
 # Slots of the algebraic results of one evaluation. Of each wheel: normal force, tyre force along its
-# own longitudinal and lateral axis in the road plane, the road's couple about the wheel axis, the
-# force along the car's left and the gap to the road. Accelerations of the whole car's CG and of the
-# sprung one, in the heading frame.
-R_LOAD, R_LONGITUDINAL, R_LATERAL, R_COUPLE, R_SIDE, R_GAP = 0, 4, 8, 12, 16, 20
-R_ACC, R_BODY_ACC, N_RESULTS = 24, 26, 29
+# own longitudinal and lateral axis in the road plane, couple of the road about the wheel axis, force
+# along the car's left, gap to the road, force along the travel, torque of the shaft. Accelerations
+# of the whole car's CG and of the sprung one, in the heading frame.
+R_LOAD, R_LONGITUDINAL, R_LATERAL, R_COUPLE, R_SIDE, R_GAP, R_CORNER, R_SHAFT = range(0, 32, 4)
+R_ACC, R_BODY_ACC, N_RESULTS = 32, 34, 37
 
 _results, _rates, _slides = stack_vector(N_RESULTS), stack_vector(N_STATES), stack_vector(8)
 _motion, _forces = stack_vector(N_MOTION), stack_vector(2 * N_FORCES)
@@ -141,84 +141,61 @@ def stop(travel: float, bump: float, rebound: float, rate: float) -> float:
 
 
 @njit
-def corner_force(state: Vector, inputs: Vector, p: Vector, wheel: int) -> float:
-    """Force (N) between body and wheel, along the travel, > 0 pushes them apart."""
-    axle, first = wheel // 2, wheel // 2 * 2
-    width = 2.0 * p[P_TRACK + axle]
-    travel, stroke = state[TRAVEL + wheel], state[TRAVEL_RATE + wheel]
-    bar = (
-        -p[P_BAR + axle] * (state[TRAVEL + first] - state[TRAVEL + first + 1]) / width
-        + inputs[ports.BAR_MOMENT_FRONT + axle]
-    ) / width
-    force = p[P_PRELOAD + axle] - p[P_SPRING + axle] * travel
-    force -= damper(stroke, p[P_BUMP + axle], p[P_REBOUND + axle], p[P_KNEE], p[P_HIGH_SPEED])
-    force += stop(travel, p[P_BUMP_CLEARANCE], p[P_REBOUND_CLEARANCE], p[P_STOP_RATE])
-    return force + (bar if wheel == first else -bar) + inputs[ports.CORNER_FORCE + wheel]
+def _suspension(state: Vector, inputs: Vector, p: Vector, results: Vector, forces: Vector) -> None:
+    """Fill the forces between body and wheels, along the travel; > 0 pushes them apart."""
+    knee, ratio = p[P_KNEE], p[P_HIGH_SPEED]
+    bump_clearance, rebound_clearance = p[P_BUMP_CLEARANCE], p[P_REBOUND_CLEARANCE]
+    for axle in range(2):
+        first, track, spring = 2 * axle, p[P_TRACK + axle], p[P_SPRING + axle]
+        left, right = state[TRAVEL + first], state[TRAVEL + first + 1]
+        bar = inputs[ports.BAR_MOMENT_FRONT + axle] - p[P_BAR + axle] * (left - right) / (
+            2.0 * track
+        )
+        bar = bar / (2.0 * track)
+        for side in range(2):
+            wheel = first + side
+            travel = left if side == 0 else right
+            force = p[P_PRELOAD + axle] - spring * travel
+            force -= damper(
+                state[TRAVEL_RATE + wheel], p[P_BUMP + axle], p[P_REBOUND + axle], knee, ratio
+            )
+            force += stop(travel, bump_clearance, rebound_clearance, p[P_STOP_RATE])
+            force += bar if side == 0 else -bar
+            results[R_CORNER + wheel] = force + inputs[ports.CORNER_FORCE + wheel]
+        a, b = results[R_CORNER + first], results[R_CORNER + first + 1]
+        forces[N_FORCES * axle + SLIDE] = -(a + b)
+        forces[N_FORCES * axle + TILT] = -track * (a - b)
 
 
 @njit
-def wheel_load(
-    state: Vector, inputs: Vector, p: Vector, wheel: int, radius: float, lift: float
-) -> float:
-    """Normal force (N) at a tyre's loaded ``radius`` (m), which grows by ``lift`` (m/s)."""
-    deflection = p[P_UNLOADED + wheel // 2] - radius
+def normal_force(stiffness: float, damping: float, deflection: float, lift: float) -> float:
+    """Radial force (N) of a tyre deflected by that (m) while its radius grows by ``lift`` (m/s)."""
     if deflection <= 0.0:
         return 0.0
-    return max(p[P_TYRE_STIFFNESS] * deflection - p[P_TYRE_DAMPING] * lift, 0.0)
+    return max(stiffness * deflection - damping * lift, 0.0)
 
 
 @njit
 def tyre_forces(  # noqa: PLR0917
-    state: Vector,
-    inputs: Vector,
     p: Vector,
-    wheel: int,
+    axle: int,
+    friction: float,
     load: float,
     along: float,
-    across: float,
-    rate: Vector,
+    turned: float,
+    slip: float,
 ) -> tuple[float, float]:
-    """Longitudinal and lateral force (N) of a wheel whose contact moves at that velocity (m/s).
+    """Longitudinal and lateral force (N).
 
-    Fills the rates of its slip and spin.
+    ``along`` is the speed of the contact along the wheel, ``turned`` that of the tread by the spin
+    (m/s), ``slip`` the lateral one as it has built up.
     """
-    axle = wheel // 2
-    static, radius, spin = p[P_STATIC + axle], p[P_RADIUS], state[SPIN + wheel]
+    ratio = load / p[P_STATIC + axle]
     reference = max(abs(along), SLOWEST)
-    ratio = load / static
-    linear_x = p[P_SLIP_STIFFNESS] * ratio * (spin * radius - along) / reference
+    linear_x = p[P_SLIP_STIFFNESS] * ratio * (turned - along) / reference
     stiffness = p[P_CORNERING + axle] * ratio * tyre.falling(ratio, p[P_CORNERING_SLOPE])
-    grip = p[P_FRICTION] * inputs[ports.FRICTION] * tyre.falling(ratio, p[P_FRICTION_SLOPE])
-    ahead, aside = tyre.forces(
-        linear_x, stiffness * state[SLIP + wheel], grip * load, p[P_SHAPE], p[P_CURVATURE]
-    )
-    rolling = max(abs(along), SLOWEST_ROLLING)
-    rate[SLIP + wheel] = rolling / p[P_RELAXATION] * (-across / reference - state[SLIP + wheel])
-    torque = shaft_torque(state, inputs, p, wheel)
-    rate[SPIN + wheel] = (torque - (ahead + rolling_resistance(state, p, wheel, load)) * radius) / (
-        p[P_SPIN_INERTIA]
-    )
-    return ahead, aside
-
-
-@njit
-def _towards(spin: float) -> float:
-    """Sign of a wheel's spin, without a step at standstill."""
-    return spin / max(abs(spin), 1.0)
-
-
-@njit
-def rolling_resistance(state: Vector, p: Vector, wheel: int, load: float) -> float:
-    """Rolling resistance (N) of a wheel."""
-    return p[P_ROLLING] * load * _towards(state[SPIN + wheel])
-
-
-@njit
-def shaft_torque(state: Vector, inputs: Vector, p: Vector, wheel: int) -> float:
-    """Drive less brake torque (N·m) between axle and wheel; drive is shared by static load."""
-    drive = inputs[ports.DRIVE_FORCE] * p[P_STATIC + wheel // 2] / (p[P_MASS] * GRAVITY)
-    brake = inputs[ports.BRAKE_FORCE + wheel] * _towards(state[SPIN + wheel])
-    return (drive - brake) * p[P_RADIUS]
+    grip = p[P_FRICTION] * friction * tyre.falling(ratio, p[P_FRICTION_SLOPE])
+    return tyre.forces(linear_x, stiffness * slip, grip * load, p[P_SHAPE], p[P_CURVATURE])
 
 
 @njit
@@ -235,7 +212,12 @@ def _road_forces(  # noqa: PLR0917
     c, s = motion[COS_PITCH], motion[SIN_PITCH]
     steered_c, steered_s = cos(inputs[ports.STEER]), sin(inputs[ports.STEER])
     ox, oy, oz = motion[RATE], motion[RATE + 1], motion[RATE + 2]
-    height = p[P_AXIS_HEIGHT] + state[HEAVE]
+    height, radius = p[P_AXIS_HEIGHT] + state[HEAVE], p[P_RADIUS]
+    per_inertia, per_relaxation = 1.0 / p[P_SPIN_INERTIA], 1.0 / p[P_RELAXATION]
+    # traction is shared by static load
+    drive_per_load = inputs[ports.DRIVE_FORCE] / (p[P_MASS] * GRAVITY)
+    friction = inputs[ports.FRICTION]
+    total_x, total_y = 0.0, 0.0
     for axle in range(2):
         k, f, track = AXLE + N_AXLE * axle, N_FORCES * axle, p[P_TRACK + axle]
         c_tilt, s_tilt = motion[k + COS], motion[k + SIN]
@@ -256,25 +238,38 @@ def _road_forces(  # noqa: PLR0917
         # without the carrier's turn about the wheel axis, which the spin contains
         turned = wx * spin_x + wy * spin_y + wz * spin_z
         rx, ry, rz = wx - turned * spin_x, wy - turned * spin_y, wz - turned * spin_z
-        upright = 1.0 - spin_z * spin_z
-        longer = 1.0 / sqrt(upright)
+        steeper = 1.0 / (1.0 - spin_z * spin_z)
+        longer = sqrt(steeper)
+        unloaded = p[P_UNLOADED + axle]
+        drive = drive_per_load * p[P_STATIC + axle]
         fx, fy, fz, nx, ny, nz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for side in range(2):
             wheel = 2 * axle + side
             t = track if side == 0 else -track
             hub_x, hub_y, hub_z = x + t * across_x, y + t * across_y, z + t * across_z
             above = height + hub_z - inputs[ports.ROAD_HEIGHT + wheel]
-            lean = above * spin_z / upright
+            lean = above * spin_z * steeper
             dx, dy, dz = lean * spin_x, lean * spin_y, -above
             contact_x = vx + t * (wy * across_z - wz * across_y) + ry * dz - rz * dy
             contact_y = vy + t * (wz * across_x - wx * across_z) + rz * dx - rx * dz
             contact_z = vz + t * (wx * across_y - wy * across_x) + rx * dy - ry * dx
-            load = longer * wheel_load(
-                state, inputs, p, wheel, above * longer, contact_z * longer
+            load = longer * normal_force(
+                p[P_TYRE_STIFFNESS],
+                p[P_TYRE_DAMPING],
+                unloaded - above * longer,
+                contact_z * longer,
             )
             along = (contact_x * spin_y - contact_y * spin_x) * longer
             across = (contact_x * spin_x + contact_y * spin_y) * longer
-            ahead, aside = tyre_forces(state, inputs, p, wheel, load, along, across, rate)
+            spin, slip = state[SPIN + wheel], state[SLIP + wheel]
+            ahead, aside = tyre_forces(p, axle, friction, load, along, spin * radius, slip)
+            rolling = max(abs(along), SLOWEST_ROLLING) * per_relaxation
+            rate[SLIP + wheel] = rolling * (-across / max(abs(along), SLOWEST) - slip)
+            # no step at standstill
+            towards = spin / max(abs(spin), 1.0)
+            resistance = p[P_ROLLING] * load * towards
+            torque = (drive - inputs[ports.BRAKE_FORCE + wheel] * towards) * radius
+            rate[SPIN + wheel] = (torque - (ahead + resistance) * radius) * per_inertia
             force_x = (ahead * spin_y + aside * spin_x) * longer
             force_y = (aside * spin_y - ahead * spin_x) * longer
             moment_x = (hub_y + dy) * load - (hub_z + dz) * force_y
@@ -285,9 +280,8 @@ def _road_forces(  # noqa: PLR0917
                 + spin_y * (dz * force_x - dx * load)
                 + spin_z * (dx * force_y - dy * force_x)
             )
-            # the wheel turns freely on the axle but for the shaft's torque; as a gyrostat it resists
-            held = about + shaft_torque(state, inputs, p, wheel)
-            spun = p[P_SPIN_INERTIA] * state[SPIN + wheel]
+            # the wheel turns freely but for the shaft's torque; as a gyrostat it resists
+            held, spun = about + torque, p[P_SPIN_INERTIA] * spin
             fx, fy, fz = fx + force_x, fy + force_y, fz + load
             nx += moment_x - held * spin_x - spun * (wy * spin_z - wz * spin_y)
             ny += moment_y - held * spin_y - spun * (wz * spin_x - wx * spin_z)
@@ -295,15 +289,16 @@ def _road_forces(  # noqa: PLR0917
             results[R_LOAD + wheel] = load
             results[R_LONGITUDINAL + wheel], results[R_LATERAL + wheel] = ahead, aside
             results[R_SIDE + wheel] = force_y
-            results[R_GAP + wheel] = max(above * longer - p[P_UNLOADED + axle], 0.0)
-            resistance = rolling_resistance(state, p, wheel, load)
-            results[R_COUPLE + wheel] = -(ahead + resistance) * p[P_RADIUS] - about
-        results[R_ACC] += fx
-        results[R_ACC + 1] += fy
+            results[R_GAP + wheel] = max(above * longer - unloaded, 0.0)
+            results[R_COUPLE + wheel] = -(ahead + resistance) * radius - about
+            results[R_SHAFT + wheel] = torque
+        total_x, total_y = total_x + fx, total_y + fy
         forces[f + FORCE], forces[f + FORCE + 1] = c * fx - s * fz, fy
         forces[f + FORCE + 2] = s * fx + c * fz
         forces[f + MOMENT], forces[f + MOMENT + 1] = c * nx - s * nz, ny
         forces[f + MOMENT + 2] = s * nx + c * nz
+    results[R_ACC] = total_x / p[P_MASS] - GRAVITY * motion[UP]
+    results[R_ACC + 1] = total_y / p[P_MASS] - GRAVITY * motion[UP + 1]
 
 
 @njit
@@ -316,11 +311,8 @@ def evaluate(state: Vector, inputs: Vector, p: Vector, rate: Vector, results: Ve
             a, b = state[left + 4 * n], state[right + 4 * n]
             slides[4 * axle + 2 * n] = -0.5 * (a + b)
             slides[4 * axle + 2 * n + 1] = -0.5 * (a - b) / track
-        a, b = corner_force(state, inputs, p, 2 * axle), corner_force(state, inputs, p, 2 * axle + 1)
-        forces[N_FORCES * axle + SLIDE] = -(a + b)
-        forces[N_FORCES * axle + TILT] = -track * (a - b)
     rigid_car.place(state[PITCH], state[ROLL], state[VX:HEAVE], slides, inputs, p, motion)
-    results[R_ACC], results[R_ACC + 1] = 0.0, 0.0
+    _suspension(state, inputs, p, results, forces)
     _road_forces(state, inputs, p, motion, rate, results, forces)
     rigid_car.accelerate(motion, forces, p, found)
 
@@ -348,8 +340,6 @@ def evaluate(state: Vector, inputs: Vector, p: Vector, rate: Vector, results: Ve
         rate[TRAVEL_RATE + wheel] = -(slide + track * tilt)
     rate[LIFTED_TIME] = 0.0
     rate[ROLLED_OVER] = 0.0
-    for n in range(2):
-        results[R_ACC + n] = results[R_ACC + n] / p[P_MASS] - GRAVITY * motion[UP + n]
     for n in range(3):
         results[R_BODY_ACC + n] = found[BODY_ACC + n]
 
@@ -377,7 +367,12 @@ def _observe(state: Vector, inputs: Vector, p: Vector, outputs: Vector, dt: floa
     outputs[ports.ROLL], outputs[ports.PITCH] = state[ROLL], state[PITCH]
     outputs[ports.ROLL_RATE], outputs[ports.ROLL_ACC] = state[ROLL_RATE], rate[ROLL_RATE]
     outputs[ports.PITCH_RATE], outputs[ports.PITCH_ACC] = state[PITCH_RATE], rate[PITCH_RATE]
-    c, s_pitch, c_roll, s_roll = cos(state[PITCH]), sin(state[PITCH]), cos(state[ROLL]), sin(state[ROLL])
+    c, s_pitch, c_roll, s_roll = (
+        cos(state[PITCH]),
+        sin(state[PITCH]),
+        cos(state[ROLL]),
+        sin(state[ROLL]),
+    )
     pitch_rate, roll_rate = state[PITCH_RATE], state[ROLL_RATE]
     outputs[ports.HEAVE] = state[HEAVE] + arm * (c * c_roll - 1.0)
     outputs[ports.HEAVE_RATE] = state[HEAVE_RATE] - arm * (

@@ -64,7 +64,7 @@ PITCH_Q, YAW_Q, ROLL_Q, SLIDE_Q, TILT_Q = 0, 1, 2, 3, 4  # of the front axle; re
 N_Q = 7
 N_ACCELERATIONS = Q + N_Q
 
-_matrix, _linear, _bias = stack_vector(N_Q * N_Q), stack_vector(3 * N_Q), stack_vector(6)
+_matrix, _linear = stack_vector(N_Q * N_Q), stack_vector(3 * N_Q)
 
 
 @njit
@@ -140,9 +140,8 @@ def _inertial(  # noqa: PLR0917
     jyy: float,
     jyz: float,
     jzz: float,
-    bias: Vector,
-) -> None:
-    """Fill ``bias``: weight and inertial force (3) of a body and its moment (3) about P for q'' = 0.
+) -> tuple[float, float, float, float, float, float]:
+    """Weight and inertial force (3) of a body and its moment (3) about P for q'' = 0.
 
     The body's CG lies at (x, y, z) from P and moves there in the pitched frame; the body turns with
     ``turned`` about x of it.
@@ -164,10 +163,14 @@ def _inertial(  # noqa: PLR0917
     wx = ox + turned
     ay, az = turned * oz, az - turned * oy
     hx, hy, hz = jx * wx, jyy * oy + jyz * oz, jyz * oy + jzz * oz
-    bias[0], bias[1], bias[2] = fx, fy, fz
-    bias[3] = y * fz - z * fy - (jx * ax + oy * hz - oz * hy)
-    bias[4] = z * fx - x * fz - (jyy * ay + jyz * az + oz * hx - wx * hz)
-    bias[5] = x * fy - y * fx - (jyz * ay + jzz * az + wx * hy - oy * hx)
+    return (
+        fx,
+        fy,
+        fz,
+        y * fz - z * fy - (jx * ax + oy * hz - oz * hy),
+        z * fx - x * fz - (jyy * ay + jyz * az + oz * hx - wx * hz),
+        x * fy - y * fx - (jyz * ay + jzz * az + wx * hy - oy * hx),
+    )
 
 
 @njit
@@ -177,7 +180,7 @@ def accelerate(motion: Vector, forces: Vector, p: Vector, found: Vector) -> None
     ``forces`` has N_FORCES an axle: force and moment about P from the road, in the pitched frame,
     and what the suspension exerts along the slide and about the roll centre.
     """
-    matrix, linear, bias = _matrix(), _linear(), _bias()
+    matrix, linear = _matrix(), _linear()
     c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
     roll_rate = motion[ROLL_RATE]
     tx, ty, tz = motion[TURN], motion[TURN + 1], motion[TURN + 2]
@@ -192,7 +195,7 @@ def accelerate(motion: Vector, forces: Vector, p: Vector, found: Vector) -> None
     jzz = p[P_PITCH_INERTIA] * s_roll * s_roll + p[P_YAW_INERTIA] * c_roll * c_roll
     jyz = (p[P_PITCH_INERTIA] - p[P_YAW_INERTIA]) * s_roll * c_roll
     squared = roll_rate * roll_rate
-    _inertial(
+    fx, fy, fz, nx, ny, nz = _inertial(
         motion,
         mass,
         0.0,
@@ -207,9 +210,7 @@ def accelerate(motion: Vector, forces: Vector, p: Vector, found: Vector) -> None
         jyy,
         jyz,
         jzz,
-        bias,
     )
-    fx, fy, fz, nx, ny, nz = bias[0], bias[1], bias[2], bias[3], bias[4], bias[5]
     body_x, body_y, body_z = fx / mass, fy / mass, fz / mass
     sy, sz, sx = mass * y, mass * z, 0.0
     ixx, iyy, izz = jx + mass * (y * y + z * z), jyy + mass * z * z, jzz + mass * y * y
@@ -229,7 +230,7 @@ def accelerate(motion: Vector, forces: Vector, p: Vector, found: Vector) -> None
         jx = mass * track * track
         jyy, jzz, jyz = jx * s * s, jx * c * c, -jx * s * c
         squared_tilt, coriolis = tilt_rate * tilt_rate, 2.0 * slide_rate * roll_rate
-        _inertial(
+        gx, gy, gz, mx, my, mz = _inertial(
             motion,
             mass,
             x,
@@ -244,12 +245,12 @@ def accelerate(motion: Vector, forces: Vector, p: Vector, found: Vector) -> None
             jyy,
             jyz,
             jzz,
-            bias,
         )
-        for n in range(6):
-            bias[n] += forces[f + n]
-        fx, fy, fz = fx + bias[0], fy + bias[1], fz + bias[2]
-        nx, ny, nz = nx + bias[3], ny + bias[4], nz + bias[5]
+        gx, gy, gz = gx + forces[f + FORCE], gy + forces[f + FORCE + 1], gz + forces[f + FORCE + 2]
+        mx, my = mx + forces[f + MOMENT], my + forces[f + MOMENT + 1]
+        mz += forces[f + MOMENT + 2]
+        fx, fy, fz = fx + gx, fy + gy, fz + gz
+        nx, ny, nz = nx + mx, ny + my, nz + mz
         sx, sy, sz = sx + mass * x, sy + mass * y, sz + mass * z
         ixx += jx + mass * (y * y + z * z)
         iyy += jyy + mass * (x * x + z * z)
@@ -271,8 +272,8 @@ def accelerate(motion: Vector, forces: Vector, p: Vector, found: Vector) -> None
         )
         linear[3 * i], linear[3 * i + 1], linear[3 * i + 2] = 0.0, slide_y, slide_z
         linear[3 * j], linear[3 * j + 1], linear[3 * j + 2] = 0.0, tilt_y, tilt_z
-        found[Q + i] = bias[2] * c_roll - bias[1] * s_roll + forces[f + SLIDE]
-        found[Q + j] = bias[3] - centre_y * bias[2] + centre_z * bias[1] + forces[f + TILT]
+        found[Q + i] = gz * c_roll - gy * s_roll + forces[f + SLIDE]
+        found[Q + j] = mx - centre_y * gz + centre_z * gy + forces[f + TILT]
         matrix[i * N_Q + PITCH_Q] = -x * slide_z
         matrix[j * N_Q + PITCH_Q] = -x * tilt_z
         matrix[i * N_Q + YAW_Q] = tx * slide_about_x - ty * x * slide_z + tz * x * slide_y

@@ -75,8 +75,9 @@ class Bodies:
             left_rate, right_rate = state[first + 4], state[first + 5]
             track, height = tracks[axle], heights[axle]
             slide, tilt = -(left + right) / 2, -(left - right) / (2 * track)
-            slide_rate, tilt_rate = -(left_rate + right_rate) / 2, -(left_rate - right_rate) / (
-                2 * track
+            slide_rate, tilt_rate = (
+                -(left_rate + right_rate) / 2,
+                -(left_rate - right_rate) / (2 * track),
             )
             to_centre = body @ vector(
                 ahead[axle] - vehicle.sprung_cg_offset,
@@ -189,14 +190,8 @@ class Balance:
         total = sum(m * self.weight @ v for m, _, v, _, _ in self.bodies.parts)
         for wheel, road in enumerate(self.road):
             total += road["force"] @ road["slip"] + road["about"] * spins[wheel]
-            total += (
-                car.shaft_torque(self.state, self.inputs, self.parameters, wheel)
-                * road["relative"]
-            )
-            total += (
-                car.corner_force(self.state, self.inputs, self.parameters, wheel)
-                * self.state[car.TRAVEL_RATE + wheel]
-            )
+            total += self.results[car.R_SHAFT + wheel] * road["relative"]
+            total += self.results[car.R_CORNER + wheel] * self.state[car.TRAVEL_RATE + wheel]
         return total
 
 
@@ -339,10 +334,7 @@ def test_what_an_axle_exerts_on_the_body_is_the_suspension_force(balance):
         given_moment = given_moment + np.cross(place, mass * balance.weight)
         from_body = needed - given
         about_centre = needed_moment - given_moment - np.cross(centre, from_body)
-        left, right = (
-            car.corner_force(balance.state, balance.inputs, balance.parameters, wheel)
-            for wheel in wheels
-        )
+        left, right = balance.results[[car.R_CORNER + wheel for wheel in wheels]]
         track = balance.parameters[car.P_TRACK + axle]
         scale = balance.vehicle.total_mass * G
         close(from_body @ slide, -(left + right), scale)
