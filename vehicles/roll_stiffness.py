@@ -21,7 +21,8 @@ def steady_roll(
 ) -> tuple[float, float, float]:
     """Steady roll of body, front and rear axle per lateral acceleration (rad per m/s²).
 
-    Solves the moment balance of the body about the roll axis and of each axle about the road.
+    Solves the moment balance of the body about the roll axis and of each axle about the road. The
+    wheels of an axle, which turn with the car, bring about 2 I_w a_y / R of moment on it.
 
     Args:
         vehicle: its plant part.
@@ -34,6 +35,7 @@ def steady_roll(
     matrix, right = np.zeros((3, 3)), np.zeros(3)
     matrix[0, 0] = suspension_stiffness - plant.roll_arm * GRAVITY
     right[0] = plant.roll_arm - sum(carried)
+    spinning = 2 * tyre.wheel_inertia / tyre.radius
     axles = (
         (geometry.cg_to_rear_axle, geometry.half_track_front, mass.unsprung_front),
         (geometry.cg_to_front_axle, geometry.half_track_rear, mass.unsprung_rear),
@@ -47,7 +49,7 @@ def steady_roll(
         matrix[0, i + 1] = -stiffness
         matrix[i + 1, 0] = -stiffness
         matrix[i + 1, i + 1] = stiffness + 2 * tyre.vertical_stiffness * track**2 - tilt
-        right[i + 1] = sprung * heights[i] + unsprung * tyre.radius + carried[i]
+        right[i + 1] = sprung * heights[i] + unsprung * tyre.radius + spinning + carried[i]
     body, front, rear = np.linalg.solve(matrix, right).tolist()
     return body, front, rear
 

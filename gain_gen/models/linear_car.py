@@ -1,22 +1,26 @@
 """The ten-state linear car of a vehicle's data sheet: the design model of the full vehicle.
 
 Lateral slip, yaw, roll, the roll of both axles on their tyres, and the slip angles that build up
-over the relaxation length, at constant speed, about straight running or a steady curve:
+over the relaxation length, at constant speed, about straight running or a steady curve. With the
+sideways motion of sprung CG, axle CGs and contact patches per rate of u = (v_y, r, φ', ψ_f', ψ_r'),
 
-    [m, −m_s h; −m_s h, I] [v_y' + v r; φ''] = [ΣF; ΣT + m_s g h φ],     I_z r' = l_f F_f − l_r F_r
+    J_s = (1, x_s, −h, 0, 0)      J_i = (1, x_i, h_a − h_i, −(R − h_i))      P_i = (…, h_i)
+
+Lagrange's equations in u are, W_i being the sprung load on axle i and H_i the angular momentum of
+its wheels,
+
+    (Σ m J'J + diag(0, I_ψ, I_φ, m_f t_f², m_r t_r²)) u' = P'F − v r Σ m J' + Q
+    Q_φ = ΣT + m_s g h φ        Q_r = −Σ (H_i ψ_i' + 2 t_i c · load moved to the right)
+    Q_ψi = −T_i − 2 t_i² (k_t ψ_i + c_t ψ_i') + (W_i h_i + m_i g R) ψ_i + H_i r
     T_i = k_i (ψ_i − φ) + c_i (ψ_i' − φ') + s_i M
-    m_i t_i² ψ_i'' = −T_i − 2 t_i² (k_t ψ_i + c_t ψ_i') + h_i (F_i − m_i ΣF/m + W_i ψ_i)
-                     + m_i R (ΣF/m + g ψ_i)
-    σ/v α_i' = δ_i − (v_y + x_i r)/v − α_i,     F_i = C_i α_i + G_i · load moved to the right
+    σ/v α_i' = δ_i − P_i u/v − α_i,     F_i = C_i α_i + G_i · load moved to the right
 
-for axle i with track t_i, roll-centre height h_i, unsprung mass m_i, sprung load W_i and its share
-s_i of the moment M. Signs as everywhere: roll > 0 lifts the left side, steering > 0 is left. Active
-suspension and active bars are the same here: one moment on the body, its reaction on the wheels.
-With ``kinematics.scrub`` s the slip angles and the moment on the body have two more terms,
-
-    σ/v α_i' = … − s ((h_a − h_i) φ' + h_i ψ_i')/v,     I φ'' = … + Σ s (h_a − h_i) (F_i − m_i ΣF/m)
-
-h_a being the height of the roll axis under the sprung CG.
+with I_ψ the yaw inertia of the body, of the axles (m_i t_i²) and of their wheels (2 I_w t_i²/R²),
+which roll faster on the outside, and c the rolling resistance; for axle i with track t_i,
+roll-centre height h_i, mass m_i and its share s_i of the moment M; h_a is the height of the roll
+axis under the sprung CG. Signs as everywhere: roll > 0 lifts the left side, steering > 0 is left.
+Active suspension and active bars are the same here: one moment on the body, its reaction on the
+wheels.
 """
 
 from dataclasses import dataclass
@@ -41,6 +45,7 @@ and the acceleration of the car's CG along the road (m/s²)."""
 
 _VY, _YAW, _ROLL, _ROLL_RATE = range(4)
 _TILT, _TILT_RATE, _SLIP = 4, 6, 8
+_SPEEDS = [_VY, _YAW, _ROLL_RATE, _TILT_RATE, _TILT_RATE + 1]
 _MOMENT, _STEER, _DISTURBANCE = (len(STATES) + i for i in range(len(INPUTS)))
 _WIDTH = len(STATES) + len(INPUTS)
 
@@ -70,6 +75,50 @@ class LinearModel:
         return np.asarray(self.c @ np.linalg.solve(shifted, inputs) + self.d)
 
 
+@dataclass(frozen=True, slots=True)
+class _Axle:
+    """An axle: place, mass, sprung load, and its share of the moment; lengths in m, SI units."""
+
+    ahead: float
+    track: float
+    centre: float
+    mass: float
+    sprung_load: float
+    stiffness: float
+    damping: float
+    share: float
+
+
+def _axles(vehicle: Vehicle, share: float) -> tuple[_Axle, _Axle]:
+    """Return front and rear axle; ``share`` is the front one's of the moment."""
+    geometry, mass = vehicle.geometry, vehicle.mass
+    stiffness, damping = suspension_roll_stiffness(vehicle), vehicle.plant.roll_damping
+    front_stiffness, rear_stiffness = axle_roll_shares(vehicle)
+    front_damping = vehicle.suspension.roll_damping_front_share
+    weight, on_front = vehicle.total_mass * GRAVITY, geometry.static_front_share
+    front = _Axle(
+        ahead=geometry.cg_to_front_axle,
+        track=geometry.half_track_front,
+        centre=geometry.roll_centre_height_front,
+        mass=mass.unsprung_front,
+        sprung_load=on_front * weight - mass.unsprung_front * GRAVITY,
+        stiffness=front_stiffness * stiffness,
+        damping=front_damping * damping,
+        share=share,
+    )
+    rear = _Axle(
+        ahead=-geometry.cg_to_rear_axle,
+        track=geometry.half_track_rear,
+        centre=geometry.roll_centre_height_rear,
+        mass=mass.unsprung_rear,
+        sprung_load=(1.0 - on_front) * weight - mass.unsprung_rear * GRAVITY,
+        stiffness=rear_stiffness * stiffness,
+        damping=(1.0 - front_damping) * damping,
+        share=1.0 - share,
+    )
+    return front, rear
+
+
 def linear_car(
     vehicle: Vehicle,
     speed: float,
@@ -91,71 +140,62 @@ def linear_car(
     Raises:
         CanrollError: no such steady curve; tyres too soft for the roll stiffness of the file.
     """
-    geometry, mass, plant, tyre = vehicle.geometry, vehicle.mass, vehicle.plant, vehicle.tyre
-    share = geometry.static_front_share if front_share is None else front_share
-    stiffness = suspension_roll_stiffness(vehicle)
-    damped_front = vehicle.suspension.roll_damping_front_share
-    total, arm = vehicle.total_mass, plant.roll_arm
+    mass, plant, tyre = vehicle.mass, vehicle.plant, vehicle.tyre
+    share = vehicle.geometry.static_front_share if front_share is None else front_share
     unit = np.eye(_WIDTH)
+    axles = _axles(vehicle, share)
     tyres = steady_curve(vehicle, lateral_acceleration, friction)
-    shares = (share, 1.0 - share)
-    springs = [part * stiffness for part in axle_roll_shares(vehicle)]
-    dampers = [damped_front * plant.roll_damping, (1.0 - damped_front) * plant.roll_damping]
-    tracks = (geometry.half_track_front, geometry.half_track_rear)
-    distances = (geometry.cg_to_front_axle, -geometry.cg_to_rear_axle)
-    unsprung = (mass.unsprung_front, mass.unsprung_rear)
-    centres = (geometry.roll_centre_height_front, geometry.roll_centre_height_rear)
-    static = (
-        geometry.static_front_share * total * GRAVITY,
-        total * GRAVITY * (1.0 - geometry.static_front_share),
-    )
 
-    forces, torques, road = [], [], []
-    for i in range(2):
+    sprung = np.array([1.0, vehicle.sprung_cg_offset, -plant.cg_height_above_roll_axis, 0.0, 0.0])
+    inertia = plant.sprung_mass * np.outer(sprung, sprung)
+    inertia[1, 1] += vehicle.sprung_yaw_inertia
+    inertia[2, 2] += plant.inertia_about_cg
+    momentum = plant.sprung_mass * sprung
+    forces = np.zeros((len(_SPEEDS), _WIDTH))
+    forces[2] = plant.roll_arm * GRAVITY * unit[_ROLL] + unit[_DISTURBANCE]
+    for i, axle in enumerate(axles):
         tilt, tilt_rate = unit[_TILT + i], unit[_TILT_RATE + i]
-        on_road = tracks[i] * (tyre.vertical_stiffness * tilt + tyre.vertical_damping * tilt_rate)
-        road.append(2.0 * tracks[i] * on_road)
-        forces.append(tyres[i].cornering * unit[_SLIP + i] + tyres[i].transfer * on_road)
-        torques.append(
-            springs[i] * (tilt - unit[_ROLL])
-            + dampers[i] * (tilt_rate - unit[_ROLL_RATE])
-            + shares[i] * unit[_MOMENT]
+        centre = np.array([1.0, axle.ahead, vehicle.roll_axis_height - axle.centre, 0.0, 0.0])
+        turned = np.eye(len(_SPEEDS))[3 + i]
+        hub = centre - (tyre.radius - axle.centre) * turned
+        patch = centre + axle.centre * turned
+        polar = axle.mass * axle.track**2
+        inertia += axle.mass * np.outer(hub, hub)
+        inertia[1, 1] += polar + 2.0 * tyre.wheel_inertia * (axle.track / tyre.radius) ** 2
+        inertia[3 + i, 3 + i] += polar
+        momentum = momentum + axle.mass * hub
+        on_road = axle.track * (tyre.vertical_stiffness * tilt + tyre.vertical_damping * tilt_rate)
+        torque = (
+            axle.stiffness * (tilt - unit[_ROLL])
+            + axle.damping * (tilt_rate - unit[_ROLL_RATE])
+            + axle.share * unit[_MOMENT]
         )
-    lateral = forces[0] + forces[1]
-    body = torques[0] + torques[1] + arm * GRAVITY * unit[_ROLL] + unit[_DISTURBANCE]
-    for i, (by_roll, _) in enumerate(vehicle.scrub_arms):
-        body = body + by_roll * (forces[i] - unsprung[i] * lateral / total)
-    determinant = total * plant.roll_inertia - arm**2
-    roll_acceleration = (total * body + arm * lateral) / determinant
+        spin = 2.0 * tyre.wheel_inertia * speed / tyre.radius
+        weight = axle.sprung_load * axle.centre + axle.mass * GRAVITY * tyre.radius
+        forces[1] -= spin * tilt_rate + 2.0 * axle.track * tyre.rolling_resistance * on_road
+        forces[2] += torque
+        forces[3 + i] += weight * tilt - torque - 2.0 * axle.track * on_road + spin * unit[_YAW]
+        force = tyres[i].cornering * unit[_SLIP + i] + tyres[i].transfer * on_road
+        forces += np.outer(patch, force)
+    forces -= speed * np.outer(momentum, unit[_YAW])
+    rates = np.linalg.solve(inertia, forces)
 
     rows = np.zeros((len(STATES), _WIDTH))
-    rows[_VY] = (plant.roll_inertia * lateral + arm * body) / determinant - speed * unit[_YAW]
-    rows[_YAW] = (distances[0] * forces[0] + distances[1] * forces[1]) / mass.yaw_inertia
-    rows[_ROLL], rows[_ROLL_RATE] = unit[_ROLL_RATE], roll_acceleration
-    for i in range(2):
-        tilt = unit[_TILT + i]
-        sprung_load = static[i] - unsprung[i] * GRAVITY
-        at_centre = forces[i] - unsprung[i] * lateral / total + sprung_load * tilt
-        at_hub = unsprung[i] * (lateral / total + GRAVITY * tilt)
-        moment = centres[i] * at_centre + tyre.radius * at_hub - torques[i] - road[i]
+    rows[_SPEEDS] = rates
+    rows[_ROLL] = unit[_ROLL_RATE]
+    for i, axle in enumerate(axles):
         rows[_TILT + i] = unit[_TILT_RATE + i]
-        rows[_TILT_RATE + i] = moment / (unsprung[i] * tracks[i] ** 2)
-        by_roll, by_tilt = vehicle.scrub_arms[i]
-        aside = unit[_VY] + distances[i] * unit[_YAW]
-        aside = aside + by_roll * unit[_ROLL_RATE] + by_tilt * unit[_TILT_RATE + i]
+        aside = unit[_VY] + axle.ahead * unit[_YAW]
+        aside = aside + (vehicle.roll_axis_height - axle.centre) * unit[_ROLL_RATE]
+        aside = aside + axle.centre * unit[_TILT_RATE + i]
         steady = -aside / speed
         steady = steady + unit[_STEER] if i == 0 else steady
         rows[_SLIP + i] = speed / tyre.relaxation_length * (steady - unit[_SLIP + i])
 
     ahead, _, up = vehicle.sensors.imu_position
-    outputs = np.stack(
-        [
-            unit[_ROLL_RATE],
-            lateral / total + GRAVITY * unit[_ROLL] + ahead * rows[_YAW] - up * roll_acceleration,
-            unit[_ROLL],
-            unit[_YAW],
-            lateral / total,
-        ]
-    )
+    turning = speed * unit[_YAW]
+    sensed = sprung @ rates + turning + GRAVITY * unit[_ROLL] + ahead * rates[1] - up * rates[2]
+    whole = momentum @ rates / vehicle.total_mass + turning
+    outputs = np.stack([unit[_ROLL_RATE], sensed, unit[_ROLL], unit[_YAW], whole])
     n = len(STATES)
     return LinearModel(rows[:, :n], rows[:, n:], outputs[:, :n], outputs[:, n:], speed)

@@ -31,15 +31,6 @@ class AxleTyres:
     transfer: float
 
 
-def straight(vehicle: Vehicle) -> tuple[AxleTyres, AxleTyres]:
-    """Return front and rear tyres in straight running."""
-    tyre = vehicle.tyre
-    return (
-        AxleTyres(tyre.cornering_stiffness_front, 0.0),
-        AxleTyres(tyre.cornering_stiffness_rear, 0.0),
-    )
-
-
 def steady_curve(
     vehicle: Vehicle, lateral_acceleration: float, friction: float
 ) -> tuple[AxleTyres, AxleTyres]:
@@ -47,21 +38,19 @@ def steady_curve(
 
     Args:
         vehicle: its plant part.
-        lateral_acceleration: of the curve, m/s², not negative.
+        lateral_acceleration: of the curve, m/s², not negative; 0 is straight running.
         friction: of the road, relative to that of the tyre's friction coefficient.
 
     Raises:
         CanrollError: an inner wheel lifts, or the grip does not suffice for this curve.
     """
-    if not lateral_acceleration:
-        return straight(vehicle)
     front, rear = (axle.linear(lateral_acceleration, friction) for axle in _axles(vehicle))
     return front, rear
 
 
 def most_lateral_acceleration(vehicle: Vehicle, friction: float) -> float:
     """Return the largest lateral acceleration with a linear trim, m/s²: grip or wheel lift."""
-    lift = min((1.0 - LEAST_LOAD) * axle.static / axle.transferred for axle in _axles(vehicle))
+    lift = min(axle.lift for axle in _axles(vehicle))
     grip = [
         float(brentq(lambda a, axle=axle: axle.reserve(a, friction), 0.0, lift))
         if axle.reserve(lift, friction) < 0.0
@@ -94,17 +83,27 @@ def slip_angles(
 
 @dataclass(frozen=True, slots=True)
 class _Axle:
-    """An axle: static load per wheel (N), load transfer and force (N) per lateral acceleration."""
+    """An axle: load per wheel (N), load transfer and force (N) per lateral acceleration.
+
+    ``static`` is the load at rest; ``carried`` that of rolling straight on, where the resistance of
+    the tyres, a couple of the road about their axles, moves load to the rear.
+    """
 
     tyre: Tyre
     stiffness: float
     static: float
+    carried: float
     transferred: float
     force: float
 
     def loads(self, lateral_acceleration: float) -> tuple[float, float]:
         moved = self.transferred * lateral_acceleration
-        return self.static - moved, self.static + moved
+        return self.carried - moved, self.carried + moved
+
+    @property
+    def lift(self) -> float:
+        """Lateral acceleration at which the inner wheel has its least load."""
+        return (self.carried - LEAST_LOAD * self.static) / self.transferred
 
     def grip(self, load: float, friction: float) -> float:
         """Return the peak lateral force of a wheel, N."""
@@ -176,9 +175,12 @@ def _axles(vehicle: Vehicle, carried: tuple[float, float] = (0.0, 0.0)) -> Itera
     share = geometry.static_front_share
     tracks = (geometry.half_track_front, geometry.half_track_rear)
     stiffnesses = (tyre.cornering_stiffness_front, tyre.cornering_stiffness_rear)
-    for part, tilt, track, stiffness in zip(
-        (share, 1.0 - share), tilts, tracks, stiffnesses, strict=True
+    resistance = tyre.rolling_resistance * vehicle.total_mass * GRAVITY
+    moved = 0.5 * resistance * tyre.radius / geometry.wheelbase
+    for part, tilt, track, stiffness, sign in zip(
+        (share, 1.0 - share), tilts, tracks, stiffnesses, (-1.0, 1.0), strict=True
     ):
         force = part * vehicle.total_mass
         transferred = tyre.vertical_stiffness * track * tilt
-        yield _Axle(tyre, stiffness, 0.5 * force * GRAVITY, transferred, force)
+        static = 0.5 * force * GRAVITY
+        yield _Axle(tyre, stiffness, static, static + sign * moved, transferred, force)

@@ -101,10 +101,10 @@ SLOWEST_ROLLING = 8.0
 ROLLOVER_TIME = 1.0
 """Time (s) with both wheels of a side off the road after which the run ends as a rollover."""
 
-# Slots of the algebraic results of one evaluation. Of each wheel: normal force, tyre force along its
-# own longitudinal and lateral axis in the road plane, couple of the road about the wheel axis, force
-# along the car's left, gap to the road, force along the travel, torque of the shaft. Accelerations
-# of the whole car's CG and of the sprung one, in the heading frame.
+# Slots of the algebraic results of one evaluation. Of each wheel: normal force, tyre force along
+# its own longitudinal and lateral axis in the road plane, couple of the road about the wheel axis,
+# force along the car's left, gap to the road, force along the travel, torque of the shaft.
+# Accelerations of the whole car's CG and of the sprung one, in the heading frame.
 R_LOAD, R_LONGITUDINAL, R_LATERAL, R_COUPLE, R_SIDE, R_GAP, R_CORNER, R_SHAFT = range(0, 32, 4)
 R_ACC, R_BODY_ACC, N_RESULTS = 32, 34, 37
 
