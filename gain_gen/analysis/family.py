@@ -17,6 +17,7 @@ from gain_gen.analysis.actuated_car import ActuatedCar, actuated, roll_car
 from gain_gen.analysis.held_plant import (
     Complex,
     HeldPlant,
+    aliased,
     command_response,
     held,
     opened,
@@ -134,6 +135,13 @@ class Member:
         """Return the controller's readings per command, (frequencies, 4)."""
         plant = self.held[delay]
         return command_response(plant, self._rows, self._z(plant))
+
+    @cached_property
+    def aliased(self) -> Complex:
+        """Products of the readings per command, summed over all aliases, (frequencies, 4, 4)."""
+        car, sampled = self.plant, next(iter(self.held.values()))
+        z = self._z(sampled)
+        return aliased(car.a, car.command, car.measured, tick=sampled.tick, rows=self._rows, z=z)
 
     @cached_property
     def disturbed(self) -> Complex:
@@ -259,7 +267,7 @@ class Family:
     def jitter(self, controller: Controller) -> tuple[float, Condition]:
         """Return the greatest :func:`jitter_level` of all members and where it is.
 
-        Below one every member is stable for any variation of the delay between its bounds.
+        Below one every member is stable for any sequence of delays between the bounds.
         """
         response = self.controller_response(controller)
         middle = self.delays[len(self.delays) // 2]
@@ -267,8 +275,16 @@ class Family:
         for member in self.members:
             factor = controller.factor_at(member.condition.speed)
             gain = -factor * np.sum(response * member.commanded(middle), axis=1)
-            stable = spectral_radius(member.loop(controller, middle)) < 1.0
-            level = jitter_level(self.frequencies, gain, self.tick, self.span) if stable else inf
+            if spectral_radius(member.loop(controller, middle)) >= 1.0:
+                return inf, member.condition
+            power = np.einsum("fi,fij,fj->f", response, member.aliased, response.conj()).real
+            level = jitter_level(
+                self.frequencies,
+                gain,
+                abs(factor) * np.sqrt(power),
+                tick=self.tick,
+                jitter=self.span,
+            )
             levels.append((level, member.condition))
         return max(levels, key=lambda found: found[0])
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_continuous_lyapunov
 
 from gain_gen.models.controller import Controller, matrices
 from gain_gen.models.roll import Matrix, zero_order_hold
@@ -94,6 +95,31 @@ def resolvent_rows(phi: Matrix, rows: Matrix, z: Complex) -> Complex:
     shifted = z[:, None, None] * np.eye(len(phi)) - phi.T
     columns = np.broadcast_to(rows.T.astype(complex), (len(z), *rows.T.shape))
     return np.asarray(np.linalg.solve(shifted, columns).transpose(0, 2, 1), dtype=complex)
+
+
+def aliased(
+    a: Matrix, command: Matrix, measured: Matrix, *, tick: float, rows: Complex, z: Complex
+) -> Complex:
+    """Return Σ_k p(jω_k) p(jω_k)ᴴ of p(s) = C (s − A)⁻¹ B over all ω_k = ω + 2πk/T.
+
+    That is what a sampler makes of white noise before the plant. With A W + W A' = −B B',
+    p pᴴ = C [(jω − A)⁻¹ W + W (jω − A)⁻ᴴ] C'; and Σ_k (jω_k − A)⁻¹ = T [z (z − Φ)⁻¹ − ½], the
+    partial fractions of the cotangent. A delay leaves the sum as it is.
+
+    Args:
+        a: (n, n), no two eigenvalues of which add up to zero.
+        command: B, (n, 1).
+        measured: C, (m, n).
+        tick: T, s.
+        rows: C (z − Φ)⁻¹ by :func:`resolvent_rows`, (len(z), m, n).
+        z: e^{jωT}.
+
+    Returns:
+        (len(z), m, m), Hermitian.
+    """
+    weighted = solve_continuous_lyapunov(a, -command @ command.T) @ measured.T
+    half: Complex = tick * (z[:, None, None] * (rows @ weighted) - 0.5 * measured @ weighted)
+    return half + np.conj(half.transpose(0, 2, 1))
 
 
 def command_response(plant: HeldPlant, rows: Complex, z: Complex) -> Complex:

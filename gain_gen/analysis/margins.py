@@ -131,18 +131,30 @@ def largest_sampled_delay(build: Callable[[float], Loop], tick: float, *, limit:
     )
 
 
-def jitter_gain(loop: Loop, jitter: float) -> float:
-    """Return :func:`jitter_level` of ``loop``."""
-    frequencies = nyquist_grid(loop.tick)
-    return jitter_level(frequencies, loop_gain(loop, frequencies), loop.tick, jitter)
-
-
-def jitter_level(frequencies: Matrix, gain: Complex, tick: float, jitter: float) -> float:
+def jitter_level(
+    frequencies: Matrix, gain: Complex, aliased: Matrix, *, tick: float, jitter: float
+) -> float:
     """Return the small-gain level of a delay that varies by ± ``jitter``/2 about the loop's own.
 
-    Below one the loop is stable for any variation of the delay within its bounds (Kao and Lincoln
-    2004, theorem 3): sup |T(z)| |z − 1| √Ñ, T from a disturbance at the command to the command, Ñ
-    the paper's function of half the span in ticks.
+    Below one the loop is stable for any sequence of delays within these bounds: theorem 3 of Kao
+    and Lincoln (2004), whose delay varies upwards only, with the delay counted from its middle.
+
+    The actuator holds the newest command that has arrived. Instead of at its nominal instant, the
+    step ∇u from one command to the next then acts up to N ticks earlier or later, N half the span
+    in ticks. The difference w of the held signals is at any instant the sum of the steps that are
+    out of place, all of them late or all early: at most ⌊N⌋ of them, or one more in a share
+    g = N − ⌊N⌋ of each tick. By Cauchy and Schwarz, summed over the time that each step is out of
+    place, ‖w‖² ≤ T Ñ² ‖∇u‖² with Ñ² = ⌊N⌋² + (2⌊N⌋ + 1) g. From w through the plant P and the
+    sampler to the command C y leads Σ_k C P(jω_k) W(jω_k) / T, ω_k = ω + 2πk/T, which by Cauchy and
+    Schwarz over k is at most √(Σ|C P(jω_k)|²) ‖w‖ / √T; the nominal loop divides it by 1 + L, and
+    z − 1 makes steps of commands. The product of both gains is the level.
+
+    Args:
+        frequencies: rad/s, ascending to the Nyquist frequency; the level is the largest on them.
+        gain: L there, of the loop at the middle delay, negative feedback; it must be stable.
+        aliased: √(Σ|C P(jω_k)|²) there, from :func:`gain_gen.analysis.held_plant.aliased`.
+        tick: T, s.
+        jitter: longest less least delay, s.
     """
     if jitter <= 0.0:
         return 0.0
@@ -150,4 +162,4 @@ def jitter_level(frequencies: Matrix, gain: Complex, tick: float, jitter: float)
     rest = ticks - floor(ticks)
     reach = sqrt(floor(ticks) ** 2 + (2.0 * floor(ticks) + 1.0) * rest)
     z = np.exp(1j * frequencies * tick)
-    return float(np.max(np.abs(gain / (1.0 + gain) * (z - 1.0))) * reach)
+    return float(np.max(aliased * np.abs((z - 1.0) / (1.0 + gain))) * reach)
