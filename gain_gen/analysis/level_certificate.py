@@ -6,23 +6,26 @@ withholds, and the roll angle z under a held roll moment d on the body, the ineq
     x⁺'P x⁺ − x'P x + z'z − γ² d'd + λ (ε² v'v − e'e) ≤ 0
 
 at every delay between the bounds certifies |z| ≤ γ |d| in the mean square for any sequence of
-delays. It is linear in P, γ² and λ, and convex in the closed loop's matrices, which depend on the
-delay only through the two columns of the hold: between delays of a dense grid they are bounded by
-their neighbours. The matrices are in units in which the states are of size one; a
-solver's result is evaluated here in numpy, at many more delays than it was given.
+delays. It is linear in P, γ² and λ. A solver's result, at a few delays, is evaluated here in numpy
+at many; between two of them the matrix is bounded by those at both and by its curvature, see
+:func:`bound_over_delays`. The matrices are in units in which the states are of size one.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import exp
 
 import numpy as np
+from scipy.linalg import eigh
 
+from gain_gen.analysis.actuated_car import ActuatedCar
 from gain_gen.analysis.family import Member
 from gain_gen.analysis.held_plant import HeldPlant, held
 from gain_gen.models.controller import Y_RATE
 from gain_gen.models.roll import Matrix, stationary_covariance, zero_order_hold
 
-FINE = 0.5e-3
-"""Step of the delays at which a certificate is evaluated, s."""
+LARGEST_EXPONENT = 300.0
+"""Growth within a step of the delays beyond which nothing is certified anyway."""
 LEVEL_UNIT = np.pi / 180.0 / 1e3
 """One degree per kN·m: the unit in which levels are near one."""
 
@@ -39,6 +42,8 @@ class SwitchedLoop:
         b: (n, 2) for each.
         z: (1, n), roll in :data:`LEVEL_UNIT`.
         v: (1, n), K.
+        curvature: second derivative of [A, B] by the delay, just below each delay, (n, n + 2).
+        flow: the continuous plant's matrix in the same units, on the first states, (m, m).
     """
 
     delays: tuple[float, ...]
@@ -46,6 +51,8 @@ class SwitchedLoop:
     b: tuple[Matrix, ...]
     z: Matrix
     v: Matrix
+    curvature: tuple[Matrix, ...]
+    flow: Matrix
 
 
 def switched_loop(member: Member, gain: float, delays: Matrix, tick: float) -> SwitchedLoop:
@@ -72,12 +79,15 @@ def switched_loop(member: Member, gain: float, delays: Matrix, tick: float) -> S
     # states of size one: by what a white moment and a white error bring about
     sizes = _sizes(*pairs[-1])
     kilo = np.array([1e3, 1e3])
+    curved = [_curvature(plant, car, sent, past) for plant in plants]
     return SwitchedLoop(
         tuple(float(seconds) for seconds in delays),
         tuple(a * sizes[None, :] / sizes[:, None] for a, _ in pairs),
         tuple(b * kilo / sizes[:, None] for _, b in pairs),
         roll * sizes / (LEVEL_UNIT * 1e3),
         sent * sizes / 1e3,
+        tuple(matrix * np.concatenate([sizes, kilo]) / sizes[:, None] for matrix in curved),
+        car.a * sizes[None, :n] / sizes[:n, None],
     )
 
 
@@ -101,6 +111,21 @@ def _closed(
         a[n], b[n, 1] = sent[0], 1.0
         a[n + 1 :, n : n + past - 1] = np.eye(past - 1)
     return a, b
+
+
+def _curvature(plant: HeldPlant, car: ActuatedCar, sent: Matrix, past: int) -> Matrix:
+    """Return the second derivative of [A, B] by the delay; see :func:`_closed`.
+
+    With τ the time into the tick at which the command changes, the hold's newer column is
+    Γ = ∫ e^{As} ds B over T − τ; then Γ'' = A e^{A (T − τ)} B = A (A Γ + B). The older column's is
+    the opposite.
+    """
+    n = len(car.a)
+    bend = car.a @ (car.a @ plant.fresh + car.command)
+    turned = replace(plant, phi=np.zeros_like(car.a), fresh=bend, stale=-bend)
+    matrix = np.hstack(_closed(turned, sent, np.zeros((n, 1)), past))
+    matrix[n:] = 0.0
+    return matrix
 
 
 def _sizes(a: Matrix, b: Matrix) -> Matrix:
@@ -144,21 +169,51 @@ def dissipation(
     return np.asarray(0.5 * (matrix + matrix.T))
 
 
-def worst_eigenvalue(
+def bound_over_delays(
     loop: SwitchedLoop, *, p: Matrix, level_squared: float, weight: float, epsilon: float
-) -> float:
-    """Return the largest eigenvalue of :func:`dissipation` over all delays, relative to P's."""
-    largest = max(
-        float(
-            np.linalg.eigvalsh(
-                dissipation(
-                    loop, i, p=p, level_squared=level_squared, weight=weight, epsilon=epsilon
-                )
-            )[-1]
+) -> tuple[float, float]:
+    """Return the largest eigenvalue of :func:`dissipation` at the delays and a bound between them.
+
+    With J = [A, B] the matrix is JᵀP J and a constant. By the delay −(JᵀP J)'' is at most
+    −J''ᵀP J − JᵀP J'', for J'ᵀP J' ≥ 0: between two delays Δ apart the matrix is at most what is
+    linear between them and Δ²/4 |J''| |J| (error of linear interpolation, norms by P), where |J| is
+    at most that of either end and Δ²/8 |J''|. J'' below a delay follows from that at it by the
+    plant's flow, which grows at most with its logarithmic norm (Dahlquist 1958).
+
+    Args:
+        loop: at delays that include all kinks, :func:`delay_grid`.
+        p: Lyapunov matrix, (n, n), positive definite.
+        level_squared: γ².
+        weight: λ.
+        epsilon: relative threshold of the trigger.
+
+    Returns:
+        Largest at the delays, and bound at and between them, relative to P's largest.
+    """
+    n, inputs = len(p), 2 if epsilon else 1
+    root = np.linalg.cholesky(p).T
+    largest = float(np.linalg.eigvalsh(p)[-1])
+    at = [
+        float(np.linalg.eigvalsh(matrix)[-1])
+        for matrix in (
+            dissipation(loop, i, p=p, level_squared=level_squared, weight=weight, epsilon=epsilon)
+            for i in range(len(loop.a))
         )
-        for i in range(len(loop.a))
-    )
-    return largest / float(np.linalg.eigvalsh(p)[-1])
+    ]
+    size = [
+        float(np.linalg.norm(root @ np.hstack([a, b[:, :inputs]]), 2))
+        for a, b in zip(loop.a, loop.b, strict=True)
+    ]
+    bend = [float(np.linalg.norm(root @ matrix[:, : n + inputs], 2)) for matrix in loop.curvature]
+    plant = p[: len(loop.flow), : len(loop.flow)]
+    speed = float(eigh(plant @ loop.flow + loop.flow.T @ plant, plant, eigvals_only=True)[-1])
+    bound = max(at)
+    for i, (least, most) in enumerate(pairwise(loop.delays)):
+        step = most - least
+        curve = bend[i + 1] * exp(min(0.5 * max(speed, 0.0) * step, LARGEST_EXPONENT))
+        reach = max(size[i], size[i + 1]) + step**2 / 8.0 * curve
+        bound = max(bound, max(at[i], at[i + 1]) + step**2 / 4.0 * curve * reach)
+    return max(at) / largest, bound / largest
 
 
 def delay_grid(member: Member, delays: tuple[float, ...], tick: float, step: float) -> Matrix:

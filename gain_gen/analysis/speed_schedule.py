@@ -1,4 +1,4 @@
-"""Factor on the command over speed: chosen by margins, certified at and between its points.
+"""Factor on the command over speed: chosen by margins, checked at its points and between.
 
 The slower the car, the more a moment moves the accelerometer; the faster, the less the tyres damp.
 At each speed of the ECU's table the command is reduced as far as the margins require, laden and
@@ -31,7 +31,7 @@ UNLIMITED = (inf,) * len(SPEEDS)
 """Limits of a command without schedule."""
 LOADS = ("laden", "empty")
 STEP = 0.5
-"""Step of the speeds for the certificate of changing speed, m/s."""
+"""Step of the speeds of the Lyapunov functions, m/s; they are checked at half of it too."""
 DECAY = 0.3
 """Decay of a Lyapunov function, as a fraction of the way from the spectral radius to 1."""
 LINE_WEIGHT = 0.1
@@ -125,12 +125,13 @@ def scheduled(controller: Controller, limits: tuple[float, ...], scale: float) -
 
 
 def certified_speed_rate(task: Task, controller: Controller) -> float:
-    """Return the largest rate of speed change, m/s², for which stability is certified.
+    """Return the largest rate of speed change, m/s², at which Lyapunov functions keep decaying.
 
     Piecewise Lyapunov functions x'P_i x at speeds v_i: P_i decays in every tick from v_(i−1) to
     v_(i+1), and the change from one to the next raises the function by at most μ. The longer the
     speed takes from v_i to its neighbour, the more the decay outweighs μ. At the longest delay,
-    laden and empty, from the first to the last speed of the ECU's table.
+    laden and empty, from the first to the last speed of the ECU's table. The decay of P_i is
+    checked on a grid of half a :data:`STEP`, at five speeds each; between these it is not bounded.
     """
     return min(_speed_rate(task, controller, load) for load in LOADS)
 

@@ -8,11 +8,10 @@ import vehicles
 from canroll.errors import CanrollError, VerdictError
 from gain_gen.analysis.family import family_of
 from gain_gen.analysis.level_certificate import (
-    FINE,
     LEVEL_UNIT,
+    bound_over_delays,
     delay_grid,
     switched_loop,
-    worst_eigenvalue,
 )
 from gain_gen.analysis.sampled_loop import response_peak
 from gain_gen.analysis.verify import passive_controller
@@ -100,10 +99,64 @@ def test_the_certified_level_is_above_every_constant_delays_and_close():
         loop = member.loop(static_controller(task, gain), delay)
         exact.append(response_peak(loop, member.roll) / LEVEL_UNIT)
     assert max(exact) < level < 1.02 * max(exact)
-    many = switched_loop(member, gain, delay_grid(member, family.delays, 0.01, FINE), 0.01)
+    many = switched_loop(member, gain, delay_grid(member, family.delays, 0.01, 2e-5), 0.01)
     values = {"p": point.p, "weight": 0.0, "epsilon": 0.0}
-    assert worst_eigenvalue(many, level_squared=1.001 * point.level_squared, **values) < 0.0
-    assert worst_eigenvalue(many, level_squared=0.98 * max(exact) ** 2, **values) > 0.0
+    assert max(bound_over_delays(many, level_squared=1.001 * point.level_squared, **values)) < 0.0
+    assert min(bound_over_delays(many, level_squared=0.98 * max(exact) ** 2, **values)) > 0.0
+
+
+def test_the_curvature_of_the_loop_is_its_second_difference():
+    task = task_of(*DELAYS["500k"])
+    member = family_of(task).members[0]
+    for middle in (6.5e-3, 14.1e-3, 22.3e-3):
+        delays = middle + 1e-5 * np.array([-1.0, 0.0, 1.0])
+        loop = switched_loop(member, -12500.0, np.append(delays, 23.1e-3), 0.01)
+        joint = [np.hstack([a, b]) for a, b in zip(loop.a, loop.b, strict=True)]
+        difference = (joint[0] - 2.0 * joint[1] + joint[2]) / 1e-10
+        error = np.abs(difference - loop.curvature[1]).max()
+        assert error < 1e-3 * np.abs(loop.curvature[1]).max()
+
+
+@pytest.mark.parametrize("epsilon", [0.0, 0.3])
+def test_what_is_between_the_delays_is_bounded_not_only_what_is_at_them(epsilon):
+    """A function that weighs the bend of the hold's column is largest between two delays."""
+    task = task_of(*DELAYS["500k"])
+    member = family_of(task).members[0]
+    loops = [
+        switched_loop(member, -12500.0, np.linspace(16e-3, 20e-3, points), 0.01)
+        for points in (2, 41, 401)
+    ]
+    m, n = len(loops[0].flow), len(loops[0].a[0])
+    ends, bent = [a[:m, m:] for a in loops[0].a], loops[2].a[200][:m, m]
+    basis, _ = np.linalg.qr(np.stack([ends[0][:, 0], ends[1][:, 0], ends[0][:, 1]], axis=1))
+    weight = np.zeros(n)
+    weight[:m] = bent - basis @ (basis.T @ bent)
+    p = np.outer(weight, weight) / (weight @ weight) + 1e-3 * np.eye(n)
+    values = {"p": p, "level_squared": 1e-3, "weight": 1e-3, "epsilon": epsilon}
+    found = [bound_over_delays(loop, **values) for loop in loops]
+    between = found[2][0]
+    assert found[0][0] < between
+    assert all(between <= bound for _, bound in found)
+    assert found[0][1] > found[1][1] > found[2][1]
+    assert found[2][1] == pytest.approx(between, rel=1e-4)
+
+
+@pytest.mark.parametrize("epsilon", [0.0, 0.3])
+def test_a_few_delays_certify_nothing_between_them(epsilon):
+    """The inequality holds at both ends and the kinks, its bound between them does not."""
+    task = task_of(*DELAYS["500k"])
+    family = family_of(task)
+    member = family.members[0]
+    few, many = (
+        switched_loop(member, -12500.0, delay_grid(member, family.delays, 0.01, step), 0.01)
+        for step in (1.0, 2e-5)
+    )
+    point = certify_level(few, epsilon, Clock())
+    assert point is not None
+    values = {"p": point.p, "weight": point.weight, "epsilon": epsilon}
+    at, bound = bound_over_delays(few, level_squared=1.001 * point.level_squared, **values)
+    assert at < 0.0 < bound
+    assert bound_over_delays(many, level_squared=1.001 * point.level_squared, **values)[1] < 0.0
 
 
 def test_the_certificates_loop_is_the_sampled_loop():
