@@ -139,7 +139,8 @@ def jitter_level(
     Below one the loop is stable for any sequence of delays within these bounds: theorem 3 of Kao
     and Lincoln (2004), whose delay varies upwards only, with the delay counted from its middle.
 
-    The actuator holds the newest command that has arrived. Instead of at its nominal instant, the
+    Samples are periodic: the variation counts as that of the way to the actuator, which holds the
+    newest command that has arrived. Instead of at its nominal instant, the
     step ∇u from one command to the next then acts up to N ticks earlier or later, N half the span
     in ticks. The difference w of the held signals is at any instant the sum of the steps that are
     out of place, all of them late or all early: at most ⌊N⌋ of them, or one more in a share
