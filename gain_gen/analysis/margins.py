@@ -140,15 +140,15 @@ def jitter_level(
     and Lincoln (2004), whose delay varies upwards only, with the delay counted from its middle.
 
     Samples are periodic: the variation counts as that of the way to the actuator, which holds the
-    newest command that has arrived. Instead of at its nominal instant, the
-    step ∇u from one command to the next then acts up to N ticks earlier or later, N half the span
-    in ticks. The difference w of the held signals is at any instant the sum of the steps that are
-    out of place, all of them late or all early: at most ⌊N⌋ of them, or one more in a share
-    g = N − ⌊N⌋ of each tick. By Cauchy and Schwarz, summed over the time that each step is out of
-    place, ‖w‖² ≤ T Ñ² ‖∇u‖² with Ñ² = ⌊N⌋² + (2⌊N⌋ + 1) g. From w through the plant P and the
-    sampler to the command C y leads Σ_k C P(jω_k) W(jω_k) / T, ω_k = ω + 2πk/T, which by Cauchy and
-    Schwarz over k is at most √(Σ|C P(jω_k)|²) ‖w‖ / √T; the nominal loop divides it by 1 + L, and
-    z − 1 makes steps of commands. The product of both gains is the level.
+    newest command that has arrived. Instead of at its nominal instant, the step ∇u from one command
+    to the next then acts up to N ticks earlier or later, N half the span in ticks. The difference w
+    of the held signals is at any instant the sum of the steps that are out of place, all of them
+    late or all early: at most ⌊N⌋ of them, or one more in a share g = N − ⌊N⌋ of each tick. By
+    Cauchy and Schwarz, summed over the time that each step is out of place, ‖w‖² ≤ T Ñ² ‖∇u‖² with
+    Ñ² = ⌊N⌋² + (2⌊N⌋ + 1) g. From w through the plant P and the sampler to the command C y leads
+    Σ_k C P(jω_k) W(jω_k) / T, ω_k = ω + 2πk/T, which by Cauchy and Schwarz over k is at most √(Σ|C
+    P(jω_k)|²) ‖w‖ / √T; the nominal loop divides it by 1 + L, and z − 1 makes steps of commands.
+    The product of both gains is the level.
 
     Args:
         frequencies: rad/s, ascending to the Nyquist frequency; the level is the largest on them.
