@@ -1,0 +1,176 @@
+"""The 14-DOF car drives as a measured one, by numbers that say where they come from."""
+
+import sys
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from canroll.errors import CanrollError
+from tools.validation import measured_car, measured_drive, measured_fit
+from tools.validation.measured_car import FIRST, MANOEUVRE, SECOND
+from tools.validation.measured_drive import Window
+from tools.validation.measured_fit import UNKNOWNS
+
+SLOW = pytest.mark.slow
+MEASURED = (
+    "plant.sprung_mass",
+    "geometry.cg_to_front_axle",
+    "geometry.cg_to_rear_axle",
+    "geometry.half_track_front",
+    "geometry.half_track_rear",
+    "steering.ratio",
+    "tyre.radius",
+)
+
+
+@cache
+def case():
+    return measured_car.case()
+
+
+@cache
+def fitted(window):
+    return measured_fit.fit(case().vehicle, case().measured, window)
+
+
+def shipped():
+    """The numbers in the files beside the data, in the order of ``UNKNOWNS``."""
+    values = []
+    for unknown in UNKNOWNS:
+        section, *path = unknown.key.split(".")
+        value = case().mounting if section == "mounting" else getattr(case().vehicle, section)
+        for name in path:
+            value = value[int(name)] if name.isdigit() else getattr(value, name)
+        values.append(value)
+    return np.array(values)
+
+
+def test_every_number_says_whether_it_was_measured_fitted_or_estimated():
+    vehicle = case().vehicle
+    assert all(
+        text.startswith(("measured", "fitted", "estimate")) for text in vehicle.sources.values()
+    )
+    assert all(vehicle.source(key).startswith("measured") for key in MEASURED)
+    keys = [unknown.key for unknown in UNKNOWNS if not unknown.key.startswith("mounting")]
+    fitted_keys = [key.removesuffix(".0").removesuffix(".2") for key in keys]
+    assert [key for key in fitted_keys if not vehicle.source(key).startswith("fitted on")] == []
+
+
+def test_measured_numbers_are_those_of_the_testers():
+    vehicle = case().vehicle
+    assert vehicle.total_mass == pytest.approx(2074.4)
+    assert vehicle.geometry.wheelbase == pytest.approx(1.331 + 1.496)
+    assert vehicle.steering.ratio == 14.3
+
+
+@pytest.mark.parametrize("window", [MANOEUVRE, FIRST, SECOND])
+def test_the_car_drives_as_measured(window):
+    """At least as near as a linear car of 4 degrees of freedom, fitted on the same, comes."""
+    least = (0.9995, 0.996, 0.948, 0.955) if window is MANOEUVRE else (0.995, 0.98, 0.93, 0.94)
+    assert (measured_car.agreement(case(), window) > least).all()
+
+
+@SLOW
+def test_the_first_half_predicts_the_second():
+    fit = fitted(FIRST)
+    ahead = case()._replace(vehicle=fit.vehicle, mounting=fit.mounting)
+    assert (measured_car.agreement(ahead, SECOND) > (0.995, 0.98, 0.93, 0.94)).all()
+
+
+@SLOW
+def test_the_numbers_of_the_file_are_those_of_the_fit():
+    fit = fitted(MANOEUVRE)
+    assert (np.abs(shipped() - fit.values) < 0.2 * fit.deviations).all()
+
+
+def test_other_numbers_drive_otherwise():
+    vehicle = case().vehicle
+    softer = replace(vehicle.tyre, cornering_stiffness_rear=0.7 * 362e3)
+    other = case()._replace(vehicle=replace(vehicle, tyre=softer))
+    assert measured_car.agreement(other, MANOEUVRE)[0] < 0.99
+
+
+def test_a_fit_recovers_the_numbers_that_made_the_data():
+    """Of a drive that the plant itself has made, from other priors."""
+    vehicle, measured, mounting = case()
+    window = Window(9.3, 11.5)
+    made = replace(measured, signals=measured_drive.replay(vehicle, measured, mounting))
+    keys = ("tyre.cornering_stiffness_front", "plant.roll_stiffness", "mounting.roll_offset")
+    unknowns = tuple(unknown for unknown in UNKNOWNS if unknown.key in keys)
+    delayed = tuple(unknown for unknown in UNKNOWNS if "steering_" in unknown.key)
+    fit = measured_fit.fit(vehicle, made, window, unknowns + delayed)
+    true = dict(zip((unknown.key for unknown in UNKNOWNS), shipped(), strict=True))
+    wanted = [true[unknown.key] for unknown in unknowns + delayed]
+    assert fit.values == pytest.approx(wanted, rel=1e-3)
+
+
+def test_rates_of_the_inertial_unit_are_those_of_the_euler_angles():
+    """About the body's axes the pitch rate would have −1 times yaw rate times roll."""
+    path = measured_car.EXAMPLE / "double_lane_change.csv"
+    share, deviation = measured_car.pitch_rate_share(path, MANOEUVRE)
+    assert abs(share) < 0.05
+    assert deviation < 0.05
+
+
+@SLOW
+def test_lateral_acceleration_of_the_inertial_unit_is_without_gravity():
+    fit = measured_car.fitted_with(measured_fit.GRAVITY_SHARE, case())
+    assert abs(fit.values[-1]) < 2 * fit.deviations[-1]
+    assert 1.0 - fit.values[-1] > 5 * fit.deviations[-1]
+
+
+def test_variance_accounted_for_ignores_an_offset_alone():
+    measured = np.sin(np.linspace(0.0, 7.0, 100))[:, None]
+    assert measured_drive.explained(measured, measured + 1.0) == pytest.approx([1.0])
+    assert measured_drive.explained(measured, 0.0 * measured) == pytest.approx([0.0])
+    assert measured_drive.explained(measured, 0.9 * measured) == pytest.approx([0.99])
+
+
+@SLOW
+def test_rating():
+    pytest.importorskip("objective_rating_metrics", reason="needs objective-rating-metrics")
+    measured = np.sin(np.linspace(0.0, 7.0, 300))
+    assert measured_car.rating(measured, measured) == 1.0
+    assert 0.0 < measured_car.rating(measured, 0.8 * np.roll(measured, 20)) < 0.9
+
+
+def test_a_rating_without_its_package_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "objective_rating_metrics.rating", None)
+    with pytest.raises(CanrollError, match="objective-rating-metrics: scripts/setup-venv dev"):
+        measured_car.rating(np.zeros(3), np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("content", "why"),
+    [
+        (None, "cannot read"),
+        ("time_s,speed_m_s\n0,1\n1,1\n", "no column 'steering_wheel_rad'"),
+        ("time_s,speed_m_s\n0,1\n1,fast\n", "cannot read"),
+        ("time_s,speed_m_s\n0,1,2\n", "cannot read"),
+        ("", "no column 'time_s'"),
+    ],
+)
+def test_a_drive_that_cannot_be_read_is_refused_in_one_line(tmp_path, content, why):
+    path = tmp_path / "drive.csv"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(CanrollError, match=why) as refused:
+        measured_drive.read(path, MANOEUVRE)
+    assert str(path) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_window_outside_the_drive_is_refused():
+    path = measured_car.EXAMPLE / "double_lane_change.csv"
+    with pytest.raises(CanrollError, match="does not cover 22 to 24 s"):
+        measured_drive.read(path, Window(23.0, 24.0))
+
+
+def test_the_picture_is_drawn_or_refused(tmp_path):
+    path = tmp_path / "measured.png"
+    assert measured_car.main(["picture", str(path)]) == 0
+    assert path.read_bytes().startswith(b"\x89PNG")
+    assert measured_car.main(["picture", str(tmp_path / "missing" / "measured.png")]) == 2
+    assert measured_car.main(["unknown"]) == 2

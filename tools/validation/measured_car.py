@@ -1,0 +1,239 @@
+"""The 14-DOF car against a measured one: a BMW M8 in a double lane change.
+
+``python -m tools.validation.measured_car`` and
+
+    fit             the numbers of the vehicle file: fitted on the manoeuvre
+    fit first       the same on the first half of it
+    frames          in which axes the inertial unit measures
+    remains         what a crossfall of the road would explain
+    picture FILE    measured and simulated signals over time, as a PNG
+
+``scripts/validation-tables measured`` prints how well the car agrees. Data: examples/bmw_m8.
+"""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import vehicles
+from canroll.documents import toml
+from canroll.errors import CanrollError, reason
+from canroll.typing import Vector
+from tools.validation import measured_fit
+from tools.validation.measured_drive import (
+    SAMPLE,
+    SIGNALS,
+    Measured,
+    Mounting,
+    Window,
+    columns,
+    explained,
+    read,
+    replay,
+)
+from tools.validation.measured_fit import Fit, Unknown
+from vehicles import Vehicle
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "bmw_m8"
+MANOEUVRE = Window(9.3, 15.6)
+FIRST, SECOND = Window(9.3, 12.45), Window(12.45, 15.6)
+STRAIGHT = Window(8.5, 9.3)
+"""Before the manoeuvre: what moves the car here is the road."""
+
+UNITS = (("°/s", np.degrees(1.0)), ("m/s²", 1.0), ("°/s", np.degrees(1.0)), ("°", np.degrees(1.0)))
+
+
+class Case(NamedTuple):
+    """The car of the example, its drive, and how that was measured."""
+
+    vehicle: Vehicle
+    measured: Measured
+    mounting: Mounting
+
+
+def case() -> Case:
+    """Read the example.
+
+    Raises:
+        CanrollError: a file of it cannot be read.
+    """
+    path = EXAMPLE / "double_lane_change.toml"
+    try:
+        mounting = Mounting(**toml(path)["mounting"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CanrollError(f"cannot read {path}: {reason(error)}") from error
+    measured = read(EXAMPLE / "double_lane_change.csv", MANOEUVRE)
+    return Case(vehicles.load(EXAMPLE / "bmw_m8.toml"), measured, mounting)
+
+
+def agreement(case: Case, window: Window) -> Vector:
+    """Variance of each signal accounted for in ``window`` (4); see :func:`explained`."""
+    inside = case.measured.inside(window)
+    simulated = replay(*case)
+    return explained(case.measured.signals[inside], simulated[inside])
+
+
+def fitted_on(window: Window, case: Case) -> Case:
+    """Return the case with the numbers that fit the part of its drive in ``window``."""
+    fit = measured_fit.fit(case.vehicle, case.measured, window)
+    return case._replace(vehicle=fit.vehicle, mounting=fit.mounting)
+
+
+def rating(measured: Vector, simulated: Vector) -> float:
+    """Overall rating of ISO/TS 18571, from 0 to 1, of signals sampled every 10 ms.
+
+    The standard's parameters, which count in samples, are those for crash signals of 10 kHz: here
+    a hundred times as long.
+
+    Raises:
+        CanrollError: the package ``objective-rating-metrics`` is missing.
+    """
+    try:
+        from objective_rating_metrics.rating import ISO18571  # noqa: PLC0415
+    except ImportError as error:
+        raise CanrollError(
+            "the rating of ISO/TS 18571 needs objective-rating-metrics: scripts/setup-venv dev"
+        ) from error
+    time = SAMPLE * np.arange(measured.size)
+    curves = (np.column_stack((time, signal)) for signal in (measured, simulated))
+    return float(ISO18571(*curves, dt=SAMPLE).overall_rating())
+
+
+def table() -> Iterator[str]:
+    """Lines of the table of how well the car agrees."""
+    example = case()
+    ours = agreement(example, MANOEUVRE)
+    ahead = agreement(fitted_on(FIRST, example), SECOND)
+    inside, straight = example.measured.inside(MANOEUVRE), example.measured.inside(STRAIGHT)
+    simulated = replay(*example)[inside]
+    signals = example.measured.signals
+    yield (
+        "| signal | VAF (%) | VAF of the second half, fitted on the first (%) | ISO/TS 18571 "
+        "| RMS of the difference | standard deviation on the straight before |"
+    )
+    yield "| --- | ---: | ---: | ---: | ---: | ---: |"
+    for i, (name, (unit, factor)) in enumerate(zip(SIGNALS, UNITS, strict=True)):
+        rated = rating(signals[inside, i], simulated[:, i])
+        apart = factor * np.sqrt(np.mean((signals[inside, i] - simulated[:, i]) ** 2))
+        road = factor * np.std(signals[straight, i])
+        yield (
+            f"| {name} | {100 * ours[i]:.2f} | {100 * ahead[i]:.2f} | {rated:.3f} "
+            f"| {apart:.2g} {unit} | {road:.2g} {unit} |"
+        )
+
+
+def pitch_rate_share(path: Path, window: Window) -> tuple[float, float]:
+    """What the unit's pitch rate has of yaw rate × roll, with its standard deviation.
+
+    The change of the pitch angle is regressed on the integrals of the pitch rate and of that
+    product: −1 if the rates are those about the body's axes, 0 if they are Euler rates.
+    """
+    table = columns(path)
+    inside = (table["time_s"] > window.begin) & (table["time_s"] < window.end)
+    time, pitch, pitch_rate, yaw_rate, roll = (
+        table[name][inside]
+        for name in ("time_s", "pitch_rad", "pitch_rate_rad_s", "yaw_rate_rad_s", "roll_rad")
+    )
+
+    def integral(rate: NDArray[np.float64]) -> NDArray[np.float64]:
+        means = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time)
+        return np.concatenate(([0.0], np.cumsum(means)))
+
+    one = np.ones_like(time)
+    matrix = np.column_stack((integral(yaw_rate * roll), integral(pitch_rate), integral(one), one))
+    solution, squares, *_ = np.linalg.lstsq(matrix, pitch, rcond=None)
+    variance = measured_fit.CORRELATED * squares[0] / time.size
+    return float(solution[0]), float(np.sqrt(variance * np.linalg.inv(matrix.T @ matrix)[0, 0]))
+
+
+def fitted_with(further: Unknown, case: Case) -> Fit:
+    """Fit the whole manoeuvre with a ``further`` unknown, the last of the result."""
+    unknowns = (*measured_fit.UNKNOWNS, further)
+    return measured_fit.fit(case.vehicle, case.measured, MANOEUVRE, unknowns)
+
+
+def frames() -> Iterator[str]:
+    """Lines of the table of what the inertial unit gives."""
+    example = case()
+    share, deviation = pitch_rate_share(EXAMPLE / "double_lane_change.csv", MANOEUVRE)
+    fit = fitted_with(measured_fit.GRAVITY_SHARE, example)
+    yield "| what | along and about the body's axes | horizontal | measured |"
+    yield "| --- | ---: | ---: | ---: |"
+    yield f"| yaw rate × roll in the pitch rate | −1 | 0 | {share:.2f} ± {deviation:.2f} |"
+    gravity, deviation = fit.values[-1], fit.deviations[-1]
+    yield f"| g sin(roll) in the lateral acceleration | 1 | 0 | {gravity:.2f} ± {deviation:.2f} |"
+
+
+def remains() -> Iterator[str]:
+    """Lines of the table of what a crossfall of the road would explain."""
+    example = case()
+    fit = fitted_with(measured_fit.CROSSFALL, example)
+    cases = (example, example._replace(vehicle=fit.vehicle, mounting=fit.mounting))
+    flat, crowned = (agreement(one, MANOEUVRE)[3] for one in cases)
+    slope, deviation = np.degrees(fit.values[-1]), np.degrees(fit.deviations[-1])
+    yield "| road | change of bank per metre to the left | VAF of the roll (%) |"
+    yield "| --- | ---: | ---: |"
+    yield f"| even | 0 | {100 * flat:.2f} |"
+    yield f"| crossfall fitted | {slope:.3f}° ± {deviation:.3f}° | {100 * crowned:.2f} |"
+
+
+def picture(path: Path) -> None:
+    """Draw the four signals over time, measured and simulated, as a PNG.
+
+    Raises:
+        CanrollError: the file cannot be written.
+    """
+    import matplotlib as mpl  # noqa: PLC0415
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    example = case()
+    simulated = replay(*example)
+    inside, time = example.measured.inside(MANOEUVRE), example.measured.time
+    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
+        figure = Figure(figsize=(8, 8), layout="constrained")
+        axes: Any = figure.subplots(len(SIGNALS), 1, sharex=True)
+        for i, (name, (unit, factor)) in enumerate(zip(SIGNALS, UNITS, strict=True)):
+            shown = {"measured": example.measured.signals, "simulated": simulated}
+            styles = ({"color": "#4d4d4d", "lw": 1.8}, {"color": "#d55e00", "lw": 1.0})
+            for (label, signals), style in zip(shown.items(), styles, strict=True):
+                axes[i].plot(time[inside], factor * signals[inside, i], label=label, **style)
+            axes[i].set_ylabel(f"{name} ({unit})")
+        axes[0].legend(loc="upper left")
+        axes[-1].set_xlabel("time (s)")
+        try:
+            # without metadata the same numbers give the same bytes
+            figure.savefig(path, dpi=110, metadata={"Software": None})
+        except OSError as error:
+            raise CanrollError(f"cannot write {path}: {reason(error)}") from error
+
+
+def main(arguments: list[str]) -> int:
+    """Run the command; return the exit code."""
+    try:
+        match arguments:
+            case ["fit"] | ["fit", "first"]:
+                example = case()
+                window = FIRST if arguments[1:] else MANOEUVRE
+                fit = measured_fit.fit(example.vehicle, example.measured, window)
+                print("\n".join(measured_fit.table(fit)))
+            case ["frames"]:
+                print("\n".join(frames()))
+            case ["remains"]:
+                print("\n".join(remains()))
+            case ["picture", file]:
+                picture(Path(file))
+            case _:
+                print(__doc__, file=sys.stderr)
+                return 2
+    except CanrollError as error:
+        print(error, file=sys.stderr)
+        return 2
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
