@@ -7,12 +7,19 @@ rear left, rear right; the paper counts front left, rear left, rear right, front
     s_i = z − x_i θ + y_i φ − Z_i,   F_i = −c_i s_i − k_i s_i'          (c stiffness, k damping)
     m_s z'' = ΣF_i                   (I_y + m_s h_p²) θ'' = −Σ x_i F_i + m_s g h_p θ
     (I_x + m_s h²) φ'' − m_s h v (β' + r) = Σ y_i F_i + m_s g h φ − M_f − M_r
-    m_i Z_i'' = −F_i − k_t (Z_i − q_i) ± M/(2 t) ± lateral transfer at the roll centre
+    m_i Z_i'' = −F_i − k_t (Z_i − q_i) ± M/(2 t)
     m v (β' + r) − m_s h φ'' = F_yf + F_yr,   I_z r' = a F_yf − b F_yr
     Xv''/ω² + 2ζ/ω Xv' + Xv = Kv u,  V/(4E) ΔP' = Kq Xv − Kc ΔP − (D − l2) ψ' − l1 ΔP
     J ψ'' = D ΔP − d ψ' − T,  T = k_b (N φ_susp + ψ),  M = N T
 
 Sums run over the corner forces F_i with the passive bars and the actuators added to them.
+
+The paper's roll axis lies on the road, and its wheels are points there. A car with roll centres h_i
+under a roll axis of height h_a has axles whose CG, at wheel height R, moves sideways with
+v_y + x_i r + (h_a − h_i) φ' − (R − h_i) ψ_i', and whose contact patches move with
+v_y + x_i r + (h_a − h_i) φ' + h_i ψ_i', ψ_i being the axle's tilt (Z_l − Z_r)/(2 t). Masses and
+lateral forces enter all equations by these motions (Lagrange); an axle carries its sprung load at
+its roll centre, and its wheels, of angular momentum 2 I_w v/R, resist its turning.
 """
 
 from dataclasses import dataclass, replace
@@ -39,9 +46,12 @@ INPUTS = (
     *("current_front", "current_rear"),
     *("force_fl", "force_fr", "force_rl", "force_rr"),
     *("moment_front", "moment_rear"),
-    "bank",
+    *("bank", "normal"),
 )
-"""Names of the inputs in order: rad, m, A, N on the body, N·m on the body, rad."""
+"""Names of the inputs in order: rad, m, A, N on the body, N·m on the body, rad, m/s².
+
+``normal`` is what presses the car on the road beyond g: the road's acceleration along its normal.
+"""
 
 _Z, _ZR, _BETA, _YAW, _OIL = 0, 7, 14, 15, 16
 
@@ -55,8 +65,9 @@ class FullCar:
 
     ``spring``, ``damping`` and ``unsprung`` per corner, ``cornering`` per axle, ``bar`` the passive
     bar's roll stiffness (N·m/rad), ``distance`` of the axles from the CG and ``body_distance`` from
-    the sprung CG, both positive forward. ``roll_inertia`` about the sprung CG. Without ``valves``
-    the bars have no hydraulics.
+    the sprung CG, both positive forward. ``roll_inertia`` about the sprung CG; ``pitch_coupling``
+    is Σ m x² of the lengthwise motion x that a unit of pitch brings about (kg·m²). Without
+    ``valves`` the bars have no hydraulics.
     """
 
     mass: float
@@ -66,6 +77,7 @@ class FullCar:
     yaw_inertia: float
     roll_height: float
     pitch_height: float
+    pitch_coupling: float
     distance: Pair
     body_distance: Pair
     half_track: Pair
@@ -75,8 +87,11 @@ class FullCar:
     bar: Pair
     cornering: Pair
     tyre_stiffness: float
+    tyre_damping: float
     roll_centre_height: Pair
+    roll_axis_height: float
     wheel_radius: float
+    wheel_inertia: float
     valves: ElectroHydraulicBars | None
 
 
@@ -108,6 +123,7 @@ AS_PRINTED = FullCar(
     yaw_inertia=4520.0,
     roll_height=0.2,
     pitch_height=0.1,
+    pitch_coupling=943.0 * 0.1**2,
     distance=(1.1, -1.5),
     body_distance=(1.1, -1.5),
     half_track=(0.76, 0.76),
@@ -117,8 +133,11 @@ AS_PRINTED = FullCar(
     bar=(0.0, 0.0),
     cornering=(36000.0, 36000.0),
     tyre_stiffness=25000.0,
+    tyre_damping=0.0,
     roll_centre_height=(0.0, 0.0),
+    roll_axis_height=0.0,
     wheel_radius=0.0,
+    wheel_inertia=0.0,
     valves=_TABLE_1,
 )
 """Vu 2020, Tables 1 and 2, number by number; the bar's own stiffness is not printed."""
@@ -172,7 +191,8 @@ def from_vehicle(
         pitch_inertia=mass.pitch_inertia,
         yaw_inertia=mass.yaw_inertia,
         roll_height=plant.cg_height_above_roll_axis,
-        pitch_height=0.0,
+        pitch_height=plant.cg_height_above_roll_axis,
+        pitch_coupling=_pitch_coupling(vehicle),
         distance=(front, rear),
         body_distance=(front - offset, rear - offset),
         half_track=tracks,
@@ -185,10 +205,21 @@ def from_vehicle(
             vehicle.tyre.cornering_stiffness_rear,
         ),
         tyre_stiffness=vehicle.tyre.vertical_stiffness,
+        tyre_damping=vehicle.tyre.vertical_damping,
         roll_centre_height=(geometry.roll_centre_height_front, geometry.roll_centre_height_rear),
+        roll_axis_height=vehicle.roll_axis_height,
         wheel_radius=vehicle.tyre.radius,
+        wheel_inertia=vehicle.tyre.wheel_inertia,
         valves=valves if hydraulic else None,
     )
+
+
+def _pitch_coupling(vehicle: Vehicle) -> float:
+    """Σ m x² of sprung body and axles when the car pitches about the roll axis and rolls freely."""
+    tyre, sprung = vehicle.tyre, vehicle.plant.sprung_mass
+    on_wheels = vehicle.total_mass - sprung + 4.0 * tyre.wheel_inertia / tyre.radius**2
+    between = vehicle.sprung_cg_height - tyre.radius
+    return sprung * on_wheels / (sprung + on_wheels) * between**2
 
 
 def _hydraulics(valves: ElectroHydraulicBars, e: Matrix, a: Matrix, b: Matrix) -> None:
@@ -209,8 +240,56 @@ def _hydraulics(valves: ElectroHydraulicBars, e: Matrix, a: Matrix, b: Matrix) -
         a[i + 4, i + 4] = -valves.motor_damping
 
 
+def _lateral(car: FullCar, speed: float, e: Matrix, a: Matrix, b: Matrix) -> None:
+    """Add masses and forces that lie in the road plane, and what tilts with an axle.
+
+    A motion is a row: sideways velocity per generalised velocity, 1 for the lateral velocity v β.
+    """
+    n = len(STATES)
+    roll = _ZR + 2
+    sprung = np.zeros(n)
+    sprung[[_BETA, _YAW, roll]] = 1.0, car.distance[0] - car.body_distance[0], -car.roll_height
+    moved = [(car.sprung_mass, sprung)]
+    for axle in range(2):
+        hops = _ZR + 3 + 2 * axle
+        tilt = np.zeros(n)
+        tilt[[hops, hops + 1]] = 0.5 / car.half_track[axle], -0.5 / car.half_track[axle]
+        held = car.roll_centre_height[axle]
+        centre = np.zeros(n)
+        centre[[_BETA, _YAW, roll]] = 1.0, car.distance[axle], car.roll_axis_height - held
+        unsprung = 2.0 * car.unsprung[axle]
+        moved.append((unsprung, centre - (car.wheel_radius - held) * tilt))
+        patch = centre + held * tilt
+        slip = -patch / speed
+        slip[_BETA] = -1.0
+        a += car.cornering[axle] * np.outer(patch, slip)
+        if axle == 0:
+            b[:, 0] += car.cornering[axle] * patch
+        other = car.distance[1 - axle]
+        share = abs(other) / (car.distance[0] - car.distance[1])
+        carried = (share * car.mass - unsprung) * GRAVITY
+        angle = np.zeros(n)
+        angle[3 + 2 * axle : 5 + 2 * axle] = tilt[[hops, hops + 1]]
+        a += (carried * held + unsprung * GRAVITY * car.wheel_radius) * np.outer(tilt, angle)
+        if car.wheel_inertia:
+            spin = 2.0 * car.wheel_inertia * speed / car.wheel_radius
+            a[:, _YAW] += spin * tilt
+            a[_YAW] -= spin * tilt
+            e[_YAW, _YAW] += (
+                2.0 * car.wheel_inertia * (car.half_track[axle] / car.wheel_radius) ** 2
+            )
+    momentum = sum(mass * motion for mass, motion in moved)
+    inertia = sum(mass * np.outer(motion, motion) for mass, motion in moved)
+    # the reference is the CG, about which the yaw inertia is given whole
+    momentum[_YAW] = inertia[_YAW, _BETA] = inertia[_BETA, _YAW] = inertia[_YAW, _YAW] = 0.0
+    inertia[:, _BETA] *= speed
+    e += inertia
+    a[:, _YAW] -= speed * momentum
+    b[:, 13] -= GRAVITY * momentum
+
+
 def state_matrices(car: FullCar, speed: float) -> tuple[Matrix, Matrix]:
-    """A (26, 26) and B (26, 14) of x' = A x + B u at a constant ``speed`` (m/s).
+    """A (26, 26) and B (26, 15) of x' = A x + B u at a constant ``speed`` (m/s).
 
     States and inputs in the order of :data:`STATES` and :data:`INPUTS`. Without valves the ten
     states of the hydraulics remain zero.
@@ -221,35 +300,14 @@ def state_matrices(car: FullCar, speed: float) -> tuple[Matrix, Matrix]:
     if car.valves is not None:
         _hydraulics(car.valves, e, a, b)
 
-    # Lateral forces of the axles, and the acceleration that they push the car with.
-    axle_x, axle_u = np.zeros((2, n)), np.zeros((2, m))
-    for axle in range(2):
-        axle_x[axle, _BETA] = -car.cornering[axle]
-        axle_x[axle, _YAW] = -car.cornering[axle] * car.distance[axle] / speed
-    axle_u[0, 0] = car.cornering[0]
-    pushed_x, pushed_u = axle_x.sum(axis=0) / car.mass, axle_u.sum(axis=0) / car.mass
-
     heave, pitch, roll = _ZR, _ZR + 1, _ZR + 2
-    coupling = car.sprung_mass * car.roll_height
     e[heave, heave] = car.sprung_mass
-    e[pitch, pitch] = car.pitch_inertia + car.sprung_mass * car.pitch_height**2
-    e[roll, roll] = car.roll_inertia + coupling * car.roll_height
-    e[roll, _BETA] = -coupling * speed
-    e[_BETA, _BETA] = car.mass * speed
-    e[_BETA, roll] = -coupling
-    e[_YAW, _YAW] = car.yaw_inertia
+    e[pitch, pitch] = car.pitch_inertia + car.pitch_coupling
+    e[roll, roll] = car.roll_inertia
+    e[_BETA, _BETA], e[_YAW, _YAW] = 0.0, car.yaw_inertia
     a[pitch, 1] += car.sprung_mass * GRAVITY * car.pitch_height
-    a[roll, 2] += coupling * GRAVITY
-    a[roll, _YAW] += coupling * speed
-    b[roll, 13] += coupling * GRAVITY
-    a[_BETA] += axle_x.sum(axis=0)
-    a[_BETA, _YAW] -= car.mass * speed
-    b[_BETA] += axle_u.sum(axis=0)
-    b[_BETA, 13] -= car.mass * GRAVITY
-    for axle in range(2):
-        a[_YAW] += car.distance[axle] * axle_x[axle]
-        b[_YAW] += car.distance[axle] * axle_u[axle]
-
+    a[roll, 2] += car.sprung_mass * car.roll_height * GRAVITY
+    b[heave, 14] -= car.sprung_mass
     for axle in range(2):
         track, x = car.half_track[axle], car.body_distance[axle]
         travel = np.zeros((2, n))
@@ -264,12 +322,6 @@ def state_matrices(car: FullCar, speed: float) -> tuple[Matrix, Matrix]:
             torque[motor] += car.valves.bar_stiffness
             moment_x -= car.valves.lever_ratio * torque
             a[motor + 1] -= torque
-
-        unsprung = car.unsprung[axle]
-        held = car.roll_centre_height[axle]
-        inertia = 2 * unsprung * (car.wheel_radius - held)
-        lateral_x = (held * axle_x[axle] + inertia * pushed_x) / (2 * track)
-        lateral_u = (held * axle_u[axle] + inertia * pushed_u) / (2 * track)
         for side, sign in enumerate((1.0, -1.0)):
             wheel = 2 * axle + side
             stroke = np.zeros(n)
@@ -285,10 +337,13 @@ def state_matrices(car: FullCar, speed: float) -> tuple[Matrix, Matrix]:
             a[pitch] -= x * force_x
             b[pitch] -= x * force_u
             row = _ZR + 3 + wheel
-            e[row, row] = unsprung
-            a[row] += -force_x + sign * lateral_x
+            e[row, row] = car.unsprung[axle]
+            a[row] -= force_x
             a[row, 3 + wheel] -= car.tyre_stiffness
-            b[row] += -force_u + sign * lateral_u
+            a[row, row] -= car.tyre_damping
+            b[row] -= force_u
             b[row, 1 + wheel] += car.tyre_stiffness
+            b[row, 14] -= car.unsprung[axle]
+    _lateral(car, speed, e, a, b)
     inverse = np.linalg.inv(e).astype(np.float64)
     return inverse @ a, inverse @ b

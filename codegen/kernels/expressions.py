@@ -47,6 +47,7 @@ COMPARISONS: dict[type[ast.AST], str] = {
 OF_FLOATS: dict[Any, str] = {
     math.sin: "sin",
     math.cos: "cos",
+    math.tan: "tan",
     math.atan: "atan",
     math.atan2: "atan2",
     math.tanh: "tanh",

@@ -90,7 +90,7 @@ class FullCarModel:
 
     Attributes:
         a: (26, 26).
-        b: (26, 14), inputs as in ``vehicles.full_car.INPUTS``.
+        b: (26, 15), inputs as in ``vehicles.full_car.INPUTS``.
         outputs: rows roll rate, accelerometer, roll, moment of the bars, (4, 26).
         steer: feedthrough from the steering to those, (4,).
     """

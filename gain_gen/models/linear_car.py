@@ -140,7 +140,7 @@ def linear_car(
     Raises:
         CanrollError: no such steady curve; tyres too soft for the roll stiffness of the file.
     """
-    mass, plant, tyre = vehicle.mass, vehicle.plant, vehicle.tyre
+    plant, tyre = vehicle.plant, vehicle.tyre
     share = vehicle.geometry.static_front_share if front_share is None else front_share
     unit = np.eye(_WIDTH)
     axles = _axles(vehicle, share)

@@ -5,7 +5,7 @@ linear except for the limits of valve current, oil pressure and motor angle, and
 end at zero. Constant speed, no friction limit.
 """
 
-from math import cos, sin
+from math import cos, sin, tan
 
 import numpy as np
 
@@ -39,11 +39,17 @@ SIDESLIP, YAW_RATE, OIL = 14, 15, 16
     P_BAR_STIFFNESS,
     P_LEVER,
 ) = range(9)
-P_DISTANCE, P_BODY_DISTANCE, P_TRACK, P_CORNERING, P_STATIC = range(9, 19, 2)
-P_MATRICES = 19
-
-ROLLOVER_ANGLE = 0.6
-"""Roll angle (rad) beyond which no car comes back."""
+P_ARM, P_OFFSET, P_TYRE_DAMPING = 9, 10, 11
+(
+    P_DISTANCE,
+    P_BODY_DISTANCE,
+    P_TRACK,
+    P_CORNERING,
+    P_STATIC,
+    P_UNDER_AXIS,
+    P_ROLL_CENTRE,
+) = range(12, 26, 2)
+P_MATRICES = 26
 
 
 def parameters_of(car: FullCar, speed: float) -> Vector:
@@ -51,7 +57,8 @@ def parameters_of(car: FullCar, speed: float) -> Vector:
     a, b = state_matrices(car, speed)
     p = np.zeros(P_MATRICES)
     p[P_SPEED], p[P_MASS] = speed, car.mass
-    p[P_TYRE_STIFFNESS] = car.tyre_stiffness
+    p[P_TYRE_STIFFNESS], p[P_TYRE_DAMPING] = car.tyre_stiffness, car.tyre_damping
+    p[P_ARM], p[P_OFFSET] = car.roll_height, car.distance[0] - car.body_distance[0]
     p[P_RADIUS] = car.wheel_radius or 0.3
     if car.valves is not None:
         p[P_CURRENT_LIMIT] = car.valves.current_limit
@@ -65,6 +72,10 @@ def parameters_of(car: FullCar, speed: float) -> Vector:
     p[P_CORNERING : P_CORNERING + 2] = car.cornering
     weight = car.mass * GRAVITY / (2 * (car.distance[0] - car.distance[1]))
     p[P_STATIC : P_STATIC + 2] = -weight * car.distance[1], weight * car.distance[0]
+    p[P_ROLL_CENTRE : P_ROLL_CENTRE + 2] = car.roll_centre_height
+    p[P_UNDER_AXIS : P_UNDER_AXIS + 2] = [
+        car.roll_axis_height - held for held in car.roll_centre_height
+    ]
     return np.concatenate([p, a.ravel(), b.ravel()])
 
 
@@ -93,7 +104,11 @@ def derivative(state: Vector, inputs: Vector, p: Vector, rate: Vector) -> None:
     for i in range(2):
         drive[5 + i] = min(max(inputs[ports.VALVE_CURRENT_FRONT + i], -limit), limit)
         drive[11 + i] = inputs[ports.BAR_MOMENT_FRONT + i]
-    drive[13] = sin(inputs[ports.BANK])
+    bank, grade = inputs[ports.BANK], inputs[ports.GRADE]
+    drive[13] = sin(bank) * cos(grade)
+    # less weight on a slope, and what the turn of a banked road's normal demands
+    drive[14] = GRAVITY * (cos(bank) * cos(grade) - 1.0)
+    drive[14] -= p[P_SPEED] * state[YAW_RATE] * tan(bank)
     b = P_MATRICES + N_LINEAR * N_LINEAR
     for i in range(N_LINEAR):
         total = 0.0
@@ -144,7 +159,8 @@ def _observe(state: Vector, inputs: Vector, p: Vector, outputs: Vector) -> None:
         height = state[HEAVE] - x * state[PITCH] + y * state[ROLL]
         lift = state[RATES] - x * state[RATES + 1] + y * state[RATES + 2]
         gap = hop - inputs[ports.ROAD_HEIGHT + wheel]
-        load = max(p[P_STATIC + axle] - p[P_TYRE_STIFFNESS] * gap, 0.0)
+        load = p[P_STATIC + axle] - p[P_TYRE_STIFFNESS] * gap
+        load = max(load - p[P_TYRE_DAMPING] * state[HOP_RATE + wheel], 0.0)
         outputs[ports.TRAVEL + wheel] = height - hop
         outputs[ports.TRAVEL_RATE + wheel] = lift - state[HOP_RATE + wheel]
         outputs[ports.WHEEL_LOAD + wheel] = load
@@ -152,13 +168,22 @@ def _observe(state: Vector, inputs: Vector, p: Vector, outputs: Vector) -> None:
             gap - p[P_STATIC + axle] / p[P_TYRE_STIFFNESS], 0.0
         )
         outputs[ports.WHEEL_SPEED + wheel] = (speed - y * yaw_rate) / p[P_RADIUS]
-        slip = -state[SIDESLIP] - p[P_DISTANCE + axle] * yaw_rate / speed
+        tilt_rate = (state[HOP_RATE + 2 * axle] - state[HOP_RATE + 2 * axle + 1]) / (
+            2.0 * p[P_TRACK + axle]
+        )
+        aside = p[P_DISTANCE + axle] * yaw_rate + p[P_UNDER_AXIS + axle] * state[RATES + 2]
+        aside += p[P_ROLL_CENTRE + axle] * tilt_rate
+        slip = -state[SIDESLIP] - aside / speed
         if axle == 0:
             slip += inputs[ports.STEER]
         force = 0.5 * p[P_CORNERING + axle] * slip
         outputs[ports.LATERAL_FORCE + wheel] = force
         pushed += force / p[P_MASS]
-    outputs[ports.AY] = pushed - GRAVITY * sin(inputs[ports.BANK])
+    outputs[ports.AY] = pushed - GRAVITY * sin(inputs[ports.BANK]) * cos(inputs[ports.GRADE])
+    outputs[ports.BODY_ACC] = outputs[ports.AX]
+    outputs[ports.BODY_ACC + 1] = speed * (rate[SIDESLIP] + yaw_rate)
+    outputs[ports.BODY_ACC + 1] += p[P_OFFSET] * rate[YAW_RATE] - p[P_ARM] * rate[RATES + 2]
+    outputs[ports.BODY_ACC + 2] = rate[RATES] - speed * yaw_rate * tan(inputs[ports.BANK])
     for axle in range(2):
         i = OIL + 5 * axle
         left = outputs[ports.TRAVEL + 2 * axle] - outputs[ports.TRAVEL + 2 * axle + 1]
@@ -170,7 +195,7 @@ def _observe(state: Vector, inputs: Vector, p: Vector, outputs: Vector) -> None:
     left_off = outputs[load] == 0.0 and outputs[load + 2] == 0.0
     right_off = outputs[load + 1] == 0.0 and outputs[load + 3] == 0.0
     outputs[ports.TWO_WHEEL_LIFT] = 1.0 if left_off or right_off else 0.0
-    if abs(state[ROLL]) > ROLLOVER_ANGLE:
+    if abs(state[ROLL]) > ports.ROLLOVER_ANGLE:
         outputs[ports.ROLLOVER] = 1.0
 
 

@@ -5,7 +5,7 @@ Yim 2020, eq. 1). The speed is constant. Wheel loads follow from the moment bala
 the forces of springs, dampers and actuators, plus roll-centre and unsprung terms.
 """
 
-from math import cos, isnan, sin
+from math import cos, isnan, sin, tan
 
 import numpy as np
 
@@ -42,11 +42,10 @@ _rates = stack_vector(N_STATES)
     P_RC_FRONT,
     P_RC_REAR,
     P_RADIUS,
-) = range(20)
-N_PARAMETERS = 20
-
-ROLLOVER_ANGLE = 0.8
-"""Roll angle (rad) beyond which no vehicle comes back."""
+    P_ARM,
+    P_OFFSET,
+) = range(22)
+N_PARAMETERS = 22
 
 
 def build(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
@@ -73,6 +72,8 @@ def build(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
     parameters[P_RC_FRONT] = geometry.roll_centre_height_front
     parameters[P_RC_REAR] = geometry.roll_centre_height_rear
     parameters[P_RADIUS] = tyre.radius
+    parameters[P_ARM] = plant.cg_height_above_roll_axis
+    parameters[P_OFFSET] = vehicle.sprung_cg_offset
     return np.zeros(N_STATES), parameters
 
 
@@ -155,6 +156,10 @@ def observe(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector) 
     outputs[ports.ROLL] = state[ROLL]
     outputs[ports.ROLL_RATE] = state[ROLL_RATE]
     outputs[ports.ROLL_ACC] = rate[ROLL_RATE]
+    normal = -parameters[P_SPEED] * state[YAW_RATE] * tan(inputs[ports.BANK])
+    outputs[ports.BODY_ACC], outputs[ports.BODY_ACC + 2] = outputs[ports.AX], normal
+    outputs[ports.BODY_ACC + 1] = outputs[ports.AY] - parameters[P_ARM] * rate[ROLL_RATE]
+    outputs[ports.BODY_ACC + 1] += parameters[P_OFFSET] * rate[YAW_RATE]
 
     passed = parameters[P_STIFFNESS] * state[ROLL], parameters[P_DAMPING] * state[ROLL_RATE]
     moments = actuator_moments(inputs, parameters)
@@ -174,7 +179,8 @@ def observe(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector) 
             stiffness_share = 1.0 - parameters[P_STIFFNESS_SHARE]
             damping_share = 1.0 - parameters[P_DAMPING_SHARE]
             static = parameters[P_FRONT]
-        weight = parameters[P_MASS] * GRAVITY * cos(inputs[ports.BANK]) * static / wheelbase
+        weight = GRAVITY * cos(inputs[ports.BANK]) + normal
+        weight *= parameters[P_MASS] * static / wheelbase
         moment = (
             stiffness_share * passed[0]
             + damping_share * passed[1]
@@ -198,7 +204,7 @@ def observe(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector) 
             ) / parameters[P_RADIUS]
             outputs[ports.LATERAL_FORCE + wheel] = force * outputs[left + side] / weight
     outputs[ports.TWO_WHEEL_LIFT] = 1.0 if lifted_left or lifted_right else 0.0
-    if abs(state[ROLL]) > ROLLOVER_ANGLE:
+    if abs(state[ROLL]) > ports.ROLLOVER_ANGLE:
         outputs[ports.ROLLOVER] = 1.0
 
 

@@ -13,16 +13,14 @@ import numpy as np
 from canroll.errors import CanrollError
 from canroll.typing import Vector
 from plant_sim.bodies import ports
-from plant_sim.bodies.ports import WHEELS, Body, Outside
+from plant_sim.bodies.ports import ROLLOVER_ANGLE, WHEELS, Body, Outside
 from plant_sim.fmi import description, map_file
 from plant_sim.fmi.map_file import PlantMap
-from plant_sim.fmi.quantities import AT_REST, INPUTS, NEUTRAL, OUTPUTS, RATES
+from plant_sim.fmi.quantities import AT_REST, INPUTS, NEUTRAL, OUTPUTS, RATES, SAME
 from plant_sim.fmi.session import Session
 from plant_sim.kernels.jit import STEP_SIGNATURE, cfunc, function_at
 from vehicles import Vehicle
 
-ROLLOVER_ANGLE = 0.6
-"""Roll angle of a vehicle that has rolled over, rad, where the map has no ``rollover``."""
 SPEED_TOLERANCE = 0.02
 """By so much of the entry speed the FMU's own may differ at the start."""
 BY_WHEEL = ("wheel_load", "travel", "wheel_speed", "wheel_height", "lateral_force")
@@ -104,6 +102,8 @@ class Drive:
         if "ax" not in found:
             change = (found["vx"] - last["vx"]) / step if last else 0.0
             found["ax"] = change - found["yaw_rate"] * found["vy"]
+        for name, other in SAME.items():
+            found.setdefault(name, found[other])
         loads = [found.get(f"wheel_load_{wheel}", nan) for wheel in WHEELS]
         if "two_wheel_lift" not in found and all(map(isfinite, loads)):
             found["two_wheel_lift"] = float(max(loads[0::2]) <= 0.0 or max(loads[1::2]) <= 0.0)

@@ -62,6 +62,9 @@ OUTPUTS: dict[str, tuple[int, str]] = {
     "heave": (ports.HEAVE, "m"),
     "heave_rate": (ports.HEAVE_RATE, "m/s"),
     "heave_acc": (ports.HEAVE_ACC, "m/s2"),
+    "sprung_ax": (ports.BODY_ACC, "m/s2"),
+    "sprung_ay": (ports.BODY_ACC + 1, "m/s2"),
+    "sprung_az": (ports.BODY_ACC + 2, "m/s2"),
     **_four("wheel_load", ports.WHEEL_LOAD, "N"),
     **_four("travel", ports.TRAVEL, "m"),
     **_four("travel_rate", ports.TRAVEL_RATE, "m/s"),
@@ -85,6 +88,8 @@ RATES = {
     **{f"travel_rate_{wheel}": f"travel_{wheel}" for wheel in WHEELS},
 }
 """Outputs that are differences of others over a step where the map does not have them."""
+SAME = {"sprung_ax": "ax", "sprung_ay": "ay", "sprung_az": "heave_acc"}
+"""Outputs that are taken as another where the map does not have them."""
 AT_REST = ("pitch", "heave")
 """Outputs that are 0 where the map does not have them, with their rates."""
 

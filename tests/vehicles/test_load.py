@@ -38,31 +38,6 @@ def test_real_van_is_plausible():
     assert van.design == van.plant
 
 
-def test_kinematics_are_optional_and_checked():
-    with_scrub = table() | {"kinematics": {"scrub": 1.0}}
-    with_scrub["sources"] = with_scrub["sources"] | {"kinematics": "rigid links"}
-    van = vehicles.load("van_real")
-    assert van.scrub_arms == ((0.0, 0.0), (0.0, 0.0))
-    (front, front_tilt), (rear, rear_tilt) = vehicles.from_table(with_scrub, name="v").scrub_arms
-    geometry = van.geometry
-    assert (front_tilt, rear_tilt) == (
-        geometry.roll_centre_height_front,
-        geometry.roll_centre_height_rear,
-    )
-    assert front + front_tilt == pytest.approx(van.roll_axis_height)
-    assert rear + rear_tilt == pytest.approx(van.roll_axis_height)
-    for wrong, message in (
-        ({"scrub": 1.5}, "kinematics.scrub = 1.5: must be at most 1"),
-        ({"scrub": -1.0}, "kinematics.scrub = -1: must not be negative"),
-        ({"scrubb": 1.0}, "unknown key 'scrubb', did you mean 'scrub'"),
-    ):
-        with pytest.raises(CanrollError, match=message):
-            vehicles.from_table(with_scrub | {"kinematics": wrong}, name="v")
-    unsourced = table() | {"kinematics": {"scrub": 1.0}}
-    with pytest.raises(CanrollError, match="has no source: name it"):
-        vehicles.from_table(unsourced, name="v")
-
-
 def test_unknown_vehicle_suggests_the_nearest():
     with pytest.raises(UnknownNameError, match="did you mean 'van_2021'"):
         vehicles.load("vna_2021")

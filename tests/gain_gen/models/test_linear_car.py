@@ -105,9 +105,13 @@ def test_a_steady_curve_softens_the_tyres_as_the_plants_own_tyre_does(van):
     tilt = steady_roll(van, suspension_roll_stiffness(van))[1]
     moved = data.vertical_stiffness * van.geometry.half_track_front * tilt * acceleration
 
+    # rolling resistance, a couple of the road, moves load to the rear
+    resistance = data.rolling_resistance * van.total_mass * 9.81
+    back = 0.5 * resistance * data.radius / van.geometry.wheelbase
+
     def force(slip):
         total = 0.0
-        for load in (static - moved, static + moved):
+        for load in (static - back - moved, static - back + moved):
             ratio = load / static
             stiffness = 0.5 * data.cornering_stiffness_front * ratio
             stiffness *= tyre.falling(ratio, data.cornering_load_slope)

@@ -8,124 +8,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.car_bodies import CarBodies
 
 import vehicles
 from plant_sim.bodies import nonlinear_car as car
 from plant_sim.bodies import ports
+from plant_sim.world.open_loop import advance
 
 STEP = 1e-30
 RELATIVE = 1e-9
 G = vehicles.GRAVITY
 
 
-def pitched(a):
-    c, s = np.cos(a), np.sin(a)
-    zero = 0 * a
-    return np.array([[c, zero, s], [zero, 1 + zero, zero], [-s, zero, c]])
-
-
-def rolled(a):
-    c, s = np.cos(a), np.sin(a)
-    zero = 0 * a
-    return np.array([[1 + zero, zero, zero], [zero, c, -s], [zero, s, c]])
-
-
 def vector(*values):
     return np.array(values)
-
-
-class Bodies:
-    """Masses, places, velocities of all bodies in the heading frame, from the foot of P."""
-
-    def __init__(self, vehicle, state, inputs):
-        geometry, mass = vehicle.geometry, vehicle.mass
-        bank, grade = inputs[ports.BANK], inputs[ports.GRADE]
-        self.up = vector(np.sin(grade), np.sin(bank) * np.cos(grade), np.cos(bank) * np.cos(grade))
-        self.turn = state[car.YAW_RATE] * self.up / self.up[2]
-        point = vector(0, 0, vehicle.roll_axis_height + state[car.HEAVE])
-        velocity = state[[car.VX, car.VY, car.HEAVE_RATE]]
-        self.foot = velocity - np.cross(self.turn, point) - vector(0, 0, state[car.HEAVE_RATE])
-
-        pitch, roll = pitched(state[car.PITCH]), rolled(state[car.ROLL])
-        body = pitch @ roll
-        forward = pitch @ vector(1, 0, 0)
-        pitching = self.turn + state[car.PITCH_RATE] * vector(0, 1, 0)
-        turning = pitching + state[car.ROLL_RATE] * forward
-        arm = body @ vector(0, 0, vehicle.plant.cg_height_above_roll_axis)
-        inertia = np.diag(
-            [vehicle.plant.inertia_about_cg, mass.pitch_inertia, vehicle.sprung_yaw_inertia]
-        )
-        self.parts = [
-            (
-                vehicle.plant.sprung_mass,
-                point + arm,
-                velocity + np.cross(turning, arm),
-                body @ inertia @ body.T @ turning,
-                turning,
-            )
-        ]
-        self.rotors, self.hinges, self.hubs = [], [], []
-        ahead = geometry.cg_to_front_axle, -geometry.cg_to_rear_axle
-        tracks = geometry.half_track_front, geometry.half_track_rear
-        heights = geometry.roll_centre_height_front, geometry.roll_centre_height_rear
-        masses = mass.unsprung_front, mass.unsprung_rear
-        for axle in range(2):
-            first = car.TRAVEL + 2 * axle
-            left, right = state[first], state[first + 1]
-            left_rate, right_rate = state[first + 4], state[first + 5]
-            track, height = tracks[axle], heights[axle]
-            slide, tilt = -(left + right) / 2, -(left - right) / (2 * track)
-            slide_rate, tilt_rate = (
-                -(left_rate + right_rate) / 2,
-                -(left_rate - right_rate) / (2 * track),
-            )
-            to_centre = body @ vector(
-                ahead[axle] - vehicle.sprung_cg_offset,
-                0,
-                height - vehicle.roll_axis_height + slide,
-            )
-            along = body @ vector(0, 0, 1)
-            attitude = pitch @ rolled(state[car.ROLL] + tilt)
-            to_hubs = attitude @ vector(0, 0, vehicle.tyre.radius - height)
-            axle_turning = turning + tilt_rate * forward
-            centre_velocity = velocity + np.cross(turning, to_centre) + slide_rate * along
-            hub_velocity = centre_velocity + np.cross(axle_turning, to_hubs)
-            axle_inertia = masses[axle] * track**2 * np.diag([1.0, 0.0, 1.0])
-            self.parts.append(
-                (
-                    masses[axle],
-                    point + to_centre + to_hubs,
-                    hub_velocity,
-                    attitude @ axle_inertia @ attitude.T @ axle_turning,
-                    axle_turning,
-                )
-            )
-            self.hinges.append((point + to_centre, along, forward))
-            steer = inputs[ports.STEER] if axle == 0 else 0.0
-            axis = attitude @ vector(-np.sin(steer), np.cos(steer), 0)
-            for side in range(2):
-                out = attitude @ vector(0, track if side == 0 else -track, 0)
-                wheel = 2 * axle + side
-                self.hubs.append((point + to_centre + to_hubs + out, axis, axle_turning))
-                self.rotors.append(
-                    (vehicle.tyre.wheel_inertia * state[car.SPIN + wheel], axis, wheel)
-                )
-                self.hubs[-1] += (hub_velocity + np.cross(axle_turning, out),)
-
-    def momentum(self, parts):
-        return sum(m * v for m, _, v, _, _ in parts)
-
-    def moment_of_momentum(self, parts, rotors):
-        return sum(np.cross(r, m * v) + h for m, r, v, h, _ in parts) + sum(
-            (h * axis for h, axis, _ in rotors), start=np.zeros(3)
-        )
-
-    def kinetic_energy(self, state, spin_inertia):
-        spins = state[car.SPIN : car.SPIN + 4]
-        return (
-            sum(0.5 * m * v @ v + 0.5 * h @ w for m, _, v, h, w in self.parts)
-            + 0.5 * spin_inertia * spins @ spins
-        )
 
 
 class Balance:
@@ -136,13 +32,13 @@ class Balance:
         self.parameters = car.build_parameters(self.vehicle)
         self.rate, self.results = np.zeros(car.N_STATES), np.zeros(car.N_RESULTS)
         car.evaluate(state, inputs, self.parameters, self.rate, self.results)
-        self.bodies = Bodies(self.vehicle, state, inputs)
+        self.bodies = CarBodies(self.vehicle, state, inputs)
         self.weight = -G * self.bodies.up
         self.road = [self._road(wheel) for wheel in range(4)]
 
     def change(self, of):
         """Derivative in time of a function of the bodies, its axes being the heading frame's."""
-        shifted = Bodies(self.vehicle, self.state + 1j * STEP * self.rate, self.inputs)
+        shifted = CarBodies(self.vehicle, self.state + 1j * STEP * self.rate, self.inputs)
         return np.imag(of(shifted)) / STEP
 
     def inertial(self, of):
@@ -298,7 +194,7 @@ def test_moment_of_momentum_changes_by_the_moments_from_outside(balance):
 def test_kinetic_energy_changes_by_the_power_of_all_forces(balance):
     inertia = balance.vehicle.tyre.wheel_inertia
     shifted = balance.state + 1j * STEP * balance.rate
-    bodies = Bodies(balance.vehicle, shifted, balance.inputs)
+    bodies = CarBodies(balance.vehicle, shifted, balance.inputs)
     change = np.imag(bodies.kinetic_energy(shifted, inertia)) / STEP
     scale = balance.vehicle.total_mass * G * 40.0
     close(change, balance.power(), scale)
@@ -343,8 +239,10 @@ def test_what_an_axle_exerts_on_the_body_is_the_suspension_force(balance):
 
 @on_every_road
 def test_outputs_are_the_accelerations_of_the_bodies(balance):
-    state, outputs = balance.state.copy(), np.zeros(ports.N_OUTPUTS)
-    ports_step(state, balance, outputs)
+    outputs = np.zeros(ports.N_OUTPUTS)
+    # a step of no time
+    state = balance.state.copy()
+    advance(car.step, state, balance.inputs, balance.parameters, outputs, 0.0)
     sprung = balance.inertial(lambda b: b.parts[0][2])
     close(outputs[ports.BODY_ACC : ports.BODY_ACC + 3], sprung, G)
     whole = balance.inertial(lambda b: b.momentum(b.parts)) / balance.vehicle.total_mass
@@ -355,10 +253,3 @@ def test_outputs_are_the_accelerations_of_the_bodies(balance):
         balance.bodies.turn, [-balance.vehicle.sprung_cg_offset, 0, 0]
     )
     close(outputs[ports.VX : ports.VY + 1], reference[:2], 1.0)
-
-
-def ports_step(state, balance, outputs):
-    """A step of no time: the outputs of that state."""
-    from plant_sim.world.open_loop import advance
-
-    advance(car.step, state, balance.inputs, balance.parameters, outputs, 0.0)
