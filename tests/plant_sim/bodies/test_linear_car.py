@@ -5,6 +5,8 @@ from dataclasses import replace
 import control
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 import vehicles
 from plant_sim import bodies
@@ -233,3 +235,89 @@ def test_linearisation_keeps_mass_and_axles():
     assert car.mass == vehicle.total_mass and car.valves is None
     static = linear_car.parameters_of(car, 10.0)[linear_car.P_STATIC : linear_car.P_STATIC + 2]
     assert 2 * static.sum() == pytest.approx(vehicle.total_mass * vehicles.GRAVITY, rel=1e-12)
+
+
+CARS = st.tuples(
+    st.sampled_from(vehicles.names()),
+    st.lists(st.floats(-0.1, 0.1), min_size=16, max_size=16),
+    st.tuples(st.floats(-0.1, 0.1), st.floats(-0.3, 0.3)),
+    st.lists(st.floats(-2000, 2000), min_size=6, max_size=6),
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(CARS)
+def test_momentum_and_its_moment_about_the_road_change_by_the_road_alone(drawn):
+    """The linear balances, with masses at their heights and loads where the contact patches are."""
+    name, values, (steer, bank), forces = drawn
+    vehicle, speed = vehicles.load(name), 25.0
+    geometry, mass, plant = vehicle.geometry, vehicle.mass, vehicle.plant
+    state, parameters = bodies.body("linear_car").build(vehicle, speed)
+    state[: len(values)] = values
+    inputs, outputs = ports.initial_inputs(), np.zeros(ports.N_OUTPUTS)
+    inputs[ports.STEER], inputs[ports.BANK] = steer, bank
+    inputs[ports.CORNER_FORCE : ports.CORNER_FORCE + 6] = forces
+    rate = np.zeros_like(state)
+    linear_car.derivative(state, inputs, parameters, rate)
+    linear_car._observe(state, inputs, parameters, outputs)
+    loads = parameters[linear_car.P_STATIC + np.array([0, 0, 1, 1])]
+    hops = state[linear_car.HOP : linear_car.HOP + 4]
+    loads = loads - vehicle.tyre.vertical_stiffness * hops
+    loads = loads - vehicle.tyre.vertical_damping * state[linear_car.HOP_RATE :][:4]
+
+    roll, roll_acc = state[linear_car.ROLL], rate[linear_car.RATES + 2]
+    yaw_rate, yaw_acc = state[linear_car.YAW_RATE], rate[linear_car.YAW_RATE]
+    g, arm, axis = vehicles.GRAVITY, plant.cg_height_above_roll_axis, vehicle.roll_axis_height
+    aside = speed * (rate[linear_car.SIDESLIP] + yaw_rate)
+    sprung = aside + vehicle.sprung_cg_offset * yaw_acc - arm * roll_acc
+    normal = g * (np.cos(bank) - 1) - speed * yaw_rate * np.tan(bank)
+    momentum = plant.sprung_mass * sprung
+    lifted = plant.sprung_mass * (rate[linear_car.RATES] + normal)
+    moment = plant.inertia_about_cg * roll_acc - plant.sprung_mass * (axis + arm) * sprung
+    moment -= plant.sprung_mass * g * (arm * roll + (axis + arm) * np.sin(bank))
+    for axle, (ahead, track, height, m) in enumerate(
+        (
+            (
+                geometry.cg_to_front_axle,
+                geometry.half_track_front,
+                geometry.roll_centre_height_front,
+                mass.unsprung_front,
+            ),
+            (
+                -geometry.cg_to_rear_axle,
+                geometry.half_track_rear,
+                geometry.roll_centre_height_rear,
+                mass.unsprung_rear,
+            ),
+        )
+    ):
+        left, right = hops[2 * axle : 2 * axle + 2]
+        accelerations = rate[linear_car.HOP_RATE + 2 * axle :][:2]
+        tilt = (left - right) / (2 * track)
+        tilt_acc = (accelerations[0] - accelerations[1]) / (2 * track)
+        above = vehicle.tyre.radius - height
+        axle_aside = aside + ahead * yaw_acc + (axis - height) * roll_acc - above * tilt_acc
+        momentum += m * axle_aside
+        lifted += m * (accelerations.mean() + normal)
+        hub, patch = (axis - height) * roll - above * tilt, (axis - height) * roll + height * tilt
+        moment += m * track**2 * tilt_acc - m * vehicle.tyre.radius * axle_aside
+        moment += m * g * (hub - vehicle.tyre.radius * np.sin(bank))
+        spin = 2 * vehicle.tyre.wheel_inertia * speed / vehicle.tyre.radius
+        moment -= spin * yaw_rate
+        static = 2 * parameters[linear_car.P_STATIC + axle]
+        moment -= track * (loads[2 * axle] - loads[2 * axle + 1]) + static * patch
+    pushed = outputs[ports.LATERAL_FORCE : ports.LATERAL_FORCE + 4].sum()
+    weight = vehicle.total_mass * g
+    assert momentum == pytest.approx(pushed - weight * np.sin(bank), abs=1e-9 * weight)
+    assert lifted == pytest.approx(loads.sum() - weight, abs=1e-9 * weight)
+    assert moment == pytest.approx(0.0, abs=1e-9 * weight * geometry.wheelbase)
+    assert outputs[ports.BODY_ACC + 1] == pytest.approx(sprung, abs=1e-9 * g)
+
+
+def test_a_banked_curve_presses_the_roll_plant_too():
+    """Σ loads = m (g cos η − v r tan η), of a car that turns with the bank."""
+    vehicle = vehicles.load("van_real")
+    outputs = simulated(bodies.body("roll1"), vehicle, 6.0, STEER=0.02, BANK=-0.2)
+    loads = outputs[ports.WHEEL_LOAD : ports.WHEEL_LOAD + 4].sum()
+    normal = vehicles.GRAVITY * np.cos(0.2) + SPEED * outputs[ports.YAW_RATE] * np.tan(0.2)
+    assert loads == pytest.approx(vehicle.total_mass * normal, rel=1e-9)
