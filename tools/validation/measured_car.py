@@ -108,21 +108,19 @@ def table() -> Iterator[str]:
     example = case()
     ours = agreement(example, MANOEUVRE)
     ahead = agreement(fitted_on(FIRST, example), SECOND)
+    signals, simulated = example.measured.signals, replay(*example)
     inside, straight = example.measured.inside(MANOEUVRE), example.measured.inside(STRAIGHT)
-    simulated = replay(*example)[inside]
-    signals = example.measured.signals
+    left, road = (np.std((signals - simulated)[part], axis=0) for part in (inside, straight))
     yield (
         "| signal | VAF (%) | VAF of the second half, fitted on the first (%) | ISO/TS 18571 "
-        "| RMS of the difference | standard deviation on the straight before |"
+        "| standard deviation of the difference | on the straight before |"
     )
     yield "| --- | ---: | ---: | ---: | ---: | ---: |"
     for i, (name, (unit, factor)) in enumerate(zip(SIGNALS, UNITS, strict=True)):
-        rated = rating(signals[inside, i], simulated[:, i])
-        apart = factor * np.sqrt(np.mean((signals[inside, i] - simulated[:, i]) ** 2))
-        road = factor * np.std(signals[straight, i])
+        rated = rating(signals[inside, i], simulated[inside, i])
         yield (
             f"| {name} | {100 * ours[i]:.2f} | {100 * ahead[i]:.2f} | {rated:.3f} "
-            f"| {apart:.2g} {unit} | {road:.2g} {unit} |"
+            f"| {factor * left[i]:.2g} {unit} | {factor * road[i]:.2g} {unit} |"
         )
 
 

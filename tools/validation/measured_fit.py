@@ -7,6 +7,7 @@ priors: an unknown about which the drive says nothing stays at its prior mean.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from math import floor, log10
 from typing import Any
 
 import numpy as np
@@ -156,6 +157,7 @@ def fit(
 def table(fitted: Fit) -> Iterator[str]:
     """Lines of a table: value and standard deviation of each unknown, and its prior.
 
+    Values are rounded to the second digit of their deviation, as in the vehicle file.
     Learnt: how much smaller the deviation is than the prior's, 0 if the drive says nothing.
     """
     yield "| number | fitted | ± | prior | learnt from the drive |"
@@ -163,7 +165,9 @@ def table(fitted: Fit) -> Iterator[str]:
     for unknown, value, deviation in zip(
         fitted.unknowns, fitted.values, fitted.deviations, strict=True
     ):
+        digits = 1 - floor(log10(deviation))
+        fitted_value = f"{round(value, digits):g} | {round(deviation, digits):g}"
         prior = f"{unknown.mean:g} ± {unknown.deviation:g}"
         prior += f": {unknown.prior}" if unknown.prior else ""
         learnt = 1.0 - deviation / unknown.deviation
-        yield f"| `{unknown.key}` | {value:.4g} | {deviation:.2g} | {prior} | {learnt:.0%} |"
+        yield f"| `{unknown.key}` | {fitted_value} | {prior} | {learnt:.0%} |"
