@@ -67,7 +67,7 @@ def test_measured_numbers_are_those_of_the_testers():
 
 @pytest.mark.parametrize("window", [MANOEUVRE, FIRST, SECOND])
 def test_the_car_drives_as_measured(window):
-    """At least as near as a linear car of 4 degrees of freedom, fitted on the same, comes."""
+    """With the numbers of its file, fitted on all of the manoeuvre."""
     least = (0.9995, 0.996, 0.948, 0.955) if window is MANOEUVRE else (0.995, 0.98, 0.93, 0.94)
     assert (measured_car.agreement(case(), window) > least).all()
 
