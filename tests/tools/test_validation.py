@@ -16,15 +16,15 @@ SLOW = pytest.mark.slow
 
 
 @cache
-def common(name, scrub=True):
-    return ours.in_common(vehicles.load(name), scrub=scrub)
+def common(name):
+    return ours.in_common(vehicles.load(name))
 
 
-def differ(name, case, *, scrub=True, as_published=False):
+def differ(name, case, *, as_published=False):
     """Difference in per cent; the multi-body car has the parameters of the vehicle."""
     p = multi_body.parameters(common(name))
     theirs = multi_body.simulate(p, case.speed, case.steer, case.moments, as_published=as_published)
-    found = ours.difference(ours.drive_plant(common(name, scrub), case), theirs)
+    found = ours.difference(ours.drive_plant(common(name), case), theirs)
     return {of: 100 * getattr(found, of) for of in found.__slots__}
 
 
@@ -82,12 +82,6 @@ def test_moments(hertz, yaw_rate, roll):
     """The body's answer to an anti-roll moment, and the small yaw rate that comes with it."""
     found = differ("van_real", ours.moment_sine(common("van_real"), hertz))
     check(found, yaw_rate=yaw_rate, roll=roll, lateral_acceleration=8.0)
-
-
-def test_scrub_closes_the_gap():
-    """With slip at the roll axis, as without ``[kinematics]``, the same sine is 18 % apart."""
-    case = ours.sine(1.0)
-    assert differ("van_real", case, scrub=False)["roll"] > 4 * differ("van_real", case)["roll"]
 
 
 @SLOW

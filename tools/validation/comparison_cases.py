@@ -14,7 +14,6 @@ from plant_sim.driving import maneuvers
 from plant_sim.world.open_loop import advance, run_passive
 from tools.validation.multi_body import STEP, Motion
 from vehicles import GRAVITY, Vehicle
-from vehicles.model import Kinematics
 
 NONLINEAR = bodies.body("nonlinear")
 SUBSTEPS = 10
@@ -24,6 +23,11 @@ little as such a step allows."""
 RELAXATION = 2e-3
 DRIVABLE_RELAXATION = 0.1
 """Relaxation lengths (m): of the comparison, and of the car that the driver steers at 1 ms."""
+
+
+LIGHT = 0.3
+"""Share of the wheels' spin inertia in the comparison: as little as the multi-body car's step
+allows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,12 +53,12 @@ class Difference:
     loads: float
 
 
-def in_common(vehicle: Vehicle, *, scrub: bool = True) -> Vehicle:
+def in_common(vehicle: Vehicle) -> Vehicle:
     """Return ``vehicle`` restricted to the features of the multi-body car.
 
     Tyres linear in load with one stiffness per load, dampers linear, no stops, no rolling
-    resistance; unsprung masses in balance about the CG. ``scrub``: contact patches move according
-    to the roll centres, as in a multi-body car.
+    resistance; unsprung masses in balance about the CG; wheels so light that they hardly resist
+    being turned, since those of the multi-body car are no gyroscopes.
     """
     geometry, mass = vehicle.geometry, vehicle.mass
     front = geometry.static_front_share
@@ -80,8 +84,8 @@ def in_common(vehicle: Vehicle, *, scrub: bool = True) -> Vehicle:
             vertical_damping=0.0,
             rolling_resistance=0.0,
             relaxation_length=RELAXATION,
+            wheel_inertia=LIGHT * tyre.wheel_inertia,
         ),
-        kinematics=Kinematics(1.0) if scrub else None,
     )
 
 

@@ -170,14 +170,27 @@ _PUBLISHED_TYRE = published.tireModel
 
 @contextmanager
 def _rates(p: Any, *, as_published: bool) -> Iterator[Callable[[Vector, float], Vector]]:  # noqa: ANN401
-    """Return the rates of the state at a steering angle (rad); slip as published or at the road."""
+    """Return the rates of the state at a steering angle (rad), as published or with what is missing.
+
+    That is the slip at the road, and in the yaw equation the axles' sideways motion relative to the
+    body: the published one has the whole car's inertia, as if axles did not move.
+    """
     tyre = _AtContactPatch(p)
+    moments = p.m_uf * p.a, -p.m_ur * p.b
+    rigid = p.I_z - p.m_uf * p.a**2 - p.m_ur * p.b**2
 
     def rates(state: Vector, steer: float) -> Vector:
         x = state.tolist()
         x[2] = steer
         tyre.state = x
-        return np.array(published.vehicle_dynamics_mb(x, [0.0, 0.0], p))
+        rate = np.array(published.vehicle_dynamics_mb(x, [0.0, 0.0], p))
+        if not as_published:
+            apart = sum(
+                moment * (rate[axle.side] - rate[_VY_RATE])
+                for moment, axle in zip(moments, _AXLES, strict=True)
+            )
+            rate[_YAW_RATE] = (p.I_z * rate[_YAW_RATE] - apart) / rigid
+        return rate
 
     try:
         if not as_published:
@@ -203,7 +216,8 @@ def simulate(
         steer: road-wheel angle (rad), one value per millisecond.
         moments: anti-roll moment of front and rear axle (N·m), (n, 2), which lifts the left side of
             the body and loads the left wheels; none by default.
-        as_published: slip angles as the package defines them, else those at the contact patches.
+        as_published: the package's own slip angles and yaw equation; else slip at the contact
+            patches, and axles that move sideways in the yaw equation too.
     """
     pushed = np.zeros((steer.size, _STATES))
     if moments is not None:

@@ -48,7 +48,8 @@ def test_the_gain_has_its_margins_on_every_car_and_is_certified(designed):
 def test_it_is_as_near_as_the_margins_take_to_what_no_damper_passes(designed):
     """The steady roll, which the roll rate says nothing of, is the floor of every gain."""
     found = designed.solution.extra
-    assert found["least_peak_ratio"] <= found["peak_ratio"] < 1.015 * found["least_peak_ratio"]
+    # equal but for the grids of both, where the steady roll is the peak
+    assert 1.0 - 1e-5 < found["peak_ratio"] / found["least_peak_ratio"] < 1.015
     steady = []
     for member in family_of(designed.task).members:
         free = np.abs(member.disturbed[:, 2])

@@ -8,7 +8,6 @@ import vehicles
 from canroll.errors import CanrollError
 from hil.studies.linear_response import linear_response
 from plant_sim import bodies
-from vehicles.model import Kinematics
 from vehicles.unladen import unladen
 
 VAN = vehicles.load("van_real")
@@ -19,25 +18,14 @@ def distance(vehicle, speed_kmh, **trim):
     return found.distance
 
 
-SCRUBBING = replace(VAN, kinematics=Kinematics(scrub=1.0))
-
-
-@pytest.mark.parametrize(
-    "vehicle",
-    [VAN, unladen(VAN), SCRUBBING, unladen(SCRUBBING)],
-    ids=["laden", "empty", "laden, scrubbing", "empty, scrubbing"],
-)
-@pytest.mark.parametrize("speed_kmh", [40.0, 60.0, 80.0, 100.0, 120.0])
-def test_design_model_is_within_two_percent_of_the_plant(vehicle, speed_kmh):
+@pytest.mark.parametrize("vehicle", [VAN, unladen(VAN)], ids=["laden", "empty"])
+@pytest.mark.parametrize("speed_kmh", [40.0, 80.0, 120.0])
+def test_design_model_is_within_half_a_percent_of_the_plant(vehicle, speed_kmh):
     found = distance(vehicle, speed_kmh)
-    for name in ("roll_rate", "roll", "lateral_acceleration", "imu_lateral"):
-        assert found["moment"][name] < 0.015
-        assert found["steering"][name] < 0.02
-    assert found["steering"]["yaw_rate"] < 0.02
-    # the tyres' rolling resistance under shifted loads, of a response that is tiny
-    assert found["moment"]["yaw_rate"] < 0.25
-    rolls_freely = replace(vehicle, tyre=replace(vehicle.tyre, rolling_resistance=0.0))
-    assert distance(rolls_freely, speed_kmh)["moment"]["yaw_rate"] < 0.01
+    for name in ("roll_rate", "roll", "lateral_acceleration", "imu_lateral", "yaw_rate"):
+        assert found["steering"][name] < 0.005
+        # the yaw rate by a moment is tiny
+        assert found["moment"][name] < (0.01 if name == "yaw_rate" else 0.005)
 
 
 @pytest.mark.parametrize("vehicle", [VAN, unladen(VAN)], ids=["laden", "empty"])
