@@ -278,8 +278,8 @@ def _lateral(car: FullCar, speed: float, e: Matrix, a: Matrix, b: Matrix) -> Non
             e[_YAW, _YAW] += (
                 2.0 * car.wheel_inertia * (car.half_track[axle] / car.wheel_radius) ** 2
             )
-    momentum = sum(mass * motion for mass, motion in moved)
-    inertia = sum(mass * np.outer(motion, motion) for mass, motion in moved)
+    masses, motions = np.array([mass for mass, _ in moved]), np.array([row for _, row in moved])
+    momentum, inertia = masses @ motions, motions.T @ (masses[:, None] * motions)
     # the reference is the CG, about which the yaw inertia is given whole
     momentum[_YAW] = inertia[_YAW, _BETA] = inertia[_BETA, _YAW] = inertia[_YAW, _YAW] = 0.0
     inertia[:, _BETA] *= speed

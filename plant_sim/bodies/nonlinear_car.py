@@ -187,7 +187,7 @@ def tyre_forces(  # noqa: PLR0917
 ) -> tuple[float, float]:
     """Longitudinal and lateral force (N).
 
-    ``along`` is the speed of the contact along the wheel, ``turned`` that of the tread by the spin
+    ``along`` is the speed of the contact along the wheel, ``turned`` that of the tyre by its spin
     (m/s), ``slip`` the lateral one as it has built up.
     """
     ratio = load / p[P_STATIC + axle]

@@ -1,50 +1,84 @@
 """Masses, places and velocities of the 14-DOF car's bodies, built from the vehicle's data."""
 
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from plant_sim.bodies import nonlinear_car as car
 from plant_sim.bodies import ports
+from vehicles import Vehicle
+
+Array = NDArray[Any]
 
 
-def pitched(a):
-    c, s = np.cos(a), np.sin(a)
-    zero = 0 * a
-    return np.array([[c, zero, s], [zero, 1 + zero, zero], [-s, zero, c]])
+class Part(NamedTuple):
+    """A rigid body: mass, place and velocity of its CG, moment of momentum about that, rate."""
+
+    mass: float
+    place: Array
+    velocity: Array
+    spin: Array
+    turning: Array
 
 
-def rolled(a):
-    c, s = np.cos(a), np.sin(a)
-    zero = 0 * a
-    return np.array([[1 + zero, zero, zero], [zero, c, -s], [zero, s, c]])
+class Hub(NamedTuple):
+    """A wheel: place and velocity of its centre, its axis, rate of its carrier, own momentum."""
+
+    place: Array
+    velocity: Array
+    axis: Array
+    turning: Array
+    momentum: Any
 
 
-def vector(*values):
-    return np.array(values)
+class Hinge(NamedTuple):
+    """An axle's joint: roll centre, directions of the slide and of the turn."""
+
+    centre: Array
+    slide: Array
+    turn: Array
+
+
+def pitched(angle: Any) -> Array:
+    """Rotation about y; the angle may be complex."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0 * c, s], [0 * c, 1, 0 * c], [-s, 0 * c, c]])
+
+
+def rolled(angle: Any) -> Array:
+    """Rotation about x."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1, 0 * c, 0 * c], [0 * c, c, -s], [0 * c, s, c]])
 
 
 class CarBodies:
-    """Masses, places, velocities of all bodies in the heading frame, from the foot of P."""
+    """All bodies in a state, real or complex: in the heading frame, from the foot of P."""
 
-    def __init__(self, vehicle, state, inputs):
-        geometry, mass = vehicle.geometry, vehicle.mass
+    def __init__(self, vehicle: Vehicle, state: Array, inputs: Array) -> None:
+        geometry, mass, offset = vehicle.geometry, vehicle.mass, vehicle.sprung_cg_offset
         bank, grade = inputs[ports.BANK], inputs[ports.GRADE]
-        self.up = vector(np.sin(grade), np.sin(bank) * np.cos(grade), np.cos(bank) * np.cos(grade))
+        self.up = np.array(
+            [np.sin(grade), np.sin(bank) * np.cos(grade), np.cos(bank) * np.cos(grade)]
+        )
         self.turn = state[car.YAW_RATE] * self.up / self.up[2]
-        point = vector(0, 0, vehicle.roll_axis_height + state[car.HEAVE])
         velocity = state[[car.VX, car.VY, car.HEAVE_RATE]]
-        self.foot = velocity - np.cross(self.turn, point) - vector(0, 0, state[car.HEAVE_RATE])
+        point = np.array([0, 0, vehicle.roll_axis_height + state[car.HEAVE]])
+        self.foot = velocity - np.cross(self.turn, point)
+        self.foot = self.foot - np.array([0, 0, state[car.HEAVE_RATE]])
 
-        pitch, roll = pitched(state[car.PITCH]), rolled(state[car.ROLL])
-        body = pitch @ roll
-        forward = pitch @ vector(1, 0, 0)
-        pitching = self.turn + state[car.PITCH_RATE] * vector(0, 1, 0)
-        turning = pitching + state[car.ROLL_RATE] * forward
-        arm = body @ vector(0, 0, vehicle.plant.cg_height_above_roll_axis)
+        pitch = pitched(state[car.PITCH])
+        body = pitch @ rolled(state[car.ROLL])
+        forward, upward = pitch @ np.array([1, 0, 0]), body @ np.array([0, 0, 1])
+        turning = self.turn + state[car.PITCH_RATE] * np.array([0, 1, 0])
+        turning = turning + state[car.ROLL_RATE] * forward
+        arm = vehicle.plant.cg_height_above_roll_axis * upward
         inertia = np.diag(
             [vehicle.plant.inertia_about_cg, mass.pitch_inertia, vehicle.sprung_yaw_inertia]
         )
         self.parts = [
-            (
+            Part(
                 vehicle.plant.sprung_mass,
                 point + arm,
                 velocity + np.cross(turning, arm),
@@ -52,69 +86,71 @@ class CarBodies:
                 turning,
             )
         ]
-        self.rotors, self.hinges, self.hubs = [], [], []
-        ahead = geometry.cg_to_front_axle, -geometry.cg_to_rear_axle
-        tracks = geometry.half_track_front, geometry.half_track_rear
-        heights = geometry.roll_centre_height_front, geometry.roll_centre_height_rear
-        masses = mass.unsprung_front, mass.unsprung_rear
-        for axle in range(2):
+        self.hinges: list[Hinge] = []
+        self.hubs: list[Hub] = []
+        axles = (
+            (
+                geometry.cg_to_front_axle,
+                geometry.half_track_front,
+                geometry.roll_centre_height_front,
+                mass.unsprung_front,
+            ),
+            (
+                -geometry.cg_to_rear_axle,
+                geometry.half_track_rear,
+                geometry.roll_centre_height_rear,
+                mass.unsprung_rear,
+            ),
+        )
+        for axle, (ahead, track, height, unsprung) in enumerate(axles):
             first = car.TRAVEL + 2 * axle
-            left, right = state[first], state[first + 1]
-            left_rate, right_rate = state[first + 4], state[first + 5]
-            track, height = tracks[axle], heights[axle]
-            slide, tilt = -(left + right) / 2, -(left - right) / (2 * track)
-            slide_rate, tilt_rate = (
-                -(left_rate + right_rate) / 2,
-                -(left_rate - right_rate) / (2 * track),
-            )
-            to_centre = body @ vector(
-                ahead[axle] - vehicle.sprung_cg_offset,
-                0,
-                height - vehicle.roll_axis_height + slide,
-            )
-            along = body @ vector(0, 0, 1)
+            left, right, left_rate, right_rate = state[[first, first + 1, first + 4, first + 5]]
+            tilt, tilt_rate = -(left - right) / (2 * track), -(left_rate - right_rate) / (2 * track)
+            down = height - vehicle.roll_axis_height - (left + right) / 2
+            to_centre = body @ np.array([ahead - offset, 0, down])
+            moved = np.cross(turning, to_centre) - (left_rate + right_rate) / 2 * upward
             attitude = pitch @ rolled(state[car.ROLL] + tilt)
-            to_hubs = attitude @ vector(0, 0, vehicle.tyre.radius - height)
             axle_turning = turning + tilt_rate * forward
-            centre_velocity = velocity + np.cross(turning, to_centre) + slide_rate * along
-            hub_velocity = centre_velocity + np.cross(axle_turning, to_hubs)
-            axle_inertia = masses[axle] * track**2 * np.diag([1.0, 0.0, 1.0])
-            self.parts.append(
-                (
-                    masses[axle],
-                    point + to_centre + to_hubs,
-                    hub_velocity,
-                    attitude @ axle_inertia @ attitude.T @ axle_turning,
-                    axle_turning,
-                )
-            )
-            self.hinges.append((point + to_centre, along, forward))
+            to_hubs = attitude @ np.array([0, 0, vehicle.tyre.radius - height])
+            middle = point + to_centre + to_hubs
+            middle_velocity = velocity + moved + np.cross(axle_turning, to_hubs)
+            axle_inertia = unsprung * track**2 * np.diag([1.0, 0.0, 1.0])
+            spin = attitude @ axle_inertia @ attitude.T @ axle_turning
+            self.parts.append(Part(unsprung, middle, middle_velocity, spin, axle_turning))
+            self.hinges.append(Hinge(point + to_centre, upward, forward))
             steer = inputs[ports.STEER] if axle == 0 else 0.0
-            axis = attitude @ vector(-np.sin(steer), np.cos(steer), 0)
+            axis = attitude @ np.array([-np.sin(steer), np.cos(steer), 0])
             for side in range(2):
-                out = attitude @ vector(0, track if side == 0 else -track, 0)
-                wheel = 2 * axle + side
-                self.hubs.append((point + to_centre + to_hubs + out, axis, axle_turning))
-                self.rotors.append(
-                    (vehicle.tyre.wheel_inertia * state[car.SPIN + wheel], axis, wheel)
-                )
-                self.hubs[-1] += (hub_velocity + np.cross(axle_turning, out),)
+                out = attitude @ np.array([0, track if side == 0 else -track, 0])
+                own = vehicle.tyre.wheel_inertia * state[car.SPIN + 2 * axle + side]
+                hub_velocity = middle_velocity + np.cross(axle_turning, out)
+                self.hubs.append(Hub(middle + out, hub_velocity, axis, axle_turning, own))
 
-    def momentum(self, parts):
-        return sum(m * v for m, _, v, _, _ in parts)
-
-    def moment_of_momentum(self, parts, rotors):
-        return sum(np.cross(r, m * v) + h for m, r, v, h, _ in parts) + sum(
-            (h * axis for h, axis, _ in rotors), start=np.zeros(3)
+    def momentum(self, parts: Sequence[int] = (0, 1, 2)) -> Array:
+        """Momentum of the body (0) and the axles (1, 2)."""
+        moved: Array = sum(
+            (self.parts[i].mass * self.parts[i].velocity for i in parts), start=np.zeros(3)
         )
+        return moved
 
-    def kinetic_energy(self, state, spin_inertia):
-        spins = state[car.SPIN : car.SPIN + 4]
-        return (
-            sum(0.5 * m * v @ v + 0.5 * h @ w for m, _, v, h, w in self.parts)
-            + 0.5 * spin_inertia * spins @ spins
+    def moment_of_momentum(self, parts: Sequence[int] = (0, 1, 2)) -> Array:
+        """The same about the foot of P, that of an axle with its wheels."""
+        total: Array = np.zeros(3)
+        for i in parts:
+            part = self.parts[i]
+            total = total + np.cross(part.place, part.mass * part.velocity) + part.spin
+            for hub in self.hubs[2 * i - 2 : 2 * i] if i else ():
+                total = total + hub.momentum * hub.axis
+        return total
+
+    def kinetic_energy(self, wheel_inertia: float) -> Any:
+        """Kinetic energy of all (J)."""
+        moving = sum(
+            0.5 * part.mass * part.velocity @ part.velocity + 0.5 * part.spin @ part.turning
+            for part in self.parts
         )
+        return moving + sum(0.5 * hub.momentum**2 / wheel_inertia for hub in self.hubs)
 
-    def height_energy(self, gravity):
+    def height_energy(self, gravity: float) -> float:
         """Potential energy of the weight over a flat road (J)."""
-        return sum(gravity * m * r[2] for m, r, *_ in self.parts)
+        return float(sum(gravity * part.mass * part.place[2] for part in self.parts))

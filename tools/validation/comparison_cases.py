@@ -158,14 +158,20 @@ def difference(ours: Motion, theirs: Motion) -> Difference:
     return Difference(*(share(of) for of in Motion._fields))
 
 
-def balance(vehicle: Vehicle, motion: Motion) -> tuple[float, float, float]:
+def balance(
+    vehicle: Vehicle, motion: Motion, *, wheel_inertia: float
+) -> tuple[float, float, float]:
     """Return the moments on the car about the line between its wheels at the end of a steady case.
+
+    Args:
+        vehicle: the car.
+        motion: its motion.
+        wheel_inertia: of a wheel that is a gyroscope (kg·m²); 0 of the multi-body car's.
 
     Returns:
         transferred: moment of the wheel loads (N·m).
-        required: by the force balance of the whole car at small angles: m a_y at the CG's height
-        and
-            the weight of body and axles beside that line.
+        required: by the force balance of the whole car at small angles: m a_y at the CG's height,
+            the weight of body and axles beside that line, and what turns the spinning wheels.
         unbalanced: part neglected by a car whose springs push on axles along the body's vertical
             without a moment arm (N·m).
     """
@@ -179,7 +185,8 @@ def balance(vehicle: Vehicle, motion: Motion) -> tuple[float, float, float]:
     tilts = apart / (2 * tyre.vertical_stiffness * np.array(tracks))
     weights = plant.sprung_mass * GRAVITY * np.array(shares)
     beside = weights.sum() * plant.cg_height_above_roll_axis * roll
-    beside += (weights * heights + GRAVITY * np.array(unsprung) * tyre.radius) @ tilts
+    turned = 4.0 * wheel_inertia / tyre.radius * motion.lateral_acceleration[-1]
+    beside += turned + (weights * heights + GRAVITY * np.array(unsprung) * tyre.radius) @ tilts
     return (
         float(apart @ tracks),
         float(vehicle.total_mass * motion.lateral_acceleration[-1] * vehicle.cg_height + beside),

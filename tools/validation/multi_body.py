@@ -170,7 +170,7 @@ _PUBLISHED_TYRE = published.tireModel
 
 @contextmanager
 def _rates(p: Any, *, as_published: bool) -> Iterator[Callable[[Vector, float], Vector]]:  # noqa: ANN401
-    """Return the rates of the state at a steering angle (rad), as published or with what is missing.
+    """Return the rates of the state at a steering angle (rad), as published or completed.
 
     That is the slip at the road, and in the yaw equation the axles' sideways motion relative to the
     body: the published one has the whole car's inertia, as if axles did not move.

@@ -1,7 +1,5 @@
 """The design model of the data sheet is the linearised 14-DOF plant to 10 Hz."""
 
-from dataclasses import replace
-
 import pytest
 
 import vehicles

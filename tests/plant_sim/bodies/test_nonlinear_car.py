@@ -130,7 +130,7 @@ def energy(car, vehicle):
     """Kinetic and potential energy of the whole car over a flat road (J), stops left out."""
     s, p = car.state, car.parameters
     bodies_now = CarBodies(vehicle, s, car.inputs)
-    total = bodies_now.kinetic_energy(s, vehicle.tyre.wheel_inertia)
+    total = bodies_now.kinetic_energy(vehicle.tyre.wheel_inertia)
     total += bodies_now.height_energy(vehicles.GRAVITY)
     for axle in range(2):
         travel = s[nonlinear_car.TRAVEL + 2 * axle : nonlinear_car.TRAVEL + 2 * axle + 2]
@@ -138,8 +138,8 @@ def energy(car, vehicle):
         total -= p[parameters.P_PRELOAD + axle] * travel.sum()
         twist = (travel[0] - travel[1]) / (2 * p[parameters.P_TRACK + axle])
         total += 0.5 * p[parameters.P_BAR + axle] * twist**2
-        for hub, axis, *_ in bodies_now.hubs[2 * axle : 2 * axle + 2]:
-            radius = hub[2] / np.sqrt(1 - axis[2] ** 2)
+        for hub in bodies_now.hubs[2 * axle : 2 * axle + 2]:
+            radius = hub.place[2] / np.sqrt(1 - hub.axis[2] ** 2)
             deflection = max(p[parameters.P_UNLOADED + axle] - radius, 0.0)
             total += 0.5 * p[parameters.P_TYRE_STIFFNESS] * deflection**2
     return total

@@ -39,7 +39,7 @@ def test_equals_the_second_derivative_of_the_point(euler, turning, linear, arm, 
     )
 
     def attitude(t):
-        """In the heading axes of t = 0, which turn about the vertical as bank and grade are held."""
+        """In the heading axes of t = 0; they turn about the vertical, bank and grade are held."""
         roll, pitch, yaw = (
             angle + rate * t + acc * t * t / 2
             for angle, rate, acc in zip((*euler, 0.0), rates, accelerations, strict=True)
