@@ -1,0 +1,132 @@
+"""Time lines of a log: cut where its times step, and joined where they go on.
+
+The clock of a logger is set while it runs, two recordings are one file, or the logger slept for
+days. The log is cut at every jump back, at every long pause, and at a pause that a jump back
+undoes. Pieces that follow each other within a pause's length are joined; of all ways to do so the
+one with most frames is a section, and what remains is treated likewise.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from canroll.errors import CanrollError
+
+_DISORDER_NS: Final = 20_000_000
+"""By how much frames of one channel may be out of order: loggers write in pieces."""
+_PAUSE_NS: Final = 60_000_000_000
+"""Longest pause within a drive; what python-can's player skips, too."""
+_TYPICAL_PAUSES: Final = 100
+"""Medians of the times between frames that are no long pause on a bus that says little."""
+_MOST_JUMPS: Final = 100
+_SHARE: Final = 0.01
+"""Jumps back, at most, and of all frames if there are few: a clock is not set more often."""
+_SHOWN: Final = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """A step of the times at a frame (index in the log), ns; negative: back."""
+
+    frame: int
+    by_ns: int
+
+    def __str__(self) -> str:
+        way = "forward" if self.by_ns > 0 else "back"
+        return f"{way} by {_spell(abs(self.by_ns))} at frame {self.frame + 1}"
+
+
+@dataclass(frozen=True, slots=True)
+class Sections:
+    """Sections of a log: indices of their frames in the log's order, and where its times step."""
+
+    rows: Sequence[NDArray[np.int64]]
+    steps: Sequence[Step]
+
+    def choose(self, number: int | None) -> tuple[NDArray[np.int64], str]:
+        """Return the rows of a section, None: the one with most frames, and what to say of it."""
+        sizes = [len(rows) for rows in self.rows]
+        place = int(np.argmax(sizes)) if number is None else number - 1
+        if len(self.rows) == 1:
+            return self.rows[0], ""
+        shown = ", ".join(map(str, self.steps[:_SHOWN]))
+        more = len(self.steps) - _SHOWN
+        return self.rows[place], (
+            f"the times step {shown}{f' and {more} times more' if more > 0 else ''}: section"
+            f" {place + 1} of {len(self.rows)} is read, {sizes[place]} of {sum(sizes)} frames on"
+            " one time line ('canroll bus' and 'canroll ecu' read another by --section)"
+        )
+
+
+def find_sections(times_ns: NDArray[np.int64]) -> Sections:
+    """Return the sections of a channel; times in the order of the log.
+
+    Raises:
+        CanrollError: the times step so often that they are no times of reception.
+    """
+    gaps = np.diff(times_ns)
+    backs = np.flatnonzero(gaps < -_DISORDER_NS) + 1
+    if len(backs) > min(_MOST_JUMPS, max(2.0, _SHARE * len(times_ns))):
+        raise CanrollError(
+            f"the times jump back {len(backs)} times in {len(times_ns)} frames: they are no times"
+            " of reception (of candump -t d they are differences: record with -L)"
+        )
+    forward = gaps[gaps > 0]
+    typical = int(np.median(forward)) if len(forward) else 0
+    longest = max(_PAUSE_NS, _TYPICAL_PAUSES * typical)
+    pauses = set((np.flatnonzero(gaps > longest) + 1).tolist())
+    bounds = [0, *backs.tolist(), len(times_ns)]
+    for place, back in enumerate(backs.tolist(), 1):
+        pauses |= _undone(times_ns, bounds[place - 1], back, bounds[place + 1])
+    cuts = sorted({*backs.tolist(), *pauses})
+    steps = [Step(cut, int(gaps[cut - 1])) for cut in cuts]
+    pieces = np.split(np.arange(len(times_ns)), cuts)
+    rows = []
+    while pieces:
+        chain = _longest_chain(pieces, times_ns, longest)
+        rows.append(np.concatenate([pieces[i] for i in chain]))
+        pieces = [piece for i, piece in enumerate(pieces) if i not in chain]
+    return Sections(sorted(rows, key=lambda section: int(section[0])), steps)
+
+
+def _undone(times_ns: NDArray[np.int64], begin: int, back: int, end: int) -> set[int]:
+    """Return the first frames after pauses as long as a jump back, before and after it."""
+    jump = int(times_ns[back - 1] - times_ns[back])
+    pauses = set()
+    for first, last, time in (
+        (begin, back, int(times_ns[back])),
+        (back, end, int(times_ns[back - 1])),
+    ):
+        place = first + int(np.searchsorted(times_ns[first:last], time, side="right"))
+        if first < place < last and 2 * int(times_ns[place] - times_ns[place - 1]) > jump:
+            pauses.add(place)
+    return pauses
+
+
+def _longest_chain(
+    pieces: Sequence[NDArray[np.int64]], times_ns: NDArray[np.int64], longest: int
+) -> list[int]:
+    """Return the pieces, in order, that fit onto one time line and have most frames."""
+    starts = [int(times_ns[piece[0]]) for piece in pieces]
+    ends = [int(times_ns[piece].max()) for piece in pieces]
+    sizes: list[int] = []
+    before: list[int] = []
+    for place, start in enumerate(starts):
+        joined = [i for i in range(place) if -_DISORDER_NS <= start - ends[i] <= longest]
+        best = max(joined, key=lambda i: sizes[i], default=-1)
+        before.append(best)
+        sizes.append(len(pieces[place]) + (sizes[best] if best >= 0 else 0))
+    chain = [int(np.argmax(sizes))]
+    while before[chain[-1]] >= 0:
+        chain.append(before[chain[-1]])
+    return chain[::-1]
+
+
+def _spell(time_ns: int) -> str:
+    """Return a time in a unit that suits it."""
+    units = ((86_400e9, "d"), (3600e9, "h"), (60e9, "min"), (1e9, "s"), (1e6, "ms"))
+    size, unit = next((u for u in units if time_ns >= u[0]), units[-1])
+    return f"{time_ns / size:.4g} {unit}"
