@@ -27,6 +27,8 @@ _FRAMES: Final = (
 _ERROR, _FD_ERROR_64 = 2, 104
 """Error frames that it does not read; both begin with the channel."""
 _SIGNATURE: Final = b"LOBJ"
+_PADDING: Final = 8
+"""Within so many bytes behind an object the next one begins."""
 _CHANNELS: Final = {_ERROR: Struct("<H"), _FD_ERROR_64: Struct("<B")}
 _COUNT_PLACE: Final = Struct("<32xL")
 DAMAGED: Final = "damaged, or not a BLF"
@@ -95,7 +97,7 @@ class _Walk:
         for piece in self._pieces():
             buffer += piece
             place = 0
-            while (start := buffer.find(_SIGNATURE, place, place + 8)) >= 0:
+            while (start := buffer.find(_SIGNATURE, place, place + _PADDING)) >= 0:
                 if start + blf.OBJ_HEADER_BASE_STRUCT.size > len(buffer):
                     break
                 size, kind = blf.OBJ_HEADER_BASE_STRUCT.unpack_from(buffer, start)[3:]
@@ -106,6 +108,8 @@ class _Walk:
                     raise ValueError
                 yield _object(buffer, start, kind)
                 place = end
+            if start < 0 and place + _PADDING <= len(buffer):
+                raise ValueError
             buffer = buffer[place:]
         self.cut = self.cut or _SIGNATURE in buffer
 

@@ -80,7 +80,7 @@ def find_sections(times_ns: NDArray[np.int64]) -> Sections:
     pauses = set((np.flatnonzero(gaps > longest) + 1).tolist())
     bounds = [0, *backs.tolist(), len(times_ns)]
     for place, back in enumerate(backs.tolist(), 1):
-        pauses |= _undone(times_ns, bounds[place - 1], back, bounds[place + 1])
+        pauses |= _undone(gaps, bounds[place - 1], back, bounds[place + 1])
     cuts = sorted({*backs.tolist(), *pauses})
     steps = [Step(cut, int(gaps[cut - 1])) for cut in cuts]
     pieces = np.split(np.arange(len(times_ns)), cuts)
@@ -92,18 +92,17 @@ def find_sections(times_ns: NDArray[np.int64]) -> Sections:
     return Sections(sorted(rows, key=lambda section: int(section[0])), steps)
 
 
-def _undone(times_ns: NDArray[np.int64], begin: int, back: int, end: int) -> set[int]:
-    """Return the first frames after pauses as long as a jump back, before and after it."""
-    jump = int(times_ns[back - 1] - times_ns[back])
-    pauses = set()
-    for first, last, time in (
-        (begin, back, int(times_ns[back])),
-        (back, end, int(times_ns[back - 1])),
-    ):
-        place = first + int(np.searchsorted(times_ns[first:last], time, side="right"))
-        if first < place < last and 2 * int(times_ns[place] - times_ns[place - 1]) > jump:
-            pauses.add(place)
-    return pauses
+def _undone(gaps: NDArray[np.int64], begin: int, back: int, end: int) -> set[int]:
+    """Return the first frame after the nearest pause as long as a jump back, before and after it.
+
+    A clock that is set for a while makes a pause longer and a jump shorter by the time between
+    two frames.
+    """
+    jump = -gaps[back - 1]
+    matching = np.flatnonzero((gaps >= jump) & (gaps <= 2 * jump)) + 1
+    before = matching[(matching > begin) & (matching < back)]
+    after = matching[(matching > back) & (matching < end)]
+    return {*before[-1:].tolist(), *after[:1].tolist()}
 
 
 def _longest_chain(

@@ -5,7 +5,7 @@ the right rate this holds for many frames and none comes sooner; at a lower rate
 at a higher rate no frame follows without a pause.
 
 On a bus that says little no frame follows so, or too few. Then a usual rate is assumed at which no
-frame comes sooner than it can. Time stamps that are coarser than a few bits are no evidence.
+frame comes sooner than it can. Coarse time stamps are no evidence, whatever they say.
 """
 
 from dataclasses import dataclass
@@ -31,6 +31,8 @@ LEAST_EVIDENCE: Final = 10
 """Least number of frames without a pause as evidence for a rate."""
 _TOLERANCE_NS: Final = 2_500
 """Of a difference of two time stamps of whole µs, and bits lost to resynchronisation."""
+_FINE_NS: Final = 50_000
+"""Coarsest resolution of time stamps that are evidence: less than the shortest frame lasts."""
 _COARSEST_NS: Final = 1_000_000
 """Coarsest resolution of time stamps, that of a .trc of version 1.0."""
 _SLOWEST: Final = 0.995
@@ -93,7 +95,7 @@ def find_bit_rate(
     rates: tuple[int, int] | None = None
     if bitrate is not None and (data_bitrate is not None or not switched):
         rates = given
-    elif stamp <= _TOLERANCE_NS:
+    elif stamp <= _FINE_NS:
         rates, pairs = _inferred(gaps, nominal, data, given, switched=switched)
     assumed: tuple[str, ...] = ()
     other: tuple[int, ...] = ()

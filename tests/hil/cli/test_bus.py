@@ -125,7 +125,10 @@ def test_beside_a_recording_there_is_no_bound(tmp_path, capsys):
     assert found["messages"]["Imu"]["response_max_ms"] > 1.0
     assert found["delay"]["age_bound_ms"] is found["delay"]["tau_max_ms"] is None
     assert found["delay"]["age_max_ms"] > found["delay"]["age_min_ms"] > 0.0
-    assert found["recording"] == {"frames": 41, "duration_s": 1.4, "channel": "can0"}
+    assert found["recording"] == {
+        **{"frames": 41, "duration_s": 1.4, "channel": "can0"},
+        **{"error_frames": 0, "remarks": []},
+    }
 
 
 def test_ages_are_simulated_beside_the_whole_recording(tmp_path, capsys):
