@@ -196,7 +196,7 @@ def show(answer: Answer) -> None:
         for remark in recording.remarks:
             console.print(f"{answer.log}: {remark}", highlight=False)
         if recording.errors:
-            console.print(f"{recording.errors} error frames in {answer.log}, not replayed")
+            console.print(f"error frames in {answer.log}, not replayed: {recording.errors}")
     if recording and recording.duration_s < duration:
         console.print(f"{answer.log} ends after {recording.duration_s:g} s of {duration:g} s")
     if answer.delay:

@@ -187,7 +187,9 @@ def show(answer: RecordedAnswer) -> None:
         highlight=False,
     )
     if bus.errors:
-        console.print(f"{bus.errors} error frames in the log: allow for them by --error-interval")
+        console.print(
+            f"{bus.errors} error frame{'s' if bus.errors > 1 else ''} in the log: allow for them by --error-interval"
+        )
     if answer.delay is not None:
         console.print(_delay_line(answer), highlight=False)
 
@@ -211,7 +213,7 @@ def _rate_line(name: str, bus: InferredBus) -> str:
     source = f"inferred from {rate.pairs} frames without a pause" if rate.pairs else "as given"
     source = "assumed" if rate.assumed else source
     remote = _remote(bus)
-    apart = f" ({remote} remote frames)" if remote else ""
+    apart = f" ({remote} of them remote)" if remote else ""
     line = (
         f"{name}, channel {bus.channel}: {len(bus.recording.frames.t_ns)} frames{apart} in"
         f" {bus.recording.duration_s:g} s at {text} kbit/s ({source})"

@@ -95,7 +95,7 @@ class RecordedDrive:
         return (
             NOTE,
             *self.remarks,
-            *((f"{self.errors} error frames in the log",) if self.errors else ()),
+            *((f"error frames in the log: {self.errors}",) if self.errors else ()),
             *((f"no frame of {silent} in the log",) if silent else ()),
         )
 
