@@ -187,8 +187,9 @@ def show(answer: RecordedAnswer) -> None:
         highlight=False,
     )
     if bus.errors:
+        many = "s" if bus.errors > 1 else ""
         console.print(
-            f"{bus.errors} error frame{'s' if bus.errors > 1 else ''} in the log: allow for them by --error-interval"
+            f"{bus.errors} error frame{many} in the log: allow for them by --error-interval"
         )
     if answer.delay is not None:
         console.print(_delay_line(answer), highlight=False)

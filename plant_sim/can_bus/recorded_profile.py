@@ -67,7 +67,10 @@ def read_profile(name: str) -> RecordedProfile:
         names = ", ".join(f"{path}#{known}" for known in channels)
         raise CanrollError(f"{path}: choose a channel of it: {names}")
     logged = select_channel(path, channels, channel or None)
-    bus = infer_channel(logged, log.bitrate, log.data_bitrate)
+    try:
+        bus = infer_channel(logged, log.bitrate, log.data_bitrate)
+    except CanrollError as error:
+        raise CanrollError(f"{path}: {error}") from error
     return RecordedProfile(
         name=name, bitrate=bus.rate.nominal, data_bitrate=bus.rate.data, load=bus.load, bus=bus
     )

@@ -43,6 +43,8 @@ def read(lines: Sequence[Line], remarks: Remarks) -> list[Numbered]:
         text = line.text.strip()
         base = _BASE.match(text)
         if base:
+            if rests and decimal != (base[1].lower() == "dec"):
+                raise LineError(line, "the base of the numbers changes: cut the file before it")
             decimal = base[1].lower() == "dec"
             relative = (base["times"] or "").lower() == "relative"
         event = _EVENT.match(text)

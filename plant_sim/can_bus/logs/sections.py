@@ -21,6 +21,12 @@ _PAUSE_NS: Final = 60_000_000_000
 """Longest pause within a drive; what python-can's player skips, too."""
 _TYPICAL_PAUSES: Final = 100
 """Medians of the times between frames that are no long pause on a bus that says little."""
+_FEW: Final = 10
+_DECREASING: Final = 0.2
+"""Share of frames before the previous one; of differences for times it is nearly half."""
+_NO_TIMES: Final = (
+    "they are no times of reception (of candump -t d they are differences: record with -L)"
+)
 _MOST_JUMPS: Final = 100
 _SHARE: Final = 0.01
 """Jumps back, at most, and of all frames if there are few: a clock is not set more often."""
@@ -69,10 +75,17 @@ def find_sections(times_ns: NDArray[np.int64]) -> Sections:
     """
     gaps = np.diff(times_ns)
     backs = np.flatnonzero(gaps < -_DISORDER_NS) + 1
+    decreasing = int((gaps < 0).sum())
+    if decreasing > max(_FEW, _DECREASING * len(times_ns)):
+        raise CanrollError(
+            f"the times of {decreasing} of {len(times_ns)} frames are before those of the frame"
+            f" before: {_NO_TIMES}"
+        )
+    if len(times_ns) > _FEW and not gaps.any():
+        raise CanrollError(f"all {len(times_ns)} frames have the same time")
     if len(backs) > min(_MOST_JUMPS, max(2.0, _SHARE * len(times_ns))):
         raise CanrollError(
-            f"the times jump back {len(backs)} times in {len(times_ns)} frames: they are no times"
-            " of reception (of candump -t d they are differences: record with -L)"
+            f"the times jump back {len(backs)} times in {len(times_ns)} frames: {_NO_TIMES}"
         )
     forward = gaps[gaps > 0]
     typical = int(np.median(forward)) if len(forward) else 0

@@ -100,7 +100,11 @@ def infer_bus(
         UnknownNameError: it has no such channel.
     """
     channels = read_log(path, section=section, progress=progress)
-    return infer_channel(select_channel(path, channels, channel), bitrate, data_bitrate)
+    logged = select_channel(path, channels, channel)
+    try:
+        return infer_channel(logged, bitrate, data_bitrate)
+    except CanrollError as error:
+        raise CanrollError(f"{path}: {error}") from error
 
 
 def infer_buses(

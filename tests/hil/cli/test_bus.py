@@ -574,7 +574,7 @@ def test_a_section_of_a_log_whose_times_step_is_chosen(tmp_path, capsys):
     assert "--section selects a section of a log" in capsys.readouterr().err
 
 
-def test_an_unknown_suffix_is_told_those_that_are_read(tmp_path, capsys):
+def test_a_refused_suffix_names_those_that_are_read(tmp_path, capsys):
     text = tmp_path / "log.txt"
     text.write_text("(1.0) can0 0A0#11\n")
     for command, words in (

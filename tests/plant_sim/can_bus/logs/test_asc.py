@@ -116,6 +116,12 @@ def test_a_line_that_cannot_be_read_is_named(tmp_path):
         read(tmp_path, f"{HEAD}{frames(2)}0.3 1 122 Rx d 2 1 Z\n")
 
 
+def test_two_logs_in_one_file_have_one_base(tmp_path):
+    assert len(only(tmp_path, HEAD + frames(3) + HEAD + frames(3, since=1.0)).ident) == 6
+    with pytest.raises(CanrollError, match="line 9: the base of the numbers changes"):
+        read(tmp_path, HEAD + frames(3) + HEAD.replace("hex", "dec") + frames(3))
+
+
 def test_a_last_line_that_was_being_written_is_left_out(tmp_path):
     logged = only(tmp_path, f"{HEAD}{frames(2)}0.3 1 122 Rx d 8 1 2 3 4 5 6 7 Z")
     assert len(logged.ident) == 2

@@ -123,7 +123,7 @@ def test_what_cannot_be_read_is_named_by_its_line(tmp_path, line, words):
 
 def test_a_packed_log_is_read_and_a_damaged_one_is_named(tmp_path):
     path = tmp_path / "log.log.gz"
-    path.write_bytes(gzip.compress(f"{LOGGED}\n".encode() * 100))
+    path.write_bytes(gzip.compress(b"".join(b"(%d.0) can0 0A0#11\n" % k for k in range(100))))
     assert len(read_log(path)["can0"].ident) == 100
     path.write_bytes(path.read_bytes()[:-20])
     with pytest.raises(CanrollError, match="damaged, or not packed by gzip"):

@@ -5,9 +5,11 @@ import random
 import re
 
 import can
+import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
+from plant_sim.can_bus.logs import databases
 from plant_sim.can_bus.traffic.log_reader import LOGS, read_log
 
 FRAMES = 60
@@ -61,7 +63,7 @@ def damaged(content, suffix):
         yield bytes(changed)
 
 
-def said_of(path):
+def remarks_of(path):
     """Return the lines said of a log, whether it is read or refused."""
     try:
         return [remark for logged in read_log(path).values() for remark in logged.remarks]
@@ -79,7 +81,7 @@ def test_damage_is_said_in_a_line_of_ours(good, tmp_path, capfd):
     path = tmp_path / good.name
     for content in damaged(good.read_bytes(), good.suffix):
         path.write_bytes(content)
-        for line in said_of(path):
+        for line in remarks_of(path):
             assert "\n" not in line
             assert not FOREIGN_WORDS.search(line.replace(str(path), "")), line
     assert capfd.readouterr().err == ""
@@ -116,3 +118,41 @@ def test_a_log_of_which_nothing_remains_says_why(tmp_path):
     path.write_text("(1.0) can0 FFF#00\n")
     with pytest.raises(CanrollError, match=r"contains no frame; line 1: identifier FFF"):
         read_log(path)
+
+
+def test_an_mf4_without_its_package_names_the_extra(tmp_path, monkeypatch):
+    path = tmp_path / "log.mf4"
+    path.write_bytes(b"MDF     4.10")
+    monkeypatch.setattr(databases, "find_spec", lambda name: None)
+    with pytest.raises(CanrollError, match=r"needs asammdf: pip install 'canroll\[asammdf\]'"):
+        read_log(path)
+
+
+def test_an_mf4_of_signals_alone_is_called_so(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    path = tmp_path / "signals.mf4"
+    with asammdf.MDF() as file:
+        times = np.arange(10) * 0.1
+        file.append(asammdf.Signal(times, times, name="roll"))
+        file.save(path)
+    with pytest.raises(CanrollError, match="an MF4 without CAN frames: its bus logging is needed"):
+        read_log(path)
+
+
+def test_what_python_can_does_not_read_of_an_mf4_is_counted(tmp_path, monkeypatch):
+    """A group without its source is passed over by python-can."""
+    asammdf = pytest.importorskip("asammdf")
+    path = tmp_path / "log.mf4"
+    with can.Logger(str(path)) as logger:
+        for message in messages():
+            logger(message)
+        logger(can.Message(timestamp=1.0, arbitration_id=0x80, is_remote_frame=True, channel=0))
+    with asammdf.MDF(path) as file:
+        for group in file.groups:
+            if any(channel.name == "CAN_RemoteFrame" for channel in group.channels):
+                group.channel_group.acq_source = None
+        file.save(tmp_path / "less.mf4")
+    (logged,) = read_log(path).values()
+    assert (len(logged.ident), logged.remarks) == (FRAMES + 1, ())
+    (logged,) = read_log(tmp_path / "less.mf4").values()
+    assert logged.remarks == ("1 remote frames are there, 0 can be read",)

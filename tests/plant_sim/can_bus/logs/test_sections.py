@@ -75,6 +75,17 @@ def test_times_that_jump_back_again_and_again_are_refused():
         find_sections(np.tile(np.arange(10) * 10 * MS, 100))
 
 
+def test_differences_are_no_times():
+    """``candump -t d``: 0.3 and 9.7 ms in turn."""
+    with pytest.raises(CanrollError, match="the times of 500 of 1000 frames are before those of"):
+        find_sections(np.tile([9_700_000, 300_000], 500))
+
+
+def test_one_time_for_all_frames_is_none():
+    with pytest.raises(CanrollError, match="all 50 frames have the same time"):
+        find_sections(np.zeros(50, np.int64))
+
+
 def log(tmp_path, times, name="drive.log"):
     path = tmp_path / name
     path.write_text(

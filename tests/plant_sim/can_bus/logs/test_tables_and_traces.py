@@ -40,7 +40,7 @@ def test_a_row_of_savvycan_that_cannot_be_read_or_be(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["time;id;bytes\n0.1;123;00 11\n", "nonsense\n"])
-def test_a_table_with_other_columns_is_told_those_expected(tmp_path, text):
+def test_a_table_with_other_columns_names_those_expected(tmp_path, text):
     words = r"columns '.*': expected are timestamp,arbitration_id,.* or Time Stamp,ID,Extended"
     with pytest.raises(CanrollError, match=words):
         read(tmp_path, "log.csv", text)
@@ -52,7 +52,7 @@ def test_a_table_of_python_can_with_fd_frames_and_a_bad_row(tmp_path):
     logged = read(tmp_path, "log.csv", text)["None"]
     assert logged.length.tolist() == [1, 12]
     assert logged.flags.tolist() == [0, FD]
-    with pytest.raises(CanrollError, match="line 4: not a row of these columns: '0.3,0x80'"):
+    with pytest.raises(CanrollError, match=r"line 4: not a row of these columns: '0\.3,0x80'"):
         read(tmp_path, "log.csv", f"{text}0.3,0x80\n")
 
 

@@ -100,8 +100,8 @@ def test_what_is_missing_is_said_for_every_channel_with_its_option(tmp_path):
     assert "add --bitrate 500000 to 'canroll bus', or @500000 to the file's name" in one
     assert "channel 2: the bit rate and the data bit rate cannot be inferred" in two
     assert "--bitrate 500000 --data-bitrate 2000000" in two
-    with pytest.raises(CanrollError, match="channel 2: the data bit rate cannot be inferred") as it:
+    with pytest.raises(CanrollError, match="channel 2: the data bit rate cannot be inferred") as fd:
         infer_buses(path, bitrate=250_000)
-    assert "add --data-bitrate 2000000 to 'canroll bus', or @250000/2000000" in str(it.value)
-    assert "channel 0" not in str(it.value)
+    assert "add --data-bitrate 2000000 to 'canroll bus', or @250000/2000000" in str(fd.value)
+    assert "channel 0" not in str(fd.value)
     assert len(infer_buses(path, bitrate=250_000, data_bitrate=2_000_000)) == 3
