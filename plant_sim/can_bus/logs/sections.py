@@ -30,6 +30,8 @@ _NO_TIMES: Final = (
 _MOST_JUMPS: Final = 100
 _SHARE: Final = 0.01
 """Jumps back, at most, and of all frames if there are few: a clock is not set more often."""
+_LEFT_OUT: Final = 16
+"""Pieces that may lie between two on one time line."""
 _SHOWN: Final = 3
 
 
@@ -99,9 +101,13 @@ def find_sections(times_ns: NDArray[np.int64]) -> Sections:
     pieces = np.split(np.arange(len(times_ns)), cuts)
     rows = []
     while pieces:
-        chain = _longest_chain(pieces, times_ns, longest)
+        before = _before(pieces, times_ns, longest)
+        joined = {i for later, earlier in enumerate(before) for i in (later, *earlier) if earlier}
+        alone = [i for i in range(len(pieces)) if i not in joined]
+        chain = _longest_chain(pieces, before)
+        rows += [pieces[i] for i in alone if i not in chain]
         rows.append(np.concatenate([pieces[i] for i in chain]))
-        pieces = [piece for i, piece in enumerate(pieces) if i not in chain]
+        pieces = [piece for i, piece in enumerate(pieces) if i not in {*chain, *alone}]
     return Sections(sorted(rows, key=lambda section: int(section[0])), steps)
 
 
@@ -118,22 +124,31 @@ def _undone(gaps: NDArray[np.int64], begin: int, back: int, end: int) -> set[int
     return {*before[-1:].tolist(), *after[:1].tolist()}
 
 
-def _longest_chain(
+def _before(
     pieces: Sequence[NDArray[np.int64]], times_ns: NDArray[np.int64], longest: int
-) -> list[int]:
-    """Return the pieces, in order, that fit onto one time line and have most frames."""
+) -> list[list[int]]:
+    """Return for every piece those before it that it goes on after, on one time line."""
     starts = [int(times_ns[piece[0]]) for piece in pieces]
     ends = [int(times_ns[piece].max()) for piece in pieces]
+    return [
+        [i for i in range(max(0, j - _LEFT_OUT), j) if -_DISORDER_NS <= start - ends[i] <= longest]
+        for j, start in enumerate(starts)
+    ]
+
+
+def _longest_chain(
+    pieces: Sequence[NDArray[np.int64]], before: Sequence[Sequence[int]]
+) -> list[int]:
+    """Return the pieces, in order, that fit onto one time line and have most frames."""
     sizes: list[int] = []
-    before: list[int] = []
-    for place, start in enumerate(starts):
-        joined = [i for i in range(place) if -_DISORDER_NS <= start - ends[i] <= longest]
-        best = max(joined, key=lambda i: sizes[i], default=-1)
-        before.append(best)
-        sizes.append(len(pieces[place]) + (sizes[best] if best >= 0 else 0))
+    links: list[int] = []
+    for piece, earlier in zip(pieces, before, strict=True):
+        best = max(earlier, key=lambda i: sizes[i], default=-1)
+        links.append(best)
+        sizes.append(len(piece) + (sizes[best] if best >= 0 else 0))
     chain = [int(np.argmax(sizes))]
-    while before[chain[-1]] >= 0:
-        chain.append(before[chain[-1]])
+    while links[chain[-1]] >= 0:
+        chain.append(links[chain[-1]])
     return chain[::-1]
 
 
