@@ -73,7 +73,7 @@ class BitRate:
         other = ", ".join(f"{rate / 1000:g}" for rate in sorted(self.other))
         return (
             f"{text} assumed, too few frames follow another without a pause"
-            + (f" ({other} kbit/s fit as well)" if other else "")
+            + (f" (as possible: {other} kbit/s)" if other else "")
             + f": to state the true rate add it to the file's name, as {_name_end(self)}"
         )
 
