@@ -1,5 +1,6 @@
 """Registries of named objects: built in, from an installed package, or in a user's file."""
 
+import re
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from functools import cached_property
 from hashlib import sha256
@@ -13,6 +14,7 @@ from canroll.errors import UnknownNameError
 
 Thing = TypeVar("Thing")
 BUILT_IN = "built in"
+_RATES = re.compile(r"@[\d/]+$")
 
 
 class Origin(NamedTuple):
@@ -39,7 +41,7 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
         accept: "module:function" that checks an object that is not built in: called with its
             description, for errors, and the object; returns the object to use.
         files: "module:function" by file suffix, called with the name as given, which may carry
-            a fragment after "#".
+            a fragment after "#", and bit rates after "@".
     """
 
     def __init__(
@@ -94,8 +96,13 @@ class Registry(MutableMapping[str, Thing], Generic[Thing]):
 
     def _reader(self, name: object) -> str:
         """Return "module:function" of the reader of a data file, or "" if ``name`` is not one."""
-        path = name.partition("#")[0] if isinstance(name, str) else ""
+        path = _RATES.sub("", name.partition("#")[0]) if isinstance(name, str) else ""
         return self._files.get(Path(path).suffix.lower(), "")
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """Suffixes of the data files that are read."""
+        return tuple(self._files)
 
     def origin(self, name: str) -> Origin:
         """Return the origin of the object of that name without importing it."""

@@ -5,12 +5,12 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 from rich.console import Console
 
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from firmware.services.xcp_state import N_ODT
+from hil.cli import terminal
 from hil.cli.bus_parsers import COMMANDS, SENSOR
 from hil.cli.options import refuse_useless
 from hil.realtime.hardware.interfaces import is_loopback
@@ -44,6 +44,7 @@ from plant_sim.can_bus.servers.wall_clock import serve_network
 from plant_sim.can_bus.simulation import Simulation, simulate, traffic_spec
 from plant_sim.can_bus.traffic.files import Traffic, load_traffic
 from plant_sim.can_bus.traffic.inference import InferredBus, infer_bus, infer_buses
+from plant_sim.can_bus.traffic.log_name import log_name
 from plant_sim.can_bus.traffic.log_playback import Recording, load_recording
 from plant_sim.can_bus.traffic.log_reader import is_log
 from plant_sim.can_bus.traffic.messages import BusMessage
@@ -120,12 +121,17 @@ def run(args: argparse.Namespace) -> int:
 
 
 def _split_channel(args: argparse.Namespace) -> None:
-    """Take the channel of a log from its name, ``log.blf#channel``."""
-    name, mark, channel = str(args.file).partition("#")
-    if mark and is_log(Path(name)):
-        if args.channel is not None:
-            raise CanrollError(f"{args.file} names a channel: omit --channel")
-        args.file, args.channel = Path(name), channel
+    """Take channel and bit rates of a log from its name, ``log.blf#channel@bitrate``."""
+    log = log_name(str(args.file))
+    if log is None:
+        return
+    for word, stated in zip(("channel", "bitrate", "data_bitrate"), log[1:], strict=True):
+        if stated is None:
+            continue
+        if getattr(args, word) is not None:
+            raise CanrollError(f"{args.file} has it in its name: omit --{word.replace('_', '-')}")
+        setattr(args, word, stated)
+    args.file = log.path
 
 
 def _of_network(args: argparse.Namespace) -> bool:
@@ -163,11 +169,16 @@ def _run_log(args: argparse.Namespace) -> int:
         _check_path(args, own_messages(args.command or _default_command(frames), frames))
     else:
         _check_path(args, added)
-    rates = {"bitrate": args.bitrate, "data_bitrate": args.data_bitrate}
-    if args.channel is None:
-        buses = list(infer_buses(args.file, **rates))
-    else:
-        buses = [infer_bus(args.file, channel=args.channel, **rates)]
+    options = {
+        "bitrate": args.bitrate,
+        "data_bitrate": args.data_bitrate,
+        "section": args.section,
+    }
+    with terminal.progress(quiet=args.json) as progress:
+        if args.channel is None:
+            buses = infer_buses(args.file, progress=progress, **options)
+        else:
+            buses = [infer_bus(args.file, channel=args.channel, progress=progress, **options)]
     answers = []
     for bus in buses:
         answer = _answer_of_log(bus, added, frames, args)
@@ -338,6 +349,8 @@ def _check(args: argparse.Namespace) -> None:
     network = not recorded and _of_network(args)
     if args.channel is not None and args.replay is None and not recorded:
         raise CanrollError("--channel selects a channel of a log: --replay is required")
+    if args.section is not None and args.replay is None and not recorded:
+        raise CanrollError("--section selects a section of a log: --replay is required")
     if args.add is not None and not recorded:
         raise CanrollError(f"--add puts messages onto the bus of a log, {args.file} is none")
     for option in OF_A_SET:
@@ -406,13 +419,16 @@ def _say(text: str) -> None:
 def _recording(traffic: Traffic, args: argparse.Namespace) -> Recording | None:
     if args.replay is None:
         return None
-    return load_recording(
-        args.replay,
-        bitrate=traffic.bitrate,
-        data_bitrate=traffic.data_bitrate,
-        leave_out={(m.ident, bool(m.flags & EXTENDED)) for m in traffic.messages},
-        channel=args.channel,
-    )
+    with terminal.progress(quiet=args.json) as progress:
+        return load_recording(
+            args.replay,
+            bitrate=traffic.bitrate,
+            data_bitrate=traffic.data_bitrate,
+            leave_out={(m.ident, bool(m.flags & EXTENDED)) for m in traffic.messages},
+            channel=args.channel,
+            section=args.section,
+            progress=progress,
+        )
 
 
 def _bounds(

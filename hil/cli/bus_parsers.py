@@ -51,7 +51,8 @@ def bus(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         type=Path,
         help="traffic set, .toml, .dbc, .kcd, .arxml or .sym; network, .toml or the name of a bus; "
-        "or bus log; one of several buses or channels: FILE#NAME",
+        "or bus log; one of several buses or channels: FILE#NAME; with the bit rate of a log: "
+        "LOG@RATE",
     )
     add_choices(parser, ("dbc", "map"))
     parser.add_argument(
@@ -59,13 +60,14 @@ def bus(parser: argparse.ArgumentParser) -> None:
         "--bitrate",
         type=int,
         metavar="B",
-        help="bit rate, bit/s; default: that of the file, of a log: inferred",
+        help="bit rate, bit/s; default: that of the file, of a log: inferred or assumed",
     )
     parser.add_argument(
         "--data-bitrate",
         type=int,
         metavar="B",
-        help="data bit rate of FD frames, bit/s; default: that of the file",
+        help="data bit rate of FD frames, bit/s; default: that of the file, of a log: inferred or "
+        "assumed",
     )
     parser.add_argument(
         "--simulate",
@@ -132,6 +134,7 @@ def bus(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--channel", help="channel of a log, as named by python-can; default: all, of --replay one"
     )
+    add_section(parser)
     parser.add_argument("--sensor", default=SENSOR, help="sensor message (default: %(default)s)")
     parser.add_argument(
         "--command",
@@ -253,6 +256,7 @@ def ecu(parser: argparse.ArgumentParser) -> None:
         help="replay a trace of --trace and compare; or run through a bus log (.mf4 .blf .asc …), "
         "open loop",
     )
+    add_section(parser)
     add_answer(parser, "the page of a bus log")
     add_services(parser)
     add_memory(parser)
@@ -314,6 +318,17 @@ def attacks(parser: argparse.ArgumentParser) -> None:
     add_bus_arguments(parser)
     parser.set_defaults(serve=None)
     add_json(parser)
+
+
+def add_section(parser: argparse.ArgumentParser) -> None:
+    """Add the choice among the sections of a log whose times step."""
+    parser.add_argument(
+        "--section",
+        type=int,
+        metavar="N",
+        help="section of a log whose times step, by a clock that was set or a pause of more than a "
+        "minute (default: that with most frames)",
+    )
 
 
 def add_memory(parser: argparse.ArgumentParser) -> None:

@@ -18,7 +18,7 @@ from hil.cli.options import DEFAULT_SCENARIO, choices_of
 from hil.cli.parsers import DEFAULT_DELAY_MS, OF_A_DRIVE
 from hil.runs.choices import CHOICES, chosen
 from hil.runs.choices import check as check_choices
-from hil.runs.frozen import options_of, stage_of, task_of
+from hil.runs.frozen import options_of, profile_of, stage_of, task_of
 from hil.studies import equal_effort, variation
 
 LARGEST_EFFORT = 20_000.0
@@ -82,7 +82,8 @@ def run(args: argparse.Namespace) -> int:
     options = options_of(choices)
     record, tables = calibrate(answer, options)
     checks = {name: Check(**found) for name, found in tables["verification"].items()}
-    answer = replace(answer, verified=checks)
+    of_bus = profile_of(choices).warnings
+    answer = replace(answer, verified=checks, warnings=(*of_bus, *answer.warnings))
     files = [args.out / "calibration.toml", args.out / "canroll_gains.h"]
     calibration_file.save(files[0], record, own_stage.added(tables, stage))
     header = gains_header(record, title=title(answer), physical=physical_notes(record))

@@ -28,11 +28,14 @@ from hil.runs import phase
 from hil.runs.frozen import firmware_of, profile_of, refuse_useless_key, secret_of, stage_of
 from hil.studies import recorded_drive
 from hil.studies.recorded_drive_page import drive_page, reception_table
+from plant_sim.buses import LOGS
 from plant_sim.can_bus import BusProfile
 from plant_sim.can_bus.own_frames import secured
-from plant_sim.can_bus.traffic.log_reader import is_log, read_log, select_channel
+from plant_sim.can_bus.traffic.log_name import log_name
+from plant_sim.can_bus.traffic.log_reader import read_log, select_channel
 
 MODES = dbc.names("RollControlStatus", "Mode")
+TRACE = ".npz"
 ONLY_ON_A_BUS = (
     *("interface", "bitrate", "fd", "data_bitrate", "duration", "phase_ms", "trace", "pace"),
     *("side_channel", "peer_timeout", "cpu", "xcp", "uds", "memory"),
@@ -82,7 +85,14 @@ def run(args: argparse.Namespace) -> int:
     profile = profile_of(choices_of(args, OF_AN_ECU))
     check_memory(args, profile)
     key = secret_of(choices_of(args, OF_AN_ECU))
-    drive = args.replay is not None and is_log(args.replay)
+    drive = args.replay is not None and log_name(str(args.replay)) is not None
+    if args.replay is not None and not drive and args.replay.suffix.lower() != TRACE:
+        raise CanrollError(
+            f"--replay {args.replay}: neither a trace ({TRACE}) nor a bus log"
+            f" ({', '.join(LOGS)}, or these and .gz)"
+        )
+    if not drive:
+        refuse_useless(args, {"section": None}, "it belongs to --replay of a bus log")
     if args.replay is not None and not drive:
         refuse_useless(args, OF_A_LOOP, "a trace is replayed as it was recorded")
     loaded = None if args.calibration is None else load_calibration(args.calibration)
@@ -286,10 +296,16 @@ def replay_drive(
             option = name.removesuffix("_ms").replace("_", "-")
             raise CanrollError(f"--{option}: a recorded drive has no bus; omit it")
     out = page_folder(folder_of(args))
-    logged = select_channel(args.replay, read_log(args.replay), getattr(args, "channel", None))
+    log = log_name(str(args.replay))
+    assert log is not None
+    channel = getattr(args, "channel", None)
+    if channel is not None and log.channel is not None:
+        raise CanrollError(f"{args.replay} names a channel: omit --channel")
     database = dbc.load() if args.dbc is None else dbc.read(Path(args.dbc))[0]
     name = firmware.bus.transmitted[command_slot(loaded.record)].name
     with terminal.progress(quiet=args.json) as progress:
+        channels = read_log(log.path, section=args.section, progress=progress)
+        logged = select_channel(log.path, channels, channel or log.channel)
         drive = recorded_drive.replay(
             logged,
             loaded.record,

@@ -138,6 +138,8 @@ def as_json(answer: Answer) -> dict[str, Any]:
             "frames": len(recording.frames.t_ns),
             "duration_s": recording.duration_s,
             "channel": recording.channel,
+            "error_frames": recording.errors,
+            "remarks": list(recording.remarks),
         }
     if answer.delay:
         result["delay"] = delay_json(answer.delay)
@@ -190,6 +192,11 @@ def show(answer: Answer) -> None:
             " (--data-bitrate B)"
         )
     recording, duration = answer.recording, answer.duration
+    if recording:
+        for remark in recording.remarks:
+            console.print(f"{answer.log}: {remark}", highlight=False)
+        if recording.errors:
+            console.print(f"error frames in {answer.log}, not replayed: {recording.errors}")
     if recording and recording.duration_s < duration:
         console.print(f"{answer.log} ends after {recording.duration_s:g} s of {duration:g} s")
     if answer.delay:

@@ -17,6 +17,7 @@ from plant_sim.can_bus.traffic.arrivals import EVENT, MIXED, PERIODIC, Arrivals
 from plant_sim.can_bus.traffic.bit_rate import BitRate
 from plant_sim.can_bus.traffic.inference import InferredBus
 from plant_sim.can_bus.traffic.messages import BusMessage
+from plant_sim.can_bus.wire.frame import REMOTE
 
 _MS = 1e-6
 _MANY_TOO_CLOSE = 0.01
@@ -84,10 +85,13 @@ def as_json(answer: RecordedAnswer) -> dict[str, Any]:
         "bitrate": bus.rate.nominal,
         "data_bitrate": bus.rate.data,
         "bitrate_evidence": bus.rate.pairs,
+        "assumed": list(bus.rate.assumed),
         "too_close": bus.rate.too_close,
         "duration_s": bus.recording.duration_s,
         "frames": len(bus.recording.frames.t_ns),
+        "remote_frames": _remote(bus),
         "error_frames": bus.errors,
+        "remarks": list(bus.warnings),
         "utilisation": {"before": _load(answer, ()), "after": _load(answer, answer.added)},
         "messages": {e.message.name: _message(answer, e) for e in answer.effects},
         "delay": _delay(answer.delay),
@@ -158,6 +162,8 @@ def show(answer: RecordedAnswer) -> None:
     console = Console()
     bus = answer.bus
     console.print(_rate_line(answer.name, bus), highlight=False)
+    for warning in bus.warnings:
+        console.print(f"warning: {warning}", highlight=False)
     console.print(_table(answer))
     for kind in (MIXED, EVENT):
         chosen = [m for m in bus.messages if m.arrivals.kind == kind]
@@ -181,7 +187,10 @@ def show(answer: RecordedAnswer) -> None:
         highlight=False,
     )
     if bus.errors:
-        console.print(f"{bus.errors} error frames in the log: allow for them by --error-interval")
+        many = "s" if bus.errors > 1 else ""
+        console.print(
+            f"{bus.errors} error frame{many} in the log: allow for them by --error-interval"
+        )
     if answer.delay is not None:
         console.print(_delay_line(answer), highlight=False)
 
@@ -194,12 +203,20 @@ def _spread(found: Arrivals) -> str:
     return f"{found.frames} frames"
 
 
+def _remote(bus: InferredBus) -> int:
+    """Return the number of remote frames in the log."""
+    return int((bus.recording.frames.flags & REMOTE != 0).sum())
+
+
 def _rate_line(name: str, bus: InferredBus) -> str:
     rate: BitRate = bus.rate
     text = f"{rate.nominal / 1000:g}" + (f" and {rate.data / 1000:g}" if rate.data else "")
     source = f"inferred from {rate.pairs} frames without a pause" if rate.pairs else "as given"
+    source = "assumed" if rate.assumed else source
+    remote = _remote(bus)
+    apart = f" ({remote} of them remote)" if remote else ""
     line = (
-        f"{name}, channel {bus.channel}: {len(bus.recording.frames.t_ns)} frames in"
+        f"{name}, channel {bus.channel}: {len(bus.recording.frames.t_ns)} frames{apart} in"
         f" {bus.recording.duration_s:g} s at {text} kbit/s ({source})"
     )
     if rate.too_close > _MANY_TOO_CLOSE:

@@ -78,6 +78,10 @@ class Choice:
         known = tuple(self.values())
         refers = self.extensible and (is_reference(value) or value in self.values())
         if known and value not in known and not refers:
+            if isinstance(value, str) and Path(value).suffix and Path(value).is_file():
+                suffixes = ", ".join(getattr(self.values(), "suffixes", ()))
+                if suffixes:
+                    raise CanrollError(f"{value}: the file of a {self.word} ends in {suffixes}")
             raise UnknownNameError(self.word, value, known)
         if self.kind in (float, int) and not self.low <= value <= self.high:
             unit = f" {self.unit}" if self.unit else ""
@@ -202,7 +206,7 @@ class Choices(TypedDict, total=False):
         Choice(
             option="--bus",
             help="bus profile, network (.toml, .dbc, .kcd, .arxml, .sym) or log (.blf, .asc …); "
-            "with several buses or channels FILE#NAME",
+            "with several buses or channels FILE#NAME; with the bit rate of a log LOG@RATE",
             of=WORLD,
             default="500k",
             values=lambda: BUSES,

@@ -377,7 +377,7 @@ def check_frames(profile: BusProfile, record: Calibration) -> tuple[str, ...]:
             loop's timeout for it.
     """
     bus = bus_map(profile)
-    background = tuple(_of_traffic(profile))
+    background = (*_of_traffic(profile), *profile.warnings)
     if bus is None:
         return background
     refuse_wide_steps(bus, record, str(profile.map_file))

@@ -65,6 +65,8 @@ class RecordedDrive:
         units: of those signals.
         modes: every change of mode.
         codes: every fault code that was active.
+        errors: error frames of the channel.
+        remarks: what was left out of the log.
     """
 
     frames: int
@@ -74,6 +76,8 @@ class RecordedDrive:
     units: Mapping[str, str]
     modes: tuple[ModeChange, ...]
     codes: tuple[CodeSeen, ...]
+    errors: int = 0
+    remarks: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -88,7 +92,12 @@ class RecordedDrive:
     def warnings(self) -> tuple[str, ...]:
         """Remarks for the reader."""
         silent = ", ".join(heard.message for heard in self.receptions if not heard.frames)
-        return (NOTE, *((f"no frame of {silent} in the log",) if silent else ()))
+        return (
+            NOTE,
+            *self.remarks,
+            *((f"error frames in the log: {self.errors}",) if self.errors else ()),
+            *((f"no frame of {silent} in the log",) if silent else ()),
+        )
 
     @property
     def verdict(self) -> str:
@@ -106,6 +115,8 @@ class RecordedDrive:
         return {
             "seconds": self.seconds,
             "frames": self.frames,
+            "error_frames": self.errors,
+            "remarks": list(self.remarks),
             "ticks": len(self.ticks),
             "commands": len(self.commanded["t"]),
             "moment_max_nm": peak(self.ticks["moment"]),
@@ -171,6 +182,8 @@ def replay(
         units={signal.name: signal.unit or "" for signal in command.signals},
         modes=mode_changes(ticks),
         codes=codes_seen(ticks),
+        errors=len(logged.errors_ns),
+        remarks=logged.remarks,
     )
 
 

@@ -8,7 +8,9 @@ if TYPE_CHECKING:
     from plant_sim.buses.profile import BusProfile
 
 _LOG = "plant_sim.can_bus.recorded_profile:read_profile"
-_LOGS = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db", ".pcap", ".pcapng")
+LOGS = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db", ".pcap", ".pcapng")
+"""Suffixes of bus logs; each may have that of gzip behind it."""
+PACKED = ".gz"
 
 _DATABASES = (".dbc", ".kcd", ".arxml", ".sym")
 
@@ -25,7 +27,7 @@ BUSES: "Registry[BusProfile]" = Registry(
     },
     accept="plant_sim.buses.profile:accept",
     files={
-        **dict.fromkeys(_LOGS, _LOG),
+        **dict.fromkeys((*LOGS, PACKED), _LOG),
         **dict.fromkeys(_DATABASES, "plant_sim.can_bus.network_file:read_traffic"),
         ".toml": "plant_sim.can_bus.network_file:read_profile",
     },
@@ -35,7 +37,8 @@ BUSES: "Registry[BusProfile]" = Registry(
 def load_profile(name: str) -> "BusProfile":
     """Return the bus profile ``name``, that of a network file, a database, or a log.
 
-    One bus of several in a database, or one channel of several in a log, is ``file#name``.
+    One bus of several in a database, or one channel of several in a log, is ``file#name``; a
+    log's bit rates may follow, ``file@500000``.
 
     Raises:
         UnknownNameError: there is no such profile.

@@ -48,6 +48,11 @@ class BusProfile:
     measured: tuple[int, float] = (0, 10.0)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the file of the bus leaves open."""
+        return ()
+
+    @property
     def network(self) -> Topology:
         """What the network is made of."""
         if self.topology is not None:

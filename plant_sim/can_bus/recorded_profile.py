@@ -1,13 +1,13 @@
-"""A bus log as a bus profile, for ``--bus recording.blf``."""
+"""A bus log as a bus profile, for ``--bus recording.blf``, or ``recording.blf#1@500000``."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 from canroll.errors import CanrollError
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.recorded_load import missing_from
 from plant_sim.can_bus.traffic.inference import InferredBus, infer_channel
+from plant_sim.can_bus.traffic.log_name import log_name
 from plant_sim.can_bus.traffic.log_reader import read_log, select_channel
 from plant_sim.can_bus.traffic.looped import Loop, loop_of
 from plant_sim.can_bus.traffic.messages import BusMessage
@@ -18,6 +18,11 @@ class RecordedProfile(BusProfile):
     """A recorded bus: bounds use its inferred messages, simulations its frames."""
 
     bus: InferredBus = field(compare=False)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was left out of the log, and which rate is assumed."""
+        return tuple(f"{self.name}: {text}" for text in self.bus.warnings)
 
     def background(self, own: Sequence[BusMessage]) -> tuple[BusMessage, ...]:
         """Return the recorded messages other than ``own``.
@@ -46,17 +51,26 @@ class RecordedProfile(BusProfile):
 def read_profile(name: str) -> RecordedProfile:
     """Return the profile of a log, or of one channel of it: ``log.blf#channel``.
 
+    Its bit rates may follow, ``log.blf@500000`` or ``log.blf@500000/2000000``; else they are
+    inferred.
+
     Raises:
-        CanrollError: it cannot be read, has no such channel or several, or too little traffic for
-            the bit rate to be inferred.
+        CanrollError: it cannot be read, has no such channel or several, or its bit rate can
+            neither be inferred nor assumed.
     """
-    text, _, channel = name.partition("#")
-    path = Path(text)
+    log = log_name(name)
+    if log is None:
+        raise CanrollError(f"{name}: no bus log")
+    path, channel = log.path, log.channel or ""
     channels = {known: logged for known, logged in read_log(path).items() if len(logged.ident)}
     if channel not in channels and (channel or len(channels) > 1):
         names = ", ".join(f"{path}#{known}" for known in channels)
         raise CanrollError(f"{path}: choose a channel of it: {names}")
-    bus = infer_channel(select_channel(path, channels, channel or None))
+    logged = select_channel(path, channels, channel or None)
+    try:
+        bus = infer_channel(logged, log.bitrate, log.data_bitrate)
+    except CanrollError as error:
+        raise CanrollError(f"{path}: {error}") from error
     return RecordedProfile(
         name=name, bitrate=bus.rate.nominal, data_bitrate=bus.rate.data, load=bus.load, bus=bus
     )

@@ -20,6 +20,7 @@ from cantools.database.can import Bus
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from dbc import attribute, padded, read, switches_bit_rate
+from plant_sim.buses import LOGS
 from plant_sim.can_bus.kernel.network import check_frame, check_rates
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
@@ -77,7 +78,7 @@ def load_traffic(
     if suffix not in {*DATABASES, ".toml"} or (bus and suffix == ".toml"):
         raise CanrollError(
             f"{path}: a traffic set must be a .toml, {', '.join(DATABASES[:-1])} or {DATABASES[-1]}"
-            " file"
+            f" file; a bus log ends in {', '.join(LOGS)}, or these and .gz"
         )
     if not file.is_file():
         raise CanrollError(f"{file}: no such file")

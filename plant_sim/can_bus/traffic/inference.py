@@ -1,17 +1,17 @@
 """From a log to messages: those on a recorded bus, and their evidence."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.errors import CanrollError
 from plant_sim.can_bus.traffic.arrivals import PERIODIC, Arrivals, find_arrivals
 from plant_sim.can_bus.traffic.bit_rate import BitRate, find_bit_rate
 from plant_sim.can_bus.traffic.files import Traffic
 from plant_sim.can_bus.traffic.log_playback import Frames, Recording
-from plant_sim.can_bus.traffic.log_reader import Logged, read_log, select_channel
+from plant_sim.can_bus.traffic.log_reader import Logged, Progress, read_log, select_channel
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.traffic.queueing import QueueTimes, queue_times
 from plant_sim.can_bus.wire.frame import EXTENDED, REMOTE
@@ -45,7 +45,7 @@ class InferredBus:
 
     The frames of ``recording`` are queued early enough for the jitter of their messages, and no
     later than in the log. ``span_ns``: from the start of the first frame to the end of the last;
-    ``errors``: number of error frames in the log.
+    ``errors``: number of error frames in the log; ``remarks``: what was left out of it.
     """
 
     channel: str
@@ -55,11 +55,18 @@ class InferredBus:
     errors: int
     span_ns: int
     busy_ns: int
+    remarks: tuple[str, ...] = ()
 
     @property
     def load(self) -> float:
         """Bus load of the recorded frames, 0 to 1."""
         return self.busy_ns / self.span_ns
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was left out of the log, and which rate is assumed."""
+        assumed = self.rate.assumption
+        return (*self.remarks, *((f"channel {self.channel}: {assumed}",) if assumed else ()))
 
     @property
     def traffic(self) -> Traffic:
@@ -74,33 +81,57 @@ def infer_bus(
     channel: str | None = None,
     bitrate: int | None = None,
     data_bitrate: int | None = None,
+    section: int | None = None,
+    progress: Progress | None = None,
 ) -> InferredBus:
     """Return the messages of one channel of a log, with bit rates and evidence.
 
     Args:
         path: a log of a format python-can knows by its suffix.
         channel: as python-can names it; None: the only one with frames.
-        bitrate: of the bus, bit/s; None: inferred.
-        data_bitrate: of FD frames with bit-rate switch; None: inferred.
+        bitrate: of the bus, bit/s; None: inferred, or assumed without evidence.
+        data_bitrate: of FD frames with bit-rate switch; None: likewise.
+        section: of a log whose times step, see ``read_log``.
+        progress: called with the activity and the fraction done.
 
     Raises:
         CanrollError: the file cannot be read, has no frame or several channels, or a bit rate is
             neither given nor can be inferred.
         UnknownNameError: it has no such channel.
     """
-    logged = select_channel(path, read_log(path), channel)
-    return infer_channel(logged, bitrate, data_bitrate)
+    channels = read_log(path, section=section, progress=progress)
+    logged = select_channel(path, channels, channel)
+    try:
+        return infer_channel(logged, bitrate, data_bitrate)
+    except CanrollError as error:
+        raise CanrollError(f"{path}: {error}") from error
 
 
 def infer_buses(
-    path: Path, *, bitrate: int | None = None, data_bitrate: int | None = None
-) -> Iterator[InferredBus]:
-    """Yield every channel of a log that has frames; see ``infer_bus``."""
-    channels = read_log(path)
+    path: Path,
+    *,
+    bitrate: int | None = None,
+    data_bitrate: int | None = None,
+    section: int | None = None,
+    progress: Progress | None = None,
+) -> list[InferredBus]:
+    """Return every channel of a log that has frames; see ``infer_bus``.
+
+    Raises:
+        CanrollError: as there; it names every channel whose bit rate is missing.
+    """
+    channels = read_log(path, section=section, progress=progress)
     select_channel(path, channels, next((c for c, x in channels.items() if len(x.ident)), None))
+    buses, missing = [], []
     for logged in channels.values():
         if len(logged.ident):
-            yield infer_channel(logged, bitrate, data_bitrate)
+            try:
+                buses.append(infer_channel(logged, bitrate, data_bitrate))
+            except CanrollError as error:
+                missing.append(str(error))
+    if missing:
+        raise CanrollError(f"{path}: {'; '.join(missing)}")
+    return buses
 
 
 def infer_channel(
@@ -137,6 +168,7 @@ def infer_channel(
         errors=len(logged.errors_ns),
         span_ns=int(times.end[-1] - times.start[0]),
         busy_ns=int((times.end - times.start).sum()),
+        remarks=logged.remarks,
     )
 
 

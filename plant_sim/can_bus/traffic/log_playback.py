@@ -13,6 +13,7 @@ from plant_sim.can_bus.kernel.layout import FREE_FRAME, NOW, Network
 from plant_sim.can_bus.kernel.queues import enqueue
 from plant_sim.can_bus.traffic.log_reader import (
     Logged,
+    Progress,
     read_log,
     select_channel,
     transmission_times,
@@ -44,11 +45,16 @@ class Frames(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Frames of one channel of a log, and the duration from the first frame to the last."""
+    """Frames of one channel of a log, and the duration from the first frame to the last.
+
+    ``errors``: number of error frames in the log; ``remarks``: what was left out of it.
+    """
 
     frames: Frames
     channel: str
     duration_s: float
+    errors: int = 0
+    remarks: tuple[str, ...] = ()
 
 
 def load_recording(
@@ -58,6 +64,8 @@ def load_recording(
     data_bitrate: int = 0,
     leave_out: Collection[tuple[int, bool]] = (),
     channel: str | None = None,
+    section: int | None = None,
+    progress: Progress | None = None,
 ) -> Recording:
     """Read a log; its first frame is queued at time 0.
 
@@ -68,13 +76,15 @@ def load_recording(
         leave_out: identifiers that are not replayed, such as simulated ones, each with a flag for
             extended.
         channel: of the log, as named by python-can; None: the only one.
+        section: of a log whose times step, see ``read_log``.
+        progress: called with the activity and the fraction done.
 
     Raises:
         CanrollError: the file cannot be read, has no frame to replay, or has several channels and
             none is chosen.
         UnknownNameError: it has no such channel.
     """
-    logged = select_channel(path, read_log(path), channel)
+    logged = select_channel(path, read_log(path, section=section, progress=progress), channel)
     pairs = zip(logged.ident, logged.flags & EXTENDED != 0, strict=True)
     kept = np.array([(int(i), bool(x)) not in leave_out for i, x in pairs], bool)
     if not kept.any():
@@ -102,7 +112,9 @@ def recording_of(
         logged.payload[order],
     )
     duration = int(logged.received_ns[-1] - logged.received_ns[0]) * 1e-9
-    return Recording(frames, logged.channel, round(duration, 6))
+    return Recording(
+        frames, logged.channel, round(duration, 6), len(logged.errors_ns), logged.remarks
+    )
 
 
 def start_times(logged: Logged, *, bitrate: int, data_bitrate: int = 0) -> NDArray[np.int64]:

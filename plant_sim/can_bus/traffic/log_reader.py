@@ -1,10 +1,10 @@
-"""Frames of a bus log by channel, from every format that python-can reads by suffix."""
+"""Frames of a bus log by channel, from every format that is read, by its suffix."""
 
+import gzip
 import io
-import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib.util import find_spec
+import tempfile
+import zlib
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -12,47 +12,43 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
-from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
+from plant_sim.buses import LOGS, PACKED
 from plant_sim.can_bus.kernel.layout import MAX_PAYLOAD
+from plant_sim.can_bus.logs import asc, blf, candump, csv, databases, trc
+from plant_sim.can_bus.logs.lines import LineError, Numbered, lines_of
+from plant_sim.can_bus.logs.remarks import Remarks, possible
+from plant_sim.can_bus.logs.sections import find_sections
+from plant_sim.can_bus.traffic.pcap import CaptureReader
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, REMOTE, frame_bits
 
-SUFFIXES: Final = (".asc", ".blf", ".log", ".mf4", ".csv", ".trc", ".db", ".pcap", ".pcapng")
-
-_FIELDS: Final = (
-    *("timestamp", "arbitration_id", "is_extended_id", "is_remote_frame", "is_error_frame"),
-    *("is_fd", "bitrate_switch", "error_state_indicator", "is_rx"),
-)
-_MF4_TO_NPZ: Final = f"""
-import logging, sys, can, numpy
-logging.disable()
-with can.LogReader(sys.argv[1]) as reader:
-    found = list(reader)
-data = numpy.zeros((len(found), {MAX_PAYLOAD}), numpy.uint8)
-for row, message in zip(data, found):
-    row[: len(message.data)] = list(message.data)
-columns = {{name: numpy.array([getattr(m, name) for m in found]) for name in {_FIELDS}}}
-channel = [-1 if m.channel is None else m.channel for m in found]
-dlc = numpy.array([m.dlc for m in found])
-numpy.savez(sys.stdout.buffer, data=data, dlc=dlc, channel=numpy.array(channel), **columns)
-"""
-"""asammdf is ended by some damaged files."""
+_TEXTS: Final = {".asc": asc.read, ".log": candump.read, ".csv": csv.read, ".trc": trc.read}
+_FILES: Final = {".mf4": databases.read_mf4, ".db": databases.read_db}
 
 LATEST: Final = 4e9
 """Largest time stamp of a frame, s, since 1970 or the start: it fits 63 bits in ns."""
 
+Progress = Callable[[str, float], None]
+"""Called with the activity and the fraction done."""
+
 
 def is_log(path: Path) -> bool:
     """Return whether a path has the suffix of a bus log."""
-    return path.suffix.lower() in SUFFIXES
+    return _suffix(path) in LOGS
+
+
+def _suffix(path: Path) -> str:
+    suffix = path.suffix.lower()
+    return Path(path.stem).suffix.lower() if suffix == PACKED else suffix
 
 
 class Logged(NamedTuple):
     """One channel of a log in the order of reception, one entry per frame.
 
-    Times of reception in nanoseconds, 0 at the log's first frame of any channel; whole
-    microseconds, which is what logs hold. ``nominal_bits`` and ``data_bits``: lengths on the wire,
-    see ``frame_bits``. ``errors_ns``: times of the error frames, which are not among the others.
+    Times of reception in nanoseconds, 0 at the log's first frame of any channel, or at the first
+    one of a section; whole microseconds, which is what logs hold. ``nominal_bits`` and
+    ``data_bits``: lengths on the wire, see ``frame_bits``. ``errors_ns``: times of the error
+    frames, which are not among the others. ``remarks``: what was left out, and why.
     """
 
     channel: str
@@ -64,77 +60,116 @@ class Logged(NamedTuple):
     nominal_bits: NDArray[np.int64]
     data_bits: NDArray[np.int64]
     errors_ns: NDArray[np.int64]
+    remarks: tuple[str, ...]
 
 
-def read_log(path: Path) -> dict[str, Logged]:
+def read_log(
+    path: Path, *, section: int | None = None, progress: Progress | None = None
+) -> dict[str, Logged]:
     """Return the channels of a log by name, as python-can names them.
 
+    Args:
+        path: the log; its suffix is one of :data:`LOGS`, with .gz behind it if it is packed.
+        section: which one to read of a log whose times step; None: that with most frames.
+        progress: called while the file is read.
+
     Raises:
-        CanrollError: the file cannot be read.
+        CanrollError: the file cannot be read, or has no such section.
     """
     if not path.is_file():
         raise CanrollError(f"{path}: no such file")
     if not is_log(path):
-        raise CanrollError(f"{path}: a bus log ends in {', '.join(SUFFIXES)}")
+        raise CanrollError(f"{path}: a bus log ends in {', '.join(LOGS)}, or these and .gz")
+    remarks = Remarks("line" if _suffix(path) in _TEXTS else "frame")
+    report = progress or (lambda stage, share: None)
     try:
-        return _channels(_messages(path))
+        report(f"read {path.name}", 0.0)
+        entries = possible(_entries(path, remarks), remarks)
+        report(f"read {path.name}", 0.5)
+        channels = _channels(entries, remarks.texts(), section)
+        report(f"read {path.name}", 1.0)
     except CanrollError as error:
-        raise CanrollError(f"{path}: {error}") from error
-    except Exception as error:  # python-can's readers let through whatever their parsers raise
+        raise CanrollError(f"{path}: not a readable bus log: {error}") from error
+    except OSError as error:
         raise CanrollError(f"{path}: not a readable bus log: {reason(error)}") from error
+    except Exception as error:  # a reader of python-can lets through whatever its parser raises
+        raise CanrollError(f"{path}: not a readable bus log: damaged") from error
+    if not channels:
+        raise CanrollError("; ".join([f"{path}: contains no frame", *remarks.texts()]))
+    return channels
 
 
-def _messages(path: Path) -> list[can.Message]:
-    if path.suffix.lower() == ".mf4" and find_spec("asammdf"):
-        return _read_mf4(path)
-    with _nothing_dropped(), can.LogReader(path) as reader:
-        return list(reader)
+def _entries(path: Path, remarks: Remarks) -> list[Numbered]:
+    suffix = _suffix(path)
+    packed = path.suffix.lower() == PACKED
+    if suffix in _FILES and not packed:
+        return _FILES[suffix](path, remarks)
+    content = _unpacked(path) if packed else path.read_bytes()
+    if suffix in _TEXTS:
+        return _read_lines(suffix, content, remarks)
+    if suffix == ".blf":
+        return blf.read(content, remarks)
+    if suffix in _FILES:
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(folder) / path.stem
+            copy.write_bytes(content)
+            return _FILES[suffix](copy, remarks)
+    return [Numbered(n, message) for n, message in enumerate(CaptureReader(io.BytesIO(content)), 1)]
 
 
-def _channels(messages: list[can.Message]) -> dict[str, Logged]:
-    """Sort messages by channel; a field of one, as those of a .db, may be of any type."""
-    if not all(abs(message.timestamp) < LATEST for message in messages):
-        raise ValueError(f"a time is beyond {LATEST:g} s")
-    channels: dict[str, list[can.Message]] = {}
-    for message in messages:
-        channels.setdefault(str(message.channel), []).append(message)
-    start = messages[0].timestamp if messages else 0.0
-    return {name: _logged(name, channels[name], start) for name in sorted(channels)}
-
-
-@contextmanager
-def _nothing_dropped() -> Iterator[None]:
-    """Raise what python-can only warns of: it passes over a line of .trc that it cannot parse."""
-    said: list[str] = []
-    log, listener = logging.getLogger("can.io"), logging.Handler(logging.WARNING)
-    listener.emit = lambda record: said.append(record.getMessage())  # type: ignore[method-assign]
-    passed_on, log.propagate = log.propagate, False
-    level = log.level
-    log.setLevel(logging.WARNING)
-    log.addHandler(listener)
+def _unpacked(path: Path) -> bytes:
     try:
-        yield
-    finally:
-        log.removeHandler(listener)
-        log.setLevel(level)
-        log.propagate = passed_on
-    if said:
-        raise ValueError(said[0])
+        with gzip.open(path) as file:
+            return file.read()
+    except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+        raise CanrollError("damaged, or not packed by gzip") from error
 
 
-def _read_mf4(path: Path) -> list[can.Message]:
-    with np.load(io.BytesIO(documents.read_apart(_MF4_TO_NPZ, path))) as stored:
-        found = dict(stored)
-    columns = [found[name].tolist() for name in (*_FIELDS, "channel", "dlc")]
-    return [
-        can.Message(
-            **dict(zip(_FIELDS, row, strict=True)),
-            channel=None if channel < 0 else channel,
-            dlc=length,
-            data=None if row[_FIELDS.index("is_remote_frame")] else data[:length].tobytes(),
-        )
-        for *row, channel, length, data in zip(*columns, found["data"], strict=True)
-    ]
+def _read_lines(suffix: str, content: bytes, remarks: Remarks) -> list[Numbered]:
+    """Read a log in text; a last line without an end was being written."""
+    lines, complete = lines_of(content)
+    try:
+        return _TEXTS[suffix](lines, remarks)
+    except LineError as error:
+        if complete or error.number < len(lines):
+            raise
+        entries = _TEXTS[suffix](lines[:-1], remarks)
+        remarks.leave_out("the file is cut off within it", error.number)
+        return entries
+
+
+def _channels(
+    entries: Sequence[Numbered], remarks: tuple[str, ...], section: int | None
+) -> dict[str, Logged]:
+    """Sort messages by channel; a field of one, as those of a .db, may be of any type."""
+    channels: dict[str, list[can.Message]] = {}
+    try:
+        if not all(abs(entry.message.timestamp) < LATEST for entry in entries):
+            raise CanrollError(f"a time is beyond {LATEST:g} s")
+        for entry in entries:
+            channels.setdefault(str(entry.message.channel), []).append(entry.message)
+        start = entries[0].message.timestamp if entries else 0.0
+        stamps = {
+            name: np.array([round((m.timestamp - start) * 1e6) * 1000 for m in entry], np.int64)
+            for name, entry in channels.items()
+        }
+        sections = {name: find_sections(times) for name, times in stamps.items()}
+        most = max((len(known.rows) for known in sections.values()), default=0)
+        if section is not None and not 1 <= section <= most:
+            raise CanrollError(f"--section {section}: there are sections 1 to {most}")
+        chosen = {
+            name: known.choose(section)
+            for name, known in sorted(sections.items())
+            if section is None or section <= len(known.rows)
+        }
+        return {
+            name: _logged(name, channels[name], stamps[name], rows)._replace(
+                remarks=(*remarks, f"channel {name}: {step}") if step else remarks
+            )
+            for name, (rows, step) in chosen.items()
+        }
+    except (ValueError, TypeError, OverflowError, AttributeError) as error:
+        raise CanrollError("damaged: a field of a frame has another type") from error
 
 
 def select_channel(path: Path, channels: dict[str, Logged], name: str | None) -> Logged:
@@ -156,14 +191,19 @@ def select_channel(path: Path, channels: dict[str, Logged], name: str | None) ->
     return channels[name or known[0]]
 
 
-def _logged(channel: str, messages: list[can.Message], start: float) -> Logged:
-    def stamps(chosen: list[can.Message]) -> NDArray[np.int64]:
-        return np.array([round((m.timestamp - start) * 1e6) * 1000 for m in chosen], np.int64)
-
-    errors = stamps([m for m in messages if m.is_error_frame])
-    frames = [m for m in messages if not m.is_error_frame]
-    received = stamps(frames)
-    order = np.argsort(received, kind="stable")
+def _logged(
+    channel: str,
+    messages: list[can.Message],
+    stamps: NDArray[np.int64],
+    rows: NDArray[np.int64],
+) -> Logged:
+    """Return the messages of a channel in a section's rows, in the order of their times."""
+    if len(rows) < len(stamps):
+        stamps = stamps - stamps[rows].min()
+    rows = rows[np.argsort(stamps[rows], kind="stable")]
+    errors = np.array([messages[row].is_error_frame for row in rows], bool)
+    chosen = rows[~errors]
+    frames = [messages[row] for row in chosen]
     payload = np.zeros((len(frames), MAX_PAYLOAD), np.uint8)
     ident = np.array([m.arbitration_id for m in frames], np.int64)
     length = np.array([min(m.dlc, MAX_PAYLOAD if m.is_fd else 8) for m in frames], np.int64)
@@ -176,14 +216,15 @@ def _logged(channel: str, messages: list[can.Message], start: float) -> Logged:
         bits[i] = frame_bits(int(ident[i]), int(flags[i]), int(length[i]), payload[i])
     return Logged(
         channel,
-        received[order],
-        ident[order],
-        flags[order],
-        length[order],
-        payload[order],
-        bits[order, 0],
-        bits[order, 1],
-        np.sort(errors),
+        stamps[chosen],
+        ident,
+        flags,
+        length,
+        payload,
+        bits[:, 0],
+        bits[:, 1],
+        stamps[rows[errors]],
+        (),
     )
 
 

@@ -125,7 +125,10 @@ def test_beside_a_recording_there_is_no_bound(tmp_path, capsys):
     assert found["messages"]["Imu"]["response_max_ms"] > 1.0
     assert found["delay"]["age_bound_ms"] is found["delay"]["tau_max_ms"] is None
     assert found["delay"]["age_max_ms"] > found["delay"]["age_min_ms"] > 0.0
-    assert found["recording"] == {"frames": 41, "duration_s": 1.4, "channel": "can0"}
+    assert found["recording"] == {
+        **{"frames": 41, "duration_s": 1.4, "channel": "can0"},
+        **{"error_frames": 0, "remarks": []},
+    }
 
 
 def test_ages_are_simulated_beside_the_whole_recording(tmp_path, capsys):
@@ -514,3 +517,70 @@ def test_what_a_network_cannot_do_is_one_line(tmp_path, capsys, options, message
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def write_candump(path, times, *more):
+    path.write_text(
+        "".join(f"({t:.6f}) can0 172#00000000000000{k % 256:02X}\n" for k, t in enumerate(times))
+        + "".join(f"{line}\n" for line in more)
+    )
+    return str(path)
+
+
+def test_a_rate_is_assumed_or_stated_behind_the_name(tmp_path, capsys):
+    log = write_candump(tmp_path / "light.log", [0.01 * k for k in range(200)])
+    found = answer_of(capsys, log, "--simulate", "0")
+    assert (found["bitrate"], found["assumed"]) == (500_000, ["bitrate"])
+    assert "500 kbit/s assumed" in found["remarks"][0]
+    found = answer_of(capsys, f"{log}@250000", "--simulate", "0")
+    assert (found["bitrate"], found["assumed"], found["remarks"]) == (250_000, [], [])
+    assert main(["bus", log, "--simulate", "0"]) == 0
+    assert "at 500 kbit/s (assumed)" in " ".join(capsys.readouterr().out.split())
+    assert main(["bus", f"{log}@250000", "--bitrate", "500000"]) == 2
+    assert "has it in its name: omit --bitrate" in capsys.readouterr().err
+
+
+def test_error_and_remote_frames_and_what_is_left_out_are_said(tmp_path, capsys):
+    more = ["(2.1) can0 20000088#0000000000000000"] * 3 + ["(2.2) can0 172#R8", "(2.3) can0 FFF#"]
+    log = write_candump(tmp_path / "log.log", [0.01 * k for k in range(200)], *more)
+    assert main(["bus", log, "--simulate", "0"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "201 frames (1 of them remote) in" in text
+    assert "3 error frames in the log" in text
+    assert "warning: line 205: identifier FFF of a frame with 11 bits: left out" in text
+    found = answer_of(capsys, log, "--simulate", "0")
+    assert (found["frames"], found["remote_frames"], found["error_frames"]) == (201, 1, 3)
+    command = ["bus", traffic(tmp_path, period=10), "--simulate", "1", "--replay", log]
+    assert main(command) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "error frames in log.log, not replayed: 3" in text
+    assert "log.log: line 205: identifier FFF" in text
+
+
+def test_a_section_of_a_log_whose_times_step_is_chosen(tmp_path, capsys):
+    times = [0.01 * k + (259_200 if k >= 120 else 0) for k in range(200)]
+    log = write_candump(tmp_path / "gap.log", times)
+    found = answer_of(capsys, log, "--simulate", "0")
+    assert (found["frames"], found["duration_s"]) == (120, 1.19)
+    assert "forward by 3 d at frame 121: section 1 of 2 is read" in found["remarks"][0]
+    found = answer_of(capsys, log, "--simulate", "0", "--section", "2")
+    assert (found["frames"], found["duration_s"]) == (80, 0.79)
+    command = ["bus", traffic(tmp_path, period=10), "--json", "--replay", log, "--section"]
+    assert main([*command, "2"]) == 0
+    assert json.loads(capsys.readouterr().out)["recording"]["frames"] == 80
+    assert main([*command, "3"]) == 2
+    assert "--section 3: there are sections 1 to 2" in capsys.readouterr().err
+    assert main(["bus", traffic(tmp_path, period=10), "--section", "1"]) == 2
+    assert "--section selects a section of a log" in capsys.readouterr().err
+
+
+def test_a_refused_suffix_names_those_that_are_read(tmp_path, capsys):
+    text = tmp_path / "log.txt"
+    text.write_text("(1.0) can0 0A0#11\n")
+    for command, words in (
+        (["bus", str(text)], "a bus log ends in .asc, .blf, .log"),
+        (["ecu", "--replay", str(text)], "neither a trace (.npz) nor a bus log (.asc, .blf"),
+        (["run", "moose", "--bus", str(text)], "the file of a bus ends in .asc, .blf, .log"),
+    ):
+        assert main(command) == 2
+        assert words in capsys.readouterr().err

@@ -92,3 +92,36 @@ def test_another_bus_and_options_of_a_bus_are_refused(recorded, tmp_path):
             ecu.run(parse([*line, str(log), *option]))
     with pytest.raises(CanrollError, match="belong to --replay of a bus log"):
         ecu.run(parse([*line[:-1], "--json"]))
+
+
+@pytest.mark.parametrize(
+    ("by_s", "remark"),
+    [(259_200.0, "the times step forward by 3 d at frame"), (-1.5, "the times step back by 1.")],
+)
+def test_a_log_whose_times_step_is_replayed_in_sections(recorded, tmp_path, capsys, by_s, remark):
+    _, log, line, _ = recorded
+    cut = tmp_path / "cut.log"
+    with can.LogReader(log) as reader:
+        messages = list(reader)
+    with cut.open("w", encoding="utf-8") as file:
+        for m in messages:
+            time = 1000.0 + m.timestamp + (by_s if m.timestamp >= SILENT else 0.0)
+            ident = f"{m.arbitration_id:0{8 if m.is_extended_id else 3}X}"
+            file.write(f"({time:.6f}) can0 {ident}#{m.data.hex()}\n")
+        file.write(f"({time:.6f}) can0 20000088#0000000000000000\n")
+    rest = messages[-1].timestamp - SILENT
+    for section, length in (((), max(SILENT, rest)), ((1,), SILENT), ((2,), rest)):
+        options = [word for number in section for word in ("--section", str(number))]
+        found = replayed([*line[:-1], *options, "--replay"], cut, tmp_path, capsys)
+        assert found["seconds"] == pytest.approx(length, abs=0.03)
+        assert remark in found["remarks"][0]
+    assert found["error_frames"] == 1
+    assert "error frames in the log: 1" in (tmp_path / "drive.html").read_text(encoding="utf-8")
+    with pytest.raises(CanrollError, match="--section 3: there are sections 1 to 2"):
+        ecu.run(parse([*line[:-1], "--section", "3", "--replay", str(cut)]))
+
+
+def test_a_section_without_a_log_is_refused(recorded):
+    _, _, line, _ = recorded
+    with pytest.raises(CanrollError, match="--section: it belongs to --replay of a bus log"):
+        ecu.run(parse([*line[:-1], "--section", "1"]))

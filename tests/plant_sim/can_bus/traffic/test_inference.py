@@ -221,14 +221,6 @@ def test_every_channel_is_a_bus(tmp_path):
         infer_bus(path, channel="7")
 
 
-def test_a_bit_rate_without_evidence_is_refused(tmp_path):
-    entries = record([BusMessage("a", 0x100, 8, 10.0 * MS, "a")], bitrate=500_000, seconds=2)
-    with pytest.raises(
-        CanrollError, match=r"bit rate cannot be inferred.*'canroll bus' takes --bitrate"
-    ):
-        infer_bus(write(tmp_path / "quiet.blf", entries))
-
-
 def test_the_messages_come_in_the_order_of_arbitration(tmp_path):
     _, bitrate, _, messages = a_bus(4)
     entries = record(messages, bitrate=bitrate, seconds=3)

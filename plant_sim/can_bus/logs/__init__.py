@@ -1,0 +1,1 @@
+"""Formats of bus logs: each reader gives numbered messages and says what it left out."""
