@@ -68,6 +68,12 @@ def bus(parser: argparse.ArgumentParser) -> None:
         help="data bit rate of FD frames, bit/s; default: that of the file",
     )
     parser.add_argument(
+        "--period",
+        type=float,
+        metavar="MS",
+        help="period of the messages of a database that have no cycle time; default: left out",
+    )
+    parser.add_argument(
         "--simulate",
         type=float,
         default=10.0,
