@@ -65,7 +65,7 @@ class UnknownNameError(CanrollError, KeyError):
     """A name that is not among the choices; the message suggests the nearest."""
 
     def __init__(self, what: str, name: str, choices: Iterable[str]) -> None:
-        name, known = str(name), sorted(choices)  # of a file, it may be no text
+        name, known = str(name), sorted(filter(None, choices))  # of a file, it may be no text
         near = [new for old, new in RENAMED.items() if old == name and new in known]
         near = near or get_close_matches(name, known, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"choose from {', '.join(known)}"
