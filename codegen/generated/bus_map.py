@@ -25,7 +25,7 @@ from codegen.generated.multiplexing import (
     refuse_unset,
     selector,
 )
-from codegen.generated.signal_code import snake
+from codegen.generated.signal_code import local_name
 from firmware.security.secoc_state import MAC_AT, PAYLOAD, SECURED
 
 RECEIVED = (
@@ -391,12 +391,15 @@ def _refuse_length(message: Message, where: str) -> None:
 
 
 def _refuse_like_names(used: Collection[str], where: str) -> None:
-    """Refuse signals that differ in case only; the code's names are in lower case."""
+    """Refuse signals that have one name in the code, where names are in lower case."""
     names: dict[str, str] = {}
     for name in sorted(used):
-        other = names.setdefault(snake(name), name)
+        other = names.setdefault(local_name(name), name)
         if other != name:
-            raise CanrollError(f"{where}: {other} and {name} differ only in case: map one of them")
+            raise CanrollError(
+                f"{where}: {other} and {name} are one name in the code, {local_name(name)}: map "
+                "one of them"
+            )
 
 
 def _refuse_stray_bits(message: Message, used: Collection[str], direction: str, where: str) -> None:
