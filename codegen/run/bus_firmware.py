@@ -191,7 +191,7 @@ def with_stage(firmware: BusFirmware, stage: OwnStage | None) -> BusFirmware:
     its = replace(firmware, modules=modules, stage=stage)
     program = its.program()
     rules.check(program)
-    stage_rules.check(program, prove(program))
+    stage_rules.check(program, prove(program, bounded=own_stage.NAME))
     # what remains to be refused is what only the translation sees
     _ = its.files
     return its
