@@ -17,6 +17,7 @@ import dbc
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from codegen.generated.frame_protection import Protection, protection
+from codegen.generated.mailbox_frame import OVERRIDES, frame_of, period_ms
 from codegen.generated.mapped_signal import MappedSignal, RawSignal, bits_of, map_signal
 from codegen.generated.multiplexing import (
     all_pages,
@@ -52,7 +53,7 @@ VALID_BITS = {
     "roll_reference": ("reference_roll", "reference_rate", "reference_acceleration"),
 }
 COMMANDS = ("suspension_force", "anti_roll_bar", "damper", "valve")
-OF_A_MAILBOX = ("message", "signals", "protection", "cycle_ms")
+OF_A_MAILBOX = ("message", "signals", "protection", "cycle_ms", *OVERRIDES)
 TABLES = ("receive", "transmit", "xcp", "uds", "secoc")
 IN_TURN = "diagnostics"
 """The one mailbox that sends the pages of its frame in turn."""
@@ -61,8 +62,6 @@ FRESHNESS, AUTHENTICATOR = "Freshness", "Authenticator"
 OF_SECOC = {"freshness": (FRESHNESS, PAYLOAD), "authenticator": (AUTHENTICATOR, MAC_AT)}
 """Keys of [secoc]: the signal's usual name, and the byte where its four begin, high byte first."""
 EXTENDED = 1 << 30
-STANDARD = (1 << 11) - 1
-"""Largest identifier of 11 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,10 +201,23 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
         pair = ("request", "response")
         uds = Uds(**_numbers("uds", pair, document["uds"], database, map_file))
     bus = BusMap(boxes["receive"], boxes["transmit"], xcp, warnings, uds, secoc is not None)
+    _refuse_same_identifier(bus, map_file)
     _refuse_short_echo(bus, map_file)
     if bus.secured:
         _refuse_shared(bus, map_file)
     return bus
+
+
+def _refuse_same_identifier(bus: BusMap, map_file: Path) -> None:
+    """Refuse two messages with one identifier: which of them a frame is cannot be told."""
+    names: dict[int, str] = {}
+    for box in bus.frames:
+        other = names.setdefault(box.ident, box.name)
+        if other != box.name:
+            raise CanrollError(
+                f"{map_file}: {other} and {box.name} have the identifier "
+                f"0x{box.ident & (EXTENDED - 1):X}"
+            )
 
 
 def _numbers(
@@ -312,25 +324,18 @@ def _mailbox(  # noqa: PLR0917
     for key in documents.table(table, where):
         if key not in OF_A_MAILBOX:
             raise UnknownNameError(f"key in {where}", key, OF_A_MAILBOX)
-    messages = {message.name: message for message in database.messages}
-    name = table.get("message", "")
-    if not isinstance(name, str) or name not in messages:
-        raise UnknownNameError(f"message in {where}", name, messages)
-    message = messages[name]
-    _refuse_length(message, where)
+    message = frame_of(database, table, where)
+    name = message.name
     if secoc is not None:
         _refuse_unsecured(message, secoc, where)
-    if message.frame_id > STANDARD and not message.is_extended_frame:
-        raise CanrollError(
-            f"{where}: {name} has the identifier 0x{message.frame_id:X} in 11 bits: mark it as "
-            "extended in the DBC"
-        )
     known = {signal.name: signal for signal in message.signals}
     mapped = []
     signals = documents.table(table.get("signals", {}), f"{where} signals")
     for signal_name, entry in signals.items():
         mapped.append(map_signal(signal_name, entry, known, f"{where} {signal_name}"))
-    choice = selector(message, where)
+    used = {part.name for signal in mapped for part in signal.parts}
+    _refuse_namesakes(message, used, where)
+    choice = selector(message, used, where, sent=direction == "transmit")
     chosen = pages(mapped)
     if slot != IN_TURN:
         refuse_several(message, chosen, where)
@@ -342,7 +347,6 @@ def _mailbox(  # noqa: PLR0917
             raise CanrollError(f"{where}: maps none of {', '.join(VALID_BITS[slot])}")
         if any(signal.place.mask is not None for signal in mapped):
             raise CanrollError(f"{where}: a mask applies to transmitted frames only")
-    used = {part.name for signal in mapped for part in signal.parts}
     if choice:
         used.add(choice.name)
     _refuse_like_names(used, where)
@@ -364,30 +368,20 @@ def _mailbox(  # noqa: PLR0917
         cycle=len(all_pages(message)) if chosen else 1,
         fd=bool(message.is_fd),
         bit_rate_switch=dbc.switches_bit_rate(message),
-        cycle_ms=_cycle_ms(message, table, where),
+        cycle_ms=period_ms(message, table, where),
         secured=secoc is not None,
     )
 
 
-def _cycle_ms(message: Message, table: Mapping[str, Any], where: str) -> int:
-    """The time between two frames in whole milliseconds, from the map, else from the DBC."""
-    value = table.get("cycle_ms", message.cycle_time or 0)
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 10_000:
-        raise CanrollError(f"{where}: cycle_ms must be a whole number up to 10000, not {value!r}")
-    return value
-
-
-def _refuse_length(message: Message, where: str) -> None:
-    """A classic frame has at most 8 bytes, a CAN FD frame 64."""
-    if message.length > 8 and not message.is_fd:
-        raise CanrollError(
-            f"{where}: {message.name} has {message.length} bytes but is not a CAN FD frame: set "
-            "its VFrameFormat to StandardCAN_FD or ExtendedCAN_FD in the DBC"
-        )
-    if message.length > dbc.FD_LENGTHS[-1]:
-        raise CanrollError(
-            f"{where}: {message.name} has {message.length} bytes; a frame has at most 64"
-        )
+def _refuse_namesakes(message: Message, used: Collection[str], where: str) -> None:
+    """Refuse a signal in use that has a namesake in its frame."""
+    names = [signal.name for signal in message.signals]
+    for name in sorted(used):
+        if names.count(name) > 1:
+            raise CanrollError(
+                f"{where}: {names.count(name)} signals of {message.name} are named {name}: rename "
+                "all but one in the DBC"
+            )
 
 
 def _refuse_like_names(used: Collection[str], where: str) -> None:

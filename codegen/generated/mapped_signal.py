@@ -168,7 +168,12 @@ def _integer(name: object, known: Mapping[str, Signal], where: str) -> Signal:
     if not isinstance(name, str) or name not in known:
         raise UnknownNameError(f"signal in {where}", str(name), known)
     signal = known[name]
-    if signal.is_float or signal.length > LONGEST_SIGNAL:
+    if signal.is_float:
+        raise CanrollError(
+            f"{where}: {name} is a floating-point number of {signal.length} bits (SIG_VALTYPE_): "
+            "only integers can be mapped"
+        )
+    if signal.length > LONGEST_SIGNAL:
         raise CanrollError(f"{where}: {name} must be an integer of at most {LONGEST_SIGNAL} bits")
     return signal
 
