@@ -253,7 +253,7 @@ def _copy(dbc: Path, folder: Path) -> Path:
     if text is None:
         shutil.copyfile(dbc, copy)
     else:
-        copy.write_text(text, encoding="utf-8")
+        copy.write_bytes(text.encode("cp1252", errors="replace"))  # what a DBC is read as
     return copy
 
 
