@@ -1,10 +1,14 @@
 """What a map says of a frame where the DBC lacks it or has it wrong."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from canroll.errors import CanrollError
 from codegen.generated import bus_map
+from codegen.generated import signals as signal_source
 from codegen.generated.bus_map import EXTENDED
+from firmware.state import Ecu
 
 DBC = """VERSION ""
 BU_: Ecu Car
@@ -105,3 +109,59 @@ def test_two_mailboxes_may_not_give_two_messages_one_identifier(tmp_path):
 def test_defects_of_frames_that_are_not_used_are_no_error(tmp_path):
     (warning,) = load(tmp_path).warnings
     assert "Same and Other have the identifier 0x68" in warning
+
+
+OVERLAID = """VERSION ""
+BU_: Ecu Car
+BO_ 100 State: 4 Car
+ SG_ Status : 0|8@1+ (1,0) [0|0] "" Ecu
+ SG_ Flag : 0|1@1+ (1,0) [0|1] "" Ecu
+ SG_ Held : 1|1@1+ (1,0) [0|1] "" Ecu
+ SG_ Front : 8|16@1- (1,0) [0|0] "Nm" Ecu
+ SG_ Real : 0|32@1- (1,0) [0|0] "Nm" Ecu
+SIG_VALTYPE_ 100 Real : 1;
+"""
+
+
+def overlaid(folder, table):
+    (folder / "car.dbc").write_text(OVERLAID)
+    (folder / "car.toml").write_text(f"schema = 1\n{table}")
+    return folder / "car.dbc", folder / "car.toml"
+
+
+@given(payload=st.binary(min_size=4, max_size=4))
+def test_a_byte_and_the_bits_that_overlay_it_are_both_read(state, payload):
+    ecu = Ecu()
+    ecu.rx_payload[3] = [*payload, 0, 0, 0, 0]
+    state["unpack"](ecu, 3, 3)
+    assert ecu.accepted_counter == payload[0]
+    assert (ecu.enabled, ecu.command_held) == (payload[0] & 1, payload[0] >> 1 & 1)
+
+
+@pytest.fixture(scope="module")
+def state(tmp_path_factory):
+    """Return the module generated for a frame with a byte overlaid by its bits."""
+    table = """[receive.actuator_state]
+message = "State"
+signals.Front = "delivered[0]"
+signals.Status = "accepted_counter"
+signals.Flag = "enabled"
+signals.Held = "command_held"
+"""
+    namespace = {}
+    paths = overlaid(tmp_path_factory.mktemp("overlaid"), table)
+    exec(compile(signal_source.generate(*paths), "signals", "exec"), namespace)
+    return namespace
+
+
+def test_a_byte_and_a_bit_that_overlays_it_are_not_both_sent(tmp_path):
+    table = '[transmit.status]\nmessage = "State"\nsignals.Status = "mode"\n'
+    assert bus_map.load(*overlaid(tmp_path, table)).transmitted[4].name == "State"
+    with pytest.raises(CanrollError, match=r"Status and Flag share bit 0"):
+        bus_map.load(*overlaid(tmp_path, f'{table}signals.Flag = "lateral_lost"\n'))
+
+
+def test_a_float_is_refused_by_its_name(tmp_path):
+    table = '[receive.actuator_state]\nmessage = "State"\nsignals.Real = "delivered[0]"\n'
+    with pytest.raises(CanrollError, match=r"Real is a floating-point number of 32 bits"):
+        bus_map.load(*overlaid(tmp_path, table))
