@@ -5,10 +5,11 @@ several programs wrote.
 """
 
 import logging
+import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
 
@@ -30,11 +31,22 @@ class Network:
         database: the messages.
         warnings: what had to be left out or assumed; none or one line.
         repaired: a DBC's text without what cannot be read; None where it is as in the file.
+        left_out: the beginning of each statement that cannot be read, by line.
     """
 
     database: Database
     warnings: tuple[str, ...]
     repaired: str | None = None
+    left_out: Mapping[int, str] = field(default_factory=dict)
+
+    def unread(self, name: str) -> str:
+        """Return the lines that cannot be read and have ``name`` in their beginning, or ""."""
+        lines = [
+            f"line {line} ({text})"
+            for line, text in self.left_out.items()
+            if name in re.findall(r"\w+", text)
+        ]
+        return ", ".join(lines[:_NAMED])
 
 
 def network(path: Path) -> Network:
@@ -85,7 +97,7 @@ def _of_dbc(path: Path, data: bytes) -> Network:
             raise strict
         database = cantools.database.load_string(repair.text, "dbc", strict=False)
         notes = (*_repairs(repair), *_broken(database), *_shared(database))
-        return Network(database, _warnings(path, notes), repair.text)
+        return Network(database, _warnings(path, notes), repair.text, repair.left_out)
 
 
 def _of_others(path: Path) -> Network:

@@ -27,6 +27,7 @@ from codegen.generated.multiplexing import (
     selector,
 )
 from codegen.generated.signal_code import local_name
+from dbc.reader import network
 from firmware.security.secoc_state import MAC_AT, PAYLOAD, SECURED
 
 RECEIVED = (
@@ -171,7 +172,8 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
 
     Raises CanrollError, naming file and key, for any inconsistency.
     """
-    database, warnings = dbc.read(dbc_file)
+    description = network(dbc_file)
+    database = description.database
     try:
         document = documents.toml(map_file)
     except (OSError, ValueError) as error:
@@ -190,9 +192,16 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
         for slot in tables:
             if slot not in slots:
                 raise UnknownNameError(f"mailbox [{direction}.…] in {map_file}", slot, slots)
-        boxes[direction] = tuple(
-            _mailbox(database, map_file, direction, slot, tables.get(slot), secoc) for slot in slots
-        )
+        try:
+            boxes[direction] = tuple(
+                _mailbox(database, map_file, direction, slot, tables.get(slot), secoc)
+                for slot in slots
+            )
+        except UnknownNameError as error:
+            unread = description.unread(error.name)
+            if not unread:
+                raise
+            raise CanrollError(f"{dbc_file}: {error.name} cannot be read: {unread}") from error
     xcp = uds = None
     if "xcp" in document:
         keys = ("master", "slave", "bitrate")
@@ -200,7 +209,9 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
     if "uds" in document:
         pair = ("request", "response")
         uds = Uds(**_numbers("uds", pair, document["uds"], database, map_file))
-    bus = BusMap(boxes["receive"], boxes["transmit"], xcp, warnings, uds, secoc is not None)
+    bus = BusMap(
+        boxes["receive"], boxes["transmit"], xcp, description.warnings, uds, secoc is not None
+    )
     _refuse_same_identifier(bus, map_file)
     _refuse_short_echo(bus, map_file)
     if bus.secured:

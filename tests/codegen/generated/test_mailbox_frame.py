@@ -111,6 +111,16 @@ def test_defects_of_frames_that_are_not_used_are_no_error(tmp_path):
     assert "Same and Other have the identifier 0x68" in warning
 
 
+@pytest.mark.parametrize(("message", "signal"), [("Motion", "Bad"), ("Gone", "Rate")])
+def test_what_cannot_be_read_is_refused_by_its_line(tmp_path, message, signal):
+    broken = DBC.replace("BO_ 101", " SG_ Bad : 0|x@1\nBO_ 107 Gone: \nBO_ 101", 1)
+    (tmp_path / "car.dbc").write_text(broken)
+    table = f'schema = 1\n[receive.imu]\nmessage = "{message}"\nsignals.{signal} = "roll_rate"\n'
+    (tmp_path / "car.toml").write_text(table)
+    with pytest.raises(CanrollError, match=r"car\.dbc: (Bad|Gone) cannot be read: line [78] \("):
+        bus_map.load(tmp_path / "car.dbc", tmp_path / "car.toml")
+
+
 OVERLAID = """VERSION ""
 BU_: Ecu Car
 BO_ 100 State: 4 Car
@@ -157,7 +167,7 @@ signals.Held = "command_held"
 def test_a_byte_and_a_bit_that_overlays_it_are_not_both_sent(tmp_path):
     table = '[transmit.status]\nmessage = "State"\nsignals.Status = "mode"\n'
     assert bus_map.load(*overlaid(tmp_path, table)).transmitted[4].name == "State"
-    with pytest.raises(CanrollError, match=r"Status and Flag share bit 0"):
+    with pytest.raises(CanrollError, match=r"Flag and Status share bit 0"):
         bus_map.load(*overlaid(tmp_path, f'{table}signals.Flag = "lateral_lost"\n'))
 
 
