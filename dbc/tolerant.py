@@ -5,6 +5,7 @@ leaves out the smallest that it refuses: a signal, a comment, a value table, an 
 """
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from cantools.database.can import Database
@@ -20,6 +21,7 @@ _EMPTY = ("NS_", "BS_", "VERSION")
 _DECISIVE = ("SIG_VALTYPE_", "SG_MUL_VAL_")
 """Statements without which a signal is read wrongly."""
 _CODED = re.compile(rf"\s*(?:{'|'.join(_DECISIVE)})\s+(\d+)\s+(\w+)")
+_SIGNAL = re.compile(r"\s*SG_\s+(\w+)")
 _SELECTOR = re.compile(r"\s*SG_\s+\w+\s+m?\d*M\s*:")
 _MOST = 1000
 """Statements that are left out at most: what has more is no DBC."""
@@ -121,7 +123,7 @@ class _Repair:
         for end in (tried := ends(self.lines, first)):
             text, names = plain("\n".join(self.lines[first:end]))
             before = self.accepted[message]
-            if _refusal(f"{_extract(before, _SELECTOR)}\n{text}") is None:
+            if _refusal(f"{_extract(before, _SELECTOR.match)}\n{text}") is None:
                 gap = "\n" * (first - message - before.count("\n"))
                 self.accepted[message] = f"{before}{gap}{text}"
                 self.result.renamed |= {name: f"_{name}" for name in names}
@@ -135,9 +137,9 @@ class _Repair:
         block = self.blocks.get(identifier(text) or -1)
         context = self.definitions.get(first_string(text), "") if _attribute(text) else ""
         if block is not None:
-            named = "|".join(re.findall(r"\w+", text))
-            named_signal = re.compile(rf"\s*SG_\s+({named})\s")
-            context = f"{context}\n{_extract(self.accepted[block], named_signal)}"
+            named = set(re.findall(r"\w+", text))
+            message = _extract(self.accepted[block], lambda line: _signal_name(line) in named)
+            context = f"{context}\n{message}"
         if _refusal(f"{context}\n{text}") is not None:
             del self.accepted[first]
             self._leave_out(first)
@@ -149,7 +151,7 @@ class _Repair:
             block = self.blocks.get(ident)
             lines = self.accepted[block].split("\n") if block is not None else []
             for i, line in enumerate(lines):
-                if block is not None and re.match(rf"\s*SG_\s+{name}\b", line):
+                if block is not None and _signal_name(line) == name:
                     self._leave_out(block + i)
                     lines[i] = ""
                     self.accepted[block] = "\n".join(lines)
@@ -163,10 +165,15 @@ class _Repair:
             raise CanrollError(f"more than {_MOST} of its statements cannot be read")
 
 
-def _extract(block: str, signals: re.Pattern[str]) -> str:
+def _extract(block: str, chosen: Callable[[str], object]) -> str:
     """A message with some of its signals only."""
     head, *rest = block.split("\n")
-    return "\n".join([head, *filter(signals.match, rest)])
+    return "\n".join([head, *filter(chosen, rest)])
+
+
+def _signal_name(line: str) -> str:
+    signal = _SIGNAL.match(line)
+    return signal[1] if signal else ""
 
 
 def _attribute(text: str) -> bool:
