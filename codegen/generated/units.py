@@ -65,6 +65,7 @@ _SPELLINGS = tuple(
         (r"amp(?:[eè]re?s?|s)?", "a"),
         (r"per", "/"),
         (r"(?<=/)(?:seconds?|secon|secs?|sek|sekunde)(?=\W|\d|squar|$)", "s"),
+        (r"(?<=/)square?s(?:econds?|ec)?$", "s2"),
         (r"(?<=/)(?:hours?|hr?|std)(?=\W|$)", "h"),
         (r"(?<=/s)(?:squared?|squar|/s)", "2"),
         (r"^(?:kph|kmh|kmph)$", "km/h"),
