@@ -64,7 +64,7 @@ _SPELLINGS = tuple(
         (r"(?<=n)[.-](?=m)", ""),
         (r"amp(?:[eè]re?s?|s)?", "a"),
         (r"per", "/"),
-        (r"(?<=/)(?:seconds?|secon|secs?|sek|sekunde)(?=\W|\d|squar|$)", "s"),
+        (r"(?<=/)(?:sec(?:ond?s?|s)?|sek(?:unde)?)(?=\W|\d|squar|$)", "s"),
         (r"(?<=/)square?s(?:econds?|ec)?$", "s2"),
         (r"(?<=/)(?:hours?|hr?|std)(?=\W|$)", "h"),
         (r"(?<=/s)(?:squared?|squar|/s)", "2"),

@@ -16,7 +16,7 @@ SPELLINGS = {
     "mph": "MPH Mph mi/h",
     "m/s": "m/sec meters/sec Unit_MeterPerSecond",
     "m/s2": "m/s² m/s^2 m/s/s M/S^2 m/sÂ² meters/sec/sec Unit_MeterPerSeconSquar "
-    "Unit_MeterPerSquareSecond meter/secon²",
+    "Unit_MeterPerSquareSecond meter/sec²",
     "g": "G Unit_ForceOfGravi",
     "Nm": "NM N·m N.m N-m Unit_NewtoMeter",
     "kNm": "kN·m KNM",
