@@ -4,7 +4,7 @@ The keys ``id``, ``extended``, ``fd``, ``bytes`` and ``period_ms`` of a mailbox 
 of a message of a traffic set.
 """
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from copy import copy
 from typing import Any
 
@@ -63,6 +63,29 @@ def period_ms(message: Message, table: Mapping[str, Any], where: str) -> int:
             f"{_LONGEST_PERIOD}, not {value!r}"
         )
     return int(value)
+
+
+def with_signals(message: Message, names: Collection[str], length: int) -> Message:
+    """Return a message of ``length`` bytes with some of its signals, each on all pages.
+
+    Others may overlap them: cantools decodes no message with both.
+    """
+    signals = []
+    for signal in message.signals:
+        if signal.name in names:
+            plain = copy(signal)
+            plain.is_multiplexer, plain.multiplexer_ids = False, None
+            plain.multiplexer_signal = None
+            signals.append(plain)
+    return Message(
+        message.frame_id,
+        message.name,
+        length,
+        signals,
+        is_extended_frame=message.is_extended_frame,
+        is_fd=message.is_fd,
+        strict=False,
+    )
 
 
 def _overridden(message: Message, table: Mapping[str, Any], where: str) -> Message:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import dbc
 from canroll.errors import CanrollError, VerdictError
+from codegen.generated.mailbox_frame import with_signals
 from codegen.run.backends import Backend, default_backend, open_backend
 from codegen.run.bus_firmware import BusFirmware, with_services
 from codegen.run.secured import SecuredEcu
@@ -288,13 +289,17 @@ def replay_drive(
     out = page_folder(folder_of(args))
     logged = select_channel(args.replay, read_log(args.replay), getattr(args, "channel", None))
     database = dbc.load() if args.dbc is None else dbc.read(Path(args.dbc))[0]
-    name = firmware.bus.transmitted[command_slot(loaded.record)].name
+    box = firmware.bus.transmitted[command_slot(loaded.record)]
+    command = database.get_message_by_name(box.name)
+    if args.dbc is not None:
+        names = {part.name for signal in box.signals for part in signal.parts}
+        command = with_signals(command, names, box.sent_length)
     with terminal.progress(quiet=args.json) as progress:
         drive = recorded_drive.replay(
             logged,
             loaded.record,
             firmware,
-            database.get_message_by_name(name),
+            command,
             backend=backend,
             key=key,
             progress=progress,

@@ -38,6 +38,9 @@ DEFECTS = (
     (" SG_ AC_StatusFL", ' SG_ AC_Status : 32|8@1+ (1,0) [0|0] "" Any\n SG_ AC_StatusFL'),
     # a float beside what is used
     (" SG_ GY_YawRate", ' SG_ GY_Temperature : 32|32@1- (1,0) [0|0] "" Any\n SG_ GY_YawRate'),
+    # a command that is longer than said, and overlaid as a whole
+    ("ROLL_CMD: 8", "ROLL_CMD: 3"),
+    (" SG_ RC_Mode", ' SG_ RC_All : 8|32@1+ (1,0) [0|0] "" Any\n SG_ RC_Mode'),
     ('BA_ "GenMsgCycleTime" BO_ 402 10;\n', ""),
     ("\nBA_DEF_", f"{MORE}\nBA_DEF_"),
 )
@@ -50,9 +53,10 @@ def write(folder: Path) -> tuple[Path, Path]:
         assert old in text
         text = text.replace(old, new, 1)
     table = (OWN / "own.toml").read_text(encoding="utf-8")
-    there = 'message = "SUSP_02"\n'
-    assert there in table
-    table = table.replace(there, f"{there}id = 402\nperiod_ms = 10\n")
+    for name, keys in (("SUSP_02", "id = 402\nperiod_ms = 10"), ("ROLL_CMD", "bytes = 8")):
+        there = f'message = "{name}"\n'
+        assert there in table
+        table = table.replace(there, f"{there}{keys}\n")
     (folder / "rough.dbc").write_bytes((text + END).encode("cp1252"))
     (folder / "rough.toml").write_text(table, encoding="utf-8")
     return folder / "rough.dbc", folder / "rough.toml"
