@@ -202,13 +202,18 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
             if not unread:
                 raise
             raise CanrollError(f"{dbc_file}: {error.name} cannot be read: {unread}") from error
+    taken = {m.frame_id | m.is_extended_frame << 31: m.name for m in database.messages}
+    for box in (*boxes["receive"], *boxes["transmit"]):
+        if box.name:
+            wide = bool(box.ident & EXTENDED)
+            taken[box.ident & (EXTENDED - 1) | wide << 31] = box.name
     xcp = uds = None
     if "xcp" in document:
         keys = ("master", "slave", "bitrate")
-        xcp = Xcp(**_numbers("xcp", keys, document["xcp"], database, map_file))
+        xcp = Xcp(**_numbers("xcp", keys, document["xcp"], taken, map_file))
     if "uds" in document:
         pair = ("request", "response")
-        uds = Uds(**_numbers("uds", pair, document["uds"], database, map_file))
+        uds = Uds(**_numbers("uds", pair, document["uds"], taken, map_file))
     bus = BusMap(
         boxes["receive"], boxes["transmit"], xcp, description.warnings, uds, secoc is not None
     )
@@ -235,10 +240,10 @@ def _numbers(
     section: str,
     names: Sequence[str],
     table: Mapping[str, Any],
-    database: Database,
+    taken: Mapping[int, str],
     map_file: Path,
 ) -> dict[str, int]:
-    """Return the whole numbers of a table, the first two of them identifiers that are free."""
+    """Return the whole numbers of a table, the first two of them not identifiers in ``taken``."""
     for key in table:
         if key not in names:
             raise UnknownNameError(f"key in {map_file} [{section}]", key, names)
@@ -249,13 +254,11 @@ def _numbers(
                 f"{map_file} [{section}]: {key} must be a whole number, not {value!r}"
             )
     for key in names[:2]:
-        for message in database.messages:
-            wide = 1 << 31 if message.is_extended_frame else 0
-            if message.frame_id | wide == table[key]:
-                raise CanrollError(
-                    f"{map_file} [{section}]: {key} 0x{table[key]:X} is the identifier of "
-                    f"{message.name}"
-                )
+        if table[key] in taken:
+            raise CanrollError(
+                f"{map_file} [{section}]: {key} 0x{table[key]:X} is the identifier of "
+                f"{taken[table[key]]}"
+            )
     return dict(table)
 
 

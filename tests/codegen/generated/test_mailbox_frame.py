@@ -106,6 +106,16 @@ def test_two_mailboxes_may_not_give_two_messages_one_identifier(tmp_path):
         load(tmp_path, rest=rest)
 
 
+@pytest.mark.parametrize(("ident", "free"), [("0x123", False), ("0x80000123", True)])
+def test_a_service_may_not_have_the_identifier_that_a_map_gives_a_frame(tmp_path, ident, free):
+    rest = f"[uds]\nrequest = {ident}\nresponse = 0x7E8\n"
+    if free:
+        assert load(tmp_path, more="id = 0x123", rest=rest).uds.request == 0x80000123
+        return
+    with pytest.raises(CanrollError, match=r"\[uds\]: request 0x123 is the identifier of Motion"):
+        load(tmp_path, more="id = 0x123", rest=rest)
+
+
 def test_defects_of_frames_that_are_not_used_are_no_error(tmp_path):
     (warning,) = load(tmp_path).warnings
     assert "Same and Other have the identifier 0x68" in warning
