@@ -183,7 +183,8 @@ def _attribute(text: str) -> bool:
 def _refusal(text: str, *, syntax: bool = False) -> Exception | None:
     """Return why cantools refuses a part of a DBC; with ``syntax``, only where it cannot parse."""
     try:
-        Database(strict=False).add_dbc_string(f"{text}\n")
+        # with a statement behind it, as cantools takes one that ends in the middle of a file
+        Database(strict=False).add_dbc_string(f"{text}\nBS_:\n")
     except SyntaxRefusal as error:
         return error
     except Exception as error:  # cantools lets through whatever its parsers raise
