@@ -40,6 +40,18 @@ def keyword(line: str) -> str:
     return start[1] if start else ""
 
 
+def following(lines: Sequence[str], first: int) -> int:
+    """Return the next line that begins a statement, whatever stands between."""
+    last = min(len(lines), first + _LONGEST)
+    return next((i for i in range(first + 1, last) if keyword(lines[i])), last)
+
+
+def block_end(lines: Sequence[str], first: int) -> int:
+    """Return the line before which the signals of a message end."""
+    last = min(len(lines), first + _LONGEST)
+    return next((i for i in range(first + 1, last) if keyword(lines[i]) not in ("", "SG_")), last)
+
+
 def ends(lines: Sequence[str], first: int) -> list[int]:
     """Return the lines before which the statement of line ``first`` may end, the likeliest first.
 
@@ -47,20 +59,18 @@ def ends(lines: Sequence[str], first: int) -> list[int]:
     its closing quote is missing; and what is no statement may follow one.
     """
     last = min(len(lines), first + _LONGEST)
-    starts = [i for i in range(first + 1, last) if keyword(lines[i])]
-    following = starts[0] if starts else last
     candidates = []
     if keyword(lines[first]) == "BO_":
-        candidates.append(next((i for i in starts if keyword(lines[i]) != "SG_"), last))
+        candidates.append(block_end(lines, first))
     quotes = 0
     for i in range(first, last):
-        if i in starts and quotes % 2 == 0:
+        if i > first and quotes % 2 == 0 and keyword(lines[i]):
             candidates.append(i)
             break
         quotes += lines[i].replace('\\"', "").count('"')
     else:
-        candidates.append(last if quotes % 2 == 0 else following)
-    return list(dict.fromkeys((*candidates, following, first + 1)))
+        candidates.append(last)
+    return list(dict.fromkeys((*candidates, following(lines, first), first + 1)))
 
 
 def plain(statement: str) -> tuple[str, list[str]]:

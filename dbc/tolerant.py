@@ -12,7 +12,17 @@ from cantools.database.can import Database
 from textparser import Error as SyntaxRefusal
 
 from canroll.errors import CanrollError
-from dbc.statements import EXTENDED_BIT, ends, first_string, identifier, keyword, plain, shown
+from dbc.statements import (
+    EXTENDED_BIT,
+    block_end,
+    ends,
+    first_string,
+    following,
+    identifier,
+    keyword,
+    plain,
+    shown,
+)
 
 _DEFINITIONS = ("BA_DEF_", "BA_DEF_REL_")
 _ATTRIBUTES = ("BA_", "BA_REL_", "BA_DEF_DEF_", "BA_DEF_DEF_REL_")
@@ -53,7 +63,7 @@ def repaired(text: str) -> Repaired:
 class _Repair:
     lines: list[str]
     accepted: dict[int, str] = field(default_factory=dict)
-    blocks: dict[int, int] = field(default_factory=dict)
+    blocks: dict[int | None, list[int]] = field(default_factory=dict)
     definitions: dict[str, str] = field(default_factory=dict)
     unclear: list[tuple[int, str]] = field(default_factory=list)
     result: Repaired = field(default_factory=Repaired)
@@ -89,23 +99,22 @@ class _Repair:
                 if i in self.accepted:
                     message = i
                 else:
-                    end = ends(self.lines, i)[0]
+                    end = block_end(self.lines, i)
             i = end
 
     def _statement(self, first: int) -> int:
         """Accept the statement of a line, or leave it out; return the line after it."""
-        tried = ends(self.lines, first)
-        for end in tried:
+        for end in ends(self.lines, first):
             text, names = plain("\n".join(self.lines[first:end]))
             if not text.strip():
                 return end
             if keyword(text) in _EMPTY:
-                return tried[-2] if len(tried) > 1 else tried[-1]
+                return following(self.lines, first)
             if _refusal(text, syntax=keyword(text) != "BO_") is None:
                 self._accept(first, text, names)
                 return end
         self._leave_out(first)
-        return tried[-2] if len(tried) > 1 else tried[-1]
+        return following(self.lines, first)
 
     def _accept(self, first: int, text: str, names: list[str]) -> None:
         self.accepted[first] = text
@@ -114,13 +123,13 @@ class _Repair:
         if keyword(text) in _DEFINITIONS:
             self.definitions[first_string(text)] = text
         elif keyword(text) == "BO_" and ident is not None:
-            self.blocks.setdefault(ident, first)
+            self.blocks.setdefault(ident, []).append(first)
             if ident != identifier("\n".join(self.lines[first : first + 1])):
                 self.result.extended[text.split()[2].rstrip(":")] = ident & ~EXTENDED_BIT
 
     def _signal(self, message: int, first: int) -> int:
         """Add the signal of a line to its message, or leave it out; return the line after it."""
-        for end in (tried := ends(self.lines, first)):
+        for end in ends(self.lines, first):
             text, names = plain("\n".join(self.lines[first:end]))
             before = self.accepted[message]
             if _refusal(f"{_extract(before, _SELECTOR.match)}\n{text}") is None:
@@ -129,15 +138,14 @@ class _Repair:
                 self.result.renamed |= {name: f"_{name}" for name in names}
                 return end
         self._leave_out(first)
-        return tried[-2] if len(tried) > 1 else tried[-1]
+        return following(self.lines, first)
 
     def _check_reference(self, first: int) -> None:
         """Leave out a statement that does not fit what it refers to."""
         text = self.accepted[first]
-        block = self.blocks.get(identifier(text) or -1)
         context = self.definitions.get(first_string(text), "") if _attribute(text) else ""
-        if block is not None:
-            named = set(re.findall(r"\w+", text))
+        named = set(re.findall(r"\w+", text))
+        for block in self.blocks.get(identifier(text), ()):
             message = _extract(self.accepted[block], lambda line: _signal_name(line) in named)
             context = f"{context}\n{message}"
         if _refusal(f"{context}\n{text}") is not None:
@@ -148,13 +156,13 @@ class _Repair:
         """Leave out the signals of which nothing readable says how they are coded."""
         while self.unclear:
             ident, name = self.unclear.pop()
-            block = self.blocks.get(ident)
-            lines = self.accepted[block].split("\n") if block is not None else []
-            for i, line in enumerate(lines):
-                if block is not None and _signal_name(line) == name:
-                    self._leave_out(block + i)
-                    lines[i] = ""
-                    self.accepted[block] = "\n".join(lines)
+            for block in self.blocks.get(ident, ()):
+                lines = self.accepted[block].split("\n")
+                for i, line in enumerate(lines):
+                    if _signal_name(line) == name:
+                        self._leave_out(block + i)
+                        lines[i] = ""
+                self.accepted[block] = "\n".join(lines)
 
     def _leave_out(self, first: int) -> None:
         self.result.left_out[first + 1] = shown(self.lines[first])

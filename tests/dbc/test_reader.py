@@ -74,6 +74,23 @@ def test_a_comment_may_look_like_a_statement(tmp_path):
     assert warning.count("line") == 1
 
 
+def test_a_missing_quote_takes_no_other_line_along(tmp_path):
+    text = PLAIN.replace("BA_DEF_", 'CM_ BO_ 100 "one;\nCM_ BO_ 101 "kept";\nBA_DEF_', 1)
+    messages, warning = read(tmp_path, text + 'CM_ BO_ 100 "two;\n')
+    assert messages["Other"].comment == "kept" and messages["Motion"].cycle_time == 20
+    assert warning.count("line") == 2 and "line 12" in warning and "line 17" in warning
+
+
+def test_what_several_messages_have_is_theirs_by_their_signals(tmp_path):
+    """An identifier may be that of two messages, or 0."""
+    text = PLAIN.replace("101", "0").replace("BA_DEF_", 'BO_ 0 Third: 8 A\nCM_ 1 "";\nBA_DEF_', 1)
+    text = text.replace("Third: 8 A\n", 'Third: 8 A\n SG_ Mode : 0|2@1+ (1,0) [0|3] "" B\n')
+    messages, warning = read(tmp_path, text + 'VAL_ 0 Mode 1 "one";\n')
+    assert warning.count("line") == 1
+    assert messages["Other"].get_signal_by_name("Flag").choices[1] == "on"
+    assert messages["Third"].get_signal_by_name("Mode").choices[1] == "one"
+
+
 def test_all_that_is_left_out_is_named(tmp_path):
     text = PLAIN.replace("BO_ 101", " SG_ Bad : x\nBO_ 101") + 'CM_ 100 "a";\nCM_ 101 "b";\n'
     _, warning = read(tmp_path, text)
