@@ -62,10 +62,15 @@ class VerdictError(CanrollError):
 
 
 class UnknownNameError(CanrollError, KeyError):
-    """A name that is not among the choices; the message suggests the nearest."""
+    """A name that is not among the choices; the message suggests the nearest.
+
+    Attributes:
+        name: that name.
+    """
 
     def __init__(self, what: str, name: str, choices: Iterable[str]) -> None:
-        name, known = str(name), sorted(choices)  # of a file, it may be no text
+        name, known = str(name), sorted(filter(None, choices))  # of a file, it may be no text
+        self.name = name
         near = [new for old, new in RENAMED.items() if old == name and new in known]
         near = near or get_close_matches(name, known, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"choose from {', '.join(known)}"

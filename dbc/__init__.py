@@ -6,7 +6,7 @@ from pathlib import Path
 import cantools
 from cantools.database import Database, Message
 
-from canroll.errors import CanrollError, reason
+from dbc.reader import network
 
 PATH = Path(__file__).with_name("roll_control.dbc")
 FD_PATH = PATH.with_name("roll_control_fd.dbc")
@@ -34,25 +34,13 @@ def read(path: Path) -> tuple[Database, tuple[str, ...]]:
 
     Returns:
         database: the messages.
-        warnings: the first rule that it breaks, if any.
+        warnings: what had to be left out or assumed, none or one line.
 
     Raises:
         CanrollError: it is none of these files, or not one of CAN.
     """
-    warnings: tuple[str, ...] = ()
-    try:
-        try:
-            database = cantools.database.load_file(path)
-        except cantools.Error as error:
-            database = cantools.database.load_file(path, strict=False)
-            warnings = (f"{path}: read leniently: {str(error).splitlines()[0]}",)
-    except Exception as error:  # cantools lets through whatever its parsers raise
-        raise CanrollError(
-            f"{path}: not a readable DBC, KCD, ARXML or SYM: {reason(error)}"
-        ) from error
-    if not isinstance(database, Database):
-        raise CanrollError(f"{path}: not a CAN database; give a .dbc file")
-    return database, warnings
+    description = network(path)
+    return description.database, description.warnings
 
 
 def attribute(source: Database | Message, name: str, default: int = 0) -> int:

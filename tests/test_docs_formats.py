@@ -12,6 +12,7 @@ import dbc
 import vehicles
 from codegen.generated import bus_map
 from codegen.generated.frame_protection import ATTRIBUTES
+from codegen.generated.mailbox_frame import OVERRIDES
 from codegen.generated.mapped_signal import KEYS
 from firmware import plausibility
 from gain_gen.calibration import calibration_file
@@ -171,6 +172,14 @@ def test_a_map_says_what_the_dbc_does_not(example, tmp_path):
     assert lateral.twin.inverted and lateral.twin.tolerance == 2
     assert set(first_column(section("A map of your bus"))) >= set(KEYS)
     assert plausibility.FAULT_DISAGREEMENT == 5
+
+
+def test_a_map_says_of_a_frame_what_the_dbc_does_not(example, tmp_path):
+    (tmp_path / "car.dbc").write_text(BUS["car.dbc"], encoding="utf-8")
+    box = bus_map.load(tmp_path / "car.dbc", example("frame-keys.toml")).received[0]
+    assert (box.ident, box.fd, box.length) == (bus_map.EXTENDED | 0x18FF0010, True, 12)
+    assert box.cycle_ms == 10
+    assert all(f"`{key}" in section("A map of your bus") for key in OVERRIDES)
 
 
 def test_a_map_protects_a_frame(example, tmp_path):

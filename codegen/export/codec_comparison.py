@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from codegen.generated.bus_map import IN_TURN, VALID_BITS, BusMap, Mailbox
-from codegen.generated.mapped_signal import UNITS, MappedSignal, RawSignal
+from codegen.generated.mapped_signal import MappedSignal, RawSignal
+from codegen.generated.units import conversion
 from dbc import read
 from firmware.state import Ecu
 from firmware.subset import fields
@@ -140,7 +141,7 @@ def _signal(box: Mailbox, signal: MappedSignal, entry: Any, unit: str) -> dict[s
     table = {"field": entry} if isinstance(entry, str) else entry
     place, twin = signal.place, signal.twin
     bits = VALID_BITS.get(box.slot, ())
-    factor = UNITS[table.get("unit", unit)][1] / UNITS[place.unit][1]
+    factor = conversion(table.get("unit", unit), place.unit, place.text, box.name)
     return {
         "signal": signal.name,
         "field": place.text,

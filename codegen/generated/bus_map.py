@@ -17,6 +17,7 @@ import dbc
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
 from codegen.generated.frame_protection import Protection, protection
+from codegen.generated.mailbox_frame import OVERRIDES, frame_of, period_ms
 from codegen.generated.mapped_signal import MappedSignal, RawSignal, bits_of, map_signal
 from codegen.generated.multiplexing import (
     all_pages,
@@ -25,7 +26,8 @@ from codegen.generated.multiplexing import (
     refuse_unset,
     selector,
 )
-from codegen.generated.signal_code import snake
+from codegen.generated.signal_code import local_name
+from dbc.reader import network
 from firmware.security.secoc_state import MAC_AT, PAYLOAD, SECURED
 
 RECEIVED = (
@@ -52,7 +54,7 @@ VALID_BITS = {
     "roll_reference": ("reference_roll", "reference_rate", "reference_acceleration"),
 }
 COMMANDS = ("suspension_force", "anti_roll_bar", "damper", "valve")
-OF_A_MAILBOX = ("message", "signals", "protection", "cycle_ms")
+OF_A_MAILBOX = ("message", "signals", "protection", "cycle_ms", *OVERRIDES)
 TABLES = ("receive", "transmit", "xcp", "uds", "secoc")
 IN_TURN = "diagnostics"
 """The one mailbox that sends the pages of its frame in turn."""
@@ -61,8 +63,6 @@ FRESHNESS, AUTHENTICATOR = "Freshness", "Authenticator"
 OF_SECOC = {"freshness": (FRESHNESS, PAYLOAD), "authenticator": (AUTHENTICATOR, MAC_AT)}
 """Keys of [secoc]: the signal's usual name, and the byte where its four begin, high byte first."""
 EXTENDED = 1 << 30
-STANDARD = (1 << 11) - 1
-"""Largest identifier of 11 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,7 +172,8 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
 
     Raises CanrollError, naming file and key, for any inconsistency.
     """
-    database, warnings = dbc.read(dbc_file)
+    description = network(dbc_file)
+    database = description.database
     try:
         document = documents.toml(map_file)
     except (OSError, ValueError) as error:
@@ -191,31 +192,58 @@ def load(dbc_file: Path, map_file: Path) -> BusMap:
         for slot in tables:
             if slot not in slots:
                 raise UnknownNameError(f"mailbox [{direction}.…] in {map_file}", slot, slots)
-        boxes[direction] = tuple(
-            _mailbox(database, map_file, direction, slot, tables.get(slot), secoc) for slot in slots
-        )
+        try:
+            boxes[direction] = tuple(
+                _mailbox(database, map_file, direction, slot, tables.get(slot), secoc)
+                for slot in slots
+            )
+        except UnknownNameError as error:
+            unread = description.unread(error.name)
+            if not unread:
+                raise
+            raise CanrollError(f"{dbc_file}: {error.name} cannot be read: {unread}") from error
+    taken = {m.frame_id | m.is_extended_frame << 31: m.name for m in database.messages}
+    for box in (*boxes["receive"], *boxes["transmit"]):
+        if box.name:
+            wide = bool(box.ident & EXTENDED)
+            taken[box.ident & (EXTENDED - 1) | wide << 31] = box.name
     xcp = uds = None
     if "xcp" in document:
         keys = ("master", "slave", "bitrate")
-        xcp = Xcp(**_numbers("xcp", keys, document["xcp"], database, map_file))
+        xcp = Xcp(**_numbers("xcp", keys, document["xcp"], taken, map_file))
     if "uds" in document:
         pair = ("request", "response")
-        uds = Uds(**_numbers("uds", pair, document["uds"], database, map_file))
-    bus = BusMap(boxes["receive"], boxes["transmit"], xcp, warnings, uds, secoc is not None)
+        uds = Uds(**_numbers("uds", pair, document["uds"], taken, map_file))
+    bus = BusMap(
+        boxes["receive"], boxes["transmit"], xcp, description.warnings, uds, secoc is not None
+    )
+    _refuse_same_identifier(bus, map_file)
     _refuse_short_echo(bus, map_file)
     if bus.secured:
         _refuse_shared(bus, map_file)
     return bus
 
 
+def _refuse_same_identifier(bus: BusMap, map_file: Path) -> None:
+    """Refuse two messages with one identifier: which of them a frame is cannot be told."""
+    names: dict[int, str] = {}
+    for box in bus.frames:
+        other = names.setdefault(box.ident, box.name)
+        if other != box.name:
+            raise CanrollError(
+                f"{map_file}: {other} and {box.name} have the identifier "
+                f"0x{box.ident & (EXTENDED - 1):X}"
+            )
+
+
 def _numbers(
     section: str,
     names: Sequence[str],
     table: Mapping[str, Any],
-    database: Database,
+    taken: Mapping[int, str],
     map_file: Path,
 ) -> dict[str, int]:
-    """Return the whole numbers of a table, the first two of them identifiers that are free."""
+    """Return the whole numbers of a table, the first two of them not identifiers in ``taken``."""
     for key in table:
         if key not in names:
             raise UnknownNameError(f"key in {map_file} [{section}]", key, names)
@@ -226,13 +254,11 @@ def _numbers(
                 f"{map_file} [{section}]: {key} must be a whole number, not {value!r}"
             )
     for key in names[:2]:
-        for message in database.messages:
-            wide = 1 << 31 if message.is_extended_frame else 0
-            if message.frame_id | wide == table[key]:
-                raise CanrollError(
-                    f"{map_file} [{section}]: {key} 0x{table[key]:X} is the identifier of "
-                    f"{message.name}"
-                )
+        if table[key] in taken:
+            raise CanrollError(
+                f"{map_file} [{section}]: {key} 0x{table[key]:X} is the identifier of "
+                f"{taken[table[key]]}"
+            )
     return dict(table)
 
 
@@ -312,25 +338,18 @@ def _mailbox(  # noqa: PLR0917
     for key in documents.table(table, where):
         if key not in OF_A_MAILBOX:
             raise UnknownNameError(f"key in {where}", key, OF_A_MAILBOX)
-    messages = {message.name: message for message in database.messages}
-    name = table.get("message", "")
-    if not isinstance(name, str) or name not in messages:
-        raise UnknownNameError(f"message in {where}", name, messages)
-    message = messages[name]
-    _refuse_length(message, where)
+    message = frame_of(database, table, where)
+    name = message.name
     if secoc is not None:
         _refuse_unsecured(message, secoc, where)
-    if message.frame_id > STANDARD and not message.is_extended_frame:
-        raise CanrollError(
-            f"{where}: {name} has the identifier 0x{message.frame_id:X} in 11 bits: mark it as "
-            "extended in the DBC"
-        )
     known = {signal.name: signal for signal in message.signals}
     mapped = []
     signals = documents.table(table.get("signals", {}), f"{where} signals")
     for signal_name, entry in signals.items():
         mapped.append(map_signal(signal_name, entry, known, f"{where} {signal_name}"))
-    choice = selector(message, where)
+    used = {part.name for signal in mapped for part in signal.parts}
+    _refuse_namesakes(message, used, where)
+    choice = selector(message, used, where, sent=direction == "transmit")
     chosen = pages(mapped)
     if slot != IN_TURN:
         refuse_several(message, chosen, where)
@@ -342,7 +361,6 @@ def _mailbox(  # noqa: PLR0917
             raise CanrollError(f"{where}: maps none of {', '.join(VALID_BITS[slot])}")
         if any(signal.place.mask is not None for signal in mapped):
             raise CanrollError(f"{where}: a mask applies to transmitted frames only")
-    used = {part.name for signal in mapped for part in signal.parts}
     if choice:
         used.add(choice.name)
     _refuse_like_names(used, where)
@@ -364,39 +382,32 @@ def _mailbox(  # noqa: PLR0917
         cycle=len(all_pages(message)) if chosen else 1,
         fd=bool(message.is_fd),
         bit_rate_switch=dbc.switches_bit_rate(message),
-        cycle_ms=_cycle_ms(message, table, where),
+        cycle_ms=period_ms(message, table, where),
         secured=secoc is not None,
     )
 
 
-def _cycle_ms(message: Message, table: Mapping[str, Any], where: str) -> int:
-    """The time between two frames in whole milliseconds, from the map, else from the DBC."""
-    value = table.get("cycle_ms", message.cycle_time or 0)
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= 10_000:
-        raise CanrollError(f"{where}: cycle_ms must be a whole number up to 10000, not {value!r}")
-    return value
-
-
-def _refuse_length(message: Message, where: str) -> None:
-    """A classic frame has at most 8 bytes, a CAN FD frame 64."""
-    if message.length > 8 and not message.is_fd:
-        raise CanrollError(
-            f"{where}: {message.name} has {message.length} bytes but is not a CAN FD frame: set "
-            "its VFrameFormat to StandardCAN_FD or ExtendedCAN_FD in the DBC"
-        )
-    if message.length > dbc.FD_LENGTHS[-1]:
-        raise CanrollError(
-            f"{where}: {message.name} has {message.length} bytes; a frame has at most 64"
-        )
+def _refuse_namesakes(message: Message, used: Collection[str], where: str) -> None:
+    """Refuse a signal in use that has a namesake in its frame."""
+    names = [signal.name for signal in message.signals]
+    for name in sorted(used):
+        if names.count(name) > 1:
+            raise CanrollError(
+                f"{where}: {names.count(name)} signals of {message.name} are named {name}: rename "
+                "all but one in the DBC"
+            )
 
 
 def _refuse_like_names(used: Collection[str], where: str) -> None:
-    """Refuse signals that differ in case only; the code's names are in lower case."""
+    """Refuse signals that have one name in the code, where names are in lower case."""
     names: dict[str, str] = {}
     for name in sorted(used):
-        other = names.setdefault(snake(name), name)
+        other = names.setdefault(local_name(name), name)
         if other != name:
-            raise CanrollError(f"{where}: {other} and {name} differ only in case: map one of them")
+            raise CanrollError(
+                f"{where}: {other} and {name} are one name in the code, {local_name(name)}: map "
+                "one of them"
+            )
 
 
 def _refuse_stray_bits(message: Message, used: Collection[str], direction: str, where: str) -> None:

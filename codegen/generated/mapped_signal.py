@@ -10,6 +10,7 @@ from typing import Any
 from cantools.database import Signal
 
 from canroll.errors import CanrollError, UnknownNameError
+from codegen.generated.units import conversion
 from firmware.state import Ecu
 from firmware.subset import Field, fields
 
@@ -29,55 +30,6 @@ KEYS = (
     "unavailable",
 )
 """Keys of the table that a map may have for a signal."""
-
-_DEGREE = Fraction(math.pi) / 180
-_G = Fraction(980665, 100000)
-UNITS: dict[str, tuple[str, Fraction]] = {
-    "": ("", Fraction(1)),
-    "rad": ("angle", Fraction(1)),
-    "deg": ("angle", _DEGREE),
-    "degree": ("angle", _DEGREE),
-    "degrees": ("angle", _DEGREE),
-    "Deg": ("angle", _DEGREE),
-    "Unit_DegreOfArc": ("angle", _DEGREE),
-    "°": ("angle", _DEGREE),
-    "rad/s": ("rate", Fraction(1)),
-    "rad/sec": ("rate", Fraction(1)),
-    "radians/second": ("rate", Fraction(1)),
-    "deg/s": ("rate", _DEGREE),
-    "deg/sec": ("rate", _DEGREE),
-    "Deg/s": ("rate", _DEGREE),
-    "degrees/s": ("rate", _DEGREE),
-    "degrees/sec": ("rate", _DEGREE),
-    "degrees/second": ("rate", _DEGREE),
-    "Unit_DegreOfArcPerSecon": ("rate", _DEGREE),
-    "°/s": ("rate", _DEGREE),
-    "m": ("length", Fraction(1)),
-    "mm": ("length", Fraction(1, 1000)),
-    "m/s": ("speed", Fraction(1)),
-    "mm/s": ("speed", Fraction(1, 1000)),
-    "km/h": ("speed", Fraction(10, 36)),
-    "km/hr": ("speed", Fraction(10, 36)),
-    "kph": ("speed", Fraction(10, 36)),
-    "Unit_KiloMeterPerHour": ("speed", Fraction(10, 36)),
-    "mph": ("speed", Fraction(44704, 100000)),
-    "m/s2": ("acceleration", Fraction(1)),
-    "m/s²": ("acceleration", Fraction(1)),
-    "m/s^2": ("acceleration", Fraction(1)),
-    "m/s/s": ("acceleration", Fraction(1)),
-    "g": ("acceleration", _G),
-    "G": ("acceleration", _G),
-    "Unit_ForceOfGravi": ("acceleration", _G),
-    "Unit_MeterPerSeconSquar": ("acceleration", Fraction(1)),
-    "N": ("force", Fraction(1)),
-    "kN": ("force", Fraction(1000)),
-    "Nm": ("moment", Fraction(1)),
-    "N·m": ("moment", Fraction(1)),
-    "N.m": ("moment", Fraction(1)),
-    "kNm": ("moment", Fraction(1000)),
-    "mA": ("current", Fraction(1)),
-    "A": ("current", Fraction(1000)),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,13 +127,7 @@ def map_signal(
             raise UnknownNameError(f"key in {where}", key, KEYS)
     place = _place(table, where)
     unit = str(table.get("unit", signal.unit or ""))
-    if unit not in UNITS or place.unit not in UNITS:
-        unknown = unit if unit not in UNITS else place.unit
-        raise UnknownNameError(f"unit in {where}", unknown, UNITS)
-    (quantity, factor), (expected, _) = UNITS[unit], UNITS[place.unit]
-    if quantity != expected:
-        raise CanrollError(f"{where}: unit '{unit}' does not match {place.text} ('{place.unit}')")
-    to_field = factor / UNITS[place.unit][1] * 2**place.q
+    to_field = conversion(unit, place.unit, place.text, where) * 2**place.q
     minus, sign = None, table.get("sign", 1)
     if sign == -1:
         to_field = -to_field
@@ -222,7 +168,12 @@ def _integer(name: object, known: Mapping[str, Signal], where: str) -> Signal:
     if not isinstance(name, str) or name not in known:
         raise UnknownNameError(f"signal in {where}", str(name), known)
     signal = known[name]
-    if signal.is_float or signal.length > LONGEST_SIGNAL:
+    if signal.is_float:
+        raise CanrollError(
+            f"{where}: {name} is a floating-point number of {signal.length} bits (SIG_VALTYPE_): "
+            "only integers can be mapped"
+        )
+    if signal.length > LONGEST_SIGNAL:
         raise CanrollError(f"{where}: {name} must be an integer of at most {LONGEST_SIGNAL} bits")
     return signal
 

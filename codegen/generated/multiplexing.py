@@ -6,7 +6,7 @@ the page. A sending one sets the selector to the page of its signals; only the d
 several pages, in turn.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from cantools.database.can import Message
 
@@ -14,21 +14,34 @@ from canroll.errors import CanrollError
 from codegen.generated.mapped_signal import MappedSignal, RawSignal, raw_signal
 
 
-def selector(message: Message, where: str) -> RawSignal | None:
-    """The selector of a message, or None; raise CanrollError for extended multiplexing."""
-    selectors = [signal for signal in message.signals if signal.is_multiplexer]
-    for signal in message.signals:
-        ids = signal.multiplexer_ids or ()
-        if len(selectors) > 1 or len(ids) > 1 or (signal.is_multiplexer and ids):
+def selector(
+    message: Message, used: Collection[str], where: str, *, sent: bool
+) -> RawSignal | None:
+    """Return the selector of the pages that signals in use are on, None where they are on none.
+
+    Of a received frame only the signals in ``used`` count, of a sent one all.
+
+    Raises:
+        CanrollError: extended multiplexing, or a selector that is not unsigned.
+    """
+    signals = {signal.name: signal for signal in message.signals}
+    selectors = [signal.name for signal in message.signals if signal.is_multiplexer]
+    paged = [s for s in message.signals if s.multiplexer_ids and (sent or s.name in used)]
+    first = None
+    for signal in paged:
+        above = signals.get(signal.multiplexer_signal or "")
+        first = first or above
+        nested = above is None or above.multiplexer_ids or above is not first
+        if nested or len(signal.multiplexer_ids) > 1 or (sent and len(selectors) > 1):
             raise CanrollError(
                 f"{where}: {message.name} has extended multiplexing (at {signal.name}); only one "
                 "selector with one value per signal is supported"
             )
-    if not selectors:
+    if first is None:
         return None
-    if selectors[0].is_signed or selectors[0].is_float:
-        raise CanrollError(f"{where}: the selector {selectors[0].name} must be unsigned")
-    return raw_signal(selectors[0])
+    if first.is_signed or first.is_float:
+        raise CanrollError(f"{where}: the selector {first.name} must be unsigned")
+    return raw_signal(first)
 
 
 def all_pages(message: Message) -> tuple[int, ...]:

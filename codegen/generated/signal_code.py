@@ -47,7 +47,13 @@ def words(signals: Iterable[RawSignal]) -> list[int]:
 
 def raw_name(signal: RawSignal) -> str:
     """The local that holds a signal's raw code."""
-    return f"raw_{snake(signal.name)}"
+    return local_name(signal.name)
+
+
+def local_name(name: str) -> str:
+    """The local for a signal's name; none is a word of C, or ends as a type does in POSIX."""
+    text = f"raw_{snake(name)}"
+    return f"{text}_" if text.endswith("_t") else text
 
 
 def gathered(signal: RawSignal, frame: Sequence[str]) -> str:

@@ -24,6 +24,7 @@ class Memory(ABC):
         proof: bool,
         calibration: Mapping[tuple[str, tuple[int, ...]], int] | None = None,
         any_calibration: bool = False,
+        bounded: str = "",
     ) -> None:
         self.program = program
         self.proof = proof
@@ -37,6 +38,8 @@ class Memory(ABC):
         self.assigned = {f.key: assigned(f) for f in program.functions()}
         self.writers = writers(program)
         self.returns: list[tuple[Value | None, State]] = []
+        self.bounded = bounded
+        self.rounds = 0
         for module in program.modules.values():
             for record in module.records.values():
                 const = record.name == CONST_RECORD

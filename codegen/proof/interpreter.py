@@ -13,9 +13,12 @@ from codegen.proof import intervals as iv
 from codegen.proof.abstract_state import Array, Element, Reference, State, same
 from codegen.proof.branches import Conditions
 from codegen.proof.intervals import Value
-from codegen.subset.program import KINDS, Function, Type
+from codegen.subset.program import KINDS, Function, SubsetError, Type
 
 UNROLLED = 64
+"""Rounds of a loop that are followed one by one."""
+NESTED = UNROLLED**2
+"""Rounds of loops in each other that a bounded module may have."""
 
 
 class Interpreter(Conditions):
@@ -149,16 +152,39 @@ class Interpreter(Conditions):
     def _loop(self, node: ast.For, state: State) -> State | None:
         assert isinstance(node.iter, ast.Call) and isinstance(node.target, ast.Name)
         start, stop, step = self._range(node.iter, state)
-        name = node.target.id
         first, last = (start.lo, stop.hi) if step > 0 else (start.hi, stop.lo)
         known_start = start.lo == start.hi
         trips = range(first, last, step)
-        if self.proof and known_start and len(trips) <= UNROLLED:
+        outer = self.rounds
+        self._bound(node, len(trips))
+        end = self._rounds(node, state, trips, stop, unrolled=known_start)
+        self.rounds = outer
+        return end
+
+    def _bound(self, node: ast.For, trips: int) -> None:
+        """Multiply the rounds of loops around each other in the bounded module, or refuse them."""
+        inside = self.rounds > 0
+        if not (self.proof and (inside or self.module.name == self.bounded)):
+            return
+        self.rounds = max(self.rounds, 1) * max(trips, 1)
+        if inside and self.rounds > NESTED:
+            raise SubsetError(
+                self.module.path,
+                node,
+                f"loops in each other make up to {self.rounds} rounds: limit them to {NESTED}",
+            )
+
+    def _rounds(
+        self, node: ast.For, state: State, trips: range, stop: Value, *, unrolled: bool
+    ) -> State | None:
+        assert isinstance(node.target, ast.Name)
+        name, rising = node.target.id, trips.step > 0
+        if self.proof and unrolled and len(trips) <= UNROLLED:
             current: State | None = state
             for k in trips:
                 if current is None:
                     return None
-                certain = k < stop.lo if step > 0 else k > stop.hi
+                certain = k < stop.lo if rising else k > stop.hi
                 skipped = None if certain else current.copy()
                 current.names[name] = Value(k, k)
                 current = self._block(node.body, current)

@@ -55,10 +55,15 @@ def prove(
     program: Program | None = None,
     *,
     calibration: Mapping[tuple[str, tuple[int, ...]], int] | None = None,
+    bounded: str = "",
 ) -> Proof:
     """Prove ``program`` (the firmware), for all calibrations or for the one given.
 
-    ``calibration`` maps field name and indices to the stored integer.
+    ``calibration`` maps field name and indices to the stored integer; ``bounded`` names a module
+    whose loops in each other are limited.
+
+    Raises:
+        SubsetError: loops of the bounded module exceed their limit.
     """
     program = program or load()
     runs = []
@@ -67,7 +72,7 @@ def prove(
         loose = Interpreter(program, proof=True, any_calibration=True)
         loose.run(home.functions[CHECK[1]])
         runs.append(loose)
-    strict = Interpreter(program, proof=True, calibration=calibration)
+    strict = Interpreter(program, proof=True, calibration=calibration, bounded=bounded)
     for function in entry_points(program):
         strict.run(function)
     runs.append(strict)

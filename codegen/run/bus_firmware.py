@@ -26,7 +26,7 @@ from codegen.generated.bus_map import BusMap, frame_ident, load
 from codegen.generated.own_stage import OwnStage
 from codegen.proof.prove import prove
 from codegen.subset import parse, rules
-from codegen.subset.program import Program, copy_sources, file_of
+from codegen.subset.program import FIRMWARE, Program, copy_sources, file_of
 
 GENERATED = {
     "frames.py": frames.generate,
@@ -34,6 +34,8 @@ GENERATED = {
     "signals.py": signals.generate,
 }
 """Modules of the firmware that a bus makes."""
+PLACE = Path("firmware")
+"""Where messages say that generated modules are; their files last no longer than a run."""
 AUTHENTICATION = "secoc"
 """The service of a bus with authenticated frames."""
 
@@ -84,7 +86,10 @@ class BusFirmware:
 
     def program(self) -> Program:
         """The firmware as data, read anew."""
-        shown = {own_stage.NAME: self.stage.path} if self.stage else {}
+        stems = [Path(name).stem for name in self.modules]
+        shown = {stem: PLACE / file_of(stem, FIRMWARE).relative_to(FIRMWARE) for stem in stems}
+        if self.stage:
+            shown[own_stage.NAME] = self.stage.path
         with self._folder() as folder:
             return parse.load(folder=folder, shown=shown, services=self.services)
 
@@ -186,7 +191,7 @@ def with_stage(firmware: BusFirmware, stage: OwnStage | None) -> BusFirmware:
     its = replace(firmware, modules=modules, stage=stage)
     program = its.program()
     rules.check(program)
-    stage_rules.check(program, prove(program))
+    stage_rules.check(program, prove(program, bounded=own_stage.NAME))
     # what remains to be refused is what only the translation sees
     _ = its.files
     return its

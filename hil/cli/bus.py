@@ -13,6 +13,7 @@ from firmware.services.xcp_state import N_ODT
 from hil.cli import terminal
 from hil.cli.bus_parsers import COMMANDS, SENSOR
 from hil.cli.options import refuse_useless
+from hil.cli.terminal import show_warnings
 from hil.realtime.hardware.interfaces import is_loopback
 from hil.report import network_bus, recorded_bus
 from hil.report.bus_answer import Answer, Delay, as_json, check_simulation, is_late, show
@@ -52,7 +53,7 @@ from plant_sim.can_bus.wire.frame import EXTENDED, FD
 
 MAX_PORT = 65535
 OF_A_SET = (
-    *("serve", "share", "replay"),
+    *("serve", "share", "replay", "period"),
     *("errors-per-second", "propose", "sensitivity", "offsets"),
 )
 """Options that logs and networks do not take."""
@@ -82,7 +83,16 @@ def run(args: argparse.Namespace) -> int:
         return _run_network(args)
     if not args.file.suffix and not args.file.exists():
         raise UnknownNameError("bus", str(args.file), BUSES)
-    traffic = load_traffic(args.file, bitrate=args.bitrate, data_bitrate=args.data_bitrate)
+    if args.period is not None and args.file.suffix.lower() == ".toml":
+        raise CanrollError(f"--period is of messages without a cycle time: set it in {args.file}")
+    traffic = load_traffic(
+        args.file,
+        bitrate=args.bitrate,
+        data_bitrate=args.data_bitrate,
+        period_ms=args.period,
+    )
+    if not args.json:
+        show_warnings(traffic.warnings)
     _check_path(args, traffic.messages)
     args.command = args.command or _command_among(traffic.messages)
     if not (args.serve is None and args.share is None) and not is_loopback(args.host):
@@ -314,7 +324,7 @@ def _check_path(args: argparse.Namespace, messages: Sequence[BusMessage]) -> Non
 
 
 def _check(args: argparse.Namespace) -> None:
-    for option in ("simulate", "tick", "error_interval", "errors_per_second"):
+    for option in ("simulate", "tick", "period", "error_interval", "errors_per_second"):
         value = getattr(args, option)
         least = 0.0 if option == "simulate" else 1e-3
         if value is not None and not (value >= least and math.isfinite(value)):

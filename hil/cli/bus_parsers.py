@@ -70,6 +70,12 @@ def bus(parser: argparse.ArgumentParser) -> None:
         "assumed",
     )
     parser.add_argument(
+        "--period",
+        type=float,
+        metavar="MS",
+        help="period of the messages of a database that have no cycle time; default: left out",
+    )
+    parser.add_argument(
         "--simulate",
         type=float,
         default=10.0,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import dbc
 from canroll.errors import CanrollError, VerdictError
+from codegen.generated.mailbox_frame import with_signals
 from codegen.run.backends import Backend, default_backend, open_backend
 from codegen.run.bus_firmware import BusFirmware, with_services
 from codegen.run.secured import SecuredEcu
@@ -302,7 +303,11 @@ def replay_drive(
     if channel is not None and log.channel is not None:
         raise CanrollError(f"{args.replay} names a channel: omit --channel")
     database = dbc.load() if args.dbc is None else dbc.read(Path(args.dbc))[0]
-    name = firmware.bus.transmitted[command_slot(loaded.record)].name
+    box = firmware.bus.transmitted[command_slot(loaded.record)]
+    command = database.get_message_by_name(box.name)
+    if args.dbc is not None:
+        names = {part.name for signal in box.signals for part in signal.parts}
+        command = with_signals(command, names, box.sent_length)
     with terminal.progress(quiet=args.json) as progress:
         channels = read_log(log.path, section=args.section, progress=progress)
         logged = select_channel(log.path, channels, channel or log.channel)
@@ -310,7 +315,7 @@ def replay_drive(
             logged,
             loaded.record,
             firmware,
-            database.get_message_by_name(name),
+            command,
             backend=backend,
             key=key,
             progress=progress,

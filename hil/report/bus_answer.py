@@ -130,6 +130,7 @@ def as_json(answer: Answer) -> dict[str, Any]:
         "utilisation": _utilisation(traffic),
         "messages": messages,
         "recording": None,
+        "warnings": list(traffic.warnings),
     }
     if simulation:
         result["simulated_load"] = simulation.load
@@ -185,7 +186,11 @@ def show(answer: Answer) -> None:
         line += f", simulated {simulation.load:.1%} ({simulation.frames} frames)"
     console.print(line)
     if traffic.left_out:
-        console.print(f"without a cycle time, left out: {', '.join(traffic.left_out)}")
+        console.print(
+            f"without a cycle time (GenMsgCycleTime), left out: {', '.join(traffic.left_out)}"
+            " (--period MS)",
+            markup=False,
+        )
     if not traffic.data_bitrate and any(m.flags & BIT_RATE_SWITCH for m in traffic.messages):
         console.print(
             "no data bit rate in the set: the data of FD frames at the nominal one"

@@ -391,6 +391,7 @@ def _of_traffic(profile: BusProfile) -> Iterator[str]:
         if segment.traffic is None:
             continue
         traffic = load_traffic(segment.traffic)
+        yield from traffic.warnings
         if traffic.left_out:
             names = ", ".join(traffic.left_out[:NAMED])
             more = len(traffic.left_out) - NAMED

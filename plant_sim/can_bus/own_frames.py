@@ -88,16 +88,17 @@ def secured(profile: BusProfile) -> bool:
 
 def frame_signals(profile: BusProfile) -> dict[int, dict[str, Signal]]:
     """Return the always-present signals of a profile's own frames, by name, by identifier."""
-    if profile.dbc is None:
+    bus = bus_map(profile)
+    if bus is None or profile.dbc is None:
         return {}
     database, _ = dbc.read(profile.dbc)
     return {
-        message.frame_id | (EXTENDED_IDENT if message.is_extended_frame else 0): {
+        box.ident: {
             signal.name: signal
-            for signal in message.signals
+            for signal in database.get_message_by_name(box.name).signals
             if not (signal.multiplexer_ids or signal.is_multiplexer or signal.is_float)
         }
-        for message in database.messages
+        for box in bus.frames
     }
 
 
@@ -113,7 +114,7 @@ def _checked(dbc_file: Path, map_file: Path, changed: int) -> BusMap:
         if box.name and box.cycle_ms <= 0:
             raise CanrollError(
                 f"{map_file} [receive.{box.slot}]: {box.name} has no cycle time: set "
-                f"GenMsgCycleTime in {dbc_file.name}, or cycle_ms in the map"
+                f"GenMsgCycleTime in {dbc_file.name}, or period_ms in the map"
             )
     return bus
 

@@ -21,7 +21,8 @@ from canroll.errors import UnknownNameError
 from codegen.generated.bus_map import EXTENDED as EXTENDED_IDENT
 from codegen.generated.bus_map import BusMap, Mailbox
 from codegen.generated.frame_protection import protection
-from codegen.generated.mapped_signal import UNITS, MappedSignal, RawSignal, raw_signal
+from codegen.generated.mapped_signal import MappedSignal, RawSignal, raw_signal
+from codegen.generated.units import conversion
 from plant_sim.can_bus.own_frames import contract_names, flags_of
 from plant_sim.kernels.jit import njit
 from plant_sim.nodes import e2e
@@ -371,7 +372,8 @@ def _place_rest(codec: Codec, leader: int, rest: Mapping[str, Signal]) -> None:
 
 def _scale(codec: Codec, row: int, signal: MappedSignal, contract_unit: str) -> None:
     """Scaling in the contract's unit, and the range of valid codes."""
-    factor = float(UNITS[signal.place.unit][1] / UNITS[contract_unit][1]) / 2**signal.place.q
+    factor = float(conversion(signal.place.unit, contract_unit, signal.name, dbc.PATH.name))
+    factor /= 2**signal.place.q
     codec.scaling[row] = float(signal.scale) * factor, float(signal.offset) * factor
     low, high = signal.raw_lo, signal.raw_hi
     while high in signal.unavailable:

@@ -12,7 +12,7 @@ from plant_sim.bodies import ports
 from plant_sim.bodies.ports import initial_inputs
 from plant_sim.driving import maneuvers
 from plant_sim.world.open_loop import advance, run_passive
-from tools.validation.multi_body import STEP, Motion
+from tools.validation.multi_body import STEP, Motion, light_wheel
 from vehicles import GRAVITY, Vehicle
 
 NONLINEAR = bodies.body("nonlinear")
@@ -23,11 +23,6 @@ little as such a step allows."""
 RELAXATION = 2e-3
 DRIVABLE_RELAXATION = 0.1
 """Relaxation lengths (m): of the comparison, and of the car that the driver steers at 1 ms."""
-
-
-LIGHT = 0.3
-"""Share of the wheels' spin inertia in the comparison: as little as the multi-body car's step
-allows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +79,7 @@ def in_common(vehicle: Vehicle) -> Vehicle:
             vertical_damping=0.0,
             rolling_resistance=0.0,
             relaxation_length=RELAXATION,
-            wheel_inertia=LIGHT * tyre.wheel_inertia,
+            wheel_inertia=light_wheel(tyre, STEP / SUBSTEPS),
         ),
     )
 

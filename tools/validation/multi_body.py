@@ -18,6 +18,7 @@ from vehiclemodels.init_mb import init_mb
 
 from canroll.typing import Vector
 from vehicles import GRAVITY, Vehicle
+from vehicles.model import Tyre
 from vehicles.roll_stiffness import axle_roll_shares, suspension_roll_stiffness
 
 STEP = 1e-3
@@ -25,6 +26,9 @@ STEP = 1e-3
 
 STIFF_JOINT = (1e7, 1e5)
 """Stiffness (N/m) and damping (N·s/m) of the lateral joints where our plant has none."""
+
+SLOWEST = 10.0
+"""Speed (m/s) down to which the spin of light wheels is integrated with a margin of five."""
 
 _STATES = 29
 _YAW_RATE, _ROLL, _VX, _VY_RATE = 5, 6, 3, 10
@@ -48,12 +52,20 @@ class Motion(NamedTuple):
     """Of the wheels front left, front right, rear left, rear right, (n, 4)."""
 
 
+def light_wheel(tyre: Tyre, step: float) -> float:
+    """Return the spin inertia (kg·m²) of a wheel as light as a Runge-Kutta step (s) allows.
+
+    Its spin follows the car with the time constant I v / (C R²), here half a step.
+    """
+    return 0.5 * step * tyre.longitudinal_stiffness * tyre.radius**2 / SLOWEST
+
+
 def parameters(vehicle: Vehicle) -> SimpleNamespace:
     """Return the multi-body car's parameters equal to those of ``vehicle``, joints stiff.
 
     Features it lacks must be neutral in the vehicle: one cornering stiffness per load for both
     axles, grip independent of load, linear dampers, unsprung masses that leave the CG of the body
-    below that of the car.
+    below that of the car. Its wheels are no gyroscopes; both cars have light ones.
     """
     geometry, mass, suspension = vehicle.geometry, vehicle.mass, vehicle.suspension
     tyre, plant = vehicle.tyre, vehicle.plant
@@ -97,7 +109,7 @@ def parameters(vehicle: Vehicle) -> SimpleNamespace:
         I_xz_s=0.0,
         I_uf=unsprung[0] * tracks[0] ** 2,
         I_ur=unsprung[1] * tracks[1] ** 2,
-        I_y_w=tyre.wheel_inertia,
+        I_y_w=light_wheel(tyre, STEP),
         K_sf=springs[0],
         K_sr=springs[1],
         K_sdf=dampers[0],

@@ -19,7 +19,7 @@ from cantools.database.can import Bus
 
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
-from dbc import attribute, padded, read, switches_bit_rate
+from dbc import FD_LENGTHS, attribute, padded, read, switches_bit_rate
 from plant_sim.buses import LOGS
 from plant_sim.can_bus.kernel.network import check_frame, check_rates
 from plant_sim.can_bus.traffic.messages import BusMessage
@@ -27,6 +27,9 @@ from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD
 
 MS: Final = 1_000_000
 DEFAULT_BITRATE: Final = 500_000
+CLASSIC: Final = 8
+"""Most bytes of a classic frame."""
+_NAMED: Final = 8
 DATABASES: Final = (".dbc", ".kcd", ".arxml", ".sym")
 """Suffixes of the descriptions that cantools reads."""
 _TABLE: Final = ("bitrate", "data_bitrate", "message")
@@ -49,7 +52,8 @@ _OPTIONAL: Final = (
 class Traffic:
     """Periodic messages of one bus.
 
-    ``left_out`` names messages without a cycle time; ``rate_assumed``: nothing says the bit rate.
+    ``left_out`` names messages without a cycle time; ``rate_assumed``: nothing says the bit rate;
+    ``warnings`` list what the file lacks or has wrong.
     """
 
     bitrate: int
@@ -57,10 +61,15 @@ class Traffic:
     messages: tuple[BusMessage, ...]
     left_out: tuple[str, ...] = ()
     rate_assumed: bool = False
+    warnings: tuple[str, ...] = ()
 
 
 def load_traffic(
-    path: Path, *, bitrate: int | None = None, data_bitrate: int | None = None
+    path: Path,
+    *,
+    bitrate: int | None = None,
+    data_bitrate: int | None = None,
+    period_ms: float | None = None,
 ) -> Traffic:
     """Read a traffic set from ``path``, a ``.toml`` file or one of :data:`DATABASES`.
 
@@ -68,6 +77,7 @@ def load_traffic(
         path: the file, with ``#bus`` behind it to choose one of several buses.
         bitrate: overrides the file's own; for a database without one: 500 kbit/s.
         data_bitrate: of FD frames with bit-rate switch, overrides the file's own.
+        period_ms: of the messages of a database that have no cycle time; None leaves them out.
 
     Raises:
         CanrollError: the file cannot be read or has an invalid value.
@@ -82,7 +92,13 @@ def load_traffic(
         )
     if not file.is_file():
         raise CanrollError(f"{file}: no such file")
-    traffic = _from_toml(file) if suffix == ".toml" else _from_database(file, bus)
+    traffic = _from_toml(file) if suffix == ".toml" else _from_database(file, bus, period_ms)
+    if not traffic.messages and traffic.left_out:
+        raise CanrollError(
+            f"{path}: no message has a cycle time (GenMsgCycleTime is missing for "
+            f"{len(traffic.left_out)}): 'canroll bus' takes --period MS for them, or a log of the "
+            "bus instead of the file"
+        )
     if not traffic.messages:
         raise CanrollError(f"{path}: contains no periodic message")
     for name, count in Counter(message.name for message in traffic.messages).items():
@@ -99,16 +115,18 @@ def load_traffic(
     return traffic
 
 
-def _from_database(path: Path, chosen: str) -> Traffic:
-    database, _ = read(path)
+def _from_database(path: Path, chosen: str, period_ms: float | None) -> Traffic:
+    database, warnings = read(path)
     bus = _bus(path, database, chosen)
-    messages, left_out = [], []
+    messages, left_out, long = [], [], []
     for message in database.messages:
         if bus is not None and message.bus_name not in (None, bus.name):
             continue
-        period = _period_ms(message)
+        period = _period_ms(message) or period_ms
         if period:
             messages.append(_message(message, period))
+            if message.length > CLASSIC and not message.is_fd:
+                long.append(message.name)
         else:
             left_out.append(message.name)
     bitrate = (bus and bus.baudrate) or attribute(database, "Baudrate")
@@ -119,12 +137,16 @@ def _from_database(path: Path, chosen: str) -> Traffic:
             check_frame(found.ident, found.length, found.flags)
     except CanrollError as error:
         raise CanrollError(f"{path}: {error}") from error
+    if long:
+        names = ", ".join(long[:_NAMED]) + (" …" if len(long) > _NAMED else "")
+        warnings = (*warnings, f"{path}: taken as CAN FD, as longer than {CLASSIC} bytes: {names}")
     return Traffic(
         bitrate or DEFAULT_BITRATE,
         data_bitrate if switched else 0,
         tuple(messages),
         tuple(left_out),
         rate_assumed=not bitrate,
+        warnings=warnings,
     )
 
 
@@ -148,15 +170,16 @@ def _period_ms(message: Message) -> int:
     return least if event and least else period
 
 
-def _message(message: Message, period_ms: int) -> BusMessage:
-    flags = (EXTENDED if message.is_extended_frame else 0) | (FD if message.is_fd else 0)
+def _message(message: Message, period_ms: float) -> BusMessage:
+    fd = message.is_fd or CLASSIC < message.length <= FD_LENGTHS[-1]
+    flags = (EXTENDED if message.is_extended_frame else 0) | (FD if fd else 0)
     if switches_bit_rate(message):
         flags |= BIT_RATE_SWITCH
     return BusMessage(
         name=message.name,
         ident=message.frame_id,
-        length=padded(message.length) if message.is_fd else message.length,
-        period_ns=period_ms * MS,
+        length=padded(message.length) if fd else message.length,
+        period_ns=round(period_ms * MS),
         sender=message.senders[0] if message.senders else "Node",
         receivers=tuple(sorted(name for name in message.receivers if name)),
         offset_ns=attribute(message, "GenMsgStartDelayTime") * MS,

@@ -208,17 +208,43 @@ BO_ 160 Imu: 6 Car
  SG_ Rate m2 : 8|16@1- (0.01,0) [-300|300] "deg/s" Ecu
  SG_ Lateral : 24|16@1- (0.002,0) [-60|60] "m/s2" Ecu
  SG_ Inner {inner} : 40|4@1+ (1,0) [0|15] "" Ecu
+ SG_ Deep m3 : 44|4@1- (1,0) [0|0] "deg/s" Ecu
 SG_MUL_VAL_ 160 Rate Which {pages};
 SG_MUL_VAL_ 160 Inner Which 1-1;
+SG_MUL_VAL_ 160 Deep Inner 3-3;
 """
 
 
-@pytest.mark.parametrize(("inner", "pages"), [("m1", "2-2, 4-4"), ("m1M", "2-2")])
-def test_extended_multiplexing_is_refused_in_one_line(tmp_path, inner, pages):
+@pytest.mark.parametrize(
+    ("inner", "pages", "signal"),
+    [("m1", "2-2, 4-4", "Rate"), ("m1", "2-3", "Rate"), ("m1M", "2-2", "Deep")],
+)
+def test_extended_multiplexing_is_refused_in_one_line(tmp_path, inner, pages, signal):
     text = EXTENDED.format(inner=inner, pages=pages)
-    table = MAP[: MAP.index("[transmit.")]
+    table = MAP[: MAP.index("[transmit.")].replace("Rate", signal)
     with pytest.raises(CanrollError, match="Imu has extended multiplexing") as caught:
         bus_map.load(*files(tmp_path, text, table))
     assert "\n" not in str(caught.value)
+
+
+def test_signals_beside_extended_multiplexing_are_received(tmp_path):
+    """On a page of the first selector, or on all pages."""
+    text = EXTENDED.format(inner="m1M", pages="2-2")
+    table = MAP[: MAP.index("[transmit.")]
+    assert bus_map.load(*files(tmp_path, text, table)).received[0].pages == (2,)
+    alone = table.replace('signals.Rate = "roll_rate"\n', "")
+    box = bus_map.load(*files(tmp_path, text, alone)).received[0]
+    assert box.pages == () and box.selector is None
+
+
+def test_extended_multiplexing_is_not_sent(tmp_path):
+    text = EXTENDED.format(inner="m1M", pages="2-2")
+    table = 'schema = 1\n[transmit.status]\nmessage = "Imu"\nsignals.Rate = "roll_rate"\n'
+    with pytest.raises(CanrollError, match="Imu has extended multiplexing"):
+        bus_map.load(*files(tmp_path, text, table))
+
+
+def test_a_frame_of_simple_pages_is_taken_by_its_page(tmp_path):
+    table = MAP[: MAP.index("[transmit.")]
     plain = EXTENDED.format(inner="m1", pages="2-2")
     assert bus_map.load(*files(tmp_path, plain, table)).received[0].pages == (2,)

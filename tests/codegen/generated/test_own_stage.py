@@ -34,7 +34,21 @@ from firmware.subset import F, clamp, clear, i32, i64, record, sat31, u8
 """
 MOMENT = "def moment(ecu: Ecu, cal: Calibration, wanted: i32, output: i32, steps: i32) -> i32:\n"
 ESTIMATE = "def estimate(ecu: Ecu, cal: Calibration, steps: i32) -> None:\n"
+HELPER = """def twice(ecu: Ecu) -> None:
+    for i in range(2):
+        ecu.x[i] = 0
+
+
+"""
 OWN = '@record\nclass Own(Ecu):\n    """State."""\n\n'
+
+
+def nested(*rounds, call=False):
+    """Return loops in each other as the body of a function."""
+    lines = [f"{'    ' * (k + 1)}for k{k} in range({n}):" for k, n in enumerate(rounds)]
+    inside = "twice(ecu)" if call else "ecu.x[1] = 0"
+    return "\n".join([*lines, f"{'    ' * (len(rounds) + 1)}{inside}", ""])
+
 
 needs_cc = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 
@@ -219,6 +233,10 @@ def test_an_estimator_corrects_what_the_law_reads():
     assert len(seen) > 1
 
 
+def test_loops_in_each_other_may_have_4096_rounds():
+    assert "canroll_stage.c" in staged(HEAD + ESTIMATE + nested(64, 64)).files
+
+
 def test_a_stage_runs_on_a_bus_of_its_own():
     folder = EXAMPLE.parents[1] / "own_bus"
     own = bus_firmware.of_bus(folder / "own.dbc", folder / "own.toml")
@@ -247,6 +265,21 @@ def test_a_stage_runs_on_a_bus_of_its_own():
             + "    n: i32 = ecu.x[0]\n    for _ in range(n):\n        ecu.x[1] = 0\n",
             10,
             "a loop of up to 1073741823 rounds: limit it to 64",
+        ),
+        (
+            HEAD + ESTIMATE + nested(64, 64, 2),
+            11,
+            "loops in each other make up to 8192 rounds: limit them to 4096",
+        ),
+        (
+            HEAD + ESTIMATE + nested(64, 64, 64, 64, 64, 64),
+            11,
+            "loops in each other make up to 262144 rounds: limit them to 4096",
+        ),
+        (
+            HEAD + HELPER + ESTIMATE + nested(64, 33, call=True),
+            9,
+            "loops in each other make up to 4224 rounds: limit them to 4096",
         ),
         (HEAD + ESTIMATE + "    ecu.x[5] = 0\n", 9, "not proved: index of 5 elements: [5, 5]"),
         (HEAD + ESTIMATE + "    ecu.x[0] = steps << 30\n", 9, "not proved"),

@@ -44,6 +44,8 @@ def traffic(folder, *, period):
         (["--sensor", "SuspensionForceCommand"], "both sensor and command"),
         (["--sensor", "Imi"], "did you mean 'Imu'?"),
         (["--command", "SuspensionForce"], "did you mean 'SuspensionForceCommand'?"),
+        (["--period", "10"], "--period is of messages without a cycle time"),
+        (["--period", "0"], "--period must be at least 0.001"),
     ],
 )
 def test_what_cannot_be_is_one_line(tmp_path, capsys, options, message):
@@ -51,6 +53,21 @@ def test_what_cannot_be_is_one_line(tmp_path, capsys, options, message):
     error = capsys.readouterr().err
     assert message in error
     assert error.count("\n") == 1
+
+
+def test_a_dbc_without_cycle_times_has_the_period_given_and_its_warnings(tmp_path, capsys):
+    path = tmp_path / "car.dbc"
+    text = 'VERSION ""\nBU_: A\nBO_ 100 Motion: 8 A\n SG_ S : 0|8@1+ (1,0) [0|0] "" A\nCM_ 1 "";\n'
+    path.write_text(text)
+    command = ["bus", str(path), "--simulate", "0.1"]
+    assert main(command) == 2
+    assert "--period MS" in capsys.readouterr().err
+    assert main([*command, "--period", "20"]) == 0
+    shown = capsys.readouterr().out
+    assert "warning: " in shown and 'line 5 (CM_ 1 "";)' in shown and "Motion" in shown
+    assert main([*command, "--period", "20", "--json"]) == 0
+    (warning,) = json.loads(capsys.readouterr().out)["warnings"]
+    assert 'line 5 (CM_ 1 "";)' in warning
 
 
 def test_an_overloaded_bus_fails_its_verdict_behind_the_whole_answer(tmp_path, capsys):

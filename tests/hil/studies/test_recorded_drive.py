@@ -6,6 +6,7 @@ from pathlib import Path
 import can
 import numpy as np
 import pytest
+from support import rough_bus
 
 from canroll.errors import CanrollError
 from codegen.generated.bus_map import EXTENDED
@@ -22,12 +23,16 @@ SILENT = 2.0
 
 @pytest.fixture(
     scope="module",
-    params=[{}, {"dbc": str(FOREIGN / "own.dbc"), "map": str(FOREIGN / "own.toml")}],
-    ids=["own frames", "foreign DBC"],
+    params=[
+        lambda _: {},
+        lambda _: {"dbc": str(FOREIGN / "own.dbc"), "map": str(FOREIGN / "own.toml")},
+        lambda folder: dict(zip(("dbc", "map"), map(str, rough_bus.write(folder)), strict=True)),
+    ],
+    ids=["own frames", "foreign DBC", "defective DBC"],
 )
 def recorded(request, tmp_path_factory):
     """A run's trace, its log, and the command line that replays it; the IMU's identifier."""
-    bus = request.param
+    bus = request.param(tmp_path_factory.mktemp("bus"))
     settings, controller = experiment.plan(
         "double_lane_change", actuator="suspension", duration=4.0, **bus
     )

@@ -40,6 +40,8 @@ def observe(nodes, **outputs):
     vector = np.zeros(ports.N_OUTPUTS)
     for name, value in outputs.items():
         vector[getattr(ports, name.upper())] = value
+    # the body's CG accelerates as the car's
+    vector[ports.BODY_ACC : ports.BODY_ACC + 2] = vector[ports.AX : ports.AY + 1]
     sensor_kernel.observe(nodes, np.zeros(ports.N_INPUTS), vector)
 
 
@@ -81,7 +83,7 @@ def test_strokes_come_out_in_millimetres_wheel_by_wheel(name):
 def test_chassis_sends_speed_steering_wheel_and_longitudinal_acceleration():
     nodes = ideal()
     inputs, outputs = np.zeros(ports.N_INPUTS), np.zeros(ports.N_OUTPUTS)
-    inputs[ports.STEER], outputs[ports.VX], outputs[ports.AX] = 0.05, 25.0, 1.5
+    inputs[ports.STEER], outputs[ports.VX], outputs[ports.BODY_ACC] = 0.05, 25.0, 1.5
     sensor_kernel.observe(nodes, inputs, outputs)
     values = read(nodes, STEP_NS, sensor_setup.NODES.index("VehicleMotion"))
     assert values["VehicleSpeed"] == pytest.approx(90.0)

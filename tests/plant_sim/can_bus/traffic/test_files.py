@@ -190,6 +190,45 @@ def test_other_files_are_refused(tmp_path):
         load_traffic(write(tmp_path, "bitrate = 1000"))
 
 
+WITHOUT_PERIODS = """VERSION ""
+NS_ :
+BS_:
+BU_: A
+BO_ 100 First: 8 A
+ SG_ s : 0|8@1+ (1,0) [0|0] "" A
+BO_ 101 Long: 48 A
+ SG_ s : 0|8@1+ (1,0) [0|0] "" A
+CM_ 100 "no kind";
+"""
+
+
+def test_a_dbc_without_cycle_times_says_what_it_lacks_and_what_helps(tmp_path):
+    path = tmp_path / "car.dbc"
+    path.write_text(WITHOUT_PERIODS)
+    lacking = r"GenMsgCycleTime is missing for 2\): 'canroll bus' takes --period MS .* log"
+    with pytest.raises(CanrollError, match=lacking):
+        load_traffic(path)
+
+
+def test_a_period_is_that_of_the_messages_without_one(tmp_path):
+    path = tmp_path / "car.dbc"
+    cycle = 'BA_DEF_ BO_ "GenMsgCycleTime" INT 0 1000;\nBA_ "GenMsgCycleTime" BO_ 100 20;\n'
+    path.write_text(WITHOUT_PERIODS + cycle)
+    assert load_traffic(path).left_out == ("Long",)
+    traffic = load_traffic(path, period_ms=2.5)
+    assert {m.name: m.period_ns for m in traffic.messages} == {"First": 20 * MS, "Long": 2.5 * MS}
+    assert traffic.left_out == ()
+
+
+def test_what_a_database_lacks_is_warned_of(tmp_path):
+    path = tmp_path / "car.dbc"
+    path.write_text(WITHOUT_PERIODS)
+    traffic = load_traffic(path, period_ms=10)
+    lenient, fd = traffic.warnings
+    assert "line 9" in lenient and "taken as CAN FD, as longer than 8 bytes: Long" in fd
+    assert [(m.length, m.flags & FD) for m in traffic.messages] == [(8, 0), (48, FD)]
+
+
 def test_the_command_prints_the_json_it_promises(tmp_path, capsys):
     assert run(write(tmp_path, COUNTER_EXAMPLE), "--json", "--simulate", 2) == 0
     result = json.loads(capsys.readouterr().out)
