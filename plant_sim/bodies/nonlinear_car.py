@@ -83,7 +83,7 @@ from plant_sim.bodies.rigid_car import (
     YAW_Q,
     Q,
 )
-from plant_sim.kernels.jit import cfunc, njit, stack_vector
+from plant_sim.kernels.jit import cfunc, inlined, njit, stack_vector
 from vehicles import GRAVITY, Vehicle
 
 X, Y, YAW, VX, VY, HEAVE_RATE = range(6)  # of P; its velocity in the heading frame
@@ -121,7 +121,7 @@ def build(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
     return state, parameters
 
 
-@njit
+@inlined
 def damper(rate: float, bump: float, rebound: float, knee: float, ratio: float) -> float:
     """Force (N) of a bilinear damper against its stroke ``rate`` (m/s, extension > 0)."""
     slope = rebound if rate > 0.0 else bump
@@ -130,7 +130,7 @@ def damper(rate: float, bump: float, rebound: float, knee: float, ratio: float) 
     return size if rate > 0.0 else -size
 
 
-@njit
+@inlined
 def stop(travel: float, bump: float, rebound: float, rate: float) -> float:
     """Force (N) on the body, upwards, of quadratic stops beyond the clearances (m)."""
     if travel > rebound:
@@ -140,7 +140,7 @@ def stop(travel: float, bump: float, rebound: float, rate: float) -> float:
     return 0.0
 
 
-@njit
+@inlined
 def _suspension(state: Vector, inputs: Vector, p: Vector, results: Vector, forces: Vector) -> None:
     """Fill the forces between body and wheels, along the travel; > 0 pushes them apart."""
     knee, ratio = p[P_KNEE], p[P_HIGH_SPEED]
@@ -167,7 +167,7 @@ def _suspension(state: Vector, inputs: Vector, p: Vector, results: Vector, force
         forces[N_FORCES * axle + TILT] = -track * (a - b)
 
 
-@njit
+@inlined
 def normal_force(stiffness: float, damping: float, deflection: float, lift: float) -> float:
     """Radial force (N) of a tyre deflected by that (m) while its radius grows by ``lift`` (m/s)."""
     if deflection <= 0.0:
@@ -175,7 +175,7 @@ def normal_force(stiffness: float, damping: float, deflection: float, lift: floa
     return max(stiffness * deflection - damping * lift, 0.0)
 
 
-@njit
+@inlined
 def tyre_forces(  # noqa: PLR0917
     p: Vector,
     axle: int,
@@ -198,7 +198,7 @@ def tyre_forces(  # noqa: PLR0917
     return tyre.forces(linear_x, stiffness * slip, grip * load, p[P_SHAPE], p[P_CURVATURE])
 
 
-@njit
+@inlined
 def _road_forces(  # noqa: PLR0917
     state: Vector,
     inputs: Vector,

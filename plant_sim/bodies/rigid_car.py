@@ -39,7 +39,7 @@ from plant_sim.bodies.parameters import (
     P_UNSPRUNG,
     P_YAW_INERTIA,
 )
-from plant_sim.kernels.jit import njit, stack_vector
+from plant_sim.kernels.jit import inlined, stack_vector
 from vehicles import GRAVITY
 
 # Slots of the motion: what position and velocity determine. Vectors are in the pitched frame but
@@ -67,7 +67,7 @@ N_ACCELERATIONS = Q + N_Q
 _matrix, _linear = stack_vector(N_Q * N_Q), stack_vector(3 * N_Q)
 
 
-@njit
+@inlined
 def place(  # noqa: PLR0917
     pitch: float,
     roll: float,
@@ -124,7 +124,7 @@ def place(  # noqa: PLR0917
         motion[k + HUB_VELOCITY + 2] = vz + ox * y - oy * x + moved_z
 
 
-@njit
+@inlined
 def _inertial(  # noqa: PLR0917
     motion: Vector,
     mass: float,
@@ -173,7 +173,7 @@ def _inertial(  # noqa: PLR0917
     )
 
 
-@njit
+@inlined
 def accelerate(motion: Vector, forces: Vector, p: Vector, found: Vector) -> None:
     """Fill the accelerations ``found`` under the ``forces`` on both axles.
 
@@ -317,7 +317,7 @@ def accelerate(motion: Vector, forces: Vector, p: Vector, found: Vector) -> None
     _finish(motion, p, fx, fy, fz, body_x, body_y, body_z, found)
 
 
-@njit
+@inlined
 def _finish(  # noqa: PLR0917
     motion: Vector,
     p: Vector,
@@ -346,7 +346,7 @@ def _finish(  # noqa: PLR0917
     found[POINT_ACC + 2] = c * az - s * ax
 
 
-@njit
+@inlined
 def _solve(matrix: Vector, found: Vector) -> None:
     """Solve for q'' in place: L D Lᵀ of the lower triangle, which is overwritten."""
     for i in range(N_Q):
