@@ -24,7 +24,7 @@ a_j and α_j are linear in q''. A is eliminated by the first equation, which lea
 from math import cos, sin
 
 from canroll.typing import Vector
-from plant_sim.bodies import ports
+from plant_sim.bodies import held as held_slots
 from plant_sim.bodies.parameters import (
     P_ARM,
     P_AXIS_HEIGHT,
@@ -73,7 +73,7 @@ def place(  # noqa: PLR0917
     roll: float,
     rates: Vector,
     slides: Vector,
-    inputs: Vector,
+    held: Vector,
     p: Vector,
     motion: Vector,
 ) -> None:
@@ -84,12 +84,11 @@ def place(  # noqa: PLR0917
     """
     c, s = cos(pitch), sin(pitch)
     c_roll, s_roll = cos(roll), sin(roll)
-    c_bank, s_bank = cos(inputs[ports.BANK]), sin(inputs[ports.BANK])
-    c_grade, s_grade = cos(inputs[ports.GRADE]), sin(inputs[ports.GRADE])
     motion[COS_PITCH], motion[SIN_PITCH] = c, s
     motion[COS_ROLL], motion[SIN_ROLL] = c_roll, s_roll
-    motion[UP], motion[UP + 1], motion[UP + 2] = s_grade, s_bank * c_grade, c_bank * c_grade
-    ahead, aside = motion[UP] / motion[UP + 2], motion[UP + 1] / motion[UP + 2]
+    for n in range(3):
+        motion[UP + n] = held[held_slots.UP + n]
+    ahead, aside = held[held_slots.TURN], held[held_slots.TURN + 1]
     roll_rate, pitch_rate, yaw_rate = rates[3], rates[4], rates[5]
     motion[ROLL_RATE], motion[PITCH_RATE], motion[YAW_RATE] = roll_rate, pitch_rate, yaw_rate
     motion[TURN], motion[TURN + 1], motion[TURN + 2] = c * ahead - s, aside, s * ahead + c
