@@ -18,10 +18,29 @@ from plant_sim.bodies.held import (
     DISTANCE,
     DRIVE,
     PER_STATIC,
-    SIDE,
     STEER_COS,
     STEER_SIN,
     UNLOADED,
+)
+from plant_sim.bodies.kinematics import (
+    COS,
+    COS_PITCH,
+    FORCE_X,
+    FORCE_Y,
+    FORCE_Z,
+    HUB_VX,
+    HUB_VY,
+    HUB_VZ,
+    HUB_Y,
+    HUB_Z,
+    MOMENT_X,
+    MOMENT_Y,
+    MOMENT_Z,
+    RATE,
+    SIN,
+    SIN_PITCH,
+    TILT_RATE,
+    of_axle,
 )
 from plant_sim.bodies.parameters import (
     P_AXIS_HEIGHT,
@@ -37,22 +56,6 @@ from plant_sim.bodies.parameters import (
     P_SPIN_INERTIA,
     P_TYRE_DAMPING,
     P_TYRE_STIFFNESS,
-)
-from plant_sim.bodies.rigid_car import (
-    AXLE,
-    COS,
-    COS_PITCH,
-    FORCE,
-    HUB_VELOCITY,
-    HUB_Y,
-    HUB_Z,
-    MOMENT,
-    N_AXLE,
-    N_FORCES,
-    RATE,
-    SIN,
-    SIN_PITCH,
-    TILT_RATE,
 )
 from plant_sim.kernels.jit import inlined, stack_vector
 
@@ -89,14 +92,8 @@ N_CONTACT = 40
     LINEAR_X,
     LINEAR_Y,
     SLIP,
-    FORCE_X,
-    FORCE_Y,
-    FORCE_Z,
-    MOMENT_X,
-    MOMENT_Y,
-    MOMENT_Z,
-) = range(0, 88, 4)
-_scratch = stack_vector(88)
+) = range(0, 64, 4)
+_scratch = stack_vector(64)
 
 
 @inlined
@@ -104,13 +101,6 @@ def normal_force(stiffness: float, damping: float, deflection: float, lift: floa
     """Radial force (N) of a tyre deflected by that (m) while its radius grows by ``lift`` (m/s)."""
     force = max(stiffness * deflection - damping * lift, 0.0)
     return force if deflection > 0.0 else 0.0
-
-
-@inlined
-def _of(motion: Vector, slot: int, wheel: int) -> float:
-    """An axle's slot of the motion, for a wheel on it."""
-    value: float = motion[AXLE + slot] if wheel < 2 else motion[AXLE + N_AXLE + slot]
-    return value
 
 
 @inlined
@@ -130,13 +120,10 @@ def _touch(  # noqa: PLR0917
     radius, per_relaxation = p[P_RADIUS], 1.0 / p[P_RELAXATION]
     friction = p[P_FRICTION] * held[ports.FRICTION]
     for wheel in range(4):
-        c_tilt, s_tilt = _of(motion, COS, wheel), _of(motion, SIN, wheel)
-        t, wx = held[SIDE + wheel], ox + _of(motion, TILT_RATE, wheel)
-        x, y = held[DISTANCE + wheel], _of(motion, HUB_Y, wheel) + t * c_tilt
-        z = _of(motion, HUB_Z, wheel) + t * s_tilt
-        vx = _of(motion, HUB_VELOCITY, wheel) + t * (oy * s_tilt - oz * c_tilt)
-        vy = _of(motion, HUB_VELOCITY + 1, wheel) - t * wx * s_tilt
-        vz = _of(motion, HUB_VELOCITY + 2, wheel) + t * wx * c_tilt
+        c_tilt, s_tilt = of_axle(motion, COS, wheel), of_axle(motion, SIN, wheel)
+        wx = ox + of_axle(motion, TILT_RATE, wheel)
+        x, y, z = held[DISTANCE + wheel], motion[HUB_Y + wheel], motion[HUB_Z + wheel]
+        vx, vy, vz = motion[HUB_VX + wheel], motion[HUB_VY + wheel], motion[HUB_VZ + wheel]
         ex, ez = -held[STEER_SIN + wheel], held[STEER_COS + wheel] * s_tilt
         ey = held[STEER_COS + wheel] * c_tilt
         # from the pitched to the heading frame
@@ -184,9 +171,10 @@ def _push(  # noqa: PLR0917
     p: Vector,
     motion: Vector,
     scratch: Vector,
+    forces: Vector,
     contact: Vector,
 ) -> None:
-    """Fill forces and moments on the axle, from the tyres and the spinning wheels."""
+    """Add forces and moments on the axle, from the tyres and the spinning wheels."""
     c, s, oy = motion[COS_PITCH], motion[SIN_PITCH], motion[RATE + 1]
     radius, inertia, per_inertia = p[P_RADIUS], p[P_SPIN_INERTIA], 1.0 / p[P_SPIN_INERTIA]
     for wheel in range(4):
@@ -210,10 +198,12 @@ def _push(  # noqa: PLR0917
         my += z * fx - x * load - free * ey - spun * (wz * ex - wx * ez)
         mz += x * fy - y * fx - free * ez - spun * (wx * ey - oy * ex)
         # from the heading to the pitched frame
-        scratch[FORCE_X + wheel], scratch[FORCE_Y + wheel] = c * fx - s * load, fy
-        scratch[FORCE_Z + wheel] = s * fx + c * load
-        scratch[MOMENT_X + wheel], scratch[MOMENT_Y + wheel] = c * mx - s * mz, my
-        scratch[MOMENT_Z + wheel] = s * mx + c * mz
+        forces[FORCE_X + wheel] += c * fx - s * load
+        forces[FORCE_Y + wheel] += fy
+        forces[FORCE_Z + wheel] += s * fx + c * load
+        forces[MOMENT_X + wheel] += c * mx - s * mz
+        forces[MOMENT_Y + wheel] += my
+        forces[MOMENT_Z + wheel] += s * mx + c * mz
         contact[LONGITUDINAL + wheel], contact[LATERAL + wheel] = ahead, aside
         contact[FORWARD + wheel], contact[LEFT + wheel] = fx, fy
         contact[COUPLE + wheel], contact[SHAFT + wheel] = -rolled - about, torque
@@ -231,16 +221,10 @@ def road_forces(  # noqa: PLR0917
     forces: Vector,
     contact: Vector,
 ) -> None:
-    """Fill the road's ``forces`` on both axles and the ``contact`` of the wheels."""
+    """Add the road's ``forces`` on both axles and fill the ``contact`` of the wheels."""
     scratch = _scratch()
     height = p[P_AXIS_HEIGHT] + heave
     _touch(height, spins, slips, held, p, motion, scratch, contact)
     for wheel in range(4):
         scratch[SLIP + wheel] = tyre.share(scratch[SLIP + wheel], p[P_SHAPE], p[P_CURVATURE])
-    _push(spins, held, p, motion, scratch, contact)
-    for axle in range(2):
-        left, right, f = 2 * axle, 2 * axle + 1, N_FORCES * axle
-        for n in range(3):
-            k, m = FORCE_X + 4 * n, MOMENT_X + 4 * n
-            forces[f + FORCE + n] = scratch[k + left] + scratch[k + right]
-            forces[f + MOMENT + n] = scratch[m + left] + scratch[m + right]
+    _push(spins, held, p, motion, scratch, forces, contact)

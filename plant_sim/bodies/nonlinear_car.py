@@ -17,7 +17,7 @@ from math import cos, sin
 import numpy as np
 
 from canroll.typing import Vector
-from plant_sim.bodies import ports, rigid_car
+from plant_sim.bodies import ports
 from plant_sim.bodies.contact import (
     COUPLE,
     FORWARD,
@@ -34,6 +34,8 @@ from plant_sim.bodies.contact import (
 )
 from plant_sim.bodies.held import N_HELD, TURN, UP, hold
 from plant_sim.bodies.integrate import rk4
+from plant_sim.bodies.kinematics import N_FORCES, N_MOTION, SLIDE, TILT, place
+from plant_sim.bodies.mass_matrix import N_FACTORS, factor
 from plant_sim.bodies.parameters import (
     P_ARM,
     P_AXIS_HEIGHT,
@@ -56,17 +58,13 @@ from plant_sim.bodies.ports import ROLLOVER_ANGLE, Body
 from plant_sim.bodies.rigid_car import (
     BODY_ACC,
     N_ACCELERATIONS,
-    N_FORCES,
-    N_MOTION,
     PITCH_Q,
     POINT_ACC,
     ROLL_Q,
-    SLIDE,
     SLIDE_Q,
-    TILT,
     TILT_Q,
     YAW_Q,
-    Q,
+    accelerate,
 )
 from plant_sim.kernels.jit import cfunc, inlined, njit, stack_vector
 from vehicles import GRAVITY, Vehicle
@@ -87,8 +85,8 @@ R_SHAFT = SHAFT
 R_CORNER, R_ACC, R_BODY_ACC, N_RESULTS = N_CONTACT, N_CONTACT + 4, N_CONTACT + 6, N_CONTACT + 9
 
 _results, _rates, _slides = stack_vector(N_RESULTS), stack_vector(N_STATES), stack_vector(8)
-_held = stack_vector(N_HELD)
-_motion, _forces = stack_vector(N_MOTION), stack_vector(2 * N_FORCES)
+_held, _factors = stack_vector(N_HELD), stack_vector(N_FACTORS)
+_motion, _forces = stack_vector(N_MOTION), stack_vector(N_FORCES)
 _found = stack_vector(N_ACCELERATIONS)
 
 
@@ -140,20 +138,22 @@ def _suspension(state: Vector, held: Vector, p: Vector, results: Vector, forces:
             force += bar if side == 0 else -bar
             results[R_CORNER + wheel] = force + held[ports.CORNER_FORCE + wheel]
         a, b = results[R_CORNER + first], results[R_CORNER + first + 1]
-        forces[N_FORCES * axle + SLIDE] = -(a + b)
-        forces[N_FORCES * axle + TILT] = -track * (a - b)
+        forces[SLIDE + axle] = -(a + b)
+        forces[TILT + axle] = -track * (a - b)
 
 
 @inlined
 def _evaluate(state: Vector, held: Vector, p: Vector, rate: Vector, results: Vector) -> None:
-    motion, forces, found, slides = _motion(), _forces(), _found(), _slides()
+    motion, slides, factors = _motion(), _slides(), _factors()
+    forces, found = _forces(), _found()
     for axle in range(2):
         left, right, track = TRAVEL + 2 * axle, TRAVEL + 2 * axle + 1, p[P_TRACK + axle]
         for n in range(2):
             a, b = state[left + 4 * n], state[right + 4 * n]
             slides[4 * axle + 2 * n] = -0.5 * (a + b)
             slides[4 * axle + 2 * n + 1] = -0.5 * (a - b) / track
-    rigid_car.place(state[PITCH], state[ROLL], state[VX:HEAVE], slides, held, p, motion)
+    place(state[PITCH], state[ROLL], state[VX:HEAVE], slides, held, p, motion, forces)
+    factor(motion, held, p, factors)
     _suspension(state, held, p, results, forces)
     road_forces(
         state[HEAVE],
@@ -165,7 +165,7 @@ def _evaluate(state: Vector, held: Vector, p: Vector, rate: Vector, results: Vec
         forces,
         results,
     )
-    rigid_car.accelerate(motion, forces, p, found)
+    accelerate(motion, forces, factors, p, found)
 
     # the heading frame turns, on a sloping road about its plane's axes as well
     yaw_rate, vx, vy, vz = state[YAW_RATE], state[VX], state[VY], state[HEAVE_RATE]
@@ -179,13 +179,13 @@ def _evaluate(state: Vector, held: Vector, p: Vector, rate: Vector, results: Vec
     rate[VX] = found[POINT_ACC] + yaw_rate * vy - turn_y * vz
     rate[VY] = found[POINT_ACC + 1] - yaw_rate * vx + turn_x * vz
     rate[HEAVE_RATE] = found[POINT_ACC + 2] + turn_y * vx - turn_x * vy
-    rate[ROLL_RATE], rate[PITCH_RATE] = found[Q + ROLL_Q], found[Q + PITCH_Q]
-    rate[YAW_RATE] = found[Q + YAW_Q]
+    rate[ROLL_RATE], rate[PITCH_RATE] = found[ROLL_Q], found[PITCH_Q]
+    rate[YAW_RATE] = found[YAW_Q]
     rate[HEAVE], rate[ROLL], rate[PITCH] = vz, state[ROLL_RATE], state[PITCH_RATE]
     for wheel in range(4):
         axle = wheel // 2
         track = p[P_TRACK + axle] if wheel % 2 == 0 else -p[P_TRACK + axle]
-        slide, tilt = found[Q + SLIDE_Q + 2 * axle], found[Q + TILT_Q + 2 * axle]
+        slide, tilt = found[SLIDE_Q + axle], found[TILT_Q + axle]
         rate[TRAVEL + wheel] = state[TRAVEL_RATE + wheel]
         rate[TRAVEL_RATE + wheel] = -(slide + track * tilt)
         rate[SPIN + wheel] = results[SPIN_RATE + wheel]
@@ -223,8 +223,9 @@ def _held_derivative(state: Vector, held: Vector, parameters: Vector, rate: Vect
 
 
 @njit
-def _observe(state: Vector, held: Vector, p: Vector, outputs: Vector, dt: float) -> None:
-    rate, results = _rates(), _results()
+def _observe(state: Vector, inputs: Vector, p: Vector, outputs: Vector, dt: float) -> None:
+    held, rate, results = _held(), _rates(), _results()
+    hold(inputs, p, held)
     _evaluate(state, held, p, rate, results)
     c_yaw, s_yaw = cos(state[YAW]), sin(state[YAW])
     yaw_rate, offset, arm = state[YAW_RATE], p[P_OFFSET], p[P_ARM]
@@ -281,7 +282,7 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
         held = _held()
         hold(inputs, parameters, held)
         _advance(state, held, parameters, dt)
-        _observe(state, held, parameters, outputs, dt)
+        _observe(state, inputs, parameters, outputs, dt)
 
 
 BODY = Body("nonlinear", step, build)

@@ -77,7 +77,7 @@ def njit(function: Function, *, inline: bool = False) -> Function:
     with all its callees, and take more than twice as long for the whole plant.
     """
     compiled: Any = numba.njit(
-        cache=True, error_model="numpy", forceinline=inline
+        cache=True, error_model="numpy", inline="always" if inline else "never"
     )(function)
     resolve = compiled.get_call_template
 
