@@ -117,7 +117,8 @@ def _base(motion: Vector, p: Vector, hubs: Vector, factors: Vector) -> None:
     c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
     tx, ty, tz = motion[PER_YAW], motion[PER_YAW + 1], motion[PER_YAW + 2]
     mass, y, z = p[P_SPRUNG], -p[P_ARM] * s_roll, p[P_ARM] * c_roll
-    jx, (jyy, jyz, jzz) = p[P_ROLL_INERTIA], inertia(motion, p)
+    jx = p[P_ROLL_INERTIA]
+    jyy, jyz, jzz = inertia(motion, p)
     turn_y, turn_z = jyy * ty + jyz * tz, jyz * ty + jzz * tz
     yaw_x, yaw_y, yaw_z = ty * z - tz * y, -tx * z, tx * y
     my, mz = mass * y, mass * z

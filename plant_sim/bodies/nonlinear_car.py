@@ -1,13 +1,11 @@
 """The 14-DOF nonlinear car: planar motion, heave, roll, pitch, four suspension travels and spins.
 
 Sprung body, two axles and four spinning wheels under the forces of suspension and tyres; no angle
-is taken as small and every force has its reaction. :mod:`plant_sim.bodies.rigid_car` has the bodies
-and their equations of motion, :mod:`plant_sim.bodies.tyre` the tyres' forces.
+is taken as small and every force has its reaction. The bodies' places and motion are in
+:mod:`~plant_sim.bodies.kinematics`, their equations in :mod:`~plant_sim.bodies.mass_matrix` and
+:mod:`~plant_sim.bodies.rigid_car`, the wheels on the road in :mod:`~plant_sim.bodies.contact`.
 
 - Suspension: a corner force acts along the travel, the axle's slide and turn relative to the body.
-- A wheel touches the road at its lowest line. The lateral slip is taken there, with a relaxation
-  length; so are the forces on the axle. Spin and slip refer to one effective rolling radius.
-- A spinning wheel is a gyrostat on its axle, with drive and brake torque between the two.
 - Wheels can lift off; two wheels off the road for a while, or a large roll angle, end the run as a
   rollover.
 """
@@ -66,7 +64,7 @@ from plant_sim.bodies.rigid_car import (
     YAW_Q,
     accelerate,
 )
-from plant_sim.kernels.jit import cfunc, inlined, njit, stack_vector
+from plant_sim.kernels.jit import borrowed, cfunc, inlined, njit, stack_vector
 from vehicles import GRAVITY, Vehicle
 
 X, Y, YAW, VX, VY, HEAVE_RATE = range(6)  # of P; its velocity in the heading frame
@@ -219,13 +217,20 @@ def derivative(state: Vector, inputs: Vector, parameters: Vector, rate: Vector) 
 
 @njit
 def _held_derivative(state: Vector, held: Vector, parameters: Vector, rate: Vector) -> None:
-    _evaluate(state, held, parameters, rate, _results())
+    _evaluate(borrowed(state), borrowed(held), borrowed(parameters), borrowed(rate), _results())
 
 
 @njit
 def _observe(state: Vector, inputs: Vector, p: Vector, outputs: Vector, dt: float) -> None:
-    held, rate, results = _held(), _rates(), _results()
+    held = _held()
     hold(inputs, p, held)
+    _fill(state, held, p, outputs, dt)
+
+
+@njit
+def _fill(state: Vector, held: Vector, p: Vector, outputs: Vector, dt: float) -> None:
+    state, held, p, outputs = borrowed(state), borrowed(held), borrowed(p), borrowed(outputs)
+    rate, results = _rates(), _results()
     _evaluate(state, held, p, rate, results)
     c_yaw, s_yaw = cos(state[YAW]), sin(state[YAW])
     yaw_rate, offset, arm = state[YAW_RATE], p[P_OFFSET], p[P_ARM]
@@ -280,9 +285,9 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
     """Advance ``state`` by ``dt`` (s) and fill ``outputs``; a car that rolled over stays so."""
     if state[ROLLED_OVER] == 0.0:
         held = _held()
-        hold(inputs, parameters, held)
-        _advance(state, held, parameters, dt)
-        _observe(state, inputs, parameters, outputs, dt)
+        hold(borrowed(inputs), borrowed(parameters), held)
+        _advance(borrowed(state), held, borrowed(parameters), dt)
+        _fill(state, held, parameters, outputs, dt)
 
 
 BODY = Body("nonlinear", step, build)

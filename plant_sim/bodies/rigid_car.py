@@ -66,7 +66,8 @@ def accelerate(motion: Vector, forces: Vector, factors: Vector, p: Vector, found
     fx, fy, fz = bias(motion, 0.0, y, z, -z * roll_rate, y * roll_rate)
     bias_x, bias_y, bias_z = fx, fy + roll_rate * roll_rate * y, fz + roll_rate * roll_rate * z
     fx, fy, fz = mass * bias_x, mass * bias_y, mass * bias_z
-    jx, (jyy, jyz, jzz) = p[P_ROLL_INERTIA], inertia(motion, p)
+    jx = p[P_ROLL_INERTIA]
+    jyy, jyz, jzz = inertia(motion, p)
     wx, ax, ay = ox + roll_rate, motion[BIAS], roll_rate * oz
     az = motion[BIAS + 2] - roll_rate * oy
     hx, hy, hz = jx * wx, jyy * oy + jyz * oz, jyz * oy + jzz * oz

@@ -91,7 +91,11 @@ def njit(function: Function, *, inline: bool = False) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """As :func:`njit`, compiled into its callers: a call costs seven words for every array."""
+    """As :func:`njit`, compiled into its callers.
+
+    A call costs seven words for every array, and only in its caller is it known that a function's
+    vectors do not overlap, without which loops over them are not made vector code.
+    """
     return njit(function, inline=True)
 
 
@@ -144,6 +148,9 @@ def borrowed(typing_context: Any, array: Any) -> Any:  # noqa: ANN401
         return view._getvalue()
 
     return array(array), lower
+
+
+borrowed.same = True  # for the translation to C
 
 
 def stack_vector(size: int) -> Any:  # noqa: ANN401
