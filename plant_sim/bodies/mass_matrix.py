@@ -81,37 +81,6 @@ def of_pair(hubs: Vector, slot: int, axle: int) -> float:
 
 
 @inlined
-def _products(motion: Vector, held: Vector, p: Vector, hubs: Vector) -> None:
-    c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
-    tx, ty, tz = motion[PER_YAW], motion[PER_YAW + 1], motion[PER_YAW + 2]
-    front, rear = 0.5 * p[P_UNSPRUNG], 0.5 * p[P_UNSPRUNG + 1]
-    for wheel in range(4):
-        mass = front if wheel < 2 else rear
-        x, y, z = held[DISTANCE + wheel], motion[HUB_Y + wheel], motion[HUB_Z + wheel]
-        arm_y, arm_z = motion[ARM_Y + wheel], motion[ARM_Z + wheel]
-        yaw_x, yaw_y, yaw_z = ty * z - tz * y, tz * x - tx * z, tx * y - ty * x
-        mx, my, mz = mass * x, mass * y, mass * z
-        tilt_y, tilt_z = -mass * arm_z, mass * arm_y
-        hubs[X + wheel], hubs[Y + wheel], hubs[Z + wheel] = mx, my, mz
-        hubs[YAW_X + wheel], hubs[YAW_Y + wheel] = mass * yaw_x, mass * yaw_y
-        hubs[YAW_Z + wheel] = mass * yaw_z
-        hubs[PITCH_PITCH + wheel] = mz * z + mx * x
-        hubs[YAW_PITCH + wheel] = mz * yaw_x - mx * yaw_z
-        hubs[YAW_YAW + wheel] = mass * (yaw_x * yaw_x + yaw_y * yaw_y + yaw_z * yaw_z)
-        hubs[ROLL_PITCH + wheel] = -mx * y
-        hubs[ROLL_YAW + wheel] = my * yaw_z - mz * yaw_y
-        hubs[ROLL_ROLL + wheel] = my * y + mz * z
-        hubs[SLIDE_YAW + wheel] = mass * (yaw_z * c_roll - yaw_y * s_roll)
-        hubs[SLIDE_ROLL + wheel] = my * c_roll + mz * s_roll
-        hubs[TILT_SLIDE + wheel] = tilt_z * c_roll - tilt_y * s_roll
-        hubs[TILT_Y + wheel], hubs[TILT_Z + wheel] = tilt_y, tilt_z
-        hubs[TILT_PITCH + wheel] = -tilt_z * x
-        hubs[TILT_YAW + wheel] = tilt_y * yaw_y + tilt_z * yaw_z
-        hubs[TILT_ROLL + wheel] = tilt_z * y - tilt_y * z
-        hubs[TILT_TILT + wheel] = tilt_z * arm_y - tilt_y * arm_z
-
-
-@inlined
 def _base(motion: Vector, p: Vector, hubs: Vector, factors: Vector) -> None:
     """Fill the lower triangle for A and the body's own motion, all masses on it."""
     c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
@@ -158,12 +127,9 @@ def inertia(motion: Vector, p: Vector) -> tuple[float, float, float]:
 
 
 @inlined
-def factor(motion: Vector, held: Vector, p: Vector, factors: Vector) -> None:
-    """Fill the ``factors`` (N_FACTORS) of the mass matrix."""
-    hubs = _hubs()
+def _eliminate(motion: Vector, p: Vector, hubs: Vector, factors: Vector) -> None:
+    """Fill the axles' part and take their unknowns out of the base's; factor what is left."""
     c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
-    _products(motion, held, p, hubs)
-    _base(motion, p, hubs, factors)
     for axle in range(2):
         slide, tilt, mass = ON_SLIDE + BASE * axle, ON_TILT + BASE * axle, p[P_UNSPRUNG + axle]
         factors[slide + 1], factors[slide + 2] = -mass * s_roll, mass * c_roll
@@ -198,6 +164,41 @@ def factor(motion: Vector, held: Vector, p: Vector, factors: Vector) -> None:
             for k in range(i, BASE):
                 factors[MATRIX + BASE * k + i] -= scaled * factors[column + BASE * k]
             factors[column + BASE * i] = scaled
+
+
+@inlined
+def factor(motion: Vector, held: Vector, p: Vector, factors: Vector) -> None:
+    """Fill the ``factors`` (N_FACTORS) of the mass matrix."""
+    hubs = _hubs()
+    c_roll, s_roll = motion[COS_ROLL], motion[SIN_ROLL]
+    tx, ty, tz = motion[PER_YAW], motion[PER_YAW + 1], motion[PER_YAW + 2]
+    front, rear = 0.5 * p[P_UNSPRUNG], 0.5 * p[P_UNSPRUNG + 1]
+    for wheel in range(4):
+        mass = front if wheel < 2 else rear
+        x, y, z = held[DISTANCE + wheel], motion[HUB_Y + wheel], motion[HUB_Z + wheel]
+        arm_y, arm_z = motion[ARM_Y + wheel], motion[ARM_Z + wheel]
+        yaw_x, yaw_y, yaw_z = ty * z - tz * y, tz * x - tx * z, tx * y - ty * x
+        mx, my, mz = mass * x, mass * y, mass * z
+        tilt_y, tilt_z = -mass * arm_z, mass * arm_y
+        hubs[X + wheel], hubs[Y + wheel], hubs[Z + wheel] = mx, my, mz
+        hubs[YAW_X + wheel], hubs[YAW_Y + wheel] = mass * yaw_x, mass * yaw_y
+        hubs[YAW_Z + wheel] = mass * yaw_z
+        hubs[PITCH_PITCH + wheel] = mz * z + mx * x
+        hubs[YAW_PITCH + wheel] = mz * yaw_x - mx * yaw_z
+        hubs[YAW_YAW + wheel] = mass * (yaw_x * yaw_x + yaw_y * yaw_y + yaw_z * yaw_z)
+        hubs[ROLL_PITCH + wheel] = -mx * y
+        hubs[ROLL_YAW + wheel] = my * yaw_z - mz * yaw_y
+        hubs[ROLL_ROLL + wheel] = my * y + mz * z
+        hubs[SLIDE_YAW + wheel] = mass * (yaw_z * c_roll - yaw_y * s_roll)
+        hubs[SLIDE_ROLL + wheel] = my * c_roll + mz * s_roll
+        hubs[TILT_SLIDE + wheel] = tilt_z * c_roll - tilt_y * s_roll
+        hubs[TILT_Y + wheel], hubs[TILT_Z + wheel] = tilt_y, tilt_z
+        hubs[TILT_PITCH + wheel] = -tilt_z * x
+        hubs[TILT_YAW + wheel] = tilt_y * yaw_y + tilt_z * yaw_z
+        hubs[TILT_ROLL + wheel] = tilt_z * y - tilt_y * z
+        hubs[TILT_TILT + wheel] = tilt_z * arm_y - tilt_y * arm_z
+    _base(motion, p, hubs, factors)
+    _eliminate(motion, p, hubs, factors)
 
 
 @inlined

@@ -76,9 +76,7 @@ def njit(function: Function, *, inline: bool = False) -> Function:
     Calls with literal arguments use the general version: Numba would compile one per literal, each
     with all its callees, and take more than twice as long for the whole plant.
     """
-    compiled: Any = numba.njit(
-        cache=True, error_model="numpy", inline="always" if inline else "never"
-    )(function)
+    compiled: Any = numba.njit(cache=True, error_model="numpy", forceinline=inline)(function)
     resolve = compiled.get_call_template
 
     def resolve_general(args: Any, kws: Any) -> Any:  # noqa: ANN401
@@ -91,10 +89,11 @@ def njit(function: Function, *, inline: bool = False) -> Function:
 
 
 def inlined(function: Function) -> Function:
-    """As :func:`njit`, compiled into its callers.
+    """As :func:`njit`, compiled into its callers: a call costs seven words for every array.
 
-    A call costs seven words for every array, and only in its caller is it known that a function's
-    vectors do not overlap, without which loops over them are not made vector code.
+    A loop becomes vector code only where the vectors that it fills are known not to overlap with
+    others. Functions are also optimised alone, where a short loop is unrolled: the function that
+    makes the vector should have the loop.
     """
     return njit(function, inline=True)
 
