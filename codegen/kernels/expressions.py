@@ -307,6 +307,8 @@ class Scope:
         if its is np.empty or hasattr(its, "elements"):
             return self.make(node)
         arguments = [self.value(argument) for argument in node.args]
+        if hasattr(its, "same"):
+            return arguments[0]
         if its in (math.floor, np.floor):
             return Value(INT, f"((int64_t)floor({arguments[0].c}))")
         if its in (math.isnan, np.isnan):

@@ -69,14 +69,14 @@ def _save(entry: Any, key: Any, data: Any) -> None:  # noqa: ANN401
 IndexDataCacheFile.save = _save
 
 
-def njit(function: Function) -> Function:
+def njit(function: Function, *, inline: bool = False) -> Function:
     """Compile to machine code, cached between processes; exact IEEE arithmetic (no fastmath).
 
     A division by zero gives inf or nan, as in C: a check before each would cost a kernel a tenth.
     Calls with literal arguments use the general version: Numba would compile one per literal, each
     with all its callees, and take more than twice as long for the whole plant.
     """
-    compiled: Any = numba.njit(cache=True, error_model="numpy")(function)
+    compiled: Any = numba.njit(cache=True, error_model="numpy", forceinline=inline)(function)
     resolve = compiled.get_call_template
 
     def resolve_general(args: Any, kws: Any) -> Any:  # noqa: ANN401
@@ -86,6 +86,16 @@ def njit(function: Function) -> Function:
     compiled.get_call_template = resolve_general
     result: Function = compiled
     return result
+
+
+def inlined(function: Function) -> Function:
+    """As :func:`njit`, compiled into its callers: a call costs seven words for every array.
+
+    A loop becomes vector code only where the vectors that it fills are known not to overlap with
+    others. Functions are also optimised alone, where a short loop is unrolled: the function that
+    makes the vector should have the loop.
+    """
+    return njit(function, inline=True)
 
 
 def cfunc(signature: Any) -> Callable[[Function], Function]:  # noqa: ANN401
@@ -137,6 +147,9 @@ def borrowed(typing_context: Any, array: Any) -> Any:  # noqa: ANN401
         return view._getvalue()
 
     return array(array), lower
+
+
+borrowed.same = True  # for the translation to C
 
 
 def stack_vector(size: int) -> Any:  # noqa: ANN401

@@ -1,0 +1,230 @@
+"""Contact of the four tyres with the road: forces on the axles, rates of spins and slips.
+
+A wheel touches the road at its lowest line. The lateral slip is taken there, with a relaxation
+length; so are the forces on the axle. Spin and slip refer to one effective rolling radius. A
+spinning wheel is a gyrostat on its axle, with drive and brake torque between the two.
+
+Vectors are in the heading frame. Quantities of the wheels stand side by side, four for each slot,
+and the loops over them only fill such slots: compilers make vector code of that, four wheels at
+the cost of one. The curve of the tyre, which no such code knows, has a loop of its own.
+"""
+
+from math import sqrt
+
+from canroll.typing import Vector
+from plant_sim.bodies import ports, tyre
+from plant_sim.bodies.held import (
+    CORNERING,
+    DISTANCE,
+    DRIVE,
+    PER_STATIC,
+    STEER_COS,
+    STEER_SIN,
+    UNLOADED,
+)
+from plant_sim.bodies.kinematics import (
+    COS,
+    COS_PITCH,
+    FORCE_X,
+    FORCE_Y,
+    FORCE_Z,
+    HUB_VX,
+    HUB_VY,
+    HUB_VZ,
+    HUB_Y,
+    HUB_Z,
+    MOMENT_X,
+    MOMENT_Y,
+    MOMENT_Z,
+    RATE,
+    SIN,
+    SIN_PITCH,
+    TILT_RATE,
+    of_axle,
+)
+from plant_sim.bodies.parameters import (
+    P_AXIS_HEIGHT,
+    P_CORNERING_SLOPE,
+    P_CURVATURE,
+    P_FRICTION,
+    P_FRICTION_SLOPE,
+    P_RADIUS,
+    P_RELAXATION,
+    P_ROLLING,
+    P_SHAPE,
+    P_SLIP_STIFFNESS,
+    P_SPIN_INERTIA,
+    P_TYRE_DAMPING,
+    P_TYRE_STIFFNESS,
+)
+from plant_sim.kernels.jit import inlined, stack_vector
+
+SLOWEST = 4.0
+"""Speed (m/s) below which slips are no longer referred to the wheel's own speed."""
+
+SLOWEST_ROLLING = 8.0
+"""Speed (m/s) below which slip builds up no more slowly: a car that stops must not rock on."""
+
+# Slots of the results, four each: normal force, tyre force along the wheel's own longitudinal and
+# lateral axis in the road plane, couple of the road about the wheel axis, force along the car's x
+# and y, gap to the road, torque of the shaft, rates of spin and slip.
+LOAD, LONGITUDINAL, LATERAL, COUPLE, FORWARD, LEFT, GAP, SHAFT, SPIN_RATE, SLIP_RATE = range(
+    0, 40, 4
+)
+N_CONTACT = 40
+
+# Scratch, four each: places of the hub from P's foot (z: from P) and of the contact from the hub,
+# wheel axis, angular velocity of the axle, and what the tyre forces take.
+(
+    X,
+    Y,
+    Z,
+    DX,
+    DY,
+    DZ,
+    AXIS_X,
+    AXIS_Y,
+    AXIS_Z,
+    TURN_X,
+    TURN_Z,
+    LONGER,
+    ALONG,
+    LINEAR_X,
+    LINEAR_Y,
+    SLIP,
+) = range(0, 64, 4)
+_scratch = stack_vector(64)
+
+
+@inlined
+def normal_force(stiffness: float, damping: float, deflection: float, lift: float) -> float:
+    """Radial force (N) of a tyre deflected by that (m) while its radius grows by ``lift`` (m/s)."""
+    force = max(stiffness * deflection - damping * lift, 0.0)
+    return force if deflection > 0.0 else 0.0
+
+
+@inlined
+def _touch(  # noqa: PLR0917
+    height: float,
+    spins: Vector,
+    slips: Vector,
+    held: Vector,
+    p: Vector,
+    motion: Vector,
+    scratch: Vector,
+    contact: Vector,
+) -> None:
+    """Fill places and speeds, loads and slips; P is ``height`` (m) above the plane."""
+    c, s = motion[COS_PITCH], motion[SIN_PITCH]
+    ox, oy, oz = motion[RATE], motion[RATE + 1], motion[RATE + 2]
+    radius, per_relaxation = p[P_RADIUS], 1.0 / p[P_RELAXATION]
+    friction = p[P_FRICTION] * held[ports.FRICTION]
+    for wheel in range(4):
+        c_tilt, s_tilt = of_axle(motion, COS, wheel), of_axle(motion, SIN, wheel)
+        wx = ox + of_axle(motion, TILT_RATE, wheel)
+        x, y, z = held[DISTANCE + wheel], motion[HUB_Y + wheel], motion[HUB_Z + wheel]
+        vx, vy, vz = motion[HUB_VX + wheel], motion[HUB_VY + wheel], motion[HUB_VZ + wheel]
+        ex, ez = -held[STEER_SIN + wheel], held[STEER_COS + wheel] * s_tilt
+        ey = held[STEER_COS + wheel] * c_tilt
+        # from the pitched to the heading frame
+        x, z = c * x + s * z, c * z - s * x
+        vx, vz = c * vx + s * vz, c * vz - s * vx
+        ex, ez = c * ex + s * ez, c * ez - s * ex
+        wx, wz = c * wx + s * oz, c * oz - s * wx
+        # without the carrier's turn about the wheel axis, which the spin contains
+        turned = wx * ex + oy * ey + wz * ez
+        rx, ry, rz = wx - turned * ex, oy - turned * ey, wz - turned * ez
+        steeper = 1.0 / (1.0 - ez * ez)
+        longer = sqrt(steeper)
+        above = height + z - held[ports.ROAD_HEIGHT + wheel]
+        lean = above * ez * steeper
+        dx, dy, dz = lean * ex, lean * ey, -above
+        vx, vy, vz = vx + ry * dz - rz * dy, vy + rz * dx - rx * dz, vz + rx * dy - ry * dx
+
+        compressed = held[UNLOADED + wheel] - above * longer
+        load = longer * normal_force(
+            p[P_TYRE_STIFFNESS], p[P_TYRE_DAMPING], compressed, vz * longer
+        )
+        along, across = (vx * ey - vy * ex) * longer, (vx * ex + vy * ey) * longer
+        reference = max(abs(along), SLOWEST)
+        ratio = load * held[PER_STATIC + wheel]
+        linear_x = p[P_SLIP_STIFFNESS] * ratio * (spins[wheel] * radius - along) / reference
+        linear_y = held[CORNERING + wheel] * ratio * tyre.falling(ratio, p[P_CORNERING_SLOPE])
+        linear_y *= slips[wheel]
+        grip = friction * tyre.falling(ratio, p[P_FRICTION_SLOPE])
+        scratch[SLIP + wheel] = tyre.resultant(linear_x, linear_y, grip * load)
+        rolling = max(abs(along), SLOWEST_ROLLING) * per_relaxation
+        contact[SLIP_RATE + wheel] = rolling * (-across / reference - slips[wheel])
+        contact[LOAD + wheel], contact[GAP + wheel] = load, max(-compressed, 0.0)
+        scratch[X + wheel], scratch[Y + wheel], scratch[Z + wheel] = x, y, z
+        scratch[DX + wheel], scratch[DY + wheel], scratch[DZ + wheel] = dx, dy, dz
+        scratch[AXIS_X + wheel], scratch[AXIS_Y + wheel], scratch[AXIS_Z + wheel] = ex, ey, ez
+        scratch[TURN_X + wheel], scratch[TURN_Z + wheel] = wx, wz
+        scratch[LONGER + wheel] = longer
+        scratch[LINEAR_X + wheel], scratch[LINEAR_Y + wheel] = linear_x, linear_y
+
+
+@inlined
+def _push(  # noqa: PLR0917
+    spins: Vector,
+    held: Vector,
+    p: Vector,
+    motion: Vector,
+    scratch: Vector,
+    forces: Vector,
+    contact: Vector,
+) -> None:
+    """Add forces and moments on the axle, from the tyres and the spinning wheels."""
+    c, s, oy = motion[COS_PITCH], motion[SIN_PITCH], motion[RATE + 1]
+    radius, inertia, per_inertia = p[P_RADIUS], p[P_SPIN_INERTIA], 1.0 / p[P_SPIN_INERTIA]
+    for wheel in range(4):
+        share, load, spin = scratch[SLIP + wheel], contact[LOAD + wheel], spins[wheel]
+        ahead, aside = share * scratch[LINEAR_X + wheel], share * scratch[LINEAR_Y + wheel]
+        # no step at standstill
+        towards = spin / max(abs(spin), 1.0)
+        resistance = p[P_ROLLING] * load * towards
+        torque = (held[DRIVE + wheel] - held[ports.BRAKE_FORCE + wheel] * towards) * radius
+        rolled = (ahead + resistance) * radius
+        ex, ey, ez = scratch[AXIS_X + wheel], scratch[AXIS_Y + wheel], scratch[AXIS_Z + wheel]
+        dx, dy, dz = scratch[DX + wheel], scratch[DY + wheel], scratch[DZ + wheel]
+        x, y, z = scratch[X + wheel], scratch[Y + wheel], scratch[Z + wheel]
+        wx, wz, longer = scratch[TURN_X + wheel], scratch[TURN_Z + wheel], scratch[LONGER + wheel]
+        fx, fy = (ahead * ey + aside * ex) * longer, (aside * ey - ahead * ex) * longer
+        mx, my, mz = dy * load - dz * fy, dz * fx - dx * load, dx * fy - dy * fx
+        about = ex * mx + ey * my + ez * mz
+        # the wheel turns freely but for the shaft's torque; as a gyrostat it resists
+        free, spun = about + torque, inertia * spin
+        mx += y * load - z * fy - free * ex - spun * (oy * ez - wz * ey)
+        my += z * fx - x * load - free * ey - spun * (wz * ex - wx * ez)
+        mz += x * fy - y * fx - free * ez - spun * (wx * ey - oy * ex)
+        # from the heading to the pitched frame
+        forces[FORCE_X + wheel] += c * fx - s * load
+        forces[FORCE_Y + wheel] += fy
+        forces[FORCE_Z + wheel] += s * fx + c * load
+        forces[MOMENT_X + wheel] += c * mx - s * mz
+        forces[MOMENT_Y + wheel] += my
+        forces[MOMENT_Z + wheel] += s * mx + c * mz
+        contact[LONGITUDINAL + wheel], contact[LATERAL + wheel] = ahead, aside
+        contact[FORWARD + wheel], contact[LEFT + wheel] = fx, fy
+        contact[COUPLE + wheel], contact[SHAFT + wheel] = -rolled - about, torque
+        contact[SPIN_RATE + wheel] = (torque - rolled) * per_inertia
+
+
+@inlined
+def road_forces(  # noqa: PLR0917
+    heave: float,
+    spins: Vector,
+    slips: Vector,
+    held: Vector,
+    p: Vector,
+    motion: Vector,
+    forces: Vector,
+    contact: Vector,
+) -> None:
+    """Add the road's ``forces`` on both axles and fill the ``contact`` of the wheels."""
+    scratch = _scratch()
+    height = p[P_AXIS_HEIGHT] + heave
+    _touch(height, spins, slips, held, p, motion, scratch, contact)
+    for wheel in range(4):
+        scratch[SLIP + wheel] = tyre.share(scratch[SLIP + wheel], p[P_SHAPE], p[P_CURVATURE])
+    _push(spins, held, p, motion, scratch, forces, contact)
