@@ -7,7 +7,7 @@ A controller that knows the whole manoeuvre in advance chooses the moment m, hel
 with φ the passive roll angle at the N ends of those intervals, H the plant's response to such a
 moment and M the RMS moment. On a linear plant no law, whatever it measures or predicts, achieves a
 lower RMS roll at that effort. H is the plant's linearisation about straight running and the passive
-run's lateral acceleration is kept, so that on a nonlinear plant the bound is good to about a
+run's lateral acceleration is kept, so that on a nonlinear plant the bound is good to about two
 percent.
 """
 

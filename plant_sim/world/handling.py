@@ -68,6 +68,8 @@ def constant_radius(vehicle: Vehicle, body: Body, *, radius: float = 100.0) -> U
         outputs, steer = run_passive(vehicle, body, maneuver)
         last = outputs[-SETTLED:].mean(axis=0)
         off = abs(last[ports.PATH_ERROR]) > 0.05 * radius
+        # a car that slides past the circle may be near it all the same
+        off = off or abs(radius * last[ports.AY] / last[ports.VX] ** 2 - 1.0) > 0.05
         if outputs[-1, ports.ROLLOVER] or off or last[ports.VX] < 0.95 * speed:
             break
         states.append(

@@ -366,7 +366,7 @@ def test_ours_beside_theirs(paper):
             assert met != ("the RMS moment" in row["verdict"])
         for law in ("plain_feedforward", "steering_lead"):
             assert found[law]["moment_rms_nm"] == pytest.approx(budget, rel=EFFORT_TOLERANCE)
-            assert found[law]["above_bound_percent"] > -1.0
+            assert found[law]["above_bound_percent"] > -2.0
     laws, bound = figure.series[1:-1], figure.series[-1]
     assert {curve.name for curve in laws} <= {entry.name for entry in OURS}
     for law in laws:

@@ -31,7 +31,7 @@ def van_real():
 @pytest.fixture(scope="module")
 def gateway(tmp_path_factory):
     """The gain of the paper's theorem for 500 kbit/s, behind a gateway that it never heard of."""
-    designed = frozen.prepare({"law": "hinf_delay", "gains": "theorem", "actuator": "suspension"})
+    designed = frozen.prepare({"law": "hinf_delay", "gains": "theorem", "actuator": "bars"})
     path = tmp_path_factory.mktemp("design") / "calibration.toml"
     calibration_file.save(path, designed.record, designed.tables)
     return experiment.run("double_lane_change", calibration=path, bus="gateway_50ms")

@@ -160,7 +160,7 @@ def test_what_is_wrong_in_a_catalogue_is_named(text, expected, settings, tmp_pat
 
 def test_a_run_with_faults_says_what_was_detected_and_the_harm(capsys):
     command = ["run", "double_lane_change", "--json", "--fault"]
-    assert main([*command, "Imu=dropout@1.6:2.6"]) == 0
+    assert main([*command, "Imu=dropout@3.0:4.0"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert "fault detected after" in data["verdict"] and "no harm" in data["verdict"]
     assert [change["mode"] for change in data["reaction"]["modes"]][:3] == [
