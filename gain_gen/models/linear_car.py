@@ -195,7 +195,7 @@ def linear_car(
     ahead, _, up = vehicle.sensors.imu_position
     turning = speed * unit[_YAW]
     sensed = sprung @ rates + turning + GRAVITY * unit[_ROLL] + ahead * rates[1] - up * rates[2]
-    whole = momentum @ rates / vehicle.total_mass + turning
-    outputs = np.stack([unit[_ROLL_RATE], sensed, unit[_ROLL], unit[_YAW], whole])
+    of_cg = momentum @ rates / vehicle.total_mass + turning
+    outputs = np.stack([unit[_ROLL_RATE], sensed, unit[_ROLL], unit[_YAW], of_cg])
     n = len(STATES)
     return LinearModel(rows[:, :n], rows[:, n:], outputs[:, :n], outputs[:, n:], speed)
