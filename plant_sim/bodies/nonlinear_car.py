@@ -85,7 +85,7 @@ R_CORNER, R_ACC, R_BODY_ACC, N_RESULTS = N_CONTACT, N_CONTACT + 4, N_CONTACT + 6
 _results, _rates, _slides = stack_vector(N_RESULTS), stack_vector(N_STATES), stack_vector(8)
 _held, _factors = stack_vector(N_HELD), stack_vector(N_FACTORS)
 _motion, _forces = stack_vector(N_MOTION), stack_vector(N_FORCES)
-_found = stack_vector(N_ACCELERATIONS)
+_accelerations = stack_vector(N_ACCELERATIONS)
 
 
 def build(vehicle: Vehicle, speed: float) -> tuple[Vector, Vector]:
@@ -143,7 +143,7 @@ def _suspension(state: Vector, held: Vector, p: Vector, results: Vector, forces:
 @inlined
 def _evaluate(state: Vector, held: Vector, p: Vector, rate: Vector, results: Vector) -> None:
     motion, slides, factors = _motion(), _slides(), _factors()
-    forces, found = _forces(), _found()
+    forces, accelerations = _forces(), _accelerations()
     for axle in range(2):
         left, right, track = TRAVEL + 2 * axle, TRAVEL + 2 * axle + 1, p[P_TRACK + axle]
         for n in range(2):
@@ -163,7 +163,7 @@ def _evaluate(state: Vector, held: Vector, p: Vector, rate: Vector, results: Vec
         forces,
         results,
     )
-    accelerate(motion, forces, factors, p, found)
+    accelerate(motion, forces, factors, p, accelerations)
 
     # the heading frame turns, on a sloping road about its plane's axes as well
     yaw_rate, vx, vy, vz = state[YAW_RATE], state[VX], state[VY], state[HEAVE_RATE]
@@ -174,16 +174,16 @@ def _evaluate(state: Vector, held: Vector, p: Vector, rate: Vector, results: Vec
     rate[X] = foot_x * c_yaw - foot_y * s_yaw
     rate[Y] = foot_x * s_yaw + foot_y * c_yaw
     rate[YAW] = yaw_rate
-    rate[VX] = found[POINT_ACC] + yaw_rate * vy - turn_y * vz
-    rate[VY] = found[POINT_ACC + 1] - yaw_rate * vx + turn_x * vz
-    rate[HEAVE_RATE] = found[POINT_ACC + 2] + turn_y * vx - turn_x * vy
-    rate[ROLL_RATE], rate[PITCH_RATE] = found[ROLL_Q], found[PITCH_Q]
-    rate[YAW_RATE] = found[YAW_Q]
+    rate[VX] = accelerations[POINT_ACC] + yaw_rate * vy - turn_y * vz
+    rate[VY] = accelerations[POINT_ACC + 1] - yaw_rate * vx + turn_x * vz
+    rate[HEAVE_RATE] = accelerations[POINT_ACC + 2] + turn_y * vx - turn_x * vy
+    rate[ROLL_RATE], rate[PITCH_RATE] = accelerations[ROLL_Q], accelerations[PITCH_Q]
+    rate[YAW_RATE] = accelerations[YAW_Q]
     rate[HEAVE], rate[ROLL], rate[PITCH] = vz, state[ROLL_RATE], state[PITCH_RATE]
     for wheel in range(4):
         axle = wheel // 2
         track = p[P_TRACK + axle] if wheel % 2 == 0 else -p[P_TRACK + axle]
-        slide, tilt = found[SLIDE_Q + axle], found[TILT_Q + axle]
+        slide, tilt = accelerations[SLIDE_Q + axle], accelerations[TILT_Q + axle]
         rate[TRAVEL + wheel] = state[TRAVEL_RATE + wheel]
         rate[TRAVEL_RATE + wheel] = -(slide + track * tilt)
         rate[SPIN + wheel] = results[SPIN_RATE + wheel]
@@ -196,7 +196,7 @@ def _evaluate(state: Vector, held: Vector, p: Vector, rate: Vector, results: Vec
         pushed = results[k] + results[k + 1] + results[k + 2] + results[k + 3]
         results[R_ACC + n] = share * pushed - GRAVITY * held[UP + n]
     for n in range(3):
-        results[R_BODY_ACC + n] = found[BODY_ACC + n]
+        results[R_BODY_ACC + n] = accelerations[BODY_ACC + n]
 
 
 @njit

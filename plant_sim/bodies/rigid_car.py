@@ -52,8 +52,10 @@ _right, _axles = stack_vector(BASE), stack_vector(4)
 
 
 @inlined
-def accelerate(motion: Vector, forces: Vector, factors: Vector, p: Vector, found: Vector) -> None:
-    """Fill the accelerations ``found`` under the ``forces``, by the mass matrix's ``factors``."""
+def accelerate(
+    motion: Vector, forces: Vector, factors: Vector, p: Vector, accelerations: Vector
+) -> None:
+    """Fill the ``accelerations`` under the ``forces``, by the mass matrix's ``factors``."""
     right, axles = _right(), _axles()
     c, s = motion[COS_PITCH], motion[SIN_PITCH]
     c_roll, s_roll, roll_rate = motion[COS_ROLL], motion[SIN_ROLL], motion[ROLL_RATE]
@@ -87,11 +89,11 @@ def accelerate(motion: Vector, forces: Vector, factors: Vector, p: Vector, found
     substitute(factors, right, axles)
 
     for axle in range(2):
-        found[SLIDE_Q + axle], found[TILT_Q + axle] = axles[axle], axles[2 + axle]
+        accelerations[SLIDE_Q + axle], accelerations[TILT_Q + axle] = axles[axle], axles[2 + axle]
     pitch, yaw, roll = right[PITCH], right[YAW], right[ROLL]
-    found[PITCH_Q], found[YAW_Q], found[ROLL_Q] = pitch, yaw, roll
+    accelerations[PITCH_Q], accelerations[YAW_Q], accelerations[ROLL_Q] = pitch, yaw, roll
     ax, ay, az = right[0], right[1], right[2]
-    found[POINT_ACC], found[POINT_ACC + 1], found[POINT_ACC + 2] = (
+    accelerations[POINT_ACC], accelerations[POINT_ACC + 1], accelerations[POINT_ACC + 2] = (
         c * ax + s * az,
         ay,
         c * az - s * ax,
@@ -100,4 +102,8 @@ def accelerate(motion: Vector, forces: Vector, factors: Vector, p: Vector, found
     ax += wy * z - wz * y - bias_x + motion[WEIGHT]
     ay += -wx * z - bias_y + motion[WEIGHT + 1]
     az += wx * y - bias_z + motion[WEIGHT + 2]
-    found[BODY_ACC], found[BODY_ACC + 1], found[BODY_ACC + 2] = c * ax + s * az, ay, c * az - s * ax
+    accelerations[BODY_ACC], accelerations[BODY_ACC + 1], accelerations[BODY_ACC + 2] = (
+        c * ax + s * az,
+        ay,
+        c * az - s * ax,
+    )

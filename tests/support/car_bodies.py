@@ -53,11 +53,30 @@ def rolled(angle: Any) -> Array:
     return np.array([[1, 0 * c, 0 * c], [0 * c, c, -s], [0 * c, s, c]])
 
 
+def axles_of(vehicle: Vehicle) -> tuple[tuple[float, float, float, float], ...]:
+    """Of front and rear axle: place ahead of the CG, half track, roll centre, unsprung mass."""
+    geometry, mass = vehicle.geometry, vehicle.mass
+    return (
+        (
+            geometry.cg_to_front_axle,
+            geometry.half_track_front,
+            geometry.roll_centre_height_front,
+            mass.unsprung_front,
+        ),
+        (
+            -geometry.cg_to_rear_axle,
+            geometry.half_track_rear,
+            geometry.roll_centre_height_rear,
+            mass.unsprung_rear,
+        ),
+    )
+
+
 class CarBodies:
     """All bodies in a state, real or complex: in the heading frame, from the foot of P."""
 
     def __init__(self, vehicle: Vehicle, state: Array, inputs: Array) -> None:
-        geometry, mass, offset = vehicle.geometry, vehicle.mass, vehicle.sprung_cg_offset
+        mass, offset = vehicle.mass, vehicle.sprung_cg_offset
         bank, grade = inputs[ports.BANK], inputs[ports.GRADE]
         self.up = np.array(
             [np.sin(grade), np.sin(bank) * np.cos(grade), np.cos(bank) * np.cos(grade)]
@@ -88,21 +107,7 @@ class CarBodies:
         ]
         self.hinges: list[Hinge] = []
         self.hubs: list[Hub] = []
-        axles = (
-            (
-                geometry.cg_to_front_axle,
-                geometry.half_track_front,
-                geometry.roll_centre_height_front,
-                mass.unsprung_front,
-            ),
-            (
-                -geometry.cg_to_rear_axle,
-                geometry.half_track_rear,
-                geometry.roll_centre_height_rear,
-                mass.unsprung_rear,
-            ),
-        )
-        for axle, (ahead, track, height, unsprung) in enumerate(axles):
+        for axle, (ahead, track, height, unsprung) in enumerate(axles_of(vehicle)):
             first = car.TRAVEL + 2 * axle
             left, right, left_rate, right_rate = state[[first, first + 1, first + 4, first + 5]]
             tilt, tilt_rate = -(left - right) / (2 * track), -(left_rate - right_rate) / (2 * track)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support.car_bodies import axles_of
 
 import vehicles
 from plant_sim import bodies
@@ -251,7 +252,7 @@ def test_momentum_and_its_moment_about_the_road_change_by_the_road_alone(drawn):
     """The linear balances, with masses at their heights and loads where the contact patches are."""
     name, values, (steer, bank), forces = drawn
     vehicle, speed = vehicles.load(name), 25.0
-    geometry, mass, plant = vehicle.geometry, vehicle.mass, vehicle.plant
+    geometry, plant = vehicle.geometry, vehicle.plant
     state, parameters = bodies.body("linear_car").build(vehicle, speed)
     state[: len(values)] = values
     inputs, outputs = ports.initial_inputs(), np.zeros(ports.N_OUTPUTS)
@@ -275,22 +276,7 @@ def test_momentum_and_its_moment_about_the_road_change_by_the_road_alone(drawn):
     lifted = plant.sprung_mass * (rate[linear_car.RATES] + normal)
     moment = plant.inertia_about_cg * roll_acc - plant.sprung_mass * (axis + arm) * sprung
     moment -= plant.sprung_mass * g * (arm * roll + (axis + arm) * np.sin(bank))
-    for axle, (ahead, track, height, m) in enumerate(
-        (
-            (
-                geometry.cg_to_front_axle,
-                geometry.half_track_front,
-                geometry.roll_centre_height_front,
-                mass.unsprung_front,
-            ),
-            (
-                -geometry.cg_to_rear_axle,
-                geometry.half_track_rear,
-                geometry.roll_centre_height_rear,
-                mass.unsprung_rear,
-            ),
-        )
-    ):
+    for axle, (ahead, track, height, m) in enumerate(axles_of(vehicle)):
         left, right = hops[2 * axle : 2 * axle + 2]
         accelerations = rate[linear_car.HOP_RATE + 2 * axle :][:2]
         tilt = (left - right) / (2 * track)
