@@ -111,7 +111,7 @@ def shares(controller, draws):
         timed(times, "set-up", experiment, "open_backend"),
         timed(times, "set-up", open_loop, "start"),
         timed(times, "figures", figures.metrics, "judge"),
-        timed(times, "figures", figures.limit_cycle, "detect"),
+        timed(times, "figures", figures, "limit_cycle_of"),
     ):
         figures.figures(controller, draws)
     total = time.process_time() - start

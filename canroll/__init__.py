@@ -5,7 +5,11 @@ The public interface in one place; heavy modules are imported on first use:
 * :func:`run` drives a manoeuvre without and with control and returns a :class:`Result`,
 * :func:`load_vehicle` reads a preset or a vehicle file,
 * :func:`load_calibration` reads what ``canroll design`` wrote,
-* :func:`design` finds and verifies a control law.
+* :func:`design` finds and verifies a control law,
+* :func:`margins` verifies a calibration again,
+* :func:`plot` draws a run,
+* :func:`compare`, :func:`sweep`, :func:`campaign` and :func:`severe` drive many runs; each result
+  has a :class:`Table`.
 """
 
 from importlib import import_module
@@ -14,11 +18,17 @@ from typing import TYPE_CHECKING, Any
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 
 if TYPE_CHECKING:
+    from canroll.table import Table
     from gain_gen.calibration.calibration_file import load as load_calibration
     from gain_gen.design import design
+    from gain_gen.margin_report import margin_report as margins
     from gain_gen.models.task import Delay, Design, Task
+    from hil.campaign.study import campaign
+    from hil.report.picture import plot
     from hil.runs.experiment import run
     from hil.runs.result import Result
+    from hil.studies.comparison import compare, sweep
+    from hil.studies.severe import study as severe
     from vehicles import load as load_vehicle
 
 __all__ = [
@@ -26,24 +36,38 @@ __all__ = [
     "Delay",
     "Design",
     "Result",
+    "Table",
     "Task",
     "UnknownNameError",
     "VerdictError",
+    "campaign",
+    "compare",
     "design",
     "load_calibration",
     "load_vehicle",
+    "margins",
+    "plot",
     "run",
+    "severe",
+    "sweep",
 ]
 
 _HOMES = {
     "Delay": ("gain_gen.models.task", "Delay"),
     "Design": ("gain_gen.models.task", "Design"),
     "Result": ("hil.runs.result", "Result"),
+    "Table": ("canroll.table", "Table"),
     "Task": ("gain_gen.models.task", "Task"),
+    "campaign": ("hil.campaign.study", "campaign"),
+    "compare": ("hil.studies.comparison", "compare"),
     "design": ("gain_gen.design", "design"),
     "load_calibration": ("gain_gen.calibration.calibration_file", "load"),
     "load_vehicle": ("vehicles", "load"),
+    "margins": ("gain_gen.margin_report", "margin_report"),
+    "plot": ("hil.report.picture", "plot"),
     "run": ("hil.runs.experiment", "run"),
+    "severe": ("hil.studies.severe", "study"),
+    "sweep": ("hil.studies.comparison", "sweep"),
 }
 
 

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,24 @@ from canroll.errors import CanrollError
 
 MOST_BYTES = 16 << 20
 """Size of a text file; a larger one is not what it is taken for."""
+
+KINDS = {
+    "calibration": "a calibration, for --calibration",
+    "tyre": "a vehicle, for --vehicle",
+    "receive": "a map of signals, for --map",
+}
+"""What a TOML document with a table of that name is."""
+
+
+def refuse_other(table: Mapping[str, Any], needed: str, where: str) -> None:
+    """Refuse a document without the table ``needed`` if it is one of another kind.
+
+    Raises:
+        CanrollError: it is, and says of which.
+    """
+    for name, kind in KINDS.items():
+        if needed not in table and name in table:
+            raise CanrollError(f"{where}: this is {kind}")
 
 
 def text(path: Path) -> str:

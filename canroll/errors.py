@@ -2,7 +2,7 @@
 
 import struct
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from importlib import import_module
 from tokenize import TokenError
@@ -13,6 +13,7 @@ EXTRAS = {
     "asammdf": ("asammdf",),
     "campaign": ("pyarrow",),
     "cluster": ("distributed",),
+    "completion": ("shtab",),
     "fmi": ("fmpy",),
     "mcap": ("mcap",),
     "notebook": ("pandas", "xarray"),
@@ -68,10 +69,12 @@ class UnknownNameError(CanrollError, KeyError):
         name: that name.
     """
 
-    def __init__(self, what: str, name: str, choices: Iterable[str]) -> None:
+    def __init__(
+        self, what: str, name: str, choices: Iterable[str], *, near: Sequence[str] = ()
+    ) -> None:
         name, known = str(name), sorted(filter(None, choices))  # of a file, it may be no text
         self.name = name
-        near = [new for old, new in RENAMED.items() if old == name and new in known]
+        near = near or [new for old, new in RENAMED.items() if old == name and new in known]
         near = near or get_close_matches(name, known, n=1)
         hint = f"did you mean '{near[0]}'?" if near else f"choose from {', '.join(known)}"
         super().__init__(f"unknown {what} '{name}': {hint}")

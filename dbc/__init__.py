@@ -6,7 +6,7 @@ from pathlib import Path
 import cantools
 from cantools.database import Database, Message
 
-from dbc.reader import network
+from dbc.reader import Files, network
 
 PATH = Path(__file__).with_name("roll_control.dbc")
 FD_PATH = PATH.with_name("roll_control_fd.dbc")
@@ -27,19 +27,19 @@ def load() -> Database:
     return database
 
 
-def read(path: Path) -> tuple[Database, tuple[str, ...]]:
-    """Read a network description: DBC, KCD, ARXML or SYM.
+def read(files: Files) -> tuple[Database, tuple[str, ...]]:
+    """Read a network description: DBC, KCD, ARXML or SYM, or the messages of several together.
 
     One that breaks the rules of its format, as with overlapping signals, is read all the same.
 
     Returns:
         database: the messages.
-        warnings: what had to be left out or assumed, none or one line.
+        warnings: what had to be left out or assumed, none or one line for each file.
 
     Raises:
-        CanrollError: it is none of these files, or not one of CAN.
+        CanrollError: one is none of these files, or not one of CAN.
     """
-    description = network(path)
+    description = network(files)
     return description.database, description.warnings
 
 

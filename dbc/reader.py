@@ -1,4 +1,4 @@
-"""A network description from its file: DBC, KCD, ARXML or SYM; defects become warnings.
+"""A network description from its files: DBC, KCD, ARXML or SYM; defects become warnings.
 
 A DBC may be in UTF-8 or in Windows' western code page, which differ from line to line in files that
 several programs wrote.
@@ -7,11 +7,12 @@ several programs wrote.
 import logging
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
+from typing import TypeAlias
 
 import cantools
 from cantools.database import Database, Message
@@ -23,17 +24,23 @@ _NAMED = 8
 """Defects of a kind that a warning names."""
 
 
-@dataclass(frozen=True, slots=True)
-class Network:
-    """A network description.
+Files: TypeAlias = Path | tuple[Path, ...]
+"""The file of a network description, or several that together are one."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NetworkFile:
+    """One file of a network description.
 
     Attributes:
-        database: the messages.
+        path: the file.
+        database: its messages.
         warnings: what had to be left out or assumed; none or one line.
         repaired: a DBC's text without what cannot be read; None where it is as in the file.
         left_out: the beginning of each statement that cannot be read, by line.
     """
 
+    path: Path
     database: Database
     warnings: tuple[str, ...]
     repaired: str | None = None
@@ -49,8 +56,84 @@ class Network:
         return ", ".join(lines[:_NAMED])
 
 
-def network(path: Path) -> Network:
-    """Read a network description.
+@dataclass(frozen=True, slots=True)
+class Network:
+    """A network description.
+
+    Attributes:
+        database: the messages of all files, each with the attributes of its own.
+        files: what it was read from.
+    """
+
+    database: Database
+    files: tuple[NetworkFile, ...]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What had to be left out or assumed; none or one line for each file."""
+        return tuple(line for file in self.files for line in file.warnings)
+
+    def unread(self, name: str) -> str:
+        """Return file and lines that cannot be read and have ``name`` in them, or ""."""
+        for file in self.files:
+            lines = file.unread(name)
+            if lines:
+                return f"{file.path}: {name} cannot be read: {lines}"
+        return ""
+
+    def described_in(self, name: str) -> tuple[Path, ...]:
+        """Return the files that have a message ``name``."""
+        return tuple(
+            file.path
+            for file in self.files
+            if any(message.name == name for message in file.database.messages)
+        )
+
+
+def paths_of(given: str | Path | Sequence[str | Path]) -> Files:
+    """Return a path, or the paths of a list; a list of one is that path."""
+    if isinstance(given, str | Path):
+        return Path(given)
+    found = tuple(map(Path, given))
+    return found[0] if len(found) == 1 else found
+
+
+def each(files: Files) -> tuple[Path, ...]:
+    """Return one or several files as a tuple."""
+    return files if isinstance(files, tuple) else (files,)
+
+
+def file_names(files: Files) -> str:
+    """Return the names of files without their folders, for a sentence."""
+    return " and ".join(path.name for path in each(files))
+
+
+def network(files: Files) -> Network:
+    """Read a network description: the messages of all ``files`` together.
+
+    Raises:
+        CanrollError: one is none of the formats, not one of CAN, or there twice.
+    """
+    paths = each(files)
+    for path in paths:
+        if paths.count(path) > 1:
+            raise CanrollError(f"{path}: given twice as a network description: omit one")
+    found = tuple(map(network_file, paths))
+    return Network(_joined(found), found)
+
+
+@lru_cache(maxsize=8)
+def _joined(files: tuple[NetworkFile, ...]) -> Database:
+    if len(files) == 1:
+        return files[0].database
+    with _silent():
+        return Database(
+            [message for file in files for message in file.database.messages], strict=False
+        )
+
+
+def network_file(path: Path) -> NetworkFile:
+    """Read one file of a network description.
 
     A DBC that breaks the rules of its format is read without what cannot be read.
 
@@ -80,27 +163,28 @@ def _line(data: bytes) -> str:
 
 
 @lru_cache(maxsize=8)
-def _of_dbc(path: Path, data: bytes) -> Network:
+def _of_dbc(path: Path, data: bytes) -> NetworkFile:
     text = decoded(data)
     with _silent():
         try:
             database = cantools.database.load_string(text, "dbc")
-            return Network(database, _warnings(path, _shared(database)))
+            return NetworkFile(path, database, _warnings(path, _shared(database)))
         except Exception as error:  # cantools lets through whatever its parsers raise
             strict = error
         try:
             database = cantools.database.load_string(text, "dbc", strict=False)
-            return Network(database, _warnings(path, (*_broken(database), *_shared(database))))
+            notes = (*_broken(database), *_shared(database))
+            return NetworkFile(path, database, _warnings(path, notes))
         except Exception:  # the first defect has been kept
             repair = repaired(text)
         if "BO_" not in repair.text:
             raise strict
         database = cantools.database.load_string(repair.text, "dbc", strict=False)
         notes = (*_repairs(repair), *_broken(database), *_shared(database))
-        return Network(database, _warnings(path, notes), repair.text, repair.left_out)
+        return NetworkFile(path, database, _warnings(path, notes), repair.text, repair.left_out)
 
 
-def _of_others(path: Path) -> Network:
+def _of_others(path: Path) -> NetworkFile:
     with _silent():
         try:
             database = cantools.database.load_file(path)
@@ -110,7 +194,7 @@ def _of_others(path: Path) -> Network:
             defects = _broken(database)
     if not isinstance(database, Database):
         raise CanrollError("not a CAN database; give a .dbc file")
-    return Network(database, _warnings(path, (*defects, *_shared(database))))
+    return NetworkFile(path, database, _warnings(path, (*defects, *_shared(database))))
 
 
 @contextmanager

@@ -94,7 +94,7 @@ class Calibration:
     predict_steps: Annotated[u8, F(0, N_RING, 0, "ticks", "from the sample to the actuation")]
 
     # identification of roll stiffness and damping, relative to nominal: theta [int phi, d phi] =
-    # int(M + m h a_y) - I_x d phi', all over a window of ten steps and divided by 100 N·m·s
+    # int(M + m h a_y) - I_x d phi', all over a window of ten steps, in a unit of 100 N·m·s or more
     rls_decimation: Annotated[u8, F(1, 20, 0, "ticks", "ticks per identification step")]
 
     # control laws; the moment is minus the sum for state feedback, plus for output feedback
@@ -177,7 +177,7 @@ class Calibration:
     ]
 
     # identification of roll stiffness and damping, relative to nominal: theta [int phi, d phi] =
-    # int(M + m h a_y) - I_x d phi', all over a window of ten steps and divided by 100 N·m·s
+    # int(M + m h a_y) - I_x d phi', all over a window of ten steps, in a unit of 100 N·m·s or more
     rls_forgetting: Annotated[i32, F(ONE // 2, ONE, Q_UNIT, "", "forgetting factor a step")]
     rls_washout: Annotated[i32, F(ONE // 2, ONE, Q_UNIT, "", "washout factor per step")]
     rls_gate: Annotated[i32, F(0, STATE_MAX, Q_RATE, "rad/s", "least roll rate for identification")]

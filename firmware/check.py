@@ -1,7 +1,8 @@
 """Acceptance check of a calibration before it runs, and its cyclic CRC check afterwards.
 
-The CRC is that of Ethernet and ZIP (CRC-32, polynomial 0x04C11DB7 reflected) over the bytes of the
-record before it in memory order; padding bytes are zero.
+The CRC is that of Ethernet and ZIP (CRC-32, polynomial 0x04C11DB7 reflected) over the elements
+before it in the order of the record, of each word the lowest byte first. It is one of values: a
+machine of either byte order finds the same.
 """
 
 from firmware.calibration import (
@@ -16,6 +17,7 @@ from firmware.calibration import (
 from firmware.limits import (
     BYTES,
     FIELDS,
+    FIRST_WORD,
     HIGH,
     LAST_BYTE,
     LAST_WORD,
@@ -77,6 +79,16 @@ def folded(crc: u32, value: i32) -> u32:
     return rest ^ 0xFFFFFFFF
 
 
+def checked_word(cal: Calibration, at: i32) -> i32:
+    """Return word ``at`` of what the CRC is over; four bytes make one, the lowest first."""
+    if at >= FIRST_WORD:
+        return word(cal, clamp(at, FIRST_WORD, LAST_WORD))
+    first: i32 = 4 * clamp(at, 0, FIRST_WORD - 1)
+    low: u32 = octet(cal, first) | octet(cal, first + 1) << 8
+    high: u32 = octet(cal, first + 2) | octet(cal, first + 3) << 8
+    return to_i32(low | high << 16)
+
+
 def watch_calibration(ecu: Ecu, cal: Calibration) -> None:
     """Check the next word of the calibration; a wrong CRC marks it corrupt permanently.
 
@@ -85,7 +97,7 @@ def watch_calibration(ecu: Ecu, cal: Calibration) -> None:
     if ecu.calibration_word == CORRUPT:
         return
     at: i32 = clamp(ecu.calibration_word, 0, LAST_WORD - 1)
-    ecu.calibration_crc = to_i32(folded(to_u32(ecu.calibration_crc), word(cal, at)))
+    ecu.calibration_crc = to_i32(folded(to_u32(ecu.calibration_crc), checked_word(cal, at)))
     ecu.calibration_word = at + 1
     if at < LAST_WORD - 1:
         return

@@ -5,6 +5,8 @@ from firmware.subset import i32, u8
 FIELDS = 155
 LAST_BYTE = 1831
 LAST_WORD = 457
+# bytes first, then words from here on
+FIRST_WORD = 21
 # ranges of fields: those of words, then from BYTES on those of bytes
 BYTES = 27
 # fmt: off

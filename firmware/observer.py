@@ -118,7 +118,7 @@ def make_up(ecu: Ecu, missed: i32) -> None:
 def observe(ecu: Ecu, cal: Calibration, steps: i32) -> None:
     """Predict over ``steps`` ticks, then correct by what is fresh and good."""
     if cal.observer == BYPASS:
-        if ecu.fresh[RX_ROLL_REFERENCE] == 1:
+        if ecu.fresh[RX_ROLL_REFERENCE] != 0:
             ecu.x[ROLL] = ecu.reference_roll
             ecu.x[ROLL_RATE] = ecu.reference_rate
             ecu.x[LATERAL] = ecu.reference_acceleration
@@ -132,13 +132,13 @@ def observe(ecu: Ecu, cal: Calibration, steps: i32) -> None:
         make_up(ecu, steps - 1)
     if cal.observer == PROPAGATED_COVARIANCE:
         propagate(ecu, cal, steps)
-    if ecu.fresh[RX_IMU] == 1:
-        if (cal.measurements & 1) != 0 and ecu.bad_ticks[BAD_ROLL_RATE] == 0:
-            rate: i32 = sat31(ecu.roll_rate - ecu.offset_rate)
-            correct(ecu, cal, MEASURED_ROLL_RATE, rate, moment)
-        if (cal.measurements & 2) != 0 and ecu.bad_ticks[BAD_ACCELERATION] == 0:
-            lateral: i32 = sat31(ecu.lateral_acceleration - ecu.offset_acceleration)
-            correct(ecu, cal, MEASURED_ACCELERATION, lateral, moment)
+    measured: i32 = cal.measurements & ecu.fresh[RX_IMU]
+    if (measured & 1) != 0 and ecu.bad_ticks[BAD_ROLL_RATE] == 0:
+        rate: i32 = sat31(ecu.roll_rate - ecu.offset_rate)
+        correct(ecu, cal, MEASURED_ROLL_RATE, rate, moment)
+    if (measured & 2) != 0 and ecu.bad_ticks[BAD_ACCELERATION] == 0:
+        lateral: i32 = sat31(ecu.lateral_acceleration - ecu.offset_acceleration)
+        correct(ecu, cal, MEASURED_ACCELERATION, lateral, moment)
     ecu.x[GYRO_BIAS] = clamp(ecu.x[GYRO_BIAS], -cal.bias_max, cal.bias_max)
 
 
@@ -178,8 +178,10 @@ def learn_offsets(ecu: Ecu, cal: Calibration) -> None:
     if ecu.speed > 0 and (turning == 1 or ecu.speed < cal.fade_high):
         return
     rate: i32 = shifted(ecu.roll_rate - ecu.offset_rate, cal.offset_shift)
+    if (ecu.fresh[RX_IMU] & 1) == 0:
+        rate = 0
     ecu.offset_rate = clamp(ecu.offset_rate + rate, -cal.offset_rate_max, cal.offset_rate_max)
-    if ecu.speed == 0:
+    if ecu.speed == 0 or (ecu.fresh[RX_IMU] & 2) == 0:
         return
     lateral: i32 = shifted(ecu.lateral_acceleration - ecu.offset_acceleration, cal.offset_shift)
     ecu.offset_acceleration = clamp(

@@ -14,10 +14,12 @@ from firmware.calibration import (
     VALVES,
     Calibration,
 )
-from firmware.com.mailbox import NO_SAMPLE
+from firmware.com import signals
 from firmware.state import (
     AGE_MAX,
+    FIRST_FRAME,
     N_FAULT_CODES,
+    REST,
     RX_ACTUATOR_STATE,
     RX_IMU,
     RX_ROLL_REFERENCE,
@@ -104,27 +106,31 @@ def latch_faults(ecu: Ecu) -> None:
             appeared = appeared >> 7
 
 
-def silence(ecu: Ecu, cal: Calibration, message: i32) -> i32:
-    """Return 1 where a needed message is late, or repeats one sample.
+def silence(ecu: Ecu, cal: Calibration, message: i32, needed: i32) -> i32:
+    """Return 1 where a signal among the bits ``needed`` is late, or repeats one sample.
 
-    The first one may arrive at any time within the minimum duration of INIT.
+    The first one may arrive at any time within the minimum duration of INIT. A late signal that is
+    not needed has no value.
     """
     patience: i32 = cal.timeout_ticks[message]
-    if patience == 0 or ecu.fresh[message] == 1:
+    if patience == 0 or ecu.fresh[message] == (signals.RX_CARRIED[message] | FIRST_FRAME):
         return 0
     waiting: i32 = 0
-    if ecu.last_sample[message] == NO_SAMPLE:
+    if (signals.awaited(ecu, message) & needed) != 0:
         waiting = 1
-        patience += cal.init_ticks
     late: i32 = 0
-    if ecu.age[message] > patience:
+    outdated: i32 = signals.outdated(ecu, message, patience, cal.init_ticks)
+    if (outdated & needed) != 0:
         late = 1
         ecu.found = ecu.found | LATE[message]
+    else:
+        ecu.valid[message] = byte(ecu.valid[message] & (255 ^ outdated))
     # a message that is slower than the limit is not stuck between two of its frames
     limit: i32 = clamp(cal.stuck_ticks, cal.timeout_ticks[message], AGE_MAX)
-    if ecu.unchanged[message] > limit and (late | waiting) == 0:
-        ecu.found = ecu.found | (1 << FAULT_STUCK)
-        late = 1
+    if (signals.RX_SIGNALS[message] & needed) != 0:
+        if ecu.unchanged[message] > limit and (late | waiting) == 0:
+            ecu.found = ecu.found | (1 << FAULT_STUCK)
+            late = 1
     return late | waiting
 
 
@@ -142,11 +148,12 @@ def lasting(ecu: Ecu, watched: i32, timeout: i32, bad: i32, elapsed: i32) -> i32
 def lacking(ecu: Ecu, message: i32, needed: u8) -> i32:
     """Return 1 where a signal among the bits ``needed`` carries an error code or is contradicted.
 
-    A message not yet received lacks nothing: :func:`silence` judges that.
+    What was not yet received is not lacking: :func:`silence` judges that.
     """
-    if ecu.last_sample[message] == NO_SAMPLE:
-        return 0
     if (ecu.valid[message] & needed) == needed:
+        return 0
+    known: i32 = ecu.valid[message] | signals.awaited(ecu, message)
+    if (known & needed) == needed:
         return 0
     return 1
 
@@ -156,8 +163,9 @@ def lost(ecu: Ecu, cal: Calibration, message: i32, elapsed: i32) -> i32:
     timeout: i32 = cal.timeout_ticks[message]
     if timeout == 0:
         return 0
-    late: i32 = silence(ecu, cal, message)
-    bad: i32 = lacking(ecu, message, NEEDED[message])
+    needed: u8 = (NEEDED[message] | REST) & signals.RX_CARRIED[message]
+    late: i32 = silence(ecu, cal, message, needed)
+    bad: i32 = lacking(ecu, message, needed)
     if lasting(ecu, message + 1, timeout, bad, elapsed) == 1:
         ecu.found = ecu.found | LACKS[message]
         return 1
@@ -171,18 +179,25 @@ def beyond(value: i32, limit: i32) -> i32:
     return 0
 
 
-def law_needs_lateral(cal: Calibration) -> i32:
-    """Return 1 where the law reads the lateral acceleration and cannot run without it."""
-    if cal.law == OUTPUT_FEEDBACK and cal.output_gain[1] != 0:
+def law_reads(cal: Calibration, measured: i32) -> i32:
+    """Return 1 where the law reads roll rate (0) or lateral acceleration (1) as measured."""
+    if cal.law == OUTPUT_FEEDBACK and cal.output_gain[measured] != 0:
         return 1
     if cal.law == COMPENSATOR:
         for i in range(N_ORDER):
-            if cal.compensator_b[i][2] != 0:
+            if cal.compensator_b[i][measured + 1] != 0:
                 return 1
         for k in range(2):
-            if cal.compensator_d[k][2] != 0:
+            if cal.compensator_d[k][measured + 1] != 0:
                 return 1
     return 0
+
+
+def roll_rate_needed(cal: Calibration) -> i32:
+    """Return 1 where observer, identification or law cannot run without the roll rate."""
+    if (cal.measurements & 1) != 0 or cal.identification == 1:
+        return 1
+    return law_reads(cal, 0)
 
 
 def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
@@ -209,7 +224,7 @@ def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
         ecu.lateral_lost = 0
     if bad == 0:
         return GOOD
-    if law_needs_lateral(cal) == 1:
+    if law_reads(cal, 1) == 1:
         return UNSAFE
     if (cal.measurements & 2) == 0 and cal.identification == 0:
         return GOOD
@@ -220,10 +235,13 @@ def watch_lateral(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
 
 def watch_imu(ecu: Ecu, cal: Calibration, elapsed: i32) -> i32:
     """Judge the inertial measurement; return its effect on the mode."""
-    late: i32 = silence(ecu, cal, RX_IMU)
+    needed: i32 = roll_rate_needed(cal)
+    # the roll rate, or without it the lateral acceleration
+    late: i32 = silence(ecu, cal, RX_IMU, 2 - needed)
     bad: i32 = lacking(ecu, RX_IMU, 1) | beyond(ecu.roll_rate, cal.roll_rate_max)
     if bad == 0:
         ecu.rate_good = ecu.roll_rate
+    bad = bad & needed
     bad = lasting(ecu, BAD_ROLL_RATE, cal.timeout_ticks[RX_IMU], bad, elapsed)
     ecu.found = ecu.found | (bad << FAULT_ROLL_RATE)
     ecu.found = ecu.found | (ecu.rate_contradicted << FAULT_ROLL_RATE_CONTRADICTED)

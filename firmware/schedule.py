@@ -24,8 +24,8 @@ def ratio(part: i32, whole: i32) -> i32:
 
 
 def schedule(ecu: Ecu, cal: Calibration) -> None:
-    """Interpolate the schedule at a speed just received, constant beyond its ends."""
-    if ecu.age[RX_VEHICLE_MOTION] > 0:
+    """Interpolate the schedule at a motion just received, constant beyond its ends."""
+    if ecu.fresh[RX_VEHICLE_MOTION] == 0:
         return
     point: i32 = 0
     for k in range(1, cal.schedule_points):

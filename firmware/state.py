@@ -22,7 +22,7 @@ from firmware.calibration import (
     STATE_MAX,
     STATE_MIN,
 )
-from firmware.com.frames import RX_BYTES, TX_BYTES
+from firmware.com.frames import COUNTER_MAX, N_FRAMES, RX_BYTES, TX_BYTES
 from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 
 # modes
@@ -62,6 +62,12 @@ STROKE_MAX = 1 << 29
 WINDOW_MAX = 1 << 26
 # ecu.calibration_word where the calibration has not the CRC it carries
 CORRUPT = 1 << 12
+# bit of ecu.fresh: the first frame of the message brought a new sample
+FIRST_FRAME = 64
+# bit of both: what a further frame carries that has no bit of its own
+REST = 32
+# ecu.last_sample of a frame not yet received
+NO_SAMPLE = 16
 # bit of ecu.valid: a signal of the message and its redundant or inverted one disagree
 DISAGREES = 128
 
@@ -74,7 +80,7 @@ class Ecu:
     """
 
     # inputs: the last valid ones, in internal formats
-    age: Annotated[list[i32], N_RX, F(0, AGE_MAX, 0, "ticks", "since the last valid frame")]
+    age: Annotated[list[i32], N_FRAMES, F(0, AGE_MAX, 0, "ticks", "since the last valid frame")]
     roll_rate: Annotated[i32, F(STATE_MIN, STATE_MAX, Q_RATE, "rad/s", "gyro, as received")]
     lateral_acceleration: Annotated[
         i32, F(STATE_MIN, STATE_MAX, Q_ACCELERATION, "m/s2", "accelerometer, as received")
@@ -95,7 +101,7 @@ class Ecu:
     ]
 
     # supervision
-    unchanged: Annotated[list[i32], N_RX, F(0, AGE_MAX, 0, "ticks", "sample counter unchanged")]
+    unchanged: Annotated[list[i32], N_FRAMES, F(0, AGE_MAX, 0, "ticks", "sample counter unchanged")]
     bad_ticks: Annotated[
         list[i32], 6, F(0, AGE_MAX, 0, "ticks", "time since a monitored value became bad")
     ]
@@ -296,25 +302,29 @@ class Ecu:
 
     # mailboxes: receive() writes one side of a slot, tick() reads the other
     rx_payload: Annotated[
-        list[list[u8]], 2 * N_RX, RX_BYTES, F(0, 255, 0, "", "slot 2 m + side", True)
+        list[list[u8]], 2 * N_FRAMES, RX_BYTES, F(0, 255, 0, "", "slot 2 m + side", True)
     ]
-    rx_fresh: Annotated[list[u8], 2 * N_RX, F(0, 1, 0, "", "1: not read yet", True)]
-    rx_side: Annotated[list[u8], N_RX, F(0, 1, 0, "", "side that receive() writes", True)]
+    rx_fresh: Annotated[list[u8], 2 * N_FRAMES, F(0, 1, 0, "", "1: not read yet", True)]
+    rx_side: Annotated[list[u8], N_FRAMES, F(0, 1, 0, "", "side that receive() writes", True)]
     rx_own: Annotated[u8, F(0, N_TX, 0, "", "1 + slot of ours that somebody else has sent", True)]
     tx_payload: Annotated[list[list[u8]], N_TX, TX_BYTES, F(0, 255, 0, "", "bytes to send")]
     tx_pending: Annotated[list[u8], N_TX, F(0, 1, 0, "", "1: to be sent; the sender clears it")]
-    tx_counter: Annotated[list[u8], N_TX, F(0, 255, 0, "", "E2E counter of the last frame")]
+    tx_counter: Annotated[list[u8], N_TX, F(0, COUNTER_MAX, 0, "", "E2E counter of the last frame")]
 
     # E2E receivers
-    e2e_last: Annotated[list[u8], N_RX, F(0, 255, 0, "", "last valid counter, 255: none yet")]
-    e2e_delta: Annotated[list[u8], N_RX, F(0, 15, 0, "", "counter step accepted now")]
-    e2e_repeated: Annotated[list[u8], N_RX, F(0, 14, 0, "", "checks without new data")]
+    e2e_last: Annotated[
+        list[u8], N_FRAMES, F(0, COUNTER_MAX, 0, "", "last valid counter, all bits set: none yet")
+    ]
+    e2e_delta: Annotated[list[u8], N_FRAMES, F(0, 15, 0, "", "counter step accepted now")]
+    e2e_repeated: Annotated[list[u8], N_FRAMES, F(0, 14, 0, "", "checks without new data")]
     e2e_resync: Annotated[
-        list[u8], N_RX, F(0, 14, 0, "", "good frames still needed to resynchronise")
+        list[u8], N_FRAMES, F(0, 14, 0, "", "good frames still needed to resynchronise")
     ]
 
     # inputs: the last valid ones, in internal formats
-    fresh: Annotated[list[u8], N_RX, F(0, 1, 0, "", "1: a valid frame was received this tick")]
+    fresh: Annotated[
+        list[u8], N_RX, F(0, 127, 0, "", "bit i: a new sample of signal i; 6: the first frame")
+    ]
     valid: Annotated[
         list[u8], N_RX, F(0, 255, 0, "", "bit i: signal i has a value; 7: disagreement")
     ]
@@ -329,7 +339,7 @@ class Ecu:
     reference_sample: Annotated[u8, F(0, 15, 0, "", "sample counter of RollReference")]
 
     # supervision
-    last_sample: Annotated[list[u8], N_RX, F(0, 16, 0, "", "sample counter, 16: none yet")]
+    last_sample: Annotated[list[u8], N_FRAMES, F(0, 16, 0, "", "sample counter, 16: none yet")]
     mode: Annotated[u8, F(0, 3, 0, "", "0 INIT 1 ACTIVE 2 DEGRADED 3 SAFE")]
     lateral_lost: Annotated[u8, F(0, 1, 0, "", "1: do without the lateral acceleration")]
     motion_lost: Annotated[u8, F(0, 1, 0, "", "1: do without speed and steering")]

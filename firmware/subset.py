@@ -159,7 +159,10 @@ def clear(record: Any) -> None:  # noqa: ANN401
 
 
 def word(record: Any, k: i32) -> i32:  # noqa: ANN401
-    """Return the four bytes at byte 4 ``k`` of a record as C lays it out, as one ``i32``."""
+    """Return the ``i32`` at byte 4 ``k`` of a record as C lays it out.
+
+    Where bytes are there, what it is depends on the machine; here it is the little-endian one.
+    """
     value = 0
     for name, indices, shift in words(record.__class__)[k]:
         found = getattr(record, name)
@@ -170,7 +173,7 @@ def word(record: Any, k: i32) -> i32:  # noqa: ANN401
 
 
 def octet(record: Any, k: i32) -> u8:  # noqa: ANN401
-    """Return byte ``k`` of a record as C lays it out."""
+    """Return byte ``k`` of a record as C lays it out, of an ``i32`` as a little-endian machine."""
     return word(record, k >> 2) >> 8 * (k & 3) & 255
 
 
@@ -190,6 +193,12 @@ def set_octet(record: Any, k: i32, value: u8) -> None:  # noqa: ANN401
             setattr(record, name, found)
         else:
             row[indices[-1]] = found
+
+
+def set_word(record: Any, k: i32, value: i32) -> None:  # noqa: ANN401
+    """Set the ``i32`` at byte 4 ``k`` of a calibration, whatever its field's range."""
+    for b in range(4):
+        set_octet(record, 4 * k + b, value >> 8 * b & 255)
 
 
 def bytes_of(record: Any) -> i32:  # noqa: ANN401

@@ -1,17 +1,26 @@
 """Verified design of a law for a task."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from math import isfinite
+from pathlib import Path
+from typing import Any
 
+import vehicles
+from canroll.arguments import checked
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from gain_gen.analysis.family import Family, FamilyRow, family_of
 from gain_gen.analysis.speed_schedule import UNLIMITED, Speeds, scheduled, speeds_of
 from gain_gen.analysis.verify import holds, verify
-from gain_gen.laws import LAWS, OBSERVERS
+from gain_gen.laws import LAWS, OBSERVERS, WITHOUT_ROLL_RATE
+from gain_gen.laws.roll_rate_feedback import static_controller
 from gain_gen.laws.state_feedback import sensor_noise
 from gain_gen.models.controller import Controller
-from gain_gen.models.task import Check, Design, Solution, Task
+from gain_gen.models.task import Check, Delay, Design, Solution, Task, in_words
+from vehicles import Vehicle
 
+UNVERIFIED = "NOT VERIFIED"
+"""Start of the warning that marks a design that is used although it is not verified."""
 STEP_DB = 1.0
 """Reduction of the whole command per step of detuning, dB."""
 STEPS = 40
@@ -28,19 +37,37 @@ THEOREMS = ("hinf_delay", "hinf_event", "hinf")
 """Laws whose papers have a theorem of their own, on a 1-DOF model."""
 UNOBSERVED = ("two_sensors", "reference")
 """The default, and what replaces the sensors: these make sense to a law without an observer."""
-UNITS = {"gain_margin_db": " dB", "delay_margin_s": " s"}
 
 
-def design(law: str, task: Task) -> Design:
-    """Return the verified design of ``law`` for ``task``.
+@checked
+def design(
+    law: str,
+    task: Task | None = None,
+    *,
+    vehicle: Vehicle | Mapping[str, Any] | Path | str | None = None,
+    delay: Delay | None = None,
+) -> Design:
+    """Return the verified design of ``law`` for ``task``, or for ``vehicle`` and ``delay``.
 
-    A design whose loop fails a check on the family of cars is detuned step by step, with a note.
+    A built-in law whose loop fails a check on the family of cars is detuned step by step, with a
+    note. A law of the user, from a file or in Python, is never changed: it is refused, or marked
+    where the task takes unverified ones. Gains of a paper are always taken, and marked.
+
+    Args:
+        law: its name.
+        task: what it is designed for.
+        vehicle: instead of a task, for one with its defaults: a vehicle, file, preset or table.
+        delay: with ``vehicle``, from sample to force, s.
 
     Raises:
-        UnknownNameError: no such law or observer.
-        CanrollError: an invalid tick or delay.
-        VerdictError: infeasible, or a computed design failed a check and must not be used.
+        UnknownNameError: no such law, observer or vehicle.
+        CanrollError: an invalid vehicle, tick or delay; neither or both of task and vehicle.
+        VerdictError: infeasible, or a check failed and the task takes no unverified design.
     """
+    if task is None and vehicle is not None and delay is not None:
+        task = Task(vehicles.load(vehicle), delay)
+    elif task is None or vehicle is not None or delay is not None:
+        raise CanrollError("design needs a task, or else vehicle and delay")
     solve = LAWS[law]
     if task.observer not in OBSERVERS:
         raise UnknownNameError("observer", task.observer, OBSERVERS)
@@ -66,7 +93,13 @@ def design(law: str, task: Task) -> Design:
     task = replace(task, noise=sensor_noise(task.vehicle))
     family = family_of(task)
     first = solve(task)
-    if task.observer not in UNOBSERVED and not first.controller.observes:
+    if task.observer in WITHOUT_ROLL_RATE:
+        if first.controller.reads_roll_rate:
+            raise CanrollError(
+                f"--observer {task.observer}: {law} reads the measured roll rate, which this "
+                "observer does without; choose a law on the observed state such as lqr"
+            )
+    elif task.observer not in UNOBSERVED and not first.controller.observes:
         raise CanrollError(
             f"--observer {task.observer}: {law} uses the sensors as they are, not the observer; "
             f"omit it, or choose a law on the observed state such as lqr"
@@ -75,27 +108,34 @@ def design(law: str, task: Task) -> Design:
         raise CanrollError(
             f"--no-feedforward: {law} has one compensator for all and no feedforward apart; omit it"
         )
-    own = task.gains != "computed" or law == "custom"
+    if task.matrices and law != "custom":
+        raise CanrollError(f"--matrices applies to --law custom only: omit it for {law}")
+    of_user = law == "custom" or not LAWS.origin(law).is_built_in
+    own = task.gains != "computed" or of_user
     speeds = None if own or first.verified_by_law or family.note else speeds_of(task)
     limits = UNLIMITED if speeds is None else speeds.limits(first.controller)
     designed = replace(first, controller=scheduled(first.controller, limits, 1.0))
     answer = verify(law, task, designed, family, speeds)
     if answer.is_verified:
         return answer
-    if task.gains != "computed":
-        of = {"as_printed": "as printed", "theorem": "of the theorem"}[task.gains]
-        failing = f", fails {', '.join(answer.failures)}" if answer.failures else ""
-        told = f"NOT VERIFIED: {law} with the gains {of}{failing}"
-        return replace(answer, warnings=(told, *answer.warnings))
-    if first.verified_by_law or law == "custom":
-        # one holds on its own car, the other's gains are the user's
-        raise VerdictError(_refusal(answer))
-    detuned = _detuned(first, answer, family, speeds, limits)
-    if detuned is None:
-        raise VerdictError(_refusal(answer))
-    told, found = detuned
-    cause = _failure(*_first_failure(answer))
-    return replace(found, warnings=(*found.warnings, f"{told}; as designed its {cause}"))
+    if task.gains != "computed" or (task.unverified and (of_user or first.verified_by_law)):
+        return _marked(answer)
+    # a law that verifies itself holds on its own car alone
+    detuned = None if first.verified_by_law else _detuned(first, answer, family, speeds, limits)
+    if detuned is not None and not of_user:
+        reduction, found = detuned
+        cause = in_words(*_first_failure(answer))
+        told = f"command reduced by {reduction:g} dB; as designed its {cause}"
+        return replace(found, warnings=(*found.warnings, told))
+    if task.unverified:
+        return _marked(answer)
+    raise VerdictError(_refusal(answer, None if detuned is None else detuned[0]))
+
+
+def without_control(task: Task) -> Design:
+    """Return gains of zero for ``task``: nothing is designed and nothing verified."""
+    task = replace(task, noise=sensor_noise(task.vehicle))
+    return Design("passive", task, Solution(static_controller(task, 0.0)), {}, {})
 
 
 def _detuned(
@@ -104,8 +144,8 @@ def _detuned(
     family: Family,
     speeds: Speeds | None,
     limits: tuple[float, ...],
-) -> tuple[str, Design] | None:
-    """Return the strongest verified design with its command scaled down, and the factor."""
+) -> tuple[float, Design] | None:
+    """Return the strongest verified design with its command scaled down, and by how many dB."""
     failed: FamilyRow | None = None
     for step in range(1, STEPS + 1):
         controller = scheduled(first.controller, limits, 10.0 ** (-STEP_DB * step / 20.0))
@@ -117,7 +157,7 @@ def _detuned(
         gentler = _uncertified(first, controller)
         found = verify(answer.law, answer.task, gentler, family, speeds)
         if found.is_verified:
-            return f"command reduced by {STEP_DB * step:g} dB", found
+            return STEP_DB * step, found
     return None
 
 
@@ -144,16 +184,23 @@ def _first_failure(answer: Design) -> tuple[str, Check]:
     return next(iter(failures.items()))
 
 
-def _failure(name: str, check: Check) -> str:
-    """Describe a failed check and where it fails."""
-    unit = UNITS.get(name, "")
-    where = f" ({check.where})" if check.where else ""
-    words = name.removesuffix("_db").removesuffix("_s").replace("_", " ")
-    return f"{words} is {check.value:.3g}{unit} against {check.limit:g}{unit}{where}"
+def _marked(answer: Design) -> Design:
+    """Return the design with the warning that it is not verified, and what it fails."""
+    printed = {"as_printed": "as printed", "theorem": "of the theorem"}
+    of = printed.get(answer.task.gains)
+    gains = "" if of is None else f" with the gains {of}"
+    failing = f": {'; '.join(answer.failed)}" if answer.failures else ""
+    told = f"{UNVERIFIED}: {answer.law}{gains}{failing}"
+    return replace(answer, warnings=(told, *answer.warnings))
 
 
-def _refusal(answer: Design) -> str:
-    """Return the error that names the failed check and the remedy."""
+def _refusal(answer: Design, reduction: float | None) -> str:
+    """Return the error that names the failed check and the remedy.
+
+    Args:
+        answer: the design.
+        reduction: of the whole command with which it passes, dB; None if there is none.
+    """
     delay = answer.task.delay
     hint = (
         f"; the delay of {1e3 * delay.most:.0f} ms is beyond the {1e3 * answer.max_delay:.0f} ms "
@@ -161,7 +208,9 @@ def _refusal(answer: Design) -> str:
         if delay.most >= answer.max_delay
         else ""
     )
+    reduced = "" if reduction is None else f"reduce the gains by {reduction:g} dB, or "
+    remedy = f"{reduced}use it as it is with --unverified"
     return (
-        f"{answer.law} for {answer.task.vehicle.name}: {_failure(*_first_failure(answer))}{hint}; "
-        "nothing is written"
+        f"{answer.law} for {answer.task.vehicle.name}: {in_words(*_first_failure(answer))}{hint}; "
+        f"{remedy}"
     )

@@ -2,16 +2,18 @@
 
 from dataclasses import asdict, dataclass
 from math import inf, isfinite
+from pathlib import Path
 
 import numpy as np
 
-import vehicles
-from gain_gen.analysis.family import Family, FamilyMargins, FamilyRow, family_of
+from canroll.arguments import checked
+from canroll.table import Table
+from gain_gen.analysis.family import Family, FamilyMargins, family_of
 from gain_gen.analysis.held_plant import Complex
 from gain_gen.analysis.margins import Margins, margins
 from gain_gen.analysis.sampled_loop import Loop, loop_gain, response_peak
 from gain_gen.analysis.verify import DELAY_LIMIT, family_checks, passive_controller
-from gain_gen.calibration.calibration_file import LoadedCalibration
+from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.dequantise import dequantise
 from gain_gen.models.controller import scaled_controller
 from gain_gen.models.roll import Matrix
@@ -41,6 +43,15 @@ class Point:
     def stable(self) -> bool:
         """Whether the sampled loop is."""
         return self.margins.radius < 1.0
+
+
+def _plain(value: float) -> float | None:
+    return value if isfinite(value) else None
+
+
+def _numbers(of: Margins) -> dict[str, float | None]:
+    values = asdict(of) | {"sensitivity": of.sensitivity}
+    return {name: _plain(value) for name, value in values.items()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,31 +84,48 @@ class MarginReport:
     frequencies: Matrix
     loop: dict[float, Complex]
 
+    @property
+    def table(self) -> Table:
+        """One row for each vehicle, curve and delay; None stands for infinity."""
+        return Table(
+            [
+                {
+                    **asdict(row.condition),
+                    "name": str(row.condition),
+                    "delay_s": row.delay,
+                    **_numbers(row.margins),
+                }
+                for row in self.family.rows
+            ]
+        )
+
 
 def task_of(calibration: LoadedCalibration) -> Task:
-    """Return the task that the file was designed for.
-
-    Raises:
-        CanrollError: its vehicle file is missing.
-    """
+    """Return the task that the file was designed for."""
     table = calibration.tables["design"]
     nominal = float(table["delay_s"])
     least = float(table.get("delay_min_s", nominal))
     most = float(table.get("delay_max_s", nominal))
     return Task(
-        vehicle=vehicles.load(calibration.vehicle),
+        vehicle=calibration.vehicle,
         delay=Delay(nominal, least, most),
         tick=calibration.tick,
         actuator=calibration.actuator,
     )
 
 
-def margin_report(calibration: LoadedCalibration) -> MarginReport:
-    """Return the margins of the integers in ``calibration``, from the sampled loop.
+@checked
+def margin_report(calibration: LoadedCalibration | str | Path) -> MarginReport:
+    """Return the margins of the integers in a calibration, from the sampled loop.
+
+    Args:
+        calibration: as loaded, or its file.
 
     Raises:
-        CanrollError: the vehicle file it was designed for is missing.
+        CanrollError: the file is not a calibration.
     """
+    if not isinstance(calibration, LoadedCalibration):
+        calibration = load(Path(calibration))
     task = task_of(calibration)
     family = family_of(task)
     controller = dequantise(calibration.record)
@@ -116,7 +144,7 @@ def margin_report(calibration: LoadedCalibration) -> MarginReport:
     frequencies = np.geomspace(0.1, 0.98 * np.pi / calibration.tick, 600)
     return MarginReport(
         law=calibration.law,
-        vehicle=calibration.vehicle,
+        vehicle=calibration.vehicle.reference,
         delay=task.delay,
         max_delay=largest,
         family=found,
@@ -139,28 +167,13 @@ def _delays(family: Family, largest: float) -> list[float]:
 def to_json(report: MarginReport) -> dict[str, object]:
     """Return the report as plain numbers; null stands for infinity."""
 
-    def plain(value: float) -> float | None:
-        return value if isfinite(value) else None
-
-    def numbers(found: Margins) -> dict[str, float | None]:
-        whole = asdict(found) | {"sensitivity": found.sensitivity}
-        return {name: plain(value) for name, value in whole.items()}
-
     def row(point: Point) -> dict[str, object]:
         return {
             "delay_s": point.delay,
             "gain_factor": point.gain_factor,
             "stable": point.stable,
-            "peak": plain(point.peak),
-            **numbers(point.margins),
-        }
-
-    def member(found: FamilyRow) -> dict[str, object]:
-        return {
-            **asdict(found.condition),
-            "name": str(found.condition),
-            "delay_s": found.delay,
-            **numbers(found.margins),
+            "peak": _plain(point.peak),
+            **_numbers(point.margins),
         }
 
     return {
@@ -169,13 +182,13 @@ def to_json(report: MarginReport) -> dict[str, object]:
         "delay_s": report.delay.nominal,
         "delay_min_s": report.delay.least,
         "delay_max_s": report.delay.most,
-        "max_delay_s": plain(report.max_delay),
+        "max_delay_s": _plain(report.max_delay),
         "note": report.note,
         "checks": {
-            name: check._asdict() | {"value": plain(check.value)}
+            name: check._asdict() | {"value": _plain(check.value)}
             for name, check in report.checks.items()
         },
-        "family": [member(found) for found in report.family.rows],
+        "family": list(report.table),
         "over_delay": [row(point) for point in report.over_delay],
         "over_gain": [row(point) for point in report.over_gain],
     }

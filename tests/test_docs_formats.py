@@ -10,8 +10,12 @@ import pytest
 
 import dbc
 import vehicles
-from codegen.generated import bus_map
-from codegen.generated.frame_protection import ATTRIBUTES
+from codegen.frame.checksum_units import constant
+from codegen.frame.crc_kinds import CRCS
+from codegen.frame.frame_protection import ATTRIBUTES
+from codegen.frame.own_checksum import own_checksum
+from codegen.frame.own_protection import METHODS, OF_A_CHECKSUM
+from codegen.generated import bus_map, mailbox
 from codegen.generated.mailbox_frame import OVERRIDES
 from codegen.generated.mapped_signal import KEYS
 from firmware import plausibility
@@ -158,7 +162,7 @@ def test_a_map_leads_from_signals_to_fields(example, tmp_path):
     assert 2047 in next(s for s in imu.signals if s.name == "Lateral").unavailable
     assert mapped.transmitted[0].ident == 801 and len(mapped.transmitted[0].signals) == 4
     told = section("A map of your bus")
-    for slot in (*bus_map.RECEIVED, *bus_map.TRANSMITTED):
+    for slot in (*mailbox.RECEIVED, *mailbox.TRANSMITTED):
         assert f"`{slot}`" in told
 
 
@@ -174,10 +178,39 @@ def test_a_map_says_what_the_dbc_does_not(example, tmp_path):
     assert plausibility.FAULT_DISAGREEMENT == 5
 
 
+FRAMES = """\
+VERSION ""
+BU_: Car
+BO_ 1 Acceleration: 8 Car
+ SG_ Lateral : 0|16@1- (0.01,0) [0|0] "m/s2" Car
+ SG_ Rate : 16|16@1- (0.01,0) [0|0] "deg/s" Car
+BO_ 2 YawRate: 8 Car
+ SG_ Rate : 0|16@1- (0.01,0) [0|0] "deg/s" Car
+ SG_ State : 16|2@1+ (1,0) [0|0] "" Car
+BO_ 3 WheelSpeeds: 8 Car
+ SG_ FrontLeft : 0|15@1+ (0.1,0) [0|0] "" Car
+ SG_ FrontLeftOk : 15|1@1+ (1,0) [0|0] "" Car
+ SG_ FrontRight : 16|15@1+ (0.1,0) [0|0] "" Car
+ SG_ FrontRightOk : 31|1@1+ (1,0) [0|0] "" Car
+BO_ 4 Steering: 8 Car
+ SG_ Angle : 0|16@1- (0.1,0) [0|0] "deg" Car
+"""
+
+
+def test_a_map_takes_a_message_from_several_frames(example, tmp_path):
+    (tmp_path / "car.dbc").write_text(FRAMES, encoding="utf-8")
+    mapped = bus_map.load(tmp_path / "car.dbc", example("several-frames.toml"))
+    names = [box.name for box in mapped.received if box.name]
+    assert names == ["Acceleration", "WheelSpeeds", "YawRate", "Steering"]
+    assert mapped.received[5].signals[0].validity.codes == (1, 2)
+    for key in ("valid", "radius"):
+        assert f"| `{key}` |" in section("A map of your bus")
+
+
 def test_a_map_says_of_a_frame_what_the_dbc_does_not(example, tmp_path):
     (tmp_path / "car.dbc").write_text(BUS["car.dbc"], encoding="utf-8")
     box = bus_map.load(tmp_path / "car.dbc", example("frame-keys.toml")).received[0]
-    assert (box.ident, box.fd, box.length) == (bus_map.EXTENDED | 0x18FF0010, True, 12)
+    assert (box.ident, box.fd, box.length) == (mailbox.EXTENDED | 0x18FF0010, True, 12)
     assert box.cycle_ms == 10
     assert all(f"`{key}" in section("A map of your bus") for key in OVERRIDES)
 
@@ -186,12 +219,27 @@ def test_a_map_protects_a_frame(example, tmp_path):
     (tmp_path / "car.dbc").write_text(BUS["car.dbc"], encoding="utf-8")
     mapped = bus_map.load(tmp_path / "car.dbc", example("protection.toml"))
     own = mapped.received[0].protection
-    assert (own.checksum.method, own.checksum.byte, own.identity) == ("crc8", 5, 0x42)
-    assert (own.counter.byte, own.counter.bit, own.counter.values) == (4, 4, 15)
+    assert (own.checksum.fold, own.checksum.polynomial) == ("crc", 0x2F)
+    assert own.checksum.place.bits == tuple(range(40, 48))
+    assert own.checksum.units[-1] == constant(0x42)
+    assert (own.counter.place.bits, own.counter.values) == ((36, 37, 38, 39), 15)
     assert mapped.transmitted[0].protection is None
     told = section("A map of your bus")
     for attribute, key in ATTRIBUTES.items():
         assert f"`{attribute}`" in told and f"`{key}`" in told
+    for key in (*OF_A_CHECKSUM, *METHODS[:3], *CRCS):
+        assert f"`{key}`" in told or f"{key} =" in told, key
+
+
+def test_checksums_of_cars_have_the_keys_of_a_map(example):
+    """What they give is in tests/codegen/frame/test_checksums_of_cars.py."""
+    cars = tomllib.loads(example("checksums-of-cars.toml").read_text())
+    assert all(set(car["checksum"]) <= set(OF_A_CHECKSUM) for car in cars.values())
+
+
+def test_a_function_gives_a_checksum(example):
+    own = own_checksum("gm.py:gas_regen", example("gm.py").parent, "map.toml")
+    assert own(bytes.fromhex("c047404801b8bfb5"), 715) == 0x01B8BFB5
 
 
 def test_a_manoeuvre_from_a_file_steers(example):

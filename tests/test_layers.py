@@ -13,11 +13,11 @@ MAY_IMPORT = {
     "firmware": set(),
     "codegen": {"dbc", "firmware"},
     "gain_gen": {"codegen", "dbc", "firmware", "vehicles"},
-    "plant_sim": {"codegen.generated", "dbc", "vehicles"},
+    "plant_sim": {"codegen.frame", "codegen.generated", "dbc", "vehicles"},
 }
 """Packages or rooms beside itself: firmware and plant stay apart; ``GROUND`` is everybody's."""
-MOST_FILES = {"firmware": 20, "hil.cli": 20}
-"""Rooms that may hold more files than others, ``__init__.py`` not counted."""
+MOST_FILES = {"firmware": 20, "hil.cli": 40}
+"""Rooms that may hold more files than others, ``__init__.py`` not counted; a command is a file."""
 
 
 @pytest.fixture(scope="module")

@@ -14,24 +14,36 @@ ROOT = Path(__file__).resolve().parents[1]
 
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("canroll.build_cache", "canroll.errors"),
-    ("canroll.documents", "canroll.extension", "canroll.typing"),
+    (
+        "canroll.arguments",
+        "canroll.documents",
+        "canroll.extension",
+        "canroll.table",
+        "canroll.typing",
+    ),
     ("canroll.registry",),
     ("plant_sim.kernels", "dbc", "firmware", "vehicles"),
     ("plant_sim.can_bus.wire", "plant_sim.buses", "codegen.subset"),
     ("plant_sim.can_bus.kernel", "codegen.proof", "codegen.kernels"),
     ("plant_sim.can_bus.logs", "codegen.c99"),
-    ("plant_sim.can_bus.traffic",),
+    ("plant_sim.can_bus.traffic", "codegen.frame"),
     ("codegen.generated",),
     ("plant_sim.can_bus",),
     ("plant_sim.can_bus.servers", "codegen.run"),
-    ("plant_sim.bodies", "codegen.specialise", "codegen.worst_case", "gain_gen.models"),
+    (
+        "plant_sim.bodies",
+        "codegen.export.sessions",
+        "codegen.specialise",
+        "codegen.worst_case",
+        "gain_gen.models",
+    ),
     ("plant_sim.nodes", "plant_sim.driving", "codegen.export", "gain_gen.analysis"),
     ("plant_sim.faults", "plant_sim.fmi", "gain_gen.laws", "codegen.fmu"),
     ("plant_sim.world",),
     ("gain_gen.output_feedback",),
     ("gain_gen.calibration",),
     ("gain_gen",),
-    ("hil.reaction",),
+    ("hil.reaction", "hil.network"),
     ("hil.runs",),
     ("hil.realtime.hardware",),
     ("hil.realtime",),
@@ -49,7 +61,10 @@ FLOORS: tuple[tuple[str, ...], ...] = (
 
 GROUND = tuple(
     f"canroll.{name}"
-    for name in ("apart", "build_cache", "documents", "errors", "extension", "registry", "typing")
+    for name in (
+        *("arguments", "build_cache", "documents", "errors", "extension", "registry", "table"),
+        "typing",
+    )
 )
 """Files of ``canroll`` that all may import; the rest of it is on the highest floor."""
 LOOP = "firmware"

@@ -41,7 +41,8 @@ def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:  # noqa: ANN
         yield path, value
 
 
-def _signs(vehicle: Vehicle) -> Iterator[str]:
+def signs(vehicle: Vehicle) -> Iterator[str]:
+    """Numbers that are not finite, negative, or zero where they must not be, one line each."""
     for path, value in _numbers(vehicle, ""):
         if not isfinite(value):
             yield f"{path} = {value}: not a finite number"
@@ -68,10 +69,10 @@ def _empty(vehicle: Vehicle) -> Iterator[str]:
     empty, plant = vehicle.empty, vehicle.plant
     if empty is None:
         return
-    if empty.sprung_mass > plant.sprung_mass:
+    if empty.sprung_mass >= plant.sprung_mass:
         yield (
-            f"empty.sprung_mass = {empty.sprung_mass:g}: more than the laden body's, "
-            f"{plant.sprung_mass:g} kg"
+            f"empty.sprung_mass = {empty.sprung_mass:g}: must be less than the laden body's, "
+            f"{plant.sprung_mass:g} kg: change both, or omit [empty]"
         )
     least = empty.sprung_mass * empty.cg_height_above_roll_axis**2
     if empty.roll_inertia <= least:
@@ -131,9 +132,9 @@ def _consistency(vehicle: Vehicle) -> Iterator[str]:
 
 def problems(vehicle: Vehicle) -> Iterator[str]:
     """Reasons why ``vehicle`` is impossible, one line each; empty for a possible one."""
-    signs = list(_signs(vehicle))
-    yield from signs
-    if signs:
+    wrong = list(signs(vehicle))
+    yield from wrong
+    if wrong:
         return
     yield from _roll_model(vehicle.design, "design")
     plant = list(_roll_model(vehicle.plant, "plant"))

@@ -1,24 +1,25 @@
 """Reader of vehicles from TOML: presets by name, users' files by path."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import fields, is_dataclass, replace
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, get_origin, get_type_hints
 
-from canroll.documents import parse_toml
+from canroll.arguments import checked
+from canroll.documents import parse_toml, refuse_other
 from canroll.documents import text as read_text
 from canroll.errors import CanrollError, UnknownNameError, reason
-from vehicles.check import problems
-from vehicles.model import Empty, Vehicle
-
-SCHEMA = 1
-"""Version of the file format that this loader reads."""
+from vehicles.check import problems, signs
+from vehicles.model import SCHEMA, Empty, Vehicle
+from vehicles.plausible import implausible, outside
+from vehicles.short import completed, is_short
 
 _FOLDER = Path(__file__).parent
 _SECTIONS = (
-    "design",
+    # before the design, which may be taken from it
     "plant",
+    "design",
     "geometry",
     "mass",
     "suspension",
@@ -36,26 +37,42 @@ def names() -> list[str]:
     return sorted(path.stem for path in _FOLDER.glob("*.toml"))
 
 
-def load(name_or_path: str | Path) -> Vehicle:
-    """Read the preset of that name, or the vehicle file at that path.
+@checked
+def load(vehicle: Vehicle | Path | str | Mapping[str, Any]) -> Vehicle:
+    """Return a vehicle: the preset of that name, that of the file, or the given one, checked.
 
     Args:
-        name_or_path: a name of :func:`names`, or a path (anything that ends in ``.toml`` or
-        contains a
-            separator).
+        vehicle: a name of :func:`names`, a path (anything that ends in ``.toml`` or contains a
+            separator), the table of a vehicle file, or a vehicle, as made of another one by
+            :meth:`vehicles.Vehicle.replace`. Files and tables may be short: see
+            :mod:`vehicles.short`; a table's references are relative to the current folder.
 
     Raises:
         UnknownNameError: there is no preset of that name; the message suggests the nearest.
-        CanrollError: the file cannot be read, is not a vehicle, or describes an impossible one.
+        CanrollError: the file cannot be read, is not a vehicle, or describes an impossible or
+            implausible one.
     """
-    text = str(name_or_path)
+    if isinstance(vehicle, Vehicle):
+        where = f"vehicle {vehicle.name}"
+        again = from_table(vehicle.document, name=vehicle.name, where=where)
+        return replace(again, file=vehicle.file)
+    if isinstance(vehicle, Mapping):
+        return _checked(vehicle, "vehicle", "vehicle", Path(), ())
+    return _load_file(vehicle, Path(), ())
+
+
+def _load_file(vehicle: Path | str, folder: Path, users: tuple[Path, ...]) -> Vehicle:
+    """Return the vehicle of a name, or of a path in ``folder``, used by the files ``users``."""
+    text = str(vehicle)
     file = ""
-    if isinstance(name_or_path, Path) or text.endswith(".toml") or "/" in text or "\\" in text:
-        path, file = Path(name_or_path), text
+    if isinstance(vehicle, Path) or _is_path(text):
+        path, file = folder / vehicle, text
     else:
         path = _FOLDER / f"{text}.toml"
         if text not in names():
             raise UnknownNameError("vehicle", text, names())
+    if path.resolve() in users:
+        raise CanrollError(f"{path}: its base refers back to it")
     try:
         content = read_text(path)
     except (OSError, ValueError) as error:
@@ -66,11 +83,108 @@ def load(name_or_path: str | Path) -> Vehicle:
         table = parse_toml(content)
     except ValueError as error:
         raise CanrollError(f"{path}: not a TOML file: {error}") from error
-    return replace(from_table(table, name=path.stem, where=str(path)), file=file)
+    if "base" not in table:
+        refuse_other(table, "tyre", str(path))
+    users = (*users, path.resolve())
+    return replace(_checked(table, path.stem, str(path), path.parent, users), file=file)
 
 
-def from_table(table: Mapping[str, Any], *, name: str, where: str = "vehicle") -> Vehicle:
-    """Build a vehicle from a parsed file; ``where`` begins every error message."""
+def _checked(
+    table: Mapping[str, Any], name: str, where: str, folder: Path, users: tuple[Path, ...]
+) -> Vehicle:
+    """Build the vehicle of a file's table, which may be short, and check it."""
+    table = dict(table)
+    unusual = table.pop("unusual", [])
+    if not isinstance(unusual, list) or not all(isinstance(key, str) for key in unusual):
+        raise CanrollError(f"{where}: 'unusual' must be a list of keys, as 'plant.roll_damping'")
+    if is_short(table):
+        origins: list[Vehicle] = []
+
+        def read(reference: str) -> Vehicle:
+            try:
+                origins.append(_load_file(reference, folder, users))
+            except UnknownNameError as error:
+                raise CanrollError(f"{where}: {error}") from error
+            return origins[-1]
+
+        table = completed(table, read, name=name, where=where)
+        unusual = [*unusual, *(key for other in origins for key in _meant(other, table))]
+    return from_table(table, name=name, where=where, unusual=unusual)
+
+
+def _meant(other: Vehicle, table: Mapping[str, Any]) -> Iterator[str]:
+    """Keys of strange numbers that a vehicle's table has from another vehicle, which means them."""
+    for key in outside(other):
+        section, name = key.split(".")
+        numbers = table.get(section)
+        if isinstance(numbers, Mapping) and numbers.get(name) == other.document[section][name]:
+            yield key
+
+
+def embedded(table: object, *, reference: str, fingerprint: object, where: str) -> Vehicle:
+    """Return the vehicle whose document is part of another file.
+
+    Args:
+        table: its :attr:`vehicles.model.Vehicle.document`.
+        reference: its name or file.
+        fingerprint: its fingerprint when it was written.
+        where: file and key, which begin every error message.
+
+    Raises:
+        CanrollError: it is not a vehicle, describes an impossible one, or was edited.
+    """
+    file = reference if _is_path(reference) else ""
+    name = Path(file).stem or reference
+    vehicle = from_table(_table(table, where, "vehicle"), name=name, where=where)
+    if vehicle.fingerprint != fingerprint:
+        raise CanrollError(
+            f"{where}: the fingerprint does not match the vehicle's numbers: the file was edited; "
+            "create it again"
+        )
+    return replace(vehicle, file=file)
+
+
+def note_of_change(vehicle: Vehicle, of: str) -> str:
+    """Return a note if the file or preset of an embedded vehicle has other numbers, else "".
+
+    Args:
+        vehicle: the vehicle; its file need not exist.
+        of: what it is embedded in, such as "calibration".
+    """
+    try:
+        known = load(vehicle.reference)
+    except CanrollError:
+        return ""
+    if known.fingerprint == vehicle.fingerprint:
+        return ""
+    return (
+        f"vehicle {vehicle.reference} has other numbers than the {of}: those of the {of} are used"
+    )
+
+
+def from_table(
+    table: Mapping[str, Any],
+    *,
+    name: str,
+    where: str = "vehicle",
+    unusual: Collection[str] | None = None,
+) -> Vehicle:
+    """Build a vehicle from a complete table.
+
+    Args:
+        table: of a vehicle file or :attr:`vehicles.Vehicle.document`; without ``design`` it is the
+            plant's.
+        name: of the vehicle.
+        where: begins every error message.
+        unusual: keys that may be implausible; None: every key.
+
+    Raises:
+        CanrollError: it is not a vehicle, or describes an impossible or implausible one.
+    """
+    if "design" not in table and "plant" in table:
+        sources = _table(table.get("sources", {}), where, "sources")
+        equal = {"design": "equal to the plant"}
+        table = {**table, "design": table["plant"], "sources": {**equal, **sources}}
     _keys(
         table,
         required={"schema", "title", "basis", "maneuvers", "sources", *_SECTIONS},
@@ -103,6 +217,9 @@ def from_table(table: Mapping[str, Any], *, name: str, where: str = "vehicle") -
         },
         **parts,
     )
+    if unusual is not None and not any(signs(vehicle)):
+        for problem in implausible(vehicle, unusual):
+            raise CanrollError(f"{where}: {problem}")
     for problem in problems(vehicle):
         raise CanrollError(f"{where}: {problem}")
     for section in (*_SECTIONS, *_OPTIONAL, "maneuvers"):
@@ -110,6 +227,10 @@ def from_table(table: Mapping[str, Any], *, name: str, where: str = "vehicle") -
             if not vehicle.source(f"{section}.{key}"):
                 raise CanrollError(f"{where}: {section}.{key} has no source: name it in [sources]")
     return vehicle
+
+
+def _is_path(text: str) -> bool:
+    return text.endswith(".toml") or "/" in text or "\\" in text
 
 
 def _keys(

@@ -5,8 +5,11 @@ Axes: x forward, y left, z up. Wheels: front left, front right, rear left, rear 
 
 import hashlib
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from math import degrees, sqrt
+from pkgutil import resolve_name
+from typing import Any
 
 from vehicles.equipment import (
     Actuators,
@@ -36,6 +39,11 @@ __all__ = [
 
 GRAVITY = 9.81
 """Standard gravity as every paper of the presets uses it (m/s²)."""
+
+SCHEMA = 1
+"""Version of the format of vehicle files."""
+WORDS = ("schema", "title", "basis", "sources")
+"""Keys of a vehicle file without numbers of the vehicle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,15 +193,9 @@ class Steering:
 
 @dataclass(frozen=True, slots=True)
 class Driver:
-    """Preview driver tuned on the passive car.
+    """Driver on a path: ``lag`` of the arms (s)."""
 
-    ``preview_time`` (s), ``lag`` of the arms (s), and the lateral acceleration (m/s²) beyond
-    which this driver does not turn the wheel further.
-    """
-
-    preview_time: float
     lag: float
-    lateral_acceleration_limit: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,10 +234,21 @@ class Vehicle:
         return self.file or self.name
 
     @property
+    def document(self) -> dict[str, Any]:
+        """The table of its file: :func:`vehicles.from_table` returns the same vehicle from it.
+
+        Speeds are in km/h there, rounded to nine decimals.
+        """
+        table = _plain({key: value for key, value in asdict(self).items() if value is not None})
+        del table["name"], table["file"]
+        speeds = {name: round(3.6 * speed, 9) for name, speed in table.pop("speeds").items()}
+        maneuvers = {"lane_offset": table.pop("lane_offset"), "speed_kmh": speeds}
+        return {"schema": SCHEMA, **table, "maneuvers": maneuvers}
+
+    @property
     def fingerprint(self) -> str:
         """SHA-256 of all its numbers, in hexadecimal, without names, title and sources."""
-        words = ("name", "title", "basis", "sources", "file")
-        numbers = {key: value for key, value in asdict(self).items() if key not in words}
+        numbers = {key: value for key, value in self.document.items() if key not in WORDS}
         return hashlib.sha256(json.dumps(numbers, sort_keys=True).encode()).hexdigest()
 
     @property
@@ -299,6 +312,23 @@ class Vehicle:
         geometry = self.geometry
         return (geometry.half_track_front + geometry.half_track_rear) / (2 * self.cg_height)
 
+    def replace(self, changes: Mapping[str, Any], *, name: str = "") -> "Vehicle":
+        """Return the vehicle with other numbers, checked.
+
+        A design equal to the plant stays equal to it.
+
+        Args:
+            changes: values by dotted key of the vehicle file, as ``{"plant.sprung_mass": 2500}``.
+            name: of the new vehicle; by default this one's with the changes.
+
+        Raises:
+            UnknownNameError: no such key; the nearest is suggested.
+            CanrollError: the changes make an impossible or implausible vehicle.
+        """
+        # by name: it reads vehicles, which are made of this class
+        vehicle: Vehicle = resolve_name("vehicles.changes:changed")(self, changes, name=name)
+        return vehicle
+
     def source(self, key: str) -> str:
         """Source of the number at ``section.key``: the longest matching source entry."""
         parts = key.split(".")
@@ -307,3 +337,12 @@ class Vehicle:
             if text is not None:
                 return text
         return ""
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401
+    """Return tables, lists, floats and texts for what a vehicle's parts consist of."""
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    return value if isinstance(value, str) else float(value)

@@ -50,9 +50,9 @@ void canroll_receive(canroll_ecu *ecu, int32_t message, const uint8_t p[8], int3
 {
     uint32_t slot;
     volatile uint32_t *to;
-    if ((uint32_t)message >= CANROLL_N_RX) {
-        if ((uint32_t)message < CANROLL_N_RX + CANROLL_N_TX) {
-            ecu->rx_own = (uint8_t)(message - CANROLL_N_RX + 1);
+    if ((uint32_t)message >= CANROLL_N_FRAMES) {
+        if ((uint32_t)message < CANROLL_N_FRAMES + CANROLL_N_TX) {
+            ecu->rx_own = (uint8_t)(message - CANROLL_N_FRAMES + 1);
         }
         return;
     }
@@ -162,7 +162,7 @@ static void sampled(canroll_ecu *ecu, uint32_t m, uint8_t sample, uint8_t valid,
     }
     ecu->last_sample[m] = sample;
     ecu->unchanged[m] = 0;
-    ecu->fresh[m] = 1;
+    ecu->fresh[m] = canroll_signals_rx_signals[m];
 }
 
 /* raw * (high + low / 65536) to nearest, for 16-bit raw. */

@@ -274,7 +274,7 @@ static void count_sample(canroll_ecu *ecu, const canroll_calibration *cal)
 static uint32_t watch_clock(canroll_ecu *ecu, const canroll_calibration *cal, int32_t elapsed)
 {
     ecu->clock_gap = aged(ecu->clock_gap, elapsed);
-    if (ecu->fresh[CANROLL_RX_IMU] == 1) {
+    if (ecu->fresh[CANROLL_RX_IMU] != 0) {
         count_sample(ecu, cal);
     }
     return (uint32_t)ecu->clock_off << SAMPLE_RATE_OFF_CODE;
@@ -319,14 +319,14 @@ static uint32_t watch_bends(canroll_ecu *ecu, const canroll_calibration *cal, in
         const int32_t gap = ecu->erratic_gap[group] + elapsed;
         ecu->erratic_gap[group] = (uint8_t)((gap > 255) ? 255 : gap);
     }
-    if (ecu->fresh[CANROLL_RX_IMU] == 1) {
+    if (ecu->fresh[CANROLL_RX_IMU] != 0) {
         valid = ecu->valid[CANROLL_RX_IMU];
         joined = joins(ecu, cal, 0, ecu->imu_sample);
         erratic |= judge_bend(ecu, cal, 0, ecu->roll_rate, valid & 1, joined);
         erratic |= judge_bend(ecu, cal, 1, ecu->lateral_acceleration, valid & 2, joined);
         erratic |= judge_bend(ecu, cal, 2, ecu->yaw_rate, valid & 4, joined);
     }
-    if (ecu->fresh[CANROLL_RX_VEHICLE_MOTION] == 1) {
+    if (ecu->fresh[CANROLL_RX_VEHICLE_MOTION] != 0) {
         valid = ecu->valid[CANROLL_RX_VEHICLE_MOTION];
         joined = joins(ecu, cal, 1, ecu->motion_sample);
         erratic |= judge_bend(ecu, cal, 3, ecu->speed, valid & 1, joined);

@@ -81,7 +81,7 @@ INLINE int replay_verify(const replay_event *event)
     replay_begin();
     taken = canroll_secoc_verify(&replay_secoc, event->message, event->payload, event->length);
     replay_end();
-    return taken == 1 || event->message >= CANROLL_N_RX;
+    return taken == 1 || event->message >= CANROLL_N_FRAMES;
 }
 
 /* A copy is protected, so that the record stays what the loop made it. */

@@ -7,8 +7,13 @@ extern uint32_t board_bss_start, board_bss_end, board_stack_top;
 
 int main(void);
 int board_call(int operation, volatile void *argument);
+void board_exit(int code);
 void board_reset(void);
 void board_fault(void);
+/* An operating system, or an example, has these of its own. */
+void board_svc(void) __attribute__((weak, alias("board_fault")));
+void board_pendsv(void) __attribute__((weak, alias("board_fault")));
+void board_systick(void) __attribute__((weak, alias("board_fault")));
 
 /* The debugger or emulator carries out the operation; without one this faults. */
 __attribute__((naked, noinline)) int board_call(int operation __attribute__((unused)),
@@ -17,7 +22,7 @@ __attribute__((naked, noinline)) int board_call(int operation __attribute__((unu
     __asm__ volatile("bkpt 0xab\n bx lr");
 }
 
-__attribute__((noreturn)) static void board_exit(int code)
+__attribute__((noreturn)) void board_exit(int code)
 {
     volatile uint32_t block[2] = { 0x20026u, (uint32_t)code };
     (void)board_call(0x20, block);
@@ -38,14 +43,14 @@ __attribute__((noreturn)) void board_reset(void)
     board_exit(main());
 }
 
-__attribute__((noreturn)) void board_fault(void)
+void board_fault(void)
 {
     board_exit(99);
 }
 
 __attribute__((section(".vectors"), used)) static void (*const board_vectors[16])(void) = {
     (void (*)(void))&board_stack_top, board_reset, board_fault, board_fault, board_fault,
-    board_fault, board_fault, 0, 0, 0, 0, board_fault, board_fault, 0, board_fault, board_fault
+    board_fault, board_fault, 0, 0, 0, 0, board_svc, board_fault, 0, board_pendsv, board_systick
 };
 
 /* Compilers turn loops into these calls even where no library is linked. */

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from codegen.c99.function import Body
-from codegen.c99.linkage import PUBLIC_TABLES, Names, linkage
+from codegen.c99.linkage import PUBLIC_NUMBERS, PUBLIC_TABLES, Names, linkage
 from codegen.c99.text import (
     C_TYPES,
     CLOSE_C,
@@ -93,7 +93,8 @@ class Emitter:
         lines = comment("The roll-control ECU: its records and its entry points.")
         lines += ["#ifndef CANROLL_H", "#define CANROLL_H", ""]
         records = [m.name for m in self.program.modules.values() if m.records]
-        tables = [m.name for m in self.program.modules.values() if m.name == "signals"]
+        # the tables of the mailboxes, and the numbers by which receive() takes their frames
+        tables = [name for name in (PUBLIC_NUMBERS, PUBLIC_TABLES) if name in self.program.modules]
         for name in dict.fromkeys([*records, *tables, *homes]):
             lines.append(f'#include "canroll_{name}.h"')
         return "\n".join([*lines, "", "#endif", ""])

@@ -173,7 +173,7 @@ class Body:
         whole = kind == "i64" or (kind == "i32" and not result.wide)
         simple = operator in "+-*&|^" and whole
         if simple and operand.level <= PRIMARY + 5:
-            if kind == "i64" and operator == "*":
+            if kind == "i64" and (operator == "*" or operand.level > UNARY):
                 operand = widened(operand)
             return f"{target} {operator}= {operand.text};"
         return f"{target} = {stored};"
@@ -291,13 +291,12 @@ class Body:
             return Expression(text, PRIMARY, "i32", seen)
         if name == "bytes_of":
             return literal(seen.lo)
-        if name == "set_octet":
+        if name in ("set_octet", "set_word"):
             record = ast.unparse(node.args[0])
             index = self.stored(node, self.value(node.args[1]), "i32")
-            value = self.stored(node, self.value(node.args[2]), "u8")
-            return Expression(
-                f"canroll_set_octet({record}, {index}, {value})", PRIMARY, "i32", seen
-            )
+            kind = "u8" if name == "set_octet" else "i32"
+            value = self.stored(node, self.value(node.args[2]), kind)
+            return Expression(f"canroll_{name}({record}, {index}, {value})", PRIMARY, "i32", seen)
         if name in MEMORY:
             index = self.stored(node, self.value(node.args[1]), "i32")
             given = self.function.parameters[ast.unparse(node.args[0])]

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from codegen.proof.prove import entry_points
 from codegen.subset.program import Constant, Function, Module, Program, calls
 
+PUBLIC_NUMBERS = "frames"
+"""Module whose constants the users of the entry points need."""
 PUBLIC_TABLES = "signals"
 """The module whose tables callers see."""
 
@@ -126,7 +128,7 @@ def _shared(program: Program, public: dict[Key, str], reachable: frozenset[Key])
         for node in ast.walk(ast.Module(bodies, [])):
             if isinstance(node, ast.Name | ast.Attribute):
                 found |= _foreign(program, module, node)
-        if module.records:
+        if module.records or module.name == PUBLIC_NUMBERS:
             found |= {(module.name, name) for name in module.constants}
     return frozenset(found)
 

@@ -222,6 +222,12 @@ static inline void canroll_set_octet(void *record, int32_t k, uint8_t v)
     ((uint8_t *)record)[k] = v;
 }
 
+/* Word k of a record becomes v. */
+static inline void canroll_set_word(void *record, int32_t k, int32_t v)
+{
+    ((canroll_any_word *)record)[k] = v;
+}
+
 #endif
 """
 
@@ -301,6 +307,9 @@ def converted(e: Expression, kind: str) -> Expression:
     """``e``, known to fit ``kind``, with a cast where C would narrow it."""
     if kind == "u32":
         return unsigned(e)
+    # a result of operators is not stored in a wider type as it is (MISRA 10.6)
+    if kind == "i64" and e.level > UNARY:
+        return widened(e)
     if kind in HELD[e.kind]:
         return e
     if kind == "u8" and e.level > UNARY:

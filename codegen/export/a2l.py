@@ -28,9 +28,18 @@ TYPES = {"i32": "SLONG", "u8": "UBYTE"}
 RECORDS = {"calibration": Calibration, "ecu": Ecu}
 EPK_SYMBOL = "canroll_epk"
 SYMBOLS = (*RECORDS, EPK_SYMBOL)
+BYTE_ORDERS = {"little": "MSB_LAST", "big": "MSB_FIRST"}
 AXIS = "schedule_speed"
 CURVES = ("schedule_gain", "schedule_front_share", "schedule_steering")
 CODE = re.compile(r"(\d+):? ([A-Za-z][^,\d]*?)(?=,| \d|$)")
+
+
+@dataclass(frozen=True, slots=True)
+class Image:
+    """A linked image: addresses of those :data:`SYMBOLS` that it has, and its byte order."""
+
+    addresses: Mapping[str, int]
+    byte_order: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +67,13 @@ class Software:
         return every if self.calibrated else {"ecu": self.state}
 
 
-def addresses(elf: Path) -> dict[str, int]:
-    """Addresses of those :data:`SYMBOLS` that a linked image has.
+def addresses(elf: Path) -> Mapping[str, int]:
+    """Addresses of those :data:`SYMBOLS` that a linked image has; errors as :func:`image`."""
+    return image(elf).addresses
+
+
+def image(elf: Path) -> Image:
+    """What a linked image says of its records.
 
     Raises:
         CanrollError: it cannot be read, or is no ELF file.
@@ -67,18 +81,26 @@ def addresses(elf: Path) -> dict[str, int]:
     found = {}
     try:
         with elf.open("rb") as file:
-            table = ELFFile(file).get_section_by_name(".symtab")
+            its = ELFFile(file)
+            order = "little" if its.little_endian else "big"
+            table = its.get_section_by_name(".symtab")
             for name in SYMBOLS:
                 symbols = table.get_symbol_by_name(name) if table else None
                 if symbols:
                     found[name] = int(symbols[0]["st_value"])
     except Exception as error:  # pyelftools lets through whatever its parsers raise
         raise CanrollError(f"{elf}: not a readable ELF file: {reason(error)}") from error
-    return found
+    return Image(found, order)
 
 
-def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
-    """The file's text; ``base`` holds addresses of :data:`SYMBOLS`, 0 where not known yet."""
+def a2l(
+    software: Software, base: Mapping[str, int] | None = None, byte_order: str = "little"
+) -> str:
+    """The file's text; ``base`` holds addresses of :data:`SYMBOLS`, 0 where not known yet.
+
+    ``byte_order``, "little" or "big", is that of the target's memory. The numbers in XCP commands
+    are little-endian on every target.
+    """
     lines = [
         "ASAP2_VERSION 1 71",
         '/begin PROJECT canroll "roll controller"',
@@ -88,7 +110,7 @@ def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
     lines += _parameters(software)
     lines += [
         '    /begin MOD_COMMON ""',
-        "      BYTE_ORDER MSB_LAST",
+        f"      BYTE_ORDER {BYTE_ORDERS[byte_order]}",
         "      ALIGNMENT_BYTE 1",
         "      ALIGNMENT_LONG 4",
         "    /end MOD_COMMON",
@@ -107,6 +129,13 @@ def a2l(software: Software, base: Mapping[str, int] | None = None) -> str:
     lines += _groups(software, software.program or load())
     text = "\n".join([*lines, "  /end MODULE", "/end PROJECT", ""])
     return located(text, base or {})
+
+
+def ordered(text: str, byte_order: str) -> str:
+    """An A2L text of ours for memory of another byte order, "little" or "big"."""
+    return re.sub(
+        r"^( +BYTE_ORDER) MSB_\w+$", rf"\1 {BYTE_ORDERS[byte_order]}", text, flags=re.MULTILINE
+    )
 
 
 def located(text: str, base: Mapping[str, int]) -> str:

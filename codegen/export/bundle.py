@@ -9,6 +9,7 @@ import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
+from math import gcd
 from pathlib import Path
 
 import numpy as np
@@ -21,15 +22,17 @@ from codegen.export import (
     cantools_codec,
     codec_comparison,
     coverage_cases,
+    figures,
     interrupts,
+    layout,
     misra,
-    secoc_session,
     traceability,
-    uds_session,
-    xcp_session,
 )
-from codegen.generated.bus_map import EXTENDED, BusMap
-from codegen.generated.frame_protection import Protection
+from codegen.export.sessions import nvm_session, secoc_session, uds_session, xcp_session
+from codegen.frame.frame_protection import Protection
+from codegen.frame.place import Place
+from codegen.generated.bus_map import BusMap
+from codegen.generated.mailbox import EXTENDED
 from codegen.generated.own_stage import OwnStage
 from codegen.run import memory_image, native, uds_server, xcp_slave
 from codegen.run.bus_firmware import BusFirmware, of_bus, with_services, with_stage
@@ -37,12 +40,33 @@ from codegen.run.cortex import OPTIMISATION
 from codegen.run.ecu_traffic import Traffic
 from codegen.run.xcp_slave import PAGE_ADDRESS, STATE_ADDRESS
 from codegen.specialise.firmware import specialised
-from codegen.subset.program import Program
-from dbc.reader import network
+from dbc.reader import Files, each, network_file
 from firmware.calibration import Calibration
 
 TEMPLATES = Path(__file__).with_name("templates")
 BOARD = Path(__file__).parents[1] / "board"
+PLACES = {
+    "test_main.c": "test/test_main.c",
+    "test_cases.c": "test/test_cases.c",
+    "test_codec.py.in": "test/test_codec.py",
+    "node.h": "board/node.h",
+    "node.c": "board/node.c",
+    "example.c": "board/example.c",
+    "freertos.c": "freertos/main.c",
+    "FreeRTOSConfig.h": "freertos/FreeRTOSConfig.h",
+    "zephyr/module.yml": "zephyr/module.yml",
+    "zephyr/Kconfig": "zephyr/Kconfig",
+    "zephyr/CMakeLists.txt": "zephyr/CMakeLists.txt",
+    "zephyr/sample/CMakeLists.txt": "zephyr/sample/CMakeLists.txt",
+    "zephyr/sample/prj.conf": "zephyr/sample/prj.conf",
+    "zephyr/sample/sample.yaml": "zephyr/sample/sample.yaml",
+    "zephyr/sample/src/main.c": "zephyr/sample/src/main.c",
+    "library.json": "library.json",
+    "Makefile": "Makefile",
+    "CMakeLists.txt": "CMakeLists.txt",
+    "arm-none-eabi.cmake": "cmake/arm-none-eabi.cmake",
+}
+"""Where each template goes in the bundle."""
 ADDRESSES = {"calibration": PAGE_ADDRESS, "ecu": STATE_ADDRESS}
 FNV_OFFSET, FNV_PRIME = 2166136261, 16777619
 FD_NOTE = """ `canroll_signals_tx_fd[slot]` is 0
@@ -143,34 +167,39 @@ class Export:
         record: the calibration.
         gains: text of canroll_gains.h.
         title: description of the design in a line or two, for the README.
-        dbc: the network description.
+        dbc: the network description, in one file or several.
         map_file: mapping of signals to fields.
         traffic: frames that the test vectors replay.
         origin: source of the vectors, a sentence for the README.
         stage: the engineer's own stage in the loop, or None.
         specialised: whether the code is for this calibration alone.
         services: modules beside the loop that are part of it.
+        byte_order: that of the target's memory, for the A2L: "little" or "big".
+        measured: whether the README has figures, for which the code is compiled and analysed.
     """
 
     record: Calibration
     gains: str
     title: str
-    dbc: Path
+    dbc: Files
     map_file: Path
     traffic: Traffic
     origin: str
     stage: OwnStage | None = None
     specialised: bool = False
     services: tuple[str, ...] = ()
+    byte_order: str = "little"
+    measured: bool = False
 
 
-def sources(dbc: Path, map_file: Path) -> dict[str, str]:
-    """The firmware in C for the signals of ``dbc``, by file name."""
-    return of_bus(dbc, map_file).files
+def sources(files: Files, map_file: Path) -> dict[str, str]:
+    """The firmware in C for the signals of the description in ``files``, by file name."""
+    return of_bus(files, map_file).files
 
 
 def write(folder: Path, export: Export) -> list[Path]:
     """Write the bundle to ``folder``, created if missing; return the files written."""
+    refuse_namesakes(export.dbc)
     firmware = with_stage(of_bus(export.dbc, export.map_file), export.stage)
     loop = specialised(firmware, export.record) if export.specialised else firmware
     served = with_services(loop, export.services)
@@ -187,24 +216,21 @@ def write(folder: Path, export: Export) -> list[Path]:
     texts["test/cases.h"], texts["test/cases.c"] = coverage_cases.sources(
         native.library_of(firmware), list(found)
     )
+    texts[layout.NAME] = layout.header(firmware.record)
     for name in ("startup.c", "link.ld"):
         texts[f"board/{name}"] = (BOARD / name).read_text(encoding="utf-8")
-    for name, place in (
-        ("test_main.c", "test/"),
-        ("test_cases.c", "test/"),
-        ("test_codec.py.in", "test/"),
-        ("example.c", "board/"),
-        ("Makefile", ""),
-        ("CMakeLists.txt", ""),
-        ("arm-none-eabi.cmake", "cmake/"),
-    ):
+    fd = any(box.fd for box in bus.transmitted)
+    for name, place in PLACES.items():
         text = (TEMPLATES / name).read_text(encoding="utf-8")
         text = text.replace("{version}", version("canroll"))
         text = text.replace("{bytes}", str(export.traffic.frames.dtype["payload"].shape[0]))
         text = secoc_session.example(text, firmware, export.record)
-        texts[place + name.removesuffix(".in")] = text.replace(
-            "{optimisation}", " ".join(OPTIMISATION)
-        )
+        text = text.replace("{tick_us}", str(export.record.tick_us))
+        text = text.replace("{rate}", str(_ticks_a_second(export.record.tick_us)))
+        text = text.replace("{fd}", "canroll_signals_tx_fd[slot]" if fd else "0")
+        text = text.replace("{fd_conf}", f"CONFIG_CAN_FD_MODE={'y' if fd else 'n'}")
+        text = text.replace("{fd_mode}", "CAN_MODE_FD" if fd else "CAN_MODE_NORMAL")
+        texts[place] = text.replace("{optimisation}", " ".join(OPTIMISATION))
     epk = f"canroll {version('canroll')} {_named(files)}"
     texts["include/canroll_epk.h"] = EPK_HEADER.format(version=version("canroll"), epk=epk)
     texts["src/canroll_epk.c"] = EPK_SOURCE
@@ -217,11 +243,15 @@ def write(folder: Path, export: Export) -> list[Path]:
         calibrated=not export.specialised,
         slave="xcp" in export.services,
     )
-    texts["canroll.a2l"] = a2l.a2l(software, ADDRESSES if software.slave else None)
+    texts["canroll.a2l"] = a2l.a2l(
+        software, ADDRESSES if software.slave else None, export.byte_order
+    )
     if software.slave:
         texts.update(xcp_session.sources(served, export.record))
     if "uds" in export.services:
         texts.update(uds_session.sources(served, export.record))
+    if "nvm" in export.services:
+        texts.update(nvm_session.sources(served, export.record, export.traffic))
     if bus.secured:
         texts.update(secoc_session.sources(firmware))
     if export.specialised:
@@ -233,7 +263,7 @@ def write(folder: Path, export: Export) -> list[Path]:
     texts.update({f"codec/{name}": text for name, text in cantools_codec.files(export.dbc).items()})
     if not export.specialised:
         texts[traceability.PAGE] = traceability.page(served.program(), files)
-    texts["README.md"] = _readme(export, loop, loop.program())
+    texts["README.md"] = _readme(export, loop, served)
     if export.stage is not None:
         texts[f"stage/{export.stage.file}"] = export.stage.source
     _refuse_mixture(folder, texts)
@@ -243,15 +273,26 @@ def write(folder: Path, export: Export) -> list[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
         written.append(path)
-    return [*written, _copy(export.dbc, folder)]
+    return [*written, *(_copy(path, folder) for path in each(export.dbc))]
 
 
-def _copy(dbc: Path, folder: Path) -> Path:
-    """Copy the network description, which may be in any character set; without its defects."""
-    copy = folder / dbc.name
-    text = network(dbc).repaired
+def refuse_namesakes(files: Files) -> None:
+    """Raise CanrollError where files of different folders would be one in the bundle."""
+    names = [path.name for path in each(files)]
+    for name in names:
+        if names.count(name) > 1:
+            raise CanrollError(
+                f"{name} is the name of several network descriptions, which go into one folder: "
+                "rename all but one"
+            )
+
+
+def _copy(path: Path, folder: Path) -> Path:
+    """Copy a network description, which may be in any character set; without its defects."""
+    copy = folder / path.name
+    text = network_file(path).repaired
     if text is None:
-        shutil.copyfile(dbc, copy)
+        shutil.copyfile(path, copy)
     else:
         copy.write_bytes(text.encode("cp1252", errors="replace"))  # what a DBC is read as
     return copy
@@ -328,6 +369,12 @@ def _array(head: str, items: list[str]) -> Iterator[str]:
     yield ""
 
 
+def _ticks_a_second(period_us: int) -> int:
+    """A clock of up to 1 kHz, where that will do, by which a period has a whole number of ticks."""
+    least = 1_000_000 // gcd(period_us, 1_000_000)
+    return least * max(1, 1000 // least)
+
+
 def _named(files: Mapping[str, str]) -> str:
     """Eight hexadecimal digits that identify the sources."""
     text = "".join(f"{name}\n{text}" for name, text in sorted(files.items()))
@@ -342,7 +389,7 @@ def _digest(data: bytes) -> int:
     return value
 
 
-def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
+def _readme(export: Export, firmware: BusFirmware, served: BusFirmware) -> str:
     bus = firmware.bus
     protection = (
         "Checksums and counters are as the table says."
@@ -361,13 +408,17 @@ def _readme(export: Export, firmware: BusFirmware, program: Program) -> str:
         "fd": FD_NOTE if any(box.fd for box in bus.transmitted) else "",
         "frames": "\n".join(_frames(bus)),
         "protection": protection,
-        "dbc": export.dbc.name,
+        "dbc": "`, `".join(path.name for path in each(export.dbc)),
+        "order": f"{export.byte_order}-endian",
         "vectors": export.origin,
         "deviations": misra.table(),
         "cases": SPECIALISED_CASES
         if export.specialised
         else GENERAL_CASES.format(unreached=coverage_cases.table()),
-        "interrupts": interrupts.table(program),
+        "interrupts": interrupts.table(firmware.program()),
+        "figures": figures.table(export.record, firmware, served)
+        if export.measured
+        else figures.UNKNOWN.format(missing="it was not asked for"),
         "stage": _stage(export),
         "services": _services(export, firmware),
         "tested": _tested(export) + (secoc_session.FILES if bus.secured else ""),
@@ -409,14 +460,16 @@ def _services(export: Export, firmware: BusFirmware) -> str:
                 data=uds_session.DATA,
             )
         )
+    if "nvm" in export.services:
+        notes.append(nvm_session.note(with_services(firmware, export.services)))
     if firmware.bus.secured:
         notes.append(secoc_session.NOTE)
     return "".join(notes)
 
 
 def _tested(export: Export) -> str:
-    files = {"xcp": xcp_session.FILES, "uds": uds_session.FILES}
-    return "".join(files[name] for name in export.services)
+    files = {"xcp": xcp_session.FILES, "uds": uds_session.FILES, "nvm": nvm_session.FILES}
+    return "".join(files.get(name, "") for name in export.services)
 
 
 def _frames(bus: BusMap) -> Iterator[str]:
@@ -443,8 +496,17 @@ def described(its: Protection | None) -> str:
         return "none"
     parts = ["own" if its.profile == "own" else f"E2E profile {its.profile}"]
     if its.checksum is not None:
-        parts.append(f"checksum in byte {its.checksum.byte} over {its.length} bytes")
+        parts.append(f"checksum in {_where(its.checksum.place)} over {its.length} bytes")
     if its.counter is not None:
-        low = 8 * its.counter.byte + its.counter.bit
+        low = its.counter.place.bits[0]
         parts.append(f"counter 0 to {its.counter.values - 1} at bit {low}")
     return ", ".join(parts)
+
+
+def _where(place: Place) -> str:
+    """Its byte, or its bytes or bits where it is none."""
+    pieces = place.pieces
+    if any(piece.width < 8 for piece in pieces):
+        return f"{place.width} bits from bit {place.bits[0]} on"
+    numbers = [piece.byte for piece in pieces]
+    return f"byte {numbers[0]}" if len(numbers) == 1 else f"bytes {min(numbers)} to {max(numbers)}"

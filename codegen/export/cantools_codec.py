@@ -4,13 +4,13 @@ import re
 from collections.abc import Iterable
 from copy import deepcopy
 from itertools import chain, count
-from pathlib import Path
 
 from cantools.database import Database
 from cantools.database.can import c_source
 
 from codegen.subset.rules import C_WORDS
 from dbc import read
+from dbc.reader import Files
 
 NAME = "canroll_codec"
 RESERVED = C_WORDS | frozenset(
@@ -25,9 +25,9 @@ RESERVED = C_WORDS | frozenset(
 """Words of C, and of C++ that includes the header."""
 
 
-def files(dbc: Path) -> dict[str, str]:
+def files(description: Files) -> dict[str, str]:
     """Return header and source of the codec, by name; the same network gives the same files."""
-    database, _ = read(dbc)
+    database, _ = read(description)
     header, source, _, _ = c_source.generate(
         named(database), NAME, f"{NAME}.h", f"{NAME}.c", f"{NAME}_fuzzer.c"
     )

@@ -6,14 +6,17 @@ decodes and encodes the same frames with cantools.
 
 import json
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from codegen.generated.bus_map import IN_TURN, VALID_BITS, BusMap, Mailbox
-from codegen.generated.mapped_signal import MappedSignal, RawSignal
-from codegen.generated.units import conversion
+from codegen.frame.raw_signal import RawSignal, real_of
+from codegen.frame.units import conversion
+from codegen.generated.bus_map import BusMap
+from codegen.generated.mailbox import IN_TURN, VALID_BITS, Mailbox
+from codegen.generated.mapped_signal import MappedSignal
 from dbc import read
+from dbc.reader import Files, each
 from firmware.state import Ecu
 from firmware.subset import fields
 
@@ -61,7 +64,7 @@ int main(int argc, char **argv)
             const int32_t wanted = canroll_signals_wanted(message, payload);
             canroll_signals_unpack(&ecu, message, 0);
             const size_t count = get(message);
-            const int32_t head[2] = {{ wanted, ecu.valid[message] }};
+            const int32_t head[2] = {{ wanted, ecu.valid[canroll_signals_rx_messages[message]] }};
             fwrite(head, sizeof head[0], 2, stdout);
             fwrite(values, sizeof values[0], count, stdout);
         }}
@@ -78,11 +81,11 @@ int main(int argc, char **argv)
 """
 
 
-def files(dbc: Path, map_file: Path, bus: BusMap) -> dict[str, str]:
+def files(description: Files, map_file: Path, bus: BusMap) -> dict[str, str]:
     """Return ``codec_main.c`` and ``codec.json`` for a bus, by name."""
     document = tomllib.loads(map_file.read_text(encoding="utf-8"))
     rows = list(_rows(bus))
-    database, _ = read(dbc)
+    database, _ = read(description)
     units = {
         (message.name, signal.name): signal.unit or ""
         for message in database.messages
@@ -90,7 +93,7 @@ def files(dbc: Path, map_file: Path, bus: BusMap) -> dict[str, str]:
     }
     told = []
     for direction, number, box, page, signals in rows:
-        entries = document[direction][box.slot]["signals"]
+        entries = _entries(document[direction][box.slot], box.name)
         told.append(
             {
                 "direction": direction,
@@ -117,8 +120,14 @@ def files(dbc: Path, map_file: Path, bus: BusMap) -> dict[str, str]:
             if d == "transmit"
         ),
     )
-    about = {"database": dbc.name, "rows": told}
+    about = {"databases": [path.name for path in each(description)], "rows": told}
     return {"codec_main.c": source, "codec.json": json.dumps(about, indent=1) + "\n"}
+
+
+def _entries(table: Any, message: str) -> Mapping[str, Any]:  # noqa: ANN401
+    """The signals that the map places in a message: of a mailbox's only frame or of one of them."""
+    tables = table if isinstance(table, list) else [table]
+    return next(each["signals"] for each in tables if each["message"] == message)
 
 
 def _rows(
@@ -141,14 +150,17 @@ def _signal(box: Mailbox, signal: MappedSignal, entry: Any, unit: str) -> dict[s
     table = {"field": entry} if isinstance(entry, str) else entry
     place, twin = signal.place, signal.twin
     bits = VALID_BITS.get(box.slot, ())
-    factor = conversion(table.get("unit", unit), place.unit, place.text, box.name)
+    own_unit, radius = str(table.get("unit", unit)), table.get("radius")
+    limits = (signal.raw_lo, signal.raw_hi)
+    low, high = map(real_of, limits) if signal.real else limits
+    factor = conversion(own_unit, "rad/s" if radius else place.unit, place.text, box.name)
     return {
         "signal": signal.name,
         "field": place.text,
         "q": place.q,
         "lo": place.lo,
         "hi": place.hi,
-        "unit": float(factor),
+        "unit": float(factor) * (1.0 if radius is None else float(radius)),
         "factor": table.get("factor"),
         "offset": table.get("offset"),
         "sign": -1 if table.get("sign") == -1 else 1,
@@ -157,9 +169,12 @@ def _signal(box: Mailbox, signal: MappedSignal, entry: Any, unit: str) -> dict[s
         "inverted": bool(twin and twin.inverted),
         "tolerance": twin.tolerance if twin else 0,
         "unavailable": list(signal.unavailable),
+        "validity": signal.validity.signal.name if signal.validity else None,
+        "codes": list(signal.validity.codes) if signal.validity else [],
         "bit": bits.index(place.text) if place.text in bits else None,
-        "raw_lo": signal.raw_lo,
-        "raw_hi": signal.raw_hi,
+        "real": signal.real,
+        "raw_lo": low,
+        "raw_hi": high,
     }
 
 

@@ -25,7 +25,6 @@ from firmware.calibration import (
     COMPENSATOR,
     CONSTANT_GAIN,
     DAMPERS,
-    N_RX,
     ONE,
     OUTPUT_FEEDBACK,
     STATE_FEEDBACK,
@@ -60,6 +59,7 @@ FULL = 1 << 20
 """The most ticks that can pass between two."""
 
 LAST = "the last of all there are: no other is asked for"
+ONE_FRAME = "a message of one frame brings all its signals"
 UNREACHED = {
     (
         "canroll_envelope.c",
@@ -68,14 +68,26 @@ UNREACHED = {
     ("canroll_event_trigger.c", "if (ecu->commands_sent < INT32_MAX) {"): "it takes 2^31 commands",
     (
         "canroll_mailbox.c",
-        "if (canroll_signals_wanted(message, payload) == 0) {",
+        "if (canroll_signals_wanted(frame, payload) == 0) {",
     ): "only frames with pages have one that is not wanted",
+    (
+        "canroll_observer.c",
+        "if (((int32_t)ecu->fresh[CANROLL_RX_IMU] & 1) == 0) {",
+    ): ONE_FRAME,
+    (
+        "canroll_observer.c",
+        "if ((ecu->speed == 0) || (((int32_t)ecu->fresh[CANROLL_RX_IMU] & 2) == 0)) {",
+    ): ONE_FRAME,
+    (
+        "canroll_plausibility.c",
+        "if (((int32_t)canroll_signals_rx_signals[message] & needed) != 0) {",
+    ): "a message whose first frame carries nothing that is needed has several frames",
     (
         "canroll_plausibility.c",
         "if ((bad == 0) || (timeout == 0)) {",
     ): "a message that is not needed is not read, so it is never bad",
     ("canroll_signals.c", "} else if ((int32_t)ecu->diagnostics_page == 6) {"): LAST,
-    ("canroll_signals.c", "} else if (message == CANROLL_RX_ROLL_REFERENCE) {"): LAST,
+    ("canroll_signals.c", "} else if (number == CANROLL_RX_ROLL_REFERENCE) {"): LAST,
     ("canroll_signals.c", "} else if (message == CANROLL_TX_DIAGNOSTICS) {"): LAST,
 }
 """Lines of the C, on the built-in frames, with a branch that no case takes, and why."""
@@ -154,6 +166,7 @@ def _rare(bus: BusMap) -> Iterator[Case]:
         "nothing reads it": zeros | {"measurements": 1, "identification": 0},
         "identification reads it": zeros | {"measurements": 1, "identification": 1},
         "nothing else is measured": zeros | {"measurements": 2, "identification": 0},
+        "identification reads the roll rate": zeros | {"measurements": 2, "identification": 1},
     }.items():
         yield Case(name, _changed(1, **{**bad, **changes}), quiet)
     optional: dict[str, object] = {
@@ -179,10 +192,11 @@ def _rare(bus: BusMap) -> Iterator[Case]:
     none = Traffic(frames.frames[:0], np.full(2100, FULL, np.int32))
     yield Case("the clock wraps", _changed(3), none)
     alien = frames.frames[:4].copy()
-    alien["message"] = (-1, N_RX + N_TX, 99, -(2**31))
+    alien["message"] = (-1, len(bus.received) + N_TX, 99, -(2**31))
     yield Case("no such message", _changed(4), Traffic(alien, frames.elapsed[:8]))
     foreign = frames.frames[:N_TX].copy()
-    foreign["message"], foreign["tick"] = N_RX + np.arange(N_TX), np.arange(N_TX)
+    foreign["message"] = len(bus.received) + np.arange(N_TX)
+    foreign["tick"] = np.arange(N_TX)
     slow: dict[str, object] = {"clock_period": 20_000, "clock_limit": 25_000, "tick_us": 10_000}
     for window in (2, 10_000):
         clocked = {**slow, "clock_window": window, "timeout_ticks": [5, 5, 0, 5, 0]}

@@ -13,7 +13,7 @@ DEVIATIONS = {
     "11.5": "the range check reads the calibration, words and bytes, as arrays of either, and "
     "init clears the state as an array of words: functions of canroll_runtime.h, whose word may "
     "alias any field (GNU attribute may_alias); the services read and write records by bytes, "
-    "which may alias any object (C99 6.5)",
+    "which may alias any object (C99 6.5), and seal a page by such a word",
     "15.5": "refusals return early, which keeps the rest of a function free of nesting",
 }
 """Rules that the emitted C deviates from, and why that is safe; all others hold."""

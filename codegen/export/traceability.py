@@ -14,6 +14,7 @@ from pathlib import Path
 
 from canroll.errors import CanrollError
 from codegen.c99.linkage import Names, linkage
+from codegen.frame import own_checksum
 from codegen.generated import own_stage
 from codegen.proof.prove import Proof, prove
 from codegen.subset.program import Function, Program
@@ -69,7 +70,7 @@ class Row:
 
 
 def rows(program: Program, files: Mapping[str, str]) -> dict[str, list[Row]]:
-    """Return the functions by the requirement they are there for; "" for those of an own stage.
+    """Return the functions by the requirement they are there for; "" for the engineer's own.
 
     Raises:
         CanrollError: a function that no requirement, or more than one, asks for.
@@ -82,7 +83,7 @@ def rows(program: Program, files: Mapping[str, str]) -> dict[str, list[Row]]:
         if function.key not in links.reachable:
             continue
         asked = [its.name for its in requirements() if its.covers(function)]
-        if function.module == own_stage.NAME:
+        if function.module == own_stage.NAME or function.module.startswith(own_checksum.PREFIX):
             asked = [""]
         if len(asked) != 1:
             said = " and ".join(asked) or "none"
@@ -136,8 +137,8 @@ def _lines(found: Mapping[str, list[Row]]) -> Iterator[str]:
         yield ""
         yield from (f"- `tests/{test}`" for test in its.tests)
     if found[""]:
-        yield from ("", "## own stage", "")
-        yield "The engineer's own stage: its requirements and tests are the engineer's."
+        yield from ("", "## own stage, own checksums", "")
+        yield "The engineer's own functions: their requirements and tests are the engineer's."
         yield ""
         yield from _table(found[""])
 

@@ -27,7 +27,8 @@ from codegen.fmu.variables import (
     Terminal,
     Variable,
 )
-from codegen.generated.bus_map import EXTENDED, BusMap, Mailbox
+from codegen.generated.bus_map import BusMap
+from codegen.generated.mailbox import EXTENDED, Mailbox
 from codegen.run import memory_image
 from codegen.run.bus_firmware import BusFirmware
 from firmware.calibration import Calibration

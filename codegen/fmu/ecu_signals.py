@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from canroll.errors import CanrollError
 from codegen.fmu.description import unit_name
 from codegen.fmu.variables import FLOAT64, INPUT, OUTPUT, Variable
-from codegen.generated.bus_map import SAMPLE_COUNTERS, BusMap, Mailbox
+from codegen.generated.bus_map import BusMap
+from codegen.generated.mailbox import SAMPLE_COUNTERS, Mailbox
 from codegen.generated.mapped_signal import MappedSignal
 from firmware.calibration import Calibration
 
@@ -131,10 +132,10 @@ def _start(signal: MappedSignal) -> float:
 
 
 def _refuse(box: Mailbox, signal: MappedSignal) -> None:
-    if signal.minus is not None or signal.twin is not None or box.pages:
+    if len(signal.parts) > 1 or signal.real or box.pages:
         raise CanrollError(
-            f"{box.name}.{signal.name} has a separate sign, a second signal or pages: export it "
-            "with --ports can"
+            f"{box.name}.{signal.name} has a separate sign, a second signal, a validity or pages, "
+            "or is a floating-point number: export it with --ports can"
         )
 
 

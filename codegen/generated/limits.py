@@ -21,6 +21,8 @@ from firmware.subset import i32, u8
 FIELDS = {fields}
 LAST_BYTE = {last_byte}
 LAST_WORD = {last_word}
+# bytes first, then words from here on
+FIRST_WORD = {first_word}
 # ranges of fields: those of words, then from BYTES on those of bytes
 BYTES = {bytes}
 # fmt: off
@@ -50,6 +52,9 @@ def emit() -> str:
     its = fields(firmware.calibration.Calibration)
     # the last field is a word
     last_byte = max(places(firmware.calibration.Calibration)) + 3
+    bytes_ = sum(prod(field.shape) for field in its if field.kind == "u8")
+    assert [field.kind for field in its] == sorted((f.kind for f in its), reverse=True)
+    assert bytes_ % 4 == 0
     ranges = sorted({limits(field) for field in its})
     sizes = [prod(field.shape) for field in its]
     tables = {
@@ -62,6 +67,7 @@ def emit() -> str:
         fields=len(its),
         last_byte=last_byte,
         last_word=last_byte // 4,
+        first_word=bytes_ // 4,
         bytes=sum(not byte for byte, _, _ in ranges),
         **{name: "\n".join(lines) for name, lines in tables.items()},
     )

@@ -8,11 +8,11 @@ from collections.abc import Collection, Mapping
 from copy import copy
 from typing import Any
 
-from cantools.database import Database, Message
+from cantools.database import Message
 
 import dbc
 from canroll.errors import CanrollError, UnknownNameError
-from dbc.reader import same_identifier
+from dbc.reader import Network, same_identifier
 
 OVERRIDES = ("id", "extended", "fd", "bytes", "period_ms")
 """Keys of a mailbox that say of its frame what the DBC lacks or has wrong."""
@@ -23,18 +23,23 @@ STANDARD = (1 << 11) - 1
 _LONGEST_PERIOD = 10_000
 
 
-def frame_of(database: Database, table: Mapping[str, Any], where: str) -> Message:
+def frame_of(network: Network, table: Mapping[str, Any], where: str) -> Message:
     """Return the message of a mailbox's table, with what the table says of its frame.
 
     Raises:
         CanrollError: there is no such message or there are several, another has its identifier, or
             it is not possible on CAN.
     """
-    name = table.get("message", "")
+    name, database = table.get("message", ""), network.database
     named = [message for message in database.messages if message.name == name]
     if not isinstance(name, str) or not named:
         raise UnknownNameError(
             f"message in {where}", name, {message.name for message in database.messages}
+        )
+    files = network.described_in(name)
+    if len(files) > 1:
+        raise CanrollError(
+            f"{where}: {name} is in {' and '.join(map(str, files))}: rename it in all but one"
         )
     if len(named) > 1:
         raise CanrollError(

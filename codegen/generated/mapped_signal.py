@@ -2,7 +2,7 @@
 
 import ast
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -10,12 +10,21 @@ from typing import Any
 from cantools.database import Signal
 
 from canroll.errors import CanrollError, UnknownNameError
-from codegen.generated.units import conversion
+from codegen.frame.raw_signal import (
+    RawSignal,
+    code_of,
+    code_range,
+    fraction,
+    number_signal,
+    pieces_of,
+    real_of,
+)
+from codegen.frame.units import conversion
+from codegen.generated.second_signals import Twin, Validity, minus_of, twin_of, validity_of
 from firmware.state import Ecu
 from firmware.subset import Field, fields
 
 UNAVAILABLE = ("error", "not available", "notavailable", "invalid", "sna", "undefined", "fault")
-LONGEST_SIGNAL = 30
 KEYS = (
     "field",
     "q",
@@ -28,8 +37,14 @@ KEYS = (
     "inverted",
     "tolerance",
     "unavailable",
+    "valid",
+    "radius",
 )
 """Keys of the table that a map may have for a signal."""
+OF_INTEGERS = ("redundant", "inverted", "tolerance", "unavailable")
+"""Keys of signals that are no floating-point numbers."""
+LARGEST_REAL = 0x7F7FFFFF
+"""The bits of the largest number of 32 bits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,42 +62,11 @@ class Place:
     unit: str
 
 
-@dataclass(frozen=True, slots=True)
-class Piece:
-    """``width`` bits of a signal from ``signal_bit`` up, in ``byte`` from ``bit`` up."""
-
-    byte: int
-    bit: int
-    width: int
-    signal_bit: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RawSignal:
-    """Position of a signal's raw code in the frame."""
-
-    name: str
-    pieces: tuple[Piece, ...]
-    length: int
-    signed: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Twin:
-    """A second signal that carries the same code, or with ``inverted`` its complement.
-
-    The codes may differ by ``tolerance``.
-    """
-
-    signal: RawSignal
-    inverted: bool
-    tolerance: int
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MappedSignal(RawSignal):
     """One signal and its field; a raw n carries ``scale`` * n + ``offset`` field integers.
 
+    Where it is ``real``, n is the number of which the raw code is the bits; ``offset`` is 0.
     ``page`` is the value of the frame's multiplexer at which the signal is present, None: always.
     ``minus`` is a sign bit elsewhere in the frame: where it is 1, the raw code is negated.
     """
@@ -96,16 +80,26 @@ class MappedSignal(RawSignal):
     page: int | None
     minus: RawSignal | None = None
     twin: Twin | None = None
+    validity: Validity | None = None
 
     @property
     def parts(self) -> tuple[RawSignal, ...]:
-        """Signals of the frame that carry it: the raw code, its sign bit and its second signal."""
-        more = (self.minus, self.twin.signal if self.twin else None)
+        """Signals of the frame that carry it: raw code, sign bit, second signal, validity."""
+        more = (
+            self.minus,
+            self.twin.signal if self.twin else None,
+            self.validity.signal if self.validity else None,
+        )
         return (self, *(signal for signal in more if signal is not None))
 
 
 def map_signal(
-    name: str, entry: str | Mapping[str, Any], known: Mapping[str, Signal], where: str
+    name: str,
+    entry: str | Mapping[str, Any],
+    known: Mapping[str, Signal],
+    where: str,
+    *,
+    sent: bool = False,
 ) -> MappedSignal:
     """Resolve the entry of the signal ``name`` in a map file.
 
@@ -114,11 +108,12 @@ def map_signal(
         entry: its field, or a table with one of ``KEYS``.
         known: signals of the frame.
         where: location of the entry, for errors.
+        sent: the ECU sends the signal, so that any limit of the DBC is kept.
 
     Raises:
         CanrollError: unit, field or width do not match, or a key is invalid.
     """
-    signal = _integer(name, known, where)
+    signal = number_signal(name, known, where)
     table = {"field": entry} if isinstance(entry, str) else entry
     if not isinstance(table, Mapping):
         raise CanrollError(f"{where}: give a field, or a table with one of {', '.join(KEYS)}")
@@ -126,64 +121,75 @@ def map_signal(
         if key not in KEYS:
             raise UnknownNameError(f"key in {where}", key, KEYS)
     place = _place(table, where)
-    unit = str(table.get("unit", signal.unit or ""))
-    to_field = conversion(unit, place.unit, place.text, where) * 2**place.q
+    to_field = _to_field(table, signal, place, where)
     minus, sign = None, table.get("sign", 1)
     if sign == -1:
         to_field = -to_field
     elif isinstance(sign, str):
-        minus = _minus(sign, signal, known, where)
-        if _fraction(table, "offset", signal.offset, where):
+        minus = minus_of(sign, signal, known, where)
+        if fraction(table, "offset", signal.offset, where):
             raise CanrollError(f"{where}: a signal with a sign signal must have the offset 0")
     elif sign != 1:
         raise CanrollError(f"{where}: sign must be 1, -1 or the name of a signal of one bit")
-    scale = _fraction(table, "factor", signal.scale, where) * to_field
+    scale = fraction(table, "factor", signal.scale, where) * to_field
     if not scale:
         raise CanrollError(f"{where}: the signal's factor is 0: give it in the map")
+    if signal.is_float:
+        _refuse_of_integers(table, signal, scale, where)
     unavailable = set(_codes(table, where)) | {
         int(raw)
         for raw, text in (signal.choices or {}).items()
         if str(text).casefold() in UNAVAILABLE
     }
-    raw_lo, raw_hi = _raw_limits(signal, where)
+    raw_lo, raw_hi = _raw_limits(signal, where, sent=sent)
     return MappedSignal(
         name=signal.name,
         place=place,
-        pieces=_pieces(signal),
+        pieces=pieces_of(signal),
         length=signal.length,
-        signed=signal.is_signed,
+        signed=signal.is_signed or signal.is_float,
+        real=signal.is_float,
         scale=scale,
-        offset=_fraction(table, "offset", signal.offset, where) * to_field,
+        offset=fraction(table, "offset", signal.offset, where) * to_field,
         unavailable=tuple(sorted(unavailable)),
         raw_lo=-raw_hi if minus else raw_lo,
         raw_hi=raw_hi,
         page=signal.multiplexer_ids[0] if signal.multiplexer_ids else None,
         minus=minus,
-        twin=_twin(table, signal, known, where),
+        twin=twin_of(table, signal, known, where),
+        validity=validity_of(table, signal, known, where),
     )
 
 
-def _integer(name: object, known: Mapping[str, Signal], where: str) -> Signal:
-    """An integer signal of the frame, of a width the firmware supports."""
-    if not isinstance(name, str) or name not in known:
-        raise UnknownNameError(f"signal in {where}", str(name), known)
-    signal = known[name]
-    if signal.is_float:
+def _to_field(table: Mapping[str, Any], signal: Signal, place: Place, where: str) -> Fraction:
+    """The factor from the signal's unit to the field's integers, over a wheel's radius if given."""
+    unit = str(table.get("unit", signal.unit or ""))
+    if "radius" not in table:
+        return conversion(unit, place.unit, place.text, where) * Fraction(2**place.q)
+    radius = fraction(table, "radius", 0, where)
+    if radius <= 0 or place.text != "speed":
         raise CanrollError(
-            f"{where}: {name} is a floating-point number of {signal.length} bits (SIG_VALTYPE_): "
-            "only integers can be mapped"
+            f"{where}: radius must be above 0 m, and belongs to the speed of a wheel"
         )
-    if signal.length > LONGEST_SIGNAL:
-        raise CanrollError(f"{where}: {name} must be an integer of at most {LONGEST_SIGNAL} bits")
-    return signal
+    return conversion(unit, "rad/s", place.text, where) * radius * Fraction(2**place.q)
 
 
-def _fraction(table: Mapping[str, Any], key: str, default: float, where: str) -> Fraction:
-    """An exact number from the map's decimals, else from the DBC."""
-    value = table.get(key, default)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise CanrollError(f"{where}: {key} must be a number, not {value!r}")
-    return Fraction(str(value))
+def _refuse_of_integers(
+    table: Mapping[str, Any], signal: Signal, scale: Fraction, where: str
+) -> None:
+    """Raise CanrollError for what a floating-point signal cannot have."""
+    keys = [key for key in OF_INTEGERS if key in table]
+    keys += ["sign signal"] if isinstance(table.get("sign"), str) else []
+    if signal.choices and any(str(t).casefold() in UNAVAILABLE for t in signal.choices.values()):
+        keys.append("code for not available (VAL_)")
+    if fraction(table, "offset", signal.offset, where):
+        keys.append("offset")
+    if keys:
+        raise CanrollError(
+            f"{where}: {signal.name} is a floating-point number, which can have no {keys[0]}"
+        )
+    if not -60 <= math.log2(abs(scale)) <= 60:
+        raise CanrollError(f"{where}: the factor of {signal.name} is out of range: correct it")
 
 
 def _codes(table: Mapping[str, Any], where: str) -> Iterator[int]:
@@ -196,49 +202,40 @@ def _codes(table: Mapping[str, Any], where: str) -> Iterator[int]:
         yield code
 
 
-def _minus(name: str, signal: Signal, known: Mapping[str, Signal], where: str) -> RawSignal:
-    """The separate sign bit of an unsigned signal, or None."""
-    bit = _integer(name, known, where)
-    if bit.length != 1 or bit.name == signal.name:
-        raise CanrollError(f"{where}: {bit.name} has {bit.length} bits, a sign must have one")
-    if signal.is_signed:
-        raise CanrollError(f"{where}: {signal.name} is signed and needs no sign {bit.name}")
-    if bit.multiplexer_ids not in (None, [], signal.multiplexer_ids):
-        raise CanrollError(f"{where}: {bit.name} is on another page than {signal.name}")
-    return raw_signal(bit)
-
-
-def _twin(
-    table: Mapping[str, Any], signal: Signal, known: Mapping[str, Signal], where: str
-) -> Twin | None:
-    """The second signal that the first is checked against, or None."""
-    named = [key for key in ("redundant", "inverted") if key in table]
-    if len(named) > 1:
-        raise CanrollError(f"{where}: give either redundant or inverted")
-    if not named:
-        if "tolerance" in table:
-            raise CanrollError(f"{where}: tolerance needs redundant or inverted")
-        return None
-    other = _integer(table[named[0]], known, where)
-    alike = ("length", "is_signed", "scale", "offset", "multiplexer_ids")
-    for key in alike:
-        if getattr(other, key) != getattr(signal, key):
+def refuse_received_only(mapped: Sequence[MappedSignal], where: str) -> None:
+    """Raise CanrollError for what a received frame cannot have: a mask, a mean of plain numbers."""
+    by_field: dict[str, MappedSignal] = {}
+    for signal in mapped:
+        if signal.place.mask is not None:
+            raise CanrollError(f"{where}: a mask applies to transmitted frames only")
+        other = by_field.setdefault(signal.place.text, signal)
+        if other is not signal and (
+            not signal.place.unit
+            or any(its.minus or its.twin or its.real for its in (signal, other))
+            or signal.page != other.page
+        ):
             raise CanrollError(
-                f"{where}: {other.name} must have the {key.removeprefix('is_')} of {signal.name}"
+                f"{where}: {other.name} and {signal.name} are both mapped to {signal.place.text}; "
+                "only plain signals of integers with a unit, on one page, are averaged"
             )
-    if other.name == signal.name:
-        raise CanrollError(f"{where}: {signal.name} cannot be its own {named[0]} signal")
-    tolerance = _fraction(table, "tolerance", 0, where)
-    step = abs(_fraction(table, "factor", signal.scale, where))
-    if tolerance < 0:
-        raise CanrollError(f"{where}: tolerance must be at least 0")
-    return Twin(raw_signal(other), named[0] == "inverted", math.floor(tolerance / step))
 
 
-def _raw_limits(signal: Signal, where: str) -> tuple[int, int]:
-    """The raw codes that the DBC's minimum and maximum allow."""
-    span = 1 << signal.length
-    lo, hi = (-span // 2, span // 2 - 1) if signal.is_signed else (0, span - 1)
+def refuse_sent_only(mapped: Sequence[MappedSignal], where: str) -> None:
+    """Raise CanrollError for what a frame that is sent cannot have."""
+    for signal in mapped:
+        if signal.validity is not None:
+            raise CanrollError(f"{where}: {signal.name}: valid applies to received signals only")
+
+
+def _raw_limits(signal: Signal, where: str, *, sent: bool) -> tuple[int, int]:
+    """The raw codes that the DBC's minimum and maximum allow.
+
+    Of a received signal, limits that no code can reach were meant otherwise, as of raw codes or of
+    another width; a sent one keeps whichever can be.
+    """
+    lo, hi = code_range(signal)
+    if signal.is_float:
+        lo, hi = code_of(-real_of(LARGEST_REAL)), LARGEST_REAL
     if signal.minimum is None or signal.maximum is None or signal.minimum >= signal.maximum:
         return lo, hi
     if not signal.scale:
@@ -247,6 +244,12 @@ def _raw_limits(signal: Signal, where: str) -> tuple[int, int]:
     ends = sorted(
         (Fraction(str(limit)) - offset) / factor for limit in (signal.minimum, signal.maximum)
     )
+    if signal.is_float:
+        top = Fraction(real_of(LARGEST_REAL))
+        low, high = (code_of(float(min(max(end, -top), top))) for end in ends)
+        return low, high
+    if not sent and (ends[0] < lo - 1 or ends[1] > hi + 1):
+        return lo, hi
     lo, hi = max(lo, math.ceil(ends[0])), min(hi, math.floor(ends[1]))
     if lo > hi:
         raise CanrollError(f"{where}: no raw code lies within the DBC's minimum and maximum")
@@ -293,36 +296,3 @@ def _place(table: Mapping[str, Any], where: str) -> Place:
         q=int(table.get("q", field.f.q)),
         unit=str(table.get("field_unit", field.f.unit)),
     )
-
-
-def raw_signal(signal: Signal) -> RawSignal:
-    """A signal's raw code alone."""
-    return RawSignal(
-        name=signal.name,
-        pieces=_pieces(signal),
-        length=signal.length,
-        signed=signal.is_signed,
-    )
-
-
-def bits_of(signal: Signal) -> list[int]:
-    """Bits of the frame that a signal occupies, least significant first; 8 k + b for bit b of k."""
-    if signal.byte_order == "little_endian":
-        return [signal.start + i for i in range(signal.length)]
-    byte, bit = divmod(signal.start, 8)
-    first = byte * 8 + 7 - bit
-    places = [divmod(first + i, 8) for i in reversed(range(signal.length))]
-    return [8 * byte + 7 - bit for byte, bit in places]
-
-
-def _pieces(signal: Signal) -> tuple[Piece, ...]:
-    """Split a signal at byte boundaries, its least significant bit first."""
-    pieces: list[Piece] = []
-    for i, place in enumerate(bits_of(signal)):
-        byte, bit = divmod(place, 8)
-        last = pieces[-1] if pieces else None
-        if last is not None and last.byte == byte:
-            pieces[-1] = Piece(byte, last.bit, last.width + 1, last.signal_bit)
-        else:
-            pieces.append(Piece(byte, bit, 1, i))
-    return tuple(pieces)

@@ -11,7 +11,8 @@ from collections.abc import Collection, Sequence
 from cantools.database.can import Message
 
 from canroll.errors import CanrollError
-from codegen.generated.mapped_signal import MappedSignal, RawSignal, raw_signal
+from codegen.frame.raw_signal import RawSignal, raw_signal
+from codegen.generated.mapped_signal import MappedSignal
 
 
 def selector(

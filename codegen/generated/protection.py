@@ -7,13 +7,26 @@ same protection share functions, and only the tables that a bus needs are writte
 """
 
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from codegen.generated.bus_map import BusMap, Mailbox, load
-from codegen.generated.frame_protection import CCITT, Checksum, Protection, crc_table
+from codegen.frame.checksum import Bits
+from codegen.frame.checksum_code import (
+    WRITTEN_OUT,
+    Writer,
+    crc_tables,
+    list_name,
+    number_text,
+    result_kind,
+)
+from codegen.frame.frame_protection import Protection
+from codegen.frame.own_checksum import OwnChecksum, modules
+from codegen.frame.place import Place
+from codegen.generated.bus_map import BusMap, load
+from codegen.generated.mailbox import Mailbox
 from codegen.generated.signals import DBC, MAP, ROOT, write_or_check
+from dbc.reader import Files, file_names
 
 PROTECTION = ROOT / "firmware" / "com" / "protection.py"
 
@@ -28,64 +41,93 @@ from typing import Annotated
 
 from firmware.calibration import Calibration
 from firmware.com import e2e
-from firmware.state import Ecu
-from firmware.subset import {types}
 '''
 CHECKED = "ecu: Ecu, cal: Calibration, message: i32, slot: i32"
-WRITTEN_OUT = 8
-"""Bytes of a frame up to which a loop would cost more than its body."""
 
 
 @dataclass(frozen=True, slots=True)
 class Scheme:
-    """Frames whose protection is the same but for a plain data id."""
+    """Frames whose protection is the same but for their identity."""
 
     number: int
     its: Protection
 
     @property
-    def identified(self) -> bool:
-        """Whether its functions have a parameter for the identity of the frame."""
-        return self.its.nibble is not None or self.summed
-
-    @property
     def payload(self) -> str:
         """The parameter that passes the bytes of a frame to its functions."""
-        return f"payload: Annotated[list[u8], {max(self.its.length, WRITTEN_OUT)}]"
+        own = self.its.checksum.function if self.its.checksum else None
+        bytes_ = max(self.its.length, WRITTEN_OUT, own.size if own else 0)
+        return f"payload: Annotated[list[u8], {bytes_}]"
 
     @property
     def summed(self) -> bool:
         """Whether its checksum covers the identity of the frame."""
-        checksum = self.its.checksum
-        used = (*checksum.first, *checksum.last) if checksum else ()
-        return isinstance(self.its.identity, int) and any(which != "zero" for which in used)
+        return self.its.checksum is not None and self.its.checksum.identified
+
+    def checksum(self, payload: str) -> str:
+        """The call that gives the checksum of a frame."""
+        assert self.its.checksum is not None
+        own = self.its.checksum.function
+        name = own.name if own else f"checksum_{self.number}"
+        return f"{name}({payload}{', identity' if self.summed else ''})"
+
+    def counter(self, payload: str) -> str:
+        """The counter of a frame, ready to be an operand."""
+        assert self.its.counter is not None
+        return number_text(_read(self.its.counter.held), payload)
 
 
-def generate(dbc: Path = DBC, map_file: Path = MAP) -> str:
-    """Return the subset source of the protection module for ``dbc`` and ``map_file``."""
-    bus = load(dbc, map_file)
+def _read(place: Place) -> list[Bits]:
+    """The bits of a number as a frame has them."""
+    return [Bits("byte", p.byte, (1 << p.width) - 1, p.bit, p.signal_bit) for p in place.pieces]
+
+
+def own_functions(bus: BusMap) -> dict[str, OwnChecksum]:
+    """Functions of the user's own for checksums of a bus, by the module of the firmware.
+
+    Raises:
+        CanrollError: two files would be one module.
+    """
+    sums = [box.protection.checksum for box in bus.frames if box.protection]
+    return modules(its.function for its in sums if its is not None and its.function is not None)
+
+
+def generate(files: Files = DBC, map_file: Path = MAP) -> str:
+    """Return the subset source of the protection module for ``files`` and ``map_file``."""
+    bus = load(files, map_file)
     found = (*bus.received, *bus.transmitted)
     alike = dict.fromkeys(_alike(box.protection) for box in found if box.protection)
     schemes = [Scheme(number, its) for number, its in enumerate(alike)]
-    unsigned = ", u16, u32" if any(_of_16_bits(scheme) for scheme in schemes) else ""
-    header = HEADER.format(names=dbc.name, types=f"byte, i32, u8{unsigned}")
-    lines = [header, *_tables(bus, schemes)]
+    body = list(_tables(bus, schemes))
     for scheme in schemes:
-        lines += ["", "", *_checksum(scheme)] if scheme.its.checksum else []
+        if scheme.its.checksum and not scheme.its.checksum.function:
+            body += ["", "", *_checksum(scheme)]
         if any(_has(box, scheme) for box in bus.received):
-            lines += ["", "", *_check(scheme)]
+            body += ["", "", *_check(scheme)]
         if any(_has(box, scheme) for box in bus.transmitted):
-            lines += ["", "", *_protect(scheme)]
-    lines += ["", "", *_dispatch_check(bus, schemes), "", "", *_dispatch_protect(bus, schemes)]
-    return "\n".join(lines) + "\n"
+            body += ["", "", *_protect(scheme)]
+    body += ["", "", *_dispatch_check(bus, schemes), "", "", *_dispatch_protect(bus, schemes)]
+    header = HEADER.format(names=file_names(files)) + _imports(schemes, body)
+    return "\n".join([header, *body]) + "\n"
+
+
+def _imports(schemes: Sequence[Scheme], body: Sequence[str]) -> str:
+    """The imports beside those that every bus needs."""
+    own = {
+        (s.its.checksum.function.module, s.its.checksum.function.name)
+        for s in schemes
+        if s.its.checksum and s.its.checksum.function
+    }
+    lines = [f"from firmware.{module} import {name}" for module, name in sorted(own)]
+    text = "\n".join(body)
+    words = [word for word in ("i64", "to_i32", "u16", "u32") if word in text]
+    lines += ["from firmware.state import Ecu"]
+    lines += [f"from firmware.subset import {', '.join(sorted(('byte', 'i32', 'u8', *words)))}", ""]
+    return "\n".join(lines)
 
 
 def _alike(its: Protection) -> Protection:
-    return replace(its, identity=0) if isinstance(its.identity, int) else its
-
-
-def _of_16_bits(scheme: Scheme) -> bool:
-    return scheme.its.checksum is not None and scheme.its.checksum.method == "crc16"
+    return replace(its, identity=0)
 
 
 def _has(box: Mailbox, scheme: Scheme) -> bool:
@@ -96,31 +138,32 @@ def _tables(bus: BusMap, schemes: Sequence[Scheme]) -> Iterator[str]:
     yield "# data ids; of each frame sent the highest value of its counter, 0: none"
     for prefix, boxes in (("RX", bus.received), ("TX", bus.transmitted)):
         common = _common(boxes, schemes)
-        if common is not None and common.identified:
+        if bus.secured or (common is not None and common.its.identified):
             ids = ", ".join(str(_plain(box)) for box in boxes)
             yield f"{prefix}_DATA_IDS: tuple[i32, ...] = ({ids})"
-    last = ", ".join(str(max(_values(box) - 1, 0)) for box in bus.transmitted)
-    yield f"TX_LAST_COUNTERS: tuple[u8, ...] = ({last})"
-    polynomials = {
-        its.polynomial for s in schemes if (its := s.its.checksum) and its.method == "crc8"
-    }
+    last = [max(_values(box) - 1, 0) for box in bus.transmitted]
+    kind = "u8" if max(last) < 256 else "i32"
+    yield f"TX_LAST_COUNTERS: tuple[{kind}, ...] = ({', '.join(map(str, last))})"
     yield "# fmt: off"
-    for polynomial in sorted(polynomials):
-        yield from _table(f"CRC8_{polynomial:02X}", "u8", crc_table(polynomial, 8))
-    of_16_bits = [scheme for scheme in schemes if _of_16_bits(scheme)]
-    if of_16_bits:
-        # by half a byte in short frames: what sixteen values leave of the first four bits
-        entries = 256 if any(s.its.length > WRITTEN_OUT for s in of_16_bits) else 16
-        yield from _table("CRC16", "u16", crc_table(CCITT, 16)[:entries])
+    tables: dict[str, tuple[str, tuple[int, ...]]] = {}
     for scheme in schemes:
-        if isinstance(scheme.its.identity, tuple):
-            yield from _table(f"IDENTITIES_{scheme.number}", "u8", scheme.its.identity)
+        its = scheme.its.checksum
+        if its is not None and its.fold == "crc":
+            for name, kind, entries in crc_tables(its, scheme.its.length):
+                tables[name] = kind, entries
+    for name in sorted(tables):
+        yield from _table(name, *tables[name])
+    for scheme in schemes:
+        for which, values in enumerate(scheme.its.checksum.lists if scheme.its.checksum else ()):
+            wide = max(values) > 255
+            yield from _table(list_name(scheme.number, which), "i64" if wide else "u8", values)
     yield "# fmt: on"
 
 
 def _plain(box: Mailbox) -> int:
+    """The identity of a frame, of 32 bits as the number that they are in an i32."""
     identity = box.protection.identity if box.protection else 0
-    return identity if isinstance(identity, int) else 0
+    return identity - (1 << 32) if identity >> 31 else identity
 
 
 def _values(box: Mailbox) -> int:
@@ -139,94 +182,11 @@ def _checksum(scheme: Scheme) -> Iterator[str]:
     its, checksum = scheme.its, scheme.its.checksum
     assert checksum is not None
     identity = ", identity: i32" if scheme.summed else ""
-    yield f"def checksum_{scheme.number}({scheme.payload}{identity}) -> i32:"
+    kind = result_kind(checksum)
+    yield f"def checksum_{scheme.number}({scheme.payload}{identity}) -> {kind}:"
     yield f'    """Return the checksum of a frame: {_described(its)}."""'
-    covered = [range(checksum.byte), range(checksum.byte + checksum.size, its.length)]
-    first = list(_identity_bytes(scheme, checksum.first))
-    last = list(_identity_bytes(scheme, checksum.last))
-    if "alternating" in (*checksum.first, *checksum.last):
-        yield "    half: i32 = byte(identity)"
-        yield f"    if ({_counter(its, 'payload')} & 1) == 1:"
-        yield "        half = byte(identity >> 8)"
-    if its.length > WRITTEN_OUT:
-        yield from _looped(checksum, first, covered, last)
-    else:
-        yield from _run(checksum, [*first, *(f"payload[{k}]" for r in covered for k in r), *last])
-
-
-def _identity_bytes(scheme: Scheme, which: Iterable[str]) -> Iterator[str]:
-    texts = {
-        "low": "byte(identity)",
-        "high": "byte(identity >> 8)",
-        "zero": "0",
-        "alternating": "half",
-    }
-    for name in which:
-        if name == "listed":
-            yield f"IDENTITIES_{scheme.number}[{_counter(scheme.its, 'payload')}]"
-        else:
-            yield texts[name]
-
-
-def _counter(its: Protection, payload: str) -> str:
-    assert its.counter is not None
-    where = f"{payload}[{its.counter.byte}]"
-    if its.counter.width == 8:
-        return where
-    where = f"({where} >> {its.counter.bit})" if its.counter.bit else where
-    return f"({where} & {(1 << its.counter.width) - 1})"
-
-
-def _run(checksum: Checksum, steps: Sequence[str]) -> Iterator[str]:
-    """The statements that process the bytes one by one."""
-    if checksum.method == "sum":
-        yield f"    total: i32 = {checksum.start} + {steps[0]}"
-        yield from (f"    total += {step}" for step in steps[1:])
-        end = f" ^ {checksum.end}" if checksum.end else ""
-        yield f"    return (total & 255){end}" if end else "    return total & 255"
-        return
-    if checksum.method == "xor":
-        yield f"    value: i32 = {checksum.start ^ checksum.end} ^ {steps[0]}"
-        yield from (f"    value = value ^ {step}" for step in steps[1:])
-        yield "    return value"
-        return
-    if checksum.method == "crc16":
-        yield f"    crc: u32 = {checksum.start}"
-        for step in steps:
-            for part in (f"({step} >> 4)", f"({step} & 15)"):
-                yield f"    crc = CRC16[(crc >> 12) ^ {part}] ^ ((crc & 4095) << 4)"
-        yield f"    return crc ^ {checksum.end}" if checksum.end else "    return crc"
-        return
-    name = f"CRC8_{checksum.polynomial:02X}"
-    start = f"{checksum.start} ^ " if checksum.start else ""
-    yield f"    crc: i32 = {name}[{start}{steps[0]}]"
-    if len(steps) > 2:
-        yield "    # written out: a loop would cost more than its body"
-    yield from (f"    crc = {name}[crc ^ {step}]" for step in steps[1:-1])
-    end = f" ^ {checksum.end}" if checksum.end else ""
-    yield f"    return {name}[crc ^ {steps[-1]}]{end}"
-
-
-def _looped(
-    checksum: Checksum, first: Sequence[str], covered: Sequence[range], last: Sequence[str]
-) -> Iterator[str]:
-    """The statements that process the identity's bytes and, in loops, those of the frame."""
-    name = f"CRC8_{checksum.polynomial:02X}"
-    steps = {
-        "sum": ["value = (value + {}) & 255"],
-        "xor": ["value = value ^ {}"],
-        "crc8": [f"value = {name}[value ^ {{}}]"],
-        "crc16": ["value = CRC16[(value >> 8) ^ {}] ^ ((value & 255) << 8)"],
-    }[checksum.method]
-    kind = "u32" if checksum.method == "crc16" else "i32"
-    yield f"    value: {kind} = {checksum.start}"
-    yield from (f"    {step.format(byte)}" for byte in first for step in steps)
-    for bytes_of in covered:
-        if bytes_of:
-            yield f"    for k in range({bytes_of.start}, {bytes_of.stop}):"
-            yield from (f"        {step.format('payload[k]')}" for step in steps)
-    yield from (f"    {step.format(byte)}" for byte in last for step in steps)
-    yield f"    return value ^ {checksum.end}" if checksum.end else "    return value"
+    counter = scheme.counter("payload") if its.counter else ""
+    yield from Writer(checksum, its.length, counter, scheme.number).lines()
 
 
 def _described(its: Protection) -> str:
@@ -234,7 +194,7 @@ def _described(its: Protection) -> str:
 
 
 def _identity(scheme: Scheme) -> str:
-    return ", identity: i32" if scheme.identified else ""
+    return ", identity: i32" if scheme.its.identified else ""
 
 
 def _check(scheme: Scheme) -> Iterator[str]:
@@ -243,22 +203,18 @@ def _check(scheme: Scheme) -> Iterator[str]:
     yield '    """Return 1 where the data of a received frame may be used."""'
     payload = "ecu.rx_payload[slot]"
     if its.counter is not None:
-        yield f"    counter: i32 = {_counter(its, payload).removeprefix('(').removesuffix(')')}"
-        if its.counter.values < 1 << its.counter.width:
+        yield f"    counter: i32 = {_bare(scheme.counter(payload))}"
+        if its.counter.values < 1 << its.counter.held.width:
             yield f"    if counter >= {its.counter.values}:"
             yield "        return 0"
-    if its.nibble is not None:
-        where = f"({payload}[{its.nibble // 8}] >> {its.nibble % 8}) & 15"
-        yield f"    if ({where}) != ((identity >> 8) & 15):"
-        yield "        return 0"
+    for field in its.carried:
+        value = "identity" if field.value is None else str(field.value)
+        yield from _differs(field.place, payload, value, field.shift)
     if its.checksum is not None:
-        given = ", identity" if scheme.summed else ""
-        yield f"    expected: i32 = checksum_{scheme.number}({payload}{given})"
-        found = f"{payload}[{its.checksum.byte}]"
-        if its.checksum.size == 2:
-            found = f"({found} | ({payload}[{its.checksum.byte + 1}] << 8))"
-        yield f"    if expected != {found}:"
-        yield "        return 0"
+        kind = result_kind(its.checksum)
+        yield f"    expected: {kind} = {scheme.checksum(payload)}"
+        exact = its.checksum.function is None
+        yield from _differs(its.checksum.place, payload, "expected", exact=exact)
     if its.counter is None:
         yield "    return 1"
         return
@@ -267,26 +223,60 @@ def _check(scheme: Scheme) -> Iterator[str]:
     yield f"    return e2e.{receiver}(ecu, cal, message, counter, {values})"
 
 
+def _bare(text: str) -> str:
+    """An expression without brackets around it."""
+    return text[1:-1] if text.startswith("(") and "(" not in text[1:] else text
+
+
+def _part(value: str, shift: int, width: int) -> str:
+    """``width`` bits of a value from ``shift`` up."""
+    low = (1 << width) - 1
+    if value.isdigit():
+        return str(int(value) >> shift & low)
+    return f"({value} >> {shift}) & {low}" if shift else f"{value} & {low}"
+
+
+def _differs(
+    place: Place, payload: str, value: str, shift: int = 0, *, exact: bool = False
+) -> Iterator[str]:
+    """Return 0 where a number in the frame is another; an ``exact`` one has no further bits."""
+    for bits in _read(place):
+        width = bits.mask.bit_length()
+        found = number_text([replace(bits, left=0)], payload)
+        text = _part(value, shift + bits.left, width)
+        if exact and place.width == width:
+            text = value
+        yield f"    if {text if text.isidentifier() or text.isdigit() else f'({text})'} != {found}:"
+        yield "        return 0"
+
+
+def _write(place: Place, value: str, shift: int = 0, kind: str = "i32") -> Iterator[str]:
+    """Put a number of a kind into a frame."""
+    for bits in _read(place):
+        width, low = bits.mask.bit_length(), shift + bits.left
+        text = _part(value, low, width)
+        kept = 255 ^ bits.mask << bits.shift
+        if not kept and kind == "i32" and not value.isdigit():
+            text = f"{value} >> {low}" if low else value
+        elif kept:
+            text = f"(({text}) << {bits.shift})" if bits.shift else f"({text})"
+            text = f"(payload[{bits.at}] & {kept}) | {text}"
+        yield f"    payload[{bits.at}] = byte({text})"
+
+
 def _protect(scheme: Scheme) -> Iterator[str]:
     its = scheme.its
     yield f"def protect_{scheme.number}({scheme.payload}, counter: i32{_identity(scheme)}) -> None:"
     yield '    """Write counter and checksum into a frame."""'
     if its.counter is not None:
-        mask = 255 ^ (((1 << its.counter.width) - 1) << its.counter.bit)
-        value = f"(counter & {(1 << its.counter.width) - 1})"
-        value = f"({value} << {its.counter.bit})" if its.counter.bit else value
-        kept = f"(payload[{its.counter.byte}] & {mask}) | " if mask else ""
-        yield f"    payload[{its.counter.byte}] = byte({kept}{value})"
-    if its.nibble is not None:
-        k, bit = divmod(its.nibble, 8)
-        value = f"(((identity >> 8) & 15) << {bit})" if bit else "((identity >> 8) & 15)"
-        yield f"    payload[{k}] = byte((payload[{k}] & {255 ^ (15 << bit)}) | {value})"
+        yield from _write(its.counter.place, "counter")
+    for field in its.carried:
+        value = "identity" if field.value is None else str(field.value)
+        yield from _write(field.place, value, field.shift)
     if its.checksum is not None:
-        given = ", identity" if scheme.summed else ""
-        yield f"    value: i32 = checksum_{scheme.number}(payload{given})"
-        yield f"    payload[{its.checksum.byte}] = byte(value)"
-        if its.checksum.size == 2:
-            yield f"    payload[{its.checksum.byte + 1}] = byte(value >> 8)"
+        kind = result_kind(its.checksum)
+        yield f"    value: {kind} = {scheme.checksum('payload')}"
+        yield from _write(its.checksum.place, "value", kind=kind)
 
 
 def _dispatch_check(bus: BusMap, schemes: Sequence[Scheme]) -> Iterator[str]:
@@ -318,14 +308,14 @@ def _dispatch(
 ) -> Iterator[str]:
     common = _common(boxes, schemes)
     if common is not None:
-        identity = f", {table}[{number}]" if common.identified else ""
+        identity = f", {table}[{number}]" if common.its.identified else ""
         yield f"    {call.format(number=common.number, identity=identity)}"
         return
     keyword = "if"
     for k, box in enumerate(boxes):
         for scheme in schemes:
             if _has(box, scheme):
-                identity = f", {_plain(box)}" if scheme.identified else ""
+                identity = f", {_plain(box)}" if scheme.its.identified else ""
                 yield f"    {keyword} {number} == {k}:"
                 yield f"        {call.format(number=scheme.number, identity=identity)}"
                 keyword = "if" if call.startswith("return") else "elif"

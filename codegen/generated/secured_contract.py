@@ -12,7 +12,7 @@ import re
 import sys
 
 import dbc
-from codegen.generated.bus_map import AUTHENTICATOR, FRESHNESS
+from codegen.generated.authenticated_frames import AUTHENTICATOR, FRESHNESS
 from firmware.security.secoc_state import PAYLOAD
 
 FD_FORMAT = 14

@@ -2,19 +2,22 @@
 
 A frame is 64-bit words, byte 0 lowest in the first; the top bit of each is its sign. A classic
 frame is one word. One integer multiply and one rounding shift turn a raw code into a field's format
-and back; the factor is exact to 2**-29.
+and back; the factor is exact to 2**-29. Floating-point numbers: :mod:`firmware.com.float32`.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from math import floor
+from math import ceil, floor
 
-from codegen.generated.mapped_signal import MappedSignal, RawSignal
+from codegen.frame.raw_signal import REAL_BITS, RawSignal, real_of
+from codegen.generated.mapped_signal import MappedSignal
 
 FACTOR_BITS = 30
 WORD_BITS = 64
 LARGEST_SHIFT = 62
+INFINITE = 0x7F800000
+"""The exponent of infinities and of what is not a number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +83,8 @@ def placed(signal: RawSignal, frame: Sequence[str]) -> Iterator[str]:
         if run.word_bit + run.width == WORD_BITS:
             half = 1 << (run.width - 1)
             term = f"(({term} ^ {half}) - {half})"
+        elif run.width == REAL_BITS:
+            term = f"to_u32({text})"
         yield f"{frame[run.word]} |= {_shifted(term, '<<', run.word_bit)}"
 
 
@@ -124,11 +129,18 @@ def unpacked(signal: MappedSignal) -> str:
     """The field's value for a raw code, limited to the field's range."""
     place, name = signal.place, raw_name(signal)
     value = _scaled(name, signal.scale, signal.offset)
+    if signal.real:
+        value = f"fixed_of({name}, {_thirty_bits(signal.scale)})"
     whole = value == name and not signal.signed and signal.minus is None
     if whole and place.lo <= 0 and (1 << signal.length) - 1 <= place.hi:
         return value
     value = f"clamp({value}, {place.lo}, {place.hi})"
     return f"byte({value})" if place.lo >= 0 and place.hi <= 255 else value
+
+
+def share(signal: MappedSignal, count: int) -> str:
+    """A raw code's part of the mean of ``count`` signals, in the field's format."""
+    return _scaled(raw_name(signal), signal.scale / count, signal.offset / count)
 
 
 def packed(signal: MappedSignal) -> str:
@@ -137,19 +149,35 @@ def packed(signal: MappedSignal) -> str:
     source = f"ecu.{place.text}"
     if place.mask is not None:
         source = f"({source} & {place.mask})"
+    if signal.real:
+        ends = sorted(Fraction(real_of(n)) * signal.scale for n in (signal.raw_lo, signal.raw_hi))
+        lo = min(max(place.lo, ceil(ends[0])), place.hi)
+        hi = max(min(place.hi, floor(ends[1])), lo)
+        limited = source if (lo, hi) == (place.lo, place.hi) else f"clamp({source}, {lo}, {hi})"
+        return f"code_of({limited}, {_thirty_bits(1 / signal.scale)})"
     value = _scaled(source, 1 / signal.scale, -signal.offset / signal.scale)
     if value == source and signal.raw_lo <= place.lo and place.hi <= signal.raw_hi:
         return value.removeprefix("(").removesuffix(")")
     return f"clamp({value}, {signal.raw_lo}, {signal.raw_hi})"
 
 
-def available(signal: MappedSignal) -> str:
-    """The condition that a raw code is not reserved."""
+def available(signal: MappedSignal, frame: Sequence[str]) -> str:
+    """The condition that a raw code is not reserved and is said to be valid; "" where it always is.
+
+    ``frame`` are the locals that hold the words of the frame.
+    """
     top = (1 << signal.length) // (2 if signal.signed else 1)
     codes, name = signal.unavailable, raw_name(signal)
-    if codes == tuple(range(top - len(codes), top)):
-        return f"{name} < {codes[0]}"
-    return " and ".join(f"{name} != {code}" for code in codes)
+    conditions = [f"{name} != {code}" for code in codes]
+    if codes and codes == tuple(range(top - len(codes), top)):
+        conditions = [f"{name} < {codes[0]}"]
+    if signal.real:
+        conditions = [f"({name} & {INFINITE}) != {INFINITE}"]
+    if signal.validity is not None:
+        code = gathered(signal.validity.signal, frame)
+        terms = [f"({code}) == {its}" for its in signal.validity.codes]
+        conditions.append(terms[0] if len(terms) == 1 else f"({' or '.join(terms)})")
+    return " and ".join(conditions)
 
 
 def wrapped(line: str, width: int) -> Iterable[str]:
@@ -185,10 +213,21 @@ def _shift(scale: Fraction) -> int:
     exact = denominator.bit_length() - 1
     if denominator == 1 << exact and abs(scale) * denominator < 1 << FACTOR_BITS:
         return exact
+    return min(_normal_shift(scale), LARGEST_SHIFT)
+
+
+def _normal_shift(scale: Fraction) -> int:
+    """The shift by which ``scale`` has 30 bits."""
     magnitude = floor(abs(scale)).bit_length() if abs(scale) >= 1 else 0
     while abs(scale) * 2 ** (FACTOR_BITS - magnitude) < 1 << (FACTOR_BITS - 1):
         magnitude -= 1
-    return min(FACTOR_BITS - magnitude, 62)
+    return FACTOR_BITS - magnitude
+
+
+def _thirty_bits(scale: Fraction) -> str:
+    """The factor of 30 bits, and the shift, of a floating-point number."""
+    shift = _normal_shift(scale)
+    return f"{round(scale * Fraction(2) ** shift)}, {shift}"
 
 
 def snake(name: str) -> str:

@@ -13,7 +13,7 @@ from codegen.proof.intervals import Value
 from codegen.proof.prove import Proof
 from codegen.subset.effects import stored, writers
 from codegen.subset.parse import load
-from codegen.subset.program import Function, Program, RecordField, SubsetError, evaluate
+from codegen.subset.program import Function, Module, Program, RecordField, SubsetError, evaluate
 
 ESTIMATE = "x"
 """The field of the loop that a stage may change."""
@@ -36,6 +36,8 @@ def check(program: Program, proof: Proof) -> None:
                 raise SubsetError(module.path, node, rule)
             if isinstance(node, ast.For):
                 _refuse_long(program, function, node, proof)
+            if isinstance(node, ast.Compare):
+                _refuse_unscaled(program, function, node)
     for finding in proof.findings:
         rule = f"not proved: {finding.what}: [{finding.lo}, {finding.hi}]"
         where = module.path if finding.path == str(module.path) else finding.path
@@ -80,6 +82,57 @@ def _volatile(function: Function, node: ast.AST, fields: Mapping[str, RecordFiel
         and node.attr in fields
         and fields[node.attr].volatile
     )
+
+
+def _refuse_unscaled(program: Program, function: Function, node: ast.Compare) -> None:
+    """Refuse a field with fractional bits compared with a bare integer: a slip of units.
+
+    The same where one is subtracted from the other first, as in ``ecu.speed - 30 > 0``.
+    """
+    pairs = [(node.left, node.comparators[0])]
+    for side in pairs[0]:
+        if isinstance(side, ast.BinOp) and isinstance(side.op, ast.Add | ast.Sub):
+            pairs.append((side.left, side.right))
+    module = program.modules[function.module]
+    for pair in pairs:
+        for side, other in (pair, pair[::-1]):
+            field = _field(program, function, side)
+            if field is not None and field.q and _bare(module, other, field.q):
+                value, unit = ast.unparse(other), f" {field.unit}" if field.unit else ""
+                rule = (
+                    f"{ast.unparse(side)} has {field.q} fractional bits: {value}{unit} is "
+                    f"'{value} << {field.q}'"
+                )
+                raise SubsetError(module.path, node, rule)
+
+
+def _bare(module: Module, node: ast.expr, q: int) -> bool:
+    """Whether a number lacks ``q`` fractional bits: a literal, or a small constant of the stage.
+
+    A constant is taken as scaled from 2^(q/2) on: in a field of 20 bits, from a thousandth of the
+    unit.
+    """
+    literal = node.operand if isinstance(node, ast.UnaryOp) else node
+    if isinstance(literal, ast.Constant):
+        return literal.value != 0
+    constant = module.constants.get(literal.id) if isinstance(literal, ast.Name) else None
+    return (
+        constant is not None
+        and isinstance(constant.value, int)
+        and 0 < abs(constant.value) < 1 << (q // 2)
+    )
+
+
+def _field(program: Program, function: Function, node: ast.expr) -> RecordField | None:
+    """Return the field of a record that ``node`` reads, or an element of."""
+    while isinstance(node, ast.Subscript):
+        node = node.value
+    if not isinstance(node, ast.Attribute) or not isinstance(node.value, ast.Name):
+        return None
+    given = function.parameters.get(node.value.id)
+    if given is None or given.kind != "record":
+        return None
+    return program.record(given.record).fields.get(node.attr)
 
 
 def _refuse_long(program: Program, function: Function, node: ast.For, proof: Proof) -> None:

@@ -100,8 +100,8 @@ class Expressions(Memory):
         if intrinsic == "bytes_of":
             bytes_ = self._record_of(node).size
             return Value(bytes_, bytes_)
-        if intrinsic == "set_octet":
-            return self._set(node, state)
+        if intrinsic in ("set_octet", "set_word"):
+            return self._set(node, "u8" if intrinsic == "set_octet" else "i32", state)
         if intrinsic in MEMORY:
             return self._read(node, MEMORY[intrinsic], state)
         if intrinsic is not None:
@@ -149,12 +149,13 @@ class Expressions(Memory):
         assert isinstance(node.args[0], ast.Name)
         return self.program.record(self.function.parameters[node.args[0].id].record)
 
-    def _set(self, node: ast.Call, state: State) -> Value:
-        """A byte of a calibration that the loop does not run on: forget what was known of it."""
+    def _set(self, node: ast.Call, kind: str, state: State) -> Value:
+        """Part of a calibration that the loop does not run on: forget what was known of it."""
         record = self._record_of(node)
+        size = record.size // (4 if kind == "i32" else 1)
         index = self.value(node.args[1], state)
-        self._oblige(node, index.within(0, record.size - 1), f"index of {record.size} bytes", index)
-        self._stored(node, self.value(node.args[2], state), *KINDS["u8"], "u8")
+        self._oblige(node, index.within(0, size - 1), f"index of {size} elements", index)
+        self._stored(node, self.value(node.args[2], state), *KINDS[kind], kind)
         state.known = {e: value for e, value in state.known.items() if e[0][0] != record.name}
         return Value(0, 0)
 

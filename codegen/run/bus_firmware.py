@@ -1,6 +1,7 @@
 """The ECU loop for the frames of one bus: its C sources, and its modules for CPython.
 
-A DBC and a map make three modules of the firmware, an own stage two; all others stay as they are.
+A DBC and a map make three modules of the firmware, an own stage two, a file of own checksums one;
+all others stay as they are.
 The state record differs in the room of its mailboxes and in the fields of a stage, so whatever
 reads one takes its class from here.
 """
@@ -27,6 +28,7 @@ from codegen.generated.own_stage import OwnStage
 from codegen.proof.prove import prove
 from codegen.subset import parse, rules
 from codegen.subset.program import FIRMWARE, Program, copy_sources, file_of
+from dbc.reader import Files
 
 GENERATED = {
     "frames.py": frames.generate,
@@ -90,6 +92,7 @@ class BusFirmware:
         shown = {stem: PLACE / file_of(stem, FIRMWARE).relative_to(FIRMWARE) for stem in stems}
         if self.stage:
             shown[own_stage.NAME] = self.stage.path
+        shown |= {name: own.path for name, own in protection.own_functions(self.bus).items()}
         with self._folder() as folder:
             return parse.load(folder=folder, shown=shown, services=self.services)
 
@@ -166,16 +169,19 @@ def built_in() -> BusFirmware:
     return BusFirmware(load(signals.DBC, signals.MAP), {})
 
 
-def of_bus(dbc: Path, map_file: Path) -> BusFirmware:
-    """Return the firmware for the frames of ``dbc`` that ``map_file`` maps.
+def of_bus(files: Files, map_file: Path) -> BusFirmware:
+    """Return the firmware for the frames of the description in ``files`` that ``map_file`` maps.
 
     Raises:
         CanrollError: an inconsistency between DBC and map; the message names file and key.
     """
-    if (dbc, map_file) == (signals.DBC, signals.MAP):
+    if (files, map_file) == (signals.DBC, signals.MAP):
         return built_in()
-    modules = {name: generate(dbc, map_file) for name, generate in GENERATED.items()}
-    return _of_sources(load(dbc, map_file), tuple(sorted(modules.items())))
+    modules = {name: generate(files, map_file) for name, generate in GENERATED.items()}
+    bus = load(files, map_file)
+    own = protection.own_functions(bus)
+    modules |= {f"{name}.py": function.source for name, function in own.items()}
+    return _of_sources(bus, tuple(sorted(modules.items())))
 
 
 @cache

@@ -105,24 +105,33 @@ def zig_image(name: str, firmware: BusFirmware | None = None) -> Path:
     files["entry.c"] = (BOARD / "entry.c").read_text(encoding="utf-8")
     flags = ["-target", "thumb-freestanding-eabi", f"-mcpu={cpu(name).zig}", "-std=c99", "-O2"]
     flags += ["-ffreestanding", "-Wl,--image-base=0x10000", "-Wl,-e,canroll_idle"]
-    if firmware.services:
-        # entry.c calls none of them
-        for service in firmware.services:
-            header = files[f"canroll_{service}.h"]
-            called = sorted(set(re.findall(rf"\b(canroll_{service}_\w+)\(", header)))
-            flags += [f"-Wl,-u,{name}" for name in called]
+    flags += _kept(files, firmware.services)
     return built([sys.executable, "-m", "ziglang", "cc", *flags], files, f"zig_{name}.elf")
 
 
-def gcc_image(name: str, firmware: Mapping[str, str] | None = None) -> Path:
+def _kept(files: Mapping[str, str], services: Sequence[str]) -> list[str]:
+    """Flags that keep the functions of services, which the programs here do not call."""
+    flags = []
+    for service in services:
+        header = files[f"canroll_{service}.h"]
+        called = sorted(set(re.findall(rf"\b(canroll_{service}_\w+)\(", header)))
+        flags += [f"-Wl,-u,{name}" for name in called]
+    return flags
+
+
+def gcc_image(
+    name: str, firmware: Mapping[str, str] | None = None, services: Sequence[str] = ()
+) -> Path:
     """The replay program for QEMU, built by arm-none-eabi-gcc.
 
     ``firmware`` are the sources of another ECU with the same records; the emitted ones by default.
+    ``services`` among them are linked too.
     """
     files = dict(firmware or emit.firmware())
     for file in ("startup.c", "replay.c", "link.ld"):
         files[file] = (BOARD / file).read_text(encoding="utf-8")
     flags = [f"-mcpu={name}", *GCC_FLAGS, "-nostdlib", "-T", "link.ld", "-Wl,--gc-sections"]
+    flags += _kept(files, services)
     return built(["arm-none-eabi-gcc", *flags], files, f"gcc_{name}.elf", last=["-lgcc"])
 
 

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from codegen.generated import signals
-from codegen.generated.bus_map import BusMap, Mailbox
+from codegen.generated.bus_map import BusMap
+from codegen.generated.mailbox import Mailbox
 from codegen.run.bus_firmware import built_in
 from codegen.run.memory_image import event, event_of, sealed
 from firmware import check
@@ -135,12 +136,12 @@ def random_traffic(
     boxes = bus.received
     room = max(signals.room(bus.received), signals.room(bus.transmitted))
     rng = np.random.default_rng(seed)
-    counters = np.zeros(N_RX, np.int64)
-    samples = np.zeros(N_RX, np.int64)
-    words = rng.integers(0, 1 << 48, N_RX)
+    counters = np.zeros(len(boxes), np.int64)
+    samples = np.zeros(len(boxes), np.int64)
+    words = rng.integers(0, 1 << 48, len(boxes))
     rows = []
     for tick in range(ticks):
-        for message in range(N_RX):
+        for message in range(len(boxes)):
             if rng.random() < 0.1 * rough:
                 continue
             counters[message] = (counters[message] + 1) % _values(boxes[message])
@@ -207,13 +208,13 @@ def storm(traffic: Traffic, seed: int, *, calm: float = 15.0, silence: float = 2
     return Traffic(frames, elapsed)
 
 
-def flooded(traffic: Traffic, most: int) -> Traffic:
+def flooded(traffic: Traffic, most: int, received: int) -> Traffic:
     """Authenticated traffic to which forged frames are added, so that a tick has ``most``.
 
-    They are those of ``traffic`` with the highest number that a receiver takes: only the MAC shows
-    what they are.
+    ``received`` is the number of different frames that the ECU receives. Forged are those of
+    ``traffic`` with the highest number that a receiver takes: only the MAC shows what they are.
     """
-    genuine = traffic.frames[traffic.frames["message"] < N_RX]
+    genuine = traffic.frames[traffic.frames["message"] < received]
     if not len(genuine):
         return traffic
     missing = most - np.bincount(traffic.frames["tick"], minlength=traffic.ticks)

@@ -2,7 +2,8 @@
 
 Fields stand in the order of their table, each at a multiple of its size; padding is zero. The same
 bytes are read on the host and on a Cortex-M (both little-endian, 32-bit integers at multiples of
-four), so states can be compared byte for byte.
+four), so states can be compared byte for byte. The CRC is over these bytes on every machine; what
+is programmed into a big-endian one has the bytes of each word in the opposite order.
 """
 
 import zlib
@@ -44,11 +45,13 @@ def event_of(record_class: type[Any]) -> np.dtype[Any]:
     return event(max(places["rx_payload"][-1], places["tx_payload"][-1]))
 
 
-def image(record: Any) -> bytes:  # noqa: ANN401
-    """The bytes of a record."""
+def image(record: Any, byte_order: str = "little") -> bytes:  # noqa: ANN401
+    """The bytes of a record as the memory of a machine has them, "little"- or "big"-endian."""
     packed = np.zeros((), dtype(record.__class__))
     for name in packed.dtype.names or ():
         packed[name] = getattr(record, name)
+    if byte_order == "big":
+        packed = packed.astype(packed.dtype.newbyteorder(">"))
     return packed.tobytes()
 
 
@@ -92,8 +95,16 @@ def check_address(address: int) -> None:
         )
 
 
-def write_flash(folder: Path, record: Calibration, address: int) -> list[Path]:
+def write_flash(
+    folder: Path, record: Calibration, address: int, byte_order: str = "little"
+) -> list[Path]:
     """Write a calibration for a flash programmer: ``calibration.hex`` (Intel) and ``.s19``.
+
+    Args:
+        folder: where the files go.
+        record: the calibration.
+        address: of the calibration in the target.
+        byte_order: of the target, "little" or "big".
 
     Returns:
         Both paths.
@@ -103,7 +114,7 @@ def write_flash(folder: Path, record: Calibration, address: int) -> list[Path]:
     """
     check_address(address)
     file = optional("bincopy", "a calibration for a programmer", "target").BinFile()
-    file.add_binary(image(record), address)
+    file.add_binary(image(record, byte_order), address)
     written = []
     for name, text in (("calibration.hex", file.as_ihex()), ("calibration.s19", file.as_srec())):
         path = folder / name

@@ -15,7 +15,7 @@ from codegen.run.bus_firmware import BusFirmware
 from codegen.run.cortex import Run, sent
 from codegen.run.ecu_traffic import Frame, Payload, Traffic
 from codegen.run.unicorn import CortexEcu
-from firmware.calibration import N_RX, Calibration
+from firmware.calibration import Calibration
 from firmware.security.secoc_state import RESET_MAX, SECURED
 
 LISTENING_US = 100_000
@@ -166,7 +166,7 @@ def replay(
             frame = event["payload"].tobytes()
             taken = secoc.verify(message, frame, length)
             added[t] += secoc.instructions
-            if taken or message >= N_RX:
+            if taken or message >= len(firmware.bus.received):
                 ecu.put(message, frame, length)
         ecu.advance(int(traffic.elapsed[t]))
         counts[t] = ecu.instructions

@@ -96,5 +96,39 @@ static void canroll_secoc_finish(void *secoc, int32_t slot, uint8_t *frame)
 static size_t canroll_secoc_size(void) { return sizeof(canroll_secoc); }
 """,
 )
-BINDINGS = {"xcp": XCP, "uds": UDS, "secoc": SECOC}
+NVM = Binding(
+    declarations="""
+void canroll_nvm_put(void *nvm, const void *ecu, const void *cal);
+int32_t canroll_nvm_take(const void *nvm, void *ecu, const void *cal);
+size_t canroll_nvm_bytes(void);
+""",
+    source="""
+static void canroll_nvm_put(void *nvm, const void *ecu, const void *cal)
+{
+    canroll_nvm_save(nvm, ecu, cal);
+}
+static int32_t canroll_nvm_take(const void *nvm, void *ecu, const void *cal)
+{
+    return canroll_nvm_restore(nvm, ecu, cal);
+}
+static size_t canroll_nvm_bytes(void) { return sizeof(canroll_nvm); }
+""",
+)
+NVM_UDS = Binding(
+    declarations="""
+void canroll_nvm_uds_put(void *nvm, const void *uds);
+int32_t canroll_nvm_uds_take(const void *nvm, void *uds, const void *ecu, const void *cal);
+""",
+    source="""
+static void canroll_nvm_uds_put(void *nvm, const void *uds)
+{
+    canroll_nvm_uds_save(nvm, uds);
+}
+static int32_t canroll_nvm_uds_take(const void *nvm, void *uds, const void *ecu, const void *cal)
+{
+    return canroll_nvm_uds_restore(nvm, uds, ecu, cal);
+}
+""",
+)
+BINDINGS = {"xcp": XCP, "uds": UDS, "secoc": SECOC, "nvm": NVM, "nvm_uds": NVM_UDS}
 """By the name of the service."""

@@ -198,8 +198,8 @@ class ExpressionRules:
             raise self.refuse(node, f"{reader} takes a record")
         if reader == "clear" and given.record == CONST_RECORD:
             raise self.refuse(node, "the calibration is constant")
-        if reader == "set_octet" and given.record != CONST_RECORD:
-            raise self.refuse(node, "set_octet writes a calibration: assign the fields of others")
+        if reader in ("set_octet", "set_word") and given.record != CONST_RECORD:
+            raise self.refuse(node, f"{reader} writes a calibration: assign the fields of others")
 
     def order(
         self, node: ast.expr, targets: tuple[ast.expr, ...], *, augmented: bool = False

@@ -26,9 +26,10 @@ KINDS = {
 INTRINSICS = {"sat32": 1, "sat31": 1, "scaled": 2, "clamp": 3, "rsh": 2, "tdiv": 2}
 INTRINSICS |= {"byte": 1, "narrow": 1, "word": 2, "octet": 2}
 INTRINSICS |= {"to_i32": 1, "to_u32": 1, "clear": 1, "bytes_of": 1, "set_octet": 3}
+INTRINSICS |= {"set_word": 3}
 MEMORY = {"word": "i32", "octet": "u8"}
 """Intrinsics that read a record as an array, and of what."""
-WRITERS = ("clear", "set_octet")
+WRITERS = ("clear", "set_octet", "set_word")
 """Intrinsics that write their record and return nothing."""
 BITS_31 = (-(2**30), 2**30 - 1)
 LIMITS = {

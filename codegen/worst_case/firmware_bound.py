@@ -152,7 +152,7 @@ def observe(
             if seed % 2 == 0:
                 played = disturbed(traffic, seed, bus=firmware.bus)
             if firmware.bus.secured:
-                played = flooded(played, received)
+                played = flooded(played, received, len(firmware.bus.received))
         run = qemu.replay(calibration, played, timing.cpu, firmware=firmware, costs=costs)
         assert run.cycles is not None
         cycles, stack = max(cycles, int(run.cycles.max())), max(stack, run.stack)

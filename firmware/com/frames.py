@@ -1,4 +1,11 @@
-"""Bytes of a mailbox each way; made by codegen.generated.frames, not to be edited."""
+"""Frames received, bytes of a mailbox, values of a counter; made by codegen.generated.frames.
 
+Not to be edited.
+"""
+
+# the first frame of each message, then its further ones
+N_FRAMES = 5
 RX_BYTES = 8
 TX_BYTES = 8
+# all bits of the widest counter
+COUNTER_MAX = 255

@@ -8,91 +8,73 @@ from typing import Annotated
 
 from firmware.calibration import N_RX, Calibration
 from firmware.com import e2e, protection, signals
-from firmware.com.frames import RX_BYTES
-from firmware.state import (
-    AGE_MAX,
-    N_TX,
-    RX_ACTUATOR_STATE,
-    RX_IMU,
-    RX_SUSPENSION_RATE,
-    RX_VEHICLE_MOTION,
-    Ecu,
-)
+from firmware.com.frames import N_FRAMES, RX_BYTES
+from firmware.state import AGE_MAX, N_TX, NO_SAMPLE, Ecu
 from firmware.subset import byte, clamp, i32, u8
 
-NO_SAMPLE = 16
 
+def receive(ecu: Ecu, frame: i32, payload: Annotated[list[u8], RX_BYTES], length: i32) -> None:
+    """Store a received frame by its number; the only writer of the slots.
 
-def receive(ecu: Ecu, message: i32, payload: Annotated[list[u8], RX_BYTES], length: i32) -> None:
-    """Store a frame of ``message`` (RX_…); the only writer of the slots.
-
-    ``payload`` has ``length`` bytes; a frame that is too short or of another page is ignored. From
-    N_RX on, ``message`` is a frame of transmit slot ``message`` - N_RX that somebody else has sent.
+    Frame RX_… is the first one of that message, further ones follow. ``payload`` has ``length``
+    bytes; a frame that is too short or of another page is ignored. From N_FRAMES on, ``frame`` is
+    that of transmit slot ``frame`` - N_FRAMES, which somebody else has sent.
     """
-    if message < 0 or message >= N_RX + N_TX:
+    if frame < 0 or frame >= N_FRAMES + N_TX:
         return
-    if message >= N_RX:
-        ecu.rx_own = byte(message - N_RX + 1)
+    if frame >= N_FRAMES:
+        ecu.rx_own = byte(frame - N_FRAMES + 1)
         return
-    size: i32 = signals.RX_LENGTHS[message]
+    size: i32 = signals.RX_LENGTHS[frame]
     if length < size:
         return
-    if signals.wanted(message, payload) == 0:
+    if signals.wanted(frame, payload) == 0:
         return
-    slot: i32 = 2 * message + ecu.rx_side[message]
+    slot: i32 = 2 * frame + ecu.rx_side[frame]
     for k in range(size):
         ecu.rx_payload[slot][k] = payload[k]
     ecu.rx_fresh[slot] = 1
 
 
-def sample_counter(ecu: Ecu, message: i32) -> u8:
-    """Return the sample counter of the last frame of ``message``."""
-    if message == RX_IMU:
-        return ecu.imu_sample
-    if message == RX_VEHICLE_MOTION:
-        return ecu.motion_sample
-    if message == RX_SUSPENSION_RATE:
-        return ecu.rate_sample
-    if message == RX_ACTUATOR_STATE:
-        return ecu.actuator_sample
-    return ecu.reference_sample
-
-
-def take(ecu: Ecu, cal: Calibration, message: i32) -> i32:
-    """Read the newest frame of ``message``; return 1 where it brought a new valid sample."""
-    side: u8 = ecu.rx_side[message]
-    ecu.rx_side[message] = 1 - side
-    slot: i32 = 2 * message + side
-    e2e.due(ecu, message)
+def take(ecu: Ecu, cal: Calibration, frame: i32) -> i32:
+    """Read the newest of a frame; return, as bits of ecu.fresh, what it brought new samples of."""
+    side: u8 = ecu.rx_side[frame]
+    ecu.rx_side[frame] = 1 - side
+    slot: i32 = 2 * frame + side
+    e2e.due(ecu, frame)
     if ecu.rx_fresh[slot] == 0:
-        e2e.missed(ecu, message)
+        e2e.missed(ecu, frame)
         return 0
     ecu.rx_fresh[slot] = 0
     if cal.e2e == 1:
-        if protection.check(ecu, cal, message, slot) == 0:
+        if protection.check(ecu, cal, frame, slot) == 0:
             return 0
-    ecu.age[message] = 0
-    signals.unpack(ecu, message, slot)
-    sample: u8 = sample_counter(ecu, message)
-    if sample == ecu.last_sample[message]:
+    ecu.age[frame] = 0
+    signals.unpack(ecu, frame, slot)
+    sample: u8 = signals.sample_counter(ecu, frame)
+    if sample == ecu.last_sample[frame]:
         return 0
-    ecu.last_sample[message] = sample
-    ecu.unchanged[message] = 0
-    return 1
+    ecu.last_sample[frame] = sample
+    ecu.unchanged[frame] = 0
+    return signals.RX_SIGNALS[frame]
 
 
 def read_inputs(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
-    """Read every mailbox that the calibration needs, and count the age of each input."""
+    """Read every frame of the messages that the calibration needs, and count its age."""
     for message in range(N_RX):
-        if cal.timeout_ticks[message] > 0:
-            ecu.age[message] = clamp(ecu.age[message] + elapsed, 0, AGE_MAX)
-            ecu.unchanged[message] = clamp(ecu.unchanged[message] + elapsed, 0, AGE_MAX)
-            ecu.fresh[message] = byte(take(ecu, cal, message))
+        ecu.fresh[message] = 0
+    for frame in range(N_FRAMES):
+        carried: i32 = signals.RX_MESSAGES[frame]
+        if cal.timeout_ticks[carried] > 0:
+            ecu.age[frame] = clamp(ecu.age[frame] + elapsed, 0, AGE_MAX)
+            ecu.unchanged[frame] = clamp(ecu.unchanged[frame] + elapsed, 0, AGE_MAX)
+            news: i32 = take(ecu, cal, frame)
+            ecu.fresh[carried] = byte(ecu.fresh[carried] | news)
 
 
 def init_mailboxes(ecu: Ecu, cal: Calibration) -> None:
     """Start the E2E receivers."""
-    for message in range(N_RX):
-        ecu.e2e_last[message] = e2e.NO_COUNTER
-        ecu.e2e_delta[message] = cal.e2e_max_delta[message]
-        ecu.last_sample[message] = NO_SAMPLE
+    for frame in range(N_FRAMES):
+        ecu.e2e_last[frame] = e2e.NO_COUNTER
+        ecu.e2e_delta[frame] = cal.e2e_max_delta[signals.RX_MESSAGES[frame]]
+        ecu.last_sample[frame] = NO_SAMPLE

@@ -3,13 +3,15 @@
 Frames of roll_control.dbc.
 ``unpack`` turns the bytes of a mailbox into fields; a signal that carries one of its reserved
 codes (error, not available) keeps its field and clears its bit of ``ecu.valid``, as does one that
-its second signal contradicts, which sets bit 7. ``pack`` writes the bytes of a frame, rounded to
-nearest and limited as the DBC says; ``protection`` comes after it.
+another signal says has no value, or its second signal contradicts, which sets bit 7. ``pack``
+writes the bytes of a frame, rounded to nearest and limited as the DBC says; ``protection`` comes
+after it.
 """
 
 from typing import Annotated
 
 from firmware.state import (
+    NO_SAMPLE,
     RX_ACTUATOR_STATE,
     RX_IMU,
     RX_ROLL_REFERENCE,
@@ -30,20 +32,64 @@ RX_IDS: tuple[i32, ...] = (0xA0, 0xB0, 0xC0, 0xD0, 0xD8)
 RX_LENGTHS: tuple[u8, ...] = (8, 8, 8, 8, 8)
 TX_IDS: tuple[i32, ...] = (0x80, 0x81, 0x82, 0x83, 0x300, 0x301)
 TX_LENGTHS: tuple[u8, ...] = (8, 8, 8, 8, 8, 8)
+# of each frame received: its message, and what of ecu.fresh a new sample of it is
+RX_MESSAGES: tuple[u8, ...] = (0, 1, 2, 3, 4)
+RX_SIGNALS: tuple[u8, ...] = (71, 67, 79, 67, 71)
+# of each message received: the signals that its frames carry, as bits of ecu.valid
+RX_CARRIED: tuple[u8, ...] = (7, 3, 15, 3, 7)
 # of each frame sent: 1 where the actuators echo its counter
 TX_ECHOED: tuple[u8, ...] = (1, 1, 1, 1, 1, 1)
 # pages of the diagnostics, which are sent in turn
 PAGES = 7
 
 
-def wanted(message: i32, payload: Annotated[list[u8], 8]) -> i32:
-    """Return 1 where the mailbox ``message`` takes a frame, by the page that it is."""
+def wanted(frame: i32, payload: Annotated[list[u8], 8]) -> i32:
+    """Return 1 where the mailbox of a frame takes it, by the page that it is."""
     return 1
 
 
 def contradicted(ecu: Ecu) -> i32:
     """Return 1 where a signal and its redundant or inverted one disagree."""
     return 0
+
+
+def overdue(ecu: Ecu, frame: i32, patience: i32, grace: i32) -> i32:
+    """Return 1 where a frame is older than ``patience``, plus ``grace`` at first."""
+    limit: i32 = patience
+    if ecu.last_sample[frame] == NO_SAMPLE:
+        limit += grace
+    if ecu.age[frame] > limit:
+        return 1
+    return 0
+
+
+def outdated(ecu: Ecu, message: i32, patience: i32, grace: i32) -> i32:
+    """Return the signals of overdue frames of a message, as bits of ecu.valid."""
+    late: i32 = 0
+    if overdue(ecu, message, patience, grace) == 1:
+        late = RX_SIGNALS[message] & 63
+    return late
+
+
+def awaited(ecu: Ecu, message: i32) -> i32:
+    """Return the signals of a message not yet received, as bits of ecu.valid."""
+    unheard: i32 = 0
+    if ecu.last_sample[message] == NO_SAMPLE:
+        unheard = RX_SIGNALS[message] & 63
+    return unheard
+
+
+def sample_counter(ecu: Ecu, frame: i32) -> u8:
+    """Return the sample counter of a frame; without one it counts the frames."""
+    if frame == RX_IMU:
+        return ecu.imu_sample
+    if frame == RX_VEHICLE_MOTION:
+        return ecu.motion_sample
+    if frame == RX_SUSPENSION_RATE:
+        return ecu.rate_sample
+    if frame == RX_ACTUATOR_STATE:
+        return ecu.actuator_sample
+    return ecu.reference_sample
 
 
 def received(ecu: Ecu, slot: i32) -> i64:
@@ -315,18 +361,18 @@ def pack_diagnostics(ecu: Ecu) -> i64:
     return frame
 
 
-def unpack(ecu: Ecu, message: i32, slot: i32) -> None:
-    """Unpack the frame that is number ``message`` from mailbox ``slot``."""
+def unpack(ecu: Ecu, number: i32, slot: i32) -> None:
+    """Unpack frame ``number`` from mailbox ``slot``."""
     frame: i64 = received(ecu, slot)
-    if message == RX_IMU:
+    if number == RX_IMU:
         unpack_imu(ecu, frame)
-    elif message == RX_VEHICLE_MOTION:
+    elif number == RX_VEHICLE_MOTION:
         unpack_vehicle_motion(ecu, frame)
-    elif message == RX_SUSPENSION_RATE:
+    elif number == RX_SUSPENSION_RATE:
         unpack_suspension_rate(ecu, frame)
-    elif message == RX_ACTUATOR_STATE:
+    elif number == RX_ACTUATOR_STATE:
         unpack_actuator_state(ecu, frame)
-    elif message == RX_ROLL_REFERENCE:
+    elif number == RX_ROLL_REFERENCE:
         unpack_roll_reference(ecu, frame)
 
 

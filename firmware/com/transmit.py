@@ -2,6 +2,7 @@
 
 from firmware.calibration import Calibration
 from firmware.com import protection, signals
+from firmware.com.frames import COUNTER_MAX
 from firmware.event_trigger import NOTHING, command_slot
 from firmware.state import (
     AGE_MAX,
@@ -19,7 +20,7 @@ def queue(ecu: Ecu, cal: Calibration, slot: i32) -> None:
         counter: i32 = ecu.tx_counter[slot] + 1
         if counter > protection.TX_LAST_COUNTERS[slot]:
             counter = 0
-        ecu.tx_counter[slot] = byte(counter)
+        ecu.tx_counter[slot] = counter & COUNTER_MAX
         protection.protect(ecu, slot)
     ecu.tx_pending[slot] = 1
 

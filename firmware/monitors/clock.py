@@ -11,7 +11,7 @@ not at all are judged as such.
 from firmware.calibration import Calibration
 from firmware.monitors.redundancy import magnitude
 from firmware.plausibility import FAULT_SAMPLE_RATE_OFF
-from firmware.state import AGE_MAX, RX_IMU, Ecu
+from firmware.state import AGE_MAX, FIRST_FRAME, RX_IMU, Ecu
 from firmware.subset import clamp, i32, sat31
 
 
@@ -46,7 +46,7 @@ def watch_clock(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     if cal.clock_period == 0:
         return
     ecu.clock_gap = clamp(ecu.clock_gap + elapsed, 0, AGE_MAX)
-    if ecu.fresh[RX_IMU] == 1:
+    if (ecu.fresh[RX_IMU] & FIRST_FRAME) != 0:
         count_sample(ecu, cal)
     ecu.found = ecu.found | (ecu.clock_off << FAULT_SAMPLE_RATE_OFF)
 

@@ -10,7 +10,7 @@ counts as failed until the next ``init``: the evidence needs a command, which SA
 from firmware.calibration import BARS, STATE_MAX, STATE_MIN, SUSPENSION, Calibration
 from firmware.fixed_point import product
 from firmware.plausibility import NEEDED, STUCK
-from firmware.state import RX_ACTUATOR_STATE, Ecu
+from firmware.state import FIRST_FRAME, RX_ACTUATOR_STATE, Ecu
 from firmware.subset import clamp, i32, rsh
 
 # the band's edges are a quarter of its size wide, besides their least width
@@ -73,7 +73,7 @@ def watch_axle(ecu: Ecu, cal: Calibration, axle: i32) -> None:
 
 def watch_delivery(ecu: Ecu, cal: Calibration) -> None:
     """Judge a new sample of the delivered moments, where commands are moments."""
-    if cal.delivery_min == 0 or ecu.fresh[RX_ACTUATOR_STATE] == 0:
+    if cal.delivery_min == 0 or (ecu.fresh[RX_ACTUATOR_STATE] & FIRST_FRAME) == 0:
         return
     if (ecu.valid[RX_ACTUATOR_STATE] & NEEDED[RX_ACTUATOR_STATE]) != NEEDED[RX_ACTUATOR_STATE]:
         # the moments are those of an earlier sample

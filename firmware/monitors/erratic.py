@@ -7,12 +7,12 @@ while a signal is noisy. It is reported until the sum has faded, and changes no 
 a spike, and what wrong values do is judged by the other monitors.
 
 A signal without a valid value starts anew, and so do all of a message where samples are missing:
-those of a car that turns are far apart.
+those of a car that turns are far apart. So do those of a further frame without a new sample.
 """
 
 from firmware.calibration import Calibration
 from firmware.plausibility import FAULT_SENSOR_ERRATIC
-from firmware.state import RX_IMU, RX_VEHICLE_MOTION, Ecu
+from firmware.state import FIRST_FRAME, RX_IMU, RX_VEHICLE_MOTION, Ecu
 from firmware.subset import byte, clamp, i32, rsh, sat31
 
 # messages
@@ -55,7 +55,7 @@ def samples_known(ecu: Ecu, cal: Calibration, group: i32, sample: i32) -> i32:
 
 def watch_unit(ecu: Ecu, cal: Calibration) -> None:
     """Judge the newest samples of the inertial unit."""
-    valid: i32 = ecu.valid[RX_IMU]
+    valid: i32 = ecu.valid[RX_IMU] & ecu.fresh[RX_IMU]
     known: i32 = samples_known(ecu, cal, UNIT, ecu.imu_sample)
     watch_signal(ecu, cal, 0, ecu.roll_rate, known * (valid & 1))
     watch_signal(ecu, cal, 1, ecu.lateral_acceleration, known * ((valid >> 1) & 1))
@@ -64,7 +64,7 @@ def watch_unit(ecu: Ecu, cal: Calibration) -> None:
 
 def watch_motion(ecu: Ecu, cal: Calibration) -> None:
     """Judge the newest samples of speed and steering angle."""
-    valid: i32 = ecu.valid[RX_VEHICLE_MOTION]
+    valid: i32 = ecu.valid[RX_VEHICLE_MOTION] & ecu.fresh[RX_VEHICLE_MOTION]
     known: i32 = samples_known(ecu, cal, MOTION, ecu.motion_sample)
     watch_signal(ecu, cal, 3, ecu.speed, known * (valid & 1))
     watch_signal(ecu, cal, 4, ecu.steering, known * ((valid >> 1) & 1))
@@ -74,7 +74,7 @@ def watch_erratic(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
     """Judge the newest samples of motion and driver."""
     for group in range(2):
         ecu.erratic_gap[group] = byte(clamp(ecu.erratic_gap[group] + elapsed, 0, GAP_MAX))
-    if ecu.fresh[RX_IMU] == 1:
+    if (ecu.fresh[RX_IMU] & FIRST_FRAME) != 0:
         watch_unit(ecu, cal)
-    if ecu.fresh[RX_VEHICLE_MOTION] == 1:
+    if (ecu.fresh[RX_VEHICLE_MOTION] & FIRST_FRAME) != 0:
         watch_motion(ecu, cal)

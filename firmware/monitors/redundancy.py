@@ -12,7 +12,7 @@ bound, which no real bias comes near. A finding lasts until the next ``init``.
 
 from firmware.calibration import BYPASS, STATE_MAX, Calibration
 from firmware.fixed_point import product
-from firmware.state import GYRO_BIAS, RX_IMU, Ecu
+from firmware.state import FIRST_FRAME, GYRO_BIAS, RX_IMU, Ecu
 from firmware.subset import clamp, i32, rsh, sat31
 
 # bits of ecu.valid of an Imu frame: lateral acceleration and yaw rate
@@ -139,7 +139,7 @@ def watch_redundancy(ecu: Ecu, cal: Calibration) -> None:
     """Judge each new sample of the inertial measurement while the car moves."""
     if cal.redundancy_min == 0 or cal.observer == BYPASS:
         return
-    if ecu.fresh[RX_IMU] == 0 or ecu.gain_factor == 0:
+    if (ecu.fresh[RX_IMU] & FIRST_FRAME) == 0 or ecu.gain_factor == 0:
         return
     bound: i32 = 0
     if magnitude(ecu.x[GYRO_BIAS]) >= cal.bias_max:

@@ -49,7 +49,7 @@ from firmware.monitors.balance import (
     stretch,
 )
 from firmware.monitors.redundancy import lasting, magnitude, side_of
-from firmware.monitors.rolling import YAW, measured, within
+from firmware.monitors.rolling import ROLL_SIGNAL, YAW, measured, within
 from firmware.plausibility import NEEDED
 from firmware.state import RX_ACTUATOR_STATE, RX_IMU, Ecu
 from firmware.subset import clamp, i32, rsh, sat31
@@ -223,6 +223,10 @@ def watch_response(ecu: Ecu, cal: Calibration, elapsed: i32) -> None:
         return
     if elapsed > 1 or known(ecu, cal) == 0:
         ecu.response_known = 0
+        return
+    if (cal.measurements & ROLL_SIGNAL) == 0:
+        # axles and heave are judged without the body's momentum, its balance is not
+        ecu.response_known = ONE_BALANCE
         return
     front: i32 = product(ecu.stroke_rate[0] - ecu.stroke_rate[1], cal.response_stroke[0], 23)
     rear: i32 = product(ecu.stroke_rate[2] - ecu.stroke_rate[3], cal.response_stroke[1], 23)

@@ -18,7 +18,7 @@ from firmware.plausibility import NEEDED
 from firmware.state import RX_IMU, RX_SUSPENSION_RATE, Ecu
 from firmware.subset import clamp, i32, rsh, sat31
 
-# bits of ecu.valid of an Imu frame
+# bits of ecu.valid of an Imu frame; the first is the roll rate's of cal.measurements too
 ROLL_SIGNAL = 1
 YAW = 4
 # the three rates
@@ -31,9 +31,10 @@ SHARE = 2
 
 
 def measured(ecu: Ecu, cal: Calibration) -> i32:
-    """Return 1 where roll rate and stroke rates are known and new, and the car moves."""
+    """Return 1 where stroke rates, and the roll rate if in use, are known and new, in motion."""
     stroke: i32 = NEEDED[RX_SUSPENSION_RATE]
-    if (ecu.valid[RX_IMU] & ROLL_SIGNAL) == 0:
+    rate: i32 = cal.measurements & ROLL_SIGNAL
+    if (ecu.valid[RX_IMU] & rate) != rate:
         return 0
     if (ecu.valid[RX_SUSPENSION_RATE] & stroke) != stroke:
         return 0
@@ -80,7 +81,7 @@ def watch_standing(ecu: Ecu, cal: Calibration, front: i32, rear: i32) -> None:
 
 def watch_rolling(ecu: Ecu, cal: Calibration) -> None:
     """Judge the roll rate by the newest samples."""
-    if cal.rolling_min == 0:
+    if cal.rolling_min == 0 or (cal.measurements & ROLL_SIGNAL) == 0:
         return
     if measured(ecu, cal) == 0:
         ecu.rolling_known = 0

@@ -12,7 +12,7 @@ resynchronises, and after one of the receiver as well.
 
 from typing import Annotated
 
-from firmware.calibration import N_RX
+from firmware.com.frames import N_FRAMES
 from firmware.com.protection import RX_DATA_IDS, TX_DATA_IDS
 from firmware.security.aes import expand, packed
 from firmware.security.cmac import cmac, start_cmac
@@ -44,13 +44,13 @@ def start(secoc: Secoc, key: Annotated[list[u8], 16], reset: i32, listening: i32
     start_cmac(secoc)
     secoc.tx_reset = clamp(reset, 0, RESET_MAX)
     secoc.listening = clamp(listening, 0, LISTENING_MAX)
-    for message in range(N_RX):
+    for message in range(N_FRAMES):
         secoc.rx_freshness[message] = NONE
 
 
 def resume(secoc: Secoc, message: i32, reset: i32) -> None:
     """Continue with a sender: ``reset`` is its last known start, ``rx_reset`` before this one."""
-    if message >= 0 and message < N_RX:
+    if message >= 0 and message < N_FRAMES:
         secoc.rx_reset[message] = clamp(reset, 0, RESET_MAX)
 
 
@@ -105,7 +105,7 @@ def verify(secoc: Secoc, message: i32, frame: Annotated[list[u8], SECURED], leng
 
     A frame that is heard while listening only tells which ones are old, and is not ``refused``.
     """
-    if message < 0 or message >= N_RX:
+    if message < 0 or message >= N_FRAMES:
         return 0
     if length == SECURED:
         last: i32 = secoc.rx_reset[message]

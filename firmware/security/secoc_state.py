@@ -5,7 +5,7 @@ It is apart from the ECU's records: no calibration, measurement or log contains 
 
 from typing import Annotated
 
-from firmware.calibration import N_RX
+from firmware.com.frames import N_FRAMES
 from firmware.state import N_TX
 from firmware.subset import I32_MAX, I32_MIN, F, i32, record, u8
 
@@ -32,9 +32,9 @@ class Secoc:
     block: Annotated[list[i32], 4, F(I32_MIN, I32_MAX, 0, "", "of AES, big endian")]
     tx_reset: Annotated[i32, F(0, RESET_MAX, 0, "", "starts of this ECU so far")]
     tx_freshness: Annotated[list[i32], N_TX, F(0, COUNTER_MAX, 0, "", "frames sent since")]
-    rx_reset: Annotated[list[i32], N_RX, F(0, RESET_MAX, 0, "", "starts of the sender so far")]
+    rx_reset: Annotated[list[i32], N_FRAMES, F(0, RESET_MAX, 0, "", "starts of the sender so far")]
     rx_freshness: Annotated[
-        list[i32], N_RX, F(NONE, COUNTER_MAX, 0, "", "of the last authentic frame, -1: none")
+        list[i32], N_FRAMES, F(NONE, COUNTER_MAX, 0, "", "of the last authentic frame, -1: none")
     ]
     listening: Annotated[i32, F(0, LISTENING_MAX, 0, "ticks", "until the first frame is taken")]
     refused: Annotated[i32, F(0, I32_MAX, 0, "", "frames refused, saturates")]

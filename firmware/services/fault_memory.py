@@ -26,6 +26,7 @@ KEPT: tuple[i32, ...] = (0x0101, 0x0102, 0x0103, 0x0104)
 
 def keep_snapshots(uds: Uds, ecu: Ecu) -> None:
     """Keep a snapshot for each fault code that was latched in this tick."""
+    uds.earlier = uds.earlier & (uds.earlier ^ ecu.fault_active)
     latched: i32 = ecu.fault_latched
     if latched == uds.known:
         return
@@ -41,17 +42,21 @@ def keep_snapshots(uds: Uds, ecu: Ecu) -> None:
         fresh = fresh >> 1
 
 
-def status(ecu: Ecu, code: i32) -> i32:
+def status(uds: Uds, ecu: Ecu, code: i32) -> i32:
     """Return the status of a fault code."""
     active: i32 = ecu.fault_active
     latched: i32 = ecu.fault_latched
+    earlier: i32 = uds.earlier
     found: i32 = 0
     for k in range(N_FAULT_CODES):
         if k == code:
             if (active & 1) != 0:
                 found = found | FAILED
             if (latched & 1) != 0:
-                found = found | FAILED_HERE | CONFIRMED
+                found = found | CONFIRMED
+                if (earlier & 1) == 0:
+                    found = found | FAILED_HERE
+        earlier = earlier >> 1
         active = active >> 1
         latched = latched >> 1
     return found
@@ -62,14 +67,14 @@ def put_code(uds: Uds, ecu: Ecu, code: i32) -> None:
     put(uds, FAMILY)
     put(uds, code)
     put(uds, 0)
-    put(uds, status(ecu, code))
+    put(uds, status(uds, ecu, code))
 
 
-def count(ecu: Ecu, mask: i32) -> i32:
+def count(uds: Uds, ecu: Ecu, mask: i32) -> i32:
     """Return the number of fault codes whose status has a bit of ``mask``."""
     number: i32 = 0
     for code in range(N_FAULT_CODES):
-        if (status(ecu, code) & mask) != 0:
+        if (status(uds, ecu, code) & mask) != 0:
             number += 1
     return number
 
@@ -77,7 +82,7 @@ def count(ecu: Ecu, mask: i32) -> i32:
 def put_codes(uds: Uds, ecu: Ecu, mask: i32) -> None:
     """Append the fault codes whose status has a bit of ``mask``; all of them where it is 0."""
     for code in range(N_FAULT_CODES):
-        if mask == 0 or (status(ecu, code) & mask) != 0:
+        if mask == 0 or (status(uds, ecu, code) & mask) != 0:
             put_code(uds, ecu, code)
 
 
@@ -93,7 +98,7 @@ def put_snapshot(uds: Uds, ecu: Ecu, code: i32) -> None:
     """Append number and status of a fault code and its snapshot, where it has one."""
     its: i32 = clamp(code, 0, N_FAULT_CODES - 1)
     put_code(uds, ecu, its)
-    if (status(ecu, its) & CONFIRMED) == 0:
+    if (status(uds, ecu, its) & CONFIRMED) == 0:
         return
     put(uds, RECORD)
     put(uds, N_KEPT + 1)
@@ -112,4 +117,5 @@ def forget(uds: Uds, ecu: Ecu) -> None:
     for code in range(N_FAULT_CODES):
         ecu.fault_count[code] = 0
     uds.known = 0
+    uds.earlier = 0
     keep_snapshots(uds, ecu)

@@ -160,7 +160,7 @@ def read_faults(uds: Uds, ecu: Ecu) -> i32:
     put(uds, kind)
     put(uds, AVAILABLE)
     if kind == NUMBER_BY_STATUS:
-        number: i32 = count(ecu, mask)
+        number: i32 = count(uds, ecu, mask)
         # numbers are as ISO 14229-1 has them
         put(uds, 1)
         put(uds, 0)

@@ -41,6 +41,7 @@ class Uds:
 
     # snapshots, each of the tick in which its fault code was latched
     known: Annotated[i32, F(0, I32_MAX, 0, "", "bit i: code i has a snapshot")]
+    earlier: Annotated[i32, F(0, I32_MAX, 0, "", "bit i: code i occurred before power came only")]
     kept: Annotated[
         list[list[i32]],
         N_FAULT_CODES,

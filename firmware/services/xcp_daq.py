@@ -39,7 +39,7 @@ from firmware.services.xcp_state import (
     Xcp,
 )
 from firmware.state import Ecu
-from firmware.subset import byte, bytes_of, clamp, i32, tdiv, word
+from firmware.subset import byte, bytes_of, clamp, i32, octet, tdiv
 
 # phases of making lists
 FREE = 1
@@ -329,24 +329,25 @@ def fill(xcp: Xcp, ecu: Ecu, reference: Calibration, working: Calibration, odt: 
     """Put the measurements of a frame behind what it has and mark it for sending."""
     slot: i32 = FIRST_ODT + odt
     place: i32 = xcp.tx_length[slot]
-    last: i32 = (bytes_of(ecu) >> 2) - 1
+    last: i32 = bytes_of(ecu) - 4
     first: i32 = xcp.odt_first[odt]
     end: i32 = first + xcp.odt_entries[odt]
     for k in range(first, end):
         entry: i32 = xcp.entry[clamp(k, 0, N_ENTRIES - 1)]
         offset: i32 = entry & REACH
-        # whole words of the state, which most measurements are
-        if entry & 0xFF0003 == ENTRY_BYTES << 20 | STATE << 16 and place <= FRAME - 4:
-            value: i32 = word(ecu, clamp(offset >> 2, 0, last))
+        its: i32 = entry >> 16
+        # four bytes of the state, which most measurements are, as memory has them
+        if its == (ENTRY_BYTES << 4 | STATE) and place <= FRAME - 4:
+            at: i32 = clamp(offset, 0, last)
             p: i32 = clamp(place, 0, FRAME - 4)
-            xcp.tx_payload[slot][p] = byte(value)
-            xcp.tx_payload[slot][p + 1] = byte(value >> 8)
-            xcp.tx_payload[slot][p + 2] = byte(value >> 16)
-            xcp.tx_payload[slot][p + 3] = byte(value >> 24)
+            xcp.tx_payload[slot][p] = octet(ecu, at)
+            xcp.tx_payload[slot][p + 1] = octet(ecu, at + 1)
+            xcp.tx_payload[slot][p + 2] = octet(ecu, at + 2)
+            xcp.tx_payload[slot][p + 3] = octet(ecu, at + 3)
             place += 4
         else:
-            region: i32 = on_page(entry >> 16 & 15, xcp.ecu_page)
-            count: i32 = entry >> 20
+            region: i32 = on_page(its & 15, xcp.ecu_page)
+            count: i32 = its >> 4
             for b in range(count):
                 xcp.tx_payload[slot][clamp(place, 0, FRAME - 1)] = fetch(
                     ecu, reference, working, region, offset + b

@@ -5,7 +5,7 @@ of the reference take a bounded part of each tick; the response comes when they 
 """
 
 from firmware.calibration import Calibration
-from firmware.check import check_rules, fits, folded
+from firmware.check import check_rules, checked_word, fits, folded
 from firmware.limits import BYTES, FIELDS, LAST_BYTE, LAST_WORD, RANGE, SIZE
 from firmware.services.xcp_memory import respond
 from firmware.services.xcp_state import (
@@ -24,7 +24,7 @@ from firmware.services.xcp_state import (
     Xcp,
 )
 from firmware.state import CORRUPT, Ecu
-from firmware.subset import byte, clamp, i32, octet, set_octet, to_i32, to_u32, word
+from firmware.subset import byte, clamp, i32, octet, set_octet, set_word, to_i32, to_u32
 
 # part of a job in a tick
 ELEMENTS = 16
@@ -124,14 +124,11 @@ def sum_words(xcp: Xcp, ecu: Ecu, working: Calibration) -> i32:
     for _ in range(WORDS):
         if xcp.page_word < LAST_WORD:
             at: i32 = clamp(xcp.page_word, 0, LAST_WORD - 1)
-            xcp.page_crc = to_i32(folded(to_u32(xcp.page_crc), word(working, at)))
+            xcp.page_crc = to_i32(folded(to_u32(xcp.page_crc), checked_word(working, at)))
             xcp.page_word = at + 1
     if xcp.page_word < LAST_WORD:
         return 0
-    set_octet(working, 4 * LAST_WORD, byte(xcp.page_crc))
-    set_octet(working, 4 * LAST_WORD + 1, byte(xcp.page_crc >> 8))
-    set_octet(working, 4 * LAST_WORD + 2, byte(xcp.page_crc >> 16))
-    set_octet(working, 4 * LAST_WORD + 3, byte(xcp.page_crc >> 24))
+    set_word(working, LAST_WORD, xcp.page_crc)
     xcp.job = IDLE
     run_on(xcp, ecu, working, WORKING)
     if xcp.job_mode & TOOL != 0:

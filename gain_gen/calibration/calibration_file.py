@@ -12,7 +12,9 @@ from typing import Any
 
 import tomli_w
 
+import vehicles
 from canroll import documents
+from canroll.arguments import checked
 from canroll.errors import CanrollError, reason
 from codegen.generated import own_stage
 from codegen.generated.own_stage import OwnStage
@@ -20,10 +22,13 @@ from codegen.run.memory_image import sealed
 from firmware.calibration import Calibration
 from firmware.subset import Field, fields
 from gain_gen.calibration.record import RESERVED, fill
+from vehicles import Vehicle
 
-SCHEMA = 2
+SCHEMA = 3
 DIGEST = "digest"
 """Key of the file's :func:`digest`."""
+VEHICLE = "vehicle"
+"""Table with the document of the vehicle."""
 
 TABLES = frozenset(
     {
@@ -36,6 +41,7 @@ TABLES = frozenset(
         "verification",
         "formats",
         "provenance",
+        VEHICLE,
         "calibration",
     }
 )
@@ -60,11 +66,13 @@ class LoadedCalibration:
         record: the integers.
         tables: every other table of the file, as read.
         path: file it was read from.
+        vehicle: the vehicle it was designed for, from the file itself.
     """
 
     record: Calibration
     tables: Mapping[str, Any]
     path: Path
+    vehicle: Vehicle
 
     @property
     def law(self) -> str:
@@ -72,19 +80,9 @@ class LoadedCalibration:
         return str(self.tables["design"]["law"])
 
     @property
-    def vehicle(self) -> str:
-        """Name or file of the vehicle it was designed for."""
-        return str(self.tables["design"]["vehicle"])
-
-    @property
     def actuator(self) -> str:
         """Kind of actuator."""
         return str(self.tables["design"]["actuator"])
-
-    @property
-    def vehicle_fingerprint(self) -> str:
-        """:attr:`vehicles.model.Vehicle.fingerprint` of the vehicle it was designed for."""
-        return str(self.tables["provenance"]["vehicle_sha256"])
 
     @property
     def stage(self) -> OwnStage | None:
@@ -95,6 +93,11 @@ class LoadedCalibration:
     def verified(self) -> bool:
         """Whether every check of the design held."""
         return bool(self.tables["design"]["verified"])
+
+    @property
+    def failed(self) -> list[str]:
+        """The checks of the design that did not hold, in words."""
+        return [str(text) for text in self.tables["design"].get("failed", ())]
 
     @property
     def tick(self) -> float:
@@ -117,7 +120,7 @@ class LoadedCalibration:
             return ""
         return (
             f"the delay of {1e3 * delay:.0f} ms exceeds the {1e3 * self.max_delay:.0f} ms that "
-            f"{self.law} for {self.vehicle} allows: expect a limit cycle; choose "
+            f"{self.law} for {self.vehicle.reference} allows: expect a limit cycle; choose "
             f"--law steering_lead or design for the delay"
         )
 
@@ -165,6 +168,7 @@ def save(path: Path, record: Calibration, tables: Mapping[str, Any]) -> None:
         raise CanrollError(f"cannot write {path}: {reason(error)}") from error
 
 
+@checked
 def load(path: str | Path) -> LoadedCalibration:
     """Read and check a calibration file.
 
@@ -183,6 +187,7 @@ def load(path: str | Path) -> LoadedCalibration:
         content = documents.parse_toml(text)
     except ValueError as error:
         raise CanrollError(f"{path}: not a TOML file: {reason(error)}") from error
+    documents.refuse_other(content, "calibration", str(path))
     schema = content.pop("schema", None)
     if schema != SCHEMA:
         raise CanrollError(
@@ -216,7 +221,13 @@ def load(path: str | Path) -> LoadedCalibration:
         )
     if own_stage.NAME in content:
         content[own_stage.NAME] = _stage(content[own_stage.NAME], path, text)
-    return LoadedCalibration(record, content, path)
+    vehicle = vehicles.embedded(
+        content[VEHICLE],
+        reference=content["design"]["vehicle"],
+        fingerprint=content["provenance"]["vehicle_sha256"],
+        where=_at(path, text, VEHICLE),
+    )
+    return LoadedCalibration(record, content, path, vehicle)
 
 
 def _check_needed(content: Mapping[str, Any], path: Path) -> None:

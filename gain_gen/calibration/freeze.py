@@ -10,7 +10,9 @@ import numpy as np
 from canroll.errors import CanrollError
 from firmware.calibration import Calibration
 from firmware.check import check
+from gain_gen.calibration.calibration_file import VEHICLE
 from gain_gen.calibration.dequantise import physical_rows
+from gain_gen.calibration.monitor_part import unwatched
 from gain_gen.calibration.quantise import Options, Quantised, law_kind, quantise_design
 from gain_gen.calibration.record import fill, identify
 from gain_gen.calibration.rounding_error import quantisation_checks
@@ -29,12 +31,18 @@ def calibrate(design: Design, options: Options | None = None) -> tuple[Calibrati
         CanrollError: a value outside its field's range, or a law that the ECU cannot run.
     """
     options = options or Options()
+    beyond = unwatched(design.task.vehicle) if options.response_watch else ""
+    if beyond:
+        options = replace(options, response_watch=False)
+        note = f"delivered moments are not checked against the body's roll: {beyond}"
+        design = replace(design, warnings=(*design.warnings, note))
     quantised = quantise_design(design, options)
     record = identify(fill(quantised.fields))
     refused = check(record)
     if refused:
         raise CanrollError(f"the calibration violates rule {refused} of the ECU's check")
-    checks = quantisation_checks(design, record)
+    # where nothing is verified, as without control, this would be all
+    checks = quantisation_checks(design, record) if design.verified else {}
     for name, found in checks.items():
         if not found.ok and not np.isinf(found.value):
             raise CanrollError(
@@ -70,6 +78,7 @@ def design_tables(design: Design, quantised: Quantised) -> Tables:
             "feedforward": task.feedforward,
             "front_share": round(share_of(task), 9),
             "verified": design.is_verified,
+            "failed": design.failed,
             "tick_s": task.tick,
             "delay_s": task.delay.nominal,
             "delay_min_s": task.delay.least,
@@ -103,6 +112,7 @@ def design_tables(design: Design, quantised: Quantised) -> Tables:
             "roll_model": task.vehicle.source("design"),
             **_law_origin(design.law),
         },
+        VEHICLE: task.vehicle.document,
     }
 
 
@@ -141,12 +151,13 @@ def summary(design: Design) -> Tables:
         gain = _list(controller.compensator.c)
     else:
         gain = [_list(controller.feedback + controller.feedforward)]
+    given = {name: _list(matrix) for name, matrix in solution.given.items()}
     return {
         "law": design.law,
         "vehicle": task.vehicle.name,
         "delay_s": task.delay.nominal,
         "tick_s": task.tick,
-        "gain": gain,
+        **({"matrices": given} if given else {"gain": gain}),
         "gamma": solution.gamma,
         "gamma_bound": solution.gamma_bound,
         "gamma_channel": solution.gamma_channel or None,

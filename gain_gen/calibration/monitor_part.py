@@ -9,6 +9,7 @@ from math import ceil, pi
 import dbc
 from firmware import calibration as fw
 from gain_gen.calibration.rows import quantise
+from gain_gen.laws import WITHOUT_ROLL_RATE
 from gain_gen.models.task import Task
 from vehicles import Vehicle
 from vehicles.roll_stiffness import axle_roll_shares, suspension_roll_stiffness
@@ -121,6 +122,8 @@ def erratic_fields(task: Task) -> dict[str, int | list[int]]:
         round(2.0 ** (42 - q) / (most * stretched[k > 2]))
         for k, (most, q) in enumerate(zip(ERRATIC, formats, strict=True))
     ]
+    if task.observer in WITHOUT_ROLL_RATE:
+        scales[0] = 0
     return {
         "erratic_scale": [0] * len(scales) if task.observer == "reference" else scales,
         "erratic_samples": [max(1, round(task.tick / period)) for period in periods],
@@ -135,6 +138,25 @@ def _axle_moment(task: Task) -> float:
         track = 2.0 * max(geometry.half_track_front, geometry.half_track_rear)
         return track * actuators.suspension.force_limit
     return actuators.bars.torque_limit if task.actuator == "bars" else 0.0
+
+
+def unwatched(vehicle: Vehicle) -> str:
+    """Return why the moments on the body cannot be watched in fixed point; "" if they can.
+
+    The largest is the momentum over the low-pass of a body that swings, at its natural frequency,
+    by the steady roll at the largest lateral acceleration that is judged.
+    """
+    roll = vehicle.design
+    swing = roll.natural_frequency * roll.roll_arm * RESPONSE_LINEAR / roll.effective_stiffness
+    largest = max(roll.roll_arm * RESPONSE_LINEAR, roll.roll_inertia * swing / RESPONSE_LOW_PASS)
+    limit = fw.STATE_MAX * 2.0**-fw.Q_MOMENT
+    if largest <= limit:
+        return ""
+    return (
+        f"the moments of a body with design.roll_inertia {roll.roll_inertia:g} kg·m² reach "
+        f"{1e-3 * largest:.0f} kN·m in the balance, above the {1e-3 * limit:.1f} kN·m of its "
+        "fixed-point format"
+    )
 
 
 def response_fields(task: Task) -> dict[str, int | list[int]]:

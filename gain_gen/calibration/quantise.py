@@ -8,7 +8,7 @@ import numpy as np
 import dbc
 from canroll.errors import CanrollError
 from firmware import calibration as fw
-from firmware.state import RX_SUSPENSION_RATE
+from firmware.state import RX_ACTUATOR_STATE, RX_SUSPENSION_RATE
 from gain_gen.calibration.monitor_part import clock_fields, erratic_fields, response_fields
 from gain_gen.calibration.observer_part import covariance_fields, observer_fields
 from gain_gen.calibration.rows import Q_MEASURED, Q_STATE, Row, quantise_row
@@ -26,6 +26,8 @@ OBSERVER_NUMBER = {
     "one_sensor": fw.CONSTANT_GAIN,
     "steering": fw.CONSTANT_GAIN,
     "propagated": fw.PROPAGATED_COVARIANCE,
+    "acceleration": fw.CONSTANT_GAIN,
+    "acceleration_propagated": fw.PROPAGATED_COVARIANCE,
     "reference": fw.BYPASS,
 }
 ACTUATOR_NUMBER = {
@@ -53,6 +55,8 @@ class Options:
         offset_learning: learn sensor offsets in straight running.
         response_watch: judge reported moments by the body's roll, which needs SuspensionRate.
         sample_period: time in which the inertial unit counts one sample, 0: it is not judged, s.
+        moment_reported: the actuators report the delivered moment; otherwise the commanded one
+            counts as delivered.
     """
 
     event_trigger: bool = True
@@ -61,6 +65,7 @@ class Options:
     offset_learning: bool = False
     response_watch: bool = False
     sample_period: float = 0.0
+    moment_reported: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +117,10 @@ def quantise_design(design: Design, options: Options) -> Quantised:
             fields |= response_fields(task)
         except CanrollError as error:
             raise CanrollError(f"{error}: design with --no-watch-response") from error
-        fields["timeout_ticks"] = timeouts(task, RX_SUSPENSION_RATE)
+    waits = timeouts(task, *((RX_SUSPENSION_RATE,) if options.response_watch else ()))
+    if not options.moment_reported:
+        waits[RX_ACTUATOR_STATE] = 0
+    fields["timeout_ticks"] = waits
     return Quantised(
         fields,
         {name: row.formats for name, row in rows.items()},

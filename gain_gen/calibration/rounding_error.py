@@ -13,6 +13,7 @@ from firmware.calibration import (
     STATE_MAX,
     Calibration,
 )
+from firmware.com.signals import RX_SIGNALS
 from firmware.control_law import control
 from firmware.ecu import init
 from firmware.observer import look_ahead, observe
@@ -149,8 +150,8 @@ def integer_loop(record: Calibration) -> Callable[[Matrix], float]:
     ecu.authority = FULL_AUTHORITY
     ecu.feedforward = FULL_AUTHORITY
     ecu.gain_factor = UNIT_GAIN
-    ecu.fresh[RX_IMU] = 1
-    ecu.fresh[RX_ROLL_REFERENCE] = 1
+    ecu.fresh[RX_IMU] = RX_SIGNALS[RX_IMU]
+    ecu.fresh[RX_ROLL_REFERENCE] = RX_SIGNALS[RX_ROLL_REFERENCE]
 
     def advance(y: Matrix) -> float:
         ecu.roll_rate = round(float(y[0]) * 2**Q_RATE)

@@ -1,6 +1,6 @@
 """Calibration fields from the vehicle: limits, split, schedule, supervision."""
 
-from math import ceil, exp, floor
+from math import ceil, exp, floor, log2
 
 import numpy as np
 
@@ -39,6 +39,8 @@ OUTWARD_LATERAL = 2.0
 OUTWARD_TIME = 0.1
 OUTWARD_FALL = 0.16
 """Safety envelope: share of the moment limit, m/s², s, and time constant of the low-pass, s."""
+IDENTIFICATION_UNIT = 100.0
+"""Least unit of the identification's equation, N·m·s."""
 LINEAR_SHARE = 0.7
 """Lateral acceleration over friction × g up to which the tyres follow the steering, about.
 
@@ -159,13 +161,23 @@ def _supervision(task: Task) -> dict[str, Value]:
     }
 
 
+def _identification_unit(inertia: float) -> float:
+    """Return the unit of the least squares, N·m·s: 100, doubled until the inertia fits its field.
+
+    All four coefficients of the equation are divided by it, so that its ratios do not depend on it.
+    """
+    field = fw.COEFFICIENT / 2**30
+    ratio = inertia / IDENTIFICATION_UNIT * 2.0 ** (20 - fw.Q_RATE) / field
+    return IDENTIFICATION_UNIT * 2.0 ** max(0, ceil(log2(ratio)))
+
+
 def _identification(task: Task) -> dict[str, Value]:
     """Least squares of stiffness and damping: Yim 2020, section III.D, integral form."""
     roll = task.vehicle.design
     step_ticks = max(1, min(20, round(0.01 / task.tick)))
     step = step_ticks * task.tick
     stiffness = roll.effective_stiffness
-    unit = 100.0
+    unit = _identification_unit(roll.roll_inertia)
     forgetting = 0.998 ** (step / 0.01)
 
     def q30(value: float, name: str) -> int:

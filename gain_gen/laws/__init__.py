@@ -8,7 +8,12 @@ from canroll.registry import Registry
 if TYPE_CHECKING:
     from gain_gen.models.task import Solution, Task
 
-OBSERVERS = ("two_sensors", "one_sensor", "steering", "propagated", "reference")
+OBSERVERS = (
+    *("two_sensors", "one_sensor", "steering", "propagated"),
+    *("acceleration", "acceleration_propagated", "reference"),
+)
+WITHOUT_ROLL_RATE = ("acceleration", "acceleration_propagated")
+"""Observers for a car whose bus carries no roll rate."""
 
 LAWS: "Registry[Callable[[Task], Solution]]" = Registry(
     "law",

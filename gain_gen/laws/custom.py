@@ -19,14 +19,19 @@ import sys, numpy, scipy.io
 found = scipy.io.loadmat(sys.argv[1])
 numpy.savez(sys.stdout.buffer, **{k: v for k, v in found.items() if not k.startswith("__")})
 """
-NAMES = ("K", "Kff", "A", "B", "C", "D", "E")
+FEEDBACK = ("K", "Kff")
+COMPENSATOR = ("A", "B", "C", "D", "E")
+NAMES = (*FEEDBACK, *COMPENSATOR)
+UNSTABLE = 1.0 + 1e-9
+"""Magnitude of an eigenvalue above which a compensator's states grow by themselves."""
 
 
 def read_matrices(path: Path) -> dict[str, Matrix]:
     """Return the matrices of a .npz, .mat or .toml file by name.
 
     Raises:
-        CanrollError: unreadable, another suffix, an unknown name, not numeric.
+        CanrollError: unreadable, another suffix, an unknown name, not finite numbers, matrices of
+            a state feedback and of a compensator.
     """
     if path.is_dir():
         raise CanrollError(f"cannot read matrices {path}: it is a directory")
@@ -50,6 +55,17 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
         raise CanrollError(
             f"{path}: unknown matrix '{unknown[0]}', expected one of {', '.join(NAMES)}"
         )
+    for name, matrix in matrices.items():
+        if not np.isfinite(matrix).all():
+            raise CanrollError(f"{path}: {name} has a number that is not finite")
+    kinds = [
+        next((name for name in kind if name in matrices), "") for kind in (FEEDBACK, COMPENSATOR)
+    ]
+    if all(kinds):
+        raise CanrollError(
+            f"{path}: {kinds[0]} is of a state feedback, {kinds[1]} of a compensator: give "
+            f"{', '.join(FEEDBACK)} or {', '.join(COMPENSATOR)}"
+        )
     return matrices
 
 
@@ -68,14 +84,14 @@ def _read_mat(path: Path) -> dict[str, np.ndarray[Any, Any]]:
 
 
 def design_custom(task: Task) -> Solution:
-    """u = −K [φ, φ'] or −K on all five observer states, or a discrete compensator at the tick.
+    """Your gains: u = −K [φ, φ'], −K on all five observer states, or a discrete compensator.
 
     K is (1, 2) or (1, 5), Kff a number of u −= Kff a_y. A compensator takes
     [roll, roll rate, a_y, a_y from steering] in SI units: A (n, n), B (n, 4), C (1 or 2, n),
     D (1 or 2, 4), E (n, outputs) from the saturated output.
     """
     if not task.matrices:
-        raise CanrollError("--law custom needs --matrices FILE")
+        raise CanrollError("--law custom needs its gains: add --matrices FILE")
     path = Path(task.matrices)
     matrices = read_matrices(path)
     if "K" in matrices:
@@ -90,14 +106,16 @@ def design_custom(task: Task) -> Solution:
             feedforward=feedforward_row(task, feedforward),
             actuator_rate=actuator_rate(task),
         )
-        return Solution(controller, delay_aware=True)
+        return Solution(controller, delay_aware=True, given=matrices)
     missing = [name for name in "ABCD" if name not in matrices]
     if missing:
         raise CanrollError(f"{path}: give K, or A, B, C and D; {missing[0]} is missing")
     a, b, c, d = (matrices[name] for name in "ABCD")
     e = matrices.get("E", np.zeros((len(a), len(c))))
     try:
-        compensator = scaled_states(checked(Compensator(a=a, b=b, e=e, c=c, d=d)), task.tick)
+        given = checked(Compensator(a=a, b=b, e=e, c=c, d=d))
+        _refuse_unstable(given)
+        compensator = scaled_states(given, task.tick)
     except CanrollError as error:
         raise CanrollError(f"{path}: {error}") from error
     controller = Controller(
@@ -108,4 +126,14 @@ def design_custom(task: Task) -> Solution:
         compensator=compensator,
         actuator_rate=actuator_rate(task),
     )
-    return Solution(controller, delay_aware=True)
+    return Solution(controller, delay_aware=True, given=matrices)
+
+
+def _refuse_unstable(compensator: Compensator) -> None:
+    """Refuse states that grow by themselves while the output is not saturated."""
+    poles = np.linalg.eigvals(compensator.a + compensator.e @ compensator.c)
+    worst = poles[np.argmax(np.abs(poles))]
+    if abs(worst) > UNSTABLE:
+        of = "A + E C" if np.any(compensator.e) else "A"
+        value = f"{worst:.4g}" if worst.imag else f"{worst.real:.4g}"
+        raise CanrollError(f"{of} has an eigenvalue outside the unit circle: {value}")

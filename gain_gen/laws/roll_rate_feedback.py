@@ -128,7 +128,7 @@ def normalised_plant(plant: NormalisedPlant) -> LinearPlant:
 
 
 def design_hinf_nodelay(task: Task) -> Solution:
-    """The delay-unaware baseline of Redondo 2021, (52), made finite by a bound on its poles."""
+    """Roll-rate feedback without regard to the delay (Redondo 2021, (52)), its poles bounded."""
     model = task.vehicle.design
     plant = normalise(model)
     fastest = FASTEST_POLE
@@ -186,7 +186,7 @@ def design_hinf_nodelay(task: Task) -> Solution:
 
 
 def design_rate_feedforward(task: Task) -> Solution:
-    """u = K φ' − β m h a_y on the observer's filtered values: simple and strong.
+    """u = K φ' − β m h a_y on the observer's filtered values, K optimal for the delay.
 
     K is the exact optimum for the delay with half a hold and the actuator's lag added: no
     inequality, no solver.

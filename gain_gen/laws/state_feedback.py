@@ -5,6 +5,7 @@ from math import exp, pi, sqrt
 
 import numpy as np
 
+from gain_gen.laws import WITHOUT_ROLL_RATE
 from gain_gen.laws.state_gains import (
     disturbance_feedforward,
     lqr,
@@ -47,7 +48,11 @@ def observer_of(task: Task) -> Observer:
     """Return the constant-gain observer named by the task."""
     lateral = STEERED if task.observer == "steering" else task.lateral
     model = observer_model(task.vehicle.design, task.tick, lateral=lateral, noise=task.noise)
-    measurements = (0,) if task.observer == "one_sensor" else (0, 1)
+    measurements: tuple[int, ...] = (0, 1)
+    if task.observer == "one_sensor":
+        measurements = (0,)
+    elif task.observer in WITHOUT_ROLL_RATE:
+        measurements = (1,)
     observer = kalman(model, measurements=measurements)
     return replace(observer, bypass=task.observer == "reference")
 

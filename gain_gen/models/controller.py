@@ -74,6 +74,15 @@ class Controller:
         return self.output_gain is None or bool(self.output_gain[Y_ROLL])
 
     @property
+    def reads_roll_rate(self) -> bool:
+        """Whether the law reads the roll rate as measured, not as estimated."""
+        if self.compensator is not None:
+            return bool(
+                np.any(self.compensator.b[:, S_RATE]) or np.any(self.compensator.d[:, S_RATE])
+            )
+        return self.output_gain is not None and bool(self.output_gain[Y_RATE])
+
+    @property
     def commands_axles(self) -> bool:
         """Whether there is a command for each axle instead of one moment."""
         return self.compensator is not None and len(self.compensator.c) > 1

@@ -84,7 +84,8 @@ class Observer:
         model: its model.
         measurements: indices of the measurements in use, in order of correction.
         correction: gain of each measurement, (2, 5); zero rows where it is not used.
-        correction_single: gain of the roll rate when the lateral acceleration is lost, (5,).
+        correction_single: gain of the roll rate when the lateral acceleration is lost, (5,);
+            zero where the roll rate is not measured.
         warnings: limitations to report to the user.
         bypass: the true state is received instead.
     """
@@ -195,7 +196,25 @@ def kalman(model: ObserverModel, *, measurements: tuple[int, ...] = (0, 1)) -> O
 
     When the lateral acceleration is lost, the filter uses the roll rate alone and freezes the bias
     state, which could not be distinguished from a slow roll.
+
+    The lateral acceleration alone, y = g φ + a_y, observes roll and a_y by the rank test of Hautus
+    (1969). A mode of the roll, I s² + C s + T = 0 with T = K − m g h, has a_y = 0 and is seen as
+    y = g φ. A mode of a_y drags the roll along, φ = m h a_y / (I s² + C s + T), and is seen as
+    y = a_y (I s² + C s + K) / (I s² + C s + T); K > 0 keeps the roots of the numerator in the left
+    half-plane, so that a mode hidden there would decay, and a random walk (s = 0) is seen as
+    a_y K / T. Hence the pair is detectable for every model of a_y. A known input changes no such
+    pair: the lateral acceleration by steering is not needed. The gyro bias is in no measurement
+    and does not decay; it is left out of the Riccati equation, so that the equation has its
+    stabilising solution (Anderson and Moore 1979, 4.4), and the state stays zero.
+
+    Args:
+        model: its model.
+        measurements: rows of the model's output: roll rate (0), lateral acceleration (1).
     """
+    if 0 not in measurements:
+        model = without_bias(model)
+        gains = sequential_gains(steady_covariance(model, measurements), model, measurements)
+        return Observer(model, measurements, gains, np.zeros(5))
     gains = sequential_gains(steady_covariance(model, measurements), model, measurements)
     single = _single_gain(model)
     warnings: tuple[str, ...] = ()
@@ -208,19 +227,25 @@ def kalman(model: ObserverModel, *, measurements: tuple[int, ...] = (0, 1)) -> O
     return Observer(model, measurements, gains, single, warnings)
 
 
+def without_bias(model: ObserverModel) -> ObserverModel:
+    """Return the model with a gyro bias that is always zero."""
+    phi, process = model.phi.copy(), model.process_noise.copy()
+    phi[BIAS] = 0.0
+    process[BIAS] = process[:, BIAS] = 0.0
+    return replace(model, phi=phi, process_noise=process)
+
+
 def _single_gain(model: ObserverModel) -> Matrix:
     """Gain on the roll rate alone, the bias frozen.
 
     With a_y as a random walk the pair is not detectable: the covariance grows without bound along
     the unobservable direction and only the gain converges, so it is iterated, not solved.
     """
-    phi = model.phi.copy()
-    phi[BIAS] = 0.0
-    process = model.process_noise.copy()
-    process[BIAS] = process[:, BIAS] = 0.0
+    model = without_bias(model)
+    phi, process = model.phi, model.process_noise
     h = np.array([0.0, 1.0, 0.0, 0.0, 0.0])
-    if model.phi[JERK, JERK] > 0.0:
-        frozen = replace(model, phi=phi, process_noise=process, output=np.stack([h, h]))
+    if phi[JERK, JERK] > 0.0:
+        frozen = replace(model, output=np.stack([h, h]))
         return np.asarray(
             sequential_gains(steady_covariance(frozen, (0,)), frozen, (0,))[0], dtype=float
         )

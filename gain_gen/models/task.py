@@ -7,8 +7,11 @@ from typing import NamedTuple
 
 from gain_gen.models.controller import Controller
 from gain_gen.models.observer import LateralModel, SensorNoise
+from gain_gen.models.roll import Matrix
 from vehicles import Vehicle
 
+UNITS = {"_db": " dB", "_s": " s"}
+"""Unit of a check by the end of its name."""
 EPSILON_SQUARED = 0.1
 """Relative threshold of the event trigger, squared (Viadero 2022)."""
 
@@ -30,6 +33,14 @@ def below(value: float, limit: float, where: str = "") -> Check:
 def above(value: float, limit: float, where: str = "") -> Check:
     """Return the check that ``value`` is more than ``limit``; not-a-number fails."""
     return Check(float(value), float(limit), bool(value > limit), where)
+
+
+def in_words(name: str, check: Check) -> str:
+    """Return a check in words: its value, its limit, and where the value was found."""
+    unit = next((text for suffix, text in UNITS.items() if name.endswith(suffix)), "")
+    where = f" ({check.where})" if check.where else ""
+    words = name.removesuffix("_db").removesuffix("_s").replace("_", " ")
+    return f"{words} is {check.value:.3g}{unit} against {check.limit:g}{unit}{where}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +75,7 @@ class Task:
         order: order of a reduced compensator.
         gamma_target: H∞ level to certify, or zero for the least.
         moment_share: RMS moment over the RMS of the roll moment m h a_y, or None for the law's own.
+        unverified: whether a design that fails a check is returned, marked, instead of refused.
     """
 
     vehicle: Vehicle
@@ -79,6 +91,7 @@ class Task:
     order: int = 4
     gamma_target: float = 0.0
     moment_share: float | None = None
+    unverified: bool = False
 
     @property
     def lag(self) -> float:
@@ -108,6 +121,7 @@ class Solution:
         notes: remarks for the user, one line each.
         extra: further numbers to report by name.
         verified_by_law: the law is designed on another plant than the 1-DOF one and checks itself.
+        given: the user's matrices by name, as in the file.
     """
 
     controller: Controller
@@ -122,6 +136,7 @@ class Solution:
     notes: tuple[str, ...] = ()
     extra: Mapping[str, float] = field(default_factory=dict)
     verified_by_law: bool = False
+    given: Mapping[str, Matrix] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,12 +167,17 @@ class Design:
     @property
     def is_verified(self) -> bool:
         """Whether every check holds and the gains were computed here, not taken from a paper."""
-        return self.task.gains != "as_printed" and not self.failures
+        return self.task.gains != "as_printed" and bool(self.verified) and not self.failures
 
     @property
     def failures(self) -> dict[str, Check]:
         """The checks that do not hold."""
         return {name: check for name, check in self.verified.items() if not check.ok}
+
+    @property
+    def failed(self) -> list[str]:
+        """The checks that do not hold, in words."""
+        return [in_words(name, check) for name, check in self.failures.items()]
 
     @property
     def max_delay(self) -> float:

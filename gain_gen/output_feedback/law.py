@@ -60,7 +60,7 @@ def design_lqg_delay(task: Task) -> Solution:
 
 
 def design_hinf(task: Task) -> Solution:
-    """H∞ output feedback likewise; for the gains of the paper, its state feedback.
+    """H∞ output feedback on the car with its driver and exact delay; of a paper: state feedback.
 
     Raises:
         CanrollError: the data sheet does not define such a car.

@@ -86,11 +86,11 @@ class Ear:
     def following(self, heard: Heard) -> NDArray[np.uint8]:
         """A payload like the one heard, with the next sample counter and freshness value."""
         payload = heard.payload.copy()
-        for row in range(len(self.tables.message)):
-            names = codec.signal_names(NAMES[row])
+        for row, name in enumerate(NAMES):
+            names = codec.signal_names(name)
             if self.tables.message[row, codec.LEADER] != heard.row or "SampleCounter" not in names:
                 continue
-            at = codec.signal_index(NAMES[row], "SampleCounter")
+            at = codec.signal_index(name, "SampleCounter")
             if self.tables.field[at, codec.PIECES]:
                 count = codec.extract(self.tables, at, payload) + 1
                 codec.insert(self.tables, at, payload, count % SAMPLES)
@@ -110,8 +110,8 @@ class Ear:
     def finished(self, row: int, payload: NDArray[np.uint8]) -> NDArray[np.uint8]:
         """Give a payload the next counter and the right checksum of the end-to-end protection."""
         its = self.tables
-        count = e2e.counter_of(its.protection[row], payload) + 1
-        e2e.protect(its.protection[row], its.identity[row], its.crc[row], count, payload)
+        count = e2e.counter_of(its.protection[row], its.terms[row], payload) + 1
+        e2e.protect(its.protection[row], its.terms[row], its.crc[row], count, payload)
         return payload
 
     def forged(self, row: int, payload: NDArray[np.uint8], delay_ns: int = 0) -> Forged:

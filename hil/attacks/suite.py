@@ -93,7 +93,7 @@ class Gate:
             self._receivers[row],
             e2e.Supervision(),
             tables.protection[row],
-            tables.identity[row],
+            tables.terms[row],
             tables.crc[row],
             np.resize(np.frombuffer(bytes(payload), np.uint8), codec.MAX_PAYLOAD),
         )

@@ -242,7 +242,11 @@ def _choices(table: Mapping[str, Any], where: str) -> dict[str, Any]:
             raise UnknownNameError(f"key of {where}", name, known)
         choice = CHOICES[name]
         kinds, word = _KINDS[choice.kind]
-        if not isinstance(value, kinds) or (choice.kind is not bool and isinstance(value, bool)):
+        if choice.repeated and isinstance(value, list):
+            for item in value:
+                if not isinstance(item, str):
+                    raise CanrollError(f"{where} {name}: {item!r} is not {word}")
+        elif not isinstance(value, kinds) or (choice.kind is not bool and isinstance(value, bool)):
             raise CanrollError(f"{where} {name}: {value!r} is not {word}")
         if choice.kind is float and not is_number(value):
             raise CanrollError(f"{where} {name}: {value!r} must be finite")

@@ -10,7 +10,7 @@ from hil.campaign.plan import SIDES, Columns
 from hil.campaign.quantities import FAULTS
 from hil.campaign.sensitivity import influences, predictions
 from hil.campaign.study import Campaign, probabilities
-from hil.campaign.summary import QUANTITIES, count_of, plain, reduction
+from hil.campaign.summary import QUANTITIES, count_of, order, plain, reduction
 from hil.report.figure import DASHED, Figure, Series
 from hil.report.page import Cell, Page, Table, Verdict, render
 from hil.report.run_page import parameters, provenance
@@ -70,7 +70,7 @@ def quantile_table(campaign: Campaign) -> Table:
 
 
 def hardest_table(campaign: Campaign, command: str) -> Table:
-    """Return the draws with the least reduction, failures first."""
+    """Return the hardest draws."""
     worst, names = campaign.summary.worst, campaign.plan.space.names
     head = ("draw", "verdict", *(f"{word} (deg)" for word in WORDS.values()), "", "drawn")
     rows: list[list[str | Cell]] = []
@@ -89,7 +89,8 @@ def hardest_table(campaign: Campaign, command: str) -> Table:
                 drawn,
             ]
         )
-    return Table("Hardest draws", head, rows, f"Drive one again as a run: {command} --only DRAW")
+    note = f"{order(campaign.summary.worst_by).capitalize()}. Drive one again as a run: "
+    return Table("Hardest draws", head, rows, f"{note}{command} --only DRAW")
 
 
 def influence_table(campaign: Campaign) -> Table | None:
@@ -159,7 +160,7 @@ def campaign_page(campaign: Campaign, command: str, data: Mapping[str, Any]) -> 
     return render(
         Page(
             title=f"{campaign.summary.draws} draws of a {settings.scenario.replace('_', ' ')}",
-            subtitle=f"{settings.vehicle.name} at {settings.speed * 3.6:.0f} km/h, "
+            subtitle=f"{settings.vehicle_name} at {settings.speed * 3.6:.0f} km/h, "
             f"{settings.law_name} with {settings.actuator}",
             verdict=Verdict(not campaign.summary.fails, headline, text),
             warnings=campaign.nominal.warnings,

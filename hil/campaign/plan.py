@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from codegen.run.memory_image import image
+from dbc.reader import each
 from hil.campaign import quantities
 from hil.campaign.quantities import FAULTS
 from hil.campaign.space import Sampling, Space
 from hil.runs.frozen import Controller
 from hil.runs.metrics import Metrics
-from hil.runs.result import LEAST_ROLL_DEG, Settings
+from hil.runs.result import Settings
+from hil.runs.standard import LEAST_ROLL_DEG
 from hil.studies.figures import figures
 from plant_sim.can_bus import load_profile
 
@@ -132,7 +134,10 @@ class Plan:
             values, settings = self.at(next(others) if tries else point, number)
             if quantities.is_vehicle(settings.vehicle):
                 return values, settings, tries
-        raise CanrollError(f"draw {number}: no valid vehicle in {TRIES} draws: reduce the spread")
+        raise CanrollError(
+            f"draw {number}: no valid vehicle in {TRIES} draws: reduce the spread (values of "
+            f"vehicle.… are factors: {{ uniform = [0.9, 1.1] }})"
+        )
 
     def at(self, point: NDArray[np.float64], seed: int) -> tuple[dict[str, Any], Settings]:
         """Return values and settings at a unit point, with the seed of noise and background."""
@@ -159,7 +164,8 @@ def _files(settings: Settings, space: Space) -> list[list[str]]:
     for bus in buses:
         profile = load_profile(bus, settings.dbc, settings.map)
         traffic = (segment.traffic for segment in profile.network.segments)
-        paths |= {path for path in (profile.dbc, profile.map_file, *traffic) if path is not None}
+        frames = () if profile.dbc is None else each(profile.dbc)
+        paths |= {path for path in (*frames, profile.map_file, *traffic) if path is not None}
     return sorted([path.name, _hash(path.read_bytes())] for path in paths if path.is_file())
 
 
@@ -206,12 +212,12 @@ def driven(controller: Controller, settings: list[Settings]) -> Columns:
 
 
 def verdicts(columns: Mapping[str, NDArray[Any]], faulted: NDArray[np.bool_]) -> NDArray[Any]:
-    """Return the verdict of each row; the rules are those of a run (``Result.helps``)."""
+    """Return the verdict of each row; the rules are those of a run (``Outcome.helps``)."""
     before, after = (columns[f"{side}_roll_max_deg"] for side in SIDES)
     over, under = columns["controlled_rollover"], columns["passive_rollover"]
     cycle = columns["cycle_nm"] > 0.0
     less = (after < before) & (columns["controlled_roll_rms_deg"] < columns["passive_roll_rms_deg"])
-    helps = ~over & ~cycle & (before >= LEAST_ROLL_DEG) & less
+    helps = ~over & ~cycle & (before >= LEAST_ROLL_DEG) & (under | less)
     harmless = faulted & (after <= HARMLESS * before)
     return np.select(
         [helps, over & ~under, cycle, harmless],

@@ -1,18 +1,24 @@
 """A campaign: drive the chunks of a plan that are not there yet, and sum up the table."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from canroll.arguments import checked
 from canroll.errors import CanrollError
+from canroll.table import Table
+from hil.campaign import campaign_file
 from hil.campaign.engine import LOCAL, engine, results
 from hil.campaign.plan import HELPS, Columns, Plan, drive_chunk
 from hil.campaign.space import RANDOM
-from hil.campaign.store import Store, chunk_name, table_of
-from hil.campaign.summary import Summary, count_of, plain, reduction
+from hil.campaign.store import Store, chunk_name, opened, table_of
+from hil.campaign.summary import REDUCTION, Summary, count_of, joined, plain, reduction
+from hil.runs.choices import CHOICES, check, several
+from hil.runs.conditions import fault_texts
 from hil.runs.experiment import simulate
 from hil.runs.result import Result
+from hil.studies.variation import spread_from
 
 Watch = Callable[[Summary, int], None]
 """Called after each chunk with the summary so far, and how many draws were there already."""
@@ -39,14 +45,28 @@ class Campaign:
         nominal: the run of the nominal settings.
         summary: what is kept of the draws.
         until: the rule by which it stopped, or None.
-        table: path of the whole table, or None.
+        file: path of the whole table, or None.
+        draws: the whole table, if it was kept in memory.
     """
 
     plan: Plan
     nominal: Result
     summary: Summary
     until: Until | None = None
-    table: Path | None = None
+    file: Path | None = None
+    draws: Columns | None = None
+
+    @property
+    def table(self) -> Table:
+        """One row for each draw: what was drawn, the metrics of both runs, the verdict.
+
+        Raises:
+            CanrollError: it was not kept in memory; it is in :attr:`file`.
+        """
+        if self.draws is None:
+            raise CanrollError(f"the table of this campaign is in {self.file}")
+        draws = self.draws
+        return Table([plain(draws, row) for row in range(count_of(draws))])
 
     @property
     def verdict(self) -> str:
@@ -66,7 +86,7 @@ class Campaign:
         plan, found = self.plan, self.summary
         return {
             "scenario": plan.settings.scenario,
-            "vehicle": plan.settings.vehicle.name,
+            **plan.settings.vehicles,
             "law": plan.settings.law,
             "runs": found.draws,
             "seed": plan.sampling.seed,
@@ -76,6 +96,7 @@ class Campaign:
             "verdict": self.verdict,
             "failed": [int(draw) for draw in found.failed.get("draw", ())],
             "hardest": self.hardest["draw"],
+            "worst_by": found.worst_by,
             "probabilities": probabilities(self),
             "quantiles": found.quantiles(),
             "worst": [
@@ -112,12 +133,16 @@ class Means:
         scheduler: "local" or the address of a Dask scheduler.
         jobs: processes of the local scheduler.
         watch: called after each chunk.
+        draws: takes the rows of each chunk, in order.
+        worst_by: what the hardest draws go by, see :class:`hil.campaign.summary.Summary`.
     """
 
     store: Store | None = None
     scheduler: str = LOCAL
     jobs: int = 1
     watch: Watch | None = None
+    draws: Callable[[Columns], None] | None = None
+    worst_by: str = REDUCTION
 
     def drive(self, plan: Plan, chunks: Sequence[int]) -> Iterator[Summary]:
         """Drive chunks that the store does not have; yield the summary after each, in order.
@@ -129,14 +154,90 @@ class Means:
         tasks: Iterable[tuple[str, Callable[..., Columns], tuple[Any, ...]]] = (
             (chunk_name(chunk), drive_chunk, (plan, chunk)) for chunk in chunks
         )
-        summary, kept_draws = Summary(), 0
+        summary, kept_draws = Summary(self.worst_by), 0
         with engine(self.scheduler, self.jobs) as where:
             for _, rows, kept in results(where, self.store, tasks):
                 summary.add(rows)
+                if self.draws is not None:
+                    self.draws(rows)
                 kept_draws += count_of(rows) if kept else 0
                 if self.watch is not None:
                     self.watch(summary, kept_draws)
                 yield summary
+
+
+@checked
+def campaign(
+    what: str = "double_lane_change",
+    *,
+    runs: int | None = None,
+    seed: int | None = None,
+    spread: Mapping[str, float | str] | None = None,
+    buses: Sequence[str] | str = (),
+    jobs: int = 1,
+    folder: str | Path | None = None,
+    watch: Watch | None = None,
+    **choices: Any,  # noqa: ANN401
+) -> Campaign:
+    """Drive a controller with many vehicles, buses, noises and faults.
+
+    Args:
+        what: the manoeuvre, or a campaign file (``.toml``), which says what is drawn.
+        runs: number of draws; None: the file's, or 100.
+        seed: of the draws; None: the file's, or that of a run.
+        spread: half-widths by quantity as shares of the nominal values, such as
+            ``{"sprung_mass": 0.3}``; those left out are the usual ones.
+        buses: profiles to draw from evenly; a single one is that of every draw.
+        jobs: processes.
+        folder: keeps finished chunks; a campaign that was interrupted continues there. Needs
+            pyarrow.
+        watch: called after each chunk with the summary so far.
+        choices: keywords of :func:`canroll.run`; of ``faults``, one or none is drawn.
+
+    Raises:
+        CanrollError: an invalid name or number, or a draw that cannot be driven; the message names
+            the argument, or file and key.
+        MissingExtraError: pyarrow is not installed.
+    """
+    for name, count in (("jobs", jobs), ("runs", runs)):
+        if count is not None and count < 1:
+            raise CanrollError(f"{name}={count}: must be at least 1")
+    if seed is not None:
+        CHOICES["seed"].check(seed)
+    profiles = several(buses)
+    is_file = str(what).endswith(".toml")
+    if is_file:
+        for name, given in (
+            ("spread", spread),
+            ("buses", profiles),
+            ("faults", choices.get("faults")),
+        ):
+            if given:
+                raise CanrollError(f"{name}: write what is drawn into {what}")
+        request = campaign_file.load(Path(what), choices, runs=runs, seed=seed)
+    else:
+        check(choices)
+        faults = fault_texts(choices)
+        fixed = {k: v for k, v in choices.items() if k not in ("faults", "fault_file")}
+        request = campaign_file.of_options(
+            what,
+            fixed | ({"bus": profiles[0]} if profiles else {}),
+            runs=100 if runs is None else runs,
+            seed=CHOICES["seed"].default if seed is None else seed,
+            spread=spread_from(spread or {}),
+            buses=profiles,
+            faults=faults,
+        )
+    plan = request.plan()
+    store = None
+    if folder is not None:
+        store = opened(Path(folder), plan.digest, plan.description, resume=True)
+    chunks: list[Columns] = []
+    found = run(plan, Means(store, jobs=jobs, watch=watch, draws=chunks.append))
+    draws = chunks[0]
+    for more in chunks[1:]:
+        draws = joined(draws, more)
+    return replace(found, draws=draws)
 
 
 def run(plan: Plan, means: Means, *, until: Until | None = None) -> Campaign:
@@ -157,7 +258,7 @@ def run(plan: Plan, means: Means, *, until: Until | None = None) -> Campaign:
             f"--until needs independent draws, not sampling = {plan.sampling.method!r}"
         )
     nominal = simulate(plan.settings, plan.controller)
-    used, summary = 0, Summary()
+    used, summary = 0, Summary(means.worst_by)
     for used, summary in enumerate(means.drive(plan, range(plan.chunks)), 1):  # noqa: B007
         if until is not None and until.reached(summary):
             break

@@ -15,6 +15,7 @@ QUANTITIES = ("roll_max_deg", "roll_rms_deg", "nlt_front_max", "moment_rms_nm", 
 QUANTILES = (5, 50, 95)
 SAMPLE = 10_000
 """Draws, the first ones, that sensitivities are estimated from."""
+REDUCTION = "reduction"
 WORST = 50
 """Hardest draws that are kept whole."""
 FAILED = 1000
@@ -67,11 +68,13 @@ class Summary:
         draws: how many.
         verdicts: counts by verdict.
         events: counts by event.
-        worst: rows of the hardest draws: failures first, then by increasing reduction.
+        worst_by: what the hardest draws go by: :data:`REDUCTION` or a metric with control.
+        worst: rows of the hardest draws, see :func:`hardest`.
         sample: rows of the first draws.
         failed: rows of the first draws that fail.
     """
 
+    worst_by: str = REDUCTION
     draws: int = 0
     verdicts: dict[str, int] = field(default_factory=lambda: dict.fromkeys(VERDICTS, 0))
     events: dict[str, int] = field(default_factory=lambda: dict.fromkeys(EVENTS, 0))
@@ -97,7 +100,7 @@ class Summary:
         fails = EVENTS["fails"].occurs(rows)
         if fails.any() and count_of(self.failed) < FAILED:
             self.failed = first(joined(self.failed, taken(rows, np.flatnonzero(fails))), FAILED)
-        self.worst = hardest(joined(self.worst, rows))
+        self.worst = hardest(joined(self.worst, rows), self.worst_by)
 
     @property
     def fails(self) -> int:
@@ -149,10 +152,17 @@ def reduction(rows: Columns) -> NDArray[np.float64]:
     return 1.0 - np.divide(after, before, out=np.ones_like(after), where=before > 0.0)
 
 
-def hardest(rows: Columns) -> Columns:
-    """Return the hardest rows: failures first, then by increasing reduction."""
+def hardest(rows: Columns, by: str) -> Columns:
+    """Return the hardest rows: failures first, then by least reduction or largest metric."""
     good = np.isin(rows["verdict"].astype(str), GOOD)
-    return taken(rows, np.lexsort((rows["draw"], reduction(rows), good))[:WORST])
+    ease = reduction(rows) if by == REDUCTION else -np.abs(rows[f"{SIDES[1]}_{by}"])
+    return taken(rows, np.lexsort((rows["draw"], ease, good))[:WORST])
+
+
+def order(by: str) -> str:
+    """Return in words how the hardest draws are ordered."""
+    what = "least reduction of the roll angle" if by == REDUCTION else f"largest {by}"
+    return f"failures first, then by {what}"
 
 
 def plain(rows: Columns, index: int) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from hil.cli.options import (
     path_named,
     scenario,
 )
+from hil.network import COMMANDS, SENSOR
 from hil.realtime.bus_link import add_bus_arguments
 from hil.runs.choices import CHOICES
 from plant_sim.can_bus.servers.shared_server import DEFAULT_PORT as SHARED_PORT
@@ -27,11 +28,6 @@ PEER_TIMEOUT = {"realtime": 0.8, "lockstep": 60.0}
 """Silence after which the other side is taken to be gone, s: in lock step it may be slow."""
 DEFAULT_PHASE_MS = 2.0
 PROPOSALS = ("priorities", "offsets")
-SENSOR = "Imu"
-"""Message with the samples whose delay ``canroll bus`` shows where the set has it."""
-COMMANDS = ("AntiRollBarCommand", "SuspensionForceCommand", "DamperCommand", "ValveCommand")
-"""Commands to which it shows the delay: the first one that is there, that of the default actuators
-before the others."""
 FREE = "free"
 DEFAULT_SERVE = "127.0.0.1:29536"
 """Address of the plant's own bus."""

@@ -5,11 +5,12 @@ import json
 import shlex
 from pathlib import Path
 
-from canroll.errors import CanrollError
+from canroll.errors import CanrollError, UnknownNameError
 from hil.campaign import campaign_file, page, store, study
 from hil.campaign.events import EVENTS
-from hil.campaign.plan import Plan
+from hil.campaign.plan import METRICS, SIDES, Plan
 from hil.campaign.splitting import Splitting
+from hil.campaign.summary import REDUCTION, order
 from hil.cli import terminal
 from hil.cli.main import parse
 from hil.cli.options import DEFAULT_SCENARIO, choices_of, folder_of, refuse_useless, scenario
@@ -62,6 +63,8 @@ def _check(args: argparse.Namespace) -> None:
         raise CanrollError(f"--only must be at least 0, got {args.only}")
     if args.until is not None and not 0 < args.until < 1:
         raise CanrollError(f"--until must be above 0 and below 1, got {args.until:g}")
+    if args.worst_by not in (REDUCTION, *METRICS):
+        raise UnknownNameError("metric of --worst-by", args.worst_by, (REDUCTION, *METRICS))
     if args.until is not None and args.shard is not None:
         raise CanrollError("--until needs all draws in their order: omit --shard")
     if args.rare is not None and (args.until is not None or args.shard is not None):
@@ -120,7 +123,7 @@ def _opened(args: argparse.Namespace, plan: Plan, folder: Path) -> store.Store:
 
 
 def _means(args: argparse.Namespace, chunks: store.Store | None, watch: study.Watch) -> study.Means:
-    return study.Means(chunks, args.scheduler, args.jobs, watch)
+    return study.Means(chunks, args.scheduler, args.jobs, watch, worst_by=args.worst_by)
 
 
 def _drive(
@@ -152,8 +155,8 @@ def _drive(
     numbers = found.to_json() | {"command": command}
     texts = {"report": (".html", lambda: page.campaign_page(found, command, numbers))}
     data = {"files": {}, **write_page(out, "campaign", texts, numbers)}
-    if found.table is not None:
-        data["files"]["table"] = str(found.table)
+    if found.file is not None:
+        data["files"]["table"] = str(found.file)
     if args.json:
         print(json.dumps(data))
         return 1 if found.summary.fails else 0
@@ -165,9 +168,10 @@ def _drive(
     if until is not None and not until.reached(found.summary):
         print(f"--until {until.width:g} is not reached by {found.summary.draws} draws")
     worst = found.hardest
+    before, after = (worst[f"{side}_roll_max_deg"] for side in SIDES)
     print(
-        f"hardest: draw {worst['draw']}, {worst['verdict']}, largest roll angle "
-        f"{worst['controlled_roll_max_deg']:.2f}° instead of {worst['passive_roll_max_deg']:.2f}°; "
+        f"hardest ({order(args.worst_by)}): draw {worst['draw']}, {worst['verdict']}, largest "
+        f"roll angle {after:.2f}° instead of {before:.2f}°; "
         f"see it with\n{command} --only {worst['draw']}"
     )
     terminal.show_files(data["files"])
@@ -204,7 +208,7 @@ def _one(args: argparse.Namespace, out: Path | None) -> int:
         raise CanrollError(f"--only {args.only}: the campaign has the draws 0 to {plan.runs - 1}")
     with terminal.progress(quiet=args.json) as progress:
         result = experiment.simulate(settings, plan.controller, progress=progress)
-    return answer(result, out, as_json=args.json)
+    return answer(result, out, args)
 
 
 def _rare(args: argparse.Namespace, plan: Plan, folder: Path | None) -> int:

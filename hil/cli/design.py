@@ -3,7 +3,7 @@
 import argparse
 import json
 from dataclasses import replace
-from math import inf, isfinite
+from math import isfinite
 
 from canroll.errors import CanrollError, reason
 from codegen.export.header import gains_header
@@ -13,8 +13,8 @@ from gain_gen.calibration.freeze import calibrate, physical_notes, summary, titl
 from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.task import Check, Delay, Design, Task
-from hil.cli import terminal
-from hil.cli.options import DEFAULT_SCENARIO, choices_of
+from hil.cli import design_view, terminal
+from hil.cli.options import DEFAULT_SCENARIO, choices_of, refuse_verbose_json
 from hil.cli.parsers import DEFAULT_DELAY_MS, OF_A_DRIVE
 from hil.runs.choices import CHOICES, chosen
 from hil.runs.choices import check as check_choices
@@ -23,12 +23,6 @@ from hil.studies import equal_effort, variation
 
 LARGEST_EFFORT = 20_000.0
 """N·m; no actuator's message carries more."""
-UNITS = {"db": "dB", "deg": "deg", "s": "s"}
-WORDS = {
-    "max_delay_sampled_s": "largest delay, sampled loop",
-    "max_delay_s": "largest delay, continuous loop",
-    "delay_margin_s": "margin over the longest delay",
-}
 
 
 def design_task(args: argparse.Namespace) -> Task:
@@ -40,7 +34,7 @@ def design_task(args: argparse.Namespace) -> Task:
     choices = choices_of(args)
     check_choices(choices)
     task = task_of(choices, delay_of(args))
-    return replace(task, matrices=args.matrices, gamma_target=args.gamma)
+    return replace(task, gamma_target=args.gamma)
 
 
 def delay_of(args: argparse.Namespace) -> Delay | None:
@@ -63,6 +57,9 @@ def delay_of(args: argparse.Namespace) -> Delay | None:
 
 def run(args: argparse.Namespace) -> int:
     """Design, write and report; 1 for an as-printed law that fails a check, else 0."""
+    refuse_verbose_json(args)
+    if args.compare and args.verbose:
+        raise CanrollError("--verbose: --compare prints one line for each law; omit it")
     if args.runs is not None and not args.compare:
         raise CanrollError("--runs belongs to --compare: give both")
     if args.runs is None:
@@ -83,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     record, tables = calibrate(answer, options)
     checks = {name: Check(**found) for name, found in tables["verification"].items()}
     of_bus = profile_of(choices).warnings
-    answer = replace(answer, verified=checks, warnings=(*of_bus, *answer.warnings))
+    answer = replace(answer, verified=checks, warnings=(*of_bus, *tables["design"]["warnings"]))
     files = [args.out / "calibration.toml", args.out / "canroll_gains.h"]
     calibration_file.save(files[0], record, own_stage.added(tables, stage))
     header = gains_header(record, title=title(answer), physical=physical_notes(record))
@@ -94,46 +91,21 @@ def run(args: argparse.Namespace) -> int:
     if args.json:
         print(json.dumps(summary(answer) | {"files": [str(path) for path in files]}))
     else:
-        print("\n".join(report(answer)))
+        show(answer)
+        if args.verbose:
+            print()
+            terminal.show_table(design_view.others(answer))
         print(f"written: {', '.join(str(path) for path in files)}")
     return 1 if answer.failures else 0
 
 
-def report(answer: Design) -> list[str]:
-    """Return the design as lines for a terminal."""
-    task = answer.task
-    lines = [
-        f"{answer.law} for {task.vehicle.name}, {task.actuator}, tick {1e3 * task.tick:g} ms, "
-        f"delay {1e3 * task.delay.nominal:g} ms"
-    ]
-    gains = summary(answer)["gain"]
-    for row in gains:
-        lines.append(f"  gain    {'  '.join(f'{value:.6g}' for value in row)}")
-    for name, value in answer.margins.items():
-        lines.append(f"  {_words(name):<34} {_with_unit(name, value)}")
-    for name, value in answer.solution.extra.items():
-        lines.append(f"  {name:<34} {value:.6g}")
-    lines.append("checks")
-    for name, check in answer.verified.items():
-        verdict = "ok" if check.ok else "FAILS"
-        found, limit = _with_unit(name, check.value), _with_unit(name, check.limit)
-        where = f" ({check.where})" if check.where else ""
-        lines.append(f"  {_words(name):<34} {found} against {limit}  {verdict}{where}")
+def show(answer: Design) -> None:
+    """Print gains, checks and warnings of a design."""
+    print("\n".join((*design_view.head(answer), "")))
+    terminal.show_table(design_view.checks(answer))
     if not answer.is_verified:
-        lines.append("NOT VERIFIED: written for comparison only")
-    lines += [f"warning: {text}" for text in answer.warnings]
-    return lines
-
-
-def _words(name: str) -> str:
-    return WORDS.get(name, name)
-
-
-def _with_unit(name: str, value: float) -> str:
-    """Return the value with the unit at the end of its name; "any" if infinite."""
-    if value == inf:
-        return "any"
-    return f"{value:.4g} {UNITS.get(name.rpartition('_')[2], '')}".rstrip()
+        print("NOT VERIFIED: written for comparison only")
+    terminal.show_warnings(answer.warnings)
 
 
 def compare(args: argparse.Namespace) -> int:

@@ -11,6 +11,7 @@ from codegen.run.backends import Backend, default_backend, open_backend
 from codegen.run.bus_firmware import BusFirmware, with_services
 from codegen.run.secured import SecuredEcu
 from codegen.run.served import open_ecu
+from dbc.reader import paths_of
 from firmware.event_trigger import command_slot
 from firmware.state import RX_IMU
 from gain_gen.calibration.calibration_file import LoadedCalibration
@@ -26,6 +27,7 @@ from hil.realtime.plant_loop import sent_by, sent_to
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder
 from hil.runs import phase
+from hil.runs.choices import several
 from hil.runs.frozen import firmware_of, profile_of, refuse_useless_key, secret_of, stage_of
 from hil.studies import recorded_drive
 from hil.studies.recorded_drive_page import drive_page, reception_table
@@ -302,7 +304,7 @@ def replay_drive(
     channel = getattr(args, "channel", None)
     if channel is not None and log.channel is not None:
         raise CanrollError(f"{args.replay} names a channel: omit --channel")
-    database = dbc.load() if args.dbc is None else dbc.read(Path(args.dbc))[0]
+    database = dbc.load() if args.dbc is None else dbc.read(paths_of(args.dbc))[0]
     box = firmware.bus.transmitted[command_slot(loaded.record)]
     command = database.get_message_by_name(box.name)
     if args.dbc is not None:
@@ -323,7 +325,7 @@ def replay_drive(
     parameters = [
         ("log", str(args.replay)),
         ("calibration", f"{args.calibration} (id {loaded.record.id})"),
-        ("bus", args.dbc or "canroll's own frames"),
+        ("bus", ", ".join(several(args.dbc or "canroll's own frames"))),
         ("firmware run by", backend),
     ]
     texts = {"report": (".html", lambda: drive_page(drive, args.replay.name, parameters))}

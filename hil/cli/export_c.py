@@ -14,9 +14,10 @@ from codegen.export import a2l, bundle
 from codegen.export.header import gains_header
 from codegen.generated import signals
 from codegen.generated.bus_map import load as load_map
-from codegen.run import ecu_traffic, memory_image
+from codegen.run import LASTING, ecu_traffic, memory_image
 from codegen.run.backends import Recorder, open_backend
 from codegen.run.ecu_traffic import Traffic
+from dbc.reader import paths_of
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
 from gain_gen.calibration.record import identify
@@ -39,11 +40,7 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
     )
     parser.add_argument("folder", type=Path, help="folder of the bundle")
     add_choices(parser, OF_AN_EXPORT)
-    parser.add_argument(
-        "--unverified", action="store_true", help="export even if a check of the design fails"
-    )
-    parser.add_argument("--dbc", type=Path, help="DBC of your bus; requires --map")
-    parser.add_argument("--map", type=Path, help="TOML file that maps signals to fields")
+    add_choices(parser, ("dbc", "map"))
     parser.add_argument(
         "--elf",
         type=Path,
@@ -57,11 +54,22 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         help="also write the calibration for this address, as Intel HEX and S-record",
     )
     parser.add_argument(
+        "--byte-order",
+        choices=tuple(a2l.BYTE_ORDERS),
+        help="of the target's memory, for canroll.a2l and --address (default: little; an image "
+        "says its own); the C code suits both",
+    )
+    parser.add_argument(
         "--specialise",
         action="store_true",
         help="code for this calibration alone: smaller, faster, nothing to tune",
     )
     add_services(parser)
+    parser.add_argument(
+        "--nvm",
+        action="store_true",
+        help="with functions that save faults and learnt offsets over a loss of power",
+    )
     parser.set_defaults(run=run)
 
 
@@ -74,9 +82,11 @@ def run(args: argparse.Namespace) -> int:
     """Write the bundle, or only its A2L if an image is given."""
     if args.elf is not None and args.address is not None:
         raise CanrollError("--elf gives the address: omit --address")
+    if args.elf is not None and args.byte_order is not None:
+        raise CanrollError("--elf gives the byte order: omit --byte-order")
     if args.specialise and (args.elf is not None or args.address is not None):
         raise CanrollError("--specialise has the calibration compiled in: omit --elf and --address")
-    services = chosen_services(args)
+    services = services_of(args)
     if args.specialise and services:
         raise CanrollError(f"--specialise has the calibration compiled in: omit --{services[0]}")
     if args.address is not None:
@@ -87,8 +97,10 @@ def run(args: argparse.Namespace) -> int:
         refuse_unwritable(args.folder)
     if (args.dbc is None) != (args.map is None):
         raise CanrollError("--dbc and --map require each other")
-    for name in services if args.dbc is not None else ():
-        if getattr(load_map(args.dbc, args.map), name) is None:
+    if args.dbc is not None:
+        bundle.refuse_namesakes(paths_of(args.dbc))
+    for name in chosen_services(args) if args.dbc is not None else ():
+        if getattr(load_map(paths_of(args.dbc), Path(args.map)), name) is None:
             raise CanrollError(
                 f"--{name}: {args.map} has no table [{name}] with the identifiers: add it"
             )
@@ -103,11 +115,14 @@ def run(args: argparse.Namespace) -> int:
             f"{controller.law} for {controller.vehicle.name} is not verified: see 'canroll "
             "margins', or export it anyway with --unverified"
         )
+    show_warnings(controller.warnings)
     export = described(args, settings, controller, verified=verified)
     with writing_to(args.folder):
         written = bundle.write(args.folder, export)
         if args.address is not None:
-            written += memory_image.write_flash(args.folder, export.record, args.address)
+            written += memory_image.write_flash(
+                args.folder, export.record, args.address, export.byte_order
+            )
     print(f"{len(written)} files in {args.folder}; next: make -C {args.folder} test")
     return 0
 
@@ -142,7 +157,7 @@ def described(
         f"{1e3 * controller.tick:g} ms; {'verified' if verified else 'NOT VERIFIED'}."
     )
     if args.dbc is not None:
-        bus = load_map(args.dbc, args.map)
+        bus = load_map(paths_of(args.dbc), Path(args.map))
         show_warnings(bus.warnings)
         if record.e2e and not bus.protected:
             record.e2e = 0
@@ -165,14 +180,24 @@ def described(
         record=record,
         gains=gains_header(record, title=[title], physical=physical_notes(record)),
         title=title,
-        dbc=args.dbc or settings.profile.dbc or signals.DBC,
-        map_file=args.map or settings.profile.map_file or signals.MAP,
+        dbc=paths_of(args.dbc or settings.profile.dbc or signals.DBC),
+        map_file=Path(args.map or settings.profile.map_file or signals.MAP),
         traffic=traffic,
         origin=origin,
         stage=controller.stage,
         specialised=args.specialise,
-        services=chosen_services(args),
+        services=services_of(args),
+        byte_order=args.byte_order or "little",
+        measured=True,
     )
+
+
+def services_of(args: argparse.Namespace) -> tuple[str, ...]:
+    """Return all modules beside the loop: the services, and what saves of loop and diagnostics."""
+    services = chosen_services(args)
+    if args.nvm:
+        services += LASTING if args.uds else LASTING[:1]
+    return services
 
 
 def recorded(settings: Settings, controller: Controller) -> Traffic:
@@ -211,17 +236,21 @@ def address(folder: Path, elf: Path, calibration: str | None) -> int:
         raise CanrollError(
             f"{folder}: is specialised for one calibration: omit --calibration, or export again"
         )
-    base = a2l.addresses(elf)
+    image = a2l.image(elf)
+    base = image.addresses
     missing = sorted(set(a2l.RECORDS) - set(base))
     if missing:
         raise CanrollError(
             f"{elf}: has no symbol {' and '.join(missing)}; name the records accordingly"
         )
     with writing_to(folder):
-        path.write_text(a2l.located(path.read_text(encoding="utf-8"), base), encoding="utf-8")
+        text = a2l.located(path.read_text(encoding="utf-8"), base)
+        path.write_text(a2l.ordered(text, image.byte_order), encoding="utf-8")
         if calibration is not None:
             record = calibration_file.load(Path(calibration)).record
-            for written in memory_image.write_flash(folder, record, base["calibration"]):
+            for written in memory_image.write_flash(
+                folder, record, base["calibration"], image.byte_order
+            ):
                 print(written)
     print(f"{folder / 'canroll.a2l'}: {', '.join(f'{n} at {a:#x}' for n, a in base.items())}")
     return 0

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import can
-from rich.console import Console
 from rich.table import Table
 
 from canroll.errors import CanrollError
@@ -29,6 +28,7 @@ from hil.realtime.bus_link import has_bus, options_of, parsed_options
 from hil.realtime.check import measure
 from hil.realtime.hardware.interfaces import INTERFACES, is_shared
 from hil.realtime.timing import QUANTILES
+from hil.report.console import Console
 from hil.report.run_folder import write_files, write_text
 from hil.report.staging import check_parent, usable_folder
 from hil.runs import experiment
@@ -108,9 +108,10 @@ def run(args: argparse.Namespace) -> int:
                 **choices_of(args, OF_A_RUN),
             )
         except Interrupted as stopped:
-            if out is not None:
-                write_log(out / "bus.asc", stopped.trace.frames)
-            raise
+            if out is None:
+                raise
+            path = write_log(out / "bus.asc", stopped.trace.frames)
+            raise KeyboardInterrupt(f"{stopped}: {path} has the frames up to then") from None
         seen = result.passive if result.controlled is None else result.controlled
         if args.log is not None:
             write_log(args.log, seen.frames)
@@ -172,6 +173,8 @@ def report(answer: dict[str, Any], args: argparse.Namespace, result: Any) -> Non
         print(json.dumps(answer))
         return
     terminal.show(result)
+    terminal.show_bus(result)
+    terminal.show_files(result.files)
     show_timing(answer["timing"])
 
 

@@ -9,7 +9,7 @@ import os
 import sys
 import tempfile
 import traceback
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pkgutil import resolve_name
 from typing import Any, NoReturn
@@ -18,8 +18,10 @@ import vehicles
 from canroll.errors import EXTRAS, CanrollError, MissingExtraError, UnknownNameError, reason
 from canroll.registry import BUILT_IN, Registry
 from gain_gen.laws import LAWS
+from hil.cli import project_file
 from hil.cli.parsers import COMMANDS, handler
 from hil.runs import mdf
+from hil.runs.choices import CHOICES
 from plant_sim.bodies import BODIES
 from plant_sim.buses import BUSES
 from plant_sim.driving import MANEUVERS
@@ -42,29 +44,82 @@ OF_THE_MACHINE = (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EMFILE, errno.E
 """Errors of the system that neither the input nor canroll is to blame for."""
 
 
+RARE = frozenset(choice.name for choice in CHOICES.values() if choice.rare)
+
+
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line that refers to ``--help``."""
+    """An argument parser whose errors are one line that refers to ``--help``.
+
+    Options have one spelling, as command lines are read and written again. ``--help`` leaves out
+    the rare ones.
+    """
+
+    def __init__(self, **options: Any) -> None:  # noqa: ANN401
+        super().__init__(**{**options, "allow_abbrev": False})
+        self.add_argument("--help-all", action=_HelpAll, help="show the rare options too")
+
+    def format_help(self) -> str:
+        """Return the help without the rare options."""
+        rare = [action for action in self._actions if action.dest in RARE]
+        texts = [action.help for action in rare]
+        for action in rare:
+            action.help = argparse.SUPPRESS
+        try:
+            return super().format_help()
+        finally:
+            for action, text in zip(rare, texts, strict=True):
+                action.help = text
+
+    @property
+    def options(self) -> Collection[str]:
+        """How the options are written."""
+        return self._option_string_actions.keys()
 
     def error(self, message: str) -> NoReturn:
         """Report the error in one line on stderr and exit with 2."""
         raise UsageError(f"{message} (see '{self.prog} --help')")
 
 
+class _HelpAll(argparse.Action):
+    """Print the help with the rare options, and exit."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, help: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, default=argparse.SUPPRESS, help=help)
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        print(argparse.ArgumentParser.format_help(parser))
+        parser.exit()
+
+
 class UsageError(CanrollError):
     """The command line could not be understood."""
+
+
+TASKS: Mapping[str, tuple[str, ...]] = {
+    "simulate": ("run", "compare", "sweep", "report"),
+    "design": ("design", "margins", "prove"),
+    "assess": ("campaign", "severe", "faults", "attacks", "reproduce"),
+    "characterise a vehicle": ("limit", "understeer", "response"),
+    "network": ("bus",),
+    "hardware": ("hil", "ecu", "plant", "watch"),
+    "export": ("export-c", "export-fmu", "timing"),
+    "names": ("list", "completion"),
+}
+"""The commands by what they are for."""
 
 
 def help_text() -> str:
     """Return what ``canroll --help`` prints."""
     width = max(len(name) for name in COMMANDS)
-    lines = [f"  {name:<{width}}  {command.help}" for name, command in COMMANDS.items()]
+    lines: list[str] = []
+    for task, names in TASKS.items():
+        lines += ["", f"{task}:"]
+        lines += [f"  {name:<{width}}  {COMMANDS[name].help}" for name in names]
     return "\n".join(
         [
             "usage: canroll COMMAND [OPTIONS]",
             "",
             "From a roll-stability control law to code on an ECU with CAN.",
-            "",
-            "commands:",
             *lines,
             "",
             "'canroll COMMAND --help' shows the options; 'canroll --version' the version.",
@@ -88,7 +143,9 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
         raise UsageError(f"unknown option '{name}' (see 'canroll --help')")
     if name not in COMMANDS:
         raise UnknownNameError("command", name, COMMANDS)
-    namespace, unknown = parser_of(name).parse_known_args(arguments[1:])
+    parser = parser_of(name)
+    arguments = [name, *project_file.words(parser.options, arguments[1:]), *arguments[1:]]
+    namespace, unknown = parser.parse_known_args(arguments[1:])
     if unknown:
         told = f"see 'canroll {name} --help'"
         raise UsageError(f"'{name}' does not take {' '.join(unknown)} ({told})")
@@ -132,8 +189,11 @@ def dispatch(arguments: Sequence[str]) -> int:
 def entries(kind: str) -> list[dict[str, str]]:
     """Return name, origin and one-line description of all objects of a kind.
 
-    Nothing is imported: an extension that cannot be imported is listed as well.
+    Nothing is imported, so that an extension that cannot be imported is listed as well; only the
+    options of the manoeuvres are read from them.
     """
+    if kind == "options":
+        return list(_options())
     if kind not in REGISTRIES:
         return [
             {"name": name, "origin": BUILT_IN, "description": vehicles.load(name).title}
@@ -148,6 +208,18 @@ def entries(kind: str) -> list[dict[str, str]]:
         }
         for name in known
     ]
+
+
+def _options() -> Iterator[dict[str, str]]:
+    from plant_sim.driving import maneuvers  # noqa: PLC0415 - numpy, which only this needs
+
+    for scenario in MANEUVERS:
+        for key, default in maneuvers.options(scenario).items():
+            yield {
+                "name": f"{scenario} {key}",
+                "origin": MANEUVERS.origin(scenario).who,
+                "description": maneuvers.describe(key, default),
+            }
 
 
 def list_names(args: argparse.Namespace) -> int:
@@ -194,8 +266,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError:
         print("canroll: out of memory", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print("canroll: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as stopped:
+        print(f"canroll: {str(stopped) or 'interrupted'}", file=sys.stderr)
         return 130
     except Exception as error:
         return internal_error(error)

@@ -6,14 +6,14 @@ import sys
 from collections.abc import Iterable, Sequence
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import vehicles
 from canroll.errors import CanrollError, reason
 from gain_gen.analysis.family import FamilyMargins
 from gain_gen.analysis.margins import Margins
 from gain_gen.calibration import calibration_file
-from gain_gen.calibration.calibration_file import LoadedCalibration
+from gain_gen.design import UNVERIFIED
 from gain_gen.margin_report import MarginReport, Point, admits, margin_report, to_json
 from hil.cli import terminal
 
@@ -24,32 +24,27 @@ if TYPE_CHECKING:
 def run(args: argparse.Namespace) -> int:
     """Analyse and report; 0 if the loop has its margins on the whole family, else 1."""
     calibration = calibration_file.load(args.calibration)
-    warn_of_change(calibration)
+    note = vehicles.note_of_change(calibration.vehicle, "calibration")
+    if note:
+        print(f"note: {note}", file=sys.stderr)
     report = margin_report(calibration)
     if args.out is not None:
         picture = args.out / "margins.png"
         draw(report, picture)
     if args.json:
         stage = None if calibration.stage is None else calibration.stage.name
-        print(json.dumps(to_json(report) | {"without_stage": stage}))
+        marks: dict[str, Any] = {"without_stage": stage, "verified": calibration.verified}
+        marks["failed"] = calibration.failed
+        print(json.dumps(to_json(report) | marks))
     else:
         if calibration.stage is not None:
             terminal.show_warnings([without(calibration.stage.file)])
+        if not calibration.verified:
+            terminal.show_warnings(t for t in calibration.warnings if t.startswith(UNVERIFIED))
         print("\n".join(lines(report)))
         if args.out is not None:
             print(f"written: {picture}")
     return 0 if admits(report) else 1
-
-
-def warn_of_change(calibration: LoadedCalibration) -> None:
-    """Say on stderr where the vehicle is no longer the one of the design."""
-    vehicle = vehicles.load(calibration.vehicle)
-    if vehicle.fingerprint != calibration.vehicle_fingerprint:
-        print(
-            f"warning: vehicle {vehicle.reference} has changed since the design: the margins are "
-            "those with the vehicle of today",
-            file=sys.stderr,
-        )
 
 
 def without(stage: str) -> str:

@@ -7,12 +7,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import vehicles
 from canroll.errors import CanrollError, UnknownNameError
 from codegen.run import SERVICES
-from hil.runs.choices import CHOICES, PASSIVE, Choice
+from hil.runs.choices import CHOICES, PASSIVE, Choice, chosen, one_or_several, several
 from plant_sim.driving import MANEUVERS
 
 DEFAULT_OUT = Path("out")
+VEHICLE_SET = "--vehicle-set"
 DEFAULT_SCENARIO = "double_lane_change"
 METAVARS = {"km/h": "KMH", "ms": "MS", "s": "S"}
 PATTERNS = {"faults": "WHERE=KIND[:VALUE][@START[:END[:RAMP]]]"}
@@ -84,12 +86,21 @@ def add_choices(
         choice = CHOICES[name]
         if name in own:
             choice = replace(choice, default=own[name])
-        _add(group if name in NODES else parser, choice, several=name in several)
+        _add(group if name in NODES else parser, choice, listed=name in several)
         parser.set_defaults(**{name: own.get(name)})
+        if name == "vehicle":
+            parser.add_argument(
+                VEHICLE_SET,
+                action="append",
+                type=key_value,
+                metavar="KEY=VALUE",
+                help="another number of the vehicle, such as plant.sprung_mass=2500; may be "
+                "repeated",
+            )
 
 
 def _add(
-    parser: "argparse.ArgumentParser | argparse._ArgumentGroup", choice: Choice, *, several: bool
+    parser: "argparse.ArgumentParser | argparse._ArgumentGroup", choice: Choice, *, listed: bool
 ) -> None:
     add = partial(parser.add_argument, choice.option, dest=choice.name)
     if choice.kind is bool:
@@ -103,13 +114,27 @@ def _add(
         add(type=choice.kind, metavar=metavar, help=_help(choice))
     else:
         metavar = "FILE" if choice.kind is Path else choice.word.upper()
-        if several:
+        if listed:
             metavar += ",…"
-        add(type=partial(_read, choice, several=several), metavar=metavar, help=_help(choice))
+        add(
+            type=partial(_read, choice, listed=listed),
+            action=_Again if choice.repeated else "store",
+            metavar=metavar,
+            help=_help(choice),
+        )
 
 
-def _read(choice: Choice, text: str, *, several: bool) -> Any:  # noqa: ANN401
-    return [choice.read(part) for part in text.split(",")] if several else choice.read(text)
+class _Again(argparse.Action):
+    """Keep one value as it is, several as a tuple."""
+
+    def __call__(self, _parser: object, args: argparse.Namespace, value: Any, _: object) -> None:  # type: ignore[override]  # noqa: ANN401
+        before = getattr(args, self.dest)
+        given = (value,) if before is None else (*several(before), value)
+        setattr(args, self.dest, one_or_several(given))
+
+
+def _read(choice: Choice, text: str, *, listed: bool) -> Any:  # noqa: ANN401
+    return [choice.read(part) for part in text.split(",")] if listed else choice.read(text)
 
 
 def _help(choice: Choice) -> str:
@@ -123,19 +148,20 @@ def _shown(default: Any) -> str:  # noqa: ANN401
 
 
 def refuse_useless(args: argparse.Namespace, unused: Mapping[str, Any], why: str) -> None:
-    """Refuse options that a command would ignore.
+    """Refuse options that a command would ignore, also those given with their defaults.
 
     Args:
-        args: of the command.
+        args: of the command, with its words in ``arguments``.
         unused: their names, with the values they have where they are not given.
         why: why they have no effect.
 
     Raises:
         CanrollError: one of them is given.
     """
+    given = {word.partition("=")[0] for word in getattr(args, "arguments", ())}
     for name, default in unused.items():
-        if getattr(args, name, default) not in (default, None):
-            option = CHOICES[name].option if name in CHOICES else f"--{name.replace('_', '-')}"
+        option = CHOICES[name].option if name in CHOICES else f"--{name.replace('_', '-')}"
+        if option in given or getattr(args, name, default) not in (default, None):
             raise CanrollError(f"{option}: {why}: omit it")
 
 
@@ -162,6 +188,16 @@ def chosen_services(args: argparse.Namespace) -> tuple[str, ...]:
     return tuple(name for name in SERVICES if getattr(args, name))
 
 
+def _by_key(option: str, pairs: Sequence[tuple[str, str]]) -> dict[str, str]:
+    """Return the pairs as a dictionary; a key given twice is refused."""
+    found: dict[str, str] = {}
+    for key, value in pairs:
+        if key in found:
+            raise CanrollError(f"{option} {key}: given twice: keep {found[key]} or {value}")
+        found[key] = value
+    return found
+
+
 def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict[str, Any]:
     """Return the given values of the choices ``names``, by keyword.
 
@@ -170,12 +206,36 @@ def choices_of(args: argparse.Namespace, names: Iterable[str] = CHOICES) -> dict
     """
     given = {name: getattr(args, name, None) for name in names}
     for name in given.keys() & {"options", "conditions"}:
-        given[name] = dict(given[name] or ()) or None
+        given[name] = _by_key(CHOICES[name].option, given[name] or ()) or None
     found = {name: value for name, value in given.items() if value is not None}
+    if "vehicle" in given and getattr(args, "vehicle_set", None):
+        found["vehicle"] = _changed(found, args.vehicle_set)
     for name, value in found.items():
         if CHOICES[name].kind in (float, int) and not isinstance(value, list):
             CHOICES[name].check(value)
     return found
+
+
+def _changed(choices: Mapping[str, Any], changes: Sequence[tuple[str, str]]) -> vehicles.Vehicle:
+    """Return the chosen vehicle with the numbers of ``--vehicle-set``.
+
+    Raises:
+        CanrollError: no such key, a key given twice, no number, or a calibration is chosen.
+    """
+    if choices.get("calibration") is not None:
+        raise CanrollError(
+            f"--calibration fixes the vehicle: omit {VEHICLE_SET}, or drive another one with "
+            "--plant-vehicle"
+        )
+    numbers: dict[str, float] = {}
+    for key, text in changes:
+        if key in numbers:
+            raise CanrollError(f"{VEHICLE_SET} {key} is given twice: give it once")
+        try:
+            numbers[key] = float(text)
+        except ValueError as error:
+            raise CanrollError(f"{VEHICLE_SET} {key}={text}: {text!r} is not a number") from error
+    return vehicles.load(chosen(choices, "vehicle")).replace(numbers)
 
 
 def add_recording(parser: argparse.ArgumentParser) -> None:
@@ -191,6 +251,17 @@ def add_recording(parser: argparse.ArgumentParser) -> None:
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add the option --json."""
     parser.add_argument("--json", action="store_true", help="print one JSON object")
+
+
+def add_verbose(parser: argparse.ArgumentParser, more: str) -> None:
+    """Add --verbose, which prints ``more``."""
+    parser.add_argument("--verbose", action="store_true", help=f"print {more} too")
+
+
+def refuse_verbose_json(args: argparse.Namespace) -> None:
+    """Raise if --verbose is given with --json, which has everything."""
+    if args.verbose and args.json:
+        raise CanrollError("--verbose has no effect with --json: leave out one of them")
 
 
 def add_answer(parser: argparse.ArgumentParser, files: str) -> None:

@@ -19,11 +19,12 @@ from hil.cli.options import (
     add_json,
     add_recording,
     add_scenario,
+    add_verbose,
     key_value,
     path_named,
     scenario,
 )
-from hil.runs.choices import CHOICES
+from hil.runs.choices import CHOICES, OF_ONE_MANOEUVRE
 
 DEFAULT_SPEEDS = "60:120:20"
 DEFAULT_DELAY_MS = 20.0
@@ -35,17 +36,16 @@ EVENT_NAMES = (
 """Events of a draw, see :mod:`hil.campaign.events`."""
 RARE_EVENTS = tuple(name for name in EVENT_NAMES if name not in ("fails", "limit_cycle"))
 """Those that can be approached by levels."""
-KINDS = ("laws", "vehicles", "scenarios", "buses", "bodies")
+KINDS = ("laws", "vehicles", "scenarios", "options", "buses", "bodies")
 OF_A_DESIGN = (
     *("vehicle", "law", "stage", "actuator", "observer", "tick_ms", "trigger", "heartbeat_ms"),
-    *("gains", "moment_share", "feedforward", "identification", "offset_learning"),
+    *("gains", "matrices", "unverified", "moment_share", "feedforward", "identification"),
+    "offset_learning",
     *("response_watch", "bus"),
 )
 OF_A_DRIVE = ("plant", "speed_kmh", "options")
 """Choices of the runs in which laws are compared."""
 LOADS = ("laden", "empty")
-OF_ONE_MANOEUVRE = ("calibration", "speed_kmh", "options", "seed", "phase_ms")
-"""Choices of a run that a study over manoeuvres and vehicles has no use for."""
 PROCESSORS = tuple(name for name in BACKENDS if name.startswith("cortex"))
 
 
@@ -75,7 +75,14 @@ def run(parser: argparse.ArgumentParser) -> None:
     add_scenario(parser)
     add_choices(parser, CHOICES)
     add_recording(parser)
+    parser.add_argument(
+        "--no-trace",
+        dest="trace",
+        action="store_false",
+        help="without trace.npz, some 40 MB a minute: the run cannot be read again",
+    )
     add_answer(parser, "report, log, header")
+    add_verbose(parser, "response times, trigger and phase")
 
 
 def compare(parser: argparse.ArgumentParser) -> None:
@@ -88,7 +95,7 @@ def compare(parser: argparse.ArgumentParser) -> None:
         "runs",
         nargs="+",
         metavar="RUN",
-        help="a law, a calibration file, choices as law=lqr,bus=gateway_20ms,tick=5, or the "
+        help="a law, a calibration file, choices as law=lqr,bus=gateway_20ms,name=slow, or the "
         "folder of a saved run",
     )
     parser.add_argument(
@@ -103,8 +110,16 @@ def compare(parser: argparse.ArgumentParser) -> None:
 
 def sweep(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll sweep``."""
-    parser.description = "Drive a manoeuvre at several speeds with one or several laws."
-    add_scenario(parser, DEFAULT_SCENARIO)
+    parser.description = (
+        "Drive a manoeuvre at several speeds with one or several laws, calibrations or settings."
+    )
+    parser.add_argument(
+        "what",
+        nargs="*",
+        metavar="SCENARIO|RUN",
+        help=f"manoeuvre (default: {DEFAULT_SCENARIO}), and what to drive, as of compare: a law, "
+        "a calibration file, or choices as law=lqr,bus=gateway_20ms (default: options)",
+    )
     parser.add_argument(
         "--speed",
         dest="speeds",
@@ -131,6 +146,7 @@ def report(parser: argparse.ArgumentParser) -> None:
         help="the page (default: report.html in the folder)",
     )
     add_json(parser)
+    add_verbose(parser, "response times, trigger and phase")
 
 
 def limit(parser: argparse.ArgumentParser) -> None:
@@ -210,7 +226,6 @@ def design(parser: argparse.ArgumentParser) -> None:
         metavar="LEVEL",
         help="H-infinity level that the theorem of hinf_delay must certify (default: the smallest)",
     )
-    parser.add_argument("--matrices", default="", metavar="FILE", help="gains of --law custom")
     parser.add_argument(
         "--compare", action="store_true", help="design every law for the vehicle, write nothing"
     )
@@ -233,6 +248,7 @@ def design(parser: argparse.ArgumentParser) -> None:
     add_spread(parser)
     add_choices(parser, OF_A_DRIVE)
     add_json(parser)
+    add_verbose(parser, "the numbers without a limit")
     parser.add_argument(
         "--out", type=Path, default=Path("out"), help="folder for the files (default: %(default)s)"
     )
@@ -331,6 +347,15 @@ def reproduce(parser: argparse.ArgumentParser) -> None:
     add_answer(parser, "the page")
 
 
+def completion(parser: argparse.ArgumentParser) -> None:
+    """Options of ``canroll completion``."""
+    parser.description = (
+        "Print a script that completes commands, options and names: "
+        "source <(canroll completion bash)"
+    )
+    parser.add_argument("shell", choices=("bash", "zsh", "tcsh"))
+
+
 def listing(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll list``."""
     parser.description = (
@@ -377,6 +402,13 @@ def campaign(parser: argparse.ArgumentParser) -> None:
     add_spread(parser)
     parser.add_argument("--only", type=int, metavar="DRAW", help="report one draw as a run")
     parser.add_argument(
+        "--worst-by",
+        default="reduction",
+        metavar="METRIC",
+        help="what the hardest draws go by after failures: reduction of the roll angle, or the "
+        "largest value with control of a metric such as roll_max_deg (default: %(default)s)",
+    )
+    parser.add_argument(
         "--until",
         type=float,
         metavar="WIDTH",
@@ -422,6 +454,7 @@ def campaign(parser: argparse.ArgumentParser) -> None:
     )
     add_choices(parser, OF_A_RUN, several=("bus",))
     add_answer(parser, "page and table")
+    parser.set_defaults(verbose=False)
 
 
 def shard(text: str) -> tuple[int, int]:
@@ -521,8 +554,11 @@ COMMANDS = {
     "severe": Command(
         "severe manoeuvres over a population of vehicles", severe, "vehicle_tests:severe"
     ),
+    "completion": Command("script for the completion of a shell", completion),
     "list": Command(
-        "laws, vehicles, scenarios, buses and bodies by name", listing, handler="main:list_names"
+        "laws, vehicles, scenarios and their options, buses and bodies by name",
+        listing,
+        handler="main:list_names",
     ),
 }
 """Every subcommand by its name."""

@@ -7,7 +7,7 @@ from time import perf_counter
 
 from canroll.errors import CanrollError
 from codegen.proof import prove
-from codegen.run import SERVICES, memory_image
+from codegen.run import LASTING, SERVICES, memory_image
 from codegen.run.bus_firmware import (
     BusFirmware,
     built_in,
@@ -25,7 +25,7 @@ def run(args: argparse.Namespace) -> int:
     """Run the proof; return 1 where an obligation isn't met."""
     loaded = None if args.calibration is None else calibration_file.load(args.calibration)
     stage = stage_of({} if loaded is None else loaded.tables, choices_of(args, ("stage",)))
-    firmware = with_services(with_stage(built_in(), stage), SERVICES)
+    firmware = with_services(with_stage(built_in(), stage), SERVICES + LASTING)
     name = str(args.calibration or "every calibration accepted by the ECU")
     record = None if loaded is None else loaded.record
     return report(record, firmware, name=name, as_json=args.json)

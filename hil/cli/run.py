@@ -2,12 +2,14 @@
 
 import argparse
 import json
+from collections.abc import Collection
 from importlib.metadata import version
 from pathlib import Path
 
 import dbc
+from dbc.reader import each
 from hil.cli import terminal
-from hil.cli.options import choices_of, folder_of, refuse_of_control
+from hil.cli.options import choices_of, folder_of, refuse_of_control, refuse_verbose_json
 from hil.exchange import signal_files
 from hil.report.run_folder import write_files, write_text
 from hil.report.run_page import run_page
@@ -22,6 +24,7 @@ from hil.runs.virtual_time import Interrupted
 def run(args: argparse.Namespace) -> int:
     """Run, report and write; 1 if the verdict is that control does not help."""
     refuse_of_control(args)
+    refuse_verbose_json(args)
     out = folder_of(args)
     for path, check in ((args.log, check_suffix), (args.signals, signal_files.check_suffix)):
         if path is not None:
@@ -32,11 +35,11 @@ def run(args: argparse.Namespace) -> int:
         with terminal.progress(quiet=args.json) as progress:
             result = experiment.run(args.scenario, progress=progress, **choices_of(args))
     except Interrupted as stopped:
+        # the frames of a long run take longer to write than anyone waits who did not ask for them
+        kept = "no files are written"
         if args.log is not None:
-            write_log(args.log, stopped.trace.frames)
-        if out is not None:
-            write_log(out / "bus.asc", stopped.trace.frames)
-        raise
+            kept = f"its frames are in {write_log(args.log, stopped.trace.frames)}"
+        raise KeyboardInterrupt(f"{stopped} of the run: {kept}") from None
     seen = result.passive if result.controlled is None else result.controlled
     files = {}
     if args.log is not None:
@@ -46,7 +49,13 @@ def run(args: argparse.Namespace) -> int:
             signal_files.write_signals(args.signals, seen.signals, about(result, seen))
         )
     result = experiment.with_files(result, files)
-    return answer(result, out, as_json=args.json)
+    without = () if args.trace else ("trace",)
+    code = answer(result, out, args, without=without)
+    if without and out is not None:
+        terminal.note(
+            f"{out}: no trace: 'canroll report' and 'canroll compare' cannot read the run"
+        )
+    return code
 
 
 def about(result: Result, seen: Trace) -> signal_files.About:
@@ -55,7 +64,7 @@ def about(result: Result, seen: Trace) -> signal_files.About:
     texts = {
         "scenario": settings.scenario,
         "law": settings.law_name,
-        "vehicle": settings.vehicle.name,
+        "vehicle": settings.vehicle_name,
         "speed": f"{settings.speed * 3.6:g} km/h",
         "bus": settings.bus_name,
         "seed": str(settings.seed),
@@ -64,24 +73,34 @@ def about(result: Result, seen: Trace) -> signal_files.About:
         "canroll": version("canroll"),
         "verdict": result.verdict,
     }
-    return signal_files.About(texts, seen.frames, settings.profile.dbc or dbc.PATH)
+    return signal_files.About(texts, seen.frames, each(settings.profile.dbc or dbc.PATH))
 
 
-def answer(result: Result, out: Path | None, *, as_json: bool) -> int:
+def answer(
+    result: Result,
+    out: Path | None,
+    args: argparse.Namespace,
+    *,
+    without: Collection[str] = (),
+) -> int:
     """Write the files of a run where there is a folder, print it, and return the exit code."""
     if out is not None:
-        result = write_files(result, out)
-    if as_json:
+        result = write_files(result, out, without=without)
+    if args.json:
         print(json.dumps(result.to_json()))
     else:
         terminal.show(result)
+        if args.verbose:
+            terminal.show_bus(result)
+        terminal.show_files(result.files)
     return result.exit_code
 
 
 def report(args: argparse.Namespace) -> int:
     """Write the page and print the table; 1 if the verdict is that control does not help."""
+    refuse_verbose_json(args)
     result = saved_run.load(args.folder)
     page = check_parent(args.out or args.folder / "report.html", out=args.folder)
     result = experiment.with_files(result, {**result.files, "report": str(page)})
     write_text(page, run_page(result))
-    return answer(result, None, as_json=args.json)
+    return answer(result, None, args)

@@ -1,60 +1,49 @@
 """Terminal output of a run: table, verdict and progress."""
 
-import os
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec
 
 import rich.table
 from rich.cells import cell_len
-from rich.console import Console as RichConsole
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
 from hil.realtime.timing import QUANTILES, ROWS, bus_lines
+from hil.report.console import Console
 from hil.report.page import Cell, Table
 from hil.report.tables import (
     authentication_note,
     can_rows,
     metric_head,
     metric_rows,
-    reaction_table,
+    reaction_tables,
     replay_note,
 )
 from hil.runs import standard
 from hil.runs.result import Result
+from plant_sim.driving import maneuvers
 
 if TYPE_CHECKING:
     from hil.campaign.summary import Summary
 
-
-WIDEST = 500
-"""Columns of what is not a terminal: a pipe or a file has no edge at which a table must break."""
-
-
-class Console(RichConsole):
-    """A console that breaks lines at a terminal alone and leaves a closed pipe to the caller."""
-
-    def __init__(self, **options: Any) -> None:  # noqa: ANN401
-        super().__init__(**options)
-        if not self.is_terminal and "COLUMNS" not in os.environ:
-            self.width = WIDEST
-
-    def on_broken_pipe(self) -> None:
-        """Let the error through."""
-        raise BrokenPipeError
+Arguments = ParamSpec("Arguments")
 
 
 @contextmanager
 def progress(*, quiet: bool) -> Iterator[Callable[[str, float], None]]:
-    """Show a bar per stage on stderr while the body runs, if stderr is a terminal."""
+    """Show a bar per stage on stderr while the body runs; not on a terminal, a line a minute."""
     console = Console(stderr=True)
-    if quiet or not console.is_terminal:
+    if quiet:
         yield lambda stage, share: None
+        return
+    if not console.is_terminal:
+        yield by_the_minute(lambda stage, share: f"{stage}: {100 * share:.0f} %")
         return
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:.0f} %"))
     with Progress(*columns, console=console, transient=True) as bars:
@@ -68,12 +57,32 @@ def progress(*, quiet: bool) -> Iterator[Callable[[str, float], None]]:
         yield report
 
 
+MINUTE_S = 60.0
+
+
+def by_the_minute(describe: Callable[Arguments, str]) -> Callable[Arguments, None]:
+    """Return a function that notes on stderr, at most once a minute, what it is called with."""
+    start = last = time.monotonic()
+
+    def report(*args: Arguments.args, **kwargs: Arguments.kwargs) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= MINUTE_S:
+            last = now
+            note(f"{describe(*args, **kwargs)} after {(now - start) / MINUTE_S:.0f} min")
+
+    return report
+
+
 @contextmanager
 def draws(total: int, *, quiet: bool) -> "Iterator[Callable[[Summary, int], None]]":
-    """Show draws, rate, time left and failures so far on stderr, if it is a terminal."""
+    """Show draws, rate, time left and failures so far on stderr; not on a terminal, as above."""
     console = Console(stderr=True)
-    if quiet or not console.is_terminal:
+    if quiet:
         yield lambda found, kept: None
+        return
+    if not console.is_terminal:
+        yield by_the_minute(lambda found, kept: f"draw {found.draws} of {total}")
         return
     columns = (
         TextColumn("draw {task.completed:.0f} of {task.total:.0f}"),
@@ -147,22 +156,35 @@ def show_warnings(warnings: Iterable[str]) -> None:
 
 
 def show_files(files: Mapping[str, str]) -> None:
-    """Print the names of the written files, one per line."""
-    if files:
-        print("\n" + "\n".join(f"{name:<12} {path}" for name, path in files.items()))
+    """Print the written files, a line for each folder."""
+    folders: dict[Path, list[str]] = {}
+    for path in map(Path, files.values()):
+        folders.setdefault(path.parent, []).append(path.name)
+    for folder, names in folders.items():
+        print(f"written to {folder}: {', '.join(names)}")
+
+
+def circumstances(result: Result) -> str:
+    """Return every option of the manoeuvre in effect, the conditions and the faults in one line."""
+    settings = result.settings
+    parts = [f"{key} {text}" for key, text in maneuvers.written(result.options).items()]
+    parts += [f"{key} {value}" for key, value in settings.conditions]
+    parts += [f"fault {text}" for text in settings.faults]
+    return ", ".join(parts)
 
 
 def show(result: Result) -> None:
-    """Print title, verdict, warnings, figures (dimmed if invalid) and files of a run."""
+    """Print title, verdict, warnings and metrics (dimmed if invalid) of a run."""
     console = Console(highlight=False, style="dim" if result.not_valid else "")
     settings = result.settings
     console.print(
-        f"[bold]{settings.scenario.replace('_', ' ')}[/bold], {settings.vehicle.name} at "
+        f"[bold]{settings.scenario.replace('_', ' ')}[/bold], {settings.vehicle_name} at "
         f"{settings.speed * 3.6:.0f} km/h, {settings.law_name} over {settings.bus_name}"
     )
-    good = False if result.harmful else None if result.pays else result.helps
-    show_verdict(result.verdict, good=good)
+    show_verdict(result.verdict, good=result.good)
     show_warnings(text for text in result.warnings if text not in result.verdict)
+    if line := circumstances(result):
+        console.print(line, soft_wrap=True, markup=False)
     console.print()
     head = metric_head(result, "passive", "controlled")
     console.print(_table(console, head, [(row.name, *row.numbers) for row in metric_rows(result)]))
@@ -170,28 +192,37 @@ def show(result: Result) -> None:
     told = [text for text in (replay_note(result), *judged) if text]
     if told:
         console.print("\n" + "\n".join(told), soft_wrap=True, markup=False)
-    if result.settings.faults and (table := reaction_table(result)) is not None:
+    for table in reaction_tables(result) if result.settings.faults else ():
         console.print()
         console.print(_table(console, table.head, table.rows))
-    console.print()
-    head = ("", "least", "mean", "most")
-    console.print(_table(console, head, [(row.name, *row.numbers) for row in can_rows(result)]))
     trigger = result.trigger
+    age = result.can.age_ms
     console.print(
-        f"bus load {100 * result.can.load:.1f} %; {trigger.sent} commands in {trigger.samples} "
-        f"ticks: transmission rate {100 * trigger.transmission_rate:.1f} %, "
-        f"{100 * trigger.transmission_rate_triggered:.1f} % without heartbeats "
-        f"(heartbeats alone: {100 * trigger.floor:.0f} %)",
+        f"bus load {100 * result.can.load:.1f} %, commands in "
+        f"{100 * trigger.transmission_rate:.1f} % of {trigger.samples} ticks"
+        + ("" if age is None else f", sample to force {age.mean:.2f} ms, at most {age.max:.2f}"),
         soft_wrap=True,
     )
     if (text := authentication_note(result)) is not None:
         console.print(text, soft_wrap=True)
+
+
+def show_bus(result: Result) -> None:
+    """Print response times by message, and what a run says about trigger and phase."""
+    console = Console(highlight=False, style="dim" if result.not_valid else "")
+    head = ("", "least", "mean", "most")
+    console.print()
+    console.print(_table(console, head, [(row.name, *row.numbers) for row in can_rows(result)]))
+    trigger = result.trigger
+    console.print(
+        f"{trigger.sent} commands: {100 * trigger.transmission_rate_triggered:.1f} % of the ticks "
+        f"without heartbeats (heartbeats alone: {100 * trigger.floor:.0f} %)"
+    )
     if result.phase is not None:
         least, mean, most = (1e3 * value for value in astuple(result.phase))
         console.print(
             f"a tick starts {mean:.2f} ms after the newest Imu frame ({least:.2f} to {most:.2f} ms)"
         )
-    show_files(result.files)
 
 
 def show_timing(timing: Mapping[str, Any]) -> None:

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import sys
 from dataclasses import asdict, replace
 from math import degrees
 from typing import Any
@@ -12,6 +13,7 @@ import vehicles
 from canroll.errors import CanrollError
 from hil.cli import terminal
 from hil.cli.options import choices_of
+from hil.report.page import Table
 from hil.runs import experiment
 from hil.runs.choices import PASSIVE, chosen
 from hil.runs.frozen import Controller
@@ -23,6 +25,7 @@ from hil.studies.linear_response_view import draw, lines
 from plant_sim import bodies
 from plant_sim.bodies.ports import Body
 from plant_sim.driving import maneuvers, standards
+from plant_sim.driving.limit import Limited, limited_by
 from plant_sim.world import handling
 from plant_sim.world.handling import SpeedLimit
 from vehicles import Vehicle
@@ -171,7 +174,7 @@ def find(
 
 
 def limit(args: argparse.Namespace) -> int:
-    """Bisect without and with control and print both limits; return 0."""
+    """Bisect without and with control; print both limits and what limited them; return 0."""
     slowest, fastest = (speed * 3.6 for speed in maneuvers.speed_range(args.scenario))
     if args.scenario not in JUDGED:
         raise CanrollError(f"{args.scenario} has no pass criterion: choose {', '.join(JUDGED)}")
@@ -194,22 +197,48 @@ def limit(args: argparse.Namespace) -> int:
         limits["controlled"] = find(settings, controller, enabled=True, **bracket)
     answer: dict[str, Any] = {
         "scenario": settings.scenario,
-        "vehicle": settings.vehicle.name,
+        **settings.vehicles,
         "law": settings.law,
         "plant": settings.plant,
         "from_kmh": args.low,
         "to_kmh": round(high, 6),
     }
+    reasons = {name: _reason(settings, controller, found, name) for name, found in limits.items()}
     for name, found in limits.items():
-        answer[name] = None if found is None else _kmh(found)
+        answer[name] = None if found is None else _kmh(found) | _limited(reasons[name])
     if args.json:
         print(json.dumps(answer))
         return 0
     print(f"{maneuvers.title(settings.scenario)}, {settings.vehicle.name}, {settings.plant} plant")
     for name, found in limits.items():
         if found is not None:
-            print(f"  {name:11}{_words(found)}")
+            print(f"  {name:11}{_words(found)}{_because(reasons[name])}")
     return 0
+
+
+def _reason(
+    settings: Settings, controller: Controller, found: SpeedLimit | None, name: str
+) -> Limited | None:
+    """Return what limited the slowest failed run; None if none failed."""
+    if found is None or found.failed is None:
+        return None
+    trace = experiment.drive(
+        replace(settings, speed=found.failed), controller, enabled=name == "controlled"
+    )
+    common = maneuvers.options(settings.scenario)["friction"]
+    friction = float(dict(settings.options).get("friction", common))
+    return limited_by(settings.vehicle, trace.signals, friction)
+
+
+def _limited(reason: Limited | None) -> dict[str, str | None]:
+    return {
+        "limited_by": None if reason is None else reason.by,
+        "reason": None if reason is None else reason.reason,
+    }
+
+
+def _because(reason: Limited | None) -> str:
+    return "" if reason is None else f"; limited by the {reason.by}: {reason.reason}"
 
 
 def _kmh(limit: SpeedLimit) -> dict[str, float | None]:
@@ -228,7 +257,7 @@ def _words(limit: SpeedLimit) -> str:
 
 
 def severe(args: argparse.Namespace) -> int:
-    """Drive the severe manoeuvres and print their table."""
+    """Drive the severe manoeuvres and print their table: Markdown where it is not a terminal."""
     with terminal.progress(quiet=args.json) as progress:
         found = severe_manoeuvres.study(
             runs=args.runs,
@@ -240,9 +269,16 @@ def severe(args: argparse.Namespace) -> int:
         print(json.dumps(severe_manoeuvres.to_json(found)))
     else:
         print(
-            f"{found.vehicle}, {found.actuator}, bus {found.bus}, {found.runs} vehicles, "
-            f"{found.law} as designed, plain feedforward at its RMS moment of {found.effort:.0f} "
-            f"N·m, bar: {found.bar:g} times the roll stiffness"
+            f"{found.vehicles['vehicle']}, {found.actuator}, bus {found.bus}, {found.runs} "
+            f"vehicles, {found.law} as designed, plain feedforward at its RMS moment of "
+            f"{found.effort:.0f} N·m, bar: {found.bar:g} times the roll stiffness"
         )
-        print("\n".join(severe_manoeuvres.table(found)))
+        if sys.stdout.isatty():
+            rows: list[tuple[str, ...]] = []
+            for title, name, *figures in severe_manoeuvres.lines(found):
+                rows += [("",), (title,)] if title else []
+                rows.append((name, *figures))
+            terminal.show_table(Table("", ("", *severe_manoeuvres.HEAD[2:]), rows))
+        else:
+            print("\n".join(severe_manoeuvres.markdown(found)))
     return 0

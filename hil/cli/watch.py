@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from rich.console import Console, Group
+from rich.console import Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
@@ -18,6 +18,7 @@ from hil.cli.ecu import nanoseconds
 from hil.realtime import process
 from hil.realtime.bus_link import add_bus_arguments, open_link
 from hil.realtime.hardware.interfaces import is_loopback
+from hil.report.console import Console
 from hil.watch.observation import Observation
 from hil.watch.onlooker import Onlooker
 from hil.watch.page import live_page

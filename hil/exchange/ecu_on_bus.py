@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import can
 
-from codegen.generated.bus_map import EXTENDED
+from codegen.generated.mailbox import EXTENDED
 from codegen.run import backends
 from codegen.run.bus_firmware import built_in, with_services
 from codegen.run.ecu_traffic import Frame

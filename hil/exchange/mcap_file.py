@@ -40,7 +40,7 @@ class Contents:
     units: Mapping[str, str]
     texts: Mapping[str, str]
     frames: Table | None = None
-    dbc: Path | None = None
+    dbc: tuple[Path, ...] = ()
 
 
 def write(path: Path, contents: Contents) -> None:
@@ -54,9 +54,8 @@ def write(path: Path, contents: Contents) -> None:
         writer = writing.Writer(file)
         writer.start(profile="", library="canroll")
         writer.add_metadata("canroll", dict(contents.texts))
-        if contents.dbc is not None:
-            data = contents.dbc.read_bytes()
-            writer.add_attachment(0, 0, contents.dbc.name, "text/plain", data)
+        for described in contents.dbc:
+            writer.add_attachment(0, 0, described.name, "text/plain", described.read_bytes())
         signals = contents.signals
         names = [name for name in signals if name != "time"]
         properties = {

@@ -17,9 +17,9 @@ from plant_sim import can_bus
 from plant_sim.bodies.ports import Body
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.kernels.records import to_record
-from plant_sim.nodes import actuators, sensor_kernel, sensors
+from plant_sim.nodes import actuators, e2e, own_sums, sensor_kernel, sensors
 from plant_sim.world import frame_kernel, recording
-from plant_sim.world.world_kernel import PLANT_NS, Parts
+from plant_sim.world.world_kernel import PLANT_NS, STEP, Parts
 
 IDENTIFIER = "canroll_plant"
 BUFFER = 8192
@@ -104,14 +104,19 @@ def write(
         ports: ``can`` or ``signals``.
 
     Raises:
-        CanrollError: no compiler, an unwritable file, faults of frames, or a body that is not in
-            the kernels' subset.
+        CanrollError: no compiler, an unwritable file, faults of frames, a checksum by a function,
+            or a body that is not in the kernels' subset.
     """
     if ports not in PORTS:
         raise UnknownNameError("kind of ports", ports, PORTS)
     frames = parts.memory[0]["frames"]
     if frames["fault"][0, 0] >= 0 or np.any(frames["clock"][frame_kernel.ATTACKER_AT_ECU :] >= 0):
         raise CanrollError("faults of frames act on the bus and are not part of the plant: omit it")
+    if np.any(parts.memory[0]["tables"]["protection"][:, e2e.METHOD] == e2e.OWN):
+        raise CanrollError(
+            "the plant's FMU has no checksum by a function of the map: describe it by method and "
+            "over, or leave it out"
+        )
     start = _start(parts, maneuver)
     row = np.dtype([("values", "f8", (1, recording.N_COLUMNS))])
     messages = [name for name, _, _ in actuators.COMMANDS[actuator]]
@@ -170,6 +175,8 @@ def _start(parts: Parts, maneuver: Maneuver) -> np.ndarray[Any, np.dtype[np.void
     whole = np.zeros(1, np.dtype(columns, align=True))
     for name in PARTS:
         whole[name] = memory[name]
+    # the exported plant calls its body by name: an address of this process changes from run to run
+    whole["clock"][0, STEP] = 0
     whole["drive"] = drive
     return image.copied(whole[0], image.aligned(whole.dtype))
 
@@ -178,7 +185,11 @@ def _kernels(plant: np.dtype[Any], row: np.dtype[Any], body: Body) -> dict[str, 
     """The kernels in C, and their header."""
     translator = Translator(
         "plant_",
-        {plant_kernel.body_step: "plant_body", can_bus.submit: plant_kernel.post},
+        {
+            plant_kernel.body_step: "plant_body",
+            can_bus.submit: plant_kernel.post,
+            own_sums.called: own_sums.none,
+        },
     )
     translator.structs.name(plant, "state")
     translator.structs.name(row, "row")

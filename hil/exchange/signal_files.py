@@ -28,11 +28,11 @@ SUFFIXES = (".csv", *EXTRAS)
 
 @dataclass(frozen=True, slots=True)
 class About:
-    """What goes with the signals: texts by name, frames of the bus, the network description."""
+    """What goes with the signals: texts by name, frames of the bus, the network's description."""
 
     texts: Mapping[str, str] = field(default_factory=dict)
     frames: Table | None = None
-    dbc: Path | None = None
+    dbc: tuple[Path, ...] = ()
 
 
 def check_suffix(path: Path) -> Path:
@@ -102,9 +102,9 @@ def _write_mf4(path: Path, signals: Mapping[str, NDArray[np.float64]], about: Ab
         file.header.comment = "\n".join(f"{key}: {text}" for key, text in about.texts.items())
         file.header.project = "canroll"
         file.header.subject = about.texts.get("vehicle", "")
-        if about.dbc is not None:
-            data = about.dbc.read_bytes()
-            file.attach(data, file_name=about.dbc.name, comment="bus", mime="text/plain")
+        for described in about.dbc:
+            data = described.read_bytes()
+            file.attach(data, file_name=described.name, comment="bus", mime="text/plain")
         file.save(path, overwrite=True)
 
 

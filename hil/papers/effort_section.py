@@ -200,8 +200,8 @@ def _section(
         f"{runs} paired runs with the same seeds for every law. Tuned laws are scaled to the same "
         f"RMS moment over these runs, {found.budget:.0f} N·m, half of what holds the body "
         "upright; printed gains and laws that command valve currents keep their own effort. "
-        "Above the bound: excess of the RMS roll angle over the smallest that any moment of the "
-        "same effort could achieve with knowledge of the whole manoeuvre.",
+        "Above the bound: how much larger the RMS roll angle is than the best that any controller "
+        "of the same effort could do knowing the manoeuvre in advance.",
         _ours(found),
         setting.choice,
     ]

@@ -53,8 +53,8 @@ READ_GAINS = {"delay_aware": PRINTED_DELAY_GAIN, "delay_unaware": PRINTED_NO_DEL
 QUANTITIES = ("roll_rms", "roll_max", "nlt_front", "nlt_rear")
 FITTED_TO = {
     "roundabout_30": ("roll_max",),
-    # the vehicle file's lane offset and preview, on which the lateral acceleration depends
-    "double_lane_change_100": QUANTITIES,
+    # by the vehicle file's lane offset
+    "double_lane_change_100": ("roll_max",),
     "roundabout_120": (),
 }
 """Numbers without control that something was fitted to."""
@@ -322,8 +322,8 @@ def _unknowns(theirs: Theirs) -> Sequence[tuple[str, str]]:
         ("unit of both gains", "N·m·s/deg for −84.06, N·m·s/rad for −1.29e6"),
         (
             "course and driver",
-            "ours, of the same names and speeds; lane offset and preview were tuned to the passive "
-            "rows of Tables 4 and 5, which do not count either",
+            "ours, of the same names and speeds; the lane offset was fitted to the largest roll "
+            "without control at 100 km/h, which does not count either",
         ),
         ("limits and lag of the actuators", "none"),
     ]

@@ -243,8 +243,8 @@ def _unknowns(theirs: Theirs) -> Sequence[tuple[str, str]]:
         (
             "vehicle, course and driver",
             f"Table 1 of the 2021 paper; {number(theirs.scale)} times m h a_y of our run without "
-            "control at 100 km/h, fitted to its 3.31°, for both speeds; lane offset and preview "
-            "were tuned to the passive roll at 100 km/h, which does not count either",
+            "control at 100 km/h, fitted to its 3.31°, for both speeds; the lane offset "
+            "was fitted to it too, which does not count either",
         ),
         ("which y", "roll rate: E3"),
         ("noise, limits and lag of the actuators", "none"),

@@ -18,7 +18,7 @@ import can
 from can.cli import add_bus_arguments, create_bus_from_namespace
 
 from canroll.errors import CanrollError, reason
-from codegen.generated.bus_map import EXTENDED
+from codegen.generated.mailbox import EXTENDED
 from hil.realtime.hardware import interfaces
 from hil.realtime.hardware.bus_record import BusRecord, source
 
@@ -39,6 +39,10 @@ NOTES = frozenset((EXTENDED | 0x1CA00000, EXTENDED | 0x1CA00001))
 RECEIVE_BUFFER = 1 << 20
 """A raw CAN socket left alone holds 278 frames by default and then drops silently."""
 
+NO_BUS = (
+    "-i and -c are required to select the bus, for example -i socketcan -c vcan0 (python-can's "
+    "configuration names no interface that it knows)"
+)
 RETRY = 0.5
 """Time between two attempts to reach a server that went away, s."""
 
@@ -276,13 +280,8 @@ def has_bus(args: argparse.Namespace) -> bool:
     Raises:
         CanrollError: none is named, and options of one are given.
     """
-    if "interface" in args:
+    if "interface" in args or _configured():
         return True
-    try:
-        if can.util.load_config().get("interface"):
-            return True
-    except can.CanInterfaceNotImplementedError:
-        pass
     for name in ("channel", "bitrate", "data_bitrate", "fd", "bus_kwargs", "timing"):
         if name in args:
             option = name.replace("_", "-")
@@ -325,13 +324,26 @@ def options_of(args: argparse.Namespace) -> tuple[str, str, int | None, dict[str
     """Return interface, channel, bit rate (None: not given) and arguments of the bus's class.
 
     Missing options come from python-can's configuration (can.rc, environment).
+
+    Raises:
+        CanrollError: neither names an interface.
     """
-    configured = {} if "interface" in args else can.util.load_config()
+    configured = {} if "interface" in args else _configured()
+    if "interface" not in args and not configured:
+        raise CanrollError(NO_BUS)
     name = str(getattr(args, "interface", configured.get("interface", "")))
     channel = getattr(args, "channel", configured.get("channel"))
     bitrate = getattr(args, "bitrate", configured.get("bitrate"))
     kwargs = getattr(args, "bus_kwargs", {})
     return name, str("" if channel is None else channel), bitrate, kwargs
+
+
+def _configured() -> Mapping[str, Any]:
+    """Return python-can's configuration, empty if it names no interface."""
+    try:
+        return dict(can.util.load_config())
+    except can.CanInterfaceNotImplementedError:
+        return {}
 
 
 def _open(args: argparse.Namespace) -> can.BusABC:
@@ -381,7 +393,7 @@ def explain(error: BaseException, args: argparse.Namespace) -> str:
     if number in (errno.EPERM, errno.EACCES):
         return f"no permission for '{channel}' on {interface}: run as root"
     if "interface" not in args and isinstance(error, can.CanInterfaceNotImplementedError):
-        return "-i and -c are required to select the bus, for example -i socketcan -c vcan0"
+        return NO_BUS
     known = interfaces.INTERFACES.get(interface)
     if interfaces.driver_is_missing(error) or isinstance(
         error, can.CanInterfaceNotImplementedError

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import IO
 
 from canroll.errors import CanrollError, VerdictError
+from hil.runs.choices import PROJECT_FILE
 
 START = 1800.0
 """Time a child may take to be ready, s: a plant that was never run compiles first, and a machine
@@ -88,6 +89,8 @@ def start(children: list[Program], name: str, arguments: list[str]) -> Program:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             start_new_session=True,
+            # it has all of its options from here
+            env={**os.environ, PROJECT_FILE: ""},
         ),
     )
     os.set_blocking(child.output.fileno(), False)

@@ -79,7 +79,10 @@ def run(
     else:
         announce("without control in virtual time")
         passive = experiment.drive(settings, controller, enabled=False, duration=duration)
-    result = experiment.assess(settings, controller, passive, controlled)
+    cycle = None
+    if controlled is not None:
+        cycle = experiment.limit_cycle_of(settings, controller, controlled, passive.signals)
+    result = experiment.assess(settings, controller, passive, controlled, cycle=cycle)
     return replace(result, timing=timing), timing
 
 

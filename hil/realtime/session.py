@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tomli_w
 
 from canroll.errors import CanrollError
 from gain_gen.calibration import calibration_file
@@ -21,6 +22,10 @@ from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import Interrupted
+from vehicles import plausible
+
+VEHICLE = "plant_vehicle.toml"
+"""File of the vehicle that the plant drives."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,15 +72,14 @@ def drive(
     folder = setup.folder
     gains = folder / "calibration.toml"
     calibration_file.save(gains, controller.record, controller.tables)
+    save_vehicle(settings, setup)
     # what an earlier run left behind must not be taken for this one's
     record, ticks = folder / "plant.npz", folder / "ticks.npz"
     for old in (record, ticks):
         old.unlink(missing_ok=True)
     children: list[Program] = []
     try:
-        plant = programs.start(
-            children, "plant", plant_arguments(settings, controller, setup, enabled=enabled)
-        )
+        plant = programs.start(children, "plant", plant_arguments(settings, setup, enabled=enabled))
         bus = list(setup.bus_options)
         if not bus:
             bus = programs.wait_for(plant, "serving ").split()[1:]
@@ -110,18 +114,22 @@ def drive(
     return assemble(plant_record.load(record), tick_trace.load(ticks), settings, setup)
 
 
-def plant_arguments(
-    settings: Settings, controller: Controller, setup: Setup, *, enabled: bool
-) -> list[str]:
-    """Return the plant's command line for ``settings``."""
+def save_vehicle(settings: Settings, setup: Setup) -> None:
+    """Write the vehicle that the plant drives."""
+    # a drawn vehicle may be implausible
+    text = tomli_w.dumps({"unusual": list(plausible.KEYS), **settings.vehicle.document})
+    (setup.folder / VEHICLE).write_text(text, encoding="utf-8")
+
+
+def plant_arguments(settings: Settings, setup: Setup, *, enabled: bool) -> list[str]:
+    """Return the plant's command line for ``settings``, with their vehicle in its file."""
     arguments = ["plant", settings.scenario, *setup.bus_options, *_pace(setup)]
     # its ECU is watched: it comes, or its end is noticed
     arguments += ["--wait", str(programs.START)]
     if not setup.bus_options and not settings.firmware.fd:
         arguments += ["--serve", setup.serve or "127.0.0.1:0"]
     arguments += ["--command", settings.command, "--record", str(setup.folder / "plant.npz")]
-    vehicle = {"vehicle": settings.plant_vehicle or controller.tables["design"]["vehicle"]}
-    asked = settings.choices() | vehicle
+    asked = settings.choices() | {"vehicle": str(setup.folder / VEHICLE)}
     world = {name: value for name, value in asked.items() if CHOICES[name].of == "world"}
     arguments += choices.arguments(world | {"duration": setup.duration})
     if not enabled:

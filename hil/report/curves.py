@@ -32,6 +32,7 @@ from plant_sim.world.spool import blocks, pieces, row_count
 from vehicles import GRAVITY
 
 PASSIVE_COLOUR = 0
+CONES_COLOUR = 2
 LOAD_WINDOW = 0.1
 
 
@@ -159,8 +160,7 @@ def control(runs: Sequence[Shown]) -> list[Figure]:
         more = f", {run.name}" if len(active) > 1 else ""
         suffix = f"-{run.colour}" if len(active) > 1 else ""
         plots.append(_forces(run, more, suffix))
-        if has_wheel_loads(run.trace):
-            plots.append(_loads(run, more, suffix))
+        plots += _loads([*(other for other in runs if not other.controlled), run], more, suffix)
         plots += _estimates(run, more, suffix)
     return plots
 
@@ -194,18 +194,29 @@ def _forces(run: Shown, more: str, suffix: str) -> Figure:
     return Figure(f"forces{suffix}", title, "time (s)", unit, curves, unit="s", group="control")
 
 
-def _loads(run: Shown, more: str, suffix: str) -> Figure:
-    curves = _wheels(run, "wheel_load")
-    return Figure(
-        f"loads{suffix}",
-        f"Wheel loads{more}",
-        "time (s)",
-        "N",
-        curves,
-        unit="s",
-        group="control",
-        zero=True,
-    )
+def _loads(runs: Sequence[Shown], more: str, suffix: str) -> list[Figure]:
+    """Return the wheel loads of each axle, without and with control."""
+    loaded = [run for run in runs if has_wheel_loads(run.trace)]
+    return [
+        Figure(
+            f"loads-{axle}{suffix}", f"Wheel loads, {axle} axle{more}", "time (s)", "N",
+            [
+                Series(
+                    f"{side}, {run.name}",
+                    *signal(f"wheel_load_{axle}_{side}").curve(run.trace),
+                    colour,
+                    dashes[run.controlled],
+                )
+                for run in loaded
+                for side, colour, dashes in (
+                    ("left", 1, (DASHED, SOLID)), ("right", 2, (DOTTED, DASH_DOTTED)),
+                )
+            ],
+            unit="s", group="control", zero=True,
+        )
+        for axle in AXLES
+        if loaded
+    ]  # fmt: skip
 
 
 def _estimates(run: Shown, more: str, suffix: str) -> list[Figure]:
@@ -232,13 +243,15 @@ def _estimates(run: Shown, more: str, suffix: str) -> list[Figure]:
     ]  # fmt: skip
 
 
-def path(runs: Sequence[Shown]) -> list[Figure]:
-    """Return the paths seen from above."""
+def path(runs: Sequence[Shown], cones: Vector) -> list[Figure]:
+    """Return the paths seen from above, and the ``cones``, (n, 2) in m."""
     curves = []
     for run in runs:
         signals = run.trace.signals
         places = thin_pieces(((x, y) for x, y in pieces(signals, "x", "y")), row_count(signals))
         curves.append(Series(run.name, *places, run.colour, run.dash))
+    if len(cones):
+        curves.append(Series("cones", cones[:, 0], cones[:, 1], CONES_COLOUR, kind="points"))
     return [
         Figure(
             "path", "Path", "forward (m)", "left (m)", curves, unit="m", linked=False, equal=True
@@ -332,6 +345,6 @@ def _load(run: Shown, segment: int) -> tuple[Vector, Vector]:
     return edges[:-1], 100 * sums / LOAD_WINDOW
 
 
-def all_figures(runs: Sequence[Shown]) -> list[Figure]:
-    """Return every plot of the page, in order."""
-    return [*motion(runs), *path(runs), *control(runs), *bus(runs)]
+def all_figures(runs: Sequence[Shown], cones: Vector) -> list[Figure]:
+    """Return every plot of the page, in order; ``cones`` as of :func:`path`."""
+    return [*motion(runs), *path(runs, cones), *control(runs), *bus(runs)]

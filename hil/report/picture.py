@@ -6,6 +6,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from canroll.arguments import checked
 from canroll.errors import CanrollError, reason
 from hil.report.curves import MOMENT, signal, transfer
 from hil.report.run_page import shown
@@ -18,12 +19,9 @@ POINTS = 60_000
 """The most points of a curve, 60 for each of the picture's columns: all of a minute."""
 
 
-def draw_picture(result: Result, path: Path) -> Path:
-    """Write roll angle, moment and front load transfer of both runs as a PNG; return ``path``.
-
-    Raises:
-        CanrollError: the file cannot be written.
-    """
+@checked
+def plot(result: Result) -> Figure:
+    """Return a figure of roll angle, moment and front load transfer of both runs over time."""
     panels = [
         ("roll angle (deg)", signal("roll", float(np.degrees(1)))),
         ("anti-roll moment (N·m)", MOMENT),
@@ -41,9 +39,19 @@ def draw_picture(result: Result, path: Path) -> Path:
         axes[0].set_title(result.verdict, fontsize=10, loc="left", wrap=True)
         axes[0].legend(loc="upper right")
         axes[-1].set_xlabel("time (s)")
-        try:
-            # without metadata the same run gives the same bytes
-            figure.savefig(path, dpi=120, metadata={"Software": None})
-        except OSError as error:
-            raise CanrollError(f"cannot write {path}: {reason(error)}") from error
+    return figure
+
+
+def draw_picture(result: Result, path: Path) -> Path:
+    """Write the figure of :func:`plot` as a PNG; return ``path``.
+
+    Raises:
+        CanrollError: the file cannot be written.
+    """
+    figure = plot(result)
+    try:
+        # without metadata the same run gives the same bytes
+        figure.savefig(path, dpi=120, metadata={"Software": None})
+    except OSError as error:
+        raise CanrollError(f"cannot write {path}: {reason(error)}") from error
     return path

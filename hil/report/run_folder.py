@@ -1,7 +1,7 @@
 """The files of a run: report, picture, bus log, header, calibration, numbers."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +10,7 @@ from canroll.errors import CanrollError, reason
 from codegen.export.header import gains_header
 from gain_gen.calibration import calibration_file
 from gain_gen.calibration.freeze import physical_notes
+from gain_gen.design import UNVERIFIED
 from hil.report import staging
 from hil.report.picture import draw_picture
 from hil.report.run_page import run_page
@@ -31,10 +32,15 @@ def write_text(path: Path, text: str) -> Path:
     return path
 
 
-def write_files(result: Result, folder: Path) -> Result:
-    """Write all files of a run to ``folder``, all or none; return the run with the paths.
+def write_files(result: Result, folder: Path, *, without: Collection[str] = ()) -> Result:
+    """Write the files of a run to ``folder``, all or none; return the run with the paths.
 
     report.html, roll.png, bus.asc, canroll_gains.h, calibration.toml, trace.npz, result.json.
+
+    Args:
+        result: the run.
+        folder: folder of the files.
+        without: "trace", if it is left out; an older one in the folder is removed.
 
     Raises:
         CanrollError: a file cannot be written.
@@ -48,10 +54,13 @@ def write_files(result: Result, folder: Path) -> Result:
         "trace": saved_run.TRACE,
         "result": saved_run.RESULT,
     }
+    names = {name: file for name, file in names.items() if name not in without}
     known = {**result.files, **{name: str(folder / file) for name, file in names.items()}}
     result = replace(result, files=known)
     with staging.replaced(folder, saved_run.RESULT) as part:
         _write_parts(result, {name: part / file for name, file in names.items()})
+    if "trace" in without:
+        (folder / saved_run.TRACE).unlink(missing_ok=True)
     return result
 
 
@@ -60,21 +69,27 @@ def _write_parts(result: Result, paths: Mapping[str, Path]) -> None:
     seen = result.passive if result.controlled is None else result.controlled
     write_log(paths["log"], seen.frames)
     calibration_file.save(paths["calibration"], result.record, result.tables)
-    saved_run.save_traces(paths["trace"], result)
+    if "trace" in paths:
+        saved_run.save_traces(paths["trace"], result)
     designed = result.tables["design"]
     header = gains_header(
         result.record,
-        title=(f"{designed['law']} for {Path(designed['vehicle']).stem}",),
+        title=(
+            f"{designed['law']} for {Path(designed['vehicle']).stem}",
+            *(text for text in designed["warnings"] if text.startswith(UNVERIFIED)),
+        ),
         physical=physical_notes(result.record),
     )
     write_text(paths["header"], header)
     draw_picture(result, paths["picture"])
     write_text(paths["report"], run_page(result))
-    hashes = {paths[name].name: saved_run.digest(paths[name]) for name in ("trace", "calibration")}
+    hashed = [path for path in paths.values() if path.name in saved_run.HASHED]
+    hashes = {path.name: saved_run.digest(path) for path in hashed}
     data = {
         **result.to_json(),
         saved_run.HASHES: hashes,
         saved_run.VEHICLE: result.settings.vehicle.fingerprint,
+        saved_run.DOCUMENT: result.settings.vehicle.document,
     }
     write_text(paths["result"], json.dumps(data, indent=2) + "\n")
 

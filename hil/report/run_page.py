@@ -1,7 +1,7 @@
 """The report page of one run, in virtual or real time."""
 
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
 
@@ -18,13 +18,16 @@ from hil.report.tables import (
     metric_head,
     metric_rows,
     number,
-    reaction_table,
+    reaction_tables,
     replay_note,
     standard_rows,
 )
+from hil.report.workbench import workbench
 from hil.runs.result import Result
 from hil.runs.trace import Trace
 from plant_sim.bodies.ports import WHEELS
+from plant_sim.driving.maneuvers import written
+from plant_sim.driving.standards import cones_of
 from plant_sim.world.spool import pieces
 from vehicles import Vehicle
 
@@ -62,8 +65,7 @@ def shown(result: Result) -> list[Shown]:
 def verdict(result: Result) -> Verdict:
     """Return the verdict on top: headline and grounds."""
     headline, _, text = result.verdict.partition(": ")
-    good = False if result.not_valid or result.harmful else None if result.pays else result.helps
-    return Verdict(good, headline, text[:1].upper() + text[1:])
+    return Verdict(result.good, headline, text[:1].upper() + text[1:])
 
 
 def parameters(result: Result) -> list[tuple[str, str]]:
@@ -71,10 +73,10 @@ def parameters(result: Result) -> list[tuple[str, str]]:
     settings, delay = result.settings, result.delay
     rows = [
         ("manoeuvre", f"{settings.scenario}, {settings.speed * 3.6:g} km/h"),
-        *((f"manoeuvre: {key}", str(value)) for key, value in settings.options),
+        *((f"manoeuvre: {key}", text) for key, text in written(result.options).items()),
         *(("fault", text) for text in settings.faults),
         *((f"condition: {key}", str(value)) for key, value in settings.conditions),
-        ("vehicle", f"{settings.vehicle.name}: {settings.vehicle.title}"),
+        ("vehicle", f"{settings.vehicle_name}: {settings.vehicle.title}"),
         ("plant", settings.plant),
         ("actuator", settings.actuator),
         ("law", settings.law_name),
@@ -95,14 +97,26 @@ def parameters(result: Result) -> list[tuple[str, str]]:
 def provenance(result: Result) -> list[tuple[str, str]]:
     """Return the provenance of the numbers."""
     vehicle = result.settings.vehicle
-    sources = [(f"vehicle: {key}", text) for key, text in vehicle.sources.items()]
+    numbers = [
+        (f"vehicle: {path}", f"{_plain(value)}; {vehicle.source(path)}")
+        for path, value in _leaves(vehicle.document, "")
+    ]
     return [
         ("canroll", version("canroll")),
         ("Python", platform.python_version()),
         ("calibration id", f"{result.record.id:#010x}"),
         ("vehicle data", vehicle.basis),
-        *sources,
+        *numbers,
     ]
+
+
+def _leaves(table: Mapping[str, Any], path: str) -> Iterator[tuple[str, Any]]:
+    """Yield each number of a vehicle's document by its dotted key."""
+    for key, value in table.items():
+        if isinstance(value, Mapping) and key != "sources":
+            yield from _leaves(value, f"{path}{key}.")
+        elif path:
+            yield f"{path}{key}", value
 
 
 def _plain(value: Any) -> str:  # noqa: ANN401
@@ -117,6 +131,7 @@ def run_page(result: Result) -> str:
     """Return the report page of a run as one HTML document."""
     settings = result.settings
     runs = shown(result)
+    start = _leans_most(runs[0].trace)
     trigger = result.trigger
     rates = (
         f"Bus load {100 * result.can.load:.1f} %. {trigger.sent} commands in {trigger.samples} "
@@ -138,32 +153,41 @@ def run_page(result: Result) -> str:
             [(row.name, *row.numbers) for row in can_rows(result)],
             rates,
         ),
-        *([seen] if (seen := reaction_table(result)) is not None else []),
+        *reaction_tables(result),
         *([timing_table(result.timing)] if result.timing else []),
     ]
     scenario = settings.scenario.replace("_", " ")
+    cones = cones_of(settings.scenario, settings.vehicle)
+    subtitle = (
+        f"{settings.vehicle_name} at {settings.speed * 3.6:.0f} km/h, "
+        f"{settings.law_name} with {settings.actuator} over {settings.bus_name}"
+    )
     return render(
         Page(
             title=f"{scenario[:1].upper()}{scenario[1:]}, {settings.vehicle.title}",
-            subtitle=(
-                f"{settings.vehicle.name} at {settings.speed * 3.6:.0f} km/h, "
-                f"{settings.law_name} with {settings.actuator} over {settings.bus_name}"
-            ),
+            subtitle=subtitle,
             verdict=verdict(result),
             warnings=result.warnings,
             tables=tables,
-            figures=[*all_figures(runs), *(timing_figures(result.timing) if result.timing else [])],
-            playback=playback(runs, settings.vehicle),
+            figures=[
+                *all_figures(runs, cones),
+                *(timing_figures(result.timing) if result.timing else []),
+            ],
+            playback=playback(runs, settings.vehicle, cones),
             parameters=parameters(result),
             provenance=provenance(result),
             result=result.to_json(),
             greyed=bool(result.not_valid),
+            workbench=workbench(result, runs, f"{scenario}, {subtitle}", start),
         )
     )
 
 
-def playback(runs: Sequence[Shown], vehicle: Vehicle) -> dict[str, object]:
-    """Return the data of the playback; at most four cars, the first being the reference."""
+def playback(runs: Sequence[Shown], vehicle: Vehicle, cones: Vector) -> dict[str, object]:
+    """Return the data of the playback; at most four cars, the first being the reference.
+
+    ``cones``: their positions, (n, 2) in m.
+    """
     step = max(PLAYBACK_STEP, *(run.trace.duration / PICTURES for run in runs))
     first = next(pieces(runs[0].trace.signals, *(f"wheel_load_{wheel}" for wheel in WHEELS)))
     cars = [
@@ -179,6 +203,7 @@ def playback(runs: Sequence[Shown], vehicle: Vehicle) -> dict[str, object]:
         "step": step,
         "start": _leans_most(runs[0].trace),
         "cars": cars,
+        "cones": cones.tolist(),
         "vehicle": {
             "half_track": (geometry.half_track_front + geometry.half_track_rear) / 2,
             "width": geometry.width,

@@ -150,11 +150,11 @@ def can_rows(result: Result) -> list[Row]:
     ]
 
 
-def reaction_table(result: Result) -> Table | None:
-    """Return modes and fault codes with their times, and the moment on the wrong side."""
+def reaction_tables(result: Result) -> list[Table]:
+    """Return modes and fault codes with their times, and the moment on the wrong side; or none."""
     reaction = result.reaction
     if reaction is None:
-        return None
+        return []
     rows: list[tuple[str | Cell, ...]] = [
         (f"mode {change.mode}", number(change.t, 2, f"reaction.modes.{i}.t"), "")
         for i, change in enumerate(reaction.modes)
@@ -169,8 +169,13 @@ def reaction_table(result: Result) -> Table | None:
     ]
     wrong = number(reaction.wrong_side_max_nm, 0, "reaction.wrong_side_max_nm")
     longest = number(reaction.wrong_side_s, 2, "reaction.wrong_side_s")
-    rows += [
-        ("wrong side, largest moment (N·m)", wrong, ""),
-        (f"wrong side, longest time over {WRONG_MOMENT:.0f} N·m (s)", longest, ""),
+    head = ("", "largest (N·m)", f"longest over {WRONG_MOMENT:.0f} N·m (s)")
+    return [
+        Table("Modes and fault codes", ("", "from (s)", "to (s)"), rows),
+        Table(
+            "Moment on the wrong side",
+            head,
+            [("moment on the wrong side", wrong, longest)],
+            HARMFUL,
+        ),
     ]
-    return Table("Modes and fault codes", ("", "from (s)", "to (s)"), rows, HARMFUL)

@@ -13,18 +13,23 @@ from pathlib import Path
 from types import NoneType
 from typing import Annotated, Any, TypedDict, get_args, get_origin, get_type_hints
 
+from canroll.arguments import require
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.extension import is_reference
 from codegen.run import BACKENDS
 from gain_gen.laws import LAWS, OBSERVERS
 from plant_sim.bodies import BODIES
 from plant_sim.buses import BUSES
-from vehicles import ACTUATORS
+from vehicles import ACTUATORS, Vehicle
 
+PROJECT_FILE = "CANROLL_PROJECT_FILE"
+"""Environment variable with the path of the file read as ``canroll.toml``; empty: none is read."""
 PASSIVE = "passive"
 """The law of no control."""
 TRIGGERS = ("event", "every")
 GAINS = ("computed", "theorem", "as_printed")
+OF_ONE_MANOEUVRE = ("calibration", "speed_kmh", "options", "seed", "phase_ms", "duration")
+"""Choices of a run that a study over manoeuvres and vehicles has no use for."""
 WORLD, CONTROLLER, RUN = "world", "controller", "run"
 ON, OFF = ("on", "true", "1"), ("off", "false", "0")
 
@@ -45,8 +50,11 @@ class Choice:
         high: largest number.
         frozen_in_calibration: whether a calibration file fixes it.
         saved: whether results contain it; otherwise it is in their calibration.
+        repeated: whether it may be given several times: see :func:`one_or_several`.
+        rare: whether only ``--help-all`` shows it.
         name: keyword of :func:`canroll.run`, and key in JSON.
         kind: str, Path, float, int, bool, Mapping or Sequence.
+        hint: annotation of the keyword: the types of its values.
     """
 
     option: str
@@ -60,8 +68,11 @@ class Choice:
     high: float = inf
     frozen_in_calibration: bool = False
     saved: bool = True
+    repeated: bool = False
+    rare: bool = False
     name: str = ""
     kind: type = str
+    hint: Any = str
 
     @property
     def word(self) -> str:
@@ -75,6 +86,7 @@ class Choice:
             UnknownNameError: no such name; the nearest is suggested.
             CanrollError: a number out of range.
         """
+        self._check_kind(value)
         known = tuple(self.values())
         refers = self.extensible and (is_reference(value) or value in self.values())
         if known and value not in known and not refers:
@@ -89,6 +101,13 @@ class Choice:
             if self.high == inf:
                 allowed = f"{self.low:g} or more" if self.low >= 1 or not self.low else "above 0"
             raise CanrollError(f"{self.word} {value:g}{unit}: must be {allowed}{unit}")
+
+    def _check_kind(self, value: Any) -> None:  # noqa: ANN401
+        """Reject a value of another type."""
+        if not self.values():
+            require(self.name, value, self.hint)
+        elif not isinstance(value, str | Path):
+            raise CanrollError(f"{self.name}={value!r}: must be a name")
 
     def read(self, text: str) -> Any:  # noqa: ANN401
         """Return the value given by ``text``.
@@ -119,7 +138,7 @@ class Choices(TypedDict, total=False):
     """Keywords of a run; the default applies where one is omitted or None."""
 
     vehicle: Annotated[
-        str | None,
+        Vehicle | Mapping[str, Any] | Path | str | None,
         Choice(
             option="--vehicle",
             help="preset or TOML file",
@@ -129,7 +148,7 @@ class Choices(TypedDict, total=False):
         ),
     ]
     plant_vehicle: Annotated[
-        str | None,
+        Vehicle | Mapping[str, Any] | Path | str | None,
         Choice(
             option="--plant-vehicle",
             help="vehicle to drive, if other than the one the controller is designed for; preset "
@@ -214,15 +233,17 @@ class Choices(TypedDict, total=False):
         ),
     ]
     dbc: Annotated[
-        str | None,
+        Path | Sequence[str | Path] | str | None,
         Choice(
             option="--dbc",
-            help="DBC, KCD, ARXML or SYM with the frames that carry the signals; requires --map",
+            help="DBC, KCD, ARXML or SYM with the frames that carry the signals; requires --map; "
+            "may be repeated",
             of=WORLD,
+            repeated=True,
         ),
     ]
     map: Annotated[
-        str | None,
+        Path | str | None,
         Choice(
             option="--map",
             help="TOML file that says which signal of --dbc is which field of the ECU",
@@ -230,9 +251,10 @@ class Choices(TypedDict, total=False):
         ),
     ]
     key: Annotated[
-        str | None,
+        Path | str | None,
         Choice(
             option="--key",
+            rare=True,
             help="file with the key of a bus with authenticated frames; by default the public "
             "development key",
             of=WORLD,
@@ -242,6 +264,7 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--backend",
+            rare=True,
             help="execution of the firmware; native if a C compiler is installed",
             of=RUN,
             values=lambda: BACKENDS,
@@ -285,6 +308,7 @@ class Choices(TypedDict, total=False):
         float | None,
         Choice(
             option="--phase",
+            rare=True,
             help="time from the earliest arrival of an Imu frame to a tick; by default drawn from "
             "the seed",
             of=RUN,
@@ -296,6 +320,7 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--trigger",
+            rare=True,
             help="event-triggered commands, or one every tick",
             of=CONTROLLER,
             default="event",
@@ -308,6 +333,7 @@ class Choices(TypedDict, total=False):
         float | None,
         Choice(
             option="--heartbeat",
+            rare=True,
             help="maximum time between commands",
             of=CONTROLLER,
             default=50.0,
@@ -321,6 +347,7 @@ class Choices(TypedDict, total=False):
         str | None,
         Choice(
             option="--gains",
+            rare=True,
             help="computed gains, or those printed in the law's paper",
             of=CONTROLLER,
             default="computed",
@@ -329,10 +356,31 @@ class Choices(TypedDict, total=False):
             saved=False,
         ),
     ]
+    matrices: Annotated[
+        str | Path | None,
+        Choice(
+            option="--matrices",
+            help="file with the gains of --law custom: .toml, .npz or .mat",
+            of=CONTROLLER,
+            frozen_in_calibration=True,
+            saved=False,
+        ),
+    ]
+    unverified: Annotated[
+        bool | None,
+        Choice(
+            option="--unverified",
+            help="use a design that fails a check, marked, instead of refusing it",
+            of=CONTROLLER,
+            default=False,
+            saved=False,
+        ),
+    ]
     moment_share: Annotated[
         float | None,
         Choice(
             option="--moment-share",
+            rare=True,
             help="RMS moment over the RMS of the roll moment m h a_y; of steering_lead, by "
             "default 0.8",
             of=CONTROLLER,
@@ -357,6 +405,7 @@ class Choices(TypedDict, total=False):
         bool | None,
         Choice(
             option="--identification",
+            rare=True,
             help="identify roll stiffness and damping at run time",
             of=CONTROLLER,
             default=False,
@@ -368,6 +417,7 @@ class Choices(TypedDict, total=False):
         bool | None,
         Choice(
             option="--learn-offsets",
+            rare=True,
             help="learn the offsets of the sensors while driving straight",
             of=CONTROLLER,
             default=False,
@@ -379,6 +429,7 @@ class Choices(TypedDict, total=False):
         bool | None,
         Choice(
             option="--no-watch-response",
+            rare=True,
             help="without the monitors that need the suspension's stroke rates",
             of=CONTROLLER,
             default=True,
@@ -395,7 +446,7 @@ class Choices(TypedDict, total=False):
         ),
     ]
     faults: Annotated[
-        Sequence[str] | None,
+        str | Sequence[str] | None,
         Choice(
             option="--fault",
             help="what fails: a sensor's signal (Imu.RollRate=stuck@3:5) or message, an actuator "
@@ -417,10 +468,10 @@ class Choices(TypedDict, total=False):
         Mapping[str, Any] | None,
         Choice(
             option="--condition",
-            help="sensors: noise, bias (1: as in the vehicle file), temperature (K above "
-            "calibration), drift, filtered, delayed, synchronous (on, off), phases.MESSAGE (s), "
-            "lsb.MESSAGE.SIGNAL (SI units); actuators: supply (V), oil_temperature (°C), "
-            "estimate_error, estimate_lag (s); may be repeated",
+            help="sensors: noise, bias (1: as in the vehicle file), noise_end (s), temperature "
+            "(K above calibration), drift, filtered, delayed, synchronous (on, off), "
+            "phases.MESSAGE (s), lsb.MESSAGE.SIGNAL (SI units); actuators: supply (V), "
+            "oil_temperature (°C), estimate_error, estimate_lag (s); may be repeated",
             of=WORLD,
         ),
     ]
@@ -446,7 +497,7 @@ def _kind(hint: Any) -> type:  # noqa: ANN401
 
 
 CHOICES: dict[str, Choice] = {
-    name: replace(hint.__metadata__[0], name=name, kind=_kind(hint))
+    name: replace(hint.__metadata__[0], name=name, kind=_kind(hint), hint=get_args(hint)[0])
     for name, hint in get_type_hints(Choices, include_extras=True).items()
 }
 """Every choice by its keyword, in the order in which results list them."""
@@ -455,6 +506,24 @@ BY_WORD = {
     choice.word: choice for choice in CHOICES.values() if choice.kind not in (Mapping, Sequence)
 }
 """Choices that can be given as ``key=value``."""
+
+
+def one_or_several(given: str | Path | Sequence[str | Path] | None) -> str | tuple[str, ...] | None:
+    """Return one value as a text, several as a tuple; a list of one is that one."""
+    if given is None or isinstance(given, str | Path):
+        return None if given is None else str(given)
+    found = tuple(map(str, given))
+    return found[0] if len(found) == 1 else found
+
+
+def as_text(given: Path | str | None) -> str | None:
+    """Return a path as text."""
+    return None if given is None else str(given)
+
+
+def several(given: str | Sequence[str]) -> tuple[str, ...]:
+    """Return what may be one value or several as a tuple."""
+    return (given,) if isinstance(given, str) else tuple(given)
 
 
 def check(choices: Mapping[str, Any]) -> None:
@@ -466,7 +535,10 @@ def check(choices: Mapping[str, Any]) -> None:
     """
     for name, value in choices.items():
         if name not in CHOICES:
-            raise UnknownNameError("choice of a run", name, CHOICES)
+            meant = [choice.name for choice in CHOICES.values() if choice.word == name]
+            raise UnknownNameError("choice of a run", name, CHOICES, near=meant)
+        if CHOICES[name].repeated and value is not None and not value:
+            raise CanrollError(f"{CHOICES[name].option} must not be empty")
         if value is not None:
             CHOICES[name].check(value)
     if (choices.get("dbc") is None) != (choices.get("map") is None):
@@ -500,12 +572,16 @@ def described(text: str) -> dict[str, Any]:
         UnknownNameError: an unknown key or name.
         CanrollError: an invalid value.
     """
-    found = {}
+    found: dict[str, Any] = {}
     for part in text.split(","):
         word, _, value = part.partition("=")
         if word not in BY_WORD:
             raise UnknownNameError("key of a run", word, BY_WORD)
-        found[BY_WORD[word].name] = BY_WORD[word].read(value)
+        choice = BY_WORD[word]
+        read = choice.read(value)
+        if choice.repeated and choice.name in found:
+            read = one_or_several([*several(found[choice.name]), read])
+        found[choice.name] = read
     return found
 
 
@@ -521,8 +597,8 @@ def arguments(values: Mapping[str, Any]) -> list[str]:
         elif choice.kind is Mapping:
             for key, item in value.items():
                 found += [choice.option, f"{key}={item}"]
-        elif choice.kind is Sequence:
-            for item in value:
+        elif choice.kind is Sequence or choice.repeated:
+            for item in several(value):
                 found += [choice.option, str(item)]
         else:
             found += [choice.option, repr(value) if choice.kind is float else str(value)]

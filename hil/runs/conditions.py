@@ -6,13 +6,14 @@ from pathlib import Path
 from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
+from hil.runs.choices import several
 from plant_sim.faults import parse_all, read_file
 from plant_sim.nodes import sensors as sensor_setup
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.sensors import SensorOptions
 
 SENSOR_CONDITIONS = (
-    *("noise", "bias", "temperature", "drift"),
+    *("noise", "noise_end", "bias", "temperature", "drift"),
     *("filtered", "delayed", "synchronous"),
 )
 ACTUATOR_CONDITIONS = ("estimate_error", "estimate_lag", "oil_temperature", "supply")
@@ -57,7 +58,7 @@ def fault_texts(choices: Mapping[str, Any]) -> tuple[str, ...]:
     Raises:
         CanrollError: an invalid fault; the message names the expected form.
     """
-    texts = tuple(choices.get("faults") or ())
+    texts = several(choices.get("faults") or ())
     parse_all(texts)
     path = choices.get("fault_file")
     return texts if path is None else (*texts, *map(str, read_file(Path(path))))

@@ -1,5 +1,6 @@
 """One manoeuvre, without and with control, in virtual time."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, Unpack
 
@@ -7,15 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 import vehicles
+from canroll.arguments import checked
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.typing import Progress
 from codegen.run.backends import default_backend, open_backend
 from firmware.calibration import ONE
+from firmware.state import SAFE
 from gain_gen.models.task import Delay
 from hil.reaction import reaction
 from hil.runs import conditions as conditions_of
 from hil.runs import limit_cycle, metrics, phase, standard, steering_replay
-from hil.runs.choices import PASSIVE, Choices, check, chosen
+from hil.runs.choices import PASSIVE, Choices, as_text, check, chosen, one_or_several
 from hil.runs.frozen import (
     COMMAND_TIMEOUT,
     Controller,
@@ -26,13 +29,14 @@ from hil.runs.frozen import (
     refuse_useless_key,
     sample_to_force,
 )
+from hil.runs.limit_cycle import LimitCycle
 from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS, closed_loop
 from plant_sim.bodies import body
 from plant_sim.driving import MANEUVERS, maneuvers
 from plant_sim.faults import parse_all
-from plant_sim.world.recording import EVERYTHING, Kept
+from plant_sim.world.recording import EVERYTHING, NOTHING, Kept
 from plant_sim.world.spool import pieces
 from plant_sim.world.world import World
 from plant_sim.world.world_parts import check_body
@@ -41,6 +45,7 @@ AT_THE_LIMIT = ("fishhook", "j_turn", "sine_with_dwell", "moose")
 """Manoeuvres made to find the limit of tyres and wheel loads."""
 
 
+@checked
 def run(scenario: str, *, progress: Progress | None = None, **choices: Unpack[Choices]) -> Result:
     """Drive a manoeuvre without and with control and return the result.
 
@@ -116,10 +121,11 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         options=tuple(sorted(options.items())),
         faults=faults,
         conditions=tuple(sorted(conditions.items())),
-        dbc=choices.get("dbc"),
-        map=choices.get("map"),
-        plant_vehicle=choices.get("plant_vehicle"),
-        key=choices.get("key"),
+        dbc=one_or_several(choices.get("dbc")),
+        map=as_text(choices.get("map")),
+        plant_vehicle=None if other is None else vehicle.reference,
+        designed_for=controller.vehicle.name,
+        key=as_text(choices.get("key")),
         stage=controller.stage,
         phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
     )
@@ -156,7 +162,62 @@ def simulate(
             progress=progress,
             steer=passive.signals["steer"],
         )
-    return assess(settings, controller, passive, controlled, replayed)
+    cycle = limit_cycle_of(settings, controller, controlled, passive.signals)
+    return assess(settings, controller, passive, controlled, replayed, cycle=cycle)
+
+
+def limit_cycle_of(
+    settings: Settings,
+    controller: Controller,
+    controlled: Trace,
+    passive: Mapping[str, NDArray[np.float64]],
+) -> LimitCycle | None:
+    """Return the limit cycle of the controlled run, or None.
+
+    Only a run whose command oscillates is driven once more, from one period of the oscillation
+    on without noise and straight on.
+
+    ``passive``: at least "time" (s) and "roll" (rad) of the run without control.
+    """
+    found = limit_cycle.oscillations(controlled.ticks["t"], controlled.ticks["moment"])
+    cycles = limit_cycle.unexcited(
+        found, lambda: ((t, roll) for t, roll in pieces(passive, "time", "roll"))
+    )
+    own = (cycle for cycle in cycles if _goes_on(settings, controller, controlled, cycle))
+    return next(own, None)
+
+
+def _goes_on(
+    settings: Settings, controller: Controller, controlled: Trace, cycle: LimitCycle
+) -> bool:
+    """Whether the oscillation of the controlled run goes on without noise and straight on."""
+    driven = max(1, round(cycle.established * 1e9) // maneuvers.STEP_NS)
+    straight = maneuvers.straightened(
+        maneuver_of(settings),
+        controlled.signals["steer"][:driven],
+        controlled.signals["vx"][:driven],
+        cycle.established + cycle.watched,
+    )
+    quiet = _without_noise(settings, cycle.established)
+    ticks = drive(quiet, controller, enabled=True, maneuver=straight, kept=NOTHING).ticks
+    t, moment = ticks["t"], ticks["moment"]
+    opened = np.flatnonzero((ticks["mode"] == SAFE) & (t > cycle.established))
+    end = opened[0] if len(opened) else len(t)
+    return limit_cycle.goes_on(t[:end], moment[:end], cycle.established)
+
+
+def _without_noise(settings: Settings, since: float) -> Settings:
+    """Return the settings without noise from ``since`` (s) on or faults that act repeatedly."""
+    lasting = (
+        fault
+        for fault in parse_all(settings.faults)
+        if fault.kind not in ("burst", "spike") and not fault.every
+    )
+    return replace(
+        settings,
+        conditions=(*settings.conditions, ("noise_end", since)),
+        faults=tuple(map(str, lasting)),
+    )
 
 
 def drive(
@@ -166,15 +227,17 @@ def drive(
     enabled: bool,
     duration: float | None = None,
     progress: Progress | None = None,
+    maneuver: maneuvers.Maneuver | None = None,
     steer: NDArray[np.float64] | None = None,
     kept: Kept = EVERYTHING,
 ) -> Trace:
     """Drive the manoeuvre once; without control the actuators are disabled but frames exchanged.
 
-    ``steer``: angle at the road wheels, rad, one value per millisecond, replayed instead of the
-    driver's steering. ``kept``: what the trace has of signals and frames.
+    ``maneuver`` is driven instead of that of the settings. ``steer``: angle at the road wheels,
+    rad, one value per millisecond, replayed instead of the driver's steering. ``kept``: what the
+    trace has of signals and frames.
     """
-    maneuver = maneuver_of(settings)
+    maneuver = maneuver or maneuver_of(settings)
     stage = "controlled" if enabled else "passive"
     if steer is not None:
         maneuver, stage = maneuvers.replay(maneuver, steer), "replay"
@@ -269,19 +332,18 @@ def assess(
     passive: Trace,
     controlled: Trace | None,
     replayed: Trace | None = None,
+    *,
+    cycle: LimitCycle | None = None,
 ) -> Result:
-    """Return the figures of a pair of runs and of the replay, if any."""
+    """Return the figures of a pair of runs and of the replay, if any.
+
+    ``cycle`` is the limit cycle of the controlled run (:func:`limit_cycle_of`).
+    """
     maneuver = maneuver_of(settings)
     seen = passive if controlled is None else controlled
     delay = delay_of(settings)
     names = names_of(settings.profile)
     imu = next(ident for ident, name in names.items() if name == "Imu")
-    cycle = None
-    if controlled is not None:
-        found = limit_cycle.oscillations(controlled.ticks["t"], controlled.ticks["moment"])
-        cycle = limit_cycle.unexcited(
-            found, lambda: ((t, roll) for t, roll in pieces(passive.signals, "time", "roll"))
-        )
     warnings = list(controller.warnings)
     if settings.plant == "roll1" and settings.scenario in AT_THE_LIMIT:
         warnings.append("roll1 has no tyre limits and no wheel lift: use --plant nonlinear")
@@ -305,6 +367,7 @@ def assess(
         can=metrics.can(seen, names),
         trigger=metrics.trigger(seen, heartbeat_ticks=controller.record.heartbeat_ticks),
         limit_cycle=cycle,
+        options=_effective_options(settings, maneuver),
         standard=standard.assess(maneuver, settings.vehicle, passive, controlled),
         replay=replayed,
         replay_metrics=None if replayed is None else metrics.judge(replayed),
@@ -314,6 +377,12 @@ def assess(
         else reaction.observe(controlled, passive, parse_all(settings.faults)),
         phase=phase.measured(seen.ticks["t"], seen.frames, imu),
     )
+
+
+def _effective_options(settings: Settings, maneuver: maneuvers.Maneuver) -> dict[str, Any]:
+    """Return the options of the manoeuvre that have an effect on this plant."""
+    without = set() if body(settings.plant).friction else {"friction"}
+    return {key: value for key, value in maneuver.options.items() if key not in without}
 
 
 def with_files(result: Result, files: dict[str, str]) -> Result:

@@ -1,8 +1,9 @@
 """The controller of a run, designed or read from a calibration file, and its frames."""
 
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +13,22 @@ import dbc
 import vehicles
 from canroll.errors import CanrollError
 from codegen.generated import own_stage
-from codegen.generated.bus_map import SAMPLE_COUNTERS, VALID_BITS, BusMap, Mailbox
+from codegen.generated.bus_map import BusMap
+from codegen.generated.mailbox import RECEIVED, SAMPLE_COUNTERS, VALID_BITS
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_stage
 from dbc import attribute, read
 from dbc.keys import DEVELOPMENT_KEY, read_key
+from dbc.reader import each
 from firmware import calibration as fw
 from firmware.calibration import Calibration
 from firmware.plausibility import NEEDED
-from firmware.state import RX_IMU, RX_SUSPENSION_RATE
+from firmware.state import REST, RX_ACTUATOR_STATE, RX_IMU, RX_SUSPENSION_RATE, RX_VEHICLE_MOTION
 from gain_gen.calibration.calibration_file import LoadedCalibration, load
 from gain_gen.calibration.freeze import calibrate
 from gain_gen.calibration.quantise import ACTUATOR_NUMBER, Options
-from gain_gen.design import design
+from gain_gen.design import design, without_control
+from gain_gen.laws import WITHOUT_ROLL_RATE
 from gain_gen.models.task import Delay, Design, Task
 from hil.runs.choices import CHOICES, PASSIVE, check, chosen
 from plant_sim.can_bus import BusProfile, load_profile
@@ -45,16 +49,14 @@ RECENT: deque[tuple[str, Task, Design]] = deque(maxlen=32)
 """Designs of this process: a sweep uses the same one at every speed."""
 COMMAND_TIMEOUT = 0.160
 """Age at which actuators release a command, s."""
-DEGRADING = ("vehicle_motion",)
-"""Mailboxes without which the loop runs degraded."""
-WATCHED = "suspension_rate"
-"""Mailbox that the monitor of the body's response needs."""
+SPEED = 1
+"""Bit of ecu.valid: the speed of VehicleMotion."""
+STEERED = 3
+"""Input of a compensator: the lateral acceleration by steering."""
 COUNTS = 15
 """Largest value of the sample counters that the firmware can follow over lost frames."""
 NAMED = 5
 """Messages that a warning lists."""
-LAW_OF_PASSIVE = "lqr"
-"""Without control the frames go on all the same, so some law must fill them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,6 +193,8 @@ def task_of(choices: Mapping[str, Any], delay: Delay | None = None) -> Task:
         gains=chosen(choices, "gains"),
         feedforward=chosen(choices, "feedforward"),
         moment_share=choices.get("moment_share"),
+        matrices=str(choices.get("matrices") or ""),
+        unverified=chosen(choices, "unverified"),
     )
 
 
@@ -206,6 +210,12 @@ def options_of(choices: Mapping[str, Any]) -> Options:
             f"--heartbeat {1e3 * heartbeat:g}: it must be at least the tick and below the "
             f"{1e3 * COMMAND_TIMEOUT:g} ms after which actuators release"
         )
+    identification, observer = chosen(choices, "identification"), chosen(choices, "observer")
+    if identification and observer in WITHOUT_ROLL_RATE:
+        raise CanrollError(
+            f"--identification needs the measured roll rate, which --observer {observer} does "
+            "without: omit one of them"
+        )
     event = chosen(choices, "trigger") == "event"
     every_tick = not event or chosen(choices, "actuator") == "dampers"
     if every_tick and choices.get("heartbeat_ms") is not None:
@@ -213,10 +223,11 @@ def options_of(choices: Mapping[str, Any]) -> Options:
         raise CanrollError(f"--heartbeat: {where} a command is sent every tick: omit it")
     return Options(
         event_trigger=event,
-        identification=chosen(choices, "identification"),
+        identification=identification,
         offset_learning=chosen(choices, "offset_learning"),
         response_watch=_response_watch(choices),
         sample_period=_sample_period(choices),
+        moment_reported=not _unreported(choices),
         heartbeat=heartbeat,
     )
 
@@ -248,9 +259,18 @@ def _not_measured(choices: Mapping[str, Any]) -> str:
         return "plant roll1 has no tyres"
     profile = profile_of(choices)
     bus = bus_map(profile)
-    if bus is not None and _absent(bus.received[RX_SUSPENSION_RATE], NEEDED[RX_SUSPENSION_RATE]):
+    if bus is not None and _absent(bus, RX_SUSPENSION_RATE):
         return f"{profile.map_file} maps no stroke rates of the suspension"
+    if _unreported(choices):
+        return f"{profile.map_file} maps no delivered moments"
     return ""
+
+
+def _unreported(choices: Mapping[str, Any]) -> bool:
+    """Return whether the bus has no delivered moments, and the actuators' commands are moments."""
+    bus = bus_map(profile_of(choices))
+    moments = chosen(choices, "actuator") in ("bars", "suspension")
+    return bus is not None and moments and bool(_absent(bus, RX_ACTUATOR_STATE))
 
 
 def _sample_period(choices: Mapping[str, Any]) -> float:
@@ -270,7 +290,8 @@ def _sample_period(choices: Mapping[str, Any]) -> float:
 def _designed(choices: Mapping[str, Any]) -> Controller:
     law = chosen(choices, "law")
     task, options = task_of(choices), options_of(choices)
-    answer = _design(LAW_OF_PASSIVE if law == PASSIVE else law, task)
+    # without control the frames go on all the same
+    answer = without_control(task) if law == PASSIVE else _design(law, task)
     if task.actuator == "valves" and not answer.controller.commands_axles:
         # a moment law drives the bars' own torque loop, for a current is the rate of a moment
         answer = replace(answer, task=replace(task, actuator="bars"))
@@ -284,7 +305,7 @@ def _designed(choices: Mapping[str, Any]) -> Controller:
         tick=task.tick,
         record=record,
         tables=tables,
-        warnings=() if law == PASSIVE else tuple(answer.warnings),
+        warnings=tuple(tables["design"]["warnings"]),
     )
 
 
@@ -299,13 +320,13 @@ def _design(law: str, task: Task) -> Design:
 
 
 def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Controller:
-    vehicle = vehicles.load(calibration.vehicle)
+    vehicle, note = calibration.vehicle, ""
     if choices.get("plant_vehicle") is None:
-        refuse_changed(vehicle, calibration.vehicle_fingerprint, str(calibration.path))
+        note = vehicles.note_of_change(vehicle, "calibration")
     command = COMMANDS[calibration.record.actuator]
     delay = sample_to_force(vehicle, command, profile_of(choices), tick=calibration.tick)
     warnings = [line for line in calibration.warnings if "expect a limit cycle" not in line]
-    beyond = calibration.delay_warning(delay.most)
+    beyond = calibration.delay_warning(delay.most) or _other_delay(calibration, choices, delay)
     return Controller(
         vehicle=vehicle,
         law=choices.get("law") or calibration.law,
@@ -315,18 +336,24 @@ def _loaded(calibration: LoadedCalibration, choices: Mapping[str, Any]) -> Contr
         tick=calibration.tick,
         record=calibration.record,
         tables=calibration.tables,
-        warnings=(*warnings, *([beyond] if beyond else [])),
+        warnings=(*warnings, *(line for line in (beyond, note) if line)),
     )
 
 
-def refuse_changed(vehicle: Vehicle, fingerprint: str, of: str) -> None:
-    """Raise CanrollError if a vehicle's numbers have changed since the file ``of`` was made."""
-    if vehicle.fingerprint != fingerprint:
-        raise CanrollError(
-            f"{of}: vehicle {vehicle.reference} has changed since: create the calibration again "
-            f"with 'canroll design', or drive the vehicle of today with --plant-vehicle "
-            f"{vehicle.reference}"
-        )
+def _other_delay(calibration: LoadedCalibration, choices: Mapping[str, Any], delay: Delay) -> str:
+    """Return a note where the delay designed for does not occur on the chosen bus, or ""."""
+    table = calibration.tables["design"]
+    nominal = table.get("delay_s")
+    if nominal is None or delay.least <= nominal <= delay.most:
+        return ""
+    least, most = table.get("delay_min_s", nominal), table.get("delay_max_s", nominal)
+    designed = f"{1e3 * least:.3g}" if least == most else f"{1e3 * least:.3g} to {1e3 * most:.3g}"
+    bus = chosen(choices, "bus") if choices.get("bus") else f"{chosen(choices, 'bus')} (default)"
+    return (
+        f"the calibration is designed for {designed} ms from sample to force, bus {bus} has "
+        f"{1e3 * delay.least:.3g} to {1e3 * delay.most:.3g} ms: choose the bus designed for by "
+        "--bus"
+    )
 
 
 RUN_TIME = 200e-6
@@ -411,55 +438,101 @@ def _of_traffic(profile: BusProfile) -> Iterator[str]:
 def _other_rates(profile: BusProfile) -> Iterator[str]:
     """Warning on the DBC's bit rates if the bus has others."""
     assert profile.dbc is not None
-    database, _ = read(profile.dbc)
-    for name, rate in (
-        ("Baudrate", profile.bitrate),
-        ("BaudrateCANFD", profile.data_bitrate or profile.bitrate),
-    ):
-        said = attribute(database, name)
+    rates = {
+        "Baudrate": profile.bitrate,
+        "BaudrateCANFD": profile.data_bitrate or profile.bitrate,
+    }
+    for path, (name, rate) in product(each(profile.dbc), rates.items()):
+        said = attribute(read(path)[0], name)
         if said and said != rate:
-            yield f"{profile.dbc}: its {name} is {said} bit/s, that of bus {profile.name} {rate}"
+            yield f"{path}: its {name} is {said} bit/s, that of bus {profile.name} {rate}"
 
 
 def _lacking(profile: BusProfile, bus: BusMap, record: Calibration) -> Iterator[str]:
-    for box, timeout, needed in zip(bus.received, record.timeout_ticks, NEEDED, strict=True):
-        where = f"{profile.map_file} [receive.{box.slot}]"
-        absent = _absent(box, needed)
-        watching = box.slot == WATCHED and record.actuator in (fw.SUSPENSION, fw.BARS)
+    """Warnings on what the frames of a bus do not carry; what the loop requires is refused."""
+    fields = _mapped(bus)
+    where = f"{profile.map_file} [receive.vehicle_motion]"
+    if "speed" not in fields:
+        raise CanrollError(
+            f"{where}: no signal is mapped to speed: the law commands nothing without it"
+        )
+    if "steering" not in fields and _steers(record, fields):
+        raise CanrollError(
+            f"{where}: no signal is mapped to steering, which this law, observer or learning of "
+            "offsets requires: choose another"
+        )
+    for message, timeout in enumerate(record.timeout_ticks):
+        slot = RECEIVED[message]
+        where = f"{profile.map_file} [receive.{slot}]"
+        absent = _absent(bus, message, record)
+        watching = message == RX_SUSPENSION_RATE and record.actuator in (fw.SUSPENSION, fw.BARS)
         hint = ": map another, or design with --no-watch-response" if watching else ""
+        if absent == "roll_rate":
+            hint = f": map it, or design with --law lqr --observer {WITHOUT_ROLL_RATE[0]}"
         if absent and watching and not timeout:
             yield (
                 f"{where}: no signal is mapped to {absent}: lying actuators and small errors of "
                 "the lateral acceleration go unnoticed"
             )
+        if absent and message == RX_ACTUATOR_STATE and not timeout:
+            yield (
+                f"{where}: no signal is mapped to {absent}: what is commanded counts as delivered, "
+                "and actuators that fail go unnoticed"
+            )
         if not timeout:
             continue
-        if absent and box.slot not in DEGRADING:
+        if absent:
             raise CanrollError(
                 f"{where}: no signal is mapped to {absent}, which the loop requires{hint}"
             )
-        if absent:
-            yield f"{where}: no signal is mapped to {absent}: the loop runs degraded"
         wait = timeout * record.tick_us // 1000
-        if box.name and 2 * box.cycle_ms > wait:
-            raise CanrollError(
+        for box in bus.frames_of(slot):
+            if 2 * box.cycle_ms <= wait:
+                continue
+            slow = (
                 f"{where}: {box.name} is sent every {box.cycle_ms} ms, but the loop's timeout "
                 f"is {wait} ms: it must be at least two cycle times{hint}"
             )
+            if box.bits & (_needed(message, record) | REST):
+                raise CanrollError(slow)
+            yield f"{slow}; its signals count as late"
 
 
-def _absent(box: Mailbox, needed: int) -> str:
-    """The first required field without a signal in a mailbox; "" if there is none."""
-    there = {signal.place.text for signal in box.signals}
-    for bit, field in enumerate(VALID_BITS[box.slot]):
-        if needed >> bit & 1 and field not in there:
-            return field
-    return ""
+def _mapped(bus: BusMap) -> set[str]:
+    """The fields that received frames fill."""
+    return {signal.place.text for box in bus.received for signal in box.signals}
+
+
+def _steers(record: Calibration, fields: Collection[str]) -> bool:
+    """Whether a calibration uses the steering angle, given the fields that are filled."""
+    steered = any(record.gamma_steering) or (
+        record.law == fw.COMPENSATOR
+        and any(row[STEERED] for row in (*record.compensator_b, *record.compensator_d))
+    )
+    return steered or (bool(record.offset_learning) and "yaw_rate" not in fields)
+
+
+def _needed(message: int, record: Calibration | None) -> int:
+    """The signals of a message that the loop needs, as bits of ecu.valid."""
+    if message == RX_IMU and record is not None:
+        return record.measurements or NEEDED[message]
+    return NEEDED[message]
+
+
+def _absent(bus: BusMap, message: int, record: Calibration | None = None) -> str:
+    """The first required field of a message that no frame of it has; "" if there is none."""
+    needed = _needed(message, record)
+    if message == RX_VEHICLE_MOTION:
+        needed = SPEED
+    carried = sum(box.bits for box in bus.frames_of(RECEIVED[message]))
+    fields = VALID_BITS[RECEIVED[message]]
+    return next((f for k, f in enumerate(fields) if (needed & ~carried) >> k & 1), "")
 
 
 def refuse_wide_steps(bus: BusMap, record: Calibration, map_file: str) -> None:
     """Raise CanrollError if a multiplexed page has larger counter steps than accepted."""
-    for box, accepted in zip(bus.received, record.e2e_max_delta, strict=True):
+    for box in bus.received:
+        accepted = record.e2e_max_delta[RECEIVED.index(box.slot)]
         counter = box.protection.counter if box.protection else None
         if record.e2e and counter is not None and box.cycle > accepted:
             raise CanrollError(

@@ -1,4 +1,10 @@
-"""Detection of limit cycles: the command oscillates although the manoeuvre does not."""
+"""Detection of limit cycles: the command oscillates although nothing excites it.
+
+An oscillation of the command is first looked for in the run itself (:func:`detect`). Sensor noise,
+the road and the steering make stable loops oscillate too, so the same run is then driven once more:
+from one period of the oscillation on without noise and straight on. The response of a stable loop
+decays there, a limit cycle and an unstable loop go on (:func:`goes_on`).
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -36,6 +42,33 @@ class LimitCycle:
             f"{self.frequency:.1f} Hz from {self.start:.1f} s to {self.end:.1f} s"
         )
 
+    @property
+    def established(self) -> float:
+        """One period after its start, s: the loop is judged from its state at this time."""
+        return self.start + 1 / self.frequency
+
+    @property
+    def watched(self) -> float:
+        """How long the loop is watched without noise and straight on, s.
+
+        As long as the oscillation lasted, and twice as long as the shortest limit cycle.
+        """
+        shortest = max(SECONDS_MIN, HALF_CYCLES_MIN / 2 / self.frequency)
+        return max(self.end - self.start, 2 * shortest)
+
+
+def goes_on(t: Vector, command: Vector, since: float) -> bool:
+    """Whether ``command`` (N·m) oscillates from some time after ``since`` until its end.
+
+    ``t`` (s) are the times of the ticks of a run without noise and straight on from ``since`` on,
+    up to its end or to the tick at which the ECU opens the loop.
+    """
+    watched = t > since
+    return any(
+        cycle.end + 1 / cycle.frequency > t[-1]
+        for _, cycle in oscillations(t[watched], command[watched])
+    )
+
 
 def turning_points(values: Vector, hysteresis: float) -> NDArray[np.int64]:
     """Return the alternating extrema of ``values``, ignoring changes below ``hysteresis``."""
@@ -67,7 +100,7 @@ def _turns(values: list[float], hysteresis: float) -> list[int]:
 def detect(
     t: Vector, command: Vector, t_passive: Vector, roll_passive: Vector
 ) -> LimitCycle | None:
-    """Return the longest limit cycle of ``command``, or None.
+    """Return the longest oscillation of ``command`` that may be a limit cycle, or None.
 
     A limit cycle consists of oscillations that do not decay, have equal periods, and last for at
     least three periods and one second. The command is searched both as it is and with its moving
@@ -80,7 +113,8 @@ def detect(
         t_passive: times of the same manoeuvre without control, s.
         roll_passive: roll angle at these times, rad.
     """
-    return unexcited(oscillations(t, command), lambda: [(t_passive, roll_passive)])
+    found = unexcited(oscillations(t, command), lambda: [(t_passive, roll_passive)])
+    return found[0] if found else None
 
 
 def oscillations(t: Vector, command: Vector) -> list[tuple[float, LimitCycle]]:
@@ -99,8 +133,8 @@ def oscillations(t: Vector, command: Vector) -> list[tuple[float, LimitCycle]]:
 def unexcited(
     found: Sequence[tuple[float, LimitCycle]],
     passive: Callable[[], Iterable[tuple[Vector, Vector]]],
-) -> LimitCycle | None:
-    """Return the longest of the :func:`oscillations` that the manoeuvre does not cause, or None.
+) -> list[LimitCycle]:
+    """Return the :func:`oscillations` that the manoeuvre does not cause, the longest first.
 
     ``passive`` returns times (s) and roll angle (rad) of the manoeuvre without control, in pieces.
     """
@@ -118,7 +152,7 @@ def unexcited(
             for cycle, parts in zip(cycles, inside, strict=True)
             if not _excited(cycle, np.concatenate(parts), peak)
         ]
-    return max(own, key=lambda cycle: cycle.end - cycle.start, default=None)
+    return sorted(own, key=lambda cycle: cycle.start - cycle.end)
 
 
 def _evenly(t: Vector, values: Vector) -> tuple[Vector, Vector]:

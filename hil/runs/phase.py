@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 import dbc
 from canroll.errors import CanrollError
-from codegen.generated.bus_map import EXTENDED
+from codegen.generated.mailbox import EXTENDED
 from plant_sim.can_bus import DELIVERED, ECU
 from plant_sim.world.spool import Table, blocks
 from plant_sim.world.world import World

@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING, Any
 from canroll.errors import optional
 from codegen.generated.own_stage import OwnStage
 from codegen.run.bus_firmware import BusFirmware
+from dbc.reader import file_names, paths_of
 from firmware.calibration import Calibration
 from gain_gen.models.task import Delay
 from hil.reaction.reaction import Reaction
-from hil.runs.choices import CHOICES
+from hil.runs.choices import CHOICES, one_or_several
 from hil.runs.frozen import firmware_of, secret_of
 from hil.runs.limit_cycle import LimitCycle
 from hil.runs.metrics import Can, Metrics, Trigger
 from hil.runs.phase import Phase
-from hil.runs.standard import Standard
+from hil.runs.standard import Outcome, Standard
 from hil.runs.trace import Trace
 from plant_sim.can_bus import BusProfile, load_profile
 from vehicles import Vehicle
@@ -38,14 +39,8 @@ FIGURES = (
 )
 """The metrics that every table shows, in order."""
 
-LEAST_ROLL_DEG = 0.01
-"""Below this largest roll angle there is no roll to reduce."""
-
 SAVED = tuple(name for name, choice in CHOICES.items() if choice.saved)
 """The choices stored in results; all others are in their calibration."""
-
-WORSE = 1.05
-"""Ratio of roll rate with control to that without, above which the verdict is mixed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,11 +50,11 @@ class Settings:
     ``speed`` in m/s, ``tick``, ``run_time`` and ``phase`` in s (phase None: that of clocks that
     start together); ``command``: the message that commands the actuators; ``options`` of the
     manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
-    :func:`hil.runs.conditions.options` reads them; ``dbc`` and ``map``: the frames on the bus, None
-    for those of the contract or the network's own; ``key``: the file of the key, None for the
-    development key; ``stage``: an own stage of the loop.
+    :func:`hil.runs.conditions.options` reads them; ``dbc`` (one file or several) and ``map``:
+    the frames on the bus, None for those of the contract or the network's own; ``key``: the file
+    of the key, None for the development key; ``stage``: an own stage of the loop.
     ``vehicle`` is driven; ``plant_vehicle`` is its name or file if it is not the one the
-    controller was designed for, else None.
+    controller was designed for, else None; ``designed_for`` is the name of that one.
     """
 
     scenario: str
@@ -80,11 +75,27 @@ class Settings:
     faults: tuple[str, ...] = ()
     conditions: tuple[tuple[str, Any], ...] = ()
     phase: float | None = None
-    dbc: str | None = None
+    dbc: str | tuple[str, ...] | None = None
     map: str | None = None
     plant_vehicle: str | None = None
+    designed_for: str | None = None
     key: str | None = None
     stage: OwnStage | None = None
+
+    @property
+    def vehicle_name(self) -> str:
+        """The vehicle that is driven, and the one designed for if it is another."""
+        if self.designed_for in (None, self.vehicle.name):
+            return self.vehicle.name
+        return f"{self.vehicle.name} (designed for {self.designed_for})"
+
+    @property
+    def vehicles(self) -> dict[str, str | None]:
+        """The vehicle designed for, and the driven one if it is another, as results name them."""
+        return {
+            "vehicle": self.designed_for or self.vehicle.name,
+            "plant_vehicle": self.plant_vehicle,
+        }
 
     @property
     def law_name(self) -> str:
@@ -95,7 +106,7 @@ class Settings:
     def bus_name(self) -> str:
         """The bus in a few words: its name, and the file of the user's frames, if any."""
         bus = Path(self.bus).stem if self.bus.endswith(".toml") else self.bus
-        return bus if self.dbc is None else f"{bus}, frames of {Path(self.dbc).name}"
+        return bus if self.dbc is None else f"{bus}, frames of {file_names(paths_of(self.dbc))}"
 
     @property
     def profile(self) -> BusProfile:
@@ -115,12 +126,13 @@ class Settings:
     def choices(self) -> dict[str, Any]:
         """Return these settings by the keywords of a run, without those of the calibration."""
         own = {
-            "vehicle": self.vehicle.name,
+            **self.vehicles,
             "speed_kmh": self.speed * 3.6,
             "tick_ms": self.tick * 1e3,
             "options": dict(self.options),
             "faults": list(self.faults),
             "conditions": dict(self.conditions),
+            "dbc": list(self.dbc) if isinstance(self.dbc, tuple) else self.dbc,
         }
         return {name: own[name] if name in own else getattr(self, name) for name in SAVED}
 
@@ -132,11 +144,13 @@ class Settings:
             KeyError: a choice is missing.
         """
         own = {
+            "designed_for": choices["vehicle"],
             "speed": choices["speed_kmh"] / 3.6,
             "tick": 1e-3 * choices["tick_ms"],
             "options": tuple(choices["options"].items()),
             "faults": tuple(choices["faults"]),
             "conditions": tuple(choices["conditions"].items()),
+            "dbc": one_or_several(choices["dbc"]),
         }
         names = {entry.name for entry in fields(cls)} - own.keys() - others.keys()
         same = {name: choices[name] for name in SAVED if name in names}
@@ -162,6 +176,7 @@ class Result:
         trigger: transmission figures, of the controlled run if there is one.
         limit_cycle: limit cycle of the command, or None.
         standard: verdicts of the manoeuvre's standard on both runs.
+        options: every option of the manoeuvre in effect, defaults too.
         replay: trace with control and the steering of the passive run; None if the driver steers
             the same with and without control, as it would equal the controlled run.
         replay_metrics: figures of the replay or None.
@@ -185,6 +200,7 @@ class Result:
     trigger: Trigger
     limit_cycle: LimitCycle | None
     standard: Standard
+    options: Mapping[str, Any] = field(default_factory=dict)
     replay: Trace | None = None
     replay_metrics: Metrics | None = None
     warnings: tuple[str, ...] = ()
@@ -232,7 +248,7 @@ class Result:
             for name in FIGURES
         )
         settings = self.settings
-        title = f"{settings.scenario}, {settings.vehicle.name}, {settings.law_name}"
+        title = f"{settings.scenario}, {settings.vehicle_name}, {settings.law_name}"
         return (
             f"<p><b>{escape(title)}</b><br>{escape(self.verdict)}</p>"
             f"<table><tr><th></th>{head}</tr>{rows}</table>"
@@ -244,9 +260,10 @@ class Result:
         return tuple(self.timing.get("not_valid", ()))
 
     @property
-    def rolls(self) -> bool:
-        """Whether there is any roll angle to reduce."""
-        return self.passive_metrics.roll_max_deg >= LEAST_ROLL_DEG
+    def outcome(self) -> Outcome:
+        """What control does, by the figures of both runs."""
+        runs = self.passive_metrics, self.controlled_metrics
+        return Outcome(*runs, self.limit_cycle, self.standard)
 
     @property
     def reduction(self) -> float | None:
@@ -254,43 +271,16 @@ class Result:
 
         None without control or without any roll.
         """
-        if self.controlled_metrics is None or not self.rolls:
-            return None
-        return 1 - self.controlled_metrics.roll_max_deg / self.passive_metrics.roll_max_deg
+        return self.outcome.reduction
 
     @property
     def helps(self) -> bool | None:
-        """Whether RMS and largest roll angle both decreased, without a limit cycle or a rollover.
+        """Whether control prevents a rollover, or reduces both RMS and largest roll angle.
 
-        None without control, without any roll, or if the run is not valid.
+        False with a limit cycle or a rollover; None without control, without any roll, or if the
+        run is not valid.
         """
-        if self.controlled_metrics is None or self.not_valid:
-            return None
-        active, passive = self.controlled_metrics, self.passive_metrics
-        if active.rollover or self.limit_cycle is not None:
-            return False
-        if not self.rolls:
-            return None
-        return (
-            active.roll_max_deg < passive.roll_max_deg
-            and active.roll_rms_deg < passive.roll_rms_deg
-        )
-
-    @property
-    def pays(self) -> tuple[str, ...]:
-        """Side effects: quantities that control worsens by more than 5 %, as text."""
-        active, passive = self.controlled_metrics, self.passive_metrics
-        if active is None or not self.helps:
-            return ()
-        rates = {
-            "roll rate RMS": (active.roll_rate_rms_deg_s, passive.roll_rate_rms_deg_s),
-            "roll rate max": (active.roll_rate_max_deg_s, passive.roll_rate_max_deg_s),
-        }
-        return tuple(
-            f"{name} {after:.2f} instead of {before:.2f} deg/s"
-            for name, (after, before) in rates.items()
-            if after > WORSE * before
-        )
+        return None if self.not_valid else self.outcome.helps
 
     @property
     def harmful(self) -> bool:
@@ -298,41 +288,26 @@ class Result:
         return bool(self.settings.faults and self.reaction and self.reaction.harm)
 
     @property
+    def good(self) -> bool | None:
+        """The colour of the verdict: good, bad (also if harmful or not valid), or neither."""
+        return False if self.not_valid or self.harmful else self.outcome.good
+
+    @property
     def verdict(self) -> str:
         """The verdict in one line, with detection and harm of its faults."""
-        text = self._figures_verdict
-        if self.reaction is None or not self.reaction.text or self.not_valid:
+        if self.not_valid:
+            return f"Not valid: {'; '.join(self.not_valid)}"
+        text = self.outcome.sentence
+        if self.reaction is None or not self.reaction.text:
             return text
         if self.harmful:
             return f"Harmful: {self.reaction.text}. {text}"
         return f"{text}; {self.reaction.text}"
 
     @property
-    def _figures_verdict(self) -> str:
-        passive, active = self.passive_metrics, self.controlled_metrics
-        if self.not_valid:
-            return f"Not valid: {'; '.join(self.not_valid)}"
-        if active is None:
-            return f"Without control the largest roll angle is {passive.roll_max_deg:.2f}°"
-        text = (
-            f"largest roll angle {active.roll_max_deg:.2f}° instead of {passive.roll_max_deg:.2f}°"
-        )
-        if self.reduction is not None:
-            text += f" ({-100 * self.reduction:+.0f} %)".replace("-", "−")
-        if active.rollover:
-            return f"Control does not help: the vehicle rolls over; {text}"
-        if self.limit_cycle is not None:
-            return f"The loop is unstable, {self.limit_cycle}; {text}"
-        if not self.rolls:
-            return f"No roll to reduce: {text}"
-        if self.pays:
-            return f"Mixed: {text}, but {', '.join(self.pays)}"
-        return f"Control {'helps' if self.helps else 'does not help'}: {text}"
-
-    @property
     def exit_code(self) -> int:
-        """The exit code: 1 if control does not help or harms, or there is no verdict."""
-        return 1 if self.helps is False or self.not_valid or self.harmful else 0
+        """The exit code: 1 if the verdict is bad."""
+        return 1 if self.good is False else 0
 
     def to_json(self) -> dict[str, Any]:
         """Return the run as plain data, as printed by ``canroll run --json``."""
@@ -343,8 +318,10 @@ class Result:
                 name: round(value, 9) if isinstance(value, float) else value
                 for name, value in settings.choices().items()
             },
+            "options_in_effect": dict(self.options),
             "duration_s": self.passive.duration,
             "calibration_id": self.record.id,
+            "failed": list(self.tables["design"].get("failed", ())),
             "passive": asdict(self.passive_metrics),
             "controlled": asdict(self.controlled_metrics) if self.controlled_metrics else None,
             "replay": asdict(self.replay_metrics) if self.replay_metrics else None,
@@ -358,6 +335,7 @@ class Result:
             "limit_cycle": asdict(self.limit_cycle) if self.limit_cycle else None,
             "reaction": None if self.reaction is None else self.reaction.to_json(),
             "helps": self.helps,
+            "good": self.good,
             "not_valid": list(self.not_valid),
             "verdict": self.verdict,
             "warnings": list(self.warnings),

@@ -18,6 +18,7 @@ from gain_gen.calibration import calibration_file
 from gain_gen.calibration.calibration_file import LoadedCalibration
 from hil.runs.experiment import assess
 from hil.runs.frozen import COMMANDS, Controller
+from hil.runs.limit_cycle import LimitCycle
 from hil.runs.result import SAVED, Result, Settings
 from hil.runs.trace import Trace
 from hil.runs.virtual_time import RUN_TIME_NS
@@ -32,6 +33,8 @@ HASHES = "sha256"
 """Key of result.json: the SHA-256 of the other two files."""
 VEHICLE = "vehicle_sha256"
 """Key of result.json: the fingerprint of the vehicle that was driven."""
+DOCUMENT = "vehicle_document"
+"""Key of result.json: the document of that vehicle."""
 RUNS = ("passive", "controlled", "replay")
 
 
@@ -74,6 +77,11 @@ def load(folder: Path) -> Result:
     Raises:
         CanrollError: files are missing, unreadable, changed, or not of one run.
     """
+    if (folder / RESULT).is_file() and not (folder / TRACE).is_file():
+        raise CanrollError(
+            f"{folder}: not a saved run: {TRACE} is missing or was left out by --no-trace: drive "
+            "it again"
+        )
     if not is_run(folder):
         raise CanrollError(
             f"{folder}: not a saved run (expected {RESULT} and {TRACE}, as written by "
@@ -89,9 +97,13 @@ def load(folder: Path) -> Result:
             traces = {run: _trace(stored, run) for run in RUNS}
         loaded = calibration_file.load(folder / CALIBRATION)
         settings = _settings(data, loaded)
-        told = {"warnings": tuple(data["warnings"]), "files": data["files"]}
+        note = vehicles.note_of_change(settings.vehicle, "run")
+        warnings = (*data["warnings"], *([note] if note else []))
+        told = {"warnings": warnings, "files": data["files"]}
         timing = data.get("timing", {})
         known = data["calibration_id"]
+        oscillation = data["limit_cycle"]
+        cycle = None if oscillation is None else LimitCycle(**oscillation)
     except UNREADABLE as error:
         raise CanrollError(f"{folder}: cannot read the saved run: {reason(error)}") from error
     passive = traces["passive"]
@@ -100,7 +112,12 @@ def load(folder: Path) -> Result:
             f"{folder}: {RESULT}, {TRACE} and {CALIBRATION} come from different runs"
         )
     result = assess(
-        settings, _controller(settings, loaded), passive, traces["controlled"], traces["replay"]
+        settings,
+        _controller(settings, loaded),
+        passive,
+        traces["controlled"],
+        traces["replay"],
+        cycle=cycle,
     )
     return replace(result, timing=timing, **told)
 
@@ -134,12 +151,12 @@ def _refused(stored: archive.Archive, name: str) -> tuple[int, int] | None:
 
 
 def _settings(data: Mapping[str, Any], loaded: LoadedCalibration) -> Settings:
-    vehicle = vehicles.load(data["plant_vehicle"] or loaded.vehicle)
-    if vehicle.fingerprint != data[VEHICLE]:
-        raise CanrollError(
-            f"the run was driven with other numbers than vehicle {vehicle.reference} has now: "
-            "restore the vehicle file, or drive it again"
-        )
+    vehicle = vehicles.embedded(
+        data[DOCUMENT],
+        reference=data["plant_vehicle"] or loaded.vehicle.reference,
+        fingerprint=data[VEHICLE],
+        where=f"{loaded.path.parent / RESULT}: {DOCUMENT}",
+    )
     phase = data["phase_ms"]["chosen"]
     return Settings.of(
         {name: data[name] for name in SAVED},

@@ -30,7 +30,7 @@ class Interrupted(KeyboardInterrupt):
     """A run was interrupted; ``trace`` is the record up to then."""
 
     def __init__(self, trace: Trace) -> None:
-        super().__init__()
+        super().__init__(f"interrupted at {trace.duration:.3g} s")
         self.trace = trace
 
 

@@ -1,11 +1,13 @@
 """Comparison of several runs: laws, buses, speeds, on one page and in one table."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from canroll.arguments import checked
 from canroll.errors import CanrollError
+from canroll.table import Table
 from canroll.typing import Progress
 from hil.runs import saved_run
 from hil.runs.choices import CHOICES, described, without_frozen
@@ -25,13 +27,138 @@ class Named:
     result: Result
 
 
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Runs of one manoeuvre.
+
+    Attributes:
+        runs: names and results, in the order they were asked for.
+    """
+
+    runs: tuple[Named, ...]
+
+    @property
+    def results(self) -> dict[str, Result]:
+        """The results by name."""
+        return {run.name: run.result for run in self.runs}
+
+    @property
+    def table(self) -> Table:
+        """One row for each run: what was driven, the verdict, and the metrics of both runs."""
+        return Table([_row(run) for run in self.runs])
+
+
+@checked
+def compare(
+    wanted: Sequence[str] | Mapping[str, Mapping[str, Any]],
+    scenario: str = "double_lane_change",
+    *,
+    duration: float | None = None,
+    progress: Progress | None = None,
+    **common: Any,  # noqa: ANN401
+) -> Comparison:
+    """Drive a manoeuvre with several laws, calibrations, buses or vehicles.
+
+    Args:
+        wanted: laws, calibration files, "law=lqr,bus=500k" or folders of saved runs; or keywords of
+            :func:`canroll.run` by the name of the run.
+        scenario: the manoeuvre.
+        duration: s, if shorter than the manoeuvre.
+        progress: called with the name of the run and the fraction done.
+        common: keywords of :func:`canroll.run` for all runs, unless ``wanted`` has others.
+
+    Raises:
+        CanrollError: nothing to compare, an invalid name or number, runs of several manoeuvres, or
+            a run that cannot be driven; the message names the argument.
+    """
+    if not wanted:
+        raise CanrollError(f"wanted={wanted!r}: must be a list of runs, or keywords by name")
+    if isinstance(wanted, Mapping):
+        driven = runs(
+            scenario, list(wanted.items()), common=common, duration=duration, progress=progress
+        )
+        return Comparison(tuple(driven))
+    named = gather(wanted, scenario, common=common, duration=duration, progress=progress)
+    return Comparison(tuple(named))
+
+
+@checked
+def sweep(
+    speeds_kmh: Sequence[float],
+    laws: Sequence[str] = (CHOICES["law"].default,),
+    scenario: str = "double_lane_change",
+    *,
+    progress: Progress | None = None,
+    **common: Any,  # noqa: ANN401
+) -> Comparison:
+    """Drive a manoeuvre at several speeds with one or several laws.
+
+    Args:
+        speeds_kmh: entry speeds, km/h.
+        laws: laws, calibration files, or "law=lqr,bus=500k", as of :func:`compare`.
+        scenario: the manoeuvre.
+        progress: called with the name of the run and the fraction done.
+        common: keywords of :func:`canroll.run` for all runs.
+
+    Raises:
+        CanrollError: no speeds or laws, an invalid name or number, or a run that cannot be driven.
+    """
+    for name, values in (("speeds_kmh", speeds_kmh), ("laws", laws)):
+        if len(values) == 0:
+            raise CanrollError(f"{name}={values!r}: must be a list with at least one entry")
+    wanted = {
+        f"{label(law)} at {speed:g} km/h": {**describe(law), "speed_kmh": speed}
+        for law in laws
+        for speed in speeds_kmh
+    }
+    return compare(wanted, scenario, progress=progress, **common)
+
+
+def _row(run: Named) -> dict[str, Any]:
+    result = run.result
+    metrics: dict[str, Any] = {}
+    for name, of in (
+        ("passive", result.passive_metrics),
+        ("controlled", result.controlled_metrics),
+    ):
+        values = asdict(result.passive_metrics if of is None else of)
+        metrics |= {f"{name}_{key}": None if of is None else value for key, value in values.items()}
+    settings = result.settings
+    return {
+        "name": run.name,
+        "scenario": settings.scenario,
+        **settings.vehicles,
+        "law": settings.law,
+        "bus": settings.bus,
+        "speed_kmh": round(3.6 * settings.speed, 9),
+        "verdict": result.verdict,
+        "good": result.good,
+        "reduction": result.reduction,
+        "transmission_rate": result.trigger.transmission_rate,
+        **metrics,
+    }
+
+
+LABEL = "name="
+"""Begins the part of a description that is the run's name."""
+
+
+def label(text: str) -> str:
+    """Return the name of a run: that of "name=mine,law=lqr", else the description itself."""
+    names = [part for part in text.split(",") if part.startswith(LABEL)]
+    return names[0].removeprefix(LABEL) if names else text
+
+
 def describe(text: str) -> dict[str, Any]:
     """Return the keywords of a run described as "lqr", "file.toml" or "law=lqr,bus=125k_busy".
+
+    A part "name=…" is left out: see :func:`label`.
 
     Raises:
         CanrollError: an unknown key or a value that is not a number.
         UnknownNameError: an unknown law or key.
     """
+    text = ",".join(part for part in text.split(",") if not part.startswith(LABEL))
     if "=" in text:
         return described(text)
     if text.endswith(".toml"):
@@ -97,11 +224,16 @@ def gather(
     Raises:
         CanrollError: runs of different manoeuvres, or a run that cannot be read or driven.
     """
-    read = {text: saved_run.load(Path(text)) for text in texts if _is_folder(text)}
-    wanted = [(text, describe(text)) for text in texts if text not in read]
+    read = {text: saved_run.load(Path(text)) for text in texts if is_folder(text)}
+    labels = [text if text in read else label(text) for text in texts]
+    if len(set(labels)) < len(labels):
+        raise CanrollError(f"two runs have one name among {', '.join(labels)}: add name=…")
+    wanted = [
+        (name, describe(text)) for name, text in zip(labels, texts, strict=True) if text not in read
+    ]
     driven = runs(scenario, wanted, common=common, duration=duration, progress=progress)
     named = {run.name: run for run in driven} | {t: Named(t, result) for t, result in read.items()}
-    found = [named[text] for text in texts]
+    found = [named[name] for name in labels]
     for run in found:
         if run.result.settings.scenario != found[0].result.settings.scenario:
             raise CanrollError(
@@ -111,7 +243,8 @@ def gather(
     return found
 
 
-def _is_folder(text: str) -> bool:
+def is_folder(text: str) -> bool:
+    """Whether a text is the folder of a saved run rather than a law."""
     return text not in CHOICES["law"].values() and Path(text).is_dir()
 
 

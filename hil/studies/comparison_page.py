@@ -12,6 +12,7 @@ from hil.report.run_page import NLT, parameters, playback, provenance
 from hil.report.tables import ALL_FIGURES, LABELS, NOTHING, number
 from hil.runs.metrics import Metrics
 from hil.studies.comparison import Named
+from plant_sim.driving.standards import cones_of
 
 COLOURS = 7
 SAME = 0.02
@@ -107,17 +108,22 @@ def apart(named: Sequence[Named]) -> list[str]:
 
 
 def best(named: Sequence[Named]) -> Verdict:
-    """Return the run with the smallest peak roll angle among those that help."""
+    """Return the run with the least largest roll angle of those that help.
+
+    Those that meet the manoeuvre's standard come first.
+    """
     helping = [run for run in named if run.result.helps]
+    meeting = [run for run in helping if not run.result.outcome.fails_standard]
     if not helping:
         return Verdict(False, "Nothing helps", "No run reduces roll without a limit cycle")
-    winner = min(helping, key=lambda run: run.result.controlled_metrics.roll_max_deg)  # type: ignore[union-attr]
+    winner = min(meeting or helping, key=lambda run: run.result.controlled_metrics.roll_max_deg)  # type: ignore[union-attr]
     assert winner.result.controlled_metrics is not None
     moment = winner.result.controlled_metrics.moment_rms_nm
     roll = winner.result.controlled_metrics.roll_max_deg
+    unmet = "" if meeting else f", {winner.result.standard.short_name} not met"
     return Verdict(
-        True,
-        f"Least roll: {winner.name}",
+        True if meeting else None,
+        f"Least roll: {winner.name}{unmet}",
         f"Largest roll angle {roll:.2f}° for an RMS moment of {moment:.0f} N·m. Less roll at more "
         "moment does not make a better law: consider both.",
     )
@@ -159,15 +165,16 @@ def comparison_page(named: Sequence[Named]) -> str:
     warnings += apart(named)
     settings = first.settings
     scenario = settings.scenario.replace("_", " ")
+    cones = cones_of(settings.scenario, settings.vehicle)
     return render(
         Page(
             title=f"{len(named)} runs of a {scenario}",
-            subtitle=f"{settings.vehicle.name} at {settings.speed * 3.6:.0f} km/h",
+            subtitle=f"{settings.vehicle_name} at {settings.speed * 3.6:.0f} km/h",
             verdict=best(named),
             warnings=warnings,
             tables=[metric_table(named)],
-            figures=[_trade_off(named), *all_figures(shown)],
-            playback=playback(shown, settings.vehicle),
+            figures=[_trade_off(named), *all_figures(shown, cones)],
+            playback=playback(shown, settings.vehicle, cones),
             parameters=[
                 (f"{run.name}: {key}", value)
                 for run in named
@@ -226,7 +233,11 @@ def sweep_page(named: Mapping[str, Sequence[Named]]) -> str:
     speeds = [run.result.settings.speed * 3.6 for run in first]
     everything = [run for runs in named.values() for run in runs if run.result.helps is not None]
     good = [run for run in everything if run.result.helps]
-    text = f"Roll falls, without a limit cycle, in {len(good)} of {len(everything)} runs"
+    text = f"Control helps in {len(good)} of {len(everything)} runs"
+    all_help = len(good) == len(everything)
+    unmet = sum(run.result.outcome.fails_standard for run in everything)
+    if unmet:
+        text += f", {first[0].result.standard.short_name} not met in {unmet}"
     warnings = dict.fromkeys(
         f"{law} at {run.result.settings.speed * 3.6:g} km/h: {warning}"
         for law, runs in named.items()
@@ -238,8 +249,8 @@ def sweep_page(named: Mapping[str, Sequence[Named]]) -> str:
         Page(
             title=f"{scenario[:1].upper()}{scenario[1:]} from {min(speeds):g} to "
             f"{max(speeds):g} km/h",
-            subtitle=f"{settings.vehicle.name}, {settings.actuator} over {settings.bus_name}",
-            verdict=Verdict(len(good) == len(everything), text, ""),
+            subtitle=f"{settings.vehicle_name}, {settings.actuator} over {settings.bus_name}",
+            verdict=Verdict(None if unmet and all_help else all_help, text, ""),
             warnings=list(warnings),
             tables=[sweep_table(named)],
             figures=plots,

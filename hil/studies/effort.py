@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from canroll.errors import CanrollError
 from gain_gen.calibration.record import identify
 from hil.runs.choices import PASSIVE
-from hil.runs.experiment import drive
+from hil.runs.experiment import drive, limit_cycle_of
 from hil.runs.frozen import Controller
-from hil.runs.limit_cycle import detect
 from hil.runs.metrics import judge, rms
 from hil.runs.result import Settings
 from hil.studies.bound import Bound, bound_of
@@ -126,8 +125,8 @@ def driven(
         steer = degrees(rms(trace.signals["steer"]))
         figures.append([*(getattr(metrics, name) for name in FIGURES[:-1]), steer])
         if settings.law != PASSIVE:
-            found = detect(trace.ticks["t"], trace.ticks["moment"], without.time, without.roll)
-            cycles += found is not None
+            roll = {"time": without.time, "roll": without.roll}
+            cycles += limit_cycle_of(settings, controller, trace, roll) is not None
     return Driven(factor, np.array(figures), cycles)
 
 

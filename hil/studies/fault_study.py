@@ -183,7 +183,7 @@ class Study:
         settings = self.settings
         return {
             "scenario": settings.scenario,
-            "vehicle": settings.vehicle.name,
+            **settings.vehicles,
             "law": settings.law,
             "actuator": settings.actuator,
             "bus": settings.bus,

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware.state import SAFE
-from hil.runs import limit_cycle, metrics
-from hil.runs.experiment import drive, maneuver_of, tick_offset_ns
+from hil.runs import metrics
+from hil.runs.experiment import drive, limit_cycle_of, maneuver_of, tick_offset_ns
 from hil.runs.frozen import Controller
 from hil.runs.metrics import Metrics
 from hil.runs.result import Settings
@@ -47,6 +47,8 @@ NEEDED = Kept(
     (
         *("time", "roll", "roll_rate", "path_error", "rollover", "moment_front", "moment_rear"),
         *(f"wheel_load_{wheel}" for wheel in WHEELS),
+        # for the judgement of limit cycles
+        *("steer", "vx"),
     ),
     frames=False,
 )
@@ -68,12 +70,7 @@ def figures(controller: Controller, settings: Iterable[Settings]) -> NDArray[np.
 def _pair(controller: Controller, settings: Settings) -> tuple[object, ...]:
     passive = without_control(settings, controller)
     controlled = drive(settings, controller, enabled=True, kept=NEEDED)
-    cycle = limit_cycle.detect(
-        controlled.ticks["t"],
-        controlled.ticks["moment"],
-        passive.signals["time"],
-        passive.signals["roll"],
-    )
+    cycle = limit_cycle_of(settings, controller, controlled, passive.signals)
     return (
         astuple(metrics.judge(passive)),
         astuple(metrics.judge(controlled)),

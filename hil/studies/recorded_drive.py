@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
 from canroll.typing import Vector
-from codegen.generated.bus_map import EXTENDED
+from codegen.generated.mailbox import EXTENDED
 from codegen.run.backends import open_backend
 from codegen.run.bus_firmware import BusFirmware
 from dbc.keys import DEVELOPMENT_KEY

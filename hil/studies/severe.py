@@ -14,18 +14,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from canroll.arguments import checked
+from canroll.errors import CanrollError
+from canroll.table import Table
 from canroll.typing import Progress
-from hil.runs.choices import PASSIVE, chosen
-from hil.runs.experiment import drive, plan
+from hil.runs.choices import OF_ONE_MANOEUVRE, PASSIVE, check, chosen
+from hil.runs.experiment import drive, limit_cycle_of, plan
 from hil.runs.frozen import Controller
-from hil.runs.limit_cycle import detect
 from hil.runs.metrics import peak, rms
 from hil.runs.result import Settings
 from hil.runs.trace import Trace
 from hil.studies import equal_effort
 from hil.studies.effort import scaled
 from hil.studies.equal_effort import Entry, paired, with_stiffer_bar
-from hil.studies.variation import population
+from hil.studies.variation import population, spread_from
 from plant_sim.bodies import own_body
 
 LANE_CHANGE = "double_lane_change"
@@ -55,7 +57,7 @@ MANOEUVRES = (
     Severe("moose", 60.0, {"friction": 1.0}),
     Severe("sine_with_dwell", 80.0, {"scale": 2.5}),
     Severe("sine_with_dwell", 80.0, {"scale": 3.5}),
-    Severe("sine_with_dwell", 80.0),
+    Severe("sine_with_dwell", 80.0, {"scale": 5.0}),
     Severe("j_turn", 60.0),
     Severe("fishhook", 60.0),
     Severe("fishhook", 80.0),
@@ -107,18 +109,24 @@ class Study:
 
     rows: tuple[Row, ...]
     law: str
-    vehicle: str
+    vehicles: Mapping[str, str | None]
     actuator: str
     bus: str
     runs: int
     effort: float
     bar: float
 
+    @property
+    def table(self) -> Table:
+        """One row for each controller in each manoeuvre."""
+        return Table([_values(row) for row in self.rows])
 
+
+@checked
 def study(
     *,
-    runs: int,
-    spread: Mapping[str, float],
+    runs: int = 10,
+    spread: Mapping[str, float | str] | None = None,
     manoeuvres: Sequence[Severe] = MANOEUVRES,
     progress: Progress | None = None,
     **choices: Any,  # noqa: ANN401
@@ -127,7 +135,8 @@ def study(
 
     Args:
         runs: vehicles of the population, at least 2.
-        spread: of the population, see :mod:`hil.studies.variation`.
+        spread: shares of the population by quantity; those left out are the usual ones, see
+            :mod:`hil.studies.variation`.
         manoeuvres: manoeuvres to drive.
         progress: called with the current activity and the fraction done.
         choices: vehicle, law, bus and actuator of :class:`hil.runs.choices.Choices`.
@@ -135,6 +144,15 @@ def study(
     Raises:
         CanrollError: an invalid name or number, or a law that cannot be driven.
     """
+    if runs < 2:
+        raise CanrollError(f"runs={runs}: must be at least 2")
+    check(choices)
+    for name in OF_ONE_MANOEUVRE:
+        if choices.get(name) is not None:
+            raise CanrollError(
+                f"{name}: does not apply to several manoeuvres and vehicles: omit it"
+            )
+    spread = spread_from(spread or {})
     law = chosen(choices, "law")
     common = {name: value for name, value in choices.items() if name != "law"}
     lane_change = equal_effort.compare(
@@ -164,7 +182,7 @@ def study(
     return Study(
         tuple(rows),
         law,
-        settings.vehicle.name,
+        settings.vehicles,
         settings.actuator,
         settings.bus,
         runs,
@@ -197,10 +215,13 @@ class _Course:
             if factors[name] != 1.0:
                 controller = scaled(controller, factors[name])
             figures, cycles = [], 0
-            driven = self._drive(settings, controller, enabled=True)
-            for trace, without in zip(driven, self.without, strict=True):
+            for where, without in zip(
+                population(settings, self.runs, self.spread), self.without, strict=True
+            ):
+                trace = drive(where, controller, enabled=True)
                 figures.append(_figures(trace))
-                cycles += _limit_cycle(trace, without)
+                cycle = limit_cycle_of(where, controller, trace, without.signals)
+                cycles += cycle is not None
             yield Row(self.manoeuvre, name, np.array(figures), passive, cycles)
 
     def _drive(
@@ -208,11 +229,6 @@ class _Course:
     ) -> Iterator[Trace]:
         for where in population(settings, self.runs, self.spread):
             yield drive(where, controller, enabled=enabled)
-
-
-def _limit_cycle(trace: Trace, without: Trace) -> bool:
-    ticks, signals = trace.ticks, without.signals
-    return detect(ticks["t"], ticks["moment"], signals["time"], signals["roll"]) is not None
 
 
 def _figures(trace: Trace) -> tuple[float, float, float, float]:
@@ -226,13 +242,14 @@ def _figures(trace: Trace) -> tuple[float, float, float, float]:
     )
 
 
-def table(found: Study) -> list[str]:
-    """Return the study as a Markdown table, better and worse results alike."""
-    lines = [
-        "| manoeuvre | | roll max | against passive [95 %] | worst vehicle | roll RMS "
-        "| sideslip max | both wheels of a side off | limit cycles |",
-        "| --- | --- | ---: | --- | ---: | ---: | ---: | ---: | ---: |",
-    ]
+HEAD = (
+    *("manoeuvre", "", "roll max", "against passive [95 %]", "worst vehicle", "roll RMS"),
+    *("sideslip max", "both wheels of a side off", "limit cycles"),
+)
+
+
+def lines(found: Study) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of the study as texts under :data:`HEAD`, better and worse results alike."""
     for row in found.rows:
         first = row.manoeuvre.title if row.name == "passive" else ""
         against, worst = "", ""
@@ -242,33 +259,40 @@ def table(found: Study) -> list[str]:
             mean, low, high = (100 * value for value in (ratio.mean, ratio.low, ratio.high))
             against = f"{mean:+.0f} % [{low:+.1f}, {high:+.1f}]"
             worst = f"{100 * row.worst:+.0f} %"
-        lines.append(
-            f"| {first} | {row.name} | {row.mean('roll_max'):.2f}° | {against} | {worst} "
-            f"| {row.mean('roll_rms'):.2f}° | {row.mean('sideslip_max'):.1f}° "
-            f"| {row.lifts} of {found.runs} | {row.cycles} of {found.runs} |"
+        yield (
+            *(first, row.name, f"{row.mean('roll_max'):.2f}°", against, worst),
+            *(f"{row.mean('roll_rms'):.2f}°", f"{row.mean('sideslip_max'):.1f}°"),
+            *(f"{row.lifts} of {found.runs}", f"{row.cycles} of {found.runs}"),
         )
-    return lines
+
+
+def markdown(found: Study) -> list[str]:
+    """Return the study as a Markdown table."""
+    rule = " | ".join("---" if name in ("", *HEAD[:4:3]) else "---:" for name in HEAD)
+    head = " | ".join(HEAD).replace("|  |", "| |")
+    return [f"| {head} |", f"| {rule} |", *(f"| {' | '.join(row)} |" for row in lines(found))]
 
 
 def to_json(found: Study) -> dict[str, Any]:
     """Return the study as plain data."""
     return {
         "law": found.law,
-        "vehicle": found.vehicle,
+        **found.vehicles,
         "actuator": found.actuator,
         "bus": found.bus,
         "runs": found.runs,
         "effort_nm": found.effort,
         "bar_factor": found.bar,
-        "rows": [
-            {
-                "manoeuvre": row.manoeuvre.title,
-                "name": row.name,
-                **{f"{figure}_deg": row.mean(figure) for figure in FIGURES[:3]},
-                "two_wheel_lifts": row.lifts,
-                "limit_cycles": row.cycles,
-                "worst": row.worst,
-            }
-            for row in found.rows
-        ],
+        "rows": list(found.table),
+    }
+
+
+def _values(row: Row) -> dict[str, Any]:
+    return {
+        "manoeuvre": row.manoeuvre.title,
+        "name": row.name,
+        **{f"{figure}_deg": row.mean(figure) for figure in FIGURES[:3]},
+        "two_wheel_lifts": row.lifts,
+        "limit_cycles": row.cycles,
+        "worst": row.worst,
     }

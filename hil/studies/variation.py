@@ -33,24 +33,24 @@ SHARE_MAX: Mapping[str, float] = {"estimate_error": 0.2}
 TRIES = 100
 
 
-def spread_from(texts: Mapping[str, str]) -> dict[str, float]:
-    """Return the default spread with the fractions given in ``texts`` replaced.
+def spread_from(given: Mapping[str, str | float]) -> dict[str, float]:
+    """Return the default spread with the fractions in ``given``, numbers or text, replaced.
 
     Raises:
         UnknownNameError: no such quantity.
         CanrollError: a fraction that is not a number or outside 0 to 0.99 (estimate_error: 0.2).
     """
     spread = dict(DEFAULT_SPREAD)
-    for name, text in texts.items():
+    for name, text in given.items():
         if name not in spread:
             raise UnknownNameError("quantity", name, spread)
         try:
             share = float(text)
-        except ValueError as error:
-            raise CanrollError(f"--spread {name}={text}: {text!r} is not a number") from error
+        except (TypeError, ValueError) as error:
+            raise CanrollError(f"spread {name}={text}: {text!r} is not a number") from error
         most = SHARE_MAX.get(name, 0.99)
         if not 0.0 <= share <= most:
-            raise CanrollError(f"--spread {name}={text}: must be a fraction from 0 to {most:g}")
+            raise CanrollError(f"spread {name}={text}: must be a fraction from 0 to {most:g}")
         spread[name] = share
     return spread
 
@@ -88,7 +88,7 @@ def draw(
         if not any(problems(vehicle)):
             break
     else:
-        raise CanrollError("--spread: no valid vehicle in 100 draws: reduce the spread")
+        raise CanrollError("spread: no valid vehicle in 100 draws: reduce the spread")
     errors = {name: f"{factors[name] - 1.0:.6g}" for name in CONDITIONS if spread[name]}
     return replace(
         nominal,

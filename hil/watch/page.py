@@ -3,15 +3,14 @@
 This module assigns tracks and columns to curves; :mod:`hil.watch.stream` defines the tracks.
 """
 
-import html
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from hil.reaction.fault_codes import FAULT_CODES, MODES
+from hil.report.document import PLOT_STYLES, PLOTS, document
 from hil.report.figure import DASH_DOTTED, DASHED, DOTTED, SOLID, Figure, Series
-from hil.report.page import data_element, document
 from hil.watch.observation import (
     COMMAND_TO_ACKNOWLEDGEMENT,
     IMU_TO_COMMAND,
@@ -183,43 +182,12 @@ def live_page(*, bitrate: int, assumed: bool) -> str:
         "faults": FAULT_CODES,
         "kept": KEPT,
     }
-    spans = "".join(
-        f'<button type="button" data-span="{span}" aria-pressed="false">{span} s</button>'
-        for span in SPANS
-    )
-    body = [
-        "<h1>Roll control, live</h1>",
-        '<div class="verdict none" id="state" role="status"><strong>Connecting</strong></div>',
-        '<section class="tiles"><div class="tile" id="mode"><span>mode</span><b>–</b></div>',
-        *(_tile(tile) for tile in TILES),
-        '<div class="tile wide-tile" id="faults"><span>fault codes, active</span><b>–</b></div>',
-        "</section>",
-        f'<p class="controls"><button type="button" id="pause">Pause</button>{spans}'
-        '<span class="soft">Space: pause and resume. 1, 2, 3: time span. Drag across a plot '
-        "to zoom, Esc to follow again. Names in a legend switch curves off and on.</span></p>",
-        '<div class="grid" id="plots"></div>',
-        '<div class="lists"><section><h2>Events</h2>'
-        '<ol class="events" id="events"><li class="soft">none yet</li></ol></section>',
-        '<section><h2>Messages</h2><div class="scroll"><table><thead><tr><th scope="col">message'
-        '</th><th scope="col">frames</th><th scope="col">a second</th><th scope="col">missing'
-        '</th></tr></thead><tbody id="messages"></tbody></table></div>'
-        '<p class="soft">Missing: skipped by the counter in the message, as seen from here. '
-        'Error frames that the interface reports: <span id="errors">–</span>.</p>'
-        "</section></div>",
-        data_element("data", data),
-    ]
     return document(
+        "live.html",
         "Roll control, live",
-        body,
-        styles=("page.css", "live.css"),
-        scripts=("base.js", "plot.js", "live.js"),
-    )
-
-
-def _tile(tile: Tile) -> str:
-    sign = " data-signed" if tile.signed else ""
-    return (
-        f'<div class="tile"><span>{html.escape(tile.name)}</span><b data-value="{tile.key}" '
-        f'data-digits="{tile.digits}" data-scale="{tile.scale}"{sign}>–</b>'
-        f"<small>{html.escape(tile.unit)}</small></div>"
+        styles=(*PLOT_STYLES, "live.css"),
+        scripts=(*PLOTS, "live.js"),
+        data={"data": data},
+        tiles=TILES,
+        spans=SPANS,
     )

@@ -6,6 +6,7 @@ from typing import Final
 
 import dbc
 from canroll.errors import CanrollError
+from dbc.reader import Files
 from plant_sim.buses.topology import (
     NODES,
     BusGateway,
@@ -27,8 +28,9 @@ class BusProfile:
     the rest, ``above`` of it with identifiers of higher priority than all own messages.
     ``gateway_ms`` (least and greatest latency each way): the ECU has a segment of its own,
     joined to the vehicle's by a gateway. ``data_bitrate``: of FD frames with bit-rate switch, 0:
-    as ``bitrate``. ``dbc`` and ``map_file``: the frames that carry our signals, both None for those
-    of the contract. ``traffic``: a traffic set that is the background, whatever ``load`` says.
+    as ``bitrate``. ``dbc`` (a file or several) and ``map_file``: the frames that carry our
+    signals, both None for those of the contract.
+    ``traffic``: a traffic set that is the background, whatever ``load`` says.
     ``measured``: frames that the ECU's XCP slave sends every so many ms, besides the ``load``.
     ``topology``: segments and gateways of any number; what is said of one bus above is then that of
     the ECU's segment.
@@ -41,7 +43,7 @@ class BusProfile:
     gateway_ms: tuple[float, float] | None = None
     data_bitrate: int = 0
     bit_error_rate: float = 0.0
-    dbc: Path | None = None
+    dbc: Files | None = None
     map_file: Path | None = None
     traffic: Path | None = None
     topology: Topology | None = None

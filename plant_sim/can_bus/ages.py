@@ -1,22 +1,19 @@
 """Simulated ages: from a sensor's sample to the instant the resulting command is applied."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from plant_sim.buses.topology import Topology
-from plant_sim.can_bus.delay_bounds import loop_messages
 from plant_sim.can_bus.kernel.layout import MAX_PAYLOAD, SEED, Network, logged
 from plant_sim.can_bus.kernel.ledger import drain, took
-from plant_sim.can_bus.kernel.network import NetworkSpec, build_network
+from plant_sim.can_bus.kernel.network import build_network
 from plant_sim.can_bus.kernel.queues import enqueue
 from plant_sim.can_bus.kernel.scheduler import advance
 from plant_sim.can_bus.network_spec import network_spec
-from plant_sim.can_bus.routing import RoutedMessage
-from plant_sim.can_bus.simulation import LISTENER, add_player, listeners, longest, traffic_spec
+from plant_sim.can_bus.routing import RoutedNetwork
+from plant_sim.can_bus.simulation import add_player, listeners, with_longest
 from plant_sim.can_bus.traffic.log_playback import Frames, Recording, feed
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED
@@ -131,49 +128,8 @@ def _is(entry: np.void, message: BusMessage, segment: int, receiver: int) -> boo
     return bool(same and taken and (entry["flags"] ^ message.flags) & EXTENDED == 0)
 
 
-def simulate_ages_of_set(
-    messages: Sequence[BusMessage],
-    sensor: str,
-    command: str,
-    *,
-    tick_ms: float,
-    duration_s: float,
-    bitrate: int,
-    data_bitrate: int = 0,
-    seed: int = 0,
-    worst_case_lengths: bool = False,
-    phases: int = 20,
-    recording: Recording | None = None,
-) -> NDArray[np.int64]:
-    """Return sample-to-force ages over two messages of a set on one bus, nanoseconds.
-
-    The duration is divided into ``phases`` runs, each with a different phase of the tick and, if
-    there is a recording, its next section.
-
-    Raises:
-        CanrollError: ``sensor`` and ``command`` are not two messages of the set.
-    """
-    sent = loop_messages(messages, sensor, command, tick_ms=tick_ms)
-    if worst_case_lengths:
-        sent = [longest(message) for message in sent]
-    spec = traffic_spec(sent, bitrate=bitrate, data_bitrate=data_bitrate, seed=seed)
-    ours = {m.name: m for m in sent if m.name in {sensor, command}}
-    others = tuple(m.source() for m in sent if m.name not in ours)
-    return simulate_ages_of_network(
-        replace(spec, sources=others),
-        ours[sensor],
-        ours[command],
-        actuator=LISTENER,
-        tick_ns=round(tick_ms * 1e6),
-        duration_s=duration_s,
-        phases=phases,
-        recording=recording,
-    )
-
-
-def simulate_ages_of_routes(
-    topology: Topology,
-    routed: Sequence[RoutedMessage],
+def simulate_ages_of_network(
+    network: RoutedNetwork,
     sensor: str,
     command: str,
     *,
@@ -182,68 +138,47 @@ def simulate_ages_of_routes(
     seed: int = 0,
     worst_case_lengths: bool = False,
     phases: int = 20,
-) -> NDArray[np.int64]:
-    """Return sample-to-force ages over two messages of a network, nanoseconds.
-
-    The tick is the period of the command; the actuator is on segment ``actuator_segment``.
-    """
-    if worst_case_lengths:
-        routed = [replace(way, message=longest(way.message)) for way in routed]
-    # the first ones of that name: background that a file describes may have the same
-    named = {way.message.name: way for way in reversed(routed)}
-    ours = named[sensor], named[command]
-    spec = network_spec(topology, routed, nodes=listeners(topology), seed=seed)
-    others = tuple(way.message.source() for way in routed if way not in ours)
-    return simulate_ages_of_network(
-        replace(spec, sources=others),
-        *(way.message for way in ours),
-        actuator=f"{LISTENER}{actuator_segment}",
-        tick_ns=round(ours[1].message.period_ns),
-        duration_s=duration_s,
-        phases=phases,
-    )
-
-
-def simulate_ages_of_network(
-    spec: NetworkSpec,
-    sensor: BusMessage,
-    command: BusMessage,
-    *,
-    actuator: str,
-    tick_ns: int,
-    duration_s: float,
-    phases: int = 20,
     recording: Recording | None = None,
 ) -> NDArray[np.int64]:
     """Return sample-to-force ages over two messages of a network, nanoseconds.
 
     Args:
-        spec: the network, with the other messages as sources.
-        sensor: carries the samples.
-        command: computed from them, sent in every tick.
-        actuator: node that receives the command.
-        tick_ns: period of the control loop.
+        network: the tick is the period of the command, see ``RoutedNetwork.in_every_tick``.
+        sensor: name of the message with the samples.
+        command: name of the message computed from them.
+        actuator_segment: number of the actuator's segment.
         duration_s: simulated time, divided into ``phases`` runs, each with a different phase of
             the tick and, if there is a recording, its next section.
+        seed: of payloads, jitter and latencies.
+        worst_case_lengths: send classic frames with the maximum number of stuff bits.
         phases: number of runs.
         recording: sent by a further node on the first segment.
+
+    Raises:
+        CanrollError: ``sensor`` and ``command`` are not two messages of the network.
     """
+    if worst_case_lengths:
+        network = with_longest(network)
+    ours = network.pair(sensor, command)
+    spec = network_spec(network, nodes=listeners(network.topology))
+    others = tuple(r.message.source() for r in network.messages if r not in ours)
     nodes = [node.name for node in spec.nodes]
-    duration = round(duration_s * 1e9 / phases)
+    samples, commands = (r.message for r in ours)
+    tick_ns, duration = round(commands.period_ns), round(duration_s * 1e9 / phases)
     ages = []
     for phase in range(phases):
-        network = build_network(replace(spec, seed=spec.seed + phase))
+        simulated = build_network(replace(spec, sources=others, seed=seed + phase))
         loop = Loop(
-            sensor=sensor,
-            command=command,
-            sensor_node=nodes.index(sensor.sender),
-            command_node=nodes.index(command.sender),
-            actuator_node=nodes.index(actuator),
+            samples,
+            commands,
+            nodes.index(samples.sender),
+            nodes.index(commands.sender),
+            actuator_node=actuator_segment,  # the listeners are the first nodes
             tick_ns=tick_ns,
             tick_offset_ns=tick_ns * phase // phases,
         )
         replayed = None
         if recording is not None:
             replayed = recording.frames.piece(phase * duration, (phase + 1) * duration)
-        ages.append(simulate_ages(network, loop, duration_ns=duration, replayed=replayed))
+        ages.append(simulate_ages(simulated, loop, duration_ns=duration, replayed=replayed))
     return np.concatenate(ages)

@@ -61,11 +61,11 @@ def _obstacles(messages: Sequence[BusMessage]) -> list[str]:
         nodes.setdefault(key, []).append(message.sender)
     for message, key in zip(messages, keys, strict=True):
         if len(set(nodes[key])) > 1:
-            reason = f"identifier {message.ident:X} used by several nodes: their frames collide"
+            reason = f"identifier 0x{message.ident:X} used by several nodes: their frames collide"
             return [reason] * len(messages)
     twice = (len(nodes[key]) > 1 for key in keys)
     return [
-        f"identifier {m.ident:X} used twice" if t else ""
+        f"identifier 0x{m.ident:X} used twice" if t else ""
         for m, t in zip(messages, twice, strict=True)
     ]
 

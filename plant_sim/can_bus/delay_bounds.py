@@ -6,19 +6,18 @@ tick, for which the command is held. τ_min is the same with the shortest frames
 Responses over gateways come from the holistic analysis.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
-from canroll.errors import CanrollError, UnknownNameError, VerdictError
+from canroll.errors import CanrollError, VerdictError
 from plant_sim.buses.profile import BusProfile
-from plant_sim.buses.topology import NODES
-from plant_sim.can_bus.analysis import ErrorModel, ResponseBound, response_bounds
+from plant_sim.buses.topology import NODES, Topology
+from plant_sim.can_bus.analysis import ErrorModel, ResponseBound
 from plant_sim.can_bus.holistic import Arrival, arrivals
 from plant_sim.can_bus.own_frames import DEFAULT_COMMAND, MS, own_messages
 from plant_sim.can_bus.profiles import routed_messages
-from plant_sim.can_bus.routing import RoutedMessage
-from plant_sim.can_bus.traffic.messages import BusMessage
+from plant_sim.can_bus.routing import RoutedMessage, RoutedNetwork
 
 _NS: Final = 1e-9
 
@@ -60,35 +59,30 @@ def message_paths(
 
     Messages without a bound are left out.
     """
-    topology = profile.network
-    own = own_messages(command, profile)
-    routed = loop_routes(
+    network = loop_network(
         profile,
         command=command,
         command_period_ms=command_period_ms,
         command_jitter_ms=command_jitter_ms,
     )
-    found = arrivals(topology, routed, errors=errors)
-    paths = {}
-    for message, there in zip(own, found, strict=False):
-        ends = {topology.place(r) for r in message.receivers if r in NODES}
-        times = [there[segment] for segment in ends or {topology.place(message.sender)}]
-        greatest = [arrival.greatest_ns for arrival in times]
-        if None not in greatest:
-            most = max(bound for bound in greatest if bound is not None)
-            paths[message.name] = Path(min(a.least_ns for a in times) * _NS, most * _NS)
-    return paths
+    bounds = arrivals(network, errors=errors)
+    own = len(own_messages(command, profile))
+    paths = {
+        r.message.name: path_to_receivers(network.topology, r, there)
+        for r, there in zip(network.messages[:own], bounds[:own], strict=True)
+    }
+    return {name: path for name, path in paths.items() if isinstance(path, Path)}
 
 
-def loop_routes(
+def loop_network(
     profile: BusProfile,
     *,
     command: str,
     command_period_ms: float,
     command_jitter_ms: float = 0.0,
     seed: int = 0,
-) -> list[RoutedMessage]:
-    """Return ``routed_messages`` of a profile, with period and jitter of the loop's command."""
+) -> RoutedNetwork:
+    """Return the network of a profile, with period and jitter of the loop's command."""
     routed = list(routed_messages(profile, command=command, seed=seed))
     for number, message in enumerate(own_messages(command, profile)):
         if message.name == command:
@@ -98,13 +92,26 @@ def loop_routes(
                 jitter_ns=message.jitter_ns + round(command_jitter_ms * MS),
             )
             routed[number] = replace(routed[number], message=sent)
-    return routed
+    return RoutedNetwork(profile.network, routed)
 
 
 def path_of(arrival: Arrival) -> Path:
     """Return the bounds of an arrival that is bounded."""
     assert arrival.greatest_ns is not None
     return Path(arrival.least_ns * _NS, arrival.greatest_ns * _NS)
+
+
+def path_to_receivers(
+    topology: Topology, routed: RoutedMessage, bounds: Mapping[int, Arrival]
+) -> Path | ResponseBound:
+    """Return the bounds to the farthest receiver, or the response that has none."""
+    receivers = {topology.place(r) for r in routed.message.receivers if r in NODES}
+    ends = [bounds[segment] for segment in receivers or {routed.home}]
+    for arrival in ends:
+        if arrival.greatest_ns is None:
+            return arrival.here
+    paths = [path_of(arrival) for arrival in ends]
+    return Path(min(p.least for p in paths), max(p.greatest for p in paths))
 
 
 def delay_bounds(
@@ -141,89 +148,65 @@ def delay_bounds(
     """
     if tick_ms <= 0.0:
         raise CanrollError(f"the tick must be positive, got {tick_ms} ms")
-    periods = {m.name: m.period_ns * _NS for m in own_messages(command, profile)}
-    if sensor not in periods:
-        raise CanrollError(f"'{sensor}' is not a message of the bus: choose from {sorted(periods)}")
-    paths = message_paths(
+    names = [m.name for m in own_messages(command, profile)]
+    if sensor not in names:
+        raise CanrollError(f"'{sensor}' is not a message of the bus: choose from {sorted(names)}")
+    network = loop_network(
         profile,
         command=command,
         command_period_ms=tick_ms,
         command_jitter_ms=1e3 * (jitter_s + run_time_s),
-        errors=errors,
     )
-    for name in (sensor, command):
-        if name not in paths:
-            raise VerdictError(
-                f"bus profile '{profile.name}': the response time of {name} is unbounded:"
-                " reduce the load or raise the bit rate"
-            )
-    return total_delay(
-        paths[sensor],
-        paths[command],
-        sensor_period_s=periods[sensor],
-        tick_s=tick_ms * 1e-3,
+    total = loop_delay(
+        network,
+        sensor,
+        command,
+        errors=errors,
         filter_delay_s=filter_delay_s,
         actuator_period_s=actuator_period_s,
         n_lost=n_lost,
     )
+    if isinstance(total, ResponseBound):
+        raise VerdictError(
+            f"bus profile '{profile.name}': the response time of {total.message.name} is"
+            " unbounded: reduce the load or raise the bit rate"
+        )
+    return total
 
 
-def delay_bounds_of_set(
-    messages: Sequence[BusMessage],
+def loop_delay(
+    network: RoutedNetwork,
     sensor: str,
     command: str,
     *,
-    tick_ms: float,
-    bitrate: int,
-    data_bitrate: int = 0,
     errors: ErrorModel | None = None,
+    **times: Any,  # noqa: ANN401
 ) -> DelayBounds | ResponseBound:
-    """Return the bounds of the total delay over two messages of a set on one bus.
+    """Return the bounds of the total delay over two messages of a network.
 
-    If one of them has no response bound with the command sent in every tick, return its
-    ``ResponseBound`` with the reason.
+    Args:
+        network: the tick is the period of the command, see ``RoutedNetwork.in_every_tick``.
+        sensor: name of the message with the samples.
+        command: name of the actuator command.
+        errors: disturbed frames included in the bounds.
+        times: further parts of the delay, as of ``total_delay``.
+
+    Returns:
+        The bounds; if one of the two messages has none, its response with the reason.
 
     Raises:
-        CanrollError: ``sensor`` and ``command`` are not two messages of the set.
+        CanrollError: ``sensor`` and ``command`` are not two messages of the network.
     """
-    sent = loop_messages(messages, sensor, command, tick_ms=tick_ms)
-    bounds = response_bounds(sent, bitrate=bitrate, data_bitrate=data_bitrate, errors=errors)
-    found = {b.message.name: b for b in bounds}
+    pair = network.pair(sensor, command)
+    bounds = arrivals(network, errors=errors)
     paths = []
-    for bound in (found[sensor], found[command]):
-        if bound.bound_ns is None:
-            return bound
-        least = bound.message.least_delivery_ns(bitrate, data_bitrate)
-        paths.append(Path(least * _NS, bound.bound_ns * _NS))
-    period_s = found[sensor].message.period_ns * _NS
-    return total_delay(*paths, sensor_period_s=period_s, tick_s=tick_ms * 1e-3)
-
-
-def loop_messages(
-    messages: Sequence[BusMessage], sensor: str, command: str, *, tick_ms: float
-) -> list[BusMessage]:
-    """Return a set with the command sent in every tick, as by a control loop.
-
-    Raises:
-        CanrollError: ``sensor`` and ``command`` are not two messages of the set.
-    """
-    names = [message.name for message in messages]
-    for name in (sensor, command):
-        if name not in names:
-            raise UnknownNameError("message of the set", name, names)
-    if sensor == command:
-        raise CanrollError(f"message '{sensor}' cannot be both sensor and command")
-    return in_every_tick(messages, command, tick_ms=tick_ms)
-
-
-def in_every_tick(
-    messages: Sequence[BusMessage], command: str, *, tick_ms: float
-) -> list[BusMessage]:
-    """Return ``messages`` with the period of ``command``, if present, set to the tick."""
-    return [
-        replace(m, period_ns=float(round(tick_ms * MS))) if m.name == command else m
-        for m in messages
-    ]
+    for r in pair:
+        path = path_to_receivers(network.topology, r, bounds[network.messages.index(r)])
+        if isinstance(path, ResponseBound):
+            return path
+        paths.append(path)
+    sensor_period, tick = (r.message.period_ns * _NS for r in pair)
+    return total_delay(*paths, sensor_period_s=sensor_period, tick_s=tick, **times)
 
 
 def total_delay(

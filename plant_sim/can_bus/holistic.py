@@ -14,7 +14,7 @@ from typing import Final
 
 from plant_sim.buses.topology import Topology
 from plant_sim.can_bus.analysis import OVERLOADED, ErrorModel, ResponseBound, response_bounds
-from plant_sim.can_bus.routing import Hop, RoutedMessage
+from plant_sim.can_bus.routing import Hop, RoutedMessage, RoutedNetwork
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 _MOST_WAITING_NS: Final = 10**9
@@ -37,44 +37,51 @@ class Arrival:
 
 
 def arrivals(
-    topology: Topology, routed: Sequence[RoutedMessage], *, errors: ErrorModel | None = None
+    network: RoutedNetwork,
+    *,
+    errors: ErrorModel | None = None,
+    offsets: bool = False,
 ) -> list[dict[int, Arrival]]:
     """Return the bounds of every message's arrival on each of its segments, by segment number.
 
     Args:
-        topology: the network.
-        routed: all messages on it, as of :func:`plant_sim.can_bus.profiles.routed_messages`.
+        network: with all messages on it.
         errors: disturbed frames on each segment included in the bounds.
+        offsets: whether the messages of one node keep their offsets; not used on a segment to which
+            a gateway forwards.
     """
+    topology, routed = network.topology, network.messages
     spans: dict[tuple[int, int], int | None] = {}
     limit = _MOST_WAITING_NS + sum(r.message.jitter_ns for r in routed)
     limit += sum(gateway.latency.high_ns for gateway in topology.gateways)
     while True:
         bounds = [
-            _on_segment(topology, routed, segment, spans, errors)
+            _on_segment(network, segment, spans, errors=errors, offsets=offsets)
             for segment in range(len(topology.segments))
         ]
         update: dict[tuple[int, int], int | None] = {}
-        for number, found in enumerate(routed):
-            for hop in found.hops:
+        for number, r in enumerate(routed):
+            for hop in r.hops:
                 span = _span(topology, hop, bounds[hop.source][number])
                 endless = span is None or span > limit or spans.get((number, hop.target), 0) is None
                 update[number, hop.target] = None if endless else span
         if update == spans:
-            return [_arrivals(topology, n, found, bounds) for n, found in enumerate(routed)]
+            return [_arrivals(topology, n, r, bounds) for n, r in enumerate(routed)]
         spans = update
 
 
 def _on_segment(
-    topology: Topology,
-    routed: Sequence[RoutedMessage],
+    network: RoutedNetwork,
     segment: int,
     spans: dict[tuple[int, int], int | None],
+    *,
     errors: ErrorModel | None,
+    offsets: bool,
 ) -> dict[int, ResponseBound]:
     """Bounds of all messages on one segment by number, with the jitter ``spans`` on arrival."""
-    numbers = [n for n, found in enumerate(routed) if segment in found.segments]
-    here = [_as_it_comes(topology, routed[n], segment, spans.get((n, segment))) for n in numbers]
+    topology, routed = network.topology, network.messages
+    numbers = [n for n, r in enumerate(routed) if segment in r.segments]
+    here = [_as_it_comes(network, routed[n], segment, spans.get((n, segment))) for n in numbers]
     unlimited = [i for i, n in enumerate(numbers) if spans.get((n, segment), 0) is None]
     place = topology.segments[segment]
     bounds = response_bounds(
@@ -82,6 +89,7 @@ def _on_segment(
         bitrate=place.bitrate,
         data_bitrate=place.data_bitrate,
         errors=errors,
+        offsets=offsets and all(routed[n].home == segment for n in numbers),
         unlimited=unlimited,
     )
     return {
@@ -91,17 +99,17 @@ def _on_segment(
 
 
 def _as_it_comes(
-    topology: Topology, found: RoutedMessage, segment: int, span: int | None
+    network: RoutedNetwork, routed: RoutedMessage, segment: int, span: int | None
 ) -> BusMessage:
     """A message on one of its segments, as sent or as forwarded by a gateway."""
-    if segment == found.home:
-        return found.message
-    hop = found.way_to(segment)[-1]
-    gateway = topology.gateways[hop.gateway]
+    if segment == routed.home:
+        return routed.message
+    hop = routed.way_to(segment)[-1]
+    gateway = network.topology.gateways[hop.gateway]
     least = gateway.latency.high_ns - gateway.latency.low_ns
     return replace(
-        found.message,
-        sender=f"{gateway.name}@{topology.segments[segment].name}",
+        routed.message,
+        sender=network.sender_on(routed, segment),
         jitter_ns=least if span is None else span,
         fifo=False,
         distance_ns=0,
@@ -121,22 +129,22 @@ def _span(topology: Topology, hop: Hop, before: ResponseBound) -> int | None:
 def _arrivals(
     topology: Topology,
     number: int,
-    found: RoutedMessage,
+    routed: RoutedMessage,
     bounds: Sequence[dict[int, ResponseBound]],
 ) -> dict[int, Arrival]:
     answer: dict[int, Arrival] = {}
-    for segment in found.segments:
-        nominal, least = 0, topology.least_jitter_ns(found.message.sender)
-        for hop in found.way_to(segment):
+    for segment in routed.segments:
+        nominal, least = 0, topology.least_jitter_ns(routed.message.sender)
+        for hop in routed.way_to(segment):
             low = topology.gateways[hop.gateway].latency.low_ns
             nominal += bounds[hop.source][number].best_ns + low
-            least += _delivery(topology, found, hop.source) + low
+            least += _delivery(topology, routed, hop.source) + low
         here = bounds[segment][number]
         greatest = None if here.bound_ns is None else nominal + here.bound_ns
-        answer[segment] = Arrival(least + _delivery(topology, found, segment), greatest, here)
+        answer[segment] = Arrival(least + _delivery(topology, routed, segment), greatest, here)
     return answer
 
 
-def _delivery(topology: Topology, found: RoutedMessage, segment: int) -> int:
+def _delivery(topology: Topology, routed: RoutedMessage, segment: int) -> int:
     place = topology.segments[segment]
-    return found.message.least_delivery_ns(place.bitrate, place.data_bitrate)
+    return routed.message.least_delivery_ns(place.bitrate, place.data_bitrate)

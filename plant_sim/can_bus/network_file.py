@@ -7,15 +7,17 @@ is a network of one segment with its messages as background.
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 from canroll import documents
 from canroll.errors import CanrollError, UnknownNameError, reason
+from dbc.reader import Files, each, paths_of
 from plant_sim import buses
 from plant_sim.buses.profile import BusProfile, accept
 from plant_sim.buses.topology import NODES, BusGateway, BusSegment, Spread, Topology, check_times
 from plant_sim.can_bus.traffic.files import DATABASES, load_traffic
 
+_Kind: TypeAlias = type | tuple[type, ...]
 _OF_A_SEGMENT: Final = {
     "bitrate": int,
     "data_bitrate": int,
@@ -24,7 +26,7 @@ _OF_A_SEGMENT: Final = {
     "bit_error_rate": float,
     "traffic": str,
 }
-_OF_A_FILE: Final = {"schema": int, "dbc": str, "map": str, "node": dict}
+_OF_A_FILE: Final[dict[str, _Kind]] = {"schema": int, "dbc": (str, list), "map": str, "node": dict}
 KEYS: Final = {
     **_OF_A_FILE,
     **_OF_A_SEGMENT,
@@ -34,7 +36,9 @@ KEYS: Final = {
 }
 _OF_A_GATEWAY: Final = {"name": str, "segments": list, "latency_ms": object, "messages": list}
 _OF_A_NODE: Final = {"segment": str, "jitter_ms": object}
-_NAMES: Final = {
+
+_NAMES: Final[dict[_Kind, str]] = {
+    (str, list): "a text or a list of texts",
     int: "a whole number",
     float: "a number",
     str: "a text",
@@ -47,13 +51,15 @@ _MS: Final = 1_000_000
 
 
 def load_profile(
-    name: str, dbc: str | Path | None = None, map_file: str | Path | None = None
+    name: str,
+    dbc: str | Path | Sequence[str | Path] | None = None,
+    map_file: str | Path | None = None,
 ) -> BusProfile:
     """Return the bus profile ``name``, or the network in the file of that name.
 
     Args:
         name: of a profile or of a file: see :data:`plant_sim.buses.BUSES`.
-        dbc: the frames that carry our signals, instead of the profile's own.
+        dbc: frames that carry our signals, in a file or several, instead of the profile's own.
         map_file: says which signal of ``dbc`` is which field.
 
     Raises:
@@ -63,10 +69,11 @@ def load_profile(
     profile = buses.load_profile(name)
     if dbc is None or map_file is None:
         return profile
-    for path in (dbc, map_file):
-        if not Path(path).is_file():
+    files = paths_of(dbc)
+    for path in (*each(files), Path(map_file)):
+        if not path.is_file():
             raise CanrollError(f"{path}: no such file")
-    return replace(profile, dbc=Path(dbc), map_file=Path(map_file))
+    return replace(profile, dbc=files, map_file=Path(map_file))
 
 
 def read_traffic(name: str) -> BusProfile:
@@ -126,7 +133,7 @@ def read_profile(name: str) -> BusProfile:
         above=home.above,
         data_bitrate=home.data_bitrate,
         bit_error_rate=home.bit_error_rate,
-        dbc=_beside(path, table, "dbc"),
+        dbc=_descriptions(path, table),
         map_file=_beside(path, table, "map"),
         traffic=home.traffic,
         topology=topology,
@@ -135,7 +142,11 @@ def read_profile(name: str) -> BusProfile:
 
 
 def _check_keys(
-    where: str, table: Mapping[str, Any], kinds: Mapping[str, type], *, required: Sequence[str] = ()
+    where: str,
+    table: Mapping[str, Any],
+    kinds: Mapping[str, _Kind],
+    *,
+    required: Sequence[str] = (),
 ) -> None:
     for key in table:
         if key not in kinds:
@@ -294,11 +305,23 @@ def _samples(path: Path, where: str) -> tuple[int, ...]:
     return tuple(found)
 
 
+def _descriptions(path: Path, table: Mapping[str, Any]) -> Files | None:
+    """The file or files with the frames that carry our signals."""
+    given = table.get("dbc")
+    if not isinstance(given, list):
+        return _beside(path, table, "dbc")
+    if not given or not all(isinstance(name, str) for name in given):
+        raise CanrollError(f"{path}: dbc = {given!r}: must be {_NAMES[str, list]}")
+    return paths_of([_there(path, "dbc", name) for name in given])
+
+
 def _beside(path: Path, table: Mapping[str, Any], key: str) -> Path | None:
-    if key not in table:
-        return None
-    name, mark, part = str(table[key]).partition("#")
+    return _there(path, key, str(table[key])) if key in table else None
+
+
+def _there(path: Path, key: str, text: str) -> Path:
+    name, mark, part = text.partition("#")
     found = path.parent / name
     if not found.is_file():
-        raise CanrollError(f"{path}: {key} = '{table[key]}': no such file")
+        raise CanrollError(f"{path}: {key} = '{text}': no such file")
     return Path(f"{found}{mark}{part}")

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from plant_sim.buses.topology import Spread, Topology
+from plant_sim.buses.topology import Spread
 from plant_sim.can_bus.kernel.network import (
     MAX_CAPACITY,
     Gateway,
@@ -10,13 +10,12 @@ from plant_sim.can_bus.kernel.network import (
     Node,
     Segment,
 )
-from plant_sim.can_bus.routing import Hop, RoutedMessage
+from plant_sim.can_bus.routing import Hop, RoutedMessage, RoutedNetwork
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 
 def network_spec(
-    topology: Topology,
-    routed: Sequence[RoutedMessage],
+    network: RoutedNetwork,
     *,
     nodes: Sequence[Node] = (),
     sources: Sequence[RoutedMessage] | None = None,
@@ -28,16 +27,16 @@ def network_spec(
     segment. A sender with a FIFO message queues all of its messages first in, first out.
 
     Args:
-        topology: segments and gateways.
-        routed: all messages that gateways may pass on.
+        network: with all messages that gateways may pass on.
         nodes: those with a number or a queue that matters.
-        sources: those of ``routed`` that the network sends by itself; None: all.
+        sources: those of its messages that the network sends by itself; None: all.
         seed: of payloads, jitter, latencies and bit errors.
     """
+    topology, routed = network.topology, network.messages
     sent = routed if sources is None else sources
     known = {node.name for node in nodes}
-    queued = {found.message.sender for found in sent if found.message.fifo}
-    homes = {found.message.sender: found.home for found in sent}
+    queued = {r.message.sender for r in sent if r.message.fifo}
+    homes = {r.message.sender: r.home for r in sent}
     every = list(nodes)
     every += [
         Node(name, home, "fifo" if name in queued else "priority", capacity=MAX_CAPACITY)
@@ -46,11 +45,11 @@ def network_spec(
     ]
     gateways = []
     for number, gateway in enumerate(topology.gateways):
-        ports = {s: f"{gateway.name}@{topology.segments[s].name}" for s in gateway.segments}
+        ports = {segment: network.port(number, segment) for segment in gateway.segments}
         every += [Node(port, segment, "priority") for segment, port in ports.items()]
         for source, target in (gateway.segments, gateway.segments[::-1]):
             hop = Hop(number, source, target)
-            passed = [found.message for found in routed if hop in found.hops]
+            passed = [r.message for r in routed if hop in r.hops]
             gateways.append(_one_way(gateway.latency, ports[source], ports[target], passed))
     return NetworkSpec(
         segments=tuple(
@@ -58,7 +57,7 @@ def network_spec(
             for place in topology.segments
         ),
         nodes=tuple(every),
-        sources=tuple(found.message.source() for found in sent),
+        sources=tuple(r.message.source() for r in sent),
         gateways=tuple(gateways),
         seed=seed,
     )

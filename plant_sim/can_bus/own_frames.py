@@ -10,8 +10,10 @@ from cantools.database import Signal
 
 import dbc
 from canroll.errors import CanrollError, UnknownNameError
-from codegen.generated.bus_map import EXTENDED as EXTENDED_IDENT
-from codegen.generated.bus_map import BusMap, Mailbox, frame_ident, load
+from codegen.generated.bus_map import BusMap, frame_ident, load
+from codegen.generated.mailbox import EXTENDED as EXTENDED_IDENT
+from codegen.generated.mailbox import Mailbox
+from dbc.reader import Files, file_names, network
 from plant_sim.buses.profile import BusProfile
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import (
@@ -25,8 +27,10 @@ from plant_sim.can_bus.wire.frame import (
 MS: Final = 1_000_000
 DEFAULT_COMMAND: Final = "SuspensionForceCommand"
 CONTRACT_MAP: Final = dbc.PATH.with_suffix(".toml")
-NEEDED: Final = ("imu", "actuator_state")
-"""Mailboxes without which no law can run."""
+NEEDED: Final = ("imu",)
+"""Messages without which no law can run."""
+FURTHER_FRAMES: Final = 16
+"""Frames behind the first of a message that a simulated car sends at most."""
 
 
 def flags_of(box: Mailbox) -> int:
@@ -103,18 +107,31 @@ def frame_signals(profile: BusProfile) -> dict[int, dict[str, Signal]]:
 
 
 @cache
-def _checked(dbc_file: Path, map_file: Path, changed: int) -> BusMap:
+def _checked(files: Files, map_file: Path, changed: int) -> BusMap:
     """The map, read once for each state ``changed`` of its file."""
-    bus = load(dbc_file, map_file)
+    bus = load(files, map_file)
     filled = {box.slot for box in bus.frames}
     for slot in NEEDED:
         if slot not in filled:
             raise CanrollError(f"{map_file}: [receive.{slot}] is missing: the loop needs it")
+    pages: dict[int, tuple[int, ...]] = {}
+    for box in bus.frames:
+        if pages.setdefault(box.ident, box.pages) != box.pages:
+            raise CanrollError(
+                f"{map_file}: {box.name} is mapped on several pages: a simulated car sends one"
+            )
+    further = sum(box.further > 0 for box in bus.received)
+    if further > FURTHER_FRAMES:
+        raise CanrollError(
+            f"{map_file}: {further} frames behind the first of a message: a simulated car has "
+            f"{FURTHER_FRAMES}"
+        )
     for box in bus.received:
         if box.name and box.cycle_ms <= 0:
+            own = file_names(network(files).described_in(box.name))
             raise CanrollError(
                 f"{map_file} [receive.{box.slot}]: {box.name} has no cycle time: set "
-                f"GenMsgCycleTime in {dbc_file.name}, or period_ms in the map"
+                f"GenMsgCycleTime in {own}, or period_ms in the map"
             )
     return bus
 
@@ -205,7 +222,13 @@ def frame_names(profile: BusProfile) -> dict[str, str]:
     bus = bus_map(profile)
     if bus is None:
         return {message.name: message.name for message in dbc.load().messages}
-    return {contract_names(box.slot).message: box.name for box in bus.frames}
+    return {_own_name(box): box.name for box in bus.frames}
+
+
+def _own_name(box: Mailbox) -> str:
+    """The contract's name of a message for its first frame, with the frame's own for others."""
+    message = contract_names(box.slot).message
+    return f"{message}.{box.name}" if box.further else message
 
 
 def _placed(contract: tuple[BusMessage, ...], command: str, bus: BusMap) -> tuple[BusMessage, ...]:
@@ -217,7 +240,7 @@ def _placed(contract: tuple[BusMessage, ...], command: str, bus: BusMap) -> tupl
         if plain is None or box.ident in found:
             continue
         found[box.ident] = BusMessage(
-            plain.name,
+            _own_name(box),
             box.ident & (EXTENDED_IDENT - 1),
             box.sent_length,
             box.cycle_ms * MS if box.cycle_ms > 0 else plain.period_ns,

@@ -24,7 +24,7 @@ from plant_sim.can_bus.own_frames import (
     own_messages,
 )
 from plant_sim.can_bus.recorded_profile import RecordedProfile
-from plant_sim.can_bus.routing import RoutedMessage, route
+from plant_sim.can_bus.routing import RoutedMessage, RoutedNetwork, route
 from plant_sim.can_bus.traffic.background import background_messages
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.looped import LoopedTraffic
@@ -139,8 +139,7 @@ def profile_spec(
     ]
     nodes += [Node(_background(number), number) for number in range(len(topology.segments))]
     spec = network_spec(
-        topology,
-        routed,
+        RoutedNetwork(topology, routed),
         nodes=nodes,
         sources=routed[len(own_messages(command, profile)) :] if periodic else (),
         seed=seed,

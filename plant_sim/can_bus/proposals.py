@@ -53,7 +53,7 @@ def propose_priorities(messages: Sequence[BusMessage], bounds: Bounds) -> Propos
         else:
             ident = order[place].ident
             raise VerdictError(
-                f"no priorities meet all deadlines: no message left for {ident:X} meets its own"
+                f"no priorities meet all deadlines: no message left for 0x{ident:X} meets its own"
             )
     named = {m.name: m for m in order}
     changed = tuple(named[m.name] for m in messages)

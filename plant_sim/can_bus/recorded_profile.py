@@ -35,7 +35,7 @@ class RecordedProfile(BusProfile):
             if message.arbitration_key in known:
                 found = known[message.arbitration_key].message
                 raise CanrollError(
-                    f"{self.name}: identifier {message.ident:X} is on that bus already"
+                    f"{self.name}: identifier 0x{message.ident:X} is on that bus already"
                     f" ({found.length} bytes every {found.period_ns * 1e-6:.4g} ms):"
                     f" {message.name} cannot have it"
                 )

@@ -1,11 +1,11 @@
 """Which way each message goes over the segments and gateways of a network."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from canroll.errors import CanrollError, UnknownNameError
-from plant_sim.buses.topology import NODES, BusGateway, Topology
+from plant_sim.buses.topology import NODES, BusGateway, BusSegment, Topology
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 
@@ -41,6 +41,56 @@ class RoutedMessage:
             way.insert(0, hop)
             segment = hop.source
         return tuple(way)
+
+
+@dataclass(frozen=True, slots=True)
+class RoutedNetwork:
+    """A network and all messages on it: ours, then the background."""
+
+    topology: Topology
+    messages: Sequence[RoutedMessage]
+
+    @classmethod
+    def one_bus(
+        cls, messages: Iterable[BusMessage], *, bitrate: int, data_bitrate: int = 0
+    ) -> "RoutedNetwork":
+        """Return a set of messages as a network of one segment."""
+        segment = BusSegment("bus", bitrate, data_bitrate=data_bitrate)
+        return cls(Topology((segment,)), [RoutedMessage(message, 0) for message in messages])
+
+    def sender_on(self, routed: RoutedMessage, segment: int) -> str:
+        """Return the node that sends a message on a segment: its sender, or a gateway's node."""
+        if segment == routed.home:
+            return routed.message.sender
+        return self.port(routed.way_to(segment)[-1].gateway, segment)
+
+    def port(self, gateway: int, segment: int) -> str:
+        """Return the name of a gateway's node on a segment."""
+        return f"{self.topology.gateways[gateway].name}@{self.topology.segments[segment].name}"
+
+    def pair(self, sensor: str, command: str) -> tuple[RoutedMessage, RoutedMessage]:
+        """Return the two messages of a control loop; of several with a name, the first.
+
+        Raises:
+            CanrollError: there are no two such messages.
+        """
+        named = {r.message.name: r for r in reversed(self.messages)}
+        for name in (sensor, command):
+            if name not in named:
+                raise UnknownNameError("message of the set", name, named)
+        if sensor == command:
+            raise CanrollError(f"message '{sensor}' cannot be both sensor and command")
+        return named[sensor], named[command]
+
+    def in_every_tick(self, command: str, *, tick_ms: float) -> "RoutedNetwork":
+        """Return the network with the period of ``command``, the first of that name, the tick."""
+        changed = list(self.messages)
+        for place, r in enumerate(changed):
+            if r.message.name == command:
+                message = replace(r.message, period_ns=float(round(tick_ms * 1e6)))
+                changed[place] = replace(r, message=message)
+                break
+        return replace(self, messages=changed)
 
 
 def route(

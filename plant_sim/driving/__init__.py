@@ -13,11 +13,13 @@ MANEUVERS: "Registry[Kind]" = Registry(
     {
         "double_lane_change": "plant_sim.driving.path_maneuvers:DOUBLE_LANE_CHANGE",
         "moose": "plant_sim.driving.path_maneuvers:MOOSE",
+        "slalom": "plant_sim.driving.path_maneuvers:SLALOM",
         "roundabout": "plant_sim.driving.path_maneuvers:ROUNDABOUT",
         "constant_radius": "plant_sim.driving.path_maneuvers:CONSTANT_RADIUS",
         "banked_curve": "plant_sim.driving.path_maneuvers:BANKED_CURVE",
         "bumps": "plant_sim.driving.path_maneuvers:BUMPS",
         "random_road": "plant_sim.driving.path_maneuvers:RANDOM_ROAD",
+        "step_steer": "plant_sim.driving.steer_maneuvers:STEP_STEER",
         "fishhook": "plant_sim.driving.steer_maneuvers:NHTSA_FISHHOOK",
         "j_turn": "plant_sim.driving.steer_maneuvers:J_TURN",
         "sine_with_dwell": "plant_sim.driving.steer_maneuvers:SINE_WITH_DWELL",

@@ -7,7 +7,7 @@ from math import inf
 import numpy as np
 
 from canroll.typing import Vector
-from plant_sim.driving import driver, path
+from plant_sim.driving import driver, path, preview
 from plant_sim.driving.driver import FOLLOW_PATH, Drive
 from vehicles import GRAVITY, Vehicle
 
@@ -15,10 +15,7 @@ STEP_NS = 1_000_000
 """Time between two calls of the driver and two steps of the plant (ns)."""
 
 GRIP_USED = 0.85
-"""Share of the tyres' peak that a driver goes up to on a slippery road."""
-
-YAW_LAG = 0.15
-"""Delay from steering wheel to lateral acceleration assumed by the driver (s)."""
+"""Share of the tyres' peak that a driver goes up to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +26,8 @@ class Plan:
     acceleration (m/s²). ``bank`` (rad) and ``road``, the heights (m) under the left and the right
     wheels, at steps of ``road_step`` (m) of distance. ``release_time`` (s): the accelerator is
     released from then on. ``steer_rate`` (rad/s at the road wheels) other than 0 replaces the
-    driver's arms by a steering robot. ``at_the_limit``: the driver accepts any lateral
-    acceleration. ``fishhook``: start (s), amplitude (rad), hold (s), return (s).
+    driver's arms by a steering robot. ``at_the_limit``: the driver turns the wheel beyond the
+    peak of the front tyres. ``fishhook``: start (s), amplitude (rad), hold (s), return (s).
     """
 
     duration: float
@@ -81,6 +78,21 @@ def steady_steer(vehicle: Vehicle, speed: float, lateral_acceleration: float) ->
     return lateral_acceleration * (vehicle.geometry.wheelbase / speed**2 + understeer(vehicle))
 
 
+def slip_limit(vehicle: Vehicle, friction: float, axle: str = "front") -> float:
+    """Slip angle (rad) at which a Fiala tyre of the axle has GRIP_USED of its peak.
+
+    F = µ F_z (1 - (1 - x / 3)³) with x = C α / (µ F_z); ``axle`` "front" or "rear".
+    """
+    geometry, tyre = vehicle.geometry, vehicle.tyre
+    if axle == "front":
+        lever, stiffness = geometry.cg_to_rear_axle, tyre.cornering_stiffness_front
+    else:
+        lever, stiffness = geometry.cg_to_front_axle, tyre.cornering_stiffness_rear
+    load = vehicle.total_mass * GRAVITY * lever / geometry.wheelbase
+    part = 3.0 * (1.0 - float(np.cbrt(1.0 - GRIP_USED)))
+    return part * friction * tyre.friction * load / stiffness
+
+
 def make_drive(
     vehicle: Vehicle,
     speed: float,
@@ -92,15 +104,16 @@ def make_drive(
 ) -> Drive:
     """Arrays for the kernels, with a new driver's memory; ``speed`` in m/s.
 
-    A ``preview_time`` (s) other than 0 replaces that of the vehicle's driver.
+    A ``preview_time`` (s) of 0 is that of :func:`plant_sim.driving.preview.preview_time`.
     """
-    geometry, person = vehicle.geometry, vehicle.driver
-    grip = GRIP_USED * friction * vehicle.tyre.friction * GRAVITY
-    dared = min(person.lateral_acceleration_limit, grip)
+    geometry, gains = vehicle.geometry, np.zeros(2 * driver.ROW)
     p = np.zeros(driver.N_DRIVER)
-    p[driver.D_PREVIEW_TIME] = preview_time or person.preview_time
-    p[driver.D_LAG] = person.lag
-    p[driver.D_ACCELERATION_LIMIT] = np.inf if plan.at_the_limit else dared
+    if plan.kind == FOLLOW_PATH:
+        preview_time = preview_time or preview.preview_time(vehicle, speed)
+        gains = preview.table(vehicle, speed, preview_time)
+        p[driver.D_PREVIEW_TIME] = preview_time
+    p[driver.D_LAG] = vehicle.driver.lag
+    p[driver.D_SLIP_LIMIT] = np.inf if plan.at_the_limit else slip_limit(vehicle, friction)
     p[driver.D_WHEELBASE] = geometry.wheelbase
     p[driver.D_UNDERSTEER] = understeer(vehicle)
     p[driver.D_STEER_LIMIT] = vehicle.steering.angle_limit
@@ -114,7 +127,6 @@ def make_drive(
     p[driver.D_ROAD_STEP] = plan.road_step
     p[driver.D_FRONT] = geometry.cg_to_front_axle
     p[driver.D_REAR] = geometry.cg_to_rear_axle
-    p[driver.D_ANSWER_LAG] = person.lag + YAW_LAG
     p[driver.D_TIME_STEP] = STEP_NS * 1e-9
     p[[driver.D_START, driver.D_AMPLITUDE, driver.D_HOLD, driver.D_RETURN]] = plan.fishhook
     p[driver.D_CHASSIS_CONTROL] = float(chassis_control)
@@ -133,5 +145,6 @@ def make_drive(
         bank=np.zeros(1) if plan.bank is None else plan.bank,
         road_left=left,
         road_right=right,
+        preview=gains,
         memory=np.zeros(driver.N_MEMORY),
     )

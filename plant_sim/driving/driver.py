@@ -1,10 +1,8 @@
 """The preview driver and the open-loop steering robot: one kernel that fills a body's inputs.
 
-The driver predicts the car's position one preview time ahead at its present motion, compares it
-with the path, and demands the lateral acceleration that closes the gap in that time, a = 2 e / T².
-To compensate for the car's lag it demands more as long as it feels less than that. It turns the
-wheel by the bicycle model's steady gain, through the lag of the arms and the limits of the
-steering, up to a maximum lateral acceleration.
+The driver steers by the optimal preview control of :mod:`plant_sim.driving.preview`, through the
+lag of the arms and the limits of the steering, up to the slip angle at which the front tyres are
+near their peak.
 """
 
 from math import cos, floor, hypot, sin
@@ -12,6 +10,7 @@ from typing import NamedTuple
 
 from canroll.typing import Vector
 from plant_sim.bodies import ports
+from plant_sim.driving.preview import POINTS, SPEED_STEP
 from plant_sim.kernels.jit import borrowed, njit
 from vehicles import GRAVITY
 
@@ -23,7 +22,7 @@ FISHHOOK = 3
 (
     D_PREVIEW_TIME,
     D_LAG,
-    D_ACCELERATION_LIMIT,
+    D_SLIP_LIMIT,
     D_WHEELBASE,
     D_UNDERSTEER,
     D_STEER_LIMIT,
@@ -38,7 +37,6 @@ FISHHOOK = 3
     D_FRONT,
     D_REAR,
     D_TIME_STEP,
-    D_ANSWER_LAG,
     D_START,
     D_AMPLITUDE,
     D_HOLD,
@@ -48,11 +46,15 @@ FISHHOOK = 3
     D_YAW_INERTIA,
     D_TRACK,
     D_CORNERING,
-) = range(27)
-N_DRIVER = 27
+) = range(26)
+N_DRIVER = 26
 
 (M_STATION, M_STEER, M_TRAVELLED, M_PHASE, M_SINCE, M_YAW_REFERENCE) = range(6)
 N_MEMORY = 6
+
+STATES = 3
+ROW = STATES + POINTS
+"""Gains per speed in the table of preview gains: per state of the car, and per point."""
 
 REVERSAL_ROLL_RATE = 0.0262
 """Roll rate (rad/s, 1.5 degrees/s) below which the fishhook's countersteer begins (NHTSA)."""
@@ -86,6 +88,8 @@ class Drive(NamedTuple):
     road_left: Vector
     """Road height (m) under the left and the right wheels, at the same steps."""
     road_right: Vector
+    preview: Vector
+    """Preview gains over speed, see :func:`plant_sim.driving.preview.table`."""
     memory: Vector
 
 
@@ -101,6 +105,7 @@ def uncounted(drive: Drive) -> Drive:
         borrowed(drive.bank),
         borrowed(drive.road_left),
         borrowed(drive.road_right),
+        borrowed(drive.preview),
         borrowed(drive.memory),
     )
 
@@ -149,28 +154,37 @@ def off_path(drive: Drive, station: float, x: Vector, y: Vector, left: Vector) -
 @njit
 def _follow(outputs: Vector, drive: Drive) -> float:
     """Road-wheel angle demanded by the driver (rad); updates station and path error."""
-    parameters, memory = drive.parameters, drive.memory
-    heading = outputs[ports.YAW]
-    velocity_x = outputs[ports.VX] * cos(heading) - outputs[ports.VY] * sin(heading)
-    velocity_y = outputs[ports.VX] * sin(heading) + outputs[ports.VY] * cos(heading)
-    speed = max(hypot(velocity_x, velocity_y), 1.0)
-
+    memory = drive.memory
+    speed = max(hypot(outputs[ports.VX], outputs[ports.VY]), 1.0)
     x, y, tx, ty = _path_point(drive, memory[M_STATION])
     away_x, away_y = outputs[ports.X] - x, outputs[ports.Y] - y
     memory[M_STATION] += min(max(away_x * tx + away_y * ty, 0.0), 1.0)
     outputs[ports.PATH_ERROR] = away_y * tx - away_x * ty
+    return _previewed(outputs, drive, speed)
 
-    preview = parameters[D_PREVIEW_TIME]
-    target_x, target_y, _, _ = _path_point(drive, memory[M_STATION] + speed * preview)
-    gap_x = target_x - outputs[ports.X] - velocity_x * preview
-    gap_y = target_y - outputs[ports.Y] - velocity_y * preview
-    lag = parameters[D_ANSWER_LAG]
-    haste = 2.0 * lag * (preview - 0.5 * lag) / preview**2
-    gap = (gap_y * velocity_x - gap_x * velocity_y) / speed
-    limit = parameters[D_ACCELERATION_LIMIT]
-    closing = 2.0 * gap / preview**2
-    wanted = min(max((1.0 + haste) * closing - haste * outputs[ports.AY], -limit), limit)
-    return float(wanted * (parameters[D_WHEELBASE] / speed**2 + parameters[D_UNDERSTEER]))
+
+@njit
+def _previewed(outputs: Vector, drive: Drive, speed: float) -> float:
+    """Demand of the preview control (rad), up to the slip angle that the driver allows."""
+    parameters, memory, table = drive.parameters, drive.memory, drive.preview
+    last = table.size // ROW - 1
+    position = min(max(speed / SPEED_STEP - 1.0, 0.0), float(last))
+    row = min(floor(position), last - 1)
+    part, row = position - row, row * ROW
+    states = (outputs[ports.VY], outputs[ports.YAW_RATE], memory[M_STEER])
+    wanted = 0.0
+    for i in range(STATES):
+        wanted -= states[i] * (table[row + i] * (1.0 - part) + table[row + ROW + i] * part)
+    cosine, sine = cos(outputs[ports.YAW]), sin(outputs[ports.YAW])
+    apart = speed * parameters[D_PREVIEW_TIME] / POINTS
+    for i in range(STATES, ROW):
+        x, y, _, _ = _path_point(drive, memory[M_STATION] + apart * (i - STATES + 1))
+        offset = (y - outputs[ports.Y]) * cosine - (x - outputs[ports.X]) * sine
+        wanted += offset * (table[row + i] * (1.0 - part) + table[row + ROW + i] * part)
+    across = outputs[ports.VY] + parameters[D_FRONT] * outputs[ports.YAW_RATE]
+    straight = across / max(outputs[ports.VX], 1.0)
+    limit = parameters[D_SLIP_LIMIT]
+    return float(min(max(wanted, straight - limit), straight + limit))
 
 
 @njit

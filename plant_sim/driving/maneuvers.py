@@ -1,6 +1,7 @@
 """The manoeuvres by name: inputs, speeds and durations."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from inspect import Parameter, signature
 from typing import Any
 
@@ -11,9 +12,13 @@ from canroll.typing import Vector
 from plant_sim.driving import MANEUVERS
 from plant_sim.driving.drive import STEP_NS, make_drive, understeer
 from plant_sim.driving.driver import (
+    ACCELERATION_TABLE,
     D_CHASSIS_CONTROL,
+    D_PREVIEW_TIME,
+    D_ROAD_STEP,
     D_STEER_RATE,
     D_TABLE_STEP,
+    FOLLOW_PATH,
     N_MEMORY,
     STEER_TABLE,
     Drive,
@@ -29,8 +34,10 @@ __all__ = [
     "options",
     "replay",
     "speed_range",
+    "straightened",
     "title",
     "understeer",
+    "written",
 ]
 
 SLOWEST_KMH = 5.0
@@ -41,7 +48,8 @@ SLOWEST_KMH = 5.0
 class Maneuver:
     """One manoeuvre, ready to run once: ``drive`` holds the driver's memory.
 
-    ``speed`` (m/s) at entry; ``standard`` is the standard it follows, with deviations.
+    ``speed`` (m/s) at entry; ``standard`` is the standard it follows, with deviations;
+    ``options`` are all that are in effect, defaults too.
     """
 
     name: str
@@ -50,6 +58,7 @@ class Maneuver:
     speed: float
     duration_ns: int
     drive: Drive
+    options: Mapping[str, Any] = field(default_factory=dict)
 
 
 def names() -> list[str]:
@@ -63,7 +72,7 @@ def title(name: str) -> str:
 
 
 def options(name: str) -> dict[str, Any]:
-    """The options of that manoeuvre with their defaults; a preview of 0 means the vehicle's."""
+    """The options of that manoeuvre with their defaults; a preview of 0 is by rule."""
     kind = MANEUVERS[name]
     parameters = signature(kind.plan).parameters.values()
     own = {item.name: item.default for item in parameters if item.kind is Parameter.KEYWORD_ONLY}
@@ -100,6 +109,58 @@ def _converted(value: Any, default: Any, what: str) -> Any:  # noqa: ANN401
     return number
 
 
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Unit and range of an option."""
+
+    unit: str
+    low: float
+    high: float
+
+
+OPTIONS: Mapping[str, Limits] = {
+    "friction": Limits("", 0.05, 1.5),
+    "preview_time": Limits("s", 0.3, 3.0),
+    "radius": Limits("m", 5.0, 10_000.0),
+    "bank_deg": Limits("°", -30.0, 30.0),
+    "height": Limits("m", -0.5, 0.5),
+    "length": Limits("m", 0.05, 1000.0),
+    "spacing": Limits("m", 1.0, 10_000.0),
+    "count": Limits("", 1, 1000),
+    "duration": Limits("s", 0.1, 100_000.0),
+    "scale": Limits("", 0.01, 100.0),
+    "lateral_acceleration": Limits("m/s²", 0.1, 15.0),
+    "steer_rate": Limits("°/s", 10.0, 2000.0),
+}
+"""Limits of the numbers among the options of the built-in manoeuvres, by name."""
+
+
+def describe(key: str, default: Any) -> str:  # noqa: ANN401
+    """Return default, unit and range of an option in words."""
+    limits = OPTIONS.get(key)
+    if limits is None:
+        shown = ("off", "on")[default] if isinstance(default, bool) else default
+        return f"default {shown}" if shown else "no default"
+    unit = f" {limits.unit}" if limits.unit else ""
+    start = (
+        "default by vehicle and speed" if key == "preview_time" else f"default {default:g}{unit}"
+    )
+    return f"{start}, {limits.low:g} to {limits.high:g}{unit}"
+
+
+def written(options: Mapping[str, Any]) -> dict[str, str]:
+    """Return each option's name and value with its unit, as people read them."""
+    found = {}
+    for key, value in options.items():
+        limits = OPTIONS.get(key)
+        unit = f" {limits.unit}" if limits is not None and limits.unit else ""
+        text = ("off", "on")[value] if isinstance(value, bool) else str(value)
+        number = isinstance(value, float | int) and not isinstance(value, bool)
+        name = key.removesuffix("_deg").replace("_", " ")
+        found[name] = f"{value:g}{unit}" if number else text
+    return found
+
+
 def _checked(name: str, given: dict[str, Any]) -> dict[str, Any]:
     known = options(name)
     checked = {}
@@ -109,17 +170,16 @@ def _checked(name: str, given: dict[str, Any]) -> dict[str, Any]:
         if key not in known:
             raise UnknownNameError(f"option of {name}", key, known)
         checked[key] = _converted(value, known[key], f"option {key} of {name}")
-    friction = checked.get("friction", 1.0)
-    if not 0.05 <= friction <= 1.5:
-        raise CanrollError(f"the friction must be 0.05 to 1.5, got {friction:g}")
-    preview = checked.get("preview_time", 0.0)
-    if preview != 0.0 and not 0.3 <= preview <= 3.0:
-        raise CanrollError(f"the preview time must be 0.3 to 3 s, got {preview:g}")
-    for key in ("radius", "length", "spacing", "duration", "scale"):
-        if key in checked and checked[key] <= 0:
-            raise CanrollError(f"option {key} of {name}: {checked[key]:g} must be positive")
-    if abs(checked.get("bank_deg", 0.0)) > 30:
-        raise CanrollError(f"the bank must be at most 30 degrees, got {checked['bank_deg']:g}")
+    for key, value in checked.items():
+        limits = OPTIONS.get(key)
+        if limits is None or (key == "preview_time" and value == 0.0):
+            continue
+        if not limits.low <= value <= limits.high:
+            unit = f" {limits.unit}" if limits.unit else ""
+            raise CanrollError(
+                f"option {key} of {name}: {value:g}{unit} must be {limits.low:g} to "
+                f"{limits.high:g}{unit}"
+            )
     return checked
 
 
@@ -128,6 +188,7 @@ def build(
     vehicle: Vehicle,
     speed: float | None = None,
     seed: int = 0,
+    /,
     **given: Any,  # noqa: ANN401
 ) -> Maneuver:
     """Prepare one manoeuvre for one run.
@@ -137,10 +198,9 @@ def build(
         vehicle: vehicle to drive; some manoeuvres are scaled to it.
         speed: entry speed in m/s; by default that of the vehicle or the manoeuvre.
         seed: seed of the random part of the manoeuvre, the road.
-        given: options of :func:`options`; None for the default. Among them ``preview_time`` (s),
-        the
-            driver's preview instead of the vehicle's: 0.5 experienced, 0.75, 1.0 novice;
-            ``friction`` of the road; ``chassis_control``, the vehicle's yaw control.
+        given: options of :func:`options`; None for the default. Among them are
+            ``preview_time`` (s) of the driver, ``friction`` of the road, and
+            ``chassis_control``, the vehicle's yaw control.
 
     Raises:
         UnknownNameError: there is no manoeuvre or option of that name.
@@ -154,6 +214,7 @@ def build(
             f"{SLOWEST_KMH:g} to {kind.fastest_kmh:g} km/h"
         )
     chosen = {**options(name), **_checked(name, given)}
+    effective = {key: value for key, value in chosen.items() if value != ""}
     common = {key: chosen.pop(key) for key in ("friction", "chassis_control", "preview_time")}
     plan = kind.plan(vehicle, speed, seed, **chosen)
     standard = kind.standard
@@ -162,13 +223,19 @@ def build(
             standard += ", non-standard: driven faster than 80 km/h"
         if vehicle.lane_offset != 3.5:
             standard += f", non-standard: lane offset {vehicle.lane_offset:g} m"
+    drive = make_drive(vehicle, speed, plan, **common)
+    if plan.kind == FOLLOW_PATH:
+        effective["preview_time"] = float(drive.parameters[D_PREVIEW_TIME])
+    else:
+        del effective["preview_time"]
     return Maneuver(
         name=name,
         title=kind.title,
         standard=standard,
         speed=speed,
         duration_ns=round(plan.duration * 1e9 / STEP_NS) * STEP_NS,
-        drive=make_drive(vehicle, speed, plan, **common),
+        drive=drive,
+        options=effective,
     )
 
 
@@ -190,3 +257,40 @@ def replay(maneuver: Maneuver, steer: Vector) -> Maneuver:
         memory=np.zeros(N_MEMORY),
     )
     return replace(maneuver, title=f"{maneuver.title}, steering replayed", drive=drive)
+
+
+def straightened(maneuver: Maneuver, steer: Vector, speed: Vector, duration: float) -> Maneuver:
+    """Return the manoeuvre that follows an earlier run and then goes straight on.
+
+    At the end of the earlier run the steering returns to 0 as fast as the driver or robot can; the
+    height and bank of the road stay as they are there.
+
+    Args:
+        maneuver: the manoeuvre that was driven.
+        steer: road-wheel angle of the earlier run, rad, one value per step.
+        speed: longitudinal speed of the earlier run, m/s, one value per step.
+        duration: duration of the new run, s.
+    """
+    drive, dt = maneuver.drive, STEP_NS * 1e-9
+    if drive.kind == ACCELERATION_TABLE:
+        first = int(len(steer) * dt / drive.parameters[D_TABLE_STEP])
+        table = np.append(drive.table[: first + 1], 0.0)
+    else:
+        steps = 1 + int(abs(steer[-1]) / (drive.parameters[D_STEER_RATE] * dt))
+        maneuver = replay(maneuver, np.append(steer, np.linspace(steer[-1], 0.0, steps + 1)[1:]))
+        drive = maneuver.drive
+        table = drive.table
+    travelled = float(np.sum(np.maximum(speed, 0.0))) * dt
+    passed = 1 + int(travelled / drive.parameters[D_ROAD_STEP])
+    return replace(
+        maneuver,
+        duration_ns=round(duration * 1e9 / STEP_NS) * STEP_NS,
+        drive=drive._replace(
+            parameters=drive.parameters.copy(),
+            table=table,
+            bank=drive.bank[:passed],
+            road_left=drive.road_left[:passed],
+            road_right=drive.road_right[:passed],
+            memory=np.zeros(N_MEMORY),
+        ),
+    )

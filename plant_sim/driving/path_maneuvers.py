@@ -8,19 +8,38 @@ from math import pi, radians
 
 import numpy as np
 
+from canroll.errors import CanrollError
 from plant_sim.driving import path, road
-from plant_sim.driving.drive import Kind, Plan
-from vehicles import Vehicle
+from plant_sim.driving.drive import GRIP_USED, Kind, Plan
+from plant_sim.driving.line import through_gates
+from vehicles import GRAVITY, Vehicle
 
 APPROACH = 15.0
 """Straight before the first lane of a cone track, and after the last (m)."""
+
+
+OVERHANG = 0.9
+"""Bodywork ahead of the front axle and behind the rear one (m)."""
+
+
+def _line(vehicle: Vehicle, speed: float, lanes: tuple[path.Lane, ...], run_out: float) -> path.XY:
+    geometry = vehicle.geometry
+    return through_gates(
+        lanes,
+        approach=APPROACH,
+        run_out=run_out,
+        front=geometry.cg_to_front_axle + OVERHANG,
+        rear=geometry.cg_to_rear_axle + OVERHANG,
+        width=geometry.width,
+        curvature=GRIP_USED * vehicle.tyre.friction * GRAVITY / speed**2,
+    )
 
 
 def double_lane_change(vehicle: Vehicle, speed: float, _seed: int) -> Plan:
     """ISO 3888-1 at constant speed; the standard's lateral offset or the vehicle's own."""
     lanes = path.double_lane_change(vehicle.geometry.width, vehicle.lane_offset)
     end = lanes[-1].start + lanes[-1].length
-    xy = path.through(lanes, approach=APPROACH, run_out=APPROACH + 3 * speed)
+    xy = _line(vehicle, speed, lanes, run_out=APPROACH + 3 * speed)
     return Plan((2 * APPROACH + end) / speed, path_xy=xy)
 
 
@@ -30,16 +49,31 @@ def moose(vehicle: Vehicle, speed: float, _seed: int) -> Plan:
     end = lanes[-1].start + lanes[-1].length
     return Plan(
         (2 * APPROACH + end) / speed + 2.0,
-        path_xy=path.through(lanes, approach=APPROACH, run_out=120.0),
+        path_xy=_line(vehicle, speed, lanes, run_out=120.0),
         release_time=(APPROACH + 2.0) / speed,
     )
 
 
-def roundabout(vehicle: Vehicle, speed: float, _seed: int) -> Plan:
-    """Half-way round a circle of 22 m radius, straight in and out, at constant speed.
+def slalom(
+    vehicle: Vehicle, speed: float, _seed: int, *, spacing: float = 18.0, count: float = 8.0
+) -> Plan:
+    """Left and right of ``count`` cones in a row, half the car's width and 0.5 m beside each."""
+    cones = int(count)
+    if count != cones:
+        raise CanrollError(f"option count of slalom: {count:g} must be a whole number")
+    amplitude = vehicle.geometry.width / 2 + 0.5
+    run_up = APPROACH + spacing
+    lanes = (
+        path.Lane(0.0, 0.0, 0.0, 0.0),
+        *(path.Lane(spacing * (k + 1), 0.0, amplitude * (-1) ** k, 0.0) for k in range(cones)),
+        path.Lane(spacing * (cones + 1), 0.0, 0.0, 0.0),
+    )
+    xy = path.through(lanes, approach=APPROACH, run_out=APPROACH + 3 * speed)
+    return Plan((2 * run_up + spacing * cones) / speed, path_xy=xy)
 
-    Above the driver's maximum lateral acceleration the wheel still follows the circle's curvature.
-    """
+
+def roundabout(_vehicle: Vehicle, speed: float, _seed: int) -> Plan:
+    """Half-way round a circle of 22 m radius, straight in and out, at constant speed."""
     radius, approach, easing = 22.0, 30.0, 8.0
     arc = radius * pi - easing
     sections = [
@@ -52,7 +86,6 @@ def roundabout(vehicle: Vehicle, speed: float, _seed: int) -> Plan:
     return Plan(
         (2 * approach + 2 * easing + arc) / speed,
         path_xy=path.from_curvature(sections),
-        at_the_limit=speed**2 / radius > vehicle.driver.lateral_acceleration_limit,
     )
 
 
@@ -98,10 +131,13 @@ def bumps(
     height: float = 0.05,
     length: float = 1.5,
     spacing: float = 12.0,
+    count: float = 4.0,
 ) -> Plan:
-    """Straight ahead over four bumps under the left wheels only; height and lengths in m."""
-    left = road.bumps(height=height, length=length, spacing=spacing, count=4, start=20.0)
-    distance = 20.0 + 4 * spacing + 2.0 * speed
+    """Straight ahead over ``count`` bumps under the left wheels only; height and lengths in m."""
+    if count != int(count):
+        raise CanrollError(f"option count of bumps: {count:g} must be a whole number")
+    left = road.bumps(height=height, length=length, spacing=spacing, count=int(count), start=20.0)
+    distance = 20.0 + count * spacing + 2.0 * speed
     return Plan(
         distance / speed,
         path_xy=_straight(distance + 5 * speed),
@@ -129,6 +165,8 @@ DOUBLE_LANE_CHANGE = Kind("double lane change", 80.0, 160.0, "ISO 3888-1", doubl
 """Double lane change, ISO 3888-1."""
 MOOSE = Kind("obstacle avoidance", 80.0, 100.0, "ISO 3888-2", moose, 0.6, True)
 """Obstacle avoidance, ISO 3888-2."""
+SLALOM = Kind("slalom", 50.0, 120.0, "none", slalom)
+"""Slalom round cones in a row."""
 ROUNDABOUT = Kind("roundabout of 22 m radius", 30.0, 120.0, "none", roundabout)
 """Roundabout of 22 m radius."""
 CONSTANT_RADIUS = Kind("constant radius", 60.0, 160.0, "ISO 4138", constant_radius)

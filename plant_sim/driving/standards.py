@@ -14,16 +14,13 @@ from numpy.typing import NDArray
 from canroll.typing import Vector
 from plant_sim.bodies.ports import WHEELS
 from plant_sim.driving import path, steer_maneuvers
-from plant_sim.driving.path_maneuvers import APPROACH
+from plant_sim.driving.path_maneuvers import APPROACH, OVERHANG
 from vehicles import Vehicle
 
 Signals = Mapping[str, NDArray[np.float64]]
 
 SAMPLE = 1e-3
 TWO_INCHES = 0.0508
-OVERHANG = 0.9
-"""Bodywork ahead of the front axle and behind the rear one (m)."""
-
 CONE_SPACING = 3.0
 """Greatest distance between the cones along a lane (m)."""
 
@@ -46,11 +43,10 @@ def judge(maneuver: str, vehicle: Vehicle, signals: Signals) -> list[Verdict]:
         return sine_with_dwell(vehicle, signals)
     if maneuver in ("fishhook", "j_turn"):
         return two_wheel_lift(signals)
+    lanes = track(maneuver, vehicle)
     if maneuver == "double_lane_change":
-        lanes = path.double_lane_change(vehicle.geometry.width, vehicle.lane_offset)
         return [cones(vehicle, signals, lanes, "ISO 3888-1, 4"), *two_wheel_lift(signals)]
     if maneuver == "moose":
-        lanes = path.obstacle_avoidance(vehicle.geometry.width)
         entry = 3.6 * float(np.interp(APPROACH, signals["x"], signals["vx"]))
         return [
             cones(vehicle, signals, lanes, "ISO 3888-2, 4"),
@@ -109,6 +105,19 @@ def two_wheel_lift(signals: Signals) -> list[Verdict]:
     return [Verdict("two-wheel lift", "NHTSA, 2 inches", lift, TWO_INCHES, "m", passed)]
 
 
+def track(maneuver: str, vehicle: Vehicle) -> tuple[path.Lane, ...]:
+    """Lanes of a manoeuvre's cone track; none if it has no cones."""
+    if maneuver == "double_lane_change":
+        return path.double_lane_change(vehicle.geometry.width, vehicle.lane_offset)
+    return path.obstacle_avoidance(vehicle.geometry.width) if maneuver == "moose" else ()
+
+
+def cones_of(maneuver: str, vehicle: Vehicle) -> NDArray[np.float64]:
+    """Positions of a manoeuvre's cones on the road, (n, 2) in m; n = 0 if it has none."""
+    positions: NDArray[np.float64] = np.add(cone_positions(track(maneuver, vehicle)), (APPROACH, 0))
+    return positions
+
+
 def cone_positions(lanes: tuple[path.Lane, ...]) -> NDArray[np.float64]:
     """Positions of a track's cones at its lanes' edges, (n, 2) in m, x from the first lane."""
     points = []
@@ -116,7 +125,7 @@ def cone_positions(lanes: tuple[path.Lane, ...]) -> NDArray[np.float64]:
         count = int(np.ceil(lane.length / CONE_SPACING)) + 1
         for x in np.linspace(lane.start, lane.start + lane.length, count):
             points += [(x, lane.centre - lane.width / 2), (x, lane.centre + lane.width / 2)]
-    return np.array(points)
+    return np.array(points).reshape(-1, 2)
 
 
 def cones(vehicle: Vehicle, signals: Signals, lanes: tuple[path.Lane, ...], clause: str) -> Verdict:

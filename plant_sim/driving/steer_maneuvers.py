@@ -1,4 +1,4 @@
-"""Manoeuvres of a steering robot: fishhook, J-turn, sine with dwell, and signals from files.
+"""Manoeuvres of a steering robot: step steer, fishhook, J-turn, sine with dwell, files.
 
 The robots of FMVSS 126 and of NHTSA's rollover tests scale their steering by the angle at which
 the car corners at 0.3 g at 80 km/h; here that is the linear car's.
@@ -44,6 +44,32 @@ def fishhook(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 6.5)
     )
 
 
+def step_steer(
+    vehicle: Vehicle,
+    speed: float,
+    _seed: int,
+    *,
+    lateral_acceleration: float = 4.0,
+    steer_rate: float = 300.0,
+) -> Plan:
+    """ISO 7401 step input: a quick ramp to the angle of a steady lateral acceleration, then held.
+
+    The angle is that of the linear car. The standard asks for 200 to 500 degrees/s at the steering
+    wheel.
+    """
+    rate = radians(steer_rate) / vehicle.steering.ratio
+    angle = steady_steer(vehicle, speed, lateral_acceleration)
+    amplitude = min(angle, vehicle.steering.angle_limit)
+    time = np.arange(0.0, START + 4.5, TABLE_STEP)
+    return Plan(
+        float(time[-1]),
+        kind=STEER_TABLE,
+        table=np.clip(rate * (time - START), 0.0, amplitude),
+        table_step=TABLE_STEP,
+        steer_rate=inf,
+    )
+
+
 def j_turn(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float = 8.0) -> Plan:
     """NHTSA's J-turn: one ramp at 1000 degrees/s at the steering wheel, held 4 s, back in 2 s."""
     rate = radians(1000.0) / vehicle.steering.ratio
@@ -85,16 +111,19 @@ def sine_with_dwell(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float
 
 
 CSV_COLUMNS = {"steering_wheel_deg": STEER_TABLE, "lateral_acceleration": ACCELERATION_TABLE}
-"""Second column of a signal file, and the input it sets."""
+"""Columns of a signal file, and the input that each sets."""
 
 
-def read_signal(path: Path) -> tuple[str, Vector, Vector]:
-    """Column name, times (s) and values of a file with the columns ``time`` and one other.
+def read_signal(path: Path, column: str = "") -> tuple[str, Vector, Vector]:
+    """Column name, times (s) and values of a file with a column ``time`` and others.
+
+    Args:
+        path: the file.
+        column: the column to read; "": the one of :data:`CSV_COLUMNS` that is there.
 
     Raises:
-        CanrollError: the file cannot be read, its header is wrong, a field is not a number, or
-        times
-            do not increase.
+        CanrollError: the file cannot be read, a column is missing, a field is not a number, or
+            times do not increase.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -102,14 +131,20 @@ def read_signal(path: Path) -> tuple[str, Vector, Vector]:
     except (OSError, UnicodeDecodeError) as error:
         raise CanrollError(f"cannot read signal file {path}: {reason(error)}") from error
     header = [name.strip() for name in rows[0]] if rows else []
-    if len(header) != 2 or header[0] != "time" or header[1] not in CSV_COLUMNS:
-        known = " or ".join(f"'time,{name}'" for name in CSV_COLUMNS)
-        raise CanrollError(f"{path}: line 1: the header must be {known}")
+    present = [name for name in ([column] if column else CSV_COLUMNS) if name in header]
+    if len(present) != 1 or header.count(present[0]) != 1 or header.count("time") != 1:
+        known = column or " or ".join(CSV_COLUMNS)
+        raise CanrollError(
+            f"{path}: line 1: the header must name the columns time and {known} once; another "
+            f"column is named by --set column=NAME --set unit=UNIT ({', '.join(UNITS)}); it has "
+            f"{', '.join(header) or 'none'}"
+        )
+    places = header.index("time"), header.index(present[0])
     numbers: list[tuple[float, float]] = []
     for line, row in enumerate(rows[1:], start=2):
         try:
-            time, value = (float(field) for field in row)
-        except ValueError as error:
+            time, value = (float(row[place]) for place in places)
+        except (ValueError, IndexError) as error:
             raise CanrollError(f"{path}: line {line}: expected two numbers, got {row}") from error
         if not np.isfinite([time, value]).all():
             raise CanrollError(f"{path}: line {line}: not a finite number")
@@ -119,21 +154,41 @@ def read_signal(path: Path) -> tuple[str, Vector, Vector]:
     if len(numbers) < 2:
         raise CanrollError(f"{path}: at least two rows of numbers are required")
     times, values = np.array(numbers).T
-    return header[1], times - times[0], values
+    return present[0], times - times[0], values
 
 
-def from_file(vehicle: Vehicle, _speed: float, _seed: int, *, file: str = "") -> Plan:
-    """Steering-wheel angle (degrees) or lateral acceleration (m/s²) over time, from a CSV file."""
+UNITS = {"deg": (STEER_TABLE, 1.0), "rad": (STEER_TABLE, 180 / pi), "m/s2": (ACCELERATION_TABLE, 1)}
+"""Units of a column named by the user: the input that it sets, and the factor to its unit."""
+
+
+def from_file(
+    vehicle: Vehicle, _speed: float, _seed: int, *, file: str = "", column: str = "", unit: str = ""
+) -> Plan:
+    """Steering-wheel angle or lateral acceleration over time, from a CSV file.
+
+    A column that is named by the user has a unit: deg or rad of steering wheel, or m/s2.
+    """
     if not file:
-        raise CanrollError("manoeuvre 'from_file' needs a file: columns time, and the signal")
-    column, times, values = read_signal(Path(file))
-    kind = CSV_COLUMNS[column]
-    table = np.interp(np.arange(0.0, times[-1] + TABLE_STEP / 2, TABLE_STEP), times, values)
+        raise CanrollError(
+            "manoeuvre 'from_file' needs --set file=FILE.csv with the columns time and one of "
+            f"{', '.join(CSV_COLUMNS)}, or --set column=NAME --set unit=UNIT ({', '.join(UNITS)})"
+        )
+    if bool(column) != bool(unit) or (unit and unit not in UNITS):
+        raise CanrollError(
+            f"manoeuvre 'from_file': --set column=NAME needs --set unit={', '.join(UNITS)}, and "
+            "the reverse"
+        )
+    name, times, values = read_signal(Path(file), column)
+    kind, factor = UNITS[unit] if unit else (CSV_COLUMNS[name], 1.0)
+    at = np.arange(0.0, times[-1] + TABLE_STEP / 2, TABLE_STEP)
+    table = factor * np.interp(at, times, values)
     if kind == STEER_TABLE:
         table = np.radians(table) / vehicle.steering.ratio
     return Plan(float(times[-1]), kind=kind, table=table, table_step=TABLE_STEP, steer_rate=inf)
 
 
+STEP_STEER = Kind("step steer", 100.0, 160.0, "ISO 7401", step_steer)
+"""Step steer, ISO 7401."""
 NHTSA_FISHHOOK = Kind("fishhook", 80.0, 120.0, "NHTSA roll-rate feedback fishhook", fishhook)
 """Fishhook with roll-rate feedback, NHTSA."""
 J_TURN = Kind("J-turn", 80.0, 120.0, "NHTSA J-turn", j_turn)

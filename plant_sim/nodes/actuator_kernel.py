@@ -95,7 +95,7 @@ def receive(
         node.receiver[which],
         node.supervision,
         tables.protection[number],
-        tables.identity[number],
+        tables.terms[number],
         tables.crc[number],
         payload,
     )
@@ -105,11 +105,11 @@ def receive(
     for channel in range(row[CHANNELS]):
         signal = row[FIRST_SIGNAL] + channel
         raw = codec.extract(tables, signal, payload)
-        value = raw * tables.scaling[signal, codec.SCALE] + tables.scaling[signal, codec.OFFSET]
+        value = codec.physical(tables, signal, raw)
         said = codec.valid(tables, signal, raw) and codec.agrees(tables, signal, payload)
         node.state[DEMAND + channel] = value if said else 0.0
     node.flag[HELD] = 1
-    node.flag[COUNTER] = e2e.counter_of(tables.protection[number], payload)
+    node.flag[COUNTER] = e2e.counter_of(tables.protection[number], tables.terms[number], payload)
     node.flag[SOURCE] = which
     node.flag[T_ACCEPTED] = t_ns
     return True
@@ -190,20 +190,25 @@ def set_status(node: Actuators, first: int, last: int, status: int) -> None:
 
 
 @njit
-def report(node: Actuators, tables: Codec, payload: NDArray[np.uint8], frozen: bool) -> None:
+def report(
+    node: Actuators, tables: Codec, message: int, payload: NDArray[np.uint8], frozen: bool
+) -> None:
     """Write ActuatorState to a payload, except its sample counter; clear the latched status.
 
-    ``frozen``: with the moments of the last one.
+    ``message``: row of the frame, which may have a part of it. ``frozen``: with the moments of the
+    last one.
     """
     for axle in range(2):
         signal = node.report[axle]
         if not frozen:
             node.state[REPORTED + axle] = node.state[ESTIMATE + axle]
         raw = codec.raw_value(tables, signal, node.state[REPORTED + axle])
-        codec.insert(tables, signal, payload, raw)
+        codec.put(tables, message, signal, payload, raw)
     for corner in range(4):
-        codec.insert(tables, node.report[2 + corner], payload, node.flag[LATCHED + corner])
-        node.flag[LATCHED + corner] = node.flag[STATUS + corner]
-    codec.insert(tables, node.report[6], payload, node.flag[ENABLED])
-    codec.insert(tables, node.report[7], payload, node.flag[HELD])
-    codec.insert(tables, node.report[8], payload, node.flag[COUNTER])
+        status = node.report[2 + corner]
+        if tables.field[status, codec.FRAME] == message:
+            codec.insert(tables, status, payload, node.flag[LATCHED + corner])
+            node.flag[LATCHED + corner] = node.flag[STATUS + corner]
+    codec.put(tables, message, node.report[6], payload, node.flag[ENABLED])
+    codec.put(tables, message, node.report[7], payload, node.flag[HELD])
+    codec.put(tables, message, node.report[8], payload, node.flag[COUNTER])

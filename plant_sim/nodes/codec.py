@@ -18,19 +18,23 @@ from numpy.typing import NDArray
 
 import dbc
 from canroll.errors import UnknownNameError
-from codegen.generated.bus_map import EXTENDED as EXTENDED_IDENT
-from codegen.generated.bus_map import BusMap, Mailbox
-from codegen.generated.frame_protection import protection
-from codegen.generated.mapped_signal import MappedSignal, RawSignal, raw_signal
-from codegen.generated.units import conversion
-from plant_sim.can_bus.own_frames import contract_names, flags_of
+from codegen.frame.frame_protection import protection
+from codegen.frame.raw_signal import RawSignal, raw_signal
+from codegen.frame.units import conversion
+from codegen.generated.bus_map import BusMap
+from codegen.generated.mailbox import EXTENDED as EXTENDED_IDENT
+from codegen.generated.mailbox import Mailbox
+from codegen.generated.mapped_signal import MappedSignal
+from codegen.generated.second_signals import valid_codes
+from plant_sim.can_bus.own_frames import FURTHER_FRAMES, contract_names, flags_of
 from plant_sim.kernels.jit import njit
-from plant_sim.nodes import e2e
+from plant_sim.nodes import e2e, float32
 
 MAX_PAYLOAD = 64
 # Columns of Codec.message; LENGTH 0: the message is not on this bus. KEY is the identifier as the
 # firmware has it (bit 30: one of 29 bits). LEADER is the first message in the same frame. SELECTOR
-# is the row of the signal that is always SELECTED, as the frame has pages, -1: none.
+# is the row of the signal that is always SELECTED, as the frame has pages, -1: none. CONTRACT is
+# the row of the message in the contract, another one for its further frames.
 (
     IDENT,
     LENGTH,
@@ -42,10 +46,14 @@ MAX_PAYLOAD = 64
     LEADER,
     SELECTOR,
     SELECTED,
+    CONTRACT,
     N_MESSAGE,
-) = range(11)
+) = range(12)
 # Columns of Codec.field. PAGE is -1 where the signal is in every frame of its message. MINUS and
 # TWIN are rows of the signals that carry the sign and the redundant or inverted code, -1: none.
+# FRAME is the row of the message in whose frame the signal is. ALIKE is the row of the next signal
+# with the same value, VALIDITY that of the signal that says by its code whether there is a value.
+# REAL: the raw code is the bits of a floating-point number.
 (
     PIECES,
     WIDTH,
@@ -59,8 +67,14 @@ MAX_PAYLOAD = 64
     TWIN,
     INVERTED,
     TOLERANCE,
+    FRAME,
+    ALIKE,
+    VALIDITY,
+    VALID_CODE,
+    INVALID_CODE,
+    REAL,
     N_FIELD,
-) = range(13)
+) = range(19)
 NO_ERROR_CODE = -(1 << 40)
 """Value for a signal without a code for error or not available in the DBC."""
 OF_THE_FRAME = frozenset({"Checksum", "Counter", "SampleCounter"})
@@ -71,14 +85,14 @@ SCALE, OFFSET = range(2)
 BYTE, BIT, BITS, SIGNAL_BIT, N_PIECE = range(5)
 _PIECES = 5
 _SPARE = 64
-"""Rows for signals that carry a sign or a second code: tables of all buses have one shape."""
+"""Rows for signals that belong to others: tables of all buses have one shape."""
 
 
 class Codec(NamedTuple):
     """Layout of every message.
 
-    ``message`` (m, 8), ``field`` (n, 12), ``piece`` (n, 5, 4), ``scaling`` (n, 2), ``protection``
-    and ``identity`` as in :mod:`plant_sim.nodes.e2e`.
+    ``message`` (m, 12), ``field`` (n, 19), ``piece`` (n, 5, 4), ``scaling`` (n, 2), ``protection``,
+    ``terms`` and ``crc`` as in :mod:`plant_sim.nodes.e2e`.
     """
 
     message: NDArray[np.int64]
@@ -86,17 +100,20 @@ class Codec(NamedTuple):
     piece: NDArray[np.int64]
     scaling: NDArray[np.float64]
     protection: NDArray[np.int64]
-    identity: NDArray[np.int64]
+    terms: NDArray[np.int64]
     crc: NDArray[np.int64]
 
 
 @njit
 def raw_value(codec: Codec, signal: int, value: float) -> int:
-    """Raw integer nearest to the physical ``value``, clipped; NaN gives the error code."""
+    """Raw code nearest to the physical ``value``, clipped; NaN gives the error code."""
     field = codec.field[signal]
     if math.isnan(value):
         return int(field[RAW_ERROR])
     scaled = (value - codec.scaling[signal, OFFSET]) / codec.scaling[signal, SCALE]
+    if field[REAL]:
+        low, high = float32.number_of(field[RAW_MIN]), float32.number_of(field[RAW_MAX])
+        return float32.code_of(min(max(scaled, low), high))
     if scaled <= field[RAW_MIN]:
         return int(field[RAW_MIN])
     if scaled >= field[RAW_MAX]:
@@ -129,7 +146,7 @@ def _extract(codec: Codec, signal: int, payload: NDArray[np.uint8]) -> int:
 
 @njit
 def insert(codec: Codec, signal: int, payload: NDArray[np.uint8], raw: int) -> None:
-    """Replace the bits of ``signal``, and of its second signal, in a payload by ``raw``."""
+    """Replace the bits of ``signal``, and of those that belong to it, in a payload by ``raw``."""
     field = codec.field[signal]
     size = raw
     if field[MINUS] >= 0:
@@ -138,6 +155,39 @@ def insert(codec: Codec, signal: int, payload: NDArray[np.uint8], raw: int) -> N
     _insert(codec, signal, payload, size)
     if field[TWIN] >= 0:
         _insert(codec, field[TWIN], payload, ~size if field[INVERTED] else size)
+    if field[VALIDITY] >= 0:
+        _insert(codec, field[VALIDITY], payload, field[VALID_CODE])
+
+
+@njit
+def put(codec: Codec, message: int, signal: int, payload: NDArray[np.uint8], raw: int) -> None:
+    """Insert a signal in a payload of the frame in row ``message``, if that frame has it."""
+    if codec.field[signal, FRAME] == message:
+        insert(codec, signal, payload, raw)
+
+
+@njit
+def put_value(
+    codec: Codec, message: int, signal: int, payload: NDArray[np.uint8], value: float
+) -> None:
+    """Insert a physical value, and in all signals that have the same."""
+    if codec.field[signal, FRAME] != message:
+        return
+    while signal >= 0:
+        insert(codec, signal, payload, raw_value(codec, signal, value))
+        signal = codec.field[signal, ALIKE]
+
+
+@njit
+def invalidate(codec: Codec, message: int, signal: int, payload: NDArray[np.uint8]) -> None:
+    """Say that a signal, and all that have the same value, have none."""
+    if codec.field[signal, FRAME] != message:
+        return
+    while signal >= 0:
+        if codec.field[signal, VALIDITY] >= 0:
+            invalid = codec.field[signal, INVALID_CODE]
+            _insert(codec, codec.field[signal, VALIDITY], payload, invalid)
+        signal = codec.field[signal, ALIKE]
 
 
 @njit
@@ -175,6 +225,13 @@ def encode(
 
 
 @njit
+def physical(codec: Codec, signal: int, raw: int) -> float:
+    """Physical value of a raw code; nan for a floating-point number that is none."""
+    number = float32.number_of(raw) if codec.field[signal, REAL] else float(raw)
+    return float(number * codec.scaling[signal, SCALE] + codec.scaling[signal, OFFSET])
+
+
+@njit
 def decode(
     codec: Codec, message: int, payload: NDArray[np.uint8], values: NDArray[np.float64]
 ) -> None:
@@ -185,15 +242,14 @@ def decode(
         if page >= 0 and extract(codec, codec.field[signal, PAGE_SIGNAL], payload) != page:
             values[signal - first] = math.nan
         else:
-            raw = extract(codec, signal, payload)
-            values[signal - first] = (
-                raw * codec.scaling[signal, SCALE] + codec.scaling[signal, OFFSET]
-            )
+            values[signal - first] = physical(codec, signal, extract(codec, signal, payload))
 
 
 @njit
 def valid(codec: Codec, signal: int, raw: int) -> bool:
     """Whether ``raw`` is a value rather than the error or the not-available code."""
+    if codec.field[signal, REAL]:
+        return float32.finite(raw)
     return bool(codec.field[signal, RAW_MIN] <= raw <= codec.field[signal, RAW_MAX])
 
 
@@ -234,7 +290,7 @@ def _empty() -> Codec:
     """Tables of a bus without any message."""
     messages = _messages()
     signals = sum(len(message.signals) for message in messages.values())
-    rows = len(messages)
+    rows = len(messages) + FURTHER_FRAMES
     codec = Codec(
         np.zeros((rows, N_MESSAGE), dtype=np.int64),
         np.zeros((signals + _SPARE, N_FIELD), dtype=np.int64),
@@ -242,13 +298,15 @@ def _empty() -> Codec:
         np.ones((signals + _SPARE, 2)),
         *e2e.tables(rows),
     )
-    codec.message[:, [KEY, SELECTOR]] = -1
+    codec.message[:, [KEY, SELECTOR, CONTRACT]] = -1
     codec.message[:, LEADER] = range(rows)
-    codec.field[:, [PAGE, MINUS, TWIN]] = -1
+    codec.field[:, [PAGE, MINUS, TWIN, FRAME, ALIKE, VALIDITY]] = -1
     first = 0
-    for row, message in zip(codec.message, messages.values(), strict=True):
-        row[[FIRST, END]] = first, first + len(message.signals)
-        first += len(message.signals)
+    for index, message in enumerate(messages.values()):
+        end = first + len(message.signals)
+        codec.message[index, [FIRST, END, CONTRACT]] = first, end, index
+        codec.field[first:end, FRAME] = index
+        first = end
     return codec
 
 
@@ -288,7 +346,7 @@ def load() -> Codec:
         for k, signal in enumerate(message.signals):
             _contract_field(codec, int(row[FIRST]) + k, signal, int(row[FIRST]), names)
         its = protection(message, None, (), dbc.PATH.name)
-        e2e.put(codec.protection[index], codec.identity[index], codec.crc[index], its)
+        e2e.put(codec.protection[index], codec.terms[index], codec.crc[index], its)
     return codec
 
 
@@ -302,28 +360,47 @@ def of_map(bus: BusMap, frames: Mapping[int, Mapping[str, Signal]] | None = None
     codec = _empty()
     spare = len(codec.field) - _SPARE
     leaders: dict[int, int] = {}
+    free = len(_messages())
     for box in bus.frames:
         names = contract_names(box.slot)
         index = message_index(names.message)
+        if box.further:
+            codec.message[free, CONTRACT] = index
+            index, free = free, free + 1
         row = codec.message[index]
         row[KEY] = box.ident
         row[IDENT], row[LENGTH] = box.ident & (EXTENDED_IDENT - 1), box.sent_length
         row[FLAGS] = flags_of(box)
         row[CYCLE_MS] = box.cycle_ms
         row[LEADER] = leaders.setdefault(box.ident, index)
-        e2e.put(codec.protection[index], codec.identity[index], codec.crc[index], box.protection)
+        e2e.put(codec.protection[index], codec.terms[index], codec.crc[index], box.protection)
         for signal in box.signals:
             if signal.place.text not in names.signals:
                 continue
             name = names.signals[signal.place.text]
             at = signal_index(names.message, name)
+            if codec.field[at, PIECES]:
+                # a mean of several: the same value is in each
+                codec.field[spare, ALIKE] = codec.field[at, ALIKE]
+                codec.field[at, ALIKE] = spare
+                at, spare = spare, spare + 1
             _place(codec, at, signal)
+            codec.field[at, FRAME] = index
             _scale(codec, at, signal, unit(names.message, name))
-            for column, other in ((MINUS, signal.minus), (TWIN, signal.twin)):
+            others: dict[int, RawSignal | None] = {
+                MINUS: signal.minus,
+                TWIN: signal.twin.signal if signal.twin else None,
+                VALIDITY: signal.validity.signal if signal.validity else None,
+            }
+            for column, other in others.items():
                 if other is not None:
-                    _place(codec, spare, other if isinstance(other, RawSignal) else other.signal)
+                    _place(codec, spare, other)
                     codec.field[at, column] = spare
                     spare += 1
+            if signal.validity is not None:
+                # what the signals that share it have in common: one code says it of all of them
+                codes = valid_codes(box.signals)[signal.validity.signal.name]
+                codec.field[at, [VALID_CODE, INVALID_CODE]] = codes[0], _missing(codes)
             if signal.twin is not None:
                 codec.field[at, [INVERTED, TOLERANCE]] = (
                     signal.twin.inverted,
@@ -338,6 +415,11 @@ def of_map(bus: BusMap, frames: Mapping[int, Mapping[str, Signal]] | None = None
         there = (frames or {}).get(ident, {})
         _place_rest(codec, leader, {n: its for n, its in there.items() if n not in mapped})
     return codec
+
+
+def _missing(codes: tuple[int, ...]) -> int:
+    """The least code that is none of those by which a signal is valid."""
+    return next(code for code in range(len(codes) + 1) if code not in codes)
 
 
 def _parts(box: Mailbox) -> Iterator[RawSignal]:
@@ -360,9 +442,9 @@ def _place_rest(codec: Codec, leader: int, rest: Mapping[str, Signal]) -> None:
         }
         values = {signal.name for signal in message.signals} - OF_THE_FRAME
         if not row[LENGTH] and found.keys() == values:
-            own = row[[FIRST, END]].copy()
+            own = row[[FIRST, END, CONTRACT]].copy()
             row[:] = codec.message[leader]
-            row[[FIRST, END]] = own
+            row[[FIRST, END, CONTRACT]] = own
         if row[LENGTH]:
             names = [signal.name for signal in message.signals]
             for name, signal in found.items():
@@ -381,4 +463,5 @@ def _scale(codec: Codec, row: int, signal: MappedSignal, contract_unit: str) -> 
     while low in signal.unavailable:
         low += 1
     error = signal.unavailable[0] if signal.unavailable else NO_ERROR_CODE
-    codec.field[row, [RAW_MIN, RAW_MAX, RAW_ERROR]] = low, high, error
+    error = float32.NOT_A_NUMBER if signal.real else error
+    codec.field[row, [RAW_MIN, RAW_MAX, RAW_ERROR, REAL]] = low, high, error, signal.real

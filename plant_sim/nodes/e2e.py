@@ -1,44 +1,62 @@
 """End-to-end protection of the plant's frames: checksums, counters and their receiver.
 
-It covers everything in :class:`codegen.generated.frame_protection.Protection`: AUTOSAR E2E profiles
-1, 2, 5 and 22, and manufacturers' schemes. The receiver's state machine is E2E_P01Check of the
-AUTOSAR E2E protocol specification (PRS_E2EProtocol, profile 1), for counters of any number of
-values. A counter
+It covers everything in :class:`codegen.frame.frame_protection.Protection`: AUTOSAR's E2E
+profiles and manufacturers' schemes. The receiver's state machine is E2E_P01Check of the AUTOSAR E2E
+protocol specification (PRS_E2EProtocol, profile 1), for counters of any number of values. A counter
 beyond its last value, which no sender may use, is treated like a wrong checksum.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from codegen.generated.frame_protection import Protection, crc_table
+from canroll.errors import CanrollError
+from codegen.frame.checksum import Bits, Checksum
+from codegen.frame.frame_protection import Protection
+from codegen.frame.own_protection import HELD_BITS
+from codegen.frame.place import Place
 from plant_sim.kernels.jit import njit
+from plant_sim.nodes import own_sums
 
-# Columns of a protection. FIRST and LAST: two identity bytes each, taken in before and after the
-# frame. VALUES 0: no counter. NIBBLE: bit that carries bits 8 to 11 of the data id, -1: none.
+# Columns of a protection. TERMS, COUNTER, SUM, CARRIED: first row of the table of terms, and the
+# one after the last, of what the checksum takes in, counter, checksum and further fields. MOST,
+# KEPT and PART: all bits of the checksum, of its register but eight, and of a part of a unit.
+# VALUES 0: no counter. FUNCTION: address of a function of the user's own.
 (
     METHOD,
-    BYTE,
-    SIZE,
+    WIDTH,
+    MOST,
+    REGISTER,
+    KEPT,
+    REFLECTED,
+    TURNED,
+    UNIT,
+    PART,
     START,
     FINAL,
-    COVERED,
-    FIRST,
-    LAST,
+    CARRY,
+    NEGATE,
+    FUNCTION,
     DATA_ID,
-    COUNTER_BYTE,
-    COUNTER_BIT,
-    COUNTER_WIDTH,
     VALUES,
-    NIBBLE,
+    TERMS,
+    COUNTER,
+    SUM,
+    CARRIED,
     N_PROTECTION,
-) = (0, 1, 2, 3, 4, 5, 6, 8, 10, 11, 12, 13, 14, 15, 16)
-NO_CHECKSUM, XOR, SUM, CRC8, CRC16 = range(5)
-_METHODS = {"xor": XOR, "sum": SUM, "crc8": CRC8, "crc16": CRC16}
-# Identity bytes.
-NOTHING, LOW, HIGH, ZERO, ALTERNATING, LISTED = range(6)
-_IDENTITIES = {"low": LOW, "high": HIGH, "zero": ZERO, "alternating": ALTERNATING, "listed": LISTED}
+) = (*range(16), 16, 18, 20, 22, 24)
+NO_CHECKSUM, CRC, SUM_OF, XOR, OWN = range(5)
+_METHODS = {"crc": CRC, "sum": SUM_OF, "xor": XOR, "function": OWN}
+# Columns of a term: bits of a unit, or of a place in the frame. AT is a byte's number, a constant,
+# or the first of a list's rows; LAST: the unit ends. A place's VALUE is what a further field has.
+SOURCE, AT, MASK, SHIFT, LEFT, LAST, VALUE, N_TERM = range(8)
+BYTE, IDENTITY, CONSTANT, LISTED = range(4)
+_SOURCES = {"byte": BYTE, "identity": IDENTITY, "constant": CONSTANT, "listed": LISTED}
+HELD = (1 << HELD_BITS) - 1
+MOST_TERMS = 96
+"""Rows for the terms of one protection: a frame of 64 bytes, and half as many others."""
 
 # Check results, in the order of the specification's status codes' severity.
 OK, SOME_LOST, INITIAL, SYNC, REPEATED, WRONG_SEQUENCE, WRONG_CRC = range(7)
@@ -59,140 +77,249 @@ class Supervision(NamedTuple):
 
 
 def tables(rows: int) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Empty tables for ``rows`` unprotected messages: protections, identities, CRC tables."""
-    protection = np.zeros((rows, N_PROTECTION), dtype=np.int64)
-    protection[:, NIBBLE] = -1
-    return protection, np.zeros((rows, 16), np.int64), np.zeros((rows, 256), np.int64)
+    """Empty tables for ``rows`` unprotected messages: protections, terms, CRC tables."""
+    return (
+        np.zeros((rows, N_PROTECTION), np.int64),
+        np.zeros((rows, MOST_TERMS, N_TERM), np.int64),
+        np.zeros((rows, 256), np.int64),
+    )
 
 
 def put(
     row: NDArray[np.int64],
-    identities: NDArray[np.int64],
+    terms: NDArray[np.int64],
     crc: NDArray[np.int64],
     its: Protection | None,
 ) -> None:
-    """Write one protection into its rows of the tables."""
+    """Write one protection into its rows of the tables.
+
+    Raises:
+        CanrollError: its checksum takes in more than the tables have room for.
+    """
     if its is None:
         return
-    row[COVERED] = its.length
-    if isinstance(its.identity, tuple):
-        identities[: len(its.identity)] = its.identity
-    else:
-        row[DATA_ID] = its.identity
-    if its.nibble is not None:
-        row[NIBBLE] = its.nibble
+    row[DATA_ID] = its.identity
+    rows: list[list[int]] = []
     if its.counter is not None:
-        counter = its.counter
-        row[[COUNTER_BYTE, COUNTER_BIT, COUNTER_WIDTH, VALUES]] = (
-            counter.byte,
-            counter.bit,
-            counter.width,
-            counter.values,
-        )
+        row[VALUES] = its.counter.values
+        row[[COUNTER, COUNTER + 1]] = 0, len(its.counter.place.pieces)
+        rows += _placed(its.counter.place)
+    row[CARRIED] = len(rows)
+    for field in its.carried:
+        rows += _placed(field.place, field.of(its.identity))
+    row[CARRIED + 1] = len(rows)
     if its.checksum is not None:
-        checksum = its.checksum
-        row[[METHOD, BYTE, SIZE]] = _METHODS[checksum.method], checksum.byte, checksum.size
-        row[[START, FINAL]] = checksum.start, checksum.end
-        for first, names in ((FIRST, checksum.first), (LAST, checksum.last)):
-            row[first : first + len(names)] = [_IDENTITIES[name] for name in names]
-        if checksum.method in ("crc8", "crc16"):
-            crc[:] = crc_table(checksum.polynomial, 8 * checksum.size)
+        row[SUM] = len(rows)
+        rows += _placed(its.checksum.place)
+        row[[SUM + 1, TERMS]] = len(rows)
+        _put_checksum(row, crc, its.checksum)
+        rows += _taken(its.checksum, len(rows))
+        row[TERMS + 1] = len(rows) - sum(map(len, its.checksum.lists))
+    if len(rows) > MOST_TERMS:
+        raise CanrollError(
+            f"a checksum takes in {len(rows)} bytes and constants: the plant has room for "
+            f"{MOST_TERMS}"
+        )
+    terms[: len(rows)] = np.array(rows, np.int64).reshape(-1, N_TERM)
+
+
+def _placed(place: Place, value: int = 0) -> Iterable[list[int]]:
+    """Rows of a number in the frame, with a value that it always has."""
+    for piece in place.pieces:
+        mask = (1 << piece.width) - 1
+        part = value >> piece.signal_bit & mask
+        yield [BYTE, piece.byte, mask, piece.bit, piece.signal_bit, 0, part]
+
+
+def _taken(its: Checksum, start: int) -> list[list[int]]:
+    """Rows of what a checksum takes in, from row ``start`` on, and then those of its lists."""
+    count = sum(len(unit) for unit in its.units)
+    first = {}
+    lists: list[list[int]] = []
+    for values in its.lists:
+        first[values] = start + count + len(lists)
+        lists += [[CONSTANT, value, 0, 0, 0, 0, 0] for value in values]
+
+    def row(bits: Bits, last: bool) -> list[int]:
+        at = first[bits.at] if isinstance(bits.at, tuple) else bits.at
+        return [_SOURCES[bits.source], at, bits.mask, bits.shift, bits.left, int(last), 0]
+
+    rows = [row(bits, bits is unit[-1]) for unit in its.units for bits in unit]
+    return rows + lists
+
+
+def _put_checksum(row: NDArray[np.int64], crc: NDArray[np.int64], its: Checksum) -> None:
+    row[[METHOD, WIDTH, UNIT]] = _METHODS[its.fold], its.width, its.unit
+    row[[MOST, PART]] = _signed((1 << its.width) - 1), (1 << its.unit) - 1
+    row[[START, FINAL]] = _signed(its.start), _signed(its.end)
+    row[[CARRY, NEGATE]] = its.carry, its.negate
+    if its.function is not None:
+        row[FUNCTION] = own_sums.address(its.function)
+    if its.fold == "crc":
+        row[[REGISTER, REFLECTED]] = its.register, its.reflect_in
+        row[KEPT] = (1 << its.register - 8) - 1
+        row[TURNED] = its.reflect_in != its.reflect_out
+        row[START] = _signed(its.first_register)
+        crc[:] = [_signed(entry) for entry in its.table]
+
+
+def _signed(value: int) -> int:
+    """The number whose 64 bits are those of ``value``."""
+    return value - (1 << 64) if value >> 63 else value
 
 
 @njit
-def _identity(row: NDArray[np.int64], identities: NDArray[np.int64], which: int, count: int) -> int:
-    if which == LISTED:
-        return int(identities[count % 16])
-    if which == ZERO:
-        return 0
-    high = which == HIGH or (which == ALTERNATING and count % 2 == 1)
-    return int((row[DATA_ID] >> (8 if high else 0)) & 255)
+def _bits(term: NDArray[np.int64], payload: NDArray[np.uint8]) -> int:
+    """The bits of a place in a frame, where they stand in its number."""
+    return int(((int(payload[term[AT]]) >> term[SHIFT]) & term[MASK]) << term[LEFT])
 
 
 @njit
-def _step(row: NDArray[np.int64], crc: NDArray[np.int64], value: int, byte: int) -> int:
-    method = row[METHOD]
-    if method == XOR:
-        return value ^ byte
-    if method == SUM:
-        return (value + byte) & 255
-    if method == CRC8:
-        return int(crc[value ^ byte])
-    return int(((value << 8) & 0xFFFF) ^ crc[(value >> 8) ^ byte])
+def _number(terms: NDArray[np.int64], first: int, end: int, payload: NDArray[np.uint8]) -> int:
+    """The number in a place of a frame."""
+    value = 0
+    for k in range(first, end):
+        value |= _bits(terms[k], payload)
+    return value
+
+
+@njit
+def _insert(terms: NDArray[np.int64], k: int, value: int, payload: NDArray[np.uint8]) -> None:
+    """Put bits into the frame, where the term in row ``k`` has them."""
+    mask = terms[k, MASK] << terms[k, SHIFT]
+    kept = int(payload[terms[k, AT]]) & ~mask
+    payload[terms[k, AT]] = kept | ((value << terms[k, SHIFT]) & mask)
+
+
+@njit
+def _source(
+    row: NDArray[np.int64],
+    terms: NDArray[np.int64],
+    k: int,
+    payload: NDArray[np.uint8],
+    count: int,
+) -> int:
+    """The bits of a unit that the term in row ``k`` has."""
+    source = terms[k, SOURCE]
+    value: int = terms[k, AT]
+    if source == BYTE:
+        value = int(payload[terms[k, AT]])
+    elif source == IDENTITY:
+        value = row[DATA_ID]
+    elif source == LISTED:
+        value = terms[terms[k, AT] + count % 16, AT]
+    return int(((value >> terms[k, SHIFT]) & terms[k, MASK]) << terms[k, LEFT])
+
+
+@njit
+def _step(row: NDArray[np.int64], crc: NDArray[np.int64], value: int, unit: int) -> int:
+    """Take a unit into the register of a CRC, a sum or an XOR."""
+    if row[METHOD] == CRC:
+        # a 64-bit register is negative where its highest bit is set
+        if row[REFLECTED] == 1:
+            return int(crc[(value ^ unit) & 255] ^ ((value >> 8) & row[KEPT]))
+        entry = crc[((value >> (row[REGISTER] - 8)) ^ unit) & 255]
+        return int(entry ^ ((value & row[KEPT]) << 8))
+    while unit > 0:
+        part = unit & row[PART]
+        value = value ^ part if row[METHOD] == XOR else value + part
+        unit >>= row[UNIT]
+    return value
+
+
+@njit
+def _turned(value: int, width: int) -> int:
+    """The bits of a number in reverse."""
+    result = 0
+    for k in range(width):
+        result = (result << 1) | ((value >> k) & 1)
+    return result
+
+
+@njit
+def _end(row: NDArray[np.int64], value: int) -> int:
+    """From a register to the checksum."""
+    width, low = row[WIDTH], row[MOST]
+    if row[METHOD] == CRC:
+        if row[REFLECTED] == 0:
+            value >>= row[REGISTER] - width
+        if row[TURNED] == 1:
+            value = _turned(value, width)
+    elif row[METHOD] == SUM_OF:
+        while row[CARRY] == 1 and value > low:
+            value = (value & low) + (value >> width)
+        if row[NEGATE] == 1:
+            value = row[START] - value
+    return int((value & low) ^ row[FINAL])
 
 
 @njit
 def checksum(
     row: NDArray[np.int64],
-    identities: NDArray[np.int64],
+    terms: NDArray[np.int64],
     crc: NDArray[np.int64],
     payload: NDArray[np.uint8],
 ) -> int:
-    """Checksum of a frame that has its counter."""
-    count = counter_of(row, payload)
-    value: int = row[START]
-    for k in range(FIRST, FIRST + 2):
-        if row[k] != NOTHING:
-            value = _step(row, crc, value, _identity(row, identities, row[k], count))
-    for k in range(row[COVERED]):
-        if not row[BYTE] <= k < row[BYTE] + row[SIZE]:
-            value = _step(row, crc, value, int(payload[k]))
-    for k in range(LAST, LAST + 2):
-        if row[k] != NOTHING:
-            value = _step(row, crc, value, _identity(row, identities, row[k], count))
-    return int(value ^ row[FINAL])
+    """Checksum of a frame that has its counter; one of 64 bits as a number with a sign."""
+    if row[METHOD] == OWN:
+        own: int = own_sums.called(row[FUNCTION], payload, row[DATA_ID])
+        return int(own & row[MOST])
+    count = counter_of(row, terms, payload)
+    value: int = 0 if row[NEGATE] == 1 else row[START]
+    unit = 0
+    for k in range(row[TERMS], row[TERMS + 1]):
+        unit |= _source(row, terms, k, payload, count)
+        if terms[k, LAST] == 1:
+            value = _step(row, crc, value, unit)
+            unit = 0
+    return _end(row, value)
 
 
 @njit
-def counter_of(row: NDArray[np.int64], payload: NDArray[np.uint8]) -> int:
-    """Counter of a frame; 0 if it has none."""
-    mask = (1 << row[COUNTER_WIDTH]) - 1
-    return int((int(payload[row[COUNTER_BYTE]]) >> row[COUNTER_BIT]) & mask)
+def counter_of(row: NDArray[np.int64], terms: NDArray[np.int64], payload: NDArray[np.uint8]) -> int:
+    """Counter of a frame, as far as it is held; 0 if it has none."""
+    value = _number(terms, row[COUNTER], row[COUNTER + 1], payload)
+    return int(value & HELD)
 
 
 @njit
 def protect(
     row: NDArray[np.int64],
-    identities: NDArray[np.int64],
+    terms: NDArray[np.int64],
     crc: NDArray[np.int64],
     count: int,
     payload: NDArray[np.uint8],
 ) -> None:
-    """Write the counter of frame number ``count`` and the checksum into a payload."""
+    """Write the counter of frame number ``count``, fixed fields and checksum into a payload."""
     if row[VALUES] > 0:
-        mask = ((1 << row[COUNTER_WIDTH]) - 1) << row[COUNTER_BIT]
-        kept = int(payload[row[COUNTER_BYTE]]) & ~mask
-        payload[row[COUNTER_BYTE]] = kept | (count % row[VALUES]) << row[COUNTER_BIT]
-    if row[NIBBLE] >= 0:
-        byte, bit = row[NIBBLE] // 8, row[NIBBLE] % 8
-        kept = int(payload[byte]) & ~(15 << bit)
-        payload[byte] = kept | ((row[DATA_ID] >> 8) & 15) << bit
+        for k in range(row[COUNTER], row[COUNTER + 1]):
+            _insert(terms, k, (count % row[VALUES]) >> terms[k, LEFT], payload)
+    for k in range(row[CARRIED], row[CARRIED + 1]):
+        _insert(terms, k, terms[k, VALUE], payload)
     if row[METHOD] != NO_CHECKSUM:
-        value = checksum(row, identities, crc, payload)
-        for k in range(row[SIZE]):
-            payload[row[BYTE] + k] = (value >> (8 * k)) & 255
+        value = checksum(row, terms, crc, payload)
+        for k in range(row[SUM], row[SUM + 1]):
+            _insert(terms, k, value >> terms[k, LEFT], payload)
 
 
 @njit
 def intact(
     row: NDArray[np.int64],
-    identities: NDArray[np.int64],
+    terms: NDArray[np.int64],
     crc: NDArray[np.int64],
     payload: NDArray[np.uint8],
 ) -> bool:
-    """Whether a frame has its checksum, its data id and a counter that a sender may use."""
-    if row[VALUES] > 0 and counter_of(row, payload) >= row[VALUES]:
+    """Whether a frame has its checksum, its fixed fields and a counter that a sender may use."""
+    if row[VALUES] > 0 and counter_of(row, terms, payload) >= row[VALUES]:
         return False
-    if row[NIBBLE] >= 0:
-        found = (int(payload[row[NIBBLE] // 8]) >> (row[NIBBLE] % 8)) & 15
-        if found != (row[DATA_ID] >> 8) & 15:
+    for k in range(row[CARRIED], row[CARRIED + 1]):
+        found = (int(payload[terms[k, AT]]) >> terms[k, SHIFT]) & terms[k, MASK]
+        if found != terms[k, VALUE]:
             return False
     if row[METHOD] == NO_CHECKSUM:
         return True
-    value = 0
-    for k in range(row[SIZE]):
-        value |= int(payload[row[BYTE] + k]) << (8 * k)
-    return bool(value == checksum(row, identities, crc, payload))
+    found = _number(terms, row[SUM], row[SUM + 1], payload)
+    return bool(found == checksum(row, terms, crc, payload))
 
 
 @njit
@@ -200,7 +327,7 @@ def check(  # noqa: PLR0917
     state: NDArray[np.int64],
     supervision: Supervision,
     row: NDArray[np.int64],
-    identities: NDArray[np.int64],
+    terms: NDArray[np.int64],
     crc: NDArray[np.int64],
     payload: NDArray[np.uint8],
 ) -> int:
@@ -210,11 +337,11 @@ def check(  # noqa: PLR0917
     """
     values = row[VALUES]
     state[MAX_DELTA] = min(state[MAX_DELTA] + 1, WINDOW_MAX)
-    if not intact(row, identities, crc, payload):
+    if not intact(row, terms, crc, payload):
         return WRONG_CRC
     if values == 0:
         return OK
-    counter = counter_of(row, payload)
+    counter = counter_of(row, terms, payload)
     if state[WAIT_FOR_FIRST]:
         state[WAIT_FOR_FIRST] = 0
         state[MAX_DELTA] = supervision.max_delta_counter_init

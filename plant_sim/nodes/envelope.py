@@ -55,14 +55,11 @@ def build(
     supervision: e2e.Supervision,
 ) -> Envelope:
     """Envelope that has heard nothing yet."""
-    message = codec.message_index("Imu")
+    signal = codec.signal_index("Imu", "LateralAcceleration")
+    message = int(tables.field[signal, codec.FRAME])
     row = tables.message[message]
     on_bus = bool(row[codec.LENGTH])
-    place = [
-        int(row[codec.LEADER]) if on_bus else -1,
-        message,
-        codec.signal_index("Imu", "LateralAcceleration"),
-    ]
+    place = [int(row[codec.LEADER]) if on_bus else -1, message, signal]
     memory = np.zeros(N_MEMORY)
     memory[HEARD_NS] = NEVER
     return Envelope(
@@ -88,15 +85,14 @@ def hear(
         envelope.receiver,
         supervision,
         tables.protection[message],
-        tables.identity[message],
+        tables.terms[message],
         tables.crc[message],
         payload,
     )
     raw = codec.extract(tables, signal, payload)
     if status > e2e.INITIAL or not codec.valid(tables, signal, raw):
         return
-    scale = tables.scaling[signal]
-    envelope.memory[ACCELERATION] = raw * scale[codec.SCALE] + scale[codec.OFFSET]
+    envelope.memory[ACCELERATION] = codec.physical(tables, signal, raw)
     envelope.memory[HEARD_NS] = t_ns
 
 

@@ -35,6 +35,7 @@ N_CHANNELS = 17
     NEW,
     NOISE,
     NOISE_MEMORY,
+    NOISE_END_NS,
     BIAS,
     DRIFT_STEP,
     RANGE,
@@ -46,9 +47,11 @@ N_CHANNELS = 17
     DRIFT,
     LAST,
     INPUT,
+    MISSING,
     N_COLUMNS,
-) = range(17)
-# Columns of Sensors.node. The message of a node without channels is built elsewhere.
+) = range(19)
+# Columns of Sensors.node. The message of a node without channels is built elsewhere. SENSOR is the
+# row of the node that has the faults: a further frame of a message has a row of its own.
 (
     MESSAGE,
     FIRST_CHANNEL,
@@ -61,8 +64,9 @@ N_CHANNELS = 17
     BUS_NODE,
     HELD_SAMPLE,
     HELD_COUNTER,
+    SENSOR,
     N_NODE_COLUMNS,
-) = range(12)
+) = range(13)
 # Kinds of faults of a channel.
 STUCK, INVALID, DELAY, OFFSET, DRIFT_AWAY, SCALE, BURST, REVERSED = range(8)
 # Kinds of faults of a node; their target is N_CHANNELS + the node's row.
@@ -189,7 +193,7 @@ def measure(  # noqa: PLR0917
     """
     row = sensors.channel[index]
     value = row[FILTERED] + back * (row[PREVIOUS] - row[FILTERED])
-    if row[NOISE] > 0.0:
+    if row[NOISE] > 0.0 and t_ns < row[NOISE_END_NS]:
         fresh = math.sqrt(1.0 - row[NOISE_MEMORY] ** 2) * normal(seed, index, count)
         row[COLOURED] = row[NOISE_MEMORY] * row[COLOURED] + fresh
         value += row[NOISE] * row[COLOURED]
@@ -210,11 +214,12 @@ def measure(  # noqa: PLR0917
 def node_fault(sensors: Sensors, node: int, kind: int, t_ns: int) -> float:
     """Strength times value of a node's faults of ``kind`` at ``t_ns``; 0 where none acts."""
     total = 0.0
+    target = N_CHANNELS + sensors.node[node, SENSOR]
     for number in range(FAULTS):
         fault = sensors.fault[number]
         if fault[schedule.TARGET] < 0:
             break
-        if fault[schedule.TARGET] == N_CHANNELS + node and fault[schedule.KIND] == kind:
+        if fault[schedule.TARGET] == target and fault[schedule.KIND] == kind:
             total += schedule.severity(fault, t_ns) * sensors.fault_value[number]
     return total
 
@@ -259,14 +264,20 @@ def sample(  # noqa: PLR0917
     if node_fault(sensors, node, FROZEN_COUNTER, t_ns) == 0.0:
         row[HELD_COUNTER] = count
     for index in range(row[FIRST_CHANNEL], row[FIRST_CHANNEL] + row[CHANNELS]):
+        signal = sensors.signal[index]
+        if tables.field[signal, codec.FRAME] != row[MESSAGE]:
+            continue
         held = sensors.channel[index, LAST]
         value = measure(sensors, index, back, t_ns, count, seed)
         if frozen:
             sensors.channel[index, LAST] = held
             value = held * sensors.channel[index, TO_BUS]
-        signal = sensors.signal[index]
-        codec.insert(tables, signal, payload, codec.raw_value(tables, signal, value))
-    codec.insert(tables, row[SAMPLE_SIGNAL], payload, row[HELD_SAMPLE] % 16)
+        codec.put_value(tables, row[MESSAGE], signal, payload, value)
+        sensors.channel[index, MISSING] = 1.0 if math.isnan(value) else 0.0
+    for index in range(row[FIRST_CHANNEL], row[FIRST_CHANNEL] + row[CHANNELS]):
+        if sensors.channel[index, MISSING] == 1.0:
+            codec.invalidate(tables, row[MESSAGE], sensors.signal[index], payload)
+    codec.put(tables, row[MESSAGE], row[SAMPLE_SIGNAL], payload, row[HELD_SAMPLE] % 16)
     row[SAMPLES] += 1
 
 
@@ -280,7 +291,7 @@ def finish(sensors: Sensors, tables: Codec, node: int, payload: NDArray[np.uint8
         codec.insert(tables, message[codec.SELECTOR], payload, message[codec.SELECTED])
     e2e.protect(
         tables.protection[number],
-        tables.identity[number],
+        tables.terms[number],
         tables.crc[number],
         row[HELD_COUNTER],
         payload,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
+from plant_sim.can_bus import own_frames
 from plant_sim.kernels import schedule
 from plant_sim.nodes import codec, sensor_kernel
 from plant_sim.nodes.codec import Codec
@@ -111,7 +112,8 @@ class SensorFault:
 class SensorOptions:
     """Operating conditions of the vehicle's sensors.
 
-    ``noise`` and ``bias`` scale the vehicle's figures (0 switches them off); the bias is drawn
+    ``noise`` and ``bias`` scale the vehicle's figures (0 switches them off); there is no noise from
+    ``noise_end`` (s) on; the bias is drawn
     from the seed, uniform within the vehicle's bound. ``filtered`` and ``delayed`` enable
     low-passes and latencies. ``temperature`` is K above calibration; ``drift`` is the random walk
     of each bias per √s as a fraction of its bound. ``phases``: instant of a node's first sample (s)
@@ -121,6 +123,7 @@ class SensorOptions:
     """
 
     noise: float = 1.0
+    noise_end: float = math.inf
     bias: float = 1.0
     filtered: bool = True
     delayed: bool = True
@@ -197,6 +200,7 @@ def _channel(
         options.noise * data.noise_density * math.sqrt(math.pi / 2 * data.bandwidth)
     )
     row[sensor_kernel.NOISE_MEMORY] = math.exp(-2 * math.pi * data.bandwidth * period)
+    row[sensor_kernel.NOISE_END_NS] = options.noise_end * 1e9
     row[sensor_kernel.RANGE] = data.range
     return row
 
@@ -234,10 +238,11 @@ def _refuse_unsayable(fault: SensorFault, tables: Codec) -> None:
     row = tables.field[codec.signal_index(message, signal)]
     if not row[codec.PIECES]:
         raise CanrollError(f"sensor fault of {fault.signal}: the map has no such signal")
-    if fault.kind == "invalid" and row[codec.RAW_ERROR] == codec.NO_ERROR_CODE:
+    unsaid = row[codec.RAW_ERROR] == codec.NO_ERROR_CODE and row[codec.VALIDITY] < 0
+    if fault.kind == "invalid" and unsaid:
         raise CanrollError(
             f"sensor fault of {fault.signal}: the signal has no code for invalid: add unavailable "
-            "in the map"
+            "or valid in the map"
         )
 
 
@@ -259,6 +264,25 @@ def fault_tables(
     return rows, values
 
 
+def _add_further(
+    node: NDArray[np.int64], tables: Codec, draws: np.random.Generator, options: SensorOptions
+) -> None:
+    """Rows for the frames of a message behind its first, with the cycle times they have."""
+    free = len(NODES)
+    for index in range(len(tables.message) - own_frames.FURTHER_FRAMES, len(tables.message)):
+        if not tables.message[index, codec.LENGTH]:
+            continue
+        contract = tables.message[index, codec.CONTRACT]
+        first = node[node[:, sensor_kernel.MESSAGE] == contract][0]
+        node[free] = first
+        period = int(tables.message[index, codec.CYCLE_MS]) * 1_000_000
+        drawn = 0 if options.synchronous else int(draws.integers(period))
+        leads = tables.message[index, codec.LEADER] == index
+        node[free, [sensor_kernel.MESSAGE, sensor_kernel.PERIOD]] = index, period
+        node[free, sensor_kernel.NEXT] = drawn if leads else sensor_kernel.NEVER
+        free += 1
+
+
 def build(
     vehicle: Vehicle, *, options: SensorOptions, seed: int, tables: Codec | None = None
 ) -> Sensors:
@@ -276,8 +300,13 @@ def build(
     data = _channels(vehicle)
     channels: list[NDArray[np.float64]] = []
     signals: list[int] = []
-    node = np.zeros((len(NODES), sensor_kernel.N_NODE_COLUMNS), dtype=np.int64)
-    for row, (message, names) in zip(node, _SIGNALS, strict=True):
+    rows = len(NODES) + own_frames.FURTHER_FRAMES
+    node = np.zeros((rows, sensor_kernel.N_NODE_COLUMNS), dtype=np.int64)
+    node[:, sensor_kernel.NEXT] = sensor_kernel.NEVER
+    node[:, sensor_kernel.MESSAGE] = -1
+    for number, (message, names) in enumerate(_SIGNALS):
+        row = node[number]
+        row[sensor_kernel.SENSOR] = number
         index = codec.message_index(message)
         own = int(contract.message[index, codec.CYCLE_MS]) * 1_000_000
         period = int(tables.message[index, codec.CYCLE_MS]) * 1_000_000 or own
@@ -299,7 +328,10 @@ def build(
         for name, member in zip(names, members, strict=True):
             signals.append(codec.signal_index(message, name))
             unit = codec.unit(message, name)
-            channels.append(_channel(member, unit, period * 1e-9, options, draws))
+            carrier = tables.message[tables.field[signals[-1], codec.FRAME]]
+            sampled = int(carrier[codec.CYCLE_MS]) * 1_000_000 or period
+            channels.append(_channel(member, unit, sampled * 1e-9, options, draws))
+    _add_further(node, tables, draws, options)
     channel = np.array(channels)
     for name, step in options.lsb.items():
         channel[signal_channel(name), sensor_kernel.LSB] = step

@@ -170,10 +170,12 @@ def _target(fault: Fault, tables: Codec, nodes: Sensors) -> tuple[int, NDArray[n
         found[0] = codec.signal_index(message, signal)
         if not tables.field[found[0], codec.PIECES]:
             raise CanrollError(f"fault '{fault}': the map has no such signal")
+        row = int(tables.field[found[0], codec.FRAME])
     sampled = nodes.node[nodes.node[:, sensor_kernel.MESSAGE] == row]
     if len(sampled):
         counter = int(sampled[0, sensor_kernel.SAMPLE_SIGNAL])
-        found[1] = counter if tables.field[counter, codec.PIECES] else -1
+        here = tables.field[counter, codec.PIECES] and tables.field[counter, codec.FRAME] == row
+        found[1] = counter if here else -1
     if fault.kind == "wrong_length" and fault.value > tables.message[row, codec.LENGTH]:
         length = int(tables.message[row, codec.LENGTH])
         raise CanrollError(f"fault '{fault}': {message} has {length} bytes: give fewer")

@@ -155,9 +155,9 @@ def attack(  # noqa: PLR0917
             if sample >= 0:
                 count = codec.extract(tables, sample, payload) + 1
                 codec.insert(tables, sample, payload, count % 16)
-            counter = e2e.counter_of(tables.protection[row], payload) + 1
+            counter = e2e.counter_of(tables.protection[row], tables.terms[row], payload) + 1
             e2e.protect(
-                tables.protection[row], tables.identity[row], tables.crc[row], counter, payload
+                tables.protection[row], tables.terms[row], tables.crc[row], counter, payload
             )
             authentication.pretend(auth, payload)
         flags = message[codec.FLAGS]

@@ -154,6 +154,7 @@ class Kept:
 
 
 EVERYTHING = Kept()
+NOTHING = Kept((), frames=False)
 
 
 @njit

@@ -5,6 +5,7 @@ of modulus μ of that map makes a deviation grow by the factor μ per step. No m
 however unstable, grows as fast as :data:`GROWTH_MAX`; a step too long for the fastest mode does.
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,33 @@ STEP = STEP_NS * 1e-9
 GROWTH_MAX = 1.05
 """Largest growth per step: e-fold in 20 ms."""
 DIFFERENCE = 1e-6
+KEYS = (
+    *("plant.roll_inertia", "plant.roll_damping", "plant.roll_stiffness", "plant.sprung_mass"),
+    *("mass.unsprung_front", "mass.unsprung_rear", "mass.yaw_inertia"),
+    *("suspension.spring_rate_front", "suspension.spring_rate_rear", "suspension.bump_stop_rate"),
+    *("tyre.cornering_stiffness_front", "tyre.cornering_stiffness_rear"),
+    *("tyre.longitudinal_stiffness", "tyre.wheel_inertia"),
+    *("tyre.vertical_stiffness", "tyre.vertical_damping", "tyre.relaxation_length"),
+)
+"""Numbers of the vehicle file that can make a mode too fast for the step."""
 
 
-def check_step(body: Body, state: Vector, inputs: Vector, parameters: Vector) -> None:
+def check_step(
+    body: Body,
+    state: Vector,
+    inputs: Vector,
+    parameters: Vector,
+    rebuild: Callable[[str, float], Vector] | None = None,
+) -> None:
     """Check that the step is short enough for ``body`` near ``state``.
+
+    Args:
+        body: the body.
+        state: where it is linearised.
+        inputs: of the body.
+        parameters: of the body.
+        rebuild: returns the parameters of the vehicle with the number of a key multiplied by a
+            factor, to find the keys that make the fastest mode.
 
     Raises:
         CanrollError: it is not.
@@ -33,9 +57,30 @@ def check_step(body: Body, state: Vector, inputs: Vector, parameters: Vector) ->
     if not growth <= GROWTH_MAX:
         raise CanrollError(
             f"body {body.name} is unstable at the fixed step of {1e3 * STEP:g} ms: a deviation "
-            f"grows {growth:.3g}-fold per step (at most {GROWTH_MAX:g}): check stiffness, damping "
-            "and mass in the vehicle's file"
+            f"grows {growth:.3g}-fold per step (at most {GROWTH_MAX:g}): check "
+            f"{_causes(body, state, inputs, rebuild)} in the vehicle's file"
         )
+
+
+def _causes(
+    body: Body,
+    state: Vector,
+    inputs: Vector,
+    rebuild: Callable[[str, float], Vector] | None,
+) -> str:
+    """Name the keys on which the fastest mode depends most, and the change that slows it."""
+    if rebuild is None:
+        return "stiffness, damping and mass"
+    growths = {}
+    for key in KEYS:
+        for factor, word in ((0.9, "lower"), (1 / 0.9, "raise")):
+            try:
+                parameters = rebuild(key, factor)
+            except CanrollError:
+                continue
+            growth = growth_per_step(body, state, inputs, parameters)
+            growths[f"{key} ({word} it)"] = growth
+    return " and ".join(sorted(growths, key=lambda cause: growths[cause])[:2])
 
 
 def growth_per_step(body: Body, state: Vector, inputs: Vector, parameters: Vector) -> float:

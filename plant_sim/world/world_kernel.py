@@ -310,11 +310,11 @@ def sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
         payload[:] = 0
         for other in range(len(world.sensors.node)):
             row = world.sensors.node[other, sensor_kernel.MESSAGE]
-            if world.tables.message[row, codec.LEADER] != node[sensor_kernel.MESSAGE]:
+            if row < 0 or world.tables.message[row, codec.LEADER] != node[sensor_kernel.MESSAGE]:
                 continue
-            if other == clock[STATE_NODE]:
+            if world.sensors.node[other, sensor_kernel.SENSOR] == clock[STATE_NODE]:
                 held = sensor_kernel.node_fault(world.sensors, other, sensor_kernel.FROZEN, t_ns)
-                actuator_kernel.report(world.actuators, world.tables, payload, held > 0.0)
+                actuator_kernel.report(world.actuators, world.tables, row, payload, held > 0.0)
             sensor_kernel.sample(
                 world.sensors, world.tables, other, t_ns, now_ns, clock[SEED], payload
             )

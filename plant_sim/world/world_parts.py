@@ -1,12 +1,14 @@
 """Assembly of a world: bodies, nodes and bus for one run."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
+from canroll.typing import Vector
 from plant_sim import can_bus
 from plant_sim.bodies.ports import PARAMETERS_MAX, STATES_MAX, Body
 from plant_sim.can_bus import own_frames
@@ -61,9 +63,10 @@ def check_body(plant: Body, actuator: str) -> None:
         )
 
 
-def _roles(actuator: str) -> NDArray[np.uint8]:
-    """Receivers of each message of the tables."""
-    roles = np.full(len(codec.load().message), kernel.NOBODY, dtype=np.uint8)
+def _roles(actuator: str, tables: Codec) -> NDArray[np.uint8]:
+    """Receivers of each message of the tables; further frames are those of sensors."""
+    roles = np.full(len(tables.message), kernel.NOBODY, dtype=np.uint8)
+    roles[-own_frames.FURTHER_FRAMES :] = kernel.FOR_ECU
     roles[[codec.message_index(name) for name in sensor_setup.NODES]] = kernel.FOR_ECU
     roles[codec.message_index("Imu")] = kernel.FOR_ECU_IMU
     commands = [codec.message_index(name) for name, _, _ in actuator_setup.COMMANDS[actuator]]
@@ -103,7 +106,8 @@ def _sensors(  # noqa: PLR0917
 ) -> sensor_kernel.Sensors:
     """Sensor nodes on their bus nodes, with low-passes settled at the initial state."""
     nodes = sensor_setup.build(vehicle, options=options, seed=seed, tables=tables)
-    for row, message in zip(nodes.node, sensor_setup.NODES, strict=True):
+    for row in nodes.node:
+        message = sensor_setup.NODES[row[sensor_kernel.SENSOR]]
         row[sensor_kernel.BUS_NODE] = can_bus.NODES.index(sensor_setup.SENDERS[message])
     sensor_kernel.observe(nodes, inputs, outputs)
     for column in (sensor_kernel.FILTERED, sensor_kernel.PREVIOUS):
@@ -168,12 +172,19 @@ def assemble(
     fault_parts.add_to_network(network, faults)
     state, inputs, parameters, outputs = open_loop.start(vehicle, plant, maneuver)
     if plant.outside is None:
-        check_step(plant, state, inputs, parameters)
+
+        def rebuild(key: str, factor: float) -> Vector:
+            section, name = key.split(".")
+            part = getattr(vehicle, section)
+            other = replace(part, **{name: factor * getattr(part, name)})
+            return open_loop.start(replace(vehicle, **{section: other}), plant, maneuver)[2]
+
+        check_step(plant, state, inputs, parameters, rebuild)
     nodes = _sensors(vehicle, sensors, seed, inputs, outputs, tables)
     clock = _clock(nodes, network, seed)
     clock[kernel.STEP] = plant.step.address
     clock[kernel.STATES], clock[kernel.PARAMETERS] = len(state), len(parameters)
-    roles = _roles(actuator)
+    roles = _roles(actuator, tables)
     memory = Memory(
         clock=clock,
         state=_in_room(state, STATES_MAX),

@@ -34,14 +34,14 @@ def in_example(installed, *arguments, cwd):
 
 def test_all_that_it_offers_is_listed_and_driven(installed, tmp_path):
     canroll = ("-m", "hil.cli.main")
-    offered = {"laws": "skyhook", "bodies": "heavy_roof", "scenarios": "slalom"}
+    offered = {"laws": "skyhook", "bodies": "heavy_roof", "scenarios": "weave"}
     for kind, name in {**offered, "buses": "250k_van"}.items():
         listed = in_example(installed, *canroll, "list", kind, "--json", cwd=tmp_path)
         (row,) = [row for row in json.loads(listed.stdout) if row["name"] == name]
         assert row["origin"] == "canroll-example 1.0.0"
         assert row["description"]
     options = ["--law", "skyhook", "--plant", "heavy_roof", "--bus", "250k_van", "--out", "out"]
-    driven = in_example(installed, *canroll, "run", "slalom", *options, cwd=tmp_path)
+    driven = in_example(installed, *canroll, "run", "weave", *options, cwd=tmp_path)
     assert driven.returncode == 0, driven.stderr
     result = json.loads((tmp_path / "out" / "result.json").read_text())
     assert (result["law"], result["plant"], result["bus"]) == ("skyhook", "heavy_roof", "250k_van")

@@ -7,7 +7,7 @@ import pytest
 
 import dbc
 from canroll.errors import CanrollError
-from dbc.reader import network
+from dbc.reader import network_file
 
 HEAD = 'VERSION ""\nNS_ :\n\tCM_\n\tVAL_\nBS_:\nBU_: A B\n'
 PLAIN = (
@@ -169,7 +169,7 @@ def test_overlapping_signals_are_named_by_message(tmp_path):
 def test_the_lines_of_what_is_left_stay_where_they_are(tmp_path):
     path = tmp_path / "car.dbc"
     path.write_text(PLAIN.replace("BO_ 101", 'CM_ 100 "x"\n SG_ Y : x\nBO_ 101'))
-    left = network(path).repaired.splitlines()
+    left = network_file(path).repaired.splitlines()
     for number, line in enumerate(path.read_text().splitlines()):
         assert left[number] in (line, "") or line.startswith(("VERSION", "NS_", "BS_", "\t"))
     assert any(line.startswith("BO_ 101") for line in left)

@@ -8,6 +8,7 @@ from firmware import ecu as loop
 from firmware import plausibility as sv
 from firmware.allocation import allocate
 from firmware.com.mailbox import read_inputs
+from firmware.com.signals import RX_SIGNALS
 from firmware.control_law import control
 from firmware.covariance import bounded, propagate, update
 from firmware.event_trigger import NOTHING, moved, trigger
@@ -67,7 +68,8 @@ def waiting_for_an_echo():
     ecu = rig.started(cal)
     ecu.waiting, ecu.unacknowledged, ecu.since_sent, ecu.echo = 1, 7, 3, 2
     ecu.tx_counter[0] = 5
-    ecu.fresh[RX_ACTUATOR_STATE], ecu.command_held, ecu.accepted_counter = 1, 1, 2
+    ecu.fresh[RX_ACTUATOR_STATE] = RX_SIGNALS[RX_ACTUATOR_STATE]
+    ecu.command_held, ecu.accepted_counter = 1, 2
     return ecu, cal
 
 
@@ -130,7 +132,7 @@ def straight(**changes):
     """Straight ahead at full speed with sensors that are off by 256 units."""
     cal = rig.calibration(offset_learning=1, offset_shift=8, **changes)
     ecu = rig.started(cal)
-    ecu.fresh[RX_IMU], ecu.motion_lost = 1, 0
+    ecu.fresh[RX_IMU], ecu.motion_lost = RX_SIGNALS[RX_IMU], 0
     ecu.speed = cal.fade_high
     ecu.roll_rate = ecu.lateral_acceleration = 256
     return ecu, cal
@@ -313,7 +315,7 @@ def watching(**changes):
     cal.correction_single = [0, 0, 2, 0, 0]
     cal.correction_shift, cal.correction_single_shift = [[1] * 5] * 3, [1] * 5
     ecu = rig.started(cal)
-    ecu.fresh[RX_IMU] = 1
+    ecu.fresh[RX_IMU] = RX_SIGNALS[RX_IMU]
     ecu.roll_rate, ecu.lateral_acceleration = 1000, 2000
     return ecu, cal
 
@@ -351,7 +353,7 @@ def test_bypass_takes_the_reference_when_it_is_new():
     ecu.reference_roll, ecu.reference_rate, ecu.reference_acceleration = 60, 70, 80
     observe(ecu, cal, 1)
     assert ecu.x == [1, 2, 3, 4, 5]
-    ecu.fresh[RX_ROLL_REFERENCE] = 1
+    ecu.fresh[RX_ROLL_REFERENCE] = RX_SIGNALS[RX_ROLL_REFERENCE]
     observe(ecu, cal, 1)
     assert ecu.x == [60, 70, 80, 4, 5]
 
@@ -415,7 +417,7 @@ def test_a_frame_is_read_once_even_without_protection():
         loop.receive(ecu, message, [0] * 7 + [16 + 4], 8)
     for k in range(5):
         read_inputs(ecu, cal, 1)
-        assert ecu.fresh == [int(k == 0)] * 5
+        assert ecu.fresh == ([*RX_SIGNALS] if k == 0 else [0] * 5)
         assert ecu.age == ecu.unchanged == [k] * 5
 
 
@@ -425,7 +427,8 @@ def test_without_motion_the_steering_is_held_and_draws_the_estimate_nowhere():
     ecu.steering = 1 << 20
     held = 1 << 24
     for age, lost, estimate in ((0, 0, 5), (3, 1, 7000), (4, 1, 7001), (0, 0, 6)):
-        ecu.age[RX_VEHICLE_MOTION], ecu.motion_lost, ecu.x[2] = age, lost, estimate
+        ecu.fresh[RX_VEHICLE_MOTION] = RX_SIGNALS[RX_VEHICLE_MOTION] if age == 0 else 0
+        ecu.motion_lost, ecu.x[2] = lost, estimate
         schedule(ecu, cal)
         assert ecu.steering_acceleration == held
         assert told_by_steering(ecu) == (estimate if lost else held)
@@ -435,6 +438,7 @@ def test_without_motion_the_steering_is_held_and_draws_the_estimate_nowhere():
 def test_all_of_the_moment_may_go_to_one_axle(share):
     cal = rig.calibration(schedule_front_share=[share] * 8)
     ecu = rig.started(cal)
+    ecu.fresh[RX_VEHICLE_MOTION] = RX_SIGNALS[RX_VEHICLE_MOTION]
     schedule(ecu, cal)
     assert ecu.front_share == share
 
@@ -444,6 +448,7 @@ def test_the_fade_may_be_a_step():
     ecu = rig.started(cal)
     for speed, gain in ((5 << 20, 0), ((5 << 20) + 1, 1 << 28)):
         ecu.speed = speed
+        ecu.fresh[RX_VEHICLE_MOTION] = RX_SIGNALS[RX_VEHICLE_MOTION]
         schedule(ecu, cal)
         assert ecu.gain_factor == gain
 

@@ -9,8 +9,9 @@ from scipy import signal
 
 from firmware import calibration as fw
 from firmware import control_law
+from firmware.com.signals import RX_SIGNALS
 from firmware.schedule import schedule
-from firmware.state import ACTIVE, DEGRADED, SAFE
+from firmware.state import ACTIVE, DEGRADED, RX_VEHICLE_MOTION, SAFE
 
 KMH = 2**20 / 3.6
 
@@ -216,6 +217,7 @@ def test_schedule_interpolates_and_holds_its_ends(grid, values, points, speed):
     )
     ecu = running(cal)
     ecu.speed, ecu.steering = speed, round(0.25 * 2**24)
+    ecu.fresh[RX_VEHICLE_MOTION] = RX_SIGNALS[RX_VEHICLE_MOTION]
     schedule(ecu, cal)
     at = lambda values: np.interp(speed, grid[:points], values[:points])  # noqa: E731
     fade = np.clip((speed / KMH - 5.0) / 5.0, 0.0, 1.0)

@@ -13,11 +13,12 @@ import rig
 from firmware import calibration as fw
 from firmware import control_law
 from firmware.allocation import allocate
+from firmware.com.signals import RX_SIGNALS
 from firmware.covariance import propagate, update
 from firmware.identification import identify, learn
 from firmware.observer import look_ahead, observe
 from firmware.schedule import schedule
-from firmware.state import ACTIVE, RX_IMU
+from firmware.state import ACTIVE, RX_IMU, RX_VEHICLE_MOTION
 
 N = 5
 SEEDS = pytest.mark.parametrize("seed", range(12))
@@ -86,7 +87,7 @@ def test_the_observer_is_its_model_and_its_corrections(seed):
     ecu.motion_lost = 0
     ecu.roll_rate, ecu.offset_rate = small(rng, 2, 14)
     ecu.lateral_acceleration, ecu.offset_acceleration = small(rng, 2, 14)
-    ecu.fresh[RX_IMU] = 1
+    ecu.fresh[RX_IMU] = RX_SIGNALS[RX_IMU]
     moment = sum(ecu.delivered)
     # two ticks: the change of one of them twice
     x = [2 * after - x for x, after in zip(ecu.x, advanced(ecu, cal, ecu.x, moment), strict=True)]
@@ -355,6 +356,7 @@ def test_the_schedule_is_linear_between_its_points(seed):
         way = limited(speed - cal.fade_low, 0, cal.fade_high - cal.fade_low)
         fade = towards_zero(Fraction(way << 28, cal.fade_high - cal.fade_low))
         steering = nearest(Fraction(at(cal.schedule_steering) * ecu.steering, 1 << 20))
+        ecu.fresh[RX_VEHICLE_MOTION] = RX_SIGNALS[RX_VEHICLE_MOTION]
         schedule(ecu, cal)
         assert ecu.front_share == at(cal.schedule_front_share)
         assert ecu.gain_factor == nearest(Fraction(at(cal.schedule_gain) * fade, 1 << 28))

@@ -179,6 +179,40 @@ def test_who_measures_the_lateral_acceleration_misses_it(measurements, identific
     assert ecu.mode == mode
 
 
+def lacking_rate(law: int, **gains):
+    """The lateral acceleration alone, a law of these gains and a roll rate that was just lost."""
+    ecu, cal = needing(law, **{"measurements": 2, "output_gain": [0, 0, 5], **gains})
+    ecu.lateral_acceleration, ecu.bad_ticks = 0, [0] * len(ecu.bad_ticks)
+    ecu.bad_ticks[sv.BAD_ROLL_RATE] = cal.timeout_ticks[RX_IMU]
+    ecu.valid[RX_IMU] = 6
+    return ecu, cal
+
+
+@pytest.mark.parametrize(
+    ("law", "gains", "mode"),
+    [
+        (fw.STATE_FEEDBACK, {}, ACTIVE),
+        (fw.STATE_FEEDBACK, {"output_gain": [1, 0, 0]}, ACTIVE),
+        (fw.STATE_FEEDBACK, {"measurements": 1}, SAFE),
+        (fw.STATE_FEEDBACK, {"measurements": 3}, SAFE),
+        (fw.STATE_FEEDBACK, {"identification": 1}, SAFE),
+        (fw.OUTPUT_FEEDBACK, {}, ACTIVE),
+        (fw.OUTPUT_FEEDBACK, {"output_gain": [0, 1, 0]}, ACTIVE),
+        (fw.OUTPUT_FEEDBACK, {"output_gain": [-1, 0, 0]}, SAFE),
+        *((fw.COMPENSATOR, {"compensator_b": rows(8, i, 1)}, SAFE) for i in range(8)),
+        *((fw.COMPENSATOR, {"compensator_d": rows(2, i, 1)}, SAFE) for i in range(2)),
+        *((fw.COMPENSATOR, {"compensator_b": rows(8, 0, j)}, ACTIVE) for j in (0, 2, 3)),
+        *((fw.COMPENSATOR, {"compensator_d": rows(2, 0, j)}, ACTIVE) for j in (0, 2, 3)),
+    ],
+)
+def test_only_what_reads_the_roll_rate_can_not_do_without(law, gains, mode):
+    ecu, cal = lacking_rate(law, **gains)
+    supervise(ecu, cal, 1)
+    assert ecu.mode == mode
+    assert ecu.fault_active == (1 << sv.FAULT_ROLL_RATE) * (mode == SAFE)
+    assert (ecu.bad_ticks[sv.BAD_ROLL_RATE] > 0) == (mode == SAFE)
+
+
 @pytest.mark.parametrize("corners", [(0,), (1,), (2,), (3,), (0, 1), (2, 3), (0, 2), (1, 3)])
 @pytest.mark.parametrize("actuator", [fw.SUSPENSION, fw.BARS])
 def test_each_failed_bar_or_corner_counts_once(actuator, corners):

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from firmware import schedule
 from firmware.calibration import Calibration
 from firmware.com import mailbox
+from firmware.com.signals import RX_SIGNALS
 from firmware.state import RX_SUSPENSION_RATE, Ecu
 
 
@@ -25,6 +26,6 @@ def test_a_message_without_timeout_is_not_taken():
         mailbox.init_mailboxes(ecu, cal)
         mailbox.receive(ecu, RX_SUSPENSION_RATE, payload, 8)
         mailbox.read_inputs(ecu, cal, 3)
-        assert ecu.fresh[RX_SUSPENSION_RATE] == taken
+        assert ecu.fresh[RX_SUSPENSION_RATE] == taken * RX_SIGNALS[RX_SUSPENSION_RATE]
         assert ecu.valid[RX_SUSPENSION_RATE] == 15 * taken
         assert (ecu.last_sample[RX_SUSPENSION_RATE] == mailbox.NO_SAMPLE) == (not taken)

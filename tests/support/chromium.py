@@ -61,8 +61,10 @@ class Tab:
                 return result
 
     def ask(self, expression: str) -> Any:
-        """Return the value of an expression in the page."""
-        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True)
+        """Return the value of an expression in the page, of a promise what it comes to."""
+        answer = self.call(
+            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
+        )
         assert "exceptionDetails" not in answer, answer
         return answer["result"].get("value")
 
@@ -89,6 +91,50 @@ class Tab:
         self.ask("window.isOld = true")
         self.call("Page.reload")
         self.wait_for("!window.isOld && document.readyState === 'complete'")
+
+    def hover(self, selector: str, share: float = 0.5) -> None:
+        """Move the mouse onto an element, to a share of its width."""
+        self._mouse("mouseMoved", *self._point(selector, share))
+
+    def click(self, selector: str, share: float = 0.5, *, times: int = 1) -> None:
+        """Click on an element, so often in a row, at a share of its width."""
+        x, y = self._point(selector, share)
+        self._mouse("mouseMoved", x, y)
+        for count in range(1, times + 1):
+            self._mouse("mousePressed", x, y, button="left", clickCount=count)
+            self._mouse("mouseReleased", x, y, button="left", clickCount=count)
+
+    def write(self, selector: str, text: str) -> None:
+        """Replace the text of an input field, and leave it with Tab."""
+        self.click(selector)
+        self.ask("document.activeElement.select()")
+        self.call("Input.insertText", text=text)
+        for kind in ("keyDown", "keyUp"):
+            self.call("Input.dispatchKeyEvent", type=kind, key="Tab", code="Tab")
+
+    def drag(self, selector: str, first: float, last: float) -> None:
+        """Drag the mouse across an element, between two shares of its width."""
+        (x, y), (end, _) = self._point(selector, first), self._point(selector, last)
+        self._mouse("mouseMoved", x, y)
+        self._mouse("mousePressed", x, y, button="left", clickCount=1)
+        for step in range(1, 5):
+            self._mouse("mouseMoved", x + (end - x) * step / 4, y, button="left", buttons=1)
+        self._mouse("mouseReleased", end, y, button="left", clickCount=1)
+
+    def _mouse(self, kind: str, x: float, y: float, **more: object) -> None:
+        self.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, **more)
+
+    def _point(self, selector: str, share: float) -> tuple[float, float]:
+        """Scroll an element into view and return a point in its middle row."""
+        left, top, width, height = self.ask(
+            f"""(() => {{
+              const node = document.querySelector({json.dumps(selector)});
+              node.scrollIntoView({{ block: "center" }});
+              const box = node.getBoundingClientRect();
+              return [box.left, box.top, box.width, box.height];
+            }})()"""
+        )
+        return left + width * share, top + height / 2
 
     def picture(self, path: Path) -> None:
         """Write what the whole page looks like."""

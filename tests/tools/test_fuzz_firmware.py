@@ -48,7 +48,7 @@ def test_no_input_crashes_the_firmware(bus, services, calibrations, tmp_path):
     ("taken_out", "symptom"),
     [
         (("canroll_mailbox.c", "if (length < size)", "if (0)"), "heap-buffer-overflow"),
-        (("canroll_mailbox.c", "(message >= CANROLL_N_RX)", "(0)"), "runtime error"),
+        (("canroll_mailbox.c", "(frame >= CANROLL_N_FRAMES)", "(0)"), "runtime error"),
         (
             (
                 "canroll_ecu.c",

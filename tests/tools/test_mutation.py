@@ -179,7 +179,7 @@ changes = [
     ("protection", "protect_0", "counter & 15", "counter & 15"),
     ("protection", "protect_0", "counter & 15", "counter / 15"),
     ("e2e", "", "STEP_MAX = 15", "STEP_MAX = 3"),
-    ("e2e", "", "NO_COUNTER = 255", "NO_COUNTER = 0xFF"),
+    ("e2e", "", "NO_COUNTER = COUNTER_MAX", "NO_COUNTER = COUNTER_MAX + 0"),
 ]
 chosen = []
 for module, function, before, after in changes:

@@ -1,8 +1,11 @@
+import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+import tomli_w
 
 import vehicles
 from canroll.errors import CanrollError, UnknownNameError
@@ -126,3 +129,48 @@ def test_lateral_gain_is_that_of_the_steady_turn():
     _, yaw_rate = np.linalg.solve(matrix, -np.array([front, front * lf]))
     expected = speed * yaw_rate
     assert vehicle.lateral_gain(speed) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", vehicles.names())
+def test_a_document_gives_the_same_vehicle_again(name):
+    vehicle = vehicles.load(name)
+    for text, parse in (
+        (tomli_w.dumps(vehicle.document), tomllib.loads),
+        (json.dumps(vehicle.document), json.loads),
+    ):
+        again = vehicles.embedded(
+            parse(text), reference=name, fingerprint=vehicle.fingerprint, where="file"
+        )
+        assert again == vehicle
+
+
+def test_a_vehicle_without_an_empty_body_has_a_document():
+    vehicle = replace(vehicles.load("van_real"), empty=None)
+    assert "empty" not in vehicle.document
+    assert vehicles.load(vehicle) == vehicle
+
+
+def test_any_speed_has_a_document_of_the_same_fingerprint():
+    preset = vehicles.load("van_real")
+    for speed in np.random.default_rng(0).uniform(5.0, 60.0, 200):
+        vehicle = replace(preset, speeds={"moose": float(speed)})
+        assert vehicles.load(vehicle).fingerprint == vehicle.fingerprint
+
+
+def test_the_fingerprint_has_numbers_and_no_texts():
+    vehicle = vehicles.load("van_real")
+    assert replace(vehicle, title="Van", name="van", file="van.toml").fingerprint == (
+        vehicle.fingerprint
+    )
+    assert replace(vehicle, lane_offset=3.0).fingerprint != vehicle.fingerprint
+
+
+@pytest.mark.parametrize(
+    ("content", "kind"),
+    [("[calibration]\n", "a calibration, for --calibration"), ("[receive.imu]\n", "a map of sig")],
+)
+def test_a_file_of_another_kind_is_named(tmp_path, content, kind):
+    path = tmp_path / "other.toml"
+    path.write_text(content)
+    with pytest.raises(CanrollError, match=rf"other\.toml: this is {kind}"):
+        vehicles.load(path)

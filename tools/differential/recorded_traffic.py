@@ -34,6 +34,8 @@ CASES = (
     Case("j_turn", "lqr", observer="one_sensor"),
     Case("double_lane_change", "lqr", observer="propagated", identification=True),
     Case("j_turn", "lqr", observer="steering", trigger="event"),
+    Case("double_lane_change", "lqr", actuator="bars", observer="acceleration"),
+    Case("j_turn", "lqr", observer="acceleration_propagated"),
     Case("double_lane_change", "lqr", observer="reference"),
     Case("double_lane_change", "lqr", actuator="bars"),
     Case("double_lane_change", "lqr", actuator="dampers"),

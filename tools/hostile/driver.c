@@ -160,7 +160,7 @@ static void deliver(uint32_t identifier, const uint8_t *bytes, int32_t size, int
         memcpy(payload, bytes, (size_t)size);
     }
     frames_done++;
-    for (int32_t message = 0; message < CANROLL_N_RX; message++) {
+    for (int32_t message = 0; message < CANROLL_N_FRAMES; message++) {
         if ((uint32_t)canroll_signals_rx_ids[message] == identifier) {
             canroll_receive(ecu, message, payload, length);
         }
@@ -237,7 +237,7 @@ static void correct_frame(
 /* As above, with the counter that is expected next or any, and perhaps damaged. */
 static void one_frame(uint8_t kind)
 {
-    int32_t message = byte() % CANROLL_N_RX;
+    int32_t message = byte() % CANROLL_N_FRAMES;
     uint32_t which = byte(), counter = byte();
     if (kind < 2) {
         counter = next_counter(message);
@@ -251,7 +251,7 @@ static void sound_periods(void)
 {
     uint32_t periods = 1 + byte() % 16, which = byte();
     for (; periods > 0; periods--, which++) {
-        for (int32_t message = 0; message < CANROLL_N_RX; message++) {
+        for (int32_t message = 0; message < CANROLL_N_FRAMES; message++) {
             correct_frame(message, which, next_counter(message), 0, 0);
         }
         tick(1, 1);

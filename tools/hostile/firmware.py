@@ -1,6 +1,6 @@
 """Fuzzing of the firmware's ``receive`` and ``tick`` as C under AddressSanitizer and UBSan.
 
-    python -m tools.hostile.firmware [--inputs N] [--seed S] [--dbc DBC --map MAP] [--keep FOLDER]
+    python -m tools.hostile.firmware [--inputs N] [--seed S] [--dbc DBC … --map MAP] [--keep FOLDER]
 
 The driver (driver.c) runs the loop, with XCP and UDS beside it where the bus has them, on random
 calibrations that ``check`` accepts and on designs of the generator, with frames of driven
@@ -20,12 +20,13 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
-from codegen.generated.bus_map import Mailbox
+from codegen.generated.mailbox import Mailbox
 from codegen.run import ecu_traffic, memory_image, native
 from codegen.run.bus_firmware import BusFirmware, built_in, of_bus, with_services
 from codegen.run.uds_server import numbers as uds_numbers
 from codegen.run.xcp_slave import numbers as xcp_numbers
-from firmware.calibration import N_RX, Calibration
+from dbc.reader import Files, paths_of
+from firmware.calibration import Calibration
 from firmware.subset import fields
 from tools.differential.recorded_traffic import CASES, Recording, record
 
@@ -44,7 +45,7 @@ DRIVEN = 3.0
 RECORDED = tuple(CASES[k] for k in (0, 2, 3, 8, 10, 15))
 
 
-def firmware_of(dbc: Path | None, map_file: Path | None) -> BusFirmware:
+def firmware_of(dbc: Files | None, map_file: Path | None) -> BusFirmware:
     """Return the firmware of a bus with the services that its map has identifiers for."""
     firmware = of_bus(dbc, map_file) if dbc and map_file else built_in()
     has = {"xcp": firmware.bus.xcp, "uds": firmware.bus.uds}
@@ -97,7 +98,7 @@ def material(
         for f in fields(firmware.record)
     ]
     images = [f"    {_bytes(memory_image.image(record))},\n" for record in calibrations]
-    pools = [_pool(k, firmware.bus.received[k], recordings) for k in range(N_RX)]
+    pools = [_pool(k, box, recordings) for k, box in enumerate(firmware.bus.received)]
     heard = ", ".join(map(str, sorted(firmware.heard)))
     services = []
     if "xcp" in firmware.services:
@@ -173,12 +174,12 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--inputs", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--dbc", type=Path)
+    parser.add_argument("--dbc", type=Path, action="append")
     parser.add_argument("--map", type=Path)
     parser.add_argument("--keep", type=Path, help="folder of the program and of a crash")
     options = parser.parse_args()
     try:
-        firmware = firmware_of(options.dbc, options.map)
+        firmware = firmware_of(options.dbc and paths_of(options.dbc), options.map)
         driven = [record(case, DRIVEN) for case in RECORDED]
         calibrations = [each.calibration for each in driven]
         calibrations += map(ecu_traffic.random_calibration, range(RANDOM))

@@ -249,7 +249,7 @@ def make_undriven(folder: Path) -> None:
 def _drive(folder: Path) -> None:
     """Save a run of two programs, without what is for people."""
     command = [sys.executable, "-m", "hil.cli.main", "hil", "double_lane_change"]
-    options = ["--pace", "lockstep", "--law", "lqr", "--duration", "0.1", "--out", str(folder)]
+    options = ["--pace", "lockstep", "--law", "lqr", "--duration", "0.3", "--out", str(folder)]
     subprocess.run([*command, *options], check=True, capture_output=True, cwd=ROOT)
     read = {form.file for form in FORMATS if form.folder == "run"}
     for path in folder.iterdir():

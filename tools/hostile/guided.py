@@ -4,7 +4,7 @@
 
 Each format is fuzzed in a process of its own from its good file. Inputs that enter something new in
 our code, or in what parses for us, are kept and changed further: by the mutations of libFuzzer, by
-the damage of the unguided tool, and inside of documents and archives, which stay ones. Each input
+the damage of the unguided tool, and inside documents and archives, kept well-formed. Each input
 is read, or refused in one line; anything else is printed with its place, its file kept in the
 folder, and ends it with exit code 1. What is read in a process of its own, by compiled code, cannot
 be guided from here and is left to ``tools.hostile.files``.

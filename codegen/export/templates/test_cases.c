@@ -1,23 +1,26 @@
 /* Runs the cases, which reach every statement and branch of the loop, and compares the result of
-   canroll_init and all states with what the reference gave. For a little-endian host. */
+   canroll_init and all states with what the reference gave. */
 #include <stdio.h>
 #include <string.h>
 
 #include "canroll.h"
 #include "cases.h"
+#include "layout.h"
 
 int main(void);
 
 static canroll_calibration calibration;
 static canroll_ecu ecu;
+static const size_t ecu_ends[] = LAYOUT_ECU;
+static const size_t calibration_ends[] = LAYOUT_CALIBRATION;
 
-/* CRC-32 of the state record, going on from crc. */
+/* CRC-32 of the state record, of each word the lowest byte first, going on from crc. */
 static uint32_t digest(uint32_t crc)
 {
     const uint8_t *bytes = (const uint8_t *)&ecu;
     uint32_t rest = ~crc;
     for (size_t i = 0; i < sizeof ecu; i++) {
-        rest ^= bytes[i];
+        rest ^= bytes[layout_place(ecu_ends, i)];
         for (int bit = 0; bit < 8; bit++) {
             rest = (rest >> 1) ^ (0xEDB88320u & (0u - (rest & 1u)));
         }
@@ -28,7 +31,10 @@ static uint32_t digest(uint32_t crc)
 static int passes(const case_data *its)
 {
     int32_t received = 0;
-    memcpy(&calibration, its->calibration, sizeof calibration);
+    uint8_t *bytes = (uint8_t *)&calibration;
+    for (size_t i = 0; i < sizeof calibration; i++) {
+        bytes[layout_place(calibration_ends, i)] = its->calibration[i];
+    }
     memset(&ecu, 0, sizeof ecu);
     if (canroll_init(&ecu, &calibration) != its->rule) {
         return 0;
@@ -36,7 +42,7 @@ static int passes(const case_data *its)
     uint32_t crc = digest(0u);
     for (int32_t tick = 0; tick < its->ticks; tick++) {
         if (tick == its->flipped) {
-            ((uint8_t *)&calibration)[CASE_CALIBRATION - CASE_FLIPPED] ^= 1u;
+            bytes[layout_place(calibration_ends, CASE_CALIBRATION - CASE_FLIPPED)] ^= 1u;
         }
         for (; received < its->received && its->frames[received].tick == tick; received++) {
             const case_frame *frame = &its->frames[received];

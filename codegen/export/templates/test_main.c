@@ -2,6 +2,7 @@
    gave. On a host it prints the verdict; on a bare target the exit code is the verdict. */
 #include "canroll.h"
 #include "canroll_gains.h"
+#include "layout.h"
 #include "vectors.h"
 
 #if __STDC_HOSTED__
@@ -13,13 +14,14 @@ int main(void);
 static const canroll_calibration calibration = CANROLL_CALIBRATION_INITIALISER;
 static canroll_ecu ecu;
 
-/* FNV-1a over the bytes of the state record. */
+/* FNV-1a over the bytes of the state record, of each word the lowest first. */
 static uint32_t digest(const canroll_ecu *record)
 {
+    static const size_t ends[] = LAYOUT_ECU;
     const uint8_t *bytes = (const uint8_t *)record;
     uint32_t hash = 2166136261u;
-    for (uint32_t i = 0; i < sizeof *record; i++) {
-        hash = (hash ^ bytes[i]) * 16777619u;
+    for (size_t i = 0; i < sizeof *record; i++) {
+        hash = (hash ^ bytes[layout_place(ends, i)]) * 16777619u;
     }
     return hash;
 }

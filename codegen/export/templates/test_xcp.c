@@ -2,6 +2,7 @@
    runs the service: the loop on the page that the tool chose, then the service, then its frames. */
 #include "canroll.h"
 #include "canroll_gains.h"
+#include "layout.h"
 #include "xcp_session.h"
 
 #if __STDC_HOSTED__
@@ -22,6 +23,21 @@ static int failed(int32_t tick)
 #else
     (void)tick;
 #endif
+    return 1;
+}
+
+/* Whether the bytes are the answer's; those of a word are in the order of this machine. */
+static int same(const xcp_frame *answer, const uint8_t *payload)
+{
+    for (int32_t k = 0; k < answer->length; k++) {
+        int32_t at = k;
+        if (answer->word > 0 && layout_big_endian() && k >= answer->word && k < answer->word + 4) {
+            at = (2 * answer->word) + 3 - k;
+        }
+        if (answer->payload[k] != payload[at]) {
+            return 0;
+        }
+    }
     return 1;
 }
 
@@ -49,10 +65,8 @@ int main(void)
                 || xcp_answers[answer].length != xcp.tx_length[slot]) {
                 return failed(tick);
             }
-            for (int32_t k = 0; k < xcp.tx_length[slot]; k++) {
-                if (xcp_answers[answer].payload[k] != xcp.tx_payload[slot][k]) {
-                    return failed(tick);
-                }
+            if (!same(&xcp_answers[answer], xcp.tx_payload[slot])) {
+                return failed(tick);
             }
             answer++;
         }

@@ -1,6 +1,7 @@
 /* The ECU's frames at its CAN terminal. */
 #include <stdio.h>
 
+#include "canroll_frames.h"
 #include "ecu_tables.h"
 #include "ls_bus.h"
 
@@ -57,7 +58,7 @@ bool model_receive(model *m, fmu_buffer *tx, size_t port, const uint8_t *operati
         const ecu_frame *own = &ecu_sent[slot];
         if (!frame.remote && own->length != 0 && frame.ident == own->ident
             && frame.extended == own->extended && frame.fd == own->fd) {
-            canroll_receive(&m->ecu, CANROLL_N_RX + slot, frame.data, frame.length);
+            canroll_receive(&m->ecu, CANROLL_N_FRAMES + slot, frame.data, frame.length);
         }
     }
     return true;

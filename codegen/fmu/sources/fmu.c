@@ -11,6 +11,8 @@
 #define PORTS (FMU_PORTS > 0 ? FMU_PORTS : 1)
 #define NANOSECONDS 1000000000
 
+#define LATEST_S 9e9
+
 typedef enum { INSTANTIATED, INITIALISATION, EVENT, STEP, TERMINATED } phase;
 
 /* All that an FMU state holds. */
@@ -40,6 +42,29 @@ static fmi3Status failed(const fmu_instance *fmu, const char *format, ...)
         fmu->log(fmu->environment, fmi3Error, "logStatusError", text);
     }
     return fmi3Error;
+}
+
+#define IN(phase) (1u << (phase))
+#define RUNNING (IN(EVENT) | IN(STEP))
+#define SETTABLE (IN(INSTANTIATED) | IN(INITIALISATION) | RUNNING)
+
+/* Whether a function may be called in the present phase, a bit of `phases`. Values are read in all
+ * of them. */
+static bool called_in(const fmu_instance *fmu, uint32_t phases, const char *function)
+{
+    static const char *const names[] = { "before initialization mode", "in initialization mode",
+                                         "in event mode", "in step mode", "after termination" };
+    if ((phases & IN(fmu->state.phase)) != 0u) {
+        return true;
+    }
+    failed(fmu, "%s must not be called %s", function, names[fmu->state.phase]);
+    return false;
+}
+
+/* Whether seconds are a number, and not too many for nanoseconds in 64 bits. */
+static bool countable(fmi3Float64 seconds)
+{
+    return isfinite(seconds) && fabs(seconds) <= LATEST_S;
 }
 
 static int64_t nanoseconds(fmi3Float64 seconds)
@@ -126,6 +151,12 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
 {
     (void)toleranceDefined, (void)tolerance, (void)stopTimeDefined, (void)stopTime;
     fmu_instance *fmu = instance;
+    if (!called_in(fmu, IN(INSTANTIATED), "fmi3EnterInitializationMode")) {
+        return fmi3Error;
+    }
+    if (!countable(startTime)) {
+        return failed(fmu, "a start at %g s: it must be a number up to %g", startTime, LATEST_S);
+    }
     fmu->state.now_ns = nanoseconds(startTime);
     fmu->state.phase = INITIALISATION;
     return fmi3OK;
@@ -136,6 +167,9 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
     fmu_instance *fmu = instance;
     fmu_state *s = &fmu->state;
     fmu_reason why = { "" };
+    if (!called_in(fmu, IN(INITIALISATION), "fmi3ExitInitializationMode")) {
+        return fmi3Error;
+    }
     if (!model_start(&s->m, s->now_ns, &why)) {
         return failed(fmu, "%s", why.text);
     }
@@ -146,6 +180,12 @@ fmi3Status fmi3ExitInitializationMode(fmi3Instance instance)
 fmi3Status fmi3EnterEventMode(fmi3Instance instance)
 {
     fmu_instance *fmu = instance;
+    if (!called_in(fmu, IN(STEP), "fmi3EnterEventMode")) {
+        return fmi3Error;
+    }
+    if (!fmu->events) {
+        return failed(fmu, "event mode was not asked for when the FMU was instantiated");
+    }
     fmu->state.phase = EVENT;
     return fmi3OK;
 }
@@ -154,6 +194,9 @@ fmi3Status fmi3EnterStepMode(fmi3Instance instance)
 {
     fmu_instance *fmu = instance;
     fmu_state *s = &fmu->state;
+    if (!called_in(fmu, IN(EVENT), "fmi3EnterStepMode")) {
+        return fmi3Error;
+    }
     for (size_t port = 0; port < FMU_PORTS; port++) {
         if (s->tx_active[port]) {
             s->tx[port].size = 0;
@@ -167,6 +210,9 @@ fmi3Status fmi3EnterStepMode(fmi3Instance instance)
 fmi3Status fmi3Terminate(fmi3Instance instance)
 {
     fmu_instance *fmu = instance;
+    if (!called_in(fmu, RUNNING, "fmi3Terminate")) {
+        return fmi3Error;
+    }
     fmu->state.phase = TERMINATED;
     return fmi3OK;
 }
@@ -188,14 +234,19 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     (void)noSetFMUStatePriorToCurrentPoint;
     fmu_instance *fmu = instance;
     fmu_state *s = &fmu->state;
-    int64_t from_ns = nanoseconds(currentCommunicationPoint);
-    int64_t until_ns = nanoseconds(currentCommunicationPoint + communicationStepSize);
+    fmi3Float64 until = currentCommunicationPoint + communicationStepSize;
     fmu_reason why = { "" };
     *eventHandlingNeeded = *terminateSimulation = *earlyReturn = fmi3False;
     *lastSuccessfulTime = currentCommunicationPoint;
-    if (s->phase != STEP) {
-        return failed(fmu, "a step outside of step mode");
+    if (!called_in(fmu, IN(STEP), "fmi3DoStep")) {
+        return fmi3Error;
     }
+    if (!countable(currentCommunicationPoint) || !countable(until)) {
+        return failed(fmu, "a step from %g s of %g s: both must be numbers, the end up to %g s",
+                      currentCommunicationPoint, communicationStepSize, LATEST_S);
+    }
+    int64_t from_ns = nanoseconds(currentCommunicationPoint);
+    int64_t until_ns = nanoseconds(until);
     if (from_ns != s->now_ns || until_ns < from_ns) {
         return failed(fmu, "a step from %.9f s to %.9f s, but the time is %.9f s",
                       1e-9 * (double)from_ns, 1e-9 * (double)until_ns, 1e-9 * (double)s->now_ns);
@@ -205,7 +256,7 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 currentCommunicationPoi
     if (!done) {
         return failed(fmu, "%s", why.text);
     }
-    *lastSuccessfulTime = currentCommunicationPoint + communicationStepSize;
+    *lastSuccessfulTime = until;
     return fmi3OK;
 }
 
@@ -248,6 +299,9 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance instance, fmi3Boolean *discrete
     *nextEventTimeDefined = fmi3False;
     *nextEventTime = 0.0;
     bool good = true;
+    if (!called_in(fmu, IN(EVENT), "fmi3UpdateDiscreteStates")) {
+        return fmi3Error;
+    }
     for (size_t port = 0; port < FMU_PORTS; port++) {
         if (s->rx_active[port]) {
             good = received(fmu, port) && good;
@@ -294,6 +348,9 @@ static fmi3Status set(fmu_instance *fmu, uint8_t type, size_t width,
                       size_t held)
 {
     const uint8_t *at = values;
+    if (!called_in(fmu, SETTABLE, "a function that sets values")) {
+        return fmi3Error;
+    }
     for (size_t k = 0; k < n; k++) {
         const fmu_variable *v = variable(fmu, references[k], type);
         if (v == NULL) {
@@ -411,6 +468,9 @@ fmi3Status fmi3SetBinary(fmi3Instance instance, const fmi3ValueReference valueRe
                          const fmi3Binary values[], size_t nValues)
 {
     fmu_instance *fmu = instance;
+    if (!called_in(fmu, IN(EVENT), "fmi3SetBinary")) {
+        return fmi3Error;
+    }
     if (nValues != nValueReferences) {
         return failed(fmu, "as many binary values as variables are needed");
     }
@@ -464,8 +524,8 @@ fmi3Status fmi3SetClock(fmi3Instance instance, const fmi3ValueReference valueRef
                         size_t nValueReferences, const fmi3Clock values[])
 {
     fmu_instance *fmu = instance;
-    if (fmu->state.phase != EVENT) {
-        return failed(fmu, "a clock can be set in event mode only");
+    if (!called_in(fmu, IN(EVENT), "fmi3SetClock")) {
+        return fmi3Error;
     }
     for (size_t k = 0; k < nValueReferences; k++) {
         uint8_t *active = clock_of(fmu, valueReferences[k]);
@@ -487,6 +547,9 @@ static bool interval_of(fmu_instance *fmu, fmi3ValueReference reference, int64_t
     }
     *interval = model_period_ns(&fmu->state.m);
     if (*interval == 0) {
+        if (!called_in(fmu, RUNNING, "a function that gets intervals")) {
+            return false;
+        }
         int64_t next = model_next(&fmu->state.m, fmu->state.tx, v->offset, fmu->state.now_ns);
         *interval = next < 0 ? -1 : next - fmu->state.now_ns;
     }
@@ -572,6 +635,9 @@ fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *FMUState)
 fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState FMUState)
 {
     fmu_instance *fmu = instance;
+    if (FMUState == NULL) {
+        return failed(fmu, "no state is given");
+    }
     memcpy(&fmu->state, FMUState, sizeof fmu->state);
     return fmi3OK;
 }
@@ -584,33 +650,59 @@ fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *FMUState)
     return fmi3OK;
 }
 
-/* A serialised state begins with the token, so that another FMU's is refused. */
+/* A serialised state begins with the token, so that another FMU's is refused, and ends with the
+ * CRC-32 of all before it, lowest byte first, so that a damaged one is. */
+
+#define SERIALISED (sizeof FMU_TOKEN + sizeof(fmu_state) + 4)
+
+static uint32_t checksum(const uint8_t *bytes, size_t size)
+{
+    uint32_t crc = 0xFFFFFFFFu;
+    for (size_t k = 0; k < size; k++) {
+        crc ^= bytes[k];
+        for (int bit = 0; bit < 8; bit++) {
+            crc = crc >> 1 ^ (crc & 1u ? 0xEDB88320u : 0u);
+        }
+    }
+    return ~crc;
+}
 
 fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState FMUState, size_t *size)
 {
     (void)instance, (void)FMUState;
-    *size = sizeof FMU_TOKEN + sizeof(fmu_state);
+    *size = SERIALISED;
     return fmi3OK;
 }
 
 fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState FMUState,
                                  fmi3Byte serializedState[], size_t size)
 {
-    if (size < sizeof FMU_TOKEN + sizeof(fmu_state)) {
-        return failed(instance, "room for %zu bytes, the state has %zu", size,
-                      sizeof FMU_TOKEN + sizeof(fmu_state));
+    if (FMUState == NULL) {
+        return failed(instance, "no state is given");
+    }
+    if (size < SERIALISED) {
+        return failed(instance, "room for %zu bytes, the state has %zu", size, SERIALISED);
     }
     memcpy(serializedState, FMU_TOKEN, sizeof FMU_TOKEN);
     memcpy(serializedState + sizeof FMU_TOKEN, FMUState, sizeof(fmu_state));
+    uint32_t crc = checksum(serializedState, SERIALISED - 4);
+    for (size_t k = 0; k < 4; k++) {
+        serializedState[SERIALISED - 4 + k] = (uint8_t)(crc >> 8 * k);
+    }
     return fmi3OK;
 }
 
 fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte serializedState[],
                                    size_t size, fmi3FMUState *FMUState)
 {
-    if (size != sizeof FMU_TOKEN + sizeof(fmu_state)
-        || memcmp(serializedState, FMU_TOKEN, sizeof FMU_TOKEN) != 0) {
+    if (size != SERIALISED || memcmp(serializedState, FMU_TOKEN, sizeof FMU_TOKEN) != 0) {
         return failed(instance, "the serialised state is not one of this FMU");
+    }
+    uint32_t crc = checksum(serializedState, SERIALISED - 4);
+    for (size_t k = 0; k < 4; k++) {
+        if (serializedState[SERIALISED - 4 + k] != (uint8_t)(crc >> 8 * k)) {
+            return failed(instance, "the serialised state is damaged: its CRC is another");
+        }
     }
     if (*FMUState == NULL) {
         *FMUState = malloc(sizeof(fmu_state));

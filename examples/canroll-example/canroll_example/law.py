@@ -6,11 +6,11 @@ from gain_gen.laws.state_feedback import actuator_rate, feedforward_row, observe
 from gain_gen.models.controller import Controller
 from gain_gen.models.task import Solution, Task
 
-DAMPING_RATIO = 0.8
+DAMPING_RATIO = 0.7
 
 
 def skyhook(task: Task) -> Solution:
-    """Roll damping up to a damping ratio of 0.8, a third of the lateral force met at once."""
+    """Roll damping up to a damping ratio of 0.7, a third of the lateral force met at once."""
     roll = task.vehicle.design
     wanted = 2 * DAMPING_RATIO * np.sqrt(roll.effective_stiffness * roll.roll_inertia)
     return Solution(

@@ -9,7 +9,7 @@ from vehicles import Vehicle
 TABLE_STEP = 1e-3
 
 
-def slalom(
+def weave(
     vehicle: Vehicle, speed: float, _seed: int, *, lateral: float = 3.0, gates: float = 4.0
 ) -> Plan:
     """Steer to left and right at 0.4 Hz for ``lateral`` (m/s²), once for every two gates."""
@@ -22,5 +22,5 @@ def slalom(
     return Plan(float(time[-1]), kind=STEER_TABLE, table=table, table_step=TABLE_STEP)
 
 
-SLALOM = Kind("slalom", 70.0, 120.0, "none", slalom)
-"""Slalom by a steering robot; options lateral (m/s²) and gates."""
+WEAVE = Kind("weave", 70.0, 120.0, "none", weave)
+"""Weaving by a steering robot; options lateral (m/s²) and gates."""

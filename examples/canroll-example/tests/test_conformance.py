@@ -16,8 +16,8 @@ class TestHeavyRoof(BodyConformance):
     body = "heavy_roof"
 
 
-class TestSlalom(ManoeuvreConformance):
-    scenario = "slalom"
+class TestWeave(ManoeuvreConformance):
+    scenario = "weave"
 
 
 class TestVan(BusConformance):

@@ -70,9 +70,6 @@ def add_parser(subparsers: "argparse._SubParsersAction[argparse.ArgumentParser]"
         metavar="N",
         help="bus: further nodes, on the first segment (default: %(default)s)",
     )
-    parser.add_argument(
-        "--unverified", action="store_true", help="export even if a check of the design fails"
-    )
     parser.set_defaults(run=run)
 
 

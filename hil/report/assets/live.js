@@ -16,7 +16,7 @@ const plots = setup.figures.map((spec) => {
   const figure = tag("figure", "", byId("plots"));
   figure.id = `figure-${spec.id}`;
   const plot = new Plot(figure, spec);
-  plot.svg.addEventListener("pointerleave", () => setCursor(null));
+  plot.u.over.addEventListener("mouseleave", () => setCursor(null));
   return plot;
 });
 const curves = plots.flatMap((plot) =>
@@ -184,14 +184,14 @@ function draw() {
   // what is zoomed stays as it is, and a plot that is being dragged across must not be redrawn
   if (shared.range || shared.dragging) return;
   follow();
-  drawAll();
-  const under = plots.find((plot) => plot.pointer);
-  if (under) setCursor(under.ux(under.pointer[0]), under);
+  for (const plot of plots) plot.renew();
+  const under = plots.find((plot) => plot.pointer !== null);
+  if (under) setCursor(under.u.posToVal(under.pointer, "x"), under);
   document.body.dataset.drawn = String(view.now);
 }
 
 function pause(wanted) {
-  plots[0].zoom(wanted ? shared.window : null, null);
+  setRange(wanted ? shared.window : null);
   draw();
 }
 
@@ -225,7 +225,6 @@ document.addEventListener("keydown", (event) => {
   } else if (event.key === "Escape") pause(false);
   else if (button) button.click();
 });
-window.addEventListener("resize", drawAll);
 clear();
 choose(30);
 connect();

@@ -9,16 +9,20 @@ for (const group of document.querySelectorAll("[data-figures]")) {
     new Plot(figure, spec);
   }
 }
-drawAll();
+// with a workbench the plots over time wait for its range
+for (const plot of shared.plots) if (!page.workbench || !plot.spec.linked) plot.draw();
 if (page.playback) {
   const player = new Playback(document.getElementById("playback"), page.playback);
   window.addEventListener("resize", () => player.show(player.time));
 }
-window.addEventListener("resize", drawAll);
-window.addEventListener("beforeprint", drawAll);
 const save = document.getElementById("save-json");
 if (save) {
   const text = document.getElementById("result").textContent;
   save.href = URL.createObjectURL(new Blob([text], { type: "application/json" }));
 }
-document.body.dataset.ready = "true";
+const bench = page.workbench && new Workbench(document.getElementById("workbench"), page.workbench);
+const started = bench ? bench.start() : Promise.resolve();
+started.catch((error) => {
+  bench.message.textContent = `This browser cannot unpack the recorded signals: ${error.message}`;
+  drawAll();
+}).then(() => { document.body.dataset.ready = "true"; });

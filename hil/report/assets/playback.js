@@ -153,7 +153,7 @@ class Playback {
     context.fillStyle = this.ink("--ink");
     context.font = "13px system-ui, sans-serif";
     context.textAlign = "center";
-    context.fillText(`${car.name}  ${((roll * 180) / Math.PI).toFixed(2)}°`, centre, 14, cell - 8);
+    context.fillText(`${car.name}  ${((roll * 180) / Math.PI).toFixed(2).replace("-", "−")}°`, centre, 14, cell - 8);
     context.fillStyle = this.ink("--soft");
     context.font = "11px system-ui, sans-serif";
     if (load && cell > 150) context.fillText("wheel load", centre, ground + 14);
@@ -179,6 +179,12 @@ class Playback {
       context.lineTo(px(x), height - 16);
       context.stroke();
       context.fillText(`${x} m`, px(x), height - 4);
+    }
+    context.fillStyle = this.ink("--c2");
+    for (const [x, y] of this.data.cones) {
+      context.beginPath();
+      context.arc(px(x), py(y), 3, 0, 2 * Math.PI);
+      context.fill();
     }
     for (const car of this.cars) this.trail(context, car, px, py);
     for (const car of this.cars) this.topView(context, car, px, py, scale, across);

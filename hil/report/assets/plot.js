@@ -1,344 +1,393 @@
 "use strict";
-// Small interactive plots: drag to zoom, double-click to reset, hover to read, legend to hide.
-// Every time plot shares one range and one cursor, so that all show the same moment.
+// Plots by uPlot: drag to zoom, double-click to reset, hover to read, legend to hide.
+// Every plot over time shares one range and one cursor, so that all show the same moment.
 
-const DASHES = ["", "7 4", "2 3", "10 3 2 3"];
+const DASHES = [[], [7, 4], [2, 3], [10, 3, 2, 3]];
+const FONT = '12px system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
 
-// window: what linked plots show while nobody has zoomed; dragging: a pointer is down on a plot
-const shared = { range: null, window: null, cursor: null, dragging: false, plots: [], listeners: [] };
+// window: what linked plots show while nobody has zoomed; dragging: a pointer is down on a plot;
+// events: modes and fault codes; marks: the two cursors; sent: instants of commands, by colour
+const shared = {
+  range: null, window: null, cursor: null, dragging: false, plots: [], listeners: [], zoomed: [],
+  events: [], marks: [], sent: [],
+};
 
 function setCursor(x, source = null) {
   shared.cursor = x;
-  for (const plot of shared.plots) if (plot.spec.linked) plot.drawCursor(plot === source);
+  for (const plot of shared.plots) if (plot.spec.linked) plot.follow(x, plot !== source);
   for (const listener of shared.listeners) listener(x, source);
 }
+
+function setRange(range) {
+  shared.range = range;
+  for (const plot of shared.plots) if (plot.spec.linked) plot.draw();
+  for (const listener of shared.zoomed) listener(range);
+}
+
+function drawAll() {
+  for (const plot of shared.plots) plot.draw();
+}
+
+function tickLabels(u, values, axis, space, step) {
+  let digits = 0;
+  while (digits < 12 && Math.abs(step * 10 ** digits - Math.round(step * 10 ** digits)) > 1e-6) digits++;
+  return values.map((value) => (value === null ? "" : value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1")));
+}
+
+// kinds that are drawn on the canvas by us, as uPlot joins points of rising x alone
+const DRAWN = new Set(["marks", "spans", "map", "points"]);
 
 class Plot {
   constructor(figure, spec) {
     this.figure = figure;
     this.spec = spec;
     this.range = null;
+    this.full = null;
     this.yRange = null;
-    this.cursor = null;
-    this.pointer = null;
-    this.series = spec.series.map((s) => ({ ...s, x: decode(s.x), y: decode(s.y), shown: true }));
+    this.series = spec.series.map((s) => {
+      const [x, y] = [s.x, s.y].map((v) => (typeof v === "string" ? decode(v) : v));
+      return { ...s, x, y, shown: true, kind: spec.equal && s.kind === "line" ? "map" : s.kind };
+    });
     const caption = tag("figcaption", "", figure);
     tag("h3", "", caption, spec.title);
-    const reset = tag("button", "reset", caption, "reset zoom");
-    reset.type = "button";
-    reset.addEventListener("click", () => this.zoom(null, null));
+    pushButton(caption, "reset zoom", () => this.zoom(null, null)).className = "reset";
     if (spec.note) tag("p", "", figure, spec.note);
-    this.svg = element("svg", { role: "img", "aria-label": spec.title }, figure);
+    this.joined = this.series.filter((series) => !DRAWN.has(series.kind));
+    this.u = new uPlot(this.options(), this.data(), figure);
+    this.u.root.setAttribute("role", "img");
+    this.u.root.setAttribute("aria-label", spec.title);
     this.legend(tag("div", "legend", figure));
-    this.tip = tag("div", "tip", figure);
-    this.tip.hidden = true;
-    this.listen();
+    this.touch();
     shared.plots.push(this);
   }
 
-  colour(series) {
-    return `var(--c${series.colour % 8})`;
+  size() {
+    const width = Math.max(this.figure.clientWidth - 26, 200);
+    const rows = this.spec.levels.length;
+    if (this.spec.height) return { width, height: this.spec.height };
+    if (this.spec.equal) return { width, height: Math.min(300, width * 0.6) };
+    return { width, height: Math.max(Math.min(250, width * 0.62), rows ? 16 * rows + 44 : 0) };
   }
 
-  legend(parent) {
-    for (const series of this.series) {
-      const button = tag("button", "", parent);
-      button.type = "button";
-      button.setAttribute("aria-pressed", "true");
-      const sample = element("svg", { viewBox: "0 0 28 10" }, button);
-      const mark = { d: "M0 5H28", fill: "none", "stroke-width": 3, "stroke-dasharray": DASHES[series.dash || 0] };
-      element("path", mark, sample).style.stroke = this.colour(series);
-      button.append(series.name);
-      button.addEventListener("click", () => {
-        series.shown = !series.shown;
-        button.setAttribute("aria-pressed", String(series.shown));
-        this.draw();
-      });
+  options() {
+    const { levels, linked, equal, xlabel, ylabel } = this.spec;
+    const axis = {
+      font: FONT, labelFont: FONT, labelGap: 0, stroke: () => ink("--soft"), ticks: { show: false },
+      grid: { stroke: () => ink("--line"), width: 1 }, values: tickLabels,
+    };
+    const wide = (u, texts) => 14 + 7.2 * Math.max(3, ...(texts ?? []).map((text) => String(text).length));
+    const named = { splits: () => levels.map((_, place) => place), values: () => levels };
+    const line = (series) => ({
+      stroke: () => ink(`--c${series.colour % 8}`), width: 1.7, dash: DASHES[series.dash || 0],
+      points: { show: false },
+      fill: series.kind === "bars" ? () => `${ink(`--c${series.colour % 8}`)}55` : undefined,
+      paths: series.kind === "line" ? uPlot.paths.linear() : uPlot.paths.stepped({ align: 1 }),
+    });
+    return {
+      ...this.size(),
+      legend: { show: false },
+      scales: {
+        x: { time: false, range: () => this.xRange() },
+        y: { range: (u, low, high) => this.valueRange(low, high), dir: levels.length ? -1 : 1 },
+      },
+      axes: [
+        { ...axis, label: xlabel, labelSize: xlabel ? 16 : 0, size: 22 },
+        {
+          ...axis, label: levels.length ? "" : ylabel, labelSize: levels.length || !ylabel ? 0 : 18,
+          space: this.spec.margin ? 16 : 30, size: this.spec.margin ?? wide, ...(levels.length ? named : {}),
+        },
+      ],
+      series: [{}, ...this.joined.map(line)],
+      cursor: {
+        points: { show: false }, y: Boolean(equal), drag: { x: true, y: Boolean(equal), setScale: false, dist: 6 },
+        bind: {
+          dblclick: () => () => this.zoom(null, null),
+          mousedown: (u, over, act) => (event) => {
+            if (event.button !== 0) return;
+            shared.dragging = true;
+            act(event);
+          },
+          mouseup: (u, over, act) => (event) => {
+            shared.dragging = false;
+            act(event);
+          },
+        },
+      },
+      hooks: {
+        setSelect: [(u) => this.select(u)],
+        setCursor: [(u) => this.hover(u)],
+        drawAxes: [(u) => this.drawBelow(u)],
+        draw: [(u) => this.drawAbove(u)],
+      },
+    };
+  }
+
+  // one rising x for all curves; where a curve has no point of that x, its line goes on
+  data() {
+    const tables = this.joined.map(({ x, y, kind, width }) => {
+      const ends = kind === "bars" && x.length ? [[x[x.length - 1] + width], [0]] : [[], []];
+      const values = Array.from(y, (value) => (Number.isFinite(value) ? value : null));
+      return [[...x, ...ends[0]], [...values, ...ends[1]]];
+    });
+    if (!tables.length) return [this.xRange()];
+    return tables.length === 1 ? tables[0] : uPlot.join(tables);
+  }
+
+  renew() {
+    this.full = null;
+    this.u.setData(this.data(), false);
+    this.draw();
+  }
+
+  draw() {
+    const { width, height } = this.size();
+    const [min, max] = this.xRange();
+    this.figure.classList.toggle("zoomed", Boolean((this.spec.linked ? shared.range : this.range) || this.yRange));
+    this.figure.dataset.points = String(this.pointsShown(min, max));
+    this.u.batch(() => {
+      if (width !== this.u.width || height !== this.u.height) this.u.setSize({ width, height });
+      this.u.setScale("x", { min, max });
+    });
+    if (this.spec.linked) this.follow(shared.cursor, true);
+  }
+
+  pointsShown(low, high) {
+    let points = 0;
+    for (const { x, end, kind, shown } of this.series) {
+      const ends = kind === "spans" ? end : x;
+      if (shown) for (let i = 0; i < x.length; i++) points += ends[i] >= low && x[i] <= high;
     }
+    return points;
+  }
+
+  xRange() {
+    const chosen = this.spec.linked ? shared.range || shared.window : this.range;
+    if (chosen) return chosen;
+    this.full ??= this.fullRange();
+    return this.full;
   }
 
   fullRange() {
-    let lo = Infinity;
-    let hi = -Infinity;
-    for (const { x, shown } of this.series) {
+    let [low, high] = [Infinity, -Infinity];
+    for (const { x, kind, width, shown } of this.series) {
       if (!shown) continue;
       for (const value of x) {
-        if (value < lo) lo = value;
-        if (value > hi) hi = value;
+        low = Math.min(low, value);
+        high = Math.max(high, value + (kind === "bars" ? width : 0));
       }
     }
-    if (!(hi > lo)) return Number.isFinite(lo) ? [lo - 0.5, lo + 0.5] : [0, 1];
-    return [lo, hi];
+    if (high > low) {
+      const pad = this.series.some(({ kind }) => kind === "points") ? (high - low) * 0.03 : 0;
+      return [low - pad, high + pad];
+    }
+    return Number.isFinite(low) ? [low - 0.5, low + 0.5] : [0, 1];
   }
 
-  valueRange([lo, hi]) {
-    if (this.spec.levels.length) return [this.spec.levels.length - 0.5, -0.5];
-    const { zero, least } = this.spec;
-    let bottom = zero ? 0 : least ? -least : Infinity;
-    let top = zero || least ? least : -Infinity;
-    for (const { x, y, shown, kind } of this.series) {
-      if (!shown || kind === "marks") continue;
+  // low and high: of what uPlot draws in the range shown; null if nothing
+  valueRange(low, high) {
+    const { levels, zero, least } = this.spec;
+    if (levels.length) return [-0.5, levels.length - 0.5];
+    if (this.yRange) return this.yRange;
+    let bottom = Math.min(low ?? Infinity, zero ? 0 : least ? -least : Infinity);
+    let top = Math.max(high ?? -Infinity, zero || least ? least : -Infinity);
+    const [left, right] = this.xRange();
+    for (const { x, y, kind, shown } of this.series) {
+      if (!shown || (kind !== "map" && kind !== "points")) continue;
       for (let i = 0; i < x.length; i++) {
-        if (x[i] < lo || x[i] > hi || !Number.isFinite(y[i])) continue;
-        if (y[i] < bottom) bottom = y[i];
-        if (y[i] > top) top = y[i];
+        if (x[i] < left || x[i] > right || !Number.isFinite(y[i])) continue;
+        bottom = Math.min(bottom, y[i]);
+        top = Math.max(top, y[i]);
       }
     }
     if (!(top >= bottom)) return [0, 1];
     const pad = (top - bottom || Math.abs(top) || 1) * 0.06;
-    return [bottom === 0 && this.spec.zero ? 0 : bottom - pad, top + pad];
-  }
-
-  draw() {
-    const width = Math.max(this.figure.clientWidth - 26, 200);
-    const levels = this.spec.levels;
-    const least = levels.length ? 16 * levels.length + 44 : 0;
-    const height = this.spec.equal ? Math.min(300, width * 0.6) : Math.max(Math.min(250, width * 0.62), least);
-    const left = Math.max(52, ...levels.map((name) => 16 + 7.4 * name.length));
-    const box = { left, right: width - 16, top: 8, bottom: height - 36 };
-    this.box = box;
-    this.svg.setAttribute("viewBox", `0 0 ${width} ${height}`);
-    this.svg.style.height = `${height}px`;
-    this.svg.replaceChildren();
-    const zoomed = this.spec.linked ? shared.range : this.range;
-    const xr = zoomed || (this.spec.linked && shared.window) || this.fullRange();
-    const yr = this.yRange || this.valueRange(xr);
-    this.figure.classList.toggle("zoomed", Boolean(zoomed || this.yRange));
-    this.sx = (x) => box.left + ((x - xr[0]) / (xr[1] - xr[0])) * (box.right - box.left);
-    this.sy = (y) => box.bottom - ((y - yr[0]) / (yr[1] - yr[0])) * (box.bottom - box.top);
-    this.ux = (px) => xr[0] + ((px - box.left) / (box.right - box.left)) * (xr[1] - xr[0]);
-    this.uy = (py) => yr[0] + ((box.bottom - py) / (box.bottom - box.top)) * (yr[1] - yr[0]);
-    this.axes(xr, yr, box, width, height);
-    const clip = `clip-${shared.plots.indexOf(this)}`;
-    const frame = element("clipPath", { id: clip }, element("defs", {}, this.svg));
-    element("rect", { x: box.left, y: box.top, width: box.right - box.left, height: box.bottom - box.top }, frame);
-    const layer = element("g", { "clip-path": `url(#${clip})` }, this.svg);
-    let points = 0;
-    for (const series of this.series) if (series.shown) points += this.path(series, xr, layer);
-    this.figure.dataset.points = String(points);
-    this.overlay = element("g", {}, this.svg);
-    this.drawCursor(false);
-  }
-
-  axes(xr, yr, box, width, height) {
-    for (const [value, label] of ticks(xr[0], xr[1], Math.max(4, Math.floor(width / 90)))) {
-      const x = this.sx(value);
-      element("path", { class: "axis", d: `M${x} ${box.top}V${box.bottom}` }, this.svg);
-      element("text", { x, y: box.bottom + 15, "text-anchor": "middle" }, this.svg, label);
-    }
-    const levels = this.spec.levels;
-    const named = levels.map((name, place) => [place, name]);
-    for (const [value, label] of levels.length ? named : ticks(yr[0], yr[1], Math.floor(height / 45))) {
-      const y = this.sy(value);
-      const kind = value === 0 && !levels.length ? "zero" : "axis";
-      element("path", { class: kind, d: `M${box.left} ${y}H${box.right}` }, this.svg);
-      element("text", { x: box.left - 5, y: y + 4, "text-anchor": "end" }, this.svg, label);
-    }
-    const middle = (box.left + box.right) / 2;
-    element("text", { x: middle, y: height - 4, "text-anchor": "middle" }, this.svg, this.spec.xlabel);
-    if (levels.length) return;
-    const turn = `rotate(-90 12 ${(box.top + box.bottom) / 2})`;
-    const label = { x: 12, y: (box.top + box.bottom) / 2, "text-anchor": "middle", transform: turn };
-    element("text", label, this.svg, this.spec.ylabel);
-  }
-
-  path(series, xr, layer) {
-    const { x, y, kind } = series;
-    let d = "";
-    let points = 0;
-    if (kind === "marks") {
-      for (const value of x) {
-        if (value < xr[0] || value > xr[1]) continue;
-        const base = this.box.bottom - 12 * (series.row || 0);
-        d += `M${this.sx(value).toFixed(1)} ${base}v-10`;
-        points++;
-      }
-    } else if (kind === "bars") {
-      const base = this.sy(0);
-      for (let i = 0; i < x.length; i++) {
-        const left = this.sx(x[i]) + 0.5;
-        const right = this.sx(x[i] + series.width) - 0.5;
-        d += `M${left.toFixed(1)} ${base.toFixed(1)}V${this.sy(y[i]).toFixed(1)}H${right.toFixed(1)}V${base.toFixed(1)}Z`;
-        points++;
-      }
-    } else if (kind === "spans") {
-      for (let i = 0; i < x.length; i++) {
-        if (series.end[i] < xr[0] || x[i] > xr[1]) continue;
-        d += `M${this.sx(x[i]).toFixed(1)} ${this.sy(y[i]).toFixed(1)}H${(this.sx(series.end[i]) + 1).toFixed(1)}`;
-        points++;
-      }
-    } else if (kind === "points") {
-      for (let i = 0; i < x.length; i++) {
-        d += `M${(this.sx(x[i]) - 5).toFixed(1)} ${this.sy(y[i]).toFixed(1)}a5 5 0 1 0 10 0a5 5 0 1 0 -10 0Z`;
-        points++;
-      }
-    } else {
-      [d, points] = this.line(series, xr);
-    }
-    const node = element("path", { class: kind === "spans" ? "series spans" : "series", d }, layer);
-    node.style.stroke = this.colour(series);
-    if (kind === "bars" || kind === "points") {
-      node.style.fill = this.colour(series);
-      node.style.fillOpacity = "0.55";
-    }
-    if (series.dash) node.setAttribute("stroke-dasharray", DASHES[series.dash]);
-    return points;
-  }
-
-  line({ x, y, kind }, xr) {
-    const columns = this.box.right - this.box.left;
-    const ordered = !this.spec.equal;
-    let first = 0;
-    let last = x.length - 1;
-    if (ordered) {
-      while (first < last && x[first + 1] < xr[0]) first++;
-      while (last > first && x[last - 1] > xr[1]) last--;
-    }
-    const stride = ordered ? Math.max(1, Math.floor((last - first) / columns / 2)) : 1;
-    const parts = [];
-    let pen = false;
-    let previous = 0;
-    const add = (i) => {
-      if (!Number.isFinite(y[i])) {
-        pen = false;
-        return;
-      }
-      const px = this.sx(x[i]).toFixed(1);
-      const py = this.sy(y[i]).toFixed(1);
-      parts.push(!pen ? `M${px} ${py}` : kind === "step" ? `H${px}V${py}` : `L${px} ${py}`);
-      pen = true;
-      previous = i;
-    };
-    for (let i = first; i <= last; i += stride) {
-      // of each stretch the extremes are kept, so that no peak is lost to decimation
-      let low = i;
-      let high = i;
-      for (let j = i; j < Math.min(i + stride, last + 1); j++) {
-        if (y[j] < y[low]) low = j;
-        if (y[j] > y[high]) high = j;
-      }
-      add(Math.min(low, high));
-      if (high !== low) add(Math.max(low, high));
-    }
-    if (previous < last) add(last);
-    return [parts.join(""), parts.length];
+    // a strip has names above its curves and marks below
+    if (this.spec.named) return [bottom - 3 * pad, top + 2.5 * pad];
+    return [bottom === 0 && zero ? 0 : bottom - pad, top + pad];
   }
 
   zoom(xr, yr) {
     this.yRange = yr;
-    if (this.spec.linked) {
-      shared.range = xr;
-      if (!xr) for (const plot of shared.plots) if (plot.spec.linked) plot.yRange = null;
-      for (const plot of shared.plots) if (plot.spec.linked) plot.draw();
-    } else {
+    if (this.spec.linked) setRange(xr);
+    else {
       this.range = xr;
       this.draw();
     }
   }
 
-  place(event) {
-    const bounds = this.svg.getBoundingClientRect();
-    const scale = this.svg.viewBox.baseVal.width / bounds.width;
-    return [(event.clientX - bounds.left) * scale, (event.clientY - bounds.top) * scale];
+  select(u) {
+    const { left, top, width, height } = u.select;
+    if (width < 6) return;
+    u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+    const xr = [u.posToVal(left, "x"), u.posToVal(left + width, "x")];
+    const yr = [u.posToVal(top + height, "y"), u.posToVal(top, "y")];
+    this.zoom(xr, this.spec.equal && yr[1] > yr[0] ? yr : null);
   }
 
-  listen() {
-    let start = null;
-    let band = null;
-    this.svg.addEventListener("pointerdown", (event) => {
-      start = this.place(event);
-      shared.dragging = true;
-      this.svg.setPointerCapture(event.pointerId);
-    });
-    this.svg.addEventListener("pointermove", (event) => {
-      const [px, py] = this.place(event);
-      this.pointer = [px, py];
-      const x = this.ux(px);
-      if (this.spec.linked) setCursor(x, this);
-      else {
-        this.cursor = x;
-        this.drawCursor(true, py);
-      }
-      if (!start) return;
-      if (!band) band = element("rect", { class: "band" }, this.svg);
-      const vertical = this.spec.equal;
-      band.setAttribute("x", Math.min(px, start[0]));
-      band.setAttribute("width", Math.abs(px - start[0]));
-      band.setAttribute("y", vertical ? Math.min(py, start[1]) : this.box.top);
-      band.setAttribute("height", vertical ? Math.abs(py - start[1]) : this.box.bottom - this.box.top);
-    });
-    const finish = (event) => {
-      if (band) band.remove();
-      band = null;
-      if (start && event.type === "pointerup") {
-        const [px, py] = this.place(event);
-        if (Math.abs(px - start[0]) > 6) {
-          const xr = [this.ux(start[0]), this.ux(px)].sort((a, b) => a - b);
-          const yr = this.spec.equal ? [this.uy(start[1]), this.uy(py)].sort((a, b) => a - b) : null;
-          this.zoom(xr, yr && yr[1] > yr[0] ? yr : null);
-        }
-      }
-      start = null;
-      shared.dragging = false;
-    };
-    this.svg.addEventListener("pointerup", finish);
-    this.svg.addEventListener("pointercancel", finish);
-    this.svg.addEventListener("pointerleave", () => {
-      this.pointer = null;
-      this.tip.hidden = true;
-    });
-    this.svg.addEventListener("dblclick", () => this.zoom(null, null));
+  hover(u) {
+    const inside = u.cursor.left >= 0;
+    this.pointer = inside ? u.cursor.left : null;
+    const x = inside ? u.posToVal(u.cursor.left, "x") : null;
+    if (!this.spec.linked) this.speak(x, inside ? u.posToVal(u.cursor.top, "y") : null);
+    else if (inside) setCursor(x, this);
   }
 
-  drawCursor(speak, py = null) {
-    if (!this.overlay) return;
-    this.overlay.replaceChildren();
-    const x = this.spec.linked ? shared.cursor : this.cursor;
-    if (!speak) this.tip.hidden = true;
-    if (x === null || this.spec.equal && py === null) return;
-    const px = this.sx(x);
-    if (px < this.box.left || px > this.box.right) return;
-    if (!this.spec.equal) {
-      element("path", { class: "cursor", d: `M${px} ${this.box.top}V${this.box.bottom}` }, this.overlay);
+  // the cursor of another plot, or of the playback
+  follow(x, move) {
+    if (move) {
+      const left = x === null ? -10 : this.u.valToPos(x, "x");
+      const seen = left >= 0 && left <= this.u.over.clientWidth;
+      this.u.setCursor({ left: seen ? left : -10, top: seen ? 0 : -10 }, false);
     }
-    if (speak) this.speak(x, px, py);
+    this.speak(x, null);
   }
 
-  speak(x, px, py) {
-    this.tip.replaceChildren();
-    const head = this.spec.equal ? `${readable(x)}, ${readable(this.uy(py))} ${this.spec.unit || ""}` : `${readable(x)} ${this.spec.unit || ""}`;
-    tag("div", "", this.tip, head);
+  remove() {
+    shared.plots.splice(shared.plots.indexOf(this), 1);
+    this.u.destroy();
+    this.figure.remove();
+  }
+
+  numberAt({ x, y, kind }, t) {
+    if (t === null || !x.length || t < x[0] - 1e-3) return NaN;
+    return y[kind === "step" || kind === "bars" ? before(x, t) : nearest(x, t)];
+  }
+
+  valueAt(series, x) {
+    if (x === null || !series.x.length) return "";
+    if (series.kind === "spans") {
+      const here = [...series.x.keys()].filter((i) => series.x[i] <= x && x <= series.end[i]);
+      return here.map((i) => this.spec.levels[series.y[i]]).join(", ");
+    }
+    return readable(this.numberAt(series, x));
+  }
+
+  speak(x, y) {
+    const place = y !== null && this.spec.equal ? `${readable(x)}, ${readable(y)}` : readable(x);
+    this.where.textContent = x === null ? "" : `${place} ${this.spec.unit || ""}`;
     for (const series of this.series) {
-      if (!series.shown || series.kind === "marks" || this.spec.equal || !series.x.length) continue;
-      if (series.kind === "spans") {
-        this.speakSpans(series, x);
-        continue;
-      }
-      let i = nearest(series.x, x);
-      if (series.kind === "points" && Math.abs(this.sx(series.x[i]) - px) > 12) continue;
-      if ((series.kind === "step" || series.kind === "bars") && series.x[i] > x && i > 0) i--;
-      const row = tag("div", "", this.tip);
-      tag("i", "", row).style.background = this.colour(series);
-      row.append(`${series.name}: ${readable(series.y[i])}`);
+      if (series.value) series.value.textContent = series.shown ? this.valueAt(series, x) : "";
     }
-    this.tip.hidden = false;
-    const offset = this.svg.offsetLeft ?? 0;
-    const left = px > (this.box.left + this.box.right) / 2 ? px - this.tip.offsetWidth - 12 : px + 16;
-    this.tip.style.left = `${Math.max(0, left + offset)}px`;
-    this.tip.style.top = `${this.svg.getBoundingClientRect().top - this.figure.getBoundingClientRect().top + 10}px`;
   }
 
-  speakSpans(series, x) {
-    for (let i = 0; i < series.x.length; i++) {
-      if (series.x[i] <= x && x <= series.end[i]) {
-        const row = tag("div", "", this.tip);
-        tag("i", "", row).style.background = this.colour(series);
-        row.append(`${series.name}: ${this.spec.levels[series.y[i]]}`);
-      }
+  legend(parent) {
+    for (const series of this.series) {
+      const button = pushButton(parent, null, () => {
+        series.shown = !series.shown;
+        this.full = null;
+        button.setAttribute("aria-pressed", String(series.shown));
+        const place = this.joined.indexOf(series);
+        if (place >= 0) this.u.setSeries(place + 1, { show: series.shown });
+        this.draw();
+      });
+      button.setAttribute("aria-pressed", "true");
+      const sample = tag("i", `dash${series.dash || 0}`, button);
+      sample.style.color = `var(--c${series.colour % 8})`;
+      button.append(series.name);
+      if (!["marks", "map", "points"].includes(series.kind)) series.value = tag("b", "", button);
+    }
+    this.where = tag("span", "where", parent);
+  }
+
+  drawBelow(u) {
+    const { ctx, bbox } = u;
+    const foot = u.valToPos(0, "y", true);
+    if (this.spec.levels.length || foot < bbox.top || foot > bbox.top + bbox.height) return;
+    ctx.fillStyle = ink("--soft");
+    ctx.fillRect(bbox.left, Math.round(foot), bbox.width, u.pxRatio);
+  }
+
+  drawAbove(u) {
+    const { ctx, bbox } = u;
+    ctx.save();
+    ctx.beginPath();
+    ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+    ctx.clip();
+    if (this.spec.linked) this.drawEvents(u);
+    for (const series of this.series) {
+      if (series.shown && DRAWN.has(series.kind)) this.drawSeries(u, series);
+    }
+    ctx.restore();
+  }
+
+  drawSeries(u, { kind, x, y, end, row, colour, dash }) {
+    const { ctx, bbox } = u;
+    const ratio = u.pxRatio;
+    const [low, high] = this.xRange();
+    ctx.strokeStyle = ctx.fillStyle = ink(`--c${colour % 8}`);
+    ctx.lineWidth = (kind === "spans" ? 9 : 1.7) * ratio;
+    ctx.setLineDash((kind === "map" ? DASHES[dash || 0] : []).map((length) => length * ratio));
+    const ends = kind === "spans" ? end : x;
+    ctx.beginPath();
+    for (let i = 0; i < x.length; i++) {
+      if (kind !== "map" && (ends[i] < low || x[i] > high)) continue;
+      const px = u.valToPos(x[i], "x", true);
+      const py = kind === "marks" ? bbox.top + bbox.height - 12 * ratio * (row || 0) : u.valToPos(y[i], "y", true);
+      if (kind === "map") ctx.lineTo(px, py);
+      else ctx.moveTo(px + (kind === "points" ? 5 * ratio : 0), py);
+      if (kind === "marks") ctx.lineTo(px, py - 10 * ratio);
+      else if (kind === "spans") ctx.lineTo(u.valToPos(end[i], "x", true) + ratio, py);
+      else if (kind === "points") ctx.arc(px, py, 5 * ratio, 0, 2 * Math.PI);
+    }
+    ctx.stroke();
+    ctx.globalAlpha = 0.55;
+    if (kind === "points") ctx.fill();
+    ctx.globalAlpha = 1;
+  }
+
+  // modes and fault codes on every plot over time; the cursors and commands on strips alone
+  drawEvents(u) {
+    const { ctx, bbox, pxRatio } = u;
+    const first = shared.plots.find((plot) => plot.spec.named) === this;
+    let free = [-Infinity, -Infinity]; // where the next name can begin, in two rows
+    ctx.font = FONT.replace("12px", `${11 * pxRatio}px`);
+    ctx.textBaseline = "top";
+    ctx.textAlign = "left";
+    ctx.lineWidth = pxRatio;
+    const line = (t, colour, dash, text) => {
+      const px = u.valToPos(t, "x", true);
+      if (px < bbox.left - 1 || px > bbox.left + bbox.width + 1) return;
+      ctx.strokeStyle = ctx.fillStyle = ink(colour);
+      ctx.setLineDash(dash.map((length) => length * pxRatio));
+      ctx.beginPath();
+      ctx.moveTo(px, bbox.top);
+      ctx.lineTo(px, bbox.top + bbox.height);
+      ctx.stroke();
+      const width = ctx.measureText(text).width + 6 * pxRatio;
+      const left = px + width > bbox.left + bbox.width ? px - width : px;
+      const row = free.findIndex((end) => left >= end);
+      if (!text || row < 0) return;
+      ctx.fillText(text, left + 3 * pxRatio, bbox.top + (2 + 11 * row) * pxRatio);
+      free[row] = left + width;
+    };
+    for (const { t, text, bad } of shared.events) line(t, bad ? "--bad" : "--soft", [3, 3], first ? text : "");
+    if (!this.spec.named) return;
+    free = [-Infinity, -Infinity];
+    for (const { t, text } of shared.marks) line(t, "--ink", [], text);
+    for (const { colour, x } of shared.sent) this.drawSeries(u, { kind: "marks", x, colour, row: 0 });
+  }
+
+  // uPlot listens to the mouse: a finger across a plot zooms too, up and down scrolls the page
+  touch() {
+    const kinds = {
+      pointerdown: "mousedown", pointermove: "mousemove", pointerup: "mouseup", pointercancel: "mouseup",
+    };
+    for (const [given, wanted] of Object.entries(kinds)) {
+      this.u.over.addEventListener(given, (event) => {
+        if (event.pointerType !== "touch") return;
+        const { clientX, clientY } = event;
+        // uPlot takes a move by nothing for no move
+        this.u.over.dispatchEvent(new MouseEvent(wanted, { clientX, clientY, movementX: 1, bubbles: true }));
+      });
     }
   }
 }
 
-function drawAll() {
-  for (const plot of shared.plots) plot.draw();
+function paper(wanted) {
+  document.documentElement.classList.toggle("paper", wanted);
+  drawAll();
 }
+window.addEventListener("resize", drawAll);
+window.addEventListener("beforeprint", () => paper(true));
+window.addEventListener("afterprint", () => paper(false));
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", drawAll);

@@ -7,7 +7,7 @@ import subprocess
 import pytest
 
 from codegen.c99 import emit
-from codegen.export import coverage_cases
+from codegen.export import coverage_cases, layout
 from codegen.export.bundle import TEMPLATES
 from codegen.run import native
 from codegen.run.bus_firmware import built_in
@@ -28,6 +28,7 @@ def built(folder, *, flags):
     header, source = coverage_cases.sources(native.library(), found)
     (folder / "cases.h").write_text(header)
     (folder / "cases.c").write_text(source)
+    (folder / "layout.h").write_text(layout.header(built_in().record))
     shutil.copy(TEMPLATES / "test_cases.c", folder)
     sources = sorted(path.name for path in folder.glob("*.c"))
     subprocess.run(["gcc", "-std=c99", *flags, "-o", "cases", *sources], cwd=folder, check=True)

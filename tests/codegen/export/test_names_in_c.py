@@ -77,7 +77,7 @@ def test_nothing_is_renamed_without_need():
 def test_no_message_names_a_file_that_is_gone(paths, monkeypatch):
     """A name that the subset refuses, had it got there."""
     monkeypatch.setattr("codegen.generated.signal_code.local_name", lambda name: f"raw_{name}_t")
-    monkeypatch.setattr("codegen.generated.bus_map.local_name", lambda name: name)
+    monkeypatch.setattr("codegen.generated.mailbox.local_name", lambda name: name)
     with pytest.raises(CanrollError) as refused:
         _ = of_bus(*paths).files
     assert str(refused.value).startswith("firmware/com/signals.py:")

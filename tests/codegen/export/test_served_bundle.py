@@ -32,11 +32,12 @@ def export(**changes):
 
 @pytest.mark.slow
 def test_the_bundle_tests_its_own_services(tmp_path):
-    bundle.write(tmp_path / "with", export(services=("xcp", "uds")))
+    bundle.write(tmp_path / "with", export(services=("xcp", "uds", "nvm", "nvm_uds")))
     done = make(tmp_path / "with", "test")
     assert done.returncode == 0, done.stderr
     assert re.search(r"PASS: XCP, 43 commands and \d+ answers", done.stdout)
     assert re.search(r"PASS: UDS, 32 frames and \d+ answers", done.stdout)
+    assert "PASS: NVM, a record of 532 bytes" in done.stdout
     session = tmp_path / "with" / "test" / "xcp_session.h"
     text = session.read_text()
     session.write_text(text.replace("{ 254, 38, ", "{ 254, 39, ", 1))
@@ -47,12 +48,12 @@ def test_the_bundle_tests_its_own_services(tmp_path):
     assert "ADDR_EPK" not in a2l
     bundle.write(tmp_path / "without", export())
     names = {path.name for path in (tmp_path / "without").rglob("*")}
-    assert not any("xcp" in name or "uds" in name for name in names)
+    assert not any("xcp" in name or "uds" in name or "nvm" in name for name in names)
     assert "/begin DAQ" not in (tmp_path / "without" / "canroll.a2l").read_text()
 
 
 def test_the_loop_has_nothing_of_the_services():
-    assert not {"xcp", "uds", "isotp"} & set(load().modules)
+    assert not {"xcp", "uds", "isotp", "nvm"} & set(load().modules)
     assert not any("xcp" in name or "uds" in name for name in built_in().files)
 
 

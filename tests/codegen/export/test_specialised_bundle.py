@@ -184,7 +184,7 @@ def test_a_bus_with_authenticated_frames(secured, flags, tmp_path):
     assert result.returncode == 0, result.stderr
     assert "PASS: 150 ticks" in result.stdout
     assert "PASS: SecOC, 24 frames sent and 18 judged, byte for byte" in result.stdout
-    assert "canroll_secoc_verify(&secoc" in (secured / "board" / "example.c").read_text()
+    assert "canroll_secoc_verify(&secoc" in (secured / "board" / "node.c").read_text()
 
 
 @pytest.mark.skipif(not cortex.has_gcc_and_qemu(), reason="needs arm-none-eabi-gcc and QEMU")

@@ -7,11 +7,13 @@ import pytest
 from support.bundles import make
 from support.sample import Sample
 
+import dbc
 from codegen.c99 import emit
 from codegen.export import bundle, misra
 from codegen.export.header import gains_header
 from codegen.generated import signals
-from codegen.run import ecu_traffic, native
+from codegen.run import LASTING, SERVICES, ecu_traffic, native
+from codegen.run.bus_firmware import built_in, of_bus, with_services
 from codegen.subset.parse import load
 
 
@@ -24,6 +26,28 @@ def test_cppcheck_and_misra_find_only_what_is_documented(tmp_path):
     assert unexplained == {}
     assert set(misra.DEVIATIONS) <= set(found), "a deviation that no longer happens"
     assert len(misra.DEVIATIONS) <= 5
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck")
+@pytest.mark.parametrize("services", ["beside", "secured"])
+def test_nor_do_they_in_the_services(tmp_path, services):
+    firmware = with_services(built_in(), (*SERVICES, *LASTING))
+    if services == "secured":
+        firmware = of_bus(dbc.SECURED_PATH, dbc.SECURED_MAP)
+    for name, text in firmware.files.items():
+        (tmp_path / name).write_text(text)
+    found = misra.cppcheck(tmp_path, tmp_path)
+    assert {rule: where for rule, where in found.items() if rule not in misra.DEVIATIONS} == {}
+
+
+def test_a_result_of_operators_is_widened_before_it_is_stored(tmp_path):
+    code = "def kept(v: i32, w: i32) -> i64:\n"
+    code += "    found: i64 = clamp(v, 0, 9) * clamp(w, 0, 9)\n"
+    code += "    found += clamp(v, 0, 9) - clamp(w, 0, 9)\n"
+    code += "    return found\n"
+    c = emit.emit("sample", Sample(tmp_path).write(code))["canroll_sample.c"]
+    assert c.count("canroll_wide(canroll_clamp32(") == 2
 
 
 @pytest.mark.skipif(shutil.which("cppcheck") is None, reason="needs cppcheck")

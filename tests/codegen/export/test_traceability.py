@@ -4,18 +4,20 @@ import ast
 from pathlib import Path
 
 import pytest
+from support import float_bus
 
+import dbc
 from canroll.errors import CanrollError
 from codegen.c99.linkage import linkage
 from codegen.export import traceability
 from codegen.export.traceability import Requirement, requirements
-from codegen.generated import own_stage
-from codegen.run import SERVICES
-from codegen.run.bus_firmware import AUTHENTICATION, built_in, with_services, with_stage
+from codegen.generated import own_stage, signals
+from codegen.run import LASTING, SERVICES
+from codegen.run.bus_firmware import AUTHENTICATION, built_in, of_bus, with_services, with_stage
 from codegen.subset.program import file_of
 
 ROOT = Path(__file__).parents[3]
-SERVED = with_services(built_in(), (*SERVICES, AUTHENTICATION))
+SERVED = with_services(built_in(), (*SERVICES, *LASTING, AUTHENTICATION))
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +49,9 @@ def test_every_function_has_one_requirement(found):
     assert found[""] == []
 
 
-def test_no_pattern_is_left_over():
+def test_no_pattern_is_left_over(tmp_path):
     functions = list(SERVED.program().functions())
+    functions += of_bus(*float_bus.write(tmp_path)).program().functions()
     for its in requirements():
         for pattern in its.functions:
             one = Requirement(its.name, its.text, (pattern,), its.tests)
@@ -91,3 +94,28 @@ def test_an_own_stage_stands_for_itself():
     page = traceability.page(firmware.program(), firmware.files)
     assert "## own stage" in page
     assert "| `stage.moment` | progressive.py:56–62 | src/canroll_stage.c:" in page
+
+
+CHECKSUM = """from typing import Annotated
+
+from firmware.subset import i32, u8
+
+
+def inverted(payload: Annotated[list[u8], 8], identifier: i32) -> i32:
+    return (payload[1] ^ identifier) & 255
+"""
+OWN = """message = "Imu"
+protection.profile = "own"
+protection.checksum = { signal = "Checksum", function = "own.py:inverted" }
+"""
+
+
+def test_an_own_checksum_stands_for_itself(tmp_path):
+    (tmp_path / "own.py").write_text(CHECKSUM)
+    table = signals.MAP.read_text(encoding="utf-8").replace('message = "Imu"\n', OWN)
+    (tmp_path / "car.toml").write_text(table, encoding="utf-8")
+    firmware = of_bus(dbc.PATH, tmp_path / "car.toml")
+    rows = traceability.rows(firmware.program(), firmware.files)
+    assert [(row.function, row.source) for row in rows[""]] == [
+        ("maker_own.inverted", "own.py:6–7")
+    ]

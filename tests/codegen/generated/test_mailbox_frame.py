@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from canroll.errors import CanrollError
 from codegen.generated import bus_map
 from codegen.generated import signals as signal_source
-from codegen.generated.bus_map import EXTENDED
+from codegen.generated.mailbox import EXTENDED
 from firmware.state import Ecu
 
 DBC = """VERSION ""
@@ -139,7 +139,10 @@ BO_ 100 State: 4 Car
  SG_ Held : 1|1@1+ (1,0) [0|1] "" Ecu
  SG_ Front : 8|16@1- (1,0) [0|0] "Nm" Ecu
  SG_ Real : 0|32@1- (1,0) [0|0] "Nm" Ecu
+BO_ 101 Double: 8 Car
+ SG_ Precise : 0|64@1- (1,0) [0|0] "Nm" Ecu
 SIG_VALTYPE_ 100 Real : 1;
+SIG_VALTYPE_ 101 Precise : 2;
 """
 
 
@@ -181,7 +184,9 @@ def test_a_byte_and_a_bit_that_overlays_it_are_not_both_sent(tmp_path):
         bus_map.load(*overlaid(tmp_path, f'{table}signals.Flag = "lateral_lost"\n'))
 
 
-def test_a_float_is_refused_by_its_name(tmp_path):
+def test_a_float_of_double_precision_is_refused_by_its_name(tmp_path):
     table = '[receive.actuator_state]\nmessage = "State"\nsignals.Real = "delivered[0]"\n'
-    with pytest.raises(CanrollError, match=r"Real is a floating-point number of 32 bits"):
+    assert bus_map.load(*overlaid(tmp_path, table)).received[3].signals[0].real
+    table = table.replace("State", "Double").replace("Real", "Precise")
+    with pytest.raises(CanrollError, match=r"Precise is a floating-point number of 64 bits"):
         bus_map.load(*overlaid(tmp_path, table))

@@ -158,7 +158,8 @@ def test_what_is_read_leniently_is_said(tmp_path):
         ("signals.Right", 'signals.Clash = "mode"\nsignals.Right', "share bit 30"),
         ('"Motion"', '["Motion"]', "unknown message in"),
         ("[receive.imu]", "receive = 5\n[transmit.imu]", "receive must be a table"),
-        ("[receive.imu]", "[receive]\nimu = []\n[transmit.imu]", "[receive.imu] must be a table"),
+        ("[receive.imu]", "[receive]\nimu = 5\n[transmit.imu]", "[receive.imu] must be a table"),
+        ("[receive.imu]", "[receive]\nimu = []\n[transmit.imu]", "[receive.imu]: has no frame"),
         ("[receive.imu]", "secoc = true\n[x]", "secoc must be a table"),
         (
             '"Motion"\n',

@@ -14,7 +14,7 @@ from codegen.generated import protection as protection_source
 from codegen.generated import signals as signal_source
 from codegen.run import ecu_traffic, memory_image, native
 from firmware import ecu as loop
-from firmware import event_trigger
+from firmware import event_trigger, plausibility, supervisor
 from firmware.calibration import Calibration
 from firmware.com import mailbox, transmit
 from firmware.state import Ecu
@@ -76,7 +76,7 @@ def bus(tmp_path, monkeypatch):
     ):
         module = types.ModuleType(name)
         exec(compile(generate(*paths), name, "exec"), module.__dict__)
-        for user in (mailbox, transmit, event_trigger):
+        for user in (mailbox, transmit, event_trigger, plausibility, supervisor):
             if hasattr(user, name):
                 monkeypatch.setattr(user, name, module)
     return paths

@@ -6,16 +6,18 @@ import types
 import numpy as np
 import pytest
 from cantools.database import load_string
-from e2e import p01, p02, p05
+from e2e import p01, p02, p04, p05, p06, p07, p11
 from hypothesis import given
 from hypothesis import strategies as st
+from support.compiled_protection import CompiledProtection
 
 from canroll.errors import CanrollError
 from codegen.export import bundle
+from codegen.frame.frame_protection import protection
 from codegen.generated import bus_map
 from codegen.generated import protection as protection_source
-from codegen.generated.frame_protection import crc_step, protection
-from codegen.run import ecu_traffic, memory_image, native
+from codegen.proof.prove import prove
+from codegen.run import bus_firmware, ecu_traffic, memory_image, native
 from firmware.calibration import N_RX, Calibration
 from firmware.com import e2e
 from firmware.state import N_TX, Ecu
@@ -63,7 +65,24 @@ signals.RearRight = "force[3]"
 message = "State"
 signals.Mode = "mode"
 """
+LONG_DBC = DBC.replace("BO_ 201 State: 5", "BO_ 201 State: 32").replace("Mode : 32|", "Mode : 248|")
+LONG_MAP = MAP + "fd = true\n"
 PROTECTED_STATE = 'signals.Mode = "mode"\nprotection = '
+
+
+PARTS = """ SG_ Low : 9|3@1+ (1,0) [0|7] "" Car
+ SG_ High : 20|2@1+ (1,0) [0|3] "" Car
+ SG_ Wide : 30|10@0+ (1,0) [0|1023] "" Car
+"""
+
+
+def with_parts(dbc, entry):
+    """The DBC with signals in both frames that an entry of the map names."""
+    if "signal" not in entry:
+        return dbc
+    for last in ('[0|15] "" Car\n', '"km/h" Ecu\n'):
+        dbc = dbc.replace(last, last + PARTS)
+    return dbc
 
 
 def files(tmp_path, dbc=DBC, table=MAP):
@@ -137,6 +156,46 @@ def test_profile_5_is_that_of_the_reference_library(payload, size, data_id, coun
     assert ours[at + 2] == count
 
 
+wide = st.binary(min_size=64, max_size=64)
+
+
+@given(wide, st.sampled_from([20, 32, 48, 64]), st.integers(0, 0xFFFFFFFF), st.data())
+def test_profiles_4_6_and_7_are_those_of_the_reference_library(payload, size, data_id, data):
+    for profile, bits, header, count, theirs in (
+        (4, 32, 12, 16, p04.e2e_p04_protect),
+        (6, 16, 5, 8, p06.e2e_p06_protect),
+        (7, 32, 20, 30, p07.e2e_p07_protect),
+    ):
+        identity = data_id & (1 << bits) - 1
+        at = data.draw(st.integers(0, size - header))
+        number = data.draw(st.integers(0, (1 << count) - 1))
+        ours = bytearray(payload[:size])
+        its = frame(size, {"profile": profile, "data_id": identity, "offset": 8 * at})
+        its.apply(ours, number)
+        assert its.counter.read(ours) == number
+        expected = bytearray(ours)
+        theirs(expected, identity, length=size, offset=at, increment_counter=False)
+        assert ours == expected, profile
+
+
+@given(payloads, sizes, st.integers(0, 0xFFFF), counts, st.integers(0, 3))
+def test_profile_11_is_that_of_the_reference_library(payload, size, data_id, count, at):
+    for mode, theirs in (("both", p11.E2E_P11_DATAID_BOTH), ("nibble", p11.E2E_P11_DATAID_NIBBLE)):
+        identity = data_id & 0xFFF if mode == "nibble" else data_id
+        table = {"profile": 11, "data_id": identity, "data_id_mode": mode}
+        table |= {"crc_offset": 8 * at, "counter_offset": 8 * at + 8}
+        if mode == "nibble":
+            table["data_id_nibble_offset"] = 8 * at + 12
+        ours = bytearray(payload[:size])
+        frame(size, table).apply(ours, count)
+        expected = bytearray(ours)
+        expected[at] ^= 0x5A
+        p11.e2e_p11_protect(
+            expected, identity, data_id_mode=theirs, offset=at, increment_counter=False
+        )
+        assert ours == expected, mode
+
+
 def test_what_manufacturers_made_themselves():
     data = bytes.fromhex("00 35 12 99 40 07 c3 5a")
     cases = {
@@ -151,24 +210,72 @@ def test_what_manufacturers_made_themselves():
         assert ours[:byte] == data[:byte]
 
 
-def test_a_crc_8_of_ones_own_has_the_published_check_values():
-    """CRC-8/SAE-J1850, CRC-8/AUTOSAR, CRC-8/SMBUS of "123456789" in the catalogue of CRCs."""
-    for polynomial, start, end, expected in (
-        (0x1D, 255, 255, 0x4B),
-        (0x2F, 255, 255, 0xDF),
-        (0x07, 0, 0, 0xF4),
-    ):
-        table = {"method": "crc8", "byte": 0, "constant": ord("9")}
-        table |= {"polynomial": polynomial, "start": start, "end": end}
-        data = bytearray(b"?1234567")
-        its = frame(8, {"profile": "own", "checksum": table | {"constant": ord("8")}})
-        # nine characters: the last one is the constant of a longer frame's sum
-        assert its.checksum is not None
-        value = its.value(data, 0) ^ end
-        assert crc_step(value, ord("9"), polynomial, 8) ^ end == expected
+def over_the_digits(**table):
+    """A checksum over the characters "123456789", as catalogues of CRCs give its check value."""
+    table = {"byte": 0, "over": list(b"123456789")} | table
+    its = frame(8, {"profile": "own", "checksum": table})
+    return its.value(bytes(8), 0)
 
 
-TABLES = {
+@pytest.mark.parametrize(
+    ("width", "polynomial", "start", "end", "reflected", "check"),
+    [
+        (3, 0x3, 0, 0x7, False, 0x4),  # GSM
+        (4, 0x3, 0xF, 0xF, False, 0xB),  # INTERLAKEN
+        (5, 0x15, 0, 0, True, 0x07),  # G-704
+        (8, 0x07, 0, 0, False, 0xF4),  # SMBUS
+        (12, 0x80F, 0, 0, False, 0xF5B),  # DECT
+        (15, 0x4599, 0, 0, False, 0x059E),  # CAN
+        (16, 0x1021, 0xFFFF, 0xFFFF, True, 0x906E),  # IBM-SDLC
+        (21, 0x102899, 0, 0, False, 0x0ED841),  # CAN-FD
+        (24, 0x864CFB, 0xB704CE, 0, False, 0x21CF02),  # OPENPGP
+        (32, 0x1EDC6F41, 0xFFFFFFFF, 0xFFFFFFFF, True, 0xE3069283),  # ISCSI
+        (40, 0x4820009, 0, 0xFFFFFFFFFF, False, 0xD4164FC646),  # GSM
+        (64, 0x42F0E1EBA9EA3693, 0, 0, False, 0x6C40DF5F0B497347),  # ECMA-182
+    ],
+)
+def test_a_crc_by_numbers_has_its_published_check_value(  # noqa: PLR0917
+    width, polynomial, start, end, reflected, check
+):
+    table = {"method": "crc", "width": width, "polynomial": polynomial}
+    table |= {"start": start, "end": end, "reflect_in": reflected, "reflect_out": reflected}
+    assert over_the_digits(**table) == check
+
+
+def test_a_crc_may_be_reflected_at_its_end_alone():
+    """CRC-12/UMTS."""
+    table = {"method": "crc", "width": 12, "polynomial": 0x80F, "reflect_out": True}
+    assert over_the_digits(**table) == 0xDAF
+
+
+@pytest.mark.parametrize(
+    ("method", "check"),
+    [
+        ("crc8_j1850", 0x4B),
+        ("crc8_h2f", 0xDF),
+        ("crc16_ccitt", 0x29B1),
+        ("crc16_arc", 0xBB3D),
+        ("crc32", 0xCBF43926),
+        ("crc32_p4", 0x1697D06A),
+        ("crc64", 0x995DC9BBDF1939FA),
+    ],
+)
+def test_a_crc_by_name_has_its_published_check_value(method, check):
+    width = int(re.match(r"crc(\d+)", method)[1])
+    assert over_the_digits(method=method, width=width) == check
+
+
+def own_sum(checksum, counter=""):
+    return f'{{ profile = "own", checksum = {{ {checksum} }}{counter} }}'
+
+
+def own_crc(place, polynomial, more, counter=""):
+    more = f", {more}" if more else ""
+    return own_sum(f'method = "crc", {place}, polynomial = {polynomial}{more}', counter)
+
+
+REFLECTED = "start = 9, reflect_in = true, reflect_out = true"
+IN_THE_LOOP = {
     "1": "{ profile = 1, data_id = 291 }",
     "1 alternating": '{ profile = 1, data_id = 291, data_id_mode = "alternating" }',
     "1 nibble": '{ profile = 1, data_id = 291, data_id_mode = "nibble" }',
@@ -184,14 +291,77 @@ TABLES = {
     "own crc": '{ profile = "own", checksum = { method = "crc8", byte = 2, polynomial = 47, '
     f"start = 255, constant = {IDS} }}, counter = {{ bit = 8, values = 10 }} }}",
     "own counter": '{ profile = "own", counter = { bit = 0, width = 8 } }',
+    "a counter across bytes": '{ profile = "own", counter = { bit = 3, width = 11 } }',
+}
+"""Protections that the whole compiled loop is run with."""
+TABLES = IN_THE_LOOP | {
+    "11": "{ profile = 11, data_id = 291 }",
+    "11 nibble": '{ profile = 11, data_id = 291, data_id_mode = "nibble" }',
+    "a counter of two signals": '{ profile = "own", counter = { signal = ["Low", "High"] }, '
+    'checksum = { method = "xor", byte = 0 } }',
+    "nibbles, negated": own_sum(
+        'method = "sum", bit = 28, width = 4, unit = 4, start = 8, '
+        'negate = true, over = ["id", "frame"]'
+    ),
+    "bits": own_sum('method = "sum", signal = ["Low", "High"], unit = 1, end = 9'),
+    "ones' complement": own_sum('method = "sum", byte = 0, carry = true, end = 255'),
+    "words": own_sum(
+        'method = "sum", byte = 2, width = 16, order = "big", unit = 16, '
+        'negate = true, over = ["bytes 0-1", "length", "bytes 4-3", 4660]'
+    ),
+    "wide words with a carry": own_sum(
+        'method = "sum", byte = 0, width = 32, unit = 32, '
+        'carry = true, over = ["bytes 3-0", 4294967295, "id"]'
+    ),
+    "the counter and a signal": own_sum(
+        'method = "sum", byte = 0, start = 3, over = ["counter", { signal = "Wide" }]',
+        ', counter = { signal = "Low" }',
+    ),
+    "xor of nibbles": own_sum('method = "xor", bit = 2, width = 4, unit = 4, end = 9'),
+    "xor of words": own_sum(
+        'method = "xor", byte = 0, width = 16, unit = 16, start = 291, '
+        'over = ["bytes 2-3", "id", "length"]'
+    ),
+    "crc of 3 bits": own_crc("bit = 5, width = 3", 3, ""),
+    "crc across bytes": own_crc("bit = 5, width = 12", 0x80F, "reflect_out = true"),
+    "crc backwards": own_crc(
+        "byte = 3", 0x1D, 'over = ["bytes 2-0", 7, { id = true, order = "big" }]'
+    ),
+    "crc of 5 bits, reflected": own_crc("bit = 0, width = 5", 0x15, REFLECTED),
+    "crc of 8 bits, reflected": own_crc("byte = 1", 0x31, REFLECTED),
+    "crc of 15 bits": own_crc("bit = 1, width = 15", 0x4599, "start = 77"),
+    "crc 16": '{ profile = "own", checksum = { method = "crc16_ccitt", byte = 2, '
+    'order = "big", width = 16, over = ["frame", "id"] } }',
+    "crc 16, arc": '{ profile = "own", checksum = { method = "crc16_arc", byte = 0, width = 16 } }',
+    "crc 24": own_crc("byte = 1, width = 24", 0x864CFB, "start = 11994318"),
+    "crc 32": '{ profile = "own", checksum = { method = "crc32", byte = 0, width = 32 } }',
+    "crc 32, straight": own_crc("byte = 0, width = 32", 0x04C11DB7, "end = 4294967295"),
+}
+LONG = {
+    "4": "{ profile = 4, data_id = 3735928559, offset = 24 }",
+    "5": "{ profile = 5, data_id = 291 }",
+    "6": "{ profile = 6, data_id = 291, offset = 8 }",
+    "7": "{ profile = 7, data_id = 3735928559 }",
+    "sum": own_sum('method = "sum", byte = 1, over = ["id", "length", "bytes 30-2"]'),
+    "nibbles": own_sum('method = "sum", byte = 1, unit = 4, carry = true'),
+    "xor": own_sum('method = "xor", byte = 9, start = 7'),
+    "crc 8": own_crc("byte = 0", 0x2F, f"constant = {IDS}", ", counter = { bit = 12 }"),
+    "crc 40": own_crc("byte = 2, width = 40", 0x4820009, "end = 1099511627775"),
+    "crc 40, reflected": own_crc("byte = 2, width = 40", 0x4820009, REFLECTED),
+    "crc 40, half reflected": own_crc("byte = 2, width = 40", 0x4820009, "reflect_in = true"),
+    "crc 33, reflected out": own_crc("bit = 2, width = 33", 0x4820009, "reflect_out = true"),
+    "crc 64": own_crc('byte = 0, width = 64, order = "big"', 0x42F0E1EBA9EA3693, ""),
+    "crc 64, turned": own_crc("byte = 0, width = 64", 0x42F0E1EBA9EA3693, "reflect_out = true"),
+    "crc 32": '{ profile = "own", checksum = { method = "crc32", byte = 0, width = 32 } }',
 }
 
 
 @pytest.fixture(params=TABLES)
 def state_protected(request, tmp_path):
     """A bus on which the status frame has five bytes and a protection."""
-    table = MAP.replace('signals.Mode = "mode"\n', PROTECTED_STATE + TABLES[request.param])
-    paths = files(tmp_path, table=table)
+    entry = TABLES[request.param]
+    table = MAP.replace('signals.Mode = "mode"\n', PROTECTED_STATE + entry)
+    paths = files(tmp_path, with_parts(DBC, entry), table)
     return bus_map.load(*paths), paths
 
 
@@ -227,32 +397,35 @@ def test_a_generated_receiver_takes_right_frames_only(tmp_path, name):
     dbc = DBC.replace("SG_ Speed : 0|16", "SG_ Speed : 32|16").replace(
         ' SG_ Angle : 16|16@1- (0.1,0) [-700|700] "deg" Ecu\n', ""
     )
+    dbc = with_parts(dbc, TABLES[name])
     paths = files(tmp_path, dbc, table.replace('signals.Angle = "steering"\n', ""))
-    module = module_of(protection_source.generate(*paths))
-    its = bus_map.load(*paths).received[1].protection
+    firmware = bus_firmware.of_bus(*paths)
+    module, e2e = firmware.module("com.protection"), firmware.module("com.e2e")
+    its = firmware.bus.received[1].protection
     cal = Calibration()
     cal.e2e_max_delta, cal.e2e_sync, cal.e2e_max_repeated = [2] * N_RX, [0] * N_RX, [14] * N_RX
-    ecu = Ecu()
+    ecu = firmware.record()
     ecu.e2e_last = [e2e.NO_COUNTER] * N_RX
     rng = np.random.default_rng(4)
     values = its.counter.values if its.counter else 16
     taken = 0
-    for k in range(2 * values + 5):
+    rounds = 2 * min(values, 300) + 5
+    for k in range(rounds):
         payload = bytearray(rng.integers(0, 256, 6).tolist())
         its.apply(payload, k % values)
         ecu.rx_payload[2] = [*payload, 0, 0]
         e2e.due(ecu, 1)
         taken += module.check(ecu, cal, 1, 2)
         if its.checksum is not None:
+            place = its.checksum.place
             broken = bytearray(payload)
-            broken[3 if its.checksum.byte != 3 else 2] ^= 1 << int(rng.integers(0, 8))
-            if its.length > 3 or its.checksum.byte == 3:
-                ecu.rx_payload[2] = [*broken, 0, 0]
-                assert module.check(ecu, cal, 1, 2) == 0
+            place.write(broken, place.read(payload) ^ 1 << int(rng.integers(0, place.width)))
+            ecu.rx_payload[2] = [*broken, 0, 0]
+            assert module.check(ecu, cal, 1, 2) == 0
         elif its.counter is not None:
             assert module.check(ecu, cal, 1, 2) == 0
     # profiles 1 and 2 and counters of few values take a first frame to know the counter by
-    assert taken == 2 * values + 5 - int(its.resynchronises)
+    assert taken == rounds - int(its.resynchronises)
 
 
 def test_profile_5_and_22_judge_counters_as_specified():
@@ -266,17 +439,51 @@ def test_profile_5_and_22_judge_counters_as_specified():
     assert judged == [1, 1, 0, 1, 1, 0, 1]
 
 
+@pytest.mark.parametrize("name", LONG)
+def test_generated_protection_of_a_long_frame_does_what_its_description_says(name, tmp_path):
+    paths = files(tmp_path, LONG_DBC, LONG_MAP + f"protection = {LONG[name]}\n")
+    its = bus_map.load(*paths).transmitted[4].protection
+    module = module_of(protection_source.generate(*paths))
+    rng = np.random.default_rng(7)
+    ecu = Ecu()
+    for _ in range(50):
+        payload = bytearray(rng.bytes(32))
+        count = int(rng.integers(0, its.counter.values if its.counter else 1))
+        ecu.tx_payload[4], ecu.tx_counter[4] = [*payload], count
+        module.protect(ecu, 4)
+        its.apply(payload, count)
+        assert ecu.tx_payload[4] == [*payload]
+
+
+@pytest.mark.parametrize("method", ["crc16_ccitt", "crc16_arc", "crc32"])
+def test_long_and_short_frames_have_one_crc(method, tmp_path):
+    width = int(re.match(r"crc(\d+)", method)[1])
+    entry = own_sum(f'method = "{method}", byte = 0, width = {width}')
+    dbc = HEAD + "BO_ 200 Long: 32 Ecu\nBO_ 201 Short: 8 Ecu\n"
+    table = "schema = 1\n"
+    for mailbox, name in (("damper", "Long"), ("valve", "Short")):
+        table += f'[transmit.{mailbox}]\nmessage = "{name}"\nfd = true\nprotection = {entry}\n'
+    paths = files(tmp_path, dbc, table)
+    module, ecu = module_of(protection_source.generate(*paths)), Ecu()
+    for slot, size in ((2, 32), (3, 8)):
+        expected = bytearray(range(7, 7 + size))
+        ecu.tx_payload[slot] = [*expected]
+        module.protect(ecu, slot)
+        bus_map.load(*paths).transmitted[slot].protection.apply(expected, 0)
+        assert ecu.tx_payload[slot] == [*expected]
+
+
 needs_cc = pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 
 
 @needs_cc
-@pytest.mark.parametrize("name", TABLES)
+@pytest.mark.parametrize("name", IN_THE_LOOP)
 def test_c_sends_and_takes_the_same_frames(tmp_path, name):
     """Every kind of protection at once on the two ends of a bus, through the compiled loop."""
     table = MAP.replace('signals.Mode = "mode"\n', PROTECTED_STATE + TABLES[name])
-    paths = files(tmp_path, table=table)
-    bus = bus_map.load(*paths)
-    library = native.build(bundle.sources(*paths))
+    firmware = bus_firmware.of_bus(*files(tmp_path, table=table))
+    bus = firmware.bus
+    library = native.library_of(firmware)
     record = ecu_traffic.random_calibration(3)
     record.timeout_ticks = [5, 5, 0, 0, 5] if record.observer == 0 else [5, 5, 0, 0, 0]
     record.e2e, record.status_ticks, record.actuator = 1, 1, 0
@@ -294,6 +501,89 @@ def test_c_sends_and_takes_the_same_frames(tmp_path, name):
         assert payload == expected
         assert sent["length"] == 5
         assert not sent["payload"][5:].any()
+
+
+MAILBOXES = {
+    "imu": "roll_rate",
+    "vehicle_motion": "speed",
+    "suspension_rate": "stroke_rate[0]",
+    "actuator_state": "delivered[0]",
+    "roll_reference": "reference_roll",
+}
+SENT = ("suspension_force", "anti_roll_bar", "damper", "valve", "status")
+
+
+def groups():
+    """Protections five at a time, with the bytes of their frames."""
+    for tables, size in ((TABLES, 6), (LONG, 32)):
+        entries = list(tables.items())
+        for start in range(0, len(entries), 5):
+            part = dict(entries[start : start + 5])
+            yield pytest.param(part, size, id=" and ".join(part))
+
+
+def both_ways(tmp_path, entries, size):
+    """A bus on which each protection is of a frame received and of one sent."""
+    dbc, table = [HEAD], ["schema = 1"]
+    last = f' SG_ Value : {8 * size - 8}|8@1+ (0.01,0) [0|2] "" Ecu\n'
+    for k, (mailbox, sent, entry) in enumerate(
+        zip(MAILBOXES, SENT, entries.values(), strict=False)
+    ):
+        parts = last + (PARTS if "signal" in entry else "")
+        for way, name, ident in (("receive", mailbox, 160 + k), ("transmit", sent, 1824 + k)):
+            dbc.append(f"BO_ {ident} {name}: {size} Car\n{parts}")
+            table += [f"[{way}.{name}]", f'message = "{name}"', "fd = true"]
+            table += [f"protection = {entry}"]
+        field = f'{{ field = "{MAILBOXES[mailbox]}", unit = "{UNITS[mailbox]}" }}'
+        at = table.index(f"[receive.{mailbox}]") + 1
+        table.insert(at, f"signals.Value = {field}")
+    return files(tmp_path, "".join(dbc), "\n".join(table) + "\n")
+
+
+UNITS = {
+    "imu": "rad/s",
+    "vehicle_motion": "m/s",
+    "suspension_rate": "m/s",
+    "actuator_state": "Nm",
+    "roll_reference": "rad",
+}
+
+
+@needs_cc
+@pytest.mark.slow
+@pytest.mark.parametrize(("entries", "size"), list(groups()))
+def test_c_protects_and_judges_as_described(tmp_path, entries, size):
+    """Proved, and alone for frames right and wrong in one bit; in CPython they are judged alike."""
+    firmware = bus_firmware.of_bus(*both_ways(tmp_path, entries, size))
+    assert not prove(firmware.program()).findings
+    compiled = CompiledProtection(firmware, tmp_path)
+    module = firmware.module("com.protection")
+    cal, rng = Calibration(), np.random.default_rng(3)
+    cal.e2e_max_delta, cal.e2e_max_repeated = [3] * N_RX, [14] * N_RX
+    ecu, other = firmware.record(), firmware.record()
+    room = len(ecu.tx_payload[0])
+    for slot in range(len(entries)):
+        its = firmware.bus.transmitted[slot].protection
+        values = its.counter.values if its.counter else 1
+        judged = []
+        for k in range(40):
+            count = (values - 20 + k) % values
+            payload = bytearray(rng.bytes(size))
+            ecu.tx_payload[slot], ecu.tx_counter[slot] = [*payload, *bytes(room - size)], count
+            compiled.protect(ecu, slot)
+            its.apply(payload, count)
+            assert ecu.tx_payload[slot][:size] == [*payload]
+            received = firmware.bus.received[slot].protection
+            received.apply(payload, count)
+            if k % 3 == 2:
+                bit = int(rng.integers(0, 8 * size))
+                payload[bit // 8] ^= 1 << bit % 8
+            for record, check in ((ecu, compiled.check), (other, module.check)):
+                record.rx_payload[2 * slot] = [*payload, *bytes(room - size)]
+                judged.append(check(record, cal, slot, 2 * slot))
+            assert judged[-1] == judged[-2]
+            assert ecu.e2e_last == other.e2e_last
+        assert 0 < sum(judged) < len(judged) or its.checksum is None
 
 
 @needs_cc
@@ -342,7 +632,7 @@ def one_with_forces(library, traffic):
 @pytest.mark.parametrize(
     ("entry", "word"),
     [
-        ("{ profile = 7 }", "E2E profile 7 is not supported"),
+        ("{ profile = 8 }", "E2E profile 8 is not supported"),
         ("{ profile = 1 }", "needs data_id"),
         ("{ profile = 1, data_id = 70000 }", "must fit 16 bits"),
         ("{ profile = 1, data_id = 1, counter_ofset = 8 }", "did you mean 'counter_offset'"),
@@ -355,13 +645,35 @@ def one_with_forces(library, traffic):
         ("{ profile = 2, data_id = 7 }", "list of 16 bytes"),
         ("{ profile = 5, data_id = 7, offset = 24 }", "inside 40 bits"),
         ('{ profile = "own" }', "a checksum, a counter or both"),
-        ('{ profile = "own", checksum = { method = "crc", byte = 0 } }', "did you mean 'crc8'"),
+        ('{ profile = "own", checksum = { method = "crc9", byte = 0 } }', "did you mean 'crc'"),
         ('{ profile = "own", checksum = { method = "crc8", byte = 0 } }', "polynomial"),
         ('{ profile = "own", checksum = { method = "xor", byte = 5 } }', "inside 40 bits"),
         ('{ profile = "own", checksum = { method = "xor", signal = "Mod" } }', "'Mode'"),
-        ('{ profile = "own", checksum = { method = "xor", signal = "Mode" } }', "exactly one byte"),
-        ('{ profile = "own", counter = { bit = 6 } }', "inside one byte"),
+        ('{ profile = "own", checksum = { method = "xor", signal = "Mode" } }', "the signal Mode"),
+        ('{ profile = "own", counter = { bit = 38 } }', "inside 40 bits"),
         ('{ profile = "own", counter = { bit = 0, values = 17 } }', "17 values"),
+        ('{ profile = "own", counter = { byte = 0, width = 33 } }', "up to 32 bits"),
+        ('{ profile = "own", counter = { bit = 0, byte = 0 } }', "one of signal, byte or bit"),
+        ('{ profile = "own", counter = { bit = 8, order = "big" } }', "needs whole bytes"),
+        (own_sum('byte = 0, method = "sum", over = ["frme"]'), "did you mean 'frame'"),
+        (own_sum('byte = 0, method = "sum", over = ["bytes 0-5"]'), "outside the 5 bytes"),
+        (own_sum('byte = 0, method = "sum", over = ["byte x"]'), "did you mean 'byte 3'"),
+        (own_sum('byte = 0, method = "sum", over = []'), "takes in nothing"),
+        (own_sum('byte = 0, method = "sum", over = [256]'), "a number of up to 8 bits"),
+        (own_sum('byte = 0, method = "sum", over = ["counter"]'), "there is none"),
+        (own_sum('byte = 0, method = "sum", over = [{ signal = "Mod" }]'), "did you mean 'Mode'"),
+        (own_sum('byte = 0, method = "sum", over = [{ sgnal = "Mode" }]'), "did you mean 'signal'"),
+        (own_sum(f'byte = 0, method = "sum", constant = {IDS}'), "needs a counter of up to 16"),
+        (own_sum('byte = 0, method = "sum", unit = 3'), "unit 3 must be 1, 4, 8, 16, 32 bits"),
+        (own_sum('byte = 0, method = "xor", negate = true'), "negate is not of a checksum by xor"),
+        (own_sum('byte = 0, method = "sum", carry = 1'), "carry must be true or false"),
+        (own_sum('byte = 0, method = "sum", start = 256'), "must fit 8 bits"),
+        (own_sum('byte = 0, width = 16, method = "crc32"'), "has 32 bits, its place 16"),
+        (own_sum('byte = 0, width = 33, method = "sum"'), "up to 32 bits"),
+        (own_sum('byte = 0, width = 16, method = "sum", unit = 16'), "words of 16 bits"),
+        (own_crc("bit = 0, width = 4", 19, ""), "must fit 4 bits"),
+        ("{ profile = 4, data_id = 1 }", "12 bytes does not fit the 5 protected"),
+        ('{ profile = 11, data_id = 1, data_id_mode = "low" }', "choose from both, nibble"),
     ],
 )
 def test_a_wrong_protection_is_named(tmp_path, entry, word):

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import dbc
 from canroll.errors import CanrollError
 from codegen.export import bundle
-from codegen.generated import bus_map
+from codegen.generated import bus_map, mailbox
 from codegen.generated import frames as frame_source
 from codegen.generated import protection as protection_source
 from codegen.generated import signals as signal_source
@@ -29,7 +29,7 @@ TO_SI = {
 }
 BUS = bus_map.load(signal_source.DBC, signal_source.MAP)
 TABLE = {field.name: field for field in fields(Ecu)}
-PHYSICAL = {name for slot in bus_map.VALID_BITS.values() for name in slot}
+PHYSICAL = {name for slot in mailbox.VALID_BITS.values() for name in slot}
 
 
 def place(text):
@@ -92,7 +92,7 @@ def test_unpacked_fields_are_what_cantools_decodes(payload):
             top = 2 ** (signal.length - 1) if signal.signed else 2**signal.length
             reserved = "Not available" in text and raws[signal.name] in (top - 2, top - 1)
             if signal.place.text in PHYSICAL:
-                bit = bus_map.VALID_BITS[box.slot].index(signal.place.text)
+                bit = mailbox.VALID_BITS[box.slot].index(signal.place.text)
                 assert ecu.valid[slot] >> bit & 1 == (not reserved)
             if reserved:
                 assert got == 1
@@ -157,7 +157,7 @@ def test_a_users_big_endian_bus_with_offsets_and_no_e2e(tmp_path):
     namespace = {}
     exec(compile(signal_source.generate(*paths), "signals", "exec"), namespace)
     message = cantools.database.load_file(paths[0]).messages[0]
-    assert namespace["RX_IDS"][0] == message.frame_id | bus_map.EXTENDED
+    assert namespace["RX_IDS"][0] == message.frame_id | mailbox.EXTENDED
     assert not bus_map.load(*paths).protected
     ecu = Ecu()
     for rate in (-200.0, -5.0, 0.0, 12.3, 199.0):

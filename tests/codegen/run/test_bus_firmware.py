@@ -13,7 +13,7 @@ import dbc
 from canroll.errors import CanrollError
 from codegen.export import bundle
 from codegen.export.header import gains_header
-from codegen.generated import bus_map, signals
+from codegen.generated import bus_map, mailbox, signals
 from codegen.proof.prove import prove
 from codegen.run import backends, bus_firmware, cortex, ecu_traffic, memory_image, native
 from codegen.run import qemu as qemu_run
@@ -136,7 +136,7 @@ def test_one_frame_fills_three_mailboxes_with_what_cantools_encoded(raws, counte
     loop.tick(ecu, record, 1)
     assert ecu.age[:3] == [0, 0, 0]
     for box in FIRMWARE.bus.received[:3]:
-        for number, place in enumerate(bus_map.VALID_BITS[box.slot]):
+        for number, place in enumerate(mailbox.VALID_BITS[box.slot]):
             signal = next(its for its in box.signals if its.place.text == place)
             its = CLUSTER.get_signal_by_name(signal.name)
             raw = raws[signal.name]

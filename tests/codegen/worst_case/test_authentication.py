@@ -103,9 +103,11 @@ def test_both_emulators_run_the_same_authenticated_session(recording, cpu):
 @pytest.mark.skipif(compiler() is None, reason="needs cc")
 def test_a_flood_fills_every_tick_with_frames_that_are_refused(recording):
     plain = recording.traffic
-    full = ecu_traffic.flooded(plain, FULL)
+    frames = len(FIRMWARE.bus.received)
+    full = ecu_traffic.flooded(plain, FULL, frames)
     assert (np.bincount(full.frames["tick"], minlength=plain.ticks) == FULL).all()
-    assert ecu_traffic.flooded(full, FULL).frames.tobytes() == full.frames.tobytes()
+    again = ecu_traffic.flooded(full, FULL, frames)
+    assert again.frames.tobytes() == full.frames.tobytes()
     counts = []
     for traffic in (plain, full):
         ecu = open_backend("native", recording.calibration, FIRMWARE)
@@ -121,4 +123,4 @@ def test_a_flood_fills_every_tick_with_frames_that_are_refused(recording):
     added = len(full.frames) - len(plain.frames)
     assert counts[1] == (counts[0][0], counts[0][1] + added)
     silent = ecu_traffic.Traffic(plain.frames[:0], plain.elapsed)
-    assert ecu_traffic.flooded(silent, FULL) is silent
+    assert ecu_traffic.flooded(silent, FULL, frames) is silent

@@ -4,6 +4,7 @@ import pytest
 import rig
 
 from firmware import calibration as fw
+from firmware.com.signals import RX_SIGNALS
 from firmware.monitors.clock import watch_clock
 from firmware.plausibility import FAULT_SAMPLE_RATE_OFF
 from firmware.state import ACTIVE, AGE_MAX, RX_IMU, Ecu
@@ -20,7 +21,7 @@ def watched(**changes) -> fw.Calibration:
 
 def ticks(ecu: Ecu, cal: fw.Calibration, elapsed: int, counter: int | None) -> bool:
     """Let ``elapsed`` ticks pass at once, with a sample or without; return whether it reports."""
-    ecu.fresh[RX_IMU] = int(counter is not None)
+    ecu.fresh[RX_IMU] = 0 if counter is None else RX_SIGNALS[RX_IMU]
     if counter is not None:
         ecu.imu_sample = counter % 16
     ecu.found = 0

@@ -5,6 +5,7 @@ import rig
 
 from firmware import calibration as fw
 from firmware import plausibility as sv
+from firmware.com.signals import RX_SIGNALS
 from firmware.monitors.delivery import note_command, watch_delivery
 from firmware.state import DEGRADED, RX_ACTUATOR_STATE, SAFE, Ecu
 
@@ -25,7 +26,8 @@ def following(cal: fw.Calibration) -> Ecu:
     """An ECU whose actuators follow its commands."""
     ecu = rig.started(cal)
     ecu.enabled = ecu.command_held = 1
-    ecu.fresh[RX_ACTUATOR_STATE], ecu.valid[RX_ACTUATOR_STATE] = 1, 255
+    ecu.fresh[RX_ACTUATOR_STATE] = RX_SIGNALS[RX_ACTUATOR_STATE]
+    ecu.valid[RX_ACTUATOR_STATE] = 255
     return ecu
 
 

@@ -7,6 +7,7 @@ import pytest
 import rig
 
 from firmware import calibration as fw
+from firmware.com.signals import RX_SIGNALS
 from firmware.monitors.erratic import watch_erratic
 from firmware.plausibility import FAULT_SENSOR_ERRATIC
 from firmware.state import RX_IMU, RX_VEHICLE_MOTION, Ecu
@@ -42,7 +43,7 @@ class Sensor:
         ecu: Ecu = self.ecu
         self.count += step
         ecu.fresh[RX_IMU] = ecu.fresh[RX_VEHICLE_MOTION] = 0
-        ecu.fresh[self.message] = 1
+        ecu.fresh[self.message] = RX_SIGNALS[self.message]
         ecu.valid[self.message] = self.bit if valid else 0
         counter = "imu_sample" if self.message == RX_IMU else "motion_sample"
         setattr(ecu, counter, self.count % 16)

@@ -5,6 +5,7 @@ import rig
 
 from firmware import calibration as fw
 from firmware import plausibility as sv
+from firmware.com.signals import RX_SIGNALS
 from firmware.monitors.redundancy import gap, lasting, magnitude, opposite, watch_redundancy
 from firmware.state import DEGRADED, GYRO_BIAS, RX_IMU, SAFE, Ecu
 
@@ -27,7 +28,7 @@ def moving(cal: fw.Calibration) -> Ecu:
     """An ECU of a moving car with every input."""
     ecu = rig.started(cal)
     ecu.gain_factor, ecu.motion_lost = 1 << 28, 0
-    ecu.fresh[RX_IMU], ecu.valid[RX_IMU] = 1, 7
+    ecu.fresh[RX_IMU], ecu.valid[RX_IMU] = RX_SIGNALS[RX_IMU], 7
     return ecu
 
 

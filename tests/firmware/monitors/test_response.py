@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 
 from firmware import calibration as fw
 from firmware import plausibility as sv
+from firmware.com.signals import RX_SIGNALS
 from firmware.monitors.balance import BODY, DAMPERS, JUMP, LATERAL, STEADY
 from firmware.monitors.response import (
     BOTH,
@@ -160,7 +161,7 @@ def test_frames_that_come_early_and_late_accuse_nobody():
     # the inertial unit's come two in a tick and none in the next
     samples[1::2, [0, 2]] = samples[0:-1:2, [0, 2]]
     for number, sample in enumerate(samples):
-        ecu.fresh[RX_IMU] = 1 - number % 2
+        ecu.fresh[RX_IMU] = (1 - number % 2) * RX_SIGNALS[RX_IMU]
         replay(ecu, cal, sample[None])
     assert ecu.contradicted == [0, 0]
 
@@ -490,6 +491,20 @@ def test_nothing_is_judged_unless_all_that_acts_is_known(state):
         setattr(ecu, name, getattr(restored, name))
     replay(ecu, cal, drive(lambda moment: moment)[57:])
     assert ecu.contradicted == [0, 0]
+
+
+@pytest.mark.parametrize("valid", [6, 7])
+def test_without_a_measured_roll_rate_axles_and_heave_are_judged_alone(valid):
+    cal = watched(measurements=2)
+    ecu = known(cal)
+    ecu.valid[RX_IMU] = valid
+    replay(ecu, cal, drive(lambda moment: -moment))
+    assert ecu.contradicted == [0, 0]
+    # by this the other two know that all they need is there
+    assert ecu.response_known == ONE_BALANCE
+    ecu.valid[RX_SUSPENSION_RATE] = 14
+    watch_response(ecu, cal, 1)
+    assert ecu.response_known == 0
 
 
 @pytest.mark.parametrize("since", [51, 55, 60])

@@ -160,6 +160,15 @@ def test_a_bank_is_too_slow_to_accuse():
     assert ecu.rate_contradicted == 0
 
 
+@pytest.mark.parametrize(("measurements", "wrong"), [(1, 1), (2, 0), (3, 1)])
+def test_a_roll_rate_that_is_no_measurement_is_not_judged(measurements, wrong):
+    cal = watched()
+    cal.measurements = measurements
+    ecu = moving(cal)
+    replay(ecu, cal, -RATE, suspensions())
+    assert ecu.rate_contradicted == wrong
+
+
 @pytest.mark.parametrize(
     "state",
     [

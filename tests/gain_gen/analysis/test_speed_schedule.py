@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import vehicles
+from firmware.com.signals import RX_SIGNALS
 from firmware.schedule import schedule
 from firmware.state import RX_VEHICLE_MOTION, Ecu
 from gain_gen.analysis.family import Condition, family
@@ -64,7 +65,8 @@ def test_the_ecu_interpolates_the_schedule_of_the_design():
     assert dequantise(record).schedule == pytest.approx(answer.controller.schedule, abs=1e-8)
     ecu = Ecu()
     for speed in (5.0, 6.3, 9.99, 12.5, 22.0, 33.0, 60.0, 75.0):
-        ecu.age[RX_VEHICLE_MOTION], ecu.speed = 0, round(speed * 2**20)
+        ecu.fresh[RX_VEHICLE_MOTION] = RX_SIGNALS[RX_VEHICLE_MOTION]
+        ecu.speed = round(speed * 2**20)
         schedule(ecu, record)
         expected = answer.controller.factor_at(speed)
         assert ecu.gain_factor / 2**28 == pytest.approx(expected, abs=1e-5)

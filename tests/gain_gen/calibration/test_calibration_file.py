@@ -1,10 +1,12 @@
 """From design to integers and back: formats, file, errors, header, command line."""
 
 import json
+import re
 import subprocess
 import tomllib
 from dataclasses import replace
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import vehicles
 from canroll.errors import CanrollError, UnknownNameError, VerdictError
 from codegen.c99.text import plain
 from codegen.export.header import gains_header
@@ -172,10 +175,10 @@ def test_file_comes_back_as_it_was(tmp_path, calibrated):
     assert packed(loaded.record) == packed(record)
     assert loaded.record.crc == record.crc
     assert loaded.law == "lqr"
-    assert loaded.vehicle == "van_real"
+    assert loaded.vehicle == vehicles.load("van_real")
     assert loaded.verified
     assert calibration_file.dumps(loaded.record, loaded.tables) == path.read_text()
-    assert tomllib.loads(path.read_text())["schema"] == 2
+    assert tomllib.loads(path.read_text())["schema"] == 3
     assert loaded.delay_warning(0.01) == ""
     assert "expect a limit cycle" in loaded.delay_warning(10.0) or loaded.max_delay == np.inf
 
@@ -183,7 +186,7 @@ def test_file_comes_back_as_it_was(tmp_path, calibrated):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("schema = 2", "schema = 1", r"schema 1, but this version reads 2"),
+        ("schema = 3", "schema = 2", r"schema 2, but this version reads 3"),
         ("tick_us = 10000", "tick_us = 50", r":\d+: 'tick_us' = 50 is outside 1000 to 20000"),
         ("tick_us = 10000", "tick_us = 9000", r":\d+: crc does not match"),
         ("tick_us = 10000", "tick_us = 1.5", r":\d+: 'tick_us' must hold integers, not 1.5"),
@@ -192,7 +195,7 @@ def test_file_comes_back_as_it_was(tmp_path, calibrated):
         ("tick_us = 10000\n", "", r"missing key 'tick_us'"),
         ("[margins]", "[marigns]", r"unknown key 'marigns'"),
         ("law = 0", "law = [0]", r"'law' must hold integers"),
-        ("schema = 2", "schema = ", r"not a TOML file"),
+        ("schema = 3", "schema = ", r"not a TOML file"),
         ("verified = true", "verified = false", r"digest does not match .* edited"),
         ("max_delay_s = 0", "max_delay_s = 1", r"digest does not match"),
         ("vehicle_sha256 = ", "vehicle = ", r"missing key 'vehicle_sha256'|not a TOML"),
@@ -214,13 +217,30 @@ def test_a_spoiled_file_is_refused_in_one_line(tmp_path, calibrated, old, new, m
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", ["calibration", "design", "margins", "provenance", "plant"])
+def test_a_vehicle_of_other_numbers_than_designed_for_is_refused(tmp_path, calibrated):
+    record, tables = calibrated
+    heavier = {**tables["vehicle"], "plant": {**tables["vehicle"]["plant"], "sprung_mass": 2281.0}}
+    path = tmp_path / "calibration.toml"
+    calibration_file.save(path, record, {**tables, "vehicle": heavier})
+    with pytest.raises(
+        CanrollError, match=r"calibration\.toml:\d+: the fingerprint does not match"
+    ):
+        calibration_file.load(path)
+
+
+@pytest.mark.parametrize("name", ["calibration", "design", "margins", "provenance", "vehicle"])
 @pytest.mark.parametrize("value", [True, "law vehicle actuator verified tick_s warnings", [1]])
 def test_a_table_that_is_none_is_refused(tmp_path, calibrated, name, value):
     content = tomllib.loads(calibration_file.dumps(*calibrated)) | {name: value}
     path = tmp_path / "calibration.toml"
     path.write_text(tomli_w.dumps(content))
     with pytest.raises(CanrollError, match=rf"{name} must be a table"):
+        calibration_file.load(path)
+
+
+def test_a_vehicle_file_is_named_as_one():
+    path = Path(vehicles.__file__).with_name("van_real.toml")
+    with pytest.raises(CanrollError, match=r"van_real\.toml: this is a vehicle, for --vehicle"):
         calibration_file.load(path)
 
 
@@ -357,15 +377,28 @@ def test_custom_gains(tmp_path):
     np.testing.assert_allclose(after, before, rtol=1e-9)
 
 
+def first_order(a):
+    return f"A = [[{a}]]\nB = [[1.0, 0, 0, 0]]\nC = [[1.0]]\nD = [[0, 0, 0, 0]]"
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
         ("gains.csv", "1", "give a .npz, .mat or .toml"),
         ("gains.toml", "K = [[1.0, 2.0, 3.0]]", "K has 3 entries"),
         ("gains.toml", "L = [[1.0]]", "unknown matrix 'L'"),
+        ("gains.toml", "K = [[nan, 1.0]]", "K has a number that is not finite"),
         ("gains.toml", "A = [[0.5]]\nB = [[1.0, 0, 0, 0]]\nC = [[1.0]]", "D is missing"),
         ("gains.toml", "A = [[0.5]]\nB = [[1.0]]\nC = [[1.0]]\nD = [[0, 0, 0, 0]]", "B is"),
         ("gains.npz", "not a zip", "cannot read matrices"),
+        ("gains.toml", "K = [[1.0, 2.0]]\nA = [[0.5]]", "K is of a state feedback, A of a comp"),
+        ("gains.toml", "Kff = 3.0\nD = [[0, 0, 0, 0]]", "Kff is of a state feedback, D of a comp"),
+        ("gains.toml", first_order("1.2"), "A has an eigenvalue outside the unit circle: 1.2"),
+        (
+            "gains.toml",
+            f"{first_order('0.9')}\nE = [[-2.0]]",
+            r"A \+ E C has an eigenvalue outside the unit circle: -1.1",
+        ),
     ],
 )
 def test_custom_files_that_do_not_fit(tmp_path, name, content, message):
@@ -373,7 +406,7 @@ def test_custom_files_that_do_not_fit(tmp_path, name, content, message):
     path.write_text(content)
     with pytest.raises(CanrollError, match=message):
         design("custom", task(matrices=str(path)))
-    with pytest.raises(CanrollError, match="needs --matrices"):
+    with pytest.raises(CanrollError, match="add --matrices FILE"):
         design("custom", task())
 
 
@@ -486,11 +519,11 @@ def test_printed_gains_are_never_verified_and_every_number_has_its_unit(tmp_path
     assert code == int(" FAILS" in shown)
     assert not calibration_file.load(tmp_path / "calibration.toml").verified
     assert "warning: NOT VERIFIED: lqr with the gains as printed" in shown
-    assert main(["design", "--law", "hinf_delay", "--out", str(tmp_path)]) == 0
+    assert main(["design", "--law", "hinf_delay", "--verbose", "--out", str(tmp_path)]) == 0
     shown = capsys.readouterr().out
     assert " dB" in shown
-    assert "ok (empty, 80 km/h" in shown
-    assert "largest delay, sampled loop" in shown
+    assert re.search("ok +empty, 80 km/h", shown)
+    assert "margin over the longest delay" in shown and "largest delay, sampled loop" in shown
     assert " inf" not in shown
 
 

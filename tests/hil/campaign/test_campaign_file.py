@@ -142,7 +142,10 @@ HEAD = 'schema = 1\nscenario = "roundabout"\nruns = 8\n[run]\nlaw = "lqr"\nplant
         (HEAD + '[draw]\nbus = {values = ["500"]}', "did you mean '500k'?"),
         (HEAD + '[draw]\nbus = {values = ["500k"], weights = [0]}', "nor all zero"),
         (HEAD + "[draw]\noption.frict = {uniform = [0, 1]}", "did you mean 'friction'?"),
-        (HEAD + "[draw]\noption.friction = {uniform = [0, 1]}", "the friction must be 0.05"),
+        (
+            HEAD + "[draw]\noption.friction = {uniform = [0, 1]}",
+            "option friction of roundabout: 1e-12 must be 0.05 to 1.5",
+        ),
         (HEAD + "[draw]\ncondition.nose = {uniform = [0, 1]}", "did you mean 'noise'?"),
         (HEAD + "[draw]\nphase_ms = {uniform = [0, 100]}", "must be 0 to 10 ms"),
         (HEAD + '[faults]\nof = ["Imu.RollRate=stick"]\nsingle = 0.1', "did you mean 'stuck'?"),

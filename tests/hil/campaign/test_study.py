@@ -78,7 +78,9 @@ def test_a_vehicle_that_cannot_be_is_not_driven():
     name = "vehicle.roll_stiffness"
     draw = {name: campaign_file.read(written, name)}
     plan = replace(request, draw=draw, places={name: name}).plan()
-    with pytest.raises(CanrollError, match="draw 0: no valid vehicle"):
+    with pytest.raises(
+        CanrollError, match=r"draw 0: no valid vehicle.*factors: \{ uniform = \[0\.9"
+    ):
         plan.draw(0)
 
 
@@ -260,3 +262,38 @@ def test_without_pyarrow_the_extra_is_named(tmp_path, monkeypatch, capsys):
 def test_an_unknown_quantity_is_named():
     with pytest.raises(UnknownNameError, match="friction"):
         variation.spread_from({"frictoin": "0.1"})
+
+
+def test_a_campaign_from_python_has_the_table_of_the_command(alone):
+    choices = {"law": "lqr", "plant": "roll1"}
+    found = study.campaign("roundabout", runs=20, **choices)
+    rows = pq.read_table(alone / "campaign.parquet").to_pylist()
+    assert list(found.table) == rows
+    assert (
+        found.to_json()["quantiles"]
+        == json.loads((alone / "campaign.json").read_text())["quantiles"]
+    )
+
+
+def test_a_campaign_from_python_continues_in_its_folder(tmp_path):
+    choices = {"runs": 8, "law": "lqr", "plant": "roll1", "folder": tmp_path / "kept"}
+    first = study.campaign("roundabout", **choices)
+    again = []
+    second = study.campaign("roundabout", **choices, watch=lambda _, kept: again.append(kept))
+    assert again[-1] == 8
+    assert list(first.table) == list(second.table)
+    assert second.file is not None
+    assert second.file.is_file()
+
+
+def test_the_hardest_draw_is_that_of_the_metric(capsys):
+    assert main(["campaign", *LIGHT, "--runs", "8", "--worst-by", "roll_max_deg"]) == 0
+    assert "hardest (failures first, then by largest roll_max_deg): draw" in capsys.readouterr().out
+    choices = {"law": "lqr", "plant": "roll1"}
+    table = study.campaign("roundabout", runs=8, **choices).table
+    rolls = table.column("controlled_roll_max_deg")
+    assert main(["campaign", *LIGHT, "--runs", "8", "--worst-by", "roll_max_deg", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert (data["hardest"], data["worst_by"]) == (rolls.index(max(rolls)), "roll_max_deg")
+    assert main(["campaign", *LIGHT, "--worst-by", "roll_max_degr"]) == 2
+    assert "did you mean 'roll_max_deg'?" in capsys.readouterr().err

@@ -1,14 +1,15 @@
 """The command ``canroll bus``: what it refuses, and its verdict."""
 
 import json
+import re
 from pathlib import Path
 
 import can
 import numpy as np
 import pytest
 
-from hil.cli import bus
 from hil.cli.main import main
+from hil.network import analysis
 from plant_sim.can_bus import advance, build_network, drain
 from plant_sim.can_bus.analysis import response_bounds
 from plant_sim.can_bus.simulation import traffic_spec
@@ -134,7 +135,7 @@ def test_beside_a_recording_there_is_no_bound(tmp_path, capsys):
     command = ["bus", traffic(tmp_path, period=10), "--simulate", "1", "--replay", log]
     assert main(command) == 0
     text = " ".join(capsys.readouterr().out.split())
-    assert "without a bound, no bound: the periods of a recording are unknown: Imu, Susp" in text
+    assert "without a bound, the periods of a recording are unknown: all messages" in text
     assert "age at most" not in text
     assert main([*command, "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -209,17 +210,17 @@ def test_the_data_bit_rate_can_be_given(tmp_path, capsys):
 
 def test_an_age_equal_to_its_bound_is_not_above_it(monkeypatch, capsys):
     bound = {}
-    delay_bounds = bus.delay_bounds_of_set
+    loop_delay = analysis.loop_delay
 
     def noted(*messages, **rates):
-        bound["total"] = delay_bounds(*messages, **rates)
+        bound["total"] = loop_delay(*messages, **rates)
         return bound["total"]
 
     def ages(*messages, **options):
         return np.array([round(bound["total"].age_max * 1e9) + bound["beyond_ns"]])
 
-    monkeypatch.setattr(bus, "delay_bounds_of_set", noted)
-    monkeypatch.setattr(bus, "simulate_ages_of_set", ages)
+    monkeypatch.setattr(analysis, "loop_delay", noted)
+    monkeypatch.setattr(analysis, "simulate_ages_of_network", ages)
     for bound["beyond_ns"], code in ((0, 0), (1, 1)):
         assert main(["bus", str(DBC), "--simulate", "0.1"]) == code
     assert "above its bound" in capsys.readouterr().err
@@ -292,7 +293,7 @@ def test_the_page_of_a_log_names_its_evidence(tmp_path, capsys):
     text = " ".join(capsys.readouterr().out.split())
     assert "frames in 5.99" in text
     assert "at 250 kbit/s (inferred from" in text
-    assert "Imu to AntiRollBarCommand at a tick of 10 ms on this bus: total delay" in text
+    assert "Imu to AntiRollBarCommand at a tick of 10 ms: total delay" in text
     assert "after: the bound with canroll" in text
 
 
@@ -305,6 +306,28 @@ def test_every_bound_of_a_log_is_printed_whole(tmp_path, capsys):
     bounds = [row["bound_after_ms"] for row in found["messages"].values()]
     assert len(bounds) > 10
     assert [f"{b:.3f}" for b in bounds if f" {b:.3f}" not in text] == []
+
+
+LONG = "TheMessageOfTheElectronicStabilityProgramWithALongNameAndAnotherOne"
+
+
+def test_names_are_whole_in_a_pipe(tmp_path, capsys, monkeypatch):
+    """Once a pipe had 80 columns, and names in it an ellipsis."""
+    monkeypatch.delenv("COLUMNS", raising=False)
+    path = tmp_path / "set.toml"
+    text = 'bitrate = 500000\n[[message]]\nname = "{}"\nid = {}\nbytes = 8\nperiod_ms = {}\n'
+    second = text.partition("\n")[2].format("Late" + LONG, 257, 1000)
+    path.write_text(text.format(LONG, 256, 10) + second)
+    main(["bus", str(path), "--simulate", "0.1", "--sensor", LONG, "--command", "Late" + LONG])
+    rows = [line.split() for line in capsys.readouterr().out.splitlines() if LONG in line]
+    assert [row[:2] for row in rows[:2]] == [[LONG, "100"], ["Late" + LONG, "101"]]
+
+
+def test_names_of_a_recorded_bus_are_whole_in_a_pipe(tmp_path, capsys, monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    path, _ = recorded(tmp_path)
+    assert main(["bus", path, "--simulate", "0"]) == 0
+    assert re.search(r"^ *[0-9A-F]+ AntiRollBarCommand ", capsys.readouterr().out, re.MULTILINE)
 
 
 def test_our_recorded_command_is_ours_whatever_the_tick(tmp_path, capsys):
@@ -331,7 +354,7 @@ def test_a_message_of_ours_that_is_on_the_bus_is_not_added_again(tmp_path, capsy
     found = answer_of(capsys, path, "--add", str(sensor), "--simulate", "0", code=1)
     assert {row["bound_after_ms"] for row in found["messages"].values()} == {None}
     reasons = {row["reason"] for row in found["messages"].values()}
-    assert reasons == {"identifier A8 used by several nodes: their frames collide"}
+    assert reasons == {"identifier 0xA8 used by several nodes: their frames collide"}
 
 
 def test_more_than_a_recorded_bus_can_carry_fails_the_verdict(tmp_path, capsys):
@@ -441,11 +464,15 @@ def test_sensitivity_and_errors_are_told_in_words(tmp_path, capsys):
     assert main(["bus", str(path), *options]) == 1
     text = " ".join(capsys.readouterr().out.split())
     assert "deadline missed: Fast (3.240 of 3 ms)" in text
-    assert "however seldom all messages come, Fast misses its deadline" in text
+    assert "a deadline is missed at any message rate: Fast" in text
     assert "at most: Fast 1 (late without any), Mid" in text
     path.write_text(MARGINS.replace("deadline_ms = 3 ", "deadline_ms = 5 "))
     assert main(["bus", str(path), *options]) == 0
-    assert "times as often (load" in " ".join(capsys.readouterr().out.split())
+    text = " ".join(capsys.readouterr().out.split())
+    assert re.search(
+        r"all rates can grow by a factor of [\d.]+ \(load .*\) before a deadline is missed: Other",
+        text,
+    )
 
 
 def test_an_unknown_bus_is_suggested_the_nearest(capsys):
@@ -518,13 +545,35 @@ def test_a_network_without_a_bound_fails_its_verdict(tmp_path, capsys):
     assert "no bound of the delay" in text
 
 
+def test_a_deadline_missed_over_a_gateway_fails_the_verdict(tmp_path, capsys):
+    """A deadline in the background of a network was once ignored."""
+    row = ROW.format(name="Doors", ident=0x10, period=50) + 'node = "A"\ndeadline_ms = {}\n'
+    path = tmp_path / "net.toml"
+    path.write_text(
+        "schema = 1\n[segment.a]\nbitrate = 500000\nload = 0.3\n"
+        '[segment.b]\nbitrate = 500000\ntraffic = "doors.toml"\n'
+        '[[gateway]]\nsegments = ["a", "b"]\nlatency_ms = 5\nmessages = ["Doors"]\n'
+    )
+    command = ["bus", str(path), "--simulate", "0"]
+    (tmp_path / "doors.toml").write_text(row.format(20))
+    assert main(command) == 0
+    assert "deadline" not in capsys.readouterr().out
+    (tmp_path / "doors.toml").write_text(row.format(4))
+    assert main(command) == 1
+    (line,) = re.findall("^deadline missed: .*", capsys.readouterr().out, re.MULTILINE)
+    assert re.fullmatch(r"deadline missed: Doors on a \(5\.\d+ of 4 ms\)", line)
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         (["--serve"], "--serve needs a traffic set"),
         (["--propose", "offsets"], "--propose needs a traffic set"),
         (["--bitrate", "250000"], "--bitrate is that of the network: set it in"),
-        (["--sensor", "Gyro"], "'Gyro' is not a message of the bus"),
+        (
+            ["--sensor", "Gyro"],
+            "unknown --sensor message 'Gyro': choose from ActuatorState, AntiRollBarCommand, Imu",
+        ),
         (["--command", "ForceCommand"], "command message"),
         (["--add", "x.toml"], "--add puts messages onto the bus of a log"),
     ],

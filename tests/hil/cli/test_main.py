@@ -1,5 +1,6 @@
 import argparse
 import errno
+import re
 import subprocess
 import sys
 from importlib import import_module
@@ -10,6 +11,7 @@ import pytest
 from canroll.errors import VerdictError
 from hil.cli import main as cli
 from hil.cli.parsers import COMMANDS, Command, handler
+from hil.runs import virtual_time
 
 
 @pytest.fixture
@@ -35,12 +37,13 @@ def test_every_command_has_options_and_a_handler(name):
 def test_help_names_every_command(capsys):
     assert cli.main(["--help"]) == 0
     out = capsys.readouterr().out
-    assert all(name in out for name in COMMANDS)
+    named = [line.split()[0] for line in out.splitlines() if line.startswith("  ")]
+    assert sorted(named) == sorted(COMMANDS)
 
 
 def test_nothing_to_do_prints_help_and_is_a_usage_error(capsys):
     assert cli.main([]) == 2
-    assert "commands:" in capsys.readouterr().out
+    assert "simulate:" in capsys.readouterr().out
 
 
 def test_unknown_command_suggests_the_nearest(capsys):
@@ -53,6 +56,16 @@ def test_an_unknown_option_names_the_commands_own_help(capsys, command):
     assert cli.main(["run", "--cuont", "3", "more"]) == 2
     error = capsys.readouterr().err
     assert error == "canroll: 'run' does not take --cuont 3 more (see 'canroll run --help')\n"
+
+
+@pytest.mark.parametrize(
+    "command_line", ["campaign --res", "run moose --dur 1", "export-c d --ad 1"]
+)
+def test_an_option_has_one_spelling(capsys, command_line):
+    """A command line that is written again, as that of a campaign, must be one that is taken."""
+    assert cli.main(command_line.split()) == 2
+    name, *_, option = command_line.removesuffix(" 1").split()
+    assert f"'{name}' does not take {option}" in capsys.readouterr().err
 
 
 def test_wrong_option_is_one_line(capsys, command):
@@ -71,6 +84,20 @@ def test_errors_become_a_line_and_their_exit_code(capsys, command):
     command(refuse)
     assert cli.main(["run"]) == 1
     assert capsys.readouterr().err == "canroll: no gain keeps this delay stable: lower the delay\n"
+
+
+def test_an_interrupted_run_writes_no_files(tmp_path, capsys, monkeypatch):
+    def interrupt(self, t, image):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(virtual_time.TickRows, "add", interrupt)
+    words = ["run", "double_lane_change", "--law", "lqr", "--log", str(tmp_path / "bus.asc")]
+    assert cli.main([*words, "--out", str(tmp_path / "out")]) == 130
+    assert re.fullmatch(
+        r"canroll: interrupted at \S+ s of the run: no files are written\n",
+        capsys.readouterr().err,
+    )
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_interrupt_is_130(command):
@@ -167,3 +194,16 @@ def test_a_machine_that_is_full_is_no_error_of_ours(capsys, monkeypatch, error, 
     monkeypatch.setattr(cli, "dispatch", fail)
     assert cli.main(["run"]) == 2
     assert capsys.readouterr().err == message
+
+
+def test_help_leaves_out_what_help_all_shows(capsys):
+    texts = []
+    for option in ("--help", "--help-all"):
+        with pytest.raises(SystemExit) as ended:
+            cli.main(["run", option])
+        assert ended.value.code == 0
+        texts.append(capsys.readouterr().out)
+    assert "--vehicle" in texts[0]
+    assert "--moment-share" not in texts[0]
+    assert "--moment-share" in texts[1]
+    assert cli.parse(["run", "moose", "--moment-share", "0.4"]).moment_share == 0.4

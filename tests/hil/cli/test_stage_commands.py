@@ -168,3 +168,45 @@ def test_code_for_one_calibration_has_it_too(calibration, tmp_path):
     command = ["make", "-C", tmp_path, "test"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=True)
     assert done.stdout.count("PASS") == 2
+
+
+STAGE = """
+from firmware.calibration import Calibration
+from firmware.state import Ecu
+from firmware.subset import i32
+LIMIT = 30
+
+def moment(ecu: Ecu, cal: Calibration, wanted: i32, output: i32, steps: i32) -> i32:
+    if {condition}:
+        return wanted >> 1
+    return wanted
+"""
+
+
+@pytest.mark.parametrize(
+    "condition",
+    [
+        *("ecu.speed > 30", "-3 < ecu.lateral_acceleration", "ecu.speed - 30 > 0"),
+        *("0 < 30 - ecu.speed", "ecu.speed > LIMIT", "ecu.speed - LIMIT >= 0"),
+    ],
+)
+def test_a_scaled_field_is_not_compared_with_a_bare_number(condition, tmp_path, capsys):
+    path = tmp_path / "stage.py"
+    path.write_text(STAGE.format(condition=condition))
+    assert main(["prove", "--stage", str(path)]) == 2
+    told = capsys.readouterr().err
+    assert "stage.py:8: ecu." in told and "fractional bits" in told
+    assert any(f"'{number} << " in told for number in ("30", "-3", "LIMIT"))
+
+
+@pytest.mark.parametrize(
+    "condition",
+    [
+        *("ecu.speed > 30 << 20", "ecu.speed > 0", "ecu.mode == 2", "ecu.speed > LIMIT << 20"),
+        "ecu.speed - (30 << 20) > 0",
+    ],
+)
+def test_a_number_in_the_format_of_the_field_is(condition, tmp_path):
+    path = tmp_path / "stage.py"
+    path.write_text(STAGE.format(condition=condition))
+    assert main(["prove", "--stage", str(path)]) == 0

@@ -44,3 +44,22 @@ def test_a_narrow_terminal_shows_every_letter_and_breaks_between_words(
     if columns > 40:
         assert "AntiRollBarCommand:" in out
         assert "accepted" in out
+
+
+def test_a_pipe_gets_a_line_a_minute_on_stderr(capsys, monkeypatch):
+    clock = iter((0.0, 30.0, 61.0, 90.0, 125.0))
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: next(clock))
+    with terminal.progress(quiet=False) as progress:
+        for share in (0.1, 0.2, 0.3, 0.4):
+            progress("controlled", share)
+    printed = capsys.readouterr()
+    assert printed.err == "controlled: 20 % after 1 min\ncontrolled: 40 % after 2 min\n"
+    assert not printed.out
+
+
+def test_json_is_quiet(capsys, monkeypatch):
+    clock = iter((0.0, 61.0))
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: next(clock))
+    with terminal.progress(quiet=True) as progress:
+        progress("controlled", 0.1)
+    assert not capsys.readouterr().err

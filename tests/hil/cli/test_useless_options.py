@@ -15,6 +15,9 @@ USELESS = [
     ("timing --bound --counter qemu", "--counter: --bound reads the code"),
     ("timing --hil --counter unicorn", "--counter: --hil runs on this machine"),
     ("timing --hil --processor cortex-m0", "--processor: --hil runs on this machine"),
+    ("timing --hil --processor cortex-m4", "--processor: --hil runs on this machine"),
+    ("timing --hil --ticks=4000", "--ticks: --hil runs on this machine"),
+    ("campaign --samples 1000", "--samples: it belongs to --rare"),
     ("timing --hil --specialise", "--specialise: --hil runs on this machine"),
     ("timing --hil --bound", "--bound: --hil runs on this machine"),
     ("timing --hil --clock 80", "--clock: --hil runs on this machine"),
@@ -60,6 +63,16 @@ USELESS = [
     ("run moose --law plain_feedforward --no-feedforward", "plain_feedforward is nothing else"),
     ("design --law ay_feedforward --no-feedforward", "ay_feedforward is nothing else"),
     ("design --law lqr_full_car --no-feedforward", "--no-feedforward: lqr_full_car has none"),
+    ("run moose --law custom", "--law custom needs its gains: add --matrices FILE"),
+    ("compare law=custom lqr", "--law custom needs its gains: add --matrices FILE"),
+    ("design --law lqr --matrices k.toml", "--matrices applies to --law custom only"),
+    ("run moose --set friction=0.8 --set friction=0.4", "--set friction: given twice"),
+    ("sweep moose fishhook lqr", "sweep: give one manoeuvre"),
+    ("sweep lqr smc --law hinf", "--law: the runs lqr smc have theirs"),
+    ("sweep law=lqr,speed=80", "--speed gives the speeds: omit speed"),
+    ("watch", "-i and -c are required to select the bus"),
+    ("watch --web", "-i and -c are required to select the bus"),
+    ("watch -c vcan0", "-i and -c are required to select the bus"),
     ("attacks -c vcan0", "--channel is of an interface: add -i"),
     ("campaign --event rollover", "--event: it belongs to --until"),
     ("campaign --samples 10", "--samples: it belongs to --rare"),
@@ -70,6 +83,9 @@ USELESS = [
     ("bus examples/bus.toml --host 0.0.0.0", "--host: it belongs to --serve and --share"),
     ("bus examples/bus.toml --serve --sensitivity", "--sensitivity: a served bus is not analysed"),
     ("bus examples/bus.toml --serve --json", "--json: a served bus is not analysed"),
+    ("bus examples/bus.toml --serve --sensor Imi", "--sensor: a served bus is not analysed"),
+    ("bus examples/bus.toml --serve --tick 10", "--tick: a served bus is not analysed"),
+    ("bus examples/bus.toml --serve --simulate 3", "--simulate: a served bus is not analysed"),
     ("bus examples/bus.toml --serve --propose offsets", "--propose: a served bus is not analysed"),
 ]
 
@@ -84,7 +100,7 @@ def test_an_option_without_effect_is_refused(line, says, capsys, monkeypatch, tm
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
-def test_what_is_not_given_or_at_its_default_is_no_fault():
+def test_what_is_not_given_is_no_fault():
     from argparse import Namespace
 
     refuse_useless(Namespace(ticks=4000, clock=None), {"ticks": 4000, "clock": None, "x": 1}, "")

@@ -232,5 +232,5 @@ def test_what_the_bus_cannot_do_is_refused(tmp_path, operation):
     fmu.read([])
     with pytest.raises(FMICallException):
         fmu.give({"A": operation})
-    fmu.read([])
+    # still in event mode
     fmu.give({"A": struct.pack("<IIBI", 0x40, 13, 1, 500_000)})

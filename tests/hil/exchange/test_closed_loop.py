@@ -1,5 +1,9 @@
 """ECU, bus and plant as FMUs under FMPy exchange the frames of a run, byte for byte."""
 
+import subprocess
+import sys
+from zipfile import ZipFile
+
 import fmpy
 import numpy as np
 import pytest
@@ -47,6 +51,16 @@ def received(frames, by):
 def test_all_three_meet_the_standard(fmus):
     for kind in ("ecu", "bus", "plant"):
         assert validate_fmu(str(fmus / f"{kind}.fmu")) == []
+
+
+@pytest.mark.parametrize("kind", ["ecu", "bus", "plant"])
+def test_another_process_writes_the_same_sources(fmus, tmp_path, kind):
+    again = tmp_path / "again.fmu"
+    command = [sys.executable, "-m", "hil.cli.main", "export-fmu", kind, str(again)]
+    subprocess.run(command, check=True, capture_output=True)
+    with ZipFile(fmus / f"{kind}.fmu") as one, ZipFile(again) as other:
+        for name in one.namelist():
+            assert name.endswith(".so") or one.read(name) == other.read(name), name
 
 
 def test_frames_are_those_of_a_run(fmus, run):

@@ -101,7 +101,7 @@ def test_a_run_in_real_time_says_what_it_was(tmp_path, capsys):
     else:
         assert (code, answer["helps"], answer["standard"]) == (1, None, None)
         assert answer["verdict"] == f"Not valid: {'; '.join(timing['not_valid'])}"
-    assert ("class=greyed" in (out / "report.html").read_text()) == (not timing["valid"])
+    assert ('class="greyed"' in (out / "report.html").read_text()) == (not timing["valid"])
     for name in ("start_jitter_us", "tick_us"):
         figures = timing[name]
         assert list(figures) == ["min", "p50", "p99", "p99.9", "max"]

@@ -184,7 +184,7 @@ def test_the_plant_is_told_all_that_makes_the_world(tmp_path):
     from hil.cli.plant import world_of
     from hil.runs.experiment import build_world
 
-    settings, controller = plan(
+    settings, _ = plan(
         "double_lane_change",
         law="lqr",
         actuator="bars",
@@ -197,7 +197,8 @@ def test_the_plant_is_told_all_that_makes_the_world(tmp_path):
     setup = session.Setup(
         bus_options=(), folder=tmp_path, cores=None, duration=None, announce=print
     )
-    arguments = session.plant_arguments(settings, controller, setup, enabled=False)
+    session.save_vehicle(settings, setup)
+    arguments = session.plant_arguments(settings, setup, enabled=False)
     theirs = world_of(parse(arguments))
     ours = build_world(settings, enabled=False)
     for world in (ours, theirs):

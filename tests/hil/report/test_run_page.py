@@ -6,17 +6,20 @@ import json
 import re
 import shutil
 import subprocess
+from contextlib import contextmanager
 from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from support.chromium import tab
 
 from hil.realtime.timing import histogram as time_histogram
 from hil.realtime.timing import quantiles
 from hil.report.figure import Series, distribution, histogram, thin
 from hil.report.page import Cell, Page, Table, Verdict, render
 from hil.report.run_page import run_page, timing_figures
+from hil.report.tables import reaction_tables
 from hil.runs import experiment
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser"))), None)
@@ -45,36 +48,13 @@ def page(result):
     return run_page(result)
 
 
-USE = """<script>
-SVGElement.prototype.setPointerCapture = () => {};
-const found = {};
-const figure = document.getElementById("figure-roll");
-const svg = figure.querySelector(":scope > svg");
-const at = (type, share) => {
-  const box = svg.getBoundingClientRect();
-  const x = box.left + box.width * share;
-  const event = { clientX: x, clientY: box.top + 40, pointerId: 1, bubbles: true };
-  svg.dispatchEvent(new PointerEvent(type, event));
-};
-at("pointermove", 0.5);
-found.tip = figure.querySelector(".tip").textContent;
-found.clock = document.querySelector(".controls span").textContent;
-found.all = Number(figure.dataset.points);
-at("pointerdown", 0.4);
-at("pointermove", 0.6);
-at("pointerup", 0.6);
-found.zoomed = figure.classList.contains("zoomed");
-found.linked = document.getElementById("figure-moment").classList.contains("zoomed");
-found.apart = document.getElementById("figure-path").classList.contains("zoomed");
-found.part = Number(figure.dataset.points);
-svg.dispatchEvent(new MouseEvent("dblclick"));
-found.reset = !figure.classList.contains("zoomed");
-figure.querySelector(".legend button").click();
-found.fewer = Number(figure.dataset.points);
-document.querySelector(".controls button").click();
-found.playing = document.querySelector(".controls button").textContent;
-document.body.dataset.found = JSON.stringify(found);
-</script></body>"""
+def test_moments_do_not_stand_in_a_column_of_times(result):
+    times, moments = reaction_tables(result)
+    assert times.head[1:] == ("from (s)", "to (s)")
+    assert all(str(row[0]).startswith(("mode ", "fault code ")) for row in times.rows)
+    assert moments.head[1:] == ("largest (N·m)", "longest over 500 N·m (s)")
+    wanted = ["reaction.wrong_side_max_nm", "reaction.wrong_side_s"]
+    assert [cell.key for cell in moments.rows[0][1:]] == wanted
 
 
 @pytest.fixture(scope="module")
@@ -147,6 +127,14 @@ def test_verdict_comes_first_and_provenance_last(page, result):
     assert result.settings.vehicle.basis in page
 
 
+def test_every_number_of_the_vehicle_stands_with_its_source(page, result):
+    vehicle = result.settings.vehicle
+    source = html.escape(vehicle.source("plant.sprung_mass"))
+    row = f"<td>vehicle: plant.sprung_mass</td><td>{vehicle.plant.sprung_mass:.6g}; {source}</td>"
+    assert row in page
+    assert "vehicle: sensors.speed.latency</td>" in page
+
+
 def test_names_cannot_break_out_of_the_page(result):
     warned = replace(result, warnings=("</script><b>bold</b>",))
     text = run_page(warned)
@@ -166,7 +154,7 @@ def test_every_plot_is_drawn(browser):
     drawn = dict(points)
     expected = {
         "roll", "roll-rate", "nlt-front", "nlt-rear", "ay", "steer", "path-error", "path",
-        "moment", "forces", "loads", "estimate", "estimate-rate", "estimate-ay",
+        "moment", "forces", "loads-front", "loads-rear", "estimate", "estimate-rate", "estimate-ay",
         "bus-load", "response", "age",
     }  # fmt: skip
     assert set(drawn) == expected
@@ -174,35 +162,112 @@ def test_every_plot_is_drawn(browser):
     assert int(drawn["roll"]) > 400
 
 
-def test_plots_can_be_used(page, tmp_path):
-    document, console = load(page.replace("</body>", USE), tmp_path)
-    assert not [line for line in console.splitlines() if "CONSOLE" in line]
-    text = re.search(r'data-found="(.*?)"', document).group(1)
-    found = json.loads(html.unescape(text))
-    assert "without control: " in found["tip"] and "with control: " in found["tip"]
+def test_cones_stand_on_the_path(page, result):
+    data = json.loads(re.search(r'id="data">(.*?)</script>', page, re.S).group(1))
+    figure = next(figure for figure in data["figures"] if figure["id"] == "path")
+    cones = next(series for series in figure["series"] if series["name"] == "cones")
+    x, y = (np.frombuffer(base64.b64decode(cones[axis]), "<f4") for axis in "xy")
+    # ISO 3888-1: the first gate stands after the approach, 1.1 times the width and 0.25 m wide
+    width = 1.1 * result.settings.vehicle.geometry.width + 0.25
+    assert sorted(y[x == x.min()]) == pytest.approx([-width / 2, width / 2])
+    assert len(data["playback"]["cones"]) == len(x)
+
+
+@pytest.fixture
+def opened(page, tmp_path):
+    """Return the page in a browser that is driven as people drive it."""
+    (tmp_path / "report.html").write_text(page, encoding="utf-8")
+    with tab() as browser:
+        browser.open(f"file://{tmp_path / 'report.html'}")
+        browser.wait_for("document.body.dataset.ready")
+        yield browser
+        assert browser.errors == []
+
+
+def legend(browser, figure="roll"):
+    """Return the texts of a legend: the instant, then every curve with its value."""
+    text = browser.ask(
+        f"""[...document.querySelectorAll("#figure-{figure} .legend > *")].map(
+          (item) => item.textContent)"""
+    )
+    return [text[-1], *text[:-1]]
+
+
+def shown_points(browser, figure="roll"):
+    return int(browser.ask(f"document.getElementById('figure-{figure}').dataset.points"))
+
+
+def is_zoomed(browser, figure):
+    return browser.ask(f"document.getElementById('figure-{figure}').classList.contains('zoomed')")
+
+
+def test_the_cursor_shows_the_values_of_all_plots_at_one_instant(opened, result):
+    opened.hover("#figure-roll .u-over")
+    instant, passive, controlled = legend(opened)
+    t = float(instant.split()[0])
+    for text, run in ((passive, result.passive), (controlled, result.controlled)):
+        value = float(re.search(r"control(-?[\d.]+)$", text)[1])
+        wanted = np.degrees(np.interp(t, run.signals["time"], run.signals["roll"]))
+        assert value == pytest.approx(wanted, abs=0.02)
+    assert legend(opened, "steer")[0] == instant
     # the playback follows the cursor
-    assert found["tip"].startswith(found["clock"].split()[0][:3])
-    assert found["zoomed"] and found["linked"] and not found["apart"]
-    assert 0 < found["part"] < found["all"]
-    assert found["reset"]
-    assert 0 < found["fewer"] < found["all"]
-    assert "pause" in found["playing"]
+    clock = opened.ask("document.querySelector('.playback .controls span').textContent")
+    assert float(clock.split()[0]) == pytest.approx(t, abs=0.006)
 
 
-WIDTHS = """<script>
-// no window of a browser gets narrower than 500 pixels, its page does
-document.body.style.width = "390px";
-const found = { page: document.body.scrollWidth, tables: [] };
-for (const box of document.querySelectorAll(".scroll")) {
-  found.tables.push([box.scrollWidth, box.clientWidth]);
-}
-document.body.dataset.found = JSON.stringify(found);
-</script></body>"""
+def test_a_drag_zooms_every_plot_over_time_and_a_double_click_resets(opened):
+    every = shown_points(opened)
+    opened.drag("#figure-roll .u-over", 0.4, 0.6)
+    assert is_zoomed(opened, "roll") and is_zoomed(opened, "moment")
+    assert not is_zoomed(opened, "path")
+    assert shown_points(opened) == pytest.approx(0.2 * every, rel=0.05)
+    opened.click("#figure-roll .u-over", times=2)
+    assert not is_zoomed(opened, "roll")
+    assert shown_points(opened) == every
+
+
+def test_a_map_is_zoomed_both_ways_and_alone(opened):
+    opened.drag("#figure-path .u-over", 0.4, 0.6)
+    assert is_zoomed(opened, "path") and not is_zoomed(opened, "roll")
+
+
+def test_a_name_in_the_legend_switches_its_curve(opened):
+    every = shown_points(opened)
+    opened.click("#figure-roll .legend button")
+    assert shown_points(opened) == pytest.approx(every / 2, rel=0.05)
+    opened.click("#figure-roll .legend button")
+    assert shown_points(opened) == every
+
+
+def test_the_playback_plays(opened):
+    opened.click(".playback .controls button")
+    opened.wait_for(
+        "document.querySelector('.playback .controls button').textContent.includes('pause')"
+    )
+
+
+WIDTHS = """({
+  page: document.documentElement.scrollWidth,
+  tables: [...document.querySelectorAll(".scroll")].map(
+    (box) => [box.scrollWidth, box.clientWidth]),
+})"""
+PHONE = {"width": 390, "height": 844, "deviceScaleFactor": 2, "mobile": True}
+
+
+@contextmanager
+def on_a_phone(page, folder):
+    (folder / "report.html").write_text(page, encoding="utf-8")
+    with tab() as browser:
+        browser.call("Emulation.setDeviceMetricsOverride", **PHONE)
+        browser.open(f"file://{folder / 'report.html'}")
+        browser.wait_for("document.body.dataset.ready")
+        yield browser
+        assert browser.errors == []
 
 
 def test_a_phone_shows_every_column(page, tmp_path):
-    document, _ = load(page.replace("</body>", WIDTHS), tmp_path, "--window-size=500,800")
-    found = json.loads(html.unescape(re.search(r'data-found="(.*?)"', document).group(1)))
+    with on_a_phone(page, tmp_path) as browser:
+        found = browser.ask(WIDTHS)
     assert found["page"] <= 390
     assert len(found["tables"]) >= 4
     assert all(content <= width for content, width in found["tables"]), found["tables"]
@@ -211,13 +276,11 @@ def test_a_phone_shows_every_column(page, tmp_path):
 def test_rows_stack_under_a_head_too_wide_for_a_phone(tmp_path):
     head = [f"quantity {place} (N·m)" for place in range(12)]
     wide = Table("Wide", head, [["law", *(Cell("1234.5", 1234.5, "") for _ in head[1:])]])
-    page = render(Page("t", "s", Verdict(None, "h", ""), (), [wide], (), None, (), ())).replace(
-        "</body>", WIDTHS
-    )
-    document, _ = load(page, tmp_path, "--window-size=500,800")
-    found = json.loads(html.unescape(re.search(r'data-found="(.*?)"', document).group(1)))
+    page = render(Page("t", "s", Verdict(None, "h", ""), (), [wide], (), None, (), ()))
+    with on_a_phone(page, tmp_path) as browser:
+        found = browser.ask(WIDTHS)
     assert all(content <= width for content, width in found["tables"]), found["tables"]
-    assert 'data-label="quantity 11 (N·m)"' in document
+    assert 'data-label="quantity 11 (N·m)"' in page
 
 
 def test_a_run_in_real_time_shows_its_timing(result):

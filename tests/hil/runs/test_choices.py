@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import canroll
@@ -13,6 +14,7 @@ from hil.cli.main import parse
 from hil.cli.options import choices_of
 from hil.runs import choices
 from hil.runs.choices import CHOICES, arguments, check, described
+from hil.runs.conditions import fault_texts
 
 ASKED = {
     "vehicle": "van_2021",
@@ -34,6 +36,8 @@ ASKED = {
     "trigger": "every",
     "heartbeat_ms": 40.0,
     "gains": "as_printed",
+    "matrices": Path("k.toml"),
+    "unverified": True,
     "moment_share": 0.5,
     "feedforward": False,
     "identification": True,
@@ -51,6 +55,42 @@ def test_names_are_those_of_what_they_choose():
     assert set(ACTUATOR_NUMBER) == set(CHOICES["actuator"].values())
 
 
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"speed": 80}, "unknown choice of a run 'speed': did you mean 'speed_kmh'?"),
+        ({"tick": 5}, "unknown choice of a run 'tick': did you mean 'tick_ms'?"),
+        ({"set": {}}, "unknown choice of a run 'set': did you mean 'options'?"),
+        ({"speed_kmh": "80"}, "speed_kmh='80': must be a number"),
+        ({"tick_ms": True}, "tick_ms=True: must be a number"),
+        ({"seed": 1.5}, "seed=1.5: must be a whole number"),
+        ({"identification": "on"}, "identification='on': must be True or False"),
+        ({"law": 5}, "law=5: must be a name"),
+        ({"calibration": 3}, "calibration=3: must be a text, or a path"),
+        (
+            {"vehicle": 3},
+            "vehicle=3: must be a Vehicle, a dictionary of values by name, a path, or",
+        ),
+        ({"dbc": 3, "map": "m"}, "dbc=3: must be a path, a list of texts or paths, or a text"),
+        ({"options": "friction=0.6"}, "options='friction=0.6': must be a dictionary"),
+        ({"faults": {"Imu": "off"}}, "faults={'Imu': 'off'}: must be a text, or a list of texts"),
+    ],
+)
+def test_a_wrong_keyword_says_what_is_meant(given, message):
+    with pytest.raises(CanrollError) as caught:
+        canroll.run("moose", **given)
+    assert message in str(caught.value)
+
+
+def test_numbers_of_numpy_are_numbers():
+    check({"speed_kmh": np.float64(80), "tick_ms": 5, "seed": np.int64(3)})
+
+
+def test_one_fault_needs_no_list():
+    text = "Imu.RollRate=stuck@3:5"
+    assert fault_texts({"faults": text}) == fault_texts({"faults": [text]}) == (text,)
+
+
 def test_every_choice_has_its_own_option_and_help():
     words = [choice.word for choice in CHOICES.values()]
     assert len(set(words)) == len(words)
@@ -61,6 +101,14 @@ def test_what_is_written_on_a_command_line_is_what_was_asked_for():
     assert set(ASKED) == set(CHOICES) - {"calibration"}
     found = choices_of(parse(["run", "j_turn", *arguments(ASKED)]))
     assert found == ASKED
+
+
+def test_a_repeated_option_is_written_and_read_again():
+    several = {"dbc": ("car.dbc", "own.dbc")}
+    assert arguments(several) == ["--dbc", "car.dbc", "--dbc", "own.dbc"]
+    assert choices_of(parse(["run", "j_turn", *arguments(several)])) == several
+    assert choices_of(parse(["run", "j_turn", "--dbc", "own.dbc"])) == {"dbc": "own.dbc"}
+    assert described("dbc=car.dbc,map=own.toml,dbc=own.dbc") == several | {"map": "own.toml"}
 
 
 def test_what_is_not_asked_for_is_not_written():

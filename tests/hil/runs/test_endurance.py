@@ -4,7 +4,7 @@ import tracemalloc
 
 import pytest
 
-from hil.report import figure, picture, run_page
+from hil.report import figure, picture, run_page, workbench
 from hil.runs import experiment, saved_run
 from hil.runs.logs import write_log
 from plant_sim.world import spool
@@ -72,6 +72,8 @@ def test_what_is_driven_judged_and_shown_of_a_run_does_not_grow_with_it(monkeypa
     monkeypatch.setitem(figure.POINTS_OF, "step", 500)
     monkeypatch.setitem(figure.POINTS_OF, "marks", 500)
     monkeypatch.setattr(run_page, "PICTURES", 200)
+    monkeypatch.setattr(workbench, "INSTANTS_MAX", 200)
+    monkeypatch.setattr(workbench, "FRAMES_MAX", 200)
     settings, controller = experiment.plan("random_road", options={"duration": LONG})
 
     def all_of(seconds):

@@ -3,19 +3,23 @@
 import itertools
 import json
 from collections import deque
+from dataclasses import replace
 
 import can
 import cantools
 import e2e
 import numpy as np
 import pytest
+import tomli_w
 
 import dbc
-from canroll.errors import UnknownNameError
+import vehicles
+from canroll.errors import CanrollError, UnknownNameError
 from codegen.run.backends import PythonEcu
 from gain_gen.calibration import calibration_file
 from hil.cli.main import main
-from hil.runs import experiment, frozen
+from hil.report.run_folder import write_files
+from hil.runs import experiment, frozen, limit_cycle, saved_run
 from hil.runs.logs import write_log
 from plant_sim.can_bus import DELIVERED
 from plant_sim.nodes import sensors
@@ -149,6 +153,24 @@ def test_a_delay_beyond_the_design_is_warned_of_and_the_limit_cycle_named(gatewa
     assert str(gateway.limit_cycle) in gateway.warnings
 
 
+def test_sensor_noise_between_two_bumps_is_no_limit_cycle():
+    settings, controller = experiment.plan(
+        "bumps",
+        vehicle="sedan_320i",
+        speed_kmh=40,
+        seed=4,
+        options={"height": 0.05, "length": 0.3, "spacing": 150},
+        conditions={"noise": "2"},
+    )
+    passive, controlled = (
+        experiment.drive(settings, controller, enabled=enabled) for enabled in (False, True)
+    )
+    found = limit_cycle.oscillations(controlled.ticks["t"], controlled.ticks["moment"])
+    assert found
+    roll = passive.signals
+    assert experiment.limit_cycle_of(settings, controller, controlled, roll) is None
+
+
 def test_a_law_that_knows_the_delay_copes_with_it():
     result = experiment.run(
         "double_lane_change", law="steering_lead", actuator="suspension", bus="gateway_50ms"
@@ -172,6 +194,48 @@ def test_the_law_passive_has_no_controlled_run():
     assert result.controlled is None
     assert result.to_json()["controlled"] is None
     assert result.helps is None
+
+
+def test_the_law_passive_designs_nothing(monkeypatch):
+    monkeypatch.setattr(frozen, "design", None)
+    settings, controller = experiment.plan("roundabout", law="passive")
+    assert settings.law == "passive"
+    assert not any(controller.record.output_gain)
+    assert controller.tables["verification"] == {}
+    assert not controller.tables["design"]["verified"]
+
+
+def test_a_run_and_its_margins_list_the_failed_checks(tmp_path, capsys):
+    printed = {"law": "hinf_delay", "vehicle": "van_2021", "gains": "as_printed"}
+    result = experiment.run("roundabout", **printed, duration=0.5)
+    failed = result.to_json()["failed"]
+    assert failed
+    assert experiment.run("roundabout", law="lqr", duration=0.5).to_json()["failed"] == []
+    path = tmp_path / "calibration.toml"
+    calibration_file.save(path, result.record, result.tables)
+    main(["margins", str(path), "--json"])
+    answer = json.loads(capsys.readouterr().out)
+    assert (answer["verified"], answer["failed"]) == (False, failed)
+
+
+def test_a_vehicle_is_given_as_itself_as_a_file_or_by_name(tmp_path):
+    preset = vehicles.load("suv_2020")
+    heavier = replace(preset, plant=replace(preset.plant, sprung_mass=1100))
+    result = experiment.run("roundabout", law="passive", vehicle=heavier, duration=SHORT)
+    assert result.settings.vehicle == heavier
+    write_files(result, tmp_path)
+    assert saved_run.load(tmp_path).settings.vehicle == heavier
+    file = tmp_path / "heavier.toml"
+    file.write_text(tomli_w.dumps(heavier.document))
+    for given in (file, str(file)):
+        read = experiment.plan("roundabout", law="passive", vehicle=given)[0].vehicle
+        assert (read.plant, read.file) == (heavier.plant, str(file))
+    driven, controller = experiment.plan("roundabout", law="lqr", plant_vehicle=preset)
+    assert (driven.vehicle, driven.plant_vehicle) == (preset, "suv_2020")
+    assert controller.vehicle.name == "van_real"
+    with pytest.raises(CanrollError, match=r"vehicle suv_2020: plant\.sprung_mass = -1"):
+        wrong = replace(preset, plant=replace(preset.plant, sprung_mass=-1.0))
+        experiment.run("roundabout", law="passive", vehicle=wrong)
 
 
 def test_json_has_every_key_of_the_contract(van_real):
@@ -204,6 +268,16 @@ def test_other_actuators_reduce_roll_too(actuator, reduction):
     """Dampers only resist their stroke: they cannot hold a roll angle."""
     result = experiment.run("double_lane_change", actuator=actuator)
     assert result.reduction > reduction
+
+
+def test_a_bus_with_another_delay_than_designed_for_is_named(tmp_path):
+    designed = frozen.prepare({"law": "lqr", "bus": "gateway_20ms"})
+    path = tmp_path / "calibration.toml"
+    calibration_file.save(path, designed.record, designed.tables)
+    for bus, warned in (("gateway_20ms", False), (None, True), ("500k", True)):
+        loaded = frozen.prepare({"calibration": path, "bus": bus})
+        text = " ".join(loaded.warnings)
+        assert ("is designed for 16 to 50.2 ms from sample to force, bus 500k" in text) == warned
 
 
 def test_a_calibration_file_gives_the_same_run(tmp_path, capsys):

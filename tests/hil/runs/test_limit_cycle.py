@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.linalg import expm
 
 from hil.runs import limit_cycle
 from hil.runs.limit_cycle import detect, turning_points
@@ -103,3 +104,105 @@ def test_pieces_of_a_signal_lose_the_same_average_as_the_whole(window, size):
     assert np.array_equal(t, T)
     whole = limit_cycle._without_average(LANE_CHANGE, T, window)
     np.testing.assert_allclose(values, whole, rtol=0, atol=1e-12)
+
+
+TICK = 0.01
+LONG = np.arange(0, 14, TICK)
+STEERING = np.interp(LONG, T, 4.0 * LANE_CHANGE)
+"""Lateral acceleration, m/s²: a lane change, then 8 s straight on."""
+LIMIT = 2000.0
+LEAST_DAMPING = -np.log(limit_cycle.DECAY) / (np.pi * limit_cycle.HALF_CYCLES_MIN)
+"""Damping ratio whose oscillation decays to DECAY over the shortest limit cycle."""
+
+
+class Loop:
+    """A car's roll as a second-order system, and a moment commanded from its noisy roll rate.
+
+    ``law`` is called with the measured roll (rad) and roll rate (rad/s).
+    """
+
+    INERTIA, OMEGA, DAMPING, LEVER = 900.0, 2 * np.pi * 1.5, 0.15, 800.0
+
+    def __init__(self, law, delay):
+        a = np.array([[0.0, 1.0], [-(self.OMEGA**2), -2 * self.DAMPING * self.OMEGA]])
+        self.phi = expm(a * TICK)
+        self.gamma = np.linalg.solve(a, (self.phi - np.eye(2)) @ [0.0, 1 / self.INERTIA])
+        self.law, self.delay = law, delay
+
+    def run(self, t, steering, noise):
+        """Return the commands (N·m) and the roll angle (rad); ``steering``: m/s² by tick."""
+        x, queue = np.zeros(2), [0.0] * self.delay
+        commands, roll = np.empty(len(t)), np.empty(len(t))
+        for k in range(len(t)):
+            commands[k] = np.clip(self.law(*(x + noise[k])), -LIMIT, LIMIT)
+            roll[k] = x[0]
+            queue.append(commands[k])
+            x = self.phi @ x + self.gamma * (queue.pop(0) + self.LEVER * steering[k])
+        return commands, roll
+
+    def least_damping(self, feedback):
+        """Least damping ratio of the closed loop's modes that oscillate."""
+        size = 2 + self.delay
+        closed = np.zeros((size, size))
+        closed[:2, :2] = self.phi
+        row = np.zeros(size)
+        row[:2] = feedback
+        if self.delay:
+            closed[:2, 2] = self.gamma
+            closed[2:-1, 3:] = np.eye(self.delay - 1)
+            closed[-1] = row
+        else:
+            closed[:2] += np.outer(self.gamma, row)
+        factors = np.linalg.eigvals(closed)
+        poles = np.log(factors[np.abs(factors.imag) > 1e-6]) / TICK
+        return np.min(-poles.real / np.abs(poles), initial=1.0)
+
+
+def claimed(loop, deviation, seed, steering=STEERING):
+    """Whether a limit cycle is claimed of the loop, driven as a run is, with noise of the sensors.
+
+    ``deviation``: standard deviations of roll (rad) and roll rate (rad/s).
+    """
+    noise = np.random.default_rng(seed).standard_normal((len(LONG), 2)) * deviation
+    commands, _ = loop.run(LONG, steering, noise)
+    _, roll = Loop(lambda roll, rate: 0.0, 0).run(LONG, steering, 0 * noise)
+    found = limit_cycle.oscillations(LONG, commands)
+    for cycle in limit_cycle.unexcited(found, lambda: [(LONG, roll)]):
+        t = np.arange(0.0, cycle.established + cycle.watched, TICK)
+        still = np.pad(noise, ((0, max(0, len(t) - len(noise))), (0, 0)))
+        ahead = np.interp(t, LONG, steering) * (t < cycle.established)
+        quiet, _ = loop.run(t, ahead, still[: len(t)] * (t < cycle.established)[:, None])
+        if limit_cycle.goes_on(t, quiet, cycle.established):
+            return True
+    return False
+
+
+feedbacks = st.tuples(st.floats(0, 8e4), st.floats(-1e4, 2e4))
+
+
+@settings(deadline=None, max_examples=60)
+@given(feedbacks, st.integers(0, 12), st.floats(0, 0.1), st.integers(0, 1000), st.booleans())
+def test_a_stable_loop_with_noise_has_no_limit_cycle(feedback, delay, rate, seed, straight):
+    loop = Loop(lambda roll, roll_rate: -feedback[0] * roll - feedback[1] * roll_rate, delay)
+    assume(loop.least_damping(np.negative(feedback)) > LEAST_DAMPING)
+    steering = 0 * STEERING if straight else STEERING
+    assert not claimed(loop, (0.1 * rate, rate), seed, steering)
+
+
+@settings(deadline=None, max_examples=30)
+@given(feedbacks, st.integers(1, 12), st.floats(0, 30), st.integers(0, 1000))
+def test_an_unstable_loop_with_noise_has_one(feedback, delay, noise, seed):
+    """``noise`` of the command, N·m, is well within the hysteresis of SHARE_OF_PEAK * LIMIT."""
+    loop = Loop(lambda roll, roll_rate: -feedback[0] * roll - feedback[1] * roll_rate, delay)
+    assume(loop.least_damping(np.negative(feedback)) < -LEAST_DAMPING)
+    rate = noise / (0.1 * feedback[0] + abs(feedback[1]))
+    assert claimed(loop, (0.1 * rate, rate), seed)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.floats(300, LIMIT), st.integers(3, 12), st.floats(0, 0.05), st.integers(0, 1000))
+def test_a_relay_with_noise_has_one(moment, delay, share, seed):
+    loop = Loop(lambda roll, roll_rate: -moment * np.sign(roll_rate), delay)
+    # the roll rate that the moment builds up within the delay
+    rate = share * moment / loop.INERTIA * delay * TICK
+    assert claimed(loop, (0.0, rate), seed)

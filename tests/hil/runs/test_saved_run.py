@@ -40,11 +40,28 @@ def folder(driven, tmp_path):
     return tmp_path
 
 
+def test_a_run_without_trace_says_what_cannot_be_done(driven, folder, capsys):
+    kept = write_files(driven, folder, without=("trace",))
+    assert "trace" not in kept.files
+    assert not (folder / "trace.npz").exists()
+    with pytest.raises(
+        CanrollError, match=r"not a saved run: trace\.npz is missing or was left out by --no"
+    ):
+        saved_run.load(folder)
+    words = ["run", "double_lane_change", "--duration", "0.5", "--law", "passive", "--no-trace"]
+    main([*words, "--out", str(folder)])
+    assert "no trace: 'canroll report' and 'canroll compare' cannot read" in capsys.readouterr().err
+    assert sorted(json.loads((folder / "result.json").read_text())["sha256"]) == [
+        "calibration.toml"
+    ]
+
+
 def test_everything_comes_back(driven, folder):
     found = saved_run.load(folder)
     data = json.loads((folder / "result.json").read_text())
-    del data["sha256"], data["vehicle_sha256"]
+    del data["sha256"], data["vehicle_sha256"], data["vehicle_document"]
     assert found.to_json() == data
+    assert found.options == driven.options
     assert found.settings == driven.settings
     assert dumps(found.record, {}) == dumps(driven.record, {})
     for run in saved_run.RUNS:
@@ -106,6 +123,18 @@ def damaged(folder):
     overwrite(folder / "trace.npz", 5000)
 
 
+def in_result(folder, **changes):
+    """Change values of result.json."""
+    data = json.loads((folder / "result.json").read_text())
+    (folder / "result.json").write_text(json.dumps(data | changes))
+
+
+def heavier(folder):
+    document = json.loads((folder / "result.json").read_text())["vehicle_document"]
+    document["plant"]["sprung_mass"] += 1.0
+    in_result(folder, vehicle_document=document)
+
+
 def sealed_again(folder, spoil):
     """Spoil a run and make its hashes fit, so that the reader meets the spoiled file."""
     spoil(folder)
@@ -131,6 +160,8 @@ def sealed_again(folder, spoil):
         (another_calibration, "calibration.toml changed since"),
         (lambda folder: sealed_again(folder, another_calibration), "come from different runs"),
         (lambda folder: sealed_again(folder, damaged), "cannot read"),
+        (heavier, "result.json: vehicle_document: the fingerprint does not match"),
+        (lambda folder: in_result(folder, vehicle_document=[1]), "must be a table"),
     ],
 )
 def test_what_is_no_saved_run(folder, spoil, message, capsys):

@@ -13,7 +13,7 @@ from hil.cli import terminal
 from hil.cli.main import main
 from hil.cli.vehicle_tests import JUDGED
 from hil.report.tables import change, metric_rows
-from hil.runs import experiment, metrics
+from hil.runs import experiment, metrics, saved_run
 from plant_sim.driving import maneuvers, standards
 from plant_sim.world.recording import SIGNALS
 
@@ -146,3 +146,20 @@ def test_a_table_into_a_closed_pipe_is_no_failure():
         check=False,
     )
     assert (process.returncode, process.stderr) == (0, b"")
+
+
+def test_every_option_in_effect_is_written(tmp_path, capsys):
+    assert main(["run", "moose", "--law", "passive", "--out", str(tmp_path)]) in {0, 1}
+    title, _, line = capsys.readouterr().out.splitlines()[:3]
+    assert title.startswith("moose, van_real at ")
+    assert line.startswith("friction 0.6, chassis control ") and "preview time " in line
+    assert ">0.6<" in (tmp_path / "report.html").read_text()
+    written = json.loads((tmp_path / "result.json").read_text())["options_in_effect"]
+    assert written["friction"] == 0.6 and "preview_time" in written
+    assert saved_run.load(tmp_path).to_json()["options_in_effect"] == written
+
+
+def test_an_option_without_an_effect_is_not_written():
+    result = experiment.run("double_lane_change", law="passive", plant="roll1")
+    assert "friction" not in result.options
+    assert "preview_time" not in experiment.run("fishhook", law="passive").options

@@ -1,10 +1,16 @@
 import json
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
+import canroll
 from canroll.errors import CanrollError, UnknownNameError
 from hil.cli.main import main
-from hil.studies.comparison import describe, parse_range, runs
+from hil.runs.standard import Judged, Standard
+from hil.studies.comparison import Named, describe, parse_range, runs
+from hil.studies.comparison_page import best, sweep_page
+from plant_sim.driving.standards import Verdict
 
 
 @pytest.mark.parametrize(
@@ -96,7 +102,7 @@ def test_saved_runs_are_compared_as_driven_ones(tmp_path, capsys, monkeypatch):
     assert [run["name"] for run in data["runs"]] == ["smc", *saved]
     for law, run in zip(("steering_lead", "ay_feedforward"), data["runs"][1:], strict=True):
         told = json.loads((tmp_path / f"{law}_run" / "result.json").read_text())
-        del told["sha256"], told["vehicle_sha256"]
+        del told["sha256"], told["vehicle_sha256"], told["vehicle_document"]
         assert {**run, "name": None} == {**told, "name": None}
     assert main(["compare", *saved]) == 0
     assert "warning" not in capsys.readouterr().out
@@ -139,3 +145,97 @@ def test_usage_errors(arguments, capsys, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(arguments) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize("command", ["compare", "sweep"])
+@pytest.mark.parametrize("run", ["law=lqr,vehicle=suv_2020", "mine/calibration.toml"])
+def test_a_changed_vehicle_is_not_overridden_in_silence(command, run, capsys):
+    assert main([command, run, "smc", "--vehicle-set", "plant.sprung_mass=2000"]) == 2
+    assert f"--vehicle-set: {run} has its vehicle already" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def short():
+    wanted = [("lqr", {"law": "lqr"}), ("steering_lead", {"law": "steering_lead"})]
+    return list(runs("double_lane_change", wanted, duration=1.5))
+
+
+def hitting(run, cones):
+    hit = Judged((Verdict("cones hit", "ISO 3888-1, 4", cones, 0.0, "", cones == 0),))
+    return Named(run.name, replace(run.result, standard=Standard("ISO 3888-1", hit, hit)))
+
+
+def test_what_meets_the_standard_comes_before_less_roll(short):
+    least = best(short)
+    assert least.good is True
+    other = next(run for run in short if not least.headline.endswith(run.name))
+    judged = [hitting(run, 0.0 if run is other else 3.0) for run in short]
+    assert (best(judged).good, best(judged).headline) == (True, f"Least roll: {other.name}")
+    none = best([hitting(run, 3.0) for run in short])
+    assert (none.good, none.headline) == (None, f"{least.headline}, ISO 3888-1 not met")
+
+
+def test_a_sweep_counts_where_the_standard_is_not_met(short):
+    page = sweep_page({"lqr": [hitting(short[0], 0.0), hitting(short[0], 3.0)]})
+    assert "Control helps in 2 of 2 runs, ISO 3888-1 not met in 1" in page
+    assert 'class="verdict none"' in page
+
+
+def test_laws_are_compared_from_python():
+    common = {"bus": "500k", "duration": 2.0, "seed": 3}
+    found = canroll.compare(["lqr", "law=passive"], **common)
+    alone = canroll.run("double_lane_change", law="lqr", **common)
+    assert list(found.results) == ["lqr", "law=passive"]
+    assert found.results["lqr"].to_json() == alone.to_json()
+    assert found.table.column("controlled_roll_max_deg") == [
+        alone.controlled_metrics.roll_max_deg,
+        None,
+    ]
+    labelled = canroll.compare(["name=mine,law=lqr"], **common)
+    assert labelled.results["mine"].to_json() == alone.to_json()
+    named = canroll.compare({"mine": {"law": "lqr"}}, **common)
+    assert named.results["mine"].to_json() == alone.to_json()
+
+
+def test_speeds_are_swept_from_python():
+    found = canroll.sweep([60, 80], laws=["lqr"], duration=1.0)
+    assert found.table.column("speed_kmh") == [60.0, 80.0]
+    assert found.table.column("name") == ["lqr at 60 km/h", "lqr at 80 km/h"]
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda: canroll.compare([]), "wanted=[]: must be"),
+        (lambda: canroll.compare(["name=a,law=lqr", "name=a,law=smc"]), "two runs have one name"),
+        (lambda: canroll.compare("lqr"), "wanted='lqr': must be"),
+        (lambda: canroll.sweep(80), "speeds_kmh=80: must be"),
+        (lambda: canroll.compare([1]), "wanted=[1]: must be a list of texts, or a dictionary"),
+        (lambda: canroll.compare(["lqr"], duration="2"), "duration='2': must be a number"),
+        (lambda: canroll.sweep([80], laws=()), "laws=(): must be"),
+        (lambda: canroll.sweep(np.array([])), "must be a list with at least one entry"),
+        (lambda: canroll.sweep(["80"]), "speeds_kmh=['80']: must be a list of numbers"),
+        (lambda: canroll.sweep([80], laws=[1]), "laws=[1]: must be a list of texts"),
+        (lambda: canroll.campaign(jobs="2"), "jobs='2': must be a whole number"),
+        (lambda: canroll.campaign(seed=1.5), "seed=1.5: must be a whole number"),
+        (lambda: canroll.campaign(seed=-1), "seed -1: must be 0 to"),
+        (lambda: canroll.campaign(runs=0), "runs=0: must be at least 1"),
+        (lambda: canroll.campaign(buses="500q"), "unknown bus '500q': did you mean '500k'?"),
+        (lambda: canroll.campaign(faults=3), "faults=3: must be a text, or a list of texts"),
+        (lambda: canroll.campaign(spread=["mass"]), "spread=['mass']: must be a dictionary of"),
+        (lambda: canroll.severe(runs="4"), "runs='4': must be a whole number"),
+        (lambda: canroll.severe(runs=1), "runs=1: must be at least 2"),
+        (lambda: canroll.severe(speed_kmh=80), "speed_kmh: does not apply to several"),
+        (lambda: canroll.margins(3), "calibration=3: must be a LoadedCalibration, a text, or"),
+        (lambda: canroll.plot(3), "result=3: must be a Result"),
+        (lambda: canroll.sweep([80], speed=3), "speed"),
+        (lambda: canroll.campaign(jobs=0), "jobs=0: must be at least 1"),
+        (lambda: canroll.campaign(spread={"mass": 0.1}), "mass"),
+        (lambda: canroll.campaign(spread={"sprung_mass": "much"}), "spread sprung_mass=much"),
+        (lambda: canroll.campaign("c.toml", buses=["500k"]), "buses: write what is drawn"),
+    ],
+)
+def test_an_argument_of_a_study_is_named(call, message):
+    with pytest.raises(CanrollError) as refused:
+        call()
+    assert message in str(refused.value)

@@ -174,7 +174,7 @@ def test_a_law_certified_for_the_roll_model_alone_is_told_where_it_swings():
         runs=2,
         entries=(Entry("hinf_delay", "roll_rate_only", {"law": "hinf_delay", "gains": "theorem"}),),
         reference="hinf_delay",
-        conditions={"plant": "nonlinear", "actuator": "bars", "speed_kmh": 60.0},
+        conditions={"plant": "nonlinear", "actuator": "bars", "speed_kmh": 80.0},
     )
     designed, paper = found.rows
     assert (designed.entry.name, designed.factor) == ("hinf_delay as designed", 1.0)

@@ -9,7 +9,7 @@ import pytest
 from support import rough_bus
 
 from canroll.errors import CanrollError
-from codegen.generated.bus_map import EXTENDED
+from codegen.generated.mailbox import EXTENDED
 from firmware.state import RX_IMU
 from gain_gen.calibration import calibration_file
 from hil.cli import ecu

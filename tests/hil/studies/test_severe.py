@@ -1,13 +1,14 @@
 """Severe manoeuvres: what is driven, that it is paired, and what is said of it."""
 
 import json
+import sys
 
 import pytest
 
 from hil.cli.main import main
 from hil.runs.experiment import run
 from hil.studies import severe
-from hil.studies.severe import MANOEUVRES, Severe, study, table
+from hil.studies.severe import MANOEUVRES, Severe, markdown, study
 from hil.studies.variation import NONE
 from plant_sim.driving import maneuvers
 
@@ -44,10 +45,28 @@ def test_a_stiff_bar_rolls_the_body_over_a_bump_on_one_side(found):
 
 
 def test_the_table_has_a_row_each(found):
-    lines = table(found)
+    lines = markdown(found)
     assert len(lines) == 2 + 8
     assert len({line.count("|") for line in lines}) == 1
     assert lines[2].startswith("| double lane change 80 km/h | passive |")
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_terminal_gets_a_table_and_a_pipe_markdown(found, terminal, capsys, monkeypatch):
+    monkeypatch.setattr(severe, "study", lambda **_: found)
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: terminal)
+    monkeypatch.setenv("COLUMNS", "200")
+    assert main(["severe", "--runs", "2"]) == 0
+    printed = capsys.readouterr().out
+    assert ("| --- |" in printed) != terminal
+    assert "double lane change" in printed
+    assert not terminal or "|" not in printed
+
+
+def test_manoeuvres_that_differ_in_one_option_name_it():
+    titles = [manoeuvre.title for manoeuvre in MANOEUVRES]
+    assert len(set(titles)) == len(titles)
+    assert all("scale" in title for title in titles if title.startswith("sine with dwell"))
 
 
 @pytest.mark.slow

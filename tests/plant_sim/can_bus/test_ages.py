@@ -6,12 +6,13 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from plant_sim.can_bus.ages import simulate_ages_of_set
+from plant_sim.can_bus.ages import simulate_ages_of_network
 from plant_sim.can_bus.analysis import response_bounds, worst_case_utilisation
-from plant_sim.can_bus.delay_bounds import DelayBounds, delay_bounds_of_set
-from plant_sim.can_bus.simulation import simulate
+from plant_sim.can_bus.delay_bounds import DelayBounds, loop_delay
+from plant_sim.can_bus.routing import RoutedNetwork
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, FD_LENGTHS
+from tests.support.simulated_set import simulated_responses
 
 MS = 1_000_000
 
@@ -56,25 +57,27 @@ def sets(draw):
 def test_no_age_and_no_response_is_above_its_bound(drawn, longest, seed):
     found, rates, tick_ms = drawn
     sensor, command = found[0].name, found[-1].name
-    bounds = delay_bounds_of_set(found, sensor, command, tick_ms=tick_ms, **rates)
+    network = RoutedNetwork.one_bus(found, **rates).in_every_tick(command, tick_ms=tick_ms)
+    bounds = loop_delay(network, sensor, command)
     assume(isinstance(bounds, DelayBounds))
-    ages = simulate_ages_of_set(
-        found,
+    ages = simulate_ages_of_network(
+        network,
         sensor,
         command,
-        tick_ms=tick_ms,
+        actuator_segment=0,
         duration_s=2.0,
         seed=seed,
         worst_case_lengths=longest,
         phases=4,
-        **rates,
     )
     assume(len(ages) > 0)
     assert round(bounds.age_min * 1e9) <= ages.min()
     assert ages.max() <= round(bounds.age_max * 1e9)
-    simulation = simulate(found, duration_s=0.2, seed=seed, worst_case_lengths=longest, **rates)
+    simulated = simulated_responses(
+        found, duration_s=0.2, seed=seed, worst_case_lengths=longest, **rates
+    )
     for bound in response_bounds(found, **rates):
-        seen = simulation.responses[bound.message.name].responses
+        seen = simulated[bound.message.name]
         assert len(seen) == 0 or bound.bound_ns is None or seen.max() <= bound.bound_ns
         assert len(seen) == 0 or seen.min() >= bound.best_ns
 
@@ -97,8 +100,9 @@ def test_ages_are_simulated_with_the_frames_of_the_set():
     """FD at its own data rate and extended identifiers; once all were 11-bit frames of 8 bytes."""
     names = ("Imu", "SuspensionForceCommand")
     rates = {"bitrate": 500_000, "data_bitrate": 4_000_000}
-    bounds = delay_bounds_of_set(fd_set(), *names, tick_ms=10.0, **rates)
-    ages = simulate_ages_of_set(fd_set(), *names, tick_ms=10.0, duration_s=4.0, **rates)
+    network = RoutedNetwork.one_bus(fd_set(), **rates)
+    bounds = loop_delay(network, *names)
+    ages = simulate_ages_of_network(network, *names, actuator_segment=0, duration_s=4.0)
     assert bounds.age_min <= ages.min() * 1e-9
     assert 0.8 * bounds.age_max < ages.max() * 1e-9 <= bounds.age_max
 
@@ -110,15 +114,16 @@ def test_a_faster_tick_is_in_the_bound():
         BusMessage("Command", 0x80, 8, 50 * MS, "Ecu"),
         BusMessage("Other", 0x700, 8, 10 * MS, "Other"),
     ]
-    slow, fast = (
-        delay_bounds_of_set(found, "Imu", "Command", tick_ms=t, bitrate=125_000) for t in (10, 1.5)
+    network = RoutedNetwork.one_bus(found, bitrate=125_000)
+    slow, fast, none = (
+        loop_delay(network.in_every_tick("Command", tick_ms=tick), "Imu", "Command")
+        for tick in (10, 1.5, 1.0)
     )
     assert fast.sensor.greatest > slow.sensor.greatest
-    none = delay_bounds_of_set(found, "Imu", "Command", tick_ms=1.0, bitrate=125_000)
     assert (none.message.name, none.bound_ns, none.covered) == ("Imu", None, True)
 
 
 @pytest.mark.parametrize("pair", [("Imu", "Imu"), ("Imu", "Radio"), ("Radio", "Lidar")])
 def test_both_messages_have_to_be_there_and_two(pair):
     with pytest.raises(Exception, match="message"):
-        delay_bounds_of_set(fd_set(), *pair, tick_ms=10.0, bitrate=500_000)
+        loop_delay(RoutedNetwork.one_bus(fd_set(), bitrate=500_000), *pair)

@@ -7,12 +7,17 @@ from hypothesis import strategies as st
 
 from plant_sim.buses.topology import BusGateway, BusSegment, Spread, Topology
 from plant_sim.can_bus import advance, build_network, drain
-from plant_sim.can_bus.ages import simulate_ages_of_routes
-from plant_sim.can_bus.analysis import OVERLOADED, ErrorModel, worst_case_utilisation
+from plant_sim.can_bus.ages import simulate_ages_of_network
+from plant_sim.can_bus.analysis import (
+    OVERLOADED,
+    ErrorModel,
+    response_bounds,
+    worst_case_utilisation,
+)
 from plant_sim.can_bus.delay_bounds import path_of, total_delay
 from plant_sim.can_bus.holistic import UNLIMITED, arrivals
 from plant_sim.can_bus.network_spec import network_spec
-from plant_sim.can_bus.routing import Hop, RoutedMessage
+from plant_sim.can_bus.routing import Hop, RoutedMessage, RoutedNetwork
 from plant_sim.can_bus.simulation import listeners, simulate_network
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import BIT_RATE_SWITCH, EXTENDED, FD, FD_LENGTHS
@@ -60,7 +65,7 @@ def test_three_segments_by_hand():
     topology = tree((0, 1), [(500_000, 0)] * 3, [(1 * MS, 3 * MS)] * 2)
     far = routed(topology, frame("far", 0x10, 10, 0), 2)
     others = [routed(topology, frame(f"other{s}", 0x700 + s, 10, s), s) for s in range(3)]
-    way = arrivals(topology, [far, *others])[0]
+    way = arrivals(RoutedNetwork(topology, [far, *others]))[0]
     assert list(way) == [0, 1, 2]
     # one frame of lower priority and itself; behind a gateway the jitter comes on top
     first = 540_000
@@ -79,7 +84,7 @@ def test_frames_that_a_gateway_holds_back_come_together():
     topology = tree((0,), [(500_000, 0)] * 2, [(0, 12 * MS)])
     burst = routed(topology, frame("burst", 0x10, 10, 0), 1)
     victim = routed(topology, frame("victim", 0x20, 10, 1), 1)
-    assert arrivals(topology, [burst, victim])[1][1].greatest_ns == 3 * 270_000
+    assert arrivals(RoutedNetwork(topology, [burst, victim]))[1][1].greatest_ns == 3 * 270_000
 
 
 def test_without_a_bound_in_front_of_a_gateway_there_is_none_behind_it():
@@ -95,7 +100,7 @@ def test_without_a_bound_in_front_of_a_gateway_there_is_none_behind_it():
         for name, ident in (("urgent", 0x60), ("late", 0x300))
     ]
     *_, first, second, third, fourth, fifth = arrivals(
-        topology, [*crowd, lost, above, below, *queue]
+        RoutedNetwork(topology, [*crowd, lost, above, below, *queue])
     )
     assert (first[0].here.bound_ns, first[0].here.reason) == (None, OVERLOADED)
     for found in (first, third, fourth, fifth):
@@ -123,7 +128,7 @@ def test_fifo_queues_that_delay_each_other_without_end_have_no_bound():
     for segment in range(3):
         here = [r.message for r in messages if segment in r.segments]
         assert worst_case_utilisation(here, bitrate=125_000) < 0.96
-    found = arrivals(topology, messages)
+    found = arrivals(RoutedNetwork(topology, messages))
     assert {a.greatest_ns for bounds in found for a in bounds.values()} == {None}
     assert {a.here.reason for bounds in found for a in bounds.values()} == {UNLIMITED}
 
@@ -131,16 +136,45 @@ def test_fifo_queues_that_delay_each_other_without_end_have_no_bound():
 def test_errors_lengthen_every_hop():
     topology = tree((0, 1), [(500_000, 0)] * 3)
     far = routed(topology, frame("far", 0x10, 10, 0), 2)
-    (plain,) = arrivals(topology, [far])
-    (disturbed,) = arrivals(topology, [far], errors=ErrorModel(50 * MS))
+    (plain,) = arrivals(RoutedNetwork(topology, [far]))
+    (disturbed,) = arrivals(RoutedNetwork(topology, [far]), errors=ErrorModel(50 * MS))
     assert all(disturbed[s].greatest_ns > plain[s].greatest_ns for s in range(3))
+
+
+def test_offsets_count_on_segments_without_forwarded_messages():
+    messages = [frame(f"m{k}", 0x10 + k, 10, 0, offset_ns=k * MS) for k in range(4)]
+    topology = tree((0,), [(500_000, 0)] * 2)
+    ways = [routed(topology, message, 0) for message in messages]
+    network = RoutedNetwork(topology, ways)
+    plain, kept = arrivals(network), arrivals(network, offsets=True)
+    bounds = response_bounds(messages, bitrate=500_000, offsets=True)
+    assert [found[0].here for found in kept] == bounds
+    assert kept[3][0].greatest_ns < plain[3][0].greatest_ns
+    # the phase of a forwarded message is not that of its sender
+    ways[0] = routed(topology, messages[0], 1)
+    ways += [routed(topology, frame("n", 0x30, 10, 1), 1)]
+    network = RoutedNetwork(topology, ways)
+    plain, kept = (
+        [found[1] for found in arrivals(network, offsets=offsets) if 1 in found]
+        for offsets in (False, True)
+    )
+    assert plain == kept
+
+
+def test_messages_of_one_node_with_one_identifier_share_their_times():
+    network = RoutedNetwork.one_bus(
+        [BusMessage(name, 5, 8, 10 * MS, "node") for name in "ab"], bitrate=500_000
+    )
+    simulated = simulate_network(network, duration_s=0.1)
+    one, two = (times[0].here for times in simulated.arrivals)
+    assert len(one) > 10 and one.tolist() == two.tolist()
 
 
 def test_a_forwarded_frame_keeps_the_length_it_is_given():
     """Once only the first segment sent a frame with its most stuff bits."""
     topology = tree((0, 1), [(500_000, 0)] * 3)
     far = routed(topology, frame("far", 0x10, 10, 0, bits=135), 2)
-    network = build_network(network_spec(topology, [far], nodes=listeners(topology)))
+    network = build_network(network_spec(RoutedNetwork(topology, [far]), nodes=listeners(topology)))
     advance(network, 100 * MS)
     entries, _, _ = drain(network, 0)
     assert set(entries["segment"]) == {0, 1, 2}
@@ -212,13 +246,14 @@ def message_on(draw, place, segment, fifo):
 @given(networks(), st.booleans(), st.integers(0, 100))
 def test_no_arrival_and_no_age_is_above_its_bound(drawn, worst_case_lengths, seed):
     topology, ways, tick_ns = drawn
-    found = arrivals(topology, ways)
+    network = RoutedNetwork(topology, ways)
+    found = arrivals(network)
     simulated = simulate_network(
-        topology, ways, duration_s=0.3, seed=seed, worst_case_lengths=worst_case_lengths
+        network, duration_s=0.3, seed=seed, worst_case_lengths=worst_case_lengths
     )
     for bounds, seen in zip(found, simulated.arrivals, strict=True):
         for segment, bound in bounds.items():
-            whole, here = seen[segment].whole.responses, seen[segment].here.responses
+            whole, here = seen[segment].end_to_end, seen[segment].here
             if bound.greatest_ns is not None and len(whole):
                 assert whole.max() <= bound.greatest_ns
                 assert here.max() <= bound.here.queued_ns
@@ -232,9 +267,8 @@ def test_no_arrival_and_no_age_is_above_its_bound(drawn, worst_case_lengths, see
         sensor_period_s=ways[0].message.period_ns * 1e-9,
         tick_s=tick_ns * 1e-9,
     )
-    ages = simulate_ages_of_routes(
-        topology,
-        ways,
+    ages = simulate_ages_of_network(
+        network,
         ways[0].message.name,
         ways[-1].message.name,
         actuator_segment=actuator,

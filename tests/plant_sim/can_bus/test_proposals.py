@@ -11,9 +11,9 @@ from canroll.errors import VerdictError
 from plant_sim.can_bus.analysis import response_bounds
 from plant_sim.can_bus.proposals import propose_offsets, propose_priorities
 from plant_sim.can_bus.sensitivity import late
-from plant_sim.can_bus.simulation import simulate
 from plant_sim.can_bus.traffic.messages import BusMessage
 from plant_sim.can_bus.wire.frame import EXTENDED
+from tests.support.simulated_set import simulated_responses
 
 MS = 1_000_000
 BITRATE = 125_000
@@ -95,6 +95,6 @@ def test_proposed_offsets_shorten_bounds_that_the_simulator_keeps_to():
         before = bounds_at(messages, None, offsets=True)
         after = {b.message.name: b.bound_ns for b in spread.bounds}
         assert max(after.values()) < 0.6 * max(b.bound_ns for b in before)
-        seen = simulate(spread.messages, bitrate=BITRATE, duration_s=1.0, seed=number)
+        seen = simulated_responses(spread.messages, bitrate=BITRATE, duration_s=1.0, seed=number)
         for name, bound in after.items():
-            assert seen.responses[name].responses.max() <= bound
+            assert seen[name].max() <= bound

@@ -1,5 +1,7 @@
 """A bus log as bus profile: the bounds of a design, the load of a run."""
 
+from dataclasses import replace
+
 import can
 import numpy as np
 import pytest
@@ -107,9 +109,49 @@ def test_own_messages_in_the_log_are_not_sent_twice(tmp_path):
     assert [node.name for node in spec.nodes][: len(NODES)] == list(NODES)
 
 
+def on_events(path, ident, seed=1):
+    """Leave half of the frames of one identifier out of a log, at random."""
+    random = np.random.default_rng(seed)
+    with can.LogReader(path) as log:
+        frames = list(log)
+    with can.Logger(path) as logger:
+        for frame in frames:
+            if frame.arbitration_id != ident or random.random() < 0.5:
+                logger(frame)
+    return path
+
+
+def test_own_messages_on_events_are_not_sent_twice(tmp_path):
+    command = next(m for m in own_messages() if m.name == DEFAULT_COMMAND)
+    path = recording(tmp_path / "ours.blf", [*others(6), *own_messages()])
+    profile = load_profile(on_events(path, command.ident))
+    found = next(m for m in profile.bus.messages if m.message.ident == command.ident)
+    assert found.assumed
+    assert {m.ident for m in background_of(profile, 0)} == {m.ident for m in others(6)}
+
+
+def test_own_commands_by_heartbeat_alone_are_not_sent_twice(tmp_path):
+    """A car that drives straight is sent a command every fifth tick."""
+    ours = [
+        replace(m, period_ns=5 * m.period_ns) if m.name == DEFAULT_COMMAND else m
+        for m in own_messages()
+    ]
+    profile = load_profile(recording(tmp_path / "ours.blf", [*others(6), *ours]))
+    assert {m.ident for m in background_of(profile, 0)} == {m.ident for m in others(6)}
+
+
+def test_an_identifier_on_events_that_is_alone_in_the_log_is_of_others(tmp_path):
+    command = next(m for m in own_messages() if m.name == DEFAULT_COMMAND)
+    path = recording(tmp_path / "taken.blf", [*others(6), command])
+    with pytest.raises(CanrollError, match=f"identifier 0x{command.ident:X} is on that bus"):
+        background_of(load_profile(on_events(path, command.ident)), 0)
+
+
 def test_an_identifier_that_others_use_is_refused(tmp_path):
     path = recording(tmp_path / "taken.blf", [*others(8), BusMessage("x", 0xA0, 8, 20.0 * MS, "x")])
-    with pytest.raises(CanrollError, match=r"identifier A0 is on that bus already \(8 bytes ever"):
+    with pytest.raises(
+        CanrollError, match=r"identifier 0xA0 is on that bus already \(8 bytes ever"
+    ):
         delay_bounds(load_profile(path))
 
 

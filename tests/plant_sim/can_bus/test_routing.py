@@ -20,7 +20,7 @@ from plant_sim.can_bus.holistic import arrivals
 from plant_sim.can_bus.network_spec import network_spec
 from plant_sim.can_bus.own_frames import MS, own_messages
 from plant_sim.can_bus.profiles import routed_messages
-from plant_sim.can_bus.routing import Hop, RoutedMessage, route
+from plant_sim.can_bus.routing import Hop, RoutedMessage, RoutedNetwork, route
 from plant_sim.can_bus.traffic.messages import BusMessage
 
 LINE = Topology(
@@ -117,9 +117,8 @@ def test_a_gateway_of_no_latency_is_no_more_than_two_buses():
         [[], []],
         {},
     )
-    (found,) = arrivals(
-        Topology((BusSegment("x", 500_000),) * 2, (BusGateway("g", (0, 1), Spread()),)), ways
-    )
+    topology = Topology((BusSegment("x", 500_000),) * 2, (BusGateway("g", (0, 1), Spread()),))
+    (found,) = arrivals(RoutedNetwork(topology, ways))
     frame = IMU.worst_ns(500_000)
     shortest = IMU.best_ns(500_000)
     # alone on both: its longest frame twice
@@ -132,7 +131,7 @@ def test_a_gateway_of_no_latency_is_no_more_than_two_buses():
 def test_no_simulated_frame_arrives_after_its_bound(seed):
     rng = np.random.default_rng(seed)
     topology, routed = random_network(rng)
-    found = arrivals(topology, routed)
+    found = arrivals(RoutedNetwork(topology, routed))
     for phase in range(3):
         simulated = responses(topology, routed, seed=seed * 10 + phase)
         for (number, segment), times in simulated.items():
@@ -179,7 +178,7 @@ def random_network(rng):
 
 def responses(topology, routed, *, seed):
     """Simulate two seconds; return the times from nominal release to reception."""
-    network = build_network(network_spec(topology, routed, seed=seed))
+    network = build_network(network_spec(RoutedNetwork(topology, routed), seed=seed))
     found, cursor = {}, 0
     numbers = {(r.message.ident, s): n for n, r in enumerate(routed) for s in r.segments}
     for now in range(100 * MS, 2_000 * MS + 1, 100 * MS):

@@ -32,9 +32,12 @@ def test_unknown_names_speeds_and_options_are_refused():
         maneuvers.build("moose", VAN, friction=0.0)
     with pytest.raises(UnknownNameError, match="did you mean 'radius'"):
         maneuvers.build("constant_radius", VAN, radus=50)
+    for key in ("name", "vehicle", "speed", "seed"):
+        with pytest.raises(UnknownNameError, match=f"option of moose '{key}'"):
+            maneuvers.build("moose", VAN, **{key: 3})
     with pytest.raises(CanrollError, match="is not a number"):
         maneuvers.build("constant_radius", VAN, radius="wide")
-    with pytest.raises(CanrollError, match="must be positive"):
+    with pytest.raises(CanrollError, match="must be"):
         maneuvers.build("constant_radius", VAN, radius=-50)
     with pytest.raises(CanrollError, match="must be on or off"):
         maneuvers.build("moose", VAN, chassis_control="maybe")
@@ -177,6 +180,7 @@ def test_signal_files(tmp_path):
     [
         ("", "header"),
         ("time,speed\n0,1\n", "header"),
+        ("time,speed\n0,1\n", r"unit=UNIT \(deg, rad, m/s2\); it has time, speed"),
         ("time,lateral_acceleration\n0,1\n", "two rows"),
         ("time,lateral_acceleration\n0,1\n0,2\n", "line 3: time must increase"),
         ("time,lateral_acceleration\n0,1\n1,x\n", "line 3: expected two numbers"),
@@ -191,7 +195,7 @@ def test_signal_files_that_are_wrong_say_where(tmp_path, text, message):
 
 
 def test_signal_file_is_needed_and_must_exist(tmp_path):
-    with pytest.raises(CanrollError, match="needs a file"):
+    with pytest.raises(CanrollError, match=r"needs --set file=FILE\.csv .* time and"):
         maneuvers.build("from_file", VAN)
     with pytest.raises(CanrollError, match="cannot read signal file"):
         maneuvers.build("from_file", VAN, file=str(tmp_path / "none.csv"))
@@ -220,14 +224,98 @@ def test_chassis_control_brakes_and_steers_towards_the_linear_car():
 def test_same_manoeuvre_gives_the_same_bytes():
     for name, seed in (("double_lane_change", 0), ("random_road", 3)):
         runs = [
-            open_loop.run_passive(VAN, NONLINEAR, maneuvers.build(name, VAN, seed=seed))[0]
+            open_loop.run_passive(VAN, NONLINEAR, maneuvers.build(name, VAN, None, seed))[0]
             for _ in range(2)
         ]
         assert runs[0].tobytes() == runs[1].tobytes()
-    roads = [maneuvers.build("random_road", VAN, seed=seed).drive.road_left for seed in (1, 2)]
+    roads = [maneuvers.build("random_road", VAN, None, seed).drive.road_left for seed in (1, 2)]
     assert not np.array_equal(*roads)
 
 
 def test_sample_interpolates_and_holds_its_ends():
     table = np.array([1.0, 3.0, 2.0])
     assert [driver.sample(table, at) for at in (-1.0, 0.5, 1.5, 9.0)] == [1.0, 2.0, 2.5, 2.0]
+
+
+@pytest.mark.parametrize("name", ["double_lane_change", "bumps", "fishhook"])
+def test_a_straightened_run_is_the_earlier_one_and_then_steers_no_more(name):
+    outputs, steer = run(name)
+    until = 2500
+    maneuver = maneuvers.straightened(
+        maneuvers.build(name, VAN), steer[:until], outputs[:until, ports.VX], 5.0
+    )
+    straight, angle = open_loop.run_passive(VAN, NONLINEAR, maneuver)
+    assert len(straight) == 5000
+    before = slice(0, until - 200)  # the road ends under the wheels in front
+    roll = straight[before, ports.ROLL], outputs[before, ports.ROLL]
+    np.testing.assert_allclose(*roll, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(angle[:until], steer[:until], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(angle[until + 1000 :], 0.0, atol=1e-12)
+    assert np.max(np.abs(straight[-100:, ports.ROLL_RATE])) < 1e-2
+
+
+def test_a_step_steer_settles_at_its_lateral_acceleration():
+    outputs, road_wheel = run("step_steer", body=bodies.body("linear_car"), speed=20.0)
+    steer = road_wheel * VAN.steering.ratio
+    rate = np.degrees(np.diff(steer)) / 1e-3
+    assert rate.max() == pytest.approx(300.0, rel=0.01)
+    assert np.all(steer[:500] == 0.0)
+    assert np.mean(outputs[-500:, ports.AY]) == pytest.approx(4.0, rel=0.05)
+
+
+def test_a_slalom_passes_each_cone_on_its_side():
+    outputs, _ = run("slalom", speed=30 / 3.6, count=5)
+    cones = 15.0 + 18.0 * np.arange(1, 6)
+    y = np.interp(cones, outputs[:, ports.X], outputs[:, ports.Y])
+    beside = np.array([1, -1, 1, -1, 1]) * y - VAN.geometry.width / 2
+    assert np.all(beside > 0.0)
+    assert abs(outputs[-1, ports.Y]) < 0.1
+
+
+def test_bumps_are_counted():
+    one, four = (maneuvers.build("bumps", VAN, count=count) for count in (1, 4))
+    rises = [np.sum(np.diff(np.sign(m.drive.road_left)) > 0) for m in (one, four)]
+    assert rises == [1, 4]
+    with pytest.raises(CanrollError, match="whole number"):
+        maneuvers.build("bumps", VAN, count=1.5)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "expected"),
+    [
+        ("time,steering_wheel_deg\n0,0\n1,180\n", {}, np.pi),
+        ("time,v,LWI\n0,9,0\n1,9,2\n", {"column": "LWI", "unit": "rad"}, 2.0),
+        ("LWI,time\n0,5\n90,6\n", {"column": "LWI", "unit": "deg"}, np.pi / 2),
+    ],
+)
+def test_a_column_of_a_file_is_the_steering(tmp_path, text, options, expected):
+    file = tmp_path / "log.csv"
+    file.write_text(text)
+    driven = maneuvers.build("from_file", VAN, file=str(file), **options)
+    assert driven.drive.table[-1] * VAN.steering.ratio == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("time,LWI\n0,0\n1,2\n", {}, "--set column=NAME"),
+        ("time,LWI\n0,0\n1,2\n", {"column": "LWI"}, "needs --set unit=deg, rad, m/s2"),
+        ("time,LWI\n0,0\n1,2\n", {"column": "LWS", "unit": "deg"}, "time and LWS once"),
+        ("time,LWI\n0,0\n1\n", {"column": "LWI", "unit": "deg"}, "line 3: expected two numbers"),
+    ],
+)
+def test_a_file_without_its_column_is_refused(tmp_path, text, options, message):
+    file = tmp_path / "log.csv"
+    file.write_text(text)
+    with pytest.raises(CanrollError) as refused:
+        maneuvers.build("from_file", VAN, file=str(file), **options)
+    assert message in str(refused.value)
+
+
+def test_every_number_of_a_manoeuvre_has_its_limits():
+    for name in maneuvers.names():
+        for key, default in maneuvers.options(name).items():
+            if isinstance(default, float):
+                limits = maneuvers.OPTIONS[key]
+                assert key == "preview_time" or limits.low <= default <= limits.high
+                assert f"{limits.low:g} to {limits.high:g}" in maneuvers.describe(key, default)

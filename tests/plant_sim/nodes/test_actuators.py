@@ -83,7 +83,8 @@ class Rig:
     @property
     def report(self):
         payload = np.zeros(codec.MAX_PAYLOAD, np.uint8)
-        actuator_kernel.report(self.node, codec.load(), payload, False)
+        message = codec.message_index("ActuatorState")
+        actuator_kernel.report(self.node, codec.load(), message, payload, False)
         data = payload[:8].tobytes()
         return dbc.load().get_message_by_name("ActuatorState").decode(data, decode_choices=False)
 

@@ -102,7 +102,9 @@ def test_insert_leaves_every_other_bit_alone():
 
 
 def test_tables_hold_every_message_of_the_dbc():
-    assert [int(m[codec.IDENT]) for m in TABLES.message] == [m.frame_id for m in MESSAGES]
+    rows = TABLES.message[: len(MESSAGES)]
+    assert [int(m[codec.IDENT]) for m in rows] == [m.frame_id for m in MESSAGES]
+    assert not TABLES.message[len(MESSAGES) :, codec.LENGTH].any()
     placed = np.count_nonzero(TABLES.field[:, codec.PIECES])
     assert placed == sum(len(m.signals) for m in MESSAGES)
 

@@ -4,11 +4,12 @@ import itertools
 
 import numpy as np
 import pytest
+from cantools.database import load_string
 from e2e import p01
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from codegen.generated.frame_protection import CCITT, H2F, J1850, Checksum, Counter, Protection
+from codegen.frame.frame_protection import protection
 from plant_sim.kernels.jit import njit
 from plant_sim.nodes import e2e
 
@@ -24,16 +25,24 @@ def tables(its):
     return parts
 
 
+def of_map(size, **table):
+    """The protection that a map describes, of a frame with the signals that it names."""
+    text = f'VERSION ""\nBO_ 1313 Frame: {size} Car\n'
+    for name, place in (("Low", "9|3@1+"), ("Wide", "30|11@0+")):
+        text += f' SG_ {name} : {place} (1,0) [0|0] "" Ecu\n' if name in str(table) else ""
+    its = protection(load_string(text, "dbc").messages[0], table, (), "map.toml")
+    assert its is not None
+    return its
+
+
+def own(size, counter=None, **checksum):
+    """A manufacturer's protection."""
+    table = {"profile": "own", "checksum": checksum} if checksum else {"profile": "own"}
+    return of_map(size, **table, **({"counter": counter} if counter else {}))
+
+
 def profile_1(data_id):
-    return tables(
-        Protection(
-            "1",
-            8,
-            data_id,
-            Checksum("crc8", 0, J1850, first=("low", "high")),
-            Counter(1, 0, 4, 15),
-        )
-    )
+    return tables(of_map(8, profile=1, data_id=data_id))
 
 
 def to_array(word: int):
@@ -109,30 +118,43 @@ def test_every_one_and_two_bit_flip_is_rejected_and_few_of_three_bits_pass():
     assert 0 < undetected(*rows, payload, three) / len(three) < 1 / 200
 
 
+REFLECTED = {"reflect_in": True, "reflect_out": True, "start": 5}
 PROTECTIONS = {
-    "1 alternating": Protection(
-        "1", 6, 0xA5C3, Checksum("crc8", 0, J1850, first=("alternating",)), Counter(1, 4, 4, 15)
+    "1 alternating": of_map(6, profile=1, data_id=0xA5C3, data_id_mode="alternating"),
+    "1 nibble": of_map(8, profile=1, data_id=0xAC3, data_id_mode="nibble"),
+    "2": of_map(8, profile=2, data_id=list(range(7, 23))),
+    "4": of_map(24, profile=4, data_id=0xDEADBEEF, offset=24),
+    "5": of_map(32, profile=5, data_id=0x1234, offset=24),
+    "6": of_map(32, profile=6, data_id=0x1234),
+    "7": of_map(64, profile=7, data_id=0xDEADBEEF, offset=64),
+    "11": of_map(8, profile=11, data_id=0x1234),
+    "xor": own(8, {"bit": 52, "width": 2}, method="xor", byte=7, constant=0x42),
+    "xor of nibbles": own(8, method="xor", bit=3, width=4, unit=4, start=3),
+    "sum": own(5, method="sum", byte=4, end=255),
+    "sum of the identifier": own(
+        8, method="sum", signal="Low", unit=1, negate=True, start=3, over=["id", "frame"]
     ),
-    "1 nibble": Protection(
-        "1", 8, 0xAC3, Checksum("crc8", 0, J1850, first=("low", "zero")), Counter(1, 0, 4, 15), 12
-    ),
-    "2": Protection(
-        "2",
+    "words with a carry": own(
         8,
-        tuple(range(7, 23)),
-        Checksum("crc8", 0, H2F, 255, 255, (), ("listed",)),
-        Counter(1, 0, 4, 16),
+        {"signal": "Low"},
+        method="sum",
+        byte=4,
+        width=16,
+        unit=16,
+        carry=True,
+        over=["bytes 0-3", "length", "id", "counter", {"signal": "Low"}],
     ),
-    "5": Protection(
-        "5",
-        32,
-        0x1234,
-        Checksum("crc16", 3, CCITT, 0xFFFF, last=("low", "high")),
-        Counter(5, 0, 8, 256),
+    "32 bits": own(12, method="sum", byte=8, width=32, unit=32, carry=True, negate=True),
+    "crc 12": own(8, method="crc", signal="Wide", polynomial=0x385, reflect_out=True),
+    "crc 16": own(8, method="crc16_arc", byte=3, width=16, order="big"),
+    "crc 32": own(8, method="crc", byte=0, width=32, polynomial=0x04C11DB7, end=7),
+    "crc 40": own(9, method="crc", byte=0, width=40, polynomial=0x4820009, **REFLECTED),
+    "crc 64": own(9, method="crc", byte=0, width=64, polynomial=0x42F0E1EBA9EA3693),
+    "crc 64 turned": own(
+        9, method="crc", byte=0, width=64, polynomial=0x42F0E1EBA9EA3693, reflect_out=True
     ),
-    "xor": Protection("own", 8, 0x42, Checksum("xor", 7, last=("low",)), Counter(6, 4, 2, 4)),
-    "sum": Protection("own", 5, 0, Checksum("sum", 4, end=255), None),
-    "counter": Protection("own", 3, 0, None, Counter(2, 1, 3, 6)),
+    "counter": own(3, {"bit": 17, "width": 3, "values": 6}),
+    "wide counter": own(4, {"byte": 0, "width": 32}),
 }
 
 
@@ -149,7 +171,8 @@ def test_any_protection_is_what_the_map_means(name, payload, data):
     assert ours.tobytes() == theirs
     assert e2e.intact(*rows, ours)
     if its.checksum is not None:
-        ours[data.draw(st.integers(0, its.length - 1))] ^= 1 << data.draw(st.integers(0, 7))
+        bit = data.draw(st.sampled_from(its.checksum.place.bits))
+        ours[bit // 8] ^= 1 << bit % 8
         assert not e2e.intact(*rows, ours)
 
 

@@ -27,7 +27,7 @@ def frame(count, acceleration):
     payload = np.zeros(codec.MAX_PAYLOAD, np.uint8)
     values = dict.fromkeys(codec.signal_names("Imu"), 0.0) | {"LateralAcceleration": acceleration}
     codec.encode(TABLES, IMU, np.array(list(values.values())), payload)
-    e2e.protect(TABLES.protection[IMU], TABLES.identity[IMU], TABLES.crc[IMU], count, payload)
+    e2e.protect(TABLES.protection[IMU], TABLES.terms[IMU], TABLES.crc[IMU], count, payload)
     return payload
 
 

@@ -13,6 +13,7 @@ from plant_sim.bodies.ports import initial_inputs
 from plant_sim.driving import maneuvers
 from plant_sim.world.step_size import check_step, growth_per_step
 from plant_sim.world.world import World
+from vehicles import plausible
 
 VAN = Path(vehicles.__file__).with_name("van_real.toml")
 
@@ -25,7 +26,7 @@ def scaled(path, key, factor):
         VAN.read_text(encoding="utf-8"),
         flags=re.MULTILINE,
     )
-    path.write_text(text, encoding="utf-8")
+    path.write_text(f"unusual = {list(plausible.KEYS)}\n{text}", encoding="utf-8")
     return vehicles.load(str(path))
 
 
@@ -58,6 +59,8 @@ def test_a_thousandfold_is_refused_in_one_line(key, plant, tmp_path):
             profile=can_bus.load_profile("500k"),
         )
     assert "\n" not in str(refused.value)
+    causes = str(refused.value).partition(": check ")[2]
+    assert f".{key} (lower it)" in causes
 
 
 def test_the_growth_is_that_of_the_step(tmp_path):

@@ -1,0 +1,1 @@
+"""Tests of services in a bundle: sessions answered by the reference."""

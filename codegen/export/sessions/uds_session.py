@@ -1,0 +1,63 @@
+"""The session of UDS that a bundle with the service tests itself by."""
+
+from codegen.export.sessions.service_session import session_test
+from codegen.run.bus_firmware import BusFirmware
+from firmware.calibration import Calibration
+from firmware.services import fault_memory, uds, uds_state
+
+NOTE = """
+## Diagnostics
+
+UDS over ISO-TP by physical addressing, beside the loop: `test/test_uds.c` is how a board runs it.
+Own one more record, `static canroll_uds uds;`. After `canroll_init` call
+`canroll_uds_init(&uds, &ecu)`; `canroll_uds_receive` for each frame of the tester, also in an
+interrupt; `canroll_uds_tick` after each `canroll_tick`, with the calibration that it ran on; then
+send `uds.tx_payload`, eight bytes, where `uds.tx_pending` is 1, and clear it. Identifiers:
+{request} to the ECU, {response} from it.
+
+| service | |
+| --- | --- |
+| 10 | session: 01 default, 03 extended, which ends after 5 s without a request |
+| 14 | clear all fault codes (FFFFFF), in the extended session |
+| 19 | fault codes: 01 their number, 02 by status, 04 snapshot, 0A all; code i is C1Aii-00 |
+| 22 | data, each as the A2L has its format: {data} |
+| 3E | tester present |
+"""
+FILES = "| `test/test_uds.c` | the service as a board runs it, tested by a session |\n"
+DATA = (
+    "0100 mode, 0101 time, 0102 speed, 0103 roll rate, 0104 lateral acceleration, 0105 moment, "
+    "0106 commands sent, 0110 id and 0111 CRC of the calibration, F186 session"
+)
+CLEAR_TO_SEND = b"\x30\0\0"
+
+
+def frames() -> list[bytes]:
+    """What the tester sends: every service, errors among them."""
+    requests = [
+        bytes([uds.SESSION_CONTROL, uds_state.DEFAULT]),
+        bytes([uds.CLEAR_FAULTS, 0xFF, 0xFF, 0xFF]),
+        bytes([uds.SESSION_CONTROL, uds_state.EXTENDED]),
+        bytes([uds.SESSION_CONTROL, 2]),
+        bytes([uds.TESTER_PRESENT, 0]),
+        bytes([uds.TESTER_PRESENT, uds.SUPPRESSED]),
+        bytes([uds.READ_FAULTS, uds.NUMBER_BY_STATUS, 0xFF]),
+        bytes([uds.READ_FAULTS, uds.BY_STATUS, 0xFF]),
+        bytes([uds.READ_FAULTS, uds.SNAPSHOT, fault_memory.FAMILY, 0, 0, fault_memory.RECORD]),
+        bytes([uds.READ_FAULTS, uds.SUPPORTED]),
+        bytes([uds.READ_FAULTS, 0x55]),
+        bytes([uds.READ_DATA, 0xF1, 0x86, 1, 0x10]),
+        bytes([uds.READ_DATA, 0xF1, 0x90]),
+        bytes([uds.CLEAR_FAULTS, 0xFF, 0xFF, 0xFF]),
+        bytes([uds.READ_FAULTS, uds.NUMBER_BY_STATUS, 8]),
+        bytes([0x2E, 1, 0, 0]),
+    ]
+    return [bytes([len(request), *request]) for request in requests]
+
+
+def sources(firmware: BusFirmware, record: Calibration) -> dict[str, str]:
+    """The test of the service: its program, and the session with the reference's answers."""
+    asked = []
+    for k, frame in enumerate(frames()):
+        # an answer of several frames goes on when the tester is ready
+        asked += [(50 * k + 1, frame), (50 * k + 3, CLEAR_TO_SEND)]
+    return session_test("uds", firmware, record, asked)

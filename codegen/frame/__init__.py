@@ -1,0 +1,1 @@
+"""One frame: places and units of its signals, checksum and counter."""

@@ -1,0 +1,67 @@
+"""The README of a bundle has what its own code needs, or says what lacks for the figures."""
+
+import shutil
+
+import pytest
+
+import dbc
+from codegen.export import figures
+from codegen.run import cortex, ecu_traffic
+from codegen.run.bus_firmware import built_in, of_bus, with_services
+from codegen.run.footprint import footprint
+from codegen.specialise.firmware import specialised
+
+RECORD = ecu_traffic.random_calibration(7)
+needs_gcc = pytest.mark.skipif(
+    not shutil.which(figures.GCC), reason="needs arm-none-eabi-gcc (package gcc-arm-none-eabi)"
+)
+
+
+def rows(text):
+    cells = [line.strip("| ").split(" | ") for line in text.splitlines() if line.startswith("| ")]
+    return {row[0]: int(row[1]) for row in cells if len(row) == 2 and row[1].isdigit()}
+
+
+@needs_gcc
+@pytest.mark.parametrize("services", [(), ("xcp", "uds", "nvm", "nvm_uds")])
+def test_figures_are_those_of_the_code(services):
+    pytest.importorskip("capstone", reason="needs canroll[target]")
+    served = with_services(built_in(), services)
+    text = figures.table(RECORD, built_in(), served)
+    its = rows(text)
+    size = footprint(cortex.gcc_image("cortex-m4", built_in().files))
+    assert its["code, bytes of flash"] >= size.text
+    assert (its["code, bytes of flash"] == size.text) == (not services)
+    assert its["`ecu`, bytes of RAM"] == size.state
+    assert 0 < its["cycles of `canroll_receive`, bound"] < its["cycles of `canroll_tick`, bound"]
+    assert its["stack of `canroll_tick`, bytes, bound"] > 0
+    assert (
+        ("`uds`, bytes of RAM" in its)
+        == ("with the services" in " ".join(text.split()))
+        == bool(services)
+    )
+
+
+@needs_gcc
+def test_specialised_code_has_its_own():
+    pytest.importorskip("capstone", reason="needs canroll[target]")
+    special = specialised(built_in(), RECORD)
+    found = rows(figures.table(RECORD, special, special))["code, bytes of flash"]
+    general = rows(figures.table(RECORD, built_in(), built_in()))["code, bytes of flash"]
+    assert found < general
+
+
+@needs_gcc
+def test_authentication_is_counted():
+    pytest.importorskip("capstone", reason="needs canroll[target]")
+    secured = of_bus(dbc.SECURED_PATH, dbc.SECURED_MAP)
+    text = figures.table(RECORD, secured, secured)
+    assert rows(text)["`secoc`, bytes of RAM"] > 0
+    assert "verifies at most one of each" in " ".join(text.split())
+
+
+def test_without_a_compiler_it_says_which_package(monkeypatch):
+    monkeypatch.setattr(figures, "GCC", "no-such-gcc")
+    text = figures.table(RECORD, built_in(), built_in())
+    assert "no-such-gcc is not installed (package gcc-arm-none-eabi)" in text
+    assert rows(text) == {}

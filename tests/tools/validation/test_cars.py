@@ -1,0 +1,44 @@
+"""The networks of twenty real cars: every map fits, is proved, and some of them are driven."""
+
+import pytest
+
+from codegen.generated.bus_map import load
+from codegen.proof.prove import prove
+from codegen.run.bus_firmware import of_bus
+from codegen.run.native import compiler
+from codegen.subset import rules
+from tools.validation import cars
+
+CARS = {car.name: car for car in cars.cars(cars.MAPS)}
+
+
+def test_there_are_twenty_cars_and_a_page_that_names_them():
+    page = (cars.MAPS / "README.md").read_text(encoding="utf-8")
+    assert len(CARS) == 20
+    assert all(f"`{name}`" in page for name in CARS)
+
+
+@pytest.mark.parametrize("name", CARS)
+def test_the_map_of_a_car_fits_its_frames(name):
+    car = CARS[name]
+    bus = load((car.dbc, cars.ACTUATORS), car.map_file)
+    fields = {signal.place.text for box in bus.received for signal in box.signals}
+    assert fields >= {"speed", "steering", "lateral_acceleration", "delivered[0]"}
+    assert bus.warnings == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", CARS)
+def test_the_firmware_of_a_car_is_proved(name):
+    car = CARS[name]
+    program = of_bus((car.dbc, cars.ACTUATORS), car.map_file).program()
+    rules.check(program)
+    assert not prove(program).findings
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(compiler() is None, reason="needs a C compiler (apt package gcc)")
+@pytest.mark.parametrize("name", ["hyundai_canfd", "toyota_nodsu_pt", "vw_pq"])
+def test_the_loop_on_a_car_works_and_its_bundle_tests_itself(name):
+    text, well = cars.row(CARS[name])
+    assert well, text

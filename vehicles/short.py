@@ -1,0 +1,107 @@
+"""Short vehicle files: a base with other numbers, and sections taken from another vehicle."""
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from canroll.errors import CanrollError
+from vehicles.model import WORDS, Vehicle
+
+GIVEN = "given by this file"
+BODY = ("roll_inertia", "sprung_mass", "cg_height_above_roll_axis")
+"""Numbers of the plant that an ``empty`` body of the base would contradict."""
+
+
+def is_short(table: Mapping[str, Any]) -> bool:
+    """Whether a vehicle's table has a base, or sections named after another vehicle."""
+    return "base" in table or any(
+        isinstance(value, str) for key, value in table.items() if key not in WORDS
+    )
+
+
+def completed(
+    table: Mapping[str, Any], read: Callable[[str], Vehicle], *, name: str, where: str
+) -> dict[str, Any]:
+    """Return the complete table of a short one.
+
+    Every number has a source: that of the file, :data:`GIVEN`, or "of base NAME: …".
+
+    Args:
+        table: of the short file.
+        read: returns the vehicle of a reference in it.
+        name: of the vehicle, for its title.
+        where: begins every error message.
+
+    Raises:
+        CanrollError: a reference that is no text, or to a vehicle that is none.
+    """
+    own = {key: value for key, value in table.items() if key != "base"}
+    sources = own.pop("sources", {})
+    if not isinstance(sources, Mapping):
+        raise CanrollError(f"{where}: 'sources' must be a table")
+    result: dict[str, Any] = {"sources": {}}
+    if "base" in table:
+        if not isinstance(table["base"], str):
+            raise CanrollError(f"{where}: 'base' must be the name or file of a vehicle")
+        base = read(table["base"])
+        result = base.document
+        result["title"] = f"{name}, based on {base.name}"
+        result["basis"] = f"numbers of this file on those of {base.name}: {base.basis}"
+        result["sources"] = _of(f"base {base.name}", base.sources)
+        plant = own.get("plant")
+        if isinstance(plant, Mapping):
+            if "design" not in own:
+                del result["design"]
+                result["sources"] = _without(result["sources"], "design")
+            if "empty" not in own and any(key in plant for key in BODY):
+                result.pop("empty", None)
+                result["sources"] = _without(result["sources"], "empty")
+    for key, value in own.items():
+        if key in WORDS:
+            result[key] = value
+        elif isinstance(value, str):
+            other = read(value)
+            if key not in other.document:
+                raise CanrollError(f"{where}: vehicle {value} has no section '{key}'")
+            result[key] = other.document[key]
+            taken = {
+                part: text for part, text in other.sources.items() if part.partition(".")[0] == key
+            }
+            result["sources"] = _without(result["sources"], key) | _of(other.name, taken)
+        else:
+            result[key] = _merged(result.get(key), value)
+            for path in _leaves(value, key):
+                result["sources"][path] = _longest(sources, path) or GIVEN
+    return result
+
+
+def _of(origin: str, sources: Mapping[str, str]) -> dict[str, str]:
+    return {key: f"of {origin}: {text}" for key, text in sources.items()}
+
+
+def _without(sources: Mapping[str, str], section: str) -> dict[str, str]:
+    return {key: text for key, text in sources.items() if key.partition(".")[0] != section}
+
+
+def _merged(base: Any, given: Any) -> Any:  # noqa: ANN401
+    """Return the base's table with the given keys; what is no table replaces the base's."""
+    if not isinstance(base, Mapping) or not isinstance(given, Mapping):
+        return given
+    return {**base, **{key: _merged(base.get(key), value) for key, value in given.items()}}
+
+
+def _leaves(value: Any, path: str) -> Iterator[str]:  # noqa: ANN401
+    """Paths of all numbers and lists of a table."""
+    if not isinstance(value, Mapping):
+        yield path
+        return
+    for key, item in value.items():
+        yield from _leaves(item, f"{path}.{key}")
+
+
+def _longest(sources: Mapping[str, Any], path: str) -> Any:  # noqa: ANN401
+    parts = path.split(".")
+    for length in range(len(parts), 0, -1):
+        text = sources.get(".".join(parts[:length]))
+        if text is not None:
+            return text
+    return ""
