@@ -164,23 +164,29 @@ def _follow(outputs: Vector, drive: Drive) -> float:
 
 
 @njit
+def _gain(table: Vector, position: float, column: int) -> float:
+    """Preview gain of ``column`` at ``position`` (in steps of speed), held at the table's ends."""
+    last = table.size // ROW - 1
+    held = min(max(position, 0.0), float(last))
+    row = min(floor(held), last - 1)
+    part, at = held - row, row * ROW + column
+    return float(table[at] * (1.0 - part) + table[at + ROW] * part)
+
+
+@njit
 def _previewed(outputs: Vector, drive: Drive, speed: float) -> float:
     """Demand of the preview control (rad), up to the slip angle that the driver allows."""
-    parameters, memory, table = drive.parameters, drive.memory, drive.preview
-    last = table.size // ROW - 1
-    position = min(max(speed / SPEED_STEP - 1.0, 0.0), float(last))
-    row = min(floor(position), last - 1)
-    part, row = position - row, row * ROW
-    states = (outputs[ports.VY], outputs[ports.YAW_RATE], memory[M_STEER])
-    wanted = 0.0
-    for i in range(STATES):
-        wanted -= states[i] * (table[row + i] * (1.0 - part) + table[row + ROW + i] * part)
+    parameters, memory = drive.parameters, drive.memory
+    position = speed / SPEED_STEP - 1.0
+    wanted = -outputs[ports.VY] * _gain(drive.preview, position, 0)
+    wanted -= outputs[ports.YAW_RATE] * _gain(drive.preview, position, 1)
+    wanted -= memory[M_STEER] * _gain(drive.preview, position, 2)
     cosine, sine = cos(outputs[ports.YAW]), sin(outputs[ports.YAW])
     apart = speed * parameters[D_PREVIEW_TIME] / POINTS
-    for i in range(STATES, ROW):
-        x, y, _, _ = _path_point(drive, memory[M_STATION] + apart * (i - STATES + 1))
+    for i in range(POINTS):
+        x, y, _, _ = _path_point(drive, memory[M_STATION] + apart * (i + 1))
         offset = (y - outputs[ports.Y]) * cosine - (x - outputs[ports.X]) * sine
-        wanted += offset * (table[row + i] * (1.0 - part) + table[row + ROW + i] * part)
+        wanted += offset * _gain(drive.preview, position, STATES + i)
     across = outputs[ports.VY] + parameters[D_FRONT] * outputs[ports.YAW_RATE]
     straight = across / max(outputs[ports.VX], 1.0)
     limit = parameters[D_SLIP_LIMIT]

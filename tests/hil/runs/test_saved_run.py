@@ -81,7 +81,7 @@ def test_the_page_made_anew_is_the_same(folder, capsys):
     code = main(["report", str(folder)])
     assert code in (0, 1)
     assert page.read_bytes() == before
-    assert str(page) in capsys.readouterr().out
+    assert f"{folder}: report.html" in capsys.readouterr().out
     other = folder / "other.html"
     assert main(["report", str(folder), "--out", str(other), "--json"]) == code
     assert json.loads(capsys.readouterr().out)["files"]["report"] == str(other)
