@@ -86,8 +86,15 @@ def in_common(vehicle: Vehicle) -> Vehicle:
 
 def lane_change(vehicle: Vehicle, speed_kmh: float) -> Case:
     """ISO 3888-1 as the project's driver steers ``vehicle`` through it."""
-    longer = max(vehicle.tyre.relaxation_length, DRIVABLE_RELAXATION)
-    drivable = replace(vehicle, tyre=replace(vehicle.tyre, relaxation_length=longer))
+    tyre = vehicle.tyre
+    drivable = replace(
+        vehicle,
+        tyre=replace(
+            tyre,
+            relaxation_length=max(tyre.relaxation_length, DRIVABLE_RELAXATION),
+            wheel_inertia=max(tyre.wheel_inertia, light_wheel(tyre, STEP)),
+        ),
+    )
     maneuver = maneuvers.build("double_lane_change", drivable, speed_kmh / 3.6)
     steer = run_passive(drivable, NONLINEAR, maneuver)[1]
     return Case(f"double lane change, {speed_kmh:g} km/h", speed_kmh / 3.6, steer)

@@ -53,6 +53,7 @@ def test_an_ecu_that_starts_again_is_heard_by_its_memory_only(planned, tmp_path)
     assert drive(world, first, 60) > 5
     lasting.write(memory, lasting.by_name(first.lasting, settings.firmware))
     assert json.loads(memory.read_text())["senders"]["Imu"] == 1
+    world.advance(world.now_ns + 10 * MS)  # until the frames under way have come
     # one that has forgotten counts from its first start again, old until it is beyond the last
     refused = world.refused
     assert drive(world, started(planned, None), 20) == 0

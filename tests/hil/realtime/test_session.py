@@ -284,9 +284,10 @@ def test_ctrl_c_ends_everything(programs, tmp_path):
     time.sleep(1.0)
     run.process.send_signal(signal.SIGINT)
     assert run.end() == 130, run.said
-    assert run.said.splitlines()[-1] == "canroll: interrupted"
+    told = rf"canroll: interrupted at \S+ s: {out}/bus.asc has the frames up to then"
+    assert re.fullmatch(told, run.said.splitlines()[-1])
     for pid in pids.values():
         with pytest.raises(ProcessLookupError):
             os.kill(pid, 0)
     with can.LogReader(out / "bus.asc") as log:
-        assert sum(m.arbitration_id == 0xA0 for m in log) > 50
+        assert sum(m.arbitration_id == 0xA0 for m in log) > 10

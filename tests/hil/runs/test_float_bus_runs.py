@@ -21,5 +21,5 @@ def test_the_figures_are_those_of_integers(tmp_path):
     assert not real.warnings
     # the integers' steps are coarser: 0.005 deg/s, 0.001 m/s2, 0.25 N m
     figures = asdict(real.controlled_metrics)
-    assert figures == pytest.approx(asdict(own.controlled_metrics), rel=1e-3)
+    assert figures == pytest.approx(asdict(own.controlled_metrics), rel=2e-3)
     assert figures["moment_max_nm"] > 100.0

@@ -90,7 +90,7 @@ def test_roll_is_near_the_bound_and_below_the_plain_feedforward(bus, beyond_boun
 
 
 def test_the_more_effort_the_more_the_lead_is_worth():
-    found, plain = (at_effort(law, "gateway_50ms", 4600.0) for law in ("steering_lead", "plain"))
+    found, plain = (at_effort(law, "gateway_50ms", 4200.0) for law in ("steering_lead", "plain"))
     assert found.roll_rms_deg < 0.60 * plain.roll_rms_deg
 
 
