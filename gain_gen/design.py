@@ -50,8 +50,8 @@ def design(
     """Return the verified design of ``law`` for ``task``, or for ``vehicle`` and ``delay``.
 
     A built-in law whose loop fails a check on the family of cars is detuned step by step, with a
-    note. A law of the user, from a file or in Python, is never changed: it is refused, or marked
-    where the task takes unverified ones. Gains of a paper are always taken, and marked.
+    note. A law of the user, from a file or in Python, and the gains of a paper are never changed:
+    they are refused, or marked where the task takes unverified ones.
 
     Args:
         law: its name.
@@ -118,11 +118,11 @@ def design(
     answer = verify(law, task, designed, family, speeds)
     if answer.is_verified:
         return answer
-    if task.gains != "computed" or (task.unverified and (of_user or first.verified_by_law)):
+    if task.unverified and (own or first.verified_by_law):
         return _marked(answer)
     # a law that verifies itself holds on its own car alone
     detuned = None if first.verified_by_law else _detuned(first, answer, family, speeds, limits)
-    if detuned is not None and not of_user:
+    if detuned is not None and not own:
         reduction, found = detuned
         cause = in_words(*_first_failure(answer))
         told = f"command reduced by {reduction:g} dB; as designed its {cause}"

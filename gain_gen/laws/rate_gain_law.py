@@ -153,5 +153,5 @@ def _no_gain(law: str, task: Task, best: RateGain) -> str:
         f"{law} for {task.vehicle.name}: no roll-rate gain helps at delays of "
         f"{1e3 * delay.least:.0f} to {1e3 * delay.most:.0f} ms: the best leaves "
         f"{100.0 * best.peak_ratio:.1f} % of the peak roll in the worst case ({best.where}), for "
-        f"{why}; choose a law with the lateral acceleration, or --gains theorem"
+        f"{why}; choose a law with the lateral acceleration, or --gains theorem --unverified"
     )

@@ -93,13 +93,14 @@ def _printed(law: str, name: str = "", **keywords: Any) -> Entry:  # noqa: ANN40
     return Entry(
         name or f"{law} as printed",
         "roll_rate_only",
-        {"law": law, "gains": "as_printed", **keywords},
+        {"law": law, "gains": "as_printed", "unverified": True, **keywords},
         scaled=False,
     )
 
 
 def _theorem(law: str) -> Entry:
-    return Entry(f"{law} by theorem", "roll_rate_only", {"law": law, "gains": "theorem"})
+    choices = {"law": law, "gains": "theorem", "unverified": True}
+    return Entry(f"{law} by theorem", "roll_rate_only", choices)
 
 
 def _arsenal(law: str) -> tuple[Entry, Entry]:

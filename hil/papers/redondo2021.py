@@ -39,6 +39,7 @@ COMMON = {
     "plant": "nonlinear",
     "bus": "gateway_50ms",
     "gains": "as_printed",
+    "unverified": True,
     "trigger": "every",
 }
 RADIUS = 22.0

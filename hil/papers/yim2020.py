@@ -109,6 +109,7 @@ COMMON: dict[str, Any] = {
     "speed_kmh": 80.0,
     "options": {"friction": 0.6},
     "gains": "as_printed",
+    "unverified": True,
     "observer": "one_sensor",
     "trigger": "every",
 }

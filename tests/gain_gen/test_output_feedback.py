@@ -233,7 +233,7 @@ def test_what_they_cannot_honour_is_refused(law):
 
 
 def test_the_papers_state_feedback_stays_available():
-    answer = design("hinf", task_on("500k", "suv_2020", gains="theorem"))
+    answer = design("hinf", task_on("500k", "suv_2020", gains="theorem", unverified=True))
     assert answer.controller.compensator is None
     assert np.all(answer.controller.feedback[:2] > 0.0)
     assert "NOT VERIFIED" in answer.warnings[0]

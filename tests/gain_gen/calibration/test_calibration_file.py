@@ -455,7 +455,7 @@ def test_a_level_names_its_channel_and_no_column_compares_levels(monkeypatch, ca
 def test_command_line_writes_and_reads(tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["design", "--law", "hinf_delay", "--vehicle", "van_2021", "--delay", "100"]
-    theorem = ["--gains", "theorem"]
+    theorem = ["--gains", "theorem", "--unverified"]
     assert main([*arguments, *theorem, "--json", "--out", str(out)]) == 1
     answer = json.loads(capsys.readouterr().out)
     assert answer["gain"][0][0] == pytest.approx(-2871.0, rel=0.05)
@@ -480,7 +480,11 @@ def test_command_line_writes_and_reads(tmp_path, capsys):
 
 def test_command_line_says_what_is_wrong(tmp_path, capsys):
     out = ["--out", str(tmp_path)]
-    assert main(["design", "--law", "hinf_nodelay", "--gains", "as_printed", *out]) == 1
+    words = ["design", "--law", "hinf_nodelay", "--gains", "as_printed", *out]
+    assert main(words) == 1
+    assert not list(tmp_path.iterdir())
+    capsys.readouterr()
+    assert main([*words, "--unverified"]) == 1
     printed = capsys.readouterr()
     assert "NOT VERIFIED" in printed.out
     assert not calibration_file.load(tmp_path / "calibration.toml").verified
@@ -512,8 +516,8 @@ def test_command_line_says_what_is_wrong(tmp_path, capsys):
         assert error.count("\n") == 1
 
 
-def test_printed_gains_are_never_verified_and_every_number_has_its_unit(tmp_path, capsys):
-    words = ["--vehicle", "suv_2020", "--law", "lqr", "--gains", "as_printed"]
+def test_printed_gains_that_fail_are_marked_and_every_number_has_its_unit(tmp_path, capsys):
+    words = ["--vehicle", "suv_2020", "--law", "lqr", "--gains", "as_printed", "--unverified"]
     code = main(["design", *words, "--out", str(tmp_path)])
     shown = capsys.readouterr().out
     assert code == int(" FAILS" in shown)

@@ -188,14 +188,16 @@ def test_infeasible_target_says_what_is_feasible():
         design("hinf_delay", task(delay=0.1, gamma_target=0.5, gains="theorem"))
 
 
-def test_printed_gains_are_unverified_and_named(van):
-    answer = design("hinf_nodelay", replace(task(), gains="as_printed"))
+def test_printed_gains_that_fail_are_refused_or_marked(van):
+    with pytest.raises(VerdictError, match="use it as it is with --unverified"):
+        design("hinf_nodelay", replace(task(), gains="as_printed"))
+    answer = design("hinf_nodelay", replace(task(), gains="as_printed", unverified=True))
     assert not answer.is_verified
     assert "spectral_radius" in answer.failures
     assert any("limit cycle" in text for text in answer.warnings)
-    delayed_law = design("hinf_delay", replace(task(), gains="as_printed"))
+    delayed_law = design("hinf_delay", replace(task(), gains="as_printed", unverified=True))
     assert delayed_law.controller.output_gain[0] == pytest.approx(-4816.3, rel=1e-4)
     assert "gamma_exact" in delayed_law.failures
-    printed = design("lqr", replace(task("suv_2020", 0.02), gains="as_printed"))
+    printed = design("lqr", replace(task("suv_2020", 0.02), gains="as_printed", unverified=True))
     np.testing.assert_allclose(printed.controller.feedback[:2], [38315.0, 4232.0])
     assert any("do not follow" in text for text in printed.warnings)
