@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from functools import cache
 from pathlib import Path
 
+from codegen.c99 import kept
 from codegen.c99.function import Body
 from codegen.c99.linkage import PUBLIC_NUMBERS, PUBLIC_TABLES, Names, linkage
 from codegen.c99.text import (
@@ -47,7 +48,7 @@ CALIBRATION_GUARD = "CANROLL_CALIBRATION_TYPE"
 @cache
 def firmware() -> dict[str, str]:
     """The firmware's files, translated once."""
-    return emit()
+    return kept.translation("ecu", emit)
 
 
 def emit(

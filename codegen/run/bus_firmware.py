@@ -21,7 +21,7 @@ from types import ModuleType
 from typing import Any
 
 import firmware.ecu
-from codegen.c99 import emit
+from codegen.c99 import emit, kept
 from codegen.generated import frames, own_stage, protection, signals, stage_rules
 from codegen.generated.bus_map import BusMap, frame_ident, load
 from codegen.generated.own_stage import OwnStage
@@ -82,19 +82,31 @@ class BusFirmware:
     @cached_property
     def files(self) -> dict[str, str]:
         """The firmware in C, by file name."""
-        if self.modules or self.services:
-            return emit.Emitter(self.program()).files()
-        return emit.firmware()
+        if not self.modules and not self.services:
+            return emit.firmware()
+        parts = sorted(self.modules.items()), self.services, sorted(self._shown.items())
+        return kept.translation(parts, self._translated)
+
+    def _translated(self) -> dict[str, str]:
+        program = self.program()
+        if self.stage:
+            rules.check(program)
+            stage_rules.check(program, prove(program, bounded=own_stage.NAME))
+        return emit.Emitter(program).files()
 
     def program(self) -> Program:
         """The firmware as data, read anew."""
+        with self._folder() as folder:
+            return parse.load(folder=folder, shown=self._shown, services=self.services)
+
+    @cached_property
+    def _shown(self) -> dict[str, Path]:
+        """Where messages say that a module is."""
         stems = [Path(name).stem for name in self.modules]
         shown = {stem: PLACE / file_of(stem, FIRMWARE).relative_to(FIRMWARE) for stem in stems}
         if self.stage:
             shown[own_stage.NAME] = self.stage.path
-        shown |= {name: own.path for name, own in protection.own_functions(self.bus).items()}
-        with self._folder() as folder:
-            return parse.load(folder=folder, shown=shown, services=self.services)
+        return shown | {name: own.path for name, own in protection.own_functions(self.bus).items()}
 
     @cached_property
     def loop(self) -> ModuleType:
@@ -195,10 +207,7 @@ def with_stage(firmware: BusFirmware, stage: OwnStage | None) -> BusFirmware:
         return firmware
     modules = {**firmware.modules, **own_stage.modules(stage)}
     its = replace(firmware, modules=modules, stage=stage)
-    program = its.program()
-    rules.check(program)
-    stage_rules.check(program, prove(program, bounded=own_stage.NAME))
-    # what remains to be refused is what only the translation sees
+    # checked and proved as it is translated
     _ = its.files
     return its
 
