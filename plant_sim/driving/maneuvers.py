@@ -137,13 +137,23 @@ OPTIONS: Mapping[str, Limits] = {
 }
 """Limits of the numbers among the options of the built-in manoeuvres, by name."""
 
+TEXTS: Mapping[str, str] = {
+    "file": "CSV, MF4, or bus log with dbc",
+    "dbc": "network description of a bus log",
+    "column": "signal of the file that is the steering or lateral acceleration",
+    "unit": "deg, rad, m/s2 or g; default that of the file",
+    "speed_column": "signal of the file that is the speed; default speed_kmh of a CSV; none",
+    "speed_unit": "km/h, m/s or mph; default that of the file",
+}
+"""What the texts among them are."""
+
 
 def describe(key: str, default: Any) -> str:  # noqa: ANN401
-    """Return default, unit and range of an option in words."""
+    """Return default, unit and range of an option in words, or what it is."""
     limits = OPTIONS.get(key)
     if limits is None:
         shown = ("off", "on")[default] if isinstance(default, bool) else default
-        return f"default {shown}" if shown else "no default"
+        return f"default {shown}" if shown else TEXTS.get(key, "no default")
     unit = f" {limits.unit}" if limits.unit else ""
     start = (
         "default by vehicle and speed" if key == "preview_time" else f"default {default:g}{unit}"
