@@ -246,6 +246,9 @@ def test_a_manoeuvre_from_a_file_steers(example):
     vehicle = vehicles.load("van_real")
     run = maneuvers.build("from_file", vehicle, 80 / 3.6, file=str(example("steps.csv")))
     assert run.duration_ns == 3_000_000_000
+    own = {key for key, value in maneuvers.options("from_file").items() if isinstance(value, str)}
+    assert own == {key.strip("`") for key in first_column(section("A manoeuvre"))}
+    assert own == set(maneuvers.TEXTS)
 
 
 @pytest.fixture(scope="module")

@@ -180,9 +180,7 @@ def world_of(args: argparse.Namespace, memory: lasting.Memory = lasting.FIRST) -
     """
     choices = choices_of(args)
     vehicle = vehicles.load(chosen(choices, "vehicle"))
-    speed = maneuvers.default_speed(args.scenario, vehicle)
-    if args.speed_kmh is not None:
-        speed = args.speed_kmh / 3.6
+    speed = None if args.speed_kmh is None else args.speed_kmh / 3.6
     seed = chosen(choices, "seed")
     sensors, actuators = conditions.options(choices.get("conditions", {}))
     profile = profile_of(choices)

@@ -98,7 +98,11 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
             f"{vehicle.name}: its margins and checks are those of {controller.vehicle.name}",
         )
     controller = replace(controller, warnings=(*controller.warnings, *warnings))
-    speed = maneuvers.default_speed(scenario, vehicle) if speed_kmh is None else speed_kmh / 3.6
+    # an option that the manoeuvre does not know is refused here
+    speed = None if speed_kmh is None else speed_kmh / 3.6
+    seed = chosen(choices, "seed")
+    maneuver = maneuvers.build(scenario, vehicle, speed, seed, **options)
+    controller = replace(controller, warnings=(*controller.warnings, *maneuver.remarks))
     if plant.lacks:
         lacking = f"{plant.name} has no {', '.join(plant.lacks)}: "
         lacking += "pitch and heave are 0 then, figures of the others left out"
@@ -114,8 +118,8 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         bus=chosen(choices, "bus"),
         backend=backend or default_backend(),
         trigger=controller.trigger,
-        seed=chosen(choices, "seed"),
-        speed=speed,
+        seed=seed,
+        speed=maneuver.speed,
         tick=controller.tick,
         run_time=RUN_TIME_NS * 1e-9,
         options=tuple(sorted(options.items())),
@@ -129,8 +133,6 @@ def plan(scenario: str, **choices: Unpack[Choices]) -> tuple[Settings, Controlle
         stage=controller.stage,
         phase=None if choices.get("phase_ms") is None else 1e-3 * float(choices["phase_ms"] or 0),
     )
-    # an option that the manoeuvre does not know is refused here, and a phase that cannot be
-    maneuver_of(settings)
     if settings.phase is not None:
         phase.checked_cycle_ns(round(settings.tick * 1e9), round(settings.phase * 1e9))
     return settings, controller

@@ -210,7 +210,9 @@ def step(state: Vector, inputs: Vector, parameters: Vector, outputs: Vector, dt:
     _observe(state, inputs, parameters, outputs)
 
 
-BODY = Body("linear_car", step, build, friction=False)
+BODY = Body("linear_car", step, build, friction=False, constant_speed=True)
 """Linear full car."""
-HYDRAULIC_BODY = Body("linear_car_hydraulic", step, build_hydraulic, friction=False)
+HYDRAULIC_BODY = Body(
+    "linear_car_hydraulic", step, build_hydraulic, friction=False, constant_speed=True
+)
 """Linear full car with electro-hydraulic bars."""

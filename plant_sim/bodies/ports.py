@@ -97,7 +97,8 @@ class Body:
     ``step(state, inputs, parameters, outputs, dt)`` is a numba C function: it advances ``state``
     in place and fills ``outputs``. ``build(vehicle, speed)`` gives the state on a straight road
     at ``speed`` (m/s) and the parameter vector. ``lacks`` are outputs that it does not have: pitch
-    and heave are 0 then, all others NaN. ``friction`` tells whether the road's friction limits it.
+    and heave are 0 then, all others NaN. ``friction`` tells whether the road's friction limits it,
+    ``constant_speed`` whether it keeps its entry speed whatever the drive force.
     """
 
     name: str
@@ -106,6 +107,7 @@ class Body:
     outside: Outside | None = None
     lacks: tuple[str, ...] = ()
     friction: bool = True
+    constant_speed: bool = False
 
 
 def initial_inputs() -> Vector:

@@ -23,7 +23,7 @@ MANEUVERS: "Registry[Kind]" = Registry(
         "fishhook": "plant_sim.driving.steer_maneuvers:NHTSA_FISHHOOK",
         "j_turn": "plant_sim.driving.steer_maneuvers:J_TURN",
         "sine_with_dwell": "plant_sim.driving.steer_maneuvers:SINE_WITH_DWELL",
-        "from_file": "plant_sim.driving.steer_maneuvers:FROM_FILE",
+        "from_file": "plant_sim.driving.file_maneuver:FROM_FILE",
     },
     accept="plant_sim.driving.offered:accept",
 )

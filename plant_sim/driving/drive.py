@@ -23,11 +23,13 @@ class Plan:
     """Contents of one manoeuvre, independent of road and driver.
 
     ``duration`` (s). ``table`` at steps of ``table_step`` (s): road-wheel angle (rad) or lateral
-    acceleration (m/s²). ``bank`` (rad) and ``road``, the heights (m) under the left and the right
+    acceleration (m/s²). ``speed`` (m/s), one value per STEP_NS, the first at entry, replaces the
+    constant one. ``bank`` (rad) and ``road``, the heights (m) under the left and the right
     wheels, at steps of ``road_step`` (m) of distance. ``release_time`` (s): the accelerator is
     released from then on. ``steer_rate`` (rad/s at the road wheels) other than 0 replaces the
     driver's arms by a steering robot. ``at_the_limit``: the driver turns the wheel beyond the
     peak of the front tyres. ``fishhook``: start (s), amplitude (rad), hold (s), return (s).
+    ``remarks``: what was left out of a file.
     """
 
     duration: float
@@ -35,6 +37,7 @@ class Plan:
     path_xy: path.XY | None = None
     table: Vector | None = None
     table_step: float = STEP_NS * 1e-9
+    speed: Vector | None = None
     bank: Vector | None = None
     road: tuple[Vector, Vector] | None = None
     road_step: float = 1.0
@@ -42,6 +45,7 @@ class Plan:
     steer_rate: float = 0.0
     at_the_limit: bool = False
     fishhook: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,8 +122,6 @@ def make_drive(
     p[driver.D_UNDERSTEER] = understeer(vehicle)
     p[driver.D_STEER_LIMIT] = vehicle.steering.angle_limit
     p[driver.D_STEER_RATE] = plan.steer_rate or vehicle.steering.rate_limit
-    p[driver.D_SPEED] = speed
-    p[driver.D_SPEED_GAIN] = 2.0 * vehicle.total_mass
     p[driver.D_RELEASE_TIME] = plan.release_time
     p[driver.D_PATH_STEP] = path.STEP
     p[driver.D_TABLE_STEP] = plan.table_step
@@ -142,6 +144,7 @@ def make_drive(
         path_x=x,
         path_y=y,
         table=np.zeros(1) if plan.table is None else plan.table,
+        speed=np.array([speed]) if plan.speed is None else plan.speed,
         bank=np.zeros(1) if plan.bank is None else plan.bank,
         road_left=left,
         road_right=right,

@@ -27,8 +27,6 @@ FISHHOOK = 3
     D_UNDERSTEER,
     D_STEER_LIMIT,
     D_STEER_RATE,
-    D_SPEED,
-    D_SPEED_GAIN,
     D_RELEASE_TIME,
     D_PATH_STEP,
     D_TABLE_STEP,
@@ -46,8 +44,8 @@ FISHHOOK = 3
     D_YAW_INERTIA,
     D_TRACK,
     D_CORNERING,
-) = range(26)
-N_DRIVER = 26
+) = range(24)
+N_DRIVER = 24
 
 (M_STATION, M_STEER, M_TRAVELLED, M_PHASE, M_SINCE, M_YAW_REFERENCE) = range(6)
 N_MEMORY = 6
@@ -55,6 +53,10 @@ N_MEMORY = 6
 STATES = 3
 ROW = STATES + POINTS
 """Gains per speed in the table of preview gains: per state of the car, and per point."""
+
+SPEED_LAG = 0.5
+"""Lag (s) of the car's speed behind that which the driver wants: an error asks for the
+acceleration that would remove it in that time."""
 
 REVERSAL_ROLL_RATE = 0.0262
 """Roll rate (rad/s, 1.5 degrees/s) below which the fishhook's countersteer begins (NHTSA)."""
@@ -83,6 +85,8 @@ class Drive(NamedTuple):
     path_y: Vector
     table: Vector
     """Steering angle (rad) or lateral acceleration (m/s²) at equal steps of time."""
+    speed: Vector
+    """Speed to be driven (m/s), one value per step of the plant; one alone is constant."""
     bank: Vector
     """Road bank (rad) at equal steps of distance travelled."""
     road_left: Vector
@@ -102,6 +106,7 @@ def uncounted(drive: Drive) -> Drive:
         borrowed(drive.path_x),
         borrowed(drive.path_y),
         borrowed(drive.table),
+        borrowed(drive.speed),
         borrowed(drive.bank),
         borrowed(drive.road_left),
         borrowed(drive.road_right),
@@ -279,9 +284,12 @@ def drive(t_ns: int, outputs: Vector, inputs: Vector, drive: Drive) -> None:
     if parameters[D_CHASSIS_CONTROL] != 0.0:
         _stabilise(outputs, inputs, drive)
     if time < parameters[D_RELEASE_TIME]:
-        inputs[ports.DRIVE_FORCE] = parameters[D_SPEED_GAIN] * (
-            parameters[D_SPEED] - outputs[ports.VX]
-        )
+        # The speed and what it changes by in one lag, by which the car is behind: a ramp is then
+        # followed without lag. The change is that about this instant, so that corners stay.
+        ahead = sample(drive.speed, time / dt)
+        ahead += sample(drive.speed, (time + 0.5 * SPEED_LAG) / dt)
+        ahead -= sample(drive.speed, (time - 0.5 * SPEED_LAG) / dt)
+        inputs[ports.DRIVE_FORCE] = parameters[D_MASS] / SPEED_LAG * (ahead - outputs[ports.VX])
     else:
         inputs[ports.DRIVE_FORCE] = 0.0
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from inspect import Parameter, signature
+from math import isclose
 from typing import Any
 
 import numpy as np
@@ -10,7 +11,7 @@ import numpy as np
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.typing import Vector
 from plant_sim.driving import MANEUVERS
-from plant_sim.driving.drive import STEP_NS, make_drive, understeer
+from plant_sim.driving.drive import STEP_NS, Kind, make_drive, understeer
 from plant_sim.driving.driver import (
     ACCELERATION_TABLE,
     D_CHASSIS_CONTROL,
@@ -20,6 +21,7 @@ from plant_sim.driving.driver import (
     D_TABLE_STEP,
     FOLLOW_PATH,
     N_MEMORY,
+    SPEED_LAG,
     STEER_TABLE,
     Drive,
 )
@@ -49,7 +51,7 @@ class Maneuver:
     """One manoeuvre, ready to run once: ``drive`` holds the driver's memory.
 
     ``speed`` (m/s) at entry; ``standard`` is the standard it follows, with deviations;
-    ``options`` are all that are in effect, defaults too.
+    ``options`` are all that are in effect, defaults too; ``remarks`` what was left out of a file.
     """
 
     name: str
@@ -59,6 +61,7 @@ class Maneuver:
     duration_ns: int
     drive: Drive
     options: Mapping[str, Any] = field(default_factory=dict)
+    remarks: tuple[str, ...] = ()
 
 
 def names() -> list[str]:
@@ -134,13 +137,23 @@ OPTIONS: Mapping[str, Limits] = {
 }
 """Limits of the numbers among the options of the built-in manoeuvres, by name."""
 
+TEXTS: Mapping[str, str] = {
+    "file": "CSV, MF4, or bus log with dbc",
+    "dbc": "network description of a bus log",
+    "column": "signal of the file that is the steering or lateral acceleration",
+    "unit": "deg, rad, m/s2 or g; default that of the file",
+    "speed_column": "signal of the file that is the speed; default speed_kmh of a CSV; none",
+    "speed_unit": "km/h, m/s or mph; default that of the file",
+}
+"""What the texts among them are."""
+
 
 def describe(key: str, default: Any) -> str:  # noqa: ANN401
-    """Return default, unit and range of an option in words."""
+    """Return default, unit and range of an option in words, or what it is."""
     limits = OPTIONS.get(key)
     if limits is None:
         shown = ("off", "on")[default] if isinstance(default, bool) else default
-        return f"default {shown}" if shown else "no default"
+        return f"default {shown}" if shown else TEXTS.get(key, "no default")
     unit = f" {limits.unit}" if limits.unit else ""
     start = (
         "default by vehicle and speed" if key == "preview_time" else f"default {default:g}{unit}"
@@ -196,7 +209,8 @@ def build(
     Args:
         name: one of :func:`names`.
         vehicle: vehicle to drive; some manoeuvres are scaled to it.
-        speed: entry speed in m/s; by default that of the vehicle or the manoeuvre.
+        speed: entry speed in m/s; by default that of the vehicle or the manoeuvre, or the first of
+            a manoeuvre with a speed over time.
         seed: seed of the random part of the manoeuvre, the road.
         given: options of :func:`options`; None for the default. Among them are
             ``preview_time`` (s) of the driver, ``friction`` of the road, and
@@ -204,26 +218,31 @@ def build(
 
     Raises:
         UnknownNameError: there is no manoeuvre or option of that name.
-        CanrollError: a speed or an option is outside the manoeuvre's range.
+        CanrollError: a speed or an option is outside the manoeuvre's range, or the speed is
+            another than the first of a speed over time.
     """
     kind = MANEUVERS[name]
-    speed = default_speed(name, vehicle) if speed is None else speed
-    if not SLOWEST_KMH <= speed * 3.6 <= kind.fastest_kmh + 1e-6:
-        raise CanrollError(
-            f"speed {speed * 3.6:g} km/h: the speed of the {kind.title} must be "
-            f"{SLOWEST_KMH:g} to {kind.fastest_kmh:g} km/h"
-        )
+    entry = default_speed(name, vehicle) if speed is None else speed
+    _check_speeds(kind, np.array([entry]))
     chosen = {**options(name), **_checked(name, given)}
     effective = {key: value for key, value in chosen.items() if value != ""}
     common = {key: chosen.pop(key) for key in ("friction", "chassis_control", "preview_time")}
-    plan = kind.plan(vehicle, speed, seed, **chosen)
+    plan = kind.plan(vehicle, entry, seed, **chosen)
+    if plan.speed is not None:
+        _check_speeds(kind, plan.speed)
+        entry = float(plan.speed[0])
+        if speed is not None and not isclose(speed, entry, rel_tol=1e-6):
+            raise CanrollError(
+                f"speed {speed * 3.6:g} km/h: this {kind.title} has a speed over time, "
+                f"{entry * 3.6:g} km/h at its start: omit --speed"
+            )
     standard = kind.standard
     if name == "double_lane_change":
-        if speed * 3.6 > 80.5:
+        if entry * 3.6 > 80.5:
             standard += ", non-standard: driven faster than 80 km/h"
         if vehicle.lane_offset != 3.5:
             standard += f", non-standard: lane offset {vehicle.lane_offset:g} m"
-    drive = make_drive(vehicle, speed, plan, **common)
+    drive = make_drive(vehicle, entry, plan, **common)
     if plan.kind == FOLLOW_PATH:
         effective["preview_time"] = float(drive.parameters[D_PREVIEW_TIME])
     else:
@@ -232,11 +251,25 @@ def build(
         name=name,
         title=kind.title,
         standard=standard,
-        speed=speed,
+        speed=entry,
         duration_ns=round(plan.duration * 1e9 / STEP_NS) * STEP_NS,
         drive=drive,
         options=effective,
+        remarks=plan.remarks,
     )
+
+
+def _check_speeds(kind: Kind, speeds: Vector) -> None:
+    """Refuse speeds (m/s) outside the manoeuvre's range, several with their place in time."""
+    kmh = 3.6 * speeds
+    outside = ~((kmh >= SLOWEST_KMH - 1e-6) & (kmh <= kind.fastest_kmh + 1e-6))
+    if outside.any():
+        first = int(np.argmax(outside))
+        when = f" at {first * STEP_NS * 1e-9:.3f} s" if len(speeds) > 1 else ""
+        raise CanrollError(
+            f"speed {kmh[first]:g} km/h{when}: the speed of the {kind.title} must be "
+            f"{SLOWEST_KMH:g} to {kind.fastest_kmh:g} km/h"
+        )
 
 
 def replay(maneuver: Maneuver, steer: Vector) -> Maneuver:
@@ -263,7 +296,7 @@ def straightened(maneuver: Maneuver, steer: Vector, speed: Vector, duration: flo
     """Return the manoeuvre that follows an earlier run and then goes straight on.
 
     At the end of the earlier run the steering returns to 0 as fast as the driver or robot can; the
-    height and bank of the road stay as they are there.
+    height and bank of the road stay as they are there, and so does the speed that is driven.
 
     Args:
         maneuver: the manoeuvre that was driven.
@@ -282,12 +315,14 @@ def straightened(maneuver: Maneuver, steer: Vector, speed: Vector, duration: flo
         table = drive.table
     travelled = float(np.sum(np.maximum(speed, 0.0))) * dt
     passed = 1 + int(travelled / drive.parameters[D_ROAD_STEP])
+    seen = 1 + len(steer) + round(0.5 * SPEED_LAG / dt)
     return replace(
         maneuver,
         duration_ns=round(duration * 1e9 / STEP_NS) * STEP_NS,
         drive=drive._replace(
             parameters=drive.parameters.copy(),
             table=table,
+            speed=drive.speed[:seen],
             bank=drive.bank[:passed],
             road_left=drive.road_left[:passed],
             road_right=drive.road_right[:passed],

@@ -78,7 +78,7 @@ def check_plan(plan: Plan) -> None:
         value = getattr(plan, field.name)
         if field.name in ("table_step", "road_step") and not 0.0 < value < np.inf:
             raise CanrollError(f"{field.name} {value:g}: it must be above 0")
-        if field.name in ("table", "bank") and value is not None:
+        if field.name in ("table", "bank", "speed") and value is not None:
             _row(field.name, value, 1)
         if field.name in ("path_xy", "road") and value is not None:
             if len(value) != 2 or np.shape(value[0]) != np.shape(value[1]):

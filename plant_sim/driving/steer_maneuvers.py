@@ -1,19 +1,16 @@
-"""Manoeuvres of a steering robot: step steer, fishhook, J-turn, sine with dwell, files.
+"""Manoeuvres of a steering robot: step steer, fishhook, J-turn, sine with dwell.
 
 The robots of FMVSS 126 and of NHTSA's rollover tests scale their steering by the angle at which
 the car corners at 0.3 g at 80 km/h; here that is the linear car's.
 """
 
-import csv
 from math import inf, pi, radians
-from pathlib import Path
 
 import numpy as np
 
-from canroll.errors import CanrollError, reason
 from canroll.typing import Vector
 from plant_sim.driving.drive import Kind, Plan, steady_steer
-from plant_sim.driving.driver import ACCELERATION_TABLE, FISHHOOK, STEER_TABLE
+from plant_sim.driving.driver import FISHHOOK, STEER_TABLE
 from vehicles import GRAVITY, Vehicle
 
 START = 0.5
@@ -110,83 +107,6 @@ def sine_with_dwell(vehicle: Vehicle, _speed: float, _seed: int, *, scale: float
     )
 
 
-CSV_COLUMNS = {"steering_wheel_deg": STEER_TABLE, "lateral_acceleration": ACCELERATION_TABLE}
-"""Columns of a signal file, and the input that each sets."""
-
-
-def read_signal(path: Path, column: str = "") -> tuple[str, Vector, Vector]:
-    """Column name, times (s) and values of a file with a column ``time`` and others.
-
-    Args:
-        path: the file.
-        column: the column to read; "": the one of :data:`CSV_COLUMNS` that is there.
-
-    Raises:
-        CanrollError: the file cannot be read, a column is missing, a field is not a number, or
-            times do not increase.
-    """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file) if row]
-    except (OSError, UnicodeDecodeError) as error:
-        raise CanrollError(f"cannot read signal file {path}: {reason(error)}") from error
-    header = [name.strip() for name in rows[0]] if rows else []
-    present = [name for name in ([column] if column else CSV_COLUMNS) if name in header]
-    if len(present) != 1 or header.count(present[0]) != 1 or header.count("time") != 1:
-        known = column or " or ".join(CSV_COLUMNS)
-        raise CanrollError(
-            f"{path}: line 1: the header must name the columns time and {known} once; another "
-            f"column is named by --set column=NAME --set unit=UNIT ({', '.join(UNITS)}); it has "
-            f"{', '.join(header) or 'none'}"
-        )
-    places = header.index("time"), header.index(present[0])
-    numbers: list[tuple[float, float]] = []
-    for line, row in enumerate(rows[1:], start=2):
-        try:
-            time, value = (float(row[place]) for place in places)
-        except (ValueError, IndexError) as error:
-            raise CanrollError(f"{path}: line {line}: expected two numbers, got {row}") from error
-        if not np.isfinite([time, value]).all():
-            raise CanrollError(f"{path}: line {line}: not a finite number")
-        if numbers and time <= numbers[-1][0]:
-            raise CanrollError(f"{path}: line {line}: time must increase")
-        numbers.append((time, value))
-    if len(numbers) < 2:
-        raise CanrollError(f"{path}: at least two rows of numbers are required")
-    times, values = np.array(numbers).T
-    return present[0], times - times[0], values
-
-
-UNITS = {"deg": (STEER_TABLE, 1.0), "rad": (STEER_TABLE, 180 / pi), "m/s2": (ACCELERATION_TABLE, 1)}
-"""Units of a column named by the user: the input that it sets, and the factor to its unit."""
-
-
-def from_file(
-    vehicle: Vehicle, _speed: float, _seed: int, *, file: str = "", column: str = "", unit: str = ""
-) -> Plan:
-    """Steering-wheel angle or lateral acceleration over time, from a CSV file.
-
-    A column that is named by the user has a unit: deg or rad of steering wheel, or m/s2.
-    """
-    if not file:
-        raise CanrollError(
-            "manoeuvre 'from_file' needs --set file=FILE.csv with the columns time and one of "
-            f"{', '.join(CSV_COLUMNS)}, or --set column=NAME --set unit=UNIT ({', '.join(UNITS)})"
-        )
-    if bool(column) != bool(unit) or (unit and unit not in UNITS):
-        raise CanrollError(
-            f"manoeuvre 'from_file': --set column=NAME needs --set unit={', '.join(UNITS)}, and "
-            "the reverse"
-        )
-    name, times, values = read_signal(Path(file), column)
-    kind, factor = UNITS[unit] if unit else (CSV_COLUMNS[name], 1.0)
-    at = np.arange(0.0, times[-1] + TABLE_STEP / 2, TABLE_STEP)
-    table = factor * np.interp(at, times, values)
-    if kind == STEER_TABLE:
-        table = np.radians(table) / vehicle.steering.ratio
-    return Plan(float(times[-1]), kind=kind, table=table, table_step=TABLE_STEP, steer_rate=inf)
-
-
 STEP_STEER = Kind("step steer", 100.0, 160.0, "ISO 7401", step_steer)
 """Step steer, ISO 7401."""
 NHTSA_FISHHOOK = Kind("fishhook", 80.0, 120.0, "NHTSA roll-rate feedback fishhook", fishhook)
@@ -195,5 +115,3 @@ J_TURN = Kind("J-turn", 80.0, 120.0, "NHTSA J-turn", j_turn)
 """J-turn, NHTSA."""
 SINE_WITH_DWELL = Kind("sine with dwell", 80.0, 120.0, "FMVSS 126", sine_with_dwell)
 """Sine with dwell, FMVSS 126."""
-FROM_FILE = Kind("signal of a file", 80.0, 200.0, "none", from_file)
-"""Steering or lateral acceleration from a file."""

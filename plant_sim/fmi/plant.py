@@ -205,4 +205,5 @@ def read(name: str) -> Body:
         build,
         outside=Outside(check, close),
         lacks=lacking(plant_map),
+        constant_speed="drive_force" not in {wire.quantity for wire in plant_map.inputs},
     )

@@ -64,13 +64,17 @@ def start(
 
     Raises:
         CanrollError: the manoeuvre prescribes the lateral acceleration, but the body computes it
-        from
-            its tyres.
+            from its tyres; or it prescribes a speed over time, but the body keeps its own.
     """
     if maneuver.drive.kind == ACCELERATION_TABLE and body.name != "roll1":
         raise CanrollError(
             f"a lateral acceleration is an input of the plant roll1 only: {body.name} computes it, "
             "give it a steering-wheel angle"
+        )
+    if len(maneuver.drive.speed) > 1 and body.constant_speed:
+        raise CanrollError(
+            f"a speed over time cannot be driven on {body.name}, which keeps its entry speed: "
+            "choose --plant nonlinear, or leave it out (from_file: --set speed_column=none)"
         )
     state, parameters = body.build(vehicle, maneuver.speed)
     inputs, outputs = initial_inputs(), np.zeros(ports.N_OUTPUTS)

@@ -106,6 +106,7 @@ WHOLE = Kind("step", 60.0, 120.0, "none", plan(np.arange(10)))
 ENDLESS = Kind("step", 60.0, 120.0, "none", plan(np.full(10, np.nan)))
 PATH = Kind("step", 60.0, 120.0, "none", plan(np.zeros(9), path_xy=(np.zeros(4), np.zeros(5))))
 FAST = Kind("step", 60.0, 1200.0, "none", plan(np.zeros(9)))
+SPEEDS = Kind("step", 60.0, 120.0, "none", plan(np.zeros(9), speed=[20.0, 21.0]))
 OPTION = Kind("step", 60.0, 120.0, "none", lambda vehicle, speed, seed, *, where=None: None)
 """
 BUS = """
@@ -185,6 +186,7 @@ def test_a_broken_body_is_refused_before_it_is_stepped(folder, name, told):
         ("NO_TABLE", "table is missing"),
         ("WHOLE", "table must hold float64"),
         ("ENDLESS", "finite values"),
+        ("SPEEDS", "speed must hold float64 arrays of one dimension"),
         ("PATH", "path_xy must be two arrays of one length"),
         ("FAST", "speeds of 60 and at most 1200"),
         ("OPTION", "option where needs a default"),

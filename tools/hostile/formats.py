@@ -11,6 +11,7 @@ import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -38,7 +39,7 @@ from hil.studies import fault_catalogue
 from plant_sim.can_bus import load_profile
 from plant_sim.can_bus.traffic.files import load_traffic
 from plant_sim.can_bus.traffic.log_playback import load_recording
-from plant_sim.driving.steer_maneuvers import read_signal
+from plant_sim.driving import signal_file
 from plant_sim.faults.language import read_file as read_faults
 from plant_sim.fmi import plant as fmu
 from tools.hostile import samples
@@ -117,6 +118,14 @@ def _log(path: Path) -> object:
     return load_recording(path, bitrate=500_000)
 
 
+def _signal(path: Path) -> object:
+    return signal_file.read(str(path), ["steering_wheel_deg"])
+
+
+def _measurement(path: Path) -> object:
+    return signal_file.read(str(path), ["steering"])
+
+
 def _bus(path: Path) -> object:
     return bus_map.load(path.parent / "own.dbc", path.parent / "own.toml")
 
@@ -186,13 +195,14 @@ FORMATS = (
     Format("gains", "gains.toml", read_matrices),
     Format("gains", "gains.npz", read_matrices),
     Format("gains", "gains.mat", read_matrices, costly=True, apart=True),
-    Format("signal", "signal.csv", read_signal),
+    Format("signal", "signal.csv", _signal),
     Format("stage", "stage.py", _stage, costly=True),
     Format("fmu", "van.fmu", _fmu),
     Format("fmu", "van.toml", _fmu),
     Format("elf", "firmware.elf", a2l.addresses),
     *(Format("log", f"log.{suffix}", _log) for suffix in LOGS),
     Format("mf4", "log.mf4", _log, costly=True, apart=True),
+    Format("mf4", "measurement.mf4", _measurement, costly=True, apart=True),
     Format("run", "ticks.npz", tick_trace.load),
     Format("run", "plant.npz", plant_record.load),
     Format("run", saved_run.RESULT, _run),
@@ -239,6 +249,11 @@ def make_undriven(folder: Path) -> None:
         with can.Logger(folder / name) as log:
             for n in range(50):
                 log(can.Message(1e-3 * n, 0x80 + n % 3, is_extended_id=False, data=bytes(n % 9)))
+    if find_spec("asammdf"):
+        asammdf = import_module("asammdf")
+        with asammdf.MDF(version="4.10") as file:
+            file.append(asammdf.Signal(np.arange(50.0), np.arange(50.0), "deg", "steering"))
+            file.save(folder / "mf4" / "measurement.mf4")
     pa = store.arrow()
     table = pa.table({"draw": [0, 1], "verdict": ["good", "bad"]}).replace_schema_metadata(
         {store.DIGEST: b"digest"}

@@ -163,7 +163,7 @@ def write_vehicle(args: argparse.Namespace) -> str:
     maneuver = maneuvers.build(
         args.scenario,
         vehicle,
-        maneuvers.default_speed(args.scenario, vehicle) if speed is None else speed / 3.6,
+        None if speed is None else speed / 3.6,
         0,
     )
     title = f"{vehicle.name} at {3.6 * maneuver.speed:.4g} km/h"

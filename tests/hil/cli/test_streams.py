@@ -14,7 +14,7 @@ from hil.cli import main as cli
 from hil.report.staging import check_parent
 from plant_sim.can_bus import load_profile
 from plant_sim.can_bus.traffic.files import load_traffic
-from plant_sim.driving.steer_maneuvers import read_signal
+from plant_sim.driving import signal_file
 
 ROOT = Path(__file__).parents[3]
 BOM = b"\xef\xbb\xbf"
@@ -102,7 +102,11 @@ def test_looking_whether_a_file_can_be_written_leaves_it_as_it_is(tmp_path):
         ("n.toml", b"schema = 1\nbitrate = 500000\nload = 0.3\n", lambda p: load_profile(str(p))),
         ("t.toml", b'[[message]]\nname="A"\nid=1\nbytes=8\nperiod_ms=10\n', load_traffic),
         ("g.toml", b"K = [[1.0, 2.0]]\n", read_matrices),
-        ("s.csv", b"time,steering_wheel_deg\n0,0\n1,2\n", read_signal),
+        (
+            "s.csv",
+            b"time,steering_wheel_deg\n0,0\n1,2\n",
+            lambda p: signal_file.read(str(p), ["steering_wheel_deg"]),
+        ),
         ("v.toml", Path(vehicles.__file__).with_name("van_real.toml").read_bytes(), vehicles.load),
     ],
 )

@@ -107,3 +107,13 @@ def test_plant_moves_as_in_a_run(fmus, run):
 def test_fmpy_simulates_the_plant(fmus):
     result = fmpy.simulate_fmu(str(fmus / "plant.fmu"), stop_time=0.2, step_size=1e-3)
     assert result["x"][-1] == pytest.approx(80 / 3.6 * 0.2, rel=1e-3)
+
+
+def test_a_plant_follows_the_speed_of_a_file(tmp_path):
+    file, model = tmp_path / "drive.csv", tmp_path / "plant.fmu"
+    file.write_text("time,steering_wheel_deg,speed_kmh\n0,0,80\n1,0,80\n3,30,60\n4,30,60\n")
+    made = ["export-fmu", "plant", str(model), "--scenario", "from_file", "--ports", "signals"]
+    export_fmu.run(parse([*made, "--set", f"file={file}"]))
+    rows = fmpy.simulate_fmu(str(model), stop_time=4.0, output_interval=0.01, output=["vx"])
+    column = np.interp(rows["time"], [0, 1, 3, 4], [80, 80, 60, 60])
+    assert 3.6 * rows["vx"] == pytest.approx(column, abs=1.3)

@@ -151,6 +151,14 @@ def test_map_that_does_not_fit_is_refused(mapped, changes, said):
     assert said in refusal(mapped(**changes))
 
 
+def test_a_speed_over_time_needs_the_drive_force(mapped, tmp_path):
+    file = tmp_path / "drive.csv"
+    file.write_text("time,steering_wheel_deg,speed_kmh\n0,0,80\n2,20,70\n")
+    options = {"file": str(file)}
+    with pytest.raises(CanrollError, match=r"van\.fmu, which keeps its entry speed"):
+        run("from_file", plant=mapped(), options=options, **SHORT)
+
+
 @pytest.mark.parametrize(
     ("unit", "said"),
     [

@@ -400,3 +400,42 @@ def test_interrupted_runs_leave_a_complete_log(tmp_path, monkeypatch, capsys):
 def test_a_misspelt_choice_is_named_and_not_ignored():
     with pytest.raises(UnknownNameError, match="did you mean 'law'"):
         experiment.plan("double_lane_change", lawn="lqr")
+
+
+def test_a_run_is_driven_again_from_its_own_log(tmp_path, capsys):
+    """By the signals of the network description, of which the log is all that is left."""
+    file = tmp_path / "drive.csv"
+    file.write_text("time,steering_wheel_deg,speed_kmh\n0,0,72\n0.5,0,72\n0.8,60,72\n2,60,60\n")
+    first = experiment.run("from_file", law="passive", options={"file": str(file)})
+    assert first.to_json()["speed_kmh"] == pytest.approx(72.0)
+    log = {
+        "file": str(write_log(tmp_path / "bus.blf", first.passive.frames)),
+        "dbc": str(dbc.PATH),
+        "column": "SteeringWheelAngle",
+        "speed_column": "VehicleSpeed",
+    }
+    again = experiment.run("from_file", law="passive", options=log)
+    most = first.passive_metrics.roll_max_deg
+    assert most > 1.0
+    assert again.passive_metrics.roll_max_deg == pytest.approx(most, rel=0.03)
+    vx = [result.passive.signals["vx"][-1] for result in (first, again)]
+    assert vx[0] == pytest.approx(vx[1], rel=0.01)
+    assert 3.6 * vx[0] == pytest.approx(60.0, abs=1.3)
+
+    assert main(["run", "from_file", "--set", f"file={file}", "--speed", "60"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("has a speed over time, 72 km/h at its start: omit --speed")
+
+
+def test_what_a_file_leaves_out_is_a_warning(tmp_path):
+    text = dbc.PATH.read_text(encoding="latin-1")
+    own = tmp_path / "own.dbc"
+    own.write_text(text + '\nVAL_ 176 SteeringWheelAngle 0 "Centre" ;\n', encoding="latin-1")
+    frames = experiment.run("step_steer", law="passive", duration=1.5).passive.frames
+    log = {
+        "file": str(write_log(tmp_path / "bus.blf", frames)),
+        "dbc": str(own),
+        "column": "SteeringWheelAngle",
+    }
+    result = experiment.run("from_file", law="passive", options=log)
+    assert any("have no number of it: left out" in warning for warning in result.warnings)

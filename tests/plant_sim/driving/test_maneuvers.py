@@ -163,44 +163,6 @@ def test_sine_with_dwell_has_the_frequency_and_dwell_of_the_standard():
     assert np.all(table[time > 1 / 0.7 + 0.501] == 0.0)
 
 
-def test_signal_files(tmp_path):
-    file = tmp_path / "ay.csv"
-    file.write_text("time,lateral_acceleration\n0,0\n1,2\n3,2\n")
-    outputs, _ = run("from_file", body=ROLL1, file=str(file))
-    assert outputs[-1, ports.AY] == pytest.approx(2.0) and len(outputs) == 3000
-    with pytest.raises(CanrollError, match="an input of the plant roll1 only"):
-        run("from_file", body=NONLINEAR, file=str(file))
-    file.write_text("time,steering_wheel_deg\n0,0\n1,33\n4,33\n")
-    _, steer = run("from_file", file=str(file))
-    assert steer[-1] * VAN.steering.ratio == pytest.approx(np.radians(33.0))
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "header"),
-        ("time,speed\n0,1\n", "header"),
-        ("time,speed\n0,1\n", r"unit=UNIT \(deg, rad, m/s2\); it has time, speed"),
-        ("time,lateral_acceleration\n0,1\n", "two rows"),
-        ("time,lateral_acceleration\n0,1\n0,2\n", "line 3: time must increase"),
-        ("time,lateral_acceleration\n0,1\n1,x\n", "line 3: expected two numbers"),
-        ("time,lateral_acceleration\n0,1\n1,nan\n", "line 3: not a finite number"),
-    ],
-)
-def test_signal_files_that_are_wrong_say_where(tmp_path, text, message):
-    file = tmp_path / "bad.csv"
-    file.write_text(text)
-    with pytest.raises(CanrollError, match=message):
-        maneuvers.build("from_file", VAN, file=str(file))
-
-
-def test_signal_file_is_needed_and_must_exist(tmp_path):
-    with pytest.raises(CanrollError, match=r"needs --set file=FILE\.csv .* time and"):
-        maneuvers.build("from_file", VAN)
-    with pytest.raises(CanrollError, match="cannot read signal file"):
-        maneuvers.build("from_file", VAN, file=str(tmp_path / "none.csv"))
-
-
 def test_banked_curve_needs_less_suspension_roll_when_it_leans_in():
     leaning, _ = run("banked_curve", bank_deg=-6.0)
     level, _ = run("banked_curve", bank_deg=0.0)
@@ -278,38 +240,6 @@ def test_bumps_are_counted():
     assert rises == [1, 4]
     with pytest.raises(CanrollError, match="whole number"):
         maneuvers.build("bumps", VAN, count=1.5)
-
-
-@pytest.mark.parametrize(
-    ("text", "options", "expected"),
-    [
-        ("time,steering_wheel_deg\n0,0\n1,180\n", {}, np.pi),
-        ("time,v,LWI\n0,9,0\n1,9,2\n", {"column": "LWI", "unit": "rad"}, 2.0),
-        ("LWI,time\n0,5\n90,6\n", {"column": "LWI", "unit": "deg"}, np.pi / 2),
-    ],
-)
-def test_a_column_of_a_file_is_the_steering(tmp_path, text, options, expected):
-    file = tmp_path / "log.csv"
-    file.write_text(text)
-    driven = maneuvers.build("from_file", VAN, file=str(file), **options)
-    assert driven.drive.table[-1] * VAN.steering.ratio == pytest.approx(expected)
-
-
-@pytest.mark.parametrize(
-    ("text", "options", "message"),
-    [
-        ("time,LWI\n0,0\n1,2\n", {}, "--set column=NAME"),
-        ("time,LWI\n0,0\n1,2\n", {"column": "LWI"}, "needs --set unit=deg, rad, m/s2"),
-        ("time,LWI\n0,0\n1,2\n", {"column": "LWS", "unit": "deg"}, "time and LWS once"),
-        ("time,LWI\n0,0\n1\n", {"column": "LWI", "unit": "deg"}, "line 3: expected two numbers"),
-    ],
-)
-def test_a_file_without_its_column_is_refused(tmp_path, text, options, message):
-    file = tmp_path / "log.csv"
-    file.write_text(text)
-    with pytest.raises(CanrollError) as refused:
-        maneuvers.build("from_file", VAN, file=str(file), **options)
-    assert message in str(refused.value)
 
 
 def test_every_number_of_a_manoeuvre_has_its_limits():
