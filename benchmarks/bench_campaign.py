@@ -22,9 +22,9 @@ from dataclasses import replace
 from itertools import count
 
 from hil.campaign import campaign_file
-from hil.campaign.engine import LOCAL, engine, results
 from hil.campaign.plan import drive_chunk
 from hil.campaign.summary import count_of
+from hil.cases.engine import LOCAL, engine, results
 from hil.runs import experiment, virtual_time
 from hil.studies import figures, variation
 from plant_sim.world import open_loop, world

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from gain_gen.margin_report import margin_report as margins
     from gain_gen.models.task import Delay, Design, Task
     from hil.campaign.study import campaign
+    from hil.cases.execution import Execution
     from hil.report.picture import plot
     from hil.runs.experiment import run
     from hil.runs.result import Result
@@ -35,6 +36,7 @@ __all__ = [
     "CanrollError",
     "Delay",
     "Design",
+    "Execution",
     "Result",
     "Table",
     "Task",
@@ -55,6 +57,7 @@ __all__ = [
 _HOMES = {
     "Delay": ("gain_gen.models.task", "Delay"),
     "Design": ("gain_gen.models.task", "Design"),
+    "Execution": ("hil.cases.execution", "Execution"),
     "Result": ("hil.runs.result", "Result"),
     "Table": ("canroll.table", "Table"),
     "Task": ("gain_gen.models.task", "Task"),

@@ -45,7 +45,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("gain_gen",),
     ("hil.reaction", "hil.network"),
     ("hil.runs",),
-    ("hil.realtime.hardware",),
+    ("hil.cases", "hil.realtime.hardware"),
     ("hil.realtime",),
     ("hil.exchange", "hil.realtime.check"),
     ("hil.report",),

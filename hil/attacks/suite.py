@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
-from canroll.typing import Progress
 from codegen.run.backends import Backend, open_backend
 from codegen.run.bus_firmware import BusFirmware
 from codegen.run.ecu_traffic import Frame, Payload
 from codegen.run.secured import SecuredEcu
 from hil.attacks.attacker import AttackedWorld
 from hil.attacks.kinds import NONE, START_NS, Attack, attacks
+from hil.cases.execution import IN_TURN, Cases
+from hil.cases.identity import identity
 from hil.reaction import reaction
 from hil.runs.choices import PASSIVE
 from hil.runs.experiment import drive, plan, tick_offset_ns, world_options
@@ -185,14 +186,14 @@ class Suite:
 def run(
     scenario: str,
     *,
-    only: str = "",
+    named: str = "",
     under: Drive | None = None,
-    progress: Progress | None = None,
+    cases: Cases = IN_TURN,
     **choices: Any,  # noqa: ANN401
 ) -> Suite:
     """Drive every attack on the loop of ``choices`` (:class:`hil.runs.choices.Choices`).
 
-    ``only``: attacks whose name contains this. ``under`` drives them, by default in virtual time.
+    ``named``: attacks whose name contains this. ``under`` drives them, by default in virtual time.
 
     Raises:
         CanrollError: an invalid name or number, no such attack, or a bus of several segments.
@@ -207,19 +208,30 @@ def run(
             f"bus {settings.bus} has several segments: attacks need a bus of one, such as 500k"
         )
     passive = drive(replace(settings, faults=()), controller, enabled=False)
-    asked = tuple(attack for attack in attacks(settings.command) if only in attack.name)
-    if not asked:
-        raise CanrollError(f"no attack has '{only}' in its name")
-    chosen = (NONE, *asked)
-    outcomes = []
-    for attack in chosen:
-        faults = (*settings.faults, *attack.faults)
-        its = replace(settings, faults=faults)
-        outcomes.append(outcome(its, controller, passive, attack, under=under))
-        if progress is not None:
-            progress(f"attacks on {settings.bus}", len(outcomes) / len(chosen))
+    chosen = [
+        number for number, attack in enumerate(attacks(settings.command)) if named in attack.name
+    ]
+    if not chosen:
+        raise CanrollError(f"no attack has '{named}' in its name")
+    study = cases.of(identity(settings, controller) | {"attacks": named, "real": under is not None})
+    loop = study.engine.common((settings, controller, passive))
+    arguments = [(loop, number, under) for number in (None, *study.picked(chosen))]
+    outcomes = study.rows(f"attacks on {settings.bus}", attacked, arguments)
     roll = float(np.degrees(peak(passive.signals["roll"])))
     return Suite(settings, settings.firmware.bus.secured, roll, tuple(outcomes))
+
+
+def attacked(
+    loop: tuple[Settings, Controller, Trace], number: int | None, under: Drive | None
+) -> Outcome:
+    """Drive the attack of a number, or none.
+
+    ``loop``: settings, controller, and the run without control.
+    """
+    settings, controller, passive = loop
+    attack = NONE if number is None else attacks(settings.command)[number]
+    settings = replace(settings, faults=(*settings.faults, *attack.faults))
+    return outcome(settings, controller, passive, attack, under=under)
 
 
 def in_virtual_time(settings: Settings, controller: Controller, attack: Attack) -> Driven:

@@ -1,29 +1,24 @@
 """The plan of a campaign: which draws there are, and how one is driven."""
 
-import hashlib
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cached_property
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
-from codegen.run.memory_image import image
-from dbc.reader import each
 from hil.campaign import quantities
 from hil.campaign.quantities import FAULTS
 from hil.campaign.space import Sampling, Space
+from hil.cases.identity import fingerprint, identity
 from hil.runs.frozen import Controller
 from hil.runs.metrics import Metrics
 from hil.runs.result import Settings
 from hil.runs.standard import LEAST_ROLL_DEG
 from hil.studies.figures import figures
-from plant_sim.can_bus import load_profile
 
 HARMLESS = 1.02
 """Largest roll angle over that without control, up to which a faulted run has done no harm."""
@@ -66,31 +61,21 @@ class Plan:
     @cached_property
     def description(self) -> dict[str, Any]:
         """Everything that decides the table, as plain data."""
-        settings, controller = self.settings, self.controller
+        drawn = dict(zip(self.space.names, self.space.distributions, strict=True))
+        values = [value for each in drawn.values() for value in each.extremes()]
+        buses = drawn["bus"].extremes() if "bus" in drawn else ()
         return {
-            "canroll": version("canroll"),
-            "scenario": settings.scenario,
-            **settings.choices(),
-            "phase_ms": None if settings.phase is None else 1e3 * settings.phase,
-            "vehicle_fingerprint": settings.vehicle.fingerprint,
-            "calibration": _hash(image(controller.record)),
-            "stage": None if settings.stage is None else _hash(settings.stage.source.encode()),
-            "files": _files(settings, self.space),
+            **identity(self.settings, self.controller, buses=map(str, buses), others=values),
             "runs": self.runs,
             **asdict(self.sampling),
-            "draw": {
-                name: distribution.to_json()
-                for name, distribution in zip(
-                    self.space.names, self.space.distributions, strict=True
-                )
-            },
+            "draw": {name: distribution.to_json() for name, distribution in drawn.items()},
             "correlations": [asdict(pair) for pair in self.space.correlations],
         }
 
     @cached_property
     def digest(self) -> str:
         """Fingerprint of the description."""
-        return _hash(json.dumps(self.description, sort_keys=True, default=str).encode())
+        return fingerprint(self.description)
 
     def numbers(self, chunk: int) -> range:
         """Return the numbers of the draws in a chunk."""
@@ -147,26 +132,6 @@ class Plan:
     def columns(self, draws: Sequence[Mapping[str, Any]]) -> Columns:
         """Return the drawn values as columns of a table: numbers, or text."""
         return {name: _column(name, [draw[name] for draw in draws]) for name in self.space.names}
-
-
-def _hash(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()
-
-
-def _files(settings: Settings, space: Space) -> list[list[str]]:
-    """Return name and hash of each file that a draw may read, wherever it is on this machine."""
-    drawn = [value for each in space.distributions for value in each.extremes()]
-    known = dict(zip(space.names, space.distributions, strict=True))
-    buses = known["bus"].extremes() if "bus" in known else (settings.bus,)
-    texts = [settings.key, settings.plant, settings.bus, *dict(settings.options).values(), *drawn]
-    paths = {Path(part) for text in texts if isinstance(text, str) for part in text.split("#")}
-    paths |= {path.with_suffix(".toml") for path in paths if path.suffix == ".fmu"}
-    for bus in buses:
-        profile = load_profile(bus, settings.dbc, settings.map)
-        traffic = (segment.traffic for segment in profile.network.segments)
-        frames = () if profile.dbc is None else each(profile.dbc)
-        paths |= {path for path in (*frames, profile.map_file, *traffic) if path is not None}
-    return sorted([path.name, _hash(path.read_bytes())] for path in paths if path.is_file())
 
 
 def _column(name: str, values: list[Any]) -> NDArray[Any]:

@@ -1,7 +1,5 @@
 """Subset simulation over the draws of a campaign: where its samples are driven and kept."""
 
-import hashlib
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -13,13 +11,14 @@ from numpy.typing import NDArray
 
 from canroll.errors import CanrollError, UnknownNameError
 from hil.campaign import quantities
-from hil.campaign.engine import engine, results
 from hil.campaign.events import EVENTS, LEVELLED
 from hil.campaign.plan import Columns, Plan, driven
 from hil.campaign.rare import SHARE, Estimate, Matrix, Vector, estimate, pieces
 from hil.campaign.space import RANDOM
-from hil.campaign.store import Store, table_of
+from hil.campaign.store import Chunks, table_of
 from hil.campaign.study import Means
+from hil.cases.engine import engine, results
+from hil.cases.identity import fingerprint
 from hil.runs.result import Settings
 
 PIECE = 16
@@ -69,8 +68,7 @@ class Splitting:
     @property
     def digest(self) -> str:
         """Fingerprint of the description."""
-        text = json.dumps(self.description, sort_keys=True, default=str)
-        return hashlib.sha256(text.encode()).hexdigest()
+        return fingerprint(self.description)
 
     def run(self, means: Means, progress: Callable[[int, float], None]) -> Estimate:
         """Estimate the probability; samples that the store has are not driven again.
@@ -110,7 +108,7 @@ class Splitting:
 
     def first_event(self, folder: Path) -> int:
         """Return the number of the first sample of a finished estimate with the event."""
-        rows = Store(folder, self.digest).columns(table_of(folder))
+        rows = Chunks(folder, self.digest).columns(table_of(folder))
         return int(rows["draw"][np.argmax(rows["level"] >= 1.0)])
 
     def sample(self, folder: Path, number: int) -> Settings:
@@ -122,7 +120,7 @@ class Splitting:
         path = table_of(folder)
         if not path.is_file():
             raise CanrollError(f"{path}: no finished estimate: drive it first, with the same --out")
-        rows = Store(folder, self.digest).columns(path)
+        rows = Chunks(folder, self.digest).columns(path)
         found = np.flatnonzero(rows["draw"] == number)
         if not len(found):
             raise CanrollError(f"--only {number}: {path} has no such sample")

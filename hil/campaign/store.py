@@ -1,13 +1,10 @@
 """The chunks of a campaign on disk: Parquet files, each whole or absent, and their table."""
 
 import json
-import os
 import shutil
 from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +12,7 @@ import numpy as np
 from canroll import documents
 from canroll.errors import CanrollError, optional, reason
 from hil.campaign.plan import Columns
+from hil.cases.store import Store, placed
 
 if TYPE_CHECKING:
     import pyarrow
@@ -37,38 +35,18 @@ def arrow() -> Any:  # noqa: ANN401
 
 
 @dataclass(frozen=True, slots=True)
-class Store:
-    """A folder of chunks of one plan; several processes may add to it at once.
+class Chunks(Store[Columns]):
+    """The chunks of one plan as Parquet files, with the plan's fingerprint in each."""
 
-    A chunk is written beside its place and moved there: whatever ends the process, it is whole or
-    absent.
+    suffix = ".parquet"
 
-    Attributes:
-        folder: the folder.
-        digest: fingerprint of the plan, in every file.
-    """
+    def __post_init__(self) -> None:
+        """Refuse to go on without pyarrow, before anything slow is done."""
+        arrow()
 
-    folder: Path
-    digest: str
-
-    def path(self, name: str) -> Path:
-        """Return the path of a chunk."""
-        return self.folder / f"{name}.parquet"
-
-    def has(self, name: str) -> bool:
-        """Whether the chunk is there."""
-        return self.path(name).is_file()
-
-    def read(self, name: str) -> Columns | None:
-        """Return a chunk, or None if it is absent.
-
-        Raises:
-            CanrollError: it is damaged, or of another plan.
-        """
-        path = self.path(name)
-        if not path.is_file():
-            return None
-        return self.columns(path)
+    def read(self, name: str) -> Columns:
+        """Return a chunk."""
+        return self.columns(self.path(name))
 
     def columns(self, path: Path) -> Columns:
         """Return a file of this plan as columns; text as objects.
@@ -105,19 +83,19 @@ class Store:
         """Write a chunk, whole or not at all."""
         pa = arrow()
         table = pa.table({key: pa.array(values) for key, values in columns.items()})
-        with _placed(self.path(name)) as part:
+        with placed(self.path(name)) as part:
             pa.parquet.write_table(self._marked(table), part, compression=COMPRESSION)
 
-    def take(self, other: "Store", name: str) -> None:
+    def take(self, other: "Chunks", name: str) -> None:
         """Copy a chunk of another store of the same plan, byte for byte."""
         other.read(name)
-        with _placed(self.path(name)) as part:
+        with placed(self.path(name)) as part:
             shutil.copyfile(other.path(name), part)
 
     def join(self, names: Iterable[str], path: Path) -> None:
         """Write the chunks ``names`` one after the other as one file, whole or not at all."""
         pa = arrow()
-        with _placed(path) as part:
+        with placed(path) as part:
             writer = None
             for name in names:
                 table = self.table(self.path(name))
@@ -131,28 +109,7 @@ class Store:
         return table.replace_schema_metadata({DIGEST: self.digest.encode()})
 
 
-class _placed:  # noqa: N801 - reads as a verb
-    """A file beside ``path`` that is moved there when the body has succeeded."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        # machines that share a folder may have processes of the same number
-        self.part = path.with_name(f".{path.name}.{token_hex(8)}.part")
-
-    def __enter__(self) -> Path:
-        return self.part
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        if kind is not None:
-            with suppress(OSError):
-                self.part.unlink(missing_ok=True)
-            return
-        with open(self.part, "rb+") as file:
-            os.fsync(file.fileno())
-        self.part.replace(self.path)
-
-
-def opened(folder: Path, digest: str, description: dict[str, Any], *, resume: bool) -> Store:
+def opened(folder: Path, digest: str, description: dict[str, Any], *, resume: bool) -> Chunks:
     """Return the store in ``folder``, created if missing.
 
     Args:
@@ -166,7 +123,7 @@ def opened(folder: Path, digest: str, description: dict[str, Any], *, resume: bo
             campaign, or cannot be written.
         MissingExtraError: pyarrow is not installed.
     """
-    arrow()
+    store = Chunks(folder, digest)
     plan = folder / PLAN
     kept = _kept(plan)
     try:
@@ -178,7 +135,7 @@ def opened(folder: Path, digest: str, description: dict[str, Any], *, resume: bo
             plan.unlink()
             kept = None
         if kept is None:
-            with _placed(plan) as part:
+            with placed(plan) as part:
                 text = json.dumps({"digest": digest, **description}, indent=2, default=str)
                 part.write_text(text + "\n", encoding="utf-8")
     except OSError as error:
@@ -194,7 +151,7 @@ def opened(folder: Path, digest: str, description: dict[str, Any], *, resume: bo
             f"{folder}: --resume continues the same campaign, this one differs in "
             f"{', '.join(differs) or 'its calibration'}: choose another --out"
         )
-    return Store(folder, digest)
+    return store
 
 
 def unfinished(folder: Path) -> int | None:

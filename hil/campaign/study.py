@@ -9,11 +9,11 @@ from canroll.arguments import checked
 from canroll.errors import CanrollError
 from canroll.table import Table
 from hil.campaign import campaign_file
-from hil.campaign.engine import LOCAL, engine, results
 from hil.campaign.plan import HELPS, Columns, Plan, drive_chunk
 from hil.campaign.space import RANDOM
-from hil.campaign.store import Store, chunk_name, opened, table_of
+from hil.campaign.store import Chunks, chunk_name, opened, table_of
 from hil.campaign.summary import REDUCTION, Summary, count_of, joined, plain, reduction
+from hil.cases.engine import LOCAL, Task, engine, results
 from hil.runs.choices import CHOICES, check, several
 from hil.runs.conditions import fault_texts
 from hil.runs.experiment import simulate
@@ -137,7 +137,7 @@ class Means:
         worst_by: what the hardest draws go by, see :class:`hil.campaign.summary.Summary`.
     """
 
-    store: Store | None = None
+    store: Chunks | None = None
     scheduler: str = LOCAL
     jobs: int = 1
     watch: Watch | None = None
@@ -151,7 +151,7 @@ class Means:
             CanrollError: a draw cannot be driven, or a chunk cannot be kept.
             KeyboardInterrupt: Ctrl-C; the chunks in work are finished and kept.
         """
-        tasks: Iterable[tuple[str, Callable[..., Columns], tuple[Any, ...]]] = (
+        tasks: Iterable[Task[Columns]] = (
             (chunk_name(chunk), drive_chunk, (plan, chunk)) for chunk in chunks
         )
         summary, kept_draws = Summary(self.worst_by), 0
@@ -284,7 +284,7 @@ def run_shard(plan: Plan, means: Means, shard: tuple[int, int]) -> int:
     return len(chunks)
 
 
-def merge(folders: Sequence[Path], store: Store, plan: Plan) -> None:
+def merge(folders: Sequence[Path], store: Chunks, plan: Plan) -> None:
     """Bring the chunks of the shards in ``folders`` to one store.
 
     Raises:
@@ -294,7 +294,7 @@ def merge(folders: Sequence[Path], store: Store, plan: Plan) -> None:
     missing = []
     for chunk in range(plan.chunks):
         name = chunk_name(chunk)
-        others = (Store(folder, plan.digest) for folder in folders if folder != store.folder)
+        others = (Chunks(folder, plan.digest) for folder in folders if folder != store.folder)
         found = None if store.has(name) else next((o for o in others if o.has(name)), None)
         if found is not None:
             store.take(found, name)

@@ -8,7 +8,8 @@ from hil.cli.options import (
     OF_A_RUN,
     add_answer,
     add_choices,
-    add_json,
+    add_execution,
+    add_numbers,
     add_recording,
     add_scenario,
     add_services,
@@ -319,7 +320,8 @@ def attacks(parser: argparse.ArgumentParser) -> None:
     )
     add_bus_arguments(parser)
     parser.set_defaults(serve=None)
-    add_json(parser)
+    add_execution(parser, "attack")
+    add_numbers(parser)
 
 
 def add_section(parser: argparse.ArgumentParser) -> None:

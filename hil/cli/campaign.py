@@ -11,7 +11,7 @@ from hil.campaign.events import EVENTS
 from hil.campaign.plan import METRICS, SIDES, Plan
 from hil.campaign.splitting import Splitting
 from hil.campaign.summary import REDUCTION, order
-from hil.cli import terminal
+from hil.cli import cases, terminal
 from hil.cli.main import parse
 from hil.cli.options import DEFAULT_SCENARIO, choices_of, folder_of, refuse_useless, scenario
 from hil.cli.parsers import DEFAULT_DRAWS, EVENT_NAMES
@@ -44,8 +44,6 @@ def run(args: argparse.Namespace) -> int:
             f"{folder} holds an unfinished campaign ({kept} chunks): continue it with --resume, or "
             "choose another --out"
         )
-    if args.resume and folder is None:
-        raise CanrollError("--resume needs the folder to continue in: add --out")
     if folder is not None:
         store.arrow()
     plan = _request(args).plan()
@@ -57,8 +55,6 @@ def run(args: argparse.Namespace) -> int:
 
 def _check(args: argparse.Namespace) -> None:
     """Reject options that contradict each other, before anything slow is done."""
-    if args.jobs < 1:
-        raise CanrollError(f"--jobs must be at least 1, got {args.jobs}")
     if args.only is not None and args.only < 0:
         raise CanrollError(f"--only must be at least 0, got {args.only}")
     if args.until is not None and not 0 < args.until < 1:
@@ -73,9 +69,9 @@ def _check(args: argparse.Namespace) -> None:
         refuse_useless(args, {"event": EVENT_NAMES[0]}, "it belongs to --until")
     if args.rare is None:
         refuse_useless(args, {"samples": 1000}, "it belongs to --rare")
+    cases.check(args, folder_of(args))
     if args.only is not None:
-        unused = {"resume": False, **dict.fromkeys(("until", "shard")), "scheduler": "local"}
-        refuse_useless(args, unused, "--only drives one draw")
+        refuse_useless(args, dict.fromkeys(("until", "shard")), "--only drives one case")
     if args.shard is not None and folder_of(args) is None:
         raise CanrollError("--shard needs the folder for its chunks: add --out")
 
@@ -113,7 +109,7 @@ def _request(args: argparse.Namespace) -> campaign_file.Request:
     )
 
 
-def _opened(args: argparse.Namespace, plan: Plan, folder: Path) -> store.Store:
+def _opened(args: argparse.Namespace, plan: Plan, folder: Path) -> store.Chunks:
     return store.opened(
         folder,
         plan.digest,
@@ -122,12 +118,14 @@ def _opened(args: argparse.Namespace, plan: Plan, folder: Path) -> store.Store:
     )
 
 
-def _means(args: argparse.Namespace, chunks: store.Store | None, watch: study.Watch) -> study.Means:
+def _means(
+    args: argparse.Namespace, chunks: store.Chunks | None, watch: study.Watch
+) -> study.Means:
     return study.Means(chunks, args.scheduler, args.jobs, watch, worst_by=args.worst_by)
 
 
 def _drive(
-    args: argparse.Namespace, plan: Plan, chunks: store.Store | None, out: Path | None
+    args: argparse.Namespace, plan: Plan, chunks: store.Chunks | None, out: Path | None
 ) -> int:
     """Drive the draws of a plan and report."""
     until = None if args.until is None else study.Until(args.event, args.until)

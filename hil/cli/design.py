@@ -14,7 +14,15 @@ from gain_gen.design import design
 from gain_gen.laws import LAWS
 from gain_gen.models.task import Check, Delay, Design, Task
 from hil.cli import design_view, terminal
-from hil.cli.options import DEFAULT_SCENARIO, choices_of, refuse_verbose_json
+from hil.cli.cases import driven
+from hil.cli.options import (
+    DEFAULT_OUT,
+    DEFAULT_SCENARIO,
+    EXECUTION,
+    choices_of,
+    refuse_useless,
+    refuse_verbose_json,
+)
 from hil.cli.parsers import DEFAULT_DELAY_MS, OF_A_DRIVE
 from hil.runs.choices import CHOICES, chosen
 from hil.runs.choices import check as check_choices
@@ -67,6 +75,7 @@ def run(args: argparse.Namespace) -> int:
             if getattr(args, name):
                 option = CHOICES[name].option if name in CHOICES else f"--{name}"
                 raise CanrollError(f"{option} belongs to --compare --runs: give both")
+        refuse_useless(args, EXECUTION, "it belongs to --compare --runs")
     if args.compare:
         if args.law is not None:
             raise CanrollError("--compare designs every law: omit --law")
@@ -81,7 +90,8 @@ def run(args: argparse.Namespace) -> int:
     checks = {name: Check(**found) for name, found in tables["verification"].items()}
     of_bus = profile_of(choices).warnings
     answer = replace(answer, verified=checks, warnings=(*of_bus, *tables["design"]["warnings"]))
-    files = [args.out / "calibration.toml", args.out / "canroll_gains.h"]
+    out = args.out or DEFAULT_OUT
+    files = [out / "calibration.toml", out / "canroll_gains.h"]
     calibration_file.save(files[0], record, own_stage.added(tables, stage))
     header = gains_header(record, title=title(answer), physical=physical_notes(record))
     try:
@@ -177,7 +187,7 @@ def drive_all(args: argparse.Namespace) -> int:
         raise CanrollError(
             f"--effort {args.effort:g}: must be 1 to {LARGEST_EFFORT:g} N·m of RMS moment"
         )
-    with terminal.progress(quiet=args.json) as progress:
+    with driven(args, args.out) as cases:
         found = equal_effort.compare(
             scenario,
             vehicle=chosen(choices, "vehicle"),
@@ -186,7 +196,7 @@ def drive_all(args: argparse.Namespace) -> int:
             effort=args.effort or equal_effort.half_upright(scenario, **choices),
             spread=variation.spread_from(dict(args.spread)),
             conditions={k: v for k, v in choices.items() if k not in ("vehicle", "bus")},
-            progress=progress,
+            cases=cases,
         )
     if args.json:
         print(json.dumps(equal_effort.to_json(found)))

@@ -1,6 +1,7 @@
 """Options shared by several commands: the choices of a run, and its output files."""
 
 import argparse
+import os
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -238,6 +239,51 @@ def _changed(choices: Mapping[str, Any], changes: Sequence[tuple[str, str]]) -> 
     return vehicles.load(chosen(choices, "vehicle")).replace(numbers)
 
 
+EXECUTION = {"jobs": os.cpu_count() or 1, "scheduler": "local", "resume": False, "only": None}
+"""Options of :func:`add_execution`, and their defaults."""
+
+
+def add_execution(parser: argparse.ArgumentParser, case: str = "", how: str = "") -> None:
+    """Add how the cases of a study are driven.
+
+    Args:
+        parser: the command's parser.
+        case: what --only drives one of; empty: the command has no --only.
+        how: how that is reported, if otherwise.
+    """
+    parser.set_defaults(**EXECUTION)
+    parser.add_argument(
+        "--jobs",
+        type=_processes,
+        metavar="N",
+        help="processes (default: all cores)",
+    )
+    parser.add_argument(
+        "--scheduler",
+        type=_scheduler,
+        metavar="ADDRESS",
+        help="local processes, or a Dask scheduler, tcp://HOST:PORT (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="continue what was interrupted in the output folder"
+    )
+    if case:
+        text = f"drive one {case} by its number, from 0{how}"
+        parser.add_argument("--only", type=int, metavar="N", help=text)
+
+
+def _processes(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise CanrollError(f"--jobs must be at least 1, got {text}")
+    return int(text)
+
+
+def _scheduler(text: str) -> str:
+    if text != "local" and "://" not in text:
+        raise CanrollError(f"--scheduler {text}: must be local or an address, e.g. tcp://host:8786")
+    return text
+
+
 def add_recording(parser: argparse.ArgumentParser) -> None:
     """Add the options for the files of bus log and signals."""
     parser.add_argument(
@@ -272,6 +318,17 @@ def add_answer(parser: argparse.ArgumentParser, files: str) -> None:
     parser.add_argument(
         "--json", action="store_true", help="print one JSON object; files only with --out"
     )
+
+
+def add_numbers(parser: argparse.ArgumentParser) -> None:
+    """Add --out for the numbers of a study, and --json."""
+    parser.add_argument(
+        "--out",
+        type=path_named,
+        metavar="DIR",
+        help="folder for the numbers as JSON, and for finished cases until then",
+    )
+    add_json(parser)
 
 
 def folder_of(args: argparse.Namespace) -> Path | None:

@@ -4,7 +4,6 @@ Nothing heavy is imported here: a command's module is imported after its options
 """
 
 import argparse
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,9 @@ from hil.cli.options import (
     OF_A_RUN,
     add_answer,
     add_choices,
+    add_execution,
     add_json,
+    add_numbers,
     add_recording,
     add_scenario,
     add_verbose,
@@ -105,6 +106,7 @@ def compare(parser: argparse.ArgumentParser) -> None:
         help="manoeuvre (default: %(default)s)",
     )
     add_choices(parser, CHOICES)
+    add_execution(parser, "run")
     add_answer(parser, "the page")
 
 
@@ -129,6 +131,7 @@ def sweep(parser: argparse.ArgumentParser) -> None:
     )
     names = [name for name in OF_A_RUN if name != "speed_kmh"]
     add_choices(parser, names, several=("law",))
+    add_execution(parser, "run")
     add_answer(parser, "the page")
 
 
@@ -250,8 +253,12 @@ def design(parser: argparse.ArgumentParser) -> None:
     add_json(parser)
     add_verbose(parser, "the numbers without a limit")
     parser.add_argument(
-        "--out", type=Path, default=Path("out"), help="folder for the files (default: %(default)s)"
+        "--out",
+        type=path_named,
+        metavar="DIR",
+        help="folder for the files (default: out); with --runs for finished laws, until all are",
     )
+    add_execution(parser, "law of --runs")
 
 
 def margins(parser: argparse.ArgumentParser) -> None:
@@ -344,6 +351,7 @@ def reproduce(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="paired runs of each law for the comparison with ours (default: 20; 0: none)",
     )
+    add_execution(parser)
     add_answer(parser, "the page")
 
 
@@ -400,7 +408,6 @@ def campaign(parser: argparse.ArgumentParser) -> None:
         "--runs", type=int, metavar="N", help=f"draws (default: the file's, or {DEFAULT_DRAWS})"
     )
     add_spread(parser)
-    parser.add_argument("--only", type=int, metavar="DRAW", help="report one draw as a run")
     parser.add_argument(
         "--worst-by",
         default="reduction",
@@ -434,24 +441,12 @@ def campaign(parser: argparse.ArgumentParser) -> None:
         help="with --rare: samples on each level (default: %(default)s)",
     )
     parser.add_argument(
-        "--resume", action="store_true", help="continue the campaign in the output folder"
-    )
-    parser.add_argument(
         "--shard",
         type=shard,
         metavar="I/N",
         help="drive the I-th of N parts, to be merged later",
     )
-    parser.add_argument(
-        "--scheduler",
-        type=scheduler,
-        default="local",
-        metavar="ADDRESS",
-        help="local processes, or a Dask scheduler, tcp://HOST:PORT (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)"
-    )
+    add_execution(parser, "draw", ", and report it as a run")
     add_choices(parser, OF_A_RUN, several=("bus",))
     add_answer(parser, "page and table")
     parser.set_defaults(verbose=False)
@@ -465,13 +460,6 @@ def shard(text: str) -> tuple[int, int]:
     return int(first), int(of)
 
 
-def scheduler(text: str) -> str:
-    """Return "local" or the address of a Dask scheduler."""
-    if text != "local" and "://" not in text:
-        raise CanrollError(f"--scheduler {text}: must be local or an address, e.g. tcp://host:8786")
-    return text
-
-
 def faults(parser: argparse.ArgumentParser) -> None:
     """Options of ``canroll faults``."""
     parser.description = (
@@ -483,11 +471,9 @@ def faults(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--catalogue", type=path_named, metavar="FILE", help="TOML file (default: the shipped one)"
     )
-    parser.add_argument(
-        "--jobs", type=int, default=os.cpu_count() or 1, help="processes (default: all cores)"
-    )
     add_choices(parser, [name for name in OF_A_RUN if name not in ("faults", "fault_file")])
-    add_json(parser)
+    add_execution(parser, "fault")
+    add_numbers(parser)
 
 
 def severe(parser: argparse.ArgumentParser) -> None:
@@ -503,7 +489,8 @@ def severe(parser: argparse.ArgumentParser) -> None:
         "--runs", type=int, default=20, metavar="N", help="vehicles (default: %(default)s)"
     )
     add_spread(parser)
-    add_json(parser)
+    add_execution(parser, "pair of manoeuvre and vehicle")
+    add_numbers(parser)
 
 
 COMMANDS = {

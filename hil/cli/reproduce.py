@@ -4,6 +4,7 @@ import argparse
 import json
 
 from hil.cli import terminal
+from hil.cli.cases import driven
 from hil.cli.options import folder_of
 from hil.papers import reproduce
 from hil.papers.effort_section import RUNS
@@ -17,8 +18,8 @@ def run(args: argparse.Namespace) -> int:
     """Recompute, print the verdicts, write reproduction.html, .md and .json."""
     runs = RUNS if args.runs is None else args.runs
     out = page_folder(folder_of(args))
-    with terminal.progress(quiet=args.json) as progress:
-        found = reproduce.reproduce(args.papers, progress, runs=runs)
+    with driven(args, out) as cases:
+        found = reproduce.reproduce(args.papers, cases, runs=runs)
     texts = {
         "report": (".html", lambda: reproduction_page(found)),
         "tables": (".md", lambda: reproduce.to_markdown(found)),

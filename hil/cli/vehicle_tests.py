@@ -12,14 +12,16 @@ import numpy as np
 import vehicles
 from canroll.errors import CanrollError
 from hil.cli import terminal
+from hil.cli.cases import driven
 from hil.cli.options import choices_of
 from hil.report.page import Table
+from hil.report.run_folder import write_page
+from hil.report.staging import page_folder
 from hil.runs import experiment
 from hil.runs.choices import PASSIVE, chosen
 from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 from hil.studies import severe as severe_manoeuvres
-from hil.studies import variation
 from hil.studies.linear_response import linear_response, to_json
 from hil.studies.linear_response_view import draw, lines
 from plant_sim import bodies
@@ -258,15 +260,14 @@ def _words(limit: SpeedLimit) -> str:
 
 def severe(args: argparse.Namespace) -> int:
     """Drive the severe manoeuvres and print their table: Markdown where it is not a terminal."""
-    with terminal.progress(quiet=args.json) as progress:
+    out = page_folder(args.out)
+    with driven(args, out) as cases:
         found = severe_manoeuvres.study(
-            runs=args.runs,
-            spread=variation.spread_from(dict(args.spread)),
-            progress=progress,
-            **choices_of(args),
+            runs=args.runs, spread=dict(args.spread), cases=cases, **choices_of(args)
         )
+    data = write_page(out, "severe", {}, severe_manoeuvres.to_json(found))
     if args.json:
-        print(json.dumps(severe_manoeuvres.to_json(found)))
+        print(json.dumps(data))
     else:
         print(
             f"{found.vehicles['vehicle']}, {found.actuator}, bus {found.bus}, {found.runs} "

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
-from canroll.typing import Progress
+from hil.cases.execution import Cases
 from hil.papers.paper_table import Section, Value, finite
 from hil.report.curves import dash
 from hil.report.figure import Figure, Series
@@ -163,26 +163,23 @@ BESIDE = {
 }
 
 
-def beside(paper: str, report: Progress, *, runs: int = RUNS) -> tuple[list[Section], Figure]:
+def beside(paper: str, cases: Cases, *, runs: int = RUNS) -> tuple[list[Section], Figure]:
     """Return both comparisons of a paper and the trade-off on the complete van.
 
     Args:
         paper: its key.
-        report: called with a title and the share done.
+        cases: what drives the laws.
         runs: paired runs of each law, at least 2.
     """
     where = BESIDE[paper]
     sections = [
-        _section("beside_own", where.own, where.own_laws, report, runs),
-        _section("beside_headline", where.headline, where.headline_laws, report, runs),
+        _section("beside_own", where.own, where.own_laws, cases, runs),
+        _section("beside_headline", where.headline, where.headline_laws, cases, runs),
     ]
     return sections, pareto(paper, where.headline)
 
 
-def _section(
-    key: str, setting: Setting, laws: Sequence[Entry], report: Progress, runs: int
-) -> Section:
-    title = f"ours beside theirs, {setting.vehicle}"
+def _section(key: str, setting: Setting, laws: Sequence[Entry], cases: Cases, runs: int) -> Section:
     found = equal_effort.compare(
         setting.scenario,
         vehicle=setting.vehicle,
@@ -194,9 +191,9 @@ def _section(
             setting.scenario, vehicle=setting.vehicle, bus=setting.bus, **setting.conditions
         ),
         conditions=setting.conditions,
-        progress=lambda law, share: report(title, share),
+        label=f"ours beside theirs, {setting.vehicle}",
+        cases=cases,
     )
-    report(title, 1.0)
     notes = [
         f"{runs} paired runs with the same seeds for every law. Tuned laws are scaled to the same "
         f"RMS moment over these runs, {found.budget:.0f} N·m, half of what holds the body "

@@ -8,6 +8,7 @@ from typing import Any
 
 from canroll.errors import CanrollError, UnknownNameError
 from canroll.typing import Progress
+from hil.cases.execution import IN_TURN, Cases
 from hil.papers import redondo2021, viadero2022, vu2020, yim2020
 from hil.papers.effort_section import RUNS, beside
 from hil.papers.paper_runs import Headline, Recomputed
@@ -111,12 +112,14 @@ def spelt(quantity: str) -> str:
     return " ".join(UNITS.get(word, word) for word in quantity.split("_"))
 
 
-def reproduce(names: Sequence[str], report: Progress, *, runs: int = RUNS) -> list[Reproduction]:
+def reproduce(
+    names: Sequence[str], cases: Cases = IN_TURN, *, runs: int = RUNS
+) -> list[Reproduction]:
     """Recompute the tables of the papers named, all of them for none.
 
     Args:
         names: keys of :data:`PAPERS`.
-        report: called with a title and the share done.
+        cases: what drives the laws beside ours, and is told the progress.
         runs: paired runs of each law beside ours; 0 leaves that comparison out.
 
     Raises:
@@ -133,10 +136,10 @@ def reproduce(names: Sequence[str], report: Progress, *, runs: int = RUNS) -> li
     found = []
     for name in names or PAPERS:
         paper = PAPERS[name]
-        recomputed = paper.recompute(report)
+        recomputed = paper.recompute(cases.report)
         sections, figures = [*recomputed.sections], [*recomputed.figures]
         if runs:
-            tables, trade_off = beside(name, report, runs=runs)
+            tables, trade_off = beside(name, cases, runs=runs)
             sections, figures = [*sections, *tables], [*figures, trade_off]
         found.append(
             Reproduction(

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from canroll.errors import CanrollError
-from canroll.typing import Progress
+from hil.cases.execution import IN_TURN, Cases
+from hil.cases.identity import identity
 from hil.runs.choices import PASSIVE
 from hil.runs.experiment import drive, plan
 from hil.runs.frozen import Controller
@@ -215,7 +216,9 @@ def paired(values: NDArray[np.float64], base: NDArray[np.float64]) -> Difference
     size = float(np.mean(base)) or 1.0
     difference = (values - base) / size
     mean = float(np.mean(difference))
-    half = CONFIDENCE * float(np.std(difference, ddof=1)) / sqrt(len(difference))
+    half = inf
+    if len(difference) > 1:
+        half = CONFIDENCE * float(np.std(difference, ddof=1)) / sqrt(len(difference))
     return Difference(mean, mean - half, mean + half)
 
 
@@ -242,7 +245,8 @@ def compare(
     effort: float | None = None,
     spread: Mapping[str, float] = NONE,
     conditions: Mapping[str, Any] | None = None,
-    progress: Progress | None = None,
+    label: str = "laws",
+    cases: Cases = IN_TURN,
 ) -> Comparison:
     """Drive every law ``runs`` times and return the rows.
 
@@ -261,7 +265,8 @@ def compare(
         effort: common RMS moment, N·m; by default that of the reference as designed.
         spread: of the population, see :mod:`hil.studies.variation`; by default equal vehicles.
         conditions: further keywords of :func:`hil.runs.experiment.plan` for all laws.
-        progress: called with the law's name and the fraction done.
+        label: the activity, for the progress.
+        cases: what drives the laws; of a single one, the passive vehicle and the reference too.
 
     Raises:
         CanrollError: unknown names, fewer than two runs, or a reference with a limit cycle at any
@@ -274,23 +279,33 @@ def compare(
     common: dict[str, Any] = {"vehicle": vehicle, "bus": bus, **(conditions or {})}
     settings, controller = plan(scenario, **common, law=PASSIVE)
     own_body(settings.plant, "a population of vehicles")
-    passive = without_control(population(settings, runs, spread), controller)
-    driver = _Driver(scenario, common, runs, spread, passive)
-    rows = []
-    at_reference: list[Row] = []
     base = next((entry for entry in entries if entry.name == reference), None)
     if base is None:
         raise CanrollError(f"{reference}, the reference, is not among the compared laws")
+    picked = cases.picked(entries)
+    entries = [e for e in entries if e in picked or e is base or e.name == PASSIVE]
+    passive = without_control(population(settings, runs, spread), controller)
+    driver = _Driver(scenario, common, runs, spread, passive)
+    at_reference: list[Row] = []
     if effort is None:
         effort, at_reference = driver.reference(base)
-    for done, entry in enumerate(entries):
-        if progress is not None:
-            progress(entry.name, done / len(entries))
-        if entry is base and at_reference:
-            rows += at_reference
-        else:
-            rows.append(driver.row(entry, effort))
+    study = cases.of(
+        identity(settings, controller)
+        | {"conditions": conditions, "laws": entries, "reference": reference}
+        | {"runs": runs, "spread": dict(spread), "effort": effort}
+    )
+    common_driver = study.engine.common(driver)
+    others = [entry for entry in entries if entry is not base or not at_reference]
+    driven = study.rows(label, law_row, [(common_driver, entry, effort) for entry in others])
+    rows: list[Row] = []
+    for entry in entries:
+        rows += [next(driven)] if entry in others else at_reference
     return Comparison(tuple(rows), reference, effort, runs, bus, vehicle, scenario)
+
+
+def law_row(driver: "_Driver", entry: Entry, effort: float) -> Row:
+    """Return the results of a law at ``effort``, N·m."""
+    return driver.row(entry, effort)
 
 
 def with_stiffer_bar(settings: Settings, factor: float) -> Settings:

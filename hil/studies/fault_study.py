@@ -5,11 +5,8 @@ assumed of a fault: an entry without any effect on the run, or that this bus or 
 cannot have, gets no verdict and says why.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from multiprocessing import get_context
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -17,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from canroll.errors import CanrollError
-from canroll.typing import Progress
+from hil.cases.execution import IN_TURN, Cases
+from hil.cases.identity import identity
 from hil.reaction import reaction
 from hil.reaction.reaction import Reaction
 from hil.runs.choices import PASSIVE
@@ -219,28 +217,29 @@ def _coverage(group: str, faults: Sequence[Judged]) -> Coverage:
 
 
 @dataclass(frozen=True, slots=True)
-class _Task:
-    """What a worker needs for every fault."""
+class Loop:
+    """What the faults act on, with its runs without any: without and with control."""
 
     settings: Settings
     controller: Controller
     passive: Trace
     healthy: Trace
 
-    def judge(self, entry: Entry) -> Judged:
-        """Drive one fault."""
-        settings = replace(self.settings, faults=(entry.faults,))
-        try:
-            trace = drive(settings, self.controller, enabled=True)
-        except CanrollError as error:
-            return Judged(entry, None, None, str(error))
-        found = reaction.observe(trace, self.passive, parse(entry.faults), self.healthy)
-        return Judged(
-            entry,
-            found,
-            float(np.degrees(peak(trace.signals["roll"]))),
-            found.no_verdict or (NO_EFFECT if _same(trace, self.healthy) else ""),
-        )
+
+def judge(loop: Loop, entry: Entry) -> Judged:
+    """Drive one fault."""
+    settings = replace(loop.settings, faults=(entry.faults,))
+    try:
+        trace = drive(settings, loop.controller, enabled=True)
+    except CanrollError as error:
+        return Judged(entry, None, None, str(error))
+    found = reaction.observe(trace, loop.passive, parse(entry.faults), loop.healthy)
+    return Judged(
+        entry,
+        found,
+        float(np.degrees(peak(trace.signals["roll"]))),
+        found.no_verdict or (NO_EFFECT if _same(trace, loop.healthy) else ""),
+    )
 
 
 def _same(one: Trace, other: Trace) -> bool:
@@ -254,8 +253,7 @@ def study(
     scenario: str = "double_lane_change",
     *,
     catalogue: Path = CATALOGUE,
-    jobs: int = 1,
-    progress: Progress | None = None,
+    cases: Cases = IN_TURN,
     **choices: Any,  # noqa: ANN401
 ) -> Study:
     """Drive every fault of the catalogue.
@@ -263,53 +261,20 @@ def study(
     Args:
         scenario: name of the manoeuvre.
         catalogue: TOML file of the faults, by default the shipped one.
-        jobs: number of processes; the result does not depend on it.
-        progress: called with the current activity and the fraction done.
+        cases: what drives the faults.
         choices: as in :class:`hil.runs.choices.Choices`, except faults.
 
     Raises:
         CanrollError: an invalid name or number.
         VerdictError: the design fails its own checks.
     """
-    if jobs < 1:
-        raise CanrollError(f"--jobs must be at least 1, got {jobs}")
     if choices.get("law") == PASSIVE:
         raise CanrollError("--law passive has no control to evaluate: choose another law")
     settings, controller = plan(scenario, **choices)
-    chosen = entries(settings, catalogue)
+    chosen = cases.picked(entries(settings, catalogue))
     passive = drive(settings, controller, enabled=False)
     healthy = drive(settings, controller, enabled=True)
-    task = _Task(settings, controller, passive, healthy)
-    faults = []
-    with _mapping(task, jobs) as mapped:
-        for judged in mapped(chosen):
-            faults.append(judged)
-            if progress is not None:
-                progress("faults", len(faults) / len(chosen))
+    study = cases.of(identity(settings, controller) | {"faults": chosen})
+    loop = study.engine.common(Loop(settings, controller, passive, healthy))
+    faults = study.rows("faults", judge, [(loop, entry) for entry in chosen])
     return Study(settings, reaction.observe(healthy, passive, ()), tuple(faults))
-
-
-_task: list[_Task] = []
-"""The task of a worker process, sent once."""
-
-
-def _start(task: _Task) -> None:
-    _task[:] = [task]
-
-
-def _judge(entry: Entry) -> Judged:
-    return _task[0].judge(entry)
-
-
-@contextmanager
-def _mapping(task: _Task, jobs: int) -> Iterator[Callable[[Iterable[Entry]], Iterator[Judged]]]:
-    if jobs == 1:
-        yield lambda catalogue: map(task.judge, catalogue)
-        return
-    # a fork would take over the threads of progress bars and linear algebra
-    context = get_context("spawn")
-    pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_start, initargs=(task,))
-    try:
-        yield lambda catalogue: pool.map(_judge, catalogue)
-    finally:
-        pool.shutdown(cancel_futures=True)

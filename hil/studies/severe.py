@@ -7,7 +7,7 @@ change, and the passive bar is the best of that lane change
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import degrees
 from typing import Any
 
@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from canroll.arguments import checked
 from canroll.errors import CanrollError
 from canroll.table import Table
-from canroll.typing import Progress
+from hil.cases.execution import IN_TURN, Cases
+from hil.cases.identity import identity
 from hil.runs.choices import OF_ONE_MANOEUVRE, PASSIVE, check, chosen
 from hil.runs.experiment import drive, limit_cycle_of, plan
 from hil.runs.frozen import Controller
@@ -27,8 +28,7 @@ from hil.runs.trace import Trace
 from hil.studies import equal_effort
 from hil.studies.effort import scaled
 from hil.studies.equal_effort import Entry, paired, with_stiffer_bar
-from hil.studies.variation import population, spread_from
-from plant_sim.bodies import own_body
+from hil.studies.variation import draw, spread_from
 
 LANE_CHANGE = "double_lane_change"
 PLAIN, BAR = "plain_feedforward", "best passive bar"
@@ -128,7 +128,7 @@ def study(
     runs: int = 10,
     spread: Mapping[str, float | str] | None = None,
     manoeuvres: Sequence[Severe] = MANOEUVRES,
-    progress: Progress | None = None,
+    cases: Cases = IN_TURN,
     **choices: Any,  # noqa: ANN401
 ) -> Study:
     """Drive every manoeuvre ``runs`` times with every controller.
@@ -138,7 +138,7 @@ def study(
         spread: shares of the population by quantity; those left out are the usual ones, see
             :mod:`hil.studies.variation`.
         manoeuvres: manoeuvres to drive.
-        progress: called with the current activity and the fraction done.
+        cases: what drives the cases, a manoeuvre and a vehicle each.
         choices: vehicle, law, bus and actuator of :class:`hil.runs.choices.Choices`.
 
     Raises:
@@ -152,7 +152,8 @@ def study(
             raise CanrollError(
                 f"{name}: does not apply to several manoeuvres and vehicles: omit it"
             )
-    spread = spread_from(spread or {})
+    shares = spread_from(spread or {})
+    pairs = cases.picked([(place, i) for place in range(len(manoeuvres)) for i in range(runs)])
     law = chosen(choices, "law")
     common = {name: value for name, value in choices.items() if name != "law"}
     lane_change = equal_effort.compare(
@@ -167,68 +168,79 @@ def study(
             Entry(PLAIN, "", {"law": PLAIN}),
         ),
         reference=law,
-        spread=spread,
+        spread=shares,
         conditions={k: v for k, v in common.items() if k not in ("vehicle", "bus")},
+        cases=replace(cases, execution=replace(cases.execution, only=None)),
     )
     factors = {row.entry.name: row.factor for row in lane_change.rows}
-    rows: list[Row] = []
-    for done, manoeuvre in enumerate(manoeuvres):
-        if progress is not None:
-            progress("severe manoeuvres", done / len(manoeuvres))
-        own = {"speed_kmh": manoeuvre.speed_kmh, "options": manoeuvre.options}
-        rows += _Course(manoeuvre, {**common, **own}, runs, spread).rows(law, factors)
-    settings = plan(LANE_CHANGE, **choices)[0]
-    own_body(settings.plant, "a population of vehicles")
+    passive, plain, controlled = (
+        plan(LANE_CHANGE, **common, law=name) for name in (PASSIVE, PLAIN, law)
+    )
+    cars = {
+        "passive": passive,
+        BAR: (with_stiffer_bar(passive[0], factors[BAR]), passive[1]),
+        PLAIN: (plain[0], scaled(plain[1], factors[PLAIN])),
+        law: (controlled[0], scaled(controlled[1], factors[law])),
+    }
+    kept = cases.of(
+        identity(*controlled) | {"runs": runs, "spread": shares, "manoeuvres": manoeuvres}
+    )
+    fleet = kept.engine.common(list(cars.values()))
+    arguments = [(fleet, manoeuvres[place], index, shares) for place, index in pairs]
+    figures: dict[int, list[Any]] = {}
+    driven = kept.rows("severe manoeuvres", drive_all, arguments)
+    for (place, _), of_vehicle in zip(pairs, driven, strict=True):
+        figures.setdefault(place, []).append(of_vehicle)
+    settings = controlled[0]
     return Study(
-        tuple(rows),
+        tuple(
+            row
+            for place, found in figures.items()
+            for row in _rows(manoeuvres[place], tuple(cars), np.array(found))
+        ),
         law,
         settings.vehicles,
         settings.actuator,
         settings.bus,
-        runs,
+        runs if cases.execution.only is None else 1,
         lane_change.budget,
         factors[BAR],
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Course:
-    """One manoeuvre for all controllers: common choices, the population and its passive runs."""
+def _rows(where: Severe, names: Sequence[str], found: NDArray[np.float64]) -> Iterator[Row]:
+    """Yield the rows of a manoeuvre from what :func:`drive_all` found of its vehicles."""
+    for place, name in enumerate(names):
+        own = found[:, place]
+        yield Row(where, name, own[:, :-1], found[:, 0, :-1], int(np.sum(own[:, -1])))
 
-    manoeuvre: Severe
-    keywords: Mapping[str, Any]
-    runs: int
-    spread: Mapping[str, float]
-    without: list[Trace] = field(default_factory=list)
 
-    def rows(self, law: str, factors: Mapping[str, float]) -> Iterator[Row]:
-        """Yield the rows; ``factors`` are those on the laws' moment and on the bar's stiffness."""
-        settings, controller = plan(self.manoeuvre.scenario, **self.keywords, law=PASSIVE)
-        self.without[:] = self._drive(settings, controller, enabled=False)
-        passive = np.array([_figures(trace) for trace in self.without])
-        yield Row(self.manoeuvre, "passive", passive, passive, 0)
-        stiffer = with_stiffer_bar(settings, factors[BAR])
-        barred = [_figures(trace) for trace in self._drive(stiffer, controller, enabled=False)]
-        yield Row(self.manoeuvre, BAR, np.array(barred), passive, 0)
-        for name in (PLAIN, law):
-            settings, controller = plan(self.manoeuvre.scenario, **self.keywords, law=name)
-            if factors[name] != 1.0:
-                controller = scaled(controller, factors[name])
-            figures, cycles = [], 0
-            for where, without in zip(
-                population(settings, self.runs, self.spread), self.without, strict=True
-            ):
-                trace = drive(where, controller, enabled=True)
-                figures.append(_figures(trace))
-                cycle = limit_cycle_of(where, controller, trace, without.signals)
-                cycles += cycle is not None
-            yield Row(self.manoeuvre, name, np.array(figures), passive, cycles)
+def drive_all(
+    fleet: Sequence[tuple[Settings, Controller]],
+    where: Severe,
+    index: int,
+    spread: Mapping[str, float],
+) -> tuple[tuple[float, ...], ...]:
+    """Return the figures of a vehicle with each controller, and whether there is a limit cycle.
 
-    def _drive(
-        self, settings: Settings, controller: Controller, *, enabled: bool
-    ) -> Iterator[Trace]:
-        for where in population(settings, self.runs, self.spread):
-            yield drive(where, controller, enabled=enabled)
+    ``fleet``: settings of the lane change and controller, the first of the passive vehicle.
+    """
+    rows: list[tuple[float, ...]] = []
+    without: Mapping[str, NDArray[np.float64]] = {}
+    for nominal, controller in fleet:
+        there = replace(
+            nominal,
+            scenario=where.scenario,
+            speed=where.speed_kmh / 3.6,
+            options=tuple(sorted(where.options.items())),
+        )
+        settings = draw(there, index, spread=spread, seed=0)
+        active = settings.law != PASSIVE
+        trace = drive(settings, controller, enabled=active)
+        without = without or trace.signals
+        cycle = limit_cycle_of(settings, controller, trace, without) if active else None
+        rows.append((*_figures(trace), float(cycle is not None)))
+    return tuple(rows)
 
 
 def _figures(trace: Trace) -> tuple[float, float, float, float]:
@@ -257,7 +269,8 @@ def lines(found: Study) -> Iterator[tuple[str, ...]]:
             column = FIGURES.index("roll_max")
             ratio = paired(row.figures[:, column], row.passive[:, column])
             mean, low, high = (100 * value for value in (ratio.mean, ratio.low, ratio.high))
-            against = f"{mean:+.0f} % [{low:+.1f}, {high:+.1f}]"
+            against = f"{mean:+.0f} %"
+            against += f" [{low:+.1f}, {high:+.1f}]" if found.runs > 1 else ""
             worst = f"{100 * row.worst:+.0f} %"
         yield (
             *(first, row.name, f"{row.mean('roll_max'):.2f}°", against, worst),

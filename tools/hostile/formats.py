@@ -139,7 +139,7 @@ def _campaign(path: Path) -> object:
 
 
 def _chunk(path: Path) -> object:
-    return store.Store(path.parent, "digest").read(path.stem)
+    return store.Chunks(path.parent, "digest").read(path.stem)
 
 
 def _latency(path: Path) -> object:

@@ -14,10 +14,13 @@ from hil.attacks.kinds import Attack
 from hil.attacks.over_interface import EcuProcess, drive
 from hil.attacks.suite import Drive, Driven, Outcome, Suite
 from hil.cli import terminal
+from hil.cli.cases import driven
 from hil.cli.hil import bus_options, refuse_one_adapter
-from hil.cli.options import choices_of
+from hil.cli.options import EXECUTION, choices_of, refuse_useless
 from hil.realtime.bus_link import has_bus, open_link
 from hil.report.page import Table
+from hil.report.run_folder import write_page
+from hil.report.staging import page_folder
 from hil.runs.frozen import Controller
 from hil.runs.result import Settings
 
@@ -31,14 +34,20 @@ HEAD = (
 
 def run(args: argparse.Namespace) -> int:
     """Drive all attacks and print their tables; 1 if one gets through authentication."""
-    with terminal.progress(quiet=args.json) as progress, under(args) as drive:
+    out = page_folder(args.out)
+    if has_bus(args):
+        unused = {name: EXECUTION[name] for name in ("jobs", "scheduler")}
+        refuse_useless(args, unused, "an interface carries one attack after the other")
+        args.jobs = 1
+    with driven(args, out) as cases, under(args) as drive:
         found = [
-            suite.run(args.scenario, only=args.attack, under=drive, progress=progress, **choices)
+            suite.run(args.scenario, named=args.attack, under=drive, cases=cases, **choices)
             for choices in chosen(choices_of(args))
         ]
     code = 1 if any(its.broken for its in found) else 0
+    data = write_page(out, "attacks", {}, {"suites": [its.to_json() for its in found]})
     if args.json:
-        print(json.dumps({"suites": [its.to_json() for its in found]}))
+        print(json.dumps(data))
         return code
     for its in found:
         terminal.show_verdict(its.verdict, good=not its.broken if its.authenticated else None)

@@ -5,7 +5,10 @@ import json
 from collections.abc import Iterator, Sequence
 
 from hil.cli import terminal
+from hil.cli.cases import driven
 from hil.cli.options import choices_of
+from hil.report.run_folder import write_page
+from hil.report.staging import page_folder
 from hil.studies import fault_study
 from hil.studies.fault_catalogue import CATALOGUE
 from hil.studies.fault_study import Coverage, Judged
@@ -13,16 +16,14 @@ from hil.studies.fault_study import Coverage, Judged
 
 def run(args: argparse.Namespace) -> int:
     """Drive the catalogue and print its table; 1 if anything harmful goes undetected."""
-    with terminal.progress(quiet=args.json) as progress:
+    out = page_folder(args.out)
+    with driven(args, out) as cases:
         found = fault_study.study(
-            args.scenario,
-            catalogue=args.catalogue or CATALOGUE,
-            jobs=args.jobs,
-            progress=progress,
-            **choices_of(args),
+            args.scenario, catalogue=args.catalogue or CATALOGUE, cases=cases, **choices_of(args)
         )
+    data = write_page(out, "faults", {}, found.to_json())
     if args.json:
-        print(json.dumps(found.to_json()))
+        print(json.dumps(data))
         return found.exit_code
     settings = found.settings
     print(

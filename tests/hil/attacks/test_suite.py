@@ -9,6 +9,7 @@ from canroll.errors import CanrollError
 from hil.attacks import kinds, suite
 from hil.attacks.attacker import AttackedWorld, Ear, Forged
 from hil.attacks.kinds import Attack
+from hil.cases.execution import Cases, Execution
 from hil.runs.experiment import drive, plan, world_options
 from plant_sim.nodes import authentication, codec
 
@@ -38,6 +39,15 @@ def test_a_spoofed_command_and_sensor(loop):
             assert found.accepted > found.sent / 2
             assert found.refused is None
             assert found.roll_max_deg > 1.8
+
+
+def test_one_attack_alone_is_its_row_of_the_suite():
+    choices = {"named": "replayed after", "law": "lqr", "duration": None}
+    with Execution(jobs=2).cases() as cases:
+        every = suite.run(LANE_CHANGE, cases=cases, **choices)
+    alone = suite.run(LANE_CHANGE, cases=Cases(execution=Execution(only=2)), **choices)
+    assert [outcome.attack for outcome in every.outcomes[3:4]] == ["Imu replayed after 0.1 s"]
+    assert alone.outcomes == (every.outcomes[0], every.outcomes[3])
 
 
 @SECURED

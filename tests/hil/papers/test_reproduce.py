@@ -9,6 +9,7 @@ import pytest
 import vehicles
 from gain_gen.analysis.held_plant import held
 from gain_gen.models.roll import zero_order_hold
+from hil.cases.execution import IN_TURN
 from hil.cli.main import main
 from hil.papers import yim2020
 from hil.papers.effort_section import BESIDE, OURS, beside, rows
@@ -115,7 +116,7 @@ def test_every_paper_has_its_tables():
 
 @pytest.fixture(scope="module")
 def viadero():
-    return reproduce(["viadero2022"], lambda title, share: None, runs=0)
+    return reproduce(["viadero2022"], runs=0)
 
 
 def test_the_event_triggered_paper_comes_out(viadero):
@@ -351,7 +352,7 @@ def test_rows_of_a_comparison():
 @pytest.mark.parametrize("paper", PAPERS)
 def test_ours_beside_theirs(paper):
     """Every scaled law spends what the reference spends, and the trade-off has a curve a law."""
-    sections, figure = beside(paper, lambda title, share: None, runs=2)
+    sections, figure = beside(paper, IN_TURN, runs=2)
     scaled = {entry.name for entry in (*BESIDE[paper].own_laws, *OURS) if entry.scaled}
     for part in sections:
         found = {row["law"]: row for row in part.rows}

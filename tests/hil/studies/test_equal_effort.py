@@ -9,6 +9,7 @@ import pytest
 from scipy import stats
 
 from canroll.errors import CanrollError
+from hil.cases.execution import Cases, Execution
 from hil.cli.main import main
 from hil.runs.experiment import drive, plan
 from hil.studies import equal_effort
@@ -147,15 +148,15 @@ def test_laws_meet_the_budget_on_the_bus():
         Entry("ay_feedforward", "all_sensors", {"law": "ay_feedforward"}),
         Entry("too weak", "all_sensors", {"law": "ay_feedforward", "speed_kmh": 30.0}),
     )
-    found = compare(
-        "double_lane_change",
-        vehicle="van_2021",
-        runs=2,
-        entries=entries,
-        reference="hinf_delay",
-        conditions={"plant": "roll1"},
-    )
+    choices = {"vehicle": "van_2021", "runs": 2, "entries": entries, "reference": "hinf_delay"}
+    choices |= {"conditions": {"plant": "roll1"}}
+    with Execution(jobs=2).cases() as cases:
+        found = compare("double_lane_change", **choices, cases=cases)
     passive, paper, feedforward, weak = found.rows
+    alone = compare("double_lane_change", **choices, cases=Cases(execution=Execution(only=2)))
+    told = [row["law"] for row in equal_effort.to_json(alone)]
+    assert told == ["passive", "hinf_delay", "ay_feedforward"]
+    assert equal_effort.to_json(alone)[2] == equal_effort.to_json(found)[2]
     assert paper.factor == 1.0
     assert feedforward.mean("moment_rms_nm") == pytest.approx(found.budget, rel=0.005)
     for one in (paper, feedforward):

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from canroll.errors import CanrollError
+from hil.cases.execution import Execution
 from hil.cli.main import main
 from hil.runs import experiment
 from hil.studies import fault_catalogue, fault_study
@@ -121,7 +122,8 @@ def test_the_run_without_faults_finds_none(study):
 
 
 def test_the_result_does_not_depend_on_the_number_of_processes(study, path):
-    again = fault_study.study(catalogue=path, jobs=2)
+    with Execution(jobs=2).cases() as cases:
+        again = fault_study.study(catalogue=path, cases=cases)
     assert json.dumps(again.to_json()) == json.dumps(study.to_json())
 
 
@@ -132,6 +134,16 @@ def test_the_command_prints_what_the_study_found(path, study, capsys):
     text = capsys.readouterr().out
     assert study.verdict in text
     assert "gateway fails: " in text
+
+
+def test_one_fault_alone_is_its_row_of_the_study(path, study, tmp_path, capsys):
+    options = ["--catalogue", str(path), "--only", "1", "--out", str(tmp_path)]
+    main(["faults", *options, "--json"])
+    expected = json.loads(json.dumps(study.faults[1].to_json()))
+    assert json.loads(capsys.readouterr().out)["faults"] == [expected]
+    assert json.loads((tmp_path / "faults.json").read_text())["faults"] == [expected]
+    main(["faults", *options])
+    assert study.faults[1].entry.name in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ import sys
 
 import pytest
 
+from hil.cases.execution import Execution
 from hil.cli.main import main
 from hil.runs.experiment import run
 from hil.studies import severe
@@ -37,6 +38,18 @@ def test_each_is_driven_by_all_four(found):
     one = law.figures[0, severe.FIGURES.index("roll_max")]
     assert one == pytest.approx(single.controlled_metrics.roll_max_deg)
     assert passive.figures[0, 0] == pytest.approx(single.passive_metrics.roll_rms_deg)
+
+
+def test_two_processes_and_one_case_alone_have_the_same_figures(found):
+    """Case 3 is the second vehicle over the bumps."""
+    choices = {"runs": 2, "spread": NONE, "manoeuvres": SHORT, "law": "lqr", "vehicle": "van_real"}
+    with Execution(jobs=2, only=3).cases() as cases:
+        alone = study(cases=cases, **choices)
+    assert (alone.runs, alone.effort) == (1, found.effort)
+    for row, whole in zip(alone.rows, found.rows[4:], strict=True):
+        assert (row.name, row.manoeuvre) == (whole.name, whole.manoeuvre)
+        assert row.figures.tolist() == whole.figures[1:].tolist()
+    assert "[" not in markdown(alone)[3]
 
 
 def test_a_stiff_bar_rolls_the_body_over_a_bump_on_one_side(found):

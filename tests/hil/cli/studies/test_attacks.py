@@ -26,7 +26,8 @@ def made(bus, accepted):
 def driven(monkeypatch):
     asked = []
 
-    def run(scenario, *, progress, **choices):
+    def run(scenario, *, named, under, cases, **choices):
+        assert (named, under, cases.execution.jobs) == ("", None, 2)
         asked.append((scenario, choices))
         return made(choices["bus"], choices.pop("seed", 0))
 
@@ -35,7 +36,7 @@ def driven(monkeypatch):
 
 
 def test_both_buses_are_attacked(driven, capsys):
-    assert main(["attacks"]) == 0
+    assert main(["attacks", "--jobs", "2"]) == 0
     assert [choices["bus"] for _, choices in driven] == ["500k", "secured_fd"]
     shown = capsys.readouterr().out
     assert "500k, not authenticated: 80 forged frames, accepted 0 times; 1 of 1 attacks" in shown
@@ -44,7 +45,7 @@ def test_both_buses_are_attacked(driven, capsys):
 
 @pytest.mark.parametrize(("bus", "code"), [("500k", 0), ("secured_fd", 1)])
 def test_only_what_gets_through_authentication_fails(driven, bus, code, capsys):
-    assert main(["attacks", "moose", "--bus", bus, "--seed", "3", "--json"]) == code
+    assert main(["attacks", "moose", "--bus", bus, "--seed", "3", "--jobs", "2", "--json"]) == code
     assert driven[0][0] == "moose"
     (found,) = json.loads(capsys.readouterr().out)["suites"]
     assert (found["accepted"], found["authenticated"]) == (3, code == 1)

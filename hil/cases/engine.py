@@ -1,5 +1,6 @@
-"""Where chunks are driven: processes of this machine, or a Dask cluster."""
+"""Where cases are driven: this process, processes of this machine, or a Dask cluster."""
 
+import pickle
 import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -7,39 +8,77 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache, partial
 from multiprocessing import get_context
-from typing import Any
+from pathlib import Path
+from secrets import token_hex
+from tempfile import TemporaryDirectory
+from typing import Any, TypeVar
 
-from canroll.errors import CanrollError, optional, reason
-from hil.campaign.plan import Columns
-from hil.campaign.store import Store
+from canroll.errors import CanrollError, VerdictError, optional, reason
+from hil.cases.store import Store
 
 LOCAL = "local"
 AHEAD = 2
-"""Chunks in work or waiting for a process, for each process."""
+"""Tasks in work or waiting for a process, for each process."""
 RETRIES = 3
-"""How often Dask repeats a chunk whose worker died."""
+"""How often Dask repeats a task whose worker died."""
 PATIENCE_S = 10
 """How long a Dask scheduler may take to answer."""
+
+T = TypeVar("T")
+Task = tuple[str, Callable[..., T], tuple[Any, ...]]
+"""Name of a row in the store, function that returns it, and arguments."""
 
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """What drives chunks. ``executor`` None: this process does, one after the other."""
+    """What drives tasks. ``executor`` None: this process does, one after the other.
 
-    executor: Executor | None
-    slots: int
+    ``common`` makes of a value an argument of many tasks that is sent to a process once.
+    """
 
-    def submit(self, work: Callable[..., Columns], *arguments: Any) -> "Future[Columns]":  # noqa: ANN401
+    executor: Executor | None = None
+    slots: int = 1
+    common: Callable[[Any], Any] = lambda value: value
+
+    def submit(self, work: Callable[..., T], *arguments: Any) -> "Future[T]":  # noqa: ANN401
         """Start work and return its future result."""
-        done: Future[Columns] = Future()
+        done: Future[T] = Future()
         try:
             if self.executor is not None:
-                return self.executor.submit(work, *arguments)
+                return self.executor.submit(_driven, work, *arguments)
             done.set_result(work(*arguments))
         except (CanrollError, BrokenProcessPool) as error:
             done.set_exception(error)
         return done
+
+
+HERE = Engine()
+
+
+@dataclass(frozen=True, slots=True)
+class _Common:
+    """An argument in a file, read once by a process."""
+
+    path: Path
+
+
+@lru_cache(maxsize=2)
+def _read(path: Path) -> Any:  # noqa: ANN401
+    return pickle.loads(path.read_bytes())
+
+
+def _driven(work: Callable[..., T], *arguments: Any) -> T:  # noqa: ANN401
+    """Do work in another process."""
+    try:
+        return work(
+            *(_read(each.path) if isinstance(each, _Common) else each for each in arguments)
+        )
+    except CanrollError as error:
+        # of one argument, unlike some subclasses: it has to travel between processes
+        kind = VerdictError if isinstance(error, VerdictError) else CanrollError
+        raise kind(str(error)) from None
 
 
 @contextmanager
@@ -51,24 +90,31 @@ def engine(scheduler: str, jobs: int) -> Iterator[Engine]:
         MissingExtraError: distributed is not installed.
     """
     if scheduler != LOCAL:
-        with _cluster(scheduler) as found:
-            yield found
+        with _cluster(scheduler) as cluster:
+            yield cluster
         return
     if jobs == 1:
-        yield Engine(None, 1)
+        yield HERE
         return
     # workers are forked from a process that has everything imported and no threads
     context = get_context("forkserver")
-    context.set_forkserver_preload(["hil.campaign.plan"])
+    context.set_forkserver_preload(["hil.runs.experiment"])
     pool = ProcessPoolExecutor(jobs, mp_context=context, initializer=_undisturbed)
-    try:
-        yield Engine(pool, jobs)
-    finally:
-        pool.shutdown(cancel_futures=True)
+    with TemporaryDirectory(prefix="canroll-") as folder:
+
+        def common(value: object) -> _Common:
+            path = Path(folder, token_hex(8))
+            path.write_bytes(pickle.dumps(value))
+            return _Common(path)
+
+        try:
+            yield Engine(pool, jobs, common)
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _undisturbed() -> None:
-    """Leave Ctrl-C to the parent, which keeps the chunks in work."""
+    """Leave Ctrl-C to the parent, which keeps the tasks in work."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
@@ -89,15 +135,18 @@ def _cluster(address: str) -> Iterator[Engine]:
                 f"--scheduler {address}: it has no workers: start some with 'dask worker {address}'"
             )
         with client.get_executor(retries=RETRIES, pure=False) as executor:
-            yield Engine(executor, cores)
+            # as a task's result it is made again where a worker that holds it dies
+            yield Engine(executor, cores, partial(client.submit, _same, pure=False))
+
+
+def _same(value: T) -> T:
+    return value
 
 
 def results(
-    where: Engine,
-    store: Store | None,
-    tasks: Iterable[tuple[str, Callable[..., Columns], tuple[Any, ...]]],
-) -> Iterator[tuple[str, Columns, bool]]:
-    """Yield name and columns of each task in their order, and whether they were there already.
+    where: Engine, store: Store[T] | None, tasks: Iterable[Task[T]]
+) -> Iterator[tuple[str, T, bool]]:
+    """Yield name and row of each task in their order, and whether it was there already.
 
     Tasks are started as results are taken: at most a few for each process wait. A result is written
     as soon as those before it are; on Ctrl-C those in work are finished and written.
@@ -110,7 +159,7 @@ def results(
     Raises:
         CanrollError: a task failed, or a process died.
     """
-    waiting: deque[tuple[str, Future[Columns] | None]] = deque()
+    waiting: deque[tuple[str, Future[T] | None]] = deque()
     remaining = iter(tasks)
     try:
         while True:
@@ -126,9 +175,9 @@ def results(
             if not waiting:
                 return
             name, future = waiting[0]
-            columns, kept = _finished(store, name, future)
+            row, kept = _finished(store, name, future)
             waiting.popleft()
-            yield name, columns, kept
+            yield name, row, kept
     except KeyboardInterrupt:
         for name, future in waiting:
             if future is not None and not future.cancel():
@@ -140,28 +189,23 @@ def results(
                 future.cancel()
 
 
-def _finished(
-    store: Store | None, name: str, future: "Future[Columns] | None"
-) -> tuple[Columns, bool]:
-    """Return the columns of a task, written, and whether they were there already."""
+def _finished(store: Store[T] | None, name: str, future: "Future[T] | None") -> tuple[T, bool]:
+    """Return the row of a task, written, and whether it was there already."""
     if future is None:
         assert store is not None
-        columns = store.read(name)
-        assert columns is not None
-        return columns, True
+        return store.read(name), True
     try:
-        columns = future.result()
+        row = future.result()
     except BrokenProcessPool as error:
         raise CanrollError(
-            "a process of the campaign was killed (out of memory?): continue with --resume, and "
-            "fewer --jobs"
+            "a process was killed (out of memory?): continue with --resume, and fewer --jobs"
         ) from error
     except Exception as error:
         if type(error).__module__.partition(".")[0] != "distributed":
             raise
         raise CanrollError(
-            f"--scheduler: {reason(error)}: mend the cluster and continue with --resume"
+            f"--scheduler: {reason(error)}: fix the cluster and continue with --resume"
         ) from error
     if store is not None:
-        store.write(name, columns)
-    return columns, False
+        store.write(name, row)
+    return row, False
