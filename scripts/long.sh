@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # The full figures, hours rather than minutes; each result goes to docs/evidence/ with its command.
-#   scripts/long.sh [NAME ...]     differential mutation worst_case benchmarks contract limit_cycles
+#   scripts/long.sh [NAME ...]     tests differential mutation worst_case benchmarks contract limit_cycles
 #                                  reproduce campaign rollover splitting fuzz_firmware exchange
 #                                  hostile_files guided_files kills endurance
 set -euo pipefail
@@ -24,9 +24,10 @@ keep() {   # NAME COMMAND...: run, and keep what it prints
 }
 
 bound=(canroll timing --bound --ticks 100000)
-for name in "${@:-differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware exchange hostile_files guided_files kills endurance}"; do
+for name in "${@:-tests differential mutation worst_case benchmarks contract limit_cycles reproduce campaign rollover splitting fuzz_firmware exchange hostile_files guided_files kills endurance}"; do
     for part in $name; do
         case $part in
+            tests) keep long_tests pytest -m long -n 2 --dist loadfile --durations=0 ;;
             differential) keep differential python -m tools.differential --ticks 1000000 --cortex cortex-m4 --jobs 2 ;;
             mutation) keep mutation python -m tools.mutation ;;
             worst_case)

@@ -34,6 +34,14 @@ def no_terminal_around(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("LINES", raising=False)
 
 
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """What takes a minute and more for one check is run where it is asked for: ``-m long``."""
+    if "long" in config.getoption("markexpr"):
+        return
+    config.hook.pytest_deselected(items=[item for item in items if item.get_closest_marker("long")])
+    items[:] = [item for item in items if not item.get_closest_marker("long")]
+
+
 def not_allowed(reporter: pytest.TerminalReporter) -> list[pytest.TestReport]:
     """Skipped tests, but for those that need what no package has."""
     skipped: list[pytest.TestReport] = reporter.stats.get("skipped", [])

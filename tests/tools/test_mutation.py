@@ -200,7 +200,7 @@ def test_a_faulty_loop_is_told_from_a_sound_one():
     assert json.loads(done.stdout) == [KILLED, EQUIVALENT, KILLED, KILLED, EQUIVALENT, False]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_sample_of_mutants_is_killed():
     """Fewer than the 95 % of the whole: of so few, one or two survivors more are chance."""
     command = [sys.executable, "-m", "tools.mutation", "--sample", "40", "--seed", "1"]

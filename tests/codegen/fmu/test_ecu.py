@@ -80,7 +80,7 @@ def test_frames_are_those_of_the_native_firmware(can_ecu, record):
     same_frames(can_ecu, record, 3000, 5)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_frames_of_a_hundred_thousand_ticks(can_ecu, record):
     same_frames(can_ecu, record, 100_000, 6)
 

@@ -62,7 +62,7 @@ def test_native_is_python_on_hostile_traffic():
 
 
 @needs_cc
-@pytest.mark.slow
+@pytest.mark.long
 def test_native_is_python_for_long():
     for seed in range(100, 300):
         compare(seed, 500)

@@ -138,7 +138,7 @@ def test_frames_of_all_kinds(tmp_path):
     assert sum(map(len, reference.values())) == 3 * 1500
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_hundred_thousand_frames(tmp_path):
     reference, _, _, _ = same(tmp_path, list(messages(100_000, 4, mean_ns=400_000)), spec())
     assert sum(map(len, reference.values())) == 3 * 100_000

@@ -188,7 +188,7 @@ def test_unknown_paper(capsys):
     assert "did you mean 'viadero2022'?" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_all_papers_through_the_command(tmp_path, capsys):
     assert main(["reproduce", "--json", "--out", str(tmp_path)]) == 0
     data = json.loads(capsys.readouterr().out)

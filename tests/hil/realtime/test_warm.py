@@ -26,7 +26,9 @@ def test_compilations_are_counted():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cache", ["none", "of another processor"])
+@pytest.mark.parametrize(
+    "cache", ["none", pytest.param("of another processor", marks=pytest.mark.long)]
+)
 def test_nothing_is_compiled_in_the_loops(cache, programs, calibration_file, tmp_path, monkeypatch):
     home = tmp_path / "home"
     if cache == "none":

@@ -275,7 +275,7 @@ def test_simulated_responses_keep_to_their_bounds():
     assert share > 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ten_thousand_random_sets_keep_to_their_bounds():
     share = check_sets(10_000, seed=2, critical_every=5)
     assert share > 0.5

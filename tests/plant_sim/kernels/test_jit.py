@@ -22,7 +22,7 @@ for body in bodies.BODIES.values():
 """
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_bodies_compiled_by_different_processes_do_not_call_each_other(tmp_path):
     def run(program, cache):
         environment = os.environ | {"XDG_CACHE_HOME": str(cache)}

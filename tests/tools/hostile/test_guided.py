@@ -74,6 +74,7 @@ def test_the_same_seed_gives_the_same_inputs(good, tmp_path):
     assert fuzzed(form, good, tmp_path, 200, seed=2).features != first.features
 
 
+@pytest.mark.long
 def test_guidance_finds_what_random_damage_does_not(tmp_path):
     form = formats.Format("word", "word.bin", planted)
     (tmp_path / "good" / "word").mkdir(parents=True)

@@ -48,7 +48,7 @@ def source(tmp_path_factory):
     return next(path.parent for path in folder.glob("*/test"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_its_own_tests_pass_on_simbus(source):
     (source / "pytest.ini").write_text("[pytest]\n")
     options = [f"--deselect=test/{name}" for name in EXCEPTIONS]
