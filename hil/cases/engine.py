@@ -107,6 +107,9 @@ def engine(scheduler: str, jobs: int) -> Iterator[Engine]:
             path.write_bytes(pickle.dumps(value))
             return _Common(path)
 
+        for _ in range(jobs):
+            # processes start while cases are planned
+            pool.submit(int)
         try:
             yield Engine(pool, jobs, common)
         finally:

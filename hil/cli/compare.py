@@ -7,6 +7,7 @@ from typing import Any
 
 from canroll.errors import CanrollError
 from hil.cli import terminal
+from hil.cli.cases import driven
 from hil.cli.options import DEFAULT_SCENARIO, VEHICLE_SET, choices_of, folder_of
 from hil.report.run_folder import write_page
 from hil.report.staging import page_folder
@@ -42,10 +43,8 @@ def run(args: argparse.Namespace) -> int:
     out = page_folder(folder_of(args))
     common = choices_of(args)
     duration = common.pop("duration", None)
-    with terminal.progress(quiet=args.json) as progress:
-        named = comparison.gather(
-            args.runs, args.scenario, common=common, duration=duration, progress=progress
-        )
+    with driven(args, out) as cases:
+        named = comparison.gather(args.runs, args.scenario, common, duration=duration, cases=cases)
     texts = {"report": (".html", lambda: comparison_page(named))}
     data = write_page(out, "comparison", texts, comparison_json(named))
     if args.json:
@@ -96,17 +95,17 @@ def sweep(args: argparse.Namespace) -> int:
             raise CanrollError("--calibration fixes the law: omit --law")
         laws = {"calibration": {}}
     wanted = [
-        (f"{name} at {speed:g} km/h", {**law, "speed_kmh": speed})
+        (name, (f"{name} at {speed:g} km/h", {**law, "speed_kmh": speed}))
         for name, law in laws.items()
         for speed in speeds
     ]
     out = page_folder(folder_of(args))
-    with terminal.progress(quiet=args.json) as progress:
-        driven = list(comparison.runs(scenario, wanted, common=common, progress=progress))
-    named = {
-        law: driven[place * len(speeds) : (place + 1) * len(speeds)]
-        for place, law in enumerate(laws)
-    }
+    with driven(args, out) as cases:
+        wanted = list(cases.picked(wanted))
+        found = comparison.runs(scenario, [run for _, run in wanted], common, cases=cases)
+    named: dict[str, list[comparison.Named]] = {}
+    for (law, _), run in zip(wanted, found, strict=True):
+        named.setdefault(law, []).append(run)
     pages = {"report": (".html", lambda: sweep_page(named))}
     data = write_page(out, "sweep", pages, sweep_json(named))
     if args.json:

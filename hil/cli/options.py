@@ -243,33 +243,22 @@ EXECUTION = {"jobs": os.cpu_count() or 1, "scheduler": "local", "resume": False,
 """Options of :func:`add_execution`, and their defaults."""
 
 
-def add_execution(parser: argparse.ArgumentParser, case: str = "", how: str = "") -> None:
-    """Add how the cases of a study are driven.
-
-    Args:
-        parser: the command's parser.
-        case: what --only drives one of; empty: the command has no --only.
-        how: how that is reported, if otherwise.
-    """
+def add_execution(parser: argparse.ArgumentParser, case: str, *without: str) -> None:
+    """Add how the cases of a study are driven, of which ``case`` N is one, except ``without``."""
     parser.set_defaults(**EXECUTION)
-    parser.add_argument(
-        "--jobs",
-        type=_processes,
-        metavar="N",
-        help="processes (default: all cores)",
-    )
-    parser.add_argument(
-        "--scheduler",
-        type=_scheduler,
-        metavar="ADDRESS",
-        help="local processes, or a Dask scheduler, tcp://HOST:PORT (default: %(default)s)",
-    )
-    parser.add_argument(
-        "--resume", action="store_true", help="continue what was interrupted in the output folder"
-    )
-    if case:
-        text = f"drive one {case} by its number, from 0{how}"
-        parser.add_argument("--only", type=int, metavar="N", help=text)
+    options: dict[str, dict[str, Any]] = {
+        "jobs": {"type": _processes, "metavar": "N", "help": "processes (default: all cores)"},
+        "scheduler": {
+            "type": _scheduler,
+            "metavar": "ADDRESS",
+            "help": "local processes, or a Dask scheduler, tcp://HOST:PORT (default: %(default)s)",
+        },
+        "resume": {"action": "store_true", "help": "continue from what the output folder has"},
+        "only": {"type": int, "metavar": "N", "help": f"drive {case} N alone, counted from 0"},
+    }
+    for name, keywords in options.items():
+        if name not in without:
+            parser.add_argument(f"--{name}", **keywords)
 
 
 def _processes(text: str) -> int:

@@ -106,7 +106,7 @@ def compare(parser: argparse.ArgumentParser) -> None:
         help="manoeuvre (default: %(default)s)",
     )
     add_choices(parser, CHOICES)
-    add_execution(parser, "run")
+    add_execution(parser, "run", "resume")
     add_answer(parser, "the page")
 
 
@@ -131,7 +131,7 @@ def sweep(parser: argparse.ArgumentParser) -> None:
     )
     names = [name for name in OF_A_RUN if name != "speed_kmh"]
     add_choices(parser, names, several=("law",))
-    add_execution(parser, "run")
+    add_execution(parser, "run", "resume")
     add_answer(parser, "the page")
 
 
@@ -258,7 +258,7 @@ def design(parser: argparse.ArgumentParser) -> None:
         metavar="DIR",
         help="folder for the files (default: out); with --runs for finished laws, until all are",
     )
-    add_execution(parser, "law of --runs")
+    add_execution(parser, "law")
 
 
 def margins(parser: argparse.ArgumentParser) -> None:
@@ -351,7 +351,7 @@ def reproduce(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="paired runs of each law for the comparison with ours (default: 20; 0: none)",
     )
-    add_execution(parser)
+    add_execution(parser, "", "only")
     add_answer(parser, "the page")
 
 
@@ -446,7 +446,7 @@ def campaign(parser: argparse.ArgumentParser) -> None:
         metavar="I/N",
         help="drive the I-th of N parts, to be merged later",
     )
-    add_execution(parser, "draw", ", and report it as a run")
+    add_execution(parser, "draw")
     add_choices(parser, OF_A_RUN, several=("bus",))
     add_answer(parser, "page and table")
     parser.set_defaults(verbose=False)

@@ -148,9 +148,8 @@ def simulate(
 ) -> Result:
     """Run ``controller`` under ``settings``; ``passive`` is reused instead of driven again."""
     if passive is None:
-        # what faults do is measured against a vehicle whose parts are all right
-        healthy = settings if settings.law == PASSIVE else replace(settings, faults=())
-        passive = drive(healthy, controller, enabled=False, duration=duration, progress=progress)
+        fault_free = healthy(settings)
+        passive = drive(fault_free, controller, enabled=False, duration=duration, progress=progress)
     if settings.law == PASSIVE:
         return assess(settings, controller, passive, None)
     controlled = drive(settings, controller, enabled=True, duration=duration, progress=progress)
@@ -166,6 +165,11 @@ def simulate(
         )
     cycle = limit_cycle_of(settings, controller, controlled, passive.signals)
     return assess(settings, controller, passive, controlled, replayed, cycle=cycle)
+
+
+def healthy(settings: Settings) -> Settings:
+    """Return the settings of the fault-free vehicle that what faults do is measured against."""
+    return settings if settings.law == PASSIVE else replace(settings, faults=())
 
 
 def limit_cycle_of(

@@ -1,6 +1,6 @@
 """Comparison of several runs: laws, buses, speeds, on one page and in one table."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -8,10 +8,11 @@ from typing import Any
 from canroll.arguments import checked
 from canroll.errors import CanrollError
 from canroll.table import Table
-from canroll.typing import Progress
+from hil.cases.execution import IN_TURN, Cases
 from hil.runs import saved_run
 from hil.runs.choices import CHOICES, described, without_frozen
-from hil.runs.experiment import plan, simulate
+from hil.runs.experiment import drive, healthy, plan, simulate
+from hil.runs.frozen import Controller
 from hil.runs.result import Result, Settings
 from hil.runs.trace import Trace
 
@@ -54,7 +55,7 @@ def compare(
     scenario: str = "double_lane_change",
     *,
     duration: float | None = None,
-    progress: Progress | None = None,
+    cases: Cases = IN_TURN,
     **common: Any,  # noqa: ANN401
 ) -> Comparison:
     """Drive a manoeuvre with several laws, calibrations, buses or vehicles.
@@ -64,7 +65,7 @@ def compare(
             :func:`canroll.run` by the name of the run.
         scenario: the manoeuvre.
         duration: s, if shorter than the manoeuvre.
-        progress: called with the name of the run and the fraction done.
+        cases: what drives the runs.
         common: keywords of :func:`canroll.run` for all runs, unless ``wanted`` has others.
 
     Raises:
@@ -74,12 +75,9 @@ def compare(
     if not wanted:
         raise CanrollError(f"wanted={wanted!r}: must be a list of runs, or keywords by name")
     if isinstance(wanted, Mapping):
-        driven = runs(
-            scenario, list(wanted.items()), common=common, duration=duration, progress=progress
-        )
-        return Comparison(tuple(driven))
-    named = gather(wanted, scenario, common=common, duration=duration, progress=progress)
-    return Comparison(tuple(named))
+        of = cases.picked(list(wanted.items()))
+        return Comparison(tuple(runs(scenario, of, common, duration=duration, cases=cases)))
+    return Comparison(tuple(gather(wanted, scenario, common, duration=duration, cases=cases)))
 
 
 @checked
@@ -88,7 +86,7 @@ def sweep(
     laws: Sequence[str] = (CHOICES["law"].default,),
     scenario: str = "double_lane_change",
     *,
-    progress: Progress | None = None,
+    cases: Cases = IN_TURN,
     **common: Any,  # noqa: ANN401
 ) -> Comparison:
     """Drive a manoeuvre at several speeds with one or several laws.
@@ -97,7 +95,7 @@ def sweep(
         speeds_kmh: entry speeds, km/h.
         laws: laws, calibration files, or "law=lqr,bus=500k", as of :func:`compare`.
         scenario: the manoeuvre.
-        progress: called with the name of the run and the fraction done.
+        cases: what drives the runs.
         common: keywords of :func:`canroll.run` for all runs.
 
     Raises:
@@ -111,7 +109,7 @@ def sweep(
         for law in laws
         for speed in speeds_kmh
     }
-    return compare(wanted, scenario, progress=progress, **common)
+    return compare(wanted, scenario, cases=cases, **common)
 
 
 def _row(run: Named) -> dict[str, Any]:
@@ -169,61 +167,70 @@ def describe(text: str) -> dict[str, Any]:
 def runs(
     scenario: str,
     wanted: Sequence[tuple[str, Mapping[str, Any]]],
+    common: Mapping[str, Any],
     *,
-    common: Mapping[str, Any] | None = None,
     duration: float | None = None,
-    progress: Progress | None = None,
-) -> Iterator[Named]:
-    """Drive ``scenario`` once for every description, and once more without control.
+    cases: Cases = IN_TURN,
+) -> list[Named]:
+    """Drive ``scenario`` once for each name and its keywords, and once more without control.
 
-    Runs that differ only in their controller share the run without control.
-
-    Args:
-        scenario: name of the manoeuvre.
-        wanted: name and keywords of :func:`canroll.run` for each run.
-        common: keywords of all runs, unless a description overrides them.
-        duration: s, if shorter than the manoeuvre.
-        progress: called with the name of the run and the fraction done.
+    Runs that differ only in their controller share the run without control. Their own keywords go
+    before the ``common`` ones.
     """
-    driven: list[tuple[Settings, Trace]] = []
     # names are refused before anything slow is done
     planned = [
-        (name, *plan(scenario, **_merged(common or {}, keywords), duration=duration))
-        for name, keywords in wanted
+        plan(scenario, **_merged(common, keywords), duration=duration) for _, keywords in wanted
     ]
-    for name, settings, controller in planned:
+    alone: list[Settings] = []
+    drivers: list[tuple[Settings, Controller]] = []
+    places = []
+    for settings, controller in planned:
         same = replace(settings, law="", observer="", trigger="")
-        result = simulate(
-            settings,
-            controller,
-            duration=duration,
-            passive=next((trace for other, trace in driven if other == same), None),
-            progress=None if progress is None else _named(progress, name),
-        )
-        driven.append((same, result.passive))
-        yield Named(name, result)
+        if same not in alone:
+            alone.append(same)
+            drivers.append((settings, controller))
+        places.append(alone.index(same))
+    passive = list(cases.rows("without control", uncontrolled, [(*d, duration) for d in drivers]))
+    arguments = [
+        (*pair, duration, passive[place]) for pair, place in zip(planned, places, strict=True)
+    ]
+    found = cases.rows("runs", simulated, arguments)
+    return [
+        # the trace itself, not its copy from another process
+        Named(name, replace(result, passive=passive[place]))
+        for (name, _), place, result in zip(wanted, places, found, strict=True)
+    ]
+
+
+def uncontrolled(settings: Settings, controller: Controller, duration: float | None) -> Trace:
+    """Drive the run without control."""
+    return drive(healthy(settings), controller, enabled=False, duration=duration)
+
+
+def simulated(
+    settings: Settings, controller: Controller, duration: float | None, passive: Trace
+) -> Result:
+    """Drive the run with control, and return its figures."""
+    return simulate(settings, controller, duration=duration, passive=passive)
 
 
 def gather(
     texts: Sequence[str],
     scenario: str,
+    common: Mapping[str, Any],
     *,
-    common: Mapping[str, Any] | None = None,
     duration: float | None = None,
-    progress: Progress | None = None,
+    cases: Cases = IN_TURN,
 ) -> list[Named]:
     """Return the runs described by ``texts``, saved or driven now, in their order.
 
-    Args:
-        texts: for each run the folder of a saved run, or a description for :func:`describe`.
-        scenario: manoeuvre of the runs driven now.
-        common: keywords of all of these, unless a text overrides them.
-        duration: duration of each of these, s, if shorter than the manoeuvre.
-        progress: called with the name of the run and the fraction done.
+    Each is the folder of a saved run, or a description for :func:`describe`; ``common`` keywords
+    and ``duration`` (s) are of the runs driven now.
 
     Raises:
         CanrollError: runs of different manoeuvres, or a run that cannot be read or driven.
     """
+    texts = cases.picked(texts)
     read = {text: saved_run.load(Path(text)) for text in texts if is_folder(text)}
     labels = [text if text in read else label(text) for text in texts]
     if len(set(labels)) < len(labels):
@@ -231,7 +238,7 @@ def gather(
     wanted = [
         (name, describe(text)) for name, text in zip(labels, texts, strict=True) if text not in read
     ]
-    driven = runs(scenario, wanted, common=common, duration=duration, progress=progress)
+    driven = runs(scenario, wanted, common, duration=duration, cases=cases)
     named = {run.name: run for run in driven} | {t: Named(t, result) for t, result in read.items()}
     found = [named[name] for name in labels]
     for run in found:
@@ -253,10 +260,6 @@ def _merged(common: Mapping[str, Any], own: Mapping[str, Any]) -> dict[str, Any]
     if "calibration" in own:
         common = without_frozen(common)
     return {**common, **own}
-
-
-def _named(progress: Progress, name: str) -> Progress:
-    return lambda stage, share: progress(f"{name}, {stage}", share)
 
 
 def parse_range(text: str) -> list[float]:

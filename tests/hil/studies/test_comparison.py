@@ -71,7 +71,7 @@ def test_runs_that_differ_in_their_law_share_the_run_without_control():
     first, second, other = runs(
         "double_lane_change",
         [("a", {"law": "lqr"}), ("b", {"law": "smc"}), ("c", {"law": "lqr", "seed": 1})],
-        common={"vehicle": "van_2021"},
+        {"vehicle": "van_2021"},
         duration=1.0,
     )
     assert first.result.passive is second.result.passive
@@ -111,6 +111,21 @@ def test_saved_runs_are_compared_as_driven_ones(tmp_path, capsys, monkeypatch):
     other = ["steering_lead", "--scenario", "roundabout", "--duration", "1"]
     assert main(["compare", "steering_lead_run", *other]) == 2
     assert "compare runs of one manoeuvre" in capsys.readouterr().err
+
+
+def test_one_run_alone_has_its_numbers_and_processes_change_nothing(capsys):
+    """A run has its number among all words, saved or not; of a sweep law by law."""
+    for command in (
+        ["compare", "lqr", "smc", "law=lqr,bus=125k_busy", "--duration", "1"],
+        ["sweep", "--law", "lqr,smc", "--speed", "60:80:20"],
+    ):
+        told = []
+        for options in (["--jobs", "2"], ["--jobs", "1"], ["--only", "2"]):
+            assert main([*command, *options, "--json"]) == 0
+            data = json.loads(capsys.readouterr().out)
+            told.append(data.get("runs") or [run for law in data["laws"].values() for run in law])
+        assert told[0] == told[1]
+        assert told[2] == [told[0][2]]
 
 
 def test_another_car_is_told(capsys, tmp_path, monkeypatch):
@@ -157,7 +172,7 @@ def test_a_changed_vehicle_is_not_overridden_in_silence(command, run, capsys):
 @pytest.fixture(scope="module")
 def short():
     wanted = [("lqr", {"law": "lqr"}), ("steering_lead", {"law": "steering_lead"})]
-    return list(runs("double_lane_change", wanted, duration=1.5))
+    return runs("double_lane_change", wanted, {}, duration=1.5)
 
 
 def hitting(run, cones):
