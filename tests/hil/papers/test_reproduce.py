@@ -366,7 +366,8 @@ def test_ours_beside_theirs(paper):
             met = row["moment_rms_nm"] == pytest.approx(budget, rel=EFFORT_TOLERANCE)
             assert met or "the RMS moment" in row["verdict"]
         for law in ("plain_feedforward", "steering_lead"):
-            assert found[law]["moment_rms_nm"] == pytest.approx(budget, rel=EFFORT_TOLERANCE)
+            met = found[law]["moment_rms_nm"] == pytest.approx(budget, rel=EFFORT_TOLERANCE)
+            assert met or "the RMS moment" in found[law]["verdict"], found[law]
             assert found[law]["above_bound_percent"] > -2.0
     laws, bound = figure.series[1:-1], figure.series[-1]
     assert {curve.name for curve in laws} <= {entry.name for entry in OURS}
