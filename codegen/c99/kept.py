@@ -44,9 +44,8 @@ def translation(parts: object, make: Callable[[], dict[str, str]]) -> dict[str, 
         kept: dict[str, str] = json.loads(path.read_text(encoding="utf-8"))
         return kept
     made = make()
-    with suppress(OSError):
-        handle, name = tempfile.mkstemp(dir=path.parent)
-        with os.fdopen(handle, "w", encoding="utf-8") as file:
-            json.dump(made, file)
-        os.replace(name, path)
+    with suppress(OSError), tempfile.TemporaryDirectory(dir=path.parent) as temporary:
+        written = Path(temporary, path.name)
+        written.write_text(json.dumps(made), encoding="utf-8")
+        os.replace(written, path)
     return made

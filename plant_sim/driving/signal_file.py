@@ -6,7 +6,7 @@ and a CSV has a column ``time``.
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import lru_cache
@@ -125,8 +125,8 @@ def columns(file: str) -> tuple[str, ...]:
     Raises:
         CanrollError: it cannot be read.
     """
-    rows = _rows(Path(file))
-    return tuple(name.strip() for name in rows[0][1]) if rows else ()
+    first = next(_rows(Path(file)), (0, []))
+    return tuple(name.strip() for name in first[1])
 
 
 def _state(path: Path) -> tuple[int, int]:
@@ -146,16 +146,16 @@ def _read(file: str, names: tuple[str, ...], dbc: str, _state: object) -> tuple[
     path = Path(file)
     if path.suffix.lower() == ".mf4":
         return _of_mf4(path, names)
-    rows = _rows(path)
+    rows = list(_rows(path))
     return tuple(_of_csv(path, rows, name) for name in names)
 
 
-def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Return the rows of a CSV that are not empty, with their lines."""
+def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows of a CSV that are not empty, with their lines."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file)
-            return [(reader.line_num, row) for row in reader if row]
+            yield from ((reader.line_num, row) for row in reader if row)
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise CanrollError(f"cannot read signal file {path}: {reason(error)}") from error
 

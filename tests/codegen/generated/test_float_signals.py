@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from support import float_bus
+from support import compiled_states, float_bus
 from support.bundles import make
 
 from canroll.errors import CanrollError
@@ -25,7 +25,6 @@ from codegen.run import ecu_traffic, memory_image, native
 from codegen.run.bus_firmware import built_in, of_bus
 from codegen.subset import rules
 from dbc import read
-from firmware.calibration import Calibration
 from firmware.state import RX_IMU, TX_ANTI_ROLL_BAR, Ecu
 from firmware.subset import fields
 
@@ -108,20 +107,7 @@ def calibration():
 
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 def test_c_gives_the_states_of_python(firmware):
-    cal = calibration()
-    library = native.library_of(firmware)
-    cals = np.frombuffer(memory_image.image(cal), memory_image.dtype(Calibration), 1).copy()
-    traffic = ecu_traffic.random_traffic(5, 60, bus=firmware.bus)
-    run = library.replay(library.start(cals), cals, [traffic], states=True)
-    ecu = firmware.record()
-    assert firmware.loop.init(ecu, cal) == 0
-    for t in range(traffic.ticks):
-        for event in traffic.frames[traffic.frames["tick"] == t]:
-            payload, length = event["payload"].tolist(), int(event["length"])
-            firmware.loop.receive(ecu, int(event["message"]), payload, length)
-        firmware.loop.tick(ecu, cal, int(traffic.elapsed[t]))
-        ecu.tx_pending = [0] * 6
-        assert memory_image.image(ecu) == run.states[0, t].tobytes(), t
+    compiled_states.compare(firmware, calibration())
 
 
 @pytest.mark.slow

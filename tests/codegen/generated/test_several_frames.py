@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from support import compiled_states
 
 from canroll.errors import CanrollError
 from codegen.generated import bus_map
@@ -17,7 +18,6 @@ from codegen.proof.prove import prove
 from codegen.run import ecu_traffic, memory_image, native
 from codegen.run.bus_firmware import of_bus
 from codegen.subset import rules
-from firmware.calibration import Calibration
 from firmware.state import (
     ACTIVE,
     DEGRADED,
@@ -226,20 +226,7 @@ def test_a_signal_that_another_says_has_no_value_keeps_the_last(firmware):
 
 @pytest.mark.skipif(native.compiler() is None, reason="needs a C compiler")
 def test_c_gives_the_states_of_python(firmware):
-    cal = calibration()
-    library = native.library_of(firmware)
-    cals = np.frombuffer(memory_image.image(cal), memory_image.dtype(Calibration), 1).copy()
-    traffic = ecu_traffic.random_traffic(5, 60, bus=firmware.bus)
-    run = library.replay(library.start(cals), cals, [traffic], states=True)
-    ecu = firmware.record()
-    assert firmware.loop.init(ecu, cal) == 0
-    for t in range(traffic.ticks):
-        for event in traffic.frames[traffic.frames["tick"] == t]:
-            payload, length = event["payload"].tolist(), int(event["length"])
-            firmware.loop.receive(ecu, int(event["message"]), payload, length)
-        firmware.loop.tick(ecu, cal, int(traffic.elapsed[t]))
-        ecu.tx_pending = [0] * 6
-        assert memory_image.image(ecu) == run.states[0, t].tobytes(), t
+    compiled_states.compare(firmware, calibration())
 
 
 @pytest.mark.parametrize(
