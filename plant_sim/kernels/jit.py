@@ -9,8 +9,10 @@ cache is still read.
 
 import fcntl
 import hashlib
-from collections.abc import Callable
-from contextlib import suppress
+import os
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -102,6 +104,32 @@ def cfunc(signature: Any) -> Callable[[Function], Function]:  # noqa: ANN401
     """Compile as a first-class function: kernels that take one are compiled only once."""
     decorated: Callable[[Function], Function] = numba.cfunc(signature, cache=True)
     return decorated
+
+
+def is_cached(kernel: Any) -> bool:  # noqa: ANN401
+    """Whether the cache has a kernel compiled for some types."""
+    return Path(kernel._cache._cache_file._index_path).exists()
+
+
+@contextmanager
+def compiling(kernel: Any, types: tuple[Any, ...]) -> Iterator[None]:  # noqa: ANN401
+    """Meanwhile compile a kernel for the cache in a second process, where there are two cores."""
+    if (os.cpu_count() or 1) < 2:
+        yield
+        return
+    child = os.fork()
+    if not child:
+        try:
+            signal.signal(signal.SIGINT, signal.SIG_DFL)
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            kernel.compile(types)
+        finally:
+            os._exit(0)
+    try:
+        yield
+    finally:
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
 
 
 _VECTOR = numba.types.Array(numba.types.float64, 1, "C")

@@ -18,7 +18,8 @@ from plant_sim.bodies import body as body_named
 from plant_sim.driving.maneuvers import Maneuver
 from plant_sim.faults import Fault
 from plant_sim.faults.effects import with_faults
-from plant_sim.kernels.records import entry
+from plant_sim.kernels.jit import compiling, is_cached
+from plant_sim.kernels.records import entry, type_of
 from plant_sim.nodes import authentication
 from plant_sim.nodes.actuators import ActuatorOptions
 from plant_sim.nodes.codec import CYCLE_MS, IDENT, MAX_PAYLOAD, message_index
@@ -38,6 +39,7 @@ from plant_sim.world.world_kernel import (
     STEP_NS,
     Parts,
     advance,
+    second_half,
 )
 from vehicles.model import Vehicle
 
@@ -47,6 +49,14 @@ __all__ = ["FRAME", "World"]
 CHUNK_NS = 200_000_000
 STANDARD_IDENT = 0x7FF
 CLASSIC_PAYLOAD = 8
+
+
+def _compiled(parts: Parts) -> Any:  # noqa: ANN401
+    """The entry of the kernel; on an empty cache two processes compile it."""
+    if is_cached(advance):
+        return entry(advance, (parts, 0))
+    with compiling(second_half, (type_of(parts), type_of(0))):
+        return entry(advance, (parts, 0))
 
 
 class World:
@@ -141,7 +151,7 @@ class World:
         self._fd = world_parts.fd_keys(memory["tables"]["message"])
         self._received: NDArray[Any] = memory["received"]
         self._outputs: NDArray[np.float64] = memory["outputs"]
-        self._kernel = entry(advance, (self._parts, 0))
+        self._kernel = _compiled(self._parts)
         self._run: Any = None
         self._outside = plant.outside
         self._parameters: NDArray[np.float64] = memory["parameters"]

@@ -345,6 +345,21 @@ def sense(world: Memory, network: bus.State, number: int, now_ns: int) -> None:
 
 
 @njit
+def second_half(parts: Parts, t_ns: int) -> None:
+    """Call what :func:`advance` calls after the bus, last first: for another process to compile."""
+    world, network = parts.memory[0], parts.network.state[0]
+    rows, commands, driver = borrowed(parts.rows), borrowed(parts.commands), uncounted(parts.drive)
+    inputs, outputs = world.inputs[:], world.outputs[:]
+    recording.record(rows, 0, outputs, inputs, world.actuators)
+    sense(world, network, 0, t_ns)
+    sensor_kernel.observe(world.sensors, inputs, outputs)
+    drive(t_ns, outputs, inputs, driver)
+    act(world.actuators, outputs, inputs, t_ns)
+    actuator_kernel.supervise(world.actuators, t_ns)
+    _deliver(world, network, commands)
+
+
+@njit
 def advance(parts: Parts, until_ns: int) -> int:
     """Advance up to and including ``until_ns``; the body ends on the next full ms.
 

@@ -27,18 +27,20 @@ def test_compilations_are_counted():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "cache", ["none", pytest.param("of another processor", marks=pytest.mark.long)]
+    "cache",
+    ["full", *(pytest.param(kind, marks=pytest.mark.long) for kind in ("none", "of another CPU"))],
 )
 def test_nothing_is_compiled_in_the_loops(cache, programs, calibration_file, tmp_path, monkeypatch):
     home = tmp_path / "home"
     if cache == "none":
         # a file where the folder would be: nothing can be kept
         home.write_text("")
-    else:
+    elif cache == "of another CPU":
         shutil.copytree(jit.FOLDER, home / "canroll" / jit.FOLDER.name)
         monkeypatch.setenv("NUMBA_CPU_NAME", "generic")
         monkeypatch.setenv("NUMBA_CPU_FEATURES", "")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(home))
+    if cache != "full":
+        monkeypatch.setenv("XDG_CACHE_HOME", str(home))
     record, trace = tmp_path / "plant.npz", tmp_path / "ticks.npz"
     stay = ("--peer-timeout", 0)
     arguments = ("--serve", "127.0.0.1:0", "--wait", 0, "--duration", 3600, "--record", record)

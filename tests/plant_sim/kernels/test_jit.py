@@ -52,3 +52,39 @@ def test_the_cache_of_an_extension_follows_its_file_and_those_beside_it(tmp_path
     seen.add(jit._Locator(jit.njit, str(body)).get_source_stamp())
     assert len(seen) == 3
     assert jit._Locator(jit.njit, jit.__file__).get_source_stamp() == jit.FOLDER.name
+
+
+MEANWHILE = """
+import os, time
+from numba import int64
+from plant_sim.kernels import jit
+
+@jit.njit
+def successor(n):
+    return n + 1
+
+os.cpu_count = lambda: 2
+print(jit.is_cached(successor), end=" ")
+with jit.compiling(successor, (int64,)):
+    while not jit.is_cached(successor):
+        time.sleep(0.01)
+print(successor(1), sum(successor.stats.cache_hits.values()))
+try:
+    os.waitpid(-1, 0)
+except ChildProcessError:
+    print("ended")
+"""
+
+
+def test_a_second_process_compiles_for_the_cache_meanwhile(tmp_path):
+    program = tmp_path / "program.py"
+    program.write_text(MEANWHILE)
+    ran = subprocess.run(
+        [sys.executable, program],
+        env=os.environ | {"XDG_CACHE_HOME": str(tmp_path / "cache")},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=100,
+    )
+    assert ran.stdout == "False 2 1\nended\n"
