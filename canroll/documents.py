@@ -1,4 +1,4 @@
-"""Files of users: text bounded in size and depth, or read by a process of its own."""
+"""Files of users: text bounded in size and depth, or read in a separate process."""
 
 import json
 import subprocess
@@ -97,7 +97,7 @@ def table(value: object, where: str) -> dict[str, Any]:
 def read_apart(program: str, path: Path) -> bytes:
     """Return what a Python program makes of the file ``path``.
 
-    It runs in a process of its own, which a reader in compiled code may end at a damaged file.
+    It runs in a separate process, which a reader in compiled code may end at a damaged file.
 
     Args:
         program: it finds the path in ``sys.argv[1]`` and writes to ``sys.stdout.buffer``.

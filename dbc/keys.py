@@ -1,4 +1,4 @@
-"""The key of a bus with authenticated frames: AES, 128 bits, in a file of its own.
+"""The key of a bus with authenticated frames: AES, 128 bits, in a separate file.
 
 The file has 32 hexadecimal digits, or is TOML with ``key = "…"``. Nobody but its owner may read it.
 """

@@ -36,7 +36,7 @@ class NetworkFile:
         path: the file.
         database: its messages.
         warnings: what had to be left out or assumed; none or one line.
-        repaired: a DBC's text without what cannot be read; None where it is as in the file.
+        repaired: a DBC's text without its unreadable parts; None where it is as in the file.
         left_out: the beginning of each statement that cannot be read, by line.
     """
 
@@ -135,7 +135,7 @@ def _joined(files: tuple[NetworkFile, ...]) -> Database:
 def network_file(path: Path) -> NetworkFile:
     """Read one file of a network description.
 
-    A DBC that breaks the rules of its format is read without what cannot be read.
+    A DBC that breaks the rules of its format is read without those parts.
 
     Raises:
         CanrollError: it is none of these files, or not one of CAN.

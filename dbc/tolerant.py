@@ -39,7 +39,7 @@ _MOST = 1000
 
 @dataclass(slots=True)
 class Repaired:
-    """A DBC without what cannot be read; every line is where it was.
+    """A DBC without its unreadable parts; every line is where it was.
 
     Attributes:
         text: what is left of it.

@@ -1,4 +1,4 @@
-"""Rules for an own stage beyond those of the subset and the proof.
+"""Rules for a user's stage beyond those of the subset and the proof.
 
 It writes only its own fields and the estimate, does not access fields written by interrupts, and
 its loops end after a proved number of iterations.

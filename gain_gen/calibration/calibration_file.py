@@ -46,7 +46,7 @@ TABLES = frozenset(
     }
 )
 OPTIONAL = frozenset({"budget", "stage"})
-"""Tables that a user may add: the budget of a tick, an own stage of the loop."""
+"""Tables that a user may add: the budget of a tick, a user's stage of the loop."""
 NEEDED: Mapping[str, Mapping[str, tuple[type, ...]]] = {
     "design": {
         **dict.fromkeys(("law", "vehicle", "actuator"), (str,)),
@@ -241,7 +241,7 @@ def _check_needed(content: Mapping[str, Any], path: Path) -> None:
 
 
 def _stage(table: Any, path: Path, text: str) -> dict[str, str]:  # noqa: ANN401
-    """Return the table of an own stage with its source, read from its file if it has none."""
+    """Return the table of a user's stage with its source, read from its file if it has none."""
     where = _at(path, text, own_stage.NAME)
     if not isinstance(table, dict) or not {"file"} <= set(table) <= {"file", "source"}:
         raise CanrollError(f"{where}: [stage] has the keys file and, if not read from it, source")

@@ -70,7 +70,7 @@ def read_matrices(path: Path) -> dict[str, Matrix]:
 
 
 def _read_mat(path: Path) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the arrays of a .mat file, read in a process of its own.
+    """Return the arrays of a .mat file, read in a separate process.
 
     scipy's reader ends the process on some damaged files.
     """

@@ -48,7 +48,7 @@ def run(args: argparse.Namespace) -> int:
 
 
 def without(stage: str) -> str:
-    """Note on what the margins do not cover if a calibration has an own stage."""
+    """Note on what the margins do not cover if a calibration has a user's stage."""
     return (
         f"the margins are those of the law without the stage {stage}: a stage that multiplies its "
         "moment has them while the factor stays within the gains that are stable below; judge "

@@ -116,10 +116,10 @@ def erratum(claim: str, formula: str, found: str) -> dict[str, Value]:
 
 
 def errata(lines: Sequence[Mapping[str, Value]]) -> Section:
-    """Return what cannot be right in print, numbered E1, E2, …: reasons of rows name them."""
+    """Return the errors in print, numbered E1, E2, …: reasons of rows name them."""
     rows = [{"number": f"E{place}", **line} for place, line in enumerate(lines, 1)]
     columns = {"number": "", "claim": "printed", "formula": "check", "found": "result"}
-    return Section("errata", "What cannot be right in print", columns, rows)
+    return Section("errata", "Errors in print", columns, rows)
 
 
 def unknowns(lines: Sequence[tuple[str, str]]) -> Section:

@@ -164,7 +164,7 @@ class CanLink:
             if not self.lost and _ended(self._stream):
                 self._lose()
             if down or self.lost:
-                # a bus that is gone does not wait: whoever waits for it would spin
+                # a bus that is gone does not wait: a loop that waits for it would spin
                 time.sleep(min(timeout, RETRY))
             return None
         if self.record is not None:

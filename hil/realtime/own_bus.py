@@ -17,7 +17,7 @@ from plant_sim.can_bus.wire import frame as wire
 
 CHANNEL = "plant"
 GROUP = "239.74.163.21"
-"""Multicast address of own buses with CAN FD frames, each with a port of its own."""
+"""Multicast address of private buses with CAN FD frames, each with its port."""
 NOT_SERVED = "socketcand has no CAN FD frames, which this bus has"
 """Why there is no server for such a bus."""
 
@@ -101,7 +101,7 @@ def serve(address: str) -> OwnBus:
 
 
 def fd_options() -> list[str]:
-    """Return python-can's options of an own bus with CAN FD frames, on a port that is free.
+    """Return python-can's options of a private bus with CAN FD frames, on a port that is free.
 
     Raises:
         CanrollError: this machine has no route for multicast.

@@ -37,7 +37,7 @@ def prepare(*, cpu: int | None, priority: int) -> list[str]:
         priority: of SCHED_FIFO, 1 to 99.
     """
     if sys.platform != "linux":
-        return ["no core of its own, real-time priority or locked memory: Linux only"]
+        return ["no exclusive core, real-time priority or locked memory: Linux only"]
     notes = []
     if cpu is not None:
         try:

@@ -181,7 +181,7 @@ class Choices(TypedDict, total=False):
         str | Path | None,
         Choice(
             option="--stage",
-            help="Python file with an own stage of the loop, written in the integer subset",
+            help="Python file that adds your stage to the loop, in the integer subset",
             of=CONTROLLER,
             saved=False,
         ),

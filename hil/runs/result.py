@@ -52,7 +52,7 @@ class Settings:
     manoeuvre; ``faults`` and ``conditions`` of sensors and actuators as
     :func:`hil.runs.conditions.options` reads them; ``dbc`` (one file or several) and ``map``:
     the frames on the bus, None for those of the contract or the network's own; ``key``: the file
-    of the key, None for the development key; ``stage``: an own stage of the loop.
+    of the key, None for the development key; ``stage``: a user's stage of the loop.
     ``vehicle`` is driven; ``plant_vehicle`` is its name or file if it is not the one the
     controller was designed for, else None; ``designed_for`` is the name of that one.
     """

@@ -41,7 +41,7 @@ def flags_of(box: Mailbox) -> int:
 
 
 def most_received(profile: BusProfile, bus: BusMap, span_ns: int) -> int:
-    """Return how many frames that the ECU takes end in a span of time at most, by whoever sent.
+    """Return the most frames for the ECU, from any sender, that can end within a time span.
 
     The ECU's segment is full of the shortest of them, without a stuff bit.
     """

@@ -22,7 +22,7 @@ from plant_sim.kernels.jit import STEP_SIGNATURE, cfunc, function_at
 from vehicles import Vehicle
 
 SPEED_TOLERANCE = 0.02
-"""By so much of the entry speed the FMU's own may differ at the start."""
+"""Relative difference of the FMU's speed from the entry speed allowed at the start."""
 BY_WHEEL = ("wheel_load", "travel", "wheel_speed", "wheel_height", "lateral_force")
 """Outputs that are NaN where the map does not have all four."""
 

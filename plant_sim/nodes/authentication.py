@@ -194,7 +194,7 @@ def protect(
 
 @njit
 def pretend(auth: Authentication, payload: NDArray[np.uint8]) -> None:
-    """Give a frame the next number, as whoever has no key can: its MAC stays that of another."""
+    """Increment the freshness counter, as an attacker without the key would: the MAC stays."""
     if auth.flag[ENABLED] == 0:
         return
     for k in (2, 1, 0):

@@ -24,7 +24,7 @@ FAULTS = 16
 EVERY_MESSAGE = 1 << 20
 """Target of a fault of all our messages; else the row of the codec's ``message`` table."""
 LATER_NS = 1_000_000
-"""By so much a duplicate follows its frame."""
+"""Delay of a duplicate behind the original."""
 CYCLES_LATE = 1.5
 SHORTEST_CYCLE_MS = 10
 """A frame out of order is so many of its cycle times late, so that the next one overtakes it."""

@@ -158,7 +158,7 @@ def _stolen(seen: Measurements) -> list[Finding]:
     return [
         Finding(
             f"the hypervisor took {1e3 * stolen:.0f} ms from the cores in {seen.seconds:.1f} s",
-            "give the virtual machine cores of its own, or use a real one",
+            "give the virtual machine exclusive cores, or use a real one",
         )
     ]
 

@@ -90,7 +90,7 @@ class _Client:
 
 
 class SocketcandServer:
-    """Accepts clients in a thread of its own; ``publish`` to them, ``take`` what they send.
+    """Accepts clients in a thread; ``publish`` to them, ``take`` what they send.
 
     Attributes:
         address: host and port it listens on.

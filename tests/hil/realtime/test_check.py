@@ -118,7 +118,7 @@ def core(**changes):
         (
             replace(QUIET, counted=Counters({0: 0.1, 1: 0.2}, {0: 0.02, 1: 0.0}, 0)),
             "hypervisor took 20 ms",
-            "cores of its own",
+            "exclusive cores",
         ),
         (
             with_ecu(

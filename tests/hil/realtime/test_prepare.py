@@ -7,7 +7,6 @@ import pytest
 
 from hil.cli.main import main
 
-
 KERNELS = """
 import gc, sys
 from numba.core.dispatcher import Dispatcher
