@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.campaign.plan import GOOD, HARMLESS, SIDES
+from hil.campaign.plan import GOOD, SIDES, of_side
+from hil.reaction.harm import HARMFUL
+from hil.runs import metrics
 
 Rows = Mapping[str, NDArray[Any]]
 
@@ -48,8 +50,7 @@ def _transfer(side: str) -> Callable[[Rows], NDArray[np.float64]]:
 
 
 def _harm(rows: Rows) -> NDArray[np.float64]:
-    before, after = (rows[f"{side}_roll_max_deg"] for side in SIDES)
-    return np.divide(after, HARMLESS * before, out=np.zeros_like(after), where=before > 0)
+    return metrics.harm(*(of_side(rows, side) for side in SIDES))
 
 
 def _from(level: Callable[[Rows], NDArray[np.float64]], label: str) -> Event:
@@ -63,7 +64,7 @@ EVENTS: Mapping[str, Event] = {
     "wheel_lift": _from(_transfer("controlled"), "a wheel lifts with control"),
     "wheel_lift_passive": _from(_transfer("passive"), "a wheel lifts without control"),
     "limit_cycle": Event("limit cycle", None, lambda rows: rows["cycle_nm"] > 0.0),
-    "harm": _from(_harm, f"roll angle over {HARMLESS:g} times that without control"),
+    "harm": _from(_harm, f"roll angle or path error over {HARMFUL:g} times those without control"),
 }
 """By name. A wheel lifts where the load transfer of its axle reaches 1."""
 LEVELLED = tuple(name for name, event in EVENTS.items() if event.level is not None)

@@ -14,7 +14,8 @@ from hil.campaign.summary import QUANTITIES, count_of, order, plain, reduction
 from hil.report.figure import DASHED, Figure, Series
 from hil.report.page import Cell, Page, Table, Verdict, render
 from hil.report.run_page import parameters, provenance
-from hil.report.tables import LABELS, number
+from hil.report.tables import number
+from hil.runs.metrics import BY_KEY
 
 HARDEST = 10
 """How many of the hardest draws the page lists."""
@@ -58,7 +59,7 @@ def quantile_table(campaign: Campaign) -> Table:
     columns = list(found[QUANTITIES[0]]["passive"])
     rows: list[list[str | Cell]] = []
     for name in QUANTITIES:
-        label, digits = LABELS[name]
+        label, digits = BY_KEY[name].title, BY_KEY[name].digits
         for side, word in WORDS.items():
             if name == "moment_rms_nm" and side == "passive":
                 continue
@@ -207,7 +208,7 @@ def _distributions(campaign: Campaign) -> list[Figure]:
             values = campaign.summary.sketches[name, side].quantiles(SHARES)
             if values.any():
                 curves.append(Series(WORDS[side], values, 100 * SHARES, colour, dash, "step"))
-        label = LABELS[name][0]
+        label = BY_KEY[name].title
         plots.append(
             Figure(
                 f"spread-{name.replace('_', '-')}",

@@ -1,7 +1,7 @@
 """The plan of a campaign: which draws there are, and how one is driven."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib.metadata import version
 from typing import Any
@@ -15,19 +15,15 @@ from hil.campaign.quantities import FAULTS
 from hil.campaign.space import Sampling, Space
 from hil.cases.identity import fingerprint, identity
 from hil.runs.frozen import Controller
-from hil.runs.metrics import Metrics
+from hil.runs.metrics import METRICS, harm, helps
 from hil.runs.result import Settings
-from hil.runs.standard import LEAST_ROLL_DEG
 from hil.studies.figures import figures
 
-HARMLESS = 1.02
-"""Largest roll angle over that without control, up to which a faulted run has done no harm."""
 HELPS, STAYS_HARMLESS = "helps", "harmless"
 NO_HELP, LIMIT_CYCLE, ROLLOVER = "does not help", "limit cycle", "rolls over"
 VERDICTS = (HELPS, STAYS_HARMLESS, NO_HELP, LIMIT_CYCLE, ROLLOVER)
 GOOD = (HELPS, STAYS_HARMLESS)
 SIDES = ("passive", "controlled")
-METRICS = tuple(field.name for field in fields(Metrics))
 TRIES = 100
 """Points that are drawn instead of one that is not a vehicle, at most."""
 
@@ -166,9 +162,9 @@ def driven(controller: Controller, settings: list[Settings]) -> Columns:
     """Return the columns of figures and verdicts of draws."""
     found = figures(controller, settings)
     columns: Columns = {
-        f"{side}_{name}": np.ascontiguousarray(found[side][name])
+        f"{side}_{metric.key}": np.ascontiguousarray(found[side][metric.key])
         for side in SIDES
-        for name in METRICS
+        for metric in METRICS
     }
     for name in ("safe", "cycle_hz", "cycle_nm"):
         columns[name] = np.ascontiguousarray(found[name])
@@ -177,15 +173,18 @@ def driven(controller: Controller, settings: list[Settings]) -> Columns:
 
 
 def verdicts(columns: Mapping[str, NDArray[Any]], faulted: NDArray[np.bool_]) -> NDArray[Any]:
-    """Return the verdict of each row; the rules are those of a run (``Outcome.helps``)."""
-    before, after = (columns[f"{side}_roll_max_deg"] for side in SIDES)
-    over, under = columns["controlled_rollover"], columns["passive_rollover"]
+    """Return the verdict of each row; the rules are those of a run."""
+    passive, controlled = (of_side(columns, side) for side in SIDES)
+    over, under = controlled["rollover"], passive["rollover"]
     cycle = columns["cycle_nm"] > 0.0
-    less = (after < before) & (columns["controlled_roll_rms_deg"] < columns["passive_roll_rms_deg"])
-    helps = ~over & ~cycle & (before >= LEAST_ROLL_DEG) & (under | less)
-    harmless = faulted & (after <= HARMLESS * before)
+    harmless = faulted & (harm(passive, controlled) < 1.0)
     return np.select(
-        [helps, over & ~under, cycle, harmless],
+        [helps(passive, controlled, cycle), over & ~under, cycle, harmless],
         [HELPS, ROLLOVER, LIMIT_CYCLE, STAYS_HARMLESS],
         NO_HELP,
     ).astype(object)
+
+
+def of_side(columns: Mapping[str, NDArray[Any]], side: str) -> dict[str, NDArray[Any]]:
+    """Return the metrics without or with control by their keys."""
+    return {metric.key: columns[f"{side}_{metric.key}"] for metric in METRICS}

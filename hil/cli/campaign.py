@@ -8,7 +8,7 @@ from pathlib import Path
 from canroll.errors import CanrollError, UnknownNameError
 from hil.campaign import campaign_file, page, store, study
 from hil.campaign.events import EVENTS
-from hil.campaign.plan import METRICS, SIDES, Plan
+from hil.campaign.plan import SIDES, Plan
 from hil.campaign.splitting import Splitting
 from hil.campaign.summary import REDUCTION, order
 from hil.cli import cases, terminal
@@ -20,6 +20,7 @@ from hil.report.run_folder import write_page
 from hil.report.staging import page_folder, usable_folder
 from hil.runs import conditions, experiment
 from hil.runs.choices import CHOICES
+from hil.runs.metrics import BY_KEY
 from hil.studies import variation
 
 CHUNKS = "campaign"
@@ -59,8 +60,8 @@ def _check(args: argparse.Namespace) -> None:
         raise CanrollError(f"--only must be at least 0, got {args.only}")
     if args.until is not None and not 0 < args.until < 1:
         raise CanrollError(f"--until must be above 0 and below 1, got {args.until:g}")
-    if args.worst_by not in (REDUCTION, *METRICS):
-        raise UnknownNameError("metric of --worst-by", args.worst_by, (REDUCTION, *METRICS))
+    if args.worst_by not in (REDUCTION, *BY_KEY):
+        raise UnknownNameError("metric of --worst-by", args.worst_by, (REDUCTION, *BY_KEY))
     if args.until is not None and args.shard is not None:
         raise CanrollError("--until needs all draws in their order: omit --shard")
     if args.rare is not None and (args.until is not None or args.shard is not None):

@@ -1,6 +1,6 @@
 """What the ECU noticed of a run's faults, when, and what harm was done.
 
-A run is harmful where roll angle or path error exceed 1.1 times those of the passive vehicle, where
+A run is harmful where roll angle or path error exceed the limits of :mod:`hil.reaction.harm`, where
 the actuators push the body to the wrong side, outwards in a curve, with more than 500 N·m for more
 than 100 ms, or where the vehicle rolls over; where the run without faults is known, by more than
 that does. A fault is detected where the ECU sets a new fault code or leaves ACTIVE, or where the
@@ -16,18 +16,13 @@ from numpy.typing import NDArray
 
 from firmware.state import ACTIVE
 from hil.reaction.fault_codes import FAULT_CODES, MODES
+from hil.reaction.harm import LIMITS
 from plant_sim.faults import Fault
 from plant_sim.world.spool import Table, pieces
 
-WORSE = 1.1
-"""Factor on the passive vehicle's roll angle or path error above which a run is harmful."""
 WRONG_MOMENT = 500.0
 """Moment to the wrong side (N·m) that harms if it lasts for :data:`WRONG_TIME` (s)."""
 WRONG_TIME = 0.1
-LEAST_PATH_ERROR = 0.05
-"""Path error of the passive vehicle (m) below which it is no measure."""
-LEAST_ROLL = np.radians(1.0)
-"""Roll angle of the passive vehicle (rad) below which it is none: there a road rolls the body."""
 
 
 class Trace(Protocol):
@@ -263,15 +258,12 @@ def _harms(
 ) -> list[Harm]:
     found = []
     others = [passive] if healthy is None else [passive, healthy]
-    for name, what, unit, scale, least in (
-        ("roll", "roll angle", "°", 180 / np.pi, LEAST_ROLL),
-        ("path_error", "path error", " m", 1.0, LEAST_PATH_ERROR),
-    ):
-        before = max(_peak(other, name) for other in others)
-        over = _first(trace, name, WORSE * max(before, least), begin)
+    for limit in LIMITS:
+        before = limit.scale * max(_peak(other, limit.signal) for other in others)
+        over = _first(trace, limit.signal, float(limit.limit(before)) / limit.scale, begin)
         if over is not None and before > 0:
-            most = _peak(trace, name, begin)
-            text = f"{what} {scale * most:.2f}{unit} instead of {scale * before:.2f}{unit}"
+            most = limit.scale * _peak(trace, limit.signal, begin)
+            text = f"{limit.label} {most:.2f}{limit.unit} instead of {before:.2f}{limit.unit}"
             found.append(Harm(over, text))
     most, longest, harmful = _wrong_side(trace, begin, usual)
     if harmful is not None:

@@ -4,32 +4,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hil.reaction.harm import HARMFUL
 from hil.reaction.reaction import WRONG_MOMENT, WRONG_TIME
 from hil.report.page import Cell, Table
-from hil.runs.result import FIGURES, Result
+from hil.runs.metrics import NUMBERS
+from hil.runs.result import Result
 from hil.runs.standard import limit, measured
 
-LABELS = {
-    "roll_rms_deg": ("roll angle RMS (deg)", 2),
-    "roll_max_deg": ("roll angle max (deg)", 2),
-    "roll_rate_rms_deg_s": ("roll rate RMS (deg/s)", 2),
-    "roll_rate_max_deg_s": ("roll rate max (deg/s)", 2),
-    "nlt_front_max": ("NLT front max", 3),
-    "nlt_rear_max": ("NLT rear max", 3),
-    "moment_rms_nm": ("moment RMS (N·m)", 0),
-    "moment_max_nm": ("moment max (N·m)", 0),
-    "path_error_rms_m": ("path error RMS (m)", 3),
-    "path_error_max_m": ("path error max (m)", 3),
-}
-"""Name and decimals of each metric."""
-
-ALL_FIGURES = (*FIGURES, "path_error_rms_m", "path_error_max_m")
 NOTHING = Cell("")
 
-HARMFUL = (
+WRONG_SIDE = (
     "Wrong side: moment of the actuators that pushes the body outwards in a curve. Harmful: more "
     f"than {WRONG_MOMENT:.0f} N·m of it for more than {1e3 * WRONG_TIME:.0f} ms, or roll angle or "
-    "path error over 1.1 times those of the passive vehicle."
+    f"path error over {HARMFUL:g} times those of the passive vehicle."
 )
 
 
@@ -62,8 +49,8 @@ def metric_rows(result: Result) -> list[Row]:
     Without a replay its column is omitted, without a path the path errors.
     """
     rows = []
-    for name in ALL_FIGURES:
-        label, digits = LABELS[name]
+    for metric in NUMBERS:
+        name, digits = metric.key, metric.digits
         before = getattr(result.passive_metrics, name)
         if name.startswith("path_error") and before == 0:
             continue
@@ -77,7 +64,7 @@ def metric_rows(result: Result) -> list[Row]:
             cells.append(number(getattr(result.replay_metrics, name), digits, f"replay.{name}"))
         least = result.without_roll.get(name)
         cells.append(number(least, digits, f"without_roll.{name}"))
-        rows.append(Row(label, tuple(cells)))
+        rows.append(Row(metric.title, tuple(cells)))
     return rows
 
 
@@ -176,6 +163,6 @@ def reaction_tables(result: Result) -> list[Table]:
             "Moment on the wrong side",
             head,
             [("moment on the wrong side", wrong, longest)],
-            HARMFUL,
+            WRONG_SIDE,
         ),
     ]

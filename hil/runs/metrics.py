@@ -1,14 +1,21 @@
-"""Figures of a run: roll, load transfer, moment, bus and trigger figures."""
+"""Metrics of a run, what helps and what harms by them, and its bus and trigger figures.
+
+A metric is a field of :class:`Metrics`: declared there, it is computed for every run and stands in
+the JSON object, in the tables and in the columns of a campaign.
+"""
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 import dbc
 from canroll.typing import Vector
 from firmware.state import ACTIVE, DEGRADED
+from hil.reaction.harm import PATH_ERROR, ROLL_ANGLE, HarmLimit
 from hil.runs.trace import Trace
 from plant_sim.bodies.ports import WHEELS
 from plant_sim.can_bus.kernel.layout import DELIVERED
@@ -18,26 +25,6 @@ from vehicles import Vehicle
 
 MOMENTS = tuple(f"moment_{axle}" for axle in AXLES)
 """Anti-roll moments on the body from the actuators, by axle."""
-
-
-@dataclass(frozen=True, slots=True)
-class Metrics:
-    """Figures of one run; the names carry the units.
-
-    ``nlt``: normalised load transfer, 0 to 1; None if the plant has no wheel loads.
-    """
-
-    roll_rms_deg: float
-    roll_max_deg: float
-    roll_rate_rms_deg_s: float
-    roll_rate_max_deg_s: float
-    nlt_front_max: float | None
-    nlt_rear_max: float | None
-    moment_rms_nm: float
-    moment_max_nm: float
-    path_error_rms_m: float
-    path_error_max_m: float
-    rollover: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,17 +91,12 @@ def loads_of(axle: str) -> tuple[str, str]:
 
 def has_wheel_loads(trace: Trace) -> bool:
     """Whether the plant of a run has wheel loads; an FMU may have none."""
-    first = next(pieces(trace.signals, *(f"wheel_load_{wheel}" for wheel in WHEELS)), ())
+    return _has_loads(trace.signals, [f"wheel_load_{wheel}" for wheel in WHEELS])
+
+
+def _has_loads(signals: Mapping[str, NDArray[np.float64]], names: Sequence[str]) -> bool:
+    first = next(pieces(signals, *names), ())
     return not any(np.isnan(loads[0]) for loads in first)
-
-
-def _peak_load_transfer(trace: Trace, axle: str) -> float | None:
-    if not has_wheel_loads(trace):
-        return None
-    return max(
-        (peak(load_transfer(*loads)) for loads in pieces(trace.signals, *loads_of(axle))),
-        default=0.0,
-    )
 
 
 def moment(trace: Trace) -> Vector:
@@ -123,34 +105,179 @@ def moment(trace: Trace) -> Vector:
     return trace.signals[front] + trace.signals[rear]
 
 
-def _size(trace: Trace, *names: str) -> tuple[float, float]:
-    """Root of the mean square and largest absolute value of the sum of signals."""
-    squares, largest, count = 0.0, 0.0, 0
-    for parts in pieces(trace.signals, *names):
-        values = parts[0] if len(parts) == 1 else np.sum(parts, axis=0)
+Signals = Mapping[str, NDArray[np.float64]]
+Compute = Callable[[Signals, Sequence[str]], float | None]
+"""Computes a metric from the signals of a run and the names of those that it needs."""
+
+
+def _rms(signals: Signals, names: Sequence[str]) -> float:
+    """Root of the mean square of the sum of the signals."""
+    squares, count = 0.0, 0
+    for parts in pieces(signals, *names):
+        values = _sum(parts)
         squares += float(np.sum(np.square(values)))
-        largest, count = max(largest, peak(values)), count + len(values)
-    return math.sqrt(squares / count) if count else 0.0, largest
+        count += len(values)
+    return math.sqrt(squares / count) if count else 0.0
+
+
+def _max(signals: Signals, names: Sequence[str]) -> float:
+    """Largest absolute value of the sum of the signals."""
+    return max((peak(_sum(parts)) for parts in pieces(signals, *names)), default=0.0)
+
+
+def _sum(parts: Sequence[Vector]) -> Vector:
+    return parts[0] if len(parts) == 1 else np.sum(parts, axis=0)
+
+
+def _degrees(compute: Callable[[Signals, Sequence[str]], float]) -> Compute:
+    return lambda signals, names: math.degrees(compute(signals, names))
+
+
+def _transfer_max(signals: Signals, names: Sequence[str]) -> float | None:
+    """Largest normalised load transfer of the first two wheels; None without wheel loads."""
+    if not _has_loads(signals, names):
+        return None
+    return max(
+        (peak(load_transfer(*loads)) for loads in pieces(signals, *names[:2])),
+        default=0.0,
+    )
+
+
+def _ever(signals: Signals, names: Sequence[str]) -> bool:
+    return any(np.any(piece > 0) for (piece,) in pieces(signals, *names))
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """A number of a run, or a fact about it.
+
+    Attributes:
+        key: its name in JSON objects and columns.
+        fact: whether it is true or false instead of a number.
+        label: its name in tables.
+        unit: as printed; empty: none.
+        digits: decimals in tables.
+        signals: what it is computed from.
+        compute: computes it; None if the plant does not have it.
+        lowered: whether control is there to lower it; see :func:`helps`.
+        paid: whether control that raises it by more than 5 % pays for less roll with it.
+        harm: from where on it is harm; None: it is none.
+    """
+
+    key: str
+    fact: bool
+    label: str
+    unit: str
+    digits: int
+    signals: tuple[str, ...]
+    compute: Compute
+    lowered: bool = False
+    paid: bool = False
+    harm: HarmLimit | None = None
+
+    @property
+    def title(self) -> str:
+        """The label with the unit."""
+        return f"{self.label} ({self.unit})" if self.unit else self.label
+
+
+def metric(
+    label: str,
+    unit: str,
+    digits: int,
+    signals: tuple[str, ...],
+    compute: Compute,
+    **others: Any,  # noqa: ANN401
+) -> Any:  # noqa: ANN401
+    """Return a field of :class:`Metrics`; arguments as in :class:`Metric`."""
+    return field(
+        metadata={
+            "label": label,
+            "unit": unit,
+            "digits": digits,
+            "signals": signals,
+            "compute": compute,
+            **others,
+        }
+    )
+
+
+_ROLL, _RATE, _ERROR = ("roll",), ("roll_rate",), ("path_error",)
+_FRONT, _REAR = (
+    tuple(f"wheel_load_{wheel}" for wheel in WHEELS if wheel.startswith(axle)) for axle in AXLES
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Metrics:
+    """Metrics of one run; the names carry the units.
+
+    NLT: normalised load transfer, 0 to 1; None if the plant has no wheel loads.
+    """
+
+    roll_rms_deg: float = metric("roll angle RMS", "deg", 2, _ROLL, _degrees(_rms), lowered=True)
+    roll_max_deg: float = metric(
+        "roll angle max", "deg", 2, _ROLL, _degrees(_max), lowered=True, harm=ROLL_ANGLE
+    )
+    roll_rate_rms_deg_s: float = metric(
+        "roll rate RMS", "deg/s", 2, _RATE, _degrees(_rms), paid=True
+    )
+    roll_rate_max_deg_s: float = metric(
+        "roll rate max", "deg/s", 2, _RATE, _degrees(_max), paid=True
+    )
+    nlt_front_max: float | None = metric("NLT front max", "", 3, (*_FRONT, *_REAR), _transfer_max)
+    nlt_rear_max: float | None = metric("NLT rear max", "", 3, (*_REAR, *_FRONT), _transfer_max)
+    moment_rms_nm: float = metric("moment RMS", "N·m", 0, MOMENTS, _rms)
+    moment_max_nm: float = metric("moment max", "N·m", 0, MOMENTS, _max)
+    path_error_rms_m: float = metric("path error RMS", "m", 3, _ERROR, _rms)
+    path_error_max_m: float = metric("path error max", "m", 3, _ERROR, _max, harm=PATH_ERROR)
+    rollover: bool = metric("rollover", "", 0, ("rollover",), _ever)
+
+
+METRICS: tuple[Metric, ...] = tuple(
+    Metric(entry.name, entry.type is bool, **entry.metadata) for entry in fields(Metrics)
+)
+"""The metrics in the order of tables."""
+NUMBERS = tuple(each for each in METRICS if not each.fact)
+BY_KEY: Mapping[str, Metric] = {each.key: each for each in METRICS}
+LEAST_ROLL_DEG = 0.01
+"""Below this largest roll angle there is no roll to reduce."""
 
 
 def judge(trace: Trace) -> Metrics:
-    """Return the figures of one run over its whole length."""
-    (roll_rms, roll_max), (rate_rms, rate_max) = _size(trace, "roll"), _size(trace, "roll_rate")
-    moment_rms, moment_max = _size(trace, *MOMENTS)
-    error_rms, error_max = _size(trace, "path_error")
-    return Metrics(
-        roll_rms_deg=math.degrees(roll_rms),
-        roll_max_deg=math.degrees(roll_max),
-        roll_rate_rms_deg_s=math.degrees(rate_rms),
-        roll_rate_max_deg_s=math.degrees(rate_max),
-        nlt_front_max=_peak_load_transfer(trace, "front"),
-        nlt_rear_max=_peak_load_transfer(trace, "rear"),
-        moment_rms_nm=moment_rms,
-        moment_max_nm=moment_max,
-        path_error_rms_m=error_rms,
-        path_error_max_m=error_max,
-        rollover=any(np.any(piece > 0) for (piece,) in pieces(trace.signals, "rollover")),
-    )
+    """Return the metrics of one run over its whole length."""
+    return Metrics(**{each.key: each.compute(trace.signals, each.signals) for each in METRICS})  # type: ignore[arg-type]
+
+
+Values = Mapping[str, Any]
+"""Metrics of one run, or of many as arrays, by their keys."""
+
+
+def helps(passive: Values, controlled: Values, oscillates: ArrayLike) -> NDArray[np.bool_]:
+    """Return whether control helps: it prevents a rollover, or lowers what it is there to lower.
+
+    It does not where the vehicle rolls over, oscillates in a limit cycle, or does not roll anyway.
+    """
+    lowered = [controlled[each.key] < passive[each.key] for each in METRICS if each.lowered]
+    over, under = (np.asarray(side["rollover"], bool) for side in (controlled, passive))
+    rolls = np.asarray(passive["roll_max_deg"]) >= LEAST_ROLL_DEG
+    helpful = under | np.logical_and.reduce(lowered)
+    return np.asarray(~over & ~np.asarray(oscillates, bool) & rolls & helpful, bool)
+
+
+def harm(passive: Values, controlled: Values) -> NDArray[np.float64]:
+    """Return how close control is to harm: at least 1 where it does harm.
+
+    Of the metrics that can be harm the largest, over the limit from the run without control; a
+    rollover that only control has is harm too. Limits as in :mod:`hil.reaction.harm`.
+    """
+    levels = [
+        each.harm.level(np.asarray(passive[each.key]), np.asarray(controlled[each.key]))
+        for each in METRICS
+        if each.harm is not None
+    ]
+    over, under = (np.asarray(side["rollover"], bool) for side in (controlled, passive))
+    return np.maximum(np.maximum.reduce(levels), np.where(over & ~under, 1.0, 0.0))
 
 
 def load_transfer_without_roll(

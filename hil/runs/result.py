@@ -16,7 +16,7 @@ from hil.reaction.reaction import Reaction
 from hil.runs.choices import CHOICES, one_or_several
 from hil.runs.frozen import firmware_of, secret_of
 from hil.runs.limit_cycle import LimitCycle
-from hil.runs.metrics import Can, Metrics, Trigger
+from hil.runs.metrics import NUMBERS, Can, Metrics, Trigger
 from hil.runs.phase import Phase
 from hil.runs.standard import Outcome, Standard
 from hil.runs.trace import Trace
@@ -26,18 +26,6 @@ from vehicles import Vehicle
 if TYPE_CHECKING:
     import pandas
     import xarray
-
-FIGURES = (
-    "roll_rms_deg",
-    "roll_max_deg",
-    "roll_rate_rms_deg_s",
-    "roll_rate_max_deg_s",
-    "nlt_front_max",
-    "nlt_rear_max",
-    "moment_rms_nm",
-    "moment_max_nm",
-)
-"""The metrics that every table shows, in order."""
 
 SAVED = tuple(name for name, choice in CHOICES.items() if choice.saved)
 """The choices stored in results; all others are in their calibration."""
@@ -241,12 +229,11 @@ class Result:
         runs = {"passive": self.passive_metrics, "controlled": self.controlled_metrics}
         shown = {name: metrics for name, metrics in runs.items() if metrics is not None}
         head = "".join(f"<th>{name}</th>" for name in shown)
-        rows = "".join(
-            f"<tr><th>{name}</th>"
-            + "".join(f"<td>{getattr(metrics, name):.3g}</td>" for metrics in shown.values())
-            + "</tr>"
-            for name in FIGURES
-        )
+        rows = ""
+        for metric in NUMBERS:
+            values = [getattr(metrics, metric.key) for metrics in shown.values()]
+            cells = "".join(f"<td>{'' if v is None else f'{v:.3g}'}</td>" for v in values)
+            rows += f"<tr><th>{escape(metric.title)}</th>{cells}</tr>"
         settings = self.settings
         title = f"{settings.scenario}, {settings.vehicle_name}, {settings.law_name}"
         return (

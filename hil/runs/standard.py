@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hil.runs.limit_cycle import LimitCycle
-from hil.runs.metrics import Metrics
+from hil.runs.metrics import LEAST_ROLL_DEG, METRICS, Metrics, helps
 from hil.runs.trace import Trace
 from plant_sim.driving import standards
 from plant_sim.driving.maneuvers import Maneuver
@@ -16,11 +16,8 @@ from plant_sim.driving.standards import Verdict
 from plant_sim.world.spool import pieces
 from vehicles import Vehicle
 
-LEAST_ROLL_DEG = 0.01
-"""Below this largest roll angle there is no roll to reduce."""
-
 WORSE = 1.05
-"""Ratio of roll rate with control to that without, above which the verdict is mixed."""
+"""Ratio of a metric with control to that without, above which it is a side effect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,24 +113,22 @@ class Outcome:
             return False
         if not self.rolls:
             return None
-        return self.prevents_rollover or (
-            active.roll_max_deg < self.passive.roll_max_deg
-            and active.roll_rms_deg < self.passive.roll_rms_deg
-        )
+        return bool(helps(asdict(self.passive), asdict(active), oscillates=False))
 
     @property
     def pays(self) -> tuple[str, ...]:
-        """Side effects: quantities that control worsens by more than 5 %, as text."""
+        """Side effects: metrics that control worsens by more than 5 %, as text."""
         active, passive = self.controlled, self.passive
         if active is None or not self.helps or self.prevents_rollover:
             return ()
-        rates = {
-            "roll rate RMS": (active.roll_rate_rms_deg_s, passive.roll_rate_rms_deg_s),
-            "roll rate max": (active.roll_rate_max_deg_s, passive.roll_rate_max_deg_s),
-        }
+        paid = [
+            (each, getattr(active, each.key), getattr(passive, each.key))
+            for each in METRICS
+            if each.paid
+        ]
         return tuple(
-            f"{name} {after:.2f} instead of {before:.2f} deg/s"
-            for name, (after, before) in rates.items()
+            f"{each.label} {after:.{each.digits}f} instead of {before:.{each.digits}f} {each.unit}"
+            for each, after, before in paid
             if after > WORSE * before
         )
 

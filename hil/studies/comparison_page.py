@@ -9,8 +9,8 @@ from hil.report.curves import Shown, all_figures, dash
 from hil.report.figure import DASHED, Figure, Series
 from hil.report.page import Cell, Page, Table, Verdict, render
 from hil.report.run_page import NLT, parameters, playback, provenance
-from hil.report.tables import ALL_FIGURES, LABELS, NOTHING, number
-from hil.runs.metrics import Metrics
+from hil.report.tables import NOTHING, number
+from hil.runs.metrics import BY_KEY, NUMBERS, Metrics
 from hil.studies.comparison import Named
 from plant_sim.driving.standards import cones_of
 
@@ -35,9 +35,9 @@ def comparison_json(named: Sequence[Named]) -> dict[str, Any]:
 def metric_table(named: Sequence[Named]) -> Table:
     """Return a row per metric and a column per run, the run without control first."""
     rows: list[list[str | Cell]] = []
-    for figure in ALL_FIGURES:
-        label, digits = LABELS[figure]
-        row: list[str | Cell] = [label]
+    for metric in NUMBERS:
+        figure, digits = metric.key, metric.digits
+        row: list[str | Cell] = [metric.title]
         first = named[0].result.passive_metrics
         row.append(number(getattr(first, figure), digits, f"runs.0.passive.{figure}"))
         for place, run in enumerate(named):
@@ -92,7 +92,7 @@ def summary_table(named: Sequence[Named]) -> Table:
 
 def _plain(metrics: Metrics, figure: str) -> Cell:
     value = getattr(metrics, figure)
-    return NOTHING if value is None else Cell(f"{value:.{LABELS[figure][1]}f}")
+    return NOTHING if value is None else Cell(f"{value:.{BY_KEY[figure].digits}f}")
 
 
 def apart(named: Sequence[Named]) -> list[str]:

@@ -5,7 +5,7 @@ hydraulics, which resist by themselves, and a plant in another process need the 
 """
 
 from collections.abc import Iterable
-from dataclasses import astuple, fields, replace
+from dataclasses import astuple, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,23 +14,21 @@ from firmware.state import SAFE
 from hil.runs import metrics
 from hil.runs.experiment import drive, limit_cycle_of, maneuver_of, tick_offset_ns
 from hil.runs.frozen import Controller
-from hil.runs.metrics import Metrics
 from hil.runs.result import Settings
 from hil.runs.trace import TICK, Trace
 from plant_sim import bodies, can_bus
-from plant_sim.bodies.ports import WHEELS
 from plant_sim.world import open_loop
 from plant_sim.world.recording import Kept
 from plant_sim.world.spool import Rows
 from plant_sim.world.world_kernel import STEP_NS
 
-METRICS = np.dtype([(field.name, "?" if field.type is bool else "f8") for field in fields(Metrics)])
-"""The fields of :class:`hil.runs.metrics.Metrics`."""
+SIDE = np.dtype([(each.key, "?" if each.fact else "f8") for each in metrics.METRICS])
+"""The metrics of a run."""
 
 FIGURES = np.dtype(
     [
-        ("passive", METRICS),
-        ("controlled", METRICS),
+        ("passive", SIDE),
+        ("controlled", SIDE),
         ("safe", "f8"),
         ("cycle_hz", "f8"),
         ("cycle_nm", "f8"),
@@ -44,11 +42,11 @@ MOVING = ("valves",)
 """Actuators that move the vehicle without control."""
 
 NEEDED = Kept(
-    (
-        *("time", "roll", "roll_rate", "path_error", "rollover", "moment_front", "moment_rear"),
-        *(f"wheel_load_{wheel}" for wheel in WHEELS),
-        # for the judgement of limit cycles
-        *("steer", "vx"),
+    tuple(
+        dict.fromkeys(
+            # steering and speed for the judgement of limit cycles
+            ["time", *(n for each in metrics.METRICS for n in each.signals), "steer", "vx"]
+        )
     ),
     frames=False,
 )

@@ -5,12 +5,13 @@ import pytest
 
 from hil.campaign import campaign_file
 from hil.campaign.page import campaign_page
-from hil.campaign.plan import HELPS, LIMIT_CYCLE, METRICS, SIDES, VERDICTS
+from hil.campaign.plan import HELPS, LIMIT_CYCLE, SIDES, VERDICTS
 from hil.campaign.quantities import FAULTS
 from hil.campaign.sensitivity import MARGINS, predictions
 from hil.campaign.study import Campaign
 from hil.campaign.summary import FAILED, SAMPLE, Summary
 from hil.runs import experiment
+from hil.runs.metrics import BY_KEY
 from hil.studies import variation
 
 MILLION = 1_000_000
@@ -37,7 +38,7 @@ def planned(runs, **others):
 def synthetic(plan, count):
     """Rows of a table whose figures are random, with every verdict."""
     random = np.random.default_rng(0)
-    rows = {f"{side}_{name}": random.lognormal(0, 1, count) for side in SIDES for name in METRICS}
+    rows = {f"{side}_{name}": random.lognormal(0, 1, count) for side in SIDES for name in BY_KEY}
     for side in SIDES:
         rows[f"{side}_rollover"] = random.random(count) < 0.01
     for name, distribution in zip(plan.space.names, plan.space.distributions, strict=True):

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from hil.campaign import summary as summaries
-from hil.campaign.plan import METRICS, SIDES
+from hil.campaign.plan import SIDES
 from hil.campaign.summary import ACCURACY, Sketch, Summary
+from hil.runs.metrics import BY_KEY
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
@@ -28,7 +29,7 @@ def test_values_of_zero_are_zero():
 
 def rows(first, count):
     random = np.random.default_rng(first)
-    found = {f"{side}_{name}": random.random(count) for side in SIDES for name in METRICS}
+    found = {f"{side}_{name}": random.random(count) for side in SIDES for name in BY_KEY}
     for side in SIDES:
         found[f"{side}_rollover"] = np.zeros(count, dtype=bool)
     fails = random.random(count) < 0.5
